@@ -1,0 +1,27 @@
+"""What goes wrong, said in one line: what, the likely cause, the next step."""
+
+from __future__ import annotations
+
+
+class ProbupdateError(Exception):
+    """Anything this package raises on purpose. The command line turns it into exit code 1."""
+
+
+class InputError(ProbupdateError):
+    """A user's mistake in a file, key, channel, value or option; exit code 2.
+
+    The message is one line and has three parts: where (file, key, channel), what is wrong with the likely
+    cause, and the next step.
+    """
+
+    def __init__(self, where: str, problem: str, remedy: str):
+        self.where, self.problem, self.remedy = where, problem, remedy
+        super().__init__(f"{where}: {problem}; {remedy}")
+
+
+class ConvergenceError(ProbupdateError):
+    """An iteration ended before it converged; `estimate` carries what it had reached."""
+
+    def __init__(self, message: str, estimate: object = None):
+        self.estimate = estimate
+        super().__init__(message)

@@ -1,0 +1,338 @@
+"""Sensors, modal sets and mode-shape criteria: the words that measurement and model share.
+
+Mode shapes are columns: (n_channel, n_mode). NaN marks a mode or a component that was not measured.
+"""
+
+from __future__ import annotations
+
+import difflib
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import MappingProxyType
+
+import numpy as np
+from scipy import optimize
+
+from probupdate.errors import InputError
+
+QUANTITIES = ("acceleration", "velocity", "displacement")
+
+
+def frozen_array(value, dtype=float) -> np.ndarray:
+    """A read-only copy: what a frozen result holds."""
+    array = np.array(value, dtype=dtype)
+    array.setflags(write=False)
+    return array
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Sensor:
+    """One measured channel; position and direction in model axes, z = 0 at mean sea level."""
+
+    channel: str
+    level: str
+    position_m: np.ndarray
+    direction: np.ndarray
+    quantity: str = "acceleration"
+    unit: str = "m/s2"
+
+    def __post_init__(self):
+        where = f"sensor {self.channel}"
+        position, direction = frozen_array(self.position_m), frozen_array(self.direction)
+        if position.shape != (3,) or not np.all(np.isfinite(position)):
+            raise InputError(where, f"position_m {self.position_m} is not three numbers", "give [x, y, z] in metres")
+        if direction.shape != (3,) or abs(np.linalg.norm(direction) - 1) > 1e-3:
+            raise InputError(where, f"direction {self.direction} is not a unit vector", "scale it to length 1")
+        if self.quantity not in QUANTITIES:
+            raise InputError(where, f"quantity '{self.quantity}' is unknown", f"choose from {', '.join(QUANTITIES)}")
+        object.__setattr__(self, "position_m", position)
+        object.__setattr__(self, "direction", direction)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class ModalSet:
+    """One identification: the modes of one block of data, or of a mean over blocks.
+
+    frequency_hz, frequency_std_hz, damping_ratio (n_mode,); shape (n_channel, n_mode) complex; shape_std
+    (n_channel, n_mode), the deviation of the real part in the shape's own scaling. NaN: not measured.
+    """
+
+    id: str
+    frequency_hz: np.ndarray
+    shape: np.ndarray
+    damping_ratio: np.ndarray
+    frequency_std_hz: np.ndarray
+    shape_std: np.ndarray
+    environment: Mapping[str, float] = field(default_factory=dict)
+
+    def __post_init__(self):
+        n_mode = np.size(self.frequency_hz)
+        for name in ("frequency_hz", "damping_ratio", "frequency_std_hz"):
+            value = frozen_array(getattr(self, name))
+            if value.shape != (n_mode,):
+                raise InputError(f"set {self.id}", f"{name} has shape {value.shape}", f"give {n_mode} numbers")
+            object.__setattr__(self, name, value)
+        shape = frozen_array(self.shape, complex)
+        if shape.ndim != 2 or shape.shape[1] != n_mode:
+            raise InputError(f"set {self.id}", f"shape is {shape.shape}", f"give {n_mode} columns, one a mode")
+        object.__setattr__(self, "shape", shape)
+        std = frozen_array(self.shape_std)
+        if std.shape != shape.shape:
+            raise InputError(f"set {self.id}", f"shape_std is {std.shape}", f"give {shape.shape} as for the shape")
+        object.__setattr__(self, "shape_std", std)
+        object.__setattr__(self, "environment", MappingProxyType(dict(self.environment)))
+
+    @property
+    def measured(self) -> np.ndarray:
+        """(n_mode,) bool: modes with a frequency."""
+        return np.isfinite(self.frequency_hz)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class ModalData:
+    """What `modes.json` holds: channels, sets, and optionally the set an update should start from.
+
+    Column j is the same physical mode in every set; `labels` may name them (FA1, SS1, ...).
+    """
+
+    channels: tuple[str, ...]
+    sets: tuple[ModalSet, ...]
+    labels: tuple[str, ...] = ()
+    reference_set: str | None = None
+
+    def __post_init__(self):
+        if not self.sets:
+            raise InputError("modal data", "there is no set", "give at least one identification")
+        n_mode = self.sets[0].frequency_hz.size
+        for s in self.sets:
+            if s.shape.shape != (len(self.channels), n_mode):
+                raise InputError(
+                    f"set {s.id}",
+                    f"shape is {s.shape.shape}, other sets or the channel list say ({len(self.channels)}, {n_mode})",
+                    "use the same channels and the same modes, null where not measured",
+                )
+        ids = [s.id for s in self.sets]
+        if len(set(ids)) < len(ids):
+            raise InputError("modal data", "two sets share one id", "give each set its own")
+        if self.labels and len(self.labels) != n_mode:
+            raise InputError("modal data", f"{len(self.labels)} labels for {n_mode} modes", "give one label a mode")
+        if self.reference_set is not None and self.reference_set not in ids:
+            raise InputError("modal data", f"reference_set '{self.reference_set}' is no set's id", "name one of them")
+
+    @property
+    def n_mode(self) -> int:
+        return self.sets[0].frequency_hz.size
+
+    def set(self, id: str | None = None) -> ModalSet:
+        """The set of that id; without one the reference set, or the first."""
+        wanted = id or self.reference_set or self.sets[0].id
+        for s in self.sets:
+            if s.id == wanted:
+                return s
+        raise InputError(f"set {wanted}", "there is none of that id", f"the first is {self.sets[0].id}")
+
+
+def _numbers(where: str, value, shape: tuple[int, ...], key: str) -> np.ndarray:
+    if value is None:
+        return np.full(shape, np.nan)
+    try:
+        array = np.array(
+            [[np.nan if x is None else x for x in row] if isinstance(row, list) else (np.nan if row is None else row)
+             for row in value], dtype=float)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"{where}, {key}", f"not a table of numbers ({error})", "use numbers, null where not measured")
+    # a whole row may be null: a mode that was not measured in this set
+    if len(shape) == 2 and array.ndim == 1 and np.all(np.isnan(array)):
+        array = np.full(shape, np.nan)
+    if array.shape != shape:
+        raise InputError(f"{where}, {key}", f"has shape {array.shape}", f"give {shape}")
+    return array
+
+
+def _expand_null_rows(value, n: int):
+    """Replace a null row of a shape table by a row of nulls."""
+    return None if value is None else [[None] * n if row is None else row for row in value]
+
+
+SET_KEYS = {
+    "id", "frequency_hz", "damping_ratio", "frequency_std_hz", "shape_re", "shape_im", "shape_std", "environment",
+}
+
+
+def _refuse_misspelt(where: str, table: Mapping, known: set[str]) -> None:
+    """Other tools may add keys of their own; one that almost is ours is a slip and would be lost without a word."""
+    for key in set(table) - known:
+        close = difflib.get_close_matches(key, known, n=1, cutoff=0.8)
+        if close:
+            raise InputError(where, f"unknown key '{key}'", f"did you mean '{close[0]}'?")
+
+
+def read_modes(path: str | Path) -> ModalData:
+    """Read `modes.json` (interfaces: channels, sets; optional labels, reference_set)."""
+    path = Path(path)
+    try:
+        content = json.loads(path.read_text())
+    except FileNotFoundError:
+        raise InputError(str(path), "no such file", "check the path, or run `probupdate identify` first") from None
+    except (json.JSONDecodeError, UnicodeDecodeError) as error:
+        raise InputError(str(path), f"not JSON ({error})", "mend the file at that place") from None
+    if not isinstance(content, dict) or not isinstance(content.get("sets"), list) or "channels" not in content:
+        raise InputError(str(path), "'channels' or 'sets' is missing", "see modes.json in the README")
+    _refuse_misspelt(str(path), content, {"channels", "sets", "labels", "reference_set"})
+    channels = tuple(content["channels"])
+    if len(set(channels)) < len(channels):
+        raise InputError(f"{path}, channels", "a channel is listed twice", "keep one")
+    sets = []
+    for number, raw in enumerate(content["sets"]):
+        if not isinstance(raw, dict):
+            raise InputError(f"{path}, set {number}", "is not a table", 'write {"id": ..., "frequency_hz": [...]}')
+        where = f"{path}, set {raw.get('id', number)}"
+        _refuse_misspelt(where, raw, SET_KEYS)
+        if "frequency_hz" not in raw or "shape_re" not in raw:
+            raise InputError(where, "'frequency_hz' or 'shape_re' is missing", "give both; null where not measured")
+        n_mode, n_channel = len(raw["frequency_hz"]), len(channels)
+        table, vector = (n_mode, n_channel), (n_mode,)
+        real = _numbers(where, _expand_null_rows(raw["shape_re"], n_channel), table, "shape_re")
+        imaginary = _numbers(where, _expand_null_rows(raw.get("shape_im"), n_channel), table, "shape_im")
+        frequency = _numbers(where, raw["frequency_hz"], vector, "frequency_hz")
+        if np.any(frequency <= 0):
+            raise InputError(f"{where}, frequency_hz", "a frequency is not positive", "use null where not measured")
+        std = _numbers(where, raw.get("frequency_std_hz"), vector, "frequency_std_hz")
+        if np.any(std < 0):
+            raise InputError(f"{where}, frequency_std_hz", "a deviation is negative", "use null where unknown")
+        sets.append(
+            ModalSet(
+                id=str(raw.get("id", number)),
+                frequency_hz=frequency,
+                shape=(real + 1j * np.nan_to_num(imaginary)).T,
+                damping_ratio=_numbers(where, raw.get("damping_ratio"), vector, "damping_ratio"),
+                frequency_std_hz=std,
+                shape_std=_numbers(
+                    where, _expand_null_rows(raw.get("shape_std"), n_channel), table, "shape_std").T,
+                environment=raw.get("environment") or {},
+            )
+        )
+    return ModalData(
+        channels=channels,
+        sets=tuple(sets),
+        labels=tuple(content.get("labels", ())),
+        reference_set=content.get("reference_set"),
+    )
+
+
+def _nulls(array: np.ndarray):
+    """Nested lists with None for NaN."""
+    return [_nulls(row) if np.ndim(row) else (float(row) if np.isfinite(row) else None) for row in array]
+
+
+def write_modes(data: ModalData, path: str | Path) -> None:
+    """Write `modes.json`; the inverse of `read_modes`."""
+    content: dict = {"channels": list(data.channels)}
+    if data.labels:
+        content["labels"] = list(data.labels)
+    if data.reference_set is not None:
+        content["reference_set"] = data.reference_set
+    content["sets"] = [
+        {
+            "id": s.id,
+            "frequency_hz": _nulls(s.frequency_hz),
+            "damping_ratio": _nulls(s.damping_ratio),
+            "frequency_std_hz": _nulls(s.frequency_std_hz),
+            "shape_re": _nulls(s.shape.real.T),
+            "shape_im": _nulls(s.shape.imag.T),
+            "shape_std": _nulls(s.shape_std.T),
+            "environment": {k: (v if isinstance(v, str) or np.isfinite(v) else None) for k, v in s.environment.items()},
+        }
+        for s in data.sets
+    ]
+    Path(path).write_text(json.dumps(content, indent=1))
+
+
+# Criteria. Components that are NaN in either shape are left out of every one of them.
+
+
+def mac(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Modal assurance criterion |a^H b|^2 / (a^H a b^H b) of each column of a with each of b -> (n_a, n_b).
+
+    a (n_channel, n_a), b (n_channel, n_b), real or complex (Allemang & Brown 1982). NaN where a pair shares no
+    measured component.
+    """
+    a, b = np.atleast_2d(np.asarray(a).T).T, np.atleast_2d(np.asarray(b).T).T
+    ok_a, ok_b = np.isfinite(a), np.isfinite(b)
+    x, y = np.where(ok_a, a, 0), np.where(ok_b, b, 0)
+    cross = np.abs(x.conj().T @ y) ** 2
+    norm_a = (np.abs(x) ** 2).T @ ok_b.astype(float)
+    norm_b = ok_a.astype(float).T @ np.abs(y) ** 2
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return cross / (norm_a * norm_b)
+
+
+def subspace_mac(shape: np.ndarray, plane: np.ndarray) -> np.ndarray:
+    """S2MAC: the largest MAC of each column of `shape` with any vector of the space that `plane` spans.
+
+    shape (n_channel, n_mode), plane (n_channel, 2 or more) -> (n_mode,) (D'Ambrogio & Fregolent 2003).
+    """
+    shape = np.atleast_2d(np.asarray(shape).T).T
+    value = np.full(shape.shape[1], np.nan)
+    for j, column in enumerate(shape.T):
+        ok = np.isfinite(column) & np.all(np.isfinite(plane), axis=1)
+        if ok.sum() <= plane.shape[1]:
+            continue
+        basis, _ = np.linalg.qr(plane[ok])
+        value[j] = np.linalg.norm(basis.conj().T @ column[ok]) ** 2 / np.linalg.norm(column[ok]) ** 2
+    return value
+
+
+def plane_mac(a: np.ndarray, b: np.ndarray) -> float:
+    """Squared cosine of the largest principal angle between the planes of a and b, both (n_channel, 2 or more)."""
+    ok = np.all(np.isfinite(a), axis=1) & np.all(np.isfinite(b), axis=1)
+    qa, _ = np.linalg.qr(a[ok])
+    qb, _ = np.linalg.qr(b[ok])
+    return float(np.linalg.svd(qa.conj().T @ qb, compute_uv=False)[-1] ** 2)
+
+
+def modal_phase_collinearity(shape: np.ndarray) -> np.ndarray:
+    """MPC of each column (n_mode,): 1 for a shape that is real up to a phase, 0 for an even spread of phases.
+
+    ((S_xx - S_yy)^2 + 4 S_xy^2) / (S_xx + S_yy)^2 with x, y the real and imaginary parts (Pappa 1993).
+    """
+    shape = np.atleast_2d(np.asarray(shape, complex).T).T
+    x, y = np.nan_to_num(shape.real), np.nan_to_num(shape.imag)
+    sxx, syy, sxy = (x * x).sum(0), (y * y).sum(0), (x * y).sum(0)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return ((sxx - syy) ** 2 + 4 * sxy**2) / (sxx + syy) ** 2
+
+
+def rotate_to_real(shape: np.ndarray) -> np.ndarray:
+    """Turn each complex column so that its components lie closest to the real axis (largest component positive)."""
+    shape = np.array(np.atleast_2d(np.asarray(shape, complex).T).T)
+    for j in range(shape.shape[1]):
+        column = shape[:, j]
+        ok = np.isfinite(column)
+        if not ok.any():
+            continue
+        # the angle that maximises sum Re^2 is half the phase of sum phi^2
+        column = column * np.exp(-0.5j * np.angle(np.sum(column[ok] ** 2)))
+        largest = np.argmax(np.where(ok, np.abs(column), -1))
+        shape[:, j] = column * (1 if column[largest].real >= 0 else -1)
+    return shape
+
+
+def normalise(shape: np.ndarray) -> np.ndarray:
+    """Scale each column so that its largest component is +1 (complex: that component becomes real)."""
+    shape = np.array(np.atleast_2d(np.asarray(shape).T).T)
+    for j in range(shape.shape[1]):
+        ok = np.isfinite(shape[:, j])
+        if ok.any():
+            largest = np.argmax(np.where(ok, np.abs(shape[:, j]), -1))
+            shape[:, j] = shape[:, j] / shape[largest, j]
+    return shape
+
+
+def pair_by_mac(criterion: np.ndarray) -> list[tuple[int, int]]:
+    """One-to-one pairs (row, column) that maximise the summed criterion (n_row, n_column); NaN never pairs."""
+    score = np.nan_to_num(criterion, nan=-1.0)
+    rows, columns = optimize.linear_sum_assignment(-score)
+    return [(int(i), int(j)) for i, j in zip(rows, columns, strict=True) if score[i, j] > -1]
