@@ -1,0 +1,39 @@
+# Two commands for a newcomer: `make demo` and `make test`. Each sets itself up from the lock file.
+PYTHON ?= python3
+VENV ?= .venv
+OUT ?= out
+JOBS ?= 2
+BIN = $(VENV)/bin
+# one BLAS thread each: the work is parallel over processes, and threads on small matrices only cost
+export OMP_NUM_THREADS = 1
+export OPENBLAS_NUM_THREADS = 1
+
+.PHONY: demo test studies lock clean
+
+$(VENV)/core: requirements.lock pyproject.toml
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes -r requirements.lock
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps -e .
+	touch $@
+
+$(VENV)/test: $(VENV)/core requirements-test.lock
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes -r requirements-test.lock
+	touch $@
+
+demo: $(VENV)/core
+	$(BIN)/probupdate demo $(OUT)
+
+test: $(VENV)/test
+	$(BIN)/python -m pytest -n $(JOBS) --dist loadfile
+
+# the locks name no index; run this with uv at hand after a change of pyproject.toml
+lock:
+	uv lock
+	uv export --frozen --no-emit-project --quiet -o requirements.lock
+	uv export --frozen --no-emit-project --quiet --extra test --extra peers -o requirements-test.lock
+	rm uv.lock
+	sed -i '1,2d' requirements.lock requirements-test.lock
+	! grep -n http requirements.lock requirements-test.lock
+
+clean:
+	rm -rf $(VENV) build *.egg-info
