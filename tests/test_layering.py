@@ -1,0 +1,84 @@
+"""Imports point one way: every module of the package may import only from lower floors (DESIGN.md, The house)."""
+
+import ast
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+PACKAGE = Path(__file__).resolve().parents[1] / "probupdate"
+
+# name -> floor; a module may import a lower floor, its own package, and what PEERS names
+FLOOR = {
+    "errors": 0, "progress": 0, "parameters": 0.1, "modes": 0.1, "model": 0.2, "mode_labels": 0.2,
+    "structure": 1, "campaign": 1, "virtual": 1,
+    "identification": 2,
+    "matching": 2.9, "problem": 3,
+    "estimators": 4, "comparison": 5, "diagnosis": 6, "lifetime": 6, "reporting": 7, "verbs": 8, "demonstration": 8.5,
+    "cli": 9,
+}  # fmt: skip
+APART = {("identification", "structure"), ("identification", "virtual"), ("problem", "virtual"),
+         ("problem", "campaign"), ("problem", "identification"), ("estimators", "virtual"),
+         ("estimators", "campaign"), ("estimators", "identification")}  # fmt: skip
+MODULES = sorted(PACKAGE.rglob("*.py"))
+
+
+def room(path: Path) -> str:
+    relative = path.relative_to(PACKAGE)
+    return relative.parts[0].removesuffix(".py")
+
+
+def imported_rooms(path: Path) -> set[str]:
+    found = set()
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.Import):
+            names = [alias.name for alias in node.names]
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, f"{path.name}: relative import in line {node.lineno}"
+            names = [node.module or ""]
+            if node.module == "probupdate":
+                names = [f"probupdate.{alias.name}" for alias in node.names]
+        else:
+            continue
+        found |= {name.split(".")[1] for name in names if name.startswith("probupdate.")}
+    return found & (set(FLOOR) | {room(p) for p in MODULES})
+
+
+@pytest.mark.parametrize("path", MODULES, ids=lambda p: str(p.relative_to(PACKAGE)))
+def test_imports_point_one_way(path):
+    here = room(path)
+    if here == "__init__":
+        return
+    assert here in FLOOR, f"{here} has no floor: give it one here and in DESIGN.md"
+    for other in imported_rooms(path) - {here}:
+        assert FLOOR[other] < FLOOR[here], f"{here} imports {other}, which is not below it"
+        assert (here, other) not in APART, f"{here} must not know {other}"
+
+
+def test_floor_one_rooms_do_not_know_each_other():
+    rooms = {"structure", "campaign", "virtual"}
+    for path in MODULES:
+        if room(path) in rooms:
+            assert not imported_rooms(path) & (rooms - {room(path)})
+
+
+def test_arviz_is_imported_in_one_module_only():
+    users = set()
+    for path in MODULES:
+        for node in ast.walk(ast.parse(path.read_text())):
+            names = []
+            if isinstance(node, ast.Import):
+                names = [alias.name for alias in node.names]
+            elif isinstance(node, ast.ImportFrom):
+                names = [node.module or ""]
+            if any(name.split(".")[0] == "arviz" for name in names):
+                users.add(path.relative_to(PACKAGE).as_posix())
+    assert users <= {"estimators/posterior_file.py"}
+
+
+def test_import_of_the_package_stays_light():
+    heavy = {"matplotlib", "arviz", "emcee", "pandas", "h5py", "jinja2", "pydantic", "rich", "scipy"}
+    code = f"import sys, probupdate; print(sorted({heavy!r} & set(sys.modules)))"
+    answer = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert answer.stdout.strip() == "[]"
