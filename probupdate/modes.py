@@ -146,6 +146,8 @@ def _numbers(where: str, value, shape: tuple[int, ...], key: str) -> np.ndarray:
     # a whole row may be null: a mode that was not measured in this set
     if len(shape) == 2 and array.ndim == 1 and np.all(np.isnan(array)):
         array = np.full(shape, np.nan)
+    if np.any(np.isinf(array)):
+        raise InputError(f"{where}, {key}", "holds an infinite number", "use null where not measured")
     if array.shape != shape:
         raise InputError(f"{where}, {key}", f"has shape {array.shape}", f"give {shape}")
     return array
