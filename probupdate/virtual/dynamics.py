@@ -1,0 +1,99 @@
+"""Modes of the virtual turbine at a nacelle heading, with the damping of a rotor state.
+
+Heading: degrees clockwise seen from above, 0 where the rotor looks along -x as the drawing has it, so that wind
+from -x is wind from 0 deg. Fore-aft is the direction the nacelle looks.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import sparse
+from scipy.sparse.linalg import LinearOperator, eigsh, splu
+
+from probupdate.modes import frozen_array
+from probupdate.virtual.frame import Structure, rotation
+
+N_MODE = 20
+# aerodynamic dashpots at the hub in N s/m, along (FA) and across (SS) the rotor axis; operating: near dT/dU
+AERO_DAMPING = {"idling": (4.0e3, 2.0e3), "operating": (5.0e4, 1.0e4)}
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class HeadingModes:
+    """Modes at one heading, unit modal mass. frequency_hz (n_mode,); damping_ratio {state: (n_mode,)};
+    nominal_shape (n_channel, n_mode) of ideal sensors; observed_shape with gains and rotations as mounted;
+    rna_load (4, n_mode): modal force of unit thrust, side force, tilt moment, yaw moment; wave_load
+    (2 n_leg, n_mode): unit x, then y force on each leg; shape (n_dof, n_mode), momentum M phi (n_dof, n_mode)."""
+
+    heading_deg: float
+    frequency_hz: np.ndarray
+    damping_ratio: dict[str, np.ndarray]
+    nominal_shape: np.ndarray
+    observed_shape: np.ndarray
+    rna_load: np.ndarray
+    wave_load: np.ndarray
+    shape: np.ndarray
+    momentum: np.ndarray
+
+
+def rna_mass(structure: Structure, heading_deg: float) -> np.ndarray:
+    """Mass matrix (6, 6) about the tower-top node of bodies at offsets r, turned with the nacelle."""
+    turn = rotation(np.array([0.0, 0.0, -np.radians(heading_deg)]))
+    total = np.zeros((6, 6))
+    for weight, offset, inertia in structure.rna:
+        x, y, z = turn @ offset
+        # the body's centre moves by u + theta x r = u - S theta
+        skew = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+        carry = np.hstack([np.eye(3), -skew])
+        total += weight * carry.T @ carry
+        total[3:, 3:] += turn @ inertia @ turn.T
+    return total
+
+
+def heading_modes(structure: Structure, damping_ratio: np.ndarray, heading_deg: float, factor=None) -> HeadingModes:
+    """Solve for the lowest modes. damping_ratio (n_mode,) of the structure itself; `factor` a splu of K to reuse."""
+    size, top = structure.stiffness.shape[0], 6 * structure.top
+    dofs = top + np.arange(6)
+    extra = rna_mass(structure, heading_deg)
+    mass = structure.mass + sparse.coo_array(
+        (extra.ravel(), (np.repeat(dofs, 6), np.tile(dofs, 6))), shape=(size, size)
+    )
+    mass = sparse.csc_array(mass)
+    factor = factorise(structure) if factor is None else factor
+    inverse = LinearOperator((size, size), matvec=factor.solve, dtype=float)
+    # a fixed start vector: ARPACK's own is random, and the same seed must give the same bytes
+    start = np.cos(np.arange(size))
+    value, shape = eigsh(structure.stiffness, k=len(damping_ratio), M=mass, sigma=0.0, OPinv=inverse, v0=start)
+    order = np.argsort(value)
+    value, shape = value[order], shape[:, order]
+    shape = shape / np.sqrt(np.einsum("ij,ij->j", shape, mass @ shape))
+    largest = np.argmax(np.abs(shape), axis=0)
+    shape = shape * np.sign(shape[largest, np.arange(shape.shape[1])])
+    angular = np.sqrt(value)
+    turn = rotation(np.array([0.0, 0.0, -np.radians(heading_deg)]))
+    head = shape[dofs]
+    fore_aft, side = turn[:, 0] @ head[:3], turn[:, 1] @ head[:3]
+    rna_load = np.array([fore_aft, side, turn[:, 1] @ head[3:], head[5]])
+    legs = 6 * structure.surface
+    damping = {
+        state: frozen_array(damping_ratio + (along * fore_aft**2 + across * side**2) / (2 * angular))
+        for state, (along, across) in AERO_DAMPING.items()
+    }
+    return HeadingModes(
+        heading_deg=float(heading_deg),
+        frequency_hz=frozen_array(angular / (2 * np.pi)),
+        damping_ratio=damping,
+        nominal_shape=frozen_array(structure.nominal_channel @ shape),
+        observed_shape=frozen_array(structure.channel @ shape),
+        rna_load=frozen_array(rna_load),
+        wave_load=frozen_array(np.vstack([shape[legs], shape[legs + 1]])),
+        shape=frozen_array(shape),
+        momentum=frozen_array(mass @ shape),
+    )
+
+
+def factorise(structure: Structure):
+    """LU of K; it does not depend on the heading."""
+    return splu(structure.stiffness, permc_spec="MMD_AT_PLUS_A", options={"SymmetricMode": True}, diag_pivot_thresh=0.0)

@@ -1,0 +1,173 @@
+"""What is true of one virtual turbine: parameters, tolerances, effects; drawn once, written beside the campaign."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from types import MappingProxyType
+
+import numpy as np
+
+from probupdate.errors import InputError
+from probupdate.modes import frozen_array
+from probupdate.virtual.turbine_file import TurbineFile, read_toml, unknown_name
+
+# keys a user may give; the rest of a written truth.toml is a record, and read back only as far as it is given
+GIVEN = ("parameters", "parameters_from", "tolerances", "operation", "effect")
+RECORDED = ("format", "name", "model", "seed", "drawn", "sensor", "mode_set", "state", "event", "gap", "summary")
+EFFECTS = MappingProxyType({
+    "sensor_gain": ("channel", "factor"),
+    "brace_stiffness": ("bay", "face", "factor"),
+})  # fmt: skip
+OPERATION = ("maintenance_hours", "wind_speed_mean_mps", "missing_hours")
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Given:
+    """A user's truth.toml: parameter values, where the others come from, the tolerances' scale, effects."""
+
+    parameters: Mapping[str, float]
+    parameters_from: str
+    tolerance_scale: float
+    operation: Mapping
+    effects: tuple[Mapping, ...]
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Tolerances:
+    """Departures of the built turbine from its drawings; factors unless a unit is named."""
+
+    tower_wall: float
+    leg_wall: float
+    brace_wall: float
+    pile_wall: float
+    nacelle_mass: float
+    secondary_steel: float
+    joint_flexibility: float
+    leg_soil: np.ndarray  # (n_leg,)
+    rna_offset_m: np.ndarray  # (3,)
+    frame_rotation_deg: float
+    sensor_gain: np.ndarray  # (n_channel,)
+    sensor_rotation_deg: np.ndarray  # (n_channel, 3), equal within a position
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Truth:
+    """Everything that holds for the whole campaign. damping_ratio (n_mode,) is that of structure, soil and water."""
+
+    parameters: Mapping[str, float]
+    tolerances: Tolerances
+    damping_ratio: np.ndarray
+    noise_std_mps2: np.ndarray  # (n_channel,)
+    offset_mps2: np.ndarray  # (n_channel,)
+    effects: tuple[Mapping, ...]
+
+
+def read_given(path: str | Path | None, file: TurbineFile) -> Given:
+    """Read a truth.toml; None means the model's initial values with tolerances and no effect."""
+    raw = {} if path is None else read_toml(Path(path), "truth file")
+    for key in raw:
+        if key not in GIVEN + RECORDED:
+            raise unknown_name(str(path), key, GIVEN)
+    known = tuple(file.initial_parameters())
+    parameters = raw.get("parameters", {})
+    for name, value in parameters.items():
+        if name not in known:
+            raise unknown_name(f"{path}, parameters", name, known)
+        if isinstance(value, bool) or not isinstance(value, (int, float)) or not np.isfinite(value):
+            raise InputError(f"{path}, parameters.{name}", f"{value!r} is not a finite number", "give one")
+    source = raw.get("parameters_from", "initial")
+    if source not in ("initial", "prior"):
+        raise InputError(f"{path}, parameters_from", f"'{source}' is unknown", "choose 'initial' or 'prior'")
+    tolerances = raw.get("tolerances", {})
+    for key in tolerances:
+        if key != "scale":
+            raise unknown_name(f"{path}, tolerances", key, ("scale",))
+    scale = tolerances.get("scale", 1.0)
+    if not isinstance(scale, (int, float)) or not 0 <= scale <= 3:
+        raise InputError(f"{path}, tolerances.scale", f"{scale!r} is not in 0 to 3", "give 1, or 0 for none")
+    operation = raw.get("operation", {})
+    for key in operation:
+        if key not in OPERATION:
+            raise unknown_name(f"{path}, operation", key, OPERATION)
+    return Given(
+        parameters=MappingProxyType({name: float(value) for name, value in parameters.items()}),
+        parameters_from=source,
+        tolerance_scale=float(scale),
+        operation=MappingProxyType(operation),
+        effects=tuple(_effect(path, number, entry, file) for number, entry in enumerate(raw.get("effect", []))),
+    )
+
+
+def _effect(path, number: int, entry: Mapping, file: TurbineFile) -> Mapping:
+    where = f"{path}, effect {number + 1}"
+    kind = entry.get("kind", "")
+    if kind not in EFFECTS:
+        raise unknown_name(where, kind, tuple(EFFECTS))
+    keys = EFFECTS[kind]
+    for key in entry:
+        if key not in ("kind", *keys):
+            raise unknown_name(where, key, keys)
+    for key in keys:
+        if key not in entry:
+            raise InputError(where, f"{key} is missing", f"a {kind} needs {', '.join(keys)}")
+    factor = entry["factor"]
+    if isinstance(factor, bool) or not isinstance(factor, (int, float)) or not np.isfinite(factor) or factor == 0:
+        raise InputError(f"{where}, factor", f"{factor!r} is not a number other than zero", "give one")
+    if kind == "sensor_gain":
+        channels = tuple(s.channel for s in file.sensors)
+        if entry["channel"] not in channels:
+            raise unknown_name(f"{where}, channel", str(entry["channel"]), channels)
+    else:
+        legs = file.value("jacket", "leg_names")
+        faces = tuple(f"{a}{b}" for a, b in zip(legs, (*legs[1:], legs[0]), strict=True))
+        if entry["face"] not in faces:
+            raise unknown_name(f"{where}, face", str(entry["face"]), faces)
+        if entry["bay"] not in range(1, len(file.value("jacket", "bay")) + 1):
+            raise InputError(f"{where}, bay", f"{entry['bay']!r} does not exist", "count from 1, the lowest")
+        if not 0 < factor <= 1:
+            raise InputError(f"{where}, factor", f"{factor} is not in (0, 1]", "give the stiffness that is left")
+    return MappingProxyType(dict(entry))
+
+
+def _clipped(rng: np.random.Generator, std: float, shape=None, limit: float = 2.0):
+    """Normal of deviation std cut at `limit` deviations by clipping: a manufacturer's tolerance has an end."""
+    return std * np.clip(rng.standard_normal(shape), -limit, limit)
+
+
+def draw_truth(given: Given, file: TurbineFile, rng: np.random.Generator, n_mode: int) -> Truth:
+    """Draw what the truth file leaves open. Every number is drawn in a fixed order, whatever was given."""
+    values = file.initial_parameters()
+    for name, parameter in file.parameters.items():
+        drawn = float(parameter.distribution.rvs(random_state=rng))
+        if given.parameters_from == "prior" and file.is_updated(name):
+            values[name] = drawn
+    values |= given.parameters
+    s = given.tolerance_scale
+    n_leg, n_channel = len(file.value("jacket", "leg_names")), len(file.sensors)
+    wall = s * _clipped(rng, 0.01, 4)
+    positions = [tuple(sensor.position_m) for sensor in file.sensors]
+    turn = {position: s * _clipped(rng, 1.0, 3) for position in dict.fromkeys(positions)}
+    tolerances = Tolerances(
+        tower_wall=1 + wall[0],
+        leg_wall=1 + wall[1],
+        brace_wall=1 + wall[2],
+        pile_wall=1 + wall[3],
+        nacelle_mass=1 + s * _clipped(rng, 0.01),
+        secondary_steel=1 + s * _clipped(rng, 0.03),
+        joint_flexibility=float(np.exp(s * _clipped(rng, 0.1))),
+        leg_soil=frozen_array(1 + s * rng.uniform(-0.1, 0.1, n_leg)),
+        rna_offset_m=frozen_array(s * _clipped(rng, 0.1, 3)),
+        frame_rotation_deg=float(s * _clipped(rng, 1.0)),
+        sensor_gain=frozen_array(1 + s * _clipped(rng, 0.01, n_channel)),
+        sensor_rotation_deg=frozen_array([turn[position] for position in positions]),
+    )
+    return Truth(
+        parameters=MappingProxyType(values),
+        tolerances=tolerances,
+        damping_ratio=frozen_array(rng.uniform(0.010, 0.016, n_mode)),
+        noise_std_mps2=frozen_array(1e-4 * rng.uniform(0.8, 1.2, n_channel)),
+        offset_mps2=frozen_array(s * _clipped(rng, 2e-3, n_channel)),
+        effects=given.effects,
+    )
