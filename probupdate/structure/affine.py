@@ -1,0 +1,136 @@
+"""A model whose K and M are sums of constant matrices times scalar functions of its parameters."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy import sparse
+
+from probupdate.errors import InputError
+from probupdate.model import ManySolutions, ModalSolution, Wireframe
+from probupdate.modes import frozen_array
+from probupdate.parameters import Parameters
+from probupdate.structure.eigen import lowest_modes, mode_derivatives
+
+# imaginary step of the complex-step derivative: no subtraction, so it is exact to rounding (Squire & Trapp 1998)
+STEP = 1e-30
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class AffineModel:
+    """K(theta) = sum_t c_t(theta) K_t, M(theta) likewise; implements `model.Model`.
+
+    `coefficients` maps theta (..., n_param), real or complex, to (..., n_stiffness) and (..., n_mass) and must be
+    analytic where it is used, as its derivatives are taken by complex steps. `channel_matrix` (n_channel, n_dof)
+    picks the measured motion, `wire_matrix` (3 n_node, n_dof) that of the picture's nodes. `derived` holds named
+    scalars of theta, such as pile-head stiffness. `hash_key` stands for all that went into the matrices.
+    """
+
+    name: str
+    parameters: Parameters
+    channels: tuple[str, ...]
+    stiffness: tuple[sparse.csc_array, ...]
+    mass: tuple[sparse.csc_array, ...]
+    coefficients: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
+    channel_matrix: sparse.csr_array
+    hash_key: str
+    wire: Wireframe | None = None
+    wire_matrix: sparse.csr_array | None = None
+    derived: Mapping[str, Callable[[np.ndarray], float]] = field(default_factory=dict)
+
+    @property
+    def n_dof(self) -> int:
+        return self.stiffness[0].shape[0]
+
+    def _theta(self, theta) -> np.ndarray:
+        theta = np.asarray(theta, float)
+        if theta.shape[-1:] != (len(self.parameters),):
+            raise InputError(self.name, f"theta has shape {theta.shape}", f"give {len(self.parameters)} values")
+        if not np.all(np.isfinite(theta)):
+            raise InputError(self.name, "theta is not finite", "check the parameters")
+        return theta
+
+    def matrices(self, theta: np.ndarray) -> tuple[sparse.csc_array, sparse.csc_array]:
+        """K and M at theta (n_param,)."""
+        cK, cM = self.coefficients(self._theta(theta))
+        return _weighted_sum(self.stiffness, cK), _weighted_sum(self.mass, cM)
+
+    def coefficient_derivatives(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """d c_K (n_stiffness, n_param) and d c_M (n_mass, n_param) at theta, by complex steps."""
+        theta = self._theta(theta)
+        stepped = theta + 1j * STEP * np.eye(theta.size)
+        cK, cM = self.coefficients(stepped)
+        return np.imag(cK).T / STEP, np.imag(cM).T / STEP
+
+    def _where(self, theta) -> str:
+        values = ", ".join(f"{n}={v:.4g}" for n, v in zip(self.parameters.names, theta, strict=True))
+        return f"{self.name} at {values}"
+
+    def solve_full(self, theta, n_mode):
+        """lambda (n_mode,) and phi (n_dof, n_mode)."""
+        theta = self._theta(theta)
+        K, M = self.matrices(theta)
+        return lowest_modes(K, M, n_mode, self._where(theta))
+
+    def solve(
+        self,
+        theta: np.ndarray,
+        n_mode: int,
+        *,
+        derivatives: bool = False,
+        clusters: tuple[tuple[int, ...], ...] = (),
+    ) -> ModalSolution:
+        theta = self._theta(theta)
+        K, M = self.matrices(theta)
+        value, phi = lowest_modes(K, M, n_mode, self._where(theta))
+        frequency = np.sqrt(value) / (2 * np.pi)
+        result = {"theta": frozen_array(theta), "frequency_hz": frozen_array(frequency),
+                  "shape": frozen_array(self.channel_matrix @ phi)}
+        if derivatives:
+            dcK, dcM = self.coefficient_derivatives(theta)
+            dK_phi = np.einsum("tnj,tk->njk", np.array([Kt @ phi for Kt in self.stiffness]), dcK)
+            dM_phi = np.einsum("tnj,tk->njk", np.array([Mt @ phi for Mt in self.mass]), dcM)
+            d_value, d_phi = mode_derivatives(K, M, value, phi, dK_phi, dM_phi, clusters)
+            # lambda = (2 pi f)^2, so df = d lambda / (8 pi^2 f)
+            result["frequency_derivative"] = frozen_array(d_value / (8 * np.pi**2 * frequency[:, None]))
+            n, m, p = d_phi.shape
+            at_channels = (self.channel_matrix @ d_phi.reshape(n, m * p)).reshape(-1, m, p)
+            result["shape_derivative"] = frozen_array(at_channels)
+        return ModalSolution(**result)
+
+    def solve_many(self, theta: np.ndarray, n_mode: int) -> ManySolutions:
+        theta = self._theta(np.atleast_2d(theta))
+        solutions = [self.solve(row, n_mode) for row in theta]
+        return ManySolutions(
+            frequency_hz=np.array([s.frequency_hz for s in solutions]),
+            shape=np.array([s.shape for s in solutions]),
+            fallback=np.zeros(len(theta), bool),
+        )
+
+    def wireframe(self, theta: np.ndarray, n_mode: int = 0) -> Wireframe | None:
+        if self.wire is None or not n_mode:
+            return self.wire
+        _, phi = self.solve_full(theta, n_mode)
+        displacement = (self.wire_matrix @ phi).reshape(-1, 3, n_mode)
+        return Wireframe(
+            node_m=self.wire.node_m, line=self.wire.line, line_group=self.wire.line_group,
+            displacement=frozen_array(displacement),
+        )
+
+    def fingerprint(self) -> str:
+        text = [self.name, self.hash_key, *self.channels]
+        for p in self.parameters:
+            text.append(repr(p))
+        if self.parameters.correlation is not None:
+            text.append(self.parameters.correlation.tobytes().hex())
+        return hashlib.sha256("\n".join(text).encode()).hexdigest()
+
+
+def _weighted_sum(matrices, weight) -> sparse.csc_array:
+    total = weight[0] * matrices[0]
+    for w, matrix in zip(weight[1:], matrices[1:], strict=True):
+        total = total + w * matrix
+    return sparse.csc_array(total)
