@@ -1,0 +1,238 @@
+"""`simulate`: a virtual turbine, measured as the paper's was; every hour depends on the seed and its number only."""
+
+from __future__ import annotations
+
+import hashlib
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import numpy as np
+
+from probupdate.errors import InputError
+from probupdate.progress import Progress, silent
+from probupdate.virtual import campaign_files, excitation, losses, operation
+from probupdate.virtual.dynamics import N_MODE, HeadingModes, factorise, heading_modes
+from probupdate.virtual.frame import Structure, build_structure
+from probupdate.virtual.response import channel_response
+from probupdate.virtual.scada import scada_table
+from probupdate.virtual.truth import Truth, draw_truth, read_given
+from probupdate.virtual.turbine_file import TurbineFile, read_turbine, reference_file
+
+RATE_HZ = 25.0
+BLOCK_MINUTES = 30
+SPIN_UP_S = 600.0  # 5.4 time constants of the least damped first mode and more: what is left is below the noise
+START = np.datetime64("2019-06-01T00:00:00")
+REFERENCE_STATES = ("design", "as_built", "updated")
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class VirtualCampaign:
+    """A written campaign: where it is, how much of it there is, and what is true of its turbine at the prevailing
+    heading. `quiet_blocks`: half hours that are idling without yaw or pitch event and without a missing hour."""
+
+    path: Path
+    truth_path: Path
+    n_file: int
+    hours: float
+    quiet_blocks: int
+    blocks: int
+    state_share: dict[str, float]
+    frequency_hz: np.ndarray
+    damping_ratio: np.ndarray
+    seed: int
+
+    @property
+    def summary(self) -> str:
+        shares = ", ".join(f"{name} {100 * share:.0f} %" for name, share in self.state_share.items())
+        lowest = ", ".join(f"{f:.3f}" for f in self.frequency_hz[:5])
+        return (
+            f"virtual campaign in {self.path}: {self.hours:g} h in {self.n_file} files, {shares}\n"
+            f"  {self.quiet_blocks} of {self.blocks} half-hour blocks idle without yawing or pitching\n"
+            f"  true frequencies (lowest five) {lowest} Hz; what was drawn is in {self.truth_path.name}, "
+            f"seed {self.seed}"
+        )
+
+
+def simulate(
+    out: str | Path,
+    *,
+    model: str | Path | None = None,
+    days: float = 1.0,
+    truth: str | Path | None = None,
+    seed: int,
+    progress: Progress = silent,
+) -> VirtualCampaign:
+    """Write a campaign of `days` into the folder `out`: campaign.toml, scada.csv, acceleration/*.h5, truth.toml.
+
+    model: a model.toml with a geometry, or "design", "as_built", "updated" for the reference turbine (None:
+    updated). truth: a truth.toml that gives parameters, their source, tolerances' scale, operation and effects;
+    None builds the model's initial values with drawn tolerances. The same seed gives the same bytes. A run that
+    was interrupted is taken up where it stopped if everything else is equal; another campaign in `out` is refused.
+    """
+    if isinstance(seed, bool) or not isinstance(seed, (int, np.integer)) or seed < 0:
+        raise InputError("seed", f"{seed!r} is not a whole number from 0", "give one, such as 1")
+    n_slot = int(round(days * 144)) if np.isfinite(days) else 0
+    if n_slot < operation.SLOTS_PER_BLOCK:
+        raise InputError("days", f"{days} is shorter than one block of 30 minutes", "give at least 0.021")
+    model = reference_file() if model is None else model
+    if str(model) in REFERENCE_STATES:
+        model = reference_file().with_name(f"{model}.toml")
+    file = read_turbine(model)
+    given = read_given(truth, file)
+    streams = np.random.SeedSequence(seed, spawn_key=(0,)).spawn(4)
+    drawn = draw_truth(given, file, np.random.default_rng(streams[0]), N_MODE)
+    plan = operation.make_plan(n_slot, given.operation, np.random.default_rng(streams[1]))
+    channels = tuple(s.channel for s in file.sensors)
+    gaps = losses.draw_gaps(plan, channels, given.operation, np.random.default_rng(streams[2]))
+    structure = build_structure(file, drawn)
+    modes = _mode_store(structure, drawn)
+    missing = {int(g.start_s // 3600) for g in gaps if g.kind == losses.MISSING_HOUR}
+    quiet = plan.quiet_blocks()
+    for hour in missing:
+        quiet[2 * hour : 2 * hour + 2] = False
+
+    folder = Path(out)
+    record = _record(file, given, drawn, plan, gaps, modes, seed, quiet, structure)
+    text = "# What is true of this virtual campaign, and everything that was drawn for it.\n"
+    text += campaign_files.toml_text(record)
+    _claim(folder, text)
+    campaign_files.write_campaign_toml(
+        folder, name=f"Virtual campaign on '{file.value('name')}'", sensors=file.sensors, rate_hz=RATE_HZ,
+        block_minutes=BLOCK_MINUTES, water_depth_m=-file.number("site", "mudline_m"),
+    )  # fmt: skip
+    table = scada_table(plan, START, np.random.default_rng(streams[3]))
+    lost_rows = {int(g.start_s // 600) for g in gaps if g.kind == losses.LOST_ROW}
+    table.drop(index=sorted(lost_rows)).to_csv(folder / "scada.csv", index=False, lineterminator="\n")
+
+    n_hour, written = -(-n_slot // 6), 0
+    for hour in range(n_hour):
+        progress("simulating hours", hour, n_hour)
+        if hour in missing:
+            continue
+        written += 1
+        start = START + np.timedelta64(3600 * hour, "s")
+        path = folder / "acceleration" / f"{str(start).replace(':', '').replace('-', '')}Z.h5"
+        if path.exists():
+            continue
+        data = hour_of_data(plan, structure, modes, drawn, gaps, channels, seed, hour)
+        campaign_files.write_acceleration(path, data, start, RATE_HZ)
+    progress("simulating hours", n_hour, n_hour)
+    count = Counter(plan.state.tolist())
+    prevailing = modes(_prevailing(plan))
+    return VirtualCampaign(
+        path=folder, truth_path=folder / "truth.toml", n_file=written, hours=n_slot / 6,
+        quiet_blocks=int(quiet.sum()), blocks=len(quiet),
+        state_share={name: count[k] / n_slot for k, name in enumerate(operation.STATES)},
+        frequency_hz=prevailing.frequency_hz, damping_ratio=prevailing.damping_ratio["idling"], seed=int(seed),
+    )  # fmt: skip
+
+
+def hour_of_data(
+    plan: operation.Plan, structure: Structure, modes: Callable[[float], HeadingModes], truth: Truth,
+    gaps: tuple[losses.Gap, ...], channels: tuple[str, ...], seed: int, hour: int,
+) -> np.ndarray:  # fmt: skip
+    """Accelerations (n_sample, n_channel) in m/s2 of one hour (less at the campaign's end), as the logger has them."""
+    first, last = 3600.0 * hour, min(3600.0 * (hour + 1), 600.0 * plan.n_slot)
+    lead, n = int(SPIN_UP_S * RATE_HZ), int(round((last - first) * RATE_HZ))
+    leg_xy = structure.node_m[structure.surface, :2]
+    begin = first - SPIN_UP_S
+    loads = excitation.make_loads(plan, leg_xy, N_MODE, seed, begin, lead + n, RATE_HZ)
+    grid = np.clip(((begin + np.arange(lead + n) / RATE_HZ) // operation.GRID_S).astype(int), 0, len(plan.running) - 1)
+    rotor = np.where(plan.running[grid] > 0.5, "operating", "idling")
+    motion = channel_response(loads, plan.heading_deg[grid], rotor, modes, RATE_HZ)[lead:]
+    motion += truth.noise_std_mps2 * excitation.white(seed, 3, first, n, len(channels), RATE_HZ) + truth.offset_mps2
+    data = motion.astype(np.float32)
+    keep = n
+    for gap in gaps:
+        low = int(round((gap.start_s - first) * RATE_HZ))
+        high = int(round((gap.start_s + gap.duration_s - first) * RATE_HZ))
+        if high <= 0 or low >= n:
+            continue
+        if gap.kind == losses.LOST_SAMPLES:
+            column = channels.index(gap.channel) if gap.channel else slice(None)
+            data[max(low, 0) : high, column] = np.nan
+        elif gap.kind == losses.SHORT_FILE:
+            keep = low
+    return data[:keep]
+
+
+def _mode_store(structure: Structure, truth: Truth) -> Callable[[float], HeadingModes]:
+    """Modes by heading, solved once each."""
+    solver, known = factorise(structure), {}
+
+    def modes(heading_deg: float) -> HeadingModes:
+        key = float(heading_deg)
+        if key not in known:
+            known[key] = heading_modes(structure, truth.damping_ratio, key, solver)
+        return known[key]
+
+    return modes
+
+
+def _prevailing(plan: operation.Plan) -> float:
+    return Counter(plan.heading_deg.tolist()).most_common(1)[0][0]
+
+
+def _claim(folder: Path, truth_text: str) -> None:
+    """Take an empty folder, or one that holds this very campaign."""
+    path = folder / "truth.toml"
+    if folder.exists() and not folder.is_dir():
+        raise InputError(str(folder), "is a file", "name a folder")
+    if folder.exists() and any(folder.iterdir()):
+        if not path.is_file() or path.read_text(encoding="utf-8") != truth_text:
+            raise InputError(str(folder), "holds something else already", "name a new folder or empty this one")
+    (folder / "acceleration").mkdir(parents=True, exist_ok=True)
+    path.write_text(truth_text, encoding="utf-8")
+
+
+def _rounded(array, digits: int = 8) -> list:
+    return np.round(np.asarray(array, float), digits).tolist()
+
+
+def _record(file: TurbineFile, given, truth: Truth, plan, gaps, modes, seed, quiet, structure) -> dict:
+    """The content of truth.toml; it can be given back as a truth file."""
+    t = asdict(truth.tolerances)
+    headings = sorted(set(plan.heading_deg.tolist()))
+    times = START + (operation.GRID_S * np.arange(len(plan.heading_deg))).astype("timedelta64[s]")
+    key = np.where(plan.running > 0.5, 1, 0)
+    cuts = [0, *(np.flatnonzero((np.diff(plan.heading_deg) != 0) | (np.diff(key) != 0)) + 1), len(key)]
+    record = {
+        "format": 1,
+        "name": str(file.value("name")),
+        "model": {"sha256": hashlib.sha256(file.path.read_bytes()).hexdigest()},
+        "seed": int(seed),
+        "parameters_from": given.parameters_from,
+        "parameters": {k: float(v) for k, v in truth.parameters.items()},
+        "tolerances": {"scale": given.tolerance_scale},
+        "operation": dict(given.operation),
+        "drawn": {k: _rounded(v) for k, v in t.items()} | {
+            "damping_ratio_without_air": _rounded(truth.damping_ratio),
+            "noise_std_mps2": _rounded(truth.noise_std_mps2), "offset_mps2": _rounded(truth.offset_mps2),
+        },
+        "summary": {
+            "start": f"{START}Z", "hours": plan.n_slot / 6, "sampling_rate_hz": RATE_HZ,
+            "quiet_blocks": int(quiet.sum()),
+            "heading_convention": "deg clockwise seen from above; 0: the rotor looks along -x",
+            "total_mass_kg": float(round(structure.mass.diagonal()[0::6].sum())),
+        },
+        "effect": [dict(e) for e in truth.effects],
+        "mode_set": [
+            {
+                "heading_deg": h,
+                "frequency_hz": _rounded(m.frequency_hz),
+                "damping_ratio_idling": _rounded(m.damping_ratio["idling"], 6),
+                "damping_ratio_operating": _rounded(m.damping_ratio["operating"], 6),
+                "shape": _rounded(m.nominal_shape.T),
+            }
+            for h, m in ((h, modes(h)) for h in headings)
+        ],
+        "state": [
+            {"start": f"{times[a]}Z", "heading_deg": float(plan.heading_deg[a]), "rotor": ("idling", "operating")[key[a]]}
+            for a in cuts[:-1]
+        ],
+        "event": [asdict(e) | {"time": f"{START + np.timedelta64(int(e.start_s), 's')}Z"} for e in plan.events],
+        "gap": [asdict(g) for g in gaps],
+    }  # fmt: skip
+    return {k: v for k, v in record.items() if not (isinstance(v, list) and not v)}
