@@ -1,0 +1,62 @@
+"""The report: one self-contained page of a run directory, and its figures for use alone."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from probupdate.progress import Progress, silent
+
+if TYPE_CHECKING:
+    from probupdate.reporting.values import Run
+
+__all__ = ["report"]
+
+
+def report(run: str | Path, out: str | Path, *, progress: Progress = silent) -> Path:
+    """Read the run directory `run` and write the page to `out`; returns the path written.
+
+    Whatever the directory lacks is left out and named on the page; a file that is there but cannot be read raises
+    InputError, as does a directory that holds nothing of a run.
+    """
+    from probupdate.reporting.run_files import read_run
+
+    contents = read_run(Path(run), progress)
+    out = Path(out)
+    out.parent.mkdir(parents=True, exist_ok=True)
+    out.write_text(compose(contents, progress), encoding="utf-8")
+    return out
+
+
+def compose(run: Run, progress: Progress = silent) -> str:
+    """The page of a run's values as HTML text."""
+    from probupdate.reporting import measurement_sections as measurement
+    from probupdate.reporting import overview_sections as overview
+    from probupdate.reporting import updating_sections as updating
+    from probupdate.reporting.page import render
+
+    builders = (
+        overview.verdict_section, measurement.measured_section, measurement.identification_section,
+        measurement.selection_section, measurement.modes_section, updating.update_section, updating.posterior_section,
+        updating.comparison_section, overview.provenance_section,
+    )
+    sections = []
+    for done, build in enumerate(builders):
+        progress("report", done, len(builders))
+        sections.append(build(run))
+    progress("report", len(builders), len(builders))
+    footer = "Written by probupdate. This page needs no network and no other file."
+    return render(sections, title=run.title, subtitle=_subtitle(run), footer=footer)
+
+
+def _subtitle(run: Run) -> str:
+    parts = []
+    if run.campaign is not None:
+        parts.append(f"{len(run.campaign.sensors)} channels at {run.campaign.sampling_rate_hz:g} Hz")
+    if run.modes is not None:
+        parts.append(f"{len(run.modes.sets)} modal sets")
+    if run.update is not None:
+        parts.append(f"{len(run.update.parameters)} parameters")
+    if run.truth is not None:
+        parts.append("virtual campaign, truth known")
+    return " · ".join(parts)

@@ -1,0 +1,140 @@
+"""What a page is made of: sections of texts, notices, tiles, tables, pictures and the mode viewer, all plain values."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+MISSING = "–"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Text:
+    """Paragraphs of running text."""
+
+    paragraphs: tuple[str, ...]
+    kind: str = field(default="text", init=False)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Notice:
+    """A line set apart; level "missing", "warning" or "good"."""
+
+    level: str
+    text: str
+    kind: str = field(default="notice", init=False)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Tile:
+    """A key number of the verdict box; level "good", "warning" or "plain"."""
+
+    label: str
+    value: str
+    detail: str = ""
+    level: str = "plain"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Tiles:
+    items: tuple[Tile, ...]
+    kind: str = field(default="tiles", init=False)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Items:
+    """A list of short statements under a heading."""
+
+    title: str
+    statements: tuple[str, ...]
+    kind: str = field(default="items", init=False)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Column:
+    """A table's column. `number` aligns right; `paper` marks columns that hold the paper's values."""
+
+    name: str
+    unit: str = ""
+    number: bool = True
+    paper: bool = False
+
+
+@dataclass(frozen=True, kw_only=True)
+class Table:
+    """Cells are finished strings; `marked` rows are shown emphasised."""
+
+    caption: str
+    columns: tuple[Column, ...]
+    rows: tuple[tuple[str, ...], ...]
+    note: str = ""
+    marked: frozenset[int] = frozenset()
+    kind: str = field(default="table", init=False)
+
+    def __post_init__(self):
+        for row in self.rows:
+            if len(row) != len(self.columns):
+                raise ValueError(f"table '{self.caption}': {len(row)} cells for {len(self.columns)} columns")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Picture:
+    """A drawing as SVG text; `width` "full", "half" or "third" of the page."""
+
+    svg: str
+    caption: str
+    width: str = "full"
+    kind: str = field(default="picture", init=False)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Viewer:
+    """What the mode viewer draws (see viewer.viewer_data)."""
+
+    data: dict
+    caption: str
+    kind: str = field(default="viewer", init=False)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Section:
+    anchor: str
+    title: str
+    items: tuple[object, ...]
+    lead: str = ""
+
+
+def number(value: float | None, significant: int = 3) -> str:
+    """A number with that many significant digits, without exponent between 0.001 and 99999; a dash for none."""
+    if value is None or not math.isfinite(value):
+        return MISSING
+    if value == 0:
+        return "0"
+    exponent = math.floor(math.log10(abs(float(f"{value:.{significant - 1}e}"))))
+    if exponent < -3 or exponent > 4:
+        mantissa = f"{value / 10.0**exponent:.{significant - 1}f}"
+        return f"{mantissa}e{exponent:d}"
+    return fixed(value, max(significant - 1 - exponent, 0))
+
+
+def fixed(value: float | None, decimals: int) -> str:
+    """A number with that many decimals, a true minus sign, a dash for none."""
+    if value is None or not math.isfinite(value):
+        return MISSING
+    text = f"{value:.{decimals}f}"
+    # "-0.00" is no number a reader wants
+    if float(text) == 0:
+        text = text.lstrip("-")
+    return text.replace("-", "−")
+
+
+def percent(value: float | None, decimals: int = 1, sign: bool = False) -> str:
+    """A share as per cent without the unit (it stands in the header)."""
+    if value is None or not math.isfinite(value):
+        return MISSING
+    text = fixed(100 * value, decimals)
+    return f"+{text}" if sign and value > 0 and float(text) != 0 else text
+
+
+def plural(count: int, noun: str) -> str:
+    return f"{count} {noun}" if count == 1 else f"{count} {noun}s"

@@ -1,0 +1,27 @@
+"""The figures, usable alone: every function takes plain arrays and returns a matplotlib Figure."""
+
+from probupdate.reporting.figures_measurement import (
+    frequencies_by_block,
+    poles,
+    selection_steps,
+    sensor_layout,
+    wind_and_state,
+)
+from probupdate.reporting.figures_updating import (
+    Mark,
+    contraction,
+    corner,
+    correlation_map,
+    frequency_errors,
+    marginals,
+    most_correlated,
+    predictive_frequencies,
+    update_history,
+)
+from probupdate.reporting.style import svg_text
+
+__all__ = [
+    "Mark", "contraction", "corner", "correlation_map", "frequencies_by_block", "frequency_errors", "marginals",
+    "most_correlated", "poles", "predictive_frequencies", "selection_steps", "sensor_layout", "svg_text",
+    "update_history", "wind_and_state",
+]

@@ -1,0 +1,362 @@
+"""Sections on the measurement: what was measured, identification, selection, modes in three dimensions."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+
+from probupdate.modes import ModalData, mac
+from probupdate.reporting import figures, paper_tables
+from probupdate.reporting.elements import (
+    Column,
+    Items,
+    Notice,
+    Picture,
+    Section,
+    Table,
+    Viewer,
+    fixed,
+    percent,
+)
+from probupdate.reporting.style import GREY, INK, PALE
+from probupdate.reporting.values import CampaignValues, Run
+from probupdate.reporting.viewer import viewer_data
+
+MODE_NAMES = {
+    "FA1": "first fore-aft bending", "SS1": "first side-side bending", "T1": "first torsion",
+    "FA2": "second fore-aft bending", "SS2": "second side-side bending",
+}
+# the cut-in and rated wind speed and the rated rotor speed of the paper's turbine, drawn for orientation
+CUT_IN_MPS, RATED_MPS = 4.0, 12.0
+P_FREQUENCIES = {"1P": 1, "3P": 3, "6P": 6}
+
+
+def measured_section(run: Run) -> Section:
+    items: list[object] = []
+    campaign = run.campaign
+    wire = run.model.wire if run.model else None
+    if campaign is None:
+        items.append(Notice(level="missing", text="a campaign directory, so sensors' records and SCADA are not shown."))
+        if run.modes is not None:
+            items.append(_modal_facts(run.modes))
+        return Section(anchor="measured", title="What was measured", items=tuple(items),
+                       lead="Identified modes were given; the records behind them were not.")
+    items.append(
+        Table(
+            caption="The campaign", columns=(Column(name="what", number=False), Column(name="value", number=False)),
+            rows=campaign.facts,
+        )
+    )
+    items.append(
+        Picture(
+            svg=figures.svg_text(figures.sensor_layout(wire, campaign.sensors), "sensors"),
+            caption=f"The {len(campaign.sensors)} channels on the structure: a dot for each sensor, an arrow for each "
+            "measured direction (z = 0 at mean sea level, x fore-aft, y side-side).",
+        )
+    )
+    items.append(_sensor_table(campaign))
+    items += _scada(campaign)
+    if campaign.findings:
+        items.append(Items(title="Found on reading the records", statements=campaign.findings))
+    return Section(anchor="measured", title="What was measured", items=tuple(items),
+                   lead="Sensors, records and the turbine's own data, before anything was computed from them.")
+
+
+def _modal_facts(modes: ModalData) -> Table:
+    counts = [int(np.isfinite(s.frequency_hz).sum()) for s in modes.sets]
+    rows = (("channels", str(len(modes.channels))), ("modal sets", str(len(modes.sets))),
+            ("modes per set", f"{min(counts)} to {max(counts)}" if min(counts) < max(counts) else str(counts[0])))
+    return Table(caption="Modal data", rows=rows,
+                 columns=(Column(name="what", number=False), Column(name="value", number=False)))
+
+
+def _sensor_table(campaign: CampaignValues) -> Table:
+    rows = []
+    for level in dict.fromkeys(s.level for s in campaign.sensors):
+        here = [s for s in campaign.sensors if s.level == level]
+        points = {tuple(s.position_m) for s in here}
+        heights = sorted({fixed(float(s.position_m[2]), 1) for s in here}, key=lambda t: float(t.replace("−", "-")))
+        quantity = sorted({f"{s.quantity} [{s.unit}]" for s in here})
+        names = ", ".join(s.channel for s in here)
+        rows.append((level, " and ".join(heights), str(len(points)), str(len(here)), ", ".join(quantity), names))
+    columns = (Column(name="level", number=False), Column(name="height z", unit="m"), Column(name="positions"),
+               Column(name="channels"), Column(name="quantity", number=False), Column(name="names", number=False))
+    return Table(caption="Sensors by level", columns=columns, rows=tuple(rows))
+
+
+def _scada(campaign: CampaignValues) -> list[object]:
+    scada = campaign.scada
+    if scada is None or "wind_speed_mps" not in scada:
+        return [Notice(level="missing", text="SCADA with a wind speed, so Fig. 4 is not drawn.")]
+    state = scada["state"].astype(str) if "state" in scada else pd.Series("unknown", index=scada.index)
+    figure = figures.wind_and_state(scada["time"].to_numpy(), scada["wind_speed_mps"].to_numpy(float), list(state),
+                                    cut_in_mps=CUT_IN_MPS, rated_mps=RATED_MPS)
+    share = state.value_counts(normalize=True)
+    words = ", ".join(f"{name} {percent(float(share[name]), 0)} %" for name in share.index)
+    rule = f" {campaign.state_rule}" if campaign.state_rule else ""
+    return [Picture(svg=figures.svg_text(figure, "wind"),
+                    caption=f"Wind speed and turbine state, as Fig. 4 of the paper ({words} of the time).{rule}")]
+
+
+def _rated_harmonics(run: Run) -> dict[str, float]:
+    """Upper bounds of the P-frequencies from the highest rotor speed that SCADA saw."""
+    scada = run.campaign.scada if run.campaign else None
+    if scada is None or "rotor_speed_rpm" not in scada:
+        return {}
+    rated = float(np.nanpercentile(scada["rotor_speed_rpm"].to_numpy(float), 99.5))
+    return {f"{name} {n * rated / 60:.2f}": n * rated / 60 for name, n in P_FREQUENCIES.items()} if rated > 3 else {}
+
+
+def identification_section(run: Run) -> Section:
+    items: list[object] = []
+    if run.poles is None:
+        items.append(Notice(level="missing", text="the table of poles (modes.poles.csv), so Figs. 5-7 are not drawn."))
+    else:
+        items += _pole_pictures(run)
+    if run.modes is None:
+        items.append(Notice(level="missing", text="modes.json, so there are no frequencies to show."))
+    else:
+        items += _frequency_tables(run)
+    return Section(anchor="identified", title="Identification", items=tuple(items),
+                   lead="Every pole of every block, and what was taken for a mode of the structure.")
+
+
+def _pole_pictures(run: Run) -> list[object]:
+    poles, lines = run.poles, _rated_harmonics(run)
+    time, frequency = poles["time"].to_numpy(), poles["frequency_hz"].to_numpy(float)
+    passed = np.nan_to_num(poles["mac"].to_numpy(float)) >= 0.80
+    pictures: list[object] = []
+
+    def picture(prefix: str, groups: dict, marks: dict, caption: str) -> None:
+        figure = figures.poles(groups, marks, harmonics_hz=lines, height_in=2.6)
+        pictures.append(Picture(svg=figures.svg_text(figure, prefix), caption=caption))
+
+    dashed = " Dashed: upper bounds of the P-frequencies at the highest rotor speed recorded." if lines else ""
+    picture("poles5", {"poles": (time, frequency)}, {"poles": (INK, "o", 5.0, True)},
+            f"All poles up to 2.5 Hz, no post-processing (the paper's Fig. 5).{dashed}")
+    picture("poles6", {"MAC ≥ 0.80": (time[passed], frequency[passed])}, {"MAC ≥ 0.80": (INK, "o", 5.0, True)},
+            "Poles whose shape has a MAC of 0.80 or more with a mode of the model (Fig. 6). Harmonics of the "
+            "rotor that bend the tower as its first mode does are still among them.")
+    if "paper_criterion" in poles:
+        kept = (poles["paper_criterion"] == "kept").to_numpy()
+        picture("poles7", {"after the complexity criterion": (time[kept], frequency[kept])},
+                {"after the complexity criterion": (INK, "o", 5.0, True)},
+                "After the complexity criterion near the P-frequencies (Fig. 7): the paper's classifier.")
+    criterion = poles["criterion"].astype(str).to_numpy()
+    taken = criterion == "kept"
+    groups = {"removed": (time[~taken], frequency[~taken])}
+    marks = {"removed": (PALE, "x", 7.0, True)}
+    harmonic = criterion == "harmonic"
+    if harmonic.any():
+        groups["removed as harmonic"] = (time[harmonic], frequency[harmonic])
+        marks["removed as harmonic"] = (GREY, "+", 16.0, True)
+    mode = poles["mode"].astype(str).to_numpy()
+    labels = list(run.modes.labels) if run.modes and run.modes.labels else sorted(set(mode[taken]))
+    for label in labels:
+        rows = taken & (mode == label)
+        groups[label] = (time[rows], frequency[rows])
+    picture("poles8", groups, marks,
+            "The classifier used here: close pairs judged by their plane, harmonics by the rotor speed of "
+            "SCADA, each pole with the criterion that kept or removed it.")
+    counts = pd.Series(criterion).value_counts()
+    rows = tuple((name, str(int(n)), percent(n / len(poles))) for name, n in counts.items())
+    pictures.append(
+        Table(caption="What became of every pole", rows=rows,
+              columns=(Column(name="criterion", number=False), Column(name="poles"), Column(name="share", unit="%")))
+    )
+    return pictures
+
+
+def block_states(modes: ModalData) -> np.ndarray:
+    return np.array([str(s.environment.get("state", "")) for s in modes.sets], dtype=object)
+
+
+def _frequency_tables(run: Run) -> list[object]:
+    modes = run.modes
+    frequency = np.array([s.frequency_hz for s in modes.sets])
+    damping = np.array([s.damping_ratio for s in modes.sets])
+    labels = modes.labels or tuple(f"mode {k + 1}" for k in range(modes.n_mode))
+    states = block_states(modes)
+    groups = [("all", np.ones(len(states), bool))]
+    groups += [(name, states == name) for name in dict.fromkeys(states) if name]
+    several = len(modes.sets) > 1
+    rows, marked = [], set()
+    for j, label in enumerate(labels):
+        for name, inside in groups:
+            f = frequency[inside, j][np.isfinite(frequency[inside, j])]
+            d = damping[inside, j][np.isfinite(damping[inside, j])]
+            std = modes.sets[0].frequency_std_hz[j]
+            scatter = np.std(f, ddof=1) / np.mean(f) if len(f) > 1 else (std / f[0] if len(f) == 1 else np.nan)
+            row = [label, name] if several else [label]
+            row += [str(len(f)) if several else fixed(f[0] if len(f) else np.nan, 3)]
+            if several:
+                row += [percent(len(f) / max(int(inside.sum()), 1), 0), fixed(np.mean(f) if len(f) else np.nan, 4)]
+            row += [fixed(scatter, 4), percent(np.median(d) if len(d) else np.nan, 2)]
+            if run.jacket:
+                row += [fixed(paper_tables.FREQUENCY_COV.get(label), 3) if name == "all" else ""]
+            if name == "all" and several:
+                marked.add(len(rows))
+            rows.append(tuple(row))
+    columns = [Column(name="mode", number=False)]
+    if several:
+        columns += [Column(name="state", number=False), Column(name="blocks"), Column(name="of all", unit="%"),
+                    Column(name="mean f", unit="Hz")]
+    else:
+        columns += [Column(name="f", unit="Hz")]
+    columns += [Column(name="CoV of f", unit="-"), Column(name="median damping", unit="%")]
+    if run.jacket:
+        columns.append(Column(name="CoV, paper", unit="-", paper=True))
+    note = (
+        "The paper's CoVs are over a month, idling and operating together." if run.jacket
+        else ("" if several else "CoV from the deviations that came with the modes.")
+    )
+    table = Table(caption="Identified frequencies" + (" by turbine state" if len(groups) > 1 else ""),
+                  columns=tuple(columns), rows=tuple(rows), note=note, marked=frozenset(marked))
+    items: list[object] = [table]
+    time = pd.to_datetime([s.id for s in modes.sets], errors="coerce", utc=True) if several else None
+    if time is not None and not time.isna().any():
+        chosen = {s.id for s in run.nine.sets} if run.nine else set()
+        selected = np.array([s.id in chosen for s in modes.sets])
+        figure = figures.frequencies_by_block(time.tz_convert(None).to_numpy(), frequency, labels, selected)
+        items.append(
+            Picture(svg=figures.svg_text(figure, "blocks"),
+                    caption="Identified frequency of each mode by block; filled: the blocks that were selected.")
+        )
+    return items
+
+
+def selection_section(run: Run) -> Section:
+    items: list[object] = []
+    if run.selection is None:
+        items.append(Notice(level="missing", text="selection.csv, so the reasons of the selection are not shown."))
+    else:
+        items += _selection_reasons(run)
+    if run.nine is not None and len(run.nine.sets) > 1:
+        items += _nine_sets(run)
+    return Section(anchor="selected", title="Selection", items=tuple(items),
+                   lead="Which blocks the update may trust, and why the others were left out.")
+
+
+def _selection_reasons(run: Run) -> list[object]:
+    selection = run.selection
+    reason = selection["criterion"].fillna("").astype(str)
+    names = [n for n in dict.fromkeys(reason) if n]
+    excluded = [int((reason == n).sum()) for n in names]
+    items: list[object] = [
+        Picture(
+            svg=figures.svg_text(figures.selection_steps(names, excluded, len(selection)), "selection"),
+            caption="Blocks that each criterion took away, asked in this order (a block counts at the first it fails).",
+        )
+    ]
+    if run.jacket:
+        left = int((reason == "").sum())
+        rows = [(a, c) for a, c in paper_tables.SELECTION]
+        rows.append(("selected sets", f"{paper_tables.SELECTED_SETS} (here {left} pass, "
+                     f"{len(run.nine.sets) if run.nine else 0} were kept)"))
+        items.append(Table(caption="The paper's criteria (Table 1)", rows=tuple(rows),
+                           columns=(Column(name="assumption", number=False, paper=True),
+                                    Column(name="criterion", number=False, paper=True))))
+    return items
+
+
+def _nine_sets(run: Run) -> list[object]:
+    nine = run.nine
+    labels = nine.labels or tuple(f"mode {k + 1}" for k in range(nine.n_mode))
+    truth = truth_frequencies(run, labels)
+    rows, marked = [], set()
+    reference = nine.set()
+    for k, s in enumerate(nine.sets):
+        similar = np.diag(mac(s.shape, reference.shape))
+        if s.id == reference.id:
+            marked.add(k)
+        row = [s.id + (" (reference)" if s.id == reference.id else "")]
+        row += [fixed(f, 4) for f in s.frequency_hz]
+        row.append(fixed(float(np.nanmin(similar)), 3) if np.any(np.isfinite(similar)) else "–")
+        row.append(fixed(_numeric(s.environment.get("wind_speed_mps")), 1))
+        rows.append(tuple(row))
+    frequency = np.array([s.frequency_hz for s in nine.sets])
+    with np.errstate(invalid="ignore"):
+        mean = [float(np.mean(c[np.isfinite(c)])) if np.any(np.isfinite(c)) else np.nan for c in frequency.T]
+        cov = [float(np.std(c[np.isfinite(c)], ddof=1) / np.mean(c[np.isfinite(c)])) if np.isfinite(c).sum() > 1
+               else np.nan for c in frequency.T]
+    rows.append(("mean", *[fixed(m, 4) for m in mean], "", ""))
+    rows.append(("CoV [-]", *[fixed(c, 4) for c in cov], "", ""))
+    if truth is not None:
+        rows.append(("truth of the virtual turbine", *[fixed(t, 4) for t in truth], "", ""))
+        error = [percent(m / t - 1, 2, sign=True) for m, t in zip(mean, truth, strict=True)]
+        rows.append(("mean minus truth [%]", *error, "", ""))
+    columns = (Column(name="set", number=False), *[Column(name=label, unit="Hz") for label in labels],
+               Column(name="least MAC to the reference"), Column(name="wind", unit="m/s"))
+    note = (
+        "Within a close pair single shapes are ill-defined (any two directions of the plane may come out), so a low "
+        "MAC there is no fault of the block; the update compares the planes."
+    )
+    return [Table(caption=f"The {len(nine.sets)} selected sets", columns=columns, rows=tuple(rows), note=note,
+                  marked=frozenset(marked))]
+
+
+def _numeric(value) -> float:
+    return float(value) if isinstance(value, (int, float, np.number)) else float("nan")
+
+
+def truth_frequencies(run: Run, labels: tuple[str, ...]) -> list[float] | None:
+    """The virtual turbine's own frequencies in the idling state under these labels, where the truth is known."""
+    known = (run.truth or {}).get("idling_hz")
+    return [float(known.get(label, np.nan)) for label in labels] if known else None
+
+
+def modes_section(run: Run) -> Section:
+    title = "Modes in three dimensions"
+    if run.model is None or run.model.wire is None:
+        text = "a model with geometry, so the modes cannot be drawn."
+        return Section(anchor="modes", title=title, items=(Notice(level="missing", text=text),))
+    sensors = run.campaign.sensors if run.campaign else ()
+    update, modes = run.update, run.nine or run.modes
+    labels = update.labels if update else tuple(f"mode {k + 1}" for k in range(_width(run)))
+    measured_hz = measured_shape = None
+    if modes is not None and update is not None:
+        chosen = modes.set(update.set_id)
+        measured_hz = chosen.frequency_hz
+        rows = [modes.channels.index(s.channel) for s in sensors if s.channel in modes.channels]
+        if sensors and len(rows) == len(sensors):
+            measured_shape = chosen.shape[rows]
+    planes = _planes(run)
+    data = viewer_data(
+        run.model.wire, labels, run.model.states, measured_hz=measured_hz, measured_shape=measured_shape,
+        sensors=sensors if measured_shape is not None else (), pairs=update.pairs if update else (),
+        names=MODE_NAMES if run.jacket else {}, planes=planes,
+    )
+    caption = (
+        "Drag turns, the wheel zooms, shift-drag moves; arrow keys and space work too. Circles: the motion measured at "
+        "the sensors. Each computed shape is scaled to the measured one; where two modes form a close pair the "
+        "computed pair is turned within its plane onto the measured pair, as the update does."
+        if measured_shape is not None
+        else "Drag turns, the wheel zooms, shift-drag moves; arrow keys and space work too."
+    )
+    return Section(anchor="modes", title=title, items=(Viewer(data=data, caption=caption),),
+                   lead="The global modes as measured, as first computed and after the update (the paper's Fig. 3).")
+
+
+def _width(run: Run) -> int:
+    return next(iter(run.model.states.values())).frequency_hz.size
+
+
+def _planes(run: Run) -> tuple[tuple[float, str, str], ...]:
+    if not run.jacket:
+        return ()
+    low = float(run.model.wire.node_m[:, 2].min())
+    planes = [(0.0, "sea level", "rgba(86,180,233,0.10)")]
+    depth = run.campaign and dict(run.campaign.facts).get("water depth")
+    if depth and (value := _leading_number(depth)) and -value > low:
+        planes.append((-value, "mudline", "rgba(160,130,90,0.14)"))
+    return tuple(planes)
+
+
+def _leading_number(text: str) -> float | None:
+    try:
+        return float(text.split()[0])
+    except (ValueError, IndexError):
+        return None
+
+
+__all__ = ["identification_section", "measured_section", "modes_section", "selection_section"]

@@ -1,0 +1,108 @@
+"""One look for every figure, and figures as SVG text that is the same for the same input.
+
+Colours are those of Okabe and Ito, which people with a colour-vision deficiency tell apart; every series also has
+its own marker or line, so that a grey print says the same.
+"""
+
+from __future__ import annotations
+
+import functools
+import io
+import re
+
+import matplotlib
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+INK, GREY, PALE, GRID = "#1d2733", "#6b7684", "#c3cad2", "#e6e9ed"
+BLUE, ORANGE, GREEN, RED, PURPLE, SKY, YELLOW = (
+    "#0072b2", "#e69f00", "#009e73", "#d55e00", "#aa4f87", "#56b4e9", "#f0e442",
+)
+
+# role -> (colour, marker, line style): the same thing looks the same in every figure
+MEASURED = {"color": INK, "marker": "o", "linestyle": "-"}
+PRIOR = {"color": GREY, "marker": "D", "linestyle": (0, (4, 2))}
+POSTERIOR = {"color": BLUE, "marker": "s", "linestyle": "-"}
+MAP = {"color": GREEN, "marker": "^", "linestyle": (0, (1, 1))}
+STEP_UPDATE = {"color": RED, "marker": "X", "linestyle": (0, (5, 1, 1, 1))}
+PRIOR_UPDATE = {"color": ORANGE, "marker": "v", "linestyle": (0, (3, 1, 1, 1, 1, 1))}
+PAPER = {"color": PURPLE, "marker": "P", "linestyle": ":"}
+TRUTH = {"color": INK, "marker": "*", "linestyle": "-"}
+
+_STYLE = {
+    "svg.hashsalt": "probupdate",
+    "svg.fonttype": "none",
+    "text.parse_math": False,  # a name with dollar signs in it is a name
+    "font.family": "sans-serif",
+    "font.sans-serif": ["DejaVu Sans"],
+    "font.size": 9.0,
+    "axes.titlesize": 9.5,
+    "axes.titleweight": "bold",
+    "axes.titlelocation": "left",
+    "axes.labelsize": 9.0,
+    "axes.labelcolor": INK,
+    "axes.edgecolor": GREY,
+    "axes.linewidth": 0.8,
+    "axes.grid": True,
+    "axes.axisbelow": True,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.unicode_minus": True,
+    "grid.color": GRID,
+    "grid.linewidth": 0.8,
+    "text.color": INK,
+    "xtick.color": GREY,
+    "ytick.color": GREY,
+    "xtick.labelcolor": INK,
+    "ytick.labelcolor": INK,
+    "xtick.labelsize": 8.0,
+    "ytick.labelsize": 8.0,
+    "legend.fontsize": 8.0,
+    "legend.frameon": False,
+    "legend.handlelength": 2.2,
+    "figure.facecolor": "none",
+    "axes.facecolor": "white",
+    "savefig.facecolor": "none",
+    "lines.linewidth": 1.4,
+}
+
+
+def styled(draw):
+    """Run a drawing function under this style; matplotlib's own settings are left as they were."""
+
+    @functools.wraps(draw)
+    def drawn(*args, **kwargs):
+        with matplotlib.rc_context(_STYLE):
+            return draw(*args, **kwargs)
+
+    return drawn
+
+
+def new_figure(width_in: float, height_in: float) -> Figure:
+    """A figure that belongs to no window system and no global list."""
+    return Figure(figsize=(width_in, height_in), layout="constrained")
+
+
+def label_axes(axes: Axes, x: str, y: str, title: str = "") -> None:
+    axes.set_xlabel(x)
+    axes.set_ylabel(y)
+    if title:
+        axes.set_title(title)
+
+
+def svg_text(figure: Figure, prefix: str) -> str:
+    """The figure as an <svg> element for inline use; `prefix` keeps its ids apart from other figures' ids."""
+    stream = io.StringIO()
+    with matplotlib.rc_context(_STYLE):
+        figure.savefig(stream, format="svg", metadata={"Date": None, "Creator": None}, dpi=160)
+    text = stream.getvalue()
+    text = text[text.index("<svg"):]
+    # the page scales it: no fixed size, and no declarations a page does not need
+    text = re.sub(r'<svg ([^>]*?)width="[^"]*"', r"<svg \1", text, count=1)
+    text = re.sub(r'<svg ([^>]*?)height="[^"]*"', r"<svg \1", text, count=1)
+    text = re.sub(r"<metadata>.*?</metadata>", "", text, count=1, flags=re.DOTALL)
+    text = re.sub(r'\bid="([^"]+)"', rf'id="{prefix}-\1"', text)
+    text = re.sub(r"url\(#([^)]+)\)", rf"url(#{prefix}-\1)", text)
+    text = re.sub(r'href="#([^"]+)"', rf'href="#{prefix}-\1"', text)
+    text = text.replace("'DejaVu Sans'", "'DejaVu Sans', Verdana, 'Segoe UI', Arial")
+    return text.strip()

@@ -1,0 +1,133 @@
+"""The data of the mode viewer: a wireframe with the measured, initial and updated shape of every mode."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from probupdate.model import Wireframe
+from probupdate.modes import Sensor, rotate_to_real
+
+STATE_NAMES = {"measured": "measured", "initial": "initial model", "updated": "updated model"}
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class ShapedModes:
+    """Modes of one state of the model, in the measured modes' order: frequency_hz (n_mode,), shape at the sensors
+    (n_channel, n_mode) and displacement of the wireframe's nodes (n_node, 3, n_mode); NaN where there is none."""
+
+    frequency_hz: np.ndarray
+    shape: np.ndarray
+    displacement: np.ndarray
+
+
+def align(measured: np.ndarray, computed: np.ndarray, groups: Sequence[tuple[int, ...]]) -> np.ndarray:
+    """T (n_mode, n_mode) such that computed @ T lies closest to the real measured shapes, mode by mode or, for
+    modes grouped as a close pair, within their plane. Both (n_channel, n_mode); identity where nothing is measured."""
+    turn = np.eye(measured.shape[1])
+    for group in groups:
+        columns = list(group)
+        ok = np.all(np.isfinite(measured[:, columns]), axis=1) & np.all(np.isfinite(computed[:, columns]), axis=1)
+        if ok.sum() < len(columns):
+            continue
+        solved, *_ = np.linalg.lstsq(computed[np.ix_(ok, columns)], measured[np.ix_(ok, columns)], rcond=None)
+        if np.all(np.isfinite(solved)) and np.linalg.matrix_rank(solved) == len(columns):
+            turn[np.ix_(columns, columns)] = solved
+    return turn
+
+
+def sensor_points(sensors: Sequence[Sensor]) -> tuple[np.ndarray, list[list[int]]]:
+    """Positions (n_point, 3) where there are sensors and the channels at each."""
+    places: dict[tuple, list[int]] = {}
+    for k, s in enumerate(sensors):
+        places.setdefault(tuple(np.round(s.position_m, 2)), []).append(k)
+    return np.array(list(places)).reshape(-1, 3), list(places.values())
+
+
+def viewer_data(
+    wire: Wireframe,
+    labels: Sequence[str],
+    states: Mapping[str, ShapedModes],
+    *,
+    measured_hz: np.ndarray | None = None,
+    measured_shape: np.ndarray | None = None,
+    sensors: Sequence[Sensor] = (),
+    pairs: Sequence[tuple[int, ...]] = (),
+    names: Mapping[str, str] | None = None,
+    planes: Sequence[tuple[float, str, str]] = (),
+) -> dict:
+    """JSON-ready values for viewer.js.
+
+    states: "initial" and "updated" -> ShapedModes; measured_shape (n_channel, n_mode) complex, rows in the
+    sensors' order; planes: (z_m, name, colour). Every state is scaled to the measured shape at the sensors (the
+    model's own shapes scaled to one largest displacement), so that what differs between them is the shape.
+    """
+    n_mode = len(labels)
+    paired = {j for group in pairs for j in group}
+    groups = [tuple(g) for g in pairs] + [(j,) for j in range(n_mode) if j not in paired]
+    real = None if measured_shape is None else rotate_to_real(measured_shape).real
+    drawn: dict[str, np.ndarray] = {}
+    for key, modes in states.items():
+        usable = np.all(np.isfinite(modes.displacement), axis=(0, 1))
+        turn = np.eye(n_mode) if real is None else align(real, modes.shape, groups)
+        turn = np.where(usable[:, None] & usable[None, :], turn, 0.0)
+        turned = np.einsum("ndi,ij->ndj", np.nan_to_num(modes.displacement), turn)
+        drawn[key] = np.where(usable, turned, np.nan)
+    points, channels = sensor_points(sensors)
+    modes = []
+    for j, label in enumerate(labels):
+        size = max((_largest(d[:, :, j]) for d in drawn.values()), default=0.0)
+        moved = None if real is None else _points_displacement(real[:, j], sensors, channels)
+        size = max(size, max((_largest(np.array(d)) for d in moved or () if d is not None), default=0.0)) or 1.0
+        variants: dict[str, dict] = {}
+        if moved is not None:
+            hz = None if measured_hz is None or not np.isfinite(measured_hz[j]) else round(float(measured_hz[j]), 5)
+            shape = [None if d is None else _short(np.array(d) / size) for d in moved]
+            variants["measured"] = {"hz": hz, "shape": shape}
+        for key, d in drawn.items():
+            hz = float(states[key].frequency_hz[j])
+            variants[key] = {
+                "hz": round(hz, 5) if np.isfinite(hz) else None,
+                "shape": [_short(row) for row in d[:, :, j] / size] if np.all(np.isfinite(d[:, :, j])) else None,
+            }
+        modes.append({"label": label, "name": (names or {}).get(label, ""), "variants": variants})
+    extent = np.ptp(wire.node_m, axis=0)
+    wide = bool(extent[2] < 0.5 * extent[:2].max())
+    present = [k for k in ("measured", "initial", "updated") if any(k in m["variants"] for m in modes)]
+    return {
+        "nodes": [_short(p, 3) for p in wire.node_m],
+        "lines": [[int(i), int(j)] for i, j in wire.line],
+        "groups": list(wire.line_group),
+        "sensors": [_short(p, 3) for p in points],
+        "states": [{"key": k, "name": STATE_NAMES[k]} for k in present],
+        "modes": modes,
+        "scale": round(float(0.12 * extent.max()), 4),
+        "wide": wide,
+        "planes": [{"z": z, "name": name, "color": color} for z, name, color in planes],
+    }
+
+
+def _largest(rows: np.ndarray) -> float:
+    lengths = np.linalg.norm(np.nan_to_num(np.atleast_2d(rows)), axis=1)
+    return float(lengths.max()) if lengths.size else 0.0
+
+
+def _short(values, decimals: int = 4) -> list[float]:
+    return [round(float(v), decimals) for v in values]
+
+
+def _points_displacement(shape: np.ndarray, sensors: Sequence[Sensor], channels: list[list[int]]) -> list:
+    """Displacement vector at every sensor point from the channels there; None where no channel was measured."""
+    moved = []
+    for rows in channels:
+        rows = [k for k in rows if np.isfinite(shape[k])]
+        if not rows:
+            moved.append(None)
+            continue
+        ways = np.array([sensors[k].direction for k in rows])
+        # least squares of least norm: a direction without a channel stays at rest
+        vector, *_ = np.linalg.lstsq(ways, shape[rows], rcond=None)
+        moved.append(tuple(vector))
+    return moved

@@ -1,0 +1,217 @@
+"""A made-up run with every part, as values: the sections are tested without computing anything."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from probupdate.model import Wireframe
+from probupdate.modes import ModalData, ModalSet, Sensor
+from probupdate.parameters import Parameter, Parameters
+from probupdate.reporting.values import (
+    CampaignValues,
+    ComparisonRow,
+    ComparisonValues,
+    ModelValues,
+    PosteriorValues,
+    Run,
+    Scheme,
+    UpdateValues,
+)
+from probupdate.reporting.viewer import ShapedModes
+
+LABELS = ("FA1", "SS1", "T1", "FA2", "SS2")
+TRUE_HZ = np.array([0.320, 0.322, 1.29, 1.94, 2.00])
+NAMES = ("k_j", "k_t", "k_TP", "k_p", "a_m", "m_h", "py", "tz", "qw", "LJF")
+COV = (0.05, 0.25, 0.25, 0.10, 0.5, 0.02, 1.0, 1.0, 1.0, 0.5)
+N_BLOCK = 48
+
+
+def made_up_sensors() -> tuple[Sensor, ...]:
+    sensors = []
+    for leg, x, y in (("A", 4, 4), ("B", -4, 4), ("C", -4, -4), ("D", 4, -4)):
+        for axis, direction in zip("xyz", np.eye(3), strict=True):
+            sensors.append(Sensor(channel=f"TP-{leg}-{axis}", level="TP", position_m=(x, y, 13.0), direction=direction))
+    for level, z in (("tower bottom", 18.0), ("tower two thirds", 66.0), ("tower top", 90.0)):
+        for axis, direction in zip("xy", np.eye(3)[:2], strict=True):
+            sensors.append(Sensor(channel=f"{level}-{axis}", level=level, position_m=(0, 0, z), direction=direction))
+    return tuple(sensors)
+
+
+def displacement(place: np.ndarray) -> np.ndarray:
+    """(n, 3) -> (n, 3, 5): bending pairs and torsion of a column fixed at z = -38."""
+    z = (place[:, 2] + 38) / 128
+    first, second = z**2, z**2 * (3 - 3.6 * z)
+    shape = np.zeros((len(place), 3, 5))
+    shape[:, 0, 0], shape[:, 1, 1], shape[:, 0, 3], shape[:, 1, 4] = first, first, second, second
+    shape[:, 0, 2], shape[:, 1, 2] = -place[:, 1] * z / 10, place[:, 0] * z / 10
+    return shape
+
+
+def made_up_wire() -> Wireframe:
+    levels = np.array([-68.0, -38, -20, -4, 13])
+    half = np.array([9.0, 9.0, 7.0, 5.5, 4.0])
+    nodes, lines, groups = [], [], []
+    for z, h in zip(levels, half, strict=True):
+        nodes += [(h, h, z), (-h, h, z), (-h, -h, z), (h, -h, z)]
+    for k in range(len(levels) - 1):
+        for leg in range(4):
+            lines.append((4 * k + leg, 4 * k + 4 + leg))
+            groups.append("pile" if k == 0 else "leg")
+            if k:
+                lines += [(4 * k + leg, 4 * k + 4 + (leg + 1) % 4), (4 * k + (leg + 1) % 4, 4 * k + 4 + leg)]
+                groups += ["brace", "brace"]
+    start = len(nodes)
+    nodes += [(0.0, 0.0, z) for z in (16.0, 30, 45, 60, 75, 90)]
+    for leg in range(4):
+        lines.append((16 + leg, start))
+        groups.append("strut")
+    lines += [(start + k, start + k + 1) for k in range(5)]
+    groups += ["tower"] * 5
+    return Wireframe(node_m=np.array(nodes), line=np.array(lines), line_group=tuple(groups))
+
+
+def made_up_modes(rng: np.random.Generator, sensors) -> ModalData:
+    place, way = np.array([s.position_m for s in sensors]), np.array([s.direction for s in sensors])
+    exact = np.einsum("cd,cdm->cm", way, displacement(place))
+    sets = []
+    start = pd.Timestamp("2019-06-03T00:00Z")
+    for k in range(N_BLOCK):
+        frequency = TRUE_HZ * (1 + 0.008 * rng.standard_normal(5))
+        if k % 5 == 0:
+            frequency[2] = np.nan
+        shape = exact * (1 + 0.02 * rng.standard_normal(exact.shape)) + 0.01j * rng.standard_normal(exact.shape)
+        sets.append(
+            ModalSet(
+                id=(start + pd.Timedelta(minutes=30 * k)).strftime("%Y-%m-%dT%H:%MZ"),
+                frequency_hz=frequency, shape=shape,
+                damping_ratio=np.abs(0.011 + 0.003 * rng.standard_normal(5)), frequency_std_hz=0.008 * TRUE_HZ,
+                shape_std=np.full(exact.shape, 0.05),
+                environment={"state": ("idling", "below rated", "rated")[(k // 16) % 3], "wind_speed_mps": 3.0 + k / 4},
+            )
+        )
+    return ModalData(channels=tuple(s.channel for s in sensors), sets=tuple(sets), labels=LABELS,
+                     reference_set=sets[3].id)
+
+
+def made_up_poles(rng: np.random.Generator, modes: ModalData) -> pd.DataFrame:
+    rows = []
+    for s in modes.sets:
+        time = pd.Timestamp(s.id).tz_convert(None)
+        for label, f in zip(LABELS, s.frequency_hz, strict=True):
+            if np.isfinite(f):
+                rows.append((time, f, 0.011, 0.99, 0.97, label, "kept", "kept"))
+        for f in rng.uniform(0.1, 2.5, 6):
+            rows.append((time, f, 0.04, 0.6, 0.3, "", "mac", "mac"))
+        if s.environment["state"] != "idling":
+            rows.append((time, 0.6 + 0.05 * rng.standard_normal(), 0.001, 0.999, 0.95, "FA1", "harmonic", "kept"))
+    names = ["time", "frequency_hz", "damping_ratio", "mpc", "mac", "mode", "criterion", "paper_criterion"]
+    return pd.DataFrame(rows, columns=names)
+
+
+def made_up_scada(rng: np.random.Generator) -> pd.DataFrame:
+    n = 144
+    wind = 8 + 5 * np.sin(np.arange(n) / 25) + rng.standard_normal(n)
+    state = np.where(wind < 4, "idling", np.where(wind > 12, "rated", "below rated"))
+    return pd.DataFrame({
+        "time": pd.date_range("2019-06-03", periods=n, freq="10min"), "wind_speed_mps": np.maximum(wind, 0.2),
+        "rotor_speed_rpm": np.where(state == "idling", 0.4, np.clip(wind, 6, 14.8)), "state": state,
+    })
+
+
+def made_up_run(*, names: tuple[str, ...] = NAMES, title: str = "Made-up turbine") -> Run:
+    rng = np.random.default_rng(5)
+    sensors, wire = made_up_sensors(), made_up_wire()
+    modes = made_up_modes(rng, sensors)
+    idling = [s for s in modes.sets if s.environment["state"] == "idling"][:9]
+    nine = ModalData(channels=modes.channels, sets=tuple(idling), labels=LABELS, reference_set=idling[3].id)
+    items = tuple(
+        Parameter(name=n, unit="kg" if n == "m_h" else "-", initial=1.44e5 if n == "m_h" else 1.0,
+                  std=c * (1.44e5 if n == "m_h" else 1.0), lower=1.2e5 if n == "m_h" else 0.02,
+                  upper=1.7e5 if n == "m_h" else 4.0)
+        for n, c in zip(names, COV, strict=True)
+    )
+    parameters = Parameters(items)
+    end = np.array([0.995, 1.83, 0.35, 1.02, 0.85, 1.47e5, 0.14, 0.08, 0.66, 1.02])
+    schemes = []
+    for key, factor in (("step", 1.0), ("prior", 0.9)):
+        steps = np.arange(8)
+        share = (1 - np.exp(-steps))[:, None] * factor
+        theta = parameters.initial + share * (end - parameters.initial)
+        responses = 220 * np.exp(-1.4 * steps) + 1.2
+        prior = np.sum(((theta - parameters.initial) / parameters.std) ** 2, axis=1)
+        schemes.append(Scheme(
+            key=key, name=key, theta=theta, objective={"responses": responses, "parameters": prior,
+                                                       "total": responses + prior},
+            frequency_hz=TRUE_HZ * (1 + 0.01 * factor * np.array([0.3, 0.5, np.nan, -0.9, 0.4])),
+            mac=np.array([0.97, 0.98, np.nan, 0.99, 0.99]),
+            at_bound=np.array([False] * 7 + [key == "step"] + [False] * 2),
+            converged=key == "prior", status="steps became small" if key == "prior" else "ended after 7 iterations",
+            alpha=1.0))
+    prior_std = np.array([p.distribution.std() for p in items])
+    shrink = np.array([0.98, 0.5, 0.3, 0.99, 0.6, 0.97, 0.12, 0.1, 0.97, 0.95])
+    mix = np.eye(10)
+    mix[1, 2] = mix[2, 1] = -0.7
+    mix[6, 7] = mix[7, 6] = -0.55
+    z = rng.standard_normal((4000, 10)) @ np.linalg.cholesky(mix).T
+    draws = np.clip(end + 0.5 * z * shrink * prior_std, parameters.lower + 1e-6, parameters.upper - 1e-6)
+    update = UpdateValues(
+        parameters=parameters, set_id=nine.set().id, labels=LABELS, measured_hz=nine.set().frequency_hz,
+        measured_std_hz=0.016 * TRUE_HZ, initial_hz=np.array([0.308, 0.311, 1.20, 1.57, 1.65]),
+        initial_mac=np.array([0.96, 0.98, 0.9, 0.97, 0.98]), schemes=tuple(schemes), pairs=((0, 1), (3, 4)),
+        map_theta=end * 1.01, left_out=("T1: not used as a response.",),
+    )
+    posterior = PosteriorValues(
+        names=parameters.names, draws=draws, converged=True,
+        verdict="Converged: R-hat below 1.01, 62 autocorrelation times.",
+        fallback=12, evaluated=120000, r_hat=np.full(10, 1.003), effective_size=np.full(10, 1250.0),
+        frequency_hz=TRUE_HZ * (1 + 0.006 * rng.standard_normal((300, 5))),
+    )
+    mean, std = draws.mean(0), draws.std(0, ddof=1)
+    rows = tuple(
+        ComparisonRow(
+            name=p.name, unit=p.unit, prior_mean=p.initial, prior_std=p.std, step=schemes[0].theta[-1, k],
+            anchored=schemes[1].theta[-1, k], map=end[k], mean=mean[k], std=std[k],
+            median=float(np.median(draws[:, k])),
+            low=float(np.percentile(draws[:, k], 5)), high=float(np.percentile(draws[:, k], 95)),
+            step_distance=(schemes[0].theta[-1, k] - mean[k]) / std[k],
+            anchored_distance=(schemes[1].theta[-1, k] - mean[k]) / std[k], map_distance=(end[k] - mean[k]) / std[k],
+            contraction=std[k] / prior_std[k], nine_mean=end[k], nine_cov=0.04, resolution=0.5, identified="weakly",
+            sentence=f"{p.name} is about the same by every route.")
+        for k, p in enumerate(items)
+    )
+    place = np.array([s.position_m for s in sensors])
+    way = np.array([s.direction for s in sensors])
+    at_sensors = np.einsum("cd,cdm->cm", way, displacement(place))
+    node_motion = displacement(wire.node_m)
+    turned = node_motion.copy()
+    turned[:, :, 0] = node_motion[:, :, 0] + 0.6 * node_motion[:, :, 1]
+    states = {
+        "initial": ShapedModes(frequency_hz=update.initial_hz, shape=at_sensors * 0.3, displacement=node_motion * 0.3),
+        "updated": ShapedModes(frequency_hz=schemes[1].frequency_hz, shape=at_sensors, displacement=node_motion * 1.05),
+    }
+    return Run(
+        folder=Path("run"), title=title, missing=("the truth of a virtual campaign (truth.toml)",),
+        provenance=(("probupdate", "0.1.0"), ("seed", "1"), ("fingerprint of the problem", "3f2a")),
+        campaign=CampaignValues(
+            name="June", sensors=sensors, sampling_rate_hz=25.0, block_minutes=30,
+            facts=(("name", "June"),
+                   ("recorded", "2019-06-03 00:00 to 2019-06-04 00:00 UTC"), ("sampling rate", "25 Hz"),
+                   ("water depth", "38 m")), findings=("one hour is missing",), scada=made_up_scada(rng)),
+        modes=modes, poles=made_up_poles(rng, modes), nine=nine,
+        selection=pd.DataFrame({"id": [s.id for s in modes.sets], "criterion": [
+            "" if s.environment["state"] == "idling" else ("not idling" if k % 3 else "yawing")
+            for k, s in enumerate(modes.sets)]}),
+        model=ModelValues(model=None, name="reference", wire=wire, states=states, derived={
+            "k_xy": {"initial": 4.0e8, "updated": 1.4e9}, "k_z": {"initial": 1.15e9, "updated": 6.0e9}}),
+        update=update, posterior=posterior, jacket=True,
+        comparison=ComparisonValues(rows=rows, summary=("They agree.",)),
+    )
+
+
+@pytest.fixture(scope="session")
+def full_run() -> Run:
+    return made_up_run()

@@ -1,0 +1,147 @@
+"""The page: self-contained, complete, escaped, the same for the same run, honest about what is missing."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import fields, replace
+from html.parser import HTMLParser
+
+import numpy as np
+import pytest
+
+from probupdate.parameters import Parameters
+from probupdate.reporting import compose
+from probupdate.reporting.elements import Column, Table, fixed, number, percent
+
+SECTIONS = ("verdict", "measured", "identified", "selected", "modes", "update", "posterior", "comparison", "provenance")
+VOID = {"meta", "input", "br", "img", "link", "hr", "col", "source", "area", "base", "wbr"}
+
+
+class Reader(HTMLParser):
+    """Collects ids, references and unbalanced tags."""
+
+    def __init__(self):
+        super().__init__()
+        self.ids, self.references, self.open, self.wrong = [], [], [], []
+
+    def handle_starttag(self, tag, attributes):
+        self.handle_startendtag(tag, attributes)
+        if tag not in VOID:
+            self.open.append(tag)
+
+    def handle_startendtag(self, tag, attributes):
+        for key, value in attributes:
+            if key == "id":
+                self.ids.append(value)
+            if key in ("src", "href", "xlink:href", "action", "data", "srcset"):
+                self.references.append(value)
+
+    def handle_endtag(self, tag):
+        if tag in VOID:
+            return
+        if not self.open or self.open.pop() != tag:
+            self.wrong.append(tag)
+
+
+def read(html: str) -> Reader:
+    reader = Reader()
+    reader.feed(html)
+    reader.close()
+    return reader
+
+
+@pytest.fixture(scope="module")
+def page(full_run):
+    return compose(full_run)
+
+
+def test_nothing_is_fetched_from_anywhere(page):
+    reader = read(page)
+    for reference in reader.references:
+        assert reference.startswith(("#", "data:")), reference
+    assert not re.search(r"@import|url\(\s*['\"]?(?!#|data:)", page)
+    assert not re.search(r"fetch\(|XMLHttpRequest|WebSocket|importScripts", page)
+    # the addresses that remain are names of XML vocabularies
+    for address in re.findall(r"https?://[^\s\"'<>]+", page):
+        assert address.startswith(("http://www.w3.org/",)), address
+    assert "default-src 'none'" in page
+
+
+def test_every_section_is_there_in_order_and_the_document_is_well_formed(page):
+    reader = read(page)
+    assert [i for i in reader.ids if i in SECTIONS] == list(SECTIONS)
+    assert not reader.wrong and not reader.open
+    assert len(reader.ids) == len(set(reader.ids)), "two elements share an id"
+    anchors = set(reader.ids)
+    assert all(r[1:] in anchors for r in reader.references if r.startswith("#"))
+
+
+def test_page_is_the_same_for_the_same_run(full_run, page):
+    assert compose(full_run) == page
+
+
+def test_size_is_bounded(page):
+    assert len(page.encode()) < 8e6
+
+
+def test_names_from_files_are_escaped(full_run):
+    evil = "<script>alert(1)</script>&$a_b$"
+    items = (replace(full_run.update.parameters.items[0], name=evil), *full_run.update.parameters.items[1:])
+    update = replace(full_run.update, parameters=Parameters(items))
+    rows = (replace(full_run.comparison.rows[0], name=evil, sentence=evil), *full_run.comparison.rows[1:])
+    run = replace(full_run, title=evil, update=update, jacket=False,
+                  comparison=replace(full_run.comparison, rows=rows), provenance=((evil, evil),), missing=(evil,))
+    html = compose(run)
+    assert "alert(1)</script>" not in html
+    assert html.count("<script") == 2, "the viewer's data and the viewer, nothing else"
+    assert not read(html).wrong
+
+
+@pytest.mark.parametrize("part", ["campaign", "modes", "poles", "selection", "nine", "model", "update", "posterior",
+                                  "comparison", "truth"])
+def test_page_without_a_part_says_so_and_stands(full_run, part):
+    words = {"campaign": ["Not there", " a campaign"][1], "poles": "table of poles", "selection": "selection.csv",
+             "model": "a model with geometry", "update": "update.json", "posterior": "posterior.nc",
+             "comparison": "compare.json", "modes": "modes.json"}
+    html = compose(replace(full_run, **{part: None}))
+    reader = read(html)
+    assert [i for i in reader.ids if i in SECTIONS] == list(SECTIONS) and not reader.wrong
+    if part in words:
+        assert words[part].strip() in html
+
+
+def test_page_of_hardly_anything_stands(full_run):
+    empty = {f.name: None for f in fields(full_run) if f.name not in
+             ("folder", "title", "missing", "provenance", "jacket", "modes")}
+    html = compose(replace(full_run, **empty, jacket=False))
+    assert "48 modal sets" in html and not read(html).wrong
+
+
+def test_paper_columns_stand_only_beside_the_jacket(full_run, page):
+    assert "Table 5" in page and "0.0696" in page and "class=\"number paper\"" in page
+    plain = compose(replace(full_run, jacket=False))
+    assert "class=\"number paper\"" not in plain and "0.0696" not in plain and "Table 5" not in plain
+
+
+def test_soil_factors_are_explained_where_they_are_shown(page):
+    assert "1/factor" in page and "k_xy" in page and "k_z" in page
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [(0.123456, "0.123"), (1.44e5, "1.44e5"), (9.996, "10.0"), (0.0004, "4.00e-4"), (99999.0, "1.00e5"),
+     (-2.5, "−2.50"),
+     (np.nan, "–"), (0.0, "0"), (12345.0, "12345")],
+)
+def test_numbers_are_shown_with_sensible_digits(value, text):
+    assert number(value) == text
+
+
+def test_percent_and_fixed():
+    assert percent(0.01234, 1, sign=True) == "+1.2" and percent(-0.00001, 1, sign=True) == "0.0"
+    assert fixed(-0.0001, 2) == "0.00" and fixed(-1.5, 1) == "−1.5"
+
+
+def test_a_table_refuses_rows_of_another_width():
+    with pytest.raises(ValueError, match="2 cells for 1 columns"):
+        Table(caption="t", columns=(Column(name="a"),), rows=(("1", "2"),))
