@@ -17,7 +17,7 @@ from probupdate.virtual.frame import Structure, rotation
 
 N_MODE = 20
 # aerodynamic dashpots at the hub in N s/m, along (FA) and across (SS) the rotor axis; operating: near dT/dU
-AERO_DAMPING = {"idling": (4.0e3, 2.0e3), "operating": (5.0e4, 1.0e4)}
+AERO_DAMPING = {"idling": (6.0e3, 4.0e3), "operating": (5.0e4, 1.0e4)}
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

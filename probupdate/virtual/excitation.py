@@ -18,7 +18,7 @@ KAIMAL_LENGTH_M = 340.2  # IEC 61400-1, 8.1 times 42 m
 ADMITTANCE_AREA_M2 = 400.0
 # N (or N m) per m/s of wind fluctuation: operating, and per (m/s)^2 while idling (drag grows with the mean)
 GAIN_OPERATING = np.array([6.0e4, 1.2e4, 2.5e5, 2.5e5])
-GAIN_IDLING = np.array([430.0, 300.0, 3.0e3, 3.0e3])
+GAIN_IDLING = np.array([650.0, 450.0, 4.0e3, 4.0e3])
 # harmonic amplitudes at rated speed: rows 1P, 3P, 6P; columns thrust, side (N), tilt, yaw (N m)
 HARMONICS = ((1, (3.0e3, 3.0e3, 2.0e4, 2.0e4)), (3, (1.0e4, 3.0e3, 1.5e5, 1.5e5)), (6, (3.0e3, 1.0e3, 5.0e4, 5.0e4)))
 INERTIA_AREA_M2 = 1.8  # of a leg with its share of braces, for Morison's inertia force
@@ -75,8 +75,8 @@ def jonswap(frequency_hz: np.ndarray, height_m: float, period_s: float, peak: fl
 
 def _pieces(first_s: float, n: int, rate: float):
     """Which pieces touch the samples: (number, rows of the record, rows of the piece, window)."""
-    length, hop = int(round(2 * SLOT_S * rate)), int(round(SLOT_S * rate))
-    start = int(round(first_s * rate))
+    length, hop = round(2 * SLOT_S * rate), round(SLOT_S * rate)
+    start = round(first_s * rate)
     window = np.sin(np.pi * (np.arange(length) + 0.5) / length)
     for number in range((start - length) // hop + 1, (start + n) // hop + 2):
         begin = (number - 1) * hop - start
@@ -88,7 +88,7 @@ def _pieces(first_s: float, n: int, rate: float):
 def _random_loads(plan: Plan, leg_xy: np.ndarray, seed: int, first_s: float, n: int, rate: float):
     """Wind fluctuations (n, 4) in m/s (along, across, and two of shear) and wave forces (n, 2 n_leg) in N."""
     wind, wave = np.zeros((n, 4)), np.zeros((n, 2 * len(leg_xy)))
-    length = int(round(2 * SLOT_S * rate))
+    length = round(2 * SLOT_S * rate)
     frequency = np.fft.rfftfreq(length, 1 / rate)
     force = INERTIA_COEFFICIENT * WATER_KGPM3 * GRAVITY * INERTIA_AREA_M2
     for number, rows, inside, window in _pieces(first_s, n, rate):
@@ -174,8 +174,8 @@ def _harmonics(plan: Plan, time: np.ndarray, running: np.ndarray) -> np.ndarray:
 
 def white(seed: int, kind: int, first_s: float, n: int, width: int, rate: float) -> np.ndarray:
     """Unit white noise (n, width), float32, made slot by slot so that any stretch of time can be made alone."""
-    per_slot = int(round(SLOT_S * rate))
-    start = int(round(first_s * rate))
+    per_slot = round(SLOT_S * rate)
+    start = round(first_s * rate)
     out = np.empty((n, width), np.float32)
     for number in range(start // per_slot, (start + n - 1) // per_slot + 1):
         begin = number * per_slot - start

@@ -7,6 +7,7 @@ at the tower top. Not modelled: the frame's softening by its own weight, joint o
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -19,6 +20,7 @@ from probupdate.virtual.truth import Truth
 from probupdate.virtual.turbine_file import TurbineFile
 
 LONGEST_M = {"leg": 1.75, "brace": 2.0, "pile": 1.0, "column": 1.0, "strut": 2.0, "tie": 2.0, "tower": 2.0}
+WAVE_DEPTH_M = 6.0  # where the resultant of a wave of some seconds acts on a leg
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -62,11 +64,11 @@ class _Mesh:
         stops = sorted({0.0, 1.0, *(round(float(t), 9) for t in at if 1e-6 < t < 1 - 1e-6)})
         length = np.linalg.norm(end - start)
         cuts = [0.0]
-        for a, b in zip(stops[:-1], stops[1:], strict=True):
+        for a, b in itertools.pairwise(stops):
             n = max(1, int(np.ceil((b - a) * length / LONGEST_M[group] - 1e-9)))
             cuts.extend(a + (b - a) * np.arange(1, n + 1) / n)
         numbers = [self.node(start + t * (end - start)) for t in cuts]
-        for k, (i, j) in enumerate(zip(numbers[:-1], numbers[1:], strict=True)):
+        for k, (i, j) in enumerate(itertools.pairwise(numbers)):
             a, b = self.nodes[i], self.nodes[j]
             tube = section(0.5 * (a + b))
             axes, step = beam.local_axes(a, b, beside)
@@ -227,7 +229,7 @@ def _piles(mesh: _Mesh, file: TurbineFile, steel: _Materials, truth: Truth) -> l
         section = steel.section("pile", pile, flooded=bool(pile.get("flooded", False)))
         numbers = mesh.member(head, tip, "pile", section, at=at)
         heads.append(numbers[0])
-        for i, j in zip(numbers[:-1], numbers[1:], strict=True):
+        for i, j in itertools.pairwise(numbers):
             top, bottom = mudline - mesh.nodes[i][2], mudline - mesh.nodes[j][2]
             depth = np.array([0.75 * top + 0.25 * bottom, 0.25 * top + 0.75 * bottom])
             share = factor * 0.5 * (bottom - top)
@@ -283,7 +285,7 @@ def build_structure(file: TurbineFile, truth: Truth) -> Structure:
     top = _tower(mesh, file, steel, truth)
     stiffness, mass = mesh.matrices()
     nodes = np.array(mesh.nodes)
-    surface_z = file.number("hydrodynamics", "growth_top_m")
+    surface_z = file.number("site", "water_level_m") - WAVE_DEPTH_M
     surface = np.array([
         _nearest(nodes, mesh.part[f"leg {name}"], _leg_point(file, leg, surface_z))
         for leg, name in enumerate(file.value("jacket", "leg_names"))

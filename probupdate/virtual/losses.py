@@ -10,7 +10,8 @@ import numpy as np
 from probupdate.errors import InputError
 from probupdate.virtual.operation import Plan
 
-MISSING_HOUR, SHORT_FILE, LOST_SAMPLES, LOST_ROW = "missing hour", "file ends early", "lost samples", "missing SCADA row"
+MISSING_HOUR, SHORT_FILE = "missing hour", "file ends early"
+LOST_SAMPLES, LOST_ROW = "lost samples", "missing SCADA row"
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.signal import lfilter
-from scipy.special import gamma
+from scipy.special import gamma, ndtr
 
 from probupdate.errors import InputError
 from probupdate.modes import frozen_array
@@ -86,7 +86,7 @@ def _relaxing(rng: np.random.Generator, n: int, step_s: float, time_constant_s: 
 def _maintenance(n_slot: int, given: Mapping, rng: np.random.Generator) -> np.ndarray:
     """Ten-minute slots in which the turbine stands still at any wind.
 
-    Unless given, the first day has one of 9.5 to 10.5 h (enough quiet half hours for an update), a later day with
+    Unless given, the first day has one of 10 to 11 h (enough quiet half hours for an update), a later day with
     a chance of 0.35 one of 3 to 8 h.
     """
     standing = np.zeros(n_slot, bool)
@@ -95,15 +95,15 @@ def _maintenance(n_slot: int, given: Mapping, rng: np.random.Generator) -> np.nd
             numbers = isinstance(window, list) and len(window) == 2 and all(isinstance(x, (int, float)) for x in window)
             if not numbers or not 0 <= window[0] < window[1]:
                 raise InputError("operation.maintenance_hours", f"{window!r} is not [start, end]", "give hours, rising")
-            standing[int(round(window[0] * 6)) : int(round(window[1] * 6))] = True
+            standing[round(window[0] * 6) : round(window[1] * 6)] = True
         return standing
     for day in range(-(-n_slot // 144)):
-        long, start, chance = rng.uniform(9.5, 10.5), rng.uniform(1.0, 12.5), rng.random()
+        long, start, chance = rng.uniform(10.0, 11.0), rng.uniform(1.0, 12.0), rng.random()
         if day > 0:
-            long = 3 + 5 * (long - 9.5)
+            long = 3 + 5 * (long - 10.0)
         if day == 0 or chance < 0.35:
-            first = day * 144 + int(round(start * 6))
-            standing[first : first + int(round(long * 6))] = True
+            first = day * 144 + round(start * 6)
+            standing[first : first + round(long * 6)] = True
     return standing
 
 
@@ -111,10 +111,8 @@ def _weather(n_slot: int, given: Mapping, rng: np.random.Generator) -> dict[str,
     mean = given.get("wind_speed_mean_mps", 9.0)
     if not isinstance(mean, (int, float)) or not 2 <= mean <= 20:
         raise InputError("operation.wind_speed_mean_mps", f"{mean!r} is not in 2 to 20", "give a site's mean wind")
-    from scipy.stats import norm
-
     # Weibull marginal of shape 2.1 through the Gaussian copula of an Ornstein-Uhlenbeck process (10 h)
-    quantile = np.clip(norm.cdf(_relaxing(rng, n_slot, SLOT_S, 10 * 3600.0)), 1e-6, 1 - 1e-6)
+    quantile = np.clip(ndtr(_relaxing(rng, n_slot, SLOT_S, 10 * 3600.0)), 1e-6, 1 - 1e-6)
     wind = np.minimum(mean / gamma(1 + 1 / 2.1) * (-np.log1p(-quantile)) ** (1 / 2.1), 24.0)
     # prevailing wind along the drawing's x axis
     direction = 35.0 * _relaxing(rng, n_slot, SLOT_S, 9 * 3600.0) + 3.0 * _relaxing(rng, n_slot, SLOT_S, 1800.0)
@@ -165,7 +163,7 @@ def _yawing(direction: np.ndarray, state: np.ndarray, maintenance: np.ndarray, r
             duration = abs(target - now) / YAW_RATE_DEGPS
             begin = slot * SLOT_S + start * GRID_S
             events.append(Event(kind="yaw", start_s=begin, duration_s=duration, size_deg=float(target - now)))
-            middle = slot * PER_SLOT + int(round((start * GRID_S + duration / 2) / GRID_S))
+            middle = slot * PER_SLOT + round((start * GRID_S + duration / 2) / GRID_S)
             heading[middle : here.stop] = target
             now = target
     return heading, events

@@ -73,7 +73,7 @@ def simulate(
     """
     if isinstance(seed, bool) or not isinstance(seed, (int, np.integer)) or seed < 0:
         raise InputError("seed", f"{seed!r} is not a whole number from 0", "give one, such as 1")
-    n_slot = int(round(days * 144)) if np.isfinite(days) else 0
+    n_slot = round(days * 144) if np.isfinite(days) else 0
     if n_slot < operation.SLOTS_PER_BLOCK:
         raise InputError("days", f"{days} is shorter than one block of 30 minutes", "give at least 0.021")
     model = reference_file() if model is None else model
@@ -135,7 +135,7 @@ def hour_of_data(
 ) -> np.ndarray:  # fmt: skip
     """Accelerations (n_sample, n_channel) in m/s2 of one hour (less at the campaign's end), as the logger has them."""
     first, last = 3600.0 * hour, min(3600.0 * (hour + 1), 600.0 * plan.n_slot)
-    lead, n = int(SPIN_UP_S * RATE_HZ), int(round((last - first) * RATE_HZ))
+    lead, n = int(SPIN_UP_S * RATE_HZ), round((last - first) * RATE_HZ)
     leg_xy = structure.node_m[structure.surface, :2]
     begin = first - SPIN_UP_S
     loads = excitation.make_loads(plan, leg_xy, N_MODE, seed, begin, lead + n, RATE_HZ)
@@ -146,8 +146,8 @@ def hour_of_data(
     data = motion.astype(np.float32)
     keep = n
     for gap in gaps:
-        low = int(round((gap.start_s - first) * RATE_HZ))
-        high = int(round((gap.start_s + gap.duration_s - first) * RATE_HZ))
+        low = round((gap.start_s - first) * RATE_HZ)
+        high = round((gap.start_s + gap.duration_s - first) * RATE_HZ)
         if high <= 0 or low >= n:
             continue
         if gap.kind == losses.LOST_SAMPLES:
@@ -229,7 +229,8 @@ def _record(file: TurbineFile, given, truth: Truth, plan, gaps, modes, seed, qui
             for h, m in ((h, modes(h)) for h in headings)
         ],
         "state": [
-            {"start": f"{times[a]}Z", "heading_deg": float(plan.heading_deg[a]), "rotor": ("idling", "operating")[key[a]]}
+            {"start": f"{times[a]}Z", "heading_deg": float(plan.heading_deg[a]),
+             "rotor": ("idling", "operating")[key[a]]}
             for a in cuts[:-1]
         ],
         "event": [asdict(e) | {"time": f"{START + np.timedelta64(int(e.start_s), 's')}Z"} for e in plan.events],

@@ -20,6 +20,7 @@ EFFECTS = MappingProxyType({
     "sensor_gain": ("channel", "factor"),
     "brace_stiffness": ("bay", "face", "factor"),
 })  # fmt: skip
+DEPTHS = ("sc", "corr", "mg")  # may be zero
 OPERATION = ("maintenance_hours", "wind_speed_mean_mps", "missing_hours")
 
 
@@ -65,10 +66,15 @@ class Truth:
 
 
 def read_given(path: str | Path | None, file: TurbineFile) -> Given:
-    """Read a truth.toml; None means the model's initial values with tolerances and no effect."""
+    """Read a truth.toml; None means the model's initial values with tolerances and no effect.
+
+    The record that `simulate` writes can be given too: its parameters, effects and operation hold, the rest is
+    drawn again (the same seed draws the same).
+    """
     raw = {} if path is None else read_toml(Path(path), "truth file")
+    written = raw.get("format") == 1 and "drawn" in raw
     for key in raw:
-        if key not in GIVEN + RECORDED:
+        if key not in GIVEN and not (written and key in RECORDED):
             raise unknown_name(str(path), key, GIVEN)
     known = tuple(file.initial_parameters())
     parameters = raw.get("parameters", {})
@@ -77,6 +83,8 @@ def read_given(path: str | Path | None, file: TurbineFile) -> Given:
             raise unknown_name(f"{path}, parameters", name, known)
         if isinstance(value, bool) or not isinstance(value, (int, float)) or not np.isfinite(value):
             raise InputError(f"{path}, parameters.{name}", f"{value!r} is not a finite number", "give one")
+        if value < 0 or (value == 0 and name not in DEPTHS):
+            raise InputError(f"{path}, parameters.{name}", f"{value} is not positive", "no structure has it; raise it")
     source = raw.get("parameters_from", "initial")
     if source not in ("initial", "prior"):
         raise InputError(f"{path}, parameters_from", f"'{source}' is unknown", "choose 'initial' or 'prior'")
@@ -97,6 +105,35 @@ def read_given(path: str | Path | None, file: TurbineFile) -> Given:
         tolerance_scale=float(scale),
         operation=MappingProxyType(operation),
         effects=tuple(_effect(path, number, entry, file) for number, entry in enumerate(raw.get("effect", []))),
+    )
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class TruthModes:
+    """The true modes at one nacelle heading: frequency_hz, damping_ratio_* (n_mode,), shape (n_channel, n_mode) of
+    ideal sensors where the drawing has them, scaled to unit modal mass."""
+
+    heading_deg: float
+    frequency_hz: np.ndarray
+    damping_ratio_idling: np.ndarray
+    damping_ratio_operating: np.ndarray
+    shape: np.ndarray
+
+
+def read_truth_modes(path: str | Path) -> tuple[TruthModes, ...]:
+    """The mode sets of a written truth.toml, one per heading that the nacelle had, ascending."""
+    raw = read_toml(Path(path), "truth file")
+    if not raw.get("mode_set"):
+        raise InputError(str(path), "holds no [[mode_set]]", "give the truth.toml that simulate wrote")
+    return tuple(
+        TruthModes(
+            heading_deg=entry["heading_deg"],
+            frequency_hz=frozen_array(entry["frequency_hz"]),
+            damping_ratio_idling=frozen_array(entry["damping_ratio_idling"]),
+            damping_ratio_operating=frozen_array(entry["damping_ratio_operating"]),
+            shape=frozen_array(entry["shape"]).T,
+        )
+        for entry in raw["mode_set"]
     )
 
 
