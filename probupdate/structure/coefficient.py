@@ -1,0 +1,151 @@
+"""Scalar functions of the parameters that stand before the constant matrices of K and M."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+Values = Mapping[str, np.ndarray]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Factor:
+    """One scalar function of the parameters `names`.
+
+    `function` maps {name: value (...)} to (...), or to (..., n) of which `component` is taken; factors with the
+    same `key` share one evaluation of it. It must hold for complex values (its derivatives are complex steps).
+    """
+
+    key: tuple
+    names: tuple[str, ...]
+    function: Callable[[Values], np.ndarray]
+    component: int | None = None
+
+    def of(self, evaluated: np.ndarray) -> np.ndarray:
+        return evaluated if self.component is None else evaluated[..., self.component]
+
+
+@dataclass(frozen=True, eq=False)
+class Coefficient:
+    """scale times the product of factors."""
+
+    scale: float = 1.0
+    factors: tuple[Factor, ...] = ()
+
+    def __mul__(self, other: Coefficient | float) -> Coefficient:
+        if isinstance(other, Coefficient):
+            return Coefficient(self.scale * other.scale, self.factors + other.factors)
+        return Coefficient(self.scale * other, self.factors)
+
+    def value(self, values: Values) -> np.ndarray:
+        product = self.scale
+        for factor in self.factors:
+            product = product * factor.of(factor.function(values))
+        return product
+
+
+def _pick(name: str, values: Values):
+    return values[name]
+
+
+def _invert(name: str, values: Values):
+    return 1.0 / values[name]
+
+
+@dataclass(frozen=True)
+class _Named:
+    """A picklable function of one parameter."""
+
+    rule: Callable
+    name: str
+
+    def __call__(self, values: Values):
+        return self.rule(self.name, values)
+
+
+def parameter(name: str) -> Coefficient:
+    """The parameter itself."""
+    return Coefficient(1.0, (Factor(key=("value", name), names=(name,), function=_Named(_pick, name)),))
+
+
+def inverse(name: str) -> Coefficient:
+    """One over the parameter: a factor on the displacement axis of a curve divides its stiffness."""
+    return Coefficient(1.0, (Factor(key=("inverse", name), names=(name,), function=_Named(_invert, name)),))
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Coefficients:
+    """theta (..., n_param) -> stiffness coefficients (..., n_K) and mass coefficients (..., n_M).
+
+    `names` are the updated parameters in theta's order, `fixed` the values of the others; `tables` the distinct
+    functions, and each term a product of (table, component) pairs.
+    """
+
+    names: tuple[str, ...]
+    fixed: Mapping[str, float]
+    tables: tuple[Callable[[Values], np.ndarray], ...]
+    stiffness_terms: tuple[tuple[tuple[int, int | None], ...], ...]
+    mass_terms: tuple[tuple[tuple[int, int | None], ...], ...]
+
+    def __call__(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        theta = np.asarray(theta)
+        values = dict(self.fixed) | {name: theta[..., k] for k, name in enumerate(self.names)}
+        evaluated = [table(values) for table in self.tables]
+
+        def weights(terms):
+            result = np.ones((*theta.shape[:-1], len(terms)), dtype=np.result_type(theta.dtype, float))
+            for k, term in enumerate(terms):
+                for table, component in term:
+                    result[..., k] *= evaluated[table] if component is None else evaluated[table][..., component]
+            return result
+
+        return weights(self.stiffness_terms), weights(self.mass_terms)
+
+
+class TermCollector:
+    """Sums contributions by what of their coefficient varies: constants go into the number, equal products merge."""
+
+    def __init__(self, updated: tuple[str, ...], initial: Mapping[str, float]):
+        self.updated, self.initial = frozenset(updated), initial
+        self._frozen: dict[tuple, np.ndarray] = {}
+        self.keys: dict[tuple, list] = {}
+        self.factors: dict[tuple, Factor] = {}
+
+    def split(self, coefficient: Coefficient) -> tuple[float, tuple]:
+        """The constant part and the identity of the varying part."""
+        number, varying = coefficient.scale, []
+        for factor in coefficient.factors:
+            if self.updated.intersection(factor.names):
+                self.factors.setdefault(factor.key, factor)
+                varying.append((factor.key, factor.component))
+                continue
+            if factor.key not in self._frozen:
+                self._frozen[factor.key] = factor.function(self.initial)
+            number *= float(factor.of(self._frozen[factor.key]))
+        return number, tuple(sorted(varying, key=repr))
+
+    def add(self, coefficient: Coefficient, payload: Callable[[float], object]) -> None:
+        number, key = self.split(coefficient)
+        if number != 0.0:
+            self.keys.setdefault(key, []).append(payload(number))
+
+
+def build_coefficients(
+    stiffness: TermCollector, mass: TermCollector, names: tuple[str, ...], fixed: Mapping[str, float]
+) -> Coefficients:
+    """The callable for the terms that two collectors hold, in their order."""
+    factors = stiffness.factors | mass.factors
+    number = {key: k for k, key in enumerate(factors)}
+
+    def terms(collector):
+        return tuple(tuple((number[key], component) for key, component in term) for term in collector.keys)
+
+    return Coefficients(
+        names=names,
+        fixed=dict(fixed),
+        tables=tuple(factor.function for factor in factors.values()),
+        stiffness_terms=terms(stiffness),
+        mass_terms=terms(mass),
+    )
