@@ -1,0 +1,167 @@
+"""A model given as matrices: `model.npz` with K0, M0 and K_<name>, M_<name>, K(theta) = K0 + sum theta_k K_k."""
+
+from __future__ import annotations
+
+import hashlib
+import zipfile
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from scipy import sparse
+
+from probupdate.errors import InputError
+from probupdate.model import Wireframe
+from probupdate.modes import frozen_array
+from probupdate.parameters import Parameters
+from probupdate.structure.affine import AffineModel
+
+SPARSE_PARTS = ("_data", "_indices", "_indptr")
+# entries of K - K^T beyond this share of the largest entry are a mistake, not rounding
+ASYMMETRY_LIMIT = 1e-8
+
+
+@dataclass(frozen=True)
+class LinearCoefficients:
+    """(1, theta_k for those in `order`): the affine form of matrices given per parameter."""
+
+    stiffness_order: tuple[int, ...]
+    mass_order: tuple[int, ...]
+
+    def __call__(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        one = np.ones((*theta.shape[:-1], 1), theta.dtype)
+        return tuple(
+            np.concatenate([one, theta[..., list(order)]], axis=-1) for order in (self.stiffness_order, self.mass_order)
+        )
+
+
+def load_matrices(path: str | Path, parameters: Parameters, *, name: str | None = None) -> AffineModel:
+    """Read `model.npz` (interfaces.md, form 3); every mistake names the file and the key."""
+    path = Path(path)
+    content = _read_archive(path)
+    stiffness, mass, stiffness_order, mass_order = [], [], [], []
+    for kind, matrices, order in (("K", stiffness, stiffness_order), ("M", mass, mass_order)):
+        matrices.append(_matrix(path, content, f"{kind}0", None if kind == "K" else stiffness[0].shape[0]))
+        for k, parameter in enumerate(parameters.names):
+            key = f"{kind}_{parameter}"
+            if key in content or f"{key}_data" in content:
+                matrices.append(_matrix(path, content, key, stiffness[0].shape[0]))
+                order.append(k)
+    used = {parameters.names[k] for k in (*stiffness_order, *mass_order)}
+    for parameter in parameters.names:
+        if parameter not in used:
+            raise InputError(
+                f"{path}, K_{parameter}", "there is neither this matrix nor its M_", "mend the parameter's name"
+            )
+    _refuse_unused(path, content, used)
+    n = stiffness[0].shape[0]
+    channels, channel_matrix = _channels(path, content, n)
+    wire, wire_matrix = _wireframe(path, content, n)
+    return AffineModel(
+        name=name or path.stem,
+        parameters=parameters,
+        channels=channels,
+        stiffness=tuple(stiffness),
+        mass=tuple(mass),
+        coefficients=LinearCoefficients(tuple(stiffness_order), tuple(mass_order)),
+        channel_matrix=channel_matrix,
+        wire=wire,
+        wire_matrix=wire_matrix,
+        hash_key=hashlib.sha256(path.read_bytes()).hexdigest(),
+    )
+
+
+def _read_archive(path: Path) -> dict[str, np.ndarray]:
+    try:
+        with np.load(path, allow_pickle=False) as archive:
+            return {key: archive[key] for key in archive.files}
+    except FileNotFoundError:
+        raise InputError(str(path), "no such file", "check the path") from None
+    except (ValueError, OSError, zipfile.BadZipFile, AttributeError) as error:
+        raise InputError(
+            str(path), f"not a plain .npz archive ({error})", "write it with numpy.savez, without objects"
+        ) from None
+
+
+def _matrix(path: Path, content: Mapping, key: str, n: int | None) -> sparse.csc_array:
+    where = f"{path}, {key}"
+    if key in content:
+        raw = content[key]
+        if raw.ndim != 2:
+            raise InputError(where, f"has shape {raw.shape}", "give a square matrix")
+        matrix = sparse.csc_array(raw.astype(float))
+    elif all(key + part in content for part in SPARSE_PARTS):
+        data, indices, indptr = (content[key + part] for part in SPARSE_PARTS)
+        size = n or len(indptr) - 1
+        if len(indptr) - 1 != size:
+            raise InputError(where, f"has {len(indptr) - 1} rows, K0 has {size}", "use one size for all")
+        if len(indices) != len(data) or (len(indices) and not 0 <= indices.min() <= indices.max() < size):
+            raise InputError(where, "its _indices do not fit _data or the matrix size", "write CSR parts anew")
+        try:
+            matrix = sparse.csc_array(sparse.csr_array((data.astype(float), indices, indptr), shape=(size, size)))
+        except ValueError as error:
+            raise InputError(where, f"its CSR parts do not fit together ({error})", "write them anew") from None
+    else:
+        raise InputError(where, "is missing", "give it dense, or as _data, _indices, _indptr (CSR)")
+    if matrix.shape[0] != matrix.shape[1] or (n is not None and matrix.shape[0] != n):
+        raise InputError(where, f"has shape {matrix.shape}", f"give ({n or 'n'}, {n or 'n'}) as K0 has")
+    if not np.all(np.isfinite(matrix.data)):
+        raise InputError(where, "holds NaN or infinite entries", "check how it was exported")
+    skew = abs(matrix - matrix.T)
+    if skew.nnz and skew.max() > ASYMMETRY_LIMIT * abs(matrix).max():
+        raise InputError(where, f"is not symmetric (largest difference {skew.max():.3g})", "export the full matrix")
+    return sparse.csc_array(0.5 * (matrix + matrix.T))
+
+
+def _refuse_unused(path: Path, content: Mapping, used: set[str]) -> None:
+    """A matrix without its parameter is part of no K(theta): harmless only if that is meant, so it is said."""
+    for key in content:
+        if key[:2] in ("K_", "M_"):
+            name = key[2:]
+            for part in SPARSE_PARTS:
+                name = name.removesuffix(part)
+            if name not in used and key not in used:
+                raise InputError(
+                    f"{path}, {key}", f"no parameter is named '{name}'",
+                    "list it among the parameters, or leave the matrix out of the file",
+                )
+
+
+def _channels(path: Path, content: Mapping, n: int) -> tuple[tuple[str, ...], sparse.csr_array]:
+    for key in ("channel", "channel_dof"):
+        if key not in content:
+            raise InputError(f"{path}, {key}", "is missing", "name the measured channels and their rows")
+    names = tuple(str(c) for c in content["channel"])
+    dof = np.asarray(content["channel_dof"])
+    if dof.shape != (len(names),) or not np.issubdtype(dof.dtype, np.integer):
+        raise InputError(f"{path}, channel_dof", f"has shape {dof.shape}", f"give {len(names)} whole numbers")
+    if len(names) and (dof.min() < 0 or dof.max() >= n):
+        raise InputError(f"{path}, channel_dof", f"row {int(dof.max())} is outside 0..{n - 1}", "count rows from zero")
+    sign = np.asarray(content.get("channel_sign", np.ones(len(names))), float)
+    if sign.shape != (len(names),) or not np.all(np.abs(sign) == 1):
+        raise InputError(f"{path}, channel_sign", "is not a +1 or -1 per channel", "mend it or leave it out")
+    return names, sparse.csr_array((sign, (np.arange(len(names)), dof)), shape=(len(names), n))
+
+
+def _wireframe(path: Path, content: Mapping, n: int) -> tuple[Wireframe | None, sparse.csr_array | None]:
+    keys = ("node_position_m", "dof_node", "dof_direction")
+    present = [key for key in keys if key in content]
+    if not present:
+        return None, None
+    if len(present) < 3:
+        missing = next(key for key in keys if key not in content)
+        raise InputError(f"{path}, {missing}", "is missing", f"a picture needs {', '.join(keys)}")
+    node = np.asarray(content["node_position_m"], float)
+    dof_node, direction = np.asarray(content["dof_node"]), np.asarray(content["dof_direction"])
+    if node.ndim != 2 or node.shape[1] != 3:
+        raise InputError(f"{path}, node_position_m", f"has shape {node.shape}", "give (n_node, 3)")
+    if dof_node.shape != (n,) or direction.shape != (n,):
+        raise InputError(f"{path}, dof_node", "does not have one entry per row of K0", f"give {n} numbers")
+    rows = np.flatnonzero((direction >= 0) & (direction < 3))
+    picture = sparse.csr_array(
+        (np.ones(len(rows)), (3 * dof_node[rows] + direction[rows], rows)), shape=(3 * len(node), n)
+    )
+    line = np.asarray(content.get("line", np.empty((0, 2))), int)
+    wire = Wireframe(node_m=frozen_array(node), line=frozen_array(line, int), line_group=("model",) * len(line))
+    return wire, picture

@@ -1,0 +1,94 @@
+"""[[parameter]] tables of a TOML file -> Parameters: one reader for every form of model."""
+
+from __future__ import annotations
+
+import difflib
+import tomllib
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from probupdate.errors import InputError
+from probupdate.parameters import Parameter, Parameters
+
+KEYS = ("name", "unit", "initial", "cov", "std", "lower", "upper", "prior", "update", "description")
+NUMBERS = ("initial", "cov", "std", "lower", "upper")
+
+
+def read_toml(path: str | Path) -> dict:
+    """A TOML file as a dictionary; InputError where it is absent or broken."""
+    path = Path(path)
+    try:
+        return tomllib.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise InputError(str(path), "no such file", "check the path") from None
+    except IsADirectoryError:
+        raise InputError(str(path), "is a directory", "name the file in it") from None
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise InputError(str(path), f"not TOML ({error})", "mend the file at that place") from None
+
+
+def parameter_from_table(table: Mapping, where: str) -> Parameter:
+    """One [[parameter]] table; `cov` is relative to `initial`."""
+    for key in table:
+        if key not in KEYS:
+            close = difflib.get_close_matches(key, KEYS, n=1)
+            raise InputError(where, f"unknown key '{key}'", f"did you mean '{close[0]}'?" if close else "remove it")
+    for key in ("name", "initial"):
+        if key not in table:
+            raise InputError(where, f"'{key}' is missing", "give name, unit, initial, cov or std, lower, upper, prior")
+    where = f"{where} {table['name']}"
+    for key in NUMBERS:
+        if key in table and (isinstance(table[key], bool) or not isinstance(table[key], int | float)):
+            raise InputError(f"{where}, {key}", f"{table[key]!r} is not a number", "write a number without quotes")
+    if ("cov" in table) == ("std" in table):
+        raise InputError(where, "needs exactly one of 'cov' and 'std'", "keep one of them")
+    initial = float(table["initial"])
+    std = float(table["std"]) if "std" in table else float(table["cov"]) * abs(initial)
+    if "cov" in table and initial == 0:
+        raise InputError(where, "'cov' of an initial value of zero says nothing", "give 'std' in the parameter's unit")
+    return Parameter(
+        name=str(table["name"]),
+        unit=str(table.get("unit", "-")),
+        initial=initial,
+        std=std,
+        lower=float(table.get("lower", -np.inf)),
+        upper=float(table.get("upper", np.inf)),
+        prior=str(table.get("prior", "normal")),
+        description=str(table.get("description", "")),
+    )
+
+
+def updated_parameters(tables: Sequence[Mapping], where: str, correlation: Mapping | None = None) -> Parameters:
+    """The tables with `update` not false, in order. `correlation` maps name -> {name: value}, the rest zero."""
+    if not isinstance(tables, list) or not all(isinstance(t, dict) for t in tables):
+        raise InputError(f"{where}, parameter", "is not a list of tables", "write [[parameter]] before each")
+    items = tuple(
+        parameter_from_table(t, f"{where}, parameter") for t in tables if t.get("update", True) is not False
+    )
+    return Parameters(items, correlation_matrix(items, correlation, where) if correlation else None)
+
+
+def correlation_matrix(items: Sequence[Parameter], table: Mapping, where: str) -> np.ndarray:
+    names = [p.name for p in items]
+    matrix = np.eye(len(names))
+    for row, entries in table.items():
+        for column, value in entries.items():
+            for name in (row, column):
+                if name not in names:
+                    raise InputError(f"{where}, correlation", f"'{name}' is no updated parameter", "mend the name")
+            i, j = names.index(row), names.index(column)
+            matrix[i, j] = matrix[j, i] = float(value)
+    return matrix
+
+
+def read_parameters(path: str | Path) -> Parameters:
+    """Read a file of [[parameter]] tables (and [correlation.<name>] tables) beside a model made of matrices."""
+    content = read_toml(path)
+    for key in content:
+        if key not in ("parameter", "correlation", "format"):
+            raise InputError(str(path), f"unknown key '{key}'", "keep [[parameter]] and [correlation] only")
+    if "parameter" not in content:
+        raise InputError(str(path), "there is no [[parameter]]", "list at least one")
+    return updated_parameters(content["parameter"], str(path), content.get("correlation"))
