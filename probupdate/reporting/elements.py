@@ -62,13 +62,14 @@ class Column:
 
 @dataclass(frozen=True, kw_only=True)
 class Table:
-    """Cells are finished strings; `marked` rows are shown emphasised."""
+    """Cells are finished strings; `marked` rows are shown emphasised; `width` "full" or "half" of the page."""
 
     caption: str
     columns: tuple[Column, ...]
     rows: tuple[tuple[str, ...], ...]
     note: str = ""
     marked: frozenset[int] = frozenset()
+    width: str = "full"
     kind: str = field(default="table", init=False)
 
     def __post_init__(self):
@@ -79,7 +80,7 @@ class Table:
 
 @dataclass(frozen=True, kw_only=True)
 class Picture:
-    """A drawing as SVG text; `width` "full", "half" or "third" of the page."""
+    """A drawing as SVG text; `width` "full" or "half" of the page."""
 
     svg: str
     caption: str

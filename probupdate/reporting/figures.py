@@ -2,6 +2,7 @@
 
 from probupdate.reporting.figures_measurement import (
     frequencies_by_block,
+    mode_shapes,
     poles,
     selection_steps,
     sensor_layout,
@@ -22,6 +23,6 @@ from probupdate.reporting.style import svg_text
 
 __all__ = [
     "Mark", "contraction", "corner", "correlation_map", "frequencies_by_block", "frequency_errors", "marginals",
-    "most_correlated", "poles", "predictive_frequencies", "selection_steps", "sensor_layout", "svg_text",
-    "update_history", "wind_and_state",
+    "mode_shapes", "most_correlated", "poles", "predictive_frequencies", "selection_steps", "sensor_layout",
+    "svg_text", "update_history", "wind_and_state",
 ]

@@ -7,12 +7,14 @@ from collections.abc import Mapping, Sequence
 import matplotlib.dates as dates
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 
 from probupdate.model import Wireframe
 from probupdate.modes import Sensor
 from probupdate.reporting.style import (
     BLUE,
+    FULL_IN,
     GREEN,
     GREY,
     INK,
@@ -61,7 +63,7 @@ def _time_axis(axes: Axes) -> None:
 @styled
 def sensor_layout(wire: Wireframe | None, sensors: Sequence[Sensor]) -> Figure:
     """Elevations seen along y and along x and a plan, with an arrow per channel."""
-    figure = new_figure(7.6, 4.6)
+    figure = new_figure(FULL_IN, 4.6)
     left, middle, right = figure.subplots(1, 3, width_ratios=(1, 1, 1.15))
     place = np.array([s.position_m for s in sensors]).reshape(-1, 3)
     way = np.array([s.direction for s in sensors]).reshape(-1, 3)
@@ -114,12 +116,59 @@ def _arrows(axes: Axes, place: np.ndarray, way: np.ndarray, length: float) -> No
         )
 
 
+def _seen(place: np.ndarray, azimuth: float = -0.95, elevation: float = 0.2) -> np.ndarray:
+    """Orthographic projection of points (..., 3) to (..., 2): right and up, both in metres."""
+    right = -np.sin(azimuth) * place[..., 0] + np.cos(azimuth) * place[..., 1]
+    away = np.cos(azimuth) * place[..., 0] + np.sin(azimuth) * place[..., 1]
+    return np.stack([right, np.cos(elevation) * place[..., 2] - np.sin(elevation) * away], axis=-1)
+
+
+@styled
+def mode_shapes(
+    wire: Wireframe, titles: Sequence[str], states: Mapping[str, np.ndarray], points_m: np.ndarray | None = None,
+    measured: np.ndarray | None = None,
+) -> Figure:
+    """Fig. 3: every mode at its largest displacement, seen obliquely.
+
+    states: "initial" and "updated" -> displacement (n_node, 3, n_mode) in metres as drawn; points_m (n_point, 3) and
+    measured (n_point, 3, n_mode): sensors and their motion, in the same scale, NaN where not measured.
+    """
+    n_mode = len(titles)
+    extent = np.ptp(wire.node_m, axis=0)
+    wide = extent[2] < 0.5 * extent[:2].max()
+    columns = min(n_mode, 2 if wide else 5)
+    rows = -(-n_mode // columns)
+    figure = new_figure(FULL_IN, rows * (1.9 if wide else 3.6))
+    panels = figure.subplots(rows, columns, squeeze=False, sharex=True, sharey=True).ravel()
+    looks = {"initial": {"colors": "#8a6d3b", "linewidths": 0.7, "linestyles": (0, (4, 2))},
+             "updated": {"colors": BLUE, "linewidths": 1.0}}
+    for j, axes in enumerate(panels[:n_mode]):
+        axes.add_collection(LineCollection(_seen(wire.node_m)[wire.line], colors=PALE, linewidths=0.6))
+        for name, displacement in states.items():
+            if np.all(np.isfinite(displacement[:, :, j])):
+                drawn = _seen(wire.node_m + displacement[:, :, j])
+                axes.add_collection(LineCollection(drawn[wire.line], **looks[name]))
+        if measured is not None:
+            moved = _seen(points_m + measured[:, :, j])
+            axes.plot(moved[:, 0], moved[:, 1], ls="none", marker="o", ms=3.6, mfc="white", mec=RED, mew=1.1)
+        axes.autoscale_view()
+        axes.set_aspect("equal", adjustable="box")
+        axes.set_title(titles[j], fontsize=8.5)
+        axes.grid(visible=False)
+        label_axes(axes, "across [m]", "up [m]")
+        axes.label_outer()
+        axes.tick_params(labelsize=7)
+    for axes in panels[n_mode:]:
+        axes.remove()
+    return figure
+
+
 @styled
 def wind_and_state(
     time, wind_mps, state: Sequence[str], *, cut_in_mps: float | None = None, rated_mps: float | None = None
 ) -> Figure:
     """Fig. 4: wind speed of every SCADA interval, marked by the turbine's state."""
-    figure = new_figure(7.6, 2.7)
+    figure = new_figure(FULL_IN, 2.7)
     axes = figure.subplots()
     state = np.asarray(state, dtype=object)
     time, wind_mps = np.asarray(time), np.asarray(wind_mps, float)
@@ -158,7 +207,7 @@ def poles(
     groups: legend entry -> (time, frequency_hz); marks: entry -> (colour, marker, size, filled);
     harmonics_hz: name -> upper bound of that P-frequency, drawn dashed.
     """
-    figure = new_figure(7.6, height_in)
+    figure = new_figure(FULL_IN, height_in)
     axes = figure.subplots()
     for k, (name, (time, frequency)) in enumerate(groups.items()):
         time, frequency = np.asarray(time), np.asarray(frequency, float)
@@ -185,7 +234,7 @@ def poles(
 @styled
 def selection_steps(names: Sequence[str], excluded: Sequence[int], total: int) -> Figure:
     """How many blocks each criterion took away, in the order in which the criteria were asked."""
-    figure = new_figure(7.6, 0.6 + 0.34 * (len(names) + 2))
+    figure = new_figure(FULL_IN, 0.6 + 0.34 * (len(names) + 2))
     axes = figure.subplots()
     left = total
     rows = ["all blocks", *names, "selectable"]
@@ -216,7 +265,7 @@ def frequencies_by_block(
     time (n_block,), frequency_hz (n_block, n_mode), selected (n_block,) bool, truth_hz (n_mode,).
     """
     n_mode = len(labels)
-    figure = new_figure(7.6, 0.5 + 1.05 * n_mode)
+    figure = new_figure(FULL_IN, 0.5 + 1.05 * n_mode)
     panels = np.atleast_1d(figure.subplots(n_mode, 1, sharex=True))
     time = np.asarray(time)
     for j, axes in enumerate(panels):

@@ -14,8 +14,10 @@ from scipy import stats
 from probupdate.parameters import Parameter
 from probupdate.reporting.style import (
     BLUE,
+    FULL_IN,
     GREEN,
     GREY,
+    HALF_IN,
     INK,
     MAP,
     MEASURED,
@@ -58,7 +60,7 @@ def _plain(value: float, _position: int | None = None) -> str:
 @styled
 def frequency_errors(labels: Sequence[str], measured_hz, computed_hz: Mapping[str, Sequence[float]]) -> Figure:
     """Computed over measured frequency minus one, in per cent, for each mode and each state of the model."""
-    figure = new_figure(7.6, 0.9 + 0.36 * len(labels))
+    figure = new_figure(FULL_IN, 0.9 + 0.36 * len(labels))
     axes = figure.subplots()
     measured_hz = np.asarray(measured_hz, float)
     roles = (PRIOR, STEP_UPDATE, PRIOR_UPDATE, MAP, POSTERIOR)
@@ -90,7 +92,7 @@ def update_history(
     Where an initial value is zero the parameter itself is drawn.
     """
     schemes = list(theta)
-    figure = new_figure(7.6, 5.4)
+    figure = new_figure(FULL_IN, 5.4)
     panels = figure.subplots(2, len(schemes), squeeze=False, sharex="col", sharey="row")
     scale = np.where(initial == 0, 1.0, initial)
     relative = "relative change [-]" if np.all(initial == 0) else "value over initial [-]"
@@ -136,7 +138,7 @@ def marginals(parameters: Sequence[Parameter], draws: np.ndarray, marks: Sequenc
     """Posterior histogram (n_draw, n_param), prior density and point estimates, one panel a parameter."""
     columns = 4 if len(parameters) > 6 else 3
     rows = -(-len(parameters) // columns)
-    figure = new_figure(7.6, 0.5 + 1.55 * rows)
+    figure = new_figure(FULL_IN, 0.5 + 1.55 * rows)
     panels = figure.subplots(rows, columns, squeeze=False).ravel()
     for k, (parameter, axes) in enumerate(zip(parameters, panels, strict=False)):
         low, high = _span(parameter, draws[:, k], [m.theta[k] for m in marks])
@@ -189,7 +191,7 @@ def most_correlated(draws: np.ndarray, count: int) -> list[int]:
 def corner(names: Sequence[str], units: Sequence[str], draws: np.ndarray, marks: Sequence[Mark]) -> Figure:
     """Histograms and pairs of the given parameters (n_draw, n): contours hold 39, 68 and 90 % of the draws."""
     n = len(names)
-    figure = new_figure(7.6, 7.2)
+    figure = new_figure(FULL_IN, 7.2)
     panels = figure.subplots(n, n, squeeze=False, sharex="col")
     low, high = np.percentile(draws, [0.3, 99.7], axis=0)
     for i in range(n):
@@ -251,8 +253,8 @@ def _pair(axes: Axes, x: np.ndarray, y: np.ndarray, span_x: tuple, span_y: tuple
 def correlation_map(names: Sequence[str], correlation: np.ndarray) -> Figure:
     """Posterior correlation (n_param, n_param): numbers in every cell, so that a grey print can be read."""
     n = len(names)
-    side = min(max(0.42 * n + 1.2, 3.4), 7.6)
-    figure = new_figure(side + 0.6, side)
+    side = min(max(0.30 * n + 1.1, HALF_IN), FULL_IN)
+    figure = new_figure(side, 0.92 * side)
     axes = figure.subplots()
     image = axes.imshow(correlation, cmap="RdBu_r", vmin=-1, vmax=1)
     for i in range(n):
@@ -260,16 +262,15 @@ def correlation_map(names: Sequence[str], correlation: np.ndarray) -> Figure:
             value = correlation[i, j]
             if i != j and abs(value) >= 0.005:
                 text = f"{value:.2f}".replace("0.", ".").replace("-", "−")
-                axes.text(j, i, text, ha="center", va="center", fontsize=6.5 if n > 12 else 7.5,
+                axes.text(j, i, text, ha="center", va="center", fontsize=6.5,
                           color="white" if abs(value) > 0.6 else INK)
-    axes.set_xticks(range(n), names, rotation=60 if n > 8 else 0, ha="right" if n > 8 else "center")
+    axes.set_xticks(range(n), names, rotation=60 if n > 6 else 0, ha="right" if n > 6 else "center")
     axes.set_yticks(range(n), names)
     axes.grid(visible=False)
     axes.spines[:].set_visible(False)
     label_axes(axes, "parameter", "parameter")
     bar = figure.colorbar(image, ax=axes, shrink=0.8)
     bar.set_label("posterior correlation [-]")
-    bar.ax.set_xlabel(" ")
     return figure
 
 
@@ -277,7 +278,7 @@ def correlation_map(names: Sequence[str], correlation: np.ndarray) -> Figure:
 def contraction(names: Sequence[str], ratio: Sequence[float], *, informed_below: float, strong_below: float) -> Figure:
     """Posterior over prior standard deviation of each parameter: short bars were learned from the data."""
     order = np.argsort(np.asarray(ratio, float), kind="stable")
-    figure = new_figure(7.6, 0.8 + 0.24 * len(names))
+    figure = new_figure(HALF_IN, 0.8 + 0.24 * len(names))
     axes = figure.subplots()
     for row, k in enumerate(order):
         value = ratio[k]
@@ -301,7 +302,7 @@ def predictive_frequencies(
     initial_hz: np.ndarray | None = None,
 ) -> Figure:
     """Posterior draws of computed frequencies (n_draw, n_mode) against the measured ones, in per cent of these."""
-    figure = new_figure(7.6, 0.9 + 0.42 * len(labels))
+    figure = new_figure(FULL_IN, 0.9 + 0.42 * len(labels))
     axes = figure.subplots()
     rows = np.arange(len(labels))
     relative = 100 * (predicted_hz / measured_hz - 1)

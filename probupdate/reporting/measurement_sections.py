@@ -326,6 +326,7 @@ def modes_section(run: Run) -> Section:
         sensors=sensors if measured_shape is not None else (), pairs=update.pairs if update else (),
         names=MODE_NAMES if run.jacket else {}, planes=planes,
     )
+    static = figures.mode_shapes(run.model.wire, *_drawn(data))
     caption = (
         "Drag turns, the wheel zooms, shift-drag moves; arrow keys and space work too. Circles: the motion measured at "
         "the sensors. Each computed shape is scaled to the measured one; where two modes form a close pair the "
@@ -333,8 +334,33 @@ def modes_section(run: Run) -> Section:
         if measured_shape is not None
         else "Drag turns, the wheel zooms, shift-drag moves; arrow keys and space work too."
     )
-    return Section(anchor="modes", title=title, items=(Viewer(data=data, caption=caption),),
+    still = Picture(svg=figures.svg_text(static, "shapes"),
+                    caption="The same at the largest displacement: grey at rest, blue updated, dashed initial; "
+                    "circles: measured at the sensors.")
+    return Section(anchor="modes", title=title, items=(Viewer(data=data, caption=caption), still),
                    lead="The global modes as measured, as first computed and after the update (the paper's Fig. 3).")
+
+
+def _drawn(data: dict) -> tuple[list[str], dict, np.ndarray, np.ndarray | None]:
+    """The viewer's values as arrays for the still picture: titles, states, sensors' places and motions in metres."""
+    modes, scale = data["modes"], data["scale"]
+    nodes = len(data["nodes"])
+    states = {}
+    for key in ("initial", "updated"):
+        shapes = [m["variants"].get(key, {}).get("shape") for m in modes]
+        if any(s is not None for s in shapes):
+            states[key] = scale * np.stack([np.full((nodes, 3), np.nan) if s is None else s for s in shapes], axis=-1)
+    points = np.array(data["sensors"]).reshape(-1, 3)
+    measured = None
+    if len(points) and all("measured" in m["variants"] for m in modes):
+        rows = [[[np.nan] * 3 if d is None else d for d in m["variants"]["measured"]["shape"]] for m in modes]
+        measured = scale * np.moveaxis(np.array(rows, float), 0, -1)
+    titles = []
+    for m in modes:
+        known = [m["variants"][k]["hz"] for k in ("updated", "initial", "measured") if k in m["variants"]]
+        hz = next((h for h in known if h is not None), None)
+        titles.append(m["label"] + (f"\n{hz:.3f} Hz" if hz is not None else ""))
+    return titles, states, points, measured
 
 
 def _width(run: Run) -> int:

@@ -14,6 +14,9 @@ import matplotlib
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+# widths in inches of figures across the page and of two side by side: letters come out equally large
+FULL_IN, HALF_IN = 7.6, 4.3
+
 INK, GREY, PALE, GRID = "#1d2733", "#6b7684", "#c3cad2", "#e6e9ed"
 BLUE, ORANGE, GREEN, RED, PURPLE, SKY, YELLOW = (
     "#0072b2", "#e69f00", "#009e73", "#d55e00", "#aa4f87", "#56b4e9", "#f0e442",

@@ -48,14 +48,10 @@ def update_section(run: Run) -> Section:
         steps = plural(len(scheme.theta) - 1, "iteration")
         text = f"{scheme_name(scheme)}: {scheme.status} ({steps}, alpha {scheme.alpha:g})."
         items.append(Notice(level=level, text=text[0].upper() + text[1:]))
-    items += [_frequency_table(run), _mac_table(run), _parameter_table(run)]
     if update.left_out:
         items.append(Items(title="Left out of the update", statements=update.left_out))
     pile = _pile_head_table(run)
-    if pile:
-        items.append(pile)
-    if run.jacket:
-        items.append(_sensitivity_table(run))
+    items += [_frequency_table(run), _parameter_table(run), _mac_table(run), *([pile] if pile else [])]
     items.append(
         Picture(
             svg=figures.svg_text(
@@ -69,6 +65,8 @@ def update_section(run: Run) -> Section:
             "prior. The anchored one ends at the maximum of the posterior.",
         )
     )
+    if run.jacket:
+        items.append(_sensitivity_table(run))
     return Section(anchor="update", title="Update", items=tuple(items),
                    lead=f"The sensitivity-based update on set {update.set_id}, in both readings of Eq. 7.")
 
@@ -126,7 +124,7 @@ def _mac_table(run: Run) -> Table:
     pairs = [" and ".join(update.labels[j] for j in g) for g in update.pairs]
     note = f"{'; '.join(pairs)}: compared after the computed pair was turned within its plane." if pairs else ""
     return Table(caption="MAC, measured against computed" + (" (Table 4)" if jacket else ""),
-                 columns=tuple(columns), rows=tuple(rows), note=note)
+                 columns=tuple(columns), rows=tuple(rows), note=note, width="half")
 
 
 def _ratio(value: float, initial: float) -> str:
@@ -190,7 +188,7 @@ def _pile_head_table(run: Run) -> Table | None:
         "over its design state (2.8e5 and 1.0e6 kN/m)." if run.jacket else ""
     )
     return Table(caption="Pile-head stiffness" + (" (Table 6)" if run.jacket else ""), columns=tuple(columns),
-                 rows=tuple(rows), note=note)
+                 rows=tuple(rows), note=note, width="half")
 
 
 def _sensitivity_table(run: Run) -> Table:
@@ -243,7 +241,8 @@ def posterior_section(run: Run) -> Section:
     items: list[object] = [Notice(level="good" if posterior.converged else "warning", text=posterior.verdict)]
     if posterior.fallback:
         items.append(Notice(
-            level="warning", text=f"{posterior.fallback} of {posterior.evaluated} evaluations fell outside the reduced "
+            level="warning" if posterior.fallback > 0.01 * posterior.evaluated else "plain",
+            text=f"{posterior.fallback} of {posterior.evaluated} evaluations fell outside the reduced "
             "basis and were answered by the full model."))
     points = marks(run)
     draws = posterior.draws

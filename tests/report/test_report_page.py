@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from probupdate.parameters import Parameters
-from probupdate.reporting import compose
+from probupdate.reporting import compose, figures
 from probupdate.reporting.elements import Column, Table, fixed, number, percent
 
 SECTIONS = ("verdict", "measured", "identified", "selected", "modes", "update", "posterior", "comparison", "provenance")
@@ -53,6 +53,12 @@ def read(html: str) -> Reader:
 @pytest.fixture(scope="module")
 def page(full_run):
     return compose(full_run)
+
+
+@pytest.fixture
+def undrawn(monkeypatch):
+    """Figures are built but not written out: what is tested is the page around them."""
+    monkeypatch.setattr(figures, "svg_text", lambda figure, prefix: f'<svg id="{prefix}"></svg>')
 
 
 def test_nothing_is_fetched_from_anywhere(page):
@@ -99,7 +105,7 @@ def test_names_from_files_are_escaped(full_run):
 
 @pytest.mark.parametrize("part", ["campaign", "modes", "poles", "selection", "nine", "model", "update", "posterior",
                                   "comparison", "truth"])
-def test_page_without_a_part_says_so_and_stands(full_run, part):
+def test_page_without_a_part_says_so_and_stands(full_run, undrawn, part):
     words = {"campaign": ["Not there", " a campaign"][1], "poles": "table of poles", "selection": "selection.csv",
              "model": "a model with geometry", "update": "update.json", "posterior": "posterior.nc",
              "comparison": "compare.json", "modes": "modes.json"}
@@ -110,14 +116,14 @@ def test_page_without_a_part_says_so_and_stands(full_run, part):
         assert words[part].strip() in html
 
 
-def test_page_of_hardly_anything_stands(full_run):
+def test_page_of_hardly_anything_stands(full_run, undrawn):
     empty = {f.name: None for f in fields(full_run) if f.name not in
              ("folder", "title", "missing", "provenance", "jacket", "modes")}
     html = compose(replace(full_run, **empty, jacket=False))
     assert "48 modal sets" in html and not read(html).wrong
 
 
-def test_paper_columns_stand_only_beside_the_jacket(full_run, page):
+def test_paper_columns_stand_only_beside_the_jacket(full_run, page, undrawn):
     assert "Table 5" in page and "0.0696" in page and "class=\"number paper\"" in page
     plain = compose(replace(full_run, jacket=False))
     assert "class=\"number paper\"" not in plain and "0.0696" not in plain and "Table 5" not in plain
