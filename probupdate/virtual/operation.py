@@ -86,8 +86,8 @@ def _relaxing(rng: np.random.Generator, n: int, step_s: float, time_constant_s: 
 def _maintenance(n_slot: int, given: Mapping, rng: np.random.Generator) -> np.ndarray:
     """Ten-minute slots in which the turbine stands still at any wind.
 
-    Unless given, the first day has one of 10 to 11 h (enough quiet half hours for an update), a later day with
-    a chance of 0.35 one of 3 to 8 h.
+    Unless given, the first day has one of 10 to 11 h (enough quiet half hours for an update; a campaign
+    shorter than a day has its share), a later day with a chance of 0.35 one of 3 to 8 h.
     """
     standing = np.zeros(n_slot, bool)
     if "maintenance_hours" in given:
@@ -102,8 +102,9 @@ def _maintenance(n_slot: int, given: Mapping, rng: np.random.Generator) -> np.nd
         if day > 0:
             long = 3 + 5 * (long - 10.0)
         if day == 0 or chance < 0.35:
-            first = day * 144 + round(start * 6)
-            standing[first : first + round(long * 6)] = True
+            share = min(n_slot / 144, 1.0)
+            first = day * 144 + round(share * start * 6)
+            standing[first : first + round(share * long * 6)] = True
     return standing
 
 

@@ -180,9 +180,9 @@ def _claim(folder: Path, truth_text: str) -> None:
     path = folder / "truth.toml"
     if folder.exists() and not folder.is_dir():
         raise InputError(str(folder), "is a file", "name a folder")
-    if folder.exists() and any(folder.iterdir()):
-        if not path.is_file() or path.read_text(encoding="utf-8") != truth_text:
-            raise InputError(str(folder), "holds something else already", "name a new folder or empty this one")
+    same = path.is_file() and path.read_text(encoding="utf-8") == truth_text
+    if folder.exists() and any(folder.iterdir()) and not same:
+        raise InputError(str(folder), "holds something else already", "name a new folder or empty this one")
     (folder / "acceleration").mkdir(parents=True, exist_ok=True)
     path.write_text(truth_text, encoding="utf-8")
 
