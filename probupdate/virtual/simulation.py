@@ -5,16 +5,18 @@ from __future__ import annotations
 import hashlib
 from collections import Counter
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from probupdate.errors import InputError
+from probupdate.mode_labels import mode_character
+from probupdate.modes import Sensor
 from probupdate.progress import Progress, silent
 from probupdate.virtual import campaign_files, excitation, losses, operation
 from probupdate.virtual.dynamics import N_MODE, HeadingModes, factorise, heading_modes
-from probupdate.virtual.frame import Structure, build_structure
+from probupdate.virtual.frame import Structure, build_structure, rotation
 from probupdate.virtual.response import channel_response
 from probupdate.virtual.scada import scada_table
 from probupdate.virtual.truth import Truth, draw_truth, read_given
@@ -171,8 +173,16 @@ def _mode_store(structure: Structure, truth: Truth) -> Callable[[float], Heading
     return modes
 
 
-def _prevailing(plan: operation.Plan) -> float:
-    return Counter(plan.heading_deg.tolist()).most_common(1)[0][0]
+def _prevailing(plan: operation.Plan, *, idling_only: bool = False) -> float:
+    chosen = plan.heading_deg[plan.running <= 0.5] if idling_only else plan.heading_deg
+    return Counter((chosen if len(chosen) else plan.heading_deg).tolist()).most_common(1)[0][0]
+
+
+def nacelle_labels(modes: HeadingModes, sensors: tuple[Sensor, ...]) -> tuple[str, ...]:
+    """FA1, SS1, T1, ... of modes, fore-aft being where the nacelle looks: the sensors are turned into its axes."""
+    back = rotation(np.array([0.0, 0.0, np.radians(modes.heading_deg)]))
+    turned = tuple(replace(s, position_m=back @ s.position_m, direction=back @ s.direction) for s in sensors)
+    return mode_character(modes.nominal_shape, turned).labels
 
 
 def _claim(folder: Path, truth_text: str) -> None:
@@ -198,6 +208,7 @@ def _record(file: TurbineFile, given, truth: Truth, plan, gaps, modes, seed, qui
     times = START + (operation.GRID_S * np.arange(len(plan.heading_deg))).astype("timedelta64[s]")
     key = np.where(plan.running > 0.5, 1, 0)
     cuts = [0, *(np.flatnonzero((np.diff(plan.heading_deg) != 0) | (np.diff(key) != 0)) + 1), len(key)]
+    idle = modes(_prevailing(plan, idling_only=True))
     record = {
         "format": 1,
         "name": str(file.value("name")),
@@ -214,13 +225,19 @@ def _record(file: TurbineFile, given, truth: Truth, plan, gaps, modes, seed, qui
         "summary": {
             "start": f"{START}Z", "hours": plan.n_slot / 6, "sampling_rate_hz": RATE_HZ,
             "quiet_blocks": int(quiet.sum()),
-            "heading_convention": "deg clockwise seen from above; 0: the rotor looks along -x",
+            "heading_convention": "deg clockwise seen from above; 0: the rotor looks along -x; SCADA takes it modulo 360",
             "total_mass_kg": float(round(structure.mass.diagonal()[0::6].sum())),
+        },
+        # the modes of the structure (not of single members) at the heading it mostly had while idling
+        "idling_hz": {
+            label: float(round(f, 8)) for label, f in zip(
+                nacelle_labels(idle, file.sensors), idle.frequency_hz, strict=True) if not label.startswith("L")
         },
         "effect": [dict(e) for e in truth.effects],
         "mode_set": [
             {
                 "heading_deg": h,
+                "labels": list(nacelle_labels(m, file.sensors)),
                 "frequency_hz": _rounded(m.frequency_hz),
                 "damping_ratio_idling": _rounded(m.damping_ratio["idling"], 6),
                 "damping_ratio_operating": _rounded(m.damping_ratio["operating"], 6),

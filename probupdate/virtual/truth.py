@@ -15,7 +15,7 @@ from probupdate.virtual.turbine_file import TurbineFile, read_toml, unknown_name
 
 # keys a user may give; the rest of a written truth.toml is a record, and read back only as far as it is given
 GIVEN = ("parameters", "parameters_from", "tolerances", "operation", "effect")
-RECORDED = ("format", "name", "model", "seed", "drawn", "sensor", "mode_set", "state", "event", "gap", "summary")
+RECORDED = ("format", "name", "model", "seed", "drawn", "sensor", "mode_set", "idling_hz", "state", "event", "gap", "summary")
 EFFECTS = MappingProxyType({
     "sensor_gain": ("channel", "factor"),
     "brace_stiffness": ("bay", "face", "factor"),
@@ -111,9 +111,11 @@ def read_given(path: str | Path | None, file: TurbineFile) -> Given:
 @dataclass(frozen=True, eq=False, kw_only=True)
 class TruthModes:
     """The true modes at one nacelle heading: frequency_hz, damping_ratio_* (n_mode,), shape (n_channel, n_mode) of
-    ideal sensors where the drawing has them, scaled to unit modal mass."""
+    ideal sensors where the drawing has them, scaled to unit modal mass. labels: FA1, SS1, T1, ... with fore-aft where the
+    nacelle looks."""
 
     heading_deg: float
+    labels: tuple[str, ...]
     frequency_hz: np.ndarray
     damping_ratio_idling: np.ndarray
     damping_ratio_operating: np.ndarray
@@ -128,6 +130,7 @@ def read_truth_modes(path: str | Path) -> tuple[TruthModes, ...]:
     return tuple(
         TruthModes(
             heading_deg=entry["heading_deg"],
+            labels=tuple(entry["labels"]),
             frequency_hz=frozen_array(entry["frequency_hz"]),
             damping_ratio_idling=frozen_array(entry["damping_ratio_idling"]),
             damping_ratio_operating=frozen_array(entry["damping_ratio_operating"]),

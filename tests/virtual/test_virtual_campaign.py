@@ -161,6 +161,8 @@ def test_vibration_while_idling_is_plausible_and_holds_the_true_modes(idle):
     modes = truth.read_truth_modes(idle.truth_path)
     assert len(modes) == 1
     f, shape = modes[0].frequency_hz, modes[0].shape
+    assert modes[0].labels[:3] == ("FA1", "SS1", "T1") and set(modes[0].labels) > {"FA2", "SS2"}
+    assert record["idling_hz"]["T1"] == pytest.approx(f[2], abs=1e-6)
     # power of each mode's plane: frequency domain decomposition at 1/164 Hz
     frequency, density = welch(data, 25, nperseg=4096, axis=0)
     resolution = frequency[1]
