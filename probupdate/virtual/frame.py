@@ -27,7 +27,8 @@ WAVE_DEPTH_M = 6.0  # where the resultant of a wave of some seconds acts on a le
 class Structure:
     """Six degrees of freedom a node. stiffness, mass (n_dof, n_dof) csc, the mass without what sits at the tower
     top; channel (n_channel, n_dof) csr as the sensors are mounted, nominal_channel as the drawing says; top the
-    tower top's node; surface (n_leg,) the leg nodes that waves load."""
+    tower top's node; surface (n_leg,) the leg nodes that waves load; pile_heads (n_leg,) nodes; elements
+    (node, node, tube)."""
 
     node_m: np.ndarray
     stiffness: sparse.csc_array
@@ -38,6 +39,7 @@ class Structure:
     surface: np.ndarray
     rna: tuple[tuple[float, np.ndarray, np.ndarray], ...]
     pile_heads: np.ndarray
+    elements: tuple[tuple[int, int, beam.Tube], ...]
 
 
 class _Mesh:
@@ -49,6 +51,7 @@ class _Mesh:
         self.part: dict[str, list[int]] = {}
         self.blocks: list[tuple[np.ndarray, np.ndarray]] = []
         self.mass_blocks: list[tuple[int, np.ndarray]] = []
+        self.elements: list[tuple[int, int, beam.Tube]] = []
 
     def node(self, position) -> int:
         key = tuple(np.round(position, 6))
@@ -81,6 +84,7 @@ class _Mesh:
             self.blocks.append((self._dofs(i, j), beam.to_global(local, axes)))
             half = beam.lumped_mass(tube, step, axes)
             self.mass_blocks += [(i, half), (j, half)]
+            self.elements.append((i, j, tube))
         if part is not None:
             self.part.setdefault(part, []).extend(numbers)
         return numbers
@@ -299,7 +303,7 @@ def build_structure(file: TurbineFile, truth: Truth) -> Structure:
     nominal, mounted = _channels(mesh, nodes, file, truth)
     return Structure(
         node_m=nodes, stiffness=stiffness, mass=mass, nominal_channel=nominal, channel=mounted, top=top,
-        surface=surface, rna=tuple(bodies), pile_heads=np.array(heads),
+        surface=surface, rna=tuple(bodies), pile_heads=np.array(heads), elements=tuple(mesh.elements),
     )  # fmt: skip
 
 

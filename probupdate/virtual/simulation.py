@@ -225,7 +225,7 @@ def _record(file: TurbineFile, given, truth: Truth, plan, gaps, modes, seed, qui
         "summary": {
             "start": f"{START}Z", "hours": plan.n_slot / 6, "sampling_rate_hz": RATE_HZ,
             "quiet_blocks": int(quiet.sum()),
-            "heading_convention": "deg clockwise seen from above; 0: the rotor looks along -x; SCADA takes it modulo 360",
+            "heading_convention": "deg clockwise from above, 0: the rotor looks along -x; SCADA has it modulo 360",
             "total_mass_kg": float(round(structure.mass.diagonal()[0::6].sum())),
         },
         # the modes of the structure (not of single members) at the heading it mostly had while idling

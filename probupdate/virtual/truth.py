@@ -15,7 +15,7 @@ from probupdate.virtual.turbine_file import TurbineFile, read_toml, unknown_name
 
 # keys a user may give; the rest of a written truth.toml is a record, and read back only as far as it is given
 GIVEN = ("parameters", "parameters_from", "tolerances", "operation", "effect")
-RECORDED = ("format", "name", "model", "seed", "drawn", "sensor", "mode_set", "idling_hz", "state", "event", "gap", "summary")
+RECORDED = ("format", "name", "model", "seed", "drawn", "mode_set", "idling_hz", "state", "event", "gap", "summary")
 EFFECTS = MappingProxyType({
     "sensor_gain": ("channel", "factor"),
     "brace_stiffness": ("bay", "face", "factor"),
@@ -111,8 +111,8 @@ def read_given(path: str | Path | None, file: TurbineFile) -> Given:
 @dataclass(frozen=True, eq=False, kw_only=True)
 class TruthModes:
     """The true modes at one nacelle heading: frequency_hz, damping_ratio_* (n_mode,), shape (n_channel, n_mode) of
-    ideal sensors where the drawing has them, scaled to unit modal mass. labels: FA1, SS1, T1, ... with fore-aft where the
-    nacelle looks."""
+    ideal sensors where the drawing has them, scaled to unit modal mass. labels: FA1, SS1, T1, ... with fore-aft
+    where the nacelle looks."""
 
     heading_deg: float
     labels: tuple[str, ...]
