@@ -150,7 +150,7 @@ def geometric_stiffness(length_m: float) -> np.ndarray:
 
 
 def transverse_moments(length_m: float) -> np.ndarray:
-    """(7, 12, 12): sum_m mu_m C_m is the matrix of a transverse density q(xi) with mu_m = int q xi^m dx, 0 <= xi <= 1."""
+    """(7, 12, 12): sum_m mu_m C_m is the matrix of a transverse density q(xi), mu_m = int q xi^m dx, 0 <= xi <= 1."""
     product = _product(_DEFLECTION, _DEFLECTION)
     scale = np.outer(_scale(length_m), _scale(length_m))
     return np.array([_both_planes(product[:, :, m] * scale) for m in range(product.shape[2])])

@@ -55,7 +55,9 @@ def channel_response(loads: Loads, heading_deg: np.ndarray, state: np.ndarray, m
     """Accelerations (n, n_channel) at the sensors as mounted, without noise; starts from rest.
 
     `modes(heading)` -> HeadingModes. Where the heading changes, displacement and velocity go on, expressed in
-    the new modes (their part outside the new modes' space is lost: it is below 1e-3 of the motion).
+    the new modes; what lies outside their space is lost. At the sensors of the reference turbine a turn of 30 deg
+    costs the first pair 2e-4 of its motion, torsion 1e-3, the second pair 2 %, higher modes up to 8 %: a small
+    transient within the yaw event's own.
     """
     n = len(state)
     pieces: list[np.ndarray] = []

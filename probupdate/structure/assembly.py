@@ -1,0 +1,285 @@
+"""From a frame to K(theta) and M(theta) as sums of few constant matrices, and to a model of its modes.
+
+K and M stand over free degrees of freedom only: ties and supports are worked in by a constant transformation
+u = T q, so that both are positive definite. What no updated parameter touches is summed at build time.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import sparse
+from scipy.sparse import linalg as sparse_linalg
+
+from probupdate.errors import InputError
+from probupdate.structure import beam as beams
+from probupdate.structure.coefficient import (
+    Coefficient,
+    Coefficients,
+    Factor,
+    TermCollector,
+    Values,
+    build_coefficients,
+)
+from probupdate.structure.frame import Beam, Frame, LineMass, tube_property
+
+# (degrees of freedom (k,) of the frame's nodes, matrix (k, k), coefficient)
+Contribution = tuple[np.ndarray, np.ndarray, Coefficient]
+THEORIES = ("bernoulli-euler", "timoshenko")
+
+
+def node_dofs(*nodes: int) -> np.ndarray:
+    return np.concatenate([6 * node + np.arange(6) for node in nodes])
+
+
+@dataclass(frozen=True)
+class ShearPower:
+    """phi^power / (1 + phi)^order of a tube of given length; picklable."""
+
+    tube: beams.Tube
+    length_m: float
+    poisson_ratio: float
+    power: int
+    order: int
+
+    def __call__(self, values: Values):
+        phi = self.tube.shear_flexibility(values, self.length_m, self.poisson_ratio)
+        return phi**self.power / (1 + phi) ** self.order
+
+    def coefficient(self) -> Coefficient:
+        return Coefficient(1.0, (Factor(key=("shear", self), names=self.tube.names, function=self),))
+
+
+def _shear_series(beam: Beam, length_m: float, theory: str, order: int) -> list[Coefficient]:
+    """Coefficients of the powers of phi: one of value 1 for Bernoulli-Euler, order + 1 for Timoshenko."""
+    if theory == "bernoulli-euler":
+        return [Coefficient()]
+    length = round(length_m, 9)
+    return [ShearPower(beam.tube, length, beam.poisson_ratio, k, order).coefficient() for k in range(order + 1)]
+
+
+def beam_stiffness(beam: Beam, start: np.ndarray, end: np.ndarray, theory: str) -> Iterator[Contribution]:
+    """A beam and its springs; GJ = E I / (1 + nu) for a tube."""
+    length = float(np.linalg.norm(end - start))
+    dofs, frame_axes = node_dofs(beam.start, beam.end), beams.axes(start, end)
+    matrices = beams.stiffness_matrices(length)
+    modulus = beam.stiffness * beam.youngs_modulus_pa
+    area, second_moment = tube_property(beam.tube, "area"), tube_property(beam.tube, "second_moment")
+    yield dofs, beams.to_global(matrices["axial"], frame_axes), modulus * area
+    twist = modulus * second_moment * (1 / (1 + beam.poisson_ratio))
+    yield dofs, beams.to_global(matrices["torsion"], frame_axes), twist
+    for shear, key in zip(_shear_series(beam, length, theory, 1), ("bending", "shear"), strict=False):
+        yield dofs, beams.to_global(matrices[key], frame_axes), modulus * second_moment * shear
+    if beam.springs is not None:
+        yield from _moments(dofs, beams.to_global(beams.transverse_moments(length), frame_axes), beam.springs.lateral)
+        yield from _moments(dofs, beams.to_global(beams.axial_moments(length), frame_axes), beam.springs.axial)
+
+
+def _moments(dofs, matrices: np.ndarray, coefficients: Sequence[Coefficient]) -> Iterator[Contribution]:
+    for matrix, coefficient in zip(matrices, coefficients, strict=True):
+        yield dofs, matrix, coefficient
+
+
+def steel_mass(beam: Beam, start: np.ndarray, end: np.ndarray, theory: str) -> Iterator[Contribution]:
+    """The tube itself: translation, rotary inertia, spin about its axis (rho J = 2 rho I)."""
+    length = float(np.linalg.norm(end - start))
+    dofs, frame_axes = node_dofs(beam.start, beam.end), beams.axes(start, end)
+    area = tube_property(beam.tube, "area") * beam.density_kgpm3
+    second_moment = tube_property(beam.tube, "second_moment") * beam.density_kgpm3
+    series = _shear_series(beam, length, theory, 2)
+    yield dofs, beams.to_global(beams.axial_mass(length), frame_axes), area
+    yield dofs, beams.to_global(beams.torsional_mass(length), frame_axes), second_moment * 2.0
+    for k, shear in enumerate(series):
+        yield dofs, beams.to_global(beams.transverse_mass(length)[k], frame_axes), area * shear
+        yield dofs, beams.to_global(beams.rotary_mass(length)[k], frame_axes), second_moment * shear
+
+
+def carried_mass(
+    beam: Beam, carried: Sequence[LineMass], start: np.ndarray, end: np.ndarray, theory: str
+) -> Iterator[Contribution]:
+    """Water, growth and secondary steel. Partly covered beams take Bernoulli-Euler shapes in both theories."""
+    length = float(np.linalg.norm(end - start))
+    dofs, frame_axes = node_dofs(beam.start, beam.end), beams.axes(start, end)
+    for mass in carried:
+        if mass.moments is not None:
+            across = beams.to_global(beams.transverse_moments(length), frame_axes)
+            yield from _moments(dofs, across, mass.moments)
+            if not mass.transverse_only:
+                along = beams.to_global(beams.axial_moments(length), frame_axes)
+                yield from _moments(dofs, along, mass.moments[:3])
+            continue
+        for k, shear in enumerate(_shear_series(beam, length, theory, 2)):
+            matrix = beams.to_global(beams.transverse_mass(length)[k], frame_axes)
+            yield dofs, matrix, mass.per_metre * shear
+        if not mass.transverse_only:
+            yield dofs, beams.to_global(beams.axial_mass(length), frame_axes), mass.per_metre
+
+
+def _stiffness(frame: Frame, theory: str) -> Iterator[Contribution]:
+    for beam in frame.beams:
+        yield from beam_stiffness(beam, frame.node_m[beam.start], frame.node_m[beam.end], theory)
+    for spring in frame.springs:
+        yield node_dofs(spring.node), np.outer(spring.direction, spring.direction), spring.stiffness
+    # released motions are numbered behind the nodes', see `transformation`
+    row = 6 * len(frame.node_m)
+    for tie in frame.ties:
+        for coefficient in tie.stiffness:
+            yield np.array([row]), np.ones((1, 1)), coefficient
+            row += 1
+
+
+def _mass(frame: Frame, theory: str, *, dry: bool = False) -> Iterator[Contribution]:
+    """All masses, or with `dry` only those that weigh."""
+    for beam in frame.beams:
+        start, end = frame.node_m[beam.start], frame.node_m[beam.end]
+        yield from steel_mass(beam, start, end, theory)
+        carried = tuple(mass for mass in beam.carried if mass.dry) if dry else beam.carried
+        yield from carried_mass(beam, carried, start, end, theory)
+    for body in frame.bodies:
+        yield node_dofs(body.node), np.diag([1.0, 1.0, 1.0, 0.0, 0.0, 0.0]), body.mass
+        yield node_dofs(body.node), np.diag([0.0, 0.0, 0.0, *body.inertia_kgm2]), Coefficient()
+
+
+def transformation(frame: Frame) -> sparse.csr_array:
+    """T (6 n_node + n_released, n_free): motions of all nodes, then the released motions of ties in order, from the
+    free degrees of freedom q.
+
+    A tied node follows its master as a rigid body plus its released motions; the master must not be tied itself.
+    """
+    n_node = len(frame.node_m)
+    tied = {tie.node for tie in frame.ties}
+    free = np.ones((n_node, 6), bool)
+    for support in frame.supports:
+        free[support.node] &= ~support.held
+    free[sorted(tied)] = False
+    n_own = int(free.sum())
+    column = np.full((n_node, 6), -1)
+    column[free] = np.arange(n_own)
+    rows, columns, values = [np.flatnonzero(free)], [np.arange(n_own)], [np.ones(n_own)]
+
+    def add(row, col, value):
+        rows.append(np.atleast_1d(row))
+        columns.append(np.atleast_1d(col))
+        values.append(np.atleast_1d(value).astype(float))
+
+    released = 0
+    for tie in frame.ties:
+        if tie.master in tied:
+            raise InputError(f"node {tie.master}", "carries a tie and is tied itself", "tie both to the same master")
+        rigid = rigid_motion(frame.node_m[tie.node] - frame.node_m[tie.master])
+        for i, k in zip(*np.nonzero(rigid), strict=True):
+            if column[tie.master, k] >= 0:
+                add(6 * tie.node + i, column[tie.master, k], rigid[i, k])
+        for direction in tie.released:
+            add(node_dofs(tie.node), np.full(6, n_own + released), direction)
+            add(6 * n_node + released, n_own + released, 1.0)
+            released += 1
+    entries = (np.concatenate(values), (np.concatenate(rows), np.concatenate(columns)))
+    matrix = sparse.csr_array(sparse.coo_array(entries, shape=(6 * n_node + released, n_own + released)))
+    matrix.eliminate_zeros()
+    return matrix
+
+
+def rigid_motion(arm: np.ndarray) -> np.ndarray:
+    """(6, 6): motion of a point at `arm` (3,) from the node it is rigidly joined to, u + r x arm."""
+    x, y, z = arm
+    matrix = np.eye(6)
+    matrix[:3, 3:] = [[0, z, -y], [-z, 0, x], [y, -x, 0]]
+    return matrix
+
+
+def _collect(contributions: Iterable[Contribution], updated: Sequence[str], values: Mapping[str, float]):
+    collector = TermCollector(tuple(updated), values)
+    for dofs, matrix, coefficient in contributions:
+        collector.add(coefficient, lambda number, d=dofs, m=matrix: (d, number * m))
+    return collector
+
+
+def _sum_terms(collector: TermCollector, transform: sparse.csr_array) -> list[sparse.csc_array]:
+    result, size = [], transform.shape[0]
+    for entries in collector.keys.values():
+        rows = np.concatenate([np.repeat(dofs, len(dofs)) for dofs, _ in entries])
+        columns = np.concatenate([np.tile(dofs, len(dofs)) for dofs, _ in entries])
+        values = np.concatenate([matrix.ravel() for _, matrix in entries])
+        full = sparse.csr_array(sparse.coo_array((values, (rows, columns)), shape=(size, size)))
+        reduced = sparse.csc_array(transform.T @ full @ transform)
+        result.append(sparse.csc_array(0.5 * (reduced + reduced.T)))
+    return result
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class AssembledFrame:
+    """K(theta) = sum_t c_t K_t over the free degrees of freedom, M likewise; `transform` T gives u = T q.
+
+    The first term of each may have the constant coefficient 1. A term's coefficients come from `coefficients`.
+    """
+
+    stiffness: tuple[sparse.csc_array, ...]
+    mass: tuple[sparse.csc_array, ...]
+    coefficients: Coefficients
+    transform: sparse.csr_array
+
+
+def assemble(
+    frame: Frame,
+    *,
+    updated: tuple[str, ...],
+    values: Mapping[str, float],
+    theory: str = "bernoulli-euler",
+    gravity_mps2: float | None = None,
+) -> AssembledFrame:
+    """Sum a frame into terms for the parameters `updated`; the others stay at `values` (all parameters by name).
+
+    With gravity_mps2 the geometric stiffness of every beam under the weight of steel and lumped masses at `values` is
+    added as a constant; see `axial_forces`.
+
+    On the as-built reference turbine it takes GRAVITY_EFFECT.
+    """
+    if theory not in THEORIES:
+        raise InputError("mesh.theory", f"'{theory}' is unknown", f"choose from {', '.join(THEORIES)}")
+    transform = transformation(frame)
+    stiffness = list(_stiffness(frame, theory))
+    if gravity_mps2 is not None:
+        stiffness += list(_geometric_stiffness(frame, axial_forces(frame, values, theory, gravity_mps2)))
+    collected_k = _collect(stiffness, updated, values)
+    collected_m = _collect(_mass(frame, theory), updated, values)
+    fixed = {name: value for name, value in values.items() if name not in updated}
+    return AssembledFrame(
+        stiffness=tuple(_sum_terms(collected_k, transform)),
+        mass=tuple(_sum_terms(collected_m, transform)),
+        coefficients=build_coefficients(collected_k, collected_m, tuple(updated), fixed),
+        transform=transform[: 6 * len(frame.node_m)],
+    )
+
+
+def _geometric_stiffness(frame: Frame, forces: np.ndarray) -> Iterator[Contribution]:
+    for beam, force in zip(frame.beams, forces, strict=True):
+        start, end = frame.node_m[beam.start], frame.node_m[beam.end]
+        matrix = beams.geometric_stiffness(float(np.linalg.norm(end - start)))
+        turned = beams.to_global(matrix, beams.axes(start, end))
+        yield node_dofs(beam.start, beam.end), turned, Coefficient(float(force))
+
+
+def axial_forces(frame: Frame, values: Mapping[str, float], theory: str, gravity_mps2: float) -> np.ndarray:
+    """(n_beam,) mean axial force in N, tension positive, under the dry weight at the parameter `values`.
+
+    Water, growth and buoyancy are left out: submerged steel is weighed as in air, about an eighth too much, while
+    the tower and what stands on it, which decide the first modes, have their own weight.
+    """
+    transform = transformation(frame)
+    (K,) = _sum_terms(_collect(_stiffness(frame, theory), (), values), transform)
+    weight = np.zeros(transform.shape[0])
+    fall = np.tile([0.0, 0.0, -gravity_mps2, 0.0, 0.0, 0.0], len(frame.node_m))
+    for dofs, matrix, coefficient in _mass(frame, theory, dry=True):
+        weight[dofs] += float(coefficient.value(values)) * (matrix @ fall[dofs])
+    u = transform @ sparse_linalg.spsolve(sparse.csc_matrix(K), transform.T @ weight)
+    forces = []
+    for beam in frame.beams:
+        span = frame.node_m[beam.end] - frame.node_m[beam.start]
+        length = np.linalg.norm(span)
+        stretch = (u[6 * beam.end : 6 * beam.end + 3] - u[6 * beam.start : 6 * beam.start + 3]) @ span / length
+        modulus = beam.youngs_modulus_pa * float(beam.stiffness.value(values))
+        forces.append(modulus * float(beam.tube.area(values)) * stretch / length)
+    return np.array(forces)

@@ -1,0 +1,133 @@
+"""What a structure is made of once it is meshed: nodes, beams, ties, bodies, springs. Any reader may produce it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from probupdate.structure.beam import Tube
+from probupdate.structure.coefficient import Coefficient, Factor, Values
+
+
+@dataclass(frozen=True)
+class TubeProperty:
+    """A picklable function of the parameters: one geometric property of a tube."""
+
+    tube: Tube
+    name: str
+
+    def __call__(self, values: Values):
+        return getattr(self.tube, self.name)(values)
+
+
+def tube_property(tube: Tube, name: str) -> Coefficient:
+    """`name` of Tube (area, second_moment, ...) as a coefficient."""
+    key = ("tube", tube, name)
+    return Coefficient(1.0, (Factor(key=key, names=tube.names, function=TubeProperty(tube, name)),))
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class LineMass:
+    """Mass per metre that moves with a beam without spinning about its axis.
+
+    `transverse_only` for added mass. With `moments` (7 coefficients, int c xi^m dx over the covered part of the
+    beam) in place of a uniform `per_metre`, only part of the beam carries it. `dry` masses count as weight.
+    """
+
+    per_metre: Coefficient
+    transverse_only: bool = False
+    dry: bool = False
+    moments: tuple[Coefficient, ...] | None = None
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class LineSpring:
+    """Winkler springs along a beam as moments of their density: lateral (7 coefficients), axial (3)."""
+
+    lateral: tuple[Coefficient, ...]
+    axial: tuple[Coefficient, ...]
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Beam:
+    """A straight uniform tube between two nodes. `stiffness` multiplies E and G; `part` is the member's name."""
+
+    start: int
+    end: int
+    group: str
+    part: str
+    tube: Tube
+    youngs_modulus_pa: float
+    poisson_ratio: float
+    density_kgpm3: float
+    stiffness: Coefficient = field(default_factory=Coefficient)
+    carried: tuple[LineMass, ...] = ()
+    springs: LineSpring | None = None
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Tie:
+    """`node` moves with `master` as one rigid body, but for the relative motions `released` (k, 6), global axes,
+    which become degrees of freedom of their own with the springs `stiffness` (k coefficients)."""
+
+    node: int
+    master: int
+    released: np.ndarray = field(default_factory=lambda: np.zeros((0, 6)))
+    stiffness: tuple[Coefficient, ...] = ()
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Body:
+    """A point mass with principal inertia (3,) about its own centre, along global axes."""
+
+    node: int
+    mass: Coefficient
+    inertia_kgm2: np.ndarray = field(default_factory=lambda: np.zeros(3))
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class NodeSpring:
+    """A spring to the ground along `direction` (6,), translation and rotation in global axes."""
+
+    node: int
+    direction: np.ndarray
+    stiffness: Coefficient
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Support:
+    """Held motions of a node, (6,) bool."""
+
+    node: int
+    held: np.ndarray = field(default_factory=lambda: np.ones(6, bool))
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Frame:
+    """A meshed structure. node_m (n_node, 3); `pile_head` the node whose stiffness is that of the pile `pile_part`."""
+
+    node_m: np.ndarray
+    beams: tuple[Beam, ...]
+    ties: tuple[Tie, ...] = ()
+    bodies: tuple[Body, ...] = ()
+    springs: tuple[NodeSpring, ...] = ()
+    supports: tuple[Support, ...] = ()
+    pile_head: int | None = None
+    pile_part: str | None = None
+
+    @property
+    def parts(self) -> tuple[str, ...]:
+        """Names of all members, in order."""
+        return tuple(dict.fromkeys(beam.part for beam in self.beams))
+
+    def lines(self) -> tuple[np.ndarray, tuple[str, ...]]:
+        """Every beam, and the arms to bodies, as pairs of nodes (n_line, 2) with their groups."""
+        pairs = [(b.start, b.end) for b in self.beams]
+        groups = [b.group for b in self.beams]
+        carrying = {body.node for body in self.bodies}
+        for tie in self.ties:
+            if tie.node in carrying:
+                pairs.append((tie.master, tie.node))
+                groups.append("rna")
+        return np.array(pairs, int).reshape(-1, 2), tuple(groups)

@@ -1,0 +1,167 @@
+"""Open a model: a turbine's model.toml, or matrices in model.npz with a table of parameters."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from scipy import sparse
+
+from probupdate.errors import InputError
+from probupdate.model import Wireframe
+from probupdate.modes import Sensor, frozen_array
+from probupdate.parameters import Parameters
+from probupdate.structure.affine import AffineModel
+from probupdate.structure.assembly import assemble
+from probupdate.structure.channels import channel_rows
+from probupdate.structure.description import NEUTRAL, Description, nearest, parse_description, read_toml
+from probupdate.structure.description import updated as updated_of
+from probupdate.structure.frame import Frame
+from probupdate.structure.matrices import load_matrices
+from probupdate.structure.parameter_table import read_parameters, updated_parameters
+from probupdate.structure.pile_head import pile_head_stiffness
+from probupdate.structure.turbine_frame import build_frame
+
+REFERENCE_STATES = ("design", "as_built", "updated")
+# part of every hash: raise it when the same description gives other matrices
+FORMULATION = 1
+
+
+def reference_model(state: str = "as_built") -> Path:
+    """The packaged model.toml of the reference turbine in one of its three states."""
+    if state not in REFERENCE_STATES:
+        raise InputError("reference model", f"state '{state}' is unknown", f"choose from {', '.join(REFERENCE_STATES)}")
+    path = Path(__file__).resolve().parents[1] / "reference" / f"{state}.toml"
+    if not path.exists():
+        raise InputError(str(path), "the package was installed without it", "reinstall probupdate")
+    return path
+
+
+def load_model(
+    path: str | Path,
+    *,
+    parameters: Parameters | str | Path | None = None,
+    sensors: Sequence[Sensor] | None = None,
+) -> AffineModel:
+    """`.toml`: a turbine by its geometry, or [matrices] beside its parameters; `.npz`: matrices.
+
+    `parameters` replaces the updated ones of the file; for `.npz` it is needed unless `<name>.toml` or
+    `parameters.toml` lies beside it. `sensors` replaces the model's own, so that it answers at any campaign's
+    channels; a channel of the same name keeps the part the file gives it, others attach to the nearest one.
+    """
+    path = Path(path)
+    if isinstance(parameters, str | Path):
+        parameters = read_parameters(parameters)
+    if path.suffix == ".npz":
+        _refuse_sensors(path, sensors)
+        return load_matrices(path, parameters or _beside(path))
+    if path.suffix != ".toml":
+        raise InputError(str(path), f"'{path.suffix}' is no form of model", "give a model.toml or a model.npz")
+    raw = read_toml(path)
+    if "matrices" in raw:
+        _refuse_sensors(path, sensors)
+        return _matrix_model(path, raw, parameters)
+    return turbine_model(parse_description(raw, str(path)), where=str(path), parameters=parameters, sensors=sensors)
+
+
+def _refuse_sensors(path: Path, sensors) -> None:
+    if sensors is not None:
+        raise InputError(str(path), "a model of matrices has its own channels only", "leave the sensors to the model")
+
+
+def _beside(path: Path) -> Parameters:
+    for candidate in (path.with_suffix(".toml"), path.with_name("parameters.toml")):
+        if candidate.exists():
+            return read_parameters(candidate)
+    raise InputError(
+        str(path), "its parameters are not known",
+        f"write {path.with_name('parameters.toml').name} beside it, one [[parameter]] table each with name, unit, "
+        "initial, cov or std, lower, upper, prior, or name such a file",
+    )  # fmt: skip
+
+
+def _matrix_model(path: Path, raw: dict, parameters: Parameters | None) -> AffineModel:
+    allowed = ("format", "name", "matrices", "parameter", "correlation")
+    for key in raw:
+        if key not in allowed:
+            raise InputError(f"{path}: {key}", "is not a key of a model of matrices", nearest(key, allowed))
+    table = raw["matrices"]
+    if not isinstance(table, dict) or set(table) != {"file"} or not isinstance(table["file"], str):
+        raise InputError(f"{path}: matrices", "is not a table with the one key 'file'", 'write file = "model.npz"')
+    folder = path.resolve().parent
+    file = (folder / table["file"]).resolve()
+    if not file.is_relative_to(folder):
+        raise InputError(f"{path}: matrices.file", f"'{table['file']}' leaves the model's folder", "put it beside")
+    if parameters is None:
+        if "parameter" not in raw:
+            raise InputError(f"{path}: parameter", "there is none", "list at least one [[parameter]]")
+        parameters = updated_parameters(raw["parameter"], str(path), raw.get("correlation"))
+    return load_matrices(file, parameters, name=raw.get("name"))
+
+
+def turbine_model(
+    description: Description,
+    *,
+    where: str,
+    parameters: Parameters | None = None,
+    sensors: Sequence[Sensor] | None = None,
+) -> AffineModel:
+    """A turbine's frame as a model of its modes, with `derived` k_xy and k_z, a pile's head stiffness in N/m."""
+    parameters = updated_of(description, where) if parameters is None else parameters
+    for name in parameters.names:
+        if name not in NEUTRAL:
+            raise InputError(f"{where}: parameter {name}", "the model has no such parameter", nearest(name, NEUTRAL))
+    values = description.values | {p.name: p.initial for p in parameters}
+    frame = build_frame(description)
+    mesh = description.mesh
+    assembled = assemble(
+        frame, updated=parameters.names, values=values, theory=mesh.theory,
+        gravity_mps2=description.site.gravity_mps2 if mesh.geometric_stiffness else None,
+    )  # fmt: skip
+    chosen = tuple(sensors) if sensors is not None else _own_sensors(description)
+    rows = channel_rows(frame, chosen, {s.channel: s.part for s in description.sensor}, where)
+    wire, wire_rows = _wireframe(frame)
+    return AffineModel(
+        name=description.name,
+        parameters=parameters,
+        channels=tuple(s.channel for s in chosen),
+        stiffness=assembled.stiffness,
+        mass=assembled.mass,
+        coefficients=assembled.coefficients,
+        channel_matrix=sparse.csr_array(rows @ assembled.transform),
+        hash_key=_hash(description, values, chosen),
+        wire=wire,
+        wire_matrix=sparse.csr_array(wire_rows @ assembled.transform),
+        derived=pile_head_stiffness(frame, updated=parameters.names, values=values, theory=mesh.theory),
+    )
+
+
+def _own_sensors(description: Description) -> tuple[Sensor, ...]:
+    if not description.sensor:
+        raise InputError(description.name, "lists no [[sensor]]", "add the channels, or give a campaign's")
+    return tuple(
+        Sensor(channel=s.channel, level=s.level, position_m=s.position_m, direction=s.direction, quantity=s.quantity,
+               unit=s.unit)
+        for s in description.sensor
+    )  # fmt: skip
+
+
+def _wireframe(frame: Frame) -> tuple[Wireframe, sparse.csr_array]:
+    lines, groups = frame.lines()
+    size = len(frame.node_m)
+    picked = (6 * np.arange(size)[:, None] + np.arange(3)).ravel()
+    entries = (np.ones(3 * size), (np.arange(3 * size), picked))
+    rows = sparse.csr_array(sparse.coo_array(entries, shape=(3 * size, 6 * size)))
+    return Wireframe(node_m=frozen_array(frame.node_m), line=frozen_array(lines, int), line_group=groups), rows
+
+
+def _hash(description: Description, values, sensors: Sequence[Sensor]) -> str:
+    """All that determines the matrices and rows; priors are the model's own affair and enter its fingerprint."""
+    content = description.model_dump(mode="json", exclude={"parameter", "correlation", "sensor"})
+    places = [[s.channel, s.position_m.tolist(), s.direction.tolist()] for s in sensors]
+    parts = {s.channel: s.part for s in description.sensor}
+    text = json.dumps([FORMULATION, content, dict(sorted(values.items())), places, parts], sort_keys=True)
+    return hashlib.sha256(text.encode()).hexdigest()
