@@ -1,0 +1,157 @@
+"""Which computed mode is which measured mode: by shape, not by order; close modes by the plane they span."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import optimize
+
+from probupdate.errors import InputError
+from probupdate.model import ModalSolution, Model
+from probupdate.modes import ModalSet, frozen_array, mac, rotate_to_real, subspace_mac
+
+# measured modes whose frequencies differ by less than this share of their mean are compared as a plane: within it the
+# single shapes turn into each other with the noise
+PAIR_GAP = 0.10
+# below this criterion a computed mode is not taken for a measured one
+MIN_MAC = 0.50
+# computed modes beyond the highest matched one that every evaluation carries, so that a mode that changes its place
+# is followed
+SPARE = 3
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class ModeGroup:
+    """Measured modes that are compared together: one, or the two (or more) of a close cluster, ascending in f."""
+
+    measured: tuple[int, ...]
+    computed: tuple[int, ...]
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Matching:
+    """groups: every mode that is used. criterion (n_measured, n_computed) holds MAC, or for members of a cluster the
+    MAC of the computed shape with its best match in the measured plane; rows of NaN for modes not measured.
+    `left_out`: a sentence for each mode of the data that is not used. n_mode: computed modes an evaluation needs.
+    """
+
+    groups: tuple[ModeGroup, ...]
+    criterion: np.ndarray
+    left_out: tuple[str, ...]
+    n_mode: int
+
+    @property
+    def measured(self) -> tuple[int, ...]:
+        """Used modes of the data, by group."""
+        return tuple(j for group in self.groups for j in group.measured)
+
+    @property
+    def computed(self) -> tuple[int, ...]:
+        return tuple(i for group in self.groups for i in group.computed)
+
+    @property
+    def pairs(self) -> tuple[tuple[int, ...], ...]:
+        """Measured modes compared as planes."""
+        return tuple(group.measured for group in self.groups if len(group.measured) > 1)
+
+
+def channel_rows(model: Model, channels: tuple[str, ...]) -> np.ndarray:
+    """Row of each measured channel in the model's shapes; raises InputError for one the model does not have."""
+    row = {name: k for k, name in enumerate(model.channels)}
+    missing = [name for name in channels if name not in row]
+    if missing:
+        raise InputError(
+            f"channel {missing[0]}",
+            f"is in the measured modes but not in the model {model.name} ({len(missing)} of {len(channels)} missing)",
+            "name the model's channels as the data's, or load the model with the campaign's sensors",
+        )
+    return np.array([row[name] for name in channels])
+
+
+def close_clusters(frequency_hz: np.ndarray, gap: float = PAIR_GAP) -> list[tuple[int, ...]]:
+    """Runs of measured modes, ascending in frequency, whose neighbours differ by less than `gap` of their mean."""
+    order = [int(j) for j in np.argsort(frequency_hz) if np.isfinite(frequency_hz[j])]
+    clusters: list[list[int]] = []
+    for j in order:
+        if clusters:
+            below = frequency_hz[clusters[-1][-1]]
+            if frequency_hz[j] - below < gap * 0.5 * (frequency_hz[j] + below):
+                clusters[-1].append(j)
+                continue
+        clusters.append([j])
+    return [tuple(c) for c in clusters]
+
+
+def match(
+    modal_set: ModalSet,
+    solution: ModalSolution,
+    rows: np.ndarray,
+    *,
+    labels: tuple[str, ...] = (),
+    clusters: list[tuple[int, ...]] | None = None,
+    min_mac: float = MIN_MAC,
+) -> Matching:
+    """Pair measured with computed modes one to one by the largest sum of criteria.
+
+    `solution` holds more modes than were measured; `rows` its rows for the measured channels. `clusters` fixes which
+    measured modes are compared as planes (default: by frequency, `close_clusters`). Raises InputError where no mode
+    can be used.
+    """
+    name = labels or tuple(f"mode {j + 1}" for j in range(modal_set.frequency_hz.size))
+    clusters = close_clusters(modal_set.frequency_hz) if clusters is None else clusters
+    measured = rotate_to_real(modal_set.shape).real
+    computed = solution.shape[rows]
+    left_out, used = [], []
+    for j in range(modal_set.frequency_hz.size):
+        if not modal_set.measured[j]:
+            left_out.append(f"{name[j]} was not identified in set {modal_set.id}")
+        elif np.isfinite(measured[:, j]).sum() < 2:
+            left_out.append(f"{name[j]} has fewer than two measured shape components in set {modal_set.id}")
+        else:
+            used.append(j)
+    clusters = [tuple(j for j in c if j in used) for c in clusters]
+    clusters = [c for c in clusters if c]
+    criterion = np.full((modal_set.frequency_hz.size, computed.shape[1]), np.nan)
+    for cluster in clusters:
+        members = list(cluster)
+        if len(members) == 1:
+            criterion[members] = mac(measured[:, members], computed)
+        else:
+            criterion[members] = subspace_mac(computed, measured[:, members])
+    pairs = assign(criterion[used]) if used else np.zeros(0, int)
+    partner = dict(zip(used, pairs, strict=True))
+    groups = []
+    for cluster in clusters:
+        found = sorted(int(partner[j]) for j in cluster)
+        # a computed member may be the better half of a plane: the worst of the members decides
+        kept = [j for j in cluster if criterion[j, partner[j]] >= min_mac]
+        if len(kept) < len(cluster):
+            worst = min(cluster, key=lambda j: criterion[j, partner[j]])
+            names = " and ".join(name[j] for j in cluster)
+            left_out.append(
+                f"{names} of set {modal_set.id}: no computed mode resembles {name[worst]} "
+                f"(best MAC left {criterion[worst, partner[worst]]:.2f}, {min_mac:.2f} wanted)"
+            )
+            continue
+        groups.append(ModeGroup(measured=cluster, computed=tuple(found)))
+    if not groups:
+        raise InputError(
+            f"set {modal_set.id}", f"none of its modes can be used ({'; '.join(left_out)})",
+            "check channel names, signs and units of the shapes, or identify these modes",
+        )
+    highest = max(i for group in groups for i in group.computed)
+    return Matching(
+        groups=tuple(groups), criterion=frozen_array(criterion), left_out=tuple(left_out), n_mode=highest + 1 + SPARE
+    )
+
+
+def assign(criterion: np.ndarray) -> np.ndarray:
+    """Column of each row (n_row,) with the largest sum of criteria (n_row, n_column), one to one."""
+    score = np.nan_to_num(criterion, nan=-1.0)
+    best = np.argmax(score, axis=1)
+    # mostly every row's best column is its own, and no assignment problem need be solved
+    if np.unique(best).size == best.size:
+        return best
+    _, columns = optimize.linear_sum_assignment(-score)
+    return columns
