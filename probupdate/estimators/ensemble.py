@@ -1,0 +1,258 @@
+"""The posterior by emcee: started from truncated Laplace draws at the maximum, run until three criteria hold.
+
+The chain is kept in segments beside the result, each written whole, with the fingerprint of problem and settings: a
+killed run goes on where its last segment ended, with the same numbers as an undisturbed one.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import emcee
+import numpy as np
+
+from probupdate.errors import InputError
+from probupdate.estimators.laplace import Laplace, truncated_draws
+from probupdate.modes import frozen_array
+from probupdate.problem import Problem
+from probupdate.progress import Progress, silent
+
+# steps between looks at convergence, and the unit that is written to disk
+SEGMENT = 200
+R_HAT_LIMIT = 1.01
+AUTOCORRELATION_TIMES = 50
+# share of the chain at its start that is left out
+BURN_IN = 0.2
+# where part of what a move proposes is far: full jumps along differences of walkers carry them between modes
+JUMP_SHARE = 0.1
+
+
+@dataclass(frozen=True, kw_only=True)
+class SamplerSettings:
+    """walkers_per_parameter: emcee's ensemble size over the number of parameters. target_ess: effective draws wanted
+    of the worst parameter. max_steps: the run gives up after these, and says so."""
+
+    seed: int = 1
+    walkers_per_parameter: int = 4
+    target_ess: int = 1000
+    max_steps: int = 20000
+
+    def __post_init__(self):
+        if isinstance(self.seed, bool) or not isinstance(self.seed, int | np.integer) or self.seed < 0:
+            raise InputError("seed", f"{self.seed!r} is no whole number from 0 on", "give one, such as 1")
+        for name in ("walkers_per_parameter", "target_ess", "max_steps"):
+            if getattr(self, name) < 1:
+                raise InputError(name, f"{getattr(self, name)} is below 1", "give a positive number")
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Chain:
+    """theta (n_step, n_walker, n_param), log_posterior (n_step, n_walker), acceptance share of all moves, number of
+    evaluated parameter vectors and of those that the full model answered. `first` is the first step after burn-in.
+
+    r_hat, ess, tau (n_param,): rank-normalised split R-hat and bulk effective size with walkers as chains, emcee's
+    integrated autocorrelation time in steps.
+    """
+
+    theta: np.ndarray
+    log_posterior: np.ndarray
+    first: int
+    acceptance: float
+    evaluated: int
+    fallback: int
+    r_hat: np.ndarray
+    ess: np.ndarray
+    tau: np.ndarray
+    converged: bool
+    verdict: str
+
+    @property
+    def draws(self) -> np.ndarray:
+        """(n_draw, n_param) after burn-in, walker by walker within a step."""
+        return self.theta[self.first :].reshape(-1, self.theta.shape[2])
+
+
+def moves() -> list[tuple[emcee.moves.Move, float]]:
+    """Differential evolution, a tenth of it with full-length jumps.
+
+    Not offered: DESnookerMove of emcee 3.1.6 leaves the wrong variance, GaussianMove with a full covariance moves all
+    walkers alike.
+    """
+    return [(emcee.moves.DEMove(), 1 - JUMP_SHARE), (emcee.moves.DEMove(gamma0=1.0), JUMP_SHARE)]
+
+
+def sample(
+    problem: Problem,
+    laplace: Laplace,
+    folder: str | Path,
+    settings: SamplerSettings,
+    *,
+    fingerprint: str | None = None,
+    progress: Progress = silent,
+) -> Chain:
+    """Draw from the posterior of `problem`, keeping segments in `folder`.
+
+    `fingerprint` stands for the problem where it differs from problem.fingerprint() (a reduced model built with
+    settings of its own). Raises InputError where the folder holds a chain of another problem or other settings.
+    """
+    folder = Path(folder)
+    parameters = problem.parameters
+    n_walker = max(2 * len(parameters) + 2, settings.walkers_per_parameter * len(parameters))
+    n_walker += n_walker % 2
+    store = _Store(folder, fingerprint or problem.fingerprint(), settings, n_walker, parameters.names)
+    counts = {"evaluated": 0, "fallback": 0}
+
+    def log_probability(theta: np.ndarray) -> np.ndarray:
+        value, fallback = problem.log_posterior(theta)
+        counts["evaluated"] += int(np.isfinite(value).sum())
+        counts["fallback"] += int(fallback.sum())
+        return value
+
+    sampler = emcee.EnsembleSampler(
+        n_walker, len(parameters), log_probability, vectorize=True, moves=moves(),
+    )  # fmt: skip
+    segments = store.read()
+    rng = np.random.default_rng([settings.seed, 0])
+    if segments:
+        state = segments[-1].state
+    else:
+        start = truncated_draws(laplace, parameters, n_walker, rng)
+        generator = np.random.RandomState(np.random.default_rng([settings.seed, 1]).integers(2**32, size=8))
+        state = emcee.State(start, random_state=generator.get_state())
+    while True:
+        n_step = sum(len(s.theta) for s in segments)
+        if segments:
+            chain = _judge(segments, parameters, settings)
+            # as far as it is known: the worst effective size grows about with the number of steps
+            wanted = n_step if chain.converged else min(settings.max_steps, _forecast(chain, n_step, settings))
+            progress("sampling", n_step, max(wanted, n_step))
+            if chain.converged or n_step >= settings.max_steps:
+                return chain
+        counts.update(evaluated=0, fallback=0)
+        sampler.reset()
+        state = sampler.run_mcmc(state, min(SEGMENT, settings.max_steps - n_step), skip_initial_state_check=True)
+        segment = _Segment(
+            theta=sampler.get_chain(), log_posterior=sampler.get_log_prob(), state=state,
+            accepted=float(np.mean(sampler.acceptance_fraction)), **counts,
+        )
+        store.append(segment, len(segments))
+        segments.append(segment)
+
+
+def _forecast(chain: Chain, n_step: int, settings: SamplerSettings) -> int:
+    factor = max(
+        settings.target_ess / max(float(np.min(chain.ess)), 1.0),
+        AUTOCORRELATION_TIMES * float(np.max(chain.tau)) / n_step,
+        1.0,
+    )
+    return int(np.ceil(n_step * factor / SEGMENT)) * SEGMENT
+
+
+def _judge(segments: list[_Segment], parameters, settings: SamplerSettings) -> Chain:
+    from probupdate.estimators.posterior_file import effective_size
+
+    theta = np.concatenate([s.theta for s in segments])
+    n_step = len(theta)
+    first = int(BURN_IN * n_step)
+    kept = theta[first:]
+    r_hat, ess = effective_size(kept)
+    # tol=0: emcee only warns of short chains; the criterion below is judged here
+    tau = emcee.autocorr.integrated_time(kept, tol=0, has_walkers=True)
+    times = len(kept) / float(np.max(tau))
+    checks = (
+        (float(np.max(r_hat)) < R_HAT_LIMIT, f"R-hat {np.max(r_hat):.3f} ({parameters.names[int(np.argmax(r_hat))]}), "
+         f"wanted below {R_HAT_LIMIT}"),
+        (times > AUTOCORRELATION_TIMES, f"{times:.0f} autocorrelation times ({parameters.names[int(np.argmax(tau))]}), "
+         f"wanted {AUTOCORRELATION_TIMES}"),
+        (float(np.min(ess)) >= settings.target_ess, f"effective size {np.min(ess):.0f} "
+         f"({parameters.names[int(np.argmin(ess))]}), wanted {settings.target_ess}"),
+    )  # fmt: skip
+    converged = all(held for held, _ in checks)
+    if converged:
+        verdict = "Converged: " + "; ".join(text.split(",")[0] for _, text in checks) + f"; {n_step} steps."
+    else:
+        verdict = "NOT converged: " + "; ".join(text for held, text in checks if not held) + f"; {n_step} steps."
+    return Chain(
+        theta=frozen_array(theta), log_posterior=frozen_array(np.concatenate([s.log_posterior for s in segments])),
+        first=first, acceptance=float(np.mean([s.accepted for s in segments])),
+        evaluated=sum(s.evaluated for s in segments), fallback=sum(s.fallback for s in segments),
+        r_hat=frozen_array(r_hat), ess=frozen_array(ess), tau=frozen_array(tau), converged=converged, verdict=verdict,
+    )
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _Segment:
+    theta: np.ndarray
+    log_posterior: np.ndarray
+    state: emcee.State
+    accepted: float
+    evaluated: int
+    fallback: int
+
+
+class _Store:
+    """Segments of a chain as npz files in a folder, beside a head that says what they belong to."""
+
+    def __init__(self, folder: Path, fingerprint: str, settings: SamplerSettings, n_walker: int, names):
+        self._folder = folder
+        kept = {k: v for k, v in asdict(settings).items() if k not in ("target_ess", "max_steps")}
+        head = {"format": 1, "fingerprint": fingerprint, "settings": kept, "n_walker": n_walker,
+                "parameters": list(names), "emcee": emcee.__version__, "segment": SEGMENT}  # fmt: skip
+        head["hash"] = hashlib.sha256(json.dumps(head, sort_keys=True).encode()).hexdigest()
+        path = folder / "chain.json"
+        if path.exists():
+            found = json.loads(path.read_text(encoding="utf-8"))
+            if found != head:
+                changed = [k for k in head if k != "hash" and found.get(k) != head[k]]
+                raise InputError(
+                    str(folder), f"holds a chain of another run: {', '.join(changed)} differ",
+                    "give another --out, or delete that folder to start anew",
+                )
+        else:
+            folder.mkdir(parents=True, exist_ok=True)
+            _write_whole(path, lambda file: file.write(json.dumps(head, indent=1).encode()))
+
+    def _path(self, number: int) -> Path:
+        return self._folder / f"segment-{number:05d}.npz"
+
+    def append(self, segment: _Segment, number: int) -> None:
+        kind, keys, position, has_gauss, cached = segment.state.random_state
+        content = {
+            "theta": segment.theta, "log_posterior": segment.log_posterior, "coords": segment.state.coords,
+            "log_prob": segment.state.log_prob, "keys": keys,
+            "numbers": np.array([position, has_gauss, segment.evaluated, segment.fallback]),
+            "cached": np.array([cached, segment.accepted]),
+        }  # fmt: skip
+        if kind != "MT19937":
+            raise InputError("random state", f"generator {kind} is not the one expected", "use emcee 3.1")
+        _write_whole(self._path(number), lambda file: np.savez(file, **content))
+
+    def read(self) -> list[_Segment]:
+        segments = []
+        while (path := self._path(len(segments))).exists():
+            with np.load(path, allow_pickle=False) as content:
+                position, has_gauss, evaluated, fallback = (int(x) for x in content["numbers"])
+                cached, accepted = (float(x) for x in content["cached"])
+                state = emcee.State(
+                    content["coords"], log_prob=content["log_prob"],
+                    random_state=("MT19937", content["keys"], position, has_gauss, cached),
+                )
+                segments.append(_Segment(
+                    theta=content["theta"], log_posterior=content["log_posterior"], state=state, accepted=accepted,
+                    evaluated=evaluated, fallback=fallback,
+                ))  # fmt: skip
+        return segments
+
+
+def _write_whole(path: Path, write) -> None:
+    """All of the file or none of it, whenever the process is killed."""
+    part = path.with_suffix(".part")
+    with part.open("wb") as file:
+        write(file)
+        file.flush()
+        os.fsync(file.fileno())
+    os.replace(part, path)

@@ -1,0 +1,150 @@
+"""The maximum of the posterior and the Gaussian around it: where the sampler starts and what it is checked against."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import linalg, stats
+
+from probupdate.errors import ConvergenceError
+from probupdate.estimators.tikhonov import HALVINGS, ROUNDING, bounded_step, pinned
+from probupdate.modes import frozen_array
+from probupdate.problem import Problem
+
+MAX_ITERATION = 200
+# in prior deviations
+TOLERANCE = 1e-7
+# maxima whose log densities differ by less than this are told apart by their parameters only
+SAME_HEIGHT = 1e-3
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Laplace:
+    """theta (n_param,) the maximum of p(theta | data) inside the bounds; covariance (n_param, n_param) of the
+    Gauss-Newton Gaussian with its free directions; gradient (n_param,) of ln p there, not zero where at_bound.
+
+    resolution (n_param,) is the diagonal of P S^T W_Lambda S: 1 where the data alone decide, 0 where the prior does.
+    `others`: log densities below the maximum of further maxima that starts ended in.
+    """
+
+    theta: np.ndarray
+    covariance: np.ndarray
+    precision: np.ndarray
+    gradient: np.ndarray
+    at_bound: np.ndarray
+    resolution: np.ndarray
+    log_posterior: float
+    misfit: float
+    others: tuple[float, ...]
+
+
+def prior_residual(parameters, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """r (n,) and dr/dtheta (n, n) with -2 ln prior(theta) = r^T r + const inside the bounds.
+
+    A lognormal density's factor 1/theta is kept by completing the square: in z = ln(theta / median) / s it shifts the
+    centre by C s, C the correlation and s the logarithmic deviations of the lognormal parameters.
+    """
+    n = len(parameters)
+    z, slope, log_std = np.empty(n), np.empty(n), np.zeros(n)
+    for k, p in enumerate(parameters):
+        if p.prior == "normal":
+            z[k], slope[k] = (theta[k] - p.initial) / p.std, 1 / p.std
+        else:
+            log_std[k] = p.log_std
+            z[k], slope[k] = np.log(theta[k] / p.initial) / p.log_std, 1 / (theta[k] * p.log_std)
+    correlation = np.eye(n) if parameters.correlation is None else parameters.correlation
+    factor = linalg.cholesky(correlation, lower=True)
+    white = linalg.solve_triangular(factor, np.column_stack([z + correlation @ log_std, np.diag(slope)]), lower=True)
+    return white[:, 0], white[:, 1:]
+
+
+def maximum_a_posteriori(problem: Problem, starts: Sequence[np.ndarray]) -> Laplace:
+    """Bounded Gauss-Newton from every start; the highest maximum wins.
+
+    Raises ConvergenceError, with the best parameters as estimate, where no start settles.
+    """
+    ends = [_climb(problem, np.asarray(start, float)) for start in starts]
+    settled = [end for end in ends if end[2]]
+    if not settled:
+        best = min(ends, key=lambda end: end[1])
+        raise ConvergenceError(
+            f"the posterior's maximum was not reached within {MAX_ITERATION} iterations from any of {len(ends)} starts",
+            best[0],
+        )
+    theta, lowest, _ = min(settled, key=lambda end: end[1])
+    std = problem.parameters.std
+    others = sorted({
+        round(float(0.5 * (end[1] - lowest)), 3) for end in settled
+        if np.max(np.abs(end[0] - theta) / std) > 1e-3 and 0.5 * (end[1] - lowest) > SAME_HEIGHT
+    })  # fmt: skip
+    residual, slope, data_slope = _system(problem, theta)
+    precision = slope.T @ slope
+    at_bound = pinned(theta, problem.parameters)
+    covariance = np.linalg.inv(precision)
+    resolution = np.diag(covariance @ data_slope.T @ data_slope)
+    value, _ = problem.log_posterior(theta)
+    return Laplace(
+        theta=frozen_array(theta), covariance=frozen_array(covariance), precision=frozen_array(precision),
+        gradient=frozen_array(-slope.T @ residual), at_bound=frozen_array(at_bound, bool),
+        resolution=frozen_array(resolution), log_posterior=float(value[0]),
+        misfit=float(problem.misfit(problem.predict(theta))), others=tuple(others),
+    )
+
+
+def _system(problem: Problem, theta: np.ndarray):
+    """Residual and its slope of the whole posterior, and the data's part of the slope."""
+    response, sensitivity = problem.sensitivity(theta)
+    prior, prior_slope = prior_residual(problem.parameters, theta)
+    data_slope = sensitivity / problem.std[:, None]
+    residual = np.concatenate([(response - problem.measured) / problem.std, prior])
+    return residual, np.vstack([data_slope, prior_slope]), data_slope
+
+
+def _value(problem: Problem, theta: np.ndarray) -> float:
+    prior, _ = prior_residual(problem.parameters, theta)
+    return float(problem.misfit(problem.predict(theta)) + prior @ prior)
+
+
+def _climb(problem: Problem, theta: np.ndarray) -> tuple[np.ndarray, float, bool]:
+    """theta, -2 ln posterior + const, settled."""
+    parameters = problem.parameters
+    value = _value(problem, theta)
+    for _ in range(MAX_ITERATION):
+        residual, slope, _ = _system(problem, theta)
+        step = bounded_step(slope, -residual, theta, parameters)
+        share, trial, fresh = 1.0, theta, value
+        for _ in range(HALVINGS):
+            trial = np.clip(theta + share * step, parameters.lower, parameters.upper)
+            fresh = _value(problem, trial)
+            if fresh <= value * (1 + ROUNDING):
+                break
+            share *= 0.5
+        small = float(np.max(np.abs(step) / parameters.std))
+        if fresh > value * (1 + ROUNDING):
+            return theta, value, False
+        theta, value = trial, fresh
+        if small * share < TOLERANCE:
+            return theta, value, True
+    return theta, value, False
+
+
+def truncated_draws(laplace: Laplace, parameters, n: int, rng: np.random.Generator, sweeps: int = 60) -> np.ndarray:
+    """n draws (n, n_param) of the Gaussian exp(g^T d - d^T H d / 2), d = theta - MAP, cut at the bounds, by Gibbs
+    sweeps over the parameters, each from its truncated normal conditional.
+
+    With a gradient g at a bound this is the density's own fall-off from there, not half a Gaussian.
+    """
+    precision, gradient = laplace.precision, laplace.gradient
+    low, high = parameters.lower - laplace.theta, parameters.upper - laplace.theta
+    std = 1 / np.sqrt(np.diag(precision))
+    d = np.zeros((n, len(parameters)))
+    for _ in range(sweeps):
+        for k in range(len(parameters)):
+            others = d @ precision[:, k] - d[:, k] * precision[k, k]
+            mean = (gradient[k] - others) / precision[k, k]
+            a, b = (low[k] - mean) / std[k], (high[k] - mean) / std[k]
+            d[:, k] = mean + std[k] * stats.truncnorm.rvs(a, b, random_state=rng)
+    # rounding may leave a draw a hair outside
+    return np.clip(laplace.theta + d, parameters.lower, parameters.upper)

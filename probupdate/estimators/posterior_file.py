@@ -1,0 +1,169 @@
+"""posterior.nc: the chain as an ArviZ file, and the two diagnostics taken from ArviZ. No other module imports it."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from probupdate.errors import InputError
+from probupdate.modes import frozen_array
+
+# draws kept in the file, over all walkers: far more than any effective size wanted, and megabytes only
+MAX_DRAWS = 100_000
+GROUPS = ("posterior", "sample_stats", "log_likelihood", "prior", "observed_data")
+
+
+def effective_size(theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """theta (n_step, n_walker, n_param) -> rank-normalised split R-hat and bulk effective size (n_param,), walkers
+    taken as chains (Vehtari et al. 2021)."""
+    import arviz
+
+    chains = np.ascontiguousarray(theta.transpose(2, 1, 0))
+    r_hat = np.array([float(arviz.rhat(c)) for c in chains])
+    ess = np.array([float(arviz.ess(c)) for c in chains])
+    return r_hat, ess
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Posterior:
+    """What posterior.nc holds, by name.
+
+    theta (n_walker, n_step, n_param) after burn-in, perhaps thinned; log_likelihood (n_walker, n_step) of all
+    responses together; prior (n_draw, n_param) draws; measured, predicted: responses (n_response,) and at some draws
+    (n_predicted, n_response); frequency_hz (n_predicted, n_used) of the matched modes there. Text and numbers on how
+    it came about are in `record`.
+    """
+
+    names: tuple[str, ...]
+    theta: np.ndarray
+    log_likelihood: np.ndarray
+    log_posterior: np.ndarray
+    prior: np.ndarray
+    response_labels: tuple[str, ...]
+    measured: np.ndarray
+    std: np.ndarray
+    predicted: np.ndarray
+    frequency_hz: np.ndarray
+    mode_labels: tuple[str, ...]
+    r_hat: np.ndarray
+    ess: np.ndarray
+    converged: bool
+    verdict: str
+    fingerprint: str
+    record: Mapping[str, object] = field(default_factory=dict)
+
+    @property
+    def draws(self) -> np.ndarray:
+        """(n_draw, n_param)."""
+        return self.theta.reshape(-1, self.theta.shape[2])
+
+    @property
+    def summary(self) -> str:
+        lines = [self.verdict]
+        draws = self.draws
+        width = max(map(len, self.names))
+        for k, name in enumerate(self.names):
+            low, high = np.quantile(draws[:, k], [0.05, 0.95])
+            lines.append(f"  {name:<{width}}  {draws[:, k].mean():>10.4g} +- {draws[:, k].std(ddof=1):<9.3g} "
+                         f"90 % {low:.4g} to {high:.4g}")  # fmt: skip
+        evaluated, fallback = self.record.get("evaluated", 0), self.record.get("fallback", 0)
+        lines.append(f"{evaluated} evaluations, {fallback} of them by the full model; "
+                     f"acceptance {self.record.get('acceptance', float('nan')):.2f}")  # fmt: skip
+        lines += [str(note) for note in self.record.get("notes", ())]
+        return "\n".join(lines)
+
+
+def write_posterior(posterior: Posterior, path: str | Path) -> Path:
+    """Write the five groups; numbers on how it came about go into the attributes of `posterior`."""
+    import arviz
+    import xarray
+
+    path = Path(path)
+    path.parent.mkdir(parents=True, exist_ok=True)
+
+    def by_name(theta: np.ndarray, dims) -> xarray.Dataset:
+        return xarray.Dataset({name: (dims, theta[..., k]) for k, name in enumerate(posterior.names)})
+
+    chain_dims = ("chain", "draw")
+    n_chain, n_draw, _ = posterior.theta.shape
+    coords = {"chain": np.arange(n_chain), "draw": np.arange(n_draw)}
+    groups = {
+        "posterior": by_name(posterior.theta, chain_dims).assign_coords(coords),
+        "sample_stats": xarray.Dataset({"lp": (chain_dims, posterior.log_posterior)}, coords=coords),
+        "log_likelihood": xarray.Dataset({"response": (chain_dims, posterior.log_likelihood)}, coords=coords),
+        "prior": by_name(posterior.prior[None], chain_dims).assign_coords(
+            chain=[0], draw=np.arange(len(posterior.prior))),
+        "observed_data": xarray.Dataset(
+            {"response": ("response_label", posterior.measured), "response_std": ("response_label", posterior.std),
+             "response_predicted": (("predicted", "response_label"), posterior.predicted),
+             "frequency_hz_predicted": (("predicted", "mode"), posterior.frequency_hz)},
+            coords={"response_label": list(posterior.response_labels), "mode": list(posterior.mode_labels)}),
+    }  # fmt: skip
+    groups["posterior"].attrs = {
+        "probupdate": json.dumps({
+            "format": 1, "names": list(posterior.names), "converged": posterior.converged,
+            "verdict": posterior.verdict, "fingerprint": posterior.fingerprint, "r_hat": posterior.r_hat.tolist(),
+            "ess": posterior.ess.tolist(), "record": dict(posterior.record),
+        })
+    }  # fmt: skip
+    part = path.with_suffix(".part")
+    if hasattr(arviz, "InferenceData"):
+        arviz.InferenceData(**groups).to_netcdf(str(part))
+    else:
+        xarray.DataTree.from_dict(groups).to_netcdf(str(part), engine="h5netcdf")
+    part.replace(path)
+    return path
+
+
+def read_posterior(path: str | Path) -> Posterior:
+    """Read posterior.nc; raises InputError where a group is missing or it is not one of this program."""
+    import arviz
+
+    path = Path(path)
+    if not path.is_file():
+        raise InputError(str(path), "no such file", "write it with `probupdate sample`")
+    try:
+        data = arviz.from_netcdf(str(path))
+    except (OSError, ValueError, KeyError) as error:
+        raise InputError(str(path), f"is no NetCDF file ({error})", "give a posterior.nc") from None
+    groups = {name: _group(data, name) for name in GROUPS}
+    missing = [name for name, group in groups.items() if group is None]
+    if missing:
+        raise InputError(str(path), f"group {missing[0]} is missing", "give a posterior.nc of `probupdate sample`")
+    text = groups["posterior"].attrs.get("probupdate")
+    if text is None:
+        raise InputError(str(path), "was not written by probupdate sample", "give the file of that step")
+    head = json.loads(text)
+    names = tuple(head["names"])
+
+    def columns(group) -> np.ndarray:
+        return np.stack([group[name].values for name in names], axis=-1)
+
+    observed = groups["observed_data"]
+    return Posterior(
+        names=names, theta=frozen_array(columns(groups["posterior"])),
+        log_likelihood=frozen_array(groups["log_likelihood"]["response"].values),
+        log_posterior=frozen_array(groups["sample_stats"]["lp"].values),
+        prior=frozen_array(columns(groups["prior"])[0]),
+        response_labels=tuple(str(x) for x in observed["response_label"].values),
+        measured=frozen_array(observed["response"].values), std=frozen_array(observed["response_std"].values),
+        predicted=frozen_array(observed["response_predicted"].values),
+        frequency_hz=frozen_array(observed["frequency_hz_predicted"].values),
+        mode_labels=tuple(str(x) for x in observed["mode"].values),
+        r_hat=frozen_array(head["r_hat"]), ess=frozen_array(head["ess"]), converged=head["converged"],
+        verdict=head["verdict"], fingerprint=head["fingerprint"], record=head["record"],
+    )  # fmt: skip
+
+
+def _group(data, name: str):
+    """A group as a dataset in both generations of ArviZ, or None."""
+    try:
+        group = data[name]
+    except KeyError:
+        return None
+    # a group of a DataTree is a node, of an InferenceData the dataset itself
+    return group.to_dataset() if hasattr(group, "to_dataset") else group
