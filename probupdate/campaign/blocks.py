@@ -1,0 +1,141 @@
+"""Blocks of a campaign: clock-aligned stretches of data, one in memory at a time, with what is missing in them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+
+from probupdate.campaign.reading import Campaign, RecordFile
+from probupdate.errors import InputError
+from probupdate.modes import frozen_array
+
+# a straight line over a second is harmless to what happens below 2.5 Hz in half an hour; more is not repaired
+LONGEST_REPAIR_S = 1.0
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Block:
+    """data (n_sample, n_channel) in SI units, short gaps interpolated, longer ones NaN.
+
+    missing (n_channel,) share of samples lost before the repair; repaired (n_channel,) number of samples
+    interpolated; excluded: why the block cannot be used, empty where it can; notes: what was done to it.
+    """
+
+    start: pd.Timestamp
+    minutes: float
+    sampling_rate_hz: float
+    data: np.ndarray
+    missing: np.ndarray
+    repaired: np.ndarray
+    excluded: str = ""
+    notes: tuple[str, ...] = ()
+
+    @property
+    def id(self) -> str:
+        return block_id(self.start)
+
+
+def block_id(start: pd.Timestamp) -> str:
+    """Start to the minute, or to the second where blocks do not start on minutes: 2019-06-03T10:00Z."""
+    return start.strftime("%Y-%m-%dT%H:%MZ" if start.second == 0 else "%Y-%m-%dT%H:%M:%SZ")
+
+
+def block_starts(campaign: Campaign, minutes: float | None = None) -> list[pd.Timestamp]:
+    """Starts of the blocks that at least one file touches, counted from midnight 1970 UTC: the clock's half hours."""
+    length = _length(campaign, minutes)
+    found: set[int] = set()
+    for file in campaign.files:
+        last = file.start + pd.Timedelta(seconds=max(file.n_sample - 1, 0) / campaign.sampling_rate_hz)
+        found.update(range(int(file.start.value // length.value), int(last.value // length.value) + 1))
+    return [pd.Timestamp(k * length.value, tz="UTC") for k in sorted(found)]
+
+
+def blocks(campaign: Campaign, minutes: float | None = None) -> Iterator[Block]:
+    """Every block in order, read as it is asked for. Where files overlap, the one that starts first holds."""
+    import h5py
+
+    length = _length(campaign, minutes)
+    for start in block_starts(campaign, minutes):
+        pieces = []
+        for file in _touching(campaign, start, length):
+            with h5py.File(file.path, "r") as opened:
+                first, source = _placing(file, start, campaign.sampling_rate_hz)
+                n = round(length.total_seconds() * campaign.sampling_rate_hz)
+                pieces.append((first, np.asarray(opened["data"][source: source + n - first], float)))
+        yield _assemble(campaign, start, length, pieces)
+
+
+def _length(campaign: Campaign, minutes: float | None) -> pd.Timedelta:
+    minutes = campaign.block_minutes if minutes is None else minutes
+    if not 0 < minutes <= 1440:
+        raise InputError("block length", f"{minutes} minutes are not in (0, 1440]", "give the minutes of a block")
+    return pd.Timedelta(minutes=minutes)
+
+
+def _touching(campaign: Campaign, start: pd.Timestamp, length: pd.Timedelta) -> list[RecordFile]:
+    step = 1 / campaign.sampling_rate_hz
+    return [
+        f for f in campaign.files
+        if f.start < start + length and f.start + pd.Timedelta(seconds=f.n_sample * step) > start
+    ]
+
+
+def _placing(file: RecordFile, start: pd.Timestamp, rate_hz: float) -> tuple[int, int]:
+    """Row of the block at which the file begins, and row of the file that goes there; to the nearest sample."""
+    offset = round((file.start - start).total_seconds() * rate_hz)
+    return max(offset, 0), max(-offset, 0)
+
+
+def _assemble(campaign: Campaign, start: pd.Timestamp, length: pd.Timedelta, pieces) -> Block:
+    n_sample = round(length.total_seconds() * campaign.sampling_rate_hz)
+    data = np.full((n_sample, len(campaign.sensors)), np.nan)
+    covered = np.zeros(n_sample, bool)
+    notes = []
+    for first, piece in pieces:
+        rows = slice(first, first + len(piece))
+        free = ~covered[rows]
+        data[rows][free] = piece[free]
+        if not free.all():
+            notes.append(f"{int((~free).sum())} samples were in two files; the file that starts first was used")
+        covered[rows] = True
+    data *= campaign.unit_factor
+    data[~np.isfinite(data)] = np.nan
+    missing = np.mean(np.isnan(data), axis=0)
+    repaired, longest = _repair(data, round(LONGEST_REPAIR_S * campaign.sampling_rate_hz))
+    if repaired.any():
+        names = [c for c, k in zip(campaign.channels, repaired, strict=True) if k]
+        who = "all channels" if len(names) == len(campaign.channels) else ", ".join(names)
+        notes.append(f"gaps of up to {LONGEST_REPAIR_S:g} s interpolated in {who}: {int(repaired.max())} samples at most")
+    excluded = ""
+    if longest.any():
+        seconds, bad = longest.max() / campaign.sampling_rate_hz, np.flatnonzero(longest)
+        who = "all channels" if len(bad) == len(longest) else ", ".join(campaign.channels[k] for k in bad)
+        excluded = f"gap of {seconds:.1f} s in {who}"
+    return Block(
+        start=start, minutes=length.total_seconds() / 60, sampling_rate_hz=campaign.sampling_rate_hz,
+        data=frozen_array(data), missing=frozen_array(missing), repaired=frozen_array(repaired, int),
+        excluded=excluded, notes=tuple(notes),
+    )
+
+
+def _repair(data: np.ndarray, longest: int) -> tuple[np.ndarray, np.ndarray]:
+    """Interpolate, in place, inner gaps of up to `longest` samples and hold the value at an edge.
+
+    Returns (n_channel,) samples repaired and (n_channel,) length of the longest gap left, 0 for none.
+    """
+    lost = np.isnan(data)
+    repaired, left = np.zeros(data.shape[1], int), np.zeros(data.shape[1], int)
+    index = np.arange(len(data))
+    for c in np.flatnonzero(lost.any(axis=0)):
+        edge = np.flatnonzero(np.diff(np.concatenate([[False], lost[:, c], [False]]).astype(int)))
+        starts, ends = edge[::2], edge[1::2]
+        short = ends - starts <= longest
+        left[c] = int(np.max((ends - starts)[~short], initial=0))
+        good = ~lost[:, c]
+        for a, b in zip(starts[short], ends[short], strict=True):
+            data[a:b, c] = np.interp(index[a:b], index[good], data[good, c])
+            repaired[c] += b - a
+    return repaired, left

@@ -1,0 +1,184 @@
+"""A campaign directory read: its sensors, its files in the order of their starts, its SCADA. No record is loaded."""
+
+from __future__ import annotations
+
+import difflib
+import tomllib
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from probupdate.campaign.scada import read_scada
+from probupdate.errors import InputError
+from probupdate.modes import Sensor
+
+# unit -> factor to SI, by quantity; g is the standard gravity
+UNITS = {
+    "acceleration": {"m/s2": 1.0, "m/s^2": 1.0, "cm/s2": 1e-2, "mm/s2": 1e-3, "g": 9.80665, "mg": 9.80665e-3},
+    "velocity": {"m/s": 1.0, "cm/s": 1e-2, "mm/s": 1e-3},
+    "displacement": {"m": 1.0, "cm": 1e-2, "mm": 1e-3},
+}
+CAMPAIGN_KEYS = ("name", "sampling_rate_hz", "block_minutes", "water_depth_m", "rated_power_kw", "sensor")
+SENSOR_KEYS = ("channel", "level", "position_m", "direction", "quantity", "unit")
+
+
+@dataclass(frozen=True, kw_only=True)
+class RecordFile:
+    """One HDF5 file of the campaign; `start` is UTC."""
+
+    path: Path
+    start: pd.Timestamp
+    n_sample: int
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Campaign:
+    """What was measured and where it lies; `files` ordered by start, `scada` indexed by UTC time or None.
+
+    rated_power_kw tells idling from operation; None: the highest power recorded stands for it.
+    """
+
+    path: Path
+    name: str
+    sensors: tuple[Sensor, ...]
+    sampling_rate_hz: float
+    block_minutes: float
+    water_depth_m: float | None
+    rated_power_kw: float | None
+    files: tuple[RecordFile, ...]
+    scada: pd.DataFrame | None
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        return tuple(s.channel for s in self.sensors)
+
+    @property
+    def unit_factor(self) -> np.ndarray:
+        """(n_channel,) what the records are multiplied with to be in SI."""
+        return np.array([UNITS[s.quantity][s.unit] for s in self.sensors])
+
+
+def nearest(key: str, known: tuple[str, ...]) -> str:
+    close = difflib.get_close_matches(key, known, n=1, cutoff=0.6)
+    return f"did you mean '{close[0]}'?" if close else f"known are {', '.join(known)}"
+
+
+def read_campaign(path: str | Path) -> Campaign:
+    """Read campaign.toml, scada.csv (may be absent) and the heads of acceleration/*.h5.
+
+    Raises InputError where a key, a unit or a file is not what the campaign's layout says.
+    """
+    path = Path(path)
+    if not path.is_dir():
+        raise InputError(str(path), "is not a directory", "give the folder that holds campaign.toml")
+    head = path / "campaign.toml"
+    raw = _read_toml(head)
+    for key in raw:
+        if key not in CAMPAIGN_KEYS:
+            raise InputError(str(head), f"unknown key '{key}'", nearest(key, CAMPAIGN_KEYS))
+    rate = _positive(head, raw, "sampling_rate_hz")
+    sensors = _sensors(head, raw)
+    scada = path / "scada.csv"
+    return Campaign(
+        path=path,
+        name=str(raw.get("name", path.name)),
+        sensors=sensors,
+        sampling_rate_hz=rate,
+        block_minutes=_positive(head, raw, "block_minutes"),
+        water_depth_m=_positive(head, raw, "water_depth_m") if "water_depth_m" in raw else None,
+        rated_power_kw=_positive(head, raw, "rated_power_kw") if "rated_power_kw" in raw else None,
+        files=_record_files(path / "acceleration", rate, len(sensors)),
+        scada=read_scada(scada) if scada.exists() else None,
+    )
+
+
+def _read_toml(path: Path) -> dict:
+    try:
+        return tomllib.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise InputError(str(path), "no such file", "write it, or give the folder that holds it") from None
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise InputError(str(path), f"not TOML ({error})", "mend the file at that place") from None
+
+
+def _positive(where: Path, raw: dict, key: str) -> float:
+    value = raw.get(key)
+    if value is None:
+        raise InputError(str(where), f"'{key}' is missing", "add it")
+    if isinstance(value, bool) or not isinstance(value, int | float) or not 0 < value < np.inf:
+        raise InputError(f"{where}, {key}", f"{value!r} is not a positive number", "give one")
+    return float(value)
+
+
+def _sensors(where: Path, raw: dict) -> tuple[Sensor, ...]:
+    tables = raw.get("sensor")
+    if not isinstance(tables, list) or not tables or not all(isinstance(t, dict) for t in tables):
+        raise InputError(str(where), "there is no [[sensor]]", "write one table per channel, in column order")
+    sensors: list[Sensor] = []
+    for number, table in enumerate(tables, 1):
+        here = f"{where}, sensor {table.get('channel', number)}"
+        for key in table:
+            if key not in SENSOR_KEYS:
+                raise InputError(here, f"unknown key '{key}'", nearest(key, SENSOR_KEYS))
+        for key in ("channel", "level", "position_m", "direction"):
+            if key not in table:
+                raise InputError(here, f"'{key}' is missing", "add it")
+        sensor = Sensor(**table)
+        known = tuple(UNITS[sensor.quantity])
+        if sensor.unit not in known:
+            raise InputError(here, f"unit '{sensor.unit}' is none of {sensor.quantity}", f"use {', '.join(known)}")
+        if sensor.channel in {s.channel for s in sensors}:
+            raise InputError(here, "the channel is listed twice", "name each column once")
+        sensors.append(sensor)
+    return tuple(sensors)
+
+
+def _record_files(folder: Path, rate_hz: float, n_channel: int) -> tuple[RecordFile, ...]:
+    import h5py
+
+    paths = sorted(folder.glob("*.h5"))
+    if not paths:
+        raise InputError(str(folder), "holds no .h5 file", "put the records there, or convert them")
+    files = []
+    for path in paths:
+        try:
+            with h5py.File(path, "r") as file:
+                files.append(_record_file(path, file, rate_hz, n_channel))
+        except OSError as error:
+            raise InputError(str(path), f"cannot be opened as HDF5 ({error})", "write it again or remove it") from None
+    return tuple(sorted(files, key=lambda f: (f.start, f.path.name)))
+
+
+def _record_file(path: Path, file, rate_hz: float, n_channel: int) -> RecordFile:
+    import h5py
+
+    data = file.get("data")
+    if not isinstance(data, h5py.Dataset):
+        raise InputError(str(path), "holds no dataset 'data'", "write the samples under that name")
+    if data.ndim != 2 or data.shape[1] != n_channel:
+        raise InputError(
+            str(path), f"'data' is {data.shape}, campaign.toml lists {n_channel} channels",
+            "give one column per [[sensor]], in that order",
+        )
+    for key in ("start", "sampling_rate_hz"):
+        if key not in data.attrs:
+            raise InputError(str(path), f"'data' has no attribute '{key}'", "write it beside the samples")
+    own = float(data.attrs["sampling_rate_hz"])
+    if abs(own - rate_hz) > 1e-6 * rate_hz:
+        raise InputError(str(path), f"is sampled at {own:g} Hz, campaign.toml says {rate_hz:g} Hz", "correct the wrong one")
+    text = data.attrs["start"]
+    text = text.decode() if isinstance(text, bytes) else str(text)
+    return RecordFile(path=path, start=parse_time(text, f"{path}, start"), n_sample=int(data.shape[0]))
+
+
+def parse_time(text: str, where: str) -> pd.Timestamp:
+    """ISO 8601 to UTC; without a zone it is UTC."""
+    try:
+        time = pd.Timestamp(text)
+    except ValueError:
+        time = pd.NaT
+    if time is pd.NaT:
+        raise InputError(where, f"'{text}' is no time", "write ISO 8601, such as 2019-06-03T10:00:00Z")
+    return time.tz_localize("UTC") if time.tzinfo is None else time.tz_convert("UTC")

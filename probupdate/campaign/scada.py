@@ -1,0 +1,126 @@
+"""SCADA: ten-minute rows read, gathered over a block, and the turbine's state told from them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from probupdate.errors import InputError
+
+ROW_MINUTES = 10
+COLUMNS = (
+    "wind_speed_mps", "wind_direction_deg", "power_kw", "rotor_speed_rpm", "pitch_deg", "nacelle_heading_deg",
+    "yaw_rate_degps", "water_level_m", "air_temperature_c", "wave_height_m", "wave_period_s",
+)  # fmt: skip
+COMPASS = ("wind_direction_deg", "nacelle_heading_deg")
+STATES = ("idling", "below rated", "rated")
+
+
+@dataclass(frozen=True, kw_only=True)
+class StateRule:
+    """Turbine states by power, as the paper has them: shares of the rated power, and that power if it is known.
+
+    A row at or below `idling_share` idles or is parked, one at or above `rated_share` runs at rated power. Without
+    rated_power_kw the highest power recorded stands for it, which calls a calm day's best ten minutes rated.
+    """
+
+    idling_share: float = 0.005
+    rated_share: float = 0.97
+    rated_power_kw: float | None = None
+
+
+def read_scada(path: str | Path) -> pd.DataFrame:
+    """Rows indexed by `time` (UTC, start of the interval), ascending, the first of two rows of one time kept.
+
+    Columns beyond the known ones stay. Raises InputError on a missing time column, a time or a number that is none.
+    """
+    path = Path(path)
+    try:
+        table = pd.read_csv(path)
+    except FileNotFoundError:
+        raise InputError(str(path), "no such file", "give the scada.csv of the campaign") from None
+    except (pd.errors.ParserError, pd.errors.EmptyDataError, UnicodeDecodeError) as error:
+        raise InputError(str(path), f"not a table ({error})", "write comma-separated columns with a head") from None
+    if "time" not in table:
+        raise InputError(str(path), "has no column 'time'", "add the start of each interval in UTC, ISO 8601")
+    try:
+        time = pd.to_datetime(table["time"], utc=True, format="ISO8601")
+    except (ValueError, TypeError) as error:
+        raise InputError(f"{path}, time", f"not a time ({error})", "write ISO 8601, UTC") from None
+    if time.isna().any():
+        raise InputError(f"{path}, row {int(np.argmax(time.isna())) + 2}", "has no time", "give it or drop the row")
+    table = table.drop(columns="time").set_index(pd.DatetimeIndex(time, name="time")).sort_index(kind="stable")
+    for column in table:
+        if column.startswith(COLUMNS) and not pd.api.types.is_numeric_dtype(table[column]):
+            raise InputError(f"{path}, {column}", "holds text among its numbers", "leave a cell empty where unknown")
+    return table[~table.index.duplicated()]
+
+
+def with_rated_power(rule: StateRule, scada: pd.DataFrame | None) -> StateRule:
+    """The rule with the highest recorded power where the rated one is not given (unchanged without power)."""
+    if rule.rated_power_kw is not None or scada is None or "power_kw" not in scada:
+        return rule
+    power = scada["power_kw"].to_numpy(float)
+    if not np.any(np.isfinite(power)):
+        return rule
+    return StateRule(idling_share=rule.idling_share, rated_share=rule.rated_share,
+                     rated_power_kw=max(float(np.nanmax(power)), 0.0))
+
+
+def row_states(scada: pd.DataFrame, rule: StateRule) -> np.ndarray:
+    """(n_row,) state of each row; 'unknown' where the power was not recorded."""
+    rule = with_rated_power(rule, scada)
+    if "power_kw" not in scada or rule.rated_power_kw is None:
+        return np.full(len(scada), "unknown", dtype=object)
+    power = scada["power_kw"].to_numpy(float)
+    with np.errstate(invalid="ignore"):
+        idling, rated = power <= rule.idling_share * rule.rated_power_kw, power >= rule.rated_share * rule.rated_power_kw
+    state = np.where(idling, STATES[0], np.where(rated, STATES[2], STATES[1]))
+    return np.where(np.isfinite(power), state, "unknown").astype(object)
+
+
+def block_conditions(
+    scada: pd.DataFrame | None, start: pd.Timestamp, minutes: float, rule: StateRule
+) -> Mapping[str, float | str]:
+    """What the turbine and the weather did during a block: the rows whose interval lies in it.
+
+    Means under the columns' own names (compass angles on the circle); `<column>_max` and `_min` the extremes, taken
+    from those columns where recorded, else from the means; `<column>_range` for pitch and heading; `state`: the rows'
+    common state, 'mixed' where they differ, 'unknown' without power; `scada_rows`, `scada_coverage`.
+    """
+    wanted = max(int(minutes // ROW_MINUTES), 1)
+    found: dict[str, float | str] = {"state": "unknown", "scada_rows": 0.0, "scada_coverage": 0.0}
+    if scada is None:
+        return found
+    end = start + pd.Timedelta(minutes=minutes)
+    rows = scada.iloc[scada.index.searchsorted(start): scada.index.searchsorted(end)]
+    if rows.empty:
+        return found
+    found["scada_rows"], found["scada_coverage"] = float(len(rows)), min(len(rows) / wanted, 1.0)
+    for column in COLUMNS:
+        if column not in rows:
+            continue
+        values = rows[column].to_numpy(float)
+        values = values[np.isfinite(values)]
+        if not len(values):
+            continue
+        if column in COMPASS:
+            mean = np.angle(np.mean(np.exp(1j * np.radians(values))))
+            turned = np.degrees(np.angle(np.exp(1j * (np.radians(values) - mean))))
+            found[column] = float(np.degrees(mean) % 360)
+            found[f"{column}_range"] = float(np.ptp(turned))
+            continue
+        found[column] = float(np.mean(values))
+        for ending, extreme in (("max", np.max), ("min", np.min)):
+            recorded = rows[f"{column}_{ending}"].to_numpy(float) if f"{column}_{ending}" in rows else values
+            recorded = recorded[np.isfinite(recorded)]
+            found[f"{column}_{ending}"] = float(extreme(np.concatenate([recorded, values])))
+        if column == "pitch_deg":
+            found["pitch_deg_range"] = found["pitch_deg_max"] - found["pitch_deg_min"]
+    states = set(row_states(rows, rule)) if rule.rated_power_kw is not None else {"unknown"}
+    found["state"] = states.pop() if len(states) == 1 else "mixed"
+    return found
