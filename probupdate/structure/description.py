@@ -190,8 +190,9 @@ class Description(_Table):
     @property
     def values(self) -> dict[str, float]:
         """All 17 parameters at the file's initial values; those it does not list act neutrally."""
-        hub = {body.name: body.mass_kg for body in self.rna}
-        neutral = {name: hub["hub"] if value is None else value for name, value in NEUTRAL.items()}
+        # a file without a hub is refused by a check, which comes after others that ask for values
+        hub = next((body.mass_kg for body in self.rna if body.name == "hub"), 0.0)
+        neutral = {name: hub if value is None else value for name, value in NEUTRAL.items()}
         return neutral | {p.name: p.initial for p in self.parameter}
 
 
