@@ -20,7 +20,7 @@ UNITS = {
     "velocity": {"m/s": 1.0, "cm/s": 1e-2, "mm/s": 1e-3},
     "displacement": {"m": 1.0, "cm": 1e-2, "mm": 1e-3},
 }
-CAMPAIGN_KEYS = ("name", "sampling_rate_hz", "block_minutes", "water_depth_m", "rated_power_kw", "sensor")
+CAMPAIGN_KEYS = ("name", "sampling_rate_hz", "block_minutes", "water_depth_m", "rated_power_kw", "x_axis_heading_deg", "sensor")
 SENSOR_KEYS = ("channel", "level", "position_m", "direction", "quantity", "unit")
 
 
@@ -37,7 +37,8 @@ class RecordFile:
 class Campaign:
     """What was measured and where it lies; `files` ordered by start, `scada` indexed by UTC time or None.
 
-    rated_power_kw tells idling from operation; None: the highest power recorded stands for it.
+    rated_power_kw tells idling from operation; None: the highest power recorded stands for it. x_axis_heading_deg:
+    the compass heading (clockwise) of the model's x axis; 0 unless campaign.toml gives it.
     """
 
     path: Path
@@ -47,6 +48,7 @@ class Campaign:
     block_minutes: float
     water_depth_m: float | None
     rated_power_kw: float | None
+    x_axis_heading_deg: float
     files: tuple[RecordFile, ...]
     scada: pd.DataFrame | None
 
@@ -89,6 +91,7 @@ def read_campaign(path: str | Path) -> Campaign:
         block_minutes=_positive(head, raw, "block_minutes"),
         water_depth_m=_positive(head, raw, "water_depth_m") if "water_depth_m" in raw else None,
         rated_power_kw=_positive(head, raw, "rated_power_kw") if "rated_power_kw" in raw else None,
+        x_axis_heading_deg=_heading(head, raw),
         files=_record_files(path / "acceleration", rate, len(sensors)),
         scada=read_scada(scada) if scada.exists() else None,
     )
@@ -109,6 +112,13 @@ def _positive(where: Path, raw: dict, key: str) -> float:
         raise InputError(str(where), f"'{key}' is missing", "add it")
     if isinstance(value, bool) or not isinstance(value, int | float) or not 0 < value < np.inf:
         raise InputError(f"{where}, {key}", f"{value!r} is not a positive number", "give one")
+    return float(value)
+
+
+def _heading(where: Path, raw: dict) -> float:
+    value = raw.get("x_axis_heading_deg", 0.0)
+    if isinstance(value, bool) or not isinstance(value, int | float) or not -360 <= value <= 360:
+        raise InputError(f"{where}, x_axis_heading_deg", f"{value!r} is not in -360 to 360", "give a compass heading")
     return float(value)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
@@ -16,7 +17,7 @@ from probupdate.errors import InputError
 from probupdate.identification import classification as rules
 from probupdate.identification.classification import Assignment, ClassifierSettings, Likeness
 from probupdate.identification.preprocessing import resampled
-from probupdate.identification.reference import ReferenceModes
+from probupdate.identification.reference import ReferenceModes, turned
 from probupdate.identification.ssi import Poles, identify_poles
 from probupdate.modes import ModalData, ModalSet, rotate_to_real, write_modes
 from probupdate.progress import Progress, silent
@@ -104,7 +105,8 @@ def identify(
         if one.poles is None:
             sets.append(_modal_set(one, None, reference))
             continue
-        choice = rules.assigned(one.poles, one.likeness, one.verdict, centre, one.bands, reference, settings.classifier)
+        here = turned(reference, campaign.sensors, fore_aft_deg(one.environment, campaign))
+        choice = rules.assigned(one.poles, one.likeness, one.verdict, centre, one.bands, here, settings.classifier)
         sets.append(_modal_set(one, choice, reference))
         tables.append(_pole_table(one, choice, reference))
     if not tables:
@@ -124,6 +126,12 @@ def identify(
 def modal_data(identification: Identification) -> ModalData:
     """What `modes.json` holds: a set a block."""
     return identification.data
+
+
+def fore_aft_deg(environment: Mapping, campaign: Campaign) -> float:
+    """Counter-clockwise angle from the model's x axis to where the nacelle looks; 0 where no heading was recorded."""
+    heading = environment.get("nacelle_heading_deg")
+    return 0.0 if heading is None else campaign.x_axis_heading_deg - float(heading)
 
 
 def _refuse_mixed(campaign: Campaign) -> None:
@@ -227,6 +235,9 @@ def _summary(found: list[_Found], data: ModalData, poles: pd.DataFrame, campaign
     lines.append("states: " + ", ".join(f"{n} {name}" for name, n in states.most_common()))
     if rule.rated_power_kw is not None and campaign.rated_power_kw is None:
         lines.append(f"rated power taken as the highest recorded, {rule.rated_power_kw:.0f} kW")
+    lines.append(f"fore-aft is where the nacelle looks; the model's x axis is at {campaign.x_axis_heading_deg:g} deg of the compass"
+                 if campaign.scada is not None and "nacelle_heading_deg" in campaign.scada
+                 else "no nacelle heading in SCADA: fore-aft is the model's x axis")
     if campaign.scada is None or "rotor_speed_rpm" not in campaign.scada:
         lines.append("no rotor speed in SCADA: harmonics were not looked for, and may be among the modes")
     return "\n".join(lines)

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from probupdate.errors import InputError
-from probupdate.modes import frozen_array
+from probupdate.modes import Sensor, frozen_array
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -47,3 +47,37 @@ class ReferenceModes:
 
     def group_hz(self, group: tuple[int, ...]) -> float:
         return float(np.mean(self.frequency_hz[list(group)]))
+
+
+def turned(reference: ReferenceModes, sensors: tuple[Sensor, ...], angle_deg: float) -> ReferenceModes:
+    """The reference with every pair FAk, SSk turned in its plane by angle_deg, counter-clockwise seen from above.
+
+    Fore-aft is where the nacelle looks: the model has it along x, a block at its heading. The plane stays the same;
+    only which direction in it is called fore-aft turns. Pairs of other names stay.
+    """
+    shape = np.array(reference.shape)
+    turn = np.radians(angle_deg)
+    for first, second in reference.pairs:
+        names = reference.labels[first], reference.labels[second]
+        if {name[:2] for name in names} != {"FA", "SS"} or names[0][2:] != names[1][2:]:
+            continue
+        i, j = (first, second) if names[0].startswith("FA") else (second, first)
+        fore, side = horizontal(shape[:, i], sensors), horizontal(shape[:, j], sensors)
+        # side-side is to turn counter-clockwise from fore-aft at the levels that move
+        sign = np.sign(np.sum(fore[:, 0] * side[:, 1] - fore[:, 1] * side[:, 0])) or 1.0
+        a, s = np.array(shape[:, i]), sign * shape[:, j]
+        s = s * np.linalg.norm(a) / np.linalg.norm(s)
+        shape[:, i], shape[:, j] = np.cos(turn) * a + np.sin(turn) * s, np.cos(turn) * s - np.sin(turn) * a
+    return replace(reference, shape=shape)
+
+
+def horizontal(shape: np.ndarray, sensors: tuple[Sensor, ...]) -> np.ndarray:
+    """(n_level, 2) mean horizontal motion of each level with both directions; shape (n_channel,)."""
+    height = np.array([round(float(s.position_m[2]), 1) for s in sensors])
+    direction = np.array([s.direction[:2] for s in sensors])
+    found = []
+    for z in np.unique(height):
+        rows = np.flatnonzero(height == z)
+        if np.linalg.matrix_rank(direction[rows], tol=0.1) == 2:
+            found.append(np.linalg.lstsq(direction[rows], shape[rows], rcond=None)[0])
+    return np.array(found).reshape(-1, 2)
