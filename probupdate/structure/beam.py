@@ -78,10 +78,10 @@ def _pair(index: np.ndarray, block: np.ndarray) -> np.ndarray:
 
 
 def _both_planes(block: np.ndarray) -> np.ndarray:
-    """block (4, 4) for (v_1, r_1, v_2, r_2) -> both bending planes."""
-    matrix = np.zeros((12, 12))
+    """block (..., 4, 4) for (v_1, r_1, v_2, r_2) -> both bending planes (..., 12, 12)."""
+    matrix = np.zeros((*block.shape[:-2], 12, 12))
     for index, sign in PLANES:
-        matrix[np.ix_(index, index)] += block * np.outer(sign, sign)
+        matrix[..., index[:, None], index] += block * np.outer(sign, sign)
     return matrix
 
 
@@ -126,22 +126,26 @@ def torsional_mass(length_m: float) -> np.ndarray:
     return _pair(TORSION, np.array([[2.0, 1.0], [1.0, 2.0]]) * length_m / 6)
 
 
+def _by_shear(plain: np.ndarray, shear: np.ndarray) -> np.ndarray:
+    """(3, 4, 4): the integrals of (plain + phi shear)^2 by powers of phi, for an element of length 1."""
+    cross = _product(plain, shear)
+    parts = (_product(plain, plain), cross + cross.transpose(1, 0, 2), _product(shear, shear))
+    return np.array([_integrate(part) for part in parts])
+
+
+_TRANSVERSE = _by_shear(_DEFLECTION, _DEFLECTION_SHEAR)
+_ROTARY = _by_shear(_ROTATION, _ROTATION_SHEAR)
+_MOMENTS = np.moveaxis(_product(_DEFLECTION, _DEFLECTION), 2, 0)
+
+
 def transverse_mass(length_m: float) -> np.ndarray:
     """(3, 12, 12): times mass per metre and phi^0, phi^1, phi^2 over (1 + phi)^2."""
-    scale = np.outer(_scale(length_m), _scale(length_m)) * length_m
-    cross = _product(_DEFLECTION, _DEFLECTION_SHEAR)
-    parts = (_product(_DEFLECTION, _DEFLECTION), cross + cross.transpose(1, 0, 2),
-             _product(_DEFLECTION_SHEAR, _DEFLECTION_SHEAR))  # fmt: skip
-    return np.array([_both_planes(_integrate(part) * scale) for part in parts])
+    return _both_planes(_TRANSVERSE * np.outer(_scale(length_m), _scale(length_m)) * length_m)
 
 
 def rotary_mass(length_m: float) -> np.ndarray:
     """(3, 12, 12): times rho I and phi^0, phi^1, phi^2 over (1 + phi)^2, rotation of the cross-sections."""
-    scale = np.outer(_scale(length_m), _scale(length_m)) / length_m
-    cross = _product(_ROTATION, _ROTATION_SHEAR)
-    parts = (_product(_ROTATION, _ROTATION), cross + cross.transpose(1, 0, 2),
-             _product(_ROTATION_SHEAR, _ROTATION_SHEAR))  # fmt: skip
-    return np.array([_both_planes(_integrate(part) * scale) for part in parts])
+    return _both_planes(_ROTARY * np.outer(_scale(length_m), _scale(length_m)) / length_m)
 
 
 def geometric_stiffness(length_m: float) -> np.ndarray:
@@ -151,9 +155,7 @@ def geometric_stiffness(length_m: float) -> np.ndarray:
 
 def transverse_moments(length_m: float) -> np.ndarray:
     """(7, 12, 12): sum_m mu_m C_m is the matrix of a transverse density q(xi), mu_m = int q xi^m dx, 0 <= xi <= 1."""
-    product = _product(_DEFLECTION, _DEFLECTION)
-    scale = np.outer(_scale(length_m), _scale(length_m))
-    return np.array([_both_planes(product[:, :, m] * scale) for m in range(product.shape[2])])
+    return _both_planes(_MOMENTS * np.outer(_scale(length_m), _scale(length_m)))
 
 
 def axial_moments(length_m: float) -> np.ndarray:
