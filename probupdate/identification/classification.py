@@ -16,6 +16,7 @@ from probupdate.identification.reference import ReferenceModes
 from probupdate.identification.ssi import Poles
 from probupdate.modes import frozen_array, mac, modal_phase_collinearity, pair_by_mac, subspace_mac
 
+FLOOR = 0.1
 KEPT, SHAPE, DAMPING, FREQUENCY, HARMONIC, COMPLEXITY, CLUSTER, DUPLICATE = (
     "kept", "mac", "damping", "frequency", "harmonic", "complexity", "cluster", "duplicate",
 )
@@ -49,13 +50,14 @@ class ClassifierSettings:
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Likeness:
     """Poles held against the model. best_mac, best_mode (n_pole,): to any single mode; similarity (n_pole, n_group):
-    S2MAC to a pair's plane, MAC to a single mode; mpc (n_pole,).
+    S2MAC to a pair's plane, MAC to a single mode; mpc (n_pole,); stability (n_pole,) over model orders, from `ssi`.
     """
 
     best_mac: np.ndarray
     best_mode: np.ndarray
     similarity: np.ndarray
     mpc: np.ndarray
+    stability: np.ndarray
 
     @property
     def group(self) -> np.ndarray:
@@ -63,7 +65,7 @@ class Likeness:
         return np.argmax(self.similarity, axis=1)
 
 
-def likeness(poles: Poles, reference: ReferenceModes) -> Likeness:
+def likeness(poles: Poles, reference: ReferenceModes, stability: np.ndarray) -> Likeness:
     single = mac(poles.shape, reference.shape)
     columns = [
         subspace_mac(poles.shape, reference.shape[:, list(g)]) if len(g) > 1 else single[:, g[0]]
@@ -72,6 +74,7 @@ def likeness(poles: Poles, reference: ReferenceModes) -> Likeness:
     return Likeness(
         best_mac=frozen_array(single.max(axis=1)), best_mode=frozen_array(single.argmax(axis=1), int),
         similarity=frozen_array(np.column_stack(columns)), mpc=frozen_array(modal_phase_collinearity(poles.shape)),
+        stability=frozen_array(stability),
     )
 
 
@@ -160,7 +163,7 @@ def assigned(
         criterion[mine[stray]] = CLUSTER
         criterion[mine[swept[mine] & (stray | line)]] = HARMONIC
         left = mine[criterion[mine] == KEPT]
-        taken, independence[g] = _taken(left, poles, found.similarity[:, g], reference.shape[:, list(group)], settings)
+        taken, independence[g] = _taken(left, poles, found.similarity[:, g] * (found.stability + FLOOR), reference.shape[:, list(group)], settings)
         criterion[np.setdiff1d(left, list(taken.values()))] = DUPLICATE
         for member, pole in taken.items():
             chosen[group[member]] = pole

@@ -25,11 +25,13 @@ from probupdate.progress import Progress, silent
 
 @dataclass(frozen=True, kw_only=True)
 class SSISettings:
-    """order 20 and 5 Hz as the paper; 30 block rows of 0.2 s see two periods of a 0.3 Hz mode and more of the rest."""
+    """order 20 and 5 Hz as the paper; 30 block rows of 0.2 s see two periods of a 0.3 Hz mode and more of the rest.
+    spread: a pole's stability is told at the even orders up to so many below and above `order`."""
 
     order: int = 20
     block_rows: int = 30
     target_rate_hz: float = 5.0
+    spread: int = 8
     classifier: ClassifierSettings = field(default_factory=ClassifierSettings)
 
 
@@ -38,8 +40,8 @@ class Identification:
     """data: a modal set a block, NaN where a mode was not found; poles: every pole with its criterion.
 
     poles has the columns time (UTC, start of the block), frequency_hz, damping_ratio, mpc, mac and mode (best single
-    MAC and that mode; for a kept pole the mode it was taken for), similarity (S2MAC to the pair's plane), criterion,
-    paper_criterion. centre_hz: label(s) of a group -> its cluster's frequency.
+    MAC and that mode; for a kept pole the mode it was taken for), similarity (S2MAC to the pair's plane), stability,
+    criterion, paper_criterion. centre_hz: label(s) of a group -> its cluster's frequency.
     """
 
     data: ModalData
@@ -153,8 +155,9 @@ def _one_block(campaign, block: Block, reference, settings: SSISettings, rule: S
     if still:
         return _Found(excluded=f"no signal in {', '.join(still)}", **common)
     record = resampled(block.data, campaign.sampling_rate_hz, settings.target_rate_hz)
-    poles = identify_poles(record, settings.target_rate_hz, order=settings.order, block_rows=settings.block_rows)
-    like = rules.likeness(poles, reference)
+    poles, stability = identify_poles(
+        record, settings.target_rate_hz, order=settings.order, block_rows=settings.block_rows, spread=settings.spread)
+    like = rules.likeness(poles, reference, stability)
     bands = rules.rotor_bands(conditions, settings.classifier)
     return _Found(
         excluded="", poles=poles, likeness=like, bands=bands,
@@ -215,7 +218,8 @@ def _pole_table(one: _Found, choice: Assignment, reference: ReferenceModes) -> p
             mode[pole] = label
     return pd.DataFrame({
         "time": one.start, "frequency_hz": poles.frequency_hz, "damping_ratio": poles.damping_ratio, "mpc": like.mpc,
-        "mac": like.best_mac, "mode": mode, "similarity": like.similarity.max(axis=1), "criterion": choice.criterion,
+        "mac": like.best_mac, "mode": mode, "similarity": like.similarity.max(axis=1), "stability": like.stability,
+        "criterion": choice.criterion,
         "paper_criterion": one.paper,
     })
 

@@ -32,6 +32,7 @@ class SelectionCriteria:
     rotor_speed_rpm: float = 2.0
     required: tuple[str, ...] | None = None
     least_angle_deg: float = 60.0
+    unresolved_angle_deg: float = 30.0
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -82,13 +83,16 @@ def select(
     tests = _asked(sets, criteria, notes)
     pairs = _pairs(data.labels)
     angles = np.array([[pair_angle_deg(s, i, j) for i, j in pairs] for s in sets]).reshape(len(sets), len(pairs))
+    least = np.array([
+        [criteria.least_angle_deg if resolved(s, i, j) else criteria.unresolved_angle_deg for i, j in pairs] for s in sets
+    ]).reshape(angles.shape)
     reasons = []
-    for s, angle in zip(sets, angles, strict=True):
+    for s, angle, limit in zip(sets, angles, least, strict=True):
         reason = "no data" if s.environment.get("excluded") else ""
         reason = reason or next((name for name, passes in tests if not passes(s)), "")
         lacking = [data.labels[j] if data.labels else str(j + 1) for j in required if not s.measured[j]]
         reason = reason or ("modes not identified" if lacking else "")
-        reason = reason or ("planes not perpendicular" if np.any(angle < criteria.least_angle_deg) else "")
+        reason = reason or ("planes not perpendicular" if np.any(angle < limit) else "")
         reasons.append(reason)
     passed = np.array([not r for r in reasons])
     if not passed.any():
@@ -187,6 +191,12 @@ def pair_angle_deg(s: ModalSet, i: int, j: int) -> float:
     ok = np.isfinite(a) & np.isfinite(b)
     cosine = abs(np.vdot(a[ok], b[ok])) / (np.linalg.norm(a[ok]) * np.linalg.norm(b[ok]))
     return float(np.degrees(np.arccos(min(cosine, 1.0))))
+
+
+def resolved(s: ModalSet, i: int, j: int) -> bool:
+    """Two modes of a set lie further apart than their half-power bandwidths reach: |f1 - f2| >= zeta1 f1 + zeta2 f2."""
+    f, zeta = s.frequency_hz[[i, j]], s.damping_ratio[[i, j]]
+    return bool(abs(f[1] - f[0]) >= np.sum(zeta * f))
 
 
 def inconsistency(sets: list[ModalSet], required: list[int], pairs: list[tuple[int, int]]) -> np.ndarray:

@@ -11,7 +11,7 @@ import numpy as np
 from scipy import linalg
 
 from probupdate.errors import InputError
-from probupdate.modes import frozen_array
+from probupdate.modes import frozen_array, mac
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -115,7 +115,25 @@ def poles(factorisation: Factorisation, orders: tuple[int, ...]) -> tuple[Poles,
     return tuple(result)
 
 
-def identify_poles(data: np.ndarray, rate_hz: float, *, order: int, block_rows: int) -> Poles:
-    """Poles of one record (n_sample, n_channel) at one model order."""
+def stability(
+    chosen: Poles, others: tuple[Poles, ...], *, frequency: float = 0.01, least_mac: float = 0.90
+) -> np.ndarray:
+    """(n_pole,) share of the other orders in which each pole has a twin: frequency within `frequency` of its own and
+    MAC of at least `least_mac`. A mode of the structure comes back at most orders, a pole of the noise does not."""
+    twins = np.zeros(len(chosen.frequency_hz))
+    for other in others:
+        close = np.abs(other.frequency_hz / chosen.frequency_hz[:, None] - 1) <= frequency
+        twins += np.any(close & (mac(chosen.shape, other.shape) >= least_mac), axis=1)
+    return frozen_array(twins / max(len(others), 1))
+
+
+def identify_poles(
+    data: np.ndarray, rate_hz: float, *, order: int, block_rows: int, spread: int = 0
+) -> tuple[Poles, np.ndarray]:
+    """Poles of one record (n_sample, n_channel) at one model order, and their stability (n_pole,) over the even
+    distances up to `spread` below and above it (1 without)."""
     covariance = output_covariances(data, 2 * block_rows - 1)
-    return poles(factorise(covariance, block_rows, order, rate_hz), (order,))[0]
+    highest = min(order + spread, data.shape[1] * (block_rows - 1))
+    around = tuple(n for n in range(order - spread, highest + 1, 2) if n != order and n >= 2)
+    found = poles(factorise(covariance, block_rows, max(order, highest), rate_hz), (order, *around))
+    return found[0], stability(found[0], found[1:]) if around else np.ones(len(found[0].frequency_hz))
