@@ -1,0 +1,286 @@
+"""Models given as matrices or as a function: reading, mistakes, the pedestrian bridge."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from probupdate.errors import InputError
+from probupdate.parameters import Parameter, Parameters
+from probupdate.structure.functions import FunctionModel
+from probupdate.structure.load import load_model
+from probupdate.structure.matrices import load_matrices
+from probupdate.structure.parameter_table import read_parameters
+
+REPOSITORY = Path(__file__).resolve().parents[2]
+BRIDGE = REPOSITORY.parent / "shared" / "data" / "footbridge"
+TABLE = """
+[[parameter]]
+name = "k"
+unit = "-"
+initial = 0.1
+std = 0.2
+lower = -0.5
+upper = 1.0
+[[parameter]]
+name = "m"
+unit = "-"
+initial = 0.0
+std = 0.1
+"""
+
+
+def chain(n=6):
+    line = 2 * np.eye(n) - np.eye(n, k=1) - np.eye(n, k=-1)
+    first, last = np.zeros((n, n)), np.zeros((n, n))
+    first[0, 0], last[-1, -1] = 1.0, 2.0
+    return {
+        "K0": 100.0 * line, "M0": np.eye(n), "K_k": 100.0 * first, "M_m": last,
+        "channel": np.array(["a", "b"]), "channel_dof": np.array([0, n - 1]),
+    }  # fmt: skip
+
+
+@pytest.fixture
+def folder(tmp_path):
+    (tmp_path / "parameters.toml").write_text(TABLE)
+    return tmp_path
+
+
+def save(folder, **changes):
+    content = {key: value for key, value in (chain() | changes).items() if value is not None}
+    np.savez(folder / "model.npz", **content)
+    return folder / "model.npz"
+
+
+def test_matrices_by_hand(folder):
+    model = load_model(save(folder))
+    theta = np.array([0.3, 0.2])
+    content = chain()
+    K, M = content["K0"] + 0.3 * content["K_k"], content["M0"] + 0.2 * content["M_m"]
+    value = np.sort(np.linalg.eigvals(np.linalg.solve(M, K)).real)[:3]
+    assert (2 * np.pi * model.solve(theta, 3).frequency_hz) ** 2 == pytest.approx(value, rel=1e-10)
+    assert model.channels == ("a", "b")
+    assert model.parameters.initial == pytest.approx([0.1, 0.0])
+
+
+def test_sparse_and_dense_files_are_one_model(folder):
+    from scipy import sparse
+
+    dense = load_model(save(folder))
+    content = chain()
+    parts = {}
+    for key in ("K0", "M0", "K_k", "M_m"):
+        matrix = sparse.csr_array(content[key])
+        parts |= {key: None, f"{key}_data": matrix.data, f"{key}_indices": matrix.indices,
+                  f"{key}_indptr": matrix.indptr}  # fmt: skip
+    theta = np.array([0.3, 0.2])
+    found = load_model(save(folder, **parts)).solve(theta, 3)
+    assert found.frequency_hz == pytest.approx(dense.solve(theta, 3).frequency_hz, rel=1e-12)
+
+
+def test_signs_and_picture(folder):
+    model = load_model(save(
+        folder, channel_sign=np.array([1, -1]), node_position_m=np.arange(6)[:, None] * [[1.0, 0, 0]],
+        dof_node=np.arange(6), dof_direction=np.full(6, 2),
+    ))  # fmt: skip
+    theta = model.parameters.initial
+    solution, wire = model.solve(theta, 2), model.wireframe(theta, 2)
+    assert wire.displacement.shape == (6, 3, 2)
+    assert np.abs(wire.displacement[:, :2]).max() == 0
+    assert solution.shape[0] == pytest.approx(wire.displacement[0, 2])
+    assert solution.shape[1] == pytest.approx(-wire.displacement[5, 2])
+
+
+def eye(n=6):
+    return np.eye(n)
+
+
+SKEW = chain()["K0"].copy()
+SKEW[0, 3] = 4.0
+NAN = chain()["K0"].copy()
+NAN[2, 2] = np.nan
+
+
+@pytest.mark.parametrize(
+    ("changes", "key", "problem"),
+    [
+        ({"K0": None}, "K0", "is missing"),
+        ({"M0": None}, "M0", "is missing"),
+        ({"K0": SKEW}, "K0", "is not symmetric (largest difference 4)"),
+        ({"K0": NAN}, "K0", "NaN or infinite"),
+        ({"K0": np.ones((6, 5))}, "K0", "has shape (6, 5)"),
+        ({"K0": np.ones(6)}, "K0", "has shape (6,)"),
+        ({"M0": eye(5)}, "M0", "has shape (5, 5)"),
+        ({"K_k": None}, "K_k", "neither this matrix nor its M_"),
+        ({"K_other": eye()}, "K_other", "no parameter is named 'other'"),
+        ({"channel_dof": np.array([0, 6])}, "channel_dof", "row 6 is outside 0..5"),
+        ({"channel_dof": np.array([0])}, "channel_dof", "has shape (1,)"),
+        ({"channel_dof": np.array([0.0, 1.0])}, "channel_dof", "whole numbers"),
+        ({"channel": None}, "channel", "is missing"),
+        ({"channel_sign": np.array([1, 2])}, "channel_sign", "not a +1 or -1"),
+        ({"node_position_m": np.zeros((6, 3))}, "dof_node", "is missing"),
+        ({"node_position_m": np.zeros((6, 2)), "dof_node": np.zeros(6, int), "dof_direction": np.zeros(6, int)},
+         "node_position_m", "has shape (6, 2)"),
+        ({"node_position_m": np.zeros((6, 3)), "dof_node": np.zeros(5, int), "dof_direction": np.zeros(6, int)},
+         "dof_node", "one entry per row"),
+        ({"K0": None, "K0_data": np.ones(2), "K0_indices": np.array([0, 9]), "K0_indptr": np.array([0, 1, 2])},
+         "K0", "_indices do not fit"),
+        ({"M0": None, "M0_data": np.ones(2), "M0_indices": np.array([0, 1]), "M0_indptr": np.array([0, 1, 2])},
+         "M0", "has 2 rows, K0 has 6"),
+    ],
+)  # fmt: skip
+def test_mistakes_name_file_and_key(folder, changes, key, problem):
+    path = save(folder, **changes)
+    with pytest.raises(InputError) as caught:
+        load_model(path)
+    text = str(caught.value)
+    assert text.startswith(f"{path}, {key}: ") and "\n" not in text
+    assert problem in text
+
+
+def test_indefinite_matrices_name_the_values(folder):
+    model = load_model(save(folder, K0=chain()["K0"] - 60 * np.eye(6)))
+    with pytest.raises(InputError, match=r"at k=0\.1, m=0: the stiffness matrix is not positive definite"):
+        model.solve(model.parameters.initial, 2)
+
+
+def test_files_that_hold_no_matrices(folder):
+    broken = folder / "broken.npz"
+    broken.write_bytes(b"nothing")
+    (folder / "broken.toml").write_text(TABLE)
+    with pytest.raises(InputError, match=r"broken\.npz: not a plain \.npz archive"):
+        load_model(broken)
+    with pytest.raises(InputError, match=r"gone\.npz: no such file"):
+        load_model(folder / "gone.npz")
+    np.savez(folder / "model.npz", **(chain() | {"K0": np.array([{}], dtype=object)}))
+    with pytest.raises(InputError, match=r"model\.npz: not a plain \.npz archive"):
+        load_model(folder / "model.npz")
+
+
+def test_parameters_must_be_known(tmp_path):
+    path = save(tmp_path)
+    with pytest.raises(InputError, match=r"its parameters are not known; write parameters\.toml beside it"):
+        load_model(path)
+    (tmp_path / "own.toml").write_text(TABLE)
+    assert load_model(path, parameters=tmp_path / "own.toml").parameters.names == ("k", "m")
+
+
+def test_matrices_named_in_a_model_file(folder):
+    save(folder)
+    file = folder / "bridge.toml"
+    file.write_text('name = "bridge"\n[matrices]\nfile = "model.npz"\n' + TABLE)
+    model = load_model(file)
+    assert model.name == "bridge" and model.parameters.names == ("k", "m")
+    for text, problem in (
+        ('[matrices]\nfile = "../model.npz"\n', "leaves the model's folder"),
+        ('[matrices]\nfile = 3\n', "not a table with the one key 'file'"),
+        ('[matrices]\nfile = "model.npz"\n[site]\n', "is not a key of a model of matrices"),
+        ('[matrices]\nfile = "model.npz"\n', "parameter: there is none"),
+    ):
+        file.write_text(text + (TABLE if "none" not in problem else ""))
+        with pytest.raises(InputError, match=problem):
+            load_model(file)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "problem"),
+    [
+        ('name = "k"', 'nam = "k"', r"unknown key 'nam'; did you mean 'name'"),
+        ("initial = 0.1\n", "", "'initial' is missing"),
+        ("std = 0.2", 'std = "0.2"', "std: '0.2' is not a number"),
+        ("std = 0.2", "std = 0.2\ncov = 0.1", "needs exactly one of 'cov' and 'std'"),
+        ("std = 0.1", "cov = 0.1", "'cov' of an initial value of zero"),
+        ("std = 0.2", "std = -0.2", "standard deviation -0.2 is not positive"),
+        ("upper = 1.0", "upper = -1.0", "are empty"),
+        ("initial = 0.1", "initial = 7.0", "is outside"),
+        ('name = "m"', 'name = "k"', "k listed twice"),
+        ("[[parameter]]", "[[parameters]]", "unknown key 'parameters'"),
+    ],
+)
+def test_mistakes_in_a_parameter_table(tmp_path, old, new, problem):
+    path = tmp_path / "parameters.toml"
+    path.write_text(TABLE.replace(old, new))
+    with pytest.raises(InputError, match=problem):
+        read_parameters(path)
+
+
+def test_correlation_table(tmp_path):
+    path = tmp_path / "parameters.toml"
+    path.write_text(TABLE + "[correlation.k]\nm = 0.4\n")
+    assert read_parameters(path).correlation == pytest.approx(np.array([[1, 0.4], [0.4, 1]]))
+    path.write_text(TABLE + "[correlation.k]\nq = 0.4\n")
+    with pytest.raises(InputError, match="'q' is no updated parameter"):
+        read_parameters(path)
+
+
+@pytest.mark.parametrize("changed", ["K0", "M0", "K_k", "M_m", "channel", "channel_dof"])
+def test_fingerprint_changes_with_every_array(folder, changed):
+    base = load_model(save(folder)).fingerprint()
+    assert load_model(save(folder)).fingerprint() == base
+    value = chain()[changed]
+    other = np.array(["a", "c"]) if changed == "channel" else value[::-1] if changed == "channel_dof" else value * 1.01
+    assert load_model(save(folder, **{changed: other})).fingerprint() != base
+
+
+@pytest.mark.skipif(not BRIDGE.exists(), reason="the pedestrian bridge's data are not beside the repository")
+def test_pedestrian_bridge_loads_solves_and_differentiates():
+    parameters = read_parameters(REPOSITORY / "studies" / "footbridge" / "parameters.toml")
+    model = load_matrices(BRIDGE / "model.npz", parameters)
+    assert model.n_dof == 946 and len(model.channels) == 58 and len(parameters) == 17
+    theta = parameters.initial
+    solution = model.solve(theta, 8, derivatives=True)
+    measured = json.loads((BRIDGE / "modes.json").read_text())["sets"][0]["frequency_hz"]
+    # the design model is within a fifth of every measured frequency
+    for frequency in measured:
+        assert np.abs(solution.frequency_hz / frequency - 1).min() < 0.2
+    # K0 is the sum of the 17 substructures: the derivatives add up to half the frequency
+    assert solution.frequency_derivative.sum(axis=1) == pytest.approx(solution.frequency_hz / 2, rel=1e-7)
+    k, h = parameters.index("Conc6"), 1e-3
+    step = h * np.eye(17)[k]
+    plus, minus = (model.solve(theta + sign * step, 8).frequency_hz for sign in (1, -1))
+    assert solution.frequency_derivative[:, k] == pytest.approx((plus - minus) / (2 * h), rel=1e-4, abs=1e-6)
+
+
+def pendulums(theta):
+    """Two springs in a row: closed form of a model that is a function."""
+    k = np.array([[1 + theta[0], -theta[0]], [-theta[0], theta[0] + theta[1]]])
+    value, shape = np.linalg.eigh(k)
+    return np.sqrt(value) / (2 * np.pi), shape
+
+
+def function_model(**kwargs):
+    items = (Parameter(name="a", unit="-", initial=1.0, std=0.2, lower=0.1, upper=3.0),
+             Parameter(name="b", unit="-", initial=2.0, std=0.2, lower=0.1, upper=2.0))  # fmt: skip
+    return FunctionModel(**({"name": "springs", "parameters": Parameters(items), "channels": ("x", "y"),
+                             "function": pendulums, "version": "1"} | kwargs))  # fmt: skip
+
+
+def test_function_as_a_model():
+    model = function_model()
+    theta = np.array([1.2, 1.1])
+    solution = model.solve(theta, 2, derivatives=True)
+    assert solution.frequency_hz == pytest.approx(pendulums(theta)[0])
+    for k, direction in enumerate(([[1, -1], [-1, 1]], [[0, 0], [0, 1]])):
+        _, phi = pendulums(theta)
+        exact = np.einsum("ij,ik,kj->j", phi, np.array(direction, float), phi)
+        assert solution.frequency_derivative[:, k] * 8 * np.pi**2 * solution.frequency_hz == pytest.approx(
+            exact, rel=1e-6)  # fmt: skip
+    # at the bound of b the difference is one-sided and stays inside
+    assert np.all(np.isfinite(model.solve(model.parameters.initial, 2, derivatives=True).frequency_derivative))
+    many = model.solve_many(np.array([[1.0, 2.0], [1.2, 1.1]]), 2)
+    assert many.frequency_hz[1] == pytest.approx(solution.frequency_hz)
+    assert model.fingerprint() != function_model(version="2").fingerprint()
+    assert model.wireframe(theta) is None
+
+
+@pytest.mark.parametrize(
+    ("function", "problem"),
+    [(lambda theta: (np.ones(3), np.ones((3, 3))), "frequencies (3,) and shapes (3, 3)"),
+     (lambda theta: (np.ones(1), np.ones((2, 1))), "give at least 2 modes at 2 channels"),
+     (lambda theta: (np.array([1.0, np.nan]), np.ones((2, 2))), "not finite")],
+)  # fmt: skip
+def test_functions_that_answer_wrongly(function, problem):
+    with pytest.raises(InputError) as caught:
+        function_model(function=function).solve(np.array([1.0, 1.0]), 2)
+    assert str(caught.value).startswith("springs: ") and problem in str(caught.value)
