@@ -2,113 +2,91 @@
 
 from __future__ import annotations
 
-import tomllib
+import json
 from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 
+from probupdate.campaign.reading import Campaign, read_campaign
+from probupdate.campaign.scada import StateRule, row_states, with_rated_power
 from probupdate.errors import InputError
-from probupdate.modes import ModalData, Sensor, rotate_to_real
-from probupdate.reporting.model_values import partners
+from probupdate.modes import ModalData
 from probupdate.reporting.values import CampaignValues
 
-# shares of the rated power, taken as the highest power recorded: at or below the first the turbine idles
-IDLING_SHARE, RATED_SHARE = 0.005, 0.97
 
-
-def campaign_values(folder: Path) -> CampaignValues:
-    """Sensors, coverage and SCADA of a campaign directory."""
-    head = _toml(folder / "campaign.toml")
-    try:
-        sensors = tuple(Sensor(**entry) for entry in head["sensor"])
-        rate, minutes = float(head["sampling_rate_hz"]), float(head["block_minutes"])
-    except (KeyError, TypeError, ValueError) as error:
-        raise InputError(str(folder / "campaign.toml"), f"cannot be read ({error})", "run `probupdate check`") from None
-    facts = [("name", str(head.get("name", folder.name)))]
-    facts += _coverage(folder / "acceleration", rate, minutes)
-    facts.append(("sampling rate", f"{rate:g} Hz, {len(sensors)} channels, blocks of {minutes:g} minutes"))
-    if "water_depth_m" in head:
-        facts.append(("water depth", f"{float(head['water_depth_m']):g} m"))
+def campaign_values(folder: Path, check: Path | None = None) -> CampaignValues:
+    """Sensors, coverage and SCADA of a campaign directory; `check`: what `probupdate check` wrote, if it was run."""
+    campaign = read_campaign(folder)
+    facts = [("name", campaign.name), *_coverage(campaign)]
+    facts.append((
+        "channels", f"{len(campaign.sensors)} at {campaign.sampling_rate_hz:g} Hz, in blocks of "
+        f"{campaign.block_minutes:g} minutes"))
+    if campaign.water_depth_m is not None:
+        facts.append(("water depth", f"{campaign.water_depth_m:g} m"))
     scada, rule = None, ""
-    if (folder / "scada.csv").exists():
-        scada, rule = read_scada(folder / "scada.csv")
-        facts.append(("SCADA", f"{len(scada)} intervals, {(scada.shape[1] - 1)} columns"))
+    if campaign.scada is not None:
+        scada, rule = scada_values(campaign)
+        facts.append(("SCADA", f"{len(scada)} intervals, {campaign.scada.shape[1]} columns"))
     return CampaignValues(
-        name=facts[0][1], sensors=sensors, sampling_rate_hz=rate, block_minutes=minutes, facts=tuple(facts),
-        scada=scada, state_rule=rule,
+        name=campaign.name, sensors=campaign.sensors, sampling_rate_hz=campaign.sampling_rate_hz,
+        block_minutes=campaign.block_minutes, water_depth_m=campaign.water_depth_m, facts=tuple(facts),
+        findings=() if check is None else _findings(check), scada=scada, state_rule=rule,
     )
 
 
-def _toml(path: Path) -> dict:
+def _findings(path: Path) -> tuple[str, ...]:
     try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        raise InputError(str(path), "no such file", "check the run directory") from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise InputError(str(path), f"not TOML ({error})", "mend the file at that place") from None
+        return tuple(str(text) for text in json.loads(path.read_text(encoding="utf-8"))["findings"])
+    except (json.JSONDecodeError, UnicodeDecodeError, KeyError, TypeError) as error:
+        raise InputError(str(path), f"cannot be read ({error})", "write it again with `probupdate check`") from None
 
 
-def _coverage(folder: Path, rate_hz: float, block_minutes: float) -> list[tuple[str, str]]:
-    """First and last sample and how many hours the files hold, from their heads."""
-    import h5py
-
-    starts, seconds = [], []
-    for path in sorted(folder.glob("*.h5")):
-        with h5py.File(path, "r") as file:
-            starts.append(pd.Timestamp(file["data"].attrs["start"]).tz_localize(None))
-            seconds.append(file["data"].shape[0] / rate_hz)
-    if not starts:
-        return [("records", "no acceleration file")]
-    first = min(starts)
-    last = max(a + pd.Timedelta(seconds=s) for a, s in zip(starts, seconds, strict=True))
-    span, held = (last - first).total_seconds() / 3600, sum(seconds) / 3600
+def _coverage(campaign: Campaign) -> list[tuple[str, str]]:
+    """First and last sample and how many hours the files hold, an overlap counted once."""
+    files = campaign.files
+    ends = [f.start + pd.Timedelta(seconds=f.n_sample / campaign.sampling_rate_hz) for f in files]
+    held, reached = pd.Timedelta(0), files[0].start
+    for file, end in zip(files, ends, strict=True):
+        held += max(end - max(file.start, reached), pd.Timedelta(0))
+        reached = max(reached, end)
+    span = reached - files[0].start
+    hour = pd.Timedelta(hours=1)
     return [
-        ("recorded", f"{first:%Y-%m-%d %H:%M} to {last:%Y-%m-%d %H:%M} UTC"),
-        ("records", f"{held:.1f} of {span:.1f} hours in {len(starts)} files, up to {int(held * 60 // block_minutes)} blocks"),
+        ("recorded", f"{files[0].start:%Y-%m-%d %H:%M} to {reached:%Y-%m-%d %H:%M} UTC"),
+        ("records", f"{held / hour:.1f} of {span / hour:.1f} hours in {len(files)} files"),
     ]
 
 
-def read_scada(path: Path) -> tuple[pd.DataFrame, str]:
-    """SCADA with `time` (UTC, no zone) and, where the power was recorded, `state`; and the rule in words."""
-    try:
-        table = pd.read_csv(path)
-        table["time"] = pd.to_datetime(table["time"], utc=True).dt.tz_localize(None)
-    except (KeyError, ValueError) as error:
-        raise InputError(str(path), f"cannot be read ({error})", "run `probupdate check`") from None
-    if "power_kw" not in table:
+def scada_values(campaign: Campaign) -> tuple[pd.DataFrame, str]:
+    """SCADA with a column `time` (UTC, no zone) and, where the power was recorded, `state`; and the rule in words."""
+    rule = with_rated_power(StateRule(rated_power_kw=campaign.rated_power_kw), campaign.scada)
+    table = campaign.scada.reset_index()
+    table["time"] = table["time"].dt.tz_localize(None)
+    if rule.rated_power_kw is None:
         return table, "The power was not recorded, so the states are not known."
-    power = table["power_kw"].to_numpy(float)
-    rated = float(np.nanmax(power)) if np.any(np.isfinite(power)) else np.nan
-    with np.errstate(invalid="ignore"):
-        state = np.select([power <= IDLING_SHARE * rated, power >= RATED_SHARE * rated], ["idling", "rated"], "below rated")
-    table["state"] = np.where(np.isfinite(power), state, "unknown")
-    rule = (
-        f"States by power: idling up to {100 * IDLING_SHARE:g} % and rated from {100 * RATED_SHARE:g} % of the highest "
-        f"power recorded ({rated:.0f} kW)."
+    table["state"] = row_states(campaign.scada, rule)
+    source = "the highest power recorded" if campaign.rated_power_kw is None else "the rated power"
+    words = (
+        f"States by power: idling up to {100 * rule.idling_share:g} % and rated from {100 * rule.rated_share:g} % of "
+        f"{source} ({rule.rated_power_kw:.0f} kW)."
     )
-    return table, rule
+    return table, words
 
 
-def truth_values(path: Path, modes: ModalData | None, pairs: tuple[tuple[int, ...], ...]) -> Mapping:
-    """What is known of a virtual turbine: `parameters`, and `idling_hz`, its own frequencies under the labels of the
-    identified modes at the nacelle heading nearest to that of the reference set."""
+def truth_values(path: Path, modes: ModalData | None) -> Mapping:
+    """What is known of a virtual turbine: `parameters` by name, and `idling_hz`, its own frequencies by label at the
+    nacelle heading nearest to that of the modes' reference set (fore-aft is where the nacelle looks)."""
     from probupdate.virtual.truth import read_truth_modes
+    from probupdate.virtual.turbine_file import read_toml
 
-    raw = _toml(path)
-    truth: dict = {"parameters": raw.get("parameters", {}), "seed": raw.get("seed")}
-    if modes is None or not raw.get("mode_set") or not modes.labels:
-        return truth
-    chosen = modes.set()
-    heading = float(chosen.environment.get("nacelle_heading_deg", 0.0))
     sets = read_truth_modes(path)
-    near = min(sets, key=lambda s: abs((s.heading_deg - heading + 180) % 360 - 180))
-    known = [j for j in range(modes.n_mode) if chosen.measured[j]]
-    if near.shape.shape[0] != len(modes.channels):
-        return truth
-    inside = [tuple(known.index(j) for j in p) for p in pairs if all(j in known for j in p)]
-    found = partners(rotate_to_real(chosen.shape[:, known]).real, chosen.frequency_hz[known], near.shape, inside)
-    truth["idling_hz"] = {modes.labels[known[k]]: float(near.frequency_hz[i]) for k, i in found.items()}
-    truth["heading_deg"] = near.heading_deg
-    return truth
+    heading = np.nan if modes is None else float(modes.set().environment.get("nacelle_heading_deg", np.nan))
+    turn = [abs((s.heading_deg - heading + 180) % 360 - 180) if np.isfinite(heading) else 0.0 for s in sets]
+    near = sets[int(np.argmin(turn))]
+    return {
+        "parameters": read_toml(path, "truth file").get("parameters", {}),
+        "idling_hz": {label: float(f) for label, f in zip(near.labels, near.frequency_hz, strict=True)},
+        "heading_deg": near.heading_deg,
+    }

@@ -84,22 +84,23 @@ def frequency_errors(labels: Sequence[str], measured_hz, computed_hz: Mapping[st
 @styled
 def update_history(
     objective: Mapping[str, Mapping[str, np.ndarray]], theta: Mapping[str, np.ndarray], names: Sequence[str],
-    initial: np.ndarray,
+    initial: np.ndarray, distance: Mapping[str, np.ndarray],
 ) -> Figure:
-    """What each iteration did: terms of J above, parameters over their initial values below, a column per scheme.
+    """What each iteration did, a column per scheme: terms of J, parameters over their initial values, distance to the
+    posterior's maximum.
 
-    objective: scheme -> term -> (n_iteration + 1,); theta: scheme -> (n_iteration + 1, n_param).
-    Where an initial value is zero the parameter itself is drawn.
+    objective: scheme -> term -> (n_iteration + 1,); theta: scheme -> (n_iteration + 1, n_param); distance: scheme ->
+    (n_iteration + 1,). Where an initial value is zero the parameter itself is drawn.
     """
     schemes = list(theta)
-    figure = new_figure(FULL_IN, 5.4)
-    panels = figure.subplots(2, len(schemes), squeeze=False, sharex="col", sharey="row")
+    figure = new_figure(FULL_IN, 6.6)
+    panels = figure.subplots(3, len(schemes), squeeze=False, sharex="col", sharey="row", height_ratios=(1, 1.1, 0.7))
     scale = np.where(initial == 0, 1.0, initial)
     relative = "relative change [-]" if np.all(initial == 0) else "value over initial [-]"
     roles = {"responses": BLUE, "parameters": ORANGE, "total": INK}
     styles = {"responses": "-", "parameters": (0, (4, 2)), "total": (0, (1, 1))}
     for column, scheme in enumerate(schemes):
-        top, bottom = panels[:, column]
+        top, middle, bottom = panels[:, column]
         for k, (term, values) in enumerate(objective.get(scheme, {}).items()):
             # the parameters' term is zero at the start: no point on a logarithmic axis
             shown = np.where(np.asarray(values) > 0, values, np.nan)
@@ -110,11 +111,17 @@ def update_history(
         top.yaxis.set_minor_formatter(FuncFormatter(lambda *_: ""))
         for k, name in enumerate(names):
             path = theta[scheme][:, k] / scale[k]
-            bottom.plot(np.arange(len(path)), path, color=_COLORS[k % 8], ls=_LINES[(k // 8 + k) % 5],
+            middle.plot(np.arange(len(path)), path, color=_COLORS[k % 8], ls=_LINES[(k // 8 + k) % 5],
                         marker=_MARKERS[k % 8], ms=3.5, markevery=max(len(path) // 10, 1), label=name)
+        apart = np.maximum(distance[scheme], 1e-3)
+        bottom.plot(np.arange(len(apart)), apart, color=INK, marker="o", ms=3.5)
+        bottom.set_yscale("log")
+        bottom.yaxis.set_major_formatter(FuncFormatter(_plain))
+        bottom.yaxis.set_minor_formatter(FuncFormatter(lambda *_: ""))
         bottom.xaxis.set_major_locator(MaxNLocator(integer=True))
         label_axes(top, "", "J [-]" if column == 0 else "", scheme)
-        label_axes(bottom, "iteration", relative if column == 0 else "")
+        label_axes(middle, "", relative if column == 0 else "")
+        label_axes(bottom, "iteration", "distance to MAP\n[post. deviations]" if column == 0 else "")
     handles, labels = panels[1, 0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside right lower", fontsize=7.5)
     if objective:

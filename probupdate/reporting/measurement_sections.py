@@ -18,6 +18,7 @@ from probupdate.reporting.elements import (
     fixed,
     percent,
 )
+from probupdate.reporting.model_values import drawn_set
 from probupdate.reporting.style import GREY, INK, PALE
 from probupdate.reporting.values import CampaignValues, Run
 from probupdate.reporting.viewer import viewer_data
@@ -312,10 +313,10 @@ def modes_section(run: Run) -> Section:
         return Section(anchor="modes", title=title, items=(Notice(level="missing", text=text),))
     sensors = run.campaign.sensors if run.campaign else ()
     update, modes = run.update, run.nine or run.modes
-    labels = update.labels if update else tuple(f"mode {k + 1}" for k in range(_width(run)))
+    labels = run.model.labels
     measured_hz = measured_shape = None
-    if modes is not None and update is not None:
-        chosen = modes.set(update.set_id)
+    chosen = drawn_set(modes, update)
+    if chosen is not None:
         measured_hz = chosen.frequency_hz
         rows = [modes.channels.index(s.channel) for s in sensors if s.channel in modes.channels]
         if sensors and len(rows) == len(sensors):
@@ -363,26 +364,15 @@ def _drawn(data: dict) -> tuple[list[str], dict, np.ndarray, np.ndarray | None]:
     return titles, states, points, measured
 
 
-def _width(run: Run) -> int:
-    return next(iter(run.model.states.values())).frequency_hz.size
-
-
 def _planes(run: Run) -> tuple[tuple[float, str, str], ...]:
     if not run.jacket:
         return ()
     low = float(run.model.wire.node_m[:, 2].min())
     planes = [(0.0, "sea level", "rgba(86,180,233,0.10)")]
-    depth = run.campaign and dict(run.campaign.facts).get("water depth")
-    if depth and (value := _leading_number(depth)) and -value > low:
-        planes.append((-value, "mudline", "rgba(160,130,90,0.14)"))
+    depth = run.campaign.water_depth_m if run.campaign else None
+    if depth is not None and -depth > low:
+        planes.append((-depth, "mudline", "rgba(160,130,90,0.14)"))
     return tuple(planes)
-
-
-def _leading_number(text: str) -> float | None:
-    try:
-        return float(text.split()[0])
-    except (ValueError, IndexError):
-        return None
 
 
 __all__ = ["identification_section", "measured_section", "modes_section", "selection_section"]

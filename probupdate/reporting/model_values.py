@@ -6,8 +6,9 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from probupdate.estimators.update_file import UpdateRecord
 from probupdate.model import ModalSolution, Model
-from probupdate.modes import ModalSet, mac, pair_by_mac, rotate_to_real, subspace_mac
+from probupdate.modes import ModalData, ModalSet, mac, pair_by_mac, rotate_to_real, subspace_mac
 from probupdate.reporting.values import ModelValues
 from probupdate.reporting.viewer import ShapedModes
 
@@ -34,35 +35,40 @@ def partners(
     return found
 
 
+def drawn_set(data: ModalData | None, update: UpdateRecord | None) -> ModalSet | None:
+    """The set that was updated on, or, where it is not among these, the one an update would take."""
+    if data is None:
+        return None
+    return data.set(update.set_id if update is not None and update.set_id in {s.id for s in data.sets} else None)
+
+
 def model_values(
     model: Model,
     theta: Mapping[str, np.ndarray],
     modal_set: ModalSet | None,
     channels: Sequence[str],
+    labels: Sequence[str] = (),
     pairs: Sequence[tuple[int, ...]] = (),
     n_plain: int = 6,
 ) -> ModelValues:
-    """theta: "initial" and perhaps "updated", and other states of which only the derived values are wanted.
+    """theta: "initial" and perhaps "updated". A model without geometry is not solved, as nothing is drawn of it.
 
     Without a modal set the first `n_plain` modes are taken as they come.
     """
-    states = {}
-    for name in ("initial", "updated"):
-        if name in theta:
-            states[name] = _state(model, theta[name], modal_set, channels, pairs, n_plain)
-    derived = {
-        quantity: {name: float(compute(values)) for name, values in theta.items()}
-        for quantity, compute in getattr(model, "derived", {}).items()
-    }
     wire = model.wireframe(theta["initial"])
-    return ModelValues(model=model, name=model.name, wire=wire, states=states, derived=derived)
+    states = {} if wire is None else {
+        name: _state(model, values, modal_set, channels, pairs, n_plain) for name, values in theta.items()
+    }
+    if modal_set is None or not labels:
+        n_mode = n_plain if modal_set is None else modal_set.frequency_hz.size
+        labels = tuple(f"mode {k + 1}" for k in range(n_mode))
+    return ModelValues(model=model, name=model.name, wire=wire, labels=tuple(labels), states=states)
 
 
 def _state(model, theta, modal_set, channels, pairs, n_plain) -> ShapedModes:
     n_mode = n_plain if modal_set is None else modal_set.frequency_hz.size + SPARE_MODES
     solution: ModalSolution = model.solve(theta, n_mode)
-    drawn = model.wireframe(theta, n_mode)
-    displacement = np.zeros((0, 3, n_mode)) if drawn is None else drawn.displacement
+    displacement = model.wireframe(theta, n_mode).displacement
     if modal_set is None:
         return ShapedModes(frequency_hz=solution.frequency_hz, shape=solution.shape, displacement=displacement)
     rows = [model.channels.index(c) for c in channels if c in model.channels]

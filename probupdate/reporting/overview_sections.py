@@ -4,9 +4,22 @@ from __future__ import annotations
 
 import numpy as np
 
+from probupdate.estimators.update_file import UpdateRecord, fit_sentence
 from probupdate.reporting import figures
-from probupdate.reporting.elements import Column, Items, Notice, Picture, Section, Table, Tile, Tiles, fixed, plural
-from probupdate.reporting.updating_sections import INFORMED, STRONG, scheme_name
+from probupdate.reporting.elements import (
+    Column,
+    Items,
+    Notice,
+    Picture,
+    Section,
+    Table,
+    Tile,
+    Tiles,
+    fixed,
+    number,
+    plural,
+)
+from probupdate.reporting.updating_sections import INFORMED, STRONG, fits, scheme_name
 from probupdate.reporting.values import Run
 
 
@@ -38,8 +51,11 @@ def _sentence(run: Run) -> str:
     if run.update is None:
         return "The model has not been updated in this run."
     before = _worst(run.update.measured_hz, run.update.initial_hz)
-    after = _worst(run.update.measured_hz, run.update.best.frequency_hz)
-    words = f"The update brings the largest frequency error from {100 * before:.1f} % to {100 * after:.1f} %."
+    after = _worst(run.update.measured_hz, run.update.map_hz)
+    words = (
+        f"The largest frequency error falls from {100 * before:.1f} % with the initial model to {100 * after:.1f} % at "
+        "the most probable parameters."
+    )
     if run.posterior is not None:
         ratio = contraction(run)
         strong = [n for n, r in zip(run.update.parameters.names, ratio, strict=True) if r < STRONG]
@@ -60,12 +76,13 @@ def _tiles(run: Run) -> list[Tile]:
     if run.update is not None:
         update = run.update
         worst = int(np.nanargmax(np.abs(update.initial_hz / update.measured_hz - 1)))
-        after = _worst(update.measured_hz, update.best.frequency_hz)
+        after = _worst(update.measured_hz, update.map_hz)
         tiles.append(Tile(
             label="largest frequency error", level="good" if after < 0.02 else "warning",
             value=f"{100 * _worst(update.measured_hz, update.initial_hz):.1f} → {100 * after:.1f} %",
             detail=f"worst mode at first: {update.labels[worst]}, measured {update.measured_hz[worst]:.3f} Hz, "
-            f"computed {update.initial_hz[worst]:.3f} → {update.best.frequency_hz[worst]:.3f} Hz"))
+            f"computed {update.initial_hz[worst]:.3f} → {update.map_hz[worst]:.3f} Hz"))
+        tiles.append(_fit_tile(update))
         for s in update.schemes:
             tiles.append(Tile(
                 label=f"update, {scheme_name(s)}", level="good" if s.converged else "warning",
@@ -75,10 +92,8 @@ def _tiles(run: Run) -> list[Tile]:
     if run.posterior is not None:
         posterior = run.posterior
         detail = []
-        if posterior.effective_size is not None:
-            detail.append(f"at least {fixed(float(np.nanmin(posterior.effective_size)), 0)} effective draws")
-        if posterior.r_hat is not None:
-            detail.append(f"R-hat at most {fixed(float(np.nanmax(posterior.r_hat)), 4)}")
+        detail.append(f"at least {fixed(float(np.min(posterior.ess)), 0)} effective draws")
+        detail.append(f"R-hat at most {fixed(float(np.max(posterior.r_hat)), 4)}")
         tiles.append(Tile(label="posterior", level="good" if posterior.converged else "warning",
                           value="converged" if posterior.converged else "not converged", detail=", ".join(detail)))
     if run.modes is not None:
@@ -93,17 +108,30 @@ def _tiles(run: Run) -> list[Tile]:
     return tiles
 
 
+def _fit_tile(update: UpdateRecord) -> Tile:
+    """Misfit in standard deviations per response: 1 is what a true model with right deviations would have."""
+    ratio = float(np.sqrt(update.map_misfit / update.n_effective))
+    level = "good" if fits(update) else "warning"
+    return Tile(label="misfit at the most probable parameters", level=level, value=f"{number(ratio, 2)} deviations",
+                detail=f"root mean square of {update.n_effective} effective responses; 1 for a true model and right "
+                "deviations")
+
+
 def uncertain(run: Run) -> list[str]:
     """Statements on what does not hold or is not known: bounds, uninformed parameters, convergence, fallbacks."""
     said: list[str] = []
+    said += run.warnings
     if run.update is not None:
+        if not fits(run.update):
+            text = fit_sentence(run.update)
+            said.append(f"{text[0].upper()}{text[1:]}.")
         for s in run.update.schemes:
             if not s.converged:
                 said.append(f"The update with {scheme_name(s)} did not converge: {s.status}.")
             held = [n for n, b in zip(run.update.parameters.names, s.at_bound, strict=True) if b]
             if held:
                 said.append(f"Held at a bound by the update with {scheme_name(s)}: {', '.join(held)}.")
-        said += [f"Left out: {t}" for t in run.update.left_out]
+        said += [f"Left out: {t}." for t in run.update.left_out]
     if run.posterior is not None and run.update is not None:
         if not run.posterior.converged:
             said.append(run.posterior.verdict)
@@ -118,9 +146,8 @@ def uncertain(run: Run) -> list[str]:
                      for j in range(i) if abs(correlation[i, j]) > 0.9]
             if close:
                 said.append(f"Known only together (posterior correlation beyond 0.9): {', '.join(close)}.")
-        if run.posterior.fallback:
-            said.append(f"{run.posterior.fallback} of {run.posterior.evaluated} evaluations used the full model "
-                        "because they lay outside the reduced basis.")
+        said += [f"{t[0].upper()}{t[1:]}." for t in run.posterior.record.get("notes", ())
+                 if t not in run.update.left_out]
     if run.comparison is not None:
         far = [r.name for r in run.comparison.rows if abs(r.step_distance) > 1]
         if far:

@@ -2,16 +2,34 @@
 
 from __future__ import annotations
 
+import hashlib
+import json
+from collections.abc import Callable, Mapping
 from pathlib import Path
+from typing import TypeVar
 
+import numpy as np
+import pandas as pd
+
+from probupdate import __version__
 from probupdate.errors import InputError
-from probupdate.modes import read_modes
+from probupdate.estimators.posterior_file import Posterior, read_posterior
+from probupdate.estimators.update_file import UpdateRecord, read_update
+from probupdate.mode_labels import close_pairs
+from probupdate.model import Model
+from probupdate.modes import ModalData, read_modes
 from probupdate.progress import Progress
-from probupdate.reporting.values import Run
+from probupdate.reporting.campaign_values import campaign_values, truth_values
+from probupdate.reporting.model_values import drawn_set, model_values
+from probupdate.reporting.paper_tables import is_the_jacket
+from probupdate.reporting.values import CampaignValues, ModelValues, Run
 
-# file or folder of a run -> what the page says when it is not there
+T = TypeVar("T")
+
+# key of run.json, or file of a run -> what the page says when it is not there
 PARTS = {
     "campaign": "the campaign (campaign/)",
+    "model": "the model (model.toml, or model.npz with parameters.toml)",
     "modes.json": "identified modes (modes.json)",
     "modes.poles.csv": "the table of poles (modes.poles.csv)",
     "selection.csv": "the reasons of the selection (selection.csv)",
@@ -20,15 +38,176 @@ PARTS = {
     "posterior.nc": "the posterior (posterior.nc)",
     "compare.json": "the comparison (compare.json)",
 }
+HEAD_KEYS = ("model", "parameters", "campaign", "modes", "seed", "version", "title")
+MODEL_FILES = ("model.toml", "model.npz")
+POLE_COLUMNS = ("time", "frequency_hz", "mac", "mode", "criterion")
+SELECTION_COLUMNS = ("id", "criterion")
 
 
 def read_run(folder: Path, progress: Progress) -> Run:
-    """Everything the directory holds. Raises InputError where it is no directory or holds nothing of a run."""
+    """Everything the directory holds. Raises InputError where it is no directory, holds nothing of a run, or holds a
+    file that cannot be read or does not belong to the others."""
     if not folder.is_dir():
         raise InputError(str(folder), "is not a directory", "give the directory that the steps wrote into")
-    missing = tuple(words for name, words in PARTS.items() if not (folder / name).exists())
+    head = _head(folder)
+    places = _places(folder, head)
+    missing = tuple(words for name, words in PARTS.items() if name not in places)
     if len(missing) == len(PARTS):
         raise InputError(str(folder), "holds nothing of a run", f"expected some of {', '.join(PARTS)}")
-    modes = read_modes(folder / "modes.json") if (folder / "modes.json").exists() else None
-    nine = read_modes(folder / "nine.json") if (folder / "nine.json").exists() else None
-    return Run(folder=folder, title=folder.resolve().name, missing=missing, provenance=(), modes=modes, nine=nine)
+    steps = len(PARTS)
+
+    def read(name: str, reader: Callable[[Path], T]) -> T | None:
+        progress("reading the run", list(PARTS).index(name), steps)
+        return reader(places[name]) if name in places else None
+
+    check = folder / "check.json"
+    campaign = read("campaign", lambda path: campaign_values(path, check if check.exists() else None))
+    modes = read("modes.json", read_modes)
+    nine = read("nine.json", read_modes)
+    poles = read("modes.poles.csv", lambda path: _table(path, POLE_COLUMNS, time="time"))
+    selection = read("selection.csv", lambda path: _table(path, SELECTION_COLUMNS))
+    update = read("update.json", read_update)
+    posterior = read("posterior.nc", read_posterior)
+    model = read("model", lambda path: _load_model(path, head, folder, campaign))
+    progress("reading the run", steps, steps)
+    _refuse_strangers(folder, model, update, posterior)
+    data = nine or modes
+    truth_file = places["campaign"] / "truth.toml" if "campaign" in places else None
+    names = update.parameters.names if update is not None else model.parameters.names if model is not None else ()
+    return Run(
+        folder=folder,
+        title=str(head.get("title") or (model.name if model is not None else folder.resolve().name)),
+        missing=missing,
+        warnings=tuple(_warnings(head, data, update, posterior)),
+        provenance=tuple(_provenance(folder, places, head, model, update, posterior)),
+        campaign=campaign,
+        truth=truth_values(truth_file, data) if truth_file is not None and truth_file.exists() else None,
+        modes=modes, poles=poles, selection=selection, nine=nine,
+        model=None if model is None else _model_values(model, data, update),
+        update=update, posterior=posterior,
+        jacket=is_the_jacket(names),
+    )  # fmt: skip
+
+
+def _head(folder: Path) -> Mapping:
+    path = folder / "run.json"
+    if not path.exists():
+        return {}
+    try:
+        head = json.loads(path.read_text(encoding="utf-8"))
+    except (json.JSONDecodeError, UnicodeDecodeError) as error:
+        raise InputError(str(path), f"not JSON ({error})", "mend the file at that place, or remove it") from None
+    if not isinstance(head, dict):
+        raise InputError(str(path), "is not a table", f"write {{...}} with some of {', '.join(HEAD_KEYS)}")
+    return head
+
+
+def _places(folder: Path, head: Mapping) -> dict[str, Path]:
+    """Part -> where it lies, for the parts that are there."""
+    inside = {name: folder / name for name in PARTS if name not in ("campaign", "model")}
+    inside["campaign"] = _named(folder, head, "campaign") or folder / "campaign"
+    found = next((folder / name for name in MODEL_FILES if (folder / name).exists()), None)
+    model = _named(folder, head, "model") or found
+    if model is not None:
+        inside["model"] = model
+    return {name: inside[name] for name in PARTS if name in inside and inside[name].exists()}
+
+
+def _named(folder: Path, head: Mapping, key: str) -> Path | None:
+    """A path of run.json, relative to the run and within it."""
+    if not head.get(key):
+        return None
+    path = folder / str(head[key])
+    where = f"{folder / 'run.json'}, {key}"
+    if not path.resolve().is_relative_to(folder.resolve()):
+        raise InputError(where, f"'{head[key]}' leaves the run directory", "copy it into the run")
+    if not path.exists():
+        raise InputError(where, f"'{head[key]}' does not exist", "mend the path, or leave the key out")
+    return path
+
+
+def _table(path: Path, needed: tuple[str, ...], time: str | None = None) -> pd.DataFrame:
+    try:
+        table = pd.read_csv(path, keep_default_na=True)
+    except (pd.errors.ParserError, pd.errors.EmptyDataError, UnicodeDecodeError) as error:
+        raise InputError(str(path), f"not a table ({error})", "write it again, or remove it") from None
+    for column in needed:
+        if column not in table:
+            raise InputError(str(path), f"has no column '{column}'", "write it again, or remove it")
+    if time is not None:
+        try:
+            table[time] = pd.to_datetime(table[time], utc=True).dt.tz_localize(None)
+        except (ValueError, TypeError) as error:
+            raise InputError(f"{path}, {time}", f"not a time ({error})", "write ISO 8601, UTC") from None
+    return table
+
+
+def _load_model(path: Path, head: Mapping, folder: Path, campaign: CampaignValues | None) -> Model:
+    """The model at the campaign's sensors, as the steps saw it."""
+    from probupdate.structure.load import load_model
+
+    parameters = _named(folder, head, "parameters")
+    if path.suffix == ".npz" or campaign is None:
+        return load_model(path, parameters=parameters)
+    from probupdate.structure.description import read_toml
+
+    own = "matrices" in read_toml(path)
+    return load_model(path, parameters=parameters, sensors=None if own else campaign.sensors)
+
+
+def _model_values(model: Model, data: ModalData | None, update: UpdateRecord | None) -> ModelValues:
+    theta = {"initial": model.parameters.initial}
+    if update is not None:
+        theta["updated"] = update.map_theta
+    chosen = drawn_set(data, update)
+    if chosen is None:
+        return model_values(model, theta, None, ())
+    if update is not None:
+        return model_values(model, theta, chosen, data.channels, update.labels, update.pairs)
+    pairs = close_pairs(chosen.frequency_hz, data.labels) if data.labels else ()
+    return model_values(model, theta, chosen, data.channels, data.labels, pairs)
+
+
+def _refuse_strangers(
+    folder: Path, model: Model | None, update: UpdateRecord | None, posterior: Posterior | None
+) -> None:
+    """Numbers of different parameters under one name would be read as one result."""
+    named = {"the model": model and model.parameters.names, "update.json": update and update.parameters.names,
+             "posterior.nc": posterior and posterior.names}  # fmt: skip
+    present = {what: tuple(names) for what, names in named.items() if names}
+    first = next(iter(present.items()), None)
+    for what, names in present.items():
+        if names != first[1]:
+            raise InputError(str(folder), f"{what} and {first[0]} have different parameters",
+                             "run update and sample again with this model")  # fmt: skip
+
+
+def _warnings(head: Mapping, data: ModalData | None, update: UpdateRecord | None, posterior: Posterior | None):
+    if update is not None and posterior is not None and update.fingerprint != posterior.fingerprint:
+        yield ("update.json and posterior.nc were computed from different problems (model, data, weights or prior "
+               "differ): their numbers do not belong together.")  # fmt: skip
+    if update is not None and data is not None and update.set_id not in {s.id for s in data.sets}:
+        yield f"The update was made on set {update.set_id}, which is not among the modal sets of this run."
+    written = head.get("version")
+    if written and written != __version__:
+        yield f"The run was written by version {written}, this page by version {__version__}."
+
+
+def _provenance(folder, places, head, model, update, posterior):
+    yield "probupdate", str(head.get("version") or __version__)
+    yield "numpy, pandas", f"{np.__version__}, {pd.__version__}"
+    if head.get("seed") is not None:
+        yield "seed of the run", str(head["seed"])
+    for path in places.values():
+        if path.is_file():
+            yield path.relative_to(folder).as_posix(), f"SHA-256 {hashlib.sha256(path.read_bytes()).hexdigest()[:16]}"
+    if model is not None:
+        yield "model", model.name
+    if update is not None:
+        yield "fingerprint of the update's problem", update.fingerprint[:16]
+        yield from ((f"update: {key}", str(value)) for key, value in update.settings.items())
+    if posterior is not None:
+        yield "fingerprint of the posterior's problem", posterior.fingerprint[:16]
+        for key, value in posterior.record.items():
+            if key not in ("map", "notes"):
+                yield f"posterior: {key}", f"{value:.4g}" if isinstance(value, float) else str(value)

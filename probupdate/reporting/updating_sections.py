@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from probupdate.estimators.posterior_file import Posterior
+from probupdate.estimators.update_file import SchemeRecord, UpdateRecord, fit_sentence
 from probupdate.reporting import figures, paper_tables
 from probupdate.reporting.elements import (
     Column,
@@ -19,7 +21,7 @@ from probupdate.reporting.elements import (
     plural,
 )
 from probupdate.reporting.style import MAP, PRIOR_UPDATE, STEP_UPDATE, TRUTH
-from probupdate.reporting.values import ComparisonRow, PosteriorValues, Run, Scheme, UpdateValues
+from probupdate.reporting.values import ComparisonRow, Run
 
 # posterior over prior deviation: below the first a parameter is well informed, above the second it keeps its prior
 STRONG, INFORMED = 0.5, 0.9
@@ -27,14 +29,20 @@ SCHEME_WORDS = {
     "step": "step penalty (Eq. 7 as printed)",
     "prior": "prior penalty (anchored)",
 }
+STATE_WORDS = {"step": "step penalty", "prior": "prior penalty", "map": "MAP"}
 SOIL_NOTE = (
     "py, tz and qw stretch the displacement axis of the API curves: a spring's initial stiffness is proportional to "
     "1/factor, so a factor below one means a stiffer soil. The pile-head stiffnesses are what can be judged."
 )
 
 
-def scheme_name(scheme: Scheme) -> str:
+def scheme_name(scheme: SchemeRecord) -> str:
     return SCHEME_WORDS.get(scheme.key, scheme.name)
+
+
+def fits(update: UpdateRecord) -> bool:
+    """Whether the misfit at the maximum is one that a true model would show: within three deviations of chi-square."""
+    return update.map_misfit <= update.n_effective + 3 * np.sqrt(2 * update.n_effective)
 
 
 def update_section(run: Run) -> Section:
@@ -48,8 +56,10 @@ def update_section(run: Run) -> Section:
         steps = plural(len(scheme.theta) - 1, "iteration")
         text = f"{scheme_name(scheme)}: {scheme.status} ({steps}, alpha {scheme.alpha:g})."
         items.append(Notice(level=level, text=text[0].upper() + text[1:]))
+    fit = fit_sentence(update)
+    items.append(Notice(level="good" if fits(update) else "warning", text=f"{fit[0].upper()}{fit[1:]}."))
     if update.left_out:
-        items.append(Items(title="Left out of the update", statements=update.left_out))
+        items.append(Items(title="Left out of the update", statements=tuple(f"{t}." for t in update.left_out)))
     pile = _pile_head_table(run)
     items += [_frequency_table(run), _parameter_table(run), _mac_table(run), *([pile] if pile else [])]
     items.append(
@@ -59,10 +69,12 @@ def update_section(run: Run) -> Section:
                     {scheme_name(s): s.objective for s in update.schemes if s.objective},
                     {scheme_name(s): s.theta for s in update.schemes},
                     update.parameters.names, update.parameters.initial,
+                    {scheme_name(s): s.distance_to_map for s in update.schemes},
                 ), "history"),
             caption="The iterations of both readings of Eq. 7. The printed one penalises the step from the previous "
             "iterate: the parameters' term of J, the distance from the prior mean, may keep growing as it forgets the "
-            "prior. The anchored one ends at the maximum of the posterior.",
+            "prior. The anchored one ends at the maximum of the posterior (MAP). Distance to the MAP: in posterior "
+            "deviations, root mean square over the parameters.",
         )
     )
     if run.jacket:
@@ -165,14 +177,15 @@ def _parameter_table(run: Run) -> Table:
 
 
 def _pile_head_table(run: Run) -> Table | None:
-    derived = run.model.derived if run.model else {}
+    derived = run.update.derived
     if not derived:
         return None
     rows = []
     for name, states in derived.items():
         reference = states.get("initial")
         for state, value in states.items():
-            row = [name, state, number(value / 1e3), fixed(value / reference, 2) if reference else ""]
+            row = [name, STATE_WORDS.get(state, state), number(value / 1e3)]
+            row.append(fixed(value / reference, 2) if reference else "")
             if run.jacket:
                 key = {"initial": "as-built"}.get(state, "updated")
                 printed = paper_tables.PILE_HEAD_NPM.get(key, {}).get(name)
@@ -214,14 +227,10 @@ def _sensitivity_table(run: Run) -> Table:
 
 def marks(run: Run) -> list[figures.Mark]:
     update = run.update
-    found = []
-    if update.map_theta is not None:
-        found.append(figures.Mark(name="MAP", theta=update.map_theta, role=MAP))
+    found = [figures.Mark(name="MAP", theta=update.map_theta, role=MAP)]
     roles = (("prior", "update, prior penalty", PRIOR_UPDATE), ("step", "update, step penalty", STEP_UPDATE))
     for key, name, role in roles:
-        scheme = update.scheme(key)
-        if scheme is not None:
-            found.append(figures.Mark(name=name, theta=scheme.theta[-1], role=role))
+        found += [figures.Mark(name=name, theta=s.theta[-1], role=role) for s in update.schemes if s.key == key]
     known = (run.truth or {}).get("parameters")
     if known:
         theta = np.array([float(known.get(n, np.nan)) for n in update.parameters.names])
@@ -239,11 +248,12 @@ def posterior_section(run: Run) -> Section:
         return Section(anchor="posterior", title=title, items=(Notice(level="missing", text=text),))
     parameters = update.parameters
     items: list[object] = [Notice(level="good" if posterior.converged else "warning", text=posterior.verdict)]
-    if posterior.fallback:
+    evaluated, fallback = int(posterior.record.get("evaluated", 0)), int(posterior.record.get("fallback", 0))
+    if fallback:
         items.append(Notice(
-            level="warning" if posterior.fallback > 0.01 * posterior.evaluated else "plain",
-            text=f"{posterior.fallback} of {posterior.evaluated} evaluations fell outside the reduced "
-            "basis and were answered by the full model."))
+            level="warning" if fallback > 0.2 * evaluated else "plain",
+            text=f"{fallback} of {evaluated} evaluations fell outside the reduced basis and were answered by the full "
+            "model: exact, but slow."))
     points = marks(run)
     draws = posterior.draws
     items.append(
@@ -270,10 +280,11 @@ def posterior_section(run: Run) -> Section:
         width="half",
         caption="Posterior over prior deviation (the prior's after its cut at the bounds). Filled: strongly informed "
         f"(below {STRONG}); hatched: weakly; dotted: keeps its prior (above {INFORMED})."))
-    if posterior.frequency_hz is not None:
+    used = [update.labels.index(label) for label in posterior.mode_labels if label in update.labels]
+    if len(used) == posterior.frequency_hz.shape[1]:
         items.append(Picture(
             svg=figures.svg_text(figures.predictive_frequencies(
-                update.labels, update.measured_hz, update.measured_std_hz, posterior.frequency_hz, update.initial_hz,
+                posterior.mode_labels, update.measured_hz[used], update.measured_std_hz[used], posterior.frequency_hz,
             ), "predictive"),
             caption="Frequencies that the posterior predicts against the measured ones, in per cent of these."))
     items.append(_sampling_table(posterior, update))
@@ -281,15 +292,14 @@ def posterior_section(run: Run) -> Section:
                    lead="What the parameters may be, given the measurement, the prior and the model.")
 
 
-def _sampling_table(posterior: PosteriorValues, update: UpdateValues) -> Table:
+def _sampling_table(posterior: Posterior, update: UpdateRecord) -> Table:
     rows = []
     for k, p in enumerate(update.parameters):
         d = posterior.draws[:, k]
         low, middle, high = np.percentile(d, [5, 50, 95])
         rows.append((
             p.name, p.unit or "-", number(float(d.mean())), number(float(d.std(ddof=1))), number(low), number(middle),
-            number(high), fixed(posterior.r_hat[k], 4) if posterior.r_hat is not None else "–",
-            fixed(posterior.effective_size[k], 0) if posterior.effective_size is not None else "–",
+            number(high), fixed(posterior.r_hat[k], 4), fixed(posterior.ess[k], 0),
         ))
     columns = (Column(name="parameter", number=False), Column(name="unit", number=False), Column(name="mean"),
                Column(name="deviation"), Column(name="5 %"), Column(name="50 %"), Column(name="95 %"),

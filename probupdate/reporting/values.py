@@ -1,7 +1,4 @@
-"""What the page shows of an update, a posterior and a comparison, whoever computed it: plain frozen values.
-
-`run_files` fills them from a run directory; the sections read nothing else.
-"""
+"""A run directory as values: what `run_files` reads and the sections show; None for what was not there."""
 
 from __future__ import annotations
 
@@ -9,79 +6,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
-import numpy as np
 import pandas as pd
 
+from probupdate.estimators.posterior_file import Posterior
+from probupdate.estimators.update_file import UpdateRecord
 from probupdate.model import Model, Wireframe
 from probupdate.modes import ModalData, Sensor
-from probupdate.parameters import Parameters
 from probupdate.reporting.viewer import ShapedModes
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Scheme:
-    """One reading of Eq. 7: its iterations and its end.
-
-    theta (n_iteration + 1, n_param), objective: term -> (n_iteration + 1,), frequency_hz and mac (n_mode,) at the
-    end, at_bound (n_param,) bool. `key` is "step" (as printed) or "prior" (anchored).
-    """
-
-    key: str
-    name: str
-    theta: np.ndarray
-    objective: Mapping[str, np.ndarray]
-    frequency_hz: np.ndarray
-    mac: np.ndarray
-    at_bound: np.ndarray
-    converged: bool
-    status: str
-    alpha: float
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class UpdateValues:
-    """modes: labels in the measured order; frequencies and MAC (n_mode,), NaN where a mode was not matched.
-
-    pairs: positions of modes that were compared as a plane. left_out: sentences on modes that were not matched.
-    """
-
-    parameters: Parameters
-    set_id: str
-    labels: tuple[str, ...]
-    measured_hz: np.ndarray
-    measured_std_hz: np.ndarray
-    initial_hz: np.ndarray
-    initial_mac: np.ndarray
-    schemes: tuple[Scheme, ...]
-    pairs: tuple[tuple[int, ...], ...] = ()
-    map_theta: np.ndarray | None = None
-    computed_mode: np.ndarray | None = None
-    left_out: tuple[str, ...] = ()
-    settings: Mapping[str, str] = field(default_factory=dict)
-
-    def scheme(self, key: str) -> Scheme | None:
-        return next((s for s in self.schemes if s.key == key), None)
-
-    @property
-    def best(self) -> Scheme:
-        """The scheme whose end stands for 'the updated model': the anchored one where there is one."""
-        return self.scheme("prior") or self.schemes[0]
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class PosteriorValues:
-    """draws (n_draw, n_param) of all chains, thinned or not; frequency_hz (n_draw', n_mode) at some of them."""
-
-    names: tuple[str, ...]
-    draws: np.ndarray
-    converged: bool
-    verdict: str
-    fallback: int = 0
-    evaluated: int = 0
-    r_hat: np.ndarray | None = None
-    effective_size: np.ndarray | None = None
-    frequency_hz: np.ndarray | None = None
-    settings: Mapping[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -121,12 +52,13 @@ class ComparisonValues:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class CampaignValues:
-    """scada has a `time` index or column and a `state` column where the power was recorded."""
+    """scada has a `time` column (UTC, no zone) and a `state` column where the power was recorded."""
 
     name: str
     sensors: tuple[Sensor, ...]
     sampling_rate_hz: float
     block_minutes: float
+    water_depth_m: float | None
     facts: tuple[tuple[str, str], ...]
     findings: tuple[str, ...] = ()
     scada: pd.DataFrame | None = None
@@ -135,18 +67,19 @@ class CampaignValues:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class ModelValues:
-    """The model at its initial and at its updated parameters; derived: name -> state -> value (pile heads)."""
+    """The model and its modes at the initial and at the updated parameters; labels of the modes drawn."""
 
     model: Model
     name: str
     wire: Wireframe | None
+    labels: tuple[str, ...]
     states: Mapping[str, ShapedModes]
-    derived: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Run:
-    """A run directory read; None for what was not there, `missing` says so in words."""
+    """A run directory read; None for what was not there, `missing` says so in words. `warnings`: what does not fit
+    together. `truth`: see campaign_values.truth_values. `jacket`: the paper's numbers may stand beside ours."""
 
     folder: Path
     title: str
@@ -159,7 +92,8 @@ class Run:
     selection: pd.DataFrame | None = None
     nine: ModalData | None = None
     model: ModelValues | None = None
-    update: UpdateValues | None = None
-    posterior: PosteriorValues | None = None
+    update: UpdateRecord | None = None
+    posterior: Posterior | None = None
     comparison: ComparisonValues | None = None
+    warnings: tuple[str, ...] = ()
     jacket: bool = False

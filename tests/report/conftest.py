@@ -8,6 +8,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from probupdate.estimators.posterior_file import Posterior
+from probupdate.estimators.update_file import SchemeRecord, UpdateRecord
 from probupdate.model import Wireframe
 from probupdate.modes import ModalData, ModalSet, Sensor
 from probupdate.parameters import Parameter, Parameters
@@ -16,10 +18,7 @@ from probupdate.reporting.values import (
     ComparisonRow,
     ComparisonValues,
     ModelValues,
-    PosteriorValues,
     Run,
-    Scheme,
-    UpdateValues,
 )
 from probupdate.reporting.viewer import ShapedModes
 
@@ -143,14 +142,14 @@ def made_up_run(*, names: tuple[str, ...] = NAMES, title: str = "Made-up turbine
         theta = parameters.initial + share * (end - parameters.initial)
         responses = 220 * np.exp(-1.4 * steps) + 1.2
         prior = np.sum(((theta - parameters.initial) / parameters.std) ** 2, axis=1)
-        schemes.append(Scheme(
+        schemes.append(SchemeRecord(
             key=key, name=key, theta=theta, objective={"responses": responses, "parameters": prior,
                                                        "total": responses + prior},
             frequency_hz=TRUE_HZ * (1 + 0.01 * factor * np.array([0.3, 0.5, np.nan, -0.9, 0.4])),
             mac=np.array([0.97, 0.98, np.nan, 0.99, 0.99]),
             at_bound=np.array([False] * 7 + [key == "step"] + [False] * 2),
             converged=key == "prior", status="steps became small" if key == "prior" else "ended after 7 iterations",
-            alpha=1.0))
+            alpha=1.0, distance_to_map=4 * np.exp(-steps) + 0.01, share=np.ones(7)))
     prior_std = np.array([p.distribution.std() for p in items])
     shrink = np.array([0.98, 0.5, 0.3, 0.99, 0.6, 0.97, 0.12, 0.1, 0.97, 0.95])
     mix = np.eye(10)
@@ -158,17 +157,29 @@ def made_up_run(*, names: tuple[str, ...] = NAMES, title: str = "Made-up turbine
     mix[6, 7] = mix[7, 6] = -0.55
     z = rng.standard_normal((4000, 10)) @ np.linalg.cholesky(mix).T
     draws = np.clip(end + 0.5 * z * shrink * prior_std, parameters.lower + 1e-6, parameters.upper - 1e-6)
-    update = UpdateValues(
-        parameters=parameters, set_id=nine.set().id, labels=LABELS, measured_hz=nine.set().frequency_hz,
-        measured_std_hz=0.016 * TRUE_HZ, initial_hz=np.array([0.308, 0.311, 1.20, 1.57, 1.65]),
-        initial_mac=np.array([0.96, 0.98, 0.9, 0.97, 0.98]), schemes=tuple(schemes), pairs=((0, 1), (3, 4)),
-        map_theta=end * 1.01, left_out=("T1: not used as a response.",),
+    hz = schemes[1].frequency_hz
+    update = UpdateRecord(
+        model="reference", fingerprint="3f2a", parameters=parameters, set_id=nine.set().id, labels=LABELS,
+        measured_hz=nine.set().frequency_hz, measured_std_hz=0.016 * TRUE_HZ,
+        initial_hz=np.array([0.308, 0.311, 1.20, 1.57, 1.65]), initial_mac=np.array([0.96, 0.98, 0.9, 0.97, 0.98]),
+        initial_misfit=220.0, computed_mode=np.array([1.0, 2, 3, 4, 5]), schemes=tuple(schemes),
+        pairs=((0, 1), (3, 4)), left_out=("T1 was not identified in this set",), map_theta=end * 1.01,
+        map_covariance=np.diag((0.1 * parameters.std) ** 2), map_resolution=np.full(10, 0.6),
+        map_at_bound=np.zeros(10, bool), map_misfit=70.0, map_hz=hz, map_mac=schemes[1].mac, n_response=72,
+        n_effective=68, other_maxima=(), sets=None, settings={"weights": "measured"},
+        derived={"k_xy": {"initial": 4.0e8, "step": 1.4e9, "prior": 1.3e9, "map": 1.3e9},
+                 "k_z": {"initial": 1.15e9, "step": 6.0e9, "prior": 5.8e9, "map": 5.8e9}},
     )
-    posterior = PosteriorValues(
-        names=parameters.names, draws=draws, converged=True,
+    theta = draws.reshape(8, 500, 10)
+    log_posterior = rng.standard_normal((8, 500))
+    posterior = Posterior(
+        names=parameters.names, theta=theta, log_likelihood=log_posterior, log_posterior=log_posterior,
+        prior=parameters.draw(rng, 400), response_labels=tuple(f"f {label}" for label in LABELS),
+        measured=TRUE_HZ, std=0.016 * TRUE_HZ, predicted=TRUE_HZ * (1 + 0.006 * rng.standard_normal((300, 5))),
+        frequency_hz=TRUE_HZ * (1 + 0.006 * rng.standard_normal((300, 5))), mode_labels=LABELS,
+        r_hat=np.full(10, 1.003), ess=np.full(10, 1250.0), converged=True, fingerprint="3f2a",
         verdict="Converged: R-hat below 1.01, 62 autocorrelation times.",
-        fallback=12, evaluated=120000, r_hat=np.full(10, 1.003), effective_size=np.full(10, 1250.0),
-        frequency_hz=TRUE_HZ * (1 + 0.006 * rng.standard_normal((300, 5))),
+        record={"evaluated": 120000, "fallback": 12, "seed": 1, "notes": []},
     )
     mean, std = draws.mean(0), draws.std(0, ddof=1)
     rows = tuple(
@@ -197,7 +208,7 @@ def made_up_run(*, names: tuple[str, ...] = NAMES, title: str = "Made-up turbine
         folder=Path("run"), title=title, missing=("the truth of a virtual campaign (truth.toml)",),
         provenance=(("probupdate", "0.1.0"), ("seed", "1"), ("fingerprint of the problem", "3f2a")),
         campaign=CampaignValues(
-            name="June", sensors=sensors, sampling_rate_hz=25.0, block_minutes=30,
+            name="June", sensors=sensors, sampling_rate_hz=25.0, block_minutes=30, water_depth_m=38.0,
             facts=(("name", "June"),
                    ("recorded", "2019-06-03 00:00 to 2019-06-04 00:00 UTC"), ("sampling rate", "25 Hz"),
                    ("water depth", "38 m")), findings=("one hour is missing",), scada=made_up_scada(rng)),
@@ -205,8 +216,7 @@ def made_up_run(*, names: tuple[str, ...] = NAMES, title: str = "Made-up turbine
         selection=pd.DataFrame({"id": [s.id for s in modes.sets], "criterion": [
             "" if s.environment["state"] == "idling" else ("not idling" if k % 3 else "yawing")
             for k, s in enumerate(modes.sets)]}),
-        model=ModelValues(model=None, name="reference", wire=wire, states=states, derived={
-            "k_xy": {"initial": 4.0e8, "updated": 1.4e9}, "k_z": {"initial": 1.15e9, "updated": 6.0e9}}),
+        model=ModelValues(model=None, name="reference", wire=wire, labels=LABELS, states=states),
         update=update, posterior=posterior, jacket=True,
         comparison=ComparisonValues(rows=rows, summary=("They agree.",)),
     )
