@@ -16,7 +16,7 @@ import emcee
 import numpy as np
 
 from probupdate.errors import InputError
-from probupdate.estimators.laplace import Laplace, truncated_draws
+from probupdate.estimators.laplace import Laplace, conditional_draw, truncated_draws
 from probupdate.modes import frozen_array
 from probupdate.problem import Problem
 from probupdate.progress import Progress, silent
@@ -29,6 +29,8 @@ AUTOCORRELATION_TIMES = 50
 BURN_IN = 0.2
 # where part of what a move proposes is far: full jumps along differences of walkers carry them between modes
 JUMP_SHARE = 0.1
+# share of proposals from the Laplace approximation, and how often each sweeps up and down the parameters
+LAPLACE_SHARE, SWEEPS = 0.5, 3
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -76,13 +78,44 @@ class Chain:
         return self.theta[self.first :].reshape(-1, self.theta.shape[2])
 
 
-def moves() -> list[tuple[emcee.moves.Move, float]]:
-    """Differential evolution, a tenth of it with full-length jumps.
+def moves(laplace: Laplace | None = None, parameters=None) -> list[tuple[emcee.moves.Move, float]]:
+    """Differential evolution, part of it with full-length jumps; with a Laplace approximation half of all proposals
+    come from its truncated Gaussian.
 
     Not offered: DESnookerMove of emcee 3.1.6 leaves the wrong variance, GaussianMove with a full covariance moves all
     walkers alike.
     """
-    return [(emcee.moves.DEMove(), 1 - JUMP_SHARE), (emcee.moves.DEMove(gamma0=1.0), JUMP_SHARE)]
+    own = 0.0 if laplace is None else LAPLACE_SHARE
+    chosen = [(emcee.moves.DEMove(), 1 - own - JUMP_SHARE), (emcee.moves.DEMove(gamma0=1.0), JUMP_SHARE)]
+    if laplace is not None:
+        chosen.append((LaplaceMove(laplace, parameters), own))
+    return chosen
+
+
+class LaplaceMove(emcee.moves.RedBlueMove):
+    """Proposals that leave the truncated Gaussian of a Laplace approximation as it is: Gibbs sweeps up and down the
+    parameters, which are reversible for it, so that the ratio of the two densities corrects for what it misses.
+
+    Alone it would miss tails that the Gaussian does not have; mixed with differential evolution it need not know them.
+    """
+
+    def __init__(self, laplace: Laplace, parameters):
+        super().__init__()
+        self._laplace, self._parameters = laplace, parameters
+
+    def get_proposal(self, sample, complement, random):
+        laplace, parameters = self._laplace, self._parameters
+        d = sample - laplace.theta
+        before = self._log_density(d)
+        order = np.arange(len(parameters))
+        for _ in range(SWEEPS):
+            for k in (*order, *order[::-1]):
+                d[:, k] = conditional_draw(laplace, parameters, d, k, random.uniform(size=len(d)))
+        theta = np.clip(laplace.theta + d, parameters.lower, parameters.upper)
+        return theta, before - self._log_density(theta - laplace.theta)
+
+    def _log_density(self, d: np.ndarray) -> np.ndarray:
+        return d @ self._laplace.gradient - 0.5 * np.einsum("ij,jk,ik->i", d, self._laplace.precision, d)
 
 
 def sample(
@@ -113,8 +146,8 @@ def sample(
         return value
 
     sampler = emcee.EnsembleSampler(
-        n_walker, len(parameters), log_probability, vectorize=True, moves=moves(),
-    )  # fmt: skip
+        n_walker, len(parameters), log_probability, vectorize=True, moves=moves(laplace, parameters),
+    )
     segments = store.read()
     rng = np.random.default_rng([settings.seed, 0])
     if segments:

@@ -1,0 +1,247 @@
+"""update.json: both readings of the deterministic update, the posterior's maximum beside them, every set's update."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from probupdate.errors import InputError
+from probupdate.modes import frozen_array
+from probupdate.parameters import Parameter, Parameters
+
+FORMAT = 1
+SCHEME_NAMES = {"step": "Eq. 7 as printed (penalty on the step)", "prior": "anchored (penalty on the prior)"}
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class SchemeRecord:
+    """One reading of Eq. 7: theta (n_iteration + 1, n_param); objective: term -> (n_iteration + 1,);
+    distance_to_map (n_iteration + 1,), the Mahalanobis distance over sqrt(n_param) in the Laplace posterior;
+    frequency_hz, mac (n_mode,) at the end in the data's order, NaN where a mode is not used."""
+
+    key: str
+    name: str
+    theta: np.ndarray
+    objective: Mapping[str, np.ndarray]
+    distance_to_map: np.ndarray
+    share: np.ndarray
+    frequency_hz: np.ndarray
+    mac: np.ndarray
+    at_bound: np.ndarray
+    converged: bool
+    status: str
+    alpha: float
+
+    @property
+    def closest_iteration(self) -> int:
+        """Where the scheme passes closest to the maximum of the posterior."""
+        return int(np.argmin(self.distance_to_map))
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class ScatterRecord:
+    """Updates of all sets; see nine_sets.SetScatter."""
+
+    ids: tuple[str, ...]
+    theta_map: np.ndarray
+    theta_step: np.ndarray
+    iterations: int
+    variance: np.ndarray
+    resolution: np.ndarray
+    derived: Mapping[str, np.ndarray]
+    failed: tuple[str, ...]
+    cov: np.ndarray
+    total_std: np.ndarray
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class UpdateRecord:
+    """What update.json holds; mode arrays (n_mode,) are in the data's order with NaN for modes not used.
+
+    computed_mode: number of the model's mode at the initial parameters, from 1, 0 for none. n_effective: responses less
+    fitted scales, the chi-square a true model would have. derived: quantity -> {"initial", "step", "prior", "map"}.
+    """
+
+    model: str
+    fingerprint: str
+    parameters: Parameters
+    set_id: str
+    labels: tuple[str, ...]
+    measured_hz: np.ndarray
+    measured_std_hz: np.ndarray
+    initial_hz: np.ndarray
+    initial_mac: np.ndarray
+    initial_misfit: float
+    computed_mode: np.ndarray
+    schemes: tuple[SchemeRecord, ...]
+    pairs: tuple[tuple[int, ...], ...]
+    left_out: tuple[str, ...]
+    map_theta: np.ndarray
+    map_covariance: np.ndarray
+    map_resolution: np.ndarray
+    map_at_bound: np.ndarray
+    map_misfit: float
+    map_hz: np.ndarray
+    map_mac: np.ndarray
+    n_response: int
+    n_effective: int
+    other_maxima: tuple[float, ...]
+    derived: Mapping[str, Mapping[str, float]]
+    sets: ScatterRecord | None
+    settings: Mapping[str, str] = field(default_factory=dict)
+
+    def scheme(self, key: str) -> SchemeRecord:
+        return next(s for s in self.schemes if s.key == key)
+
+    @property
+    def summary(self) -> str:
+        return summary(self)
+
+    def write(self, path: str | Path) -> Path:
+        return write_update(self, path)
+
+
+def summary(record: UpdateRecord) -> str:
+    """A dozen lines for a terminal."""
+    lines = []
+    for key in ("step", "prior"):
+        s = record.scheme(key)
+        settled = "settled" if s.converged else "NOT settled"
+        lines.append(
+            f"{s.name}: {len(s.theta) - 1} iterations, {settled}, responses' misfit "
+            f"{s.objective['responses'][0]:.4g} -> {s.objective['responses'][-1]:.4g}; closest to the MAP at "
+            f"iteration {s.closest_iteration}"
+        )
+    used = np.isfinite(record.initial_hz)
+    error = np.nanmax(np.abs(record.initial_hz[used] / record.measured_hz[used] - 1))
+    after = np.nanmax(np.abs(record.map_hz[used] / record.measured_hz[used] - 1))
+    lines.append(f"worst frequency error of {int(used.sum())} modes: {100 * error:.1f} % before, {100 * after:.1f} % at "
+                 "the MAP")  # fmt: skip
+    lines.append(fit_sentence(record))
+    at = [p.name for p, b in zip(record.parameters, record.map_at_bound, strict=True) if b]
+    if at:
+        lines.append(f"pinned at a bound at the MAP: {', '.join(at)}")
+    blind = [p.name for p, r in zip(record.parameters, record.map_resolution, strict=True) if r < 0.1]
+    if blind:
+        lines.append(f"hardly informed by the data (resolution below 0.1): {', '.join(blind)}")
+    for name, values in record.derived.items():
+        lines.append(f"{name}: {values['initial']:.3g} -> {values['map']:.3g} N/m at the MAP")
+    lines += [f"left out: {text}" for text in record.left_out]
+    if record.other_maxima:
+        lines.append(f"{len(record.other_maxima)} lower maxima were met, nearest {record.other_maxima[0]:.2f} below in ln p")
+    if record.sets is not None and record.sets.failed:
+        lines += [f"no update: {text}" for text in record.sets.failed]
+    return "\n".join(lines)
+
+
+def fit_sentence(record: UpdateRecord) -> str:
+    """Whether the model at its best fits the data within the stated deviations."""
+    ratio = record.map_misfit / record.n_effective
+    text = f"chi-square at the MAP {record.map_misfit:.4g} for {record.n_effective} effective responses"
+    # three deviations of a chi-square variable
+    if record.map_misfit > record.n_effective + 3 * np.sqrt(2 * record.n_effective):
+        return (f"{text}: the model misses the data by {np.sqrt(ratio):.1f} times the stated deviations; posterior "
+                "widths hold only as far as those deviations include the model's own error")  # fmt: skip
+    return f"{text}: the model fits the data within the stated deviations"
+
+
+def _plain(value):
+    if isinstance(value, np.ndarray):
+        if value.dtype == bool:
+            return value.tolist()
+        return _nulls(value.tolist())
+    if isinstance(value, Mapping):
+        return {k: _plain(v) for k, v in value.items()}
+    if isinstance(value, tuple | list):
+        return [_plain(v) for v in value]
+    if isinstance(value, np.generic):
+        return _nulls(value.item())
+    return _nulls(value)
+
+
+def _nulls(value):
+    if isinstance(value, list):
+        return [_nulls(v) for v in value]
+    return None if isinstance(value, float) and not np.isfinite(value) else value
+
+
+def parameters_to_table(parameters: Parameters) -> dict:
+    """JSON form; infinite bounds become null."""
+    items = [_plain(asdict(p)) for p in parameters]
+    correlation = None if parameters.correlation is None else parameters.correlation.tolist()
+    return {"items": items, "correlation": correlation}
+
+
+def parameters_from_table(table: Mapping) -> Parameters:
+    items = []
+    for entry in table["items"]:
+        low, high = entry["lower"], entry["upper"]
+        bounds = {"lower": -np.inf if low is None else low, "upper": np.inf if high is None else high}
+        items.append(Parameter(**(dict(entry) | bounds)))
+    correlation = table.get("correlation")
+    return Parameters(tuple(items), None if correlation is None else np.array(correlation))
+
+
+def write_update(record: UpdateRecord, path: str | Path) -> Path:
+    path = Path(path)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    content = {"format": FORMAT}
+    for name in record.__dataclass_fields__:
+        value = getattr(record, name)
+        if name == "parameters":
+            content[name] = parameters_to_table(value)
+        elif name == "schemes":
+            content[name] = [{k: _plain(getattr(s, k)) for k in s.__dataclass_fields__} for s in value]
+        elif name == "sets":
+            content[name] = None if value is None else {k: _plain(getattr(value, k)) for k in value.__dataclass_fields__}
+        else:
+            content[name] = _plain(value)
+    part = path.with_suffix(".part")
+    part.write_text(json.dumps(content, indent=1, allow_nan=False), encoding="utf-8")
+    part.replace(path)
+    return path
+
+
+def _array(value, dtype=float) -> np.ndarray:
+    if dtype is bool:
+        return frozen_array(value, bool)
+    filled = np.array(value, dtype=object)
+    return frozen_array(np.where(filled == None, np.nan, filled).astype(float))  # noqa: E711
+
+
+def read_update(path: str | Path) -> UpdateRecord:
+    """Read update.json; raises InputError where it is none."""
+    path = Path(path)
+    if not path.is_file():
+        raise InputError(str(path), "no such file", "write it with `probupdate update`")
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+        if content.pop("format") != FORMAT:
+            raise InputError(str(path), "is of another version's format", "write it again with `probupdate update`")
+        schemes = tuple(
+            SchemeRecord(**(s | {k: _array(s[k]) for k in ("theta", "distance_to_map", "share", "frequency_hz", "mac")}
+                            | {"objective": {k: _array(v) for k, v in s["objective"].items()},
+                               "at_bound": _array(s["at_bound"], bool)}))
+            for s in content["schemes"]
+        )  # fmt: skip
+        sets = content["sets"]
+        if sets is not None:
+            arrays = ("theta_map", "theta_step", "variance", "resolution", "cov", "total_std")
+            sets = ScatterRecord(**(
+                sets | {k: _array(sets[k]) for k in arrays}
+                | {"ids": tuple(sets["ids"]), "failed": tuple(sets["failed"]),
+                   "derived": {k: _array(v) for k, v in sets["derived"].items()}}))  # fmt: skip
+        arrays = ("measured_hz", "measured_std_hz", "initial_hz", "initial_mac", "computed_mode", "map_theta",
+                  "map_covariance", "map_resolution", "map_hz", "map_mac")  # fmt: skip
+        return UpdateRecord(**(content | {k: _array(content[k]) for k in arrays} | {
+            "parameters": parameters_from_table(content["parameters"]), "schemes": schemes, "sets": sets,
+            "labels": tuple(content["labels"]), "pairs": tuple(tuple(p) for p in content["pairs"]),
+            "left_out": tuple(content["left_out"]), "other_maxima": tuple(content["other_maxima"]),
+            "map_at_bound": _array(content["map_at_bound"], bool)}))  # fmt: skip
+    except (json.JSONDecodeError, KeyError, TypeError, AttributeError, ValueError) as error:
+        raise InputError(str(path), f"is no update.json ({type(error).__name__}: {error})",
+                         "write it with `probupdate update`") from None  # fmt: skip

@@ -1,0 +1,235 @@
+"""The whole deterministic update of a modal data file, and the whole sampling run, as two functions."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from probupdate.estimators.ensemble import BURN_IN, SamplerSettings, sample
+from probupdate.estimators.laplace import Laplace, maximum_a_posteriori, truncated_draws
+from probupdate.estimators.nine_sets import update_sets
+from probupdate.estimators.posterior_file import MAX_DRAWS, Posterior
+from probupdate.estimators.tikhonov import TikhonovUpdate, update
+from probupdate.estimators.update_file import SCHEME_NAMES, ScatterRecord, SchemeRecord, UpdateRecord
+from probupdate.model import Model
+from probupdate.modes import ModalData, frozen_array
+from probupdate.problem import Problem, Weights, build_problem
+from probupdate.progress import Progress, silent
+from probupdate.structure.affine import AffineModel
+from probupdate.structure.reduced import reduce_basis
+
+# models with fewer degrees of freedom are solved as they are
+REDUCE_FROM = 200
+# relative frequency error a reduced basis may leave in the region the sampler visits
+FREQUENCY_TOLERANCE = 1e-5
+# draws the region is laid around, and how far beyond them it reaches, in their deviations
+N_REGION, REGION_MARGIN = 400, 1.0
+# posterior draws answered by the full model too, as a check of the reduced one
+N_CHECK = 24
+# draws whose responses are kept for pictures
+N_PREDICTED = 300
+
+
+def deterministic_update(
+    model: Model,
+    data: ModalData,
+    *,
+    set_id: str | None = None,
+    weights: Weights | None = None,
+    alpha: float = 1.0,
+    iterations: int = 50,
+    progress: Progress = silent,
+) -> UpdateRecord:
+    """Both readings of Eq. 7 and the posterior's maximum for one set, then every set of the data (Table 7)."""
+    problem = build_problem(model, data, set_id=set_id, weights=weights)
+    runs = {
+        key: update(problem, penalty=key, alpha=alpha, max_iteration=iterations, progress=progress)
+        for key in ("step", "prior")
+    }
+    laplace = maximum_a_posteriori(problem, [run.theta[-1] for run in runs.values()] + [model.parameters.initial])
+    schemes = tuple(_scheme(problem, key, run, laplace) for key, run in runs.items())
+    sets = None
+    if len(data.sets) > 1:
+        clusters = [group.measured for group in problem.matching.groups]
+        scatter = update_sets(
+            model, data, weights=problem.weights, clusters=clusters,
+            iterations=max(1, schemes[0].closest_iteration), progress=progress,
+        )
+        if len(scatter.ids) > 1:
+            names = [n for n in ScatterRecord.__dataclass_fields__]
+            sets = ScatterRecord(**{name: getattr(scatter, name) for name in names})
+    predicted = problem.predict_many(np.array([model.parameters.initial, laplace.theta]))
+    theta = {"initial": model.parameters.initial, "step": runs["step"].theta[-1], "prior": runs["prior"].theta[-1],
+             "map": laplace.theta}  # fmt: skip
+    modal_set = data.set(set_id)
+    std = np.concatenate([g.frequency_std_hz for g in problem.groups])
+    computed = _in_data_order(problem, np.array(problem.matching.computed, float) + 1, data.n_mode)
+    return UpdateRecord(
+        model=model.name,
+        fingerprint=problem.fingerprint(),
+        parameters=model.parameters,
+        set_id=modal_set.id,
+        labels=problem.mode_labels,
+        measured_hz=modal_set.frequency_hz,
+        measured_std_hz=_in_data_order(problem, std, data.n_mode),
+        initial_hz=_in_data_order(problem, predicted.frequency_hz[0], data.n_mode),
+        initial_mac=_in_data_order(problem, predicted.mac[0], data.n_mode),
+        initial_misfit=float(problem.misfit(predicted.response[0])),
+        computed_mode=np.nan_to_num(computed),
+        schemes=schemes,
+        pairs=problem.matching.pairs,
+        left_out=problem.matching.left_out,
+        map_theta=laplace.theta,
+        map_covariance=laplace.covariance,
+        map_resolution=laplace.resolution,
+        map_at_bound=laplace.at_bound,
+        map_misfit=laplace.misfit,
+        map_hz=_in_data_order(problem, predicted.frequency_hz[1], data.n_mode),
+        map_mac=_in_data_order(problem, predicted.mac[1], data.n_mode),
+        n_response=problem.measured.size,
+        n_effective=problem.n_effective,
+        other_maxima=laplace.others,
+        derived={
+            name: {state: float(compute(values)) for state, values in theta.items()}
+            for name, compute in getattr(model, "derived", {}).items()
+        },
+        sets=sets,
+        settings={"weights": problem.weights.description, "alpha": f"{alpha:g}", "iterations at most": str(iterations)},
+    )
+
+
+def _in_data_order(problem: Problem, values: np.ndarray, n_mode: int) -> np.ndarray:
+    result = np.full(n_mode, np.nan)
+    result[list(problem.used)] = values
+    return frozen_array(result)
+
+
+def _scheme(problem: Problem, key: str, run: TikhonovUpdate, laplace: Laplace) -> SchemeRecord:
+    n_mode = len(problem.mode_labels)
+    apart = run.theta - laplace.theta
+    distance = np.sqrt(np.einsum("ij,jk,ik->i", apart, laplace.precision, apart) / apart.shape[1])
+    return SchemeRecord(
+        key=key, name=SCHEME_NAMES[key], theta=run.theta,
+        objective={"responses": run.misfit, "parameters": run.penalty, "total": run.objective},
+        distance_to_map=frozen_array(distance), share=run.share,
+        frequency_hz=_in_data_order(problem, run.frequency_hz[-1], n_mode),
+        mac=_in_data_order(problem, run.mac[-1], n_mode), at_bound=run.at_bound, converged=run.converged,
+        status=run.status, alpha=run.alpha,
+    )
+
+
+def reduced_for_sampling(
+    problem: Problem, laplace: Laplace, seed: int, progress: Progress
+) -> tuple[Problem, dict[str, object]]:
+    """The problem on a reduced basis around the Laplace draws, where the model can be reduced, and what to say of it."""
+    model = problem.model
+    if not isinstance(model, AffineModel) or model.n_dof < REDUCE_FROM:
+        return problem, {"reduced basis": "none: every evaluation solves the model as it is"}
+    parameters = problem.parameters
+    draws = truncated_draws(laplace, parameters, N_REGION, np.random.default_rng([seed, 2]))
+    margin = REGION_MARGIN * draws.std(axis=0)
+    lower = np.maximum(parameters.lower, draws.min(axis=0) - margin)
+    upper = np.minimum(parameters.upper, draws.max(axis=0) + margin)
+    reduced = reduce_basis(
+        model, n_mode=problem.matching.n_mode, box=(lower, upper), frequency_tolerance=FREQUENCY_TOLERANCE,
+        points=draws, seed=seed, progress=progress,
+    )
+    r = reduced.report
+    text = (
+        f"{r.size} vectors; on {r.n_verify} points not used to build it the frequencies differ by at most "
+        f"{r.max_frequency_error:.1e} of their value and the MAC is at least {r.min_mac:.5f}"
+    )
+    return problem.with_model(reduced), {"reduced basis": text}
+
+
+def sample_posterior(
+    model: Model,
+    data: ModalData,
+    folder: str | Path,
+    *,
+    set_id: str | None = None,
+    weights: Weights | None = None,
+    settings: SamplerSettings | None = None,
+    progress: Progress = silent,
+) -> Posterior:
+    """Maximum, reduced basis, chain and its check against the full model. The chain's segments are kept in `folder`."""
+    settings = settings or SamplerSettings()
+    problem = build_problem(model, data, set_id=set_id, weights=weights)
+    anchored = update(problem, penalty="prior", progress=progress)
+    laplace = maximum_a_posteriori(problem, [anchored.theta[-1], model.parameters.initial])
+    fast, notes = reduced_for_sampling(problem, laplace, settings.seed, progress)
+    chain = sample(
+        fast, laplace, folder, settings, fingerprint=f"{problem.fingerprint()} {FREQUENCY_TOLERANCE:g}",
+        progress=progress,
+    )
+    kept = chain.theta[chain.first :]
+    log_posterior = chain.log_posterior[chain.first :]
+    thin = max(1, int(np.ceil(kept.shape[0] * kept.shape[1] / MAX_DRAWS)))
+    kept, log_posterior = kept[::thin], log_posterior[::thin]
+    rng = np.random.default_rng([settings.seed, 3])
+    flat = kept.reshape(-1, kept.shape[2])
+    shown = flat[rng.choice(len(flat), size=min(N_PREDICTED, len(flat)), replace=False)]
+    predicted = fast.predict_many(shown)
+    checked = shown[:N_CHECK]
+    full = problem.predict_many(checked)
+    frequency_error = float(np.max(np.abs(predicted.frequency_hz[: len(checked)] / full.frequency_hz - 1)))
+    misfit_error = 0.5 * float(
+        np.max(np.abs(problem.misfit(predicted.response[: len(checked)]) - problem.misfit(full.response)))
+    )
+    edge = float(np.mean(predicted.computed.max(axis=1) == problem.matching.n_mode - 1))
+    record = notes | {
+        "set_id": problem.set_id, "weights": problem.weights.description, "seed": settings.seed,
+        "walkers": kept.shape[1], "steps": chain.theta.shape[0], "thinned by": thin,
+        "left out at the start": f"{100 * BURN_IN:g} % of the steps", "acceptance": chain.acceptance,
+        "evaluated": chain.evaluated, "fallback": chain.fallback,
+        "autocorrelation time": float(np.max(chain.tau)),
+        "full model on posterior draws": f"{len(checked)} draws: frequencies within {frequency_error:.1e}, "
+        f"log-likelihood within {misfit_error:.1e}",
+        "map": laplace.theta.tolist(), "n_effective": problem.n_effective, "model": model.name,
+        "median misfit": float(np.median(problem.misfit(predicted.response))),
+        "worst mac": float(np.min(predicted.mac)), "notes": _notes(problem, laplace, edge, misfit_error),
+    }  # fmt: skip
+    log_prior = model.parameters.log_density(kept)
+    return Posterior(
+        names=model.parameters.names,
+        theta=frozen_array(kept.transpose(1, 0, 2)),
+        log_likelihood=frozen_array((log_posterior - log_prior).T),
+        log_posterior=frozen_array(log_posterior.T),
+        prior=frozen_array(model.parameters.draw(rng, 4000)),
+        response_labels=tuple(_response_labels(problem, data)),
+        measured=problem.measured,
+        std=problem.std,
+        predicted=frozen_array(predicted.response),
+        frequency_hz=frozen_array(predicted.frequency_hz),
+        mode_labels=tuple(problem.mode_labels[j] for j in problem.used),
+        r_hat=chain.r_hat,
+        ess=chain.ess,
+        converged=chain.converged,
+        verdict=chain.verdict,
+        fingerprint=problem.fingerprint(),
+        record=record,
+    )
+
+
+def _notes(problem: Problem, laplace: Laplace, edge: float, misfit_error: float) -> list[str]:
+    notes = []
+    if edge > 0:
+        notes.append(f"in {100 * edge:.0f} % of draws a measured mode pairs with the highest mode computed: a still "
+                     "higher one might fit better")  # fmt: skip
+    if misfit_error > 0.1:
+        notes.append(f"the reduced basis shifts the log-likelihood by up to {misfit_error:.2g} on posterior draws")
+    if laplace.others:
+        notes.append(f"the posterior has further maxima, {', '.join(f'{x:g}' for x in laplace.others)} below in ln p")
+    notes += list(problem.matching.left_out)
+    return notes
+
+
+def _response_labels(problem: Problem, data: ModalData) -> list[str]:
+    labels = [f"f {problem.mode_labels[j]}" for j in problem.used]
+    channels = problem.model.channels
+    for matched, group in zip(problem.matching.groups, problem.groups, strict=True):
+        name = "+".join(problem.mode_labels[j] for j in matched.measured)
+        for k in range(group.basis.shape[1]):
+            labels += [f"shape {name} {k + 1} {channels[row]}" for row in group.rows]
+    return labels
