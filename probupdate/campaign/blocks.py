@@ -108,7 +108,8 @@ def _assemble(campaign: Campaign, start: pd.Timestamp, length: pd.Timedelta, pie
     if repaired.any():
         names = [c for c, k in zip(campaign.channels, repaired, strict=True) if k]
         who = "all channels" if len(names) == len(campaign.channels) else ", ".join(names)
-        notes.append(f"gaps of up to {LONGEST_REPAIR_S:g} s interpolated in {who}: {int(repaired.max())} samples at most")
+        most = int(repaired.max())
+        notes.append(f"gaps of up to {LONGEST_REPAIR_S:g} s interpolated in {who}: {most} samples at most")
     excluded = ""
     if longest.any():
         seconds, bad = longest.max() / campaign.sampling_rate_hz, np.flatnonzero(longest)

@@ -26,8 +26,9 @@ USES = {
     "water_level_m": "frequency against water level",
     "air_temperature_c": "frequency against temperature",
 }
-# a sample this many robust deviations off its channel's median is a spike; a Gaussian record has none in 1e12 samples
-SPIKE_DEVIATIONS = 12.0
+# a spike is this many robust deviations off its channel's median and this many times what surrounds it within half a
+# second: an impact on the structure rings, a fault of the logger does not
+SPIKE_DEVIATIONS, SPIKE_ALONE = 12.0, 4.0
 # the extreme value taken by more than so many samples in a row is a stop
 CLIP_RUN = 4
 # a record of m/s2 given in g looks 10 times too small: channels of one direction are compared with each other
@@ -77,7 +78,9 @@ def check(campaign: Campaign, *, progress: Progress = silent) -> CampaignCheck:
         f"files, {len(head)} blocks of {campaign.block_minutes:g} minutes",
         *(f"found: {t}" for t in findings), *(f"can do: {t}" for t in uses),
     ])
-    return CampaignCheck(campaign=campaign.name, table=table, blocks=head, findings=findings, uses=uses, summary=summary)
+    return CampaignCheck(
+        campaign=campaign.name, table=table, blocks=head, findings=findings, uses=uses, summary=summary
+    )
 
 
 def _channel_rows(campaign: Campaign, block: Block) -> pd.DataFrame:
@@ -89,13 +92,22 @@ def _channel_rows(campaign: Campaign, block: Block) -> pd.DataFrame:
     spread[known] = 1.4826 * np.nanmedian(away[:, known], axis=0)
     rms[known] = np.sqrt(np.nanmean((data[:, known] - centre[known]) ** 2, axis=0))
     flat = np.array([np.nanmax(c) == np.nanmin(c) if k else False for c, k in zip(data.T, known, strict=True)])
-    # only a sudden sample counts: slow peaks of a storm are signal
-    jump = np.abs(np.diff(data, axis=0, prepend=data[:1]))
-    spikes = np.sum((away > SPIKE_DEVIATIONS * spread) & (jump > 0.5 * SPIKE_DEVIATIONS * spread), axis=0)
+    spikes = [_spikes(a, s, campaign.sampling_rate_hz) for a, s in zip(away.T, spread, strict=True)]
     return pd.DataFrame({
         "id": block.id, "channel": campaign.channels, "missing": block.missing, "repaired": block.repaired, "rms": rms,
-        "offset": centre, "spikes": np.where(flat, 0, spikes), "clipped": [_clipped(c) for c in data.T], "flat": flat,
+        "offset": centre, "spikes": spikes, "clipped": [_clipped(c) for c in data.T], "flat": flat,
     })
+
+
+def _spikes(away: np.ndarray, spread: float, rate_hz: float) -> int:
+    """Samples, or two in a row, that stand alone; away (n_sample,) distance from the median."""
+    reach, count = max(int(rate_hz / 2), 3), 0
+    candidates = np.flatnonzero(away > SPIKE_DEVIATIONS * spread) if spread > 0 else ()
+    for k in candidates:
+        around = np.concatenate([away[max(k - reach, 0): max(k - 1, 0)], away[k + 2: k + reach]])
+        around = around[np.isfinite(around)]
+        count += bool(len(around)) and bool(away[k] > SPIKE_ALONE * around.max())
+    return count
 
 
 def _clipped(column: np.ndarray) -> int:
@@ -152,10 +164,13 @@ def _channel_findings(campaign: Campaign, table: pd.DataFrame) -> list[str]:
         if len(peers) >= 2 and rms[k] > 0:
             ratio = rms[k] / np.median(rms[peers])
             if not 1 / SCALE_FACTOR < ratio < SCALE_FACTOR:
-                found.append(f"{sensor.channel} moves {ratio:.3g} times as much as channels beside it: wrong unit or scale?")
+                found.append(
+                    f"{sensor.channel} moves {ratio:.3g} times as much as channels beside it: wrong unit or scale?"
+                )
     quantities = {s.quantity for s in campaign.sensors}
     if len(quantities) > 1:
-        found.append(f"channels measure different quantities ({', '.join(sorted(quantities))}): convert before identifying")
+        names = ", ".join(sorted(quantities))
+        found.append(f"channels measure different quantities ({names}): convert before identifying")
     return found
 
 
@@ -173,7 +188,8 @@ def _scada_findings(campaign: Campaign) -> list[str]:
 
 def _uses(campaign: Campaign, head: pd.DataFrame) -> tuple[str, ...]:
     good = head["excluded"] == ""
-    uses = [f"identify {int(good.sum())} blocks"]
+    one_quantity = len({s.quantity for s in campaign.sensors}) == 1
+    uses = [f"identify {int(good.sum())} blocks"] if one_quantity and good.any() else []
     states = Counter(head["state"][good])
     if campaign.scada is not None:
         uses.append("states of these: " + ", ".join(f"{n} {name}" for name, n in states.most_common()))

@@ -20,7 +20,9 @@ UNITS = {
     "velocity": {"m/s": 1.0, "cm/s": 1e-2, "mm/s": 1e-3},
     "displacement": {"m": 1.0, "cm": 1e-2, "mm": 1e-3},
 }
-CAMPAIGN_KEYS = ("name", "sampling_rate_hz", "block_minutes", "water_depth_m", "rated_power_kw", "x_axis_heading_deg", "sensor")
+CAMPAIGN_KEYS = (
+    "name", "sampling_rate_hz", "block_minutes", "water_depth_m", "rated_power_kw", "x_axis_heading_deg", "sensor",
+)  # fmt: skip
 SENSOR_KEYS = ("channel", "level", "position_m", "direction", "quantity", "unit")
 
 
@@ -177,7 +179,8 @@ def _record_file(path: Path, file, rate_hz: float, n_channel: int) -> RecordFile
             raise InputError(str(path), f"'data' has no attribute '{key}'", "write it beside the samples")
     own = float(data.attrs["sampling_rate_hz"])
     if abs(own - rate_hz) > 1e-6 * rate_hz:
-        raise InputError(str(path), f"is sampled at {own:g} Hz, campaign.toml says {rate_hz:g} Hz", "correct the wrong one")
+        raise InputError(str(path), f"is sampled at {own:g} Hz, campaign.toml says {rate_hz:g} Hz",
+                         "correct the one that is wrong")
     text = data.attrs["start"]
     text = text.decode() if isinstance(text, bytes) else str(text)
     return RecordFile(path=path, start=parse_time(text, f"{path}, start"), n_sample=int(data.shape[0]))

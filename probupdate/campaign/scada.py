@@ -78,7 +78,8 @@ def row_states(scada: pd.DataFrame, rule: StateRule) -> np.ndarray:
         return np.full(len(scada), "unknown", dtype=object)
     power = scada["power_kw"].to_numpy(float)
     with np.errstate(invalid="ignore"):
-        idling, rated = power <= rule.idling_share * rule.rated_power_kw, power >= rule.rated_share * rule.rated_power_kw
+        idling = power <= rule.idling_share * rule.rated_power_kw
+        rated = power >= rule.rated_share * rule.rated_power_kw
     state = np.where(idling, STATES[0], np.where(rated, STATES[2], STATES[1]))
     return np.where(np.isfinite(power), state, "unknown").astype(object)
 

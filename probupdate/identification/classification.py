@@ -16,10 +16,11 @@ from probupdate.identification.reference import ReferenceModes
 from probupdate.identification.ssi import Poles
 from probupdate.modes import frozen_array, mac, modal_phase_collinearity, pair_by_mac, subspace_mac
 
-FLOOR = 0.1
 KEPT, SHAPE, DAMPING, FREQUENCY, HARMONIC, COMPLEXITY, CLUSTER, DUPLICATE = (
     "kept", "mac", "damping", "frequency", "harmonic", "complexity", "cluster", "duplicate",
 )
+# of several poles of one mode: similarity (stability + 0.1) / (damping + 1 %) decides
+STABILITY_FLOOR, DAMPING_FLOOR = 0.1, 0.01
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -64,6 +65,14 @@ class Likeness:
         """(n_pole,) the group each pole is most like."""
         return np.argmax(self.similarity, axis=1)
 
+    def score(self, damping_ratio: np.ndarray) -> np.ndarray:
+        """(n_pole,) how much speaks for each pole within its group: alike, stable over the orders, lightly damped.
+
+        A mode's double beside it, from noise or waves, comes and goes with the order and has more damping.
+        """
+        similar = np.max(self.similarity, axis=1)
+        return similar * (self.stability + STABILITY_FLOOR) / (np.maximum(damping_ratio, 0) + DAMPING_FLOOR)
+
 
 def likeness(poles: Poles, reference: ReferenceModes, stability: np.ndarray) -> Likeness:
     single = mac(poles.shape, reference.shape)
@@ -83,8 +92,8 @@ def rotor_bands(conditions: Mapping[str, float | str], settings: ClassifierSetti
     low, high = conditions.get("rotor_speed_rpm_min"), conditions.get("rotor_speed_rpm_max")
     if low is None or high is None or not np.isfinite([low, high]).all():
         return np.zeros((0, 2))
-    multiples = np.array(settings.harmonics)[:, None]
-    return multiples * np.array([low * (1 - settings.harmonic_tolerance), high * (1 + settings.harmonic_tolerance)]) / 60
+    range_hz = np.array([low * (1 - settings.harmonic_tolerance), high * (1 + settings.harmonic_tolerance)]) / 60
+    return np.array(settings.harmonics)[:, None] * range_hz
 
 
 def within(frequency_hz: np.ndarray, bands: np.ndarray) -> np.ndarray:
@@ -155,7 +164,7 @@ def assigned(
     """
     criterion, chosen = verdict.copy(), np.full(len(reference.labels), -1)
     independence = np.full(len(reference.groups), np.nan)
-    swept = within(poles.frequency_hz, bands)
+    swept, score = within(poles.frequency_hz, bands), found.score(poles.damping_ratio)
     for g, group in enumerate(reference.groups):
         mine = np.flatnonzero((verdict == KEPT) & (found.group == g))
         stray = ~(np.abs(poles.frequency_hz[mine] / centre_hz[g] - 1) <= settings.cluster)
@@ -163,22 +172,21 @@ def assigned(
         criterion[mine[stray]] = CLUSTER
         criterion[mine[swept[mine] & (stray | line)]] = HARMONIC
         left = mine[criterion[mine] == KEPT]
-        taken, independence[g] = _taken(left, poles, found.similarity[:, g] * (found.stability + FLOOR), reference.shape[:, list(group)], settings)
+        taken, independence[g] = _taken(left, poles, score, reference.shape[:, list(group)], settings)
         criterion[np.setdiff1d(left, list(taken.values()))] = DUPLICATE
         for member, pole in taken.items():
             chosen[group[member]] = pole
     return Assignment(criterion=criterion, pole=chosen, independence=independence)
 
 
-def _taken(left, poles: Poles, similarity, shape, settings: ClassifierSettings) -> tuple[dict[int, int], float]:
-    """Member of the group -> pole; and the independence of a pair's poles.
+def _taken(left, poles: Poles, score, shape, settings: ClassifierSettings) -> tuple[dict[int, int], float]:
+    """Member of the group -> pole, from the poles `left` (indices); and the independence of a pair's two poles.
 
-    Of several poles the least damped and most similar ones: a mode's double beside it, from noise or waves, has more
-    damping. The score is similarity / (damping + 1 %), for two poles the product times their independence.
+    A single mode takes the best score; a pair the two with the largest product of scores and independence.
     """
     if not len(left):
         return {}, np.nan
-    score = similarity[left] / (poles.damping_ratio[left] + 0.01)
+    score = score[left]
     if shape.shape[1] == 1:
         return {0: int(left[np.argmax(score)])}, np.nan
     # coordinates in the plane of the model's pair
@@ -187,7 +195,7 @@ def _taken(left, poles: Poles, similarity, shape, settings: ClassifierSettings) 
     apart = 1 - mac(inside, inside)
     together = np.outer(score, score) * np.where(apart >= settings.least_independence, apart, 0)
     toward = mac(inside, triangle)
-    if len(left) == 1 or not np.any(together > 0):
+    if not np.any(together > 0):
         best = int(np.argmax(score))
         return {int(np.argmax(toward[best])): int(left[best])}, np.nan
     i, j = np.unravel_index(np.argmax(together), together.shape)

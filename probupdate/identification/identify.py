@@ -34,6 +34,14 @@ class SSISettings:
     spread: int = 8
     classifier: ClassifierSettings = field(default_factory=ClassifierSettings)
 
+    def __post_init__(self):
+        for name, least in (("order", 2), ("block_rows", 2), ("spread", 0)):
+            value = getattr(self, name)
+            if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < least:
+                raise InputError(name, f"{value!r} is no whole number from {least}", "give one")
+        if not 0 < self.target_rate_hz < np.inf:
+            raise InputError("target rate", f"{self.target_rate_hz} Hz is not positive", "give one, such as 5")
+
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Identification:
@@ -116,11 +124,12 @@ def identify(
                          "run `probupdate check` to see what is missing")
     data = ModalData(channels=campaign.channels, sets=tuple(sets), labels=reference.labels)
     poles = pd.concat(tables, ignore_index=True)
+    remarks = [f"{one.id}: {text}" for one in found for text in (*one.notes, one.excluded) if text]
     names = ["/".join(reference.labels[i] for i in g) for g in reference.groups]
     return Identification(
         data=data, poles=poles, settings=settings,
         centre_hz=dict(zip(names, map(float, centre), strict=True)),
-        notes=tuple(f"{one.id}: {text}" for one in found for text in (*one.notes, *([one.excluded] * bool(one.excluded)))),
+        notes=tuple(remarks),
         summary=_summary(found, data, poles, campaign, rule),
     )
 
@@ -177,7 +186,7 @@ def _centres(found: list[_Found], reference: ReferenceModes, settings: Classifie
             mine = (one.verdict == rules.KEPT) & (one.likeness.group == g)
             swept = rules.within(one.poles.frequency_hz, one.bands)
             frequency.append(one.poles.frequency_hz[mine & ~swept])
-            weight.append(one.likeness.similarity[mine & ~swept, g] / (one.poles.damping_ratio[mine & ~swept] + 0.01))
+            weight.append(one.likeness.score(one.poles.damping_ratio)[mine & ~swept])
         centres.append(rules.cluster_centre(np.concatenate(frequency), np.concatenate(weight)))
     return np.array(centres)
 
@@ -239,9 +248,11 @@ def _summary(found: list[_Found], data: ModalData, poles: pd.DataFrame, campaign
     lines.append("states: " + ", ".join(f"{n} {name}" for name, n in states.most_common()))
     if rule.rated_power_kw is not None and campaign.rated_power_kw is None:
         lines.append(f"rated power taken as the highest recorded, {rule.rated_power_kw:.0f} kW")
-    lines.append(f"fore-aft is where the nacelle looks; the model's x axis is at {campaign.x_axis_heading_deg:g} deg of the compass"
-                 if campaign.scada is not None and "nacelle_heading_deg" in campaign.scada
-                 else "no nacelle heading in SCADA: fore-aft is the model's x axis")
+    if campaign.scada is not None and "nacelle_heading_deg" in campaign.scada:
+        axis = f"{campaign.x_axis_heading_deg:g} deg of the compass"
+        lines.append(f"fore-aft is where the nacelle looks; the model's x axis lies at {axis}")
+    else:
+        lines.append("no nacelle heading in SCADA: fore-aft is the model's x axis")
     if campaign.scada is None or "rotor_speed_rpm" not in campaign.scada:
         lines.append("no rotor speed in SCADA: harmonics were not looked for, and may be among the modes")
     return "\n".join(lines)

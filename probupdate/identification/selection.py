@@ -83,9 +83,8 @@ def select(
     tests = _asked(sets, criteria, notes)
     pairs = _pairs(data.labels)
     angles = np.array([[pair_angle_deg(s, i, j) for i, j in pairs] for s in sets]).reshape(len(sets), len(pairs))
-    least = np.array([
-        [criteria.least_angle_deg if resolved(s, i, j) else criteria.unresolved_angle_deg for i, j in pairs] for s in sets
-    ]).reshape(angles.shape)
+    apart = np.array([[resolved(s, i, j) for i, j in pairs] for s in sets]).reshape(angles.shape)
+    least = np.where(apart, criteria.least_angle_deg, criteria.unresolved_angle_deg)
     reasons = []
     for s, angle, limit in zip(sets, angles, least, strict=True):
         reason = "no data" if s.environment.get("excluded") else ""
@@ -96,15 +95,14 @@ def select(
         reasons.append(reason)
     passed = np.array([not r for r in reasons])
     if not passed.any():
-        counts = pd.Series(reasons).value_counts()
-        raise InputError("selection", f"none of {len(sets)} blocks passes "
-                         f"({', '.join(f'{n} {name}' for name, n in counts.items())})", "relax a criterion, measure longer")
+        counts = ", ".join(f"{n} {name}" for name, n in pd.Series(reasons).value_counts().items())
+        raise InputError("selection", f"none of {len(sets)} blocks passes ({counts})", "relax a criterion or measure longer")
     score = np.full(len(sets), np.nan)
     score[passed] = inconsistency([s for s, p in zip(sets, passed, strict=True) if p], required, pairs)
     order = np.argsort(np.where(passed, score, np.inf), kind="stable")[: min(count, int(passed.sum()))]
     cov = _scatter(data.labels, sets, passed)
     overall = np.array([_cov([s.frequency_hz[j] for s in sets]) for j in range(data.n_mode)])
-    chosen = tuple(replace(sets[k], frequency_std_hz=overall * sets[k].frequency_hz) for k in sorted(order))
+    chosen = tuple(replace(sets[k], frequency_std_hz=_deviation(sets[k], overall)) for k in sorted(order))
     result = ModalData(channels=data.channels, sets=chosen, labels=data.labels, reference_set=sets[order[0]].id)
     table = pd.DataFrame({
         "id": [s.id for s in sets], "state": [str(s.environment.get("state", "unknown")) for s in sets],
@@ -114,6 +112,11 @@ def select(
         table[f"angle_{data.labels[i]}_{data.labels[j]}_deg"] = angles[:, k]
     return Selection(data=result, table=table, cov=cov, criteria=criteria, notes=tuple(notes),
                      summary=_summary(result, table, cov, overall, count, notes))
+
+
+def _deviation(s: ModalSet, cov: np.ndarray) -> np.ndarray:
+    """CoV times frequency; what the set came with where one block alone gives no CoV."""
+    return np.where(np.isfinite(cov), cov * s.frequency_hz, s.frequency_std_hz)
 
 
 def _required(data: ModalData, criteria: SelectionCriteria) -> list[int]:
@@ -210,7 +213,10 @@ def inconsistency(sets: list[ModalSet], required: list[int], pairs: list[tuple[i
     for i, j in pairs:
         if i not in required or j not in required:
             continue
-        planes = [np.linalg.qr(s.shape[:, [i, j]].real)[0] for s in sets]
+        rows = np.all([np.isfinite(s.shape[:, [i, j]]).all(axis=1) for s in sets], axis=0)
+        if rows.sum() < 3:
+            continue
+        planes = [np.linalg.qr(s.shape[rows][:, [i, j]].real)[0] for s in sets]
         # the plane closest to all of them: leading eigenvectors of the mean projector
         mean = np.linalg.eigh(np.mean([q @ q.T for q in planes], axis=0))[1][:, -2:]
         angle = np.array([np.arccos(np.sqrt(min(plane_mac(q, mean), 1.0))) for q in planes])[:, None]

@@ -41,11 +41,11 @@ class Factorisation:
 
 
 def output_covariances(data: np.ndarray, n_lag: int, segment: int = 0) -> np.ndarray:
-    """R_k = 1/N sum_t y(t+k) y(t)^T for k = 0..n_lag -> (n_lag + 1, n_channel, n_channel); data (n_sample, n_channel).
+    """R_k = 1/(N - k) sum_t y(t+k) y(t)^T, k = 0..n_lag: (n_lag + 1, n_channel, n_channel); data (n_sample, n_channel).
 
     Exact sums over all N - k products, by Fourier transforms of short segments: each segment is correlated with
-    itself and the n_lag samples after it, and the spectra are added before one transform back. The divisor is N
-    (biased), which keeps the sequence positive definite.
+    itself and the n_lag samples after it, and the spectra are added before one transform back. Divided by N instead,
+    the covariances would decay too fast and every damping ratio come out 1 / (omega T) too high, 0.0003 at 0.3 Hz.
     """
     n_sample, n_channel = data.shape
     if n_sample <= n_lag:
@@ -60,11 +60,12 @@ def output_covariances(data: np.ndarray, n_lag: int, segment: int = 0) -> np.nda
     long = np.fft.rfft(windows, axis=2)
     short = np.fft.rfft(windows[:, :, :step], n=size, axis=2)
     spectrum = np.matmul(long.transpose(2, 1, 0), short.conj().transpose(2, 0, 1))  # (n_line, n_channel, n_channel)
-    return np.fft.irfft(spectrum, n=size, axis=0)[: n_lag + 1] / n_sample
+    products = n_sample - np.arange(n_lag + 1)
+    return np.fft.irfft(spectrum, n=size, axis=0)[: n_lag + 1] / products[:, None, None]
 
 
 def block_toeplitz(covariance: np.ndarray, block_rows: int) -> np.ndarray:
-    """T with R_(br + i - j) in block row i, block column j -> (n_channel br, n_channel br); covariance to lag 2 br - 1."""
+    """T (n_channel br, n_channel br) with R_(br + i - j) in block row i, block column j; covariance to lag 2 br - 1."""
     n_channel = covariance.shape[1]
     lag = block_rows + np.arange(block_rows)[:, None] - np.arange(block_rows)
     return covariance[lag].transpose(0, 2, 1, 3).reshape(block_rows * n_channel, block_rows * n_channel)
