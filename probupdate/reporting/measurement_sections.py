@@ -29,6 +29,10 @@ MODE_NAMES = {
 }
 # the cut-in and rated wind speed and the rated rotor speed of the paper's turbine, drawn for orientation
 CUT_IN_MPS, RATED_MPS = 4.0, 12.0
+# the selection asks in this order, and a block counts at the first it fails
+CRITERIA_ORDER = (
+    "no data", "no SCADA", "yawing", "pitching", "not idling", "modes not identified", "planes not perpendicular",
+)
 P_FREQUENCIES = {"1P": 1, "3P": 3, "6P": 6}
 
 
@@ -52,7 +56,7 @@ def measured_section(run: Run) -> Section:
         Picture(
             svg=figures.svg_text(figures.sensor_layout(wire, campaign.sensors), "sensors"),
             caption=f"The {len(campaign.sensors)} channels on the structure: a dot for each sensor, an arrow for each "
-            "measured direction (z = 0 at mean sea level, x fore-aft, y side-side).",
+            "measured direction, in the model's axes (z = 0 at mean sea level).",
         )
     )
     items.append(_sensor_table(campaign))
@@ -241,7 +245,8 @@ def selection_section(run: Run) -> Section:
 def _selection_reasons(run: Run) -> list[object]:
     selection = run.selection
     reason = selection["criterion"].fillna("").astype(str)
-    names = [n for n in dict.fromkeys(reason) if n]
+    found = [n for n in dict.fromkeys(reason) if n]
+    names = [n for n in CRITERIA_ORDER if n in found] + [n for n in found if n not in CRITERIA_ORDER]
     excluded = [int((reason == n).sum()) for n in names]
     items: list[object] = [
         Picture(
@@ -324,7 +329,7 @@ def modes_section(run: Run) -> Section:
     planes = _planes(run)
     data = viewer_data(
         run.model.wire, labels, run.model.states, measured_hz=measured_hz, measured_shape=measured_shape,
-        sensors=sensors if measured_shape is not None else (), pairs=update.pairs if update else (),
+        sensors=sensors if measured_shape is not None else (), pairs=run.model.pairs,
         names=MODE_NAMES if run.jacket else {}, planes=planes,
     )
     static = figures.mode_shapes(run.model.wire, *_drawn(data))

@@ -98,11 +98,12 @@ def _tiles(run: Run) -> list[Tile]:
                           value="converged" if posterior.converged else "not converged", detail=", ".join(detail)))
     if run.modes is not None:
         blocks = len(run.modes.sets)
+        identified = sum(bool(s.measured.any()) for s in run.modes.sets)
         selected = len(run.nine.sets) if run.nine is not None else None
         detail = f"{plural(blocks, 'set')} of modes"
         if run.selection is not None:
             passed = int((run.selection["criterion"].fillna("") == "").sum())
-            detail = f"{blocks} blocks identified, {passed} pass every criterion"
+            detail = f"modes found in {identified} of {blocks} blocks, {passed} pass every criterion"
         value = f"{selected} of {blocks}" if selected is not None else str(blocks)
         tiles.append(Tile(label="sets used" if selected is not None else "modal sets", value=value, detail=detail))
     return tiles

@@ -15,14 +15,13 @@ from probupdate import __version__
 from probupdate.errors import InputError
 from probupdate.estimators.posterior_file import Posterior, read_posterior
 from probupdate.estimators.update_file import UpdateRecord, read_update
-from probupdate.mode_labels import close_pairs
 from probupdate.model import Model
 from probupdate.modes import ModalData, read_modes
 from probupdate.progress import Progress
 from probupdate.reporting.campaign_values import campaign_values, truth_values
-from probupdate.reporting.model_values import drawn_set, model_values
+from probupdate.reporting.model_values import model_values
 from probupdate.reporting.paper_tables import is_the_jacket
-from probupdate.reporting.values import CampaignValues, ModelValues, Run
+from probupdate.reporting.values import CampaignValues, Run
 
 T = TypeVar("T")
 
@@ -83,7 +82,7 @@ def read_run(folder: Path, progress: Progress) -> Run:
         campaign=campaign,
         truth=truth_values(truth_file, data) if truth_file is not None and truth_file.exists() else None,
         modes=modes, poles=poles, selection=selection, nine=nine,
-        model=None if model is None else _model_values(model, data, update),
+        model=None if model is None else model_values(model, data, update),
         update=update, posterior=posterior,
         jacket=is_the_jacket(names),
     )  # fmt: skip
@@ -153,19 +152,6 @@ def _load_model(path: Path, head: Mapping, folder: Path, campaign: CampaignValue
 
     own = "matrices" in read_toml(path)
     return load_model(path, parameters=parameters, sensors=None if own else campaign.sensors)
-
-
-def _model_values(model: Model, data: ModalData | None, update: UpdateRecord | None) -> ModelValues:
-    theta = {"initial": model.parameters.initial}
-    if update is not None:
-        theta["updated"] = update.map_theta
-    chosen = drawn_set(data, update)
-    if chosen is None:
-        return model_values(model, theta, None, ())
-    if update is not None:
-        return model_values(model, theta, chosen, data.channels, update.labels, update.pairs)
-    pairs = close_pairs(chosen.frequency_hz, data.labels) if data.labels else ()
-    return model_values(model, theta, chosen, data.channels, data.labels, pairs)
 
 
 def _refuse_strangers(

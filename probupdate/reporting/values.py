@@ -67,12 +67,13 @@ class CampaignValues:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class ModelValues:
-    """The model and its modes at the initial and at the updated parameters; labels of the modes drawn."""
+    """The model and its modes at the initial and at the updated parameters (none without geometry); `labels` of the
+    modes drawn, `pairs` of them that only their plane tells apart."""
 
     model: Model
-    name: str
     wire: Wireframe | None
     labels: tuple[str, ...]
+    pairs: tuple[tuple[int, ...], ...]
     states: Mapping[str, ShapedModes]
 
 

@@ -216,7 +216,7 @@ def made_up_run(*, names: tuple[str, ...] = NAMES, title: str = "Made-up turbine
         selection=pd.DataFrame({"id": [s.id for s in modes.sets], "criterion": [
             "" if s.environment["state"] == "idling" else ("not idling" if k % 3 else "yawing")
             for k, s in enumerate(modes.sets)]}),
-        model=ModelValues(model=None, name="reference", wire=wire, labels=LABELS, states=states),
+        model=ModelValues(model=None, wire=wire, labels=LABELS, pairs=((0, 1), (3, 4)), states=states),
         update=update, posterior=posterior, jacket=True,
         comparison=ComparisonValues(rows=rows, summary=("They agree.",)),
     )
