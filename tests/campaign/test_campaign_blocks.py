@@ -1,0 +1,110 @@
+"""Blocks: every sample in its place whatever the files, gaps repaired or named, memory of one block."""
+
+import tracemalloc
+
+import numpy as np
+import pandas as pd
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from probupdate.campaign.blocks import block_starts, blocks
+from probupdate.campaign.reading import read_campaign
+from probupdate.errors import InputError
+
+G = 9.80665
+
+
+def read(folder):
+    return list(blocks(read_campaign(folder)))
+
+
+def test_blocks_follow_the_clock_and_not_the_first_sample(campaign_folder, signal):
+    found = read(campaign_folder([(120, signal(6000))]))
+    assert [b.id for b in found] == ["2019-06-03T10:00Z", "2019-06-03T10:10Z"]
+    assert found[0].data.shape == (6000, 2)
+    assert np.isnan(found[0].data[:1200]).all()
+    assert found[0].data[1200, 0] == 0 and found[1].data[0, 0] == 4800
+    assert found[0].excluded == "gap of 120.0 s in all channels"
+    assert found[0].missing == pytest.approx([0.2, 0.2])
+
+
+def test_units_become_si(campaign_folder, signal):
+    (block,) = read(campaign_folder([(0, signal(6000))]))
+    assert block.data[:, 1] == pytest.approx(-G * np.arange(6000), rel=1e-6)
+    assert block.excluded == "" and block.notes == ()
+
+
+@given(cuts=st.lists(st.integers(1, 17999), unique=True, max_size=6), shuffle=st.randoms())
+@settings(max_examples=15, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+def test_cutting_and_naming_the_files_changes_nothing(tmp_path_factory, write_file, head, signal, cuts, shuffle):
+    folder = tmp_path_factory.mktemp("cut")
+    (folder / "campaign.toml").write_text(head)
+    edges = [0, *sorted(cuts), 18000]
+    names = [f"{k}.h5" for k in range(len(edges) - 1)]
+    shuffle.shuffle(names)
+    for name, a, b in zip(names, edges[:-1], edges[1:], strict=True):
+        write_file(folder, name, pd.Timestamp("2019-06-03T10:00Z") + pd.Timedelta(seconds=a / 10), signal(b - a, a))
+    found = read(folder)
+    assert len(found) == 3
+    assert np.concatenate([b.data[:, 0] for b in found]) == pytest.approx(np.arange(18000))
+
+
+def test_where_files_overlap_the_first_holds_and_it_is_said(campaign_folder, signal):
+    (block,) = read(campaign_folder([(0, signal(4000)), (300, signal(3000) + 1e6)]))
+    assert block.data[3999, 0] == 3999 and block.data[4000, 0] == 1e6 + 1000
+    assert block.notes == ("1000 samples were in two files; the file that starts first was used",)
+
+
+def test_a_short_gap_is_interpolated_and_told(campaign_folder, signal):
+    data = signal(6000)
+    data[100:110, 0] = np.nan  # one second
+    data[-3:, 1] = np.nan  # at the edge the value is held
+    (block,) = read(campaign_folder([(0, data)]))
+    assert block.excluded == ""
+    assert block.data[100:110, 0] == pytest.approx(np.arange(100, 110))
+    assert block.data[-1, 1] == pytest.approx(-5996 * G, rel=1e-6)
+    assert list(block.repaired) == [10, 3] and block.missing == pytest.approx([10 / 6000, 3 / 6000])
+    assert "interpolated in all channels: 10 samples" in block.notes[0]
+
+
+def test_a_longer_gap_excludes_the_block_and_names_the_channel(campaign_folder, signal):
+    data = signal(6000)
+    data[100:111, 1] = np.nan
+    (block,) = read(campaign_folder([(0, data)]))
+    assert block.excluded == "gap of 1.1 s in a-y"
+    assert np.isnan(block.data[105, 1]) and block.data[105, 0] == 105
+
+
+def test_blocks_without_any_file_are_not_made_up(campaign_folder, signal):
+    campaign = read_campaign(campaign_folder([(0, signal(6000)), (86400, signal(6000))]))
+    assert len(block_starts(campaign)) == 2 == len(list(blocks(campaign)))
+
+
+def test_a_file_half_a_sample_off_the_grid_goes_to_the_nearest_sample(campaign_folder, signal):
+    (block,) = read(campaign_folder([(0.04, signal(6000))]))
+    assert block.data[0, 0] == 0 and block.excluded == ""
+
+
+def test_another_length_of_block(campaign_folder, signal):
+    campaign = read_campaign(campaign_folder([(0, signal(12000))]))
+    assert [len(b.data) for b in blocks(campaign, minutes=5)] == [3000] * 4
+    with pytest.raises(InputError, match="0 minutes"):
+        next(blocks(campaign, minutes=0))
+
+
+def test_memory_does_not_grow_with_the_number_of_blocks(campaign_folder, signal):
+    campaign = read_campaign(campaign_folder([(0, signal(40 * 6000))]))
+    tracemalloc.start()
+    for block in blocks(campaign):
+        size = block.data.nbytes
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    # a handful of copies of one block; all forty together would be 40
+    assert peak < 12 * size
+
+
+def test_data_of_a_block_cannot_be_changed(campaign_folder, signal):
+    (block,) = read(campaign_folder([(0, signal(6000))]))
+    with pytest.raises(ValueError, match="read-only"):
+        block.data[0, 0] = 1

@@ -1,0 +1,82 @@
+"""`check` finds what was put in, and nothing in clean data."""
+
+import json
+
+import numpy as np
+import pandas as pd
+
+from probupdate.campaign.checking import check
+from probupdate.campaign.reading import read_campaign
+
+
+def four_channels(head: str) -> str:
+    """a-x, a-y and two more along x at the same level, as on two legs."""
+    more = head.split("[[sensor]]")[1]
+    return head + "".join("[[sensor]]" + more.replace("a-x", name) for name in ("b-x", "c-x"))
+
+
+def noise(n=12000, channels=4) -> np.ndarray:
+    return np.random.default_rng(3).standard_normal((n, channels)) * np.array([1, 1 / 9.80665, 1, 1])
+
+
+def conditions() -> pd.DataFrame:
+    return pd.DataFrame({
+        "time": ["2019-06-03T10:00:00Z", "2019-06-03T10:10:00Z"], "power_kw": [-20.0, 5000.0], "pitch_deg": [84.0, 0.0],
+        "rotor_speed_rpm": [0.2, 14.0], "nacelle_heading_deg": [0.0, 0.0], "yaw_rate_degps": [0.0, 0.0],
+        "wind_speed_mps": [3.0, 13.0], "water_level_m": [0.0, 0.1], "air_temperature_c": [12.0, 12.0],
+    })
+
+
+def test_clean_data_have_no_findings(campaign_folder, head):
+    result = check(read_campaign(campaign_folder([(0, noise())], head=four_channels(head), scada=conditions())))
+    assert result.findings == ()
+    assert "identify 2 blocks" in result.uses[0]
+    assert list(result.blocks["state"]) == ["idling", "rated"]
+
+
+def test_everything_that_was_put_in_is_found(campaign_folder, head, tmp_path):
+    data = noise()
+    data[:6000, 0] = 0.5  # flat in the first block
+    data[7000, 1] += 30  # a spike
+    data[:, 2] = np.clip(data[:, 2] + np.sin(np.arange(12000) / 50), -1.5, 1.5)  # clipped
+    data[:, 3] *= 9.80665 * 2  # in another unit than its neighbours
+    data[9000:9050, 1] = np.nan
+    # a-x is flat half of the time, so compare with the others of its direction
+    folder = campaign_folder([(0, data), (590, data[:200]), (3600, data)], head=four_channels(head))
+    result = check(read_campaign(folder))
+    text = "\n".join(result.findings)
+    for words in ("a-x is flat in 2 of 4 blocks", "a-y has 2 spikes", "c-x moves", "wrong unit or scale",
+                  "no scada.csv", "blocks between the first and the last have no record", "files overlap in 2 blocks",
+                  "2 blocks have gaps too long to repair: 2019-06-03T10:10Z, 2019-06-03T11:10Z"):  # fmt: skip
+        assert words in text, words
+    assert next(f for f in result.findings if "clipped" in f).startswith("b-x")
+    path = result.write(tmp_path / "check.json")
+    content = json.loads(path.read_text())
+    assert content["findings"] == list(result.findings) and len(content["channels"]) == 4
+
+
+def test_a_storm_of_impacts_is_no_spike(campaign_folder, head):
+    """A ringing answer to a blow is signal: 20 deviations high, but not alone."""
+    data = noise() * 0.05
+    t = np.arange(300) / 10
+    ring = 20 * np.exp(-t / 5) * np.cos(2 * np.pi * 2.0 * t)
+    data[3000:3300] += ring[:, None]
+    result = check(read_campaign(campaign_folder([(0, data)], head=four_channels(head), scada=conditions())))
+    assert not [f for f in result.findings if "spike" in f]
+
+
+def test_missing_scada_columns_say_what_cannot_be_done(campaign_folder, head):
+    table = conditions().drop(columns=["pitch_deg", "rotor_speed_rpm"])
+    table.loc[1, "time"] = "2019-06-03T10:20:00Z"
+    result = check(read_campaign(campaign_folder([(0, noise())], head=four_channels(head), scada=table)))
+    text = "\n".join(result.findings)
+    assert "SCADA has no pitch_deg: no criterion 'no pitching'" in text
+    assert "SCADA has no rotor_speed_rpm: no harmonics told from modes" in text
+    assert "1 of 3 SCADA rows are missing" in text
+
+
+def test_progress_is_told(campaign_folder, head):
+    told = []
+    campaign = read_campaign(campaign_folder([(0, noise())], head=four_channels(head)))
+    check(campaign, progress=lambda *a: told.append(a))
+    assert told[-1] == ("checking blocks", 2, 2)
