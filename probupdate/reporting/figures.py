@@ -13,6 +13,7 @@ from probupdate.reporting.figures_updating import (
     contraction,
     corner,
     correlation_map,
+    departures,
     frequency_errors,
     marginals,
     most_correlated,
@@ -22,7 +23,7 @@ from probupdate.reporting.figures_updating import (
 from probupdate.reporting.style import svg_text
 
 __all__ = [
-    "Mark", "contraction", "corner", "correlation_map", "frequencies_by_block", "frequency_errors", "marginals",
-    "mode_shapes", "most_correlated", "poles", "predictive_frequencies", "selection_steps", "sensor_layout",
-    "svg_text", "update_history", "wind_and_state",
+    "Mark", "contraction", "corner", "correlation_map", "departures", "frequencies_by_block", "frequency_errors",
+    "marginals", "mode_shapes", "most_correlated", "poles", "predictive_frequencies", "selection_steps",
+    "sensor_layout", "svg_text", "update_history", "wind_and_state",
 ]

@@ -72,8 +72,8 @@ def sensor_layout(wire: Wireframe | None, sensors: Sequence[Sensor]) -> Figure:
     views = ((left, 0, 2, "x", "z", "seen from the side"), (middle, 1, 2, "y", "z", "seen from the front"))
     for axes, a, b, name_a, name_b, title in views:
         if wire is not None:
-            for i, j in wire.line:
-                axes.plot(wire.node_m[[i, j], a], wire.node_m[[i, j], b], color=PALE, lw=0.9, zorder=1)
+            axes.add_collection(LineCollection(wire.node_m[wire.line][:, :, [a, b]], colors=PALE, lw=0.9, zorder=1))
+            axes.autoscale_view()
         _arrows(axes, place[:, [a, b]], way[:, [a, b]], 0.06 * height)
         axes.set_aspect("equal", adjustable="datalim")
         label_axes(axes, f"{name_a} [m]", f"{name_b} [m]", title)
@@ -81,9 +81,9 @@ def sensor_layout(wire: Wireframe | None, sensors: Sequence[Sensor]) -> Figure:
     plan = place[place[:, 2] < place[:, 2].max() + 1, :2]
     if wire is not None:
         near = np.abs(wire.node_m[:, 2] - np.median(place[:, 2])) < 0.12 * height
-        for i, j in wire.line:
-            if near[i] and near[j]:
-                right.plot(wire.node_m[[i, j], 0], wire.node_m[[i, j], 1], color=PALE, lw=0.9, zorder=1)
+        line = wire.line[near[wire.line].all(axis=1)]
+        right.add_collection(LineCollection(wire.node_m[line][:, :, :2], colors=PALE, lw=0.9, zorder=1))
+        right.autoscale_view()
     spread = max(float(np.ptp(plan, axis=0).max()), 1.0)
     _arrows(right, place[:, :2], way[:, :2], 0.22 * spread)
     right.set_aspect("equal", adjustable="datalim")
@@ -200,6 +200,7 @@ def poles(
     upper_hz: float = 2.5,
     harmonics_hz: Mapping[str, float] | None = None,
     title: str = "",
+    width_in: float = FULL_IN,
     height_in: float = 2.7,
 ) -> Figure:
     """Figs. 5-7: frequency of every pole against time.
@@ -207,7 +208,7 @@ def poles(
     groups: legend entry -> (time, frequency_hz); marks: entry -> (colour, marker, size, filled);
     harmonics_hz: name -> upper bound of that P-frequency, drawn dashed.
     """
-    figure = new_figure(FULL_IN, height_in)
+    figure = new_figure(width_in, height_in)
     axes = figure.subplots()
     for k, (name, (time, frequency)) in enumerate(groups.items()):
         time, frequency = np.asarray(time), np.asarray(frequency, float)
@@ -227,7 +228,8 @@ def poles(
     axes.set_ylim(0, upper_hz)
     label_axes(axes, "start of block [UTC]", "frequency [Hz]", title)
     if groups:
-        figure.legend(loc="outside upper left", ncols=min(len(groups), 6), handletextpad=0.2, columnspacing=1.2)
+        columns = min(len(groups), 6 if width_in > 6 else 4)
+        figure.legend(loc="outside upper left", ncols=columns, handletextpad=0.2, columnspacing=1.2)
     return figure
 
 

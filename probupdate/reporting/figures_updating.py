@@ -17,6 +17,7 @@ from probupdate.reporting.style import (
     FULL_IN,
     GREEN,
     GREY,
+    GRID,
     HALF_IN,
     INK,
     MAP,
@@ -78,6 +79,34 @@ def frequency_errors(labels: Sequence[str], measured_hz, computed_hz: Mapping[st
     axes.grid(axis="y", visible=False)
     label_axes(axes, "computed frequency minus measured [% of measured]", "mode")
     figure.legend(loc="outside upper left", ncols=5)
+    return figure
+
+
+@styled
+def departures(parameters: Sequence[Parameter], draws: np.ndarray | None, marks: Sequence[Mark]) -> Figure:
+    """Every parameter's estimates and posterior on one scale: departure from the initial value in prior deviations."""
+    figure = new_figure(FULL_IN, 0.9 + 0.32 * len(parameters))
+    axes = figure.subplots()
+    initial = np.array([p.initial for p in parameters])
+    std = np.array([p.std for p in parameters])
+    rows = np.arange(len(parameters))
+    axes.barh(rows, 2.0, left=-1.0, height=0.62, color=GRID, label="prior, ± 1 deviation", zorder=1)
+    if draws is not None:
+        low5, low25, middle, high75, high95 = np.percentile((draws - initial) / std, [5, 25, 50, 75, 95], axis=0)
+        axes.hlines(rows, low5, high95, color=BLUE, lw=1.4, zorder=3)
+        axes.hlines(rows, low25, high75, color=BLUE, lw=5.0, alpha=0.55, zorder=3, label="posterior, 50 % and 90 %")
+        axes.plot(middle, rows, ls="none", marker="|", color=INK, ms=8, mew=1.4, zorder=4, label="median")
+    for order, mark in enumerate(marks):
+        offset = 0.17 * (order - 0.5 * (len(marks) - 1))
+        axes.plot((mark.theta - initial) / std, rows + offset, ls="none", color=mark.role["color"], ms=5.0, mec="white",
+                  mew=0.4, marker=mark.role["marker"], zorder=5, label=mark.name)
+    axes.axvline(0, color=INK, lw=0.9, zorder=2)
+    axes.set_yticks(rows, [p.name for p in parameters])
+    axes.set_ylim(len(rows) - 0.4, -0.6)
+    axes.grid(axis="y", visible=False)
+    axes.xaxis.set_major_formatter(FuncFormatter(_plain))
+    label_axes(axes, "departure from the initial value [prior deviations]", "parameter")
+    figure.legend(loc="outside upper left", ncols=4, columnspacing=1.2)
     return figure
 
 

@@ -19,7 +19,7 @@ from probupdate.reporting.elements import (
     percent,
 )
 from probupdate.reporting.model_values import drawn_set
-from probupdate.reporting.style import GREY, INK, PALE
+from probupdate.reporting.style import GREY, HALF_IN, INK, PALE
 from probupdate.reporting.values import CampaignValues, Run
 from probupdate.reporting.viewer import viewer_data
 
@@ -133,8 +133,8 @@ def _pole_pictures(run: Run) -> list[object]:
     pictures: list[object] = []
 
     def picture(prefix: str, groups: dict, marks: dict, caption: str) -> None:
-        figure = figures.poles(groups, marks, harmonics_hz=lines, height_in=2.6)
-        pictures.append(Picture(svg=figures.svg_text(figure, prefix), caption=caption))
+        figure = figures.poles(groups, marks, harmonics_hz=lines, width_in=HALF_IN, height_in=2.9)
+        pictures.append(Picture(svg=figures.svg_text(figure, prefix), caption=caption, width="half"))
 
     dashed = " Dashed: upper bounds of the P-frequencies at the highest rotor speed recorded." if lines else ""
     picture("poles5", {"poles": (time, frequency)}, {"poles": (INK, "o", 5.0, True)},
@@ -166,7 +166,7 @@ def _pole_pictures(run: Run) -> list[object]:
     counts = pd.Series(criterion).value_counts()
     rows = tuple((name, str(int(n)), percent(n / len(poles))) for name, n in counts.items())
     pictures.append(
-        Table(caption="What became of every pole", rows=rows,
+        Table(caption="What became of every pole", rows=rows, width="half",
               columns=(Column(name="criterion", number=False), Column(name="poles"), Column(name="share", unit="%")))
     )
     return pictures
@@ -216,16 +216,19 @@ def _frequency_tables(run: Run) -> list[object]:
         else ("" if several else "CoV from the deviations that came with the modes.")
     )
     table = Table(caption="Identified frequencies" + (" by turbine state" if len(groups) > 1 else ""),
-                  columns=tuple(columns), rows=tuple(rows), note=note, marked=frozenset(marked))
+                  columns=tuple(columns), rows=tuple(rows), note=note, marked=frozenset(marked),
+                  width="half")
     items: list[object] = [table]
     time = pd.to_datetime([s.id for s in modes.sets], errors="coerce", utc=True) if several else None
     if time is not None and not time.isna().any():
         chosen = {s.id for s in run.nine.sets} if run.nine else set()
         selected = np.array([s.id in chosen for s in modes.sets])
-        figure = figures.frequencies_by_block(time.tz_convert(None).to_numpy(), frequency, labels, selected)
+        figure = figures.frequencies_by_block(time.tz_convert(None).to_numpy(), frequency, labels, selected,
+                                              truth_frequencies(run, labels))
         items.append(
             Picture(svg=figures.svg_text(figure, "blocks"),
-                    caption="Identified frequency of each mode by block; filled: the blocks that were selected.")
+                    caption="Identified frequency of each mode by block; filled: the blocks that were "
+                    "selected" + ("; dashed: the virtual turbine's own frequency." if run.truth else "."))
         )
     return items
 

@@ -19,7 +19,7 @@ from probupdate.reporting.elements import (
     number,
     plural,
 )
-from probupdate.reporting.updating_sections import INFORMED, STRONG, fits, scheme_name
+from probupdate.reporting.updating_sections import INFORMED, STRONG, fits, marks, scheme_name
 from probupdate.reporting.values import Run
 
 
@@ -33,6 +33,14 @@ def verdict_section(run: Run) -> Section:
                 svg=figures.svg_text(
                     figures.frequency_errors(run.update.labels, run.update.measured_hz, computed), "errors"),
                 caption="How far each computed frequency is from the measured one, before and after the update.",
+            )
+        )
+        draws = run.posterior.draws if run.posterior is not None else None
+        items.append(
+            Picture(
+                svg=figures.svg_text(figures.departures(run.update.parameters.items, draws, marks(run)), "departures"),
+                caption="Where each parameter went. A posterior as wide as the grey bar has learned nothing from the "
+                "data; estimates far from the posterior's middle are not to be trusted.",
             )
         )
     doubts = uncertain(run)

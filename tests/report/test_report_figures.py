@@ -35,6 +35,7 @@ def _built(run) -> dict[str, Figure]:
         "frequencies_by_block": figures.frequencies_by_block(block_time, block_hz, modes.labels,
                                                              np.arange(len(block_hz)) < 9, np.full(5, 0.32)),
         "frequency_errors": figures.frequency_errors(update.labels, update.measured_hz, {"initial": update.initial_hz}),
+        "departures": figures.departures(update.parameters.items, posterior.draws, [mark]),
         "update_history": figures.update_history({s.key: s.objective for s in update.schemes},
                                                  {s.key: s.theta for s in update.schemes}, names,
                                                  update.parameters.initial,
@@ -56,7 +57,7 @@ def built(full_run):
 NAMES = (
     "sensor_layout", "sensor_layout without model", "wind_and_state", "poles", "mode_shapes", "selection_steps",
     "frequencies_by_block", "frequency_errors", "update_history", "marginals", "corner", "correlation_map",
-    "contraction", "predictive_frequencies",
+    "contraction", "departures", "predictive_frequencies",
 )
 
 
