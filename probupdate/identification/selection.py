@@ -96,7 +96,7 @@ def select(
     passed = np.array([not r for r in reasons])
     if not passed.any():
         counts = ", ".join(f"{n} {name}" for name, n in pd.Series(reasons).value_counts().items())
-        raise InputError("selection", f"none of {len(sets)} blocks passes ({counts})", "relax a criterion, or measure on")
+        raise InputError("selection", f"none of {len(sets)} blocks passes ({counts})", "relax one, or measure on")
     score = np.full(len(sets), np.nan)
     score[passed] = inconsistency([s for s, p in zip(sets, passed, strict=True) if p], required, pairs)
     order = np.argsort(np.where(passed, score, np.inf), kind="stable")[: min(count, int(passed.sum()))]

@@ -1,0 +1,193 @@
+"""SSI-cov against what is known exactly, a plain second route, another program, and statistics."""
+
+import numpy as np
+import pytest
+
+from probupdate.errors import InputError
+from probupdate.identification.preprocessing import resampled
+from probupdate.identification.ssi import (
+    block_toeplitz,
+    factorise,
+    identify_poles,
+    output_covariances,
+    poles,
+    stability,
+)
+from probupdate.modes import mac
+
+RATE, BLOCK_ROWS, ORDER = 5.0, 30, 20
+
+
+def direct_covariances(data: np.ndarray, n_lag: int) -> np.ndarray:
+    n = len(data)
+    return np.array([data[k:].T @ data[: n - k] / (n - k) for k in range(n_lag + 1)])
+
+
+@pytest.mark.parametrize(("n", "segment"), [(500, 0), (9000, 0), (300, 17), (61, 0)])
+def test_covariances_are_the_direct_sums(n, segment):
+    data = np.random.default_rng(1).standard_normal((n, 4)).cumsum(axis=0)
+    expected = direct_covariances(data, 59)
+    assert output_covariances(data, 59, segment) == pytest.approx(expected, abs=1e-12 * np.abs(expected).max())
+
+
+def test_too_short_a_record_is_refused():
+    with pytest.raises(InputError, match="50 samples for 59 lags"):
+        output_covariances(np.ones((50, 2)), 59)
+
+
+def test_toeplitz_blocks_are_where_they_belong():
+    covariance = np.random.default_rng(2).standard_normal((8, 3, 3))
+    toeplitz = block_toeplitz(covariance, 4)
+    for i in range(4):
+        for j in range(4):
+            assert (toeplitz[3 * i: 3 * i + 3, 3 * j: 3 * j + 3] == covariance[4 + i - j]).all()
+
+
+def exact_covariances(structure, n_lag: int) -> np.ndarray:
+    """R_k of the known system: Re(q) of variance s^2 has covariance s^2 Re(mu^k); channel noise at lag 0 only."""
+    mu = structure.eigenvalue()
+    table = structure.strength**2 * (mu[None, :] ** np.arange(n_lag + 1)[:, None]).real
+    found = np.einsum("ci,ki,di->kcd", structure.shape, table, structure.shape)
+    found[0] += structure.noise**2 * np.eye(len(structure.shape))
+    return found
+
+
+def test_exact_covariances_give_the_exact_modes(jacket):
+    """No sampling error left: frequencies, damping and shapes of all five modes, the close pair too, to rounding."""
+    order = 2 * len(jacket.frequency_hz)
+    (found,) = poles(factorise(exact_covariances(jacket, 59), BLOCK_ROWS, order, RATE), (order,))
+    assert found.frequency_hz == pytest.approx(jacket.frequency_hz, rel=1e-7)
+    assert found.damping_ratio == pytest.approx(jacket.damping_ratio, rel=1e-5)
+    assert np.diag(mac(found.shape, jacket.shape)) == pytest.approx(np.ones(5), abs=1e-7)
+
+
+def plain_poles(data: np.ndarray, order: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The second route: direct sums, a full singular value decomposition, a pseudo-inverse."""
+    m, br = data.shape[1], BLOCK_ROWS
+    covariance = direct_covariances(data, 2 * br - 1)
+    toeplitz = np.block([[covariance[br + i - j] for j in range(br)] for i in range(br)])
+    u, s, _ = np.linalg.svd(toeplitz)
+    observability = u[:, :order] * np.sqrt(s[:order])
+    state = np.linalg.pinv(observability[:-m]) @ observability[m:]
+    value, vector = np.linalg.eig(state)
+    keep = value.imag > 0
+    pole = RATE * np.log(value[keep])
+    order_up = np.argsort(abs(pole))
+    pole = pole[order_up]
+    return abs(pole) / 2 / np.pi, -pole.real / abs(pole), (observability[:m] @ vector[:, keep])[:, order_up]
+
+
+def test_the_plain_route_gives_the_same_poles(jacket):
+    data = jacket.record(9000, seed=4)
+    found, _ = identify_poles(data, RATE, order=ORDER, block_rows=BLOCK_ROWS)
+    frequency, damping, shape = plain_poles(data, ORDER)
+    assert found.frequency_hz == pytest.approx(frequency, rel=1e-8)
+    assert found.damping_ratio == pytest.approx(damping, abs=1e-8)
+    assert np.diag(mac(found.shape, shape)) == pytest.approx(np.ones(len(frequency)), abs=1e-8)
+
+
+def poles_of(state: np.ndarray, output: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    value, vector = np.linalg.eig(state)
+    keep = value.imag > 0
+    pole = RATE * np.log(value[keep])
+    rising = np.argsort(abs(pole))
+    pole, shape = pole[rising], (output @ vector[:, keep])[:, rising]
+    return abs(pole) / 2 / np.pi, -pole.real / abs(pole), shape
+
+
+def test_pyoma2_gives_the_same_poles(jacket):
+    """Its realisation of the same matrix to rounding; its own matrix, whose sums run over a common window (60 of 9000
+    samples fewer), within a third of the estimate's own scatter."""
+    ssi = pytest.importorskip("pyoma2.functions.ssi", reason="pyOMA2, a peer to compare with, is not installed")
+    data = jacket.record(9000, seed=4)
+    found, _ = identify_poles(data, RATE, order=ORDER, block_rows=BLOCK_ROWS)
+    toeplitz = block_toeplitz(direct_covariances(data, 2 * BLOCK_ROWS - 1), BLOCK_ROWS)
+    _, state, output = ssi.SSI(toeplitz, BLOCK_ROWS, ORDER)
+    frequency, damping, shape = poles_of(state[ORDER], output[ORDER])
+    assert found.frequency_hz == pytest.approx(frequency, rel=1e-8)
+    assert found.damping_ratio == pytest.approx(damping, abs=1e-8)
+    assert np.diag(mac(found.shape, shape)) == pytest.approx(np.ones(len(frequency)), abs=1e-8)
+
+    hankel, _ = ssi.build_hank(data.T, data.T, BLOCK_ROWS, "cov")
+    _, state, output = ssi.SSI(hankel, BLOCK_ROWS, ORDER)
+    frequency, damping, _ = poles_of(state[ORDER], output[ORDER])
+    f, zeta = jacket.frequency_hz[2], jacket.damping_ratio[2]  # the mode that stands alone
+    ours, theirs = np.argmin(abs(found.frequency_hz - f)), np.argmin(abs(frequency - f))
+    scatter = 2 * np.sqrt(zeta / (4 * np.pi * f * 1800))  # twice the Cramer-Rao bound, relative
+    assert found.frequency_hz[ours] == pytest.approx(frequency[theirs], rel=scatter / 3)
+
+
+def test_every_order_is_what_it_is_alone(jacket):
+    covariance = output_covariances(jacket.record(9000, seed=5), 59)
+    together = poles(factorise(covariance, BLOCK_ROWS, 24, RATE), (8, 16, 24))
+    for one in together:
+        (alone,) = poles(factorise(covariance, BLOCK_ROWS, one.order, RATE), (one.order,))
+        assert one.frequency_hz == pytest.approx(alone.frequency_hz, rel=1e-8)
+        assert one.damping_ratio == pytest.approx(alone.damping_ratio, abs=1e-8)
+
+
+def test_an_order_beyond_the_block_rows_is_refused():
+    with pytest.raises(InputError, match="order: 20 is above 18"):
+        factorise(np.zeros((20, 2, 2)), 10, 20, RATE)
+
+
+def test_estimates_scatter_about_the_truth(jacket):
+    """Sixty half hours. Means within 3.5 standard errors of the truth; the scatter of f not below the Cramer-Rao
+    bound of a single mode, f sqrt(zeta / (4 pi f T)) (Gersch 1974), and not above four times it."""
+    n_record, time = 60, 1800.0
+    frequency, damping = np.full((n_record, 5), np.nan), np.full((n_record, 5), np.nan)
+    for k in range(n_record):
+        found, _ = identify_poles(jacket.record(9000, seed=100 + k), RATE, order=10, block_rows=BLOCK_ROWS)
+        for j in (2, 3, 4):
+            p = int(np.argmin(abs(found.frequency_hz - jacket.frequency_hz[j])))
+            frequency[k, j], damping[k, j] = found.frequency_hz[p], found.damping_ratio[p]
+    for j in (2, 3, 4):
+        error = np.std(frequency[:, j], ddof=1) / np.sqrt(n_record)
+        assert abs(np.mean(frequency[:, j]) - jacket.frequency_hz[j]) < 3.5 * error
+        error = np.std(damping[:, j], ddof=1) / np.sqrt(n_record)
+        assert abs(np.mean(damping[:, j]) - jacket.damping_ratio[j]) < 3.5 * error
+        bound = jacket.frequency_hz[j] * np.sqrt(jacket.damping_ratio[j] / (4 * np.pi * jacket.frequency_hz[j] * time))
+        # a deviation of sixty numbers is itself known to 9 %
+        assert 0.75 * bound < np.std(frequency[:, j], ddof=1) < 4 * bound
+
+
+def test_a_mode_is_stable_over_the_orders_and_noise_is_not(jacket):
+    found, share = identify_poles(jacket.record(9000, seed=6), RATE, order=ORDER, block_rows=BLOCK_ROWS, spread=8)
+    for f in jacket.frequency_hz[2:]:
+        assert share[np.argmin(abs(found.frequency_hz - f))] >= 0.75
+    strange = np.array([min(abs(f / jacket.frequency_hz - 1)) > 0.1 for f in found.frequency_hz])
+    assert strange.any() and np.median(share[strange]) < 0.75
+    assert stability(found, ()) == pytest.approx(np.zeros(len(share)))
+
+
+# Resampling --------------------------------------------------------------------------------------------------------
+
+
+def sine(frequency_hz: float, rate: float = 25.0, seconds: float = 200.0, phase: float = 0.3) -> np.ndarray:
+    t = np.arange(round(rate * seconds)) / rate
+    return np.cos(2 * np.pi * frequency_hz * t + phase)[:, None]
+
+
+@pytest.mark.parametrize("frequency_hz", [0.1, 0.32, 1.3, 1.99, 2.25])
+def test_what_is_of_interest_passes_without_a_shift(frequency_hz):
+    thinned = resampled(sine(frequency_hz), 25.0, 5.0)[:, 0]
+    expected = sine(frequency_hz, rate=5.0)[:, 0]
+    inside = slice(50, -50)
+    # 70 dB: a ripple of 0.03 %, and no phase
+    assert thinned[inside] == pytest.approx(expected[inside], abs=1e-3)
+
+
+@pytest.mark.parametrize("frequency_hz", [2.75, 3.5, 5.0, 9.0, 12.0])
+def test_what_would_fold_back_is_stopped(frequency_hz):
+    thinned = resampled(sine(frequency_hz), 25.0, 5.0)[50:-50, 0]
+    assert np.abs(thinned).max() < 10 ** (-68 / 20)
+
+
+def test_rates_that_are_no_simple_ratio_are_refused_and_others_kept():
+    data = np.random.default_rng(0).standard_normal((1000, 2)) + 3.0
+    assert resampled(data, 5.0, 5.0).mean(axis=0) == pytest.approx([0, 0], abs=1e-12)
+    assert len(resampled(data, 25.0, 10.0)) == 400
+    with pytest.raises(InputError, match=r"30 Hz is not in \(0, 25\]"):
+        resampled(data, 25.0, 30.0)
+    with pytest.raises(InputError, match="no ratio of small numbers"):
+        resampled(data, 25.0, 5.0012345)
