@@ -51,7 +51,8 @@ def test_weight_above_the_jacket_is_the_drawings(file, plain):
         per_metre = 7850 * np.pi * t * (d - t) + raw["tower"]["secondary_steel_kgpm"]
         weight += np.trapezoid(per_metre, z)
     above = structure.node_m[:, 2] > tower[0]["z_m"] + 1e-6
-    at_foot = 0.5 * 7850 * np.pi * 2.0 * 0.030 * (7.49 - 0.030)  # for the size of the foot node's half element
+    d, t = tower[0]["diameter_m"], tower[0]["thickness_m"]
+    at_foot = 0.5 * 7850 * np.pi * 2.0 * t * (d - t)  # for the size of the foot node's half element
     found = structure.mass.diagonal()[0::6][above].sum()
     assert abs(found + tower[0].get("flange_kg", 0) - weight) < 1.3 * at_foot
 
@@ -116,14 +117,15 @@ def test_parameters_move_the_frequencies_the_right_way(file, plain):
 
 
 def test_sum_rule(file, plain):
-    """All stiffnesses up by 1 % raise every frequency by half of it: nothing is outside a group."""
+    """All stiffnesses up by a share raise every frequency by half of it: nothing is outside a group."""
     base = plain[2].frequency_hz[:8]
-    total = 0
+    # one group at a time bends close modes towards each other: an error of first order in the step
+    up, total = 1.001, 0
     for name in ("k_j", "k_t", "k_TP", "k_p"):
-        total += np.log(solve(file, **{name: 1.01}).frequency_hz[:8] / base) / np.log(1.01)
+        total += np.log(solve(file, **{name: up}).frequency_hz[:8] / base) / np.log(up)
     for name in ("py", "tz", "qw"):
-        total += np.log(solve(file, **{name: 1 / 1.01}).frequency_hz[:8] / base) / np.log(1.01)
-    assert total == pytest.approx(np.full(8, 0.5), abs=2e-3)
+        total += np.log(solve(file, **{name: 1 / up}).frequency_hz[:8] / base) / np.log(up)
+    assert total == pytest.approx(np.full(8, 0.5), abs=5e-4)
 
 
 def test_tolerances_are_small_and_scale(file, plain):
