@@ -32,13 +32,14 @@ def compose(run: Run, progress: Progress = silent) -> str:
     """The page of a run's values as HTML text."""
     from probupdate.reporting import measurement_sections as measurement
     from probupdate.reporting import overview_sections as overview
+    from probupdate.reporting import posterior_sections as posterior
     from probupdate.reporting import updating_sections as updating
     from probupdate.reporting.page import render
 
     builders = (
         overview.verdict_section, measurement.measured_section, measurement.identification_section,
-        measurement.selection_section, measurement.modes_section, updating.update_section, updating.posterior_section,
-        updating.comparison_section, overview.provenance_section,
+        measurement.selection_section, measurement.modes_section, updating.update_section, posterior.posterior_section,
+        posterior.comparison_section, overview.provenance_section,
     )
     sections = []
     for done, build in enumerate(builders):

@@ -228,7 +228,7 @@ def poles(
     axes.set_ylim(0, upper_hz)
     label_axes(axes, "start of block [UTC]", "frequency [Hz]", title)
     if groups:
-        columns = min(len(groups), 6 if width_in > 6 else 4)
+        columns = min(len(groups), 6 if width_in > 6 else 3)
         figure.legend(loc="outside upper left", ncols=columns, handletextpad=0.2, columnspacing=1.2)
     return figure
 

@@ -98,15 +98,16 @@ def departures(parameters: Sequence[Parameter], draws: np.ndarray | None, marks:
         axes.plot(middle, rows, ls="none", marker="|", color=INK, ms=8, mew=1.4, zorder=4, label="median")
     for order, mark in enumerate(marks):
         offset = 0.17 * (order - 0.5 * (len(marks) - 1))
-        axes.plot((mark.theta - initial) / std, rows + offset, ls="none", color=mark.role["color"], ms=5.0, mec="white",
-                  mew=0.4, marker=mark.role["marker"], zorder=5, label=mark.name)
+        size = 9.0 if mark.role["marker"] == "*" else 6.0
+        axes.plot((mark.theta - initial) / std, rows + offset, ls="none", color=mark.role["color"], mec="white",
+                  mew=0.4, ms=size, marker=mark.role["marker"], zorder=5, label=mark.name)
     axes.axvline(0, color=INK, lw=0.9, zorder=2)
     axes.set_yticks(rows, [p.name for p in parameters])
     axes.set_ylim(len(rows) - 0.4, -0.6)
     axes.grid(axis="y", visible=False)
     axes.xaxis.set_major_formatter(FuncFormatter(_plain))
     label_axes(axes, "departure from the initial value [prior deviations]", "parameter")
-    figure.legend(loc="outside upper left", ncols=4, columnspacing=1.2)
+    figure.legend(loc="outside upper left", ncols=3, columnspacing=1.2)
     return figure
 
 
@@ -134,7 +135,8 @@ def update_history(
             # the parameters' term is zero at the start: no point on a logarithmic axis
             shown = np.where(np.asarray(values) > 0, values, np.nan)
             top.plot(np.arange(len(values)), shown, color=roles.get(term, _COLORS[k]),
-                     ls=styles.get(term, _LINES[k % 5]), marker=_MARKERS[k], ms=3.5, label=term)
+                     ls=styles.get(term, _LINES[k % 5]), marker=_MARKERS[k], ms=3.5,
+                     markevery=max(len(shown) // 10, 1), label=term)
         top.set_yscale("log")
         top.yaxis.set_major_formatter(FuncFormatter(_plain))
         top.yaxis.set_minor_formatter(FuncFormatter(lambda *_: ""))
@@ -143,7 +145,7 @@ def update_history(
             middle.plot(np.arange(len(path)), path, color=_COLORS[k % 8], ls=_LINES[(k // 8 + k) % 5],
                         marker=_MARKERS[k % 8], ms=3.5, markevery=max(len(path) // 10, 1), label=name)
         apart = np.maximum(distance[scheme], 1e-3)
-        bottom.plot(np.arange(len(apart)), apart, color=INK, marker="o", ms=3.5)
+        bottom.plot(np.arange(len(apart)), apart, color=INK, marker="o", ms=3.5, markevery=max(len(apart) // 10, 1))
         bottom.set_yscale("log")
         bottom.yaxis.set_major_formatter(FuncFormatter(_plain))
         bottom.yaxis.set_minor_formatter(FuncFormatter(lambda *_: ""))

@@ -19,8 +19,12 @@ from probupdate.reporting.elements import (
     number,
     plural,
 )
-from probupdate.reporting.updating_sections import INFORMED, STRONG, fits, marks, scheme_name
+from probupdate.reporting.posterior_sections import INFORMED, STRONG, marks
+from probupdate.reporting.updating_sections import fits, scheme_name
 from probupdate.reporting.values import Run
+
+# computed over measured frequency beyond which a pair made by shape is doubted
+FAR_OFF = 1.6
 
 
 def verdict_section(run: Run) -> Section:
@@ -40,7 +44,8 @@ def verdict_section(run: Run) -> Section:
             Picture(
                 svg=figures.svg_text(figures.departures(run.update.parameters.items, draws, marks(run)), "departures"),
                 caption="Where each parameter went. A posterior as wide as the grey bar has learned nothing from the "
-                "data; estimates far from the posterior's middle are not to be trusted.",
+                "data; estimates far from the posterior's middle are not to be trusted. MAP: the most probable "
+                "parameters.",
             )
         )
     doubts = uncertain(run)
@@ -134,6 +139,7 @@ def uncertain(run: Run) -> list[str]:
         if not fits(run.update):
             text = fit_sentence(run.update)
             said.append(f"{text[0].upper()}{text[1:]}.")
+        said += _far_off(run.update)
         for s in run.update.schemes:
             if not s.converged:
                 said.append(f"The update with {scheme_name(s)} did not converge: {s.status}.")
@@ -163,6 +169,17 @@ def uncertain(run: Run) -> list[str]:
             said.append("The update as printed ends more than one posterior deviation from the posterior mean in "
                         f"{', '.join(far)}.")
     return said
+
+
+def _far_off(update: UpdateRecord) -> list[str]:
+    """Modes whose computed partner is alike in shape but hardly the same mode by its frequency."""
+    ratio = update.initial_hz / update.measured_hz
+    far = np.flatnonzero(np.isfinite(ratio) & ((ratio > FAR_OFF) | (ratio < 1 / FAR_OFF)))
+    return [
+        f"{update.labels[j]}, measured at {fixed(update.measured_hz[j], 3)} Hz, was paired by shape with a computed "
+        f"mode at {fixed(update.initial_hz[j], 3)} Hz: see whether these are the same mode before trusting the update."
+        for j in far
+    ]
 
 
 def provenance_section(run: Run) -> Section:

@@ -1,0 +1,152 @@
+"""Sections on the posterior and on where the update and the posterior part."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from probupdate.estimators.posterior_file import Posterior
+from probupdate.estimators.update_file import UpdateRecord
+from probupdate.reporting import figures
+from probupdate.reporting.elements import Column, Notice, Picture, Section, Table, Text, fixed, number
+from probupdate.reporting.style import MAP, PRIOR_UPDATE, STEP_UPDATE, TRUTH
+from probupdate.reporting.values import ComparisonRow, Run
+
+# posterior over prior deviation: below the first a parameter is well informed, above the second it keeps its prior
+STRONG, INFORMED = 0.5, 0.9
+
+
+def marks(run: Run) -> list[figures.Mark]:
+    update = run.update
+    found = [figures.Mark(name="MAP", theta=update.map_theta, role=MAP)]
+    roles = (("prior", "update, prior penalty", PRIOR_UPDATE), ("step", "update, step penalty", STEP_UPDATE))
+    for key, name, role in roles:
+        found += [figures.Mark(name=name, theta=s.theta[-1], role=role) for s in update.schemes if s.key == key]
+    known = (run.truth or {}).get("parameters")
+    if known:
+        theta = np.array([float(known.get(n, np.nan)) for n in update.parameters.names])
+        if np.any(np.isfinite(theta)):
+            found.append(figures.Mark(name="drawn for the virtual turbine", theta=theta, role=TRUTH))
+    return found
+
+
+def posterior_section(run: Run) -> Section:
+    title = "Posterior"
+    posterior, update = run.posterior, run.update
+    if posterior is None or update is None:
+        text = "posterior.nc, so there is no posterior to show." if posterior is None else \
+            "update.json, which names the parameters and priors that the posterior is drawn against."
+        return Section(anchor="posterior", title=title, items=(Notice(level="missing", text=text),))
+    parameters = update.parameters
+    items: list[object] = [Notice(level="good" if posterior.converged else "warning", text=posterior.verdict)]
+    evaluated, fallback = int(posterior.record.get("evaluated", 0)), int(posterior.record.get("fallback", 0))
+    if fallback:
+        items.append(Notice(
+            level="warning" if fallback > 0.2 * evaluated else "plain",
+            text=f"{fallback} of {evaluated} evaluations fell outside the reduced basis and were answered by the full "
+            "model: exact, but slow."))
+    points = marks(run)
+    draws = posterior.draws
+    items.append(
+        Picture(svg=figures.svg_text(figures.marginals(parameters.items, draws, points), "marginals"),
+                caption="Each parameter's posterior (filled), prior (dashed) and point estimates. Grey ground: outside "
+                "the bounds. A posterior that lies on its prior was not informed by the data.")
+    )
+    correlation = np.corrcoef(draws.T) if len(parameters) > 1 else np.ones((1, 1))
+    if len(parameters) > 1:
+        chosen = figures.most_correlated(draws, 4)
+        names = [parameters.names[k] for k in chosen]
+        units = [parameters.items[k].unit for k in chosen]
+        near = [figures.Mark(name=m.name, theta=np.asarray(m.theta)[chosen], role=m.role) for m in points]
+        items.append(Picture(
+            svg=figures.svg_text(figures.corner(names, units, draws[:, chosen], near), "corner"),
+            caption="The parameters with the strongest correlations. Contours hold 39, 68 and 90 % of the draws."))
+        items.append(Picture(
+            svg=figures.svg_text(figures.correlation_map(parameters.names, correlation), "correlation"), width="half",
+            caption="Posterior correlation of all parameters; values below 0.005 are left blank."))
+    ratio = np.std(draws, axis=0, ddof=1) / np.array([p.distribution.std() for p in parameters])
+    items.append(Picture(
+        svg=figures.svg_text(
+            figures.contraction(parameters.names, ratio, informed_below=INFORMED, strong_below=STRONG), "contraction"),
+        width="half",
+        caption="Posterior over prior deviation (the prior's after its cut at the bounds). Filled: strongly informed "
+        f"(below {STRONG}); hatched: weakly; dotted: keeps its prior (above {INFORMED})."))
+    used = [update.labels.index(label) for label in posterior.mode_labels if label in update.labels]
+    if len(used) == posterior.frequency_hz.shape[1]:
+        items.append(Picture(
+            svg=figures.svg_text(figures.predictive_frequencies(
+                posterior.mode_labels, update.measured_hz[used], update.measured_std_hz[used], posterior.frequency_hz,
+            ), "predictive"),
+            caption="Frequencies that the posterior predicts against the measured ones, in per cent of these."))
+    items.append(_sampling_table(posterior, update))
+    return Section(anchor="posterior", title=title, items=tuple(items),
+                   lead="What the parameters may be, given the measurement, the prior and the model.")
+
+
+def _sampling_table(posterior: Posterior, update: UpdateRecord) -> Table:
+    rows = []
+    for k, p in enumerate(update.parameters):
+        d = posterior.draws[:, k]
+        low, middle, high = np.percentile(d, [5, 50, 95])
+        rows.append((
+            p.name, p.unit or "-", number(float(d.mean())), number(float(d.std(ddof=1))), number(low), number(middle),
+            number(high), fixed(posterior.r_hat[k], 4), fixed(posterior.ess[k], 0),
+        ))
+    columns = (Column(name="parameter", number=False), Column(name="unit", number=False), Column(name="mean"),
+               Column(name="deviation"), Column(name="5 %"), Column(name="50 %"), Column(name="95 %"),
+               Column(name="R-hat"), Column(name="effective draws"))
+    return Table(caption="The posterior in numbers", columns=columns, rows=tuple(rows),
+                 note=f"{len(posterior.draws)} draws.")
+
+
+
+
+def comparison_section(run: Run) -> Section:
+    title = "Comparison"
+    if run.comparison is None:
+        return Section(anchor="comparison", title=title, items=(
+            Notice(level="missing", text="compare.json, so update and posterior are not set side by side."),))
+    rows = run.comparison.rows
+    items: list[object] = []
+    if run.comparison.summary:
+        items.append(Text(paragraphs=run.comparison.summary))
+    items.append(_values_table(rows))
+    items.append(_distance_table(rows))
+    return Section(anchor="comparison", title=title, items=tuple(items),
+                   lead="Where the deterministic updates and the posterior part, and why.")
+
+
+def _values_table(rows: tuple[ComparisonRow, ...]) -> Table:
+    columns = (Column(name="parameter", number=False), Column(name="unit", number=False), Column(name="prior mean"),
+               Column(name="prior deviation"), Column(name="update, step penalty"),
+               Column(name="update, prior penalty"),
+               Column(name="MAP"), Column(name="posterior mean"), Column(name="posterior median"),
+               Column(name="posterior deviation"), Column(name="posterior CoV", unit="-"), Column(name="5–95 %"))
+    cells = []
+    for r in rows:
+        cov = abs(r.std / r.mean) if r.mean else float("nan")
+        cells.append((r.name, r.unit or "-", number(r.prior_mean), number(r.prior_std), number(r.step),
+                      number(r.anchored),
+                      number(r.map), number(r.mean), number(r.median), number(r.std), number(cov, 2),
+                      f"{number(r.low)} to {number(r.high)}"))
+    return Table(caption="The same parameters by every route", columns=columns, rows=tuple(cells))
+
+
+def _distance_table(rows: tuple[ComparisonRow, ...]) -> Table:
+    columns = (Column(name="parameter", number=False), Column(name="step penalty", unit="posterior deviations"),
+               Column(name="prior penalty", unit="posterior deviations"),
+               Column(name="MAP", unit="posterior deviations"),
+               Column(name="posterior over prior deviation"), Column(name="informed", number=False),
+               Column(name="what it means", number=False))
+    cells = []
+    for r in rows:
+        words = r.sentence or "; ".join(r.flags)
+        cells.append((r.name, _signed(r.step_distance), _signed(r.anchored_distance), _signed(r.map_distance),
+                      fixed(r.contraction, 2), r.identified, words))
+    far = {k for k, r in enumerate(rows) if max(abs(r.step_distance), abs(r.anchored_distance)) > 1}
+    return Table(caption="Distance from the posterior mean", columns=columns, rows=tuple(cells), marked=frozenset(far),
+                 note="Emphasised: an update more than one posterior deviation from the posterior mean.")
+
+
+def _signed(value: float) -> str:
+    text = fixed(value, 2)
+    return f"+{text}" if value > 0 and text != "0.00" else text
