@@ -86,7 +86,8 @@ def turned_pairs(shape: np.ndarray, turn_deg: float) -> np.ndarray:
 @pytest.fixture(scope="session")
 def jacket() -> Structure:
     return Structure(
-        frequency_hz=np.array([0.316, 0.323, 1.29, 1.93, 2.02]), damping_ratio=np.array([0.015, 0.012, 0.01, 0.01, 0.012]),
+        frequency_hz=np.array([0.316, 0.323, 1.29, 1.93, 2.02]),
+        damping_ratio=np.array([0.015, 0.012, 0.01, 0.01, 0.012]),
         shape=shapes(), strength=np.array([1.0, 0.8, 0.15, 0.3, 0.25]), noise=0.01,
     )
 
