@@ -1,0 +1,148 @@
+"""A campaign on disk through identification: modes within their scatter, nothing breaks where one is absent."""
+
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from probupdate.campaign.reading import read_campaign
+from probupdate.errors import InputError
+from probupdate.identification.identify import SSISettings, fore_aft_deg, identify, modal_data, unit_largest
+from probupdate.identification.reference import ReferenceModes
+from probupdate.modes import mac, plane_mac, read_modes
+
+IDLING = {"power_kw": -20.0, "rotor_speed_rpm": 0.3, "rotor_speed_rpm_min": 0.2, "rotor_speed_rpm_max": 0.5,
+          "nacelle_heading_deg": 0.0, "wind_speed_mps": 3.0}  # fmt: skip
+RUNNING = IDLING | {"power_kw": 2500.0, "rotor_speed_rpm": 9.0, "rotor_speed_rpm_min": 8.9, "rotor_speed_rpm_max": 9.1}
+
+
+def scatter(jacket, times: float = 5.0) -> np.ndarray:
+    """Relative: `times` the Cramer-Rao bound of half an hour; pairs this close have some twice the bound."""
+    return times * np.sqrt(jacket.damping_ratio / (4 * np.pi * jacket.frequency_hz * 1800))
+
+
+def test_modes_come_out_within_their_scatter(jacket, reference, write_campaign):
+    campaign = read_campaign(write_campaign([jacket.record(9000, seed=k) for k in range(4)]))
+    result = identify(campaign, reference)
+    assert modal_data(result) is result.data and result.data.labels == reference.labels
+    for s in result.data.sets:
+        assert s.measured.all()
+        assert np.all(np.abs(s.frequency_hz / jacket.frequency_hz - 1) < scatter(jacket, 8))
+        assert plane_mac(s.shape[:, [0, 1]], jacket.shape[:, [0, 1]]) > 0.99
+        assert plane_mac(s.shape[:, [3, 4]], jacket.shape[:, [3, 4]]) > 0.99
+        assert mac(s.shape[:, [2]], jacket.shape[:, [2]])[0, 0] > 0.98
+        assert np.isnan(s.frequency_std_hz).all()
+    assert "no nacelle heading in SCADA" in result.summary and "no rotor speed in SCADA" in result.summary
+
+
+def test_a_design_model_that_is_far_off_still_names_the_modes(jacket, reference, write_campaign):
+    """Frequencies 10 to 25 % too low and shapes bent: the planes are told all the same."""
+    campaign = read_campaign(write_campaign([jacket.record(9000, seed=k) for k in range(3)]))
+    height = np.array([s.position_m[2] for s in campaign.sensors])
+    rough = ReferenceModes(
+        labels=reference.labels, frequency_hz=jacket.frequency_hz * [0.93, 0.93, 0.9, 0.78, 0.77],
+        shape=jacket.shape * (0.8 + 0.2 * height / 90)[:, None], pairs=reference.pairs,
+    )  # fmt: skip
+    for s in identify(campaign, rough).data.sets:
+        assert np.all(np.abs(s.frequency_hz / jacket.frequency_hz - 1) < scatter(jacket, 8))
+
+
+def test_a_mode_that_is_not_excited_is_nan_and_the_rest_stays(jacket, reference, write_campaign):
+    quiet = replace(jacket, strength=np.array([1.0, 0.8, 0.0, 0.3, 0.25]))
+    result = identify(read_campaign(write_campaign([quiet.record(9000, seed=k) for k in range(2)])), reference)
+    for s in result.data.sets:
+        assert s.measured.tolist() == [True, True, False, True, True]
+        assert np.isnan(s.shape[:, 2]).all()
+
+
+def test_blocks_that_cannot_be_used_stay_with_their_reason(jacket, reference, write_campaign, tmp_path):
+    records = [jacket.record(9000, seed=k) for k in range(3)]
+    records[1][100:120] = np.nan
+    records[2][:, 4] = 0.125
+    result = identify(read_campaign(write_campaign(records)), reference)
+    good, gap, flat = result.data.sets
+    assert good.measured.all() and not gap.measured.any() and not flat.measured.any()
+    assert gap.environment["excluded"] == "gap of 4.0 s in all channels"
+    assert flat.environment["excluded"] == "no signal in TP-B-y"
+    assert "1 of 3 blocks identified" in result.summary
+    assert any("gap of 4.0 s" in note for note in result.notes)
+    files = result.write(tmp_path / "modes.json")
+    assert [f.name for f in files] == ["modes.json", "modes.poles.csv"]
+    again = read_modes(files[0])
+    assert again.sets[1].environment["excluded"] == gap.environment["excluded"]
+    assert again.sets[0].frequency_hz == pytest.approx(good.frequency_hz)
+    table = pd.read_csv(files[1])
+    expected = ["time", "frequency_hz", "damping_ratio", "mpc", "mac", "mode", "criterion", "paper_criterion"]
+    assert set(expected) <= set(table)
+    assert (table["criterion"] == "kept").sum() == 5 and set(table["time"]) == {"2019-06-03T10:00:00Z"}
+
+
+def test_no_usable_block_is_an_error(reference, write_campaign):
+    campaign = read_campaign(write_campaign([np.full((9000, 18), np.nan)]))
+    with pytest.raises(InputError, match=r"none of 1 blocks can be used; the first: gap of 1800\.0 s"):
+        identify(campaign, reference)
+
+
+def test_the_rotor_s_line_is_removed_where_scada_tells_its_speed(jacket, reference, write_campaign, scada_rows):
+    """3P at 0.45 Hz, in phase with FA1's shape, with as much motion as the mode."""
+    t = np.arange(9000) / 5
+    line = np.outer(np.cos(2 * np.pi * 0.45 * t), jacket.shape[:, 0])
+    records = [jacket.record(9000, seed=0), jacket.record(9000, seed=1) + line]
+    result = identify(read_campaign(write_campaign(records, scada_rows([IDLING, RUNNING]))), reference)
+    states = [s.environment["state"] for s in result.data.sets]
+    assert states == ["idling", "rated"]  # the highest power recorded stands for the rated one, as the summary says
+    assert "rated power taken as the highest recorded, 2500 kW" in result.summary
+    poles = result.poles
+    near = poles[(poles["time"] == poles["time"].max()) & (abs(poles["frequency_hz"] - 0.45) < 0.005)]
+    assert len(near) and set(near["criterion"]) <= {"harmonic", "damping", "mac"}
+    assert "harmonic" in set(near["criterion"]) or (near["damping_ratio"] <= 0).any()
+    best = near.loc[near["mac"].idxmax()]
+    assert best["mac"] > 0.95 and best["paper_criterion"] == "kept"  # MAC and complexity pass it
+    for s in result.data.sets:
+        assert np.all(np.abs(s.frequency_hz / jacket.frequency_hz - 1) < scatter(jacket, 8))
+
+
+def test_modes_keep_their_names_as_the_nacelle_turns(jacket, reference, write_campaign, scada_rows):
+    """Second pair, 4.5 % apart: at heading 65 deg (clockwise) FA2 moves along -65 deg and keeps its frequency."""
+    records = [jacket.record(9000, seed=0), jacket.record(9000, seed=1, turn_deg=-65)]
+    scada = scada_rows([IDLING, IDLING | {"nacelle_heading_deg": 65.0}])
+    campaign = read_campaign(write_campaign(records, scada))
+    assert fore_aft_deg({"nacelle_heading_deg": 65.0}, campaign) == -65 and fore_aft_deg({}, campaign) == 0
+    for s in identify(campaign, reference).data.sets:
+        assert np.all(np.abs(s.frequency_hz / jacket.frequency_hz - 1)[2:] < scatter(jacket, 6)[2:])
+
+
+def test_channels_of_different_quantities_are_refused(jacket, reference, write_campaign):
+    campaign = read_campaign(write_campaign([jacket.record(9000, seed=0)], quantity="velocity"))
+    with pytest.raises(InputError, match="TP-B-x measure other than acceleration"):
+        identify(campaign, reference)
+
+
+def test_a_reference_at_other_channels_is_refused(jacket, reference, write_campaign):
+    campaign = read_campaign(write_campaign([jacket.record(9000, seed=0)]))
+    with pytest.raises(InputError, match="have 17 channels, the campaign 18"):
+        identify(campaign, replace(reference, shape=reference.shape[:17]))
+
+
+@pytest.mark.parametrize(("change", "problem"), [
+    ({"order": 1}, "order: 1 is no whole number from 2"), ({"block_rows": 2.5}, "block_rows: 2.5 is no whole"),
+    ({"spread": -2}, "spread: -2"), ({"target_rate_hz": 0.0}, "target rate: 0.0 Hz is not positive"),
+])
+def test_settings_that_make_no_sense_are_refused(change, problem):
+    with pytest.raises(InputError, match=problem):
+        SSISettings(**change)
+
+
+def test_shapes_lie_along_the_real_axis_with_largest_part_one():
+    shape = (np.array([[1.0, -2.0, 0.5]]).T + 0.02j) * np.exp(1.1j)
+    scaled = unit_largest(shape)
+    assert scaled.real.max() == pytest.approx(1) and abs(scaled.imag).max() < 0.02
+    assert mac(scaled, shape)[0, 0] == pytest.approx(1)
+
+
+def test_progress_is_told(jacket, reference, write_campaign):
+    told = []
+    campaign = read_campaign(write_campaign([jacket.record(9000, seed=0)]))
+    identify(campaign, reference, progress=lambda *a: told.append(a))
+    assert told[0] == ("identifying blocks", 0, 1) and told[-1] == ("identifying blocks", 1, 1)
