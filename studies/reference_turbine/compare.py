@@ -63,8 +63,10 @@ def main() -> None:
         print(f"| {state} | " + " | ".join([*cells, f"{f['T1']:.3f}", f"{local:.3f}", above]) + " |")
     print("\n| 1e5 kN/m, ours / paper | k_xy | k_z |\n|---|---|---|")
     for state, (_, _, k) in found.items():
-        print(f"| {state} | " + " | ".join(beside(k[n] / 1e8, p / 1e8, 2) for n, p in PILE_HEAD_NPM[state].items()) + " |")
-    print("\n| MAC to the updated state, ours / paper's to the measured one | " + " | ".join(MODES) + " |\n|" + "---|" * 5)
+        cells = [beside(k[name] / 1e8, paper / 1e8, 2) for name, paper in PILE_HEAD_NPM[state].items()]
+        print(f"| {state} | " + " | ".join(cells) + " |")
+    print("\n| MAC, ours to the updated state / paper's to the measured one | " + " | ".join(MODES) + " |")
+    print("|" + "---|" * 5)
     for state in ("design", "as-built"):
         cells = [float(mac(found[state][1][m][:, None], found["updated"][1][m][:, None])[0, 0]) for m in MODES]
         print(f"| {state} | " + " | ".join(f"{a:.4f} / {b:.2f}" for a, b in zip(cells, MAC[state], strict=True)) + " |")

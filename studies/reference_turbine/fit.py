@@ -2,8 +2,9 @@
 
     python studies/reference_turbine/fit.py            # fit, print ours beside the paper's
     python studies/reference_turbine/fit.py --write    # and write the rounded dimensions to probupdate/reference/
+    python studies/reference_turbine/compare.py        # the files as they are, in more detail
 
-The fit takes a few minutes on one core. Everything that is not an unknown here (levels, densities, RNA, sensors,
+The fit takes one to three minutes on one core. Everything that is not an unknown here (levels, densities, RNA, sensors,
 priors) is read from as_built.toml and stays as it is there.
 """
 
@@ -14,16 +15,16 @@ import copy
 import time
 import tomllib
 from dataclasses import dataclass
-from pathlib import Path
+from itertools import pairwise
 
 import numpy as np
+from model_files import as_built_text, state_text, table_5
 from scipy.optimize import least_squares
 
 from probupdate.mode_labels import mode_character
 from probupdate.modes import Sensor
 from probupdate.parameters import Parameter, Parameters
 from probupdate.reporting.paper_tables import FREQUENCY_HZ, PILE_HEAD_NPM, UPDATED
-from model_files import as_built_text, state_text, table_5  # beside this script
 from probupdate.structure.description import parse_description
 from probupdate.structure.load import reference_model, turbine_model
 
@@ -34,7 +35,7 @@ N_MODE = 8
 LOCAL_FLOOR_HZ = 2.42
 NEXT_FLOOR_HZ = 2.32
 TORSION_HZ = (1.12, 1.33)
-# coarse enough to be fast; the files' own mesh is finer, and --check compares
+# coarse enough to be fast; the files' own mesh is finer, and compare.py gives its error
 FIT_MESH = {"leg": 1, "brace": 2, "pile": 6, "column": 1, "strut": 1, "tie": 1, "tower": 5}
 FILE_MESH = {"leg": 1, "brace": 2, "pile": 8, "column": 1, "strut": 1, "tie": 1, "tower": 8}
 BAY_LEVELS_M = (-34.0, -20.0, -8.0, 2.0, 10.0)
@@ -50,7 +51,7 @@ class Unknown:
     scale: float
 
 
-# starts: variant C of the stand-ins tried before this fit, braces stiffened for four bays
+# starts: where earlier rounds with other bounds ended, see README.md; the first began at a three-bay stand-in
 UNKNOWNS = {
     "bottom_spacing": Unknown(20.0, 20.0, 23.0, 1.0),
     "top_spacing": Unknown(7.0, 7.0, 10.0, 1.0),
@@ -80,7 +81,7 @@ def rounded(values: dict[str, float]) -> dict[str, float]:
             "pile_diameter": 0.01, "pile_wall": 0.001, "strength": 1e3, "strength_gradient": 10.0,
             "tower_diameter": 0.05, "tower_wall": 0.0005, "column_wall": 0.001, "strut_diameter": 0.01,
             "tp_mass": 1e3, "rotor_inertia": 1e5, "scour": 0.1, "growth": 0.005}  # fmt: skip
-    return {n: round(round(v / grid[n]) * grid[n], 9) if n in grid else v for n, v in values.items()}
+    return {n: round(round(v / grid[n]) * grid[n], 9) if n in grid else float(v) for n, v in values.items()}
 
 
 def tube(diameter: float, thickness: float) -> dict[str, float]:
@@ -97,14 +98,14 @@ def described(base: dict, v: dict[str, float], rounding: bool = False) -> dict:
     jacket["bottom"]["leg_spacing_m"], jacket["top"]["leg_spacing_m"] = v["bottom_spacing"], v["top_spacing"]
     jacket["leg"] = tube(v["leg_diameter"], r(v["leg_diameter"] / v["leg_slenderness"], 0.0005))
     jacket["bay"] = []
-    for k, (low, high) in enumerate(zip(BAY_LEVELS_M[:-1], BAY_LEVELS_M[1:], strict=True)):
+    for k, (low, high) in enumerate(pairwise(BAY_LEVELS_M)):
         diameter = r(v["brace_diameter"] * (1 - 0.05 * k), 0.005)
         jacket["bay"].append({"bottom_m": low, "top_m": high,
                               "brace": tube(diameter, r(diameter / v["brace_slenderness"], 0.0005))})  # fmt: skip
     raw["pile"]["diameter_m"], raw["pile"]["thickness_m"] = v["pile_diameter"], v["pile_wall"]
     raw["soil"]["undrained_shear_strength_pa"] = {"at_mudline": v["strength"],
                                                   "gradient_per_m": v["strength_gradient"]}  # fmt: skip
-    # taper of the tower as of the stand-ins: diameters 1 : .92 : .81 : .69, walls 1 : .77 : .6 : .53
+    # taper of the tower: diameters 1 : .92 : .81 : .69, walls 1 : .77 : .6 : .53
     stations = zip(raw["tower"]["station"], (1.0, 0.922, 0.813, 0.688), (1.0, 0.77, 0.59, 0.53), strict=True)
     for station, d, t in stations:
         station |= tube(r(v["tower_diameter"] * d, 0.05), r(v["tower_wall"] * t, 0.0005))
@@ -229,7 +230,7 @@ def write(base: dict, v: dict[str, float]) -> None:
 def main() -> None:
     arguments = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     arguments.add_argument("--write", action="store_true", help="write the rounded dimensions to the model files")
-    arguments.add_argument("--steps", type=int, default=12, help="most steps of the fit; 0 keeps its start")
+    arguments.add_argument("--steps", type=int, default=6, help="most evaluations of the fit; 0 keeps its start")
     chosen = arguments.parse_args()
     base = tomllib.loads(reference_model("as_built").read_text(encoding="utf-8"))
     base["mesh"]["elements_per_member"] = dict(FILE_MESH)

@@ -10,8 +10,8 @@ from probupdate.reporting.paper_tables import UPDATED
 HEAD = {
     "design": (
         "Reference jacket turbine, design",
-        "The reference jacket turbine as designed: conditions averaged over 25 years, so with scour, marine growth and\n"
-        "# corrosion (parameters sc, mg, corr); otherwise as_built.toml.",
+        "The reference jacket turbine as designed: conditions averaged over 25 years, so with scour, growth and\n"
+        "# corrosion (initial values of sc, mg, corr); otherwise as_built.toml.",
     ),
     "as_built": ("Reference jacket turbine, as built", "The reference jacket turbine one year after installation."),
     "updated": (
@@ -42,7 +42,8 @@ def as_built_text(text: str, raw: Mapping) -> str:
     """as_built.toml with the dimensions of `raw` in place of its own; comments and all other numbers stay."""
     jacket, pile, tp = raw["jacket"], raw["pile"], raw["transition_piece"]
     for end in ("bottom", "top"):
-        text = replaced(text, rf"^({end} = \{{ z_m = \S+ leg_spacing_m = )[\d.]+", rf"\g<1>{_number(jacket[end]['leg_spacing_m'])}")
+        spacing = _number(jacket[end]["leg_spacing_m"])
+        text = replaced(text, rf"^({end} = \{{ z_m = \S+ leg_spacing_m = )[\d.]+", rf"\g<1>{spacing}")
     for name, table in (("leg", jacket["leg"]), ("column", tp["column"]), ("strut", tp["strut"]), ("tie", tp["tie"])):
         text = replaced(text, rf"^{name} = \{{ diameter_m[^}}]*\}}", f"{name} = {tube_text(table)}")
     bays = "".join(
@@ -58,12 +59,14 @@ def as_built_text(text: str, raw: Mapping) -> str:
     text = replaced(text, r"(^lumped_mass_kg = )[\d.]+", rf"\g<1>{_number(tp['lumped_mass_kg'])}")
     for station in raw["tower"]["station"]:
         text = replaced(text, rf"(^\[\[tower\.station\]\]\nz_m = {_number(station['z_m'])}\n).*\n.*\n",
-                        rf"\g<1>diameter_m = {_number(station['diameter_m'])}\nthickness_m = {_number(station['thickness_m'])}\n")
+                        rf"\g<1>diameter_m = {_number(station['diameter_m'])}\n"
+                        rf"thickness_m = {_number(station['thickness_m'])}\n")
     inertia = next(body["inertia_kgm2"] for body in raw["rna"] if body["name"] == "hub")
     text = replaced(text, r'(^name = "hub"[^[]*\n(?:.*\n){2}inertia_kgm2 = ).*$',
                     rf"\g<1>[{', '.join(f'{x:.2e}'.replace('e+0', 'e') for x in inertia)}]")
     half = _number(jacket["top"]["leg_spacing_m"] / 2)
-    text = replaced(text, r"^position_m = \[(-?)[1-9][\d.]*, (-?)[\d.]+, 13\.0\]", rf"position_m = [\g<1>{half}, \g<2>{half}, 13.0]", 12)
+    text = replaced(text, r"^position_m = \[(-?)[1-9][\d.]*, (-?)[\d.]+, 13\.0\]",
+                    rf"position_m = [\g<1>{half}, \g<2>{half}, 13.0]", count=12)
     groups = ", ".join(f"{name} = {n}" for name, n in raw["mesh"]["elements_per_member"].items())
     return replaced(text, r"^elements_per_member = .*$", f"elements_per_member = {{ {groups} }}")
 
