@@ -50,6 +50,11 @@ class Mark:
     role: Mapping
 
 
+def _size(mark: Mark) -> float:
+    """A star's area is small for its width."""
+    return 9.0 if mark.role["marker"] == "*" else 6.0
+
+
 def unit_label(name: str, unit: str) -> str:
     return f"{name} [{unit or '-'}]"
 
@@ -98,9 +103,8 @@ def departures(parameters: Sequence[Parameter], draws: np.ndarray | None, marks:
         axes.plot(middle, rows, ls="none", marker="|", color=INK, ms=8, mew=1.4, zorder=4, label="median")
     for order, mark in enumerate(marks):
         offset = 0.17 * (order - 0.5 * (len(marks) - 1))
-        size = 9.0 if mark.role["marker"] == "*" else 6.0
         axes.plot((mark.theta - initial) / std, rows + offset, ls="none", color=mark.role["color"], mec="white",
-                  mew=0.4, ms=size, marker=mark.role["marker"], zorder=5, label=mark.name)
+                  mew=0.4, ms=_size(mark), marker=mark.role["marker"], zorder=5, label=mark.name)
     axes.axvline(0, color=INK, lw=0.9, zorder=2)
     axes.set_yticks(rows, [p.name for p in parameters])
     axes.set_ylim(len(rows) - 0.4, -0.6)
@@ -206,7 +210,7 @@ def marginals(parameters: Sequence[Parameter], draws: np.ndarray, marks: Sequenc
     for axes in panels[len(parameters):]:
         axes.remove()
     handles, labels = panels[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside upper left", ncols=6, columnspacing=1.2)
+    figure.legend(handles, labels, loc="outside upper left", ncols=min(len(labels), 5), columnspacing=1.2)
     return figure
 
 
@@ -248,7 +252,7 @@ def corner(names: Sequence[str], units: Sequence[str], draws: np.ndarray, marks:
                 _pair(axes, draws[:, j], draws[:, i], (low[j], high[j]), (low[i], high[i]))
                 for mark in marks:
                     axes.plot(mark.theta[j], mark.theta[i], ls="none", color=mark.role["color"],
-                              marker=mark.role["marker"], ms=5.5, mec="white", mew=0.5, label=mark.name)
+                              marker=mark.role["marker"], ms=_size(mark), mec="white", mew=0.5, label=mark.name)
                 axes.set_ylim(low[i], high[i])
                 axes.yaxis.set_major_locator(MaxNLocator(3, prune="both"))
                 axes.yaxis.set_major_formatter(FuncFormatter(_plain))
@@ -324,7 +328,8 @@ def contraction(names: Sequence[str], ratio: Sequence[float], *, informed_below:
         face = BLUE if strong else (SKY if informed else "white")
         axes.barh(row, value, height=0.66, color=face, edgecolor=BLUE if informed else GREY, lw=0.9,
                   hatch="" if strong else ("///" if informed else "..."))
-        axes.annotate(f"{value:.2f}", (value, row), xytext=(4, 0), textcoords="offset points", va="center", fontsize=8)
+        axes.annotate(f"{value:.2f}", (value, row), xytext=(4, 0), textcoords="offset points", va="center", fontsize=8,
+                      bbox={"facecolor": "white", "edgecolor": "none", "pad": 0.6})
     axes.axvline(1, color=INK, lw=1.0, ls="--")
     axes.set_yticks(range(len(order)), [names[k] for k in order])
     axes.invert_yaxis()

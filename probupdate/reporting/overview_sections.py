@@ -30,12 +30,14 @@ FAR_OFF = 1.6
 def verdict_section(run: Run) -> Section:
     items: list[object] = [Tiles(items=tuple(_tiles(run)))]
     if run.update is not None:
-        computed = {"initial model": run.update.initial_hz}
-        computed |= {f"updated, {scheme_name(s)}": s.frequency_hz for s in run.update.schemes}
+        used = np.isfinite(run.update.initial_hz)
+        computed = {"initial model": run.update.initial_hz[used]}
+        computed |= {f"updated, {scheme_name(s)}": s.frequency_hz[used] for s in run.update.schemes}
+        labels = [label for label, here in zip(run.update.labels, used, strict=True) if here]
         items.append(
             Picture(
                 svg=figures.svg_text(
-                    figures.frequency_errors(run.update.labels, run.update.measured_hz, computed), "errors"),
+                    figures.frequency_errors(labels, run.update.measured_hz[used], computed), "errors"),
                 caption="How far each computed frequency is from the measured one, before and after the update.",
             )
         )

@@ -25,7 +25,7 @@ def marks(run: Run) -> list[figures.Mark]:
     if known:
         theta = np.array([float(known.get(n, np.nan)) for n in update.parameters.names])
         if np.any(np.isfinite(theta)):
-            found.append(figures.Mark(name="drawn for the virtual turbine", theta=theta, role=TRUTH))
+            found.append(figures.Mark(name="truth", theta=theta, role=TRUTH))
     return found
 
 
@@ -49,7 +49,8 @@ def posterior_section(run: Run) -> Section:
     items.append(
         Picture(svg=figures.svg_text(figures.marginals(parameters.items, draws, points), "marginals"),
                 caption="Each parameter's posterior (filled), prior (dashed) and point estimates. Grey ground: outside "
-                "the bounds. A posterior that lies on its prior was not informed by the data.")
+                "the bounds. A posterior that lies on its prior was not informed by the data."
+                + (" Truth: what the virtual turbine was built with." if run.truth else ""))
     )
     correlation = np.corrcoef(draws.T) if len(parameters) > 1 else np.ones((1, 1))
     if len(parameters) > 1:
@@ -59,7 +60,8 @@ def posterior_section(run: Run) -> Section:
         near = [figures.Mark(name=m.name, theta=np.asarray(m.theta)[chosen], role=m.role) for m in points]
         items.append(Picture(
             svg=figures.svg_text(figures.corner(names, units, draws[:, chosen], near), "corner"),
-            caption="The parameters with the strongest correlations. Contours hold 39, 68 and 90 % of the draws."))
+            caption="The parameters with the strongest correlations. Contours hold 39, 68 and 90 % of the draws; marks "
+            "beyond a frame are not drawn."))
         items.append(Picture(
             svg=figures.svg_text(figures.correlation_map(parameters.names, correlation), "correlation"), width="half",
             caption="Posterior correlation of all parameters; values below 0.005 are left blank."))

@@ -221,7 +221,7 @@ def _scatter_table(run: Run) -> Table | None:
         if name not in printed:
             return ["", ""]
         mean, cov, upper = printed[name]
-        return [number(mean), f"< {cov:g}" if upper else f"{cov:.2f}"]
+        return [number(mean / (1e3 if name in sets.derived else 1)), f"< {cov:g}" if upper else f"{cov:.2f}"]
 
     def scatter(values: np.ndarray) -> tuple[str, str]:
         mean = float(np.mean(values))
@@ -235,7 +235,7 @@ def _scatter_table(run: Run) -> Table | None:
         rows.append((p.name, p.unit or "-", *scatter(sets.theta_step[:, k]), *scatter(sets.theta_map[:, k]),
                      fixed(float(resolution[k]), 2), width, *paper_cells(p.name)))
     for name, values in sets.derived.items():
-        rows.append((name, "N/m", MISSING, MISSING, *scatter(values), "", MISSING, *paper_cells(name)))
+        rows.append((name, "kN/m", MISSING, MISSING, *scatter(values / 1e3), "", MISSING, *paper_cells(name)))
     columns = [
         Column(name="parameter", number=False), Column(name="unit", number=False),
         Column(name="step penalty: mean"), Column(name="its CoV", unit="-"), Column(name="MAP: mean"),
