@@ -16,9 +16,9 @@ from probupdate.modes import ModalSet, frozen_array, mac, rotate_to_real, subspa
 PAIR_GAP = 0.10
 # below this criterion a computed mode is not taken for a measured one
 MIN_MAC = 0.50
-# computed modes beyond the highest matched one that every evaluation carries, so that a mode that changes its place
-# is followed
-SPARE = 3
+# computed modes beyond the highest matched one that every evaluation carries: the highest measured mode may trade its
+# place with the next one and is followed; a note is made where draws use the last
+SPARE = 1
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
