@@ -19,8 +19,9 @@ from probupdate.modes import frozen_array, mac, modal_phase_collinearity, pair_b
 KEPT, SHAPE, DAMPING, FREQUENCY, HARMONIC, COMPLEXITY, CLUSTER, DUPLICATE = (
     "kept", "mac", "damping", "frequency", "harmonic", "complexity", "cluster", "duplicate",
 )
-# of several poles of one mode: similarity (stability + 0.1) / (damping + 1 %) decides
-STABILITY_FLOOR, DAMPING_FLOOR = 0.1, 0.01
+# of several poles of one mode similarity (stability + 0.1)^2 / (damping + 1 %) decides, damping below 0.5 % counted as
+# that: no structure has less, and a pole of noise may have any
+STABILITY_FLOOR, DAMPING_FLOOR, LEAST_DAMPING = 0.1, 0.01, 0.005
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -71,7 +72,8 @@ class Likeness:
         A mode's double beside it, from noise or waves, comes and goes with the order and has more damping.
         """
         similar = np.max(self.similarity, axis=1)
-        return similar * (self.stability + STABILITY_FLOOR) / (np.maximum(damping_ratio, 0) + DAMPING_FLOOR)
+        damping = np.maximum(damping_ratio, LEAST_DAMPING) + DAMPING_FLOOR
+        return similar * (self.stability + STABILITY_FLOOR) ** 2 / damping
 
 
 def likeness(poles: Poles, reference: ReferenceModes, stability: np.ndarray) -> Likeness:
