@@ -1,3 +1,27 @@
-"""Deterministic and Bayesian updating of jacket finite-element models from ambient vibration."""
+"""Finite-element model updating of offshore wind jackets: deterministic update and posterior from one problem.
+
+The steps of the command line are functions here: simulate, check, identify, select, update, sample, compare, report,
+demo. They are loaded when first used, so that importing the package stays light.
+"""
 
 __version__ = "0.1.0"
+
+_STEPS = ("check", "compare", "identify", "open_model", "report", "sample", "select", "simulate", "update")
+
+__all__ = ["__version__", "demo", *_STEPS]
+
+
+def __getattr__(name: str):
+    if name == "demo":
+        from probupdate.demonstration import demo
+
+        return demo
+    if name in _STEPS:
+        from probupdate import verbs
+
+        return getattr(verbs, name)
+    raise AttributeError(f"module 'probupdate' has no attribute '{name}'")
+
+
+def __dir__():
+    return sorted(__all__)

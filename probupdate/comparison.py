@@ -1,0 +1,280 @@
+"""Where the deterministic update and the posterior part, and why: one row and one sentence for each parameter."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+
+import numpy as np
+from scipy import stats
+
+from probupdate.errors import InputError
+from probupdate.estimators.posterior_file import Posterior
+from probupdate.estimators.update_file import UpdateRecord, fit_sentence
+
+FORMAT = 1
+# posterior over prior deviation: below the first the data decide, above the second the parameter keeps its prior
+STRONG, BLIND = 0.5, 0.9
+# estimates closer than this many posterior deviations are the same for any use of them
+CLOSE = 0.25
+# the anchored update and the maximum are two routes to one number
+SAME = 0.01
+HIGH_CORRELATION = 0.95
+RIDGE = 0.7
+
+
+@dataclass(frozen=True, kw_only=True)
+class ComparisonRow:
+    """One parameter. `step`, `anchored` are the ends of Eq. 7 as printed and anchored; low, high the 5 and 95 %
+    quantiles; distances are from the posterior mean in posterior deviations; contraction is the posterior over the
+    prior deviation (of the prior as cut by its bounds); nine_* the updates of all sets, total_cov by the law of total
+    variance; resolution the diagonal R_jj at the maximum."""
+
+    name: str
+    unit: str
+    prior_mean: float
+    prior_std: float
+    initial: float
+    step: float
+    anchored: float
+    map: float
+    mean: float
+    median: float
+    std: float
+    cov: float
+    low: float
+    high: float
+    skewness: float
+    step_distance: float
+    anchored_distance: float
+    map_distance: float
+    contraction: float
+    resolution: float
+    nine_mean: float
+    nine_cov: float
+    total_cov: float
+    identified: str
+    flags: tuple[str, ...]
+    sentence: str
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Comparison:
+    """rows by parameter; correlation (n_param, n_param) of the posterior; derived: quantity -> estimate -> value, with
+    "mean" and "cov" of the posterior; notes: what holds for the whole, uncertain things first."""
+
+    names: tuple[str, ...]
+    rows: tuple[ComparisonRow, ...]
+    correlation: np.ndarray
+    derived: Mapping[str, Mapping[str, float]]
+    notes: tuple[str, ...]
+    converged: bool
+    settings: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def summary(self) -> str:
+        width = max(5, *(len(r.name) for r in self.rows))
+        head = f"{'':<{width}} {'prior':>16} {'Eq. 7':>10} {'anchored':>10} {'MAP':>10} {'mean':>10} {'CoV':>7}  data say"
+        lines = [head]
+        for r in self.rows:
+            prior = f"{r.initial:.4g}+-{r.prior_std:.2g}"
+            lines.append(
+                f"{r.name:<{width}} {prior:>16} {r.step:>10.4g} {r.anchored:>10.4g} {r.map:>10.4g} {r.mean:>10.4g} "
+                f"{r.cov:>7.3f}  {r.identified}{'; ' + '; '.join(r.flags) if r.flags else ''}"
+            )
+        return "\n".join([*lines, *self.notes])
+
+    def write(self, path: str | Path) -> Path:
+        return write_comparison(self, path)
+
+
+def compare(update: UpdateRecord, posterior: Posterior, derived: Mapping[str, object] | None = None) -> Comparison:
+    """Put both estimators side by side. `derived` (quantity -> callable of theta) is evaluated over the posterior.
+
+    Raises InputError where the two belong to different problems: other model, data, weights or prior.
+    """
+    if update.fingerprint != posterior.fingerprint:
+        differ = "other parameters" if update.parameters.names != posterior.names else "another model, set or weights"
+        raise InputError(
+            "compare", f"the posterior does not fit the update: it is of {differ}",
+            "run `update` and `sample` with the same --model, --modes, --set and weights",
+        )
+    draws = posterior.draws
+    correlation = np.corrcoef(draws.T) if draws.shape[1] > 1 else np.ones((1, 1))
+    rows = tuple(
+        _row(k, update, posterior, draws[:, k], correlation[k]) for k in range(len(posterior.names))
+    )
+    values: dict[str, dict[str, float]] = {name: dict(states) for name, states in update.derived.items()}
+    for name, compute in (derived or {}).items():
+        chosen = draws[:: max(1, len(draws) // 200)]
+        found = np.array([compute(theta) for theta in chosen])
+        values.setdefault(name, {}).update(mean=float(found.mean()), cov=float(found.std(ddof=1) / abs(found.mean())))
+        if update.sets is not None and name in update.sets.derived:
+            each = update.sets.derived[name]
+            values[name].update(nine_mean=float(each.mean()), nine_cov=float(each.std(ddof=1) / abs(each.mean())))
+    return Comparison(
+        names=posterior.names, rows=rows, correlation=correlation, derived=values,
+        notes=tuple(_notes(update, posterior, rows)), converged=posterior.converged,
+        settings={"weights": update.settings.get("weights", ""), "set": update.set_id},
+    )
+
+
+def _row(k: int, update: UpdateRecord, posterior: Posterior, draws: np.ndarray, correlation: np.ndarray) -> ComparisonRow:
+    parameter = update.parameters.items[k]
+    mean, std = float(draws.mean()), float(draws.std(ddof=1))
+    prior_std = float(parameter.distribution.std())
+    prior_mean = float(parameter.distribution.mean())
+    step, anchored = float(update.scheme("step").theta[-1, k]), float(update.scheme("prior").theta[-1, k])
+    top = float(update.map_theta[k])
+    contraction = std / prior_std
+    others = np.where(np.arange(len(correlation)) == k, 0.0, correlation)
+    partner = int(np.argmax(np.abs(others)))
+    low, high = np.quantile(draws, [0.05, 0.95])
+    flags = []
+    if update.map_at_bound[k]:
+        side = "lower" if abs(top - parameter.lower) <= abs(parameter.upper - top) else "upper"
+        flags.append(f"pinned at its {side} bound at the MAP")
+    for key, name in (("step", "Eq. 7 as printed"), ("prior", "the anchored update")):
+        if update.scheme(key).at_bound[k] and not update.map_at_bound[k]:
+            flags.append(f"{name} ends at a bound")
+    if abs(others[partner]) > HIGH_CORRELATION:
+        flags.append(f"absorbed by {posterior.names[partner]}: correlation {others[partner]:+.2f}")
+    if contraction < STRONG:
+        identified = "strongly identified"
+    elif contraction <= BLIND:
+        identified = "weakly identified"
+    else:
+        identified = "keeps its prior"
+    sets = update.sets
+    row = dict(
+        name=parameter.name, unit=parameter.unit, prior_mean=prior_mean, prior_std=prior_std,
+        initial=parameter.initial, step=step, anchored=anchored, map=top, mean=mean, median=float(np.median(draws)),
+        std=std, cov=std / abs(mean) if mean else float("nan"), low=float(low), high=float(high),
+        skewness=float(stats.skew(draws)), step_distance=(step - mean) / std, anchored_distance=(anchored - mean) / std,
+        map_distance=(top - mean) / std, contraction=contraction, resolution=float(update.map_resolution[k]),
+        nine_mean=float(sets.theta_map[:, k].mean()) if sets else float("nan"),
+        nine_cov=float(sets.cov[k]) if sets else float("nan"),
+        total_cov=float(sets.total_std[k] / abs(sets.theta_map[:, k].mean())) if sets else float("nan"),
+        identified=identified, flags=tuple(flags),
+    )  # fmt: skip
+    sentence = _sentence(row, parameter, update, posterior.names[partner], float(others[partner]))
+    return ComparisonRow(sentence=sentence, **row)
+
+
+def _sentence(row: dict, parameter, update: UpdateRecord, partner: str, correlation: float) -> str:
+    """Why the estimates part, or that they do not."""
+    name, std = row["name"], row["std"]
+    parts = []
+    if row["identified"] == "keeps its prior":
+        parts.append(f"the data do not inform {name}: its posterior is {100 * row['contraction']:.0f} % as wide as its "
+                     "prior")  # fmt: skip
+    gap = abs(row["map_distance"])
+    if gap > CLOSE:
+        if any("pinned" in flag for flag in row["flags"]):
+            reason = "the density is highest at the bound while its mass lies inside"
+        elif row["identified"] == "keeps its prior" and abs(row["prior_mean"] - parameter.initial) > 0.1 * row["prior_std"]:
+            reason = (f"the bounds cut the prior, whose mean is {row['prior_mean']:.3g} for a mode of "
+                      f"{parameter.initial:.3g}")  # fmt: skip
+        elif abs(row["skewness"]) > 0.3:
+            reason = f"the posterior is skewed ({row['skewness']:+.1f})"
+        elif abs(correlation) > RIDGE:
+            reason = f"the posterior is a ridge with {partner} (correlation {correlation:+.2f}), whose top is not its middle"
+        else:
+            reason = "other parameters' bounds and skewness shift the mass along with them"
+        parts.append(f"MAP and mean part by {gap:.1f} deviations: {reason}")
+    scheme = update.scheme("prior")
+    if abs(row["anchored"] - row["map"]) > SAME * std:
+        if scheme.alpha != 1:
+            reason = f"alpha is {scheme.alpha:g}, not 1"
+        elif any(p.prior == "lognormal" for p in update.parameters):
+            reason = "Eq. 6 knows Gaussian priors only, the posterior has lognormal ones"
+        elif not scheme.converged:
+            reason = f"the update did not settle ({scheme.status})"
+        else:
+            reason = "it settled on another maximum"
+        parts.append(f"the anchored update ends {abs(row['anchored'] - row['map']) / std:.2f} deviations from the MAP: {reason}")
+    printed = update.scheme("step")
+    apart = abs(row["step"] - row["map"]) / std
+    if apart > CLOSE:
+        text = (f"Eq. 7 as printed ends {apart:.1f} deviations from the MAP: it penalises the step, and after "
+                f"{len(printed.theta) - 1} iterations has forgotten the prior")  # fmt: skip
+        if row["resolution"] < 0.5:
+            text += " that the data do not replace"
+        parts.append(text)
+    if not parts:
+        return f"All estimates of {name} agree within {CLOSE:g} posterior deviations."
+    text = "; ".join(parts)
+    return text[0].upper() + text[1:] + "."
+
+
+def _notes(update: UpdateRecord, posterior: Posterior, rows: tuple[ComparisonRow, ...]) -> list[str]:
+    notes = [posterior.verdict] if not posterior.converged else []
+    notes.append(fit_sentence(update))
+    pinned = [r.name for r in rows if any("pinned" in f for f in r.flags)]
+    if pinned:
+        notes.append(f"pinned at a bound at the MAP: {', '.join(pinned)}; their results hang on those bounds")
+    for kind in ("strongly identified", "weakly identified", "keeps its prior"):
+        names = [r.name for r in rows if r.identified == kind]
+        if names:
+            notes.append(f"{kind}: {', '.join(names)}")
+    printed = update.scheme("step")
+    worst = max(rows, key=lambda r: abs(r.step - r.map) / r.std)
+    notes.append(
+        f"Eq. 7 as printed passes closest to the MAP at iteration {printed.closest_iteration} "
+        f"({printed.distance_to_map[printed.closest_iteration]:.2f} posterior deviations a parameter) and ends "
+        f"{printed.distance_to_map[-1]:.2f} away; farthest is {worst.name}, {abs(worst.step - worst.map) / worst.std:.1f}"
+    )
+    anchored = update.scheme("prior")
+    notes.append(f"the anchored update ends {anchored.distance_to_map[-1]:.1e} posterior deviations from the MAP")
+    if update.sets is not None:
+        notes.append(
+            f"CoVs over {len(update.sets.ids)} sets tell how updates scatter, not how uncertain a parameter is: one that "
+            "the data do not inform hardly scatters (see its resolution)"
+        )
+    notes += list(update.left_out)
+    return notes
+
+
+def write_comparison(comparison: Comparison, path: str | Path) -> Path:
+    path = Path(path)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    content = {
+        "format": FORMAT, "names": list(comparison.names), "rows": [_row_table(r) for r in comparison.rows],
+        "correlation": comparison.correlation.tolist(),
+        "derived": {k: dict(v) for k, v in comparison.derived.items()}, "notes": list(comparison.notes),
+        "converged": comparison.converged, "settings": dict(comparison.settings),
+    }  # fmt: skip
+    part = path.with_suffix(".part")
+    part.write_text(json.dumps(content, indent=1, allow_nan=False), encoding="utf-8")
+    part.replace(path)
+    return path
+
+
+def _row_table(row: ComparisonRow) -> dict:
+    return {k: None if isinstance(v, float) and not np.isfinite(v) else v for k, v in asdict(row).items()}
+
+
+def read_comparison(path: str | Path) -> Comparison:
+    """Read compare.json; raises InputError where it is none."""
+    path = Path(path)
+    if not path.is_file():
+        raise InputError(str(path), "no such file", "write it with `probupdate compare`")
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+        if content.pop("format") != FORMAT:
+            raise InputError(str(path), "is of another version's format", "write it again with `probupdate compare`")
+        rows = tuple(
+            ComparisonRow(**{k: float("nan") if v is None else tuple(v) if isinstance(v, list) else v
+                             for k, v in row.items()})
+            for row in content["rows"]
+        )  # fmt: skip
+        return Comparison(
+            names=tuple(content["names"]), rows=rows, correlation=np.array(content["correlation"]),
+            derived=content["derived"], notes=tuple(content["notes"]), converged=content["converged"],
+            settings=content["settings"],
+        )
+    except (json.JSONDecodeError, KeyError, TypeError, AttributeError) as error:
+        raise InputError(str(path), f"is no compare.json ({type(error).__name__}: {error})",
+                         "write it with `probupdate compare`") from None  # fmt: skip

@@ -1,0 +1,121 @@
+"""The whole job on a virtual campaign, step by step into one directory; a step whose files are there is not repeated."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import shutil
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from probupdate import __version__, verbs
+from probupdate.errors import InputError
+from probupdate.progress import Progress, silent
+from probupdate.reporting import report as write_report
+from probupdate.structure.load import reference_model
+
+# the virtual turbine stands in the updated state; the model that is updated starts from the as-built one
+TRUTH_STATE, START_STATE = "updated", "as_built"
+WEIGHTS = "paper"
+# the demonstration's posterior is for looking at: fewer effective draws than a report would want
+TARGET_ESS = 400
+
+
+@dataclass(frozen=True, kw_only=True)
+class Demonstration:
+    """folder holds campaign/, modes.json, nine.json, update.json, posterior.nc, compare.json and report.html."""
+
+    folder: Path
+    seconds: float
+    summary: str
+
+
+def demo(
+    out: str | Path,
+    *,
+    seed: int = 1,
+    days: float = 1.0,
+    progress: Progress = silent,
+    say: Callable[[str], None] = lambda text: None,
+) -> Demonstration:
+    """Simulate, identify, select, update, sample, compare, report. `say` is told what each step found.
+
+    The virtual turbine is built by a formulation of its own (finer mesh, other element and soil law, drawn
+    tolerances), in the reference turbine's updated state, and measured; the model starts as built.
+    """
+    out = Path(out)
+    begun = time.monotonic()
+    out.mkdir(parents=True, exist_ok=True)
+    state = _State(out, {"seed": seed, "days": days, "version": __version__})
+    campaign, model = out / "campaign", out / "model.toml"
+    shutil.copyfile(reference_model(START_STATE), model)
+    modes, nine = out / "modes.json", out / "nine.json"
+    files = {"update": out / "update.json", "posterior": out / "posterior.nc", "compare": out / "compare.json"}
+    if not state.done("simulate"):
+        say(verbs.simulate(campaign, model=TRUTH_STATE, days=days, seed=seed, progress=progress).summary)
+        state.finish("simulate")
+    if not state.done("identify"):
+        found = verbs.identify(campaign, model, progress=progress)
+        found.write(modes)
+        say(found.summary)
+        state.finish("identify")
+    if not state.done("select"):
+        chosen = verbs.select(modes, scada=campaign / "scada.csv")
+        chosen.write(nine)
+        say(chosen.summary)
+        state.finish("select")
+    if not state.done("update"):
+        updated = verbs.update(model, nine, weights=WEIGHTS, progress=progress)
+        updated.write(files["update"])
+        say(updated.summary)
+        state.finish("update")
+    if not state.done("sample"):
+        drawn = verbs.sample(model, nine, files["posterior"], weights=WEIGHTS, seed=seed, target_ess=TARGET_ESS,
+                             progress=progress)  # fmt: skip
+        say(drawn.summary)
+        state.finish("sample")
+    compared = verbs.compare(files["update"], files["posterior"], model=model)
+    compared.write(files["compare"])
+    page = write_report(out, out / "report.html", progress=progress)
+    seconds = time.monotonic() - begun
+    summary = f"{compared.summary}\n{seconds:.0f} s; open {page}"
+    return Demonstration(folder=out, seconds=seconds, summary=summary)
+
+
+class _State:
+    """Which steps are finished, in run.json; refuses a directory of another run."""
+
+    def __init__(self, out: Path, settings: dict):
+        self._path = out / "run.json"
+        start = hashlib.sha256(reference_model(START_STATE).read_bytes()).hexdigest()
+        self._content = {
+            "title": "Virtual jacket turbine, demonstration", "model": "model.toml", "campaign": "campaign",
+            "start": start, **settings, "finished": [],
+        }  # fmt: skip
+        if self._path.exists():
+            found = json.loads(self._path.read_text(encoding="utf-8"))
+            differ = [k for k in self._content if k != "finished" and found.get(k) != self._content[k]]
+            if differ:
+                raise InputError(
+                    str(out), f"holds a demonstration with another {differ[0]} ({found.get(differ[0])})",
+                    "give an empty directory, or delete this one",
+                )
+            self._content["finished"] = found["finished"]
+        elif any(out.iterdir()):
+            raise InputError(str(out), "is not empty and holds no demonstration", "give an empty directory")
+        else:
+            self._write()
+
+    def done(self, step: str) -> bool:
+        return step in self._content["finished"]
+
+    def finish(self, step: str) -> None:
+        self._content["finished"].append(step)
+        self._write()
+
+    def _write(self) -> None:
+        part = self._path.with_suffix(".part")
+        part.write_text(json.dumps(self._content, indent=1), encoding="utf-8")
+        part.replace(self._path)

@@ -1,0 +1,205 @@
+"""The steps of the command line as functions: each reads files, returns one frozen result that can write itself."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from probupdate.campaign.checking import CampaignCheck
+from probupdate.campaign.checking import check as check_campaign
+from probupdate.campaign.reading import read_campaign
+from probupdate.campaign.scada import read_scada
+from probupdate.comparison import Comparison
+from probupdate.comparison import compare as compare_results
+from probupdate.errors import InputError
+from probupdate.estimators.ensemble import SamplerSettings
+from probupdate.estimators.posterior_file import Posterior, read_posterior, write_posterior
+from probupdate.estimators.update_file import UpdateRecord, read_update
+from probupdate.estimators.updating import deterministic_update, sample_posterior
+from probupdate.identification.identify import Identification, SSISettings
+from probupdate.identification.identify import identify as identify_campaign
+from probupdate.identification.reference import ReferenceModes
+from probupdate.identification.selection import Selection, select as select_sets
+from probupdate.mode_labels import close_pairs, mode_character
+from probupdate.modes import ModalData, Sensor, read_modes
+from probupdate.problem import Weights, paper_weights
+from probupdate.progress import Progress, silent
+from probupdate.reporting import report as write_report
+from probupdate.structure.load import REFERENCE_STATES, load_model, reference_model
+from probupdate.virtual import simulate
+
+if TYPE_CHECKING:
+    from probupdate.model import Model
+
+__all__ = ["check", "compare", "identify", "open_model", "report", "sample", "select", "simulate", "update"]
+
+# global modes looked for: first and second bending pairs and the torsion between them (the paper's first five)
+MODES_OF_INTEREST = ("FA1", "SS1", "T1", "FA2", "SS2")
+# computed modes searched for them
+SEARCH = 24
+
+
+def model_path(model: str | Path) -> Path:
+    """A file, or one of 'design', 'as_built', 'updated' for the reference turbine."""
+    return reference_model(str(model)) if str(model) in REFERENCE_STATES else Path(model)
+
+
+def open_model(model, parameters: str | Path | None = None, sensors: tuple[Sensor, ...] | None = None) -> Model:
+    """A path, a name of the reference turbine's states, or a model already made (such as a FunctionModel)."""
+    if not isinstance(model, str | Path):
+        return model
+    return load_model(model_path(model), parameters=parameters, sensors=sensors)
+
+
+def check(campaign: str | Path, *, progress: Progress = silent) -> CampaignCheck:
+    """What a campaign holds, what is wrong with it, what can be done with it."""
+    return check_campaign(read_campaign(campaign), progress=progress)
+
+
+def modes_of_interest(model: Model, sensors: tuple[Sensor, ...]) -> ReferenceModes:
+    """The model's first and second bending modes and its torsion, as seen by the sensors."""
+    solution = model.solve(model.parameters.initial, SEARCH)
+    rows = [model.channels.index(s.channel) for s in sensors]
+    shape = solution.shape[rows]
+    character = mode_character(shape, sensors)
+    chosen = [character.labels.index(label) for label in MODES_OF_INTEREST if label in character.labels]
+    if not chosen:
+        raise InputError(
+            f"{model.name}", f"none of its lowest {SEARCH} modes is a global one at the campaign's sensors "
+            f"({', '.join(character.labels)})", "check the sensors' positions and directions",
+        )  # fmt: skip
+    labels = tuple(character.labels[i] for i in chosen)
+    frequency = solution.frequency_hz[chosen]
+    pairs = close_pairs(frequency, labels)
+    return ReferenceModes(labels=labels, frequency_hz=frequency, shape=shape[:, chosen], pairs=pairs)
+
+
+def identify(
+    campaign: str | Path,
+    model,
+    *,
+    parameters: str | Path | None = None,
+    order: int = 20,
+    block_rows: int = 30,
+    rate_hz: float = 5.0,
+    progress: Progress = silent,
+) -> Identification:
+    """Modes of every block by SSI-cov; poles are told apart by the model's modes at the campaign's sensors."""
+    opened = read_campaign(campaign)
+    turbine = open_model(model, parameters, opened.sensors if _has_geometry(model) else None)
+    missing = [s.channel for s in opened.sensors if s.channel not in turbine.channels]
+    if missing:
+        raise InputError(
+            f"{campaign}: channel {missing[0]}", f"is not a channel of the model {turbine.name}",
+            "name the model's channels as the campaign's",
+        )
+    settings = SSISettings(order=order, block_rows=block_rows, target_rate_hz=rate_hz)
+    return identify_campaign(opened, modes_of_interest(turbine, opened.sensors), settings=settings, progress=progress)
+
+
+def _has_geometry(model) -> bool:
+    """Whether sensors can be placed on it: a model.toml with members, not matrices or a callable."""
+    if not isinstance(model, str | Path):
+        return False
+    path = model_path(model)
+    return path.suffix == ".toml" and "[matrices]" not in path.read_text(encoding="utf-8") if path.is_file() else True
+
+
+def select(modes: str | Path, *, scada: str | Path | None = None, count: int = 9) -> Selection:
+    """The sets an update may trust by the criteria of Table 1, and the most consistent one."""
+    return select_sets(read_modes(modes), read_scada(scada) if scada else None, count=count)
+
+
+def _weights(weights: str | tuple[float, ...] | Weights, data: ModalData) -> Weights:
+    """'measured', 'paper', or a CoV a mode."""
+    if isinstance(weights, Weights):
+        return weights
+    if weights == "measured":
+        return Weights()
+    if weights == "paper":
+        return paper_weights(data.labels, data.set().frequency_hz)
+    if isinstance(weights, str):
+        raise InputError("weights", f"'{weights}' is unknown", "choose from measured, paper, or give a CoV a mode")
+    return Weights(frequency_cov=tuple(float(w) for w in weights), shape_std=False)
+
+
+def _only(data: ModalData, set_id: str | None) -> ModalData:
+    """Sets of which at least one mode was identified; the others cannot be updated."""
+    kept = tuple(s for s in data.sets if np.any(s.measured))
+    if set_id is not None:
+        data.set(set_id)
+    if not kept:
+        raise InputError("modes", "no set has an identified mode", "check the identification")
+    reference = data.reference_set if any(s.id == data.reference_set for s in kept) else None
+    return replace(data, sets=kept, reference_set=reference)
+
+
+def update(
+    model,
+    modes: str | Path | ModalData,
+    *,
+    parameters: str | Path | None = None,
+    set_id: str | None = None,
+    weights: str | tuple[float, ...] | Weights = "measured",
+    alpha: float = 1.0,
+    iterations: int = 50,
+    progress: Progress = silent,
+) -> UpdateRecord:
+    """The sensitivity-based Tikhonov update (Eq. 4-7) in both readings, the MAP, and the same for every set."""
+    data = _only(modes if isinstance(modes, ModalData) else read_modes(modes), set_id)
+    return deterministic_update(
+        open_model(model, parameters), data, set_id=set_id, weights=_weights(weights, data), alpha=alpha,
+        iterations=iterations, progress=progress,
+    )
+
+
+def sample(
+    model,
+    modes: str | Path | ModalData,
+    out: str | Path,
+    *,
+    parameters: str | Path | None = None,
+    set_id: str | None = None,
+    weights: str | tuple[float, ...] | Weights = "measured",
+    seed: int = 1,
+    target_ess: int = 1000,
+    max_steps: int = 20000,
+    progress: Progress = silent,
+) -> Posterior:
+    """Sample the posterior of the same problem into `out`; the chain is kept beside it (`<out>.chain/`) and goes on
+    where it stopped."""
+    data = _only(modes if isinstance(modes, ModalData) else read_modes(modes), set_id)
+    out = Path(out)
+    settings = SamplerSettings(seed=seed, target_ess=target_ess, max_steps=max_steps)
+    posterior = sample_posterior(
+        open_model(model, parameters), data, out.with_name(out.name + ".chain"), set_id=set_id,
+        weights=_weights(weights, data), settings=settings, progress=progress,
+    )
+    write_posterior(posterior, out)
+    return posterior
+
+
+def compare(update: str | Path | UpdateRecord, posterior: str | Path | Posterior, *, model=None) -> Comparison:
+    """Where update and posterior part, and why. With a model, its derived quantities (pile-head stiffness) too."""
+    record = update if isinstance(update, UpdateRecord) else read_update(update)
+    drawn = posterior if isinstance(posterior, Posterior) else read_posterior(posterior)
+    derived = None if model is None else getattr(open_model(model), "derived", None)
+    return compare_results(record, drawn, derived)
+
+
+@dataclass(frozen=True)
+class Written:
+    """A file that a step wrote."""
+
+    path: Path
+
+    def __str__(self) -> str:
+        return str(self.path)
+
+
+def report(run: str | Path, out: str | Path, *, progress: Progress = silent) -> Written:
+    """One self-contained page of a run directory."""
+    return Written(write_report(run, out, progress=progress))
