@@ -92,7 +92,8 @@ def test_every_removed_pole_keeps_its_criterion(jacket, reference):
     )  # fmt: skip
     choice, _ = judged(found, reference, settings=replace(SETTINGS, mac=0.4))
     assert list(choice.criterion) == [
-        "kept", "kept", "duplicate", "damping", "damping", "frequency", "cluster", "kept", "complexity", "mac"]  # fmt: skip
+        "kept", "kept", "duplicate", "damping", "damping", "frequency", "cluster", "kept", "complexity", "mac",
+    ]  # fmt: skip
     assert list(choice.pole) == [0, 1, 7, -1, -1]
 
 

@@ -52,7 +52,8 @@ def test_each_block_keeps_the_criterion_that_excluded_it(jacket):
         one_set(5, s, {"rotor_speed_rpm_max": 6.9}), one_set(6, s, frequency=without_ss1),
         one_set(7, s, frequency=without_t1), one_set(8, slanted),
         one_set(9, s, {"excluded": "gap of 9 s in all channels"}, frequency=[np.nan] * 5),
-        one_set(10, s, {"scada_rows": 0.0, "state": "unknown"}), one_set(11, s, {"state": "rated", "pitch_deg_range": 9}),
+        one_set(10, s, {"scada_rows": 0.0, "state": "unknown"}),
+        one_set(11, s, {"state": "rated", "pitch_deg_range": 9.0}),
     ]  # fmt: skip
     result = select(data(sets))
     assert list(result.table["criterion"]) == [
