@@ -33,12 +33,6 @@ CLUSTER_GAP = 0.05
 MARGIN = 0.5
 # snapshots, scaled to unit energy, that have less than this in common belong to different families of symmetry
 COUPLING = 1e-7
-# up to this size one call of LAPACK is fastest; beyond it, a coarse solution and a few block inverse iterations
-DIRECT_SIZE = 45
-COARSE_SIZE = 24
-# vectors iterated beyond the modes asked for; one more, without preference, brings in what the coarse solution missed
-GUARD = 4
-MAX_ITERATIONS = 12
 CHUNK = 64
 MAX_ROUNDS = 8
 
@@ -63,9 +57,13 @@ class ReductionReport:
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Block:
     """Vectors of the basis that no other vector couples with: their numbers `rows` (k,), ascending, and the model's
-    projections stiffness, mass (n_term, k, k) and at_channels (n_channel, k)."""
+    projections stiffness, mass (n_term, k, k) and at_channels (n_channel, k).
+
+    `n_mode`: how many modes are computed at first, one more than it had among the lowest at any check.
+    """
 
     rows: np.ndarray
+    n_mode: int
     stiffness: np.ndarray
     mass: np.ndarray
     at_channels: np.ndarray
@@ -73,8 +71,8 @@ class Block:
     def leading(self, size: int) -> Block:
         """Without the vectors from number `size` on."""
         k = int(np.sum(self.rows < size))
-        return Block(rows=self.rows[:k], stiffness=self.stiffness[:, :k, :k], mass=self.mass[:, :k, :k],
-                     at_channels=self.at_channels[:, :k])  # fmt: skip
+        return replace(self, rows=self.rows[:k], stiffness=self.stiffness[:, :k, :k], mass=self.mass[:, :k, :k],
+                       at_channels=self.at_channels[:, :k])  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -143,17 +141,41 @@ class ReducedModel:
 
     def _solve_inside(self, theta, n_mode):
         """frequency_hz (n, n_mode) and shape (n, n_channel, n_mode) from the basis."""
-        tolerance = 0.1 * self.frequency_tolerance
         frequency, shape = np.empty((len(theta), n_mode)), np.empty((len(theta), len(self.channels), n_mode))
         for start in range(0, len(theta), CHUNK):
-            rows = slice(start, start + CHUNK)
-            cK, cM = self.full.coefficients(theta[rows])
-            solved = [_solve_block(block, cK, cM, n_mode, tolerance) for block in self.blocks]
-            value, seen = (np.concatenate(part, axis=-1) for part in zip(*solved, strict=True))
-            order = np.argsort(value, axis=1)[:, :n_mode]
-            frequency[rows] = np.sqrt(np.take_along_axis(value, order, 1)) / (2 * np.pi)
-            shape[rows] = np.take_along_axis(seen, order[:, None, :], 2)
+            rows = np.arange(start, min(start + CHUNK, len(theta)))
+            first = [min(block.n_mode, n_mode) for block in self.blocks]
+            value, shape[rows], exhausted = self._solve_chunk(theta[rows], n_mode, first)
+            if exhausted.any():
+                again = rows[exhausted]
+                value[exhausted], shape[again], _ = self._solve_chunk(theta[again], n_mode, [n_mode] * len(first))
+            frequency[rows] = np.sqrt(value) / (2 * np.pi)
         return frequency, shape
+
+    def _solve_chunk(self, theta, n_mode, numbers):
+        """lambda (n, n_mode), shapes (n, n_channel, n_mode) from `numbers` of modes of each block, and where all that
+        were computed of a block are among the lowest (n,), so that more of it may be."""
+        cK, cM = self.full.coefficients(theta)
+        solved = [_solve_block(block, cK, cM, n) for block, n in zip(self.blocks, numbers, strict=True)]
+        value, seen = (np.concatenate(part, axis=-1) for part in zip(*solved, strict=True))
+        order = np.argsort(value, axis=1)[:, :n_mode]
+        value, seen = np.take_along_axis(value, order, 1), np.take_along_axis(seen, order[:, None, :], 2)
+        exhausted = np.zeros(len(theta), bool)
+        for block, n, (own, _) in zip(self.blocks, numbers, solved, strict=True):
+            if n < min(n_mode, len(block.rows)):
+                exhausted |= own[:, -1] <= value[:, -1]
+        return value, seen, exhausted
+
+    def _with_shares(self, theta) -> ReducedModel:
+        """With every block's n_mode from these points."""
+        blocks = []
+        cK, cM = self.full.coefficients(theta)
+        solved = [_solve_block(block, cK, cM, self.n_mode)[0] for block in self.blocks]
+        last = np.sort(np.concatenate(solved, axis=1), axis=1)[:, self.n_mode - 1]
+        for block, value in zip(self.blocks, solved, strict=True):
+            most = int(np.sum(value <= last[:, None], axis=1).max())
+            blocks.append(replace(block, n_mode=min(most + 1, self.n_mode)))
+        return replace(self, blocks=tuple(blocks))
 
     def wireframe(self, theta: np.ndarray, n_mode: int = 0) -> Wireframe | None:
         return self.full.wireframe(theta, n_mode)
@@ -163,52 +185,20 @@ class ReducedModel:
         return self.full.fingerprint()
 
 
-def _solve_block(block: Block, cK, cM, n_mode, tolerance):
+def _solve_block(block: Block, cK, cM, n_mode):
     """lambda (n, k) and shapes at the channels (n, n_channel, k) of a block, k = n_mode or its size if that is less."""
     size = len(block.rows)
-    number = min(n_mode, size)
-    solve = _lowest_by_lapack if size <= DIRECT_SIZE else _lowest_by_iteration
+    n_mode = min(n_mode, size)
     K, M = np.tensordot(cK, block.stiffness, 1), np.tensordot(cM, block.mass, 1)
-    solved = [solve(k, m, number, tolerance) for k, m in zip(K, M, strict=True)]
-    value, vector = (np.array(part).reshape(len(K), -1, number) for part in zip(*solved, strict=True))
-    return value[:, 0], block.at_channels @ vector
-
-
-def _lowest_by_lapack(K, M, n_mode, tolerance=None):
-    """lambda (n_mode,) and vectors (r, n_mode), v^T M v = 1, of dense symmetric K, M."""
-    # a symmetric C-ordered matrix is its own Fortran-ordered transpose: no copy
-    value, vector, found, _, info = lapack.dsygvx(K.T, M.T, range="I", il=1, iu=n_mode)
-    if info != 0 or found != n_mode:
-        raise ConvergenceError(f"reduced eigenproblem failed (dsygvx info {info})")
-    return value[:n_mode], vector[:, :n_mode]
-
-
-def _lowest_by_iteration(K, M, n_mode, tolerance):
-    """As `_lowest_by_lapack`, to `tolerance` relative in frequency: the leading block of K, M gives a start for block
-    inverse iterations with the whole (Bathe & Wilson 1972), at a fifth to a half of the cost."""
-    block = n_mode + GUARD
-    coarse = max(COARSE_SIZE, 2 * block)
-    value, start = _lowest_by_lapack(K[:coarse, :coarse], M[:coarse, :coarse], block)
-    weighted = np.column_stack([M[:, :coarse] @ start, M @ _without_preference(len(K))])
-    factor, info = lapack.dpotrf(K.T, clean=0)
-    if info == 0:
-        for _ in range(MAX_ITERATIONS):
-            z, _ = lapack.dpotrs(factor, weighted)
-            mz = M @ z
-            # K z = weighted: the projection of K costs no product with K
-            new, turn, info = lapack.dsygvd(z.T @ weighted, z.T @ mz)
-            if info != 0:
-                break
-            moved = np.abs(new[:n_mode] / value[:n_mode] - 1).max()
-            value, weighted = new, mz @ turn
-            if moved < 2 * tolerance:
-                return value[:n_mode], z @ turn[:, :n_mode]
-    return _lowest_by_lapack(K, M, n_mode)
-
-
-def _without_preference(size: int) -> np.ndarray:
-    """A fixed vector with every component, of no pattern."""
-    return np.cos(np.arange(size) ** 2)
+    value, vector = np.empty((len(K), n_mode)), np.empty((len(K), size, n_mode))
+    for row in range(len(K)):
+        # a symmetric C-ordered matrix is its own Fortran-ordered transpose: no copy
+        w, z, found, _, info = lapack.dsygvx(K[row].T, M[row].T, range="I", il=1, iu=n_mode, overwrite_a=1,
+                                             overwrite_b=1)  # fmt: skip
+        if info != 0 or found != n_mode:
+            raise ConvergenceError(f"reduced eigenproblem failed (dsygvx info {info})", (cK[row], cM[row]))
+        value[row], vector[row] = w[:n_mode], z[:, :n_mode]
+    return value, block.at_channels @ vector
 
 
 def reduce_basis(
@@ -237,6 +227,10 @@ def reduce_basis(
     draw = _PointSource(lower, upper, points, seed, frequency_tolerance)
     K, _ = model.matrices(0.5 * (lower + upper) if points is None else np.median(points, axis=0))
     theta, _ = draw(n_snapshot)
+    # every other point of the box moves to one of its faces, where soil factors make the largest changes
+    faces = np.arange(0, n_snapshot, 4)
+    column = (faces // 4) % len(lower)
+    theta[faces, column] = np.where((faces // 4) // len(lower) % 2 == 0, lower[column], upper[column])
     snapshots = [value[1] for value in _solve_full(model, theta, n_mode, "snapshots", progress)]
     for _ in range(MAX_ROUNDS):
         basis, family = _proper_orthogonal(np.hstack(snapshots), K, max_size)
@@ -247,6 +241,7 @@ def reduce_basis(
             final = _Checks.solve(model, *draw(n_verify), n_mode, "verification", progress)
             size = reduced.basis.shape[1]
             reduced = _project(model, basis[:, :size], family[:size], (lower, upper), n_mode, frequency_tolerance)
+            reduced = reduced._with_shares(checks.theta)
             error, least_mac = final.judge(reduced)
             report = ReductionReport(
                 size=size, n_snapshot=len(snapshots), n_verify=n_verify,
@@ -341,7 +336,7 @@ def _smallest(largest: ReducedModel, checks: _Checks) -> ReducedModel | None:
         error, least_mac = checks.judge(part)
         return part if np.all(error <= MARGIN * checks.tolerance) and least_mac >= LEAST_MAC else None
 
-    low, high = largest.n_mode + GUARD, largest.basis.shape[1]
+    low, high = largest.n_mode, largest.basis.shape[1]
     best = fits(high)
     while best is not None and high - low > 4:
         middle = (low + high) // 2
@@ -403,7 +398,7 @@ def _project(model, basis, family, box, n_mode, tolerance) -> ReducedModel:
     blocks = []
     for rows in _uncoupled(np.concatenate([stiffness, mass]), family):
         blocks.append(Block(
-            rows=rows, stiffness=frozen_array(stiffness[:, rows[:, None], rows]),
+            rows=rows, n_mode=n_mode, stiffness=frozen_array(stiffness[:, rows[:, None], rows]),
             mass=frozen_array(mass[:, rows[:, None], rows]), at_channels=frozen_array(at_channels[:, rows]),
         ))  # fmt: skip
     return ReducedModel(
