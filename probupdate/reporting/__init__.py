@@ -31,6 +31,7 @@ def report(run: str | Path, out: str | Path, *, progress: Progress = silent) -> 
 def compose(run: Run, progress: Progress = silent) -> str:
     """The page of a run's values as HTML text."""
     from probupdate.reporting import measurement_sections as measurement
+    from probupdate.reporting import modes_section as modes
     from probupdate.reporting import overview_sections as overview
     from probupdate.reporting import posterior_sections as posterior
     from probupdate.reporting import updating_sections as updating
@@ -38,7 +39,7 @@ def compose(run: Run, progress: Progress = silent) -> str:
 
     builders = (
         overview.verdict_section, measurement.measured_section, measurement.identification_section,
-        measurement.selection_section, measurement.modes_section, updating.update_section, posterior.posterior_section,
+        measurement.selection_section, modes.modes_section, updating.update_section, posterior.posterior_section,
         posterior.comparison_section, overview.provenance_section,
     )
     sections = []
@@ -51,13 +52,15 @@ def compose(run: Run, progress: Progress = silent) -> str:
 
 
 def _subtitle(run: Run) -> str:
+    from probupdate.reporting.elements import plural
+
     parts = []
     if run.campaign is not None:
         parts.append(f"{len(run.campaign.sensors)} channels at {run.campaign.sampling_rate_hz:g} Hz")
     if run.modes is not None:
-        parts.append(f"{len(run.modes.sets)} modal sets")
+        parts.append(plural(len(run.modes.sets), "modal set"))
     if run.update is not None:
-        parts.append(f"{len(run.update.parameters)} parameters")
+        parts.append(plural(len(run.update.parameters), "parameter"))
     if run.truth is not None:
         parts.append("virtual campaign, truth known")
     return " · ".join(parts)

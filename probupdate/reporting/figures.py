@@ -6,6 +6,7 @@ from probupdate.reporting.figures_measurement import (
     poles,
     selection_steps,
     sensor_layout,
+    shapes_by_channel,
     wind_and_state,
 )
 from probupdate.reporting.figures_updating import (
@@ -25,5 +26,5 @@ from probupdate.reporting.style import svg_text
 __all__ = [
     "Mark", "contraction", "corner", "correlation_map", "departures", "frequencies_by_block", "frequency_errors",
     "marginals", "mode_shapes", "most_correlated", "poles", "predictive_frequencies", "selection_steps",
-    "sensor_layout", "svg_text", "update_history", "wind_and_state",
+    "sensor_layout", "shapes_by_channel", "svg_text", "update_history", "wind_and_state",
 ]

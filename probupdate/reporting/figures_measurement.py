@@ -164,6 +164,33 @@ def mode_shapes(
 
 
 @styled
+def shapes_by_channel(
+    titles: Sequence[str], measured: np.ndarray, measured_std: np.ndarray, computed: Mapping[str, np.ndarray]
+) -> Figure:
+    """Mode shapes channel by channel, for models without geometry: a panel a mode.
+
+    measured, measured_std and every computed state (n_channel, n_mode), in one scale a mode; NaN where not measured.
+    """
+    n_channel, n_mode = measured.shape
+    figure = new_figure(FULL_IN, 0.6 + 1.25 * n_mode)
+    panels = np.atleast_1d(figure.subplots(n_mode, 1, sharex=True))
+    number = np.arange(1, n_channel + 1)
+    looks = {"initial": {"color": "#8a6d3b", "marker": "x"}, "updated": {"color": BLUE, "marker": "s", "mfc": "none"}}
+    for j, axes in enumerate(panels):
+        axes.axhline(0, color=GREY, lw=0.7)
+        for name, shape in computed.items():
+            axes.plot(number, shape[:, j], ls="none", ms=4.5, label=f"{name} model", **looks[name])
+        axes.errorbar(number, measured[:, j], yerr=2 * np.nan_to_num(measured_std[:, j]), fmt="o", ms=2.6, color=RED,
+                      lw=0.9, label="measured ± 2 deviations", zorder=1.5)
+        axes.set_xlim(0, n_channel + 1)
+        label_axes(axes, "channel number [-]", "shape [-]", titles[j])
+        axes.label_outer()
+    handles, labels = panels[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside upper left", ncols=3)
+    return figure
+
+
+@styled
 def wind_and_state(
     time, wind_mps, state: Sequence[str], *, cut_in_mps: float | None = None, rated_mps: float | None = None
 ) -> Figure:

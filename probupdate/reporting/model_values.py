@@ -29,8 +29,8 @@ def drawn_set(data: ModalData | None, update: UpdateRecord | None) -> ModalSet |
 def model_values(model: Model, data: ModalData | None, update: UpdateRecord | None) -> ModelValues:
     """The model's modes that belong to the measured ones, or its first few where nothing was measured.
 
-    A model without geometry is not solved, as nothing is drawn of it. Raises InputError where a measured channel is
-    not among the model's.
+    Without geometry only the shapes at the channels are known. Raises InputError where a measured channel is not
+    among the model's.
     """
     theta = {"initial": model.parameters.initial}
     if update is not None:
@@ -39,41 +39,46 @@ def model_values(model: Model, data: ModalData | None, update: UpdateRecord | No
     chosen = drawn_set(data, update)
     if chosen is None or not chosen.measured.any():
         labels = tuple(f"mode {k + 1}" for k in range(N_PLAIN))
-        states = {} if wire is None else {name: _first_modes(model, values) for name, values in theta.items()}
+        states = {name: _first_modes(model, values) for name, values in theta.items()}
         return ModelValues(model=model, wire=wire, labels=labels, pairs=(), states=states)
     clusters = close_clusters(chosen.frequency_hz)
     if update is not None:
         single = set(range(chosen.frequency_hz.size)) - {j for pair in update.pairs for j in pair}
         clusters = [*update.pairs, *((j,) for j in sorted(single))]
     labels = data.labels or tuple(f"mode {k + 1}" for k in range(data.n_mode))
-    states = {} if wire is None else {
-        name: _matched_modes(model, values, data, chosen, clusters) for name, values in theta.items()
-    }
+    states = {name: _matched_modes(model, values, data, chosen, clusters) for name, values in theta.items()}
     pairs = tuple(c for c in clusters if len(c) > 1)
     return ModelValues(model=model, wire=wire, labels=labels, pairs=pairs, states=states)
 
 
 def _first_modes(model: Model, theta: np.ndarray) -> ShapedModes:
     solution = model.solve(theta, N_PLAIN)
-    displacement = model.wireframe(theta, N_PLAIN).displacement
-    return ShapedModes(frequency_hz=solution.frequency_hz, shape=solution.shape, displacement=displacement)
+    return ShapedModes(
+        frequency_hz=solution.frequency_hz, shape=solution.shape, displacement=_displacement(model, theta, N_PLAIN)
+    )
+
+
+def _displacement(model: Model, theta: np.ndarray, n_mode: int) -> np.ndarray:
+    """(n_node, 3, n_mode), without a node where the model has no geometry."""
+    drawn = model.wireframe(theta, n_mode)
+    return np.zeros((0, 3, n_mode)) if drawn is None else drawn.displacement
 
 
 def _matched_modes(model: Model, theta: np.ndarray, data: ModalData, chosen: ModalSet, clusters) -> ShapedModes:
     n_mode = data.n_mode + SPARE_MODES
-    solution, drawn = model.solve(theta, n_mode), model.wireframe(theta, n_mode)
+    solution, drawn = model.solve(theta, n_mode), _displacement(model, theta, n_mode)
     rows = channel_rows(model, data.channels)
     # whatever resembles the measured mode least badly first, so that a poor model is no error here ...
     matching = match(chosen, solution, rows, labels=data.labels, clusters=clusters, min_mac=0.0)
     frequency = np.full(data.n_mode, np.nan)
     shape = np.full((len(data.channels), data.n_mode), np.nan)
-    moved = np.full((*drawn.node_m.shape, data.n_mode), np.nan)
+    moved = np.full((len(drawn), 3, data.n_mode), np.nan)
     for j, i in _ordered(matching.groups).items():
         # ... and then only what an update would accept is drawn
         if matching.criterion[j, i] >= MIN_MAC:
             frequency[j] = solution.frequency_hz[i]
             shape[:, j] = solution.shape[rows, i]
-            moved[:, :, j] = drawn.displacement[:, :, i]
+            moved[:, :, j] = drawn[:, :, i]
     return ShapedModes(frequency_hz=frequency, shape=shape, displacement=moved)
 
 

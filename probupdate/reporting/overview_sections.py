@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from probupdate.comparison import BLIND, STRONG
 from probupdate.estimators.update_file import UpdateRecord, fit_sentence
 from probupdate.reporting import figures
 from probupdate.reporting.elements import (
@@ -19,7 +20,7 @@ from probupdate.reporting.elements import (
     number,
     plural,
 )
-from probupdate.reporting.posterior_sections import INFORMED, STRONG, marks
+from probupdate.reporting.posterior_sections import marks
 from probupdate.reporting.updating_sections import fits, scheme_name
 from probupdate.reporting.values import Run
 
@@ -74,7 +75,7 @@ def _sentence(run: Run) -> str:
     if run.posterior is not None:
         ratio = contraction(run)
         strong = [n for n, r in zip(run.update.parameters.names, ratio, strict=True) if r < STRONG]
-        kept = [n for n, r in zip(run.update.parameters.names, ratio, strict=True) if r > INFORMED]
+        kept = [n for n, r in zip(run.update.parameters.names, ratio, strict=True) if r > BLIND]
         words += f" Of {plural(len(ratio), 'parameter')} the data inform {len(strong)} strongly"
         words += f" ({', '.join(strong)})" if strong else ""
         words += f"; {len(kept)} keep their prior" + (f" ({', '.join(kept)})." if kept else ".")
@@ -153,7 +154,7 @@ def uncertain(run: Run) -> list[str]:
         if not run.posterior.converged:
             said.append(run.posterior.verdict)
         ratio = contraction(run)
-        kept = [n for n, r in zip(run.update.parameters.names, ratio, strict=True) if r > INFORMED]
+        kept = [n for n, r in zip(run.update.parameters.names, ratio, strict=True) if r > BLIND]
         if kept:
             said.append(f"Not informed by the data, so the posterior is the prior: {', '.join(kept)}.")
         if len(ratio) > 1:

@@ -4,15 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
+from probupdate.comparison import BLIND, STRONG, ComparisonRow
 from probupdate.estimators.posterior_file import Posterior
 from probupdate.estimators.update_file import UpdateRecord
 from probupdate.reporting import figures
-from probupdate.reporting.elements import Column, Notice, Picture, Section, Table, Text, fixed, number
+from probupdate.reporting.elements import Column, Items, Notice, Picture, Section, Table, fixed, number
 from probupdate.reporting.style import MAP, PRIOR_UPDATE, STEP_UPDATE, TRUTH
-from probupdate.reporting.values import ComparisonRow, Run
-
-# posterior over prior deviation: below the first a parameter is well informed, above the second it keeps its prior
-STRONG, INFORMED = 0.5, 0.9
+from probupdate.reporting.values import Run
 
 
 def marks(run: Run) -> list[figures.Mark]:
@@ -63,15 +61,16 @@ def posterior_section(run: Run) -> Section:
             caption="The parameters with the strongest correlations. Contours hold 39, 68 and 90 % of the draws; marks "
             "beyond a frame are not drawn."))
         items.append(Picture(
-            svg=figures.svg_text(figures.correlation_map(parameters.names, correlation), "correlation"), width="half",
+            svg=figures.svg_text(figures.correlation_map(parameters.names, correlation), "correlation"),
+            width="half" if len(parameters) <= 12 else "full",
             caption="Posterior correlation of all parameters; values below 0.005 are left blank."))
     ratio = np.std(draws, axis=0, ddof=1) / np.array([p.distribution.std() for p in parameters])
     items.append(Picture(
         svg=figures.svg_text(
-            figures.contraction(parameters.names, ratio, informed_below=INFORMED, strong_below=STRONG), "contraction"),
+            figures.contraction(parameters.names, ratio, informed_below=BLIND, strong_below=STRONG), "contraction"),
         width="half",
         caption="Posterior over prior deviation (the prior's after its cut at the bounds). Filled: strongly informed "
-        f"(below {STRONG}); hatched: weakly; dotted: keeps its prior (above {INFORMED})."))
+        f"(below {STRONG}); hatched: weakly; dotted: keeps its prior (above {BLIND})."))
     used = [update.labels.index(label) for label in posterior.mode_labels if label in update.labels]
     if len(used) == posterior.frequency_hz.shape[1]:
         items.append(Picture(
@@ -109,8 +108,9 @@ def comparison_section(run: Run) -> Section:
             Notice(level="missing", text="compare.json, so update and posterior are not set side by side."),))
     rows = run.comparison.rows
     items: list[object] = []
-    if run.comparison.summary:
-        items.append(Text(paragraphs=run.comparison.summary))
+    if run.comparison.notes:
+        notes = tuple(f"{n[0].upper()}{n[1:]}{'' if n.endswith('.') else '.'}" for n in run.comparison.notes)
+        items.append(Items(title="In short", statements=notes))
     items.append(_values_table(rows))
     items.append(_distance_table(rows))
     return Section(anchor="comparison", title=title, items=tuple(items),
@@ -125,23 +125,22 @@ def _values_table(rows: tuple[ComparisonRow, ...]) -> Table:
                Column(name="posterior deviation"), Column(name="posterior CoV", unit="-"), Column(name="5–95 %"))
     cells = []
     for r in rows:
-        cov = abs(r.std / r.mean) if r.mean else float("nan")
         cells.append((r.name, r.unit or "-", number(r.prior_mean), number(r.prior_std), number(r.step),
-                      number(r.anchored),
-                      number(r.map), number(r.mean), number(r.median), number(r.std), number(cov, 2),
-                      f"{number(r.low)} to {number(r.high)}"))
-    return Table(caption="The same parameters by every route", columns=columns, rows=tuple(cells))
+                      number(r.anchored), number(r.map), number(r.mean), number(r.median), number(r.std),
+                      number(r.cov, 2), f"{number(r.low)} to {number(r.high)}"))
+    return Table(caption="The same parameters by every route", columns=columns, rows=tuple(cells),
+                 note="Prior mean and deviation are those after its cut at the bounds; 5–95 %: of the posterior.")
 
 
 def _distance_table(rows: tuple[ComparisonRow, ...]) -> Table:
     columns = (Column(name="parameter", number=False), Column(name="step penalty", unit="posterior deviations"),
                Column(name="prior penalty", unit="posterior deviations"),
                Column(name="MAP", unit="posterior deviations"),
-               Column(name="posterior over prior deviation"), Column(name="informed", number=False),
-               Column(name="what it means", number=False))
+               Column(name="posterior over prior deviation"), Column(name="the data", number=False),
+               Column(name="why they part", number=False))
     cells = []
     for r in rows:
-        words = r.sentence or "; ".join(r.flags)
+        words = " ".join([r.sentence, *(f"{flag[0].upper()}{flag[1:]}." for flag in r.flags)]).strip()
         cells.append((r.name, _signed(r.step_distance), _signed(r.anchored_distance), _signed(r.map_distance),
                       fixed(r.contraction, 2), r.identified, words))
     far = {k for k, r in enumerate(rows) if max(abs(r.step_distance), abs(r.anchored_distance)) > 1}

@@ -12,6 +12,7 @@ import numpy as np
 import pandas as pd
 
 from probupdate import __version__
+from probupdate.comparison import Comparison, read_comparison
 from probupdate.errors import InputError
 from probupdate.estimators.posterior_file import Posterior, read_posterior
 from probupdate.estimators.update_file import UpdateRecord, read_update
@@ -67,15 +68,16 @@ def read_run(folder: Path, progress: Progress) -> Run:
     selection = read("selection.csv", lambda path: _table(path, SELECTION_COLUMNS))
     update = read("update.json", read_update)
     posterior = read("posterior.nc", read_posterior)
+    comparison = read("compare.json", read_comparison)
     model = read("model", lambda path: _load_model(path, head, folder, campaign))
     progress("reading the run", steps, steps)
-    _refuse_strangers(folder, model, update, posterior)
+    _refuse_strangers(folder, model, update, posterior, comparison)
     data = nine or modes
     truth_file = places["campaign"] / "truth.toml" if "campaign" in places else None
     names = update.parameters.names if update is not None else model.parameters.names if model is not None else ()
     return Run(
         folder=folder,
-        title=str(head.get("title") or (model.name if model is not None else folder.resolve().name)),
+        title=_title(folder, head, places, model),
         missing=missing,
         warnings=tuple(_warnings(head, data, update, posterior)),
         provenance=tuple(_provenance(folder, places, head, model, update, posterior)),
@@ -83,7 +85,7 @@ def read_run(folder: Path, progress: Progress) -> Run:
         truth=truth_values(truth_file, data) if truth_file is not None and truth_file.exists() else None,
         modes=modes, poles=poles, selection=selection, nine=nine,
         model=None if model is None else model_values(model, data, update),
-        update=update, posterior=posterior,
+        update=update, posterior=posterior, comparison=comparison,
         jacket=is_the_jacket(names),
     )  # fmt: skip
 
@@ -125,6 +127,12 @@ def _named(folder: Path, head: Mapping, key: str) -> Path | None:
     return path
 
 
+def _title(folder: Path, head: Mapping, places: Mapping[str, Path], model: Model | None) -> str:
+    """run.json's title, the model's name where it has one of its own, the directory's name."""
+    own = model is not None and model.name != places["model"].stem
+    return str(head.get("title") or (model.name if own else folder.resolve().name))
+
+
 def _table(path: Path, needed: tuple[str, ...], time: str | None = None) -> pd.DataFrame:
     try:
         table = pd.read_csv(path, keep_default_na=True)
@@ -155,11 +163,14 @@ def _load_model(path: Path, head: Mapping, folder: Path, campaign: CampaignValue
 
 
 def _refuse_strangers(
-    folder: Path, model: Model | None, update: UpdateRecord | None, posterior: Posterior | None
+    folder: Path, model: Model | None, update: UpdateRecord | None, posterior: Posterior | None,
+    comparison: Comparison | None,
 ) -> None:
     """Numbers of different parameters under one name would be read as one result."""
-    named = {"the model": model and model.parameters.names, "update.json": update and update.parameters.names,
-             "posterior.nc": posterior and posterior.names}  # fmt: skip
+    named = {
+        "the model": model and model.parameters.names, "update.json": update and update.parameters.names,
+        "posterior.nc": posterior and posterior.names, "compare.json": comparison and comparison.names,
+    }  # fmt: skip
     present = {what: tuple(names) for what, names in named.items() if names}
     first = next(iter(present.items()), None)
     for what, names in present.items():

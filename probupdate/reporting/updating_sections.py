@@ -186,16 +186,22 @@ def _pile_head_table(run: Run) -> Table | None:
     if not derived:
         return None
     states = list(next(iter(derived.values())))
+    drawn = run.comparison.derived if run.comparison is not None else {}
     printed = ("design", "as-built", "updated") if run.jacket else ()
     rows = []
     for name, values in derived.items():
         known = [paper_tables.PILE_HEAD_NPM[state].get(name, float("nan")) for state in printed]
-        rows.append((name, "kN/m", *[number(values[s] / 1e3) for s in states], *[number(v / 1e3, 2) for v in known]))
-        start = values.get("initial", float("nan"))
-        rows.append((f"{name} over initial", "-", *[fixed(values[s] / start, 2) for s in states],
-                     *[fixed(v / known[1], 2) for v in known]))
+        start, mean = values.get("initial", float("nan")), drawn.get(name, {}).get("mean")
+        ours, ratios = [number(values[s] / 1e3) for s in states], [fixed(values[s] / start, 2) for s in states]
+        if drawn:
+            cov = drawn.get(name, {}).get("cov")
+            ours += [number(mean / 1e3) if mean else MISSING, number(cov, 2)]
+            ratios += [fixed(mean / start, 2) if mean else MISSING, ""]
+        rows.append((name, "kN/m", *ours, *[number(v / 1e3, 2) for v in known]))
+        rows.append((f"{name} over initial", "-", *ratios, *[fixed(v / known[1], 2) for v in known]))
     columns = [Column(name="quantity", number=False), Column(name="unit", number=False)]
     columns += [Column(name=SHORT_WORDS.get(state, state)) for state in states]
+    columns += [Column(name="posterior mean"), Column(name="posterior CoV", unit="-")] if drawn else []
     columns += [Column(name=f"paper: {state}", paper=True) for state in printed]
     note = (
         "Stiffness of one pile's head, lateral (head's rotation held) and axial. The paper's ratios 4.7 and 6.0 are "
@@ -235,7 +241,9 @@ def _scatter_table(run: Run) -> Table | None:
         rows.append((p.name, p.unit or "-", *scatter(sets.theta_step[:, k]), *scatter(sets.theta_map[:, k]),
                      fixed(float(resolution[k]), 2), width, *paper_cells(p.name)))
     for name, values in sets.derived.items():
-        rows.append((name, "kN/m", MISSING, MISSING, *scatter(values / 1e3), "", MISSING, *paper_cells(name)))
+        drawn = run.comparison.derived.get(name, {}) if run.comparison is not None else {}
+        rows.append((name, "kN/m", MISSING, MISSING, *scatter(values / 1e3), "", number(drawn.get("cov"), 2),
+                     *paper_cells(name)))
     columns = [
         Column(name="parameter", number=False), Column(name="unit", number=False),
         Column(name="step penalty: mean"), Column(name="its CoV", unit="-"), Column(name="MAP: mean"),

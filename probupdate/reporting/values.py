@@ -3,51 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 
 import pandas as pd
 
+from probupdate.comparison import Comparison
 from probupdate.estimators.posterior_file import Posterior
 from probupdate.estimators.update_file import UpdateRecord
 from probupdate.model import Model, Wireframe
 from probupdate.modes import ModalData, Sensor
 from probupdate.reporting.viewer import ShapedModes
-
-
-@dataclass(frozen=True, kw_only=True)
-class ComparisonRow:
-    """A parameter in the comparison; numbers are NaN where they were not computed."""
-
-    name: str
-    unit: str
-    prior_mean: float
-    prior_std: float
-    step: float
-    anchored: float
-    map: float
-    mean: float
-    median: float
-    std: float
-    low: float
-    high: float
-    step_distance: float
-    anchored_distance: float
-    map_distance: float
-    contraction: float
-    nine_mean: float = float("nan")
-    nine_cov: float = float("nan")
-    resolution: float = float("nan")
-    identified: str = ""
-    flags: tuple[str, ...] = ()
-    sentence: str = ""
-
-
-@dataclass(frozen=True, kw_only=True)
-class ComparisonValues:
-    rows: tuple[ComparisonRow, ...]
-    summary: tuple[str, ...] = ()
-    derived: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -67,8 +33,8 @@ class CampaignValues:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class ModelValues:
-    """The model and its modes at the initial and at the updated parameters (none without geometry); `labels` of the
-    modes drawn, `pairs` of them that only their plane tells apart."""
+    """The model and its modes at the initial and at the updated parameters; `wire` is None without geometry, `labels`
+    are those of the modes drawn, `pairs` modes of which only the plane is told by the data."""
 
     model: Model
     wire: Wireframe | None
@@ -95,6 +61,6 @@ class Run:
     model: ModelValues | None = None
     update: UpdateRecord | None = None
     posterior: Posterior | None = None
-    comparison: ComparisonValues | None = None
+    comparison: Comparison | None = None
     warnings: tuple[str, ...] = ()
     jacket: bool = False

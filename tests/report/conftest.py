@@ -8,6 +8,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from probupdate.comparison import Comparison, ComparisonRow
 from probupdate.estimators.posterior_file import Posterior
 from probupdate.estimators.update_file import SchemeRecord, UpdateRecord
 from probupdate.model import Wireframe
@@ -15,8 +16,6 @@ from probupdate.modes import ModalData, ModalSet, Sensor
 from probupdate.parameters import Parameter, Parameters
 from probupdate.reporting.values import (
     CampaignValues,
-    ComparisonRow,
-    ComparisonValues,
     ModelValues,
     Run,
 )
@@ -184,7 +183,8 @@ def made_up_run(*, names: tuple[str, ...] = NAMES, title: str = "Made-up turbine
     mean, std = draws.mean(0), draws.std(0, ddof=1)
     rows = tuple(
         ComparisonRow(
-            name=p.name, unit=p.unit, prior_mean=p.initial, prior_std=p.std, step=schemes[0].theta[-1, k],
+            name=p.name, unit=p.unit, initial=p.initial, cov=std[k] / mean[k], skewness=0.1, total_cov=0.05, flags=(),
+            prior_mean=p.initial, prior_std=p.std, step=schemes[0].theta[-1, k],
             anchored=schemes[1].theta[-1, k], map=end[k], mean=mean[k], std=std[k],
             median=float(np.median(draws[:, k])),
             low=float(np.percentile(draws[:, k], 5)), high=float(np.percentile(draws[:, k], 95)),
@@ -218,7 +218,9 @@ def made_up_run(*, names: tuple[str, ...] = NAMES, title: str = "Made-up turbine
             for k, s in enumerate(modes.sets)]}),
         model=ModelValues(model=None, wire=wire, labels=LABELS, pairs=((0, 1), (3, 4)), states=states),
         update=update, posterior=posterior, jacket=True,
-        comparison=ComparisonValues(rows=rows, summary=("They agree.",)),
+        comparison=Comparison(
+            names=parameters.names, rows=rows, correlation=np.corrcoef(draws.T), notes=("they agree",), converged=True,
+            derived={"k_xy": update.derived["k_xy"] | {"mean": 1.3e9, "cov": 0.2}}),
     )
 
 

@@ -31,6 +31,8 @@ def _built(run) -> dict[str, Figure]:
             scada["time"].to_numpy(), scada["wind_speed_mps"], list(scada["state"]), cut_in_mps=4.0, rated_mps=12.0),
         "poles": figures.poles({"poles": (time, frequency)}, harmonics_hz={"1P": 0.25, "3P": 0.74}),
         "mode_shapes": figures.mode_shapes(wire, update.labels, {"updated": moved}),
+        "shapes_by_channel": figures.shapes_by_channel(["a", "b"], np.eye(4)[:, :2], np.full((4, 2), 0.1),
+                                                       {"initial": np.eye(4)[:, :2]}),
         "selection_steps": figures.selection_steps(["not idling", "yawing"], [20, 5], 48),
         "frequencies_by_block": figures.frequencies_by_block(block_time, block_hz, modes.labels,
                                                              np.arange(len(block_hz)) < 9, np.full(5, 0.32)),
@@ -57,7 +59,7 @@ def built(full_run):
 NAMES = (
     "sensor_layout", "sensor_layout without model", "wind_and_state", "poles", "mode_shapes", "selection_steps",
     "frequencies_by_block", "frequency_errors", "update_history", "marginals", "corner", "correlation_map",
-    "contraction", "departures", "predictive_frequencies",
+    "contraction", "departures", "predictive_frequencies", "shapes_by_channel",
 )
 
 

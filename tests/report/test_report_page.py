@@ -118,7 +118,7 @@ def test_page_without_a_part_says_so_and_stands(full_run, undrawn, part):
 
 def test_page_of_hardly_anything_stands(full_run, undrawn):
     empty = {f.name: None for f in fields(full_run) if f.name not in
-             ("folder", "title", "missing", "provenance", "jacket", "modes")}
+             ("folder", "title", "missing", "provenance", "warnings", "jacket", "modes")}
     html = compose(replace(full_run, **empty, jacket=False))
     assert "48 modal sets" in html and not read(html).wrong
 

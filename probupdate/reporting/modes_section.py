@@ -1,0 +1,111 @@
+"""The section on mode shapes: in three dimensions, or channel by channel where the model has no geometry."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from probupdate.modes import rotate_to_real
+from probupdate.reporting import figures
+from probupdate.reporting.elements import Notice, Picture, Section, Viewer
+from probupdate.reporting.model_values import drawn_set
+from probupdate.reporting.values import Run
+from probupdate.reporting.viewer import align, viewer_data
+
+MODE_NAMES = {
+    "FA1": "first fore-aft bending", "SS1": "first side-side bending", "T1": "first torsion",
+    "FA2": "second fore-aft bending", "SS2": "second side-side bending",
+}
+
+
+def modes_section(run: Run) -> Section:
+    title = "Modes in three dimensions"
+    if run.model is not None and run.model.wire is None and (shown := _shapes_by_channel(run)) is not None:
+        return Section(anchor="modes", title="Mode shapes", items=(shown,), lead="The model came without geometry, so "
+                       "its shapes are shown channel by channel.")
+    if run.model is None or run.model.wire is None:
+        text = "a model with geometry, so the modes cannot be drawn."
+        return Section(anchor="modes", title=title, items=(Notice(level="missing", text=text),))
+    sensors = run.campaign.sensors if run.campaign else ()
+    update, modes = run.update, run.nine or run.modes
+    labels = run.model.labels
+    measured_hz = measured_shape = None
+    chosen = drawn_set(modes, update)
+    if chosen is not None:
+        measured_hz = chosen.frequency_hz
+        rows = [modes.channels.index(s.channel) for s in sensors if s.channel in modes.channels]
+        if sensors and len(rows) == len(sensors):
+            measured_shape = chosen.shape[rows]
+    planes = _planes(run)
+    data = viewer_data(
+        run.model.wire, labels, run.model.states, measured_hz=measured_hz, measured_shape=measured_shape,
+        sensors=sensors if measured_shape is not None else (), pairs=run.model.pairs,
+        names=MODE_NAMES if run.jacket else {}, planes=planes,
+    )
+    static = figures.mode_shapes(run.model.wire, *_drawn(data))
+    caption = (
+        "Drag turns, the wheel zooms, shift-drag moves; arrow keys and space work too. Circles: the motion measured at "
+        "the sensors. Each computed shape is scaled to the measured one; where two modes form a close pair the "
+        "computed pair is turned within its plane onto the measured pair, as the update does."
+        if measured_shape is not None
+        else "Drag turns, the wheel zooms, shift-drag moves; arrow keys and space work too."
+    )
+    still = Picture(svg=figures.svg_text(static, "shapes"),
+                    caption="The same at the largest displacement: grey at rest, blue updated, dashed initial; "
+                    "circles: measured at the sensors.")
+    return Section(anchor="modes", title=title, items=(Viewer(data=data, caption=caption), still),
+                   lead="The global modes as measured, as first computed and after the update (the paper's Fig. 3).")
+
+
+def _shapes_by_channel(run: Run) -> Picture | None:
+    data = run.nine or run.modes
+    chosen = drawn_set(data, run.update)
+    if chosen is None or not chosen.measured.any():
+        return None
+    measured = rotate_to_real(chosen.shape).real
+    size = np.nanmax(np.abs(measured), axis=0, where=np.isfinite(measured), initial=1e-300)
+    paired = {j for pair in run.model.pairs for j in pair}
+    groups = [*run.model.pairs, *((j,) for j in range(data.n_mode) if j not in paired)]
+    computed = {}
+    for name, modes in run.model.states.items():
+        known = np.isfinite(modes.frequency_hz)
+        turn = align(measured, modes.shape, groups)
+        turned = np.nan_to_num(modes.shape) @ np.where(known[:, None] & known, turn, 0)
+        computed[name] = np.where(known, turned, np.nan) / size
+    figure = figures.shapes_by_channel(run.model.labels, measured / size, chosen.shape_std / size, computed)
+    listed = ", ".join(f"{k} {name}" for k, name in enumerate(data.channels, start=1))
+    return Picture(svg=figures.svg_text(figure, "channels"), caption=(
+        "Every computed shape is scaled to the measured one, a close pair turned within its plane; the largest "
+        f"measured component is 1. Channels: {listed}."))
+
+
+def _drawn(data: dict) -> tuple[list[str], dict, np.ndarray, np.ndarray | None]:
+    """The viewer's values as arrays for the still picture: titles, states, sensors' places and motions in metres."""
+    modes, scale = data["modes"], data["scale"]
+    nodes = len(data["nodes"])
+    states = {}
+    for key in ("initial", "updated"):
+        shapes = [m["variants"].get(key, {}).get("shape") for m in modes]
+        if any(s is not None for s in shapes):
+            states[key] = scale * np.stack([np.full((nodes, 3), np.nan) if s is None else s for s in shapes], axis=-1)
+    points = np.array(data["sensors"]).reshape(-1, 3)
+    measured = None
+    if len(points) and all("measured" in m["variants"] for m in modes):
+        rows = [[[np.nan] * 3 if d is None else d for d in m["variants"]["measured"]["shape"]] for m in modes]
+        measured = scale * np.moveaxis(np.array(rows, float), 0, -1)
+    titles = []
+    for m in modes:
+        known = [m["variants"][k]["hz"] for k in ("updated", "initial", "measured") if k in m["variants"]]
+        hz = next((h for h in known if h is not None), None)
+        titles.append(m["label"] + (f"\n{hz:.3f} Hz" if hz is not None else ""))
+    return titles, states, points, measured
+
+
+def _planes(run: Run) -> tuple[tuple[float, str, str], ...]:
+    if not run.jacket:
+        return ()
+    low = float(run.model.wire.node_m[:, 2].min())
+    planes = [(0.0, "sea level", "rgba(86,180,233,0.10)")]
+    depth = run.campaign.water_depth_m if run.campaign else None
+    if depth is not None and -depth > low:
+        planes.append((-depth, "mudline", "rgba(160,130,90,0.14)"))
+    return tuple(planes)
