@@ -26,15 +26,16 @@ STABILITY_FLOOR, DAMPING_FLOOR, LEAST_DAMPING = 0.1, 0.01, 0.005
 
 @dataclass(frozen=True, kw_only=True)
 class ClassifierSettings:
-    """Thresholds; every one is written with the result.
+    """Thresholds; the result holds those it was made with.
 
     mac: of a single mode, and in the paper's classifier. plane_mac: S2MAC of a pole to its pair's plane. damping:
     open interval of the ratio; above its end lie poles of waves and turbulence. frequency_window: pole over model
     frequency, wide because a design model may be 30 % off. harmonics: multiples of the rotor speed; a pole within
-    harmonic_tolerance of the range a multiple swept is a harmonic if it lies outside its mode's cluster, or inside
-    with damping below harmonic_damping. cluster: half-width of a mode's frequencies over the campaign. collinearity:
-    least MPC, of single modes, and near P-frequencies in the paper's classifier. least_independence: of the two poles
-    of a pair, 1 - MAC in the plane; below it they are one direction twice.
+    harmonic_tolerance of the range a multiple swept is a harmonic if it lies outside its mode's window or cluster, or
+    inside with damping below harmonic_damping. cluster: half-width of a mode's frequencies over the campaign.
+    collinearity: least MPC of a single mode; weak ones (torsion in an idling half hour) have 0.6 to 0.8 by noise alone, and pairs
+    are not asked. paper_collinearity: the same near P-frequencies in the paper's classifier. least_independence: of
+    the two poles of a pair, 1 - MAC in the plane; below it they are one direction twice.
     """
 
     mac: float = 0.80
@@ -45,7 +46,8 @@ class ClassifierSettings:
     harmonic_tolerance: float = 0.02
     harmonic_damping: float = 0.003
     cluster: float = 0.08
-    collinearity: float = 0.80
+    collinearity: float = 0.50
+    paper_collinearity: float = 0.80
     least_independence: float = 0.25
 
 
@@ -112,7 +114,7 @@ def paper_criteria(poles: Poles, found: Likeness, bands: np.ndarray, settings: C
     """
     near = within(poles.frequency_hz, bands) if len(bands) else np.ones(len(poles.frequency_hz), bool)
     verdict = np.full(len(poles.frequency_hz), KEPT, dtype=object)
-    verdict[near & (found.mpc < settings.collinearity)] = COMPLEXITY
+    verdict[near & (found.mpc < settings.paper_collinearity)] = COMPLEXITY
     verdict[~(found.best_mac > settings.mac)] = SHAPE
     return verdict
 
@@ -167,6 +169,7 @@ def assigned(
     criterion, chosen = verdict.copy(), np.full(len(reference.labels), -1)
     independence = np.full(len(reference.groups), np.nan)
     swept, score = within(poles.frequency_hz, bands), found.score(poles.damping_ratio)
+    criterion[swept & (verdict == FREQUENCY)] = HARMONIC
     for g, group in enumerate(reference.groups):
         mine = np.flatnonzero((verdict == KEPT) & (found.group == g))
         stray = ~(np.abs(poles.frequency_hz[mine] / centre_hz[g] - 1) <= settings.cluster)

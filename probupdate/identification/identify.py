@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -256,9 +256,3 @@ def _summary(found: list[_Found], data: ModalData, poles: pd.DataFrame, campaign
     if campaign.scada is None or "rotor_speed_rpm" not in campaign.scada:
         lines.append("no rotor speed in SCADA: harmonics were not looked for, and may be among the modes")
     return "\n".join(lines)
-
-
-def settings_table(settings: SSISettings) -> dict:
-    """Every threshold, flat, for a result's record."""
-    flat = asdict(settings)
-    return flat | flat.pop("classifier")

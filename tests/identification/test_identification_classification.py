@@ -124,6 +124,13 @@ def test_a_harmonic_of_the_first_mode_s_shape_falls_to_the_rotor_speed(jacket, r
     assert list(judged(found, reference)[0].criterion) == ["kept", "kept", "cluster"]
 
 
+def test_a_line_far_from_its_mode_is_a_harmonic_only_where_the_rotor_says_so(jacket, reference):
+    found = poles([0.316, 0.74], [0.015, 0.004], jacket.shape[:, [0, 0]])
+    bands = rules.rotor_bands({"rotor_speed_rpm_min": 14.6, "rotor_speed_rpm_max": 14.9}, SETTINGS)
+    assert judged(found, reference, bands)[0].criterion[1] == "harmonic"
+    assert judged(found, reference)[0].criterion[1] == "frequency"
+
+
 def test_a_mode_within_the_swept_band_is_kept_and_a_line_there_is_not(jacket, reference):
     s = jacket.shape
     bands = rules.rotor_bands({"rotor_speed_rpm_min": 6.0, "rotor_speed_rpm_max": 7.0}, SETTINGS)  # 3P 0.29-0.36 Hz
