@@ -33,9 +33,9 @@ class ClassifierSettings:
     frequency, wide because a design model may be 30 % off. harmonics: multiples of the rotor speed; a pole within
     harmonic_tolerance of the range a multiple swept is a harmonic if it lies outside its mode's window or cluster, or
     inside with damping below harmonic_damping. cluster: half-width of a mode's frequencies over the campaign.
-    collinearity: least MPC of a single mode; weak ones (torsion in an idling half hour) have 0.6 to 0.8 by noise alone, and pairs
-    are not asked. paper_collinearity: the same near P-frequencies in the paper's classifier. least_independence: of
-    the two poles of a pair, 1 - MAC in the plane; below it they are one direction twice.
+    collinearity: least MPC of a single mode; weak ones (torsion in an idling half hour) have 0.6 to 0.8 by noise
+    alone, and pairs are not asked. paper_collinearity: the same near P-frequencies in the paper's classifier.
+    least_independence: of the two poles of a pair, 1 - MAC in the plane; below it they are one direction twice.
     """
 
     mac: float = 0.80
