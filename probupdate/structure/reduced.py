@@ -27,6 +27,9 @@ from probupdate.structure.affine import AffineModel
 BOX_ALLOWANCE = 10.0
 # (plane) MAC between reduced and full shapes at the channels, at every verification point
 LEAST_MAC = 0.9999
+# modes that move the channels less than this share of what the mode they see best does (local modes of braces) have
+# no shape there that a MAC could judge; their frequencies are held to the tolerance like all others
+SEEN = 0.05
 # eigenfrequencies closer than this share are judged as one plane
 CLUSTER_GAP = 0.05
 # a basis that leaves this share of the tolerance unused is small enough; the rest is for points not seen
@@ -318,9 +321,10 @@ class _Checks:
         fast, fast_shape = reduced._solve_inside(self.theta, n_mode)
         for row, phi in enumerate(self.phi):
             shape = self.model.channel_matrix @ phi
+            motion = np.linalg.norm(shape, axis=0)
             for group in clusters_of(self.frequency_hz[row]):
                 # a cluster cut off at the upper end has no plane of its own to compare
-                if group[-1] < n_mode:
+                if group[-1] < n_mode and np.all(motion[group] > SEEN * motion.max()):
                     worst = min(worst, plane_mac(fast_shape[row][:, group], shape[:, group]))
         return np.abs(fast / self.frequency_hz[:, :n_mode] - 1).max(axis=1), worst
 
