@@ -20,7 +20,7 @@ USES = {
     "power_kw": "turbine states (idling, below rated, rated)",
     "rotor_speed_rpm": "harmonics told from modes; idling confirmed",
     "pitch_deg": "criterion 'no pitching'",
-    "nacelle_heading_deg": "criterion 'no yawing'; modes by heading",
+    "nacelle_heading_deg": "fore-aft and side-side told apart as the nacelle turns; criterion 'no yawing'",
     "yaw_rate_degps": "criterion 'no yawing'",
     "wind_speed_mps": "wind and state over time (Fig. 4)",
     "water_level_m": "frequency against water level",
@@ -193,5 +193,5 @@ def _uses(campaign: Campaign, head: pd.DataFrame) -> tuple[str, ...]:
     states = Counter(head["state"][good])
     if campaign.scada is not None:
         uses.append("states of these: " + ", ".join(f"{n} {name}" for name, n in states.most_common()))
-        uses += [text for column, text in USES.items() if column in campaign.scada]
+        uses += dict.fromkeys(text for column, text in USES.items() if column in campaign.scada)
     return tuple(uses)

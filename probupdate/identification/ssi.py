@@ -13,6 +13,9 @@ from scipy import linalg
 from probupdate.errors import InputError
 from probupdate.modes import frozen_array, mac
 
+# relative to the largest: below it a singular value from T T^T is rounding
+LEAST_SINGULAR = 1e-7
+
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Poles:
@@ -95,18 +98,22 @@ def poles(factorisation: Factorisation, orders: tuple[int, ...]) -> tuple[Poles,
     """A and C of each order by shift invariance, O_up A = O_down in least squares (Eq. 3), and their eigenvalues.
 
     mu = eig(A), lambda = f_s ln mu, f = |lambda| / 2 pi, zeta = -Re lambda / |lambda|, phi = C psi. One QR
-    decomposition of O_up serves every order, its leading columns being those of the lower orders.
+    decomposition of O_up serves every order, its leading columns being those of the lower orders. A record without
+    noise may hold fewer states than asked for: then no more than it has are used.
     """
+    value = factorisation.singular_value
+    rank = int(np.sum(value > LEAST_SINGULAR * value[0]))
     observability, m = factorisation.observability, factorisation.n_channel
     q, r = np.linalg.qr(observability[:-m])
     projected = q.T @ observability[m:]
     result = []
     for order in orders:
-        state = linalg.solve_triangular(r[:order, :order], projected[:order, :order])
+        n = min(order, rank)
+        state = linalg.solve_triangular(r[:n, :n], projected[:n, :n])
         eigenvalue, vector = np.linalg.eig(state)
         oscillating = eigenvalue.imag > 0
         pole = factorisation.sampling_rate_hz * np.log(eigenvalue[oscillating])
-        shape = observability[:m, :order] @ vector[:, oscillating]
+        shape = observability[:m, :n] @ vector[:, oscillating]
         rising = np.argsort(np.abs(pole))
         pole, shape = pole[rising], shape[:, rising]
         result.append(Poles(

@@ -61,6 +61,12 @@ def test_exact_covariances_give_the_exact_modes(jacket):
     assert np.diag(mac(found.shape, jacket.shape)) == pytest.approx(np.ones(5), abs=1e-7)
 
 
+def test_a_system_without_noise_has_no_more_states_than_it_has(jacket):
+    covariance = exact_covariances(jacket, 59)
+    (found,) = poles(factorise(covariance, BLOCK_ROWS, ORDER, RATE), (ORDER,))
+    assert found.order == ORDER and found.frequency_hz == pytest.approx(jacket.frequency_hz, rel=1e-6)
+
+
 def plain_poles(data: np.ndarray, order: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """The second route: direct sums, a full singular value decomposition, a pseudo-inverse."""
     m, br = data.shape[1], BLOCK_ROWS
