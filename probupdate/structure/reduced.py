@@ -34,8 +34,12 @@ SEEN = 0.05
 CLUSTER_GAP = 0.05
 # a basis that leaves this share of the tolerance unused is small enough; the rest is for points not seen
 MARGIN = 0.5
+# modes closer than this share of their frequency may have been turned into each other by the eigensolver
+MIXED_GAP = 2e-3
 # snapshots, scaled to unit energy, that have less than this in common belong to different families of symmetry
 COUPLING = 1e-7
+# what families of basis vectors share by rounding, as a share of a term's largest entry; frequencies feel its square
+ROUNDING = 1e-5
 CHUNK = 64
 MAX_ROUNDS = 8
 
@@ -234,9 +238,9 @@ def reduce_basis(
     faces = np.arange(0, n_snapshot, 4)
     column = (faces // 4) % len(lower)
     theta[faces, column] = np.where((faces // 4) // len(lower) % 2 == 0, lower[column], upper[column])
-    snapshots = [value[1] for value in _solve_full(model, theta, n_mode, "snapshots", progress)]
+    snapshots = _solve_full(model, theta, n_mode, "snapshots", progress)
     for _ in range(MAX_ROUNDS):
-        basis, family = _proper_orthogonal(np.hstack(snapshots), K, max_size)
+        basis, family = _proper_orthogonal(_unmixed(snapshots, K), K, max_size)
         largest = _project(model, basis, family, (lower, upper), n_mode, frequency_tolerance)
         checks = _Checks.solve(model, *draw(n_verify), n_mode, "size", progress)
         reduced = _smallest(largest, checks)
@@ -306,20 +310,19 @@ class _Checks:
     theta: np.ndarray
     tolerance: np.ndarray
     frequency_hz: np.ndarray
-    phi: tuple[np.ndarray, ...]
+    solved: list[tuple[np.ndarray, np.ndarray]]
 
     @classmethod
     def solve(cls, model, theta, tolerance, n_mode, what, progress):
         solved = _solve_full(model, theta, n_mode, what, progress)
         frequency = np.sqrt([value for value, _ in solved]) / (2 * np.pi)
-        return cls(model=model, theta=theta, tolerance=tolerance, frequency_hz=frequency,
-                   phi=tuple(phi for _, phi in solved))  # fmt: skip
+        return cls(model=model, theta=theta, tolerance=tolerance, frequency_hz=frequency, solved=solved)
 
     def judge(self, reduced: ReducedModel) -> tuple[np.ndarray, float]:
         """Largest relative frequency error per point (n,), least (plane) MAC of all."""
         n_mode, worst = reduced.n_mode, 1.0
         fast, fast_shape = reduced._solve_inside(self.theta, n_mode)
-        for row, phi in enumerate(self.phi):
+        for row, (_, phi) in enumerate(self.solved):
             shape = self.model.channel_matrix @ phi
             motion = np.linalg.norm(shape, axis=0)
             for group in clusters_of(self.frequency_hz[row]):
@@ -328,9 +331,9 @@ class _Checks:
                     worst = min(worst, plane_mac(fast_shape[row][:, group], shape[:, group]))
         return np.abs(fast / self.frequency_hz[:, :n_mode] - 1).max(axis=1), worst
 
-    def worst(self, error: np.ndarray) -> list[np.ndarray]:
-        """Modes of the points that fail, or come close to it."""
-        return [self.phi[row] for row in np.flatnonzero(error > MARGIN * self.tolerance)]
+    def worst(self, error: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
+        """Solutions at the points that fail, or come close to it."""
+        return [self.solved[row] for row in np.flatnonzero(error > MARGIN * self.tolerance)]
 
 
 def _smallest(largest: ReducedModel, checks: _Checks) -> ReducedModel | None:
@@ -354,19 +357,51 @@ def _leading(reduced: ReducedModel, size: int) -> ReducedModel:
     return replace(reduced, basis=reduced.basis[:, :size], blocks=blocks)
 
 
+def _unmixed(snapshots, K) -> np.ndarray:
+    """Modes of all snapshots (n_dof, n) of unit K-energy, close ones turned so that families of symmetry stay apart.
+
+    With C_k the energies that modes of family k share with a group V of close modes, sum_k w_k C_k^T C_k is diagonal
+    in the modes of pure symmetry, whatever the weights: its eigenvectors turn V back into them.
+    """
+    clean, close = [], []
+    for value, phi in snapshots:
+        for group in clusters_of(np.sqrt(value), MIXED_GAP):
+            # the mode beyond those asked for may be one of a pair cut in two
+            if group[0] < len(value) - 1:
+                (clean if len(group) == 1 else close).append(phi[:, group])
+    if not clean or not close:
+        return _unit_energy(np.hstack(clean + close), K)
+    pure = _unit_energy(np.hstack(clean), K)
+    n_family, family = _families(pure.T @ (K @ pure))
+    weight = (1.0 + np.arange(n_family))[family] / np.bincount(family)[family]
+    turned = []
+    for group in close:
+        shared = pure.T @ (K @ group)
+        turned.append(group @ np.linalg.eigh(shared.T @ (weight[:, None] * shared))[1])
+    return np.hstack([pure, _unit_energy(np.hstack(turned), K)])
+
+
+def _unit_energy(vectors, K):
+    return vectors / np.sqrt(np.einsum("ij,ij->j", vectors, K @ vectors))
+
+
+def _families(gram):
+    """Number of families and the family of each vector (n,)."""
+    return csgraph.connected_components(sparse.csr_array(np.abs(gram) > COUPLING), directed=False)
+
+
 def _proper_orthogonal(snapshots, K, max_size):
     """POD basis (n_dof, r), K-orthonormal, the most energetic vector first, and the family of each (r,)."""
-    snapshots = snapshots / np.sqrt(np.einsum("ij,ij->j", snapshots, K @ snapshots))
     # the squared singular values of K^(1/2) S are the eigenvalues of S^T K S
     gram = snapshots.T @ (K @ snapshots)
-    n_family, family = csgraph.connected_components(sparse.csr_array(np.abs(gram) > COUPLING), directed=False)
+    n_family, family = _families(gram)
     vectors, energies, families = [], [], []
     for k in range(n_family):
         members = np.flatnonzero(family == k)
         last = len(members) - 1
         inside = gram[np.ix_(members, members)]
         energy, vector = linalg.eigh(inside, subset_by_index=(max(0, last + 1 - max_size), last))
-        kept = energy > 1e-13 * energy[-1]
+        kept = energy > 1e-12 * energy[-1]
         vectors.append(_orthonormal(snapshots[:, members] @ (vector[:, kept] / np.sqrt(energy[kept])), K))
         energies.append(energy[kept])
         families.append(np.full(kept.sum(), k))
@@ -416,7 +451,7 @@ def _uncoupled(terms: np.ndarray, family: np.ndarray) -> list[np.ndarray]:
     number = family.max() + 1
     member = np.eye(number)[family]
     largest = np.abs(terms).max(axis=(1, 2))
-    coupled = np.any(np.abs(terms) > COUPLING * largest[:, None, None], axis=0)
+    coupled = np.any(np.abs(terms) > ROUNDING * largest[:, None, None], axis=0)
     between = member.T @ coupled @ member > 0
     n_block, label = csgraph.connected_components(sparse.csr_array(between), directed=False)
     return [np.flatnonzero(label[family] == k) for k in range(n_block)]

