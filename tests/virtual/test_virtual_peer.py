@@ -1,33 +1,15 @@
 """OpenSees as a third formulation: the same tubes as its Timoshenko elements, joints rigid, piles held."""
 
 import copy
-import ctypes
-import importlib.util
 from dataclasses import replace
-from pathlib import Path
 from types import MappingProxyType
 
 import numpy as np
-import pytest
 from scipy.sparse.linalg import spsolve
 
 from probupdate.virtual import beam, dynamics, frame, truth, turbine_file
 
 AS_BUILT = turbine_file.reference_file().with_name("as_built.toml")
-
-
-@pytest.fixture(scope="module")
-def ops():
-    found = importlib.util.find_spec("openseespylinux")
-    if found is None:
-        pytest.skip("openseespy is not installed")
-    libraries = Path(found.origin).parent / "lib"
-    for name in ("libquadmath.so.0", "libgfortran.so.4", "libblas.so.3", "liblapack.so.3"):
-        if (libraries / name).is_file():
-            ctypes.CDLL(str(libraries / name), mode=ctypes.RTLD_GLOBAL)
-    module = pytest.importorskip("openseespy.opensees")
-    yield module
-    module.wipe()
 
 
 def test_compliance_is_that_of_opensees(ops):
@@ -49,7 +31,6 @@ def test_compliance_is_that_of_opensees(ops):
     moved = np.zeros_like(force)
     moved[free] = spsolve(structure.stiffness[free][:, free].tocsc(), force[free])
 
-    ops.wipe()
     ops.model("basic", "-ndm", 3, "-ndf", 6)
     for number, position in enumerate(nodes):
         ops.node(number, *map(float, position))

@@ -1,0 +1,157 @@
+"""The product's frame against OpenSees, element for element: compliance, frequencies, and where the two must differ."""
+
+from dataclasses import replace
+
+import numpy as np
+import opensees_builder
+import opensees_loader
+import pytest
+from scipy import sparse
+from scipy.sparse import linalg as sparse_linalg
+from small_turbine import small_turbine
+
+from probupdate.structure import beam as beams
+from probupdate.structure.assembly import assemble, node_dofs
+from probupdate.structure.description import parse_description
+from probupdate.structure.eigen import lowest_modes
+from probupdate.structure.frame import Support, tube_property
+from probupdate.structure.turbine_frame import build_frame
+
+
+def frame_of(law="rigid", *, held_at_the_piles=True):
+    raw = small_turbine()
+    raw["mesh"]["elements_per_member"]["pile"] = 24
+    raw["jacket"]["joints"]["law"] = law
+    if law == "rigid":
+        raw["parameter"] = [p for p in raw["parameter"] if p["name"] != "LJF"]
+    description = parse_description(raw, "model.toml")
+    frame = build_frame(description)
+    if held_at_the_piles:
+        heads = {b.start for b in frame.beams if b.group == "pile" and frame.node_m[b.start][2] > -19.5}
+        below = {n for b in frame.beams if b.group == "pile" for n in (b.start, b.end)} | heads
+        frame = replace(frame, beams=tuple(b for b in frame.beams if b.group != "pile"), springs=(),
+                        supports=tuple(Support(node=n) for n in sorted(below)))  # fmt: skip
+    return frame, description.values
+
+
+def dry(frame):
+    return replace(frame, beams=tuple(replace(b, carried=()) for b in frame.beams))
+
+
+def solve(frame, values, n_mode, *, rotary=True):
+    """Our frequencies; without the rotary inertia of cross-sections in bending, which OpenSees' element leaves out."""
+    assembled = assemble(frame, updated=(), values=values)
+    M = assembled.mass[0]
+    if not rotary:
+        size = 6 * len(frame.node_m)
+        spin = np.zeros((size, size))
+        for b in frame.beams:
+            start, end = frame.node_m[b.start], frame.node_m[b.end]
+            local = beams.rotary_mass(float(np.linalg.norm(end - start)))[0]
+            inertia = b.density_kgpm3 * float(tube_property(b.tube, "second_moment").value(values))
+            dofs = node_dofs(b.start, b.end)
+            spin[np.ix_(dofs, dofs)] += inertia * beams.to_global(local, beams.axes(start, end))
+        T = assembled.transform.toarray()
+        M = sparse.csc_array(M.toarray() - T.T @ spin @ T)
+    value, _ = lowest_modes(assembled.stiffness[0], M, n_mode)
+    return np.sqrt(value) / (2 * np.pi)
+
+
+def displacement(frame, values, node, load):
+    """(n_node, 6) for a load (6,) at a node."""
+    assembled = assemble(frame, updated=(), values=values)
+    force = np.zeros(6 * len(frame.node_m))
+    force[node_dofs(node)] = load
+    q = sparse_linalg.spsolve(assembled.stiffness[0], assembled.transform.T @ force)
+    return (assembled.transform @ q).reshape(-1, 6)
+
+
+LOAD = np.array([1e6, 5e5, -2e6, 1e6, 3e6, 4e6])
+
+
+def tower_top(frame):
+    return int(np.flatnonzero(np.all(np.abs(frame.node_m - [0, 0, 50.0]) < 1e-9, axis=1))[0])
+
+
+def compare_static(ops, frame, values, tolerance):
+    top = tower_top(frame)
+    ours = displacement(frame, values, top, LOAD)
+    opensees_builder.build(ops, frame, values)
+    opensees_builder.static(ops, top, LOAD)
+    nodes = sorted({n for b in frame.beams for n in (b.start, b.end)})
+    theirs = np.array([[ops.nodeDisp(n, k) for k in range(1, 7)] for n in nodes])
+    worst = max(
+        np.abs(ours[nodes][:, part] - theirs[:, part]).max() / np.abs(theirs[:, part]).max()
+        for part in (slice(0, 3), slice(3, 6))
+    )
+    assert worst < tolerance
+    return worst
+
+
+def test_compliance_with_rigid_joints(ops):
+    frame, values = frame_of()
+    compare_static(ops, frame, values, 1e-8)
+
+
+def test_compliance_with_flexible_joints(ops):
+    """A penalty of 1e14 N/m stands for what a joint does not release."""
+    frame, values = frame_of("fessler")
+    rigid, _ = frame_of()
+    compare_static(ops, frame, values, 1e-6)
+    # and the joints are felt: more than a hundred times the tolerance
+    soft, stiff = (displacement(f, values, tower_top(f), LOAD)[tower_top(f)] for f in (frame, rigid))
+    assert abs(soft[0] / stiff[0] - 1) > 1e-3
+
+
+def test_frequencies_where_the_formulations_agree(ops):
+    """Dry, rigid joints, held at the pile heads, our rotary inertia taken away: one formulation in two programs."""
+    frame, values = frame_of()
+    frame = dry(frame)
+    opensees_builder.build(ops, frame, values)
+    theirs = opensees_builder.frequencies(ops, 10)
+    assert solve(frame, values, 10, rotary=False) == pytest.approx(theirs, rel=1e-9)
+
+
+def test_rotary_inertia_is_the_difference_of_the_dry_frames(ops):
+    frame, values = frame_of()
+    frame = dry(frame)
+    opensees_builder.build(ops, frame, values)
+    theirs = opensees_builder.frequencies(ops, 10)
+    loss = 1 - solve(frame, values, 10) / theirs
+    # inertia only slows; a short tower of 5 m diameter feels it more than a slender one
+    assert np.all(loss > 0) and loss[0] < 1e-3 and loss.max() < 5e-3
+    assert loss.max() > 1e-4
+
+
+def test_water_moves_across_and_does_not_spin(ops):
+    """OpenSees lets water, growth and added mass move along the member and spin about it: no mode of ours is slower."""
+    frame, values = frame_of()
+    opensees_builder.build(ops, frame, values, water=True)
+    theirs = opensees_builder.frequencies(ops, 10)
+    ours = solve(frame, values, 10, rotary=False)
+    gain = ours / theirs - 1
+    assert np.all(gain > -1e-6)
+    # sway moves the legs mostly across: little there, more where members spin or move along
+    assert gain[:2].max() < 1e-4 and gain.max() < 5e-3
+    assert gain.max() > 1e-5
+
+
+def test_lumped_soil_springs_stay_close_to_consistent_ones(ops):
+    frame, values = frame_of(held_at_the_piles=False)
+    frame = dry(frame)
+    opensees_builder.build(ops, frame, values)
+    theirs = opensees_builder.frequencies(ops, 4)
+    assert solve(frame, values, 4, rotary=False) == pytest.approx(theirs, rel=5e-3)
+
+
+def test_an_opensees_that_cannot_be_loaded_gives_its_reason(monkeypatch):
+    def fail(name):
+        try:
+            raise ImportError("libgfortran.so.5: cannot open shared object file")
+        except ImportError:
+            raise RuntimeError("Failed to import openseespy on Linux.")  # noqa: B904
+
+    monkeypatch.setattr(opensees_loader.importlib, "import_module", fail)
+    monkeypatch.setattr(opensees_loader.importlib.util, "find_spec", lambda name: None)
+    with pytest.raises(ImportError, match=r"libgfortran\.so\.5: cannot open"):
+        opensees_loader.load_opensees()
