@@ -123,6 +123,14 @@ def _seen(place: np.ndarray, azimuth: float = -0.95, elevation: float = 0.2) -> 
     return np.stack([right, np.cos(elevation) * place[..., 2] - np.sin(elevation) * away], axis=-1)
 
 
+def _draw_wire(axes: Axes, place: np.ndarray, line: np.ndarray, **look) -> None:
+    """Lines between nodes (n_node, 2), or the nodes themselves where no line joins them."""
+    if len(line):
+        axes.add_collection(LineCollection(place[line], **look))
+    else:
+        axes.plot(place[:, 0], place[:, 1], ls="none", marker="o", ms=1.8, color=look["colors"])
+
+
 @styled
 def mode_shapes(
     wire: Wireframe, titles: Sequence[str], states: Mapping[str, np.ndarray], points_m: np.ndarray | None = None,
@@ -143,11 +151,11 @@ def mode_shapes(
     looks = {"initial": {"colors": "#8a6d3b", "linewidths": 0.7, "linestyles": (0, (4, 2))},
              "updated": {"colors": BLUE, "linewidths": 1.0}}
     for j, axes in enumerate(panels[:n_mode]):
-        axes.add_collection(LineCollection(_seen(wire.node_m)[wire.line], colors=PALE, linewidths=0.6))
+        _draw_wire(axes, _seen(wire.node_m), wire.line, colors=PALE, linewidths=0.6)
         for name, displacement in states.items():
             if np.all(np.isfinite(displacement[:, :, j])):
                 drawn = _seen(wire.node_m + displacement[:, :, j])
-                axes.add_collection(LineCollection(drawn[wire.line], **looks[name]))
+                _draw_wire(axes, drawn, wire.line, **looks[name])
         if measured is not None:
             moved = _seen(points_m + measured[:, :, j])
             axes.plot(moved[:, 0], moved[:, 1], ls="none", marker="o", ms=3.6, mfc="white", mec=RED, mew=1.1)

@@ -42,12 +42,12 @@ def modes_section(run: Run) -> Section:
         names=MODE_NAMES if run.jacket else {}, planes=planes,
     )
     static = figures.mode_shapes(run.model.wire, *_drawn(data))
+    handling = "Drag turns, after a click the wheel zooms, shift-drag moves; arrow keys and space work too."
     caption = (
-        "Drag turns, the wheel zooms, shift-drag moves; arrow keys and space work too. Circles: the motion measured at "
-        "the sensors. Each computed shape is scaled to the measured one; where two modes form a close pair the "
+        f"{handling} Circles: the motion measured at the sensors. Each computed shape is scaled to the measured one; where two modes form a close pair the "
         "computed pair is turned within its plane onto the measured pair, as the update does."
         if measured_shape is not None
-        else "Drag turns, the wheel zooms, shift-drag moves; arrow keys and space work too."
+        else handling
     )
     still = Picture(svg=figures.svg_text(static, "shapes"),
                     caption="The same at the largest displacement: grey at rest, blue updated, dashed initial; "

@@ -143,7 +143,8 @@ def _distance_table(rows: tuple[ComparisonRow, ...]) -> Table:
         cells.append((r.name, _signed(r.step_distance), _signed(r.anchored_distance), _signed(r.map_distance),
                       fixed(r.contraction, 2), r.identified, words))
     far = {k for k, r in enumerate(rows) if max(abs(r.step_distance), abs(r.anchored_distance)) > 1}
-    return Table(caption="Distance from the posterior mean, in posterior deviations", columns=columns, rows=tuple(cells), marked=frozenset(far),
+    return Table(caption="Distance from the posterior mean, in posterior deviations", columns=columns,
+                 rows=tuple(cells), marked=frozenset(far),
                  note="Emphasised: an update more than one posterior deviation from the posterior mean.")
 
 

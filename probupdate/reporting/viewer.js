@@ -99,6 +99,11 @@
         context.beginPath(); context.moveTo(place[i][0], place[i][1]); context.lineTo(place[j][0], place[j][1]); context.stroke();
       });
       context.setLineDash([]);
+      // nodes that no line joins are all there is to see of some models
+      if (!data.lines.length) {
+        context.fillStyle = style.color;
+        place.forEach((q) => { context.beginPath(); context.arc(q[0], q[1], thick ? 2.6 : 1.8, 0, 2 * Math.PI); context.fill(); });
+      }
     }
 
     function plane(level) {
@@ -192,7 +197,9 @@
     });
     ["pointerup", "pointercancel"].forEach((n) => canvas.addEventListener(n, () => { grip = null; }));
     canvas.addEventListener("contextmenu", (e) => e.preventDefault());
+    // a page is scrolled with the wheel too: it zooms only once the picture was clicked
     canvas.addEventListener("wheel", (e) => {
+      if (document.activeElement !== canvas) return;
       e.preventDefault();
       state.zoom = Math.max(0.3, Math.min(12, state.zoom * Math.exp(-e.deltaY * 0.0012)));
       draw();

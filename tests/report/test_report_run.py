@@ -215,3 +215,19 @@ def test_a_measured_bridge_needs_no_campaign_and_no_geometry(tmp_path):
                          - 1) < 0.25)
     page = report(tmp_path, tmp_path / "r.html").read_text(encoding="utf-8")
     assert "channel by channel" in page and "class=\"number paper\"" not in page and "mode 5" in page
+
+
+def test_a_model_of_matrices_with_places_is_drawn_in_space(tmp_path, full_run):
+    """Nodes without lines: dots. The channels' places are not known, so nothing measured is drawn among them."""
+    _write_model(tmp_path, full_run.update.parameters, full_run.modes.channels)
+    write_modes(full_run.nine, tmp_path / "nine.json")
+    with np.load(tmp_path / "model.npz") as archive:
+        content = dict(archive)
+    n = len(content["channel"])
+    content |= {"node_position_m": np.column_stack([np.zeros(n), np.zeros(n), np.arange(n)]), "dof_node": np.arange(n),
+                "dof_direction": np.zeros(n, int)}
+    np.savez(tmp_path / "model.npz", **content)
+    run = read_run(tmp_path, silent)
+    assert run.model.wire.node_m.shape == (n, 3) and len(run.model.wire.line) == 0
+    page = report(tmp_path, tmp_path / "r.html").read_text(encoding="utf-8")
+    assert "data-viewer>" in page and "Drag turns" in page
