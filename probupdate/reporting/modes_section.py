@@ -44,8 +44,9 @@ def modes_section(run: Run) -> Section:
     static = figures.mode_shapes(run.model.wire, *_drawn(data))
     handling = "Drag turns, after a click the wheel zooms, shift-drag moves; arrow keys and space work too."
     caption = (
-        f"{handling} Circles: the motion measured at the sensors. Each computed shape is scaled to the measured one; where two modes form a close pair the "
-        "computed pair is turned within its plane onto the measured pair, as the update does."
+        f"{handling} Circles: the motion measured at the sensors. Each computed shape is scaled to the measured one; "
+        "where two modes form a close pair the computed pair is turned within its plane onto the measured "
+        "pair, as the update does."
         if measured_shape is not None
         else handling
     )
@@ -53,7 +54,8 @@ def modes_section(run: Run) -> Section:
                     caption="The same at the largest displacement: grey at rest, blue updated, dashed initial; "
                     "circles: measured at the sensors.")
     return Section(anchor="modes", title=title, items=(Viewer(data=data, caption=caption), still),
-                   lead="The global modes as measured, as first computed and after the update (the paper's Fig. 3).")
+                   lead="The global modes as measured, as first computed and after the update"
+                   + (" (the paper's Fig. 3)." if run.jacket else "."))
 
 
 def _shapes_by_channel(run: Run) -> Picture | None:
