@@ -3,7 +3,7 @@
 Proper orthogonal decomposition of full solutions in the K-energy norm; the smallest basis that answers points it has
 not seen within the tolerance, verified on yet other points. A plane of symmetry splits it into blocks that do not
 couple, which halves the size of what has to be solved. Outside its box the full model answers instead, row by
-row, and every such row is flagged.
+row, and every such row is flagged (`reduced_model`).
 """
 
 from __future__ import annotations
@@ -13,15 +13,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import linalg, sparse
-from scipy.linalg import lapack
 from scipy.sparse import csgraph
 from scipy.stats import qmc
 
 from probupdate.errors import ConvergenceError, InputError
-from probupdate.model import ManySolutions, ModalSolution, Wireframe
-from probupdate.modes import frozen_array, plane_mac
+from probupdate.modes import plane_mac
 from probupdate.progress import Progress, silent
 from probupdate.structure.affine import AffineModel
+from probupdate.structure.reduced_model import ReducedModel, ReductionReport, project
 
 # a point that only fills the box, where a cloud of likely points is given, may be off by this much more
 BOX_ALLOWANCE = 10.0
@@ -38,174 +37,7 @@ MARGIN = 0.5
 MIXED_GAP = 2e-3
 # snapshots, scaled to unit energy, that have less than this in common belong to different families of symmetry
 COUPLING = 1e-7
-# what families of basis vectors share by rounding, as a share of a term's largest entry; frequencies feel its square
-ROUNDING = 1e-5
-CHUNK = 64
 MAX_ROUNDS = 8
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class ReductionReport:
-    """What was promised and what was found on `n_verify` points that took no part in building the basis.
-
-    Errors of frequencies are relative. max_frequency_error and min_mac (of planes for close modes) are the worst over
-    the points taken from the cloud, or from the whole box where no cloud was given; max_box_error that over all.
-    """
-
-    size: int
-    n_snapshot: int
-    n_verify: int
-    max_frequency_error: float
-    max_box_error: float
-    min_mac: float
-    frequency_tolerance: float
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Block:
-    """Vectors of the basis that no other vector couples with: their numbers `rows` (k,), ascending, and the model's
-    projections stiffness, mass (n_term, k, k) and at_channels (n_channel, k).
-
-    `n_mode`: how many modes are computed at first, one more than it had among the lowest at any check.
-    """
-
-    rows: np.ndarray
-    n_mode: int
-    stiffness: np.ndarray
-    mass: np.ndarray
-    at_channels: np.ndarray
-
-    def leading(self, size: int) -> Block:
-        """Without the vectors from number `size` on."""
-        k = int(np.sum(self.rows < size))
-        return replace(self, rows=self.rows[:k], stiffness=self.stiffness[:, :k, :k], mass=self.mass[:, :k, :k],
-                       at_channels=self.at_channels[:, :k])  # fmt: skip
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class ReducedModel:
-    """Implements `model.Model` for the box [lower, upper]; `full` answers outside it.
-
-    `basis` (n_dof, r), K-orthonormal at a middle point, the most energetic vector first; `projected` is the model on
-    it, for derivatives, and `blocks` the same for many quick solutions.
-    """
-
-    full: AffineModel
-    projected: AffineModel
-    basis: np.ndarray
-    lower: np.ndarray
-    upper: np.ndarray
-    n_mode: int
-    blocks: tuple[Block, ...]
-    frequency_tolerance: float
-    report: ReductionReport | None = None
-
-    @property
-    def name(self) -> str:
-        return self.full.name
-
-    @property
-    def parameters(self):
-        return self.full.parameters
-
-    @property
-    def channels(self) -> tuple[str, ...]:
-        return self.full.channels
-
-    @property
-    def derived(self):
-        return self.full.derived
-
-    def covers(self, theta: np.ndarray) -> np.ndarray:
-        """(...,) bool: inside the box the basis was built and verified for."""
-        return np.all((theta >= self.lower) & (theta <= self.upper), axis=-1)
-
-    def solve(
-        self,
-        theta: np.ndarray,
-        n_mode: int,
-        *,
-        derivatives: bool = False,
-        clusters: tuple[tuple[int, ...], ...] = (),
-    ) -> ModalSolution:
-        inside = n_mode <= self.n_mode and bool(self.covers(np.asarray(theta, float)))
-        model = self.projected if inside else self.full
-        return model.solve(theta, n_mode, derivatives=derivatives, clusters=clusters)
-
-    def solve_many(self, theta: np.ndarray, n_mode: int) -> ManySolutions:
-        theta = np.atleast_2d(np.asarray(theta, float))
-        if n_mode > self.n_mode:
-            raise InputError(self.name, f"{n_mode} modes asked of a basis for {self.n_mode}", "build it for more modes")
-        inside = self.covers(theta)
-        frequency = np.empty((len(theta), n_mode))
-        shape = np.empty((len(theta), len(self.channels), n_mode))
-        if inside.any():
-            frequency[inside], shape[inside] = self._solve_inside(theta[inside], n_mode)
-        for row in np.flatnonzero(~inside):
-            solution = self.full.solve(theta[row], n_mode)
-            frequency[row], shape[row] = solution.frequency_hz, solution.shape
-        return ManySolutions(frequency_hz=frequency, shape=shape, fallback=~inside)
-
-    def _solve_inside(self, theta, n_mode):
-        """frequency_hz (n, n_mode) and shape (n, n_channel, n_mode) from the basis."""
-        frequency, shape = np.empty((len(theta), n_mode)), np.empty((len(theta), len(self.channels), n_mode))
-        for start in range(0, len(theta), CHUNK):
-            rows = np.arange(start, min(start + CHUNK, len(theta)))
-            first = [min(block.n_mode, n_mode) for block in self.blocks]
-            value, shape[rows], exhausted = self._solve_chunk(theta[rows], n_mode, first)
-            if exhausted.any():
-                again = rows[exhausted]
-                value[exhausted], shape[again], _ = self._solve_chunk(theta[again], n_mode, [n_mode] * len(first))
-            frequency[rows] = np.sqrt(value) / (2 * np.pi)
-        return frequency, shape
-
-    def _solve_chunk(self, theta, n_mode, numbers):
-        """lambda (n, n_mode), shapes (n, n_channel, n_mode) from `numbers` of modes of each block, and where all that
-        were computed of a block are among the lowest (n,), so that more of it may be."""
-        cK, cM = self.full.coefficients(theta)
-        solved = [_solve_block(block, cK, cM, n) for block, n in zip(self.blocks, numbers, strict=True)]
-        value, seen = (np.concatenate(part, axis=-1) for part in zip(*solved, strict=True))
-        order = np.argsort(value, axis=1)[:, :n_mode]
-        value, seen = np.take_along_axis(value, order, 1), np.take_along_axis(seen, order[:, None, :], 2)
-        exhausted = np.zeros(len(theta), bool)
-        for block, n, (own, _) in zip(self.blocks, numbers, solved, strict=True):
-            if n < min(n_mode, len(block.rows)):
-                exhausted |= own[:, -1] <= value[:, -1]
-        return value, seen, exhausted
-
-    def _with_shares(self, theta) -> ReducedModel:
-        """With every block's n_mode from these points."""
-        blocks = []
-        cK, cM = self.full.coefficients(theta)
-        solved = [_solve_block(block, cK, cM, self.n_mode)[0] for block in self.blocks]
-        last = np.sort(np.concatenate(solved, axis=1), axis=1)[:, self.n_mode - 1]
-        for block, value in zip(self.blocks, solved, strict=True):
-            most = int(np.sum(value <= last[:, None], axis=1).max())
-            blocks.append(replace(block, n_mode=min(most + 1, self.n_mode)))
-        return replace(self, blocks=tuple(blocks))
-
-    def wireframe(self, theta: np.ndarray, n_mode: int = 0) -> Wireframe | None:
-        return self.full.wireframe(theta, n_mode)
-
-    def fingerprint(self) -> str:
-        """That of the full model: the reduction is an approximation of the same answers, within its report."""
-        return self.full.fingerprint()
-
-
-def _solve_block(block: Block, cK, cM, n_mode):
-    """lambda (n, k) and shapes at the channels (n, n_channel, k) of a block, k = n_mode or its size if that is less."""
-    size = len(block.rows)
-    n_mode = min(n_mode, size)
-    K, M = np.tensordot(cK, block.stiffness, 1), np.tensordot(cM, block.mass, 1)
-    value, vector = np.empty((len(K), n_mode)), np.empty((len(K), size, n_mode))
-    for row in range(len(K)):
-        # a symmetric C-ordered matrix is its own Fortran-ordered transpose: no copy
-        w, z, found, _, info = lapack.dsygvx(K[row].T, M[row].T, range="I", il=1, iu=n_mode, overwrite_a=1,
-                                             overwrite_b=1)  # fmt: skip
-        if info != 0 or found != n_mode:
-            raise ConvergenceError(f"reduced eigenproblem failed (dsygvx info {info})", (cK[row], cM[row]))
-        value[row], vector[row] = w[:n_mode], z[:, :n_mode]
-    return value, block.at_channels @ vector
 
 
 def reduce_basis(
@@ -239,28 +71,29 @@ def reduce_basis(
     column = (faces // 4) % len(lower)
     theta[faces, column] = np.where((faces // 4) // len(lower) % 2 == 0, lower[column], upper[column])
     snapshots = _solve_full(model, theta, n_mode, "snapshots", progress)
+    checks = _Checks.solve(model, *draw(n_verify), n_mode, "size", progress)
     for _ in range(MAX_ROUNDS):
         basis, family = _proper_orthogonal(_unmixed(snapshots, K), K, max_size)
-        largest = _project(model, basis, family, (lower, upper), n_mode, frequency_tolerance)
-        checks = _Checks.solve(model, *draw(n_verify), n_mode, "size", progress)
-        reduced = _smallest(largest, checks)
-        if reduced is not None:
-            final = _Checks.solve(model, *draw(n_verify), n_mode, "verification", progress)
-            size = reduced.basis.shape[1]
-            reduced = _project(model, basis[:, :size], family[:size], (lower, upper), n_mode, frequency_tolerance)
-            reduced = reduced._with_shares(checks.theta)
-            error, least_mac = final.judge(reduced)
+        largest = project(model, basis, family, (lower, upper), n_mode, frequency_tolerance)
+        size = _smallest(largest, checks)
+        if size is None:
+            # what was worst joins the snapshots
+            snapshots += checks.worst(largest)
+            continue
+        reduced = project(model, basis[:, :size], family[:size], (lower, upper), n_mode, frequency_tolerance)
+        reduced = reduced.with_shares(checks.theta)
+        final = _Checks.solve(model, *draw(n_verify), n_mode, "verification", progress)
+        error, least_mac = final.judge(reduced)
+        if np.all(error <= final.tolerance) and least_mac >= LEAST_MAC:
             report = ReductionReport(
                 size=size, n_snapshot=len(snapshots), n_verify=n_verify,
                 max_frequency_error=float(error[final.tolerance == frequency_tolerance].max()),
                 max_box_error=float(error.max()), min_mac=least_mac, frequency_tolerance=frequency_tolerance,
             )  # fmt: skip
-            reduced = replace(reduced, report=report)
-            if np.all(error <= final.tolerance) and least_mac >= LEAST_MAC:
-                return reduced
-            snapshots += final.worst(error)
-        # what was worst joins the snapshots; the next round checks on new points
-        snapshots += checks.worst(checks.judge(reduced or largest)[0])
+            return replace(reduced, report=report)
+        # points that have decided once decide the size from now on; the next verification takes new ones
+        snapshots += final.worst(reduced)
+        checks = checks.joined(final)
     error, least_mac = checks.judge(largest)
     raise ConvergenceError(
         f"{model.name}: a basis of {largest.basis.shape[1]} vectors leaves a relative frequency error of "
@@ -331,30 +164,34 @@ class _Checks:
                     worst = min(worst, plane_mac(fast_shape[row][:, group], shape[:, group]))
         return np.abs(fast / self.frequency_hz[:, :n_mode] - 1).max(axis=1), worst
 
-    def worst(self, error: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
-        """Solutions at the points that fail, or come close to it."""
-        return [self.solved[row] for row in np.flatnonzero(error > MARGIN * self.tolerance)]
+    def worst(self, reduced: ReducedModel) -> list[tuple[np.ndarray, np.ndarray]]:
+        """Solutions at the points that fail or come close to it, one at least."""
+        error, _ = self.judge(reduced)
+        rows = np.flatnonzero(error > MARGIN * self.tolerance)
+        return [self.solved[row] for row in (rows if rows.size else [np.argmax(error)])]
+
+    def joined(self, other: _Checks) -> _Checks:
+        return _Checks(
+            model=self.model, theta=np.vstack([self.theta, other.theta]),
+            tolerance=np.concatenate([self.tolerance, other.tolerance]),
+            frequency_hz=np.vstack([self.frequency_hz, other.frequency_hz]), solved=self.solved + other.solved,
+        )  # fmt: skip
 
 
-def _smallest(largest: ReducedModel, checks: _Checks) -> ReducedModel | None:
-    """The smallest leading part of the basis within MARGIN of the tolerance at every check, by bisection."""
+def _smallest(largest: ReducedModel, checks: _Checks) -> int | None:
+    """Size of the smallest leading part of the basis within MARGIN of the tolerance at every check, by bisection."""
+
     def fits(size):
-        part = _leading(largest, size)
-        error, least_mac = checks.judge(part)
-        return part if np.all(error <= MARGIN * checks.tolerance) and least_mac >= LEAST_MAC else None
+        error, least_mac = checks.judge(largest.leading(size))
+        return bool(np.all(error <= MARGIN * checks.tolerance) and least_mac >= LEAST_MAC)
 
     low, high = largest.n_mode, largest.basis.shape[1]
-    best = fits(high)
-    while best is not None and high - low > 4:
+    if not fits(high):
+        return None
+    while high - low > 4:
         middle = (low + high) // 2
-        part = fits(middle)
-        low, high, best = (middle, high, best) if part is None else (low, middle, part)
-    return best
-
-
-def _leading(reduced: ReducedModel, size: int) -> ReducedModel:
-    blocks = tuple(block.leading(size) for block in reduced.blocks if block.rows[0] < size)
-    return replace(reduced, basis=reduced.basis[:, :size], blocks=blocks)
+        low, high = (low, middle) if fits(middle) else (middle, high)
+    return high
 
 
 def _unmixed(snapshots, K) -> np.ndarray:
@@ -415,46 +252,6 @@ def _orthonormal(basis, K):
         factor = np.linalg.cholesky(basis.T @ (K @ basis))
         basis = np.linalg.solve(factor, basis.T).T
     return basis
-
-
-def _project(model, basis, family, box, n_mode, tolerance) -> ReducedModel:
-    stiffness, mass = (
-        np.array([0.5 * (a + a.T) for a in (basis.T @ (term @ basis) for term in terms)])
-        for terms in (model.stiffness, model.mass)
-    )
-    at_channels = model.channel_matrix @ basis
-    projected = AffineModel(
-        name=f"{model.name} (reduced)",
-        parameters=model.parameters,
-        channels=model.channels,
-        stiffness=tuple(sparse.csc_array(a) for a in stiffness),
-        mass=tuple(sparse.csc_array(a) for a in mass),
-        coefficients=model.coefficients,
-        channel_matrix=sparse.csr_array(at_channels),
-        hash_key=model.hash_key,
-        derived=model.derived,
-    )
-    blocks = []
-    for rows in _uncoupled(np.concatenate([stiffness, mass]), family):
-        blocks.append(Block(
-            rows=rows, n_mode=n_mode, stiffness=frozen_array(stiffness[:, rows[:, None], rows]),
-            mass=frozen_array(mass[:, rows[:, None], rows]), at_channels=frozen_array(at_channels[:, rows]),
-        ))  # fmt: skip
-    return ReducedModel(
-        full=model, projected=projected, basis=frozen_array(basis), lower=frozen_array(box[0]),
-        upper=frozen_array(box[1]), n_mode=n_mode, blocks=tuple(blocks), frequency_tolerance=tolerance,
-    )  # fmt: skip
-
-
-def _uncoupled(terms: np.ndarray, family: np.ndarray) -> list[np.ndarray]:
-    """The families' rows, those joined that any term couples."""
-    number = family.max() + 1
-    member = np.eye(number)[family]
-    largest = np.abs(terms).max(axis=(1, 2))
-    coupled = np.any(np.abs(terms) > ROUNDING * largest[:, None, None], axis=0)
-    between = member.T @ coupled @ member > 0
-    n_block, label = csgraph.connected_components(sparse.csr_array(between), directed=False)
-    return [np.flatnonzero(label[family] == k) for k in range(n_block)]
 
 
 def clusters_of(frequency_hz: Sequence[float], gap: float = CLUSTER_GAP) -> list[list[int]]:
