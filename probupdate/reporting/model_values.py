@@ -7,14 +7,13 @@ from collections.abc import Mapping
 import numpy as np
 
 from probupdate.estimators.update_file import UpdateRecord
-from probupdate.matching import MIN_MAC, channel_rows, close_clusters, match
+from probupdate.matching import MIN_MAC, SPARE, channel_rows, close_clusters, match
 from probupdate.model import Model
 from probupdate.modes import ModalData, ModalSet
+from probupdate.problem import SEARCH
 from probupdate.reporting.values import ModelValues
 from probupdate.reporting.viewer import ShapedModes
 
-# computed modes beyond the measured ones: local modes of single members lie between the global ones
-SPARE_MODES = 9
 # modes drawn of a model that nothing was measured on
 N_PLAIN = 6
 
@@ -41,12 +40,14 @@ def model_values(model: Model, data: ModalData | None, update: UpdateRecord | No
         labels = tuple(f"mode {k + 1}" for k in range(N_PLAIN))
         states = {name: _first_modes(model, values) for name, values in theta.items()}
         return ModelValues(model=model, wire=wire, labels=labels, pairs=(), states=states)
-    clusters = close_clusters(chosen.frequency_hz)
+    clusters, n_mode = close_clusters(chosen.frequency_hz), data.n_mode + SEARCH
     if update is not None:
+        # the modes that the update looked through, so that the same ones are drawn
+        n_mode = int(update.computed_mode.max()) + SPARE
         single = set(range(chosen.frequency_hz.size)) - {j for pair in update.pairs for j in pair}
         clusters = [*update.pairs, *((j,) for j in sorted(single))]
     labels = data.labels or tuple(f"mode {k + 1}" for k in range(data.n_mode))
-    states = {name: _matched_modes(model, values, data, chosen, clusters) for name, values in theta.items()}
+    states = {name: _matched_modes(model, values, n_mode, data, chosen, clusters) for name, values in theta.items()}
     pairs = tuple(c for c in clusters if len(c) > 1)
     return ModelValues(model=model, wire=wire, labels=labels, pairs=pairs, states=states)
 
@@ -64,8 +65,9 @@ def _displacement(model: Model, theta: np.ndarray, n_mode: int) -> np.ndarray:
     return np.zeros((0, 3, n_mode)) if drawn is None else drawn.displacement
 
 
-def _matched_modes(model: Model, theta: np.ndarray, data: ModalData, chosen: ModalSet, clusters) -> ShapedModes:
-    n_mode = data.n_mode + SPARE_MODES
+def _matched_modes(
+    model: Model, theta: np.ndarray, n_mode: int, data: ModalData, chosen: ModalSet, clusters
+) -> ShapedModes:
     solution, drawn = model.solve(theta, n_mode), _displacement(model, theta, n_mode)
     rows = channel_rows(model, data.channels)
     # whatever resembles the measured mode least badly first, so that a poor model is no error here ...

@@ -142,6 +142,7 @@ def uncertain(run: Run) -> list[str]:
         if not fits(run.update):
             text = fit_sentence(run.update)
             said.append(f"{text[0].upper()}{text[1:]}.")
+        said += _too_close(run.update)
         said += _far_off(run.update)
         for s in run.update.schemes:
             if not s.converged:
@@ -172,6 +173,18 @@ def uncertain(run: Run) -> list[str]:
             said.append("The update as printed ends more than one posterior deviation from the posterior mean in "
                         f"{', '.join(far)}.")
     return said
+
+
+def _too_close(update: UpdateRecord) -> list[str]:
+    """A fit closer than the deviations allow: they are not this set's scatter."""
+    n = update.n_effective
+    if update.map_misfit >= n - 3 * np.sqrt(2 * n):
+        return []
+    ratio = np.sqrt(n / max(update.map_misfit, 1e-9))
+    return [
+        f"The model fits the data {number(ratio, 2)} times closer than the stated deviations: they are larger than this "
+        "set's own scatter (as those of a whole month are), and the posterior is as wide as they say."
+    ]
 
 
 def _far_off(update: UpdateRecord) -> list[str]:
