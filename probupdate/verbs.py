@@ -29,7 +29,7 @@ from probupdate.problem import Weights, paper_weights
 from probupdate.progress import Progress, silent
 from probupdate.reporting import report as write_report
 from probupdate.structure.load import REFERENCE_STATES, load_model, reference_model
-from probupdate.virtual import simulate
+from probupdate.virtual.simulation import simulate
 
 if TYPE_CHECKING:
     from probupdate.model import Model

@@ -1,4 +1,4 @@
-"""The posterior by emcee: started from truncated Laplace draws at the maximum, run until three criteria hold.
+"""The posterior by emcee: started from draws of its truncated Gaussian outline, run until three criteria hold.
 
 The chain is kept in segments beside the result, each written whole, with the fingerprint of problem and settings: a
 killed run goes on where its last segment ended, with the same numbers as an undisturbed one.
@@ -16,7 +16,7 @@ import emcee
 import numpy as np
 
 from probupdate.errors import InputError
-from probupdate.estimators.laplace import Laplace, conditional_draw, truncated_draws
+from probupdate.estimators.surrogate import TruncatedGaussian
 from probupdate.modes import frozen_array
 from probupdate.problem import Problem
 from probupdate.progress import Progress, silent
@@ -29,8 +29,8 @@ AUTOCORRELATION_TIMES = 50
 BURN_IN = 0.2
 # where part of what a move proposes is far: full jumps along differences of walkers carry them between modes
 JUMP_SHARE = 0.1
-# share of proposals from the Laplace approximation, and how often each sweeps up and down the parameters
-LAPLACE_SHARE, SWEEPS = 0.5, 3
+# share of proposals from the surrogate, and how often each sweeps up and down the parameters
+SURROGATE_SHARE, SWEEPS = 0.5, 3
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -78,49 +78,42 @@ class Chain:
         return self.theta[self.first :].reshape(-1, self.theta.shape[2])
 
 
-def moves(laplace: Laplace | None = None, parameters=None) -> list[tuple[emcee.moves.Move, float]]:
-    """Differential evolution, part of it with full-length jumps; with a Laplace approximation half of all proposals
-    come from its truncated Gaussian.
+def moves(surrogate: TruncatedGaussian | None = None) -> list[tuple[emcee.moves.Move, float]]:
+    """Differential evolution, part of it with full-length jumps; with a surrogate half of all proposals come from it.
 
     Not offered: DESnookerMove of emcee 3.1.6 leaves the wrong variance, GaussianMove with a full covariance moves all
     walkers alike.
     """
-    own = 0.0 if laplace is None else LAPLACE_SHARE
+    own = 0.0 if surrogate is None else SURROGATE_SHARE
     chosen = [(emcee.moves.DEMove(), 1 - own - JUMP_SHARE), (emcee.moves.DEMove(gamma0=1.0), JUMP_SHARE)]
-    if laplace is not None:
-        chosen.append((LaplaceMove(laplace, parameters), own))
+    if surrogate is not None:
+        chosen.append((SurrogateMove(surrogate), own))
     return chosen
 
 
-class LaplaceMove(emcee.moves.RedBlueMove):
-    """Proposals that leave the truncated Gaussian of a Laplace approximation as it is: Gibbs sweeps up and down the
-    parameters, which are reversible for it, so that the ratio of the two densities corrects for what it misses.
+class SurrogateMove(emcee.moves.RedBlueMove):
+    """Proposals that leave the surrogate's density as it is: Gibbs sweeps up and down the parameters, which are
+    reversible for it, so that the ratio of the two densities corrects for what it misses.
 
-    Alone it would miss tails that the Gaussian does not have; mixed with differential evolution it need not know them.
+    Alone it would be stuck in tails the surrogate does not have; mixed with differential evolution it need not know
+    them.
     """
 
-    def __init__(self, laplace: Laplace, parameters):
+    def __init__(self, surrogate: TruncatedGaussian):
         super().__init__()
-        self._laplace, self._parameters = laplace, parameters
+        self._surrogate = surrogate
 
     def get_proposal(self, sample, complement, random):
-        laplace, parameters = self._laplace, self._parameters
-        d = sample - laplace.theta
-        before = self._log_density(d)
-        order = np.arange(len(parameters))
+        order = np.arange(sample.shape[1])
+        theta = sample
         for _ in range(SWEEPS):
-            for k in (*order, *order[::-1]):
-                d[:, k] = conditional_draw(laplace, parameters, d, k, random.uniform(size=len(d)))
-        theta = np.clip(laplace.theta + d, parameters.lower, parameters.upper)
-        return theta, before - self._log_density(theta - laplace.theta)
-
-    def _log_density(self, d: np.ndarray) -> np.ndarray:
-        return d @ self._laplace.gradient - 0.5 * np.einsum("ij,jk,ik->i", d, self._laplace.precision, d)
+            theta = self._surrogate.sweep(theta, (*order, *order[::-1]), random)
+        return theta, self._surrogate.log_density(sample) - self._surrogate.log_density(theta)
 
 
 def sample(
     problem: Problem,
-    laplace: Laplace,
+    surrogate: TruncatedGaussian,
     folder: str | Path,
     settings: SamplerSettings,
     *,
@@ -146,14 +139,14 @@ def sample(
         return value
 
     sampler = emcee.EnsembleSampler(
-        n_walker, len(parameters), log_probability, vectorize=True, moves=moves(laplace, parameters),
+        n_walker, len(parameters), log_probability, vectorize=True, moves=moves(surrogate),
     )
     segments = store.read()
     rng = np.random.default_rng([settings.seed, 0])
     if segments:
         state = segments[-1].state
     else:
-        start = truncated_draws(laplace, parameters, n_walker, rng)
+        start = surrogate.draw(n_walker, rng)
         generator = np.random.RandomState(np.random.default_rng([settings.seed, 1]).integers(2**32, size=8))
         state = emcee.State(start, random_state=generator.get_state())
     while True:

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import linalg, special
+from scipy import linalg
 
 from probupdate.errors import ConvergenceError
 from probupdate.estimators.tikhonov import HALVINGS, ROUNDING, bounded_step, pinned
@@ -128,35 +128,3 @@ def _climb(problem: Problem, theta: np.ndarray) -> tuple[np.ndarray, float, bool
         if small * share < TOLERANCE:
             return theta, value, True
     return theta, value, False
-
-
-def conditional_draw(laplace: Laplace, parameters, d: np.ndarray, k: int, uniform: np.ndarray) -> np.ndarray:
-    """Parameter k of d = theta - MAP (n, n_param) anew from its truncated normal conditional, by inverting uniforms (n,)."""
-    precision = laplace.precision
-    others = d @ precision[:, k] - d[:, k] * precision[k, k]
-    mean = (laplace.gradient[k] - others) / precision[k, k]
-    std = 1 / np.sqrt(precision[k, k])
-    low = (parameters.lower[k] - laplace.theta[k] - mean) / std
-    high = (parameters.upper[k] - laplace.theta[k] - mean) / std
-    # the distribution function is exact in relative terms on its lower side only: turn the interval there
-    turned = low > 0
-    a, b = np.where(turned, -high, low), np.where(turned, -low, high)
-    below = special.ndtr(a)
-    x = special.ndtri(below + uniform * (special.ndtr(b) - below))
-    # so far out that the probability underflows, all of it lies at the nearer end
-    x = np.clip(np.where(np.isfinite(x), x, b), a, b)
-    return mean + std * np.where(turned, -x, x)
-
-
-def truncated_draws(laplace: Laplace, parameters, n: int, rng: np.random.Generator, sweeps: int = 60) -> np.ndarray:
-    """n draws (n, n_param) of the Gaussian exp(g^T d - d^T H d / 2), d = theta - MAP, cut at the bounds, by Gibbs
-    sweeps over the parameters, each from its truncated normal conditional.
-
-    With a gradient g at a bound this is the density's own fall-off from there, not half a Gaussian.
-    """
-    d = np.zeros((n, len(parameters)))
-    for _ in range(sweeps):
-        for k in range(len(parameters)):
-            d[:, k] = conditional_draw(laplace, parameters, d, k, rng.uniform(size=n))
-    # rounding may leave a draw a hair outside
-    return np.clip(laplace.theta + d, parameters.lower, parameters.upper)

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from probupdate.estimators.ensemble import BURN_IN, SamplerSettings, sample
-from probupdate.estimators.laplace import Laplace, maximum_a_posteriori, truncated_draws
+from probupdate.estimators.laplace import Laplace, maximum_a_posteriori
 from probupdate.estimators.nine_sets import update_sets
 from probupdate.estimators.posterior_file import MAX_DRAWS, Posterior
+from probupdate.estimators.surrogate import TruncatedGaussian, fit_surrogate
 from probupdate.estimators.tikhonov import TikhonovUpdate, update
 from probupdate.estimators.update_file import SCHEME_NAMES, ScatterRecord, SchemeRecord, UpdateRecord
 from probupdate.model import Model
@@ -23,8 +25,10 @@ from probupdate.structure.reduced import reduce_basis
 REDUCE_FROM = 200
 # relative frequency error a reduced basis may leave in the region the sampler visits
 FREQUENCY_TOLERANCE = 1e-5
-# draws the region is laid around, and how far beyond them it reaches, in their deviations
-N_REGION, REGION_MARGIN = 400, 1.0
+# the box around it, in prior deviations cut at the bounds, and what may be off there
+BOX_DEVIATIONS, BOX_TOLERANCE = 4.0, 1e-3
+# draws of the outline that stand for the region
+N_REGION = 400
 # posterior draws answered by the full model too, as a check of the reduced one
 N_CHECK = 24
 # draws whose responses are kept for pictures
@@ -119,28 +123,44 @@ def _scheme(problem: Problem, key: str, run: TikhonovUpdate, laplace: Laplace) -
     )
 
 
-def reduced_for_sampling(
-    problem: Problem, laplace: Laplace, seed: int, progress: Progress
-) -> tuple[Problem, dict[str, object]]:
-    """The problem on a reduced basis around the Laplace draws, where the model can be reduced, and what to say of it."""
-    model = problem.model
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Approach:
+    """What a chain needs: the problem on a fast model, the posterior's outline, and what to say of both."""
+
+    problem: Problem
+    surrogate: TruncatedGaussian
+    notes: dict[str, object]
+
+
+def approach(problem: Problem, laplace: Laplace, seed: int, progress: Progress = silent) -> Approach:
+    """Outline the posterior and reduce the model for it.
+
+    A first basis covers BOX_DEVIATIONS prior deviations to BOX_TOLERANCE; with it the outline is fitted, and where
+    that lies a second basis holds to FREQUENCY_TOLERANCE. Models that are small or cannot be reduced stay as they are.
+    """
+    model, parameters = problem.model, problem.parameters
+    rng = np.random.default_rng([seed, 2])
     if not isinstance(model, AffineModel) or model.n_dof < REDUCE_FROM:
-        return problem, {"reduced basis": "none: every evaluation solves the model as it is"}
-    parameters = problem.parameters
-    draws = truncated_draws(laplace, parameters, N_REGION, np.random.default_rng([seed, 2]))
-    margin = REGION_MARGIN * draws.std(axis=0)
-    lower = np.maximum(parameters.lower, draws.min(axis=0) - margin)
-    upper = np.minimum(parameters.upper, draws.max(axis=0) + margin)
-    reduced = reduce_basis(
-        model, n_mode=problem.matching.n_mode, box=(lower, upper), frequency_tolerance=FREQUENCY_TOLERANCE,
-        points=draws, seed=seed, progress=progress,
-    )
+        surrogate, share = fit_surrogate(problem, laplace, rng, progress)
+        text = "none: every evaluation solves the model as it is"
+        return Approach(problem=problem, surrogate=surrogate, notes={"reduced basis": text, "outline": share})
+    lower = np.maximum(parameters.lower, parameters.initial - BOX_DEVIATIONS * parameters.std)
+    upper = np.minimum(parameters.upper, parameters.initial + BOX_DEVIATIONS * parameters.std)
+    options = {"n_mode": problem.matching.n_mode, "box": (lower, upper), "seed": seed, "progress": progress}
+    coarse = reduce_basis(model, frequency_tolerance=BOX_TOLERANCE, **options)
+    surrogate, share = fit_surrogate(problem.with_model(coarse), laplace, rng, progress)
+    points = surrogate.draw(N_REGION, rng)
+    points = points[coarse.covers(points)]
+    reduced = reduce_basis(model, frequency_tolerance=FREQUENCY_TOLERANCE, points=points, **options)
     r = reduced.report
     text = (
         f"{r.size} vectors; on {r.n_verify} points not used to build it the frequencies differ by at most "
-        f"{r.max_frequency_error:.1e} of their value and the MAC is at least {r.min_mac:.5f}"
+        f"{r.max_frequency_error:.1e} of their value where the posterior lies and {r.max_box_error:.1e} within "
+        f"{BOX_DEVIATIONS:g} prior deviations; the MAC is at least {r.min_mac:.6f}"
     )
-    return problem.with_model(reduced), {"reduced basis": text}
+    return Approach(
+        problem=problem.with_model(reduced), surrogate=surrogate, notes={"reduced basis": text, "outline": share}
+    )
 
 
 def sample_posterior(
@@ -158,9 +178,10 @@ def sample_posterior(
     problem = build_problem(model, data, set_id=set_id, weights=weights)
     anchored = update(problem, penalty="prior", progress=progress)
     laplace = maximum_a_posteriori(problem, [anchored.theta[-1], model.parameters.initial])
-    fast, notes = reduced_for_sampling(problem, laplace, settings.seed, progress)
+    prepared = approach(problem, laplace, settings.seed, progress)
+    fast = prepared.problem
     chain = sample(
-        fast, laplace, folder, settings, fingerprint=f"{problem.fingerprint()} {FREQUENCY_TOLERANCE:g}",
+        fast, prepared.surrogate, folder, settings, fingerprint=f"{problem.fingerprint()} {FREQUENCY_TOLERANCE:g}",
         progress=progress,
     )
     kept = chain.theta[chain.first :]
@@ -178,7 +199,7 @@ def sample_posterior(
         np.max(np.abs(problem.misfit(predicted.response[: len(checked)]) - problem.misfit(full.response)))
     )
     edge = float(np.mean(predicted.computed.max(axis=1) == problem.matching.n_mode - 1))
-    record = notes | {
+    record = prepared.notes | {
         "set_id": problem.set_id, "weights": problem.weights.description, "seed": settings.seed,
         "walkers": kept.shape[1], "steps": chain.theta.shape[0], "thinned by": thin,
         "left out at the start": f"{100 * BURN_IN:g} % of the steps", "acceptance": chain.acceptance,
