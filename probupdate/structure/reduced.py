@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import cycle, islice
 
 import numpy as np
 from scipy import linalg, sparse
@@ -63,13 +64,16 @@ def reduce_basis(
     lower, upper = (np.asarray(b, float) for b in box)
     if lower.shape != (len(model.parameters),) or np.any(~np.isfinite(lower + upper)) or np.any(lower >= upper):
         raise InputError(f"{model.name}, reduced basis", "the box is empty or unbounded", "give finite lower < upper")
-    draw = _PointSource(lower, upper, points, seed, frequency_tolerance)
+    extremes, likely = _split_extremes(points, len(lower))
+    draw = _PointSource(lower, upper, likely, seed, frequency_tolerance)
     K, _ = model.matrices(0.5 * (lower + upper) if points is None else np.median(points, axis=0))
     theta, _ = draw(n_snapshot)
-    # every other point of the box moves to one of its faces, where soil factors make the largest changes
+    # the tails are where a basis fails: every other point of the box moves to one of its faces, and the cloud's
+    # extremes are all taken
     faces = np.arange(0, n_snapshot, 4)
     column = (faces // 4) % len(lower)
     theta[faces, column] = np.where((faces // 4) // len(lower) % 2 == 0, lower[column], upper[column])
+    theta = np.vstack([theta, np.clip(extremes, lower, upper)])
     snapshots = _solve_full(model, theta, n_mode, "snapshots", progress)
     checks = _Checks.solve(model, *draw(n_verify), n_mode, "size", progress)
     for _ in range(MAX_ROUNDS):
@@ -103,13 +107,22 @@ def reduce_basis(
     )
 
 
+def _split_extremes(points, n_param):
+    """The points with the least and the largest value of each parameter (n, n_param), and the others or None."""
+    if points is None:
+        return np.empty((0, n_param)), None
+    rows = np.unique(np.concatenate([points.argmin(axis=0), points.argmax(axis=0)]))
+    others = np.delete(points, rows, axis=0)
+    return points[rows], others if len(others) else points
+
+
 class _PointSource:
     """Successive points (n, n_param) and the tolerance at each (n,): even rows fill the box (scrambled Sobol), odd
-    ones come from the cloud."""
+    ones come from the cloud, each once before any comes again."""
 
     def __init__(self, lower, upper, cloud, seed, tolerance):
         self._sobol = qmc.Sobol(len(lower), seed=np.random.default_rng(seed))
-        self._rng = np.random.default_rng([seed, 1])
+        self._order = iter(()) if cloud is None else cycle(np.random.default_rng([seed, 1]).permutation(len(cloud)))
         self._lower, self._upper, self._cloud, self._tolerance = lower, upper, cloud, tolerance
 
     def __call__(self, n: int) -> tuple[np.ndarray, np.ndarray]:
@@ -119,8 +132,8 @@ class _PointSource:
         if self._cloud is None:
             return theta, np.full(n, self._tolerance)
         rows = np.arange(1, n, 2)
-        likely = self._cloud[self._rng.integers(len(self._cloud), size=len(rows))]
-        theta[rows] = np.clip(likely, self._lower, self._upper)
+        likely = list(islice(self._order, len(rows)))
+        theta[rows] = np.clip(self._cloud[likely], self._lower, self._upper)
         tolerance = np.full(n, BOX_ALLOWANCE * self._tolerance)
         tolerance[rows] = self._tolerance
         return theta, tolerance
