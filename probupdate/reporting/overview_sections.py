@@ -182,8 +182,8 @@ def _too_close(update: UpdateRecord) -> list[str]:
         return []
     ratio = np.sqrt(n / max(update.map_misfit, 1e-9))
     return [
-        f"The model fits the data {number(ratio, 2)} times closer than the stated deviations: they are larger than this "
-        "set's own scatter (as those of a whole month are), and the posterior is as wide as they say."
+        f"The model fits the data {number(ratio, 2)} times closer than the stated deviations: they are larger than "
+        "this set's own scatter (as those of a whole month are), and the posterior is as wide as they say."
     ]
 
 

@@ -14,6 +14,7 @@ from probupdate.estimators.update_file import SchemeRecord, UpdateRecord
 from probupdate.model import Wireframe
 from probupdate.modes import ModalData, ModalSet, Sensor
 from probupdate.parameters import Parameter, Parameters
+from probupdate.reporting import figures
 from probupdate.reporting.values import (
     CampaignValues,
     ModelValues,
@@ -227,3 +228,9 @@ def made_up_run(*, names: tuple[str, ...] = NAMES, title: str = "Made-up turbine
 @pytest.fixture(scope="session")
 def full_run() -> Run:
     return made_up_run()
+
+
+@pytest.fixture
+def undrawn(monkeypatch):
+    """Figures are built but not written out: what is tested is the page around them."""
+    monkeypatch.setattr(figures, "svg_text", lambda figure, prefix: f'<svg id="{prefix}"></svg>')

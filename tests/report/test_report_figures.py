@@ -101,8 +101,8 @@ def test_every_axis_is_labelled_with_its_unit(built, name):
             assert "[" in label or label in words, f"{name}: '{label}' has no unit"
 
 
-def test_svg_is_the_same_every_time(full_run):
-    one, two = _built(full_run), _built(full_run)
+def test_svg_is_the_same_every_time(full_run, built):
+    one, two = built, _built(full_run)
     for name in ("poles", "marginals", "selection_steps"):
         first, again = figures.svg_text(one[name], "a"), figures.svg_text(two[name], "a")
         assert first == again

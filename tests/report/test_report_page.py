@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from probupdate.parameters import Parameters
-from probupdate.reporting import compose, figures
+from probupdate.reporting import compose
 from probupdate.reporting.elements import Column, Table, fixed, number, percent
 
 SECTIONS = ("verdict", "measured", "identified", "selected", "modes", "update", "posterior", "comparison", "provenance")
@@ -55,12 +55,6 @@ def page(full_run):
     return compose(full_run)
 
 
-@pytest.fixture
-def undrawn(monkeypatch):
-    """Figures are built but not written out: what is tested is the page around them."""
-    monkeypatch.setattr(figures, "svg_text", lambda figure, prefix: f'<svg id="{prefix}"></svg>')
-
-
 def test_nothing_is_fetched_from_anywhere(page):
     reader = read(page)
     for reference in reader.references:
@@ -90,7 +84,7 @@ def test_size_is_bounded(page):
     assert len(page.encode()) < 8e6
 
 
-def test_names_from_files_are_escaped(full_run):
+def test_names_from_files_are_escaped(full_run, undrawn):
     evil = "<script>alert(1)</script>&$a_b$"
     items = (replace(full_run.update.parameters.items[0], name=evil), *full_run.update.parameters.items[1:])
     update = replace(full_run.update, parameters=Parameters(items))

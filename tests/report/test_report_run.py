@@ -119,11 +119,10 @@ def test_states_follow_the_power(directory):
     assert idle.any() and rated.any()
 
 
-def test_the_page_of_a_directory_is_written(directory, tmp_path):
+def test_the_page_of_a_directory_is_written(directory, undrawn, tmp_path):
     out = report(directory, tmp_path / "deep" / "report.html")
     page = out.read_text(encoding="utf-8")
     assert "June &lt;b&gt;" in page and 'class="notice missing"' not in page.split('id="measured"')[0]
-    assert len(page) < 8e6
 
 
 @pytest.mark.parametrize("name", [n for n in PARTS if n not in ("model",)])
@@ -183,7 +182,7 @@ def test_what_is_no_run_is_refused(tmp_path):
         report(tmp_path / "none", tmp_path / "r.html")
 
 
-def test_a_turbine_is_drawn_with_its_modes_matched(tmp_path):
+def test_a_turbine_is_drawn_with_its_modes_matched(undrawn, tmp_path):
     """Modes made by the model itself, turned within their pairs: the viewer's states get the model's frequencies."""
     path = reference_model("as_built")
     model = load_model(path)
