@@ -18,6 +18,7 @@ import numpy as np
 from probupdate.errors import InputError
 from probupdate.estimators.surrogate import TruncatedGaussian
 from probupdate.modes import frozen_array
+from probupdate.parameters import Parameters
 from probupdate.problem import Problem
 from probupdate.progress import Progress, silent
 
@@ -30,7 +31,9 @@ BURN_IN = 0.2
 # where part of what a move proposes is far: full jumps along differences of walkers carry them between modes
 JUMP_SHARE = 0.1
 # share of proposals from the surrogate, and how often each sweeps up and down the parameters
-SURROGATE_SHARE, SWEEPS = 0.5, 3
+SURROGATE_SHARE, SWEEPS = 0.4, 3
+# share of proposals of one or two parameters from their prior
+PRIOR_SHARE = 0.25
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -78,17 +81,45 @@ class Chain:
         return self.theta[self.first :].reshape(-1, self.theta.shape[2])
 
 
-def moves(surrogate: TruncatedGaussian | None = None) -> list[tuple[emcee.moves.Move, float]]:
-    """Differential evolution, part of it with full-length jumps; with a surrogate half of all proposals come from it.
+def moves(parameters: Parameters, surrogate: TruncatedGaussian) -> list[tuple[emcee.moves.Move, float]]:
+    """Differential evolution, part of it with full-length jumps; moves of all parameters from the surrogate; moves of
+    one or two parameters from their prior.
 
     Not offered: DESnookerMove of emcee 3.1.6 leaves the wrong variance, GaussianMove with a full covariance moves all
     walkers alike.
     """
-    own = 0.0 if surrogate is None else SURROGATE_SHARE
-    chosen = [(emcee.moves.DEMove(), 1 - own - JUMP_SHARE), (emcee.moves.DEMove(gamma0=1.0), JUMP_SHARE)]
-    if surrogate is not None:
-        chosen.append((SurrogateMove(surrogate), own))
-    return chosen
+    return [
+        (emcee.moves.DEMove(), 1 - JUMP_SHARE - SURROGATE_SHARE - PRIOR_SHARE),
+        (emcee.moves.DEMove(gamma0=1.0), JUMP_SHARE),
+        (SurrogateMove(surrogate), SURROGATE_SHARE),
+        (PriorMove(parameters), PRIOR_SHARE),
+    ]
+
+
+class PriorMove(emcee.moves.RedBlueMove):
+    """One or two parameters of each walker anew from their marginal priors, the others kept.
+
+    Parameters the data hardly inform are redrawn at once. Where two do each other's work, as the pile's shaft and tip
+    do, the posterior has arms along either that a Gaussian outline does not have; this walks along them.
+    """
+
+    def __init__(self, parameters: Parameters):
+        super().__init__()
+        self._parameters = parameters
+
+    def get_proposal(self, sample, complement, random):
+        n_walker, n_param = sample.shape
+        order = np.argsort(random.uniform(size=(n_walker, n_param)), axis=1)
+        chosen = order < 1 + (random.uniform(size=(n_walker, 1)) < 0.5)
+        uniform = random.uniform(size=(n_walker, n_param))
+        theta, log_ratio = np.array(sample), np.zeros(n_walker)
+        for k, parameter in enumerate(self._parameters):
+            rows = np.flatnonzero(chosen[:, k])
+            if rows.size:
+                prior = parameter.distribution
+                theta[rows, k] = np.clip(prior.ppf(uniform[rows, k]), parameter.lower, parameter.upper)
+                log_ratio[rows] += prior.logpdf(sample[rows, k]) - prior.logpdf(theta[rows, k])
+        return theta, log_ratio
 
 
 class SurrogateMove(emcee.moves.RedBlueMove):
@@ -139,7 +170,7 @@ def sample(
         return value
 
     sampler = emcee.EnsembleSampler(
-        n_walker, len(parameters), log_probability, vectorize=True, moves=moves(surrogate),
+        n_walker, len(parameters), log_probability, vectorize=True, moves=moves(parameters, surrogate),
     )
     segments = store.read()
     rng = np.random.default_rng([settings.seed, 0])
