@@ -111,7 +111,8 @@ def write_posterior(posterior: Posterior, path: str | Path) -> Path:
         })
     }  # fmt: skip
     part = path.with_suffix(".part")
-    if hasattr(arviz, "InferenceData"):
+    # ArviZ 1 has no such class any more and warns whoever asks for it
+    if "InferenceData" in vars(arviz):
         arviz.InferenceData(**groups).to_netcdf(str(part))
     else:
         xarray.DataTree.from_dict(groups).to_netcdf(str(part), engine="h5netcdf")
