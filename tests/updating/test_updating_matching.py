@@ -1,0 +1,179 @@
+"""Which computed mode is which measured one: order, close pairs, crossings, and what is refused with its reason."""
+
+import numpy as np
+import pytest
+from updating_cases import CHAIN_TRUTH, CHANNELS, LINEAR_HZ, chain_model, measured_chain, modal_set, turned
+
+from probupdate.errors import InputError
+from probupdate.matching import SPARE, assign, channel_rows, close_clusters, match
+from probupdate.model import ModalSolution
+from probupdate.modes import ModalData
+from probupdate.parameters import Parameter, Parameters
+from probupdate.problem import build_problem
+from probupdate.structure.functions import FunctionModel
+
+ROWS = np.arange(len(CHANNELS))
+
+
+def solution_at(theta=CHAIN_TRUTH, n_mode=10):
+    return chain_model().solve(np.asarray(theta, float), n_mode)
+
+
+def test_modes_measured_in_any_order_find_their_computed_ones():
+    exact = solution_at()
+    order = [6, 2, 0]
+    found = match(modal_set(exact.frequency_hz[order], exact.shape[:, order]), exact, ROWS, clusters=[(0,), (1,), (2,)])
+    assert dict(zip(found.measured, found.computed, strict=True)) == {0: 6, 1: 2, 2: 0}
+    assert found.n_mode == 7 + SPARE
+    assert [found.criterion[j, i] for j, i in zip(found.measured, found.computed, strict=True)] == pytest.approx([1] * 3)
+    assert found.left_out == ()
+
+
+def test_missing_channels_and_channels_in_another_order_do_not_change_the_pairing():
+    model = chain_model()
+    exact = solution_at()
+    pick = [7, 1, 4, 2, 9, 5]
+    channels = tuple(CHANNELS[k] for k in pick)
+    found = match(modal_set(exact.frequency_hz[:4], exact.shape[pick, :4]), exact, channel_rows(model, channels))
+    assert sorted(zip(found.measured, found.computed, strict=True)) == [(0, 0), (1, 1), (2, 2), (3, 3)]
+
+
+def test_a_channel_the_model_does_not_have_is_named():
+    with pytest.raises(InputError, match="channel z1: is in the measured modes but not in the model two-way chain"):
+        channel_rows(chain_model(), ("x1", "z1"))
+
+
+@pytest.mark.parametrize("angle", [0.3, np.pi / 4, 1.2, np.pi / 2])
+def test_a_pair_turned_in_its_plane_is_matched_alike(angle):
+    exact = solution_at()
+    data = modal_set(exact.frequency_hz[:4], exact.shape[:, :4] / np.max(np.abs(exact.shape[:, :4]), axis=0))
+    straight = match(data, solution_at(), ROWS)
+    bent = match(modal_set(data.frequency_hz, turned(data.shape, (0, 1), angle)), solution_at(), ROWS)
+    assert straight.pairs == bent.pairs == ((0, 1), (2, 3))
+    assert straight.computed == bent.computed == (0, 1, 2, 3)
+    assert bent.criterion == pytest.approx(straight.criterion, abs=1e-10)
+
+
+def test_close_clusters_by_frequency_alone():
+    # neighbours within 10 % of their mean: 1.00-1.10 (9.5 %) are close, 1.10-1.22 (10.3 %) are not; a run may be longer
+    assert close_clusters(np.array([1.0, 1.1, 1.22, np.nan, 5.0])) == [(0, 1), (2,), (4,)]
+    assert close_clusters(np.array([3.0, 1.0, 1.08, 1.17])) == [(1, 2, 3), (0,)]
+
+
+def crossing_model(gap=0.3):
+    """Two modes of fixed shape whose frequencies cross where theta = 0; twelve others far above."""
+    shape = np.linalg.qr(np.random.default_rng(2).standard_normal((16, 16)))[0]
+    spare = 50.0 * 1.5 ** np.arange(14)
+
+    def function(theta):
+        return np.concatenate([[2.0 + theta[0], 2.0 - gap * theta[0]], spare]), shape
+
+    parameters = Parameters((Parameter(name="t", unit="-", initial=-0.5, std=0.5, lower=-1, upper=1),))
+    return FunctionModel(name="crossing", parameters=parameters, channels=tuple(f"c{k}" for k in range(16)),
+                         function=function, version="1"), shape  # fmt: skip
+
+
+def test_separate_modes_are_followed_through_a_crossing():
+    model, shape = crossing_model()
+    data = ModalData(channels=model.channels, sets=(modal_set([1.5, 2.15], shape[:, :2]),))
+    problem = build_problem(model, data)
+    assert problem.matching.pairs == ()
+    path = np.linspace(-0.5, 0.5, 11)[:, None]
+    predicted = problem.predict_many(path)
+    # by shape, not by order: each column follows its own line through the crossing
+    assert predicted.frequency_hz[:, 0] == pytest.approx(2.0 + path[:, 0])
+    assert predicted.frequency_hz[:, 1] == pytest.approx(2.0 - 0.3 * path[:, 0])
+    assert predicted.mac == pytest.approx(np.ones((11, 2)))
+
+
+def test_a_mode_no_computed_one_resembles_is_left_out_by_name():
+    exact = solution_at()
+    shape = np.array(exact.shape[:, [0, 4]])
+    # orthogonal to every computed mode that is looked at
+    shape[:, 1] = np.linalg.svd(exact.shape[:, :9])[0][:, 9]
+    found = match(modal_set([exact.frequency_hz[0], 3.0], shape), exact_first(9), ROWS, labels=("FA1", "odd"))
+    assert found.measured == (0,)
+    (sentence,) = found.left_out
+    assert "odd of set one: no computed mode resembles odd" in sentence
+
+
+def exact_first(n):
+    return solution_at(n_mode=n)
+
+
+def test_a_mode_not_identified_is_left_out_with_its_set():
+    exact = solution_at()
+    frequency, shape = np.array(exact.frequency_hz[:3]), np.array(exact.shape[:, :3])
+    frequency[2], shape[:, 2] = np.nan, np.nan
+    found = match(modal_set(frequency, shape, id="noon"), exact, ROWS, labels=("FA1", "SS1", "FA2"))
+    assert found.left_out == ("FA2 was not identified in set noon",)
+    assert np.all(np.isnan(found.criterion[2]))
+    assert found.computed == (0, 1)
+
+
+def test_a_mode_with_one_shape_component_is_left_out():
+    exact = solution_at()
+    shape = np.array(exact.shape[:, [0, 4]])
+    shape[1:, 1] = np.nan
+    found = match(modal_set(exact.frequency_hz[[0, 4]], shape), exact, ROWS)
+    assert found.left_out == ("mode 2 has fewer than two measured shape components in set one",)
+
+
+def test_no_usable_mode_at_all_is_one_clear_line():
+    exact = solution_at()
+    with pytest.raises(InputError, match="set one: none of its modes can be used") as error:
+        match(modal_set([np.nan, np.nan], np.full((len(CHANNELS), 2), np.nan)), exact, ROWS, labels=("FA1", "SS1"))
+    assert "\n" not in str(error.value) and "FA1" in str(error.value)
+
+
+def test_a_pair_with_too_few_shared_channels_is_left_out_not_guessed():
+    # two rows are spanned by any two shapes: their plane says nothing
+    exact = solution_at()
+    shape = np.array(exact.shape[:, :3])
+    shape[2:, :2] = np.nan
+    found = match(modal_set(exact.frequency_hz[[0, 1, 4]], shape[:, [0, 1, 2]]), exact, ROWS, clusters=[(0, 1), (2,)])
+    assert 0 not in found.measured and 1 not in found.measured
+    assert len(found.left_out) == 1 and "mode 1 and mode 2" in found.left_out[0]
+
+
+def test_members_of_a_pair_are_ascending_in_frequency_also_where_the_clusters_are_given():
+    # another set may have measured the pair in the other order; computed members come in ascending order
+    exact = solution_at()
+    frequency = exact.frequency_hz[[1, 0, 2, 3]]
+    found = match(modal_set(frequency, exact.shape[:, [1, 0, 2, 3]]), exact, ROWS, clusters=[(0, 1), (2, 3)])
+    assert found.groups[0].measured == (1, 0)
+    assert found.groups[0].computed == (0, 1)
+
+
+def test_a_set_whose_pair_came_in_the_other_order_predicts_the_same_misfit():
+    model = chain_model()
+    straight = measured_chain(noise=0.002, seed=8)
+    one = straight.sets[0]
+    swap = [1, 0, 2, 3]
+    other = ModalData(channels=CHANNELS, sets=(modal_set(one.frequency_hz[swap], one.shape[:, swap]),))
+    a = build_problem(model, straight, clusters=[(0, 1), (2, 3)])
+    b = build_problem(model, other, clusters=[(0, 1), (2, 3)])
+    assert b.misfit(b.predict(CHAIN_TRUTH)) == pytest.approx(a.misfit(a.predict(CHAIN_TRUTH)), rel=1e-9)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_assignment_is_the_best_of_all_permutations(seed):
+    from itertools import permutations
+
+    criterion = np.random.default_rng(seed).uniform(size=(3, 5))
+    criterion[1] = criterion[0] + 0.01  # two rows that want the same column
+    found = assign(criterion)
+    best = max(sum(criterion[k, p[k]] for k in range(3)) for p in permutations(range(5), 3))
+    assert sum(criterion[k, found[k]] for k in range(3)) == pytest.approx(best)
+    assert len(set(found)) == 3
+
+
+def test_a_solution_with_exactly_the_measured_modes_can_be_matched():
+    exact = solution_at(n_mode=2)
+    found = match(modal_set(exact.frequency_hz, exact.shape), ModalSolution(
+        theta=exact.theta, frequency_hz=exact.frequency_hz, shape=exact.shape), ROWS)
+    assert found.computed == (0, 1)
+
+
+def test_the_linear_cases_frequencies_form_no_pair():
+    assert all(len(c) == 1 for c in close_clusters(LINEAR_HZ))
