@@ -110,7 +110,8 @@ def match(
             left_out.append(f"{name[j]} has fewer than two measured shape components in set {modal_set.id}")
         else:
             used.append(j)
-    clusters = [tuple(j for j in c if j in used) for c in clusters]
+    # given clusters may come from another set, whose pair had its frequencies the other way round
+    clusters = [tuple(sorted((j for j in c if j in used), key=lambda j: modal_set.frequency_hz[j])) for c in clusters]
     clusters = [c for c in clusters if c]
     criterion = np.full((modal_set.frequency_hz.size, computed.shape[1]), np.nan)
     for cluster in clusters:
