@@ -57,7 +57,7 @@ class Weights:
 
 
 def paper_weights(labels: tuple[str, ...], frequency_hz: np.ndarray) -> Weights:
-    """CoV 0.015 for first and 0.017 for all higher modes; first are those labelled FA1, SS1, or below 1 Hz unlabelled."""
+    """CoV 0.015 for first and 0.017 for higher modes; first are those labelled FA1 or SS1, or unlabelled below 1 Hz."""
     first = [name[-1] == "1" and name[:2] in ("FA", "SS") for name in labels] if labels else frequency_hz < 1.0
     cov = tuple(PAPER_COV_FIRST if f else PAPER_COV_SECOND for f in first)
     return Weights(frequency_cov=cov, shape_std=False)
@@ -314,6 +314,9 @@ def _response_group(modal_set: ModalSet, members, rows, weights: Weights, labels
         raise InputError(f"set {modal_set.id}, {labels[members[0]]}", "its shape is zero everywhere",
                          "give the components, null where not measured")  # fmt: skip
     given = modal_set.shape_std[kept][:, members] / largest
+    if np.any(given < 0):
+        raise InputError(f"set {modal_set.id}, shape_std of {' and '.join(labels[j] for j in members)}",
+                         "is negative", "give deviations, null where unknown")  # fmt: skip
     u, singular, v = np.linalg.svd(shape / largest, full_matrices=False)
     if len(members) == 1:
         basis, to_basis = shape / largest * np.sign(shape[np.argmax(np.abs(shape))]), np.eye(1)
@@ -330,8 +333,6 @@ def _response_group(modal_set: ModalSet, members, rows, weights: Weights, labels
     if weights.shape_std and np.any(np.isfinite(given)):
         # deviations of the shapes carried to the basis; one per row, so that a turned basis has the same
         variance = np.mean(given**2 @ to_basis**2, axis=1)
-        if np.any(np.isfinite(variance) & (variance < 0)):
-            raise InputError(f"set {modal_set.id}, shape_std", "is negative", "give deviations")
         sigma = np.where(np.isfinite(variance), np.sqrt(variance), rule)
         sigma = np.maximum(sigma, weights.shape_floor)
     return ResponseGroup(
@@ -348,6 +349,10 @@ def _frequency_std(modal_set: ModalSet, members, weights: Weights, labels) -> np
                 "frequency CoV", f"{len(weights.frequency_cov)} given for {modal_set.frequency_hz.size} modes",
                 "give one for each mode of the file, in its order",
             )
+        for j in members:
+            if not (np.isfinite(weights.frequency_cov[j]) and weights.frequency_cov[j] > 0):
+                raise InputError(f"frequency CoV of {labels[j]}", f"{weights.frequency_cov[j]} is not above zero",
+                                 "give a share of the frequency, such as 0.015")  # fmt: skip
         return np.array(weights.frequency_cov)[members] * frequency
     std = modal_set.frequency_std_hz[members]
     for j, value in zip(members, std, strict=True):
