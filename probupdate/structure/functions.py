@@ -86,6 +86,8 @@ class FunctionModel:
 
     def fingerprint(self) -> str:
         text = [self.name, self.version, *self.channels, *map(repr, self.parameters)]
+        if self.parameters.correlation is not None:
+            text.append(self.parameters.correlation.tobytes().hex())
         return hashlib.sha256("\n".join(text).encode()).hexdigest()
 
 
