@@ -71,12 +71,18 @@ def update(
     """Iterate Eq. 7 from `start` (default theta_0). The result says whether and why it stopped."""
     if penalty not in PENALTIES:
         raise InputError("penalty", f"'{penalty}' is unknown", f"choose from {', '.join(PENALTIES)}")
-    if not alpha >= 0:
-        raise InputError("alpha", f"{alpha} is negative", "give the regularisation coefficient of Eq. 6, 1 for a MAP")
+    if not (alpha >= 0 and np.isfinite(alpha)):
+        raise InputError("alpha", f"{alpha} is negative or not finite",
+                         "give the regularisation coefficient of Eq. 6, 1 for a MAP")  # fmt: skip
+    if max_iteration < 0:
+        raise InputError("iterations", f"{max_iteration} is negative", "give how many at most")
     parameters = problem.parameters
     prior_root = linalg.cholesky(np.linalg.inv(parameters.covariance))
     root_alpha = np.sqrt(alpha)
     theta = np.array(parameters.initial if start is None else start, float)
+    if theta.shape != (len(parameters),) or not parameters.inside(theta):
+        raise InputError("start", f"{theta.tolist()} is not one value within its bounds for each parameter",
+                         f"give {', '.join(parameters.names)}")  # fmt: skip
 
     def misfit_at(theta: np.ndarray) -> float:
         return float(problem.misfit(problem.predict(theta)))
