@@ -43,10 +43,11 @@ class Tiles:
 
 @dataclass(frozen=True, kw_only=True)
 class Items:
-    """A list of short statements under a heading."""
+    """A list of short statements under a heading; level "warning" sets it apart."""
 
     title: str
     statements: tuple[str, ...]
+    level: str = "plain"
     kind: str = field(default="items", init=False)
 
 
@@ -99,23 +100,35 @@ class Viewer:
 
 @dataclass(frozen=True, kw_only=True)
 class Section:
+    """`headline` stands above the lead in large letters, in its `level`'s colour."""
+
     anchor: str
     title: str
     items: tuple[object, ...]
     lead: str = ""
+    headline: str = ""
+    level: str = "plain"
 
 
 def number(value: float | None, significant: int = 3) -> str:
-    """A number with that many significant digits, without exponent between 0.001 and 99999; a dash for none."""
+    """A number with that many significant digits, thousands set apart, a power of ten only below 0.001 and from ten
+    million; a dash for none."""
     if value is None or not math.isfinite(value):
         return MISSING
     if value == 0:
         return "0"
-    exponent = math.floor(math.log10(abs(float(f"{value:.{significant - 1}e}"))))
-    if exponent < -3 or exponent > 4:
-        mantissa = f"{value / 10.0**exponent:.{significant - 1}f}"
-        return f"{mantissa}e{exponent:d}"
-    return fixed(value, max(significant - 1 - exponent, 0))
+    rounded = float(f"{value:.{significant - 1}e}")
+    exponent = math.floor(math.log10(abs(rounded)))
+    if exponent < -3 or exponent > 6:
+        power = str(exponent).translate(_RAISED)
+        return f"{fixed(rounded / 10.0**exponent, significant - 1)} × 10{power}"
+    if exponent < 3:
+        return fixed(rounded, max(significant - 1 - exponent, 0))
+    # a narrow space that no line breaks at
+    return f"{rounded:,.0f}".replace(",", "\u202f").replace("-", "−")
+
+
+_RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
 def fixed(value: float | None, decimals: int) -> str:
@@ -135,6 +148,11 @@ def percent(value: float | None, decimals: int = 1, sign: bool = False) -> str:
         return MISSING
     text = fixed(100 * value, decimals)
     return f"+{text}" if sign and value > 0 and float(text) != 0 else text
+
+
+def count(value: float) -> str:
+    """A whole number, thousands set apart."""
+    return f"{value:,.0f}".replace(",", "\u202f")
 
 
 def plural(count: int, noun: str) -> str:

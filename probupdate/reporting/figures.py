@@ -9,22 +9,19 @@ from probupdate.reporting.figures_measurement import (
     shapes_by_channel,
     wind_and_state,
 )
-from probupdate.reporting.figures_updating import (
-    Mark,
+from probupdate.reporting.figures_posterior import (
     contraction,
     corner,
     correlation_map,
-    departures,
-    frequency_errors,
     marginals,
-    most_correlated,
     predictive_frequencies,
-    update_history,
+    traces_and_ranks,
 )
+from probupdate.reporting.figures_updating import Mark, departures, frequency_errors, unit_label, update_history
 from probupdate.reporting.style import svg_text
 
 __all__ = [
     "Mark", "contraction", "corner", "correlation_map", "departures", "frequencies_by_block", "frequency_errors",
-    "marginals", "mode_shapes", "most_correlated", "poles", "predictive_frequencies", "selection_steps",
-    "sensor_layout", "shapes_by_channel", "svg_text", "update_history", "wind_and_state",
+    "marginals", "mode_shapes", "poles", "predictive_frequencies", "selection_steps", "sensor_layout",
+    "shapes_by_channel", "svg_text", "traces_and_ranks", "unit_label", "update_history", "wind_and_state",
 ]

@@ -64,7 +64,7 @@ def _time_axis(axes: Axes) -> None:
 def sensor_layout(wire: Wireframe | None, sensors: Sequence[Sensor]) -> Figure:
     """Elevations seen along y and along x and a plan, with an arrow per channel."""
     figure = new_figure(FULL_IN, 4.6)
-    left, middle, right = figure.subplots(1, 3, width_ratios=(1, 1, 1.15))
+    left, middle, right = figure.subplots(1, 3, width_ratios=(0.8, 1.5, 1.3))
     place = np.array([s.position_m for s in sensors]).reshape(-1, 3)
     way = np.array([s.direction for s in sensors]).reshape(-1, 3)
     everything = place if wire is None else np.vstack([place, wire.node_m])
@@ -78,16 +78,13 @@ def sensor_layout(wire: Wireframe | None, sensors: Sequence[Sensor]) -> Figure:
         axes.set_aspect("equal", adjustable="datalim")
         label_axes(axes, f"{name_a} [m]", f"{name_b} [m]", title)
     _name_levels(middle, sensors, place, height)
-    plan = place[place[:, 2] < place[:, 2].max() + 1, :2]
     if wire is not None:
-        near = np.abs(wire.node_m[:, 2] - np.median(place[:, 2])) < 0.12 * height
-        line = wire.line[near[wire.line].all(axis=1)]
-        right.add_collection(LineCollection(wire.node_m[line][:, :, :2], colors=PALE, lw=0.9, zorder=1))
+        right.add_collection(LineCollection(wire.node_m[wire.line][:, :, :2], colors=PALE, lw=0.9, zorder=1))
         right.autoscale_view()
-    spread = max(float(np.ptp(plan, axis=0).max()), 1.0)
+    spread = max(float(np.ptp(place[:, :2], axis=0).max()), 1.0)
     _arrows(right, place[:, :2], way[:, :2], 0.22 * spread)
     right.set_aspect("equal", adjustable="datalim")
-    right.margins(0.2)
+    right.margins(0.08)
     label_axes(right, "x [m]", "y [m]", "seen from above, all levels")
     return figure
 
@@ -112,7 +109,7 @@ def _arrows(axes: Axes, place: np.ndarray, way: np.ndarray, length: float) -> No
     if np.any(seen):
         axes.quiver(
             place[seen, 0], place[seen, 1], way[seen, 0] * length, way[seen, 1] * length, color=RED, zorder=3,
-            angles="xy", scale_units="xy", scale=1, width=0.008, headwidth=4.5,
+            angles="xy", scale_units="xy", scale=1, units="inches", width=0.018, headwidth=4.5,
         )
 
 
@@ -315,4 +312,5 @@ def frequencies_by_block(
         label_axes(axes, "", f"{labels[j]} [Hz]")
         axes.set_xlabel("start of block [UTC]")
         axes.label_outer()
+    figure.align_ylabels(panels)
     return figure

@@ -5,9 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 
-from probupdate.modes import ModalData, mac
+from probupdate.matching import close_clusters
+from probupdate.modes import ModalData, plane_mac
 from probupdate.reporting import figures, paper_tables
 from probupdate.reporting.elements import (
+    MISSING,
     Column,
     Items,
     Notice,
@@ -23,9 +25,17 @@ from probupdate.reporting.values import CampaignValues, Run
 # the cut-in and rated wind speed and the rated rotor speed of the paper's turbine, drawn for orientation
 CUT_IN_MPS, RATED_MPS = 4.0, 12.0
 # the selection asks in this order, and a block counts at the first it fails
+STATES_ORDER = ("idling", "below rated", "rated", "mixed")
 CRITERIA_ORDER = (
     "no data", "no SCADA", "yawing", "pitching", "not idling", "modes not identified", "planes not perpendicular",
 )
+# criterion of modes.poles.csv -> what it says of a pole
+POLE_WORDS = {
+    "kept": "was taken for a mode", "harmonic": "follows the rotor's speed", "damping": "is damped too strongly or not",
+    "duplicate": "is second best for its mode", "mac": "has the shape of no mode",
+    "cluster": "lies far from its mode's other poles", "complexity": "has a shape far from real",
+    "frequency": "lies too far from its mode of the model",
+}
 P_FREQUENCIES = {"1P": 1, "3P": 3, "6P": 6}
 
 
@@ -74,10 +84,10 @@ def _sensor_table(campaign: CampaignValues) -> Table:
         here = [s for s in campaign.sensors if s.level == level]
         points = {tuple(s.position_m) for s in here}
         heights = sorted({fixed(float(s.position_m[2]), 1) for s in here}, key=lambda t: float(t.replace("−", "-")))
-        quantity = sorted({f"{s.quantity} [{s.unit}]" for s in here})
+        quantity = sorted({f"{s.quantity} [{s.unit.replace('s2', 's²')}]" for s in here})
         names = ", ".join(s.channel for s in here)
         rows.append((level, " and ".join(heights), str(len(points)), str(len(here)), ", ".join(quantity), names))
-    columns = (Column(name="level", number=False), Column(name="height z", unit="m"), Column(name="positions"),
+    columns = (Column(name="level", number=False), Column(name="z", unit="m"), Column(name="positions"),
                Column(name="channels"), Column(name="quantity", number=False), Column(name="names", number=False))
     return Table(caption="Sensors by level", columns=columns, rows=tuple(rows))
 
@@ -85,7 +95,7 @@ def _sensor_table(campaign: CampaignValues) -> Table:
 def _scada(campaign: CampaignValues) -> list[object]:
     scada = campaign.scada
     if scada is None or "wind_speed_mps" not in scada:
-        return [Notice(level="missing", text="SCADA with a wind speed, so Fig. 4 is not drawn.")]
+        return [Notice(level="missing", text="SCADA with a wind speed, so wind and turbine state are not shown.")]
     state = scada["state"].astype(str) if "state" in scada else pd.Series("unknown", index=scada.index)
     figure = figures.wind_and_state(scada["time"].to_numpy(), scada["wind_speed_mps"].to_numpy(float), list(state),
                                     cut_in_mps=CUT_IN_MPS, rated_mps=RATED_MPS)
@@ -108,7 +118,7 @@ def _rated_harmonics(run: Run) -> dict[str, float]:
 def identification_section(run: Run) -> Section:
     items: list[object] = []
     if run.poles is None:
-        items.append(Notice(level="missing", text="the table of poles (modes.poles.csv), so Figs. 5-7 are not drawn."))
+        items.append(Notice(level="missing", text="the table of poles (modes.poles.csv), so no poles are shown."))
     else:
         items += _pole_pictures(run)
     if run.modes is None:
@@ -157,10 +167,11 @@ def _pole_pictures(run: Run) -> list[object]:
             "The classifier used here: close pairs judged by their plane, harmonics by the rotor speed of "
             "SCADA, each pole with the criterion that kept or removed it.")
     counts = pd.Series(criterion).value_counts()
-    rows = tuple((name, str(int(n)), percent(n / len(poles))) for name, n in counts.items())
+    rows = tuple((name, POLE_WORDS.get(name, ""), str(int(n)), percent(n / len(poles))) for name, n in counts.items())
     pictures.append(
         Table(caption="What became of every pole", rows=rows, width="half",
-              columns=(Column(name="criterion", number=False), Column(name="poles"), Column(name="share", unit="%")))
+              columns=(Column(name="criterion", number=False), Column(name="the pole", number=False),
+                       Column(name="poles"), Column(name="share", unit="%")))
     )
     return pictures
 
@@ -176,7 +187,8 @@ def _frequency_tables(run: Run) -> list[object]:
     labels = modes.labels or tuple(f"mode {k + 1}" for k in range(modes.n_mode))
     states = block_states(modes)
     groups = [("all", np.ones(len(states), bool))]
-    groups += [(name, states == name) for name in dict.fromkeys(states) if name]
+    order = [*STATES_ORDER, *sorted(set(states) - set(STATES_ORDER))]
+    groups += [(name, states == name) for name in order if name and np.any(states == name)]
     several = len(modes.sets) > 1
     rows, marked = [], set()
     for j, label in enumerate(labels):
@@ -197,8 +209,8 @@ def _frequency_tables(run: Run) -> list[object]:
             rows.append(tuple(row))
     columns = [Column(name="mode", number=False)]
     if several:
-        columns += [Column(name="state", number=False), Column(name="blocks"), Column(name="of all", unit="%"),
-                    Column(name="mean f", unit="Hz")]
+        columns += [Column(name="state", number=False), Column(name="blocks"),
+                    Column(name="found in", unit="% of blocks"), Column(name="mean f", unit="Hz")]
     else:
         columns += [Column(name="f", unit="Hz")]
     columns += [Column(name="CoV of f", unit="-"), Column(name="median damping", unit="%")]
@@ -251,14 +263,22 @@ def _selection_reasons(run: Run) -> list[object]:
         )
     ]
     if run.jacket:
-        left = int((reason == "").sum())
-        rows = [(a, c) for a, c in paper_tables.SELECTION]
-        rows.append(("selected sets", f"{paper_tables.SELECTED_SETS} (here {left} pass, "
-                     f"{len(run.nine.sets) if run.nine else 0} were kept)"))
-        items.append(Table(caption="The paper's criteria (Table 1)", rows=tuple(rows),
-                           columns=(Column(name="assumption", number=False, paper=True),
-                                    Column(name="criterion", number=False, paper=True))))
+        items.append(_criteria_table(run, dict(zip(names, excluded, strict=True))))
     return items
+
+
+def _criteria_table(run: Run, excluded: dict[str, int]) -> Table:
+    """Table 1 beside how many blocks each of its criteria took here."""
+    here = (("yawing", "pitching"), ("not idling",), ("modes not identified",), ("planes not perpendicular",))
+    rows = [(assumption, criterion, str(sum(excluded.get(name, 0) for name in names)))
+            for (assumption, criterion), names in zip(paper_tables.SELECTION, here, strict=True)]
+    left = int((run.selection["criterion"].fillna("") == "").sum())
+    kept = f"{len(run.nine.sets)} of {left}" if run.nine is not None else str(left)
+    rows.append(("selected sets", f"{paper_tables.SELECTED_SETS} in the paper", f"{kept} that pass"))
+    columns = (Column(name="assumption", number=False, paper=True), Column(name="criterion", number=False, paper=True),
+               Column(name="blocks left out here"))
+    return Table(caption="The paper's criteria (Table 1)", columns=columns, rows=tuple(rows),
+                 note="Blocks without data are not counted here.")
 
 
 def _nine_sets(run: Run) -> list[object]:
@@ -267,34 +287,47 @@ def _nine_sets(run: Run) -> list[object]:
     truth = truth_frequencies(run, labels)
     rows, marked = [], set()
     reference = nine.set()
+    clusters = close_clusters(reference.frequency_hz)
     for k, s in enumerate(nine.sets):
-        similar = np.diag(mac(s.shape, reference.shape))
+        similar = _similar(s.shape, reference.shape, clusters)
         if s.id == reference.id:
             marked.add(k)
         row = [s.id + (" (reference)" if s.id == reference.id else "")]
         row += [fixed(f, 4) for f in s.frequency_hz]
-        row.append(fixed(float(np.nanmin(similar)), 3) if np.any(np.isfinite(similar)) else "–")
+        row.append(fixed(min(similar), 3) if similar else MISSING)
         row.append(fixed(_numeric(s.environment.get("wind_speed_mps")), 1))
+        row.append(fixed(_numeric(s.environment.get("nacelle_heading_deg")), 0))
         rows.append(tuple(row))
     frequency = np.array([s.frequency_hz for s in nine.sets])
     with np.errstate(invalid="ignore"):
         mean = [float(np.mean(c[np.isfinite(c)])) if np.any(np.isfinite(c)) else np.nan for c in frequency.T]
         cov = [float(np.std(c[np.isfinite(c)], ddof=1) / np.mean(c[np.isfinite(c)])) if np.isfinite(c).sum() > 1
                else np.nan for c in frequency.T]
-    rows.append(("mean", *[fixed(m, 4) for m in mean], "", ""))
-    rows.append(("CoV [-]", *[fixed(c, 4) for c in cov], "", ""))
+    rows.append(("mean", *[fixed(m, 4) for m in mean], "", "", ""))
+    rows.append(("CoV [-]", *[fixed(c, 4) for c in cov], "", "", ""))
     if truth is not None:
-        rows.append(("truth of the virtual turbine", *[fixed(t, 4) for t in truth], "", ""))
+        rows.append(("truth of the virtual turbine", *[fixed(t, 4) for t in truth], "", "", ""))
         error = [percent(m / t - 1, 2, sign=True) for m, t in zip(mean, truth, strict=True)]
-        rows.append(("mean minus truth [%]", *error, "", ""))
+        rows.append(("mean minus truth [%]", *error, "", "", ""))
     columns = (Column(name="set", number=False), *[Column(name=label, unit="Hz") for label in labels],
-               Column(name="least MAC to the reference"), Column(name="wind", unit="m/s"))
+               Column(name="least MAC to the reference", unit="-"), Column(name="wind", unit="m/s"),
+               Column(name="nacelle heading", unit="deg"))
     note = (
-        "Within a close pair single shapes are ill-defined (any two directions of the plane may come out), so a low "
-        "MAC there is no fault of the block; the update compares the planes."
+        "Least MAC over the modes; of a close pair, that of the planes: within its plane any two directions may come "
+        "out of a block."
     )
     return [Table(caption=f"The {len(nine.sets)} selected sets", columns=columns, rows=tuple(rows), note=note,
                   marked=frozenset(marked))]
+
+
+def _similar(shape: np.ndarray, reference: np.ndarray, clusters: list[tuple[int, ...]]) -> list[float]:
+    """MAC of every single mode and of every close pair's plane, as far as both sets have them."""
+    found = []
+    for cluster in clusters:
+        a, b = shape[:, list(cluster)], reference[:, list(cluster)]
+        if np.sum(np.all(np.isfinite(a), axis=1) & np.all(np.isfinite(b), axis=1)) > len(cluster):
+            found.append(plane_mac(a, b))
+    return found
 
 
 def _numeric(value) -> float:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from probupdate.modes import rotate_to_real
@@ -36,8 +38,11 @@ def modes_section(run: Run) -> Section:
         if sensors and len(rows) == len(sensors):
             measured_shape = chosen.shape[rows]
     planes = _planes(run)
+    # computed shapes come in the channels' order of the modes, measured ones are wanted in that of the sensors
+    states = run.model.states if measured_shape is None else {
+        name: replace(state, shape=state.shape[rows]) for name, state in run.model.states.items()}
     data = viewer_data(
-        run.model.wire, labels, run.model.states, measured_hz=measured_hz, measured_shape=measured_shape,
+        run.model.wire, labels, states, measured_hz=measured_hz, measured_shape=measured_shape,
         sensors=sensors if measured_shape is not None else (), pairs=run.model.pairs,
         names=MODE_NAMES if run.jacket else {}, planes=planes,
     )

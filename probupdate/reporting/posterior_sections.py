@@ -8,9 +8,13 @@ from probupdate.comparison import BLIND, STRONG, ComparisonRow
 from probupdate.estimators.posterior_file import Posterior
 from probupdate.estimators.update_file import UpdateRecord
 from probupdate.reporting import figures
-from probupdate.reporting.elements import Column, Items, Notice, Picture, Section, Table, fixed, number
+from probupdate.reporting.elements import Column, Items, Notice, Picture, Section, Table, count, fixed, number
+from probupdate.reporting.standing import contraction
 from probupdate.reporting.style import MAP, PRIOR_UPDATE, STEP_UPDATE, TRUTH
 from probupdate.reporting.values import Run
+
+# panels a side beyond which pairs can no longer be read on a page
+MOST_PAIRED = 6
 
 
 def marks(run: Run) -> list[figures.Mark]:
@@ -40,37 +44,44 @@ def posterior_section(run: Run) -> Section:
     if fallback:
         items.append(Notice(
             level="warning" if fallback > 0.2 * evaluated else "plain",
-            text=f"{fallback} of {evaluated} evaluations fell outside the reduced basis and were answered by the full "
-            "model: exact, but slow."))
+            text=f"{count(fallback)} of {count(evaluated)} evaluations fell outside the reduced basis and were "
+            "answered by the full model: exact, but slow."))
     points = marks(run)
     draws = posterior.draws
+    stepped = figures.traces_and_ranks(
+        parameters.names, [p.unit for p in parameters], posterior.theta, posterior.ess,
+        int(posterior.record.get("thinned by", 1)))
+    trace = Picture(
+        svg=figures.svg_text(stepped, "traces"),
+        caption="Whether the chains have settled. Traces: all walkers at every step; a drift, or a width that still "
+        "changes, has not settled. Ranks: parts of the chains against all draws; lines that leave the grey band mean "
+        "that the parts do not tell the same.")
     items.append(
         Picture(svg=figures.svg_text(figures.marginals(parameters.items, draws, points), "marginals"),
                 caption="Each parameter's posterior (filled), prior (dashed) and point estimates. Grey ground: outside "
                 "the bounds. A posterior that lies on its prior was not informed by the data."
                 + (" Truth: what the virtual turbine was built with." if run.truth else ""))
     )
-    correlation = np.corrcoef(draws.T) if len(parameters) > 1 else np.ones((1, 1))
+    ratio = contraction(update, posterior)
     if len(parameters) > 1:
-        chosen = figures.most_correlated(draws, 4)
-        names = [parameters.names[k] for k in chosen]
-        units = [parameters.items[k].unit for k in chosen]
+        chosen, words = _paired(parameters.names, ratio)
         near = [figures.Mark(name=m.name, theta=np.asarray(m.theta)[chosen], role=m.role) for m in points]
         items.append(Picture(
-            svg=figures.svg_text(figures.corner(names, units, draws[:, chosen], near), "corner"),
-            caption="The parameters with the strongest correlations. Contours hold 39, 68 and 90 % of the draws; marks "
-            "beyond a frame are not drawn."))
+            svg=figures.svg_text(figures.corner([parameters.items[k] for k in chosen], draws[:, chosen], near),
+                                 "corner"),
+            caption=f"{words} Contours hold 39, 68 and 90 % of the draws; dashed: the prior; marks beyond a frame are "
+            "not drawn."))
         items.append(Picture(
-            svg=figures.svg_text(figures.correlation_map(parameters.names, correlation), "correlation"),
+            svg=figures.svg_text(figures.correlation_map(parameters.names, np.corrcoef(draws.T)), "correlation"),
             width="half" if len(parameters) <= 12 else "full",
             caption="Posterior correlation of all parameters; values below 0.005 are left blank."))
-    ratio = np.std(draws, axis=0, ddof=1) / np.array([p.distribution.std() for p in parameters])
     items.append(Picture(
         svg=figures.svg_text(
             figures.contraction(parameters.names, ratio, informed_below=BLIND, strong_below=STRONG), "contraction"),
         width="half",
-        caption="Posterior over prior deviation (the prior's after its cut at the bounds). Filled: strongly informed "
-        f"(below {STRONG}); hatched: weakly; dotted: keeps its prior (above {BLIND})."))
+        caption="Posterior over prior deviation (the prior's after its cut at the bounds). Filled: strongly "
+        f"identified (below {STRONG}); hatched: weakly; dotted: keeps its prior (above {BLIND}). A bound, too, "
+        "makes a posterior narrow."))
     used = [update.labels.index(label) for label in posterior.mode_labels if label in update.labels]
     if len(used) == posterior.frequency_hz.shape[1]:
         items.append(Picture(
@@ -78,9 +89,22 @@ def posterior_section(run: Run) -> Section:
                 posterior.mode_labels, update.measured_hz[used], update.measured_std_hz[used], posterior.frequency_hz,
             ), "predictive"),
             caption="Frequencies that the posterior predicts against the measured ones, in per cent of these."))
+    items.append(trace)
     items.append(_sampling_table(posterior, update))
     return Section(anchor="posterior", title=title, items=tuple(items),
                    lead="What the parameters may be, given the measurement, the prior and the model.")
+
+
+def _paired(names: tuple[str, ...], ratio: np.ndarray) -> tuple[list[int], str]:
+    """The parameters whose pairs are drawn, and the sentence that says which: those the data inform, the best informed
+    where there are too many."""
+    order = [int(k) for k in np.argsort(ratio, kind="stable")]
+    informed = [k for k in order if ratio[k] <= BLIND]
+    chosen = sorted((informed if len(informed) > 1 else order)[:MOST_PAIRED])
+    if len(chosen) == len(names):
+        return chosen, "All parameters in pairs."
+    left = ", ".join(names[k] for k in range(len(names)) if k not in chosen)
+    return chosen, f"The {len(chosen)} parameters that the data inform best, in pairs; not drawn: {left}."
 
 
 def _sampling_table(posterior: Posterior, update: UpdateRecord) -> Table:
@@ -90,15 +114,13 @@ def _sampling_table(posterior: Posterior, update: UpdateRecord) -> Table:
         low, middle, high = np.percentile(d, [5, 50, 95])
         rows.append((
             p.name, p.unit or "-", number(float(d.mean())), number(float(d.std(ddof=1))), number(low), number(middle),
-            number(high), fixed(posterior.r_hat[k], 4), fixed(posterior.ess[k], 0),
+            number(high), fixed(posterior.r_hat[k], 3), count(float(posterior.ess[k])),
         ))
     columns = (Column(name="parameter", number=False), Column(name="unit", number=False), Column(name="mean"),
                Column(name="deviation"), Column(name="5 %"), Column(name="50 %"), Column(name="95 %"),
                Column(name="R-hat"), Column(name="effective draws"))
     return Table(caption="The posterior in numbers", columns=columns, rows=tuple(rows),
-                 note=f"{len(posterior.draws)} draws.")
-
-
+                 note=f"{count(len(posterior.draws))} draws kept; R-hat below 1.01 is wanted.")
 
 
 def comparison_section(run: Run) -> Section:
@@ -112,9 +134,66 @@ def comparison_section(run: Run) -> Section:
         notes = tuple(f"{n[0].upper()}{n[1:]}{'' if n.endswith('.') else '.'}" for n in run.comparison.notes)
         items.append(Items(title="In short", statements=notes))
     items.append(_values_table(rows))
+    truth = _truth_table(run)
+    items += [truth] if truth else []
     items.append(_distance_table(rows))
     return Section(anchor="comparison", title=title, items=tuple(items),
                    lead="Where the deterministic updates and the posterior part, and why.")
+
+
+def _known_truth(run: Run) -> list[tuple[int, float]]:
+    """(position, true value) of the parameters that the virtual turbine has under the same name."""
+    known = (run.truth or {}).get("parameters") or {}
+    if run.update is None or run.posterior is None:
+        return []
+    return [(k, float(known[n])) for k, n in enumerate(run.update.parameters.names) if n in known]
+
+
+def _inside(draws: np.ndarray, value: float) -> bool:
+    low, high = np.percentile(draws, [5, 95])
+    return bool(low <= value <= high)
+
+
+def truth_sentence(run: Run) -> str:
+    known = _known_truth(run)
+    if not known:
+        return ""
+    outside = [run.update.parameters.names[k] for k, v in known if not _inside(run.posterior.draws[:, k], v)]
+    words = f"The truth of the virtual turbine lies within the 90 % interval of {len(known) - len(outside)} of " \
+            f"{len(known)}"
+    return f"{words}, outside for {', '.join(outside)}." if outside else f"{words}."
+
+
+def _truth_table(run: Run) -> Table | None:
+    known = _known_truth(run)
+    if not known:
+        return None
+    update, posterior = run.update, run.posterior
+    rows, outside = [], set()
+    for k, value in known:
+        p, draws = update.parameters.items[k], posterior.draws[:, k]
+        if not (inside := _inside(draws, value)):
+            outside.add(len(rows))
+        low, high = np.percentile(draws, [5, 95])
+        rows.append((p.name, p.unit or "-", number(value), number(p.initial), number(update.map_theta[k]),
+                     number(float(draws.mean())), f"{number(low)} to {number(high)}", "yes" if inside else "no",
+                     _signed(float((value - draws.mean()) / draws.std(ddof=1)))))
+    columns = (Column(name="parameter", number=False), Column(name="unit", number=False), Column(name="truth"),
+               Column(name="initial"), Column(name="MAP"), Column(name="posterior mean"), Column(name="90 % interval"),
+               Column(name="truth inside", number=False), Column(name="truth minus mean", unit="posterior deviations"))
+    note = "The truth is what the virtual turbine was built with, under the same names. "
+    if run.jacket:
+        note += (
+            "m_h and a_m enter both turbines alike. k_j, k_t, k_TP, k_p and LJF multiply members that the virtual one "
+            "has with other element theory and walls and joints off their drawings by a per cent or two. py, tz and qw "
+            "stretch another soil's curves, leg by leg drawn anew, and correspond on the average of the legs only. "
+        )
+    others = [n for n in run.truth["parameters"] if n not in update.parameters.names]
+    if others:
+        note += f"Known and not updated here: {', '.join(others)}. "
+    note += "Tolerances, damping and sensors' gains are drawn, in no parameter, and cannot be found."
+    return Table(caption="Truth beside what was found", columns=columns, rows=tuple(rows), note=note,
+                 marked=frozenset(outside))
 
 
 def _values_table(rows: tuple[ComparisonRow, ...]) -> Table:

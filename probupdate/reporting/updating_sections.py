@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from probupdate.estimators.update_file import SchemeRecord, UpdateRecord, fit_sentence
+from probupdate.parameters import Parameter
 from probupdate.reporting import figures, paper_tables
 from probupdate.reporting.elements import (
     MISSING,
@@ -30,6 +31,9 @@ SOIL_NOTE = (
     "1/factor, so a factor below one means a stiffer soil. The pile-head stiffnesses are what can be judged."
 )
 
+
+# the paper's turbine is not the one of this run: another site's soil, another drawing, its own measurement
+PAPER_NOTE = "Paper: its own measured turbine, another realisation than this one; its numbers are for orientation."
 
 SHORT_WORDS = {"step": "step penalty", "prior": "prior penalty", "map": "MAP"}
 
@@ -84,7 +88,7 @@ def update_section(run: Run) -> Section:
     if run.jacket:
         items.append(_sensitivity_table(run))
     return Section(anchor="update", title="Update", items=tuple(items),
-                   lead=f"The sensitivity-based update on set {update.set_id}, in both readings of Eq. 7.")
+                   lead=f"The sensitivity-based update on the set “{update.set_id}”, in both readings of Eq. 7.")
 
 
 def _paper_modes(labels) -> list[int | None]:
@@ -122,7 +126,7 @@ def _frequency_table(run: Run) -> Table:
         columns += [Column(name=f"paper: {name}", unit="Hz", paper=True)
                     for name in ("measured", "as-built", "updated")]
     return Table(caption="Frequencies, measured and computed" + (" (Table 3)" if jacket else ""),
-                 columns=tuple(columns), rows=tuple(rows))
+                 columns=tuple(columns), rows=tuple(rows), note=PAPER_NOTE if jacket else "")
 
 
 def _mac_table(run: Run) -> Table:
@@ -135,11 +139,12 @@ def _mac_table(run: Run) -> Table:
             k = where[j]
             row += [fixed(paper_tables.MAC[name][k], 2) if k is not None else "" for name in ("as-built", "updated")]
         rows.append(tuple(row))
-    columns = [Column(name="mode", number=False), *[Column(name=name) for name, *_ in _configurations(run)]]
+    columns = [Column(name="mode", number=False), *[Column(name=name, unit="-") for name, *_ in _configurations(run)]]
     if jacket:
-        columns += [Column(name=f"paper: {name}", paper=True) for name in ("as-built", "updated")]
+        columns += [Column(name=f"paper: {name}", unit="-", paper=True) for name in ("as-built", "updated")]
     pairs = [" and ".join(update.labels[j] for j in g) for g in update.pairs]
     note = f"{'; '.join(pairs)}: compared after the computed pair was turned within its plane." if pairs else ""
+    note = f"{note} {PAPER_NOTE}".strip() if jacket else note
     return Table(caption="MAC, measured against computed" + (" (Table 4)" if jacket else ""),
                  columns=tuple(columns), rows=tuple(rows), note=note, width="half")
 
@@ -169,14 +174,14 @@ def _parameter_table(run: Run) -> Table:
     for s in update.schemes:
         columns.append(Column(name=short_name(s)))
         if relative:
-            columns.append(Column(name="over initial"))
+            columns.append(Column(name="over initial", unit="-"))
     if jacket:
-        columns += [Column(name="paper: updated", paper=True), Column(name="over initial", paper=True)]
+        columns += [Column(name="paper: updated", paper=True), Column(name="over initial", unit="-", paper=True)]
     note = SOIL_NOTE if jacket else ""
     if any(s.at_bound.any() for s in update.schemes):
         note = f"* held at a bound of its prior. {note}".strip()
     if jacket:
-        note += " The paper prints k_TP as 3.41e-1 and as 0.36; its text says a reduction of 64 %."
+        note += f" The paper prints k_TP as 3.41e-1 and as 0.36; its text says a reduction of 64 %. {PAPER_NOTE}"
     return Table(caption="Updated parameters" + (" (Table 5)" if jacket else ""), columns=tuple(columns),
                  rows=tuple(rows), note=note)
 
@@ -192,12 +197,12 @@ def _pile_head_table(run: Run) -> Table | None:
     for name, values in derived.items():
         known = [paper_tables.PILE_HEAD_NPM[state].get(name, float("nan")) for state in printed]
         start, mean = values.get("initial", float("nan")), drawn.get(name, {}).get("mean")
-        ours, ratios = [number(values[s] / 1e3) for s in states], [fixed(values[s] / start, 2) for s in states]
+        ours, ratios = [number(values[s] / 1e6) for s in states], [fixed(values[s] / start, 2) for s in states]
         if drawn:
             cov = drawn.get(name, {}).get("cov")
-            ours += [number(mean / 1e3) if mean else MISSING, number(cov, 2)]
+            ours += [number(mean / 1e6) if mean else MISSING, number(cov, 2)]
             ratios += [fixed(mean / start, 2) if mean else MISSING, ""]
-        rows.append((name, "kN/m", *ours, *[number(v / 1e3, 2) for v in known]))
+        rows.append((name, "MN/m", *ours, *[number(v / 1e6, 2) for v in known]))
         rows.append((f"{name} over initial", "-", *ratios, *[fixed(v / known[1], 2) for v in known]))
     columns = [Column(name="quantity", number=False), Column(name="unit", number=False)]
     columns += [Column(name=SHORT_WORDS.get(state, state)) for state in states]
@@ -205,8 +210,8 @@ def _pile_head_table(run: Run) -> Table | None:
     columns += [Column(name=f"paper: {state}", paper=True) for state in printed]
     note = (
         "Stiffness of one pile's head, lateral (head's rotation held) and axial. The paper's ratios 4.7 and 6.0 are "
-        "over its design state; here they are over its as-built state, from which its update starts."
-        if run.jacket else ""
+        "over its design state; here they are over its as-built state, from which its update starts. "
+        + PAPER_NOTE if run.jacket else ""
     )
     return Table(caption="Pile-head stiffness" + (" (Table 6)" if run.jacket else ""), columns=tuple(columns),
                  rows=tuple(rows), note=note, width="half")
@@ -227,27 +232,33 @@ def _scatter_table(run: Run) -> Table | None:
         if name not in printed:
             return ["", ""]
         mean, cov, upper = printed[name]
-        return [number(mean / (1e3 if name in sets.derived else 1)), f"< {cov:g}" if upper else f"{cov:.2f}"]
+        return [number(mean / (1e6 if name in sets.derived else 1)), f"< {cov:g}" if upper else f"{cov:.2f}"]
 
-    def scatter(values: np.ndarray) -> tuple[str, str]:
+    def scatter(values: np.ndarray, parameter: Parameter | None = None) -> tuple[str, str]:
+        """Mean and CoV; a star and no CoV where every set ends at the same bound."""
         mean = float(np.mean(values))
-        return number(mean), number(float(np.std(values, ddof=1)) / abs(mean), 2) if mean else MISSING
+        if parameter is not None:
+            near = 1e-6 * parameter.std
+            if any(np.all(np.abs(values - bound) < near) for bound in (parameter.lower, parameter.upper)):
+                return f"{number(mean)} *", MISSING
+        cov = float(np.std(values, ddof=1)) / abs(mean) if mean else np.nan
+        return number(mean), "< 0.0001" if cov < 5e-5 else fixed(cov, 4)
 
     rows = []
     for k, p in enumerate(update.parameters):
         width = MISSING
         if posterior is not None and np.mean(posterior[:, k]):
             width = number(float(np.std(posterior[:, k], ddof=1) / abs(np.mean(posterior[:, k]))), 2)
-        rows.append((p.name, p.unit or "-", *scatter(sets.theta_step[:, k]), *scatter(sets.theta_map[:, k]),
+        rows.append((p.name, p.unit or "-", *scatter(sets.theta_step[:, k], p), *scatter(sets.theta_map[:, k], p),
                      fixed(float(resolution[k]), 2), width, *paper_cells(p.name)))
     for name, values in sets.derived.items():
         drawn = run.comparison.derived.get(name, {}) if run.comparison is not None else {}
-        rows.append((name, "kN/m", MISSING, MISSING, *scatter(values / 1e3), "", number(drawn.get("cov"), 2),
+        rows.append((name, "MN/m", MISSING, MISSING, *scatter(values / 1e6), "", number(drawn.get("cov"), 2),
                      *paper_cells(name)))
     columns = [
         Column(name="parameter", number=False), Column(name="unit", number=False),
-        Column(name="step penalty: mean"), Column(name="its CoV", unit="-"), Column(name="MAP: mean"),
-        Column(name="its CoV", unit="-"), Column(name="resolution", unit="-"), Column(name="posterior CoV", unit="-"),
+        Column(name="step penalty: mean"), Column(name="step penalty: CoV", unit="-"), Column(name="MAP: mean"),
+        Column(name="MAP: CoV", unit="-"), Column(name="resolution", unit="-"), Column(name="posterior CoV", unit="-"),
     ]
     if run.jacket:
         columns += [Column(name="paper: mean", paper=True), Column(name="paper: CoV", unit="-", paper=True)]
@@ -257,6 +268,10 @@ def _scatter_table(run: Run) -> Table | None:
         "over the sets is no small uncertainty: a parameter that the data do not inform (resolution near 0) returns to "
         "its prior in every set and scatters by nothing. Resolution 1: the data alone decide."
     )
+    if any(cell.endswith("*") for row in rows for cell in row):
+        note += " * at a bound in every set: it scatters by nothing because the bound holds it."
+    if run.jacket:
+        note += f" {PAPER_NOTE}"
     if sets.failed:
         note += f" No update: {'; '.join(sets.failed)}."
     return Table(caption="Scatter of the update over the selected sets" + (" (Table 7)" if run.jacket else ""),

@@ -234,3 +234,10 @@ def full_run() -> Run:
 def undrawn(monkeypatch):
     """Figures are built but not written out: what is tested is the page around them."""
     monkeypatch.setattr(figures, "svg_text", lambda figure, prefix: f'<svg id="{prefix}"></svg>')
+
+
+@pytest.fixture
+def unfigured(monkeypatch, undrawn):
+    """No figure is built at all: what is tested are words and tables."""
+    for name in set(figures.__all__) - {"Mark", "svg_text", "unit_label"}:
+        monkeypatch.setattr(figures, name, lambda *args, **more: None)

@@ -11,7 +11,12 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
+from probupdate.parameters import Parameter
 from probupdate.reporting import figures
+
+
+def standard(name: str) -> Parameter:
+    return Parameter(name=name, unit="-", initial=0.0, std=1.0)
 
 
 def _built(run) -> dict[str, Figure]:
@@ -43,8 +48,9 @@ def _built(run) -> dict[str, Figure]:
                                                  update.parameters.initial,
                                                  {s.key: s.distance_to_map for s in update.schemes}),
         "marginals": figures.marginals(update.parameters.items, posterior.draws, [mark]),
-        "corner": figures.corner(names[:3], ["-"] * 3, posterior.draws[:, :3], []),
+        "corner": figures.corner(update.parameters.items[:3], posterior.draws[:, :3], [mark]),
         "correlation_map": figures.correlation_map(names, np.corrcoef(posterior.draws.T)),
+        "traces_and_ranks": figures.traces_and_ranks(names, ["-"] * 10, posterior.theta, posterior.ess),
         "contraction": figures.contraction(names, np.linspace(0.05, 1, 10), informed_below=0.9, strong_below=0.5),
         "predictive_frequencies": figures.predictive_frequencies(
             update.labels, update.measured_hz, update.measured_std_hz, posterior.frequency_hz, update.initial_hz),
@@ -60,12 +66,13 @@ NAMES = (
     "sensor_layout", "sensor_layout without model", "wind_and_state", "poles", "mode_shapes", "selection_steps",
     "frequencies_by_block", "frequency_errors", "update_history", "marginals", "corner", "correlation_map",
     "contraction", "departures", "predictive_frequencies", "shapes_by_channel",
+    "traces_and_ranks",
 )
 
 
 def test_the_list_of_figures_is_complete(built):
     drawn = {name.split()[0] for name in built}
-    functions = set(figures.__all__) - {"Mark", "svg_text", "most_correlated"}
+    functions = set(figures.__all__) - {"Mark", "svg_text", "unit_label"}
     assert set(built) == set(NAMES) and drawn == functions
 
 
@@ -103,7 +110,7 @@ def test_every_axis_is_labelled_with_its_unit(built, name):
 
 def test_svg_is_the_same_every_time(full_run, built):
     one, two = built, _built(full_run)
-    for name in ("poles", "marginals", "selection_steps"):
+    for name in ("poles", "marginals", "selection_steps", "sensor_layout", "traces_and_ranks"):
         first, again = figures.svg_text(one[name], "a"), figures.svg_text(two[name], "a")
         assert first == again
         assert first.startswith("<svg") and first.endswith("</svg>")
@@ -135,8 +142,9 @@ def test_matplotlib_is_left_as_it_was(full_run):
 def test_no_figure_needs_a_window_system():
     code = (
         "import sys; import numpy; from probupdate.reporting import figures as f; "
-        "draws = numpy.random.default_rng(1).normal(size=(500, 2)); "
-        "f.svg_text(f.corner(['a', 'b'], ['-', '-'], draws, []), 'x'); print('matplotlib.pyplot' in sys.modules)"
+        "from probupdate.parameters import Parameter as P; draws = numpy.random.default_rng(1).normal(size=(500, 2)); "
+        "two = [P(name=n, unit='-', initial=0.0, std=1.0) for n in 'ab']; "
+        "f.svg_text(f.corner(two, draws, []), 'x'); print('matplotlib.pyplot' in sys.modules)"
     )
     answer = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert answer.stdout.strip() == "False"
@@ -151,7 +159,7 @@ def test_contours_hold_their_share_of_the_draws():
     """39, 68 and 90 %: of a Gaussian's draws the innermost contour holds what a circle of one deviation holds."""
     rng = np.random.default_rng(2)
     draws = rng.standard_normal((40000, 2))
-    figure = figures.corner(["a", "b"], ["-", "-"], draws, [])
+    figure = figures.corner([standard("a"), standard("b")], draws, [])
     pair = next(a for a in figure.axes if a.get_ylabel().startswith("b") and a.collections)
     lines = pair.collections[1]
     levels = lines.levels if hasattr(lines, "levels") else None
@@ -162,9 +170,37 @@ def test_contours_hold_their_share_of_the_draws():
     assert np.median(radius) == pytest.approx(np.sqrt(-2 * np.log(1 - 0.39)), abs=0.12)
 
 
-def test_most_correlated_finds_the_pair():
-    rng = np.random.default_rng(3)
-    draws = rng.standard_normal((2000, 6))
-    draws[:, 4] = 0.9 * draws[:, 1] + 0.3 * draws[:, 4]
-    assert figures.most_correlated(draws, 2) == [1, 4]
-    assert figures.most_correlated(draws[:, :1], 4) == [0]
+def _rank_panel(theta: np.ndarray, effective: float):
+    figure = figures.traces_and_ranks(["a"], ["-"], theta, np.array([effective]))
+    panel = figure.axes[1]
+    band = panel.patches[0]
+    low, high = band.get_y(), band.get_y() + band.get_height()
+    shares = np.concatenate([p.get_data().values for p in panel.patches[1:]])
+    return np.mean((shares < low) | (shares > high))
+
+
+def test_ranks_of_parts_that_tell_the_same_stay_in_their_band():
+    """Independent draws: of 80 shares at two deviations about 5 % lie outside; three times that is chance of 1e-4."""
+    theta = np.random.default_rng(4).standard_normal((16, 500, 1))
+    assert _rank_panel(theta, 8000.0) < 0.15
+
+
+def test_ranks_of_a_drifting_chain_leave_their_band():
+    theta = np.random.default_rng(4).standard_normal((16, 500, 1)) + np.linspace(0, 2, 500)[:, None]
+    assert _rank_panel(theta, 8000.0) > 0.5
+
+
+def test_a_trace_goes_where_the_ensemble_goes():
+    theta = np.random.default_rng(4).standard_normal((16, 600, 1)) + np.linspace(0, 5, 600)[:, None]
+    trace = figures.traces_and_ranks(["a"], ["-"], theta, np.array([50.0]), thinned_by=3).axes[0]
+    step, median = trace.lines[0].get_data()
+    # 600 steps kept, each the third: the axis counts what the sampler did
+    assert step[-1] == pytest.approx(1800, rel=0.01)
+    assert median[0] == pytest.approx(0, abs=0.5) and median[-1] == pytest.approx(5, abs=0.5)
+
+
+def test_a_narrow_posterior_can_be_read_beside_a_wide_prior():
+    draws = np.random.default_rng(6).normal(0.3, 0.01, (4000, 1))
+    axes = figures.marginals([Parameter(name="k", unit="-", initial=1.0, std=1.0, lower=0.05)], draws, []).axes[0]
+    width = np.ptp(np.percentile(draws, [0.2, 99.8]))
+    assert np.ptp(axes.get_xlim()) < 5 * width
