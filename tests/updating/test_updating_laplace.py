@@ -1,0 +1,236 @@
+"""The maximum of the posterior and its Gaussian: closed forms, scipy's optimisers, numerical Hessians."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy import optimize
+from updating_cases import (
+    CHAIN_PARAMETERS,
+    LINEAR_HZ,
+    LINEAR_PARAMETERS,
+    SLOPE,
+    chain_model,
+    chain_problem,
+    linear_problem,
+    measured_chain,
+    modal_set,
+)
+
+from probupdate.errors import ConvergenceError
+from probupdate.estimators import laplace as laplace_module
+from probupdate.estimators.laplace import maximum_a_posteriori, prior_residual
+from probupdate.estimators.tikhonov import update
+from probupdate.modes import ModalData
+from probupdate.parameters import Parameter, Parameters
+from probupdate.problem import Problem, Weights, build_problem
+from probupdate.structure.functions import FunctionModel
+
+MEASURED = LINEAR_HZ + np.array([0.03, -0.06, 0.10, 0.15, -0.30])
+MIXED = Parameters((
+    Parameter(name="base", unit="-", initial=1.0, std=0.5, lower=0.05, upper=6.0, prior="lognormal"),
+    Parameter(name="upper", unit="-", initial=1.0, std=0.1, lower=0.3, upper=2.0),
+    Parameter(name="top", unit="-", initial=1.0, std=0.05, lower=0.5, upper=2.0, prior="lognormal"),
+    Parameter(name="twist", unit="-", initial=0.02, std=0.02, lower=-0.2, upper=0.2),
+))  # fmt: skip
+CORRELATION = np.array([[1.0, 0.6, 0.2, 0.0], [0.6, 1.0, 0.0, 0.0], [0.2, 0.0, 1.0, -0.3], [0.0, 0.0, -0.3, 1.0]])
+
+
+def negative_log_posterior(problem: Problem):
+    return lambda theta: -float(problem.log_posterior(np.asarray(theta))[0][0])
+
+
+def numerical_hessian(function, theta, step):
+    n = len(theta)
+    H = np.empty((n, n))
+    for i in range(n):
+        for j in range(i + 1):
+            total = 0.0
+            for a in (1, -1):
+                for b in (1, -1):
+                    moved = np.array(theta, float)
+                    moved[i] += a * step[i]
+                    moved[j] += b * step[j]
+                    total += a * b * function(moved)
+            H[i, j] = H[j, i] = total / (4 * step[i] * step[j])
+    return H
+
+
+# closed form
+
+
+def test_the_linear_problem_has_its_closed_form():
+    top = maximum_a_posteriori(linear_problem(MEASURED), [LINEAR_PARAMETERS.initial])
+    W, W_theta = np.diag(1 / (0.01 * LINEAR_HZ) ** 2), np.linalg.inv(LINEAR_PARAMETERS.covariance)
+    P = np.linalg.inv(SLOPE.T @ W @ SLOPE + W_theta)
+    assert top.theta == pytest.approx(LINEAR_PARAMETERS.initial + P @ SLOPE.T @ W @ (MEASURED - LINEAR_HZ), rel=1e-8)
+    assert top.covariance == pytest.approx(P, rel=1e-6)
+    assert top.resolution == pytest.approx(1 - np.diag(P) / np.diag(LINEAR_PARAMETERS.covariance), rel=1e-6)
+    assert top.gradient * LINEAR_PARAMETERS.std == pytest.approx(np.zeros(3), abs=1e-5)
+    assert top.others == () and not top.at_bound.any()
+
+
+def test_resolution_is_zero_where_the_data_say_nothing_and_one_where_they_say_all():
+    slope = np.array(SLOPE)
+    slope[:, 2] = 0.0
+    slope[:, 0] *= 30.0
+    # the data must stay within the spacing of the frequencies
+    measured = LINEAR_HZ + slope @ [0.01, 0.1, 0.0]
+    top = maximum_a_posteriori(linear_problem(measured, slope=slope), [LINEAR_PARAMETERS.initial])
+    assert abs(top.resolution[2]) < 1e-9
+    assert top.covariance[2, 2] == pytest.approx(0.2**2, rel=1e-9)
+    assert top.theta[2] == pytest.approx(-1.0, abs=1e-9)
+    assert 0.999 < top.resolution[0] <= 1.0
+
+
+# the chain with its close pairs
+
+
+@pytest.mark.parametrize(
+    ("parameters", "name"),
+    [(CHAIN_PARAMETERS, "normal"), (MIXED, "mixed"), (Parameters(MIXED.items, CORRELATION), "mixed, correlated")],
+)
+def test_no_optimiser_of_scipy_finds_a_higher_point(parameters, name):
+    problem = build_problem(chain_model(parameters), measured_chain(noise=0.01, seed=5))
+    top = maximum_a_posteriori(problem, [parameters.initial])
+    function = negative_log_posterior(problem)
+    assert top.log_posterior == pytest.approx(-function(top.theta), rel=1e-12)
+    root = np.linalg.cholesky(top.covariance)
+    # off by about two deviations in every direction, optimised in whitened coordinates
+    begin = np.random.default_rng(6).standard_normal(4) * 2
+    peer = optimize.minimize(
+        lambda z: function(np.clip(top.theta + root @ z, parameters.lower, parameters.upper)), begin,
+        method="Nelder-Mead", options={"xatol": 1e-3, "fatol": 1e-7, "maxfev": 500},
+    )  # fmt: skip
+    assert peer.success and -peer.fun <= top.log_posterior + 1e-6
+    # within a hundredth of a posterior deviation of the same point
+    assert np.max(np.abs(peer.x)) < 0.01, name
+
+
+@pytest.mark.parametrize("parameters", [CHAIN_PARAMETERS, MIXED, Parameters(MIXED.items, CORRELATION)])
+def test_the_gradient_is_that_of_the_log_posterior(parameters):
+    problem = build_problem(chain_model(parameters), measured_chain(noise=0.01, seed=5))
+    top = maximum_a_posteriori(problem, [parameters.initial])
+    function = negative_log_posterior(problem)
+    posterior_std = np.sqrt(np.diag(top.covariance))
+    for k in range(4):
+        h = np.zeros(4)
+        h[k] = 1e-3 * posterior_std[k]
+        slope = -(function(top.theta + h) - function(top.theta - h)) / (2 * h[k])
+        # in units of one over a posterior deviation: the maximum is flat to a thousandth
+        assert abs(slope) * posterior_std[k] < 1e-3
+        assert abs(top.gradient[k]) * posterior_std[k] < 1e-4
+
+
+def test_the_precision_is_the_gauss_newton_hessian_by_differences_of_the_responses():
+    problem = chain_problem(noise=0.01)
+    top = maximum_a_posteriori(problem, [CHAIN_PARAMETERS.initial])
+    J = np.empty((problem.measured.size, 4))
+    for k in range(4):
+        h = np.zeros(4)
+        h[k] = 1e-4 * CHAIN_PARAMETERS.std[k]
+        J[:, k] = (problem.predict(top.theta + h) - problem.predict(top.theta - h)) / (2 * h[k] * problem.std)
+    expected = J.T @ J + np.diag(1 / CHAIN_PARAMETERS.std**2)
+    scale = np.sqrt(np.diag(expected))
+    assert top.precision / np.outer(scale, scale) == pytest.approx(expected / np.outer(scale, scale), abs=1e-6)
+    assert top.covariance @ top.precision == pytest.approx(np.eye(4), abs=1e-8)
+
+
+def test_the_whole_hessian_is_gauss_newtons_where_the_model_fits():
+    # without noise and with a prior centred on the truth residuals vanish, and with them their curvature
+    problem = chain_problem(CHAIN_PARAMETERS.initial, noise=0.0)
+    top = maximum_a_posteriori(problem, [CHAIN_PARAMETERS.initial * 1.01])
+    assert top.theta == pytest.approx(CHAIN_PARAMETERS.initial, abs=1e-6)
+    posterior_std = np.sqrt(np.diag(top.covariance))
+    found = numerical_hessian(negative_log_posterior(problem), top.theta, 0.02 * posterior_std)
+    scale = np.sqrt(np.diag(top.precision))
+    assert found / np.outer(scale, scale) == pytest.approx(top.precision / np.outer(scale, scale), abs=2e-3)
+
+
+def test_data_predicted_exactly_by_the_start_settle_there():
+    # -2 ln p is zero there but for rounding: no step lowers it any more
+    problem = chain_problem(CHAIN_PARAMETERS.initial, noise=0.0)
+    top = maximum_a_posteriori(problem, [CHAIN_PARAMETERS.initial])
+    assert top.theta == pytest.approx(CHAIN_PARAMETERS.initial, abs=1e-9) and top.misfit < 1e-12
+
+
+# the prior as residuals
+
+
+@pytest.mark.parametrize("correlation", [None, CORRELATION])
+def test_the_priors_residual_is_its_log_density_and_its_slope_their_derivative(correlation):
+    parameters = Parameters(MIXED.items, correlation)
+    rng = np.random.default_rng(8)
+    points = parameters.initial * rng.uniform(0.6, 1.5, (6, 4))
+    values = [prior_residual(parameters, theta) for theta in points]
+    quadratic = np.array([-0.5 * r @ r for r, _ in values])
+    density = parameters.log_density(points)
+    assert quadratic - quadratic[0] == pytest.approx(density - density[0], abs=1e-10)
+    for theta, (_, slope) in zip(points, values, strict=True):
+        for k in range(4):
+            h = np.zeros(4)
+            h[k] = 1e-6 * theta[k]
+            up, down = prior_residual(parameters, theta + h)[0], prior_residual(parameters, theta - h)[0]
+            assert slope[:, k] == pytest.approx((up - down) / (2 * h[k]), rel=1e-6, abs=1e-6 * np.abs(slope).max())
+
+
+# bounds
+
+
+def test_a_maximum_at_a_bound_is_flagged_and_its_gradient_points_outward():
+    tight = Parameters((replace(CHAIN_PARAMETERS.items[0], lower=0.9), *CHAIN_PARAMETERS.items[1:]))
+    problem = build_problem(chain_model(tight), measured_chain(noise=0.004, seed=3))
+    top = maximum_a_posteriori(problem, [tight.initial])
+    assert top.at_bound.tolist() == [True, False, False, False]
+    assert top.theta[0] == pytest.approx(0.9, abs=1e-12)
+    posterior_std = np.sqrt(np.diag(top.covariance))
+    assert top.gradient[0] * posterior_std[0] < -0.1
+    assert np.max(np.abs(top.gradient[1:]) * posterior_std[1:]) < 1e-4
+    # the free directions are at their best given the bound
+    function = negative_log_posterior(problem)
+    peer = optimize.minimize(lambda z: function([0.9, *(top.theta[1:] + z * posterior_std[1:])]), np.ones(3) * 0.5,
+                             method="Nelder-Mead", options={"xatol": 1e-5, "fatol": 1e-9, "maxfev": 500})  # fmt: skip
+    assert np.max(np.abs(peer.x)) < 0.01
+
+
+# several maxima
+
+
+def two_sided_problem():
+    """f = 2 + t^2 / 4: the data want |t| = 1, the prior leans to one side."""
+    shape = np.linalg.qr(np.random.default_rng(9).standard_normal((13, 13)))[0]
+    spare = 50.0 * 1.5 ** np.arange(12)
+    parameters = Parameters((Parameter(name="t", unit="-", initial=0.2, std=1.0, lower=-5.0, upper=5.0),))
+    model = FunctionModel(
+        name="folded", parameters=parameters, channels=tuple(f"c{k}" for k in range(13)), version="1",
+        function=lambda theta: (np.concatenate([[2.0 + theta[0] ** 2 / 4], spare]), shape),
+    )  # fmt: skip
+    return build_problem(model, ModalData(channels=model.channels, sets=(modal_set([2.25], shape[:, :1]),)))
+
+
+def test_the_higher_of_two_maxima_wins_and_the_other_is_told_by_its_depth():
+    problem = two_sided_problem()
+    function = negative_log_posterior(problem)
+    options = {"method": "bounded", "options": {"xatol": 1e-9}}
+    right = optimize.minimize_scalar(lambda t: function([t]), bounds=(0.2, 3), **options)
+    left = optimize.minimize_scalar(lambda t: function([t]), bounds=(-3, -0.2), **options)
+    top = maximum_a_posteriori(problem, [[-2.0], [2.0], [1.5]])
+    assert top.theta == pytest.approx([right.x], abs=1e-6)
+    assert top.others == pytest.approx((left.fun - right.fun,), abs=1e-3)
+    assert maximum_a_posteriori(problem, [[2.0], [1.5]]).others == ()
+
+
+def test_where_nothing_settles_the_best_parameters_are_handed_over(monkeypatch):
+    monkeypatch.setattr(laplace_module, "MAX_ITERATION", 1)
+    problem = chain_problem(noise=0.01)
+    with pytest.raises(ConvergenceError, match="was not reached within 1 iterations from any of 1 starts") as error:
+        maximum_a_posteriori(problem, [CHAIN_PARAMETERS.initial])
+    function = negative_log_posterior(problem)
+    assert function(error.value.estimate) < function(CHAIN_PARAMETERS.initial)
+
+
+def test_the_updates_end_is_a_start_that_is_already_there():
+    problem = chain_problem(noise=0.01, weights=Weights(frequency_cov=(0.015,) * 4, shape_std=False))
+    anchored = update(problem)
+    top = maximum_a_posteriori(problem, [anchored.theta[-1]])
+    assert np.max(np.abs(top.theta - anchored.theta[-1]) / np.sqrt(np.diag(top.covariance))) < 1e-4
