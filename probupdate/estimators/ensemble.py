@@ -30,19 +30,23 @@ AUTOCORRELATION_TIMES = 50
 BURN_IN = 0.2
 # where part of what a move proposes is far: full jumps along differences of walkers carry them between modes
 JUMP_SHARE = 0.1
-# share of proposals from the surrogate, and how often each sweeps up and down the parameters
-SURROGATE_SHARE, SWEEPS = 0.4, 3
+# share of proposals from the surrogate, and how many of them are drawn at once
+SURROGATE_SHARE, SURROGATE_POOL = 0.5, 2000
 # share of proposals of one or two parameters from their prior
 PRIOR_SHARE = 0.25
 
 
 @dataclass(frozen=True, kw_only=True)
 class SamplerSettings:
-    """walkers_per_parameter: emcee's ensemble size over the number of parameters. target_ess: effective draws wanted
-    of the worst parameter. max_steps: the run gives up after these, and says so."""
+    """walkers_per_parameter: emcee's ensemble size over the number of parameters; two more than twice their number are
+    always taken. target_ess: effective draws wanted of the worst parameter. max_steps: the run gives up after these,
+    and says so.
+
+    R-hat asks the same length of every walker, some hundred autocorrelation times, so that few walkers cost least.
+    """
 
     seed: int = 1
-    walkers_per_parameter: int = 4
+    walkers_per_parameter: int = 2
     target_ess: int = 1000
     max_steps: int = 20000
 
@@ -123,22 +127,22 @@ class PriorMove(emcee.moves.RedBlueMove):
 
 
 class SurrogateMove(emcee.moves.RedBlueMove):
-    """Proposals that leave the surrogate's density as it is: Gibbs sweeps up and down the parameters, which are
-    reversible for it, so that the ratio of the two densities corrects for what it misses.
+    """Independent draws of the surrogate: the ratio of the two densities corrects for what it misses.
 
-    Alone it would be stuck in tails the surrogate does not have; mixed with differential evolution it need not know
-    them.
+    Alone it would be stuck in tails the surrogate does not have; mixed with the other moves it need not know them.
     """
 
     def __init__(self, surrogate: TruncatedGaussian):
         super().__init__()
         self._surrogate = surrogate
+        self._pool = np.empty((0, len(surrogate.centre)))
 
     def get_proposal(self, sample, complement, random):
-        order = np.arange(sample.shape[1])
-        theta = sample
-        for _ in range(SWEEPS):
-            theta = self._surrogate.sweep(theta, (*order, *order[::-1]), random)
+        n = len(sample)
+        if len(self._pool) < n:
+            # a draw takes many sweeps of a few operations each: thousands at once cost little more than one
+            self._pool = self._surrogate.draw(max(n, SURROGATE_POOL), random)
+        theta, self._pool = self._pool[:n], self._pool[n:]
         return theta, self._surrogate.log_density(sample) - self._surrogate.log_density(theta)
 
 
@@ -169,9 +173,6 @@ def sample(
         counts["fallback"] += int(fallback.sum())
         return value
 
-    sampler = emcee.EnsembleSampler(
-        n_walker, len(parameters), log_probability, vectorize=True, moves=moves(parameters, surrogate),
-    )
     segments = store.read()
     rng = np.random.default_rng([settings.seed, 0])
     if segments:
@@ -190,7 +191,11 @@ def sample(
             if chain.converged or n_step >= settings.max_steps:
                 return chain
         counts.update(evaluated=0, fallback=0)
-        sampler.reset()
+        # anew for every segment: nothing that the moves remember crosses from one to the next, so that a run that was
+        # stopped between them goes on with the same numbers
+        sampler = emcee.EnsembleSampler(
+            n_walker, len(parameters), log_probability, vectorize=True, moves=moves(parameters, surrogate),
+        )
         state = sampler.run_mcmc(state, min(SEGMENT, settings.max_steps - n_step), skip_initial_state_check=True)
         segment = _Segment(
             theta=sampler.get_chain(), log_posterior=sampler.get_log_prob(), state=state,

@@ -20,7 +20,7 @@ from probupdate.progress import Progress, silent
 
 # rounds of fitting: how far the points that are fitted to spread (times the Gaussian's variance), and the power of the
 # importance weights, which would single out few points at first
-ROUNDS = ((2.0, 0.1), (2.0, 0.2), (1.5, 0.3), (1.5, 0.5), (1.5, 0.5))
+ROUNDS = ((2.0, 0.1), (2.0, 0.2), (1.5, 0.3), (1.3, 0.5), (1.3, 0.5))
 # points per coefficient of the quadratic
 POINTS_PER_COEFFICIENT = 8
 # of the fitted coefficients, as a share of the points
@@ -70,11 +70,11 @@ class TruncatedGaussian:
         # rounding may leave a draw a hair outside
         return np.clip(self.centre + d, self.lower, self.upper)
 
-    def draw(self, n: int, rng: np.random.Generator) -> np.ndarray:
-        """n draws (n, n_param) by Gibbs sweeps from the centre."""
+    def draw(self, n: int, random) -> np.ndarray:
+        """n draws (n, n_param), each by Gibbs sweeps from the centre; `random` has uniform(size=n)."""
         theta = np.tile(np.clip(self.centre, self.lower, self.upper), (n, 1))
         for _ in range(SWEEPS):
-            theta = self.sweep(theta, range(len(self.centre)), rng)
+            theta = self.sweep(theta, range(len(self.centre)), random)
         return theta
 
 

@@ -27,6 +27,8 @@ REDUCE_FROM = 200
 FREQUENCY_TOLERANCE = 1e-5
 # the box around it, in prior deviations cut at the bounds, and what may be off there
 BOX_DEVIATIONS, BOX_TOLERANCE = 4.0, 1e-3
+# checks of the first basis, on which nothing but the outline depends
+N_COARSE = 32
 # draws of the outline that stand for the region
 N_REGION = 400
 # posterior draws answered by the full model too, as a check of the reduced one
@@ -147,7 +149,7 @@ def approach(problem: Problem, laplace: Laplace, seed: int, progress: Progress =
     lower = np.maximum(parameters.lower, parameters.initial - BOX_DEVIATIONS * parameters.std)
     upper = np.minimum(parameters.upper, parameters.initial + BOX_DEVIATIONS * parameters.std)
     options = {"n_mode": problem.matching.n_mode, "box": (lower, upper), "seed": seed, "progress": progress}
-    coarse = reduce_basis(model, frequency_tolerance=BOX_TOLERANCE, **options)
+    coarse = reduce_basis(model, frequency_tolerance=BOX_TOLERANCE, n_verify=N_COARSE, **options)
     surrogate, share = fit_surrogate(problem.with_model(coarse), laplace, rng, progress)
     points = surrogate.draw(N_REGION, rng)
     points = points[coarse.covers(points)]

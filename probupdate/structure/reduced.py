@@ -21,7 +21,7 @@ from probupdate.errors import ConvergenceError, InputError
 from probupdate.modes import plane_mac
 from probupdate.progress import Progress, silent
 from probupdate.structure.affine import AffineModel
-from probupdate.structure.reduced_model import ReducedModel, ReductionReport, project
+from probupdate.structure.reduced_model import CHUNK, ReducedModel, ReductionReport, project
 
 # a point that only fills the box, where a cloud of likely points is given, may be off by this much more
 BOX_ALLOWANCE = 10.0
@@ -43,6 +43,8 @@ COUPLING = 1e-7
 # share of the checks that decides which of them are far out
 TYPICAL = 0.9
 MAX_ROUNDS = 8
+# sizes that are tried: the first, and its growth before the smallest is sought between two
+FIRST_SIZE, GROWTH = 32, 1.3
 
 
 def reduce_basis(
@@ -176,16 +178,37 @@ class _Checks:
 
     def judge(self, reduced: ReducedModel) -> tuple[np.ndarray, float]:
         """Largest relative frequency error per point (n,), least (plane) MAC of all."""
+        error, fast_shape = self._frequency_error(reduced, slice(None))
+        return error, self._least_mac(reduced, fast_shape, range(len(self.theta)))
+
+    def held(self, reduced: ReducedModel, share: float) -> bool:
+        """Within MARGIN of the tolerance at a share of the points, with LEAST_MAC at those; stops at too many
+        misses."""
+        allowed = int((1 - share) * len(self.theta))
+        for start in range(0, len(self.theta), CHUNK):
+            rows = slice(start, start + CHUNK)
+            error, fast_shape = self._frequency_error(reduced, rows)
+            good = error <= MARGIN * self.tolerance[rows]
+            allowed -= int(np.sum(~good))
+            near = start + np.flatnonzero(good)
+            if allowed < 0 or self._least_mac(reduced, fast_shape[good], near) < LEAST_MAC:
+                return False
+        return True
+
+    def _frequency_error(self, reduced, rows):
+        fast, fast_shape = reduced._solve_inside(self.theta[rows], reduced.n_mode)
+        return np.abs(fast / self.frequency_hz[rows, : reduced.n_mode] - 1).max(axis=1), fast_shape
+
+    def _least_mac(self, reduced, fast_shape, rows):
         n_mode, worst = reduced.n_mode, 1.0
-        fast, fast_shape = reduced._solve_inside(self.theta, n_mode)
-        for row, (_, phi) in enumerate(self.solved):
-            shape = self.model.channel_matrix @ phi
+        for row, quick in zip(rows, fast_shape, strict=True):
+            shape = self.model.channel_matrix @ self.solved[row][1]
             motion = np.linalg.norm(shape, axis=0)
             for group in clusters_of(self.frequency_hz[row]):
                 # a cluster cut off at the upper end has no plane of its own to compare
                 if group[-1] < n_mode and np.all(motion[group] > SEEN * motion.max()):
-                    worst = min(worst, plane_mac(fast_shape[row][:, group], shape[:, group]))
-        return np.abs(fast / self.frequency_hz[:, :n_mode] - 1).max(axis=1), worst
+                    worst = min(worst, plane_mac(quick[:, group], shape[:, group]))
+        return worst
 
     def worst(self, reduced: ReducedModel) -> list[tuple[np.ndarray, np.ndarray]]:
         """Solutions at the points that fail or come close to it, one at least."""
@@ -202,19 +225,18 @@ class _Checks:
 
 
 def _smallest(largest: ReducedModel, checks: _Checks, share: float) -> int | None:
-    """Size of the smallest leading part of the basis within MARGIN of the tolerance at a share of the checks, by
-    bisection."""
-
-    def fits(size):
-        error, least_mac = checks.judge(largest.leading(size))
-        return bool(np.mean(error <= MARGIN * checks.tolerance) >= share and least_mac >= LEAST_MAC)
-
-    low, high = largest.n_mode, largest.basis.shape[1]
-    if not fits(high):
-        return None
+    """Size of the smallest leading part of the basis that holds at a share of the checks; from below, as small
+    problems are quickly solved."""
+    low, high = largest.n_mode, FIRST_SIZE
+    size = largest.basis.shape[1]
+    while not checks.held(largest.leading(min(high, size)), share):
+        if high >= size:
+            return None
+        low, high = high, int(GROWTH * high)
+    high = min(high, size)
     while high - low > 4:
         middle = (low + high) // 2
-        low, high = (low, middle) if fits(middle) else (middle, high)
+        low, high = (low, middle) if checks.held(largest.leading(middle), share) else (middle, high)
     return high
 
 
