@@ -1,0 +1,156 @@
+"""update.json: what is written is read again, and every broken file is one clear line."""
+
+import json
+from dataclasses import fields, replace
+
+import numpy as np
+import pytest
+from updating_cases import LINEAR_HZ
+from updating_records import PARAMETERS, record
+
+from probupdate.errors import InputError
+from probupdate.estimators.update_file import fit_sentence, parameters_from_table, parameters_to_table, read_update
+from probupdate.parameters import Parameter, Parameters
+
+
+@pytest.fixture(scope="module")
+def update():
+    return record()
+
+
+def same(a, b, where="record"):
+    """Deep equality, NaN equal to NaN, arrays by value and type."""
+    if isinstance(a, np.ndarray):
+        assert isinstance(b, np.ndarray) and a.shape == b.shape and a.dtype == b.dtype, where
+        assert np.array_equal(a, b, equal_nan=a.dtype.kind == "f"), where
+        assert not b.flags.writeable, where
+    elif hasattr(a, "__dataclass_fields__"):
+        assert type(a) is type(b), where
+        for f in fields(a):
+            same(getattr(a, f.name), getattr(b, f.name), f"{where}.{f.name}")
+    elif isinstance(a, tuple):
+        assert isinstance(b, tuple) and len(a) == len(b), where
+        for k, (x, y) in enumerate(zip(a, b, strict=True)):
+            same(x, y, f"{where}[{k}]")
+    elif isinstance(a, dict):
+        assert set(a) == set(b), where
+        for key in a:
+            same(a[key], b[key], f"{where}[{key}]")
+    elif isinstance(a, float) and np.isnan(a):
+        assert isinstance(b, float) and np.isnan(b), where
+    else:
+        assert a == b and type(a) is type(b), where
+
+
+def test_everything_written_is_read_again(update, tmp_path):
+    again = read_update(update.write(tmp_path / "deep" / "update.json"))
+    same(update, again)
+    assert again.summary == update.summary
+    assert [p.name for p in tmp_path.joinpath("deep").iterdir()] == ["update.json"]
+
+
+def test_modes_not_used_derived_numbers_and_no_sets_survive_too(update, tmp_path):
+    bare = replace(
+        update, sets=None, initial_hz=update.initial_hz * [1, np.nan, 1, 1, 1], other_maxima=(0.5, 2.25),
+        derived={"k_xy": {"initial": 1.5e8, "step": float("nan"), "prior": 1.0, "map": 2.0}}, pairs=((1, 2), (3, 4)),
+        settings={"weights": "α ± 1 %"},
+    )  # fmt: skip
+    bare.initial_hz.setflags(write=False)
+    same(bare, read_update(bare.write(tmp_path / "u.json")))
+
+
+def test_infinite_bounds_and_correlation_of_parameters_survive():
+    parameters = Parameters(
+        (Parameter(name="p", unit="m", initial=1.0, std=0.1, upper=2.0, prior="lognormal", description="a, b"),
+         Parameter(name="q", unit="-", initial=0.0, std=3.0)), np.array([[1.0, 0.2], [0.2, 1.0]]),
+    )  # fmt: skip
+    table = json.loads(json.dumps(parameters_to_table(parameters), allow_nan=False))
+    again = parameters_from_table(table)
+    assert again.items == parameters.items
+    assert np.array_equal(again.correlation, parameters.correlation)
+
+
+def test_the_record_holds_what_the_parts_computed(update):
+    printed, anchored = update.scheme("step"), update.scheme("prior")
+    for scheme in (printed, anchored):
+        assert scheme.theta[0] == pytest.approx(PARAMETERS.initial)
+        assert len(scheme.distance_to_map) == len(scheme.theta) == len(scheme.share) + 1
+        assert set(scheme.objective) == {"responses", "parameters", "total"}
+        total = scheme.objective["responses"] + scheme.objective["parameters"]
+        assert scheme.objective["total"] == pytest.approx(total)
+        d = scheme.theta[-1] - update.map_theta
+        assert scheme.distance_to_map[-1] == pytest.approx(np.sqrt(d @ np.linalg.inv(update.map_covariance) @ d / 3))
+    assert anchored.distance_to_map[-1] < 1e-6 < printed.distance_to_map[-1]
+    assert printed.closest_iteration == np.argmin(printed.distance_to_map)
+    assert update.computed_mode.tolist() == [1, 2, 3, 4, 5]
+    assert update.measured_std_hz == pytest.approx(0.01 * LINEAR_HZ)
+    assert update.sets is not None and update.sets.ids == ("set 0", "set 1", "set 2")
+
+
+@pytest.mark.parametrize(("misfit", "fits"), [(40.0, True), (67.0, True), (68.0, False), (400.0, False)])
+def test_a_misfit_beyond_three_deviations_of_chi_square_is_said(update, misfit, fits):
+    # 40 + 3 sqrt(80) = 66.8 would be the limit for 40; here for 40.1 by the number of responses
+    sentence = fit_sentence(replace(update, map_misfit=misfit, n_effective=40))
+    limit = 40 + 3 * np.sqrt(80)
+    assert ("fits the data within" in sentence) == (misfit <= limit)
+    assert fits or f"{np.sqrt(misfit / 40):.1f} times the stated deviations" in sentence
+
+
+# broken files
+
+
+def one_line(path):
+    with pytest.raises(InputError) as error:
+        read_update(path)
+    text = str(error.value)
+    assert "\n" not in text and str(path) in text
+    return text
+
+
+def test_no_file_and_files_of_other_kinds_are_one_line(tmp_path):
+    assert "no such file" in one_line(tmp_path / "missing.json")
+    path = tmp_path / "u.json"
+    for content in (b"", b"{", b"[]", b"3", b"null", b'"text"', b"{}", b"\xff\xfe\x00", b'{"format": 99}'):
+        path.write_bytes(content)
+        one_line(path)
+    path.write_text('{"format": 99}')
+    assert "another version" in one_line(path)
+
+
+def test_a_file_without_one_of_its_keys_is_one_line(update, tmp_path):
+    path = update.write(tmp_path / "u.json")
+    content = json.loads(path.read_text())
+    for key in content:
+        path.write_text(json.dumps({k: v for k, v in content.items() if k != key}))
+        # settings may be missing: they are told only
+        if key != "settings":
+            one_line(path)
+
+
+def test_values_that_do_not_fit_together_are_one_line(update, tmp_path):
+    path = update.write(tmp_path / "u.json")
+    good = json.loads(path.read_text())
+
+    def broken(change):
+        content = json.loads(json.dumps(good))
+        change(content)
+        path.write_text(json.dumps(content))
+        return one_line(path)
+
+    broken(lambda c: c.update(surplus=1))
+    broken(lambda c: c.update(map_theta=c["map_theta"][:2]))
+    broken(lambda c: c.update(map_covariance=[[1.0]]))
+    broken(lambda c: c.update(map_theta="1 2 3"))
+    broken(lambda c: c.update(measured_hz=c["measured_hz"][:3]))
+    broken(lambda c: c.update(labels=c["labels"][:3]))
+    broken(lambda c: c.update(schemes=c["schemes"][:1]))
+    broken(lambda c: c.update(schemes=[]))
+    broken(lambda c: c["schemes"][0].pop("theta"))
+    broken(lambda c: c["schemes"][0].update(theta=[[1.0, 2.0]]))
+    broken(lambda c: c["schemes"][1].update(distance_to_map=[0.0]))
+    broken(lambda c: c["schemes"][0].update(at_bound=[True]))
+    broken(lambda c: c["parameters"]["items"][0].update(std=-1.0))
+    broken(lambda c: c["parameters"]["items"][0].pop("name"))
+    broken(lambda c: c["parameters"].update(items=[]))
+    broken(lambda c: c["sets"].pop("cov"))
+    broken(lambda c: c["sets"].update(theta_map=[[1.0]]))
