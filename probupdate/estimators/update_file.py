@@ -119,8 +119,8 @@ def summary(record: UpdateRecord) -> str:
     used = np.isfinite(record.initial_hz)
     error = np.nanmax(np.abs(record.initial_hz[used] / record.measured_hz[used] - 1))
     after = np.nanmax(np.abs(record.map_hz[used] / record.measured_hz[used] - 1))
-    lines.append(f"worst frequency error of {int(used.sum())} modes: {100 * error:.1f} % before, {100 * after:.1f} % at "
-                 "the MAP")  # fmt: skip
+    lines.append(f"worst frequency error of {int(used.sum())} modes: {100 * error:.1f} % before, "
+                 f"{100 * after:.1f} % at the MAP")  # fmt: skip
     lines.append(fit_sentence(record))
     at = [p.name for p, b in zip(record.parameters, record.map_at_bound, strict=True) if b]
     if at:
@@ -132,7 +132,8 @@ def summary(record: UpdateRecord) -> str:
         lines.append(f"{name}: {values['initial']:.3g} -> {values['map']:.3g} N/m at the MAP")
     lines += [f"left out: {text}" for text in record.left_out]
     if record.other_maxima:
-        lines.append(f"{len(record.other_maxima)} lower maxima were met, nearest {record.other_maxima[0]:.2f} below in ln p")
+        nearest = record.other_maxima[0]
+        lines.append(f"{len(record.other_maxima)} lower maxima were met, nearest {nearest:.2f} below in ln p")
     if record.sets is not None and record.sets.failed:
         lines += [f"no update: {text}" for text in record.sets.failed]
     return "\n".join(lines)
@@ -197,7 +198,8 @@ def write_update(record: UpdateRecord, path: str | Path) -> Path:
         elif name == "schemes":
             content[name] = [{k: _plain(getattr(s, k)) for k in s.__dataclass_fields__} for s in value]
         elif name == "sets":
-            content[name] = None if value is None else {k: _plain(getattr(value, k)) for k in value.__dataclass_fields__}
+            names = () if value is None else value.__dataclass_fields__
+            content[name] = {k: _plain(getattr(value, k)) for k in names} or None
         else:
             content[name] = _plain(value)
     part = path.with_suffix(".part")
@@ -214,34 +216,72 @@ def _array(value, dtype=float) -> np.ndarray:
 
 
 def read_update(path: str | Path) -> UpdateRecord:
-    """Read update.json; raises InputError where it is none."""
+    """Read update.json; raises InputError where it is none, or its parts do not fit together."""
     path = Path(path)
     if not path.is_file():
         raise InputError(str(path), "no such file", "write it with `probupdate update`")
     try:
         content = json.loads(path.read_text(encoding="utf-8"))
-        if content.pop("format") != FORMAT:
-            raise InputError(str(path), "is of another version's format", "write it again with `probupdate update`")
-        schemes = tuple(
-            SchemeRecord(**(s | {k: _array(s[k]) for k in ("theta", "distance_to_map", "share", "frequency_hz", "mac")}
-                            | {"objective": {k: _array(v) for k, v in s["objective"].items()},
-                               "at_bound": _array(s["at_bound"], bool)}))
-            for s in content["schemes"]
-        )  # fmt: skip
-        sets = content["sets"]
-        if sets is not None:
-            arrays = ("theta_map", "theta_step", "variance", "resolution", "cov", "total_std")
-            sets = ScatterRecord(**(
-                sets | {k: _array(sets[k]) for k in arrays}
-                | {"ids": tuple(sets["ids"]), "failed": tuple(sets["failed"]),
-                   "derived": {k: _array(v) for k, v in sets["derived"].items()}}))  # fmt: skip
-        arrays = ("measured_hz", "measured_std_hz", "initial_hz", "initial_mac", "computed_mode", "map_theta",
-                  "map_covariance", "map_resolution", "map_hz", "map_mac")  # fmt: skip
-        return UpdateRecord(**(content | {k: _array(content[k]) for k in arrays} | {
-            "parameters": parameters_from_table(content["parameters"]), "schemes": schemes, "sets": sets,
-            "labels": tuple(content["labels"]), "pairs": tuple(tuple(p) for p in content["pairs"]),
-            "left_out": tuple(content["left_out"]), "other_maxima": tuple(content["other_maxima"]),
-            "map_at_bound": _array(content["map_at_bound"], bool)}))  # fmt: skip
+        form = content.pop("format")
+        record = _record(content) if form == FORMAT else None
     except (json.JSONDecodeError, KeyError, TypeError, AttributeError, ValueError) as error:
         raise InputError(str(path), f"is no update.json ({type(error).__name__}: {error})",
                          "write it with `probupdate update`") from None  # fmt: skip
+    except InputError as error:
+        raise InputError(f"{path}, {error.where}", error.problem, "write it again with `probupdate update`") from None
+    if record is None:
+        raise InputError(str(path), "is of another version's format", "write it again with `probupdate update`")
+    for what, found, wanted in _sizes(record):
+        if found != wanted:
+            raise InputError(f"{path}, {what}", f"is {found}, the rest of the file says {wanted}",
+                             "write it again with `probupdate update`")  # fmt: skip
+    return record
+
+
+def _record(content: dict) -> UpdateRecord:
+    arrays = ("theta", "distance_to_map", "share", "frequency_hz", "mac")
+    schemes = tuple(
+        SchemeRecord(**(s | {k: _array(s[k]) for k in arrays}
+                        | {"objective": {k: _array(v) for k, v in s["objective"].items()},
+                           "at_bound": _array(s["at_bound"], bool)}))
+        for s in content["schemes"]
+    )  # fmt: skip
+    sets = content["sets"]
+    if sets is not None:
+        arrays = ("theta_map", "theta_step", "variance", "resolution", "cov", "total_std")
+        sets = ScatterRecord(**(
+            sets | {k: _array(sets[k]) for k in arrays}
+            | {"ids": tuple(sets["ids"]), "failed": tuple(sets["failed"]),
+               "derived": {k: _array(v) for k, v in sets["derived"].items()}}))  # fmt: skip
+    arrays = ("measured_hz", "measured_std_hz", "initial_hz", "initial_mac", "computed_mode", "map_theta",
+              "map_covariance", "map_resolution", "map_hz", "map_mac")  # fmt: skip
+    return UpdateRecord(**(content | {k: _array(content[k]) for k in arrays} | {
+        "parameters": parameters_from_table(content["parameters"]), "schemes": schemes, "sets": sets,
+        "labels": tuple(content["labels"]), "pairs": tuple(tuple(p) for p in content["pairs"]),
+        "left_out": tuple(content["left_out"]), "other_maxima": tuple(content["other_maxima"]),
+        "derived": {k: {state: float("nan") if v is None else v for state, v in states.items()}
+                    for k, states in content["derived"].items()},
+        "map_at_bound": _array(content["map_at_bound"], bool)}))  # fmt: skip
+
+
+def _sizes(record: UpdateRecord):
+    """What must agree in size: (name, found, wanted)."""
+    n_mode, n_param = len(record.labels), len(record.parameters)
+    yield "schemes", tuple(s.key for s in record.schemes), tuple(SCHEME_NAMES)
+    for name in ("measured_hz", "measured_std_hz", "initial_hz", "initial_mac", "computed_mode", "map_hz", "map_mac"):
+        yield name, getattr(record, name).shape, (n_mode,)
+    for name in ("map_theta", "map_resolution", "map_at_bound"):
+        yield name, getattr(record, name).shape, (n_param,)
+    yield "map_covariance", record.map_covariance.shape, (n_param, n_param)
+    for s in record.schemes:
+        n = len(s.theta)
+        found = {"theta": (s.theta, (n, n_param)), "at_bound": (s.at_bound, (n_param,)), "share": (s.share, (n - 1,)),
+                 "distance_to_map": (s.distance_to_map, (n,)), "frequency_hz": (s.frequency_hz, (n_mode,)),
+                 "mac": (s.mac, (n_mode,))} | {k: (v, (n,)) for k, v in s.objective.items()}  # fmt: skip
+        for name, (array, wanted) in found.items():
+            yield f"{s.key}: {name}", array.shape, wanted
+    if record.sets is not None:
+        for name in ("theta_map", "theta_step", "variance", "resolution"):
+            yield f"sets: {name}", getattr(record.sets, name).shape, (len(record.sets.ids), n_param)
+        for name in ("cov", "total_std"):
+            yield f"sets: {name}", getattr(record.sets, name).shape, (n_param,)
