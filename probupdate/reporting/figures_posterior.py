@@ -119,7 +119,7 @@ def corner(parameters: Sequence[Parameter], draws: np.ndarray, marks: Sequence[M
                 axes.yaxis.set_major_locator(MaxNLocator(3, prune="both"))
                 axes.yaxis.set_major_formatter(FuncFormatter(plain_number))
             axes.set_xlim(low[j], high[j])
-            axes.xaxis.set_major_locator(MaxNLocator(3, prune="both"))
+            axes.xaxis.set_major_locator(MaxNLocator(3 if n < 5 else 2, prune="both"))
             axes.xaxis.set_major_formatter(FuncFormatter(plain_number))
             label_axes(axes, unit_label(names[j], units[j]), "density" if i == j else unit_label(names[i], units[i]))
             axes.xaxis.label.set_size(8)

@@ -56,11 +56,20 @@ def modes_section(run: Run) -> Section:
         else handling
     )
     still = Picture(svg=figures.svg_text(static, "shapes"),
-                    caption="The same at the largest displacement: grey at rest, blue updated, dashed initial; "
-                    "circles: measured at the sensors.")
+                    caption="The same at the largest displacement: grey at rest"
+                    + (", blue updated, dashed initial" if run.update is not None else ", dashed as computed")
+                    + ("; circles: measured at the sensors." if measured_shape is not None else "."))
     return Section(anchor="modes", title=title, items=(Viewer(data=data, caption=caption), still),
-                   lead="The global modes as measured, as first computed and after the update"
+                   lead=f"The global modes {_said(measured_shape is not None, run.update is not None)}"
                    + (" (the paper's Fig. 3)." if run.jacket else "."))
+
+
+def _said(measured: bool, updated: bool) -> str:
+    """What is drawn: measured shapes need to know where the channels are, updated ones an update."""
+    computed = "as first computed and after the update" if updated else "as computed with the initial parameters"
+    if measured:
+        return f"as measured, {computed}" if updated else f"as measured and {computed}"
+    return f"{computed}; where the channels are is not known, so the measured shapes are not drawn"
 
 
 def _shapes_by_channel(run: Run) -> Picture | None:

@@ -84,6 +84,10 @@ def _listed(names: list[str]) -> str:
     return f" ({', '.join(names)})" if names else ""
 
 
+def _keep(names: list[str]) -> str:
+    return "keeps" if len(names) == 1 else "keep"
+
+
 def _lead(run: Run) -> str:
     if run.update is None:
         return ""
@@ -91,9 +95,9 @@ def _lead(run: Run) -> str:
     known, partly, kept, bound = (names_of(found, kind) for kind in (KNOWN, PARTLY, PRIOR, BOUND))
     words = (
         f"Of {plural(len(found), 'parameter')} the data identify {len(known)} strongly{_listed(known)} and "
-        f"{len(partly)} weakly{_listed(partly)}; the prior is kept by {len(kept)}{_listed(kept)}"
+        f"{len(partly)} weakly{_listed(partly)}; {len(kept)} {_keep(kept)} the prior{_listed(kept)}"
     )
-    words += f"; pinned at a bound {'is' if len(bound) == 1 else 'are'} {len(bound)}{_listed(bound)}." if bound else "."
+    words += f"; {len(bound)} {'is' if len(bound) == 1 else 'are'} pinned at a bound{_listed(bound)}." if bound else "."
     truth = truth_sentence(run)
     return f"{words} {truth}" if truth else words
 

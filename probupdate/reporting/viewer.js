@@ -42,7 +42,10 @@
       const b = element("button", { type: "button" }, name);
       b.addEventListener("click", () => {
         state.azimuth = a === null ? home.azimuth : a; state.elevation = e === null ? home.elevation : e;
-        if (a === null) { state.zoom = 1; state.shift = [0, 0]; }
+        // from above a tall structure is small: drawn as large as its plan allows
+        const plan = Math.max(high[0] - low[0], high[1] - low[1], 0.05 * reach);
+        state.zoom = e === Math.PI / 2 && !data.wide ? Math.min(0.5 * reach / plan, 8) : 1;
+        state.shift = [0, 0];
         draw();
       });
       bar.append(b);
@@ -112,6 +115,7 @@
       context.beginPath(); c.forEach((p, k) => (k ? context.lineTo(p[0], p[1]) : context.moveTo(p[0], p[1]))); context.closePath();
       context.fillStyle = level.color; context.fill();
       context.strokeStyle = "#aab4bf"; context.lineWidth = 0.6; context.stroke();
+      if (state.elevation > 1.2) return; // seen from above the planes lie upon one another
       const edge = c.reduce((a, b) => (a[0] > b[0] ? a : b));
       context.fillStyle = "#55606d"; context.font = "11.5px sans-serif"; context.textBaseline = "middle";
       context.fillText(level.name, edge[0] + 6, edge[1]);
