@@ -63,7 +63,7 @@ def measured_section(run: Run) -> Section:
         )
     )
     items.append(_sensor_table(campaign))
-    items += _scada(campaign)
+    items += _scada(campaign, run.jacket)
     if campaign.findings:
         items.append(Items(title="Found on reading the records", statements=campaign.findings))
     return Section(anchor="measured", title="What was measured", items=tuple(items),
@@ -92,18 +92,20 @@ def _sensor_table(campaign: CampaignValues) -> Table:
     return Table(caption="Sensors by level", columns=columns, rows=tuple(rows))
 
 
-def _scada(campaign: CampaignValues) -> list[object]:
+def _scada(campaign: CampaignValues, jacket: bool) -> list[object]:
     scada = campaign.scada
     if scada is None or "wind_speed_mps" not in scada:
         return [Notice(level="missing", text="SCADA with a wind speed, so wind and turbine state are not shown.")]
     state = scada["state"].astype(str) if "state" in scada else pd.Series("unknown", index=scada.index)
     figure = figures.wind_and_state(scada["time"].to_numpy(), scada["wind_speed_mps"].to_numpy(float), list(state),
-                                    cut_in_mps=CUT_IN_MPS, rated_mps=RATED_MPS)
+                                    cut_in_mps=CUT_IN_MPS if jacket else None,
+                                    rated_mps=RATED_MPS if jacket else None)
     share = state.value_counts(normalize=True)
     words = ", ".join(f"{name} {percent(float(share[name]), 0)} %" for name in share.index)
     rule = f" {campaign.state_rule}" if campaign.state_rule else ""
     return [Picture(svg=figures.svg_text(figure, "wind"),
-                    caption=f"Wind speed and turbine state, as Fig. 4 of the paper ({words} of the time).{rule}")]
+                    caption=f"Wind speed and turbine state{', as Fig. 4 of the paper' if jacket else ''} ({words} of the "
+                    f"time).{rule}")]
 
 
 def _rated_harmonics(run: Run) -> dict[str, float]:
