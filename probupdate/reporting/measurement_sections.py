@@ -104,8 +104,8 @@ def _scada(campaign: CampaignValues, jacket: bool) -> list[object]:
     words = ", ".join(f"{name} {percent(float(share[name]), 0)} %" for name in share.index)
     rule = f" {campaign.state_rule}" if campaign.state_rule else ""
     return [Picture(svg=figures.svg_text(figure, "wind"),
-                    caption=f"Wind speed and turbine state{', as Fig. 4 of the paper' if jacket else ''} ({words} of the "
-                    f"time).{rule}")]
+                    caption=f"Wind speed and turbine state{', as Fig. 4 of the paper' if jacket else ''} ({words} of "
+                    f"the time).{rule}")]
 
 
 def _rated_harmonics(run: Run) -> dict[str, float]:
