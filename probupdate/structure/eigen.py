@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy import sparse
+from scipy import linalg, sparse
 from scipy.sparse import linalg as sparse_linalg
 
 from probupdate.errors import InputError
@@ -11,13 +11,15 @@ from probupdate.errors import InputError
 # relative residual |K phi - lambda M phi| / |K phi| above which an eigenpair is refused; Lanczos in double
 # precision leaves 1e-10 on these matrices
 RESIDUAL_LIMIT = 1e-6
+# below so many degrees of freedom a dense solution is ten times faster than Lanczos' bookkeeping
+DENSE_BELOW = 80
 
 
 def lowest_modes(K: sparse.csc_array, M: sparse.csc_array, n_mode: int, where: str = "model"):
     """Eigenvalues lambda (n_mode,) ascending and shapes phi (n_dof, n_mode) of K phi = lambda M phi, phi^T M phi = 1.
 
-    Shift-invert Lanczos at zero with one symmetric-ordering factorisation and a fixed start vector. Raises
-    InputError where K is singular or indefinite.
+    Shift-invert Lanczos at zero with one symmetric-ordering factorisation and a fixed start vector, or, for small
+    matrices, a dense solution. Raises InputError where K is singular or indefinite.
     """
     n = K.shape[0]
     if n_mode >= n - 1:
@@ -37,12 +39,7 @@ def lowest_modes(K: sparse.csc_array, M: sparse.csc_array, n_mode: int, where: s
             where, "the stiffness matrix is not positive definite: a mechanism or a negative stiffness factor",
             "check supports and the parameters' bounds",
         )
-    inverse = sparse_linalg.LinearOperator((n, n), factor.solve, dtype=float)
-    start = np.cos(np.arange(n))
-    value, phi = sparse_linalg.eigsh(
-        sparse.csc_matrix(K), k=n_mode, M=sparse.csc_matrix(M), sigma=0.0, OPinv=inverse, v0=start, tol=1e-12,
-        ncv=min(n, max(2 * n_mode + 8, 24)),
-    )
+    value, phi = _dense(K, M, n_mode, where) if n < DENSE_BELOW else _lanczos(K, M, n_mode, factor)
     order = np.argsort(value)
     value, phi = value[order], phi[:, order]
     force = K @ phi
@@ -55,6 +52,27 @@ def lowest_modes(K: sparse.csc_array, M: sparse.csc_array, n_mode: int, where: s
     phi /= np.sqrt(np.einsum("ij,ij->j", phi, M @ phi))
     largest = np.argmax(np.abs(phi), axis=0)
     return value, phi * np.sign(phi[largest, np.arange(n_mode)])
+
+
+def _lanczos(K, M, n_mode: int, factor):
+    n = K.shape[0]
+    inverse = sparse_linalg.LinearOperator((n, n), factor.solve, dtype=float)
+    start = np.cos(np.arange(n))
+    return sparse_linalg.eigsh(
+        sparse.csc_matrix(K), k=n_mode, M=sparse.csc_matrix(M), sigma=0.0, OPinv=inverse, v0=start, tol=1e-12,
+        ncv=min(n, max(2 * n_mode + 8, 24)),
+    )
+
+
+def _dense(K, M, n_mode: int, where: str):
+    """M phi = mu K phi with mu = 1 / lambda: K is positive definite, M need not be (massless degrees of freedom)."""
+    n = K.shape[0]
+    mu, phi = linalg.eigh(M.toarray(), K.toarray(), subset_by_index=(n - n_mode, n - 1))
+    # rounding alone leaves some 1e-16 of the largest where there is no mass
+    if mu[0] <= 1e-14 * mu[-1]:
+        raise InputError(where, f"fewer than {n_mode} modes have a positive mass: the mass matrix is indefinite or has "
+                         "too many massless degrees of freedom", "check M0 and every M_<name>")  # fmt: skip
+    return 1 / mu, phi
 
 
 def mode_derivatives(K, M, value, phi, dK_phi, dM_phi, clusters):

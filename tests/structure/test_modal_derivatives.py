@@ -28,7 +28,8 @@ def analytic(turbine):
 
 
 def signed(shape, reference):
-    return shape * np.sign(np.sum(shape * reference, axis=0))
+    # of two equal eigenvalues the other one may come first, at right angles: its sign is then free, but is not zero
+    return shape * np.where(np.sum(shape * reference, axis=0) < 0, -1, 1)
 
 
 def difference(model, theta, k, h, reference, clusters):
