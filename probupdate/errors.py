@@ -16,7 +16,8 @@ class InputError(ProbupdateError):
 
     def __init__(self, where: str, problem: str, remedy: str):
         self.where, self.problem, self.remedy = where, problem, remedy
-        super().__init__(f"{where}: {problem}; {remedy}")
+        # what other packages say of a file may run over several lines
+        super().__init__(" ".join(f"{where}: {problem}; {remedy}".split()))
 
 
 class ConvergenceError(ProbupdateError):

@@ -40,10 +40,13 @@ class Sensor:
 
     def __post_init__(self):
         where = f"sensor {self.channel}"
-        position, direction = frozen_array(self.position_m), frozen_array(self.direction)
+        try:
+            position, direction = frozen_array(self.position_m), frozen_array(self.direction)
+        except (TypeError, ValueError):
+            raise InputError(where, "position_m or direction is not three numbers", "give [x, y, z]") from None
         if position.shape != (3,) or not np.all(np.isfinite(position)):
             raise InputError(where, f"position_m {self.position_m} is not three numbers", "give [x, y, z] in metres")
-        if direction.shape != (3,) or abs(np.linalg.norm(direction) - 1) > 1e-3:
+        if direction.shape != (3,) or not abs(np.linalg.norm(direction) - 1) < 1e-3:
             raise InputError(where, f"direction {self.direction} is not a unit vector", "scale it to length 1")
         if self.quantity not in QUANTITIES:
             raise InputError(where, f"quantity '{self.quantity}' is unknown", f"choose from {', '.join(QUANTITIES)}")
@@ -137,12 +140,22 @@ class ModalData:
 def _numbers(where: str, value, shape: tuple[int, ...], key: str) -> np.ndarray:
     if value is None:
         return np.full(shape, np.nan)
+    if not isinstance(value, list):
+        raise InputError(f"{where}, {key}", f"{value!r} is no list", "use a list of numbers, null where not measured")
+    flat = [x for row in value for x in (row if isinstance(row, list) else [row])]
+    # JSON knows no NaN; it is a failed computation as likely as a mode that was not measured
+    if any(isinstance(x, float) and np.isnan(x) for x in flat):
+        raise InputError(f"{where}, {key}", "holds NaN", "use null where not measured")
+    if any(isinstance(x, str | bool) for x in flat):
+        wrong = next(x for x in flat if isinstance(x, str | bool))
+        raise InputError(f"{where}, {key}", f"{wrong!r} is not a number", "use numbers, null where not measured")
     try:
         array = np.array(
             [[np.nan if x is None else x for x in row] if isinstance(row, list) else (np.nan if row is None else row)
              for row in value], dtype=float)
     except (TypeError, ValueError) as error:
-        raise InputError(f"{where}, {key}", f"not a table of numbers ({error})", "use numbers, null where not measured")
+        raise InputError(f"{where}, {key}", f"not a table of numbers ({str(error).split('.')[0]})",
+                         "use numbers, null where not measured") from None  # fmt: skip
     # a whole row may be null: a mode that was not measured in this set
     if len(shape) == 2 and array.ndim == 1 and np.all(np.isnan(array)):
         array = np.full(shape, np.nan)
@@ -155,7 +168,7 @@ def _numbers(where: str, value, shape: tuple[int, ...], key: str) -> np.ndarray:
 
 def _expand_null_rows(value, n: int):
     """Replace a null row of a shape table by a row of nulls."""
-    return None if value is None else [[None] * n if row is None else row for row in value]
+    return [[None] * n if row is None else row for row in value] if isinstance(value, list) else value
 
 
 SET_KEYS = {
@@ -180,10 +193,12 @@ def read_modes(path: str | Path) -> ModalData:
         raise InputError(str(path), "no such file", "check the path, or run `probupdate identify` first") from None
     except (json.JSONDecodeError, UnicodeDecodeError) as error:
         raise InputError(str(path), f"not JSON ({error})", "mend the file at that place") from None
+    except OSError as error:
+        raise InputError(str(path), f"cannot be read ({error.strerror})", "name a modes.json") from None
     if not isinstance(content, dict) or not isinstance(content.get("sets"), list) or "channels" not in content:
         raise InputError(str(path), "'channels' or 'sets' is missing", "see modes.json in the README")
     _refuse_misspelt(str(path), content, {"channels", "sets", "labels", "reference_set"})
-    channels = tuple(content["channels"])
+    channels = _texts(path, content, "channels")
     if len(set(channels)) < len(channels):
         raise InputError(f"{path}, channels", "a channel is listed twice", "keep one")
     sets = []
@@ -192,8 +207,11 @@ def read_modes(path: str | Path) -> ModalData:
             raise InputError(f"{path}, set {number}", "is not a table", 'write {"id": ..., "frequency_hz": [...]}')
         where = f"{path}, set {raw.get('id', number)}"
         _refuse_misspelt(where, raw, SET_KEYS)
-        if "frequency_hz" not in raw or "shape_re" not in raw:
-            raise InputError(where, "'frequency_hz' or 'shape_re' is missing", "give both; null where not measured")
+        if not isinstance(raw.get("frequency_hz"), list) or "shape_re" not in raw:
+            raise InputError(where, "'frequency_hz' or 'shape_re' is missing or no list",
+                             "give both; null where not measured")  # fmt: skip
+        if not isinstance(raw.get("environment") or {}, dict):
+            raise InputError(f"{where}, environment", "is not a table", 'write {"water_level_m": 0.2}')
         n_mode, n_channel = len(raw["frequency_hz"]), len(channels)
         table, vector = (n_mode, n_channel), (n_mode,)
         real = _numbers(where, _expand_null_rows(raw["shape_re"], n_channel), table, "shape_re")
@@ -219,9 +237,16 @@ def read_modes(path: str | Path) -> ModalData:
     return ModalData(
         channels=channels,
         sets=tuple(sets),
-        labels=tuple(content.get("labels", ())),
+        labels=_texts(path, content, "labels"),
         reference_set=content.get("reference_set"),
     )
+
+
+def _texts(path: Path, content: Mapping, key: str) -> tuple[str, ...]:
+    value = content.get(key, [])
+    if not isinstance(value, list) or not all(isinstance(x, str) for x in value):
+        raise InputError(f"{path}, {key}", "is not a list of names", 'write ["TP-A-x", ...]')
+    return tuple(value)
 
 
 def _nulls(array: np.ndarray):

@@ -55,6 +55,7 @@ class CampaignCheck:
             "campaign": self.campaign, "findings": list(self.findings), "uses": list(self.uses),
             "blocks": self.blocks.to_dict("records"), "channels": _per_channel(self.table).to_dict("records"),
         }
+        path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(json.dumps(content, indent=1))
         return path
 

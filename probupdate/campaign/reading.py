@@ -137,7 +137,14 @@ def _sensors(where: Path, raw: dict) -> tuple[Sensor, ...]:
         for key in ("channel", "level", "position_m", "direction"):
             if key not in table:
                 raise InputError(here, f"'{key}' is missing", "add it")
-        sensor = Sensor(**table)
+        for key in ("channel", "level", "quantity", "unit"):
+            if not isinstance(table.get(key, ""), str):
+                raise InputError(f"{here}, {key}", f"{table[key]!r} is no text", "write it in quotes")
+        try:
+            sensor = Sensor(**table)
+        except InputError as error:
+            # the sensor knows its name, not the file it came from
+            raise InputError(here, error.problem, error.remedy) from None
         known = tuple(UNITS[sensor.quantity])
         if sensor.unit not in known:
             raise InputError(here, f"unit '{sensor.unit}' is none of {sensor.quantity}", f"use {', '.join(known)}")
@@ -177,8 +184,14 @@ def _record_file(path: Path, file, rate_hz: float, n_channel: int) -> RecordFile
     for key in ("start", "sampling_rate_hz"):
         if key not in data.attrs:
             raise InputError(str(path), f"'data' has no attribute '{key}'", "write it beside the samples")
-    own = float(data.attrs["sampling_rate_hz"])
-    if abs(own - rate_hz) > 1e-6 * rate_hz:
+    if data.dtype.kind not in "iuf":
+        raise InputError(str(path), f"'data' holds {data.dtype}, not numbers", "write float32")
+    try:
+        own = float(data.attrs["sampling_rate_hz"])
+    except (TypeError, ValueError):
+        raise InputError(f"{path}, sampling_rate_hz", f"{data.attrs['sampling_rate_hz']!r} is not a number",
+                         "write Hz beside the samples") from None  # fmt: skip
+    if not abs(own - rate_hz) <= 1e-6 * rate_hz:
         raise InputError(str(path), f"is sampled at {own:g} Hz, campaign.toml says {rate_hz:g} Hz",
                          "correct the one that is wrong")
     text = data.attrs["start"]

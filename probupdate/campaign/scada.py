@@ -50,7 +50,8 @@ def read_scada(path: str | Path) -> pd.DataFrame:
     try:
         time = pd.to_datetime(table["time"], utc=True, format="ISO8601")
     except (ValueError, TypeError) as error:
-        raise InputError(f"{path}, time", f"not a time ({error})", "write ISO 8601, UTC") from None
+        raise InputError(f"{path}, time", f"not a time ({str(error).splitlines()[0]})",
+                         "write ISO 8601, UTC; a row may have more cells than the head") from None  # fmt: skip
     if time.isna().any():
         raise InputError(f"{path}, row {int(np.argmax(time.isna())) + 2}", "has no time", "give it or drop the row")
     table = table.drop(columns="time").set_index(pd.DatetimeIndex(time, name="time")).sort_index(kind="stable")

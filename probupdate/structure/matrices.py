@@ -78,9 +78,11 @@ def _read_archive(path: Path) -> dict[str, np.ndarray]:
             return {key: archive[key] for key in archive.files}
     except FileNotFoundError:
         raise InputError(str(path), "no such file", "check the path") from None
-    except (ValueError, OSError, zipfile.BadZipFile, AttributeError) as error:
+    except (ValueError, OSError, EOFError, zipfile.BadZipFile, AttributeError, TypeError) as error:
+        # numpy takes whatever is no archive for a pickle and advises to load it as one
+        reason = "" if "pickle" in str(error) else f" ({getattr(error, 'strerror', None) or error})"
         raise InputError(
-            str(path), f"not a plain .npz archive ({error})", "write it with numpy.savez, without objects"
+            str(path), f"not a plain .npz archive{reason}", "write it with numpy.savez, without objects"
         ) from None
 
 
@@ -90,16 +92,18 @@ def _matrix(path: Path, content: Mapping, key: str, n: int | None) -> sparse.csc
         raw = content[key]
         if raw.ndim != 2:
             raise InputError(where, f"has shape {raw.shape}", "give a square matrix")
-        matrix = sparse.csc_array(raw.astype(float))
+        matrix = sparse.csc_array(_real(where, raw))
     elif all(key + part in content for part in SPARSE_PARTS):
         data, indices, indptr = (content[key + part] for part in SPARSE_PARTS)
         size = n or len(indptr) - 1
         if len(indptr) - 1 != size:
             raise InputError(where, f"has {len(indptr) - 1} rows, K0 has {size}", "use one size for all")
+        if not all(np.issubdtype(part.dtype, np.integer) and part.ndim == 1 for part in (indices, indptr)):
+            raise InputError(where, "its _indices and _indptr are not whole numbers", "write CSR parts anew")
         if len(indices) != len(data) or (len(indices) and not 0 <= indices.min() <= indices.max() < size):
             raise InputError(where, "its _indices do not fit _data or the matrix size", "write CSR parts anew")
         try:
-            matrix = sparse.csc_array(sparse.csr_array((data.astype(float), indices, indptr), shape=(size, size)))
+            matrix = sparse.csc_array(sparse.csr_array((_real(where, data), indices, indptr), shape=(size, size)))
         except ValueError as error:
             raise InputError(where, f"its CSR parts do not fit together ({error})", "write them anew") from None
     else:
@@ -112,6 +116,12 @@ def _matrix(path: Path, content: Mapping, key: str, n: int | None) -> sparse.csc
     if skew.nnz and skew.max() > ASYMMETRY_LIMIT * abs(matrix).max():
         raise InputError(where, f"is not symmetric (largest difference {skew.max():.3g})", "export the full matrix")
     return sparse.csc_array(0.5 * (matrix + matrix.T))
+
+
+def _real(where: str, raw: np.ndarray) -> np.ndarray:
+    if raw.dtype.kind not in "iufb":
+        raise InputError(where, f"holds {raw.dtype}, not real numbers", "export real matrices")
+    return raw.astype(float)
 
 
 def _refuse_unused(path: Path, content: Mapping, used: set[str]) -> None:
@@ -138,7 +148,7 @@ def _channels(path: Path, content: Mapping, n: int) -> tuple[tuple[str, ...], sp
         raise InputError(f"{path}, channel_dof", f"has shape {dof.shape}", f"give {len(names)} whole numbers")
     if len(names) and (dof.min() < 0 or dof.max() >= n):
         raise InputError(f"{path}, channel_dof", f"row {int(dof.max())} is outside 0..{n - 1}", "count rows from zero")
-    sign = np.asarray(content.get("channel_sign", np.ones(len(names))), float)
+    sign = _real(f"{path}, channel_sign", np.asarray(content.get("channel_sign", np.ones(len(names)))))
     if sign.shape != (len(names),) or not np.all(np.abs(sign) == 1):
         raise InputError(f"{path}, channel_sign", "is not a +1 or -1 per channel", "mend it or leave it out")
     return names, sparse.csr_array((sign, (np.arange(len(names)), dof)), shape=(len(names), n))
@@ -158,10 +168,14 @@ def _wireframe(path: Path, content: Mapping, n: int) -> tuple[Wireframe | None, 
         raise InputError(f"{path}, node_position_m", f"has shape {node.shape}", "give (n_node, 3)")
     if dof_node.shape != (n,) or direction.shape != (n,):
         raise InputError(f"{path}, dof_node", "does not have one entry per row of K0", f"give {n} numbers")
+    if dof_node.dtype.kind not in "iu" or np.any((dof_node < 0) | (dof_node >= len(node))):
+        raise InputError(f"{path}, dof_node", f"is not a row of node_position_m, 0..{len(node) - 1}", "count from zero")
     rows = np.flatnonzero((direction >= 0) & (direction < 3))
     picture = sparse.csr_array(
         (np.ones(len(rows)), (3 * dof_node[rows] + direction[rows], rows)), shape=(3 * len(node), n)
     )
-    line = np.asarray(content.get("line", np.empty((0, 2))), int)
+    line = np.asarray(content.get("line", np.empty((0, 2), int)))
+    if line.dtype.kind not in "iu" or line.shape[1:] != (2,) or np.any((line < 0) | (line >= len(node))):
+        raise InputError(f"{path}, line", "is not pairs of rows of node_position_m", "count from zero, (n_line, 2)")
     wire = Wireframe(node_m=frozen_array(node), line=frozen_array(line, int), line_group=("model",) * len(line))
     return wire, picture

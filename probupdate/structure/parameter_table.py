@@ -48,16 +48,22 @@ def parameter_from_table(table: Mapping, where: str) -> Parameter:
     std = float(table["std"]) if "std" in table else float(table["cov"]) * abs(initial)
     if "cov" in table and initial == 0:
         raise InputError(where, "'cov' of an initial value of zero says nothing", "give 'std' in the parameter's unit")
-    return Parameter(
-        name=str(table["name"]),
-        unit=str(table.get("unit", "-")),
-        initial=initial,
-        std=std,
-        lower=float(table.get("lower", -np.inf)),
-        upper=float(table.get("upper", np.inf)),
-        prior=str(table.get("prior", "normal")),
-        description=str(table.get("description", "")),
-    )
+    if not isinstance(table.get("update", True), bool):
+        raise InputError(f"{where}, update", f"{table['update']!r} is neither true nor false", "write one of them")
+    try:
+        return Parameter(
+            name=str(table["name"]),
+            unit=str(table.get("unit", "-")),
+            initial=initial,
+            std=std,
+            lower=float(table.get("lower", -np.inf)),
+            upper=float(table.get("upper", np.inf)),
+            prior=str(table.get("prior", "normal")),
+            description=str(table.get("description", "")),
+        )
+    except InputError as error:
+        # the parameter knows its name, not the file it came from
+        raise InputError(where, error.problem, error.remedy) from None
 
 
 def updated_parameters(tables: Sequence[Mapping], where: str, correlation: Mapping | None = None) -> Parameters:
@@ -73,8 +79,13 @@ def updated_parameters(tables: Sequence[Mapping], where: str, correlation: Mappi
 def correlation_matrix(items: Sequence[Parameter], table: Mapping, where: str) -> np.ndarray:
     names = [p.name for p in items]
     matrix = np.eye(len(names))
+    if not isinstance(table, Mapping) or not all(isinstance(entries, Mapping) for entries in table.values()):
+        raise InputError(f"{where}, correlation", "is not a table of tables", "write [correlation.<name>] and in it "
+                         "<other name> = 0.5")  # fmt: skip
     for row, entries in table.items():
         for column, value in entries.items():
+            if isinstance(value, bool) or not isinstance(value, int | float):
+                raise InputError(f"{where}, correlation.{row}.{column}", f"{value!r} is not a number", "give one")
             for name in (row, column):
                 if name not in names:
                     raise InputError(f"{where}, correlation", f"'{name}' is no updated parameter", "mend the name")
