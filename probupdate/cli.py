@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import os
 import sys
 import time
 import traceback
 from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from typing import NoReturn
 
 from probupdate import __version__
 from probupdate.errors import InputError, ProbupdateError
@@ -123,7 +126,7 @@ def run_sample(a: argparse.Namespace, progress: Progress) -> None:
 def run_compare(a: argparse.Namespace, progress: Progress) -> None:
     import probupdate
 
-    result = probupdate.compare(a.update, a.posterior)
+    result = probupdate.compare(a.update, a.posterior, model=a.model, parameters=a.parameters)
     result.write(a.out)
     say(result.summary)
     say(f"wrote {a.out}")
@@ -154,8 +157,15 @@ def positive(kind: type) -> Callable[[str], float]:
     return convert
 
 
+class _Parser(argparse.ArgumentParser):
+    """One line for a wrong option too; the usage stands in --help."""
+
+    def error(self, message: str) -> NoReturn:
+        self.exit(2, f"{self.prog}: {message}; see {self.prog} --help\n")
+
+
 def build_parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
+    parser = _Parser(
         prog="probupdate",
         description="Update a jacket's finite-element model from measured vibration, deterministically and as a "
         "posterior, and compare the two. Each step reads and writes files: enter at any of them.",
@@ -179,11 +189,12 @@ def build_parser() -> argparse.ArgumentParser:
         on_model(p)
         p.add_argument("--modes", required=True, help="modes.json; nine.json from `select`")
         p.add_argument("--set", help="id of the set to use (default: the file's reference set, or its first)")
-        p.add_argument("--weights", choices=("measured", "paper"), default="measured",
-                       help="W_Lambda from the deviations in the file (default), or from the paper's CoVs "
-                       "0.015 / 0.017, tenfold for shapes")
-        p.add_argument("--frequency-cov", type=positive(float), nargs="+", metavar="COV",
-                       help="CoV of each frequency instead, tenfold for shapes")
+        weights = p.add_mutually_exclusive_group()
+        weights.add_argument("--weights", choices=("measured", "paper"), default="measured",
+                             help="W_Lambda from the deviations in the file (default), or from the paper's CoVs "
+                             "0.015 / 0.017, tenfold for shapes")
+        weights.add_argument("--frequency-cov", type=positive(float), nargs="+", metavar="COV",
+                             help="CoV of each frequency instead, tenfold for shapes")
 
     p = verb("demo", run_demo, "the whole job on a virtual campaign, ending with OUT/report.html")
     p.add_argument("out", metavar="OUT", help="directory to write; an interrupted demo goes on where it stopped")
@@ -231,6 +242,8 @@ def build_parser() -> argparse.ArgumentParser:
     p = verb("compare", run_compare, "where update and posterior part, and why")
     p.add_argument("update", metavar="UPDATE")
     p.add_argument("posterior", metavar="POSTERIOR")
+    p.add_argument("--model", help="for its derived quantities over the posterior, such as a pile's head stiffness")
+    p.add_argument("--parameters", help="parameters.toml of a model made of matrices")
     p.add_argument("--out", required=True)
 
     p = verb("report", run_report, "one self-contained page of a run directory")
@@ -239,9 +252,29 @@ def build_parser() -> argparse.ArgumentParser:
     return parser
 
 
+# verbs whose result is a directory; the others write files
+WRITE_FOLDERS = ("demo", "simulate")
+
+
+def refuse_unwritable(out: str, *, folder: bool) -> None:
+    """Before hours of work, not after them: a result that cannot be written. Directories to it are made later."""
+    path = Path(out)
+    if folder and path.exists() and not path.is_dir():
+        raise InputError(out, "is a file where a directory is to be written", "name a directory")
+    if not folder and path.is_dir():
+        raise InputError(out, "is a directory where a file is to be written", "name a file in it")
+    above = next(p for p in (path, *path.parents) if p.exists())
+    if above != path and not above.is_dir():
+        raise InputError(out, f"cannot be written, as {above} is no directory", "name another place")
+    if not os.access(above, os.W_OK):
+        raise InputError(out, f"{above} may not be written to", "name another place, or change its permissions")
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     a = build_parser().parse_args(arguments)
     try:
+        if a.out:
+            refuse_unwritable(a.out, folder=a.verb in WRITE_FOLDERS)
         with terminal_progress() as progress:
             a.action(a, progress)
     except InputError as error:
@@ -250,9 +283,19 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except ProbupdateError as error:
         sys.stderr.write(f"probupdate {a.verb}: {error}\n")
         return 1
+    except BrokenPipeError:
+        # whoever read the output has gone; what is still buffered must not raise once more at exit
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 1
     except KeyboardInterrupt:
         sys.stderr.write(f"probupdate {a.verb}: interrupted; what was finished is kept\n")
         return 1
+    except (IsADirectoryError, NotADirectoryError, FileNotFoundError, FileExistsError, PermissionError) as error:
+        if error.filename is None:
+            traceback.print_exc()
+            return 1
+        sys.stderr.write(f"probupdate {a.verb}: {error.filename}: {error.strerror}; check the path\n")
+        return 2
     except Exception:
         # not foreseen: a defect of this program, so the trace is what its authors need
         traceback.print_exc()

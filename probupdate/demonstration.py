@@ -1,4 +1,4 @@
-"""The whole job on a virtual campaign, step by step into one directory; a step whose files are there is not repeated."""
+"""The whole job on a virtual campaign, step by step into one directory; finished steps are not repeated."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from pathlib import Path
 
 from probupdate import __version__, verbs
 from probupdate.errors import InputError
+from probupdate.estimators.ensemble import SamplerSettings
 from probupdate.progress import Progress, silent
 from probupdate.reporting import report as write_report
 from probupdate.structure.load import reference_model
@@ -46,6 +47,8 @@ def demo(
     tolerances), in the reference turbine's updated state, and measured; the model starts as built.
     """
     out = Path(out)
+    # before anything is written
+    SamplerSettings(seed=seed)
     begun = time.monotonic()
     out.mkdir(parents=True, exist_ok=True)
     state = _State(out, {"seed": seed, "days": days, "version": __version__})
@@ -84,6 +87,16 @@ def demo(
     return Demonstration(folder=out, seconds=seconds, summary=summary)
 
 
+def _finished(path: Path) -> dict:
+    try:
+        found = json.loads(path.read_text(encoding="utf-8"))
+    except (json.JSONDecodeError, UnicodeDecodeError) as error:
+        raise InputError(str(path), f"not JSON ({error})", "give an empty directory, or delete this one") from None
+    if not isinstance(found, dict) or not isinstance(found.get("finished"), list):
+        raise InputError(str(path), "is no demonstration's", "give an empty directory, or delete this one")
+    return found
+
+
 class _State:
     """Which steps are finished, in run.json; refuses a directory of another run."""
 
@@ -95,7 +108,7 @@ class _State:
             "start": start, **settings, "finished": [],
         }  # fmt: skip
         if self._path.exists():
-            found = json.loads(self._path.read_text(encoding="utf-8"))
+            found = _finished(self._path)
             differ = [k for k in self._content if k != "finished" and found.get(k) != self._content[k]]
             if differ:
                 raise InputError(

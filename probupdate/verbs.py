@@ -22,7 +22,8 @@ from probupdate.estimators.updating import deterministic_update, sample_posterio
 from probupdate.identification.identify import Identification, SSISettings
 from probupdate.identification.identify import identify as identify_campaign
 from probupdate.identification.reference import ReferenceModes
-from probupdate.identification.selection import Selection, select as select_sets
+from probupdate.identification.selection import Selection
+from probupdate.identification.selection import select as select_sets
 from probupdate.mode_labels import close_pairs, mode_character
 from probupdate.modes import ModalData, Sensor, read_modes
 from probupdate.problem import Weights, paper_weights
@@ -126,13 +127,15 @@ def _weights(weights: str | tuple[float, ...] | Weights, data: ModalData) -> Wei
     return Weights(frequency_cov=tuple(float(w) for w in weights), shape_std=False)
 
 
-def _only(data: ModalData, set_id: str | None) -> ModalData:
+def _modal_data(modes: str | Path | ModalData, set_id: str | None) -> ModalData:
     """Sets of which at least one mode was identified; the others cannot be updated."""
+    data = modes if isinstance(modes, ModalData) else read_modes(modes)
     kept = tuple(s for s in data.sets if np.any(s.measured))
     if set_id is not None:
         data.set(set_id)
     if not kept:
-        raise InputError("modes", "no set has an identified mode", "check the identification")
+        where = "modes" if data is modes else str(modes)
+        raise InputError(where, "no set has an identified mode", "check the identification")
     reference = data.reference_set if any(s.id == data.reference_set for s in kept) else None
     return replace(data, sets=kept, reference_set=reference)
 
@@ -149,7 +152,7 @@ def update(
     progress: Progress = silent,
 ) -> UpdateRecord:
     """The sensitivity-based Tikhonov update (Eq. 4-7) in both readings, the MAP, and the same for every set."""
-    data = _only(modes if isinstance(modes, ModalData) else read_modes(modes), set_id)
+    data = _modal_data(modes, set_id)
     return deterministic_update(
         open_model(model, parameters), data, set_id=set_id, weights=_weights(weights, data), alpha=alpha,
         iterations=iterations, progress=progress,
@@ -171,7 +174,7 @@ def sample(
 ) -> Posterior:
     """Sample the posterior of the same problem into `out`; the chain is kept beside it (`<out>.chain/`) and goes on
     where it stopped."""
-    data = _only(modes if isinstance(modes, ModalData) else read_modes(modes), set_id)
+    data = _modal_data(modes, set_id)
     out = Path(out)
     settings = SamplerSettings(seed=seed, target_ess=target_ess, max_steps=max_steps)
     posterior = sample_posterior(
@@ -182,12 +185,22 @@ def sample(
     return posterior
 
 
-def compare(update: str | Path | UpdateRecord, posterior: str | Path | Posterior, *, model=None) -> Comparison:
+def compare(
+    update: str | Path | UpdateRecord,
+    posterior: str | Path | Posterior,
+    *,
+    model=None,
+    parameters: str | Path | None = None,
+) -> Comparison:
     """Where update and posterior part, and why. With a model, its derived quantities (pile-head stiffness) too."""
     record = update if isinstance(update, UpdateRecord) else read_update(update)
     drawn = posterior if isinstance(posterior, Posterior) else read_posterior(posterior)
-    derived = None if model is None else getattr(open_model(model), "derived", None)
-    return compare_results(record, drawn, derived)
+    if model is None:
+        return compare_results(record, drawn)
+    opened = open_model(model, parameters)
+    if opened.parameters.names != record.parameters.names:
+        raise InputError(opened.name, "has other parameters than the update", "give the model that was updated")
+    return compare_results(record, drawn, getattr(opened, "derived", None))
 
 
 @dataclass(frozen=True)

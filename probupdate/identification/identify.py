@@ -63,6 +63,7 @@ class Identification:
         """modes.json, and modes.poles.csv beside it."""
         out = Path(out)
         table = out.with_name(f"{out.stem}.poles.csv")
+        out.parent.mkdir(parents=True, exist_ok=True)
         write_modes(self.data, out)
         written = self.poles.assign(time=self.poles["time"].dt.strftime("%Y-%m-%dT%H:%M:%SZ"))
         written.to_csv(table, index=False, float_format="%.6g", lineterminator="\n")

@@ -54,6 +54,7 @@ class Selection:
         """nine.json, and selection.csv beside it."""
         out = Path(out)
         table = out.with_name("selection.csv")
+        out.parent.mkdir(parents=True, exist_ok=True)
         write_modes(self.data, out)
         self.table.to_csv(table, index=False, float_format="%.6g", lineterminator="\n")
         return [out, table]
