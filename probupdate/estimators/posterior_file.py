@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -128,9 +129,20 @@ def read_posterior(path: str | Path) -> Posterior:
     if not path.is_file():
         raise InputError(str(path), "no such file", "write it with `probupdate sample`")
     try:
-        data = arviz.from_netcdf(str(path))
-    except (OSError, ValueError, KeyError) as error:
+        with warnings.catch_warnings():
+            # of a file with unnamed dimensions, which is none of ours and is refused below
+            warnings.filterwarnings("ignore", message="The 'phony_dims' kwarg", category=UserWarning)
+            data = arviz.from_netcdf(str(path))
+    except (OSError, ValueError, KeyError, TypeError) as error:
         raise InputError(str(path), f"is no NetCDF file ({error})", "give a posterior.nc") from None
+    try:
+        return _from_groups(path, data)
+    except (KeyError, TypeError, ValueError) as error:
+        raise InputError(str(path), f"lacks something or is damaged ({type(error).__name__}: {error})",
+                         "write it again with `probupdate sample`") from None  # fmt: skip
+
+
+def _from_groups(path: Path, data) -> Posterior:
     groups = {name: _group(data, name) for name in GROUPS}
     missing = [name for name, group in groups.items() if group is None]
     if missing:
