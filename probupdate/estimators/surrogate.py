@@ -10,7 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import special
+from scipy import linalg, optimize, special
 
 from probupdate.estimators.laplace import Laplace
 from probupdate.modes import frozen_array
@@ -29,7 +29,8 @@ RIDGE = 1e-3
 LEAST_CURVATURE = 0.02
 # log weights further below the largest than this count as this
 LEAST_WEIGHT = -15.0
-SWEEPS = 40
+# draws inside the bounds are sought among so many times their number, and otherwise made by so many sweeps
+MOST_TRIES, SWEEPS = 20, 40
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -71,8 +72,33 @@ class TruncatedGaussian:
         return np.clip(self.centre + d, self.lower, self.upper)
 
     def draw(self, n: int, random) -> np.ndarray:
-        """n draws (n, n_param), each by Gibbs sweeps from the centre; `random` has uniform(size=n)."""
-        theta = np.tile(np.clip(self.centre, self.lower, self.upper), (n, 1))
+        """n draws (n, n_param); `random` has uniform(size=shape).
+
+        Of the Gaussian without bounds those inside are kept, which is exact, as long as one in MOST_TRIES is. Where
+        they are rarer, Gibbs sweeps start from the Gaussian around the highest point inside, cut to the bounds: from
+        one point they would need a thousand steps to spread along a ridge.
+        """
+        scale = 1 / np.sqrt(np.diag(self.precision))
+        factor = linalg.cholesky(self.precision * np.outer(scale, scale), lower=True)
+        pull = linalg.solve_triangular(factor, self.gradient * scale, lower=True)
+
+        def around(middle: np.ndarray) -> np.ndarray:
+            normal = special.ndtri(np.clip(random.uniform(size=(n, len(middle))), 1e-16, 1 - 1e-16))
+            return self.centre + (middle + linalg.solve_triangular(factor, normal.T, lower=True, trans="T").T) * scale
+
+        mean = linalg.solve_triangular(factor, pull, lower=True, trans="T")
+        kept, found = [], 0
+        for tried in range(1, MOST_TRIES + 1):
+            theta = around(mean)
+            kept.append(theta[np.all((theta >= self.lower) & (theta <= self.upper), axis=1)])
+            found += len(kept[-1])
+            if found >= n:
+                return np.concatenate(kept)[:n]
+            if found * MOST_TRIES < n * tried / 2:
+                break
+        bounds = (self.lower - self.centre) / scale, (self.upper - self.centre) / scale
+        top = optimize.lsq_linear(factor.T, pull, bounds=bounds, method="bvls").x
+        theta = np.clip(around(top), self.lower, self.upper)
         for _ in range(SWEEPS):
             theta = self.sweep(theta, range(len(self.centre)), random)
         return theta
