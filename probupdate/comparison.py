@@ -110,15 +110,21 @@ def compare(update: UpdateRecord, posterior: Posterior, derived: Mapping[str, ob
     for name, compute in (derived or {}).items():
         chosen = draws[:: max(1, len(draws) // 200)]
         found = np.array([compute(theta) for theta in chosen])
-        values.setdefault(name, {}).update(mean=float(found.mean()), cov=float(found.std(ddof=1) / abs(found.mean())))
+        values.setdefault(name, {}).update(mean=float(found.mean()), cov=_cov(found))
         if update.sets is not None and name in update.sets.derived:
             each = update.sets.derived[name]
-            values[name].update(nine_mean=float(each.mean()), nine_cov=float(each.std(ddof=1) / abs(each.mean())))
+            values[name].update(nine_mean=float(each.mean()), nine_cov=_cov(each))
     return Comparison(
         names=posterior.names, rows=rows, correlation=correlation, derived=values,
         notes=tuple(_notes(update, posterior, rows)), converged=posterior.converged,
         settings={"weights": update.settings.get("weights", ""), "set": update.set_id},
     )
+
+
+def _cov(values: np.ndarray) -> float:
+    """Deviation over |mean|, NaN where the mean is zero."""
+    mean = float(np.mean(values))
+    return float(np.std(values, ddof=1)) / abs(mean) if mean else float("nan")
 
 
 def _row(k: int, update: UpdateRecord, posterior: Posterior, draws: np.ndarray, correlation: np.ndarray) -> ComparisonRow:
@@ -241,9 +247,9 @@ def write_comparison(comparison: Comparison, path: str | Path) -> Path:
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
     content = {
-        "format": FORMAT, "names": list(comparison.names), "rows": [_row_table(r) for r in comparison.rows],
+        "format": FORMAT, "names": list(comparison.names), "rows": [_nulls(asdict(r)) for r in comparison.rows],
         "correlation": comparison.correlation.tolist(),
-        "derived": {k: dict(v) for k, v in comparison.derived.items()}, "notes": list(comparison.notes),
+        "derived": {k: _nulls(v) for k, v in comparison.derived.items()}, "notes": list(comparison.notes),
         "converged": comparison.converged, "settings": dict(comparison.settings),
     }  # fmt: skip
     part = path.with_suffix(".part")
@@ -252,29 +258,32 @@ def write_comparison(comparison: Comparison, path: str | Path) -> Path:
     return path
 
 
-def _row_table(row: ComparisonRow) -> dict:
-    return {k: None if isinstance(v, float) and not np.isfinite(v) else v for k, v in asdict(row).items()}
+def _nulls(table: Mapping) -> dict:
+    return {k: None if isinstance(v, float) and not np.isfinite(v) else v for k, v in table.items()}
+
+
+def _numbers(table: Mapping) -> dict:
+    return {k: float("nan") if v is None else tuple(v) if isinstance(v, list) else v for k, v in table.items()}
 
 
 def read_comparison(path: str | Path) -> Comparison:
-    """Read compare.json; raises InputError where it is none."""
-    path = Path(path)
+    """Read compare.json; raises InputError where it is none, or its parts do not fit together."""
+    path, again = Path(path), "write it again with `probupdate compare`"
     if not path.is_file():
         raise InputError(str(path), "no such file", "write it with `probupdate compare`")
     try:
         content = json.loads(path.read_text(encoding="utf-8"))
         if content.pop("format") != FORMAT:
-            raise InputError(str(path), "is of another version's format", "write it again with `probupdate compare`")
-        rows = tuple(
-            ComparisonRow(**{k: float("nan") if v is None else tuple(v) if isinstance(v, list) else v
-                             for k, v in row.items()})
-            for row in content["rows"]
-        )  # fmt: skip
-        return Comparison(
-            names=tuple(content["names"]), rows=rows, correlation=np.array(content["correlation"]),
-            derived=content["derived"], notes=tuple(content["notes"]), converged=content["converged"],
-            settings=content["settings"],
+            raise InputError(str(path), "is of another version's format", again)
+        found = Comparison(
+            names=tuple(content["names"]), rows=tuple(ComparisonRow(**_numbers(row)) for row in content["rows"]),
+            correlation=np.array(content["correlation"], float),
+            derived={k: _numbers(v) for k, v in content["derived"].items()}, notes=tuple(content["notes"]),
+            converged=content["converged"], settings=content["settings"],
         )
-    except (json.JSONDecodeError, KeyError, TypeError, AttributeError) as error:
-        raise InputError(str(path), f"is no compare.json ({type(error).__name__}: {error})",
-                         "write it with `probupdate compare`") from None  # fmt: skip
+    except (json.JSONDecodeError, KeyError, TypeError, AttributeError, ValueError) as error:
+        raise InputError(str(path), f"is no compare.json ({type(error).__name__}: {error})", again) from None
+    n = len(found.names)
+    if tuple(r.name for r in found.rows) != found.names or found.correlation.shape != (n, n):
+        raise InputError(str(path), f"its rows or its correlation do not fit its {n} parameters", again)
+    return found
