@@ -143,8 +143,9 @@ def match(
         )
     highest = max(i for group in groups for i in group.computed)
     return Matching(
-        groups=tuple(groups), criterion=frozen_array(criterion), left_out=tuple(left_out), n_mode=highest + 1 + SPARE
-    )
+        groups=tuple(groups), criterion=frozen_array(criterion), left_out=tuple(left_out),
+        n_mode=min(highest + 1 + SPARE, computed.shape[1]),
+    )  # fmt: skip
 
 
 def assign(criterion: np.ndarray) -> np.ndarray:

@@ -58,6 +58,11 @@ class Model(Protocol):
     parameters: Parameters
     channels: tuple[str, ...]
 
+    @property
+    def n_available(self) -> int:
+        """How many modes can be asked of it."""
+        ...
+
     def solve(
         self,
         theta: np.ndarray,

@@ -291,7 +291,7 @@ def build_problem(
     modal_set = data.set(set_id)
     weights = weights or Weights()
     rows = channel_rows(model, data.channels)
-    solution = model.solve(model.parameters.initial, data.n_mode + SEARCH)
+    solution = model.solve(model.parameters.initial, min(data.n_mode + SEARCH, model.n_available))
     matching = match(modal_set, solution, rows, labels=data.labels, clusters=clusters)
     labels = data.labels or tuple(f"mode {j + 1}" for j in range(data.n_mode))
     groups = tuple(

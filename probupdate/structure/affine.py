@@ -45,6 +45,11 @@ class AffineModel:
     def n_dof(self) -> int:
         return self.stiffness[0].shape[0]
 
+    @property
+    def n_available(self) -> int:
+        # the eigensolver leaves two of them out
+        return self.n_dof - 2
+
     def _theta(self, theta) -> np.ndarray:
         theta = np.asarray(theta, float)
         if theta.shape[-1:] != (len(self.parameters),):

@@ -32,6 +32,11 @@ class FunctionModel:
     version: str
     step: float = 1e-4
 
+    @property
+    def n_available(self) -> int:
+        """As many as the function gives at the initial parameters."""
+        return np.size(self.function(np.array(self.parameters.initial))[0])
+
     def _evaluate(self, theta, n_mode):
         frequency, shape = self.function(np.array(theta, float))
         frequency, shape = np.asarray(frequency, float), np.asarray(shape, float)

@@ -81,6 +81,10 @@ class ReducedModel:
         return self.full.name
 
     @property
+    def n_available(self) -> int:
+        return self.n_mode
+
+    @property
     def parameters(self):
         return self.full.parameters
 

@@ -4,14 +4,16 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy import linalg, stats
+from scipy import linalg, sparse, stats
 from small_turbine import small_turbine
 from updating_cases import (
     CHAIN_PARAMETERS,
     CHAIN_TRUTH,
     CHANNELS,
+    LINEAR_HZ,
     chain_model,
     chain_problem,
+    linear_data,
     linear_model,
     linear_problem,
     measured_chain,
@@ -89,6 +91,30 @@ def test_the_chi_square_of_a_true_model_is_the_number_of_effective_responses():
     n = problem.n_effective
     assert abs(np.mean(found) - n) < 4 * np.sqrt(2 * n / len(found))
     assert np.std(found) == pytest.approx(np.sqrt(2 * n), rel=0.3)
+
+
+def test_a_callable_may_give_no_more_modes_than_were_measured():
+    whole = linear_model()
+    model = replace(whole, function=lambda theta: tuple(a[..., :5] for a in whole.function(theta)))
+    data = linear_data(LINEAR_HZ * 1.01)
+    problem, wide = build_problem(model, data), build_problem(whole, data)
+    assert problem.matching.n_mode == 5 and wide.matching.n_mode == 6
+    theta = np.array([1.2, 2.1, -1.1])
+    assert problem.predict(theta) == pytest.approx(wide.predict(theta), abs=1e-12)
+    assert problem.sensitivity(theta)[1] == pytest.approx(wide.sensitivity(theta)[1], abs=1e-6)
+
+
+def test_a_model_of_few_degrees_of_freedom_is_searched_as_far_as_it_goes():
+    # two masses in each of two directions and two more behind them: four modes at most can be asked of six
+    full, small = chain_model(), 6
+    pick = sparse.csr_array(np.eye(small))
+    cut = [tuple(sparse.csc_array(m.toarray()[:small, :small]) for m in ms) for ms in (full.stiffness, full.mass)]
+    model = replace(full, stiffness=cut[0], mass=cut[1], channel_matrix=pick, channels=tuple("abcdef"), hash_key="six")
+    assert model.n_available == 4
+    solution = model.solve(CHAIN_TRUTH, 2)
+    data = ModalData(channels=model.channels, sets=(modal_set(solution.frequency_hz, solution.shape),))
+    problem = build_problem(model, data)
+    assert problem.misfit(problem.predict(CHAIN_TRUTH)) < 1e-12
 
 
 # deviations
