@@ -74,7 +74,8 @@ def load_matrices(path: str | Path, parameters: Parameters, *, name: str | None 
 
 def _read_archive(path: Path) -> dict[str, np.ndarray]:
     try:
-        with np.load(path, allow_pickle=False) as archive:
+        # opened here: numpy leaves the file open where it turns out to be no archive
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
             return {key: archive[key] for key in archive.files}
     except FileNotFoundError:
         raise InputError(str(path), "no such file", "check the path") from None

@@ -1,0 +1,441 @@
+"""A user's mistake is one line that names file, key or channel, exit code 2, and leaves nothing behind."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+from command_cases import CHANNELS, PARAMETERS, campaign_text, matrices, modes_table, write_campaign
+
+from probupdate.structure.load import reference_model
+
+
+def contents(folder: Path) -> dict:
+    return {p: p.stat().st_mtime_ns for p in folder.rglob("*") if p.is_file()}
+
+
+def update(building) -> list[str]:
+    return ["update", "--model", building["model"], "--modes", building["modes"], "--out",
+            str(building["folder"] / "new.json")]  # fmt: skip
+
+
+# modes.json --------------------------------------------------------------------------------------------------------
+
+
+def in_set(key, value):
+    return lambda table: table["sets"][0].update({key: value})
+
+
+def rename(old, new):
+    def change(table):
+        table["sets"][0][new] = table["sets"][0].pop(old)
+
+    return change
+
+
+def nan_in_shape(table):
+    table["sets"][0]["shape_re"][1][2] = float("nan")
+
+
+def two_ids(table):
+    table["sets"][1]["id"] = table["sets"][0]["id"]
+
+
+MODES = {
+    "NaN frequency": (in_set("frequency_hz", [1.0, float("nan"), 3.0, 4.0]), ("frequency_hz", "NaN", "null")),
+    "NaN shape": (nan_in_shape, ("shape_re", "NaN", "null")),
+    "infinite": (in_set("frequency_hz", [1.0, float("inf"), 3.0, 4.0]), ("frequency_hz", "infinite")),
+    "quoted": (in_set("frequency_hz", ["1.2", 2.0, 3.0, 4.0]), ("frequency_hz", "'1.2'")),
+    "no list": (in_set("frequency_hz", 3.0), ("frequency_hz", "list")),
+    "negative": (in_set("frequency_hz", [-1.0, 2.0, 3.0, 4.0]), ("frequency_hz", "not positive")),
+    "no deviation": (in_set("frequency_std_hz", [0.01, None, 0.01, 0.01]), ("frequency_std_hz of mode 2", "--weights")),
+    "negative deviation": (in_set("shape_std", [[-0.1] * 5] * 4), ("shape_std", "negative")),
+    "ragged": (in_set("shape_re", [[1, 2], [1] * 5, [1] * 5, [1] * 5]), ("shape_re", "not a table")),
+    "shape no table": (in_set("shape_re", 3), ("shape_re", "list")),
+    "channels short": (in_set("shape_re", [[1.0] * 4] * 4), ("shape_re", "(4, 4)")),
+    "misspelt": (rename("frequency_hz", "frequncy_hz"), ("frequncy_hz", "did you mean 'frequency_hz'")),
+    "misspelt optional": (rename("shape_std", "shape_sdt"), ("shape_sdt", "did you mean 'shape_std'")),
+    "environment": (in_set("environment", [1]), ("environment",)),
+    "nothing identified": (lambda t: [s.update(frequency_hz=[None] * 4) for s in t["sets"]],
+                           ("modes.json", "no set has an identified mode")),
+    "no set": (lambda t: t.update(sets=[]), ("there is no set",)),
+    "channels number": (lambda t: t.update(channels=3), ("channels", "names")),
+    "channel missing": (lambda t: t.update(channels=[*CHANNELS[:-1], "roof"]), ("channel roof", "not in the model")),
+    "channel twice": (lambda t: t.update(channels=[*CHANNELS[:-1], "F05"]), ("channels", "twice")),
+    "labels": (lambda t: t.update(labels=["a"]), ("1 labels for 4 modes",)),
+    "reference": (lambda t: t.update(reference_set="nope"), ("reference_set 'nope'",)),
+    "ids": (two_ids, ("two sets share one id",)),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("change, words", MODES.values(), ids=MODES)
+def test_modal_sets(building, refused, change, words):
+    table = modes_table()
+    change(table)
+    Path(building["modes"]).write_text(json.dumps(table))
+    before = contents(building["folder"])
+    line = refused(*update(building))
+    assert all(word in line for word in words), line
+    assert contents(building["folder"]) == before
+
+
+# model.npz and parameters.toml -------------------------------------------------------------------------------------
+
+
+def matrix(key, value):
+    return lambda m: m.update({key: value})
+
+
+def asymmetric(m):
+    m["K0"][0, 5] = 1e5
+
+
+def negative(key):
+    def change(m):
+        m[key] = -m[key]
+
+    return change
+
+
+MATRICES = {
+    "asymmetric": (asymmetric, ("model.npz, K0", "not symmetric")),
+    "indefinite K": (negative("K0"), ("not positive definite", "supports")),
+    "indefinite M": (negative("M0"), ("mass matrix", "M0")),
+    "singular": (lambda m: m.update(K0=0 * m["K0"]), ("singular",)),
+    "NaN": (matrix("K0", np.full((20, 20), np.nan)), ("model.npz, K0", "NaN")),
+    "missing": (lambda m: m.pop("M0"), ("model.npz, M0", "missing")),
+    "no K_low": (lambda m: m.pop("K_low"), ("model.npz, K_low",)),
+    "stranger": (matrix("K_extra", np.eye(20)), ("K_extra", "'extra'")),
+    "size": (matrix("K_low", np.eye(19)), ("model.npz, K_low", "(19, 19)")),
+    "text": (matrix("K0", np.array([["a"]])), ("model.npz, K0", "not real numbers")),
+    "complex": (matrix("K0", np.eye(20) * (1 + 1j)), ("model.npz, K0", "not real numbers")),
+    "row outside": (matrix("channel_dof", np.array([1, 2, 3, 4, 20])), ("channel_dof", "row 20")),
+    "rows no integers": (matrix("channel_dof", np.array([1.5, 2, 3, 4, 5])), ("channel_dof", "whole numbers")),
+    "sign": (matrix("channel_sign", np.array(["a"] * 5)), ("channel_sign",)),
+    "node outside": (lambda m: m.update(node_position_m=np.zeros((3, 3)), dof_node=np.full(20, 7),
+                                        dof_direction=np.zeros(20, int)), ("dof_node",)),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("change, words", MATRICES.values(), ids=MATRICES)
+def test_matrices(building, refused, change, words):
+    content = matrices()
+    change(content)
+    np.savez(building["model"], **content)
+    before = contents(building["folder"])
+    line = refused(*update(building))
+    assert all(word in line for word in words), line
+    assert contents(building["folder"]) == before
+
+
+TABLES = {
+    "key": ("initial", "inital", ("inital", "did you mean 'initial'")),
+    "bounds": ("lower = -0.6", "lower = 0.9", ("parameters.toml, parameter low", "bounds")),
+    "outside": ("initial = 0.0", "initial = 1.0", ("parameters.toml, parameter low", "outside")),
+    "deviation": ("std = 0.2", "std = -0.2", ("parameters.toml, parameter low", "not positive")),
+    "quoted": ("std = 0.2", 'std = "0.2"', ("parameter low, std", "not a number")),
+    "both": ("std = 0.2", "std = 0.2\ncov = 0.1", ("exactly one",)),
+    "cov of zero": ("std = 0.2", "cov = 0.2", ("give 'std'",)),
+    "prior": ("lower", 'prior = "uniform"\nlower', ("'uniform'", "normal, lognormal")),
+    "twice": ('"middle"', '"low"', ("low listed twice",)),
+    "name": ('"middle"', '"midle"', ("K_midle",)),
+    "update": ("lower", 'update = "no"\nlower', ("update", "true")),
+    "correlation": ("[[parameter]]", "correlation = 3\n[[parameter]]", ("correlation", "table")),
+    "broken": ("[[parameter]]", "[[parameter", ("parameters.toml", "not TOML")),
+}
+
+
+@pytest.mark.parametrize("old, new, words", TABLES.values(), ids=TABLES)
+def test_parameters(building, refused, old, new, words):
+    Path(building["parameters"]).write_text(PARAMETERS.replace(old, new, 1))
+    line = refused(*update(building))
+    assert all(word in line for word in words), line
+    assert not (building["folder"] / "new.json").exists()
+
+
+@pytest.mark.parametrize("old, new, words", [
+    ("thickness_m = 0.038", "thickness_m = -0.038", ("jacket.leg.thickness_m", "-0.038")),
+    ("thickness_m = 0.038", "thickness_m = 38.0", ("jacket.leg.thickness_m", "unit")),
+    ("[steel]", '[steel]\ncolour = "grey"', ("steel.colour", "not a key")),
+    ("diameter_m = 1.295", "diameter_m = nan", ("jacket.leg.diameter_m", "finite")),
+])  # fmt: skip
+def test_turbine(building, refused, old, new, words):
+    text = reference_model("as_built").read_text(encoding="utf-8")
+    assert old in text
+    path = building["folder"] / "model.toml"
+    path.write_text(text.replace(old, new, 1), encoding="utf-8")
+    line = refused("update", "--model", path, "--modes", building["modes"], "--out", building["folder"] / "new.json")
+    assert "model.toml" in line and all(word in line for word in words), line
+
+
+# Files that are none ------------------------------------------------------------------------------------------------
+
+
+def halved(path: Path) -> None:
+    path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+
+
+def emptied(path: Path) -> None:
+    path.write_bytes(b"")
+
+
+def binary(path: Path) -> None:
+    path.write_bytes(bytes(range(256)))
+
+
+def directory(path: Path) -> None:
+    path.unlink()
+    path.mkdir()
+
+
+def gone(path: Path) -> None:
+    path.unlink()
+
+
+WRONG = (halved, emptied, binary, directory, gone)
+
+
+@pytest.mark.parametrize("spoil", WRONG)
+@pytest.mark.parametrize("name", ["model", "modes", "parameters"])
+def test_spoilt_inputs(building, refused, name, spoil):
+    if (name, spoil) == ("parameters", halved):
+        pytest.skip("half of the parameters' text may be a whole file")
+    path = Path(building[name])
+    spoil(path)
+    assert building["folder"].name in refused(*update(building), "--parameters", building["parameters"])
+    assert not (building["folder"] / "new.json").exists()
+
+
+@pytest.mark.parametrize("spoil", WRONG)
+@pytest.mark.parametrize("name", ["update.json", "posterior.nc"])
+def test_spoilt_results(estimated, tmp_path, refused, name, spoil):
+    for file in ("update.json", "posterior.nc"):
+        shutil.copy(estimated / file, tmp_path)
+    spoil(tmp_path / name)
+    line = refused("compare", tmp_path / "update.json", tmp_path / "posterior.nc", "--out", tmp_path / "c.json")
+    assert name in line
+    assert not (tmp_path / "c.json").exists()
+
+
+def test_spoilt_contents_of_a_posterior(estimated, tmp_path, refused):
+    for number, spoil in enumerate((
+        lambda f: f.__delitem__("prior"), lambda f: f["posterior"].__delitem__("low"),
+        lambda f: f["posterior"].attrs.__setitem__("probupdate", "{"),
+        lambda f: f["posterior"].attrs.__delitem__("probupdate"),
+    )):  # fmt: skip
+        path = Path(shutil.copy(estimated / "posterior.nc", tmp_path / f"{number}.nc"))
+        with h5py.File(path, "a") as file:
+            spoil(file)
+        assert path.name in refused("compare", estimated / "update.json", path, "--out", tmp_path / "c.json")
+
+
+def test_a_posterior_of_another_problem(estimated, tmp_path, refused):
+    """The same files with other weights: other numbers under the same names."""
+    problem = ["--model", str(estimated / "model.npz"), "--modes", str(estimated / "modes.json")]
+    from probupdate.cli import main
+
+    other = tmp_path / "update.json"
+    assert main(["update", *problem, "--weights", "paper", "--out", str(other)]) == 0
+    line = refused("compare", other, estimated / "posterior.nc", "--out", tmp_path / "c.json")
+    assert "does not fit" in line and "weights" in line
+
+
+def test_a_report_of_strangers(estimated, tmp_path, refused):
+    for name in ("model.npz", "modes.json", "posterior.nc"):
+        shutil.copy(estimated / name, tmp_path)
+    text = (estimated / "parameters.toml").read_text()
+    (tmp_path / "parameters.toml").write_text(text.replace("std", "update = false\nstd", 1))
+    content = matrices()
+    content.pop("K_low")
+    np.savez(tmp_path / "model.npz", **content)
+    assert "different parameters" in refused("report", tmp_path, "--out", tmp_path / "r.html")
+    assert not (tmp_path / "r.html").exists()
+
+
+def test_a_second_chain_in_the_folder_of_the_first(estimated, tmp_path, refused):
+    for path in estimated.iterdir():
+        shutil.copytree(path, tmp_path / path.name) if path.is_dir() else shutil.copy(path, tmp_path)
+    before = contents(tmp_path)
+    sample = ["sample", "--model", tmp_path / "model.npz", "--modes", tmp_path / "modes.json", "--out",
+              tmp_path / "posterior.nc", "--max-steps", "400"]  # fmt: skip
+    assert "settings differ" in refused(*sample, "--seed", "2")
+    assert "fingerprint differ" in refused(*sample, "--weights", "paper")
+    assert contents(tmp_path) == before
+
+
+# Campaigns ----------------------------------------------------------------------------------------------------------
+
+CAMPAIGNS = {
+    "unit": ('unit = "m/s2"', 'unit = "furlong"', ("campaign.toml, sensor TP-A-x", "'furlong'", "m/s2")),
+    "unit of another quantity": ('"acceleration"', '"velocity"', ("unit 'm/s2' is none of velocity",)),
+    "quantity": ('"acceleration"', '"strain"', ("campaign.toml, sensor TP-A-x", "'strain'")),
+    "key": ("block_minutes", "block_minuts", ("block_minuts", "did you mean 'block_minutes'")),
+    "rate": ("sampling_rate_hz = 10.0", "sampling_rate_hz = 20.0", ("10 Hz", "20 Hz")),
+    "rate quoted": ("sampling_rate_hz = 10.0", 'sampling_rate_hz = "10"', ("sampling_rate_hz", "positive number")),
+    "position": ("[5.6, 5.6, 15.0]", '"x"', ("campaign.toml, sensor TP-A-x", "three numbers")),
+    "direction": ("[1.0, 0.0, 0.0]", "[1.0, 1.0, 0.0]", ("unit vector",)),
+    "direction NaN": ("[1.0, 0.0, 0.0]", "[nan, 1.0, 0.0]", ("unit vector",)),
+    "channel twice": ('"TP-A-y"', '"TP-A-x"', ("listed twice",)),
+    "channel number": ('"TP-A-y"', "7", ("channel", "no text")),
+    "broken": ('name = "Short"', 'name = "Short', ("campaign.toml", "not TOML")),
+}
+
+
+@pytest.mark.parametrize("old, new, words", CAMPAIGNS.values(), ids=CAMPAIGNS)
+@pytest.mark.parametrize("verb", ["check", "identify"])
+def test_campaign(tmp_path, refused, verb, old, new, words):
+    folder = write_campaign(tmp_path / "campaign", blocks=1)
+    (folder / "campaign.toml").write_text(campaign_text(change=(old, new)))
+    more = ["--model", "as_built"] if verb == "identify" else []
+    line = refused(verb, folder, *more, "--out", tmp_path / "out.json")
+    assert all(word in line for word in words), line
+    assert not (tmp_path / "out.json").exists()
+
+
+def without_column(file):
+    held = dict(file["data"].attrs)
+    del file["data"]
+    file.create_dataset("data", data=np.zeros((6000, 2), np.float32)).attrs.update(held)
+
+
+RECORDS = {
+    "a column missing": (without_column, ("(6000, 2)", "3 channels")),
+    "no dataset": (lambda f: f.__delitem__("data"), ("no dataset 'data'",)),
+    "no start": (lambda f: f["data"].attrs.__delitem__("start"), ("'start'",)),
+    "start no time": (lambda f: f["data"].attrs.__setitem__("start", "yesterday"), ("'yesterday'",)),
+    "rate no number": (lambda f: f["data"].attrs.__setitem__("sampling_rate_hz", "ten"), ("sampling_rate_hz",)),
+    "rate NaN": (lambda f: f["data"].attrs.__setitem__("sampling_rate_hz", np.nan), ("nan Hz",)),
+}
+
+
+@pytest.mark.parametrize("spoil, words", RECORDS.values(), ids=RECORDS)
+def test_records(tmp_path, refused, spoil, words):
+    folder = write_campaign(tmp_path / "campaign", blocks=2)
+    with h5py.File(folder / "acceleration" / "block-1.h5", "a") as file:
+        spoil(file)
+    line = refused("check", folder)
+    assert "block-1.h5" in line and all(word in line for word in words), line
+
+
+@pytest.mark.parametrize("spoil", [*WRONG[:-1]])
+@pytest.mark.parametrize("name", ["campaign.toml", "scada.csv", "acceleration/block-0.h5"])
+def test_spoilt_campaign_files(tmp_path, refused, name, spoil):
+    if (name, spoil) in (("scada.csv", halved), ("campaign.toml", halved)):
+        pytest.skip("half of this text may be a whole file")
+    folder = write_campaign(tmp_path / "campaign", blocks=1)
+    spoil(folder / name)
+    assert name in refused("check", folder) or (name, spoil) == ("campaign.toml", emptied)
+
+
+def test_scada_with_a_time_that_is_none(tmp_path, refused):
+    folder = write_campaign(tmp_path / "campaign", blocks=1)
+    (folder / "scada.csv").write_text("time,power_kw\nyesterday,1\n")
+    assert "scada.csv, time" in refused("check", folder)
+
+
+def test_data_that_is_all_nan_is_found_not_refused(tmp_path, capsys):
+    """Lost samples are the measurement's fault: said in the findings."""
+    from probupdate.cli import main
+
+    folder = write_campaign(tmp_path / "campaign", blocks=1, data=np.full((6000, 3), np.nan))
+    assert main(["check", str(folder)]) == 0
+    said = capsys.readouterr().out
+    assert "TP-A-x" in said or "all channels" in said
+
+
+# Where results go ---------------------------------------------------------------------------------------------------
+
+
+def test_out_that_cannot_be_written_is_refused_before_the_work(building, refused):
+    folder, problem = building["folder"], ["--model", building["model"], "--modes", building["modes"]]
+    before = contents(folder)
+    for verb in ("update", "sample"):
+        assert "is a directory" in refused(verb, *problem, "--out", folder)
+        assert "no directory" in refused(verb, *problem, "--out", Path(building["modes"]) / "x.json")
+    assert "is a directory" in refused("select", building["modes"], "--out", folder)
+    assert "is a directory" in refused("compare", "u.json", "p.nc", "--out", folder)
+    assert "is a directory" in refused("report", folder, "--out", folder)
+    assert "is a directory" in refused("check", folder, "--out", folder)
+    for verb in ("demo", "simulate"):
+        assert "is a file" in refused(verb, building["modes"])
+    assert contents(folder) == before
+
+
+def test_out_in_a_directory_that_is_not_there_yet(building):
+    from probupdate.cli import main
+
+    folder = building["folder"]
+    assert main(["update", "--model", building["model"], "--modes", building["modes"], "--out",
+                 str(folder / "a" / "b" / "update.json")]) == 0  # fmt: skip
+    assert main(["select", building["modes"], "--out", str(folder / "c" / "nine.json")]) == 0
+    assert (folder / "a" / "b" / "update.json").is_file() and (folder / "c" / "selection.csv").is_file()
+    assert not list(folder.rglob("*.part"))
+
+
+def test_demo_and_simulate_leave_nothing_behind(tmp_path, refused):
+    filled = tmp_path / "filled"
+    filled.mkdir()
+    (filled / "notes.txt").write_text("mine")
+    (tmp_path / "broken").mkdir()
+    (tmp_path / "broken" / "run.json").write_text("{")
+    (tmp_path / "t.toml").write_text("[parameters]\nk_x = 1.0\n")
+    before = contents(tmp_path)
+    assert "empty" in refused("demo", filled)
+    assert "run.json" in refused("demo", tmp_path / "broken")
+    assert "seed" in refused("demo", tmp_path / "new", "--seed", "-1")
+    assert "k_x" in refused("simulate", tmp_path / "new", "--truth", tmp_path / "t.toml", "--days", "0.03")
+    assert "shorter than one block" in refused("simulate", tmp_path / "new", "--days", "0.0001")
+    assert contents(tmp_path) == before and not (tmp_path / "new").exists()
+
+
+@pytest.mark.parametrize("options, word", [
+    (["update", "--alpha", "0"], "--alpha"), (["update", "--alpha", "x"], "--alpha"),
+    (["update", "--weights", "x"], "--weights"), (["update", "--iterations", "1.5"], "--iterations"),
+    (["update", "--weights", "paper", "--frequency-cov", "0.1"], "--frequency-cov"),
+    (["sample", "--seed", "x"], "--seed"), (["updte"], "updte"), ([], "VERB"),
+])  # fmt: skip
+def test_options(refused, options, word):
+    assert word in refused(*options)
+
+
+# As a process -------------------------------------------------------------------------------------------------------
+
+
+def process(*arguments) -> subprocess.CompletedProcess:
+    return subprocess.run([sys.executable, "-m", "probupdate.cli", *map(str, arguments)], capture_output=True,
+                          text=True, timeout=120)  # fmt: skip
+
+
+def test_a_mistake_seen_from_the_shell(building, estimated):
+    done = process("update", "--model", building["model"], "--modes", building["folder"] / "no.json", "--out", "x.json")
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr.splitlines() == [
+        f"probupdate update: {building['folder'] / 'no.json'}: no such file; check the path, or run `probupdate "
+        "identify` first"
+    ]
+    # the step that imports most: no warning of another package beside its line
+    done = process("compare", estimated / "posterior.nc", estimated / "update.json", "--out", building["folder"] / "c")
+    assert done.returncode == 2 and len(done.stderr.splitlines()) == 1, done.stderr
+
+
+def test_a_success_seen_from_the_shell_is_silent_on_stderr(estimated, tmp_path):
+    done = process("compare", estimated / "update.json", estimated / "posterior.nc", "--out", tmp_path / "c.json")
+    assert (done.returncode, done.stderr) == (0, "")
+    assert "strongly identified" in done.stdout and (tmp_path / "c.json").is_file()
+
+
+def test_a_defect_is_exit_code_one_with_its_trace(monkeypatch, capsys, building):
+    import probupdate.cli
+
+    def broken(arguments, progress):
+        raise ZeroDivisionError("a defect")
+
+    monkeypatch.setattr(probupdate.cli, "run_update", broken)
+    assert probupdate.cli.main(update(building)) == 1
+    assert "ZeroDivisionError: a defect" in capsys.readouterr().err
