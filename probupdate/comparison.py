@@ -76,7 +76,8 @@ class Comparison:
     @property
     def summary(self) -> str:
         width = max(5, *(len(r.name) for r in self.rows))
-        head = f"{'':<{width}} {'prior':>16} {'Eq. 7':>10} {'anchored':>10} {'MAP':>10} {'mean':>10} {'CoV':>7}  data say"
+        columns = "".join(f" {name:>10}" for name in ("Eq. 7", "anchored", "MAP", "mean"))
+        head = f"{'':<{width}} {'prior':>16}{columns} {'CoV':>7}  data say"
         lines = [head]
         for r in self.rows:
             prior = f"{r.initial:.4g}+-{r.prior_std:.2g}"
@@ -127,7 +128,9 @@ def _cov(values: np.ndarray) -> float:
     return float(np.std(values, ddof=1)) / abs(mean) if mean else float("nan")
 
 
-def _row(k: int, update: UpdateRecord, posterior: Posterior, draws: np.ndarray, correlation: np.ndarray) -> ComparisonRow:
+def _row(
+    k: int, update: UpdateRecord, posterior: Posterior, draws: np.ndarray, correlation: np.ndarray
+) -> ComparisonRow:
     parameter = update.parameters.items[k]
     mean, std = float(draws.mean()), float(draws.std(ddof=1))
     prior_std = float(parameter.distribution.std())
@@ -177,16 +180,18 @@ def _sentence(row: dict, parameter, update: UpdateRecord, partner: str, correlat
         parts.append(f"the data do not inform {name}: its posterior is {100 * row['contraction']:.0f} % as wide as its "
                      "prior")  # fmt: skip
     gap = abs(row["map_distance"])
+    cut = abs(row["prior_mean"] - parameter.initial) > 0.1 * row["prior_std"]
     if gap > CLOSE:
         if any("pinned" in flag for flag in row["flags"]):
             reason = "the density is highest at the bound while its mass lies inside"
-        elif row["identified"] == "keeps its prior" and abs(row["prior_mean"] - parameter.initial) > 0.1 * row["prior_std"]:
+        elif row["identified"] == "keeps its prior" and cut:
             reason = (f"the bounds cut the prior, whose mean is {row['prior_mean']:.3g} for a mode of "
                       f"{parameter.initial:.3g}")  # fmt: skip
         elif abs(row["skewness"]) > 0.3:
             reason = f"the posterior is skewed ({row['skewness']:+.1f})"
         elif abs(correlation) > RIDGE:
-            reason = f"the posterior is a ridge with {partner} (correlation {correlation:+.2f}), whose top is not its middle"
+            reason = (f"the posterior is a ridge with {partner} (correlation {correlation:+.2f}), whose top is not its "
+                      "middle")  # fmt: skip
         else:
             reason = "other parameters' bounds and skewness shift the mass along with them"
         parts.append(f"MAP and mean part by {gap:.1f} deviations: {reason}")
@@ -200,7 +205,8 @@ def _sentence(row: dict, parameter, update: UpdateRecord, partner: str, correlat
             reason = f"the update did not settle ({scheme.status})"
         else:
             reason = "it settled on another maximum"
-        parts.append(f"the anchored update ends {abs(row['anchored'] - row['map']) / std:.2f} deviations from the MAP: {reason}")
+        away = abs(row["anchored"] - row["map"]) / std
+        parts.append(f"the anchored update ends {away:.2f} deviations from the MAP: {reason}")
     printed = update.scheme("step")
     apart = abs(row["step"] - row["map"]) / std
     if apart > CLOSE:
@@ -230,14 +236,15 @@ def _notes(update: UpdateRecord, posterior: Posterior, rows: tuple[ComparisonRow
     notes.append(
         f"Eq. 7 as printed passes closest to the MAP at iteration {printed.closest_iteration} "
         f"({printed.distance_to_map[printed.closest_iteration]:.2f} posterior deviations a parameter) and ends "
-        f"{printed.distance_to_map[-1]:.2f} away; farthest is {worst.name}, {abs(worst.step - worst.map) / worst.std:.1f}"
+        f"{printed.distance_to_map[-1]:.2f} away; farthest is {worst.name}, "
+        f"{abs(worst.step - worst.map) / worst.std:.1f}"
     )
     anchored = update.scheme("prior")
     notes.append(f"the anchored update ends {anchored.distance_to_map[-1]:.1e} posterior deviations from the MAP")
     if update.sets is not None:
         notes.append(
-            f"CoVs over {len(update.sets.ids)} sets tell how updates scatter, not how uncertain a parameter is: one that "
-            "the data do not inform hardly scatters (see its resolution)"
+            f"CoVs over {len(update.sets.ids)} sets tell how updates scatter, not how uncertain a parameter is: one "
+            "that the data do not inform hardly scatters (see its resolution)"
         )
     notes += list(update.left_out)
     return notes
