@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -25,11 +26,11 @@ from probupdate.identification.reference import ReferenceModes
 from probupdate.identification.selection import Selection
 from probupdate.identification.selection import select as select_sets
 from probupdate.mode_labels import close_pairs, mode_character
-from probupdate.modes import ModalData, Sensor, read_modes
+from probupdate.modes import ModalData, ModalSet, Sensor, read_modes
 from probupdate.problem import Weights, paper_weights
 from probupdate.progress import Progress, silent
 from probupdate.reporting import report as write_report
-from probupdate.structure.load import REFERENCE_STATES, load_model, reference_model
+from probupdate.structure.load import REFERENCE_STATES, load_model, nacelle_angle_deg, reference_model
 from probupdate.virtual.simulation import simulate
 
 if TYPE_CHECKING:
@@ -48,11 +49,50 @@ def model_path(model: str | Path) -> Path:
     return reference_model(str(model)) if str(model) in REFERENCE_STATES else Path(model)
 
 
-def open_model(model, parameters: str | Path | None = None, sensors: tuple[Sensor, ...] | None = None) -> Model:
+def open_model(
+    model, parameters: str | Path | None = None, sensors: tuple[Sensor, ...] | None = None, *,
+    nacelle_angle_deg: float = 0.0,
+) -> Model:
     """A path, a name of the reference turbine's states, or a model already made (such as a FunctionModel)."""
     if not isinstance(model, str | Path):
         return model
-    return load_model(model_path(model), parameters=parameters, sensors=sensors)
+    return load_model(model_path(model), parameters=parameters, sensors=sensors, nacelle_angle_deg=nacelle_angle_deg)
+
+
+@dataclass(frozen=True, eq=False)
+class _Surroundings:
+    """The model as it stood while a set was measured: a turbine's rotor and nacelle look where they did then."""
+
+    model: object
+    parameters: str | Path | None
+    where: str
+
+    def angle_deg(self, modal_set: ModalSet) -> float:
+        """0 for models that cannot be turned."""
+        return nacelle_angle_deg(modal_set.environment, f"{self.where}, set {modal_set.id}") if self.turns else 0.0
+
+    @cached_property
+    def turns(self) -> bool:
+        return _has_geometry(self.model)
+
+    def __call__(self, modal_set: ModalSet) -> Model:
+        angle = self.angle_deg(modal_set)
+        if angle not in self._opened:
+            self._opened[angle] = open_model(self.model, self.parameters, nacelle_angle_deg=angle)
+        return self._opened[angle]
+
+    @cached_property
+    def _opened(self) -> dict[float, Model]:
+        return {}
+
+    def setting(self, modal_set: ModalSet) -> dict[str, str]:
+        """What to say of it beside a result."""
+        if not self.turns:
+            return {}
+        text = f"{self.angle_deg(modal_set):g} deg counter-clockwise of the model's x axis"
+        if "nacelle_angle_deg" not in modal_set.environment:
+            text = "as in the model: the set does not tell where it looked"
+        return {"nacelle": text}
 
 
 def check(campaign: str | Path, *, progress: Progress = silent) -> CampaignCheck:
@@ -153,10 +193,12 @@ def update(
 ) -> UpdateRecord:
     """The sensitivity-based Tikhonov update (Eq. 4-7) in both readings, the MAP, and the same for every set."""
     data = _modal_data(modes, set_id)
-    return deterministic_update(
-        open_model(model, parameters), data, set_id=set_id, weights=_weights(weights, data), alpha=alpha,
-        iterations=iterations, progress=progress,
+    model_at, modal_set = _Surroundings(model, parameters, str(modes)), data.set(set_id)
+    record = deterministic_update(
+        model_at(modal_set), data, set_id=set_id, weights=_weights(weights, data), alpha=alpha, iterations=iterations,
+        model_at=model_at, progress=progress,
     )
+    return replace(record, settings=record.settings | model_at.setting(modal_set))
 
 
 def sample(
@@ -177,10 +219,12 @@ def sample(
     data = _modal_data(modes, set_id)
     out = Path(out)
     settings = SamplerSettings(seed=seed, target_ess=target_ess, max_steps=max_steps)
+    model_at, modal_set = _Surroundings(model, parameters, str(modes)), data.set(set_id)
     posterior = sample_posterior(
-        open_model(model, parameters), data, out.with_name(out.name + ".chain"), set_id=set_id,
+        model_at(modal_set), data, out.with_name(out.name + ".chain"), set_id=set_id,
         weights=_weights(weights, data), settings=settings, progress=progress,
     )
+    posterior = replace(posterior, record=posterior.record | model_at.setting(modal_set))
     write_posterior(posterior, out)
     return posterior
 

@@ -72,7 +72,8 @@ def _joint(ops, tag, tie, values) -> int:
 def _point_masses(frame: Frame, values) -> dict[int, np.ndarray]:
     masses: dict[int, np.ndarray] = {}
     for body in frame.bodies:
-        own = np.array([float(body.mass.value(values))] * 3 + list(body.inertia_kgm2))
+        own = np.array([float(body.mass.value(values))] * 3 + list(np.diag(body.inertia_kgm2)))
+        assert np.count_nonzero(body.inertia_kgm2 - np.diag(np.diag(body.inertia_kgm2))) == 0
         masses[body.node] = masses.get(body.node, 0) + own
     return masses
 

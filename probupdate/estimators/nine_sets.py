@@ -6,6 +6,7 @@ the data do not inform hardly scatters at all. Its resolution R_jj stands beside
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,7 +15,7 @@ from probupdate.errors import ProbupdateError
 from probupdate.estimators.laplace import maximum_a_posteriori
 from probupdate.estimators.tikhonov import update
 from probupdate.model import Model
-from probupdate.modes import ModalData, frozen_array
+from probupdate.modes import ModalData, ModalSet, frozen_array
 from probupdate.problem import Weights, build_problem
 from probupdate.progress import Progress, silent
 
@@ -53,16 +54,18 @@ def update_sets(
     weights: Weights,
     clusters: list[tuple[int, ...]],
     iterations: int,
+    model_at: Callable[[ModalSet], Model] | None = None,
     progress: Progress = silent,
 ) -> SetScatter:
-    """Update every set of the data from the initial parameters. Sets that cannot be updated are named, not dropped
-    in silence."""
+    """Update every set of the data from the initial parameters, with the model in that set's surroundings where
+    `model_at` gives it. Sets that cannot be updated are named, not dropped in silence."""
     kept, failed = [], []
     derived: dict[str, list[float]] = {name: [] for name in getattr(model, "derived", {})}
     for done, modal_set in enumerate(data.sets):
         progress("update of every set", done, len(data.sets))
         try:
-            problem = build_problem(model, data, set_id=modal_set.id, weights=weights, clusters=clusters)
+            own = model if model_at is None else model_at(modal_set)
+            problem = build_problem(own, data, set_id=modal_set.id, weights=weights, clusters=clusters)
             anchored = update(problem, penalty="prior")
             laplace = maximum_a_posteriori(problem, [anchored.theta[-1]])
             printed = update(problem, penalty="step", max_iteration=iterations)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -15,7 +16,7 @@ from probupdate.estimators.surrogate import TruncatedGaussian, fit_surrogate
 from probupdate.estimators.tikhonov import TikhonovUpdate, update
 from probupdate.estimators.update_file import SCHEME_NAMES, ScatterRecord, SchemeRecord, UpdateRecord
 from probupdate.model import Model
-from probupdate.modes import ModalData, frozen_array
+from probupdate.modes import ModalData, ModalSet, frozen_array
 from probupdate.problem import Problem, Weights, build_problem
 from probupdate.progress import Progress, silent
 from probupdate.structure.affine import AffineModel
@@ -45,9 +46,13 @@ def deterministic_update(
     weights: Weights | None = None,
     alpha: float = 1.0,
     iterations: int = 50,
+    model_at: Callable[[ModalSet], Model] | None = None,
     progress: Progress = silent,
 ) -> UpdateRecord:
-    """Both readings of Eq. 7 and the posterior's maximum for one set, then every set of the data (Table 7)."""
+    """Both readings of Eq. 7 and the posterior's maximum for one set, then every set of the data (Table 7).
+
+    `model` stands in that one set's surroundings; `model_at` gives it in another set's.
+    """
     problem = build_problem(model, data, set_id=set_id, weights=weights)
     runs = {
         key: update(problem, penalty=key, alpha=alpha, max_iteration=iterations, progress=progress)
@@ -60,7 +65,7 @@ def deterministic_update(
         clusters = [group.measured for group in problem.matching.groups]
         scatter = update_sets(
             model, data, weights=problem.weights, clusters=clusters,
-            iterations=max(1, schemes[0].closest_iteration), progress=progress,
+            iterations=max(1, schemes[0].closest_iteration), model_at=model_at, progress=progress,
         )
         if len(scatter.ids) > 1:
             names = [n for n in ScatterRecord.__dataclass_fields__]

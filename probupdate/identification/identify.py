@@ -158,6 +158,9 @@ def _refuse_mixed(campaign: Campaign) -> None:
 def _one_block(campaign, block: Block, reference, settings: SSISettings, rule: StateRule) -> _Found:
     conditions = dict(block_conditions(campaign.scada, block.start, block.minutes, rule))
     conditions["block_minutes"] = block.minutes
+    if conditions.get("nacelle_heading_deg") is not None:
+        # relative to the model's axes, so that a model can be turned to it without the campaign at hand
+        conditions["nacelle_angle_deg"] = (fore_aft_deg(conditions, campaign) + 180.0) % 360.0 - 180.0
     common = {"id": block.id, "start": block.start, "environment": conditions, "notes": block.notes}
     if block.excluded:
         return _Found(excluded=block.excluded, **common)

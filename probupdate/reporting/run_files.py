@@ -17,10 +17,10 @@ from probupdate.errors import InputError
 from probupdate.estimators.posterior_file import Posterior, read_posterior
 from probupdate.estimators.update_file import UpdateRecord, read_update
 from probupdate.model import Model
-from probupdate.modes import ModalData, read_modes
+from probupdate.modes import ModalData, ModalSet, read_modes
 from probupdate.progress import Progress
 from probupdate.reporting.campaign_values import campaign_values, truth_values
-from probupdate.reporting.model_values import model_values
+from probupdate.reporting.model_values import drawn_set, model_values
 from probupdate.reporting.paper_tables import is_the_jacket
 from probupdate.reporting.values import CampaignValues, Run
 
@@ -69,10 +69,10 @@ def read_run(folder: Path, progress: Progress) -> Run:
     update = read("update.json", read_update)
     posterior = read("posterior.nc", read_posterior)
     comparison = read("compare.json", read_comparison)
-    model = read("model", lambda path: _load_model(path, head, folder, campaign))
+    data = nine or modes
+    model = read("model", lambda path: _load_model(path, head, folder, campaign, drawn_set(data, update)))
     progress("reading the run", steps, steps)
     _refuse_strangers(folder, model, update, posterior, comparison)
-    data = nine or modes
     truth_file = places["campaign"] / "truth.toml" if "campaign" in places else None
     names = update.parameters.names if update is not None else model.parameters.names if model is not None else ()
     return Run(
@@ -149,17 +149,22 @@ def _table(path: Path, needed: tuple[str, ...], time: str | None = None) -> pd.D
     return table
 
 
-def _load_model(path: Path, head: Mapping, folder: Path, campaign: CampaignValues | None) -> Model:
-    """The model at the campaign's sensors, as the steps saw it."""
-    from probupdate.structure.load import load_model
+def _load_model(
+    path: Path, head: Mapping, folder: Path, campaign: CampaignValues | None, modal_set: ModalSet | None
+) -> Model:
+    """The model at the campaign's sensors with the nacelle as in that set, as the steps saw it."""
+    from probupdate.structure.load import load_model, nacelle_angle_deg
 
     parameters = _named(folder, head, "parameters")
-    if path.suffix == ".npz" or campaign is None:
+    if path.suffix == ".npz":
         return load_model(path, parameters=parameters)
     from probupdate.structure.description import read_toml
 
-    own = "matrices" in read_toml(path)
-    return load_model(path, parameters=parameters, sensors=None if own else campaign.sensors)
+    if "matrices" in read_toml(path):
+        return load_model(path, parameters=parameters)
+    angle = 0.0 if modal_set is None else nacelle_angle_deg(modal_set.environment, f"{folder}, set {modal_set.id}")
+    sensors = None if campaign is None else campaign.sensors
+    return load_model(path, parameters=parameters, sensors=sensors, nacelle_angle_deg=angle)
 
 
 def _refuse_strangers(

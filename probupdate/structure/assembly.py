@@ -10,7 +10,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import sparse
+from scipy import linalg, sparse
 from scipy.sparse import linalg as sparse_linalg
 
 from probupdate.errors import InputError
@@ -139,7 +139,7 @@ def _mass(frame: Frame, theory: str, *, dry: bool = False) -> Iterator[Contribut
         yield from carried_mass(beam, carried, start, end, theory)
     for body in frame.bodies:
         yield node_dofs(body.node), np.diag([1.0, 1.0, 1.0, 0.0, 0.0, 0.0]), body.mass
-        yield node_dofs(body.node), np.diag([0.0, 0.0, 0.0, *body.inertia_kgm2]), Coefficient()
+        yield node_dofs(body.node), linalg.block_diag(np.zeros((3, 3)), body.inertia_kgm2), Coefficient()
 
 
 def transformation(frame: Frame) -> sparse.csr_array:

@@ -79,11 +79,11 @@ class Tie:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Body:
-    """A point mass with principal inertia (3,) about its own centre, along global axes."""
+    """A point mass with the inertia tensor (3, 3) about its own centre, in global axes."""
 
     node: int
     mass: Coefficient
-    inertia_kgm2: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    inertia_kgm2: np.ndarray = field(default_factory=lambda: np.zeros((3, 3)))
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -45,12 +45,15 @@ def load_model(
     *,
     parameters: Parameters | str | Path | None = None,
     sensors: Sequence[Sensor] | None = None,
+    nacelle_angle_deg: float = 0.0,
 ) -> AffineModel:
     """`.toml`: a turbine by its geometry, or [matrices] beside its parameters; `.npz`: matrices.
 
     `parameters` replaces the updated ones of the file; for `.npz` it is needed unless `<name>.toml` or
     `parameters.toml` lies beside it. `sensors` replaces the model's own, so that it answers at any campaign's
     channels; a channel of the same name keeps the part the file gives it, others attach to the nearest one.
+    `nacelle_angle_deg` turns rotor and nacelle counter-clockwise from where the file has them (towards the model's x
+    axis); a model of matrices stands as it was exported.
     """
     path = Path(path)
     if isinstance(parameters, str | Path):
@@ -64,7 +67,18 @@ def load_model(
     if "matrices" in raw:
         _refuse_sensors(path, sensors)
         return _matrix_model(path, raw, parameters)
-    return turbine_model(parse_description(raw, str(path)), where=str(path), parameters=parameters, sensors=sensors)
+    return turbine_model(parse_description(raw, str(path)), where=str(path), parameters=parameters, sensors=sensors,
+                         nacelle_angle_deg=nacelle_angle_deg)  # fmt: skip
+
+
+def nacelle_angle_deg(environment: Mapping[str, object], where: str) -> float:
+    """Where the nacelle looked while a set was measured, counter-clockwise from the model's x axis in -180 to 180; 0,
+    as the model's file has it, where the set does not tell."""
+    value = environment.get("nacelle_angle_deg", 0.0)
+    if isinstance(value, bool) or not isinstance(value, int | float) or not np.isfinite(value):
+        where = f"{where}, environment.nacelle_angle_deg"
+        raise InputError(where, f"{value!r} is no angle", "give degrees, or leave it out")
+    return float((value + 180.0) % 360.0 - 180.0)
 
 
 def _refuse_sensors(path: Path, sensors) -> None:
@@ -108,6 +122,7 @@ def turbine_model(
     where: str,
     parameters: Parameters | None = None,
     sensors: Sequence[Sensor] | None = None,
+    nacelle_angle_deg: float = 0.0,
 ) -> AffineModel:
     """A turbine's frame as a model of its modes, with `derived` k_xy and k_z, a pile's head stiffness in N/m."""
     parameters = updated_of(description, where) if parameters is None else parameters
@@ -115,7 +130,7 @@ def turbine_model(
         if name not in NEUTRAL:
             raise InputError(f"{where}: parameter {name}", "the model has no such parameter", nearest(name, NEUTRAL))
     values = description.values | {p.name: p.initial for p in parameters}
-    frame = build_frame(description)
+    frame = build_frame(description, nacelle_angle_deg)
     mesh = description.mesh
     assembled = assemble(
         frame, updated=parameters.names, values=values, theory=mesh.theory,
@@ -132,7 +147,7 @@ def turbine_model(
         mass=assembled.mass,
         coefficients=assembled.coefficients,
         channel_matrix=sparse.csr_array(rows @ assembled.transform),
-        hash_key=_hash(description, values, chosen),
+        hash_key=_hash(description, values, chosen, nacelle_angle_deg),
         wire=wire,
         wire_matrix=sparse.csr_array(wire_rows @ assembled.transform),
         derived=pile_head_stiffness(frame, updated=parameters.names, values=values, theory=mesh.theory),
@@ -158,10 +173,11 @@ def _wireframe(frame: Frame) -> tuple[Wireframe, sparse.csr_array]:
     return Wireframe(node_m=frozen_array(frame.node_m), line=frozen_array(lines, int), line_group=groups), rows
 
 
-def _hash(description: Description, values, sensors: Sequence[Sensor]) -> str:
+def _hash(description: Description, values, sensors: Sequence[Sensor], nacelle_angle_deg: float) -> str:
     """All that determines the matrices and rows; priors are the model's own affair and enter its fingerprint."""
     content = description.model_dump(mode="json", exclude={"parameter", "correlation", "sensor"})
     places = [[s.channel, s.position_m.tolist(), s.direction.tolist()] for s in sensors]
     parts = {s.channel: s.part for s in description.sensor}
-    text = json.dumps([FORMULATION, content, dict(sorted(values.items())), places, parts], sort_keys=True)
+    state = [FORMULATION, content, dict(sorted(values.items())), places, parts, nacelle_angle_deg]
+    text = json.dumps(state, sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()

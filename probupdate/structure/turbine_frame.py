@@ -16,6 +16,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from probupdate.structure import hydrodynamics, joints, soil
 from probupdate.structure.beam import Tube
@@ -334,8 +335,9 @@ def _add_tower(mesh: _Mesh, foot: int) -> tuple[int, list[Body]]:
     return below, bodies
 
 
-def build_frame(description: Description) -> Frame:
-    """Mesh the described turbine. Bodies of the nacelle and rotor are tied rigidly to the tower's top."""
+def build_frame(description: Description, nacelle_angle_deg: float = 0.0) -> Frame:
+    """Mesh the described turbine. Bodies of the nacelle and rotor are tied rigidly to the tower's top, turned about
+    the vertical from where the description has them by nacelle_angle_deg, counter-clockwise seen from above."""
     mesh = _Mesh(description)
     legs = _add_legs(mesh)
     _add_braces(mesh, legs)
@@ -343,10 +345,11 @@ def build_frame(description: Description) -> Frame:
     foot, bodies = _add_transition_piece(mesh, legs)
     top, flanges = _add_tower(mesh, foot)
     bodies += flanges
+    turn = Rotation.from_euler("z", nacelle_angle_deg, degrees=True).as_matrix()
     for entry in description.rna:
-        node = mesh.node(mesh.nodes[top] + np.array(entry.offset_m))
+        node = mesh.node(mesh.nodes[top] + turn @ np.array(entry.offset_m))
         mass = parameter("m_h") if entry.name == "hub" else Coefficient(entry.mass_kg)
-        bodies.append(Body(node=node, mass=mass, inertia_kgm2=np.array(entry.inertia_kgm2)))
+        bodies.append(Body(node=node, mass=mass, inertia_kgm2=turn @ np.diag(entry.inertia_kgm2) @ turn.T))
         mesh.ties.append(Tie(node=node, master=top))
     return Frame(
         node_m=np.array(mesh.nodes), beams=tuple(mesh.beams), ties=tuple(mesh.ties), bodies=tuple(bodies),

@@ -259,7 +259,7 @@ def test_rigid_arm_carries_a_body_as_mass_and_inertia_at_the_tip():
     frame = line(tube, length, 1, density=1e-9)
     frame = Frame(
         node_m=np.vstack([frame.node_m, frame.node_m[1] + arm]), beams=frame.beams, supports=frame.supports,
-        bodies=(Body(node=2, mass=Coefficient(mass), inertia_kgm2=inertia),), ties=(Tie(node=2, master=1),),
+        bodies=(Body(node=2, mass=Coefficient(mass), inertia_kgm2=np.diag(inertia)),), ties=(Tie(node=2, master=1),),
     )  # fmt: skip
     M = assemble(frame, updated=(), values={}).mass[0].toarray()
     cross = np.array([[0, -arm[2], arm[1]], [arm[2], 0, -arm[0]], [-arm[1], arm[0], 0]])

@@ -1,0 +1,60 @@
+"""Where the nacelle looks: rotor and nacelle turned about the vertical on a structure that is alike in x and y."""
+
+import numpy as np
+import pytest
+from small_turbine import POINT, small_turbine
+
+from probupdate.errors import InputError
+from probupdate.structure.description import parse_description
+from probupdate.structure.load import nacelle_angle_deg, turbine_model
+
+N_MODE = 8
+
+
+def turbine(angle, **rna):
+    raw = small_turbine()
+    for body in raw["rna"]:
+        body.update(rna)
+    return turbine_model(parse_description(raw, "m"), where="m", nacelle_angle_deg=angle)
+
+
+def solve(model):
+    theta = np.array([POINT[name] for name in model.parameters.names])
+    return model.solve(theta, N_MODE)
+
+
+@pytest.mark.parametrize("angle", [90.0, 180.0, -35.0])
+def test_the_nacelle_turns_the_modes_of_a_square_jacket(angle):
+    """Four-fold symmetry makes the jacket alike in all horizontal directions: at any angle the frequencies stay, and
+    the tower's motion turns along."""
+    before, after = solve(turbine(0.0)), solve(turbine(angle))
+    np.testing.assert_allclose(after.frequency_hz, before.frequency_hz, rtol=1e-7)
+    channels = list(turbine(0.0).channels)
+    x, y = ([channels.index(f"T{z}-{d}") for z in (30, 50)] for d in "xy")
+    c, s = np.cos(np.radians(angle)), np.sin(np.radians(angle))
+    for k in range(N_MODE):
+        turned = np.concatenate([c * before.shape[x, k] - s * before.shape[y, k],
+                                 s * before.shape[x, k] + c * before.shape[y, k]])  # fmt: skip
+        found = np.concatenate([after.shape[x, k], after.shape[y, k]])
+        if np.linalg.norm(turned) > 0.05 * np.linalg.norm(before.shape[:, k]):
+            assert abs(turned @ found) == pytest.approx(np.linalg.norm(turned) * np.linalg.norm(found), rel=1e-5)
+
+
+def test_a_nacelle_centred_and_alike_about_the_vertical_may_look_anywhere():
+    """What turns is the bodies' offsets and inertia, nothing else."""
+    same = dict(offset_m=[0.0, 0.0, 2.0], inertia_kgm2=[5e5, 5e5, 9e5])
+    np.testing.assert_allclose(
+        solve(turbine(35.0, **same)).frequency_hz, solve(turbine(0.0, **same)).frequency_hz, rtol=1e-9
+    )
+
+
+def test_models_at_different_angles_are_told_apart():
+    prints = [turbine(angle).fingerprint() for angle in (0.0, 35.0)]
+    assert prints[0] != prints[1]
+
+
+def test_the_angle_of_a_set_is_wrapped_and_nonsense_is_named():
+    assert nacelle_angle_deg({"nacelle_angle_deg": -295.0}, "m") == pytest.approx(65.0)
+    assert nacelle_angle_deg({}, "m") == 0.0
+    with pytest.raises(InputError, match=r"set 3, environment\.nacelle_angle_deg: 'north' is no angle"):
+        nacelle_angle_deg({"nacelle_angle_deg": "north"}, "modes.json, set 3")
