@@ -31,9 +31,12 @@ BURN_IN = 0.2
 # where part of what a move proposes is far: full jumps along differences of walkers carry them between modes
 JUMP_SHARE = 0.1
 # share of proposals from the surrogate, and how many of them are drawn at once
-SURROGATE_SHARE, SURROGATE_POOL = 0.5, 2000
+SURROGATE_SHARE, SURROGATE_POOL = 0.4, 2000
 # share of proposals of one or two parameters from their prior
-PRIOR_SHARE = 0.25
+PRIOR_SHARE = 0.1
+# share of proposals of some parameters along differences of walkers, at most how many of them, and the share of those
+# that are as long as the difference
+SUBSET_SHARE, MOST_OF_SUBSET, FULL_LENGTH = 0.3, 4, 0.3
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -86,18 +89,40 @@ class Chain:
 
 
 def moves(parameters: Parameters, surrogate: TruncatedGaussian) -> list[tuple[emcee.moves.Move, float]]:
-    """Differential evolution, part of it with full-length jumps; moves of all parameters from the surrogate; moves of
-    one or two parameters from their prior.
+    """Differential evolution, part of it with full-length jumps, and of a few parameters only; all parameters from
+    the surrogate; one or two parameters from their prior.
 
     Not offered: DESnookerMove of emcee 3.1.6 leaves the wrong variance, GaussianMove with a full covariance moves all
     walkers alike.
     """
     return [
-        (emcee.moves.DEMove(), 1 - JUMP_SHARE - SURROGATE_SHARE - PRIOR_SHARE),
+        (emcee.moves.DEMove(), 1 - JUMP_SHARE - SURROGATE_SHARE - PRIOR_SHARE - SUBSET_SHARE),
         (emcee.moves.DEMove(gamma0=1.0), JUMP_SHARE),
         (SurrogateMove(surrogate), SURROGATE_SHARE),
         (PriorMove(parameters), PRIOR_SHARE),
+        (SubsetMove(), SUBSET_SHARE),
     ]
+
+
+class SubsetMove(emcee.moves.RedBlueMove):
+    """One to MOST_OF_SUBSET parameters of each walker along the difference of two walkers of the other half, the others
+    kept (the crossover of Vrugt's and ter Braak's adaptive chains).
+
+    Where all parameters at once are rarely accepted, a few are; where two do each other's work, both move along.
+    """
+
+    def get_proposal(self, sample, complement, random):
+        others = np.concatenate(complement, axis=0)
+        n_walker, n_param = sample.shape
+        number = random.randint(1, min(MOST_OF_SUBSET, n_param) + 1, size=n_walker)
+        order = np.argsort(random.uniform(size=(n_walker, n_param)), axis=1)
+        first = random.randint(len(others), size=n_walker)
+        second = (first + random.randint(1, len(others), size=n_walker)) % len(others)
+        # ter Braak's length, randomised: symmetric, so that the density alone decides
+        length = 2.38 / np.sqrt(2 * number) * random.uniform(0.2, 1.2, size=n_walker)
+        length = np.where(random.uniform(size=n_walker) < FULL_LENGTH, 1.0, length)
+        step = length[:, None] * (others[first] - others[second])
+        return sample + np.where(order < number[:, None], step, 0.0), np.zeros(n_walker)
 
 
 class PriorMove(emcee.moves.RedBlueMove):
@@ -140,7 +165,7 @@ class SurrogateMove(emcee.moves.RedBlueMove):
     def get_proposal(self, sample, complement, random):
         n = len(sample)
         if len(self._pool) < n:
-            # a draw takes many sweeps of a few operations each: thousands at once cost little more than one
+            # thousands at once cost little more than one
             self._pool = self._surrogate.draw(max(n, SURROGATE_POOL), random)
         theta, self._pool = self._pool[:n], self._pool[n:]
         return theta, self._surrogate.log_density(sample) - self._surrogate.log_density(theta)

@@ -8,9 +8,10 @@ quadratic fitted to the log density over that width is closer by orders of magni
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
-from scipy import linalg, optimize, special
+from scipy import linalg, special
 
 from probupdate.estimators.laplace import Laplace
 from probupdate.modes import frozen_array
@@ -29,13 +30,18 @@ RIDGE = 1e-3
 LEAST_CURVATURE = 0.02
 # log weights further below the largest than this count as this
 LEAST_WEIGHT = -15.0
-# draws inside the bounds are sought among so many times their number, and otherwise made by so many sweeps
-MOST_TRIES, SWEEPS = 20, 40
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class TruncatedGaussian:
-    """Density exp(g^T d - d^T H d / 2), d = theta - centre, within [lower, upper]; not normalised."""
+    """A Gaussian with exponent g^T d - d^T H d / 2, d = theta - centre, cut to [lower, upper] one parameter after
+    another: each from its conditional on those before it, between its own bounds (the proposal of Geweke, Hajivassiliou
+    and Keane, and of Genz).
+
+    Draws and density are exact and the density is normalised, at any correlation and however far out the bounds cut.
+    It is the Gaussian's density in the box itself where parameters are uncorrelated, and close to it otherwise when the
+    hardest cut comes first.
+    """
 
     centre: np.ndarray
     gradient: np.ndarray
@@ -43,65 +49,103 @@ class TruncatedGaussian:
     lower: np.ndarray
     upper: np.ndarray
 
-    def log_density(self, theta: np.ndarray) -> np.ndarray:
-        """(n,) of theta (n, n_param), without its constant."""
+    def exponent(self, theta: np.ndarray) -> np.ndarray:
+        """(n,) of theta (n, n_param): the Gaussian's without its constant and without bounds."""
         d = theta - self.centre
         return d @ self.gradient - 0.5 * np.einsum("ij,jk,ik->i", d, self.precision, d)
 
     def widened(self, factor: float) -> TruncatedGaussian:
-        """The same centre of mass before the bounds cut it, `factor` times the variance."""
+        """The same mean before the bounds cut it, `factor` times the variance."""
         return TruncatedGaussian(
             centre=self.centre, gradient=self.gradient / factor, precision=self.precision / factor,
             lower=self.lower, upper=self.upper,
         )
 
-    def sweep(self, theta: np.ndarray, order, random) -> np.ndarray:
-        """Each parameter of `order` in turn from its truncated normal conditional; theta (n, n_param), not in place.
-
-        `random` has uniform(size=n). A sweep up and down again is reversible for this density.
-        """
-        d = theta - self.centre
-        std = 1 / np.sqrt(np.diag(self.precision))
-        low, high = self.lower - self.centre, self.upper - self.centre
-        for k in order:
-            others = d @ self.precision[:, k] - d[:, k] * self.precision[k, k]
-            mean = (self.gradient[k] - others) * std[k] ** 2
-            a, b = (low[k] - mean) / std[k], (high[k] - mean) / std[k]
-            d[:, k] = mean + std[k] * _truncated_normal(a, b, random.uniform(size=len(d)))
-        # rounding may leave a draw a hair outside
-        return np.clip(self.centre + d, self.lower, self.upper)
+    @cached_property
+    def _stages(self) -> _Stages:
+        return _stages(self)
 
     def draw(self, n: int, random) -> np.ndarray:
-        """n draws (n, n_param); `random` has uniform(size=shape).
+        """n independent draws (n, n_param); `random` has uniform(size=n)."""
+        stages = self._stages
+        z, theta = np.zeros((n, len(stages.order))), np.empty((n, len(stages.order)))
+        for k, j in enumerate(stages.order):
+            low, high = stages.cut(k, z)
+            z[:, k] = _truncated_normal(low, high, random.uniform(size=n))
+            theta[:, j] = stages.mean[k] + stages.scale[k] * (z[:, : k + 1] @ stages.factor[k, : k + 1])
+        # rounding may leave a draw a hair outside
+        return np.clip(theta, self.lower, self.upper)
 
-        Of the Gaussian without bounds those inside are kept, which is exact, as long as one in MOST_TRIES is. Where
-        they are rarer, Gibbs sweeps start from the Gaussian around the highest point inside, cut to the bounds: from
-        one point they would need a thousand steps to spread along a ridge.
-        """
-        scale = 1 / np.sqrt(np.diag(self.precision))
-        factor = linalg.cholesky(self.precision * np.outer(scale, scale), lower=True)
-        pull = linalg.solve_triangular(factor, self.gradient * scale, lower=True)
+    def log_density(self, theta: np.ndarray) -> np.ndarray:
+        """(n,) of theta (n, n_param) inside the bounds, normalised."""
+        stages = self._stages
+        z = linalg.solve_triangular(
+            stages.factor, ((theta[:, stages.order] - stages.mean) / stages.scale).T, lower=True
+        ).T
+        value = -0.5 * np.sum(z**2 + np.log(2 * np.pi), axis=1) - np.sum(np.log(np.diag(stages.factor) * stages.scale))
+        for k in range(len(stages.order)):
+            value -= _log_probability(*stages.cut(k, z))
+        return value
 
-        def around(middle: np.ndarray) -> np.ndarray:
-            normal = special.ndtri(np.clip(random.uniform(size=(n, len(middle))), 1e-16, 1 - 1e-16))
-            return self.centre + (middle + linalg.solve_triangular(factor, normal.T, lower=True, trans="T").T) * scale
 
-        mean = linalg.solve_triangular(factor, pull, lower=True, trans="T")
-        kept, found = [], 0
-        for tried in range(1, MOST_TRIES + 1):
-            theta = around(mean)
-            kept.append(theta[np.all((theta >= self.lower) & (theta <= self.upper), axis=1)])
-            found += len(kept[-1])
-            if found >= n:
-                return np.concatenate(kept)[:n]
-            if found * MOST_TRIES < n * tried / 2:
-                break
-        bounds = (self.lower - self.centre) / scale, (self.upper - self.centre) / scale
-        top = optimize.lsq_linear(factor.T, pull, bounds=bounds, method="bvls").x
-        theta = np.clip(around(top), self.lower, self.upper)
-        for _ in range(SWEEPS):
-            theta = self.sweep(theta, range(len(self.centre)), random)
-        return theta
+@dataclass(frozen=True, eq=False)
+class _Stages:
+    """Parameters in the order they are drawn, with mean, scale and bounds (n_param,) in that order and the lower
+    Cholesky factor of their correlation: theta = mean + scale * (factor @ z)."""
+
+    order: np.ndarray
+    mean: np.ndarray
+    scale: np.ndarray
+    factor: np.ndarray
+    lower: np.ndarray
+    upper: np.ndarray
+
+    def cut(self, k: int, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Bounds (n,) of the k-th standard normal, given those before it."""
+        before = z[:, :k] @ self.factor[k, :k]
+        return (self.lower[k] - before) / self.factor[k, k], (self.upper[k] - before) / self.factor[k, k]
+
+
+def _stages(gaussian: TruncatedGaussian) -> _Stages:
+    """The parameter whose bounds leave least goes first, then the one they leave least given the first at its mean
+    between them, and so on."""
+    size = 1 / np.sqrt(np.diag(gaussian.precision))
+    inverse = np.linalg.inv(gaussian.precision * np.outer(size, size))
+    mean = gaussian.centre + size * (inverse @ (gaussian.gradient * size))
+    scale = size * np.sqrt(np.diag(inverse))
+    correlation = inverse / np.sqrt(np.outer(np.diag(inverse), np.diag(inverse)))
+    low, high = (gaussian.lower - mean) / scale, (gaussian.upper - mean) / scale
+    order, shift, left = [], np.zeros(len(mean)), correlation.copy()
+    for _ in range(len(mean)):
+        rest = np.setdiff1d(np.arange(len(mean)), order)
+        std = np.sqrt(np.maximum(np.diag(left), 1e-12))
+        a, b = (low - shift) / std, (high - shift) / std
+        chance = _log_probability(a, b)
+        j = rest[np.argmin(chance[rest])]
+        order.append(j)
+        column = left[:, j] / std[j]
+        shift = shift + column * _truncated_mean(a[j], b[j])
+        left = left - np.outer(column, column)
+    order = np.array(order)
+    return _Stages(order, mean[order], scale[order], linalg.cholesky(correlation[np.ix_(order, order)], lower=True),
+                   low[order], high[order])  # fmt: skip
+
+
+def _truncated_mean(a: float, b: float) -> float:
+    """Of the standard normal between a and b."""
+    if a > 0:
+        return -_truncated_mean(-b, -a)
+    log_probability = float(_log_probability(np.array([a]), np.array([b]))[0])
+    ends = [np.exp(-0.5 * x * x - log_probability) if np.isfinite(x) else 0.0 for x in (a, b)]
+    return float(np.clip((ends[0] - ends[1]) / np.sqrt(2 * np.pi), a, b))
+
+
+def _log_probability(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """ln of the standard normal's probability between a and b, exact in relative terms far in both tails."""
+    turned = a > 0
+    low, high = np.where(turned, -b, a), np.where(turned, -a, b)
+    upper = special.log_ndtr(high)
+    return upper + np.log(-np.expm1(special.log_ndtr(low) - upper))
 
 
 def _truncated_normal(a: np.ndarray, b: np.ndarray, uniform: np.ndarray) -> np.ndarray:
@@ -158,7 +202,7 @@ def _refit(current: TruncatedGaussian, theta, value, log_weight, scale) -> Trunc
     n = d.shape[1]
     i, j = np.triu_indices(n)
     columns = np.column_stack([np.ones(len(d)), d, d[:, i] * d[:, j]])
-    missed = value - value.max() - current.log_density(theta)
+    missed = value - value.max() - current.exponent(theta)
     weight = np.exp(log_weight)
     weight /= weight.mean()
     size = np.sqrt(np.mean(columns**2 * weight[:, None], axis=0))
