@@ -16,7 +16,7 @@ import emcee
 import numpy as np
 
 from probupdate.errors import InputError
-from probupdate.estimators.surrogate import TruncatedGaussian
+from probupdate.estimators.surrogate import Outline
 from probupdate.modes import frozen_array
 from probupdate.parameters import Parameters
 from probupdate.problem import Problem
@@ -31,12 +31,12 @@ BURN_IN = 0.2
 # where part of what a move proposes is far: full jumps along differences of walkers carry them between modes
 JUMP_SHARE = 0.1
 # share of proposals from the surrogate, and how many of them are drawn at once
-SURROGATE_SHARE, SURROGATE_POOL = 0.4, 2000
+SURROGATE_SHARE, SURROGATE_POOL = 0.5, 2000
 # share of proposals of one or two parameters from their prior
-PRIOR_SHARE = 0.1
+PRIOR_SHARE = 0.15
 # share of proposals of some parameters along differences of walkers, at most how many of them, and the share of those
 # that are as long as the difference
-SUBSET_SHARE, MOST_OF_SUBSET, FULL_LENGTH = 0.3, 4, 0.3
+SUBSET_SHARE, MOST_OF_SUBSET, FULL_LENGTH = 0.15, 4, 0.3
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -88,7 +88,7 @@ class Chain:
         return self.theta[self.first :].reshape(-1, self.theta.shape[2])
 
 
-def moves(parameters: Parameters, surrogate: TruncatedGaussian) -> list[tuple[emcee.moves.Move, float]]:
+def moves(parameters: Parameters, surrogate: Outline) -> list[tuple[emcee.moves.Move, float]]:
     """Differential evolution, part of it with full-length jumps, and of a few parameters only; all parameters from
     the surrogate; one or two parameters from their prior.
 
@@ -157,10 +157,10 @@ class SurrogateMove(emcee.moves.RedBlueMove):
     Alone it would be stuck in tails the surrogate does not have; mixed with the other moves it need not know them.
     """
 
-    def __init__(self, surrogate: TruncatedGaussian):
+    def __init__(self, surrogate: Outline):
         super().__init__()
         self._surrogate = surrogate
-        self._pool = np.empty((0, len(surrogate.centre)))
+        self._pool = np.empty((0, len(surrogate.lower)))
 
     def get_proposal(self, sample, complement, random):
         n = len(sample)
@@ -173,7 +173,7 @@ class SurrogateMove(emcee.moves.RedBlueMove):
 
 def sample(
     problem: Problem,
-    surrogate: TruncatedGaussian,
+    surrogate: Outline,
     folder: str | Path,
     settings: SamplerSettings,
     *,

@@ -7,7 +7,7 @@ quadratic fitted to the log density over that width is closer by orders of magni
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -21,7 +21,7 @@ from probupdate.progress import Progress, silent
 
 # rounds of fitting: how far the points that are fitted to spread (times the Gaussian's variance), and the power of the
 # importance weights, which would single out few points at first
-ROUNDS = ((2.0, 0.1), (2.0, 0.2), (1.5, 0.3), (1.3, 0.5), (1.3, 0.5))
+ROUNDS = ((2.0, 0.1), (2.0, 0.2), (1.5, 0.3), (1.3, 0.5), *4 * ((1.1, 0.5),))
 # points per coefficient of the quadratic
 POINTS_PER_COEFFICIENT = 8
 # of the fitted coefficients, as a share of the points
@@ -30,6 +30,10 @@ RIDGE = 1e-3
 LEAST_CURVATURE = 0.02
 # log weights further below the largest than this count as this
 LEAST_WEIGHT = -15.0
+# a parameter's coordinate changes where the squares a quadratic misses fall to this share
+CLEARLY_LESS = 0.98
+# against division by a column that does not vary
+TINY = 1e-12
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -160,21 +164,86 @@ def _truncated_normal(a: np.ndarray, b: np.ndarray, uniform: np.ndarray) -> np.n
     return np.where(turned, -x, x)
 
 
-def from_laplace(laplace: Laplace, parameters: Parameters) -> TruncatedGaussian:
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Outline:
+    """A truncated Gaussian in coordinates u of the parameters: u = theta, ln theta or -1 / theta for powers (n_param,)
+    of 1, 0 and -1. `gaussian` lives in u."""
+
+    gaussian: TruncatedGaussian
+    powers: tuple[int, ...]
+    lower: np.ndarray
+    upper: np.ndarray
+
+    def draw(self, n: int, random) -> np.ndarray:
+        """n independent draws (n, n_param)."""
+        return np.clip(from_coordinates(self.gaussian.draw(n, random), self.powers), self.lower, self.upper)
+
+    def log_density(self, theta: np.ndarray) -> np.ndarray:
+        """(n,) of theta (n, n_param) inside the bounds, normalised."""
+        return self.gaussian.log_density(to_coordinates(theta, self.powers)) - log_stretch(theta, self.powers)
+
+    def widened(self, factor: float) -> Outline:
+        """`factor` times the variance, in its coordinates."""
+        return replace(self, gaussian=self.gaussian.widened(factor))
+
+    def turned_to(self, powers: tuple[int, ...]) -> Outline:
+        """The same slope and, but for what the coordinates bend, the same curvature at the centre in other ones."""
+        theta = from_coordinates(self.gaussian.centre[None], self.powers)
+        rate = np.exp(_log_rates(theta, powers) - _log_rates(theta, self.powers))[0]
+        # the density per du has the slope of ln |dtheta / du| too, which is 0, 1 and 2 theta per unit of u
+        own, new = (np.array([{1: 0.0, 0: 1.0, -1: 2 * t}[power] for t, power in zip(theta[0], chosen, strict=True)])
+                    for chosen in (self.powers, powers))  # fmt: skip
+        return _outline(
+            to_coordinates(theta, powers)[0], (self.gaussian.gradient - own) * rate + new,
+            self.gaussian.precision * np.outer(rate, rate), powers, self.lower, self.upper,
+        )
+
+
+def _outline(centre, gradient, precision, powers, lower, upper) -> Outline:
+    # an open end stays one in every coordinate that is used with it
+    low, high = (to_coordinates(bound[None], powers)[0] for bound in (lower, upper))
+    gaussian = TruncatedGaussian(centre=frozen_array(centre), gradient=frozen_array(gradient),
+                                 precision=frozen_array(precision), lower=low, upper=high)  # fmt: skip
+    return Outline(gaussian=gaussian, powers=tuple(powers), lower=lower, upper=upper)
+
+
+def to_coordinates(theta: np.ndarray, powers: tuple[int, ...]) -> np.ndarray:
+    """u (n, n_param) of theta (n, n_param)."""
+    how = {1: lambda x: x, 0: np.log, -1: lambda x: -1 / x}
+    return np.stack([how[power](theta[:, k]) for k, power in enumerate(powers)], axis=1)
+
+
+def from_coordinates(u: np.ndarray, powers: tuple[int, ...]) -> np.ndarray:
+    """theta (n, n_param) of u (n, n_param)."""
+    how = {1: lambda x: x, 0: np.exp, -1: lambda x: -1 / x}
+    return np.stack([how[power](u[:, k]) for k, power in enumerate(powers)], axis=1)
+
+
+def _log_rates(theta: np.ndarray, powers: tuple[int, ...]) -> np.ndarray:
+    """ln dtheta_k / du_k (n, n_param)."""
+    how = {1: np.zeros_like, 0: np.log, -1: lambda x: 2 * np.log(x)}
+    return np.stack([how[power](theta[:, k]) for k, power in enumerate(powers)], axis=1)
+
+
+def log_stretch(theta: np.ndarray, powers: tuple[int, ...]) -> np.ndarray:
+    """ln |dtheta / du| (n,) of theta (n, n_param)."""
+    return _log_rates(theta, powers).sum(axis=1)
+
+
+def from_laplace(laplace: Laplace, parameters: Parameters) -> Outline:
     """The Laplace approximation; its gradient is not zero at a bound the maximum is pinned to."""
-    return TruncatedGaussian(
-        centre=laplace.theta, gradient=laplace.gradient, precision=laplace.precision, lower=parameters.lower,
-        upper=parameters.upper,
-    )
+    return _outline(laplace.theta, laplace.gradient, laplace.precision, (1,) * len(parameters), parameters.lower,
+                    parameters.upper)  # fmt: skip
 
 
 def fit_surrogate(
     problem: Problem, laplace: Laplace, rng: np.random.Generator, progress: Progress = silent
-) -> tuple[TruncatedGaussian, float]:
+) -> tuple[Outline, float]:
     """The best of a few quadratic fits to the log posterior, the Laplace approximation among them, and the effective
     share of its importance weights, 1 for a posterior that is such a Gaussian.
 
-    It is given as wide as it was tried: a proposal narrower than the posterior's tails leaves walkers stuck there.
+    Each fit chooses the coordinates in which a quadratic misses least: stiffnesses in series add as reciprocals, those
+    in parallel as themselves, and a posterior that is curved in one is straight in the other.
     """
     parameters = problem.parameters
     n = len(parameters)
@@ -191,31 +260,60 @@ def fit_surrogate(
         share = np.exp(weight).sum() ** 2 / np.exp(2 * weight).sum() / n_point
         if share > best_share:
             best, best_share = wide, share
-        current = _refit(current, theta, value, np.maximum(power * weight, LEAST_WEIGHT), parameters.std)
+        tempered = np.maximum(power * weight, LEAST_WEIGHT)
+        chosen = _straightest(theta, value, tempered, current.powers, parameters.lower > 0)
+        current = _refit(current.turned_to(chosen), theta, value, tempered)
     progress("posterior's outline", len(ROUNDS), len(ROUNDS))
     return best, float(best_share)
 
 
-def _refit(current: TruncatedGaussian, theta, value, log_weight, scale) -> TruncatedGaussian:
-    """Weighted least squares for what the quadratic misses, in units of the prior deviations."""
-    d = (theta - current.centre) / scale
-    n = d.shape[1]
-    i, j = np.triu_indices(n)
+def _straightest(theta, value, log_weight, powers, positive) -> tuple[int, ...]:
+    """Powers, changed one parameter after another where a quadratic then misses clearly less."""
+
+    def missed(trial) -> float:
+        columns, root, _, ridge = _least_squares(to_coordinates(theta, trial), log_weight)
+        target = (value - value.max() + log_stretch(theta, trial)) * root
+        found = np.linalg.solve(columns.T @ columns + ridge, columns.T @ target)
+        return float(np.sum((target - columns @ found) ** 2))
+
+    powers, least = list(powers), missed(powers)
+    for k in np.flatnonzero(positive):
+        for power in (1, 0, -1):
+            trial = [*powers[:k], power, *powers[k + 1 :]]
+            if power != powers[k] and (value_missed := missed(trial)) < CLEARLY_LESS * least:
+                powers, least = trial, value_missed
+    return tuple(powers)
+
+
+def _least_squares(u, log_weight, centre=None):
+    """Columns 1, d, d d^T of d = (u - centre) / scale, each of unit size and times the root of the weights (n,); the
+    sizes, and the ridge on all but the constant."""
+    scale = u.std(axis=0) + TINY
+    d = (u - (u.mean(axis=0) if centre is None else centre)) / scale
+    i, j = np.triu_indices(u.shape[1])
     columns = np.column_stack([np.ones(len(d)), d, d[:, i] * d[:, j]])
-    missed = value - value.max() - current.exponent(theta)
     weight = np.exp(log_weight)
-    weight /= weight.mean()
-    size = np.sqrt(np.mean(columns**2 * weight[:, None], axis=0))
-    matrix = columns / size * np.sqrt(weight)[:, None]
+    root = np.sqrt(weight / weight.mean())
+    columns *= root[:, None]
+    size = np.sqrt(np.mean(columns**2, axis=0)) + TINY
     ridge = RIDGE * len(d) * np.diag([0.0] + [1.0] * (columns.shape[1] - 1))
-    found = np.linalg.solve(matrix.T @ matrix + ridge, matrix.T @ (missed * np.sqrt(weight))) / size
+    return columns / size, root, size, ridge
+
+
+def _refit(current: Outline, theta, value, log_weight) -> Outline:
+    """Weighted least squares for what the quadratic misses, in its coordinates."""
+    gaussian = current.gaussian
+    u = to_coordinates(theta, current.powers)
+    columns, root, size, ridge = _least_squares(u, log_weight, gaussian.centre)
+    missed = value - value.max() + log_stretch(theta, current.powers) - gaussian.exponent(u)
+    found = np.linalg.solve(columns.T @ columns + ridge, columns.T @ (missed * root)) / size
+    n, scale = u.shape[1], u.std(axis=0) + TINY
+    i, j = np.triu_indices(n)
     bend = np.zeros((n, n))
     bend[i, j] = found[1 + n :]
-    precision = current.precision * np.outer(scale, scale) - (bend + bend.T)
-    size = np.sqrt(np.abs(np.diag(precision))) + 1e-12
+    precision = gaussian.precision * np.outer(scale, scale) - (bend + bend.T)
+    size = np.sqrt(np.abs(np.diag(precision))) + TINY
     curvature, direction = np.linalg.eigh(precision / np.outer(size, size))
     precision = (direction * np.maximum(curvature, LEAST_CURVATURE)) @ direction.T * np.outer(size, size)
-    return TruncatedGaussian(
-        centre=current.centre, gradient=frozen_array(current.gradient + found[1 : 1 + n] / scale),
-        precision=frozen_array(precision / np.outer(scale, scale)), lower=current.lower, upper=current.upper,
-    )
+    return _outline(gaussian.centre, gaussian.gradient + found[1 : 1 + n] / scale, precision / np.outer(scale, scale),
+                    current.powers, current.lower, current.upper)  # fmt: skip

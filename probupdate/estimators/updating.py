@@ -12,7 +12,7 @@ from probupdate.estimators.ensemble import BURN_IN, SamplerSettings, sample
 from probupdate.estimators.laplace import Laplace, maximum_a_posteriori
 from probupdate.estimators.nine_sets import update_sets
 from probupdate.estimators.posterior_file import MAX_DRAWS, Posterior
-from probupdate.estimators.surrogate import TruncatedGaussian, fit_surrogate
+from probupdate.estimators.surrogate import Outline, fit_surrogate
 from probupdate.estimators.tikhonov import TikhonovUpdate, update
 from probupdate.estimators.update_file import SCHEME_NAMES, ScatterRecord, SchemeRecord, UpdateRecord
 from probupdate.model import Model
@@ -135,7 +135,7 @@ class Approach:
     """What a chain needs: the problem on a fast model, the posterior's outline, and what to say of both."""
 
     problem: Problem
-    surrogate: TruncatedGaussian
+    surrogate: Outline
     notes: dict[str, object]
 
 

@@ -16,7 +16,17 @@ from updating_cases import (
 )
 
 from probupdate.estimators.laplace import maximum_a_posteriori
-from probupdate.estimators.surrogate import ROUNDS, TruncatedGaussian, _truncated_normal, fit_surrogate, from_laplace
+from probupdate.estimators.surrogate import (
+    ROUNDS,
+    Outline,
+    TruncatedGaussian,
+    _straightest,
+    _truncated_normal,
+    fit_surrogate,
+    from_laplace,
+    log_stretch,
+    to_coordinates,
+)
 from probupdate.parameters import Parameter, Parameters
 from probupdate.problem import build_problem
 
@@ -145,8 +155,54 @@ def test_laplace_is_taken_over_with_its_gradient_at_the_bounds():
     top = maximum_a_posteriori(problem, [CHAIN_PARAMETERS.initial])
     density = from_laplace(top, CHAIN_PARAMETERS)
     d = 0.3 * np.sqrt(np.diag(top.covariance)) * np.array([1.0, -1.0, 0.5, 0.2])
-    pair = density.exponent(np.array([top.theta, top.theta + d]))
+    assert density.powers == (1,) * len(CHAIN_PARAMETERS)
+    pair = density.gaussian.exponent(np.array([top.theta, top.theta + d]))
     assert pair[1] - pair[0] == pytest.approx(top.gradient @ d - 0.5 * d @ top.precision @ d)
+
+
+@pytest.mark.parametrize("powers", [(1, 0), (-1, 1), (0, -1)])
+def test_in_other_coordinates_the_density_still_integrates_to_one_and_draws_follow_it(powers):
+    lower, upper = np.array([0.3, 0.5]), np.array([4.0, 3.0])
+    middle = to_coordinates(np.array([[1.2, 1.5]]), powers)[0]
+    low, high = (to_coordinates(bound[None], powers)[0] for bound in (lower, upper))
+    outline = Outline(gaussian=gaussian(middle, [[0.2, 0.1], [0.1, 0.3]], low, high), powers=powers, lower=lower,
+                      upper=upper)  # fmt: skip
+    node, factor = np.polynomial.legendre.leggauss(80)
+    x, y = np.meshgrid(2.15 + 1.85 * node, 1.75 + 1.25 * node, indexing="ij")
+    points = np.stack([x.ravel(), y.ravel()], axis=1)
+    weight = 1.85 * 1.25 * np.outer(factor, factor).ravel() * np.exp(outline.log_density(points))
+    assert weight.sum() == pytest.approx(1.0, abs=1e-8)
+    theta = outline.draw(N_DRAW, np.random.default_rng(11))
+    for power in ((1, 0), (0, 1), (1, 1), (2, 0)):
+        expected = np.sum(weight * np.prod(points ** np.array(power), axis=1))
+        assert abs(z_score(np.prod(theta ** np.array(power), axis=1), expected)) < LIMIT
+
+
+def test_turning_to_other_coordinates_keeps_the_slope_of_the_density():
+    """Seen in theta, the density's logarithm has the same gradient at the centre in all coordinates."""
+    centre, step = np.array([1.3, 0.7, 2.0]), 1e-5
+    bounds = np.full(3, 0.1), np.full(3, 9.0)
+    start = Outline(gaussian=gaussian(centre + 0.1, np.diag([0.3, 0.2, 0.5]), *bounds, centre=centre), powers=(1, 1, 1),
+                    lower=bounds[0], upper=bounds[1])  # fmt: skip
+
+    def slope(outline):
+        points = centre + step * np.vstack([np.eye(3), -np.eye(3)])
+        value = outline.gaussian.exponent(to_coordinates(points, outline.powers)) - log_stretch(points, outline.powers)
+        return (value[:3] - value[3:]) / (2 * step)
+
+    turned = start.turned_to((0, -1, 1))
+    assert slope(turned) == pytest.approx(slope(start), rel=1e-6)
+    assert slope(turned.turned_to((-1, -1, 0))) == pytest.approx(slope(start), rel=1e-6)
+
+
+def test_springs_in_series_are_told_by_their_reciprocals():
+    """ln p = -(1 / a + 1 / b - 2)^2 / (2 0.05^2) is a quadratic of 1/a and 1/b and of nothing else."""
+    rng = np.random.default_rng(12)
+    theta = rng.uniform(0.6, 2.5, (600, 3))
+    value = -0.5 * ((1 / theta[:, 0] + 1 / theta[:, 1] - 2) / 0.05) ** 2 - 0.5 * ((theta[:, 2] - 1) / 0.2) ** 2
+    # what is fitted is the density per unit of each coordinate; without its part these would not be exact
+    value = value - 2 * np.log(theta[:, 0] * theta[:, 1])
+    assert _straightest(theta, value, np.zeros(600), (1, 1, 1), np.ones(3, bool)) == (-1, -1, 1)
 
 
 # the fit
@@ -156,8 +212,9 @@ def test_a_gaussian_posterior_is_found_again():
     problem = linear_problem(LINEAR_HZ + np.array([0.03, -0.06, 0.10, 0.15, -0.30]))
     top = maximum_a_posteriori(problem, [LINEAR_PARAMETERS.initial])
     found, share = fit_surrogate(problem, top, np.random.default_rng(6))
-    mean = found.centre + np.linalg.solve(found.precision, found.gradient)
-    covariance = np.linalg.inv(found.precision)
+    gaussian = found.gaussian
+    mean = gaussian.centre + np.linalg.solve(gaussian.precision, gaussian.gradient)
+    covariance = np.linalg.inv(gaussian.precision)
     assert np.max(np.abs(mean - top.theta) / np.sqrt(np.diag(top.covariance))) < 0.05
     # it is given as wide as it was tried, and is of one shape with the posterior
     ratio = np.diag(covariance) / np.diag(top.covariance)
