@@ -30,8 +30,10 @@ AUTOCORRELATION_TIMES = 50
 BURN_IN = 0.2
 # where part of what a move proposes is far: full jumps along differences of walkers carry them between modes
 JUMP_SHARE = 0.1
-# share of proposals from the surrogate, and how many of them are drawn at once
-SURROGATE_SHARE, SURROGATE_POOL = 0.5, 2000
+# share of proposals from the surrogate
+SURROGATE_SHARE = 0.5
+# proposals that do not depend on the walkers are drawn so many at once
+POOL = 2000
 # share of proposals of one or two parameters from their prior
 PRIOR_SHARE = 0.15
 # share of proposals of some parameters along differences of walkers, at most how many of them, and the share of those
@@ -135,20 +137,20 @@ class PriorMove(emcee.moves.RedBlueMove):
     def __init__(self, parameters: Parameters):
         super().__init__()
         self._parameters = parameters
+        self._pool = np.empty((0, len(parameters)))
 
     def get_proposal(self, sample, complement, random):
         n_walker, n_param = sample.shape
+        if len(self._pool) < n_walker:
+            uniform = random.uniform(size=(max(n_walker, POOL), n_param))
+            drawn = np.column_stack([p.distribution.ppf(uniform[:, k]) for k, p in enumerate(self._parameters)])
+            self._pool = np.clip(drawn, self._parameters.lower, self._parameters.upper)
+        fresh, self._pool = self._pool[:n_walker], self._pool[n_walker:]
         order = np.argsort(random.uniform(size=(n_walker, n_param)), axis=1)
-        chosen = order < 1 + (random.uniform(size=(n_walker, 1)) < 0.5)
-        uniform = random.uniform(size=(n_walker, n_param))
-        theta, log_ratio = np.array(sample), np.zeros(n_walker)
-        for k, parameter in enumerate(self._parameters):
-            rows = np.flatnonzero(chosen[:, k])
-            if rows.size:
-                prior = parameter.distribution
-                theta[rows, k] = np.clip(prior.ppf(uniform[rows, k]), parameter.lower, parameter.upper)
-                log_ratio[rows] += prior.logpdf(sample[rows, k]) - prior.logpdf(theta[rows, k])
-        return theta, log_ratio
+        number = 1 + (random.uniform(size=(n_walker, 1)) < 0.5)
+        theta = np.where(order < number, fresh, sample)
+        # what was kept cancels
+        return theta, self._parameters.log_marginals(sample) - self._parameters.log_marginals(theta)
 
 
 class SurrogateMove(emcee.moves.RedBlueMove):
@@ -166,7 +168,7 @@ class SurrogateMove(emcee.moves.RedBlueMove):
         n = len(sample)
         if len(self._pool) < n:
             # thousands at once cost little more than one
-            self._pool = self._surrogate.draw(max(n, SURROGATE_POOL), random)
+            self._pool = self._surrogate.draw(max(n, POOL), random)
         theta, self._pool = self._pool[:n], self._pool[n:]
         return theta, self._surrogate.log_density(sample) - self._surrogate.log_density(theta)
 
