@@ -9,6 +9,7 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+import zipfile
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
@@ -294,7 +295,7 @@ class _Store:
         head["hash"] = hashlib.sha256(json.dumps(head, sort_keys=True).encode()).hexdigest()
         path = folder / "chain.json"
         if path.exists():
-            found = json.loads(path.read_text(encoding="utf-8"))
+            found = _read_head(path)
             if found != head:
                 changed = [k for k in head if k != "hash" and found.get(k) != head[k]]
                 raise InputError(
@@ -323,18 +324,36 @@ class _Store:
     def read(self) -> list[_Segment]:
         segments = []
         while (path := self._path(len(segments))).exists():
-            with np.load(path, allow_pickle=False) as content:
-                position, has_gauss, evaluated, fallback = (int(x) for x in content["numbers"])
-                cached, accepted = (float(x) for x in content["cached"])
-                state = emcee.State(
-                    content["coords"], log_prob=content["log_prob"],
-                    random_state=("MT19937", content["keys"], position, has_gauss, cached),
-                )
-                segments.append(_Segment(
-                    theta=content["theta"], log_posterior=content["log_posterior"], state=state, accepted=accepted,
-                    evaluated=evaluated, fallback=fallback,
-                ))  # fmt: skip
+            try:
+                segments.append(_read_segment(path))
+            except (OSError, ValueError, KeyError, zipfile.BadZipFile) as error:
+                raise InputError(str(path), f"is no segment of a chain ({error})",
+                                 "delete it and those after it: the run goes on from the one before") from None
         return segments
+
+
+def _read_head(path: Path) -> dict:
+    try:
+        found = json.loads(path.read_text(encoding="utf-8"))
+    except (json.JSONDecodeError, UnicodeDecodeError) as error:
+        raise InputError(str(path), f"is not JSON ({error})", "delete the chain's folder to start anew") from None
+    if not isinstance(found, dict):
+        raise InputError(str(path), "is no head of a chain", "delete the chain's folder to start anew")
+    return found
+
+
+def _read_segment(path: Path) -> _Segment:
+    with np.load(path, allow_pickle=False) as content:
+        position, has_gauss, evaluated, fallback = (int(x) for x in content["numbers"])
+        cached, accepted = (float(x) for x in content["cached"])
+        state = emcee.State(
+            content["coords"], log_prob=content["log_prob"],
+            random_state=("MT19937", content["keys"], position, has_gauss, cached),
+        )
+        return _Segment(
+            theta=content["theta"], log_posterior=content["log_posterior"], state=state, accepted=accepted,
+            evaluated=evaluated, fallback=fallback,
+        )
 
 
 def _write_whole(path: Path, write) -> None:

@@ -1,0 +1,216 @@
+"""The chain: every move on its own against known variances, the whole against quadrature, resuming, refusals."""
+
+import json
+import shutil
+from dataclasses import replace
+
+import emcee
+import numpy as np
+import pytest
+from scipy import stats
+from updating_cases import LINEAR_HZ, linear_data, linear_model, linear_problem
+
+from probupdate.errors import InputError
+from probupdate.estimators import ensemble
+from probupdate.estimators.ensemble import PriorMove, SamplerSettings, SubsetMove, SurrogateMove, moves, sample
+from probupdate.estimators.laplace import maximum_a_posteriori
+from probupdate.estimators.posterior_file import effective_size
+from probupdate.estimators.surrogate import Outline, TruncatedGaussian, fit_surrogate
+from probupdate.parameters import Parameter, Parameters
+from probupdate.problem import build_problem
+
+# of a z-score: seeds are fixed, and chance exceeds it once in some ten thousand
+LIMIT = 4.0
+N_PARAM, N_WALKER, N_STEP = 3, 16, 4000
+COVARIANCE = np.array([[1.0, 0.8, 0.0], [0.8, 1.0, -0.3], [0.0, -0.3, 0.5]])
+LOWER = np.array([-0.7, -np.inf, -np.inf])
+PARAMETERS = Parameters(tuple(
+    Parameter(name=name, unit="-", initial=0.0, std=2.0, lower=low) for name, low in zip("abc", LOWER, strict=True)
+))  # fmt: skip
+
+
+def target(theta):
+    value = -0.5 * np.einsum("ij,jk,ik->i", theta, np.linalg.inv(COVARIANCE), theta)
+    return np.where(theta[:, 0] >= LOWER[0], value, -np.inf)
+
+
+def outline(covariance) -> Outline:
+    gaussian = TruncatedGaussian(
+        centre=np.array([0.1, 0.0, 0.0]), gradient=np.zeros(3), precision=np.linalg.inv(covariance), lower=LOWER,
+        upper=np.full(3, np.inf),
+    )  # fmt: skip
+    return Outline(gaussian=gaussian, powers=(1, 1, 1), lower=LOWER, upper=np.full(3, np.inf))
+
+
+def exact_draws(n):
+    free = np.random.default_rng(1).multivariate_normal(np.zeros(3), COVARIANCE, 2 * n)
+    return free[free[:, 0] >= LOWER[0]][:n]
+
+
+CANDIDATES = {
+    # a proposal that is not the target: the ratio of densities has to correct for it
+    "outline": SurrogateMove(outline(1.5 * np.diag(np.diag(COVARIANCE)) + 0.5 * COVARIANCE)),
+    "prior": PriorMove(PARAMETERS),
+    "subset": SubsetMove(),
+    "differential evolution": emcee.moves.DEMove(),
+    "jumps": emcee.moves.DEMove(gamma0=1.0),
+}
+
+
+@pytest.mark.parametrize("name", CANDIDATES)
+def test_every_move_leaves_a_cut_gaussian_as_it_is(name):
+    """Started from exact draws, a chain of this move alone has the exact moments: a move that is not in balance drifts
+    from them. Jumps of full length mix with ordinary ones, or walkers would stay on a lattice."""
+    move = CANDIDATES[name] if name != "jumps" else [(CANDIDATES[name], 0.5), (emcee.moves.DEMove(), 0.5)]
+    sampler = emcee.EnsembleSampler(N_WALKER, N_PARAM, target, vectorize=True, moves=move)
+    state = emcee.State(exact_draws(N_WALKER), random_state=np.random.RandomState(5).get_state())
+    sampler.run_mcmc(state, N_STEP)
+    chain = sampler.get_chain()[N_STEP // 10 :]
+    exact = exact_draws(400_000)
+    for power in ((1, 0, 0), (0, 1, 0), (2, 0, 0), (0, 2, 0), (0, 0, 2), (1, 1, 0), (0, 1, 1)):
+        values, expected = (np.prod(x ** np.array(power), axis=-1) for x in (chain, exact))
+        _, ess = effective_size(values[:, :, None])
+        error = np.hypot(values.std() / np.sqrt(ess[0]), expected.std() / np.sqrt(len(exact)))
+        assert abs(values.mean() - expected.mean()) < LIMIT * error, power
+
+
+def test_the_balance_test_can_fail():
+    """The same check on emcee's snooker move, which leaves another variance behind (why it is not offered)."""
+    mixed = [(emcee.moves.DESnookerMove(), 0.7), (emcee.moves.DEMove(), 0.3)]
+    sampler = emcee.EnsembleSampler(N_WALKER, N_PARAM, target, vectorize=True, moves=mixed)
+    state = emcee.State(exact_draws(N_WALKER), random_state=np.random.RandomState(5).get_state())
+    sampler.run_mcmc(state, N_STEP)
+    values = sampler.get_chain()[1000:, :, 2] ** 2
+    _, ess = effective_size(values[:, :, None])
+    assert abs(values.mean() - COVARIANCE[2, 2]) > LIMIT * values.std() / np.sqrt(ess[0])
+
+
+def test_shares_of_the_moves_add_up():
+    shares = [share for _, share in moves(PARAMETERS, outline(COVARIANCE))]
+    assert sum(shares) == pytest.approx(1.0) and min(shares) > 0.05
+
+
+def outlined(problem, seed=0):
+    top = maximum_a_posteriori(problem, [problem.parameters.initial])
+    return fit_surrogate(problem, top, np.random.default_rng(seed))[0]
+
+
+# a lognormal, a normal cut close to its middle, and one cut where the data push it
+MIXED = Parameters((
+    Parameter(name="a", unit="-", initial=1.0, std=0.5, lower=0.2, upper=4.0, prior="lognormal"),
+    Parameter(name="b", unit="-", initial=2.0, std=0.3, lower=1.9, upper=2.6),
+))  # fmt: skip
+SLOPE = np.array([[0.05, 0.02], [0.10, -0.04], [0.02, 0.20], [0.30, 0.10], [-0.20, 0.50]])
+
+
+def mixed_problem():
+    three = np.column_stack([SLOPE, np.zeros(5)])
+    model = linear_model(MIXED, slope=SLOPE)
+
+    def function(theta):
+        return linear_model(slope=three).function(np.append(theta, -1.0))
+
+    data = linear_data(LINEAR_HZ + np.array([0.02, 0.05, -0.04, 0.1, -0.25]), cov=0.02)
+    return build_problem(replace(model, function=function), data)
+
+
+def test_posterior_against_quadrature(tmp_path):
+    """Means, deviations and 5 and 95 % points of a posterior with a lognormal and two cut priors."""
+    problem = mixed_problem()
+    chain = sample(problem, outlined(problem), tmp_path / "chain", SamplerSettings(target_ess=3000))
+    assert chain.converged, chain.verdict
+    node, weight = np.polynomial.legendre.leggauss(120)
+    axes = [0.5 * (p.upper + p.lower) + 0.5 * (p.upper - p.lower) * node for p in MIXED]
+    a, b = np.meshgrid(*axes, indexing="ij")
+    value, _ = problem.log_posterior(np.column_stack([a.ravel(), b.ravel()]))
+    density = np.exp(value - value.max()).reshape(a.shape) * np.outer(weight, weight)
+    density /= density.sum()
+    for k in range(2):
+        marginal = density.sum(axis=1 - k)
+        mean = marginal @ axes[k]
+        std = np.sqrt(marginal @ (axes[k] - mean) ** 2)
+        draws, ess = chain.draws[:, k], chain.ess[k]
+        assert abs(draws.mean() - mean) < LIMIT * std / np.sqrt(ess)
+        # of a deviation: kurtosis at most that of an exponential, 9
+        assert abs(draws.std() / std - 1) < LIMIT * np.sqrt(8 / 4 / ess)
+        below = np.interp(np.quantile(draws, [0.05, 0.95]), axes[k], np.cumsum(marginal) - 0.5 * marginal)
+        assert np.all(abs(below - [0.05, 0.95]) < LIMIT * np.sqrt(0.05 * 0.95 / ess) + 2e-3)
+
+
+def test_a_gaussian_posterior_has_its_closed_form_covariance(tmp_path):
+    problem = linear_problem(LINEAR_HZ + np.array([0.03, -0.06, 0.10, 0.15, -0.30]))
+    top = maximum_a_posteriori(problem, [problem.parameters.initial])
+    chain = sample(problem, outlined(problem), tmp_path / "chain", SamplerSettings(target_ess=4000))
+    assert chain.converged, chain.verdict
+    white = np.linalg.solve(np.linalg.cholesky(top.covariance), (chain.draws - top.theta).T)
+    ess = chain.ess.min()
+    assert np.all(abs(white.mean(axis=1)) < LIMIT / np.sqrt(ess))
+    assert np.all(abs(np.cov(white) - np.eye(3)) < LIMIT * np.sqrt(2 / ess))
+    assert stats.kstest(white[0, :: max(1, white.shape[1] // 500)], "norm").pvalue > 1e-4
+
+
+SHORT = SamplerSettings(target_ess=10**7, max_steps=3 * ensemble.SEGMENT)
+
+
+def test_a_stopped_chain_goes_on_with_the_same_numbers(tmp_path):
+    problem = linear_problem(LINEAR_HZ + 0.05)
+    surrogate = outlined(problem)
+    whole = sample(problem, surrogate, tmp_path / "whole", SHORT)
+    assert whole.theta.shape[0] == SHORT.max_steps and not whole.converged and "NOT converged" in whole.verdict
+    shutil.copytree(tmp_path / "whole", tmp_path / "part")
+    # killed in the third segment: only two are there, and half a file
+    (tmp_path / "part" / "segment-00002.npz").rename(tmp_path / "part" / "segment-00002.part")
+    part = sample(problem, surrogate, tmp_path / "part", SHORT)
+    np.testing.assert_array_equal(part.theta, whole.theta)
+    np.testing.assert_array_equal(part.log_posterior, whole.log_posterior)
+    again = sample(problem, surrogate, tmp_path / "again", SHORT)
+    np.testing.assert_array_equal(again.theta, whole.theta)
+    other = sample(problem, surrogate, tmp_path / "other", SamplerSettings(seed=2, target_ess=10**7, max_steps=200))
+    assert not np.array_equal(other.theta[:200], whole.theta[:200])
+
+
+def test_a_finished_chain_is_not_run_again(tmp_path):
+    problem = linear_problem(LINEAR_HZ + 0.05)
+    surrogate = outlined(problem)
+    first = sample(problem, surrogate, tmp_path / "chain", SHORT)
+
+    def refuse(theta):
+        raise AssertionError("evaluated again")
+
+    object.__setattr__(problem, "log_posterior", refuse)
+    np.testing.assert_array_equal(sample(problem, surrogate, tmp_path / "chain", SHORT).theta, first.theta)
+
+
+@pytest.mark.parametrize(("change", "named"), [
+    ({"problem": LINEAR_HZ + 0.06}, "fingerprint"), ({"settings": SamplerSettings(seed=9)}, "settings"),
+])  # fmt: skip
+def test_a_folder_with_another_chain_is_refused(tmp_path, change, named):
+    problem = linear_problem(LINEAR_HZ + 0.05)
+    surrogate = outlined(problem)
+    sample(problem, surrogate, tmp_path / "chain", SamplerSettings(target_ess=10**7, max_steps=200))
+    other = linear_problem(change["problem"]) if "problem" in change else problem
+    with pytest.raises(InputError, match=f"another run: {named} differ"):
+        sample(other, surrogate, tmp_path / "chain", change.get("settings", SamplerSettings()))
+
+
+@pytest.mark.parametrize("text", ["{", "[]", json.dumps({"format": 1})])
+def test_a_damaged_head_is_named(tmp_path, text):
+    (tmp_path / "chain.json").write_text(text, encoding="utf-8")
+    problem = linear_problem(LINEAR_HZ + 0.05)
+    with pytest.raises(InputError, match="chain"):
+        sample(problem, outlined(problem), tmp_path, SHORT)
+
+
+def test_a_damaged_segment_is_named(tmp_path):
+    problem = linear_problem(LINEAR_HZ + 0.05)
+    surrogate = outlined(problem)
+    sample(problem, surrogate, tmp_path, SamplerSettings(target_ess=10**7, max_steps=400))
+    (tmp_path / "segment-00001.npz").write_bytes(b"no archive")
+    with pytest.raises(InputError, match="segment-00001"):
+        sample(problem, surrogate, tmp_path, SamplerSettings(target_ess=10**7, max_steps=400))
+
+
+@pytest.mark.parametrize("wrong", [{"seed": -1}, {"seed": 1.5}, {"seed": True}, {"target_ess": 0}, {"max_steps": -1}])
+def test_settings_that_make_no_sense_are_refused(wrong):
+    with pytest.raises(InputError, match=next(iter(wrong))):
+        SamplerSettings(**wrong)
