@@ -150,7 +150,10 @@ def _row(
             flags.append(f"{name} ends at a bound")
     if abs(others[partner]) > HIGH_CORRELATION:
         flags.append(f"absorbed by {posterior.names[partner]}: correlation {others[partner]:+.2f}")
-    if contraction < STRONG:
+    if update.map_at_bound[k]:
+        # whatever its width: the bound, not the data, may be what makes the posterior narrow
+        identified = "at a bound"
+    elif contraction < STRONG:
         identified = "strongly identified"
     elif contraction <= BLIND:
         identified = "weakly identified"
