@@ -188,11 +188,9 @@ def sample(
     `fingerprint` stands for the problem where it differs from problem.fingerprint() (a reduced model built with
     settings of its own). Raises InputError where the folder holds a chain of another problem or other settings.
     """
-    folder = Path(folder)
     parameters = problem.parameters
-    n_walker = max(2 * len(parameters) + 2, settings.walkers_per_parameter * len(parameters))
-    n_walker += n_walker % 2
-    store = _Store(folder, fingerprint or problem.fingerprint(), settings, n_walker, parameters.names)
+    n_walker = _n_walker(parameters, settings)
+    store = _Store(Path(folder), fingerprint or problem.fingerprint(), settings, n_walker, parameters.names)
     counts = {"evaluated": 0, "fallback": 0}
 
     def log_probability(theta: np.ndarray) -> np.ndarray:
@@ -231,6 +229,16 @@ def sample(
         )
         store.append(segment, len(segments))
         segments.append(segment)
+
+
+def _n_walker(parameters: Parameters, settings: SamplerSettings) -> int:
+    n_walker = max(2 * len(parameters) + 2, settings.walkers_per_parameter * len(parameters))
+    return n_walker + n_walker % 2
+
+
+def claim_folder(parameters: Parameters, folder: str | Path, settings: SamplerSettings, fingerprint: str) -> None:
+    """Refuse a folder with another chain, as `sample` does, before any work is spent on this one."""
+    _Store(Path(folder), fingerprint, settings, _n_walker(parameters, settings), parameters.names)
 
 
 def _forecast(chain: Chain, n_step: int, settings: SamplerSettings) -> int:

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from probupdate.estimators.ensemble import BURN_IN, SamplerSettings, sample
+from probupdate.estimators.ensemble import BURN_IN, SamplerSettings, claim_folder, sample
 from probupdate.estimators.laplace import Laplace, maximum_a_posteriori
 from probupdate.estimators.nine_sets import update_sets
 from probupdate.estimators.posterior_file import MAX_DRAWS, Posterior
@@ -183,14 +183,13 @@ def sample_posterior(
     """Maximum, reduced basis, chain and its check against the full model. The chain's segments are kept in `folder`."""
     settings = settings or SamplerSettings()
     problem = build_problem(model, data, set_id=set_id, weights=weights)
+    fingerprint = f"{problem.fingerprint()} {FREQUENCY_TOLERANCE:g}"
+    claim_folder(problem.parameters, folder, settings, fingerprint)
     anchored = update(problem, penalty="prior", progress=progress)
     laplace = maximum_a_posteriori(problem, [anchored.theta[-1], model.parameters.initial])
     prepared = approach(problem, laplace, settings.seed, progress)
     fast = prepared.problem
-    chain = sample(
-        fast, prepared.surrogate, folder, settings, fingerprint=f"{problem.fingerprint()} {FREQUENCY_TOLERANCE:g}",
-        progress=progress,
-    )
+    chain = sample(fast, prepared.surrogate, folder, settings, fingerprint=fingerprint, progress=progress)
     kept = chain.theta[chain.first :]
     log_posterior = chain.log_posterior[chain.first :]
     thin = max(1, int(np.ceil(kept.shape[0] * kept.shape[1] / MAX_DRAWS)))
