@@ -138,7 +138,12 @@ def identify(
             "name the model's channels as the campaign's",
         )
     settings = SSISettings(order=order, block_rows=block_rows, target_rate_hz=rate_hz)
-    return identify_campaign(opened, modes_of_interest(turbine, opened.sensors), settings=settings, progress=progress)
+    reference = modes_of_interest(turbine, opened.sensors)
+    highest = float(np.max(reference.frequency_hz))
+    if rate_hz <= 2 * highest:
+        raise InputError("rate_hz", f"{rate_hz:g} Hz holds nothing above {0.5 * rate_hz:g} Hz, and the model's highest "
+                         f"mode looked for is at {highest:.3g} Hz", f"give more than {2.5 * highest:.2g} Hz")  # fmt: skip
+    return identify_campaign(opened, reference, settings=settings, progress=progress)
 
 
 def _has_geometry(model) -> bool:

@@ -262,7 +262,7 @@ def _judge(segments: list[_Segment], parameters, settings: SamplerSettings) -> C
     tau = emcee.autocorr.integrated_time(kept, tol=0, has_walkers=True)
     times = len(kept) / float(np.max(tau))
     checks = (
-        (float(np.max(r_hat)) < R_HAT_LIMIT, f"R-hat {np.max(r_hat):.3f} ({parameters.names[int(np.argmax(r_hat))]}), "
+        (float(np.max(r_hat)) < R_HAT_LIMIT, f"R-hat {np.max(r_hat):.4f} ({parameters.names[int(np.argmax(r_hat))]}), "
          f"wanted below {R_HAT_LIMIT}"),
         (times > AUTOCORRELATION_TIMES, f"{times:.0f} autocorrelation times ({parameters.names[int(np.argmax(tau))]}), "
          f"wanted {AUTOCORRELATION_TIMES}"),

@@ -32,13 +32,14 @@ def model_values(model: Model, data: ModalData | None, update: UpdateRecord | No
     among the model's.
     """
     theta = {"initial": model.parameters.initial}
+    n_plain = min(N_PLAIN, model.n_available)
     if update is not None:
         theta["updated"] = update.map_theta
     wire = model.wireframe(theta["initial"])
     chosen = drawn_set(data, update)
     if chosen is None or not chosen.measured.any():
-        labels = tuple(f"mode {k + 1}" for k in range(N_PLAIN))
-        states = {name: _first_modes(model, values) for name, values in theta.items()}
+        labels = tuple(f"mode {k + 1}" for k in range(n_plain))
+        states = {name: _first_modes(model, values, n_plain) for name, values in theta.items()}
         return ModelValues(model=model, wire=wire, labels=labels, pairs=(), states=states)
     clusters, n_mode = close_clusters(chosen.frequency_hz), data.n_mode + SEARCH
     if update is not None:
@@ -46,16 +47,17 @@ def model_values(model: Model, data: ModalData | None, update: UpdateRecord | No
         n_mode = int(update.computed_mode.max()) + SPARE
         single = set(range(chosen.frequency_hz.size)) - {j for pair in update.pairs for j in pair}
         clusters = [*update.pairs, *((j,) for j in sorted(single))]
+    n_mode = min(n_mode, model.n_available)
     labels = data.labels or tuple(f"mode {k + 1}" for k in range(data.n_mode))
     states = {name: _matched_modes(model, values, n_mode, data, chosen, clusters) for name, values in theta.items()}
     pairs = tuple(c for c in clusters if len(c) > 1)
     return ModelValues(model=model, wire=wire, labels=labels, pairs=pairs, states=states)
 
 
-def _first_modes(model: Model, theta: np.ndarray) -> ShapedModes:
-    solution = model.solve(theta, N_PLAIN)
+def _first_modes(model: Model, theta: np.ndarray, n_mode: int) -> ShapedModes:
+    solution = model.solve(theta, n_mode)
     return ShapedModes(
-        frequency_hz=solution.frequency_hz, shape=solution.shape, displacement=_displacement(model, theta, N_PLAIN)
+        frequency_hz=solution.frequency_hz, shape=solution.shape, displacement=_displacement(model, theta, n_mode)
     )
 
 
