@@ -141,8 +141,12 @@ def identify(
     reference = modes_of_interest(turbine, opened.sensors)
     highest = float(np.max(reference.frequency_hz))
     if rate_hz <= 2 * highest:
-        raise InputError("rate_hz", f"{rate_hz:g} Hz holds nothing above {0.5 * rate_hz:g} Hz, and the model's highest "
-                         f"mode looked for is at {highest:.3g} Hz", f"give more than {2.5 * highest:.2g} Hz")  # fmt: skip
+        raise InputError(
+            "rate_hz",
+            f"{rate_hz:g} Hz holds nothing above {0.5 * rate_hz:g} Hz, and the model's highest mode looked for is at "
+            f"{highest:.3g} Hz",
+            f"give more than {2.5 * highest:.2g} Hz",
+        )
     return identify_campaign(opened, reference, settings=settings, progress=progress)
 
 
