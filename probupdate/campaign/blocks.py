@@ -43,29 +43,50 @@ def block_id(start: pd.Timestamp) -> str:
     return start.strftime("%Y-%m-%dT%H:%MZ" if start.second == 0 else "%Y-%m-%dT%H:%M:%SZ")
 
 
-def block_starts(campaign: Campaign, minutes: float | None = None) -> list[pd.Timestamp]:
-    """Starts of the blocks that at least one file touches, counted from midnight 1970 UTC: the clock's half hours."""
+def block_files(campaign: Campaign, minutes: float | None = None) -> dict[pd.Timestamp, tuple[RecordFile, ...]]:
+    """Start of each block that at least one file touches, counted from midnight 1970 UTC (the clock's half hours), and
+    the files with samples in it, in the order of their starts. One pass over the files, however many there are."""
     length = _length(campaign, minutes)
-    found: set[int] = set()
+    step = pd.Timedelta(seconds=1 / campaign.sampling_rate_hz)
+    spans, found = [], set()
     for file in campaign.files:
-        last = file.start + pd.Timedelta(seconds=max(file.n_sample - 1, 0) / campaign.sampling_rate_hz)
+        last = file.start + max(file.n_sample - 1, 0) * step
         found.update(range(int(file.start.value // length.value), int(last.value // length.value) + 1))
-    return [pd.Timestamp(k * length.value, tz="UTC") for k in sorted(found)]
+        # samples are placed to the nearest: the last may belong to the block that begins just after it
+        spans.append((file, int((last + step / 2).value // length.value)))
+    touching: dict[int, list[RecordFile]] = {k: [] for k in sorted(found)}
+    for file, last_block in spans:
+        for k in range(int(file.start.value // length.value), last_block + 1):
+            if k in touching:
+                touching[k].append(file)
+    return {pd.Timestamp(k * length.value, tz="UTC"): tuple(files) for k, files in touching.items()}
+
+
+def block_starts(campaign: Campaign, minutes: float | None = None) -> list[pd.Timestamp]:
+    """Starts of the blocks that at least one file touches."""
+    return list(block_files(campaign, minutes))
 
 
 def blocks(campaign: Campaign, minutes: float | None = None) -> Iterator[Block]:
     """Every block in order, read as it is asked for. Where files overlap, the one that starts first holds."""
+    for start, files in block_files(campaign, minutes).items():
+        yield read_block(campaign, start, files, minutes)
+
+
+def read_block(
+    campaign: Campaign, start: pd.Timestamp, files: tuple[RecordFile, ...], minutes: float | None = None
+) -> Block:
+    """One block, from the files that `block_files` names for its start."""
     import h5py
 
     length = _length(campaign, minutes)
-    for start in block_starts(campaign, minutes):
-        pieces = []
-        for file in _touching(campaign, start, length):
-            with h5py.File(file.path, "r") as opened:
-                first, source = _placing(file, start, campaign.sampling_rate_hz)
-                n = round(length.total_seconds() * campaign.sampling_rate_hz)
-                pieces.append((first, np.asarray(opened["data"][source: source + n - first], float)))
-        yield _assemble(campaign, start, length, pieces)
+    pieces = []
+    for file in files:
+        with h5py.File(file.path, "r") as opened:
+            first, source = _placing(file, start, campaign.sampling_rate_hz)
+            n = round(length.total_seconds() * campaign.sampling_rate_hz)
+            pieces.append((first, np.asarray(opened["data"][source: source + n - first], float)))
+    return _assemble(campaign, start, length, pieces)
 
 
 def _length(campaign: Campaign, minutes: float | None) -> pd.Timedelta:
@@ -73,14 +94,6 @@ def _length(campaign: Campaign, minutes: float | None) -> pd.Timedelta:
     if not 0 < minutes <= 1440:
         raise InputError("block length", f"{minutes} minutes are not in (0, 1440]", "give the minutes of a block")
     return pd.Timedelta(minutes=minutes)
-
-
-def _touching(campaign: Campaign, start: pd.Timestamp, length: pd.Timedelta) -> list[RecordFile]:
-    step = 1 / campaign.sampling_rate_hz
-    return [
-        f for f in campaign.files
-        if f.start < start + length and f.start + pd.Timedelta(seconds=f.n_sample * step) > start
-    ]
 
 
 def _placing(file: RecordFile, start: pd.Timestamp, rate_hz: float) -> tuple[int, int]:
