@@ -1,10 +1,8 @@
 """The one updating problem both estimators solve: responses Lambda, their weights, the parameters and their prior.
 
-Responses are the frequencies of the matched modes in Hz and the components of their shapes (Eq. 4). A single mode's
-computed shape is scaled to the measured one; the computed shapes of a close cluster are combined linearly to the
-measured plane, so that neither the data's nor the model's rotation in it matters. A measured cluster is represented by
+Responses are frequencies and shapes of the matched modes (Eq. 4), see `responses`. A measured cluster is represented by
 an orthonormal basis of its plane, scaled so that its largest row is 1; a single mode by its shape with largest
-component 1. Fitting k x k numbers to a group of k modes takes as many degrees of freedom from its residual.
+component 1; a shape that counts as one MAC by an orthonormal basis.
 """
 
 from __future__ import annotations
@@ -15,73 +13,15 @@ from functools import cached_property
 
 import numpy as np
 
-from probupdate.errors import InputError
 from probupdate.matching import Matching, assign, channel_rows, match
 from probupdate.model import Model
-from probupdate.modes import ModalData, ModalSet, frozen_array, rotate_to_real
+from probupdate.modes import ModalData, frozen_array
+from probupdate.responses import ResponseGroup, Weights, joint_root, paper_weights, response_group
 
-# The paper: CoV of the frequencies of the first and second bending modes (Sec. 4); a shape component's deviation is
-# ten times the frequency's CoV, here of the largest component, as a CoV of a component near zero means nothing.
-PAPER_COV_FIRST, PAPER_COV_SECOND = 0.015, 0.017
-SHAPE_FACTOR = 10.0
-# the smallest deviation a measured shape component is believed to, as a share of the largest component: components
-# that served as a reference have deviation zero
-SHAPE_FLOOR = 0.02
+__all__ = ["Prediction", "Problem", "Weights", "build_problem", "paper_weights"]
+
 # modes looked through for the measured ones at the initial parameters, beyond their number
 SEARCH = 10
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Weights:
-    """Where the deviations of the responses come from; W_Lambda = diag(1 / sigma^2).
-
-    frequency_cov (n_mode,): CoV of each mode of the data, or None for the file's frequency_std_hz. With `shape_std`
-    the file's shape deviations are used where it has them; else, or where it has none, sigma of a component is
-    shape_factor times the frequency's CoV times the largest component.
-    """
-
-    frequency_cov: tuple[float, ...] | None = None
-    shape_std: bool = True
-    shape_factor: float = SHAPE_FACTOR
-    shape_floor: float = SHAPE_FLOOR
-
-    @property
-    def description(self) -> str:
-        rule = f"{self.shape_factor:g} times the frequency's CoV, of the largest component"
-        if self.frequency_cov is None:
-            return (
-                f"frequencies: deviations of the file; shape components: deviations of the file, at least "
-                f"{100 * self.shape_floor:g} % of the largest component, or where it has none {rule}"
-            )
-        return f"frequencies: CoV {', '.join(f'{c:g}' for c in self.frequency_cov)}; shape components: {rule}"
-
-
-def paper_weights(labels: tuple[str, ...], frequency_hz: np.ndarray) -> Weights:
-    """CoV 0.015 for first and 0.017 for higher modes; first are those labelled FA1 or SS1, or unlabelled below 1 Hz."""
-    first = [name[-1] == "1" and name[:2] in ("FA", "SS") for name in labels] if labels else frequency_hz < 1.0
-    cov = tuple(PAPER_COV_FIRST if f else PAPER_COV_SECOND for f in first)
-    return Weights(frequency_cov=cov, shape_std=False)
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class ResponseGroup:
-    """Measured side of one group of k modes: frequencies ascending with deviations (k,), the basis of its shapes
-    (n, k) and the deviation of its rows (n,), for the n rows of the model that were measured."""
-
-    frequency_hz: np.ndarray
-    frequency_std_hz: np.ndarray
-    rows: np.ndarray
-    basis: np.ndarray
-    shape_std: np.ndarray
-
-    @cached_property
-    def scaled_basis(self) -> np.ndarray:
-        return self.basis / self.shape_std[:, None]
-
-    @cached_property
-    def plane(self) -> np.ndarray:
-        """Orthonormal basis of the unweighted plane: what MAC is computed with."""
-        return np.linalg.qr(self.basis)[0]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -115,15 +55,23 @@ class Problem:
     @cached_property
     def measured(self) -> np.ndarray:
         """Lambda_S (n_response,): frequencies by group, then shape components by group, mode and channel."""
-        parts = [g.frequency_hz for g in self.groups] + [g.basis.T.ravel() for g in self.groups]
+        parts = [g.frequency_response for g in self.groups] + [g.shape_response for g in self.groups]
         return frozen_array(np.concatenate(parts))
 
     @cached_property
     def std(self) -> np.ndarray:
-        """sigma of each response (n_response,); W_Lambda = diag(1 / sigma^2)."""
-        parts = [g.frequency_std_hz for g in self.groups]
-        parts += [np.tile(g.shape_std, g.basis.shape[1]) for g in self.groups]
+        """sigma of each response (n_response,); W_Lambda = diag(1 / sigma^2) unless `root` holds a full covariance."""
+        parts = [g.frequency_response_std for g in self.groups] + [g.shape_response_std for g in self.groups]
         return frozen_array(np.concatenate(parts))
+
+    @cached_property
+    def root(self) -> np.ndarray | None:
+        """R (n_effective, n_response) with W_Lambda = R^T R where deviations are joint; None where independent."""
+        return frozen_array(joint_root(self.groups, self.weights)) if self.weights.covariance else None
+
+    def weighted(self, residual: np.ndarray) -> np.ndarray:
+        """W_Lambda^(1/2) residual: (..., n_response) -> (..., n_response), or (..., n_effective) of a covariance."""
+        return residual / self.std if self.root is None else residual @ self.root.T
 
     @cached_property
     def n_frequency(self) -> int:
@@ -132,7 +80,7 @@ class Problem:
     @property
     def n_effective(self) -> int:
         """Responses less the numbers fitted to align shapes: the expected chi-square of a true model at truth."""
-        return self.measured.size - sum(g.basis.shape[1] ** 2 for g in self.groups)
+        return sum(g.n_effective for g in self.groups)
 
     @property
     def used(self) -> tuple[int, ...]:
@@ -145,14 +93,14 @@ class Problem:
         solved = self.model.solve_many(theta, self.matching.n_mode)
         computed, criterion = self._assign(solved.shape)
         frequency = np.take_along_axis(solved.frequency_hz, computed, axis=1)
-        parts, mac, start = [frequency], np.empty(computed.shape), 0
+        response = np.log(frequency) if self.weights.frequencies == "log" else frequency
+        parts, mac, start = [response], np.empty(computed.shape), 0
         for group in self.groups:
-            k = group.basis.shape[1]
+            k = group.size
             columns = computed[:, start : start + k]
             shape = np.take_along_axis(solved.shape[:, group.rows], columns[:, None, :], axis=2)
-            aligned, _, _ = _align(shape / group.shape_std[:, None], group.scaled_basis)
-            aligned = aligned * group.shape_std[:, None]
-            parts.append(aligned.transpose(0, 2, 1).reshape(len(theta), -1))
+            if group.shapes != "none":
+                parts.append(group.aligned(shape).transpose(0, 2, 1).reshape(len(theta), -1))
             if k == 1:
                 mac[:, start] = np.take_along_axis(criterion[:, start], columns, axis=1)[:, 0]
             else:
@@ -171,7 +119,7 @@ class Problem:
         criterion = np.empty((len(shape), self.n_frequency, shape.shape[2]))
         start = 0
         for group in self.groups:
-            k = group.basis.shape[1]
+            k = group.size
             rows = shape[:, group.rows]
             inside = np.einsum("ck,ncm->nkm", group.plane, rows)
             share = np.sum(inside**2, axis=1) / np.sum(rows**2, axis=1)
@@ -190,7 +138,7 @@ class Problem:
         computed, _ = self._assign(solution.shape[None])
         clusters, start = [], 0
         for group in self.groups:
-            k = group.basis.shape[1]
+            k = group.size
             clusters.append(tuple(int(i) for i in computed[0, start : start + k]))
             start += k
         solution = self.model.solve(
@@ -198,25 +146,36 @@ class Problem:
         )
         response = [solution.frequency_hz[list(c)] for c in clusters]
         slope = [solution.frequency_derivative[list(c)] for c in clusters]
+        if self.weights.frequencies == "log":
+            slope = [change / f[:, None] for change, f in zip(slope, response, strict=True)]
+            response = [np.log(f) for f in response]
         for group, columns in zip(self.groups, clusters, strict=True):
+            if group.shapes == "none":
+                continue
             members = list(columns)
-            scale = group.shape_std[:, None]
-            shape = solution.shape[group.rows][:, members] / scale
-            change = solution.shape_derivative[group.rows][:, members] / scale[:, :, None]
-            aligned, turn, inverse = _align(shape[None], group.scaled_basis)
-            d_aligned = _align_derivative(shape, change, turn[0], inverse[0], group.scaled_basis - aligned[0])
-            response.append((aligned[0] * scale).T.ravel())
-            slope.append((d_aligned * scale[:, :, None]).transpose(1, 0, 2).reshape(-1, change.shape[2]))
+            shape = solution.shape[group.rows][:, members]
+            change = solution.shape_derivative[group.rows][:, members]
+            response.append(group.aligned(shape[None])[0].T.ravel())
+            slope.append(group.aligned_derivative(shape, change).transpose(1, 0, 2).reshape(-1, change.shape[2]))
         return np.concatenate(response), np.concatenate(slope)
 
     def misfit(self, response: np.ndarray) -> np.ndarray:
         """(Lambda_S - Lambda_M)^T W_Lambda (Lambda_S - Lambda_M), first term of Eq. 6; response (..., n_response)."""
-        return np.sum(((self.measured - response) / self.std) ** 2, axis=-1)
+        return np.sum(self.weighted(self.measured - response) ** 2, axis=-1)
+
+    @cached_property
+    def _log_constant(self) -> float:
+        """ln of the Gaussian density of the responses where the misfit is zero; a MAC is one datum."""
+        if self.root is not None:
+            return float(0.5 * np.linalg.slogdet(self.root @ self.root.T)[1] - 0.5 * len(self.root) * np.log(2 * np.pi))
+        std = [g.frequency_response_std for g in self.groups]
+        std += [g.shape_response_std[:1] if g.shapes == "mac" else g.shape_response_std for g in self.groups]
+        std = np.concatenate(std)
+        return float(-np.sum(np.log(std)) - 0.5 * std.size * np.log(2 * np.pi))
 
     def log_likelihood(self, theta: np.ndarray) -> np.ndarray:
         """ln p(Lambda_S | theta) (n,), Gaussian with W_Lambda as inverse covariance, constants kept."""
-        constant = -np.sum(np.log(self.std)) - 0.5 * self.std.size * np.log(2 * np.pi)
-        return constant - 0.5 * self.misfit(self.predict_many(theta).response)
+        return self._log_constant - 0.5 * self.misfit(self.predict_many(theta).response)
 
     def log_posterior(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """ln p(theta | Lambda_S) + const, and which rows fell back to a full model, both (n,); -inf out of bounds."""
@@ -226,8 +185,7 @@ class Problem:
         inside = np.isfinite(value)
         if inside.any():
             predicted = self.predict_many(theta[inside])
-            constant = -np.sum(np.log(self.std)) - 0.5 * self.std.size * np.log(2 * np.pi)
-            value[inside] += constant - 0.5 * self.misfit(predicted.response)
+            value[inside] += self._log_constant - 0.5 * self.misfit(predicted.response)
             fallback[inside] = predicted.fallback
         return value, fallback
 
@@ -235,44 +193,38 @@ class Problem:
         """The same problem answered by another model of the same modes, such as a reduced one."""
         return replace(self, model=model)
 
+    def parts(self) -> dict[str, str]:
+        """A hash of each part of the problem, by what a user would have changed."""
+        weights = [self.std] if self.root is None else [self.std, self.root]
+        return {
+            "model": self.model.fingerprint(),
+            "prior": _hash(repr((tuple(self.parameters), None if self.parameters.correlation is None
+                                 else self.parameters.correlation.tolist()))),
+            "measured modes": _hash(self.measured, *(g.rows.astype(np.int64) for g in self.groups), self.set_id),
+            "weights": _hash(*weights, self.weights.frequencies, self.weights.shapes),
+            "pairing": _hash(repr((self.matching.measured, self.matching.pairs, self.matching.n_mode))),
+        }  # fmt: skip
+
     def fingerprint(self) -> str:
         """A hash of model, prior, data and weights: two chains with the same one sample the same posterior."""
-        digest = hashlib.sha256(self.model.fingerprint().encode())
-        for array in (self.measured, self.std, *(g.rows.astype(np.int64) for g in self.groups)):
-            digest.update(np.ascontiguousarray(array).tobytes())
-        digest.update(repr((self.set_id, self.matching.measured, self.matching.n_mode)).encode())
-        return digest.hexdigest()
+        return _hash(*(text for pair in self.parts().items() for text in pair))
+
+
+def _hash(*parts: str | np.ndarray) -> str:
+    digest = hashlib.sha256()
+    for part in parts:
+        digest.update(part.encode() if isinstance(part, str) else np.ascontiguousarray(part).tobytes())
+        digest.update(b"|")
+    return digest.hexdigest()
 
 
 def _ascending_in_groups(columns: np.ndarray, groups: tuple[ResponseGroup, ...]) -> np.ndarray:
     result, start = np.array(columns), 0
     for group in groups:
-        k = group.basis.shape[1]
+        k = group.size
         result[start : start + k] = np.sort(result[start : start + k])
         start += k
     return result
-
-
-def _align(shape: np.ndarray, basis: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Y T with T (n, k, k) that brings it closest to the basis X in the least-squares sense, T, and (Y^T Y)^-1.
-
-    shape Y (n, n_row, k) and basis X (n_row, k), both over the rows' deviations.
-    """
-    # columns to unit length first: T is free, so this only helps the condition of Y^T Y
-    size = np.linalg.norm(shape, axis=1, keepdims=True)
-    unit = shape / size
-    inverse = np.linalg.inv(np.swapaxes(unit, 1, 2) @ unit)
-    inverse = inverse / (np.swapaxes(size, 1, 2) * size)
-    turn = inverse @ (np.swapaxes(shape, 1, 2) @ basis)
-    return shape @ turn, turn, inverse
-
-
-def _align_derivative(shape, change, turn, inverse, residual) -> np.ndarray:
-    """d(Y T) (n_row, k, n_param) from dY: (1 - P) dY T + Y (Y^T Y)^-1 dY^T R with the projector P and R = X - Y T."""
-    moved = np.einsum("cjp,jk->ckp", change, turn)
-    projected = np.einsum("cj,jl,dl,dkp->ckp", shape, inverse, shape, moved, optimize=True)
-    turned = np.einsum("cj,jl,dlp,dk->ckp", shape, inverse, change, residual, optimize=True)
-    return moved - projected + turned
 
 
 def build_problem(
@@ -291,74 +243,12 @@ def build_problem(
     modal_set = data.set(set_id)
     weights = weights or Weights()
     rows = channel_rows(model, data.channels)
+    if clusters is None and weights.shapes == "components":
+        clusters = [(j,) for j in range(data.n_mode)]
     solution = model.solve(model.parameters.initial, min(data.n_mode + SEARCH, model.n_available))
     matching = match(modal_set, solution, rows, labels=data.labels, clusters=clusters)
     labels = data.labels or tuple(f"mode {j + 1}" for j in range(data.n_mode))
-    groups = tuple(
-        _response_group(modal_set, list(group.measured), rows, weights, labels) for group in matching.groups
-    )
+    groups = tuple(response_group(modal_set, list(g.measured), rows, weights, labels) for g in matching.groups)
     return Problem(
         model=model, set_id=modal_set.id, mode_labels=labels, matching=matching, groups=groups, weights=weights
     )
-
-
-def _response_group(modal_set: ModalSet, members, rows, weights: Weights, labels) -> ResponseGroup:
-    frequency = modal_set.frequency_hz[members]
-    std = _frequency_std(modal_set, members, weights, labels)
-    shape = rotate_to_real(modal_set.shape[:, members]).real
-    kept = np.all(np.isfinite(shape), axis=1)
-    shape = shape[kept]
-    # scaled per mode to largest component 1 first, so that neither of a plane's shapes outweighs the other
-    largest = np.max(np.abs(shape), axis=0)
-    if np.any(largest == 0):
-        raise InputError(f"set {modal_set.id}, {labels[members[0]]}", "its shape is zero everywhere",
-                         "give the components, null where not measured")  # fmt: skip
-    given = modal_set.shape_std[kept][:, members] / largest
-    if np.any(given < 0):
-        raise InputError(f"set {modal_set.id}, shape_std of {' and '.join(labels[j] for j in members)}",
-                         "is negative", "give deviations, null where unknown")  # fmt: skip
-    u, singular, v = np.linalg.svd(shape / largest, full_matrices=False)
-    if len(members) == 1:
-        basis, to_basis = shape / largest * np.sign(shape[np.argmax(np.abs(shape))]), np.eye(1)
-    else:
-        if singular[-1] < 1e-3 * singular[0]:
-            raise InputError(
-                f"set {modal_set.id}, {' and '.join(labels[j] for j in members)}",
-                "their shapes are the same: they span no plane", "check that the modes are two different ones",
-            )
-        size = np.max(np.linalg.norm(u, axis=1))
-        basis, to_basis = u / size, v.T / singular / size
-    rule = weights.shape_factor * float(np.mean(std / frequency))
-    sigma = np.full(len(basis), rule)
-    if weights.shape_std and np.any(np.isfinite(given)):
-        # deviations of the shapes carried to the basis; one per row, so that a turned basis has the same
-        variance = np.mean(given**2 @ to_basis**2, axis=1)
-        sigma = np.where(np.isfinite(variance), np.sqrt(variance), rule)
-        sigma = np.maximum(sigma, weights.shape_floor)
-    return ResponseGroup(
-        frequency_hz=frozen_array(frequency), frequency_std_hz=frozen_array(std), rows=rows[kept],
-        basis=frozen_array(basis), shape_std=frozen_array(sigma),
-    )
-
-
-def _frequency_std(modal_set: ModalSet, members, weights: Weights, labels) -> np.ndarray:
-    frequency = modal_set.frequency_hz[members]
-    if weights.frequency_cov is not None:
-        if len(weights.frequency_cov) != modal_set.frequency_hz.size:
-            raise InputError(
-                "frequency CoV", f"{len(weights.frequency_cov)} given for {modal_set.frequency_hz.size} modes",
-                "give one for each mode of the file, in its order",
-            )
-        for j in members:
-            if not (np.isfinite(weights.frequency_cov[j]) and weights.frequency_cov[j] > 0):
-                raise InputError(f"frequency CoV of {labels[j]}", f"{weights.frequency_cov[j]} is not above zero",
-                                 "give a share of the frequency, such as 0.015")  # fmt: skip
-        return np.array(weights.frequency_cov)[members] * frequency
-    std = modal_set.frequency_std_hz[members]
-    for j, value in zip(members, std, strict=True):
-        if not (np.isfinite(value) and value > 0):
-            raise InputError(
-                f"set {modal_set.id}, frequency_std_hz of {labels[j]}", "is missing or not above zero",
-                "add it, or give --weights paper or --frequency-cov",
-            )
-    return std

@@ -98,8 +98,8 @@ def _system(problem: Problem, theta: np.ndarray):
     """Residual and its slope of the whole posterior, and the data's part of the slope."""
     response, sensitivity = problem.sensitivity(theta)
     prior, prior_slope = prior_residual(problem.parameters, theta)
-    data_slope = sensitivity / problem.std[:, None]
-    residual = np.concatenate([(response - problem.measured) / problem.std, prior])
+    data_slope = problem.weighted(sensitivity.T).T
+    residual = np.concatenate([problem.weighted(response - problem.measured), prior])
     return residual, np.vstack([data_slope, prior_slope]), data_slope
 
 

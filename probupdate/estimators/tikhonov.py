@@ -97,8 +97,8 @@ def update(
         response, sensitivity = problem.sensitivity(theta)
         anchor = np.zeros_like(theta) if penalty == "step" else theta - parameters.initial
         # Eq. 7 as a least-squares problem: rows of the responses over those of the penalty
-        matrix = np.vstack([sensitivity / problem.std[:, None], root_alpha * prior_root])
-        right = np.concatenate([(problem.measured - response) / problem.std, -root_alpha * prior_root @ anchor])
+        matrix = np.vstack([problem.weighted(sensitivity.T).T, root_alpha * prior_root])
+        right = np.concatenate([problem.weighted(problem.measured - response), -root_alpha * prior_root @ anchor])
         step = bounded_step(matrix, right, theta, parameters)
 
         def value(trial: np.ndarray, here=theta) -> float:

@@ -253,9 +253,12 @@ def _notes(problem: Problem, laplace: Laplace, edge: float, misfit_error: float)
 
 
 def _response_labels(problem: Problem, data: ModalData) -> list[str]:
-    labels = [f"f {problem.mode_labels[j]}" for j in problem.used]
+    frequency = "ln f" if problem.weights.frequencies == "log" else "f"
+    labels = [f"{frequency} {problem.mode_labels[j]}" for j in problem.used]
     channels = problem.model.channels
     for matched, group in zip(problem.matching.groups, problem.groups, strict=True):
+        if group.shapes == "none":
+            continue
         name = "+".join(problem.mode_labels[j] for j in matched.measured)
         for k in range(group.basis.shape[1]):
             labels += [f"shape {name} {k + 1} {channels[row]}" for row in group.rows]
