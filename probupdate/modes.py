@@ -15,6 +15,7 @@ from types import MappingProxyType
 import numpy as np
 from scipy import optimize
 
+from probupdate.deviation_file import read_deviations, write_deviations
 from probupdate.errors import InputError
 
 QUANTITIES = ("acceleration", "velocity", "displacement")
@@ -55,11 +56,42 @@ class Sensor:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
+class ModalDeviation:
+    """First-order deviations of one set's modes, a column for each part of the record they were estimated from.
+
+    Scaled so that the covariance of any two of the quantities a and b, rows (n_column,), is the plain sum a @ b; within
+    one mode or between two, which for a close pair is not nothing. ln_frequency, damping_ratio (n_mode, n_column);
+    shape (n_channel, n_mode, n_column) complex, in the scaling of the set's shape. NaN: a mode not measured, or one
+    whose deviation could not be estimated. The rank of a joint covariance is below the number of columns: a covariance
+    of more quantities than that is singular.
+    """
+
+    ln_frequency: np.ndarray
+    damping_ratio: np.ndarray
+    shape: np.ndarray
+
+    def __post_init__(self):
+        for name, dtype in (("ln_frequency", float), ("damping_ratio", float), ("shape", complex)):
+            object.__setattr__(self, name, frozen_array(getattr(self, name), dtype))
+        table = self.ln_frequency.shape
+        if len(table) != 2 or self.damping_ratio.shape != table or self.shape.shape[1:] != table:
+            raise InputError("modal deviation", f"ln_frequency {table}, damping_ratio {self.damping_ratio.shape} and "
+                             f"shape {self.shape.shape} do not belong together",
+                             "give (n_mode, n_column) twice and (n_channel, n_mode, n_column)")
+
+    @property
+    def n_column(self) -> int:
+        return self.ln_frequency.shape[1]
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
 class ModalSet:
     """One identification: the modes of one block of data, or of a mean over blocks.
 
-    frequency_hz, frequency_std_hz, damping_ratio (n_mode,); shape (n_channel, n_mode) complex; shape_std
-    (n_channel, n_mode), the deviation of the real part in the shape's own scaling. NaN: not measured.
+    frequency_hz, frequency_std_hz, damping_ratio, damping_ratio_std (n_mode,); shape (n_channel, n_mode) complex;
+    shape_std (n_channel, n_mode), the deviation of the real part in the shape's own scaling. NaN: not measured.
+    Where a `deviation` is given, deviations that are NaN are taken from it; given ones stay, as a set may be weighted
+    by another scatter than that within its record.
     """
 
     id: str
@@ -69,10 +101,14 @@ class ModalSet:
     frequency_std_hz: np.ndarray
     shape_std: np.ndarray
     environment: Mapping[str, float] = field(default_factory=dict)
+    damping_ratio_std: np.ndarray | None = None
+    deviation: ModalDeviation | None = None
 
     def __post_init__(self):
         n_mode = np.size(self.frequency_hz)
-        for name in ("frequency_hz", "damping_ratio", "frequency_std_hz"):
+        if self.damping_ratio_std is None:
+            object.__setattr__(self, "damping_ratio_std", np.full(n_mode, np.nan))
+        for name in ("frequency_hz", "damping_ratio", "frequency_std_hz", "damping_ratio_std"):
             value = frozen_array(getattr(self, name))
             if value.shape != (n_mode,):
                 raise InputError(f"set {self.id}", f"{name} has shape {value.shape}", f"give {n_mode} numbers")
@@ -86,6 +122,21 @@ class ModalSet:
             raise InputError(f"set {self.id}", f"shape_std is {std.shape}", f"give {shape.shape} as for the shape")
         object.__setattr__(self, "shape_std", std)
         object.__setattr__(self, "environment", MappingProxyType(dict(self.environment)))
+        if self.deviation is not None:
+            self._take_deviation(self.deviation)
+
+    def _take_deviation(self, deviation: ModalDeviation) -> None:
+        if deviation.shape.shape[:2] != self.shape.shape:
+            raise InputError(f"set {self.id}", f"deviation is of {deviation.shape.shape[:2]} channels and modes",
+                             f"give {self.shape.shape} as for the shape")
+        estimated = {
+            "frequency_std_hz": self.frequency_hz * np.sqrt(np.sum(deviation.ln_frequency**2, axis=1)),
+            "damping_ratio_std": np.sqrt(np.sum(deviation.damping_ratio**2, axis=1)),
+            "shape_std": np.sqrt(np.sum(deviation.shape.real**2, axis=2)),
+        }
+        for name, value in estimated.items():
+            given = getattr(self, name)
+            object.__setattr__(self, name, frozen_array(np.where(np.isnan(given), value, given)))
 
     @property
     def measured(self) -> np.ndarray:
@@ -172,7 +223,8 @@ def _expand_null_rows(value, n: int):
 
 
 SET_KEYS = {
-    "id", "frequency_hz", "damping_ratio", "frequency_std_hz", "shape_re", "shape_im", "shape_std", "environment",
+    "id", "frequency_hz", "damping_ratio", "frequency_std_hz", "damping_ratio_std", "shape_re", "shape_im", "shape_std",
+    "environment",
 }
 
 
@@ -197,10 +249,11 @@ def read_modes(path: str | Path) -> ModalData:
         raise InputError(str(path), f"cannot be read ({error.strerror})", "name a modes.json") from None
     if not isinstance(content, dict) or not isinstance(content.get("sets"), list) or "channels" not in content:
         raise InputError(str(path), "'channels' or 'sets' is missing", "see modes.json in the README")
-    _refuse_misspelt(str(path), content, {"channels", "sets", "labels", "reference_set"})
+    _refuse_misspelt(str(path), content, {"channels", "sets", "labels", "reference_set", "deviations"})
     channels = _texts(path, content, "channels")
     if len(set(channels)) < len(channels):
         raise InputError(f"{path}, channels", "a channel is listed twice", "keep one")
+    deviations = read_deviations(path, content["deviations"]) if content.get("deviations") is not None else {}
     sets = []
     for number, raw in enumerate(content["sets"]):
         if not isinstance(raw, dict):
@@ -219,19 +272,22 @@ def read_modes(path: str | Path) -> ModalData:
         frequency = _numbers(where, raw["frequency_hz"], vector, "frequency_hz")
         if np.any(frequency <= 0):
             raise InputError(f"{where}, frequency_hz", "a frequency is not positive", "use null where not measured")
-        std = _numbers(where, raw.get("frequency_std_hz"), vector, "frequency_std_hz")
-        if np.any(std < 0):
-            raise InputError(f"{where}, frequency_std_hz", "a deviation is negative", "use null where unknown")
+        std = {key: _numbers(where, raw.get(key), vector, key) for key in ("frequency_std_hz", "damping_ratio_std")}
+        for key, value in std.items():
+            if np.any(value < 0):
+                raise InputError(f"{where}, {key}", "a deviation is negative", "use null where unknown")
+        deviation = deviations.get(str(raw.get("id", number)))
         sets.append(
             ModalSet(
                 id=str(raw.get("id", number)),
                 frequency_hz=frequency,
                 shape=(real + 1j * np.nan_to_num(imaginary)).T,
                 damping_ratio=_numbers(where, raw.get("damping_ratio"), vector, "damping_ratio"),
-                frequency_std_hz=std,
                 shape_std=_numbers(
                     where, _expand_null_rows(raw.get("shape_std"), n_channel), table, "shape_std").T,
                 environment=raw.get("environment") or {},
+                deviation=None if deviation is None else ModalDeviation(**deviation),
+                **std,
             )
         )
     return ModalData(
@@ -255,7 +311,7 @@ def _nulls(array: np.ndarray):
 
 
 def write_modes(data: ModalData, path: str | Path) -> None:
-    """Write `modes.json`; the inverse of `read_modes`."""
+    """Write `modes.json`, and where a set has deviations `<stem>.deviations.h5` before it; `read_modes` inverts it."""
     content: dict = {"channels": list(data.channels)}
     if data.labels:
         content["labels"] = list(data.labels)
@@ -267,6 +323,7 @@ def write_modes(data: ModalData, path: str | Path) -> None:
             "frequency_hz": _nulls(s.frequency_hz),
             "damping_ratio": _nulls(s.damping_ratio),
             "frequency_std_hz": _nulls(s.frequency_std_hz),
+            "damping_ratio_std": _nulls(s.damping_ratio_std),
             "shape_re": _nulls(s.shape.real.T),
             "shape_im": _nulls(s.shape.imag.T),
             "shape_std": _nulls(s.shape_std.T),
@@ -274,6 +331,9 @@ def write_modes(data: ModalData, path: str | Path) -> None:
         }
         for s in data.sets
     ]
+    with_deviation = {s.id: s.deviation for s in data.sets if s.deviation is not None}
+    if with_deviation:
+        content["deviations"] = write_deviations(with_deviation, Path(path))
     Path(path).write_text(json.dumps(content, indent=1))
 
 

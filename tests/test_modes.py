@@ -1,5 +1,6 @@
 """modes.json round trip and mode-shape criteria against their definitions."""
 
+import dataclasses
 import json
 
 import numpy as np
@@ -8,6 +9,7 @@ import pytest
 from probupdate.errors import InputError
 from probupdate.modes import (
     ModalData,
+    ModalDeviation,
     ModalSet,
     mac,
     modal_phase_collinearity,
@@ -135,3 +137,88 @@ def test_a_file_that_is_no_json_or_not_there(tmp_path):
         read_modes(write(tmp_path, "{"))
     with pytest.raises(InputError, match="no such file"):
         read_modes(tmp_path / "none.json")
+
+
+# Deviations ---------------------------------------------------------------------------------------------------------
+
+
+def deviating_data(ids=("2019-06-03T10:00Z", "a/b")):
+    """Two modes, the second not measured in the second set; numbers that float32 holds exactly."""
+    sets = []
+    for k, name in enumerate(ids):
+        columns = RNG.integers(-8, 8, (2, 5)) / 64
+        shape = (RNG.integers(-8, 8, (3, 2, 5)) + 1j * RNG.integers(-8, 8, (3, 2, 5))) / 64
+        frequency = np.array([0.32, 1.9 if k == 0 else np.nan])
+        if k:
+            columns[1], shape[:, 1] = np.nan, np.nan
+        sets.append(ModalSet(
+            id=name, frequency_hz=frequency, shape=complex_shape(3, 2), damping_ratio=np.array([0.01, 0.02]),
+            frequency_std_hz=np.full(2, np.nan), shape_std=np.full((3, 2), np.nan),
+            deviation=ModalDeviation(ln_frequency=columns, damping_ratio=columns / 4, shape=shape),
+        ))
+    return ModalData(channels=("a", "b", "c"), sets=tuple(sets))
+
+
+def test_standard_deviations_are_the_columns_root_sum_of_squares():
+    one = deviating_data().sets[0]
+    for j in range(2):
+        assert one.frequency_std_hz[j] == pytest.approx(
+            one.frequency_hz[j] * np.linalg.norm(one.deviation.ln_frequency[j]))
+        assert one.damping_ratio_std[j] == pytest.approx(np.linalg.norm(one.deviation.damping_ratio[j]))
+        for c in range(3):
+            assert one.shape_std[c, j] == pytest.approx(np.linalg.norm(one.deviation.shape[c, j].real))
+
+
+def test_a_given_standard_deviation_stays_and_without_columns_there_is_none():
+    one = deviating_data().sets[0]
+    kept = dataclasses.replace(one, frequency_std_hz=np.array([0.5, np.nan]))
+    assert kept.frequency_std_hz == pytest.approx([0.5, one.frequency_std_hz[1]])
+    assert np.all(np.isnan(sample_data().sets[0].damping_ratio_std))
+    assert sample_data().sets[0].deviation is None
+
+
+def test_deviations_round_trip_beside_modes_json_and_twice_the_same_bytes(tmp_path):
+    data = deviating_data(ids=("2019-06-03T10:00Z", "a/b"))
+    write_modes(data, tmp_path / "m.json")
+    first = (tmp_path / "m.deviations.h5").read_bytes()
+    again = read_modes(tmp_path / "m.json")
+    for one, two in zip(data.sets, again.sets, strict=True):
+        for name in ("ln_frequency", "damping_ratio", "shape"):
+            assert np.array_equal(getattr(one.deviation, name), getattr(two.deviation, name), equal_nan=True)
+        for name in ("frequency_std_hz", "damping_ratio_std", "shape_std"):
+            assert np.array_equal(getattr(one, name), getattr(two, name), equal_nan=True)
+    write_modes(again, tmp_path / "m.json")
+    assert (tmp_path / "m.deviations.h5").read_bytes() == first
+
+
+@pytest.mark.parametrize("ids", [("..", "%2F"), ("", "."), ("a/b", "a%2Fb")])
+def test_any_id_is_a_group_of_its_own(tmp_path, ids):
+    data = deviating_data(ids=ids)
+    write_modes(data, tmp_path / "m.json")
+    for one, two in zip(data.sets, read_modes(tmp_path / "m.json").sets, strict=True):
+        assert np.array_equal(one.deviation.shape, two.deviation.shape, equal_nan=True)
+
+
+def test_mistakes_with_deviations_are_named(tmp_path):
+    write_modes(deviating_data(), tmp_path / "m.json")
+    content = json.loads((tmp_path / "m.json").read_text())
+    for name, word in (("../m.deviations.h5", "no file name"), (3, "no file name"), ("none.h5", "does not exist"),
+                       ("m.json", "no file of deviations")):
+        with pytest.raises(InputError, match=word):
+            read_modes(write(tmp_path, content | {"deviations": name}))
+    fewer = content | {"channels": ["a", "b"]}
+    fewer["sets"] = [{"id": "a/b", "frequency_hz": [1.0], "shape_re": [[1.0, 0.5]]}]
+    with pytest.raises(InputError, match=r"set a/b: deviation is of \(3, 2\) channels and modes"):
+        read_modes(write(tmp_path, fewer))
+    with pytest.raises(InputError, match="do not belong together"):
+        ModalDeviation(ln_frequency=np.zeros((2, 4)), damping_ratio=np.zeros((2, 5)), shape=np.zeros((3, 2, 4)))
+    content["sets"][0]["damping_ratio_std"] = [-1.0, None]
+    with pytest.raises(InputError, match="damping_ratio_std: a deviation is negative"):
+        read_modes(write(tmp_path, content))
+
+
+def test_a_set_without_columns_reads_beside_one_that_has_them(tmp_path):
+    write_modes(deviating_data(), tmp_path / "m.json")
+    content = json.loads((tmp_path / "m.json").read_text())
+    content["sets"].append(content["sets"][0] | {"id": "mine"})
+    assert read_modes(write(tmp_path, content)).sets[2].deviation is None
