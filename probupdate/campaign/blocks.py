@@ -4,16 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
 
-from probupdate.campaign.reading import Campaign, RecordFile
+from probupdate.campaign.reading import Campaign, RecordFile, refuse_absurd
 from probupdate.errors import InputError
 from probupdate.modes import frozen_array
 
 # a straight line over a second is harmless to what happens below 2.5 Hz in half an hour; more is not repaired
 LONGEST_REPAIR_S = 1.0
+# room for unpacked chunks while one block is read: one of 18 channels over an hour at 25 Hz is 6.5 MB
+CHUNK_CACHE_BYTES = 32 * 2**20
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -82,17 +85,26 @@ def read_block(
     length = _length(campaign, minutes)
     pieces = []
     for file in files:
-        with h5py.File(file.path, "r") as opened:
+        with h5py.File(file.path, "r", rdcc_nbytes=CHUNK_CACHE_BYTES) as opened:
             first, source = _placing(file, start, campaign.sampling_rate_hz)
             n = round(length.total_seconds() * campaign.sampling_rate_hz)
-            pieces.append((first, np.asarray(opened["data"][source: source + n - first], float)))
+            pieces.append((first, _rows(opened, file.path, source, source + n - first)))
     return _assemble(campaign, start, length, pieces)
+
+
+def _rows(opened, path: Path, first: int, last: int) -> np.ndarray:
+    """Rows as they lie on disk; a file whose samples cannot be unpacked is named."""
+    try:
+        return opened["data"][first:last]
+    except OSError as error:
+        raise InputError(str(path), f"samples {first} to {last} cannot be read ({error})",
+                         "the file is damaged: copy it again, or remove it") from None
 
 
 def _length(campaign: Campaign, minutes: float | None) -> pd.Timedelta:
     minutes = campaign.block_minutes if minutes is None else minutes
-    if not 0 < minutes <= 1440:
-        raise InputError("block length", f"{minutes} minutes are not in (0, 1440]", "give the minutes of a block")
+    if minutes != campaign.block_minutes:
+        refuse_absurd("block length", campaign.sampling_rate_hz, minutes, len(campaign.sensors))
     return pd.Timedelta(minutes=minutes)
 
 
@@ -104,20 +116,25 @@ def _placing(file: RecordFile, start: pd.Timestamp, rate_hz: float) -> tuple[int
 
 def _assemble(campaign: Campaign, start: pd.Timestamp, length: pd.Timedelta, pieces) -> Block:
     n_sample = round(length.total_seconds() * campaign.sampling_rate_hz)
-    data = np.full((n_sample, len(campaign.sensors)), np.nan)
-    covered = np.zeros(n_sample, bool)
     notes = []
-    for first, piece in pieces:
-        rows = slice(first, first + len(piece))
-        free = ~covered[rows]
-        data[rows][free] = piece[free]
-        if not free.all():
-            notes.append(f"{int((~free).sum())} samples were in two files; the file that starts first was used")
-        covered[rows] = True
-    data *= campaign.unit_factor
-    data[~np.isfinite(data)] = np.nan
-    missing = np.mean(np.isnan(data), axis=0)
-    repaired, longest = _repair(data, round(LONGEST_REPAIR_S * campaign.sampling_rate_hz))
+    if len(pieces) == 1 and len(pieces[0][1]) == n_sample:
+        data = np.array(pieces[0][1], dtype=float)
+    else:
+        data = np.full((n_sample, len(campaign.sensors)), np.nan)
+        covered = np.zeros(n_sample, bool)
+        for first, piece in pieces:
+            rows = slice(first, first + len(piece))
+            free = ~covered[rows]
+            data[rows][free] = piece[free]
+            if not free.all():
+                notes.append(f"{int((~free).sum())} samples were in two files; the file that starts first was used")
+            covered[rows] = True
+    if np.any(campaign.unit_factor != 1):
+        data *= campaign.unit_factor
+    lost = ~np.isfinite(data)
+    missing = lost.mean(axis=0)
+    data[lost] = np.nan
+    repaired, longest = _repair(data, lost, round(LONGEST_REPAIR_S * campaign.sampling_rate_hz))
     if repaired.any():
         names = [c for c, k in zip(campaign.channels, repaired, strict=True) if k]
         who = "all channels" if len(names) == len(campaign.channels) else ", ".join(names)
@@ -130,26 +147,38 @@ def _assemble(campaign: Campaign, start: pd.Timestamp, length: pd.Timedelta, pie
         excluded = f"gap of {seconds:.1f} s in {who}"
     return Block(
         start=start, minutes=length.total_seconds() / 60, sampling_rate_hz=campaign.sampling_rate_hz,
-        data=frozen_array(data), missing=frozen_array(missing), repaired=frozen_array(repaired, int),
+        data=_sealed(data), missing=frozen_array(missing), repaired=frozen_array(repaired, int),
         excluded=excluded, notes=tuple(notes),
     )
 
 
-def _repair(data: np.ndarray, longest: int) -> tuple[np.ndarray, np.ndarray]:
+def _sealed(data: np.ndarray) -> np.ndarray:
+    """Read-only without a copy: nobody else holds it."""
+    data.setflags(write=False)
+    return data
+
+
+def _repair(data: np.ndarray, lost: np.ndarray, longest: int) -> tuple[np.ndarray, np.ndarray]:
     """Interpolate, in place, inner gaps of up to `longest` samples and hold the value at an edge.
 
     Returns (n_channel,) samples repaired and (n_channel,) length of the longest gap left, 0 for none.
     """
-    lost = np.isnan(data)
     repaired, left = np.zeros(data.shape[1], int), np.zeros(data.shape[1], int)
-    index = np.arange(len(data))
     for c in np.flatnonzero(lost.any(axis=0)):
-        edge = np.flatnonzero(np.diff(np.concatenate([[False], lost[:, c], [False]]).astype(int)))
-        starts, ends = edge[::2], edge[1::2]
+        starts, ends = runs(lost[:, c])
         short = ends - starts <= longest
         left[c] = int(np.max((ends - starts)[~short], initial=0))
-        good = ~lost[:, c]
+        column, known = data[:, c], ~lost[:, c]
+        if not known.any():
+            continue
+        good = np.flatnonzero(known)
         for a, b in zip(starts[short], ends[short], strict=True):
-            data[a:b, c] = np.interp(index[a:b], index[good], data[good, c])
+            column[a:b] = np.interp(np.arange(a, b), good, column[good])
             repaired[c] += b - a
     return repaired, left
+
+
+def runs(flags: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Starts and ends (one past the last) of the stretches of True in (n,) bool."""
+    edge = np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]]).astype(np.int8)))
+    return edge[::2], edge[1::2]

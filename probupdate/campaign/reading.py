@@ -20,6 +20,12 @@ UNITS = {
     "velocity": {"m/s": 1.0, "cm/s": 1e-2, "mm/s": 1e-3},
     "displacement": {"m": 1.0, "cm": 1e-2, "mm": 1e-3},
 }
+# a block holds at least some periods of some mode; what is longer than a day is no block, and would not fit in memory
+SHORTEST_BLOCK_MINUTES, LONGEST_BLOCK_MINUTES, FEWEST_SAMPLES = 0.1, 1440.0, 100
+BLOCK_MINUTES_TEXT = f"{SHORTEST_BLOCK_MINUTES:g} to {LONGEST_BLOCK_MINUTES:g}"
+HIGHEST_RATE_HZ = 1e5
+# what one block may take in memory, at eight bytes a sample; reading and checking hold a few copies of it
+LARGEST_BLOCK_BYTES = 128 * 2**20
 CAMPAIGN_KEYS = (
     "name", "sampling_rate_hz", "block_minutes", "water_depth_m", "rated_power_kw", "x_axis_heading_deg", "sensor",
 )  # fmt: skip
@@ -84,19 +90,39 @@ def read_campaign(path: str | Path) -> Campaign:
             raise InputError(str(head), f"unknown key '{key}'", nearest(key, CAMPAIGN_KEYS))
     rate = _positive(head, raw, "sampling_rate_hz")
     sensors = _sensors(head, raw)
+    minutes = _positive(head, raw, "block_minutes")
+    refuse_absurd(head, rate, minutes, len(sensors))
     scada = path / "scada.csv"
     return Campaign(
         path=path,
         name=str(raw.get("name", path.name)),
         sensors=sensors,
         sampling_rate_hz=rate,
-        block_minutes=_positive(head, raw, "block_minutes"),
+        block_minutes=minutes,
         water_depth_m=_positive(head, raw, "water_depth_m") if "water_depth_m" in raw else None,
         rated_power_kw=_positive(head, raw, "rated_power_kw") if "rated_power_kw" in raw else None,
         x_axis_heading_deg=_heading(head, raw),
         files=_record_files(path / "acceleration", rate, len(sensors)),
         scada=read_scada(scada) if scada.exists() else None,
     )
+
+
+def refuse_absurd(where: Path | str, rate_hz: float, block_minutes: float, n_channel: int) -> None:
+    """Raises InputError for blocks that hold next to nothing or more than memory should, and for rates of no sensor."""
+    if rate_hz > HIGHEST_RATE_HZ:
+        raise InputError(f"{where}, sampling_rate_hz", f"{rate_hz:g} Hz is above {HIGHEST_RATE_HZ:g}",
+                         "give samples a second")
+    here = f"{where}, block_minutes"
+    if not SHORTEST_BLOCK_MINUTES <= block_minutes <= LONGEST_BLOCK_MINUTES:
+        raise InputError(here, f"{block_minutes:g} is not in {BLOCK_MINUTES_TEXT}", "give minutes, such as 30")
+    n_sample = round(block_minutes * 60 * rate_hz)
+    if n_sample < FEWEST_SAMPLES:
+        raise InputError(here, f"{block_minutes:g} minutes at {rate_hz:g} Hz are fewer than {FEWEST_SAMPLES} samples",
+                         "give longer blocks, such as 30 minutes")
+    if 8 * n_sample * n_channel > LARGEST_BLOCK_BYTES:
+        longest = LARGEST_BLOCK_BYTES / (8 * n_channel * 60 * rate_hz)
+        raise InputError(here, f"{block_minutes:g} minutes of {n_channel} channels at {rate_hz:g} Hz are "
+                         f"{8e-6 * n_sample * n_channel:.0f} MB a block", f"give at most {longest:.3g} minutes")
 
 
 def _read_toml(path: Path) -> dict:
