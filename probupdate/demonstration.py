@@ -112,7 +112,7 @@ class _State:
             differ = [k for k in self._content if k != "finished" and found.get(k) != self._content[k]]
             if differ:
                 raise InputError(
-                    str(out), f"holds a demonstration with another {differ[0]} ({found.get(differ[0])})",
+                    str(out), f"holds a demonstration whose {differ[0]} is {found.get(differ[0])}, not {self._content[differ[0]]}",
                     "give an empty directory, or delete this one",
                 )
             self._content["finished"] = found["finished"]

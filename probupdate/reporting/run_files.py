@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import hashlib
 import json
+import platform
 from collections.abc import Callable, Mapping
+from importlib import metadata
 from pathlib import Path
 from typing import TypeVar
 
-import numpy as np
 import pandas as pd
 
 from probupdate import __version__
@@ -197,10 +198,14 @@ def _warnings(head: Mapping, data: ModalData | None, update: UpdateRecord | None
 
 def _provenance(folder, places, head, model, update, posterior):
     yield "probupdate", str(head.get("version") or __version__)
-    yield "numpy, pandas", f"{np.__version__}, {pd.__version__}"
+    yield "Python", platform.python_version()
+    for package in ("numpy", "scipy", "pandas", "h5py", "emcee", "arviz"):
+        yield package, metadata.version(package)
     if head.get("seed") is not None:
         yield "seed of the run", str(head["seed"])
-    for path in places.values():
+    inside = places["campaign"] if "campaign" in places else None
+    held = [inside / name for name in ("campaign.toml", "scada.csv")] if inside is not None else []
+    for path in (*places.values(), *held):
         if path.is_file():
             yield path.relative_to(folder).as_posix(), f"SHA-256 {hashlib.sha256(path.read_bytes()).hexdigest()[:16]}"
     if model is not None:
