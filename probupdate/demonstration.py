@@ -111,8 +111,9 @@ class _State:
             found = _finished(self._path)
             differ = [k for k in self._content if k != "finished" and found.get(k) != self._content[k]]
             if differ:
+                key = differ[0]
                 raise InputError(
-                    str(out), f"holds a demonstration whose {differ[0]} is {found.get(differ[0])}, not {self._content[differ[0]]}",
+                    str(out), f"holds a demonstration whose {key} is {found.get(key)}, not {self._content[key]}",
                     "give an empty directory, or delete this one",
                 )
             self._content["finished"] = found["finished"]

@@ -203,8 +203,7 @@ def _provenance(folder, places, head, model, update, posterior):
         yield package, metadata.version(package)
     if head.get("seed") is not None:
         yield "seed of the run", str(head["seed"])
-    inside = places["campaign"] if "campaign" in places else None
-    held = [inside / name for name in ("campaign.toml", "scada.csv")] if inside is not None else []
+    held = [places["campaign"] / name for name in ("campaign.toml", "scada.csv")] if "campaign" in places else []
     for path in (*places.values(), *held):
         if path.is_file():
             yield path.relative_to(folder).as_posix(), f"SHA-256 {hashlib.sha256(path.read_bytes()).hexdigest()[:16]}"
