@@ -16,6 +16,17 @@ from probupdate.modes import ModalSet, frozen_array, mac, rotate_to_real, subspa
 PAIR_GAP = 0.10
 # below this criterion a computed mode is not taken for a measured one
 MIN_MAC = 0.50
+# a pairing stands where every other one is worse by at least this sum of MACs
+CLEAR = 0.10
+# modes that move the measured channels less than this share of what a paired mode does are no alternative to it
+SEEN = 0.05
+# a computed mode of which a measured shape has at least this MAC may be what that shape has turned towards
+TURNED = 0.05
+# an alternative farther in frequency than the paired mode by this much more (in ln f) is none, however alike its shape
+APART = 0.3
+# where fewer than half of the measured modes have this MAC with any computed one, the set is taken for another
+# structure's, or its channels for swapped
+OWN_MAC = 0.60
 # computed modes beyond the highest matched one that every evaluation carries: the highest measured mode may trade its
 # place with the next one and is followed; a note is made where draws use the last
 SPARE = 1
@@ -96,9 +107,11 @@ def match(
 
     `solution` holds more modes than were measured; `rows` its rows for the measured channels. `clusters` fixes which
     measured modes are compared as planes (default: by frequency, `close_clusters`). Raises InputError where no mode
-    can be used.
+    can be used, where the set is not this model's, where a mode has two computed ones to choose from, and where only
+    one of a close pair was measured.
     """
     name = labels or tuple(f"mode {j + 1}" for j in range(modal_set.frequency_hz.size))
+    given = clusters
     clusters = close_clusters(modal_set.frequency_hz) if clusters is None else clusters
     measured = rotate_to_real(modal_set.shape).real
     computed = solution.shape[rows]
@@ -110,9 +123,13 @@ def match(
             left_out.append(f"{name[j]} has fewer than two measured shape components in set {modal_set.id}")
         else:
             used.append(j)
+    for cluster in clusters:
+        present = [j for j in cluster if j in used]
+        if 0 < len(present) < len(cluster):
+            _refuse_half_a_pair(modal_set.id, name[present[0]], [name[j] for j in cluster if j not in used],
+                                "they are compared as a plane in the other sets")  # fmt: skip
     # given clusters may come from another set, whose pair had its frequencies the other way round
-    clusters = [tuple(sorted((j for j in c if j in used), key=lambda j: modal_set.frequency_hz[j])) for c in clusters]
-    clusters = [c for c in clusters if c]
+    clusters = [tuple(sorted(c, key=lambda j: modal_set.frequency_hz[j])) for c in clusters if c[0] in used]
     criterion = np.full((modal_set.frequency_hz.size, computed.shape[1]), np.nan)
     for cluster in clusters:
         members = list(cluster)
@@ -136,16 +153,95 @@ def match(
             )
             continue
         groups.append(ModeGroup(measured=cluster, computed=tuple(found)))
+    visible = np.linalg.norm(computed, axis=0)
+    if sum(len(group.measured) for group in groups) >= 0.5 * len(used):
+        _refuse_ambiguous(modal_set, groups, criterion, visible, name, solution.frequency_hz)
+    if partner:
+        _refuse_another_structure(modal_set.id, criterion, partner, name)
     if not groups:
         raise InputError(
             f"set {modal_set.id}", f"none of its modes can be used ({'; '.join(left_out)})",
             "check channel names, signs and units of the shapes, or identify these modes",
         )
+    if given is None:
+        _refuse_lonely(modal_set, groups, criterion, visible, name, solution.frequency_hz)
     highest = max(i for group in groups for i in group.computed)
     return Matching(
         groups=tuple(groups), criterion=frozen_array(criterion), left_out=tuple(left_out),
         n_mode=min(highest + 1 + SPARE, computed.shape[1]),
     )  # fmt: skip
+
+
+def _refuse_another_structure(set_id, criterion, partner, name) -> None:
+    # NaN: too few channels to tell
+    best = {j: criterion[j, i] for j, i in partner.items() if np.isfinite(criterion[j, i])}
+    alike = sum(value >= OWN_MAC for value in best.values())
+    if alike < 0.5 * len(best):
+        listed = ", ".join(f"{name[j]} {value:.2f}" for j, value in best.items())
+        raise InputError(
+            f"set {set_id}",
+            f"its modes are not this model's: the best MACs are {listed}, and half of them should reach {OWN_MAC:.2f}",
+            "check the order, names and signs of the channels, and that the model is of this structure",
+        )
+
+
+def _refuse_ambiguous(modal_set, groups, criterion, visible, name, frequency_hz) -> None:
+    """Every group keeps its computed modes if any other choice costs at least CLEAR in summed MACs."""
+    rows = [j for group in groups for j in group.measured]
+    score = np.nan_to_num(criterion[rows], nan=-1.0)
+    column = assign(score)
+    best = score[np.arange(len(rows)), column].sum()
+    start = 0
+    for group in groups:
+        here = slice(start, start + len(group.measured))
+        start = here.stop
+        for i in group.computed:
+            # a mode that hardly moves the channels has a shape there by chance, one far off in frequency is another's
+            away = np.min(np.abs(np.log(frequency_hz[:, None] / modal_set.frequency_hz[list(group.measured)])), axis=1)
+            trial = np.where((visible < SEEN * visible[i]) | (away > away[i] + APART), -1.0, score)
+            trial[:, column] = score[:, column]
+            trial[here, i] = -1.0
+            other = assign(trial)
+            loss = best - trial[np.arange(len(rows)), other].sum()
+            new = sorted(set(other[here]) - set(group.computed))
+            if loss < CLEAR and new:
+                j, k = group.measured[0], int(new[0])
+                names = " and ".join(name[m] for m in group.measured)
+                found = " and ".join(f"mode {m + 1} at {frequency_hz[m]:.4g} Hz with MAC {criterion[j, m]:.2f}"
+                                     for m in (i, k))  # fmt: skip
+                raise InputError(
+                    f"set {modal_set.id}, {names}", f"two computed modes are about as alike, {found}",
+                    "measure more channels, compare close modes as planes (--shapes plane), or leave it out (null)",
+                )
+
+
+def _refuse_lonely(modal_set, groups, criterion, visible, name, frequency_hz) -> None:
+    """A mode measured alone whose computed mode has a close one beside it that no measured mode is paired with."""
+    taken = {i for group in groups for i in group.computed}
+    for group in groups:
+        if len(group.measured) > 1:
+            continue
+        (j,), (i,) = group.measured, group.computed
+        close = np.abs(frequency_hz - frequency_hz[i]) < PAIR_GAP * 0.5 * (frequency_hz + frequency_hz[i])
+        mates = [int(k) for k in np.flatnonzero(close & (visible >= SEEN * visible[i])) if k not in taken]
+        other = {"FA": "SS", "SS": "FA"}.get(name[j][:2], "") + name[j][2:]
+        unmeasured = [name[k] for k in np.flatnonzero(~modal_set.measured)]
+        for k in mates:
+            if other in unmeasured:
+                _refuse_half_a_pair(modal_set.id, name[j], [other], f"computed modes {i + 1} and {k + 1} are at "
+                                    f"{frequency_hz[i]:.4g} and {frequency_hz[k]:.4g} Hz")  # fmt: skip
+            if criterion[j, k] >= TURNED:
+                found = (f"computed modes {i + 1} and {k + 1} at {frequency_hz[i]:.4g} and {frequency_hz[k]:.4g} Hz "
+                         f"have MACs of {criterion[j, i]:.2f} and {criterion[j, k]:.2f} with it")  # fmt: skip
+                _refuse_half_a_pair(modal_set.id, name[j], ["its mate"], found)
+
+
+def _refuse_half_a_pair(set_id: str, present: str, absent: list[str], reason: str) -> None:
+    raise InputError(
+        f"set {set_id}, {present}", f"is one of a close pair of which {' and '.join(absent)} was not measured "
+        f"({reason}): a single one turns within the pair's plane by chance",
+        f"identify both, use another set, or leave {present} out too (null)",
+    )
 
 
 def assign(criterion: np.ndarray) -> np.ndarray:

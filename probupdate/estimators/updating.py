@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from probupdate.errors import ConvergenceError, InputError
 from probupdate.estimators.ensemble import BURN_IN, SamplerSettings, claim_folder, sample
 from probupdate.estimators.laplace import Laplace, maximum_a_posteriori
 from probupdate.estimators.nine_sets import update_sets
@@ -34,6 +35,8 @@ N_COARSE = 32
 N_REGION = 400
 # posterior draws answered by the full model too, as a check of the reduced one
 N_CHECK = 24
+# an update that does not settle is put down to the data where a mode has a lower MAC than this before and after
+SETTLING_MAC = 0.80
 # draws whose responses are kept for pictures
 N_PREDICTED = 300
 
@@ -58,7 +61,7 @@ def deterministic_update(
         key: update(problem, penalty=key, alpha=alpha, max_iteration=iterations, progress=progress)
         for key in ("step", "prior")
     }
-    laplace = maximum_a_posteriori(problem, [run.theta[-1] for run in runs.values()] + [model.parameters.initial])
+    laplace = find_maximum(problem, [run.theta[-1] for run in runs.values()] + [model.parameters.initial])
     schemes = tuple(_scheme(problem, key, run, laplace) for key, run in runs.items())
     sets = None
     if len(data.sets) > 1:
@@ -108,6 +111,23 @@ def deterministic_update(
         sets=sets,
         settings={"weights": problem.weights.description, "alpha": f"{alpha:g}", "iterations at most": str(iterations)},
     )
+
+
+def find_maximum(problem: Problem, starts: list[np.ndarray]) -> Laplace:
+    """`maximum_a_posteriori`; where it does not settle because shapes are not this model's, that is the user's."""
+    try:
+        return maximum_a_posteriori(problem, starts)
+    except ConvergenceError as error:
+        mac = problem.predict_many(np.array([problem.parameters.initial, error.estimate])).mac
+        if mac.max(axis=0).min() >= SETTLING_MAC:
+            raise
+        listed = ", ".join(f"{problem.mode_labels[j]} {a:.2f} and {b:.2f}"
+                           for j, a, b in zip(problem.used, *mac, strict=True))  # fmt: skip
+        raise InputError(
+            f"set {problem.set_id}", "the update does not settle, and its modes may not be this model's: MACs at the "
+            f"initial and the best parameters are {listed}", "check the order, names and signs of the channels, and "
+            "that the model is of this structure",
+        ) from None
 
 
 def _in_data_order(problem: Problem, values: np.ndarray, n_mode: int) -> np.ndarray:
@@ -186,7 +206,7 @@ def sample_posterior(
     fingerprint = f"{problem.fingerprint()} {FREQUENCY_TOLERANCE:g}"
     claim_folder(problem.parameters, folder, settings, fingerprint)
     anchored = update(problem, penalty="prior", progress=progress)
-    laplace = maximum_a_posteriori(problem, [anchored.theta[-1], model.parameters.initial])
+    laplace = find_maximum(problem, [anchored.theta[-1], model.parameters.initial])
     prepared = approach(problem, laplace, settings.seed, progress)
     fast = prepared.problem
     chain = sample(fast, prepared.surrogate, folder, settings, fingerprint=fingerprint, progress=progress)

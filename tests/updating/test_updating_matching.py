@@ -178,3 +178,60 @@ def test_a_solution_with_exactly_the_measured_modes_can_be_matched():
 
 def test_the_linear_cases_frequencies_form_no_pair():
     assert all(len(c) == 1 for c in close_clusters(LINEAR_HZ))
+
+
+# what is refused, with its reason
+
+
+def test_a_shape_between_two_computed_modes_is_refused_with_both_macs():
+    exact = solution_at()
+    # halfway between the two modes of a pair that was measured once: no choice is right
+    shape = (exact.shape[:, [0]] / np.linalg.norm(exact.shape[:, 0])
+             + 0.98 * exact.shape[:, [1]] / np.linalg.norm(exact.shape[:, 1]))  # fmt: skip
+    with pytest.raises(InputError, match=r"alike, mode 1 at .* MAC 0\.5\d and mode 2 at .* MAC 0\.4\d") as error:
+        match(modal_set(exact.frequency_hz[:1], shape), exact, ROWS, clusters=[(0,)])
+    assert "\n" not in str(error.value)
+
+
+def test_a_like_shape_far_off_in_frequency_is_no_alternative():
+    """Sensors on one level see a column's bending modes alike; frequencies tell them apart."""
+    exact = solution_at()
+    rows = np.array([3, 8])  # one level, x and y
+    found = match(modal_set(exact.frequency_hz[:2], exact.shape[rows][:, :2]), exact, rows, clusters=[(0,), (1,)])
+    assert found.criterion[0, 4] > 0.9 and found.computed == (0, 1)
+
+
+def test_a_mode_of_a_pair_measured_alone_is_refused():
+    exact = solution_at()
+    frequency, shape = np.array(exact.frequency_hz[:4]), np.array(exact.shape[:, :4])
+    frequency[1], shape[:, 1] = np.nan, np.nan
+    half = modal_set(frequency, shape)
+    # other sets told that the two are a pair
+    with pytest.raises(InputError, match="FA1: is one of a close pair of which SS1 was not measured"):
+        match(half, exact, ROWS, labels=("FA1", "SS1", "FA2", "SS2"), clusters=[(0, 1), (2, 3)])
+    # labels and computed frequencies tell it
+    with pytest.raises(InputError, match=r"SS1 was not measured .computed modes 1 and 2 are at"):
+        match(half, exact, ROWS, labels=("FA1", "SS1", "FA2", "SS2"))
+    # without labels the shape itself, turned in the plane, tells it
+    turned_shape = turned(exact.shape[:, :4], (0, 1), 0.4)
+    turned_shape[:, 1] = np.nan
+    with pytest.raises(InputError, match="is one of a close pair"):
+        match(modal_set(frequency, turned_shape), exact, ROWS)
+
+
+def test_one_axis_of_sensors_does_not_ask_for_the_pairs_other_half():
+    model = chain_model()
+    exact = model.solve(np.array([0.7, 1.06, 0.97, 0.0]), 10)
+    rows = np.arange(5)
+    x = [k for k in range(10) if np.linalg.norm(exact.shape[rows, k]) > 1e-6][:2]
+    found = match(modal_set(exact.frequency_hz[x], exact.shape[rows][:, x]), exact, rows)
+    assert found.computed == tuple(x)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_modes_of_shuffled_channels_are_refused_with_their_macs(seed):
+    exact = solution_at()
+    order = np.random.default_rng(seed).permutation(len(CHANNELS))
+    with pytest.raises(InputError, match=r"this model's: the best MACs are mode 1 0\.\d\d, mode 2 0\.\d\d") as error:
+        match(modal_set(exact.frequency_hz[:4], exact.shape[order][:, :4]), exact, ROWS)
+    assert "check the order, names and signs of the channels" in str(error.value)
