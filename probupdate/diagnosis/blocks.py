@@ -1,0 +1,169 @@
+"""Measured blocks as arrays: which sets are used, in what order, with what surroundings."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from probupdate.errors import InputError
+from probupdate.matching import close_clusters
+from probupdate.modes import ModalData, frozen_array, rotate_to_real
+
+# a block in which the nacelle turned by more has no one set of modes
+YAW_RANGE_DEG = 2.0
+# a channel missing in more of the blocks is left out, not the blocks
+CHANNEL_SHARE = 0.5
+# a mode found in a smaller share of the blocks is left out
+MODE_SHARE = 0.2
+# fewer blocks tell nothing of their own scatter
+FEWEST = 8
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Blocks:
+    """ids and hours (n_block,) since the first; frequency_hz (n_block, n_mode) and shape (n_block, n_channel, n_mode)
+    complex, NaN where a mode was not found; groups: modes compared together, one or a close cluster, ascending.
+
+    relative_std (n_block, n_group): the deviations the identification states over their median, 1 where it states none.
+    """
+
+    ids: tuple[str, ...]
+    hours: np.ndarray
+    channels: tuple[str, ...]
+    labels: tuple[str, ...]
+    groups: tuple[tuple[int, ...], ...]
+    frequency_hz: np.ndarray
+    shape: np.ndarray
+    angle_deg: np.ndarray
+    environment: tuple[Mapping, ...]
+    relative_std: np.ndarray
+    notes: tuple[str, ...]
+
+    def __len__(self) -> int:
+        return len(self.ids)
+
+    @cached_property
+    def present(self) -> np.ndarray:
+        """(n_block, n_group) bool: all modes of the group with every channel."""
+        there = np.isfinite(self.frequency_hz) & np.all(np.isfinite(self.shape), axis=1)
+        return np.column_stack([there[:, list(g)].all(axis=1) for g in self.groups])
+
+    def covariate(self, name: str) -> np.ndarray | None:
+        """(n_block,) of a number in the environment; None unless nearly every block tells it and it varies."""
+        values = np.array([_number(e.get(name)) for e in self.environment])
+        known = np.isfinite(values)
+        if known.mean() < 0.9 or np.std(values[known]) == 0:
+            return None
+        return np.where(known, values, np.mean(values[known]))
+
+    def states(self) -> np.ndarray:
+        """(n_block,) text, empty where none is told."""
+        return np.array([str(e.get("state", "")) for e in self.environment])
+
+    def group_name(self, number: int) -> str:
+        return "/".join(self.labels[j] for j in self.groups[number])
+
+    def taken(self, chosen: np.ndarray) -> Blocks:
+        """Only the blocks numbered `chosen`."""
+        chosen = np.asarray(chosen)
+        return Blocks(
+            ids=tuple(self.ids[k] for k in chosen), hours=frozen_array(self.hours[chosen]), channels=self.channels,
+            labels=self.labels, groups=self.groups, frequency_hz=frozen_array(self.frequency_hz[chosen]),
+            shape=frozen_array(self.shape[chosen], complex), angle_deg=frozen_array(self.angle_deg[chosen]),
+            environment=tuple(self.environment[k] for k in chosen),
+            relative_std=frozen_array(self.relative_std[chosen]), notes=self.notes,
+        )  # fmt: skip
+
+
+def _number(value) -> float:
+    usable = isinstance(value, int | float) and not isinstance(value, bool)
+    return float(value) if usable else np.nan
+
+
+def hours_of(ids: tuple[str, ...]) -> np.ndarray | None:
+    """Hours since the first id where all of them are times (ISO 8601)."""
+    try:
+        times = np.array([np.datetime64(i.removesuffix("Z").removesuffix("+00:00"), "s") for i in ids])
+    except ValueError:
+        return None
+    return (times - times.min()) / np.timedelta64(1, "h")
+
+
+def gather(data: ModalData) -> Blocks:
+    """The usable blocks of modes.json in the order of time; raises InputError where too few are left."""
+    notes = []
+    sets = [s for s in data.sets if np.any(s.measured)]
+    turning = [s for s in sets if _number(s.environment.get("nacelle_heading_deg_range", 0.0)) > YAW_RANGE_DEG]
+    if turning:
+        notes.append(f"{len(turning)} blocks left out in which the nacelle turned by more than {YAW_RANGE_DEG:g} deg")
+        sets = [s for s in sets if not any(s is t for t in turning)]
+    if len(sets) < FEWEST:
+        raise InputError(
+            "modes", f"{len(sets)} usable sets", f"give at least {FEWEST}: the scatter between them is the noise that "
+            "effects are tested against")  # fmt: skip
+    hours = hours_of(tuple(s.id for s in sets))
+    if hours is None:
+        notes.append("the sets' ids are no times: they are taken as an hour apart, in the file's order")
+        hours = np.arange(len(sets), dtype=float)
+    order = np.argsort(hours, kind="stable")
+    sets, hours = [sets[k] for k in order], hours[order]
+    frequency = np.array([s.frequency_hz for s in sets])
+    shape = np.array([s.shape for s in sets])
+    found = np.isfinite(frequency) & np.any(np.isfinite(shape), axis=1)
+    seen = np.isfinite(shape).any(axis=2)[found.any(axis=1)].mean(axis=0)
+    kept_channels = np.flatnonzero(seen >= CHANNEL_SHARE)
+    if len(kept_channels) < len(seen):
+        left = [c for c, s in zip(data.channels, seen, strict=True) if s < CHANNEL_SHARE]
+        notes.append(f"{', '.join(left)} left out: missing in more than half of the blocks")
+    shape = shape[:, kept_channels]
+    complete = np.isfinite(frequency) & np.all(np.isfinite(shape), axis=1)
+    labels = data.labels or tuple(f"mode {j + 1}" for j in range(data.n_mode))
+    kept = np.flatnonzero(complete.mean(axis=0) >= MODE_SHARE)
+    if len(kept) < data.n_mode:
+        names = [labels[j] for j in range(data.n_mode) if j not in kept]
+        notes.append(f"{', '.join(names)} left out: found with every channel in fewer than a fifth of the blocks")
+    if not len(kept):
+        raise InputError("modes", "no mode is found with every channel in a fifth of the blocks",
+                         "leave out channels that are mostly missing")  # fmt: skip
+    frequency, shape = frequency[:, kept], shape[:, :, kept]
+    shape = np.array([rotate_to_real(s) for s in shape])
+    groups = tuple(tuple(sorted(c)) for c in close_clusters(np.nanmedian(frequency, axis=0)))
+    too_many = [g for g in groups if len(g) > 2]
+    if too_many:
+        raise InputError("modes", f"{len(too_many[0])} modes lie within 10 % of each other",
+                         "leave out those that belong to single members")  # fmt: skip
+    angle = np.array([_number(s.environment.get("nacelle_angle_deg", 0.0)) for s in sets])
+    if np.any(np.isnan(angle)):
+        notes.append("some sets do not tell where the nacelle looked: taken as in the model")
+        angle = np.nan_to_num(angle)
+    return Blocks(
+        ids=tuple(s.id for s in sets), hours=frozen_array(hours),
+        channels=tuple(data.channels[k] for k in kept_channels), labels=tuple(labels[j] for j in kept), groups=groups,
+        frequency_hz=frozen_array(frequency), shape=frozen_array(shape, complex), angle_deg=frozen_array(angle),
+        environment=tuple(s.environment for s in sets),
+        relative_std=frozen_array(_relative_std(sets, kept, kept_channels, groups)), notes=tuple(notes),
+    )  # fmt: skip
+
+
+def _relative_std(sets, kept, channels, groups) -> np.ndarray:
+    """How much worse than usual the identification says each block's group is: mean over frequencies and shapes."""
+    frequency = np.array([s.frequency_std_hz for s in sets])[:, kept]
+    shape = np.array([s.shape_std for s in sets])[:, channels][:, :, kept]
+    with np.errstate(invalid="ignore"):
+        size = np.sqrt(np.mean(shape**2, axis=1))
+    result = np.ones((len(sets), len(groups)))
+    for q, group in enumerate(groups):
+        parts = []
+        for std in (frequency[:, list(group)], size[:, list(group)]):
+            known = np.isfinite(std) & (std > 0)
+            if known.mean() > 0.5:
+                typical = np.array([np.median(column[ok]) for column, ok in zip(std.T, known.T, strict=True)
+                                    if ok.any()] or [1.0])  # fmt: skip
+                if len(typical) == std.shape[1]:
+                    parts.append(np.where(known, std / typical, 1.0))
+        if parts:
+            result[:, q] = np.clip(np.mean(np.concatenate(parts, axis=1), axis=1), 1 / 3, 3.0)
+    return result

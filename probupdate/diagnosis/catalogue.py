@@ -1,0 +1,282 @@
+"""What a simulation or a measurement may get wrong: effects as data, and how each one enters.
+
+An effect departs from its neutral value by `size`. A departure within `tolerance` is normal: drawings, data sheets and
+calibration papers allow it, and it is a nuisance, not a finding. Beyond it the size has the deviation `slab`. Effects
+enter as a parameter of the model (`parameter`), as a combination of several of its parameters (`parts`), or through the
+sensors (`observe`). `courses` says how an effect may run along the record: "constant", "step", "ramp", or with a column
+of the environment.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from itertools import combinations
+
+import numpy as np
+
+from probupdate.errors import InputError
+from probupdate.modes import Sensor
+
+KINDS = ("structural", "environmental", "measurement")
+COURSES = ("constant", "step", "ramp")
+# what calibration papers and mounting allow
+GAIN_TOLERANCE, ROTATION_TOLERANCE_DEG, FRAME_TOLERANCE_DEG = 0.01, 1.0, 1.0
+# loggers on one network time agree to this
+CLOCK_TOLERANCE_S, RATE_TOLERANCE = 1e-4, 1e-5
+
+# complex shapes (n_channel, k) of modes near frequency_hz, and a size -> shapes, and what is added to their ln f
+Observation = Callable[[np.ndarray, float, float], tuple[np.ndarray, float]]
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Effect:
+    """One row of the catalogue. `lower` and `upper` bound the size; `fingerprint` and `check` are for people: what it
+    leaves in the modes, and what would confirm it on site or in the files."""
+
+    kind: str
+    cause: str
+    location: str
+    unit: str
+    tolerance: float
+    slab: float
+    lower: float = -np.inf
+    upper: float = np.inf
+    parameter: str = ""
+    parts: tuple[tuple[str, float], ...] = ()
+    observe: Observation | None = field(default=None, repr=False)
+    step_of_size: float = 0.0
+    discrete: tuple[float, ...] = ()
+    courses: tuple[str, ...] = ("constant", "step")
+    fingerprint: str = ""
+    check: str = ""
+
+    def __post_init__(self):
+        where = f"effect {self.name}"
+        if self.kind not in KINDS:
+            raise InputError(where, f"kind '{self.kind}' is unknown", f"choose from {', '.join(KINDS)}")
+        if sum((bool(self.parameter), bool(self.parts), self.observe is not None)) != 1:
+            raise InputError(where, "must enter in exactly one way", "give one of parameter, parts, observe")
+        if not (self.slab > 0 and self.tolerance >= 0):
+            raise InputError(where, "slab must be above zero and tolerance not below it", "mend them")
+        if not self.lower <= 0.0 <= self.upper:
+            raise InputError(where, f"a size of zero is outside [{self.lower}, {self.upper}]", "widen the bounds")
+        if not self.courses:
+            raise InputError(where, "has no course", "give 'constant', 'step', 'ramp' or a column of the environment")
+
+    @property
+    def name(self) -> str:
+        return f"{self.cause}, {self.location}" if self.location else self.cause
+
+    @property
+    def increments(self) -> tuple[tuple[str, float], ...]:
+        """Model parameters that move, with how much for a size of one."""
+        return ((self.parameter, 1.0),) if self.parameter else self.parts
+
+    @property
+    def signs(self) -> tuple[int, ...]:
+        """Directions in which the size may depart."""
+        return tuple(s for s, end in ((-1, self.lower), (1, self.upper)) if end != 0.0)
+
+
+# Sensors -----------------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Gain:
+    row: int
+
+    def __call__(self, shape, frequency_hz, size):
+        result = np.array(shape, complex)
+        result[self.row] *= 1 + size
+        return result, 0.0
+
+
+@dataclass(frozen=True)
+class Swap:
+    """Two channels' cables: size 1 is a full swap; what lies between is for the fingerprint only."""
+
+    first: int
+    second: int
+
+    def __call__(self, shape, frequency_hz, size):
+        result = np.array(shape, complex)
+        a, b = result[self.first].copy(), result[self.second].copy()
+        result[self.first], result[self.second] = a + size * (b - a), b + size * (a - b)
+        return result, 0.0
+
+
+@dataclass(frozen=True)
+class Turn:
+    """Sensors turned in the planes of pairs of their axes (first, second row), by `size` degrees."""
+
+    pairs: tuple[tuple[int, int], ...]
+
+    def __call__(self, shape, frequency_hz, size):
+        result = np.array(shape, complex)
+        c, s = np.cos(np.radians(size)), np.sin(np.radians(size))
+        for i, j in self.pairs:
+            a, b = result[i].copy(), result[j].copy()
+            # what the turned axis sees: its own share and that of the neighbour it turns towards
+            result[i], result[j] = c * a + s * b, c * b - s * a
+        return result, 0.0
+
+
+@dataclass(frozen=True)
+class Delay:
+    """Channels of a logger whose clock is late by `size` milliseconds: phase in proportion to frequency."""
+
+    rows: tuple[int, ...]
+
+    def __call__(self, shape, frequency_hz, size):
+        result = np.array(shape, complex)
+        result[list(self.rows)] *= np.exp(-2j * np.pi * frequency_hz * 1e-3 * size)
+        return result, 0.0
+
+
+@dataclass(frozen=True)
+class LowPass:
+    """Channels behind a first-order low-pass of `size` milliseconds: a delay, and less of what is fast."""
+
+    rows: tuple[int, ...]
+
+    def __call__(self, shape, frequency_hz, size):
+        result = np.array(shape, complex)
+        result[list(self.rows)] /= 1 + 2j * np.pi * frequency_hz * 1e-3 * size
+        return result, 0.0
+
+
+@dataclass(frozen=True)
+class Rate:
+    """The clock of all channels runs fast by the share `size`: every frequency looks lower by it."""
+
+    def __call__(self, shape, frequency_hz, size):
+        return np.array(shape, complex), -np.log1p(size)
+
+
+def measurement_effects(channels: Sequence[str], sensors: Sequence[Sensor] = ()) -> tuple[Effect, ...]:
+    """Gain, polarity and swapped cables of every channel; with `sensors` (places and directions) also rotation of every
+    sensor and of the whole frame, and the clock and filter of every logger (a position, or all of a level)."""
+    row = {name: k for k, name in enumerate(channels)}
+    effects = [
+        Effect(kind="measurement", cause="sensor gain", location=c, unit="-", tolerance=GAIN_TOLERANCE, slab=0.1,
+               lower=-0.9, upper=3.0, observe=Gain(row[c]), step_of_size=1e-3,
+               fingerprint="one channel too large or small, every mode alike; frequencies untouched",
+               check="calibrate the channel, or compare its standard deviation with its neighbours'")
+        for c in channels
+    ]  # fmt: skip
+    effects += [
+        Effect(kind="measurement", cause="sensor polarity", location=c, unit="-", tolerance=0.0, slab=2.0, lower=-2.0,
+               upper=0.0, observe=Gain(row[c]), step_of_size=1e-3, discrete=(-2.0,),
+               fingerprint="one channel with the other sign in every mode",
+               check="tap the sensor's base along its axis, or read its cable list")
+        for c in channels
+    ]  # fmt: skip
+    placed = [s for s in sensors if s.channel in row]
+    pairs = _swappable(channels, placed)
+    effects += [
+        Effect(kind="measurement", cause="swapped channels", location=f"{a} and {b}", unit="-", tolerance=0.0,
+               slab=1.0, lower=0.0, upper=1.0, observe=Swap(row[a], row[b]), step_of_size=1e-3, discrete=(1.0,),
+               fingerprint="two channels exchanged in every mode", check="follow the two cables")
+        for a, b in pairs
+    ]  # fmt: skip
+    if not placed:
+        return tuple(effects)
+    for name, rows, sensors_there in _positions(placed, row):
+        for axis, planes in _planes(sensors_there, row).items():
+            effects.append(Effect(
+                kind="measurement", cause="sensor rotation", location=f"{name} about {axis}", unit="deg",
+                tolerance=ROTATION_TOLERANCE_DEG, slab=15.0, lower=-180.0, upper=180.0, observe=Turn(planes),
+                step_of_size=0.1, fingerprint="the axes of one sensor mix, every mode alike",
+                check="measure its direction on site",
+            ))  # fmt: skip
+    turned = tuple(p for _, _, there in _positions(placed, row) for p in _planes(there, row).get("z", ()))
+    if turned:
+        effects.append(Effect(
+            kind="measurement", cause="rotated sensor frame", location="all sensors", unit="deg",
+            tolerance=FRAME_TOLERANCE_DEG, slab=10.0, lower=-180.0, upper=180.0, observe=Turn(turned), step_of_size=0.1,
+            courses=("constant",), fingerprint="all axes turned alike: the pairs' planes turn against the nacelle",
+            check="survey the sensors' directions, and the zero of the nacelle's heading",
+        ))  # fmt: skip
+    for name, rows in _loggers(placed, row):
+        for cause, law, tolerance in (("clock offset", Delay(rows), 1e3 * CLOCK_TOLERANCE_S),
+                                      ("low-pass filter", LowPass(rows), 0.1)):  # fmt: skip
+            effects.append(Effect(
+                kind="measurement", cause=cause, location=name, unit="ms", tolerance=tolerance, slab=20.0,
+                lower=-200.0 if cause == "clock offset" else 0.0, upper=200.0, observe=law, step_of_size=0.1,
+                fingerprint="a phase in proportion to frequency on one logger's channels",
+                check="compare the loggers' time stamps of one event, and their filters",
+            ))  # fmt: skip
+    effects.append(Effect(
+        kind="measurement", cause="sampling rate", location="all channels", unit="-", tolerance=RATE_TOLERANCE,
+        slab=0.02, lower=-0.2, upper=0.2, observe=Rate(), step_of_size=1e-4,
+        fingerprint="every frequency shifted by one share; shapes untouched",
+        check="compare the lines of rotor and blade passing with the rotor speed in SCADA",
+    ))  # fmt: skip
+    return tuple(effects)
+
+
+def _swappable(channels, placed: Sequence[Sensor]) -> list[tuple[str, str]]:
+    """Channels of one level, as cables of one place are confused; without places any two."""
+    if not placed:
+        return list(combinations(channels, 2))
+    return [(a.channel, b.channel) for a, b in combinations(placed, 2) if a.level == b.level]
+
+
+def _positions(placed: Sequence[Sensor], row) -> list[tuple[str, tuple[int, ...], list[Sensor]]]:
+    found: dict[tuple, list[Sensor]] = {}
+    for s in placed:
+        found.setdefault(tuple(np.round(s.position_m, 2)), []).append(s)
+    return [(_common(tuple(s.channel for s in there)), tuple(row[s.channel] for s in there), there)
+            for there in found.values()]  # fmt: skip
+
+
+def _common(names: tuple[str, ...]) -> str:
+    """What the channels' names share at their beginning, or the first of them."""
+    if len(names) == 1:
+        return names[0]
+    short = names[0]
+    while short and not all(n.startswith(short) for n in names):
+        short = short[:-1]
+    return short.rstrip("-_ .") or names[0]
+
+
+def _planes(there: Sequence[Sensor], row) -> dict[str, tuple[tuple[int, int], ...]]:
+    """Axis of turning -> the two channels it mixes, first towards second."""
+    planes = {}
+    for first, second in combinations(there, 2):
+        axis = np.cross(first.direction, second.direction)
+        if np.linalg.norm(axis) < 0.9:
+            continue
+        k = int(np.argmax(np.abs(axis)))
+        pair = (row[first.channel], row[second.channel])
+        planes["xyz"[k]] = ((pair if axis[k] > 0 else pair[::-1]),)
+    return planes
+
+
+def _loggers(placed: Sequence[Sensor], row) -> list[tuple[str, tuple[int, ...]]]:
+    """Each position, and each level of several positions, but not all sensors at once: only relative time is seen."""
+    result = [(name, rows) for name, rows, _ in _positions(placed, row)]
+    levels: dict[str, list[int]] = {}
+    for s in placed:
+        levels.setdefault(s.level, []).append(row[s.channel])
+    known = {rows for _, rows in result}
+    for level, rows in levels.items():
+        if tuple(rows) not in known:
+            result.append((f"all of {level}", tuple(rows)))
+    return [(name, rows) for name, rows in result if len(rows) < len(placed)]
+
+
+# The model's own parameters ----------------------------------------------------------------------------------------
+
+
+def parameter_effects(parameters) -> tuple[Effect, ...]:
+    """Every updated parameter beyond what its prior expects, or moving along the record."""
+    return tuple(
+        Effect(
+            kind="structural", cause="parameter", location=p.name, unit=p.unit, tolerance=p.std, slab=3 * p.std,
+            lower=p.lower - p.initial, upper=p.upper - p.initial, parameter=p.name, courses=("constant", "step", "ramp"),
+            fingerprint=p.description or f"that of {p.name}", check=f"look into what {p.name} stands for",
+        )  # fmt: skip
+        for p in parameters
+    )

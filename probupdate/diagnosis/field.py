@@ -1,0 +1,145 @@
+"""What the model expects of every group of modes at any nacelle angle, and how that changes with every effect."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from probupdate.diagnosis.blocks import Blocks
+from probupdate.diagnosis.catalogue import Effect
+from probupdate.diagnosis.departures import Reference, fingerprint
+from probupdate.diagnosis.small_model import SmallModel, SmallModes
+from probupdate.errors import InputError
+from probupdate.matching import assign
+from probupdate.modes import frozen_array
+
+# a computed mode's frequency this far off (in ln f) counts little less for a pairing than a shape without likeness
+CLOSENESS = 0.2
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Field:
+    """rows of the model's channels that were measured; groups with their measured planes (n_channel, k) and ln f;
+    axes (n_channel, k) of each group, which all references share."""
+
+    small: SmallModel
+    rows: np.ndarray
+    planes: tuple[np.ndarray, ...]
+    log_frequency: tuple[np.ndarray, ...]
+    axes: tuple[np.ndarray, ...]
+
+    @property
+    def parameters(self):
+        return self.small.parameters
+
+    def _members(self, modes: SmallModes) -> tuple[np.ndarray, list[tuple[int, ...]]]:
+        """shapes at the measured channels (n_channel, n_search) and the computed modes of every group, ascending."""
+        count = min(self.small.n_search, modes.frequency_hz.size)
+        shape = self.small.shapes(modes, count)[self.rows]
+        log = np.log(modes.frequency_hz[:count])
+        score, sizes = [], []
+        for plane, expected in zip(self.planes, self.log_frequency, strict=True):
+            share = np.sum((plane.T @ shape) ** 2, axis=0) / np.sum(shape**2, axis=0)
+            near = np.exp(-0.5 * ((log - expected.mean()) / CLOSENESS) ** 2)
+            score += [share + near] * plane.shape[1]
+            sizes.append(plane.shape[1])
+        chosen = assign(np.array(score))
+        groups, start = [], 0
+        for k in sizes:
+            groups.append(tuple(sorted(int(i) for i in chosen[start : start + k])))
+            start += k
+        return shape, groups
+
+    def references(self, theta: np.ndarray, angle_deg: float) -> tuple[Reference, ...]:
+        """Expected modes of every group."""
+        modes = self.small.solve(theta, angle_deg)
+        shape, groups = self._members(modes)
+        return tuple(
+            self._reference(modes, shape, members, axes)[0] for members, axes in zip(groups, self.axes, strict=True)
+        )
+
+    @staticmethod
+    def _reference(modes, shape, members, axes) -> tuple[Reference, np.ndarray]:
+        own = shape[:, list(members)]
+        left, _, right = np.linalg.svd(own.T @ axes)
+        turn = left @ right
+        log = np.log(modes.frequency_hz[list(members)])
+        return Reference(tensor=turn.T @ np.diag(log) @ turn, shape=own @ turn), turn
+
+    def slopes(
+        self, theta: np.ndarray, angle_deg: float
+    ) -> tuple[tuple[Reference, ...], tuple[np.ndarray, ...], tuple[np.ndarray, ...]]:
+        """References, and for every group the change of the tensor (k, k, n_param) and of the shapes (n_channel, k,
+        n_param) with every parameter of the model, in the group's axes."""
+        modes = self.small.solve(theta, angle_deg)
+        shape, groups = self._members(modes)
+        references, tensors, shapes = [], [], []
+        for members, axes in zip(groups, self.axes, strict=True):
+            reference, turn = self._reference(modes, shape, members, axes)
+            coupling, d_shape = self.small.derivatives(theta, angle_deg, modes, members)
+            value = (2 * np.pi * modes.frequency_hz[list(members)]) ** 2
+            gap = value[:, None] - value[None, :]
+            near = np.abs(gap) < 1e-9 * value[:, None]
+            log = 0.5 * np.log(value)
+            divided = np.where(
+                near, 0.5 / value[:, None], (log[:, None] - log[None, :]) / np.where(near, 1.0, gap)
+            )
+            references.append(reference)
+            tensors.append(np.einsum("ia,ijp,jb->abp", turn, coupling * divided[:, :, None], turn))
+            shapes.append(np.einsum("cjp,jk->ckp", d_shape[self.rows], turn))
+        return tuple(references), tuple(tensors), tuple(shapes)
+
+
+def observed(reference: Reference, effects: Sequence[tuple[Effect, float]]) -> Reference:
+    """The reference as sensors with these effects and sizes see it."""
+    shape, shift = np.array(reference.shape, complex), 0.0
+    frequency = float(np.exp(np.trace(reference.tensor) / reference.tensor.shape[0]))
+    for effect, size in effects:
+        shape, more = effect.observe(shape, frequency, size)
+        shift += more
+    return Reference(tensor=reference.tensor + shift * np.eye(len(reference.tensor)), shape=shape)
+
+
+def effect_fingerprints(
+    effects: Sequence[Effect], names: tuple[str, ...], reference: Reference, tensor: np.ndarray, shape: np.ndarray
+) -> np.ndarray:
+    """Departure per unit size of every effect (n_response, n_effect) for one group at one angle."""
+    k = len(reference.tensor)
+    d_tensor = np.zeros((k, k, len(effects)))
+    d_shape = np.zeros((*reference.shape.shape, len(effects)), complex)
+    column = {name: j for j, name in enumerate(names)}
+    for j, effect in enumerate(effects):
+        if effect.observe is None:
+            for name, amount in effect.increments:
+                d_tensor[:, :, j] += amount * tensor[:, :, column[name]]
+                d_shape[:, :, j] += amount * shape[:, :, column[name]]
+            continue
+        h = effect.step_of_size
+        up, down = (observed(reference, [(effect, sign * h)]) for sign in (1, -1))
+        d_tensor[:, :, j] = (up.tensor - down.tensor) / (2 * h)
+        d_shape[:, :, j] = (up.shape - down.shape) / (2 * h)
+    return fingerprint(reference, d_tensor, d_shape)
+
+
+def build_field(small: SmallModel, blocks: Blocks, theta: np.ndarray) -> Field:
+    """Pair the measured groups with the model's modes at theta; raises InputError for channels it does not have."""
+    missing = [c for c in blocks.channels if c not in small.channels]
+    if missing:
+        raise InputError(f"channel {missing[0]}", f"is in the measured modes but not in the model {small.name}",
+                         "name the model's channels as the data's")  # fmt: skip
+    rows = np.array([small.channels.index(c) for c in blocks.channels])
+    planes, logs = [], []
+    for q, group in enumerate(blocks.groups):
+        there = np.flatnonzero(blocks.present[:, q])
+        members = list(group)
+        basis = np.linalg.qr(blocks.shape[there][:, :, members])[0]
+        projector = np.einsum("nck,ndk->cd", basis, basis.conj()).real
+        planes.append(np.linalg.eigh(projector)[1][:, -len(members):])
+        logs.append(np.median(np.log(blocks.frequency_hz[there][:, members]), axis=0))
+    start = Field(small=small, rows=rows, planes=tuple(planes), log_frequency=tuple(logs), axes=())
+    modes = small.solve(theta, 0.0)
+    shape, groups = start._members(modes)
+    axes = tuple(frozen_array(shape[:, list(members)]) for members in groups)
+    return Field(small=small, rows=rows, planes=tuple(planes), log_frequency=tuple(logs), axes=axes)
