@@ -87,7 +87,7 @@ def run_identify(a: argparse.Namespace, progress: Progress) -> None:
 
     result = probupdate.identify(
         a.campaign, a.model, parameters=a.parameters, order=a.order, block_rows=a.block_rows, rate_hz=a.rate,
-        progress=progress)
+        store=f"{a.out}.blocks", jobs=a.jobs or os.cpu_count() or 1, progress=progress)
     for path in result.write(a.out):
         say(f"wrote {path}")
     say(result.summary)
@@ -215,7 +215,9 @@ def build_parser() -> argparse.ArgumentParser:
     p = verb("identify", run_identify, "modes of every block by SSI-cov, and every pole with what became of it")
     p.add_argument("campaign", metavar="CAMPAIGN")
     on_model(p)
-    p.add_argument("--out", required=True, help="modes.json; the poles go beside it")
+    p.add_argument("--out", required=True, help="modes.json; the poles go beside it, and each block's as it is found "
+                   "(OUT.blocks): a run that was stopped goes on there")
+    p.add_argument("--jobs", type=positive(int), help="processes (default: one a core); the modes do not depend on it")
     p.add_argument("--order", type=positive(int), default=20, help="model order (default 20, as the paper)")
     p.add_argument("--block-rows", type=positive(int), default=30, help="block rows of the Toeplitz matrix (30)")
     p.add_argument("--rate", type=positive(float), default=5.0, help="sampling rate after decimation in Hz (5)")

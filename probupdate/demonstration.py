@@ -60,7 +60,7 @@ def demo(
         say(verbs.simulate(campaign, model=TRUTH_STATE, days=days, seed=seed, progress=progress).summary)
         state.finish("simulate")
     if not state.done("identify"):
-        found = verbs.identify(campaign, model, progress=progress)
+        found = verbs.identify(campaign, model, store=out / "modes.json.blocks", progress=progress)
         found.write(modes)
         say(found.summary)
         state.finish("identify")

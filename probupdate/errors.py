@@ -19,6 +19,10 @@ class InputError(ProbupdateError):
         # what other packages say of a file may run over several lines
         super().__init__(" ".join(f"{where}: {problem}; {remedy}".split()))
 
+    def __reduce__(self):
+        # so that it comes whole out of another process
+        return type(self), (self.where, self.problem, self.remedy)
+
 
 class ConvergenceError(ProbupdateError):
     """An iteration ended before it converged; `estimate` carries what it had reached."""

@@ -126,9 +126,15 @@ def identify(
     order: int = 20,
     block_rows: int = 30,
     rate_hz: float = 5.0,
+    store: str | Path | None = None,
+    jobs: int = 1,
     progress: Progress = silent,
 ) -> Identification:
-    """Modes of every block by SSI-cov; poles are told apart by the model's modes at the campaign's sensors."""
+    """Modes of every block by SSI-cov; poles are told apart by the model's modes at the campaign's sensors.
+
+    store: folder in which the blocks' poles are kept, so that a killed run goes on (the command line keeps them beside
+    its --out); jobs: processes. A script that asks for several needs `if __name__ == "__main__"`.
+    """
     opened = read_campaign(campaign)
     turbine = open_model(model, parameters, opened.sensors if _has_geometry(model) else None)
     missing = [s.channel for s in opened.sensors if s.channel not in turbine.channels]
@@ -147,7 +153,7 @@ def identify(
             f"{highest:.3g} Hz",
             f"give more than {2.5 * highest:.2g} Hz",
         )
-    return identify_campaign(opened, reference, settings=settings, progress=progress)
+    return identify_campaign(opened, reference, settings=settings, store=store, jobs=jobs, progress=progress)
 
 
 def _has_geometry(model) -> bool:

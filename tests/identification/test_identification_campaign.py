@@ -113,10 +113,23 @@ def test_modes_keep_their_names_as_the_nacelle_turns(jacket, reference, write_ca
         assert np.all(np.abs(s.frequency_hz / jacket.frequency_hz - 1)[2:] < scatter(jacket, 6)[2:])
 
 
-def test_channels_of_different_quantities_are_refused(jacket, reference, write_campaign):
-    campaign = read_campaign(write_campaign([jacket.record(9000, seed=0)], quantity="velocity"))
-    with pytest.raises(InputError, match="TP-B-x measure other than acceleration"):
-        identify(campaign, reference)
+def test_a_velocity_among_accelerations_is_converted(jacket, reference, write_campaign):
+    """One channel integrated by hand: the modes are those of the campaign of accelerations, within the flanks of the
+    conversion's band (2 Hz at 5 Hz: the second pair lies in them)."""
+    record = jacket.record(9000, seed=0)
+    plain = identify(read_campaign(write_campaign([record])), reference).data.sets[0]
+    line = np.fft.rfftfreq(9000, 1 / 5)
+    spectrum = np.fft.rfft(record[:, 3])
+    spectrum[1:] /= 2j * np.pi * line[1:]
+    mixed = record.copy()
+    mixed[:, 3] = np.fft.irfft(np.where(line > 0.04, spectrum, 0), 9000)
+    campaign = read_campaign(write_campaign([mixed], quantity="velocity"))
+    result = identify(campaign, reference)
+    assert "1 channels of velocity were converted to acceleration" in result.summary
+    assert any("TP-B-x converted to acceleration" in note for note in result.notes)
+    converted = result.data.sets[0]
+    assert converted.frequency_hz[:3] == pytest.approx(plain.frequency_hz[:3], rel=2e-3)
+    assert np.abs(converted.shape[3, :3] - plain.shape[3, :3]).max() < 0.02
 
 
 def test_a_reference_at_other_channels_is_refused(jacket, reference, write_campaign):
@@ -145,4 +158,5 @@ def test_progress_is_told(jacket, reference, write_campaign):
     told = []
     campaign = read_campaign(write_campaign([jacket.record(9000, seed=0)]))
     identify(campaign, reference, progress=lambda *a: told.append(a))
-    assert told[0] == ("identifying blocks", 0, 1) and told[-1] == ("identifying blocks", 1, 1)
+    assert told[:2] == [("identifying blocks", 0, 1), ("identifying blocks", 1, 1)]
+    assert told[-1] == ("telling modes", 1, 1)

@@ -1,0 +1,303 @@
+"""Poles of a campaign's blocks on disk, a file a block, so that a killed run goes on where it stopped.
+
+Every file is written under another name and then renamed: it is there whole or not at all. A head says what campaign
+and what settings the blocks belong to; each block names the records it was made of.
+"""
+
+from __future__ import annotations
+
+import json
+import multiprocessing
+import os
+import threading
+import zipfile
+from collections.abc import Iterator, Mapping
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
+from dataclasses import asdict, replace
+from multiprocessing.connection import wait as wait_for_any
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from probupdate.campaign.blocks import block_files
+from probupdate.campaign.reading import Campaign, RecordFile
+from probupdate.errors import InputError, ProbupdateError
+from probupdate.identification.block_poles import BlockPoles, BlockSettings, common_quantity, identify_block
+from probupdate.identification.ssi import Poles
+from probupdate.modes import frozen_array
+from probupdate.progress import Progress, silent
+
+FORMAT = 1
+HEAD = "store.json"
+# what a worker must not start: several threads of linear algebra for each of several processes
+ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+ANEW = "give another --out, or delete that folder to start anew"
+
+
+def store_head(campaign: Campaign, settings: BlockSettings) -> dict:
+    """What must be equal for stored blocks to be taken: the channels, the clock and the settings of identification."""
+    return {
+        "format": FORMAT,
+        "channels": [f"{s.channel} [{s.quantity}, {s.unit}]" for s in campaign.sensors],
+        "quantity": common_quantity(campaign.sensors),
+        "sampling_rate_hz": campaign.sampling_rate_hz,
+        "block_minutes": campaign.block_minutes,
+        "settings": asdict(settings),
+    }
+
+
+def sources(files: tuple[RecordFile, ...]) -> list[str]:
+    """The records behind a block: name, start, length, size and time of the last change of each file."""
+    found = []
+    for file in files:
+        stat = file.path.stat()
+        found.append(f"{file.path.name}, {file.start.isoformat()}, {file.n_sample} samples, {stat.st_size} bytes, "
+                     f"changed {pd.Timestamp(stat.st_mtime_ns, tz='UTC').isoformat()}")
+    return found
+
+
+class BlockStore:
+    """A folder of blocks of one campaign under one set of settings; opening another's is refused, saying what differs.
+    """
+
+    def __init__(self, folder: str | Path, campaign: Campaign, settings: BlockSettings):
+        self.folder, self._campaign, self._settings = Path(folder), campaign, settings
+        self._files = block_files(campaign)
+        head = store_head(campaign, settings)
+        path = self.folder / HEAD
+        if path.exists():
+            _refuse_other(self.folder, _read_head(path), head)
+            for part in self.folder.glob("*.part"):
+                part.unlink(missing_ok=True)
+        elif self.folder.exists() and (not self.folder.is_dir() or any(self.folder.iterdir())):
+            raise InputError(str(self.folder), "holds something else than identified blocks", ANEW)
+        else:
+            self.folder.mkdir(parents=True, exist_ok=True)
+            write_whole(path, lambda file: file.write(json.dumps(head, indent=1).encode()))
+
+    @property
+    def starts(self) -> tuple[pd.Timestamp, ...]:
+        """Every block of the campaign, in order."""
+        return tuple(self._files)
+
+    def pending(self) -> list[pd.Timestamp]:
+        """Blocks still to be identified: those without a file, and those for which a record came since.
+
+        Raises InputError where a stored block was made of records that have changed or gone.
+        """
+        names = {_name(start): start for start in self._files}
+        found = {path.name for path in self.folder.glob("*.npz")}
+        stray = sorted(found - set(names))
+        if stray:
+            raise InputError(f"{self.folder}, {stray[0]}", "is a block of which the campaign has no record", ANEW)
+        todo = []
+        for name, start in names.items():
+            if name not in found:
+                todo.append(start)
+                continue
+            before, now = _read_sources(self.folder / name), sources(self._files[start])
+            if before == now:
+                continue
+            gone = [text for text in before if text not in now]
+            if gone:
+                raise InputError(f"{self.folder}, {name}", f"was made of other records: then {gone[0]}; now "
+                                 f"{'; '.join(now) or 'none'}", ANEW)
+            todo.append(start)
+        return todo
+
+    def fill(self, *, jobs: int = 1, progress: Progress = silent) -> int:
+        """Identify what is pending, in `jobs` processes (1: in this one); returns how many blocks were identified.
+
+        Blocks know nothing of one another: the files are the same for any number of processes that run linear
+        algebra in one thread each.
+        """
+        if isinstance(jobs, bool) or not isinstance(jobs, int | np.integer) or jobs < 1:
+            raise InputError("jobs", f"{jobs!r} is no number of processes", "give 1 or more")
+        todo = self.pending()
+        done, total = len(self._files) - len(todo), len(self._files)
+        progress("identifying blocks", done, total)
+        slim = replace(self._campaign, files=(), scada=None)
+        tasks = ((self.folder / _name(start), slim, start, self._files[start], self._settings) for start in todo)
+        finished = map(_make, *zip(*tasks, strict=True)) if jobs == 1 and todo else _in_processes(tasks, jobs, todo)
+        for count, _ in enumerate(finished, 1):
+            progress("identifying blocks", done + count, total)
+        return len(todo)
+
+    def read(self, start: pd.Timestamp) -> BlockPoles:
+        return read_block_poles(self.folder / _name(start))
+
+
+def _in_processes(tasks, jobs: int, todo) -> Iterator[None]:
+    """Run the tasks with few of them waiting, yielding as each ends."""
+    if not todo:
+        return
+    context = multiprocessing.get_context("spawn")
+    running: set[Future] = set()
+    with one_thread_each(), ProcessPoolExecutor(min(jobs, len(todo)), context, initializer=_end_with_parent) as pool:
+        try:
+            for task in tasks:
+                if len(running) >= 3 * jobs:
+                    ended, running = wait(running, return_when=FIRST_COMPLETED)
+                    yield from (future.result() for future in ended)
+                running.add(pool.submit(_make, *task))
+            while running:
+                ended, running = wait(running, return_when=FIRST_COMPLETED)
+                yield from (future.result() for future in ended)
+        except BrokenProcessPool:
+            raise ProbupdateError(
+                "a process that identified blocks ended by itself (out of memory, killed, or a script without "
+                "`if __name__ == '__main__'`); what was finished is kept: run again, or with one job"
+            ) from None
+        finally:
+            for future in running:
+                future.cancel()
+
+
+@contextmanager
+def one_thread_each() -> Iterator[None]:
+    """Processes started within run linear algebra in one thread; this process's environment is put back after."""
+    before = {name: os.environ.get(name) for name in ONE_THREAD}
+    os.environ.update(dict.fromkeys(ONE_THREAD, "1"))
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            if value is None:
+                os.environ.pop(name, None)
+            else:
+                os.environ[name] = value
+
+
+def _end_with_parent() -> None:
+    """A worker whose parent was killed would wait for work for ever: nothing else tells it."""
+    parent = multiprocessing.parent_process()
+    if parent is None:
+        return
+
+    def watch() -> None:
+        wait_for_any([parent.sentinel])
+        os._exit(1)
+
+    threading.Thread(target=watch, daemon=True).start()
+
+
+def _make(path: Path, campaign: Campaign, start: pd.Timestamp, files, settings: BlockSettings) -> None:
+    # before the records are read: a file that changes meanwhile is found out by the next run
+    origin = sources(files)
+    write_block_poles(path, identify_block(campaign, start, files, settings), origin)
+
+
+def _name(start: pd.Timestamp) -> str:
+    return f"{start:%Y%m%dT%H%M%SZ}.npz"
+
+
+def write_block_poles(path: Path, block: BlockPoles, origin: list[str]) -> None:
+    """One npz file; shapes in single precision, far below their scatter, as most of a month's bytes are theirs."""
+    every = () if block.poles is None else (block.poles, *block.others)
+    head = {
+        "id": block.id, "start": block.start.isoformat(), "minutes": block.minutes, "quantity": block.quantity,
+        "excluded": block.excluded, "notes": list(block.notes), "rms": None if np.isnan(block.rms) else block.rms,
+        "sources": origin,
+    }
+    content = {
+        "head": np.frombuffer(json.dumps(head).encode(), np.uint8),
+        "order": np.array([p.order for p in every], np.int32),
+        "count": np.array([len(p.frequency_hz) for p in every], np.int32),
+        "frequency_hz": _joined([p.frequency_hz for p in every]),
+        "damping_ratio": _joined([p.damping_ratio for p in every]),
+        "shape": np.concatenate([p.shape.T for p in every]).astype(np.complex64) if every else np.zeros((0, 0)),
+        "line_hz": block.line_hz, "spectrum": block.spectrum.astype(np.float32),
+    }
+    write_whole(path, lambda file: np.savez(file, **content))
+
+
+def read_block_poles(path: Path) -> BlockPoles:
+    try:
+        with np.load(path, allow_pickle=False) as content:
+            head = _head_of(content)
+            every = _split(content)
+            return BlockPoles(
+                id=head["id"], start=pd.Timestamp(head["start"]), minutes=head["minutes"], quantity=head["quantity"],
+                excluded=head["excluded"], notes=tuple(head["notes"]),
+                rms=np.nan if head["rms"] is None else head["rms"],
+                poles=every[0] if every else None, others=tuple(every[1:]),
+                line_hz=frozen_array(content["line_hz"]), spectrum=frozen_array(content["spectrum"]),
+            )
+    except (OSError, ValueError, KeyError, TypeError, zipfile.BadZipFile) as error:
+        raise _damaged(path, error) from None
+
+
+def _split(content: Mapping) -> list[Poles]:
+    ends = np.cumsum(content["count"])
+    frequency, damping, shape = content["frequency_hz"], content["damping_ratio"], content["shape"]
+    return [
+        Poles(order=int(order), frequency_hz=frozen_array(frequency[a:b]), damping_ratio=frozen_array(damping[a:b]),
+              shape=frozen_array(shape[a:b].T, complex))
+        for order, a, b in zip(content["order"], ends - content["count"], ends, strict=True)
+    ]
+
+
+def _joined(arrays: list[np.ndarray]) -> np.ndarray:
+    return np.concatenate(arrays) if arrays else np.zeros(0)
+
+
+def _head_of(content: Mapping) -> dict:
+    return json.loads(content["head"].tobytes().decode())
+
+
+def _read_sources(path: Path) -> list[str]:
+    try:
+        with np.load(path, allow_pickle=False) as content:
+            return list(_head_of(content)["sources"])
+    except (OSError, ValueError, KeyError, TypeError, zipfile.BadZipFile) as error:
+        raise _damaged(path, error) from None
+
+
+def _damaged(path: Path, error: Exception) -> InputError:
+    return InputError(str(path), f"is no identified block ({error})", "delete it: it is identified again")
+
+
+def _read_head(path: Path) -> dict:
+    try:
+        found = json.loads(path.read_text(encoding="utf-8"))
+    except (json.JSONDecodeError, UnicodeDecodeError) as error:
+        raise InputError(str(path), f"is not JSON ({error})", ANEW) from None
+    if not isinstance(found, dict):
+        raise InputError(str(path), "is no head of identified blocks", ANEW)
+    return found
+
+
+def _refuse_other(folder: Path, found: dict, head: dict) -> None:
+    differ = [f"{key} {_short(found.get(key))} there, {_short(head[key])} here"
+              for key in head if key not in ("settings", "channels") and found.get(key) != head[key]]
+    there, here = found.get("settings") or {}, head["settings"]
+    differ += [f"{key} {there.get(key)} there, {here[key]} here" for key in here if there.get(key) != here[key]]
+    differ += _other_channels(found.get("channels") or [], head["channels"])
+    if differ:
+        raise InputError(str(folder), f"holds blocks of another identification: {'; '.join(differ)}", ANEW)
+
+
+def _other_channels(there: list, here: list) -> list[str]:
+    if there == here:
+        return []
+    if len(there) != len(here):
+        return [f"{len(there)} channels there, {len(here)} here"]
+    a, b = next((a, b) for a, b in zip(there, here, strict=True) if a != b)
+    return [f"channel {a} there, {b} here"]
+
+
+def _short(value) -> str:
+    return f"{value:g}" if isinstance(value, float) else str(value)
+
+
+def write_whole(path: Path, write) -> None:
+    """All of the file or none of it, whenever the process is killed."""
+    part = path.with_name(f"{path.name}.{os.getpid()}.part")
+    with part.open("wb") as file:
+        write(file)
+        file.flush()
+        os.fsync(file.fileno())
+    os.replace(part, path)
