@@ -28,7 +28,8 @@ _ROTATION_SHEAR = np.array([[0, 0, 0], [1, -1, 0], [0, 0, 0], [0, 1, 0]], float)
 
 @dataclass(frozen=True, kw_only=True)
 class Tube:
-    """A circular tube; the names of the parameters that scale its diameter and wall, and of the external wall loss.
+    """A circular tube; the names of the parameters that scale its diameter and wall, and of those whose sum is its
+    external wall loss.
 
     Geometry in m at given parameter values; an absent name acts neutrally.
     """
@@ -37,21 +38,22 @@ class Tube:
     thickness_m: float
     diameter_factor: str | None = None
     thickness_factor: str | None = None
-    wall_loss: str | None = None
+    wall_loss: tuple[str, ...] = ()
 
     @property
     def names(self) -> tuple[str, ...]:
-        return tuple(n for n in (self.diameter_factor, self.thickness_factor, self.wall_loss) if n is not None)
+        return (*(n for n in (self.diameter_factor, self.thickness_factor) if n is not None), *self.wall_loss)
+
+    def loss(self, values: Values):
+        return sum((values[name] for name in self.wall_loss), 0.0)
 
     def wall(self, values: Values):
-        loss = 0.0 if self.wall_loss is None else values[self.wall_loss]
         factor = 1.0 if self.thickness_factor is None else values[self.thickness_factor]
-        return self.thickness_m * factor - loss
+        return self.thickness_m * factor - self.loss(values)
 
     def outer(self, values: Values):
-        loss = 0.0 if self.wall_loss is None else values[self.wall_loss]
         factor = 1.0 if self.diameter_factor is None else values[self.diameter_factor]
-        return self.diameter_m * factor - 2 * loss
+        return self.diameter_m * factor - 2 * self.loss(values)
 
     def inner(self, values: Values):
         return self.outer(values) - 2 * self.wall(values)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -73,6 +73,14 @@ def parameter(name: str) -> Coefficient:
 def inverse(name: str) -> Coefficient:
     """One over the parameter: a factor on the displacement axis of a curve divides its stiffness."""
     return Coefficient(1.0, (Factor(key=("inverse", name), names=(name,), function=_Named(_invert, name)),))
+
+
+def product(names: Iterable[str]) -> Coefficient:
+    """The parameters multiplied."""
+    result = Coefficient()
+    for name in names:
+        result = result * parameter(name)
+    return result
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

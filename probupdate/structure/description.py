@@ -2,23 +2,18 @@
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Annotated, Literal, get_args
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, Strict, ValidationError
+from pydantic import Field, Strict, ValidationError
 
 from probupdate.errors import InputError
 from probupdate.parameters import Parameters
-from probupdate.structure.parameter_table import read_toml, updated_parameters
-
-Number = Annotated[float, Strict()]
-Positive = Annotated[float, Strict(), Field(gt=0)]
-NotNegative = Annotated[float, Strict(), Field(ge=0)]
-Vector = tuple[Number, Number, Number]
-GROUPS = ("leg", "brace", "pile", "column", "strut", "tie", "tower")
+from probupdate.structure.effects import GROUPS, KINDS, SETTINGS, EffectKeys, check_effect, check_sums
+from probupdate.structure.parameter_table import KEYS, read_toml, updated_parameters
+from probupdate.structure.schema import Mistake, NotNegative, Number, Positive, Table, Vector, nearest
 
 # Table 2 of the paper: name -> the value at which it leaves the described structure as it is; m_h stands for the
 # mass of the body named "hub" and so has no such value
@@ -30,51 +25,47 @@ NEUTRAL = {
 POSITIVE = ("k_j", "k_t", "k_TP", "k_p", "LJF", "D_l", "t_l", "D_b", "t_b", "m_h", "py", "tz", "qw")
 
 
-class _Table(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
-
-
-class TubeEntry(_Table):
+class TubeEntry(Table):
     diameter_m: Positive
     thickness_m: Positive
 
 
-class Site(_Table):
+class Site(Table):
     mudline_m: Number
     water_level_m: Number
     water_density_kgpm3: Positive
     gravity_mps2: Positive
 
 
-class Steel(_Table):
+class Steel(Table):
     youngs_modulus_pa: Positive
     poisson_ratio: Annotated[float, Strict(), Field(gt=-1, lt=0.5)]
     density_kgpm3: Positive
 
 
-class Mesh(_Table):
+class Mesh(Table):
     theory: Literal["bernoulli-euler", "timoshenko"]
     geometric_stiffness: Annotated[bool, Strict()]
     elements_per_member: dict[Literal["leg", "brace", "pile", "column", "strut", "tie", "tower"],
                               Annotated[int, Strict(), Field(ge=1, le=200)]]  # fmt: skip
 
 
-class Level(_Table):
+class Level(Table):
     z_m: Number
     leg_spacing_m: Positive
 
 
-class Bay(_Table):
+class Bay(Table):
     bottom_m: Number
     top_m: Number
     brace: TubeEntry
 
 
-class Joints(_Table):
+class Joints(Table):
     law: str
 
 
-class Jacket(_Table):
+class Jacket(Table):
     leg_names: Annotated[tuple[str, ...], Field(min_length=3)]
     first_leg_angle_deg: Number
     bottom: Level
@@ -85,37 +76,37 @@ class Jacket(_Table):
     joints: Joints
 
 
-class Hydrodynamics(_Table):
+class Hydrodynamics(Table):
     added_mass_coefficient: NotNegative
     growth_density_kgpm3: NotNegative
     growth_top_m: Number
 
 
-class Corrosion(_Table):
+class Corrosion(Table):
     bottom_m: Number
     top_m: Number
 
 
-class Pile(_Table):
+class Pile(Table):
     tip_m: Number
     diameter_m: Positive
     thickness_m: Positive
     flooded: Annotated[bool, Strict()]
 
 
-class Strength(_Table):
+class Strength(Table):
     at_mudline: Positive
     gradient_per_m: NotNegative
 
 
-class Soil(_Table):
+class Soil(Table):
     submerged_unit_weight_npm3: Positive
     undrained_shear_strength_pa: Strength
     strain_50: Positive
     matlock_j: NotNegative
 
 
-class TransitionPiece(_Table):
+class TransitionPiece(Table):
     column_bottom_m: Number
     column: TubeEntry
     strut_top_m: Number
@@ -124,26 +115,26 @@ class TransitionPiece(_Table):
     lumped_mass_kg: NotNegative
 
 
-class Station(_Table):
+class Station(Table):
     z_m: Number
     diameter_m: Positive
     thickness_m: Positive
     flange_kg: NotNegative
 
 
-class Tower(_Table):
+class Tower(Table):
     secondary_steel_kgpm: NotNegative
     station: Annotated[tuple[Station, ...], Field(min_length=2)]
 
 
-class Body(_Table):
+class Body(Table):
     name: str
     mass_kg: NotNegative
     offset_m: Vector
     inertia_kgm2: tuple[NotNegative, NotNegative, NotNegative]
 
 
-class SensorEntry(_Table):
+class SensorEntry(Table):
     channel: str
     level: str
     part: str
@@ -153,7 +144,7 @@ class SensorEntry(_Table):
     unit: str = "m/s2"
 
 
-class ParameterEntry(_Table):
+class ParameterEntry(EffectKeys):
     name: str
     unit: str
     initial: Number
@@ -167,7 +158,7 @@ class ParameterEntry(_Table):
     description: str = ""
 
 
-class Description(_Table):
+class Description(Table):
     """model.toml of a turbine, checked. Lengths in m, z = 0 at mean sea level, masses in kg, stresses in Pa."""
 
     format: Literal[1]
@@ -188,8 +179,13 @@ class Description(_Table):
     correlation: dict[str, dict[str, Annotated[float, Strict(), Field(ge=-1, le=1)]]] | None = None
 
     @property
+    def effects(self) -> tuple[ParameterEntry, ...]:
+        """The parameters that act at a place of their own."""
+        return tuple(p for p in self.parameter if p.kind is not None)
+
+    @property
     def values(self) -> dict[str, float]:
-        """All 17 parameters at the file's initial values; those it does not list act neutrally."""
+        """All 17 parameters and the effects at the file's initial values; rows not listed act neutrally."""
         # a file without a hub is refused by a check, which comes after others that ask for values
         hub = next((body.mass_kg for body in self.rna if body.name == "hub"), 0.0)
         neutral = {name: hub if value is None else value for name, value in NEUTRAL.items()}
@@ -198,12 +194,8 @@ class Description(_Table):
 
 def updated(description: Description, where: str) -> Parameters:
     """The parameters with update = true and their prior, in the file's order."""
-    tables = [p.model_dump(exclude_none=True) for p in description.parameter]
+    tables = [p.model_dump(exclude_none=True, include=set(KEYS)) for p in description.parameter]
     return updated_parameters(tables, where, description.correlation)
-
-
-# one mistake: key path, what is wrong, what to do
-Mistake = tuple[str, str, str]
 
 
 def read_description(path: str | Path) -> Description:
@@ -230,12 +222,6 @@ def _first(mistakes: list[Mistake], where: str) -> InputError:
     return InputError(f"{where}: {key}" if key else where, problem, remedy + more)
 
 
-def nearest(name: str, known) -> str:
-    """The remedy for an unknown name."""
-    close = difflib.get_close_matches(name, list(known), n=1, cutoff=0.5)
-    return f"did you mean '{close[0]}'?" if close else f"choose from {', '.join(sorted(known))}"
-
-
 def _known_keys(location: tuple) -> set[str]:
     """The keys the schema allows in the table that `location` lies in."""
     model = Description
@@ -250,9 +236,9 @@ def _known_keys(location: tuple) -> set[str]:
     return set(model.model_fields)
 
 
-def _tables(annotation) -> list[type[_Table]]:
+def _tables(annotation) -> list[type[Table]]:
     if isinstance(annotation, type):
-        return [annotation] if issubclass(annotation, _Table) else []
+        return [annotation] if issubclass(annotation, Table) else []
     return [table for argument in get_args(annotation) for table in _tables(argument)]
 
 
@@ -359,19 +345,21 @@ def _check_sensors(d: Description) -> Iterator[Mistake]:
 def _check_parameters(d: Description) -> Iterator[Mistake]:
     for k, p in enumerate(d.parameter):
         key = f"parameter[{k + 1}] {p.name}"
-        if p.name not in NEUTRAL:
-            yield key, f"'{p.name}' is not a parameter of this model", nearest(p.name, NEUTRAL)
+        if p.kind is None and p.name not in NEUTRAL:
+            yield (key, f"'{p.name}' is not a parameter of this model",
+                   nearest(p.name, NEUTRAL) + " (an effect at a place needs a kind)")  # fmt: skip
             continue
+        if p.kind is not None and p.name in NEUTRAL:
+            yield f"{key}.kind", f"'{p.name}' is a parameter of the whole structure", "give the effect another name"
+            continue
+        if p.kind is None and (p.on.given or any(getattr(p, name) is not None for name in SETTINGS)):
+            yield key, "says where or how it acts, but not of which kind it is", f"add kind: {', '.join(KINDS)}"
         if (p.cov is None) == (p.std is None):
             both = "neither cov nor std" if p.cov is None else "both cov and std"
             yield key, f"{both} given", "give one of them"
         elif p.cov is not None and p.initial == 0:
             yield f"{key}.cov", "is relative to an initial value of 0", "give std in the parameter's unit"
-        lowest = "above" if p.name in POSITIVE else "not below"
-        for name in ("lower", "initial") if p.update else ("initial",):
-            value = getattr(p, name)
-            if value < 0 or (value == 0 and p.name in POSITIVE):
-                yield f"{key}.{name}", f"{value} makes no structure: it must be {lowest} 0", "raise it"
+        yield from check_effect(p, key, d) if p.kind is not None else _check_lowest(p, key)
         if not p.lower <= p.initial <= p.upper:
             yield f"{key}.initial", f"{p.initial} is outside [{p.lower}, {p.upper}]", "widen the bounds"
     updated = [p.name for p in d.parameter if p.update]
@@ -381,6 +369,14 @@ def _check_parameters(d: Description) -> Iterator[Mistake]:
         for other in (name, *row):
             if other not in updated:
                 yield f"correlation.{name}", f"'{other}' is not an updated parameter", nearest(other, updated)
+
+
+def _check_lowest(p: ParameterEntry, key: str) -> Iterator[Mistake]:
+    lowest = "above" if p.name in POSITIVE else "not below"
+    for name in ("lower", "initial") if p.update else ("initial",):
+        value = getattr(p, name)
+        if value < 0 or (value == 0 and p.name in POSITIVE):
+            yield f"{key}.{name}", f"{value} makes no structure: it must be {lowest} 0", "raise it"
 
 
 def _check_section_range(d: Description) -> Iterator[Mistake]:
@@ -406,4 +402,5 @@ def _check_section_range(d: Description) -> Iterator[Mistake]:
 
 CHECKS: tuple[Callable[[Description], Iterator[Mistake]], ...] = (
     _check_walls, _check_levels, _check_bays, _check_names, _check_sensors, _check_parameters, _check_section_range,
+    check_sums,
 )  # fmt: skip

@@ -38,6 +38,7 @@ class LineMass:
     per_metre: Coefficient
     transverse_only: bool = False
     dry: bool = False
+    grown: bool = False
     moments: tuple[Coefficient, ...] | None = None
 
 
@@ -50,8 +51,19 @@ class LineSpring:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
+class Hinge:
+    """A connection at one end of a beam (0 its start, 1 its end) that bends: the sum of the parameters `flexibility`,
+    each times `scale` in rad/(N m), about both transverse axes alike."""
+
+    end: int
+    flexibility: tuple[str, ...]
+    scale: float = 1e-9
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Beam:
-    """A straight uniform tube between two nodes. `stiffness` multiplies E and G; `part` is the member's name."""
+    """A straight uniform tube between two nodes. `stiffness` multiplies E and G, `axial` and `bending` (with torsion)
+    one of both stiffnesses more; `part` is the member's name."""
 
     start: int
     end: int
@@ -62,6 +74,9 @@ class Beam:
     poisson_ratio: float
     density_kgpm3: float
     stiffness: Coefficient = field(default_factory=Coefficient)
+    axial: Coefficient = field(default_factory=Coefficient)
+    bending: Coefficient = field(default_factory=Coefficient)
+    hinge: Hinge | None = None
     carried: tuple[LineMass, ...] = ()
     springs: LineSpring | None = None
 
@@ -79,11 +94,26 @@ class Tie:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Body:
-    """A point mass with the inertia tensor (3, 3) about its own centre, in global axes."""
+    """A point mass with an inertia tensor (3, 3) about its own centre, in global axes: the constant inertia_kgm2 and
+    tensors times coefficients, `spin`. `shift`: parameters (names) that move it from its node along unit vectors (3,).
+    """
 
     node: int
     mass: Coefficient
     inertia_kgm2: np.ndarray = field(default_factory=lambda: np.zeros((3, 3)))
+    spin: tuple[tuple[Coefficient, np.ndarray], ...] = ()
+    shift: tuple[tuple[str, np.ndarray], ...] = ()
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Prestress:
+    """Geometric stiffness of the member forces under a load times a coefficient: the dry weight under gravity_mps2,
+    or with a node the force (3,) there."""
+
+    coefficient: Coefficient
+    gravity_mps2: float = 0.0
+    node: int | None = None
+    force_n: np.ndarray = field(default_factory=lambda: np.zeros(3))
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -113,6 +143,7 @@ class Frame:
     bodies: tuple[Body, ...] = ()
     springs: tuple[NodeSpring, ...] = ()
     supports: tuple[Support, ...] = ()
+    prestress: tuple[Prestress, ...] = ()
     pile_head: int | None = None
     pile_part: str | None = None
 

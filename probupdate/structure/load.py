@@ -19,6 +19,7 @@ from probupdate.structure.assembly import assemble
 from probupdate.structure.channels import channel_rows
 from probupdate.structure.description import NEUTRAL, Description, nearest, parse_description, read_toml
 from probupdate.structure.description import updated as updated_of
+from probupdate.structure.effects import EffectKeys
 from probupdate.structure.frame import Frame
 from probupdate.structure.matrices import load_matrices
 from probupdate.structure.parameter_table import read_parameters, updated_parameters
@@ -126,11 +127,16 @@ def turbine_model(
 ) -> AffineModel:
     """A turbine's frame as a model of its modes, with `derived` k_xy and k_z, a pile's head stiffness in N/m."""
     parameters = updated_of(description, where) if parameters is None else parameters
+    known = {*NEUTRAL, *(p.name for p in description.effects)}
     for name in parameters.names:
-        if name not in NEUTRAL:
-            raise InputError(f"{where}: parameter {name}", "the model has no such parameter", nearest(name, NEUTRAL))
+        if name not in known:
+            raise InputError(f"{where}: parameter {name}", "the model has no such parameter", nearest(name, known))
     values = description.values | {p.name: p.initial for p in parameters}
-    frame = build_frame(description, nacelle_angle_deg)
+    try:
+        frame = build_frame(description, nacelle_angle_deg)
+    except InputError as error:
+        # what is built knows its parameters, not the file
+        raise InputError(f"{where}: {error.where}", error.problem, error.remedy) from None
     mesh = description.mesh
     assembled = assemble(
         frame, updated=parameters.names, values=values, theory=mesh.theory,
@@ -179,5 +185,8 @@ def _hash(description: Description, values, sensors: Sequence[Sensor], nacelle_a
     places = [[s.channel, s.position_m.tolist(), s.direction.tolist()] for s in sensors]
     parts = {s.channel: s.part for s in description.sensor}
     state = [FORMULATION, content, dict(sorted(values.items())), places, parts, nacelle_angle_deg]
+    if description.effects:
+        keys = ("name", "lower", "upper", *EffectKeys.model_fields)
+        state.append([p.model_dump(mode="json", include=set(keys)) for p in description.effects])
     text = json.dumps(state, sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()

@@ -1,93 +1,66 @@
 """From the description of a jacket turbine to its frame.
 
 Members are cut where the surroundings change (water level, growth, splash zone, mudline) and then to at most their
-length over `elements_per_member`, so that every element has one section and one surrounding. Parameters act so:
+length over `elements_per_member`, so that every element has one section and one surrounding. Rows of Table 2 act so:
 k_j on E of legs, braces and their joints; k_t on E of the tower; k_TP on E of column, struts and ties; k_p on E of
 the piles; LJF multiplies joint stiffness; D_l, t_l, D_b, t_b scale diameters and walls; sc lowers the mudline; corr
 is the external wall loss of legs and braces in the splash zone; mg is the growth's thickness; a_m multiplies added
 mass; m_h is the hub's mass, its inertia kept; py, tz, qw stretch the displacement axis of the soil curves, so that
-the springs' stiffness goes with 1/factor.
+the springs' stiffness goes with 1/factor. Effects (see `effects`) act on the elements that they choose; where their
+bands end, elements are cut once more without changing what they are made of.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import replace
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from probupdate.structure import hydrodynamics, joints, soil
+from probupdate.errors import InputError
+from probupdate.structure import joints, soil
 from probupdate.structure.beam import Tube
-from probupdate.structure.coefficient import Coefficient, Factor, Values, inverse, parameter
+from probupdate.structure.coefficient import Coefficient, inverse, parameter, product
 from probupdate.structure.description import Description, TubeEntry
+from probupdate.structure.effects import LEVEL_TOLERANCE_M, Effects, Place, bay_at, ends
 from probupdate.structure.frame import (
     Beam,
     Body,
     Frame,
+    Hinge,
     LineMass,
     LineSpring,
     NodeSpring,
+    Prestress,
     Tie,
 )  # fmt: skip
+from probupdate.structure.local_functions import JointStiffness, PileMoments, Warmth, Water, Wetting
+from probupdate.structure.nacelle import nacelle_bodies
 
 STIFFNESS = {"leg": "k_j", "brace": "k_j", "pile": "k_p", "column": "k_TP", "strut": "k_TP", "tie": "k_TP",
              "tower": "k_t"}  # fmt: skip
 SAME_POINT_M = 1e-6
 
 
-@dataclass(frozen=True, kw_only=True)
-class Water:
-    """A picklable mass per metre of what surrounds or fills a tube; see hydrodynamics."""
+class Segment(NamedTuple):
+    """An element to be: its nodes, and the level at whose section and surroundings it is built."""
 
-    kind: str
-    tube: Tube
-    density_kgpm3: float
-    coefficient: float = 1.0
-    grown: bool = False
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        growth = ("mg",) if self.grown or self.kind == "growth" else ()
-        return (*self.tube.names, *growth)
-
-    def __call__(self, values: Values):
-        if self.kind == "flooding":
-            return hydrodynamics.flooding_mass(self.tube.inner(values), self.density_kgpm3)
-        outer, growth = self.tube.outer(values), values["mg"] if self.grown or self.kind == "growth" else 0.0
-        if self.kind == "growth":
-            return hydrodynamics.growth_mass(outer, growth, self.density_kgpm3)
-        return hydrodynamics.added_mass(outer, growth, self.coefficient, self.density_kgpm3)
-
-    def coefficient_of(self) -> Coefficient:
-        return Coefficient(1.0, (Factor(key=("water", self), names=self.names, function=self),))
+    start: int
+    end: int
+    z_m: float
 
 
-@dataclass(frozen=True, kw_only=True)
-class JointStiffness:
-    """(..., 3) stiffness over E of one brace end; picklable."""
+class Member(NamedTuple):
+    """What an element is part of; leg for those of one leg, face and bay (None: of the legs, by the level)."""
 
-    law: joints.JointLaw
-    chord: Tube
-    brace: Tube
-    angle_rad: float
-
-    def __call__(self, values: Values):
-        chord_diameter, chord_wall = self.chord.outer(values), self.chord.wall(values)
-        return 1.0 / self.law(chord_diameter, chord_wall, self.brace.outer(values), self.angle_rad)
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class PileMoments:
-    """Soil or exposure moments of all elements of a pile, flattened to (..., n_element * n_moment); picklable."""
-
-    springs: soil.PileSprings
-    kind: str
-
-    def __call__(self, values: Values):
-        moments = getattr(self.springs, self.kind)(np.asarray(values["sc"]))
-        return moments.reshape(*moments.shape[:-2], -1)
+    group: str
+    part: str
+    leg: str | None = None
+    face: str | None = None
+    bay: int | None = None
 
 
 class _Mesh:
@@ -95,79 +68,140 @@ class _Mesh:
 
     def __init__(self, description: Description):
         self.d = description
+        self.effects = Effects(description)
         self.nodes: list[np.ndarray] = []
         self.beams: list[Beam] = []
+        self.places: list[Place] = []
         self.ties: list[Tie] = []
         site, water, splash = description.site, description.hydrodynamics, description.corrosion
         self.cuts = (site.water_level_m, water.growth_top_m, splash.bottom_m, splash.top_m, site.mudline_m)
+        rises = self.effects.on_all("water_level")
+        self.rise = tuple(p.name for p in rises)
+        self.tide = (site.water_level_m + sum(min(ends(p)[0], 0.0) for p in rises),
+                     site.water_level_m + sum(max(ends(p)[1], 0.0) for p in rises))  # fmt: skip
 
     def node(self, position) -> int:
         self.nodes.append(np.array(position, float))
         return len(self.nodes) - 1
 
-    def chain(self, start: int, end: int, group: str, *, cut: bool = True) -> list[int]:
-        """Nodes from start to end, both included."""
+    def chain(self, start: int, end: int, group: str, *, cut: bool = True) -> list[Segment]:
+        """Elements from start to end."""
         a, b = self.nodes[start], self.nodes[end]
         stops = {0.0, 1.0}
         rise = b[2] - a[2]
         if cut and abs(rise) > SAME_POINT_M:
-            at = [(z - a[2]) / rise for z in self.cuts]
-            stops |= {t for t in at if SAME_POINT_M < t * abs(rise) < abs(rise) - SAME_POINT_M}
-        stops = sorted(stops)
+            stops |= _inside(self.cuts, a[2], rise)
         number = self.d.mesh.elements_per_member[group]
-        fractions = []
-        for low, high in pairwise(stops):
+        fractions = [0.0]
+        for low, high in pairwise(sorted(stops)):
             n = int(np.ceil((high - low) * number - 1e-9))
             fractions += [low + (high - low) * k / n for k in range(1, n + 1)]
-        inner = [self.node(a + t * (b - a)) for t in fractions[:-1]]
-        return [start, *inner, end]
+        segments, below = [], start
+        for low, high in pairwise(fractions):
+            # cuts for effects leave the element's section as it is
+            extra = sorted(t for t in _inside(self.effects.levels(group), a[2], rise) if low < t < high)
+            inner = [t for t in extra if min(t - low, high - t) * abs(rise) > SAME_POINT_M]
+            middle = a[2] + 0.5 * (low + high) * rise
+            for t in (*inner, high):
+                above = end if t == fractions[-1] else self.node(a + t * (b - a))
+                segments.append(Segment(below, above, middle))
+                below = above
+        return segments
 
-    def beam(self, start: int, end: int, group: str, part: str, tube: Tube, **kwargs) -> None:
-        steel = self.d.steel
+    def place(self, member: Member, z_m: float) -> Place:
+        bay = bay_at(self.d, z_m) if member.group == "leg" else member.bay
+        return Place(group=member.group, part=member.part, z_m=z_m, leg=member.leg, face=member.face, bay=bay)
+
+    def between(self, segment: Segment, member: Member) -> Place:
+        return self.place(member, 0.5 * (self.nodes[segment.start][2] + self.nodes[segment.end][2]))
+
+    def beam(self, segment: Segment, member: Member, tube: Tube, **kwargs) -> None:
+        steel, place = self.d.steel, self.between(segment, member)
+        named = {motion: self.effects.at("stiffness", place, motion=motion) for motion in ("axial", "bending")}
+        both = tuple(name for name in named["axial"] if name in named["bending"])
+        one = {motion: product(n for n in names if n not in both) for motion, names in named.items()}
+        self.places.append(place)
         self.beams.append(Beam(
-            start=start, end=end, group=group, part=part, tube=tube, youngs_modulus_pa=steel.youngs_modulus_pa,
-            poisson_ratio=steel.poisson_ratio, density_kgpm3=steel.density_kgpm3,
-            stiffness=parameter(STIFFNESS[group]), **kwargs,
+            start=segment.start, end=segment.end, group=member.group, part=member.part, tube=tube,
+            youngs_modulus_pa=steel.youngs_modulus_pa, poisson_ratio=steel.poisson_ratio,
+            density_kgpm3=steel.density_kgpm3,
+            stiffness=parameter(STIFFNESS[member.group]) * product(both) * self.warmth(place), **one, **kwargs,
         ))  # fmt: skip
 
-    def middle(self, start: int, end: int) -> float:
-        return 0.5 * (self.nodes[start][2] + self.nodes[end][2])
+    def warmth(self, place: Place) -> Coefficient:
+        names = self.effects.at("temperature", place)
+        entries = tuple((p.name, p.relative_per_degc) for p in self.effects.of("temperature") if p.name in names)
+        return Warmth(entries=entries).coefficient_of() if entries else Coefficient()
 
-    def wet_member(self, chain: Sequence[int], group: str, part: str, entry: TubeEntry, *, flooded: bool) -> None:
-        for start, end in pairwise(chain):
-            z = self.middle(start, end)
-            tube = self.jacket_tube(group, entry, z)
-            carried = surroundings(self.d, tube, z) if z < self.d.site.water_level_m else ()
-            if flooded and z < self.d.site.water_level_m:
-                carried = (*carried, flooding(self.d, tube))
-            self.beam(start, end, group, part, tube, carried=carried)
+    def tube(self, member: Member, entry: TubeEntry, segment: Segment) -> Tube:
+        """Of the entry's size; that of legs and braces follows Table 2."""
+        place = self.between(segment, member)
+        return self.tube_at(place, entry, segment.z_m)
 
-    def jacket_tube(self, group: str, entry: TubeEntry, z: float) -> Tube:
-        splash = self.d.corrosion
-        letter = "l" if group == "leg" else "b"
-        return Tube(
-            diameter_m=entry.diameter_m, thickness_m=entry.thickness_m, diameter_factor=f"D_{letter}",
-            thickness_factor=f"t_{letter}", wall_loss="corr" if splash.bottom_m <= z <= splash.top_m else None,
-        )  # fmt: skip
+    def tube_at(self, place: Place, entry: TubeEntry, z: float) -> Tube:
+        loss, factors = self.effects.at("corrosion", place), {}
+        if place.group in ("leg", "brace"):
+            letter, splash = place.group[0], self.d.corrosion
+            factors = {"diameter_factor": f"D_{letter}", "thickness_factor": f"t_{letter}"}
+            loss = (*(("corr",) if splash.bottom_m <= z <= splash.top_m else ()), *loss)
+        return Tube(diameter_m=entry.diameter_m, thickness_m=entry.thickness_m, wall_loss=loss, **factors)
+
+    def wet_member(self, chain: Sequence[Segment], member: Member, entry: TubeEntry, *, flooded: bool) -> None:
+        for segment in chain:
+            tube = self.tube(member, entry, segment)
+            self.beam(segment, member, tube, carried=self.water(segment, member, tube, flooded=flooded))
+
+    def water(self, segment: Segment, member: Member, tube: Tube, *, flooded: bool) -> tuple[LineMass, ...]:
+        """Growth, added mass and flooding of an element of a leg or brace."""
+        place = self.between(segment, member)
+        start, end = (self.nodes[k] for k in (segment.start, segment.end))
+        low, high = sorted((start[2], end[2]))
+        tidal = bool(self.rise) and low < self.tide[1] and high > self.tide[0]
+        if not tidal and segment.z_m >= self.d.site.water_level_m:
+            return ()
+        masses = surroundings(self.d, self.effects, tube, place, segment.z_m)
+        fills = ((Coefficient(),) if flooded else ())
+        fills += tuple(parameter(name) for name in self.effects.at("flooding", place))
+        filling = [LineMass(per_metre=flooding(self.d, tube) * fill) for fill in fills]
+        if not tidal:
+            return (*masses, *filling)
+        wetting = Wetting(
+            start_m=round(start[2], 9), end_m=round(end[2], 9), length_m=round(float(np.linalg.norm(end - start)), 9),
+            still_m=self.d.site.water_level_m, rise=self.rise,
+        ).moments()  # fmt: skip
+        # growth stays where it has grown
+        return tuple(mass if mass.grown else covered(mass, wetting) for mass in (*masses, *filling))
 
 
-def surroundings(d: Description, tube: Tube, z: float) -> tuple[LineMass, ...]:
-    """Growth and added mass of a tube wholly under water."""
+def _inside(levels, start: float, rise: float) -> set[float]:
+    """Fractions of a member from level `start` over `rise` at which it passes levels."""
+    if abs(rise) <= SAME_POINT_M:
+        return set()
+    return {t for t in ((z - start) / rise for z in levels) if SAME_POINT_M < t * abs(rise) < abs(rise) - SAME_POINT_M}
+
+
+def covered(mass: LineMass, moments: Sequence[Coefficient]) -> LineMass:
+    """A mass along the part of a beam that the moments (7) cover."""
+    return LineMass(per_metre=mass.per_metre, transverse_only=mass.transverse_only, grown=mass.grown,
+                    moments=tuple(mass.per_metre * m for m in moments))  # fmt: skip
+
+
+def surroundings(d: Description, effects: Effects, tube: Tube, place: Place, z: float) -> tuple[LineMass, ...]:
+    """Growth and added mass of a tube wholly under water; z is that of its section."""
     water = d.hydrodynamics
-    grown = z < water.growth_top_m
+    growth = ("mg", *effects.at("growth", place)) if z < water.growth_top_m else ()
     added = Water(kind="added", tube=tube, density_kgpm3=d.site.water_density_kgpm3,
-                  coefficient=water.added_mass_coefficient, grown=grown)  # fmt: skip
-    masses = [LineMass(per_metre=added.coefficient_of() * parameter("a_m"), transverse_only=True)]
-    if grown:
-        growth = Water(kind="growth", tube=tube, density_kgpm3=water.growth_density_kgpm3)
-        masses.append(LineMass(per_metre=growth.coefficient_of()))
+                  coefficient=water.added_mass_coefficient, growth=growth)  # fmt: skip
+    factor = parameter("a_m") * product(effects.at("added_mass", place))
+    masses = [LineMass(per_metre=added.coefficient_of() * factor, transverse_only=True)]
+    if growth:
+        grown = Water(kind="growth", tube=tube, density_kgpm3=water.growth_density_kgpm3, growth=growth)
+        masses.append(LineMass(per_metre=grown.coefficient_of(), grown=True))
     return tuple(masses)
 
 
-def flooding(d: Description, tube: Tube) -> LineMass:
-    return LineMass(
-        per_metre=Water(kind="flooding", tube=tube, density_kgpm3=d.site.water_density_kgpm3).coefficient_of()
-    )
+def flooding(d: Description, tube: Tube) -> Coefficient:
+    return Water(kind="flooding", tube=tube, density_kgpm3=d.site.water_density_kgpm3).coefficient_of()
 
 
 def leg_point(d: Description, leg: int, z: float) -> np.ndarray:
@@ -189,8 +223,8 @@ def _add_legs(mesh: _Mesh) -> list[dict[float, int]]:
     for number, name in enumerate(jacket.leg_names):
         at = {z: mesh.node(leg_point(mesh.d, number, z)) for z in levels}
         for low, high in pairwise(levels):
-            chain = mesh.chain(at[low], at[high], "leg")
-            mesh.wet_member(chain, "leg", f"leg {name}", jacket.leg, flooded=jacket.flooded)
+            member = Member("leg", f"leg {name}", leg=name)
+            mesh.wet_member(mesh.chain(at[low], at[high], "leg"), member, jacket.leg, flooded=jacket.flooded)
         legs.append(at)
     return legs
 
@@ -210,14 +244,17 @@ def _add_braces(mesh: _Mesh, legs: list[dict[float, int]]) -> None:
             centre = mesh.node(p["low left"] + low / (low + high) * (p["high right"] - p["low left"]))
             for foot, head, first, second in (("low left", "high right", left, right),
                                               ("low right", "high left", right, left)):  # fmt: skip
-                part = f"brace {names[first]}{names[second]}-{number + 1}"
+                member = Member("brace", f"brace {names[first]}{names[second]}-{number + 1}",
+                                face=names[left] + names[right], bay=number + 1)  # fmt: skip
                 for key, leg, at_foot in ((foot, first, True), (head, second, False)):
-                    end = _brace_end(mesh, corner[key], legs[leg], centre, bay.brace)
+                    end = _brace_end(mesh, corner[key], legs[leg], centre, bay.brace, member._replace(leg=names[leg]))
                     chain = mesh.chain(*((end, centre) if at_foot else (centre, end)), "brace")
-                    mesh.wet_member(chain, "brace", part, bay.brace, flooded=False)
+                    mesh.wet_member(chain, member, bay.brace, flooded=False)
 
 
-def _brace_end(mesh: _Mesh, chord: int, leg: dict[float, int], far: int, brace: TubeEntry) -> int:
+def _brace_end(
+    mesh: _Mesh, chord: int, leg: dict[float, int], far: int, brace: TubeEntry, member: Member
+) -> int:
     """The brace's own node at the chord's axis, or the chord's where joints are rigid."""
     law = joints.joint_law(mesh.d.jacket.joints.law)
     if law is None:
@@ -227,15 +264,19 @@ def _brace_end(mesh: _Mesh, chord: int, leg: dict[float, int], far: int, brace: 
     along_chord = (feet[1] - feet[0]) / np.linalg.norm(feet[1] - feet[0])
     along_brace = (mesh.nodes[far] - position) / np.linalg.norm(mesh.nodes[far] - position)
     angle = float(np.arccos(abs(along_chord @ along_brace)))
-    chord_tube = mesh.jacket_tube("leg", mesh.d.jacket.leg, position[2])
-    brace_tube = mesh.jacket_tube("brace", brace, position[2])
-    # rounded so that the equal angles of all legs share one function
-    function = JointStiffness(law=law, chord=chord_tube, brace=brace_tube, angle_rad=round(angle, 12))
-    names = tuple(sorted({*chord_tube.names, *brace_tube.names}))
-    common = parameter("LJF") * parameter("k_j") * mesh.d.steel.youngs_modulus_pa
+    # the joint's stiffness is that of the chord's wall
+    on_chord = Place(group="leg", part=f"leg {member.leg}", leg=member.leg, bay=member.bay, z_m=position[2])
+    place = mesh.place(member, position[2])
+    function = JointStiffness(
+        law=law, chord=mesh.tube_at(on_chord, mesh.d.jacket.leg, position[2]),
+        brace=mesh.tube_at(place, brace, position[2]),
+        # rounded so that the equal angles of all legs share one function
+        angle_rad=round(angle, 12),
+    )  # fmt: skip
+    common = parameter("LJF") * parameter("k_j") * mesh.warmth(on_chord) * mesh.d.steel.youngs_modulus_pa
     stiffness = tuple(
-        common * Coefficient(1.0, (Factor(key=("joint", function), names=names, function=function, component=k),))
-        for k in range(3)
+        common * product(mesh.effects.at("joint", place, motion=motion)) * coefficient
+        for motion, coefficient in zip(("axial", "in plane", "out of plane"), function.coefficients(), strict=True)
     )
     end = mesh.node(position)
     mesh.ties.append(Tie(node=end, master=chord, released=joints.release_directions(along_chord, along_brace),
@@ -245,55 +286,52 @@ def _brace_end(mesh: _Mesh, chord: int, leg: dict[float, int], far: int, brace: 
 
 def _add_piles(mesh: _Mesh, legs: list[dict[float, int]]) -> list[NodeSpring]:
     d = mesh.d
-    tube = Tube(diameter_m=d.pile.diameter_m, thickness_m=d.pile.thickness_m)
+    entry = TubeEntry(diameter_m=d.pile.diameter_m, thickness_m=d.pile.thickness_m)
     clay = soil.Clay(
         submerged_unit_weight_npm3=d.soil.submerged_unit_weight_npm3,
         strength_at_mudline_pa=d.soil.undrained_shear_strength_pa.at_mudline,
         strength_gradient_papm=d.soil.undrained_shear_strength_pa.gradient_per_m,
         strain_50=d.soil.strain_50, matlock_j=d.soil.matlock_j,
     )  # fmt: skip
-    tips, shared = [], None
+    tips = []
+    depth = d.site.mudline_m - d.pile.tip_m
     for name, leg in zip(d.jacket.leg_names, legs, strict=True):
-        head = leg[min(leg)]
+        head, member = leg[min(leg)], Member("pile", f"pile {name}", leg=name)
         tip = mesh.node([*mesh.nodes[head][:2], d.pile.tip_m])
         chain = mesh.chain(head, tip, "pile")
-        if shared is None:
-            shared = _pile_tables(mesh, chain, clay)
-        for k, (start, end) in enumerate(pairwise(chain)):
-            z = mesh.middle(start, end)
-            carried = [LineMass(per_metre=mass.per_metre, transverse_only=mass.transverse_only,
-                                moments=tuple(mass.per_metre * m for m in shared["exposed_moments"][k]))
-                       for mass in surroundings(d, tube, z)]  # fmt: skip
+        moments = _pile_moments(mesh, chain, clay, ("sc", *mesh.effects.at("scour", mesh.place(member, d.pile.tip_m))))
+        for k, segment in enumerate(chain):
+            place, tube = mesh.between(segment, member), mesh.tube(member, entry, segment)
+            carried = [covered(mass, moments["exposed_moments"][k])
+                       for mass in surroundings(d, mesh.effects, tube, place, segment.z_m)]  # fmt: skip
             if d.pile.flooded:
-                carried.append(flooding(d, tube))
+                carried.append(LineMass(per_metre=flooding(d, tube)))
+            lateral, axial = (inverse(curve) * product(mesh.effects.at("soil", place, curve=curve))
+                              for curve in ("py", "tz"))  # fmt: skip
             springs = LineSpring(
-                lateral=tuple(m * inverse("py") for m in shared["lateral_moments"][k]),
-                axial=tuple(m * inverse("tz") for m in shared["axial_moments"][k]),
+                lateral=tuple(m * lateral for m in moments["lateral_moments"][k]),
+                axial=tuple(m * axial for m in moments["axial_moments"][k]),
             )
-            mesh.beam(start, end, "pile", f"pile {name}", tube, carried=tuple(carried), springs=springs)
-        depth = d.site.mudline_m - d.pile.tip_m
-        stiffness = inverse("qw") * float(soil.tip_stiffness(clay, d.pile.diameter_m, depth))
+            mesh.beam(segment, member, tube, carried=tuple(carried), springs=springs)
+        at_tip = mesh.effects.at("soil", mesh.place(member, d.pile.tip_m), curve="qw")
+        stiffness = inverse("qw") * product(at_tip) * float(soil.tip_stiffness(clay, d.pile.diameter_m, depth))
         tips.append(NodeSpring(node=tip, direction=np.eye(6)[2], stiffness=stiffness))
     return tips
 
 
-def _pile_tables(mesh: _Mesh, chain: Sequence[int], clay: soil.Clay) -> dict[str, list[list[Coefficient]]]:
-    """For each kind of moment, coefficients by element and order; all piles share them."""
-    z = np.array([mesh.nodes[k][2] for k in chain])
+def _pile_moments(
+    mesh: _Mesh, chain: Sequence[Segment], clay: soil.Clay, scour: tuple[str, ...]
+) -> dict[str, list[list[Coefficient]]]:
+    """For each kind of moment, coefficients by element and order; equal piles with the same scour share them."""
+    z = np.array([mesh.nodes[k][2] for k in (chain[0].start, *(segment.end for segment in chain))])
     springs = soil.PileSprings(
         clay=clay, diameter_m=mesh.d.pile.diameter_m, top_depth_m=tuple(mesh.d.site.mudline_m - z[:-1]),
         length_m=tuple(z[:-1] - z[1:]),
     )  # fmt: skip
-    tables = {}
-    for kind, order in (("lateral_moments", 7), ("axial_moments", 3), ("exposed_moments", 7)):
-        function = PileMoments(springs=springs, kind=kind)
-        tables[kind] = [
-            [Coefficient(1.0, (Factor(key=("pile", kind), names=("sc",), function=function,
-                                      component=order * k + m),))
-             for m in range(order)]
-            for k in range(len(z) - 1)
-        ]  # fmt: skip
-    return tables
+    return {
+        kind: PileMoments(springs=springs, kind=kind, scour=scour).coefficients(len(chain), order)
+        for kind, order in (("lateral_moments", 7), ("axial_moments", 3), ("exposed_moments", 7))
+    }
 
 
 def _add_transition_piece(mesh: _Mesh, legs: list[dict[float, int]]) -> tuple[int, list[Body]]:
@@ -301,38 +339,67 @@ def _add_transition_piece(mesh: _Mesh, legs: list[dict[float, int]]) -> tuple[in
     tp, foot_z = mesh.d.transition_piece, mesh.d.tower.station[0].z_m
     foot, struts = mesh.node([0, 0, tp.column_bottom_m]), mesh.node([0, 0, tp.strut_top_m])
     top = struts if foot_z == tp.strut_top_m else mesh.node([0, 0, foot_z])
-    members = [("column", "column", foot, struts, tp.column)]
+    column = Member("column", "column")
+    members = [(column, foot, struts, tp.column)]
     if top != struts:
-        members.append(("column", "column", struts, top, tp.column))
+        members.append((column, struts, top, tp.column))
     for name, leg in zip(mesh.d.jacket.leg_names, legs, strict=True):
-        members.append(("strut", f"strut {name}", leg[max(leg)], struts, tp.strut))
-        members.append(("tie", f"tie {name}", leg[max(leg)], foot, tp.tie))
-    for group, part, start, end, entry in members:
-        tube = Tube(diameter_m=entry.diameter_m, thickness_m=entry.thickness_m)
-        chain = mesh.chain(start, end, group, cut=False)
-        for a, b in pairwise(chain):
-            mesh.beam(a, b, group, part, tube)
+        members.append((Member("strut", f"strut {name}", leg=name), leg[max(leg)], struts, tp.strut))
+        members.append((Member("tie", f"tie {name}", leg=name), leg[max(leg)], foot, tp.tie))
+    for member, start, end, entry in members:
+        for segment in mesh.chain(start, end, member.group, cut=False):
+            mesh.beam(segment, member, mesh.tube(member, entry, segment))
     return top, [Body(node=struts, mass=Coefficient(tp.lumped_mass_kg))]
 
 
 def _add_tower(mesh: _Mesh, foot: int) -> tuple[int, list[Body]]:
     """-> the tower's top, flanges. Each element takes diameter and wall of its middle."""
-    stations = mesh.d.tower.station
+    stations, member = mesh.d.tower.station, Member("tower", "tower")
     secondary = LineMass(per_metre=Coefficient(mesh.d.tower.secondary_steel_kgpm), dry=True)
     bodies, below = [Body(node=foot, mass=Coefficient(stations[0].flange_kg))], foot
     for low, high in pairwise(stations):
         above = mesh.node([0, 0, high.z_m])
-        chain = mesh.chain(below, above, "tower", cut=False)
-        for a, b in pairwise(chain):
-            t = (mesh.middle(a, b) - low.z_m) / (high.z_m - low.z_m)
-            tube = Tube(
+        for segment in mesh.chain(below, above, "tower", cut=False):
+            t = (segment.z_m - low.z_m) / (high.z_m - low.z_m)
+            entry = TubeEntry(
                 diameter_m=low.diameter_m + t * (high.diameter_m - low.diameter_m),
                 thickness_m=low.thickness_m + t * (high.thickness_m - low.thickness_m),
             )
-            mesh.beam(a, b, "tower", "tower", tube, carried=(secondary,))
+            mesh.beam(segment, member, mesh.tube(member, entry, segment), carried=(secondary,))
         bodies.append(Body(node=above, mass=Coefficient(high.flange_kg)))
         below = above
     return below, bodies
+
+
+def _hang_masses(mesh: _Mesh) -> None:
+    """Effects of kind mass on members: evenly along all that they choose."""
+    length = [float(np.linalg.norm(mesh.nodes[beam.end] - mesh.nodes[beam.start])) for beam in mesh.beams]
+    for p in mesh.effects.of("mass"):
+        chosen = [] if p.on.body else [k for k, place in enumerate(mesh.places) if mesh.effects.acts(p, place)]
+        whole = sum(length[k] for k in chosen)
+        for k in chosen:
+            mass = LineMass(per_metre=parameter(p.name) * (1 / whole), dry=True)
+            mesh.beams[k] = replace(mesh.beams[k], carried=(*mesh.beams[k].carried, mass))
+
+
+def _loosen(mesh: _Mesh) -> None:
+    """Hinges: at each node on the level, in the element of a member that starts there, or else ends there."""
+    flexibility: dict[tuple[int, int], list[str]] = {}
+    for p in mesh.effects.of("hinge"):
+        found: dict[tuple[str, int], tuple[int, int]] = {}
+        for k, (beam, place) in enumerate(zip(mesh.beams, mesh.places, strict=True)):
+            for end, node in ((1, beam.end), (0, beam.start)):
+                here = abs(mesh.nodes[node][2] - p.at_m) < LEVEL_TOLERANCE_M and mesh.effects.fits(p, place)
+                if here and (end == 0 or (beam.part, node) not in found):
+                    found[beam.part, node] = (k, end)
+        for at in found.values():
+            mesh.effects.note(p)
+            flexibility.setdefault(at, []).append(p.name)
+    for (k, end), names in flexibility.items():
+        if mesh.beams[k].hinge is not None:
+            raise InputError(f"parameter {names[0]}", "the element has a hinge at either end",
+                             f"give mesh.elements_per_member.{mesh.beams[k].group} one more")  # fmt: skip
+        mesh.beams[k] = replace(mesh.beams[k], hinge=Hinge(end=end, flexibility=tuple(names)))
 
 
 def build_frame(description: Description, nacelle_angle_deg: float = 0.0) -> Frame:
@@ -344,14 +411,46 @@ def build_frame(description: Description, nacelle_angle_deg: float = 0.0) -> Fra
     springs = _add_piles(mesh, legs)
     foot, bodies = _add_transition_piece(mesh, legs)
     top, flanges = _add_tower(mesh, foot)
-    bodies += flanges
+    _hang_masses(mesh)
+    _loosen(mesh)
     turn = Rotation.from_euler("z", nacelle_angle_deg, degrees=True).as_matrix()
-    for entry in description.rna:
-        node = mesh.node(mesh.nodes[top] + turn @ np.array(entry.offset_m))
-        mass = parameter("m_h") if entry.name == "hub" else Coefficient(entry.mass_kg)
-        bodies.append(Body(node=node, mass=mass, inertia_kgm2=turn @ np.diag(entry.inertia_kgm2) @ turn.T))
-        mesh.ties.append(Tie(node=node, master=top))
-    return Frame(
+    nacelle = nacelle_bodies(description, mesh.effects, mesh.nodes[top], turn)
+    number = len(mesh.nodes)
+    mesh.nodes += nacelle.positions
+    mesh.ties += [Tie(node=number + k, master=top, released=released, stiffness=stiffness)
+                  for k, (released, stiffness) in enumerate(nacelle.released)]  # fmt: skip
+    bodies += [*flanges, *(replace(body, node=number + body.node) for body in nacelle.bodies)]
+    hub = number + [entry.name for entry in description.rna].index("hub")
+    frame = Frame(
         node_m=np.array(mesh.nodes), beams=tuple(mesh.beams), ties=tuple(mesh.ties), bodies=tuple(bodies),
-        springs=tuple(springs), pile_head=legs[0][min(legs[0])], pile_part=f"pile {description.jacket.leg_names[0]}",
+        springs=tuple(springs), prestress=_prestress(description, mesh.effects, hub, turn[:, 0]),
+        pile_head=legs[0][min(legs[0])], pile_part=f"pile {description.jacket.leg_names[0]}",
     )  # fmt: skip
+    _check_effects(mesh)
+    return frame
+
+
+def _prestress(d: Description, effects: Effects, hub: int, along: np.ndarray) -> tuple[Prestress, ...]:
+    weights = [Prestress(coefficient=parameter(p.name), gravity_mps2=d.site.gravity_mps2)
+               for p in effects.on_all("weight")]  # fmt: skip
+    thrusts = [Prestress(coefficient=parameter(p.name), node=hub, force_n=along) for p in effects.on_all("thrust")]
+    return (*weights, *thrusts)
+
+
+def _check_effects(mesh: _Mesh) -> None:
+    """Every effect has found a place, and walls stay at the ends of all bounds."""
+    for p in mesh.effects.lost():
+        where = "the structure" if not p.on.given else ", ".join(f"{key} = {getattr(p.on, key)}" for key in p.on.given)
+        raise InputError(f"parameter {p.name}", f"the kind '{p.kind}' finds nothing to act on at {where}",
+                         "check `on`, the joints' law and the levels")  # fmt: skip
+    worst = {p.name: ends(p) for p in mesh.d.parameter}
+    for beam in mesh.beams:
+        effects = [name for name in beam.tube.wall_loss if name != "corr"]
+        values = mesh.d.values | {name: worst[name][1] for name in beam.tube.wall_loss if name in worst}
+        if beam.tube.thickness_factor in worst:
+            values[beam.tube.thickness_factor] = worst[beam.tube.thickness_factor][0]
+        if effects and beam.tube.wall(values) <= 0:
+            raise InputError(
+                f"parameter {effects[0]}", f"corrosion at its upper bounds leaves {beam.part} a wall of "
+                f"{1000 * beam.tube.wall(values):.1f} mm", "lower the upper bounds",
+            )  # fmt: skip

@@ -1,0 +1,145 @@
+"""A turbine's model with more parameters: effects put into the description, and into the user's file."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from scipy import linalg
+
+from probupdate.errors import InputError
+from probupdate.modes import Sensor
+from probupdate.parameters import Parameters
+from probupdate.structure.affine import AffineModel
+from probupdate.structure.description import Description, parse_description
+from probupdate.structure.description import updated as updated_parameters_of
+from probupdate.structure.effects import KINDS
+from probupdate.structure.load import turbine_model
+from probupdate.structure.parameter_table import read_toml
+from probupdate.structure.schema import nearest
+
+
+@dataclass(frozen=True, kw_only=True)
+class Effect:
+    """One effect as a parameter: a kind (see `effects.KINDS`), where it acts (`on`) and the kind's own settings.
+
+    `std`, `lower`, `upper` and `prior` are its prior when it is used as a candidate; `cause` and `location` say it in
+    words.
+    """
+
+    name: str
+    kind: str
+    on: Mapping[str, object] = field(default_factory=dict)
+    settings: Mapping[str, object] = field(default_factory=dict)
+    std: float
+    lower: float
+    upper: float
+    prior: str = "normal"
+    cause: str = ""
+    location: str = ""
+
+    def __post_init__(self):
+        if self.kind not in KINDS:
+            raise InputError(f"effect {self.name}", f"the kind '{self.kind}' is unknown", nearest(self.kind, KINDS))
+
+    @property
+    def neutral(self) -> float:
+        """The value at which the structure is as described."""
+        return KINDS[self.kind].neutral
+
+    @property
+    def unit(self) -> str:
+        return KINDS[self.kind].unit
+
+    @property
+    def description(self) -> str:
+        return f"{self.cause}: {self.location}" if self.cause and self.location else self.cause
+
+    def table(self) -> dict:
+        """As a [[parameter]] of model.toml, neutral at first."""
+        table = {"name": self.name, "description": self.description, "kind": self.kind}
+        if self.on:
+            table["on"] = {key: list(v) if isinstance(v, tuple) else v for key, v in self.on.items()}
+        table |= {key: list(v) if isinstance(v, tuple) else v for key, v in self.settings.items()}
+        return table | {
+            "unit": self.unit, "initial": self.neutral, "std": float(self.std), "lower": float(self.lower),
+            "upper": float(self.upper), "prior": self.prior, "update": True,
+        }  # fmt: skip
+
+
+def extended_description(path: str | Path, effects: Sequence[Effect]) -> Description:
+    """The model file's description with the effects as further parameters."""
+    raw = read_toml(path)
+    if "matrices" in raw:
+        raise InputError(str(path), "a model of matrices takes no effects", "its own parameters are its effects")
+    tables = raw.get("parameter", [])
+    tables = tables if isinstance(tables, list) else [tables]
+    return parse_description(raw | {"parameter": [*tables, *(effect.table() for effect in effects)]}, str(path))
+
+
+def extended_model(
+    path: str | Path,
+    effects: Sequence[Effect],
+    *,
+    parameters: Parameters | None = None,
+    sensors: Sequence[Sensor] | None = None,
+    nacelle_angle_deg: float = 0.0,
+) -> AffineModel:
+    """The turbine of a model.toml with the effects as parameters behind its own, at their neutral values.
+
+    `parameters` replaces the updated ones of the file (not the effects); `sensors` and `nacelle_angle_deg` as in
+    `load_model`. The model that `write_extended` writes is this one.
+    """
+    description = extended_description(path, effects)
+    if parameters is not None:
+        parameters = _with_effects(parameters, description, effects)
+    return turbine_model(description, where=str(path), parameters=parameters, sensors=sensors,
+                         nacelle_angle_deg=nacelle_angle_deg)  # fmt: skip
+
+
+def _with_effects(parameters: Parameters, description: Description, effects: Sequence[Effect]) -> Parameters:
+    names = {effect.name for effect in effects}
+    added = tuple(p for p in updated_parameters_of(description, description.name) if p.name in names)
+    correlation = parameters.correlation
+    if correlation is not None:
+        correlation = linalg.block_diag(correlation, np.eye(len(added)))
+    return Parameters((*parameters.items, *added), correlation)
+
+
+def extended_text(path: str | Path, effects: Sequence[Effect]) -> str:
+    """The user's file as it is, with a [[parameter]] table per effect at its end."""
+    extended_description(path, effects)
+    own = Path(path).read_text(encoding="utf-8")
+    own += "" if own.endswith("\n") else "\n"
+    return own + "".join(f"\n{parameter_text(effect.table())}" for effect in effects)
+
+
+def write_extended(path: str | Path, effects: Sequence[Effect], out: str | Path) -> Path:
+    """Write the extended model file to `out`; `load_model` reads it."""
+    out = Path(out)
+    out.write_text(extended_text(path, effects), encoding="utf-8")
+    return out
+
+
+def parameter_text(table: Mapping) -> str:
+    """A [[parameter]] table in TOML."""
+    return "[[parameter]]\n" + "".join(f"{key} = {_toml(value)}\n" for key, value in table.items() if value != "")
+
+
+def _toml(value) -> str:
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, str):
+        # JSON's escapes are TOML's
+        return json.dumps(value, ensure_ascii=False)
+    if isinstance(value, int):
+        return str(value)
+    if isinstance(value, float):
+        return repr(value) if math.isfinite(value) else f"{value:+}".replace("infinity", "inf")
+    if isinstance(value, Mapping):
+        return "{ " + ", ".join(f"{key} = {_toml(v)}" for key, v in value.items()) + " }"
+    return "[" + ", ".join(_toml(v) for v in value) + "]"
