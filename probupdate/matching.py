@@ -16,8 +16,8 @@ from probupdate.modes import ModalSet, frozen_array, mac, rotate_to_real, subspa
 PAIR_GAP = 0.10
 # below this criterion a computed mode is not taken for a measured one
 MIN_MAC = 0.50
-# a pairing stands where every other one is worse by at least this sum of MACs
-CLEAR = 0.10
+# a pairing stands where every other one is worse by at least this MAC for each mode that would change its partner
+CLEAR = 0.15
 # modes that move the measured channels less than this share of what a paired mode does are no alternative to it
 SEEN = 0.05
 # a computed mode of which a measured shape has at least this MAC may be what that shape has turned towards
@@ -186,7 +186,7 @@ def _refuse_another_structure(set_id, criterion, partner, name) -> None:
 
 
 def _refuse_ambiguous(modal_set, groups, criterion, visible, name, frequency_hz) -> None:
-    """Every group keeps its computed modes if any other choice costs at least CLEAR in summed MACs."""
+    """Every group keeps its computed modes if any other choice costs at least CLEAR a mode in summed MACs."""
     rows = [j for group in groups for j in group.measured]
     score = np.nan_to_num(criterion[rows], nan=-1.0)
     column = assign(score)
@@ -202,7 +202,8 @@ def _refuse_ambiguous(modal_set, groups, criterion, visible, name, frequency_hz)
             trial[:, column] = score[:, column]
             trial[here, i] = -1.0
             other = assign(trial)
-            loss = best - trial[np.arange(len(rows)), other].sum()
+            changed = max(1, int(np.sum(other != column)))
+            loss = (best - trial[np.arange(len(rows)), other].sum()) / changed
             new = sorted(set(other[here]) - set(group.computed))
             if loss < CLEAR and new:
                 j, k = group.measured[0], int(new[0])

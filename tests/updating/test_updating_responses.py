@@ -1,0 +1,206 @@
+"""The ways to compare modes, chosen by name, and a full covariance: each with its derivative and its count of data."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy import stats
+from updating_cases import CHAIN_TRUTH, CHANNELS, chain_model, measured_chain, turned
+
+from probupdate.errors import InputError
+from probupdate.estimators.laplace import maximum_a_posteriori
+from probupdate.modes import ModalData, ModalDeviation, mac
+from probupdate.problem import Weights, build_problem
+
+COV = 0.003
+POINTS = [CHAIN_TRUTH, np.array([1.0, 1.0, 1.0, 0.02]), np.array([2.5, 0.8, 1.2, -0.01])]
+KINDS = [
+    {"frequencies": "log"}, {"shapes": "mac"}, {"shapes": "none"}, {"frequencies": "log", "shapes": "mac"},
+    {"covariance": True}, {"covariance": True, "frequencies": "log"}, {"covariance": True, "shapes": "none"},
+]  # fmt: skip
+
+
+def weights_of(kind: dict, **floors) -> Weights:
+    if kind.get("covariance"):
+        return Weights(**kind, **floors)
+    return Weights(frequency_cov=(COV,) * 4, shape_std=False, **kind)
+
+
+def root_of_noise(n_column=70, seed=4) -> np.ndarray:
+    """Deviations (4 + 40, n_column) of frequencies' logarithms and of shapes with largest component 1, correlated over
+    modes and channels."""
+    rng = np.random.default_rng(seed)
+    mixed = rng.standard_normal((44, n_column)) / np.sqrt(n_column)
+    common = rng.standard_normal((1, n_column)) / np.sqrt(n_column)
+    return np.concatenate([COV * (mixed[:4] + common), 0.04 * (mixed[4:] + common)])
+
+
+def correlated(seed: int, root=None, theta=CHAIN_TRUTH) -> ModalData:
+    """The chain's modes with noise of exactly that covariance, which the set states."""
+    root = root_of_noise() if root is None else root
+    data = measured_chain(theta)
+    one = data.sets[0]
+    noise = root @ np.random.default_rng(seed).standard_normal(root.shape[1])
+    shape = one.shape + noise[4:].reshape(10, 4)
+    deviation = ModalDeviation(
+        ln_frequency=root[:4], damping_ratio=np.zeros((4, root.shape[1])),
+        shape=root[4:].reshape(10, 4, -1).astype(complex),
+    )  # fmt: skip
+    changed = replace(one, frequency_hz=one.frequency_hz * np.exp(noise[:4]), shape=shape, deviation=deviation)
+    return replace(data, sets=(changed,))
+
+
+def problem_of(kind: dict, seed=2, **floors):
+    data = correlated(seed) if kind.get("covariance") else measured_chain(noise=COV, seed=seed)
+    return build_problem(chain_model(), data, weights=weights_of(kind, **floors))
+
+
+@pytest.mark.parametrize("theta", POINTS)
+@pytest.mark.parametrize("kind", KINDS, ids=str)
+def test_every_response_has_its_exact_derivative(kind, theta):
+    problem = problem_of(kind)
+    response, S = problem.sensitivity(theta)
+    assert response == pytest.approx(problem.predict(theta), abs=1e-9)
+    differences = np.empty_like(S)
+    for k, h in enumerate(1e-4 * problem.parameters.std):
+        step = h * np.eye(4)[k]
+        differences[:, k] = (problem.predict(theta + step) - problem.predict(theta - step)) / (2 * h)
+    scale = problem.parameters.std
+    error = problem.weighted(((S - differences) * scale).T)
+    # truncation goes with the square of the step
+    assert np.max(np.abs(error)) < 1e-5 * np.max(np.abs(problem.weighted((S * scale).T)))
+
+
+@pytest.mark.parametrize("kind", [{}, *KINDS], ids=str)
+def test_the_chi_square_at_the_truth_is_the_effective_number_of_data(kind):
+    found, n = [], None
+    for seed in range(80):
+        # floors beside the very noise that was drawn would only count it twice
+        problem = problem_of(kind, seed, frequency_floor=1e-6, shape_floor=1e-6)
+        n = problem.n_effective
+        found.append(problem.misfit(problem.predict(CHAIN_TRUTH)))
+    assert abs(np.mean(found) - n) < 4 * np.std(found) / np.sqrt(len(found))
+
+
+def test_log_frequencies_and_those_in_hz_agree_to_first_order():
+    hz, log = (build_problem(chain_model(), measured_chain(noise=COV, seed=2), weights=weights_of(kind))
+               for kind in ({}, {"frequencies": "log"}))  # fmt: skip
+    # (f' - f) / (c f) against ln(f' / f) / c, at residuals of a few deviations c
+    theta = CHAIN_TRUTH * [1.02, 1.005, 1.0, 1.0]
+    residual = (hz.measured - hz.predict(theta))[:4] / hz.std[:4]
+    assert 0.5 < np.max(np.abs(residual)) < 20
+    logs = (log.measured - log.predict(theta))[:4] / log.std[:4]
+    assert logs == pytest.approx(residual, abs=np.max(residual**2) * COV)
+
+
+def test_macs_misfit_is_one_minus_mac_over_its_expectation():
+    model, sigma = chain_model(asymmetry=0.5), 10 * COV
+    data = measured_chain(n_mode=3, noise=COV, model=model)
+    weights = Weights(frequency_cov=(COV,) * 3, shape_std=False, shapes="mac")
+    problem = build_problem(model, data, weights=weights, clusters=[(0,), (1,), (2,)])
+    computed = model.solve(POINTS[1], 3)
+    misfit = problem.misfit(problem.predict(POINTS[1]))
+    measured = data.sets[0]
+    expected = np.sum(((measured.frequency_hz - computed.frequency_hz) / (COV * measured.frequency_hz)) ** 2)
+    for j in range(3):
+        x = measured.shape[:, j].real / np.max(np.abs(measured.shape[:, j]))
+        # of noise sigma on each component the part across x counts
+        expected += (1 - mac(x, computed.shape[:, j])[0, 0]) / (9 * sigma**2 / (x @ x))
+    assert misfit == pytest.approx(expected, rel=1e-9)
+    assert problem.n_effective == 6
+
+
+def test_without_shapes_only_frequencies_count():
+    problem = problem_of({"shapes": "none"})
+    assert problem.measured.size == problem.n_effective == 4
+    assert problem.predict(CHAIN_TRUTH) == pytest.approx(chain_model().solve(CHAIN_TRUTH, 4).frequency_hz)
+
+
+def test_as_components_close_modes_stand_alone_and_turned_ones_are_refused():
+    data = measured_chain(noise=COV)
+    problem = build_problem(chain_model(), data, weights=weights_of({"shapes": "components"}))
+    assert problem.matching.pairs == () and problem.n_effective == 4 + 4 * 9
+    one, refused = data.sets[0], 0
+    for angle in np.linspace(0, np.pi, 24, endpoint=False):
+        bent = replace(data, sets=(replace(one, shape=turned(one.shape, (0, 1), angle)),))
+        assert build_problem(chain_model(), bent, weights=weights_of({})).matching.pairs
+        try:
+            build_problem(chain_model(), bent, weights=weights_of({"shapes": "components"}))
+        except InputError as error:
+            assert "as planes" in str(error)
+            refused += 1
+    # where a shape stands at 45 degrees to the computed ones; elsewhere it is paired
+    assert 1 <= refused <= 9
+
+
+def test_the_joint_weights_are_the_inverse_covariance_across_the_planes():
+    problem = problem_of({"covariance": True})
+    root = root_of_noise()
+    one = correlated(2).sets[0]
+    # by hand for the frequencies alone: their marginal covariance with the floor
+    covariance = np.linalg.inv(problem.root @ problem.root.T)
+    wanted = root[:4] @ root[:4].T + problem.weights.frequency_floor**2 * np.eye(4)
+    order = list(problem.used)
+    inner = np.linalg.pinv(problem.root.T @ problem.root, rcond=1e-12)[:4, :4]
+    assert inner == pytest.approx(wanted[np.ix_(order, order)] * np.outer(*2 * [one.frequency_hz[order]]), rel=1e-6)
+    assert covariance.shape == (4 + 2 * 2 * 8,) * 2
+    assert problem.n_effective == len(problem.root)
+    theta = POINTS[1]
+    value = problem.log_likelihood(theta)[0]
+    whitened = problem.weighted(problem.measured - problem.predict(theta))
+    log_det = -np.linalg.slogdet(problem.root @ problem.root.T)[1]
+    assert value == pytest.approx(stats.norm.logpdf(whitened).sum() - 0.5 * log_det, rel=1e-10)
+
+
+def test_a_pair_and_its_deviations_turned_in_their_plane_change_nothing():
+    data = correlated(3)
+    one = data.sets[0]
+    size = np.max(np.abs(one.shape), axis=0)
+    shape, spread = one.shape / size, one.deviation.shape / size[None, :, None]
+    angle = 0.6
+    c, s = np.cos(angle), np.sin(angle)
+    turn = np.eye(4)
+    turn[:2, :2] = [[c, -s], [s, c]]
+    # the plane's basis is set up from shapes of equal largest component: rescale neither
+    other = replace(one, shape=shape @ turn,
+                    deviation=replace(one.deviation, shape=np.einsum("cjp,jk->ckp", spread, turn)))  # fmt: skip
+    a, b = (build_problem(chain_model(), replace(data, sets=(x,)), weights=Weights(covariance=True))
+            for x in (one, other))  # fmt: skip
+    for theta in POINTS:
+        # turned shapes have other largest components, by which the floor of 2 % is measured
+        assert b.misfit(b.predict(theta)) == pytest.approx(a.misfit(a.predict(theta)), rel=0.1)
+
+
+def test_uncorrelated_deviations_give_the_posterior_of_independent_weights():
+    """The same variances as a covariance and as deviations: nearly the same maximum, as both describe one noise."""
+    rng_free = np.zeros((44, 44))
+    rng_free[np.arange(4), np.arange(4)] = COV
+    rng_free[np.arange(4, 44), np.arange(4, 44)] = 0.04
+    data = correlated(5, rng_free)
+    joint = build_problem(chain_model(), data, weights=Weights(covariance=True, frequency_floor=1e-6, shape_floor=1e-6))
+    std = Weights(frequency_cov=(COV,) * 4, shape_std=False, shape_factor=0.04 / COV)
+    plain = build_problem(chain_model(), data, weights=std)
+    a, b = (maximum_a_posteriori(p, [CHAIN_TRUTH]) for p in (joint, plain))
+    deviation = np.sqrt(np.diag(b.covariance))
+    assert np.abs(a.theta - b.theta) / deviation == pytest.approx(np.zeros(4), abs=0.1)
+    assert np.sqrt(np.diag(a.covariance)) / deviation == pytest.approx(np.ones(4), abs=0.05)
+    assert a.misfit == pytest.approx(b.misfit, rel=0.05)
+
+
+def test_a_covariance_needs_the_sets_deviations():
+    with pytest.raises(InputError, match="no joint deviations"):
+        build_problem(chain_model(), measured_chain(), weights=Weights(covariance=True))
+
+
+@pytest.mark.parametrize("wrong", [
+    {"frequencies": "rad"}, {"shapes": "MAC"}, {"shape_floor": 0.0}, {"covariance": True, "frequency_cov": (0.01,)},
+    {"covariance": True, "shapes": "mac"},
+])  # fmt: skip
+def test_what_makes_no_sense_is_refused(wrong):
+    with pytest.raises(InputError):
+        Weights(**wrong)
+
+
+def test_other_responses_are_another_problem():
+    assert len({problem_of(kind).fingerprint() for kind in [{}, *KINDS]}) == len(KINDS) + 1
+    assert len(CHANNELS) == 10
