@@ -418,6 +418,13 @@ def normalise(shape: np.ndarray) -> np.ndarray:
     return shape
 
 
+def unit_largest(shape: np.ndarray) -> np.ndarray:
+    """Columns turned to lie along the real axis, the largest real part +1 (what imaginary part is left stays)."""
+    real = rotate_to_real(shape)
+    largest = np.argmax(np.abs(np.nan_to_num(real.real)), axis=0)
+    return real / real.real[largest, np.arange(real.shape[1])]
+
+
 def pair_by_mac(criterion: np.ndarray) -> list[tuple[int, int]]:
     """One-to-one pairs (row, column) that maximise the summed criterion (n_row, n_column); NaN never pairs."""
     score = np.nan_to_num(criterion, nan=-1.0)

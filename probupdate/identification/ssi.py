@@ -6,9 +6,10 @@ Peeters & De Roeck (1999), Reference-based stochastic subspace identification fo
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
-from scipy import linalg
+from scipy import fft, linalg
 
 from probupdate.errors import InputError
 from probupdate.modes import frozen_array, mac
@@ -42,85 +43,193 @@ class Factorisation:
     observability: np.ndarray
     singular_value: np.ndarray
 
+    @property
+    def rank(self) -> int:
+        """How many states the record holds: a record without noise may hold fewer than asked for."""
+        return int(np.sum(self.singular_value > LEAST_SINGULAR * self.singular_value[0]))
 
-def output_covariances(data: np.ndarray, n_lag: int, segment: int = 0) -> np.ndarray:
-    """R_k = 1/(N - k) sum_t y(t+k) y(t)^T, k = 0..n_lag: (n_lag + 1, n_channel, n_channel); data (n_sample, n_channel).
 
-    Exact sums over all N - k products, by Fourier transforms of short segments: each segment is correlated with
-    itself and the n_lag samples after it, and the spectra are added before one transform back. Divided by N instead,
-    the covariances would decay too fast and every damping ratio come out 1 / (omega T) too high, 0.0003 at 0.3 Hz.
-    """
-    n_sample, n_channel = data.shape
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Realisation:
+    """A and C of one order: all eigenvalues (n,) of A and eigenvectors (n, n), columns, and which of them are the
+    order's poles (`oscillating`, ascending in frequency); output C (n_channel, n)."""
+
+    eigenvalue: np.ndarray
+    vector: np.ndarray
+    oscillating: np.ndarray
+    output: np.ndarray
+    sampling_rate_hz: float
+
+    @property
+    def continuous(self) -> np.ndarray:
+        """(n_pole,) lambda = f_s ln mu, rad/s."""
+        return self.sampling_rate_hz * np.log(self.eigenvalue[self.oscillating])
+
+
+def check_record(data: np.ndarray, n_lag: int) -> None:
+    """Raise InputError where a record (n_sample, n_channel) has nothing to identify: too short, NaN, a flat channel."""
+    if data.ndim != 2 or data.shape[1] == 0:
+        raise InputError("record", f"has shape {data.shape}", "give (n_sample, n_channel)")
+    n_sample = data.shape[0]
     if n_sample <= n_lag:
         raise InputError("record", f"{n_sample} samples for {n_lag} lags", "give a longer record or fewer block rows")
-    # segments of a few times the lag cost least; a power of two transforms fast
-    size = segment + n_lag if segment else 1 << int(np.ceil(np.log2(4 * n_lag + 1)))
-    step = size - n_lag
-    n_segment = -(-n_sample // step)
-    padded = np.zeros((n_segment * step + n_lag, n_channel))
-    padded[:n_sample] = data
-    windows = np.lib.stride_tricks.sliding_window_view(padded, size, axis=0)[::step]  # (n_segment, n_channel, size)
-    long = np.fft.rfft(windows, axis=2)
-    short = np.fft.rfft(windows[:, :, :step], n=size, axis=2)
-    spectrum = np.matmul(long.transpose(2, 1, 0), short.conj().transpose(2, 0, 1))  # (n_line, n_channel, n_channel)
-    products = n_sample - np.arange(n_lag + 1)
-    return np.fft.irfft(spectrum, n=size, axis=0)[: n_lag + 1] / products[:, None, None]
+    lost = np.flatnonzero(~np.all(np.isfinite(data), axis=0))
+    if lost.size:
+        raise InputError("record", f"channel {_listed(lost)} holds NaN or an infinite number",
+                         "fill short gaps or leave the record out")
+    still = np.flatnonzero(np.ptp(data, axis=0) == 0)
+    if still.size:
+        raise InputError("record", f"channel {_listed(still)} does not move", "leave the channel out")
+
+
+def _listed(columns: np.ndarray) -> str:
+    return ", ".join(str(k) for k in columns)
+
+
+def product_sums(
+    data: np.ndarray, reference: np.ndarray, n_lag: int, edges: np.ndarray, segment: int = 0
+) -> np.ndarray:
+    """sum_t y(t+k) y_ref(t)^T over t of each part [edges[j], edges[j+1]): (n_part, n_lag + 1, n_channel, n_reference).
+
+    t + k may lie in the next part, so that the parts' sums add up to those of the whole record. By Fourier transforms
+    of short segments: each is correlated with itself and the n_lag samples after it, and the spectra of a part's
+    segments are added before one transform back.
+    """
+    # segments of a few times the lag cost least
+    longest = int(np.max(np.diff(edges)))
+    best = segment or max(3 * n_lag, 64)
+    n_segment = -(-longest // best)
+    step = -(-longest // n_segment)
+    size = fft.next_fast_len(step + n_lag, real=True)
+    span = (n_segment - 1) * step + size
+    whole = np.zeros((data.shape[1], edges[-1] + span))
+    whole[:, : len(data)] = data.T
+    start = np.zeros((reference.shape[1], edges[-1] + span))
+    start[:, : len(data)] = reference.T
+    window = np.lib.stride_tricks.sliding_window_view
+    sums = np.empty((len(edges) - 1, n_lag + 1, data.shape[1], reference.shape[1]))
+    for j, (first, after) in enumerate(pairwise(edges)):
+        long = window(whole[:, first: first + span], size, axis=1)[:, ::step]  # (n_channel, n_segment, size)
+        part = np.zeros((reference.shape[1], n_segment * step))
+        part[:, : after - first] = start[:, first:after]
+        short = part.reshape(reference.shape[1], n_segment, step)
+        above = fft.rfft(long, axis=2).transpose(2, 0, 1)
+        below = fft.rfft(short, n=size, axis=2).conj().transpose(2, 1, 0)
+        spectrum = np.matmul(np.ascontiguousarray(above), np.ascontiguousarray(below))  # (n_line, n_channel, n_ref)
+        sums[j] = fft.irfft(spectrum, n=size, axis=0)[: n_lag + 1]
+    return sums
+
+
+def output_covariances(
+    data: np.ndarray, n_lag: int, segment: int = 0, projection: np.ndarray | None = None
+) -> np.ndarray:
+    """R_k = 1/(N - k) sum_t y(t+k) y_ref(t)^T, k = 0..n_lag: (n_lag + 1, n_channel, n_reference).
+
+    data (n_sample, n_channel); y_ref = projection^T y, projection (n_channel, n_reference), or all channels. Exact
+    sums over all N - k products. Divided by N instead, the covariances would decay too fast and every damping ratio
+    come out 1 / (omega T) too high, 0.0003 at 0.3 Hz.
+    """
+    n_sample = len(data)
+    if n_sample <= n_lag:
+        raise InputError("record", f"{n_sample} samples for {n_lag} lags", "give a longer record or fewer block rows")
+    reference = data if projection is None else data @ projection
+    sums = product_sums(data, reference, n_lag, np.array([0, n_sample]), segment)[0]
+    return sums / (n_sample - np.arange(n_lag + 1))[:, None, None]
+
+
+def reference_projection(covariance: np.ndarray, references: int | tuple[int, ...]) -> np.ndarray:
+    """(n_channel, n_reference), of covariance (n_lag + 1, n_channel, n_channel): the past of those channels alone, or,
+    for a number, of the so many orthonormal combinations of channels that keep most of sum_k |R_k|^2, k > 0.
+
+    Lag 0 is left out, in which the noise of channels is.
+    """
+    n_channel = covariance.shape[1]
+    if isinstance(references, int | np.integer):
+        if not 1 <= references <= n_channel:
+            raise InputError("references", f"{references} of {n_channel} channels", f"choose 1 to {n_channel}")
+        past = covariance[1:].reshape(-1, n_channel)
+        return linalg.eigh(past.T @ past)[1][:, ::-1][:, :references]
+    chosen = np.asarray(references)
+    if chosen.ndim != 1 or chosen.size == 0 or chosen.dtype.kind not in "iu" or len(set(references)) < chosen.size \
+            or chosen.min() < 0 or chosen.max() >= n_channel:
+        raise InputError("references", f"{references} are not different channels of {n_channel}",
+                         f"give numbers from 0 to {n_channel - 1}")
+    return np.eye(n_channel)[:, chosen]
 
 
 def block_toeplitz(covariance: np.ndarray, block_rows: int) -> np.ndarray:
-    """T (n_channel br, n_channel br) with R_(br + i - j) in block row i, block column j; covariance to lag 2 br - 1."""
-    n_channel = covariance.shape[1]
+    """T (n_channel br, n_reference br) with R_(br + i - j) in block row i, block column j; covariance to lag 2 br - 1.
+    """
     lag = block_rows + np.arange(block_rows)[:, None] - np.arange(block_rows)
-    return covariance[lag].transpose(0, 2, 1, 3).reshape(block_rows * n_channel, block_rows * n_channel)
+    blocks = covariance[lag].transpose(0, 2, 1, 3)
+    return blocks.reshape(block_rows * covariance.shape[1], block_rows * covariance.shape[2])
+
+
+def left_singular(toeplitz: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
+    """The `count` leading singular values of T, descending, squared, and left singular vectors (rows, count).
+
+    From the eigenvalues of T T^T: a third of the work of a full decomposition, and singular values down to 1e-8 of
+    the largest are right, far below those of an order that is of use. A tall T is made square by a QR decomposition.
+    """
+    tall = toeplitz.shape[0] > toeplitz.shape[1]
+    q, square = np.linalg.qr(toeplitz) if tall else (None, toeplitz)
+    size = len(square)
+    some = None if count == size else [size - count, size - 1]
+    value, vector = linalg.eigh(square @ square.T, subset_by_index=some, overwrite_a=True)
+    value, vector = value[::-1], vector[:, ::-1]
+    return value, q @ vector if tall else vector
 
 
 def factorise(covariance: np.ndarray, block_rows: int, order: int, sampling_rate_hz: float) -> Factorisation:
-    """Leading singular vectors of T = O Gamma, with O = U sqrt(S); O holds C, CA, CA^2, ... one below the other.
-
-    The left singular vectors come from the eigenvalues of T T^T: a third of the work of a full decomposition, and
-    singular values down to 1e-8 of the largest are right, far below those of an order that is of use.
-    """
-    n_channel = covariance.shape[1]
-    size = n_channel * block_rows
-    if order > size - n_channel:
-        raise InputError("order", f"{order} is above {size - n_channel}, what {block_rows} block rows allow",
+    """Leading singular vectors of T = O Gamma, with O = U sqrt(S); O holds C, CA, CA^2, ... one below the other."""
+    n_channel, n_reference = covariance.shape[1:]
+    most = min(n_channel * (block_rows - 1), n_reference * block_rows)
+    if order > most:
+        raise InputError("order", f"{order} is above {most}, what {block_rows} block rows allow",
                          "raise the block rows or lower the order")
-    toeplitz = block_toeplitz(covariance, block_rows)
-    value, vector = linalg.eigh(toeplitz @ toeplitz.T, subset_by_index=[size - order, size - 1], overwrite_a=True)
-    singular = np.sqrt(np.maximum(value[::-1], 0))
+    value, vector = left_singular(block_toeplitz(covariance, block_rows), order)
+    singular = np.sqrt(np.maximum(value, 0))
     return Factorisation(
         n_channel=n_channel, sampling_rate_hz=sampling_rate_hz,
-        observability=frozen_array(vector[:, ::-1] * np.sqrt(singular)), singular_value=frozen_array(singular),
+        observability=frozen_array(vector * np.sqrt(singular)), singular_value=frozen_array(singular),
     )
 
 
-def poles(factorisation: Factorisation, orders: tuple[int, ...]) -> tuple[Poles, ...]:
-    """A and C of each order by shift invariance, O_up A = O_down in least squares (Eq. 3), and their eigenvalues.
+def realisations(factorisation: Factorisation, orders: tuple[int, ...]) -> tuple[Realisation, ...]:
+    """A and C of each order by shift invariance, O_up A = O_down in least squares (Eq. 3), with the eigenvectors of A.
 
-    mu = eig(A), lambda = f_s ln mu, f = |lambda| / 2 pi, zeta = -Re lambda / |lambda|, phi = C psi. One QR
-    decomposition of O_up serves every order, its leading columns being those of the lower orders. A record without
-    noise may hold fewer states than asked for: then no more than it has are used.
+    One QR decomposition of O_up serves every order, its leading columns being those of the lower orders. No more
+    states are used than the record holds.
     """
-    value = factorisation.singular_value
-    rank = int(np.sum(value > LEAST_SINGULAR * value[0]))
     observability, m = factorisation.observability, factorisation.n_channel
     q, r = np.linalg.qr(observability[:-m])
     projected = q.T @ observability[m:]
     result = []
     for order in orders:
-        n = min(order, rank)
+        n = min(order, factorisation.rank)
         state = linalg.solve_triangular(r[:n, :n], projected[:n, :n])
         eigenvalue, vector = np.linalg.eig(state)
-        oscillating = eigenvalue.imag > 0
-        pole = factorisation.sampling_rate_hz * np.log(eigenvalue[oscillating])
-        shape = observability[:m, :n] @ vector[:, oscillating]
-        rising = np.argsort(np.abs(pole))
-        pole, shape = pole[rising], shape[:, rising]
-        result.append(Poles(
-            order=order, frequency_hz=frozen_array(np.abs(pole) / (2 * np.pi)),
-            damping_ratio=frozen_array(-pole.real / np.abs(pole)), shape=frozen_array(shape, complex),
+        oscillating = np.flatnonzero(eigenvalue.imag > 0)
+        rising = np.argsort(np.abs(np.log(eigenvalue[oscillating])))
+        result.append(Realisation(
+            eigenvalue=eigenvalue, vector=vector, oscillating=oscillating[rising], output=observability[:m, :n],
+            sampling_rate_hz=factorisation.sampling_rate_hz,
         ))
     return tuple(result)
+
+
+def poles(factorisation: Factorisation, orders: tuple[int, ...]) -> tuple[Poles, ...]:
+    """The poles of each order: f = |lambda| / 2 pi, zeta = -Re lambda / |lambda|, phi = C psi."""
+    return tuple(_poles(order, one) for order, one in zip(orders, realisations(factorisation, orders), strict=True))
+
+
+def _poles(order: int, realisation: Realisation) -> Poles:
+    pole = realisation.continuous
+    return Poles(
+        order=order, frequency_hz=frozen_array(np.abs(pole) / (2 * np.pi)),
+        damping_ratio=frozen_array(-pole.real / np.abs(pole)),
+        shape=frozen_array(realisation.output @ realisation.vector[:, realisation.oscillating], complex),
+    )
 
 
 def stability(
@@ -140,6 +249,7 @@ def identify_poles(
 ) -> tuple[Poles, np.ndarray]:
     """Poles of one record (n_sample, n_channel) at one model order, and their stability (n_pole,) over the even
     distances up to `spread` below and above it (1 without)."""
+    check_record(data, 2 * block_rows - 1)
     covariance = output_covariances(data, 2 * block_rows - 1)
     highest = min(order + spread, data.shape[1] * (block_rows - 1))
     around = tuple(n for n in range(order - spread, highest + 1, 2) if n != order and n >= 2)

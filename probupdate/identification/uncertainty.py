@@ -1,0 +1,192 @@
+"""First-order deviations of poles: how frequency, damping and complex shape scatter with the output covariances.
+
+Reynders, Pintelon & De Roeck (2008), Uncertainty bounds on modal parameters obtained from stochastic subspace
+identification; in the fast form of Doehler & Mevel (2013), Efficient multi-order uncertainty computation for stochastic
+subspace identification. The covariances of sub-records give deviations dR of R; each is carried through the block
+Toeplitz matrix, its singular vectors, A and C to the poles. Nothing larger than (n_channel block_rows, order, n_sub) is
+formed: of dT only its products with singular vectors, and turns of the states' basis, which no pole knows of, are left
+out. Every dR that is handed in is carried through; nothing is regularised.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy import fft, linalg
+
+from probupdate.errors import InputError
+from probupdate.identification.ssi import (
+    Factorisation,
+    Realisation,
+    block_toeplitz,
+    left_singular,
+    product_sums,
+    realisations,
+)
+from probupdate.modes import ModalDeviation
+
+# squared singular values come with rounding of eps times the largest; two that are told apart by less than so many of
+# those have no vectors of their own, and what depends on them has no derivative
+LEAST_GAP = 1e3 * np.finfo(float).eps
+
+
+def sub_record_covariances(
+    data: np.ndarray, n_lag: int, sub_records: int, projection: np.ndarray | None = None
+) -> tuple[np.ndarray, np.ndarray]:
+    """R (n_lag + 1, n_channel, n_reference) of a record (n_sample, n_channel), and its deviations (n_sub, ...), one for
+    each of `sub_records` consecutive parts of the record.
+
+    Scaled so that sum_j dR_j[a] dR_j[b] estimates the covariance of R's elements a and b, as if parts were
+    independent: (R_j - R) / sqrt(n_sub (n_sub - 1)) for parts of equal length. Products reach over the end of a part.
+    """
+    n_sample = len(data)
+    if not isinstance(sub_records, int | np.integer) or isinstance(sub_records, bool) or sub_records < 2:
+        raise InputError("sub-records", f"{sub_records!r} is no whole number from 2", "give one, such as 30")
+    if n_sample // sub_records <= n_lag:
+        raise InputError("sub-records", f"{sub_records} of {n_sample // sub_records} samples each for {n_lag} lags",
+                         f"give at most {n_sample // (n_lag + 1)}, fewer block rows or a longer record")
+    edges = np.round(np.linspace(0, n_sample, sub_records + 1)).astype(int)
+    sums = product_sums(data, data if projection is None else data @ projection, n_lag, edges)
+    lag = np.arange(n_lag + 1)
+    total = (n_sample - lag)[:, None, None]
+    covariance = sums.sum(axis=0) / total
+    products = np.minimum(edges[1:, None], n_sample - lag) - edges[:-1, None]  # (n_sub, n_lag + 1)
+    sums -= products[:, :, None, None] * covariance
+    sums *= np.sqrt(sub_records / (sub_records - 1)) / total
+    return covariance, sums
+
+
+def toeplitz_products(
+    deviation: np.ndarray, block_rows: int, right: np.ndarray, left: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """dT V and dT^T U for every sub-record, without dT: (n_channel br, n, n_sub), (n_reference br, n, n_sub).
+
+    deviation (n_sub, 2 br, n_channel, n_reference); right V (n_reference br, n), left U (n_channel br, n). A block
+    Toeplitz matrix times a vector is a convolution over block rows.
+    """
+    n_sub, _, m, r = deviation.shape
+    n = right.shape[1]
+    size = fft.next_fast_len(2 * block_rows - 1, real=True)
+    lags = np.zeros((size, n_sub, m, r))
+    lags[:block_rows] = deviation[:, block_rows: 2 * block_rows].transpose(1, 0, 2, 3)
+    lags[size - block_rows + 1:] = deviation[:, 1:block_rows].transpose(1, 0, 2, 3)
+    line = fft.rfft(lags, axis=0)
+    n_line = len(line)
+    v = fft.rfft(right.reshape(block_rows, r, n), n=size, axis=0)
+    u = fft.rfft(left.reshape(block_rows, m, n), n=size, axis=0)
+    product = np.matmul(line.reshape(n_line, n_sub * m, r), v)
+    turned = np.ascontiguousarray(line.conj().transpose(0, 1, 3, 2))
+    back = np.matmul(turned.reshape(n_line, n_sub * r, m), u)
+
+    def rows(spectrum: np.ndarray, width: int) -> np.ndarray:
+        found = fft.irfft(spectrum, n=size, axis=0)[:block_rows].reshape(block_rows, n_sub, width, n)
+        return found.transpose(0, 2, 3, 1).reshape(block_rows * width, n, n_sub)
+
+    return rows(product, m), rows(back, r)
+
+
+def observability_deviation(
+    covariance: np.ndarray, deviation: np.ndarray, factorisation: Factorisation, block_rows: int, order: int
+) -> np.ndarray | None:
+    """dO (n_channel br, order, n_sub) outside the span of O, for O of that order; None where O has no derivative.
+
+    For u_i, v_i, s_i of T = U S V^T the part of du_i outside the span of u_1..u_n solves
+    (s_i^2 - T T^T) du_i = s_i dT v_i + T dT^T u_i: in the other left singular vectors, division by s_i^2 - s_l^2.
+    """
+    singular = factorisation.singular_value[:order]
+    u = factorisation.observability[:, :order] / np.sqrt(singular)
+    toeplitz = block_toeplitz(covariance, block_rows)
+    squared, basis = left_singular(toeplitz, min(toeplitz.shape))
+    others, squared_others = basis[:, order:], squared[order:]
+    if len(squared_others) and singular[-1] ** 2 - squared_others[0] <= LEAST_GAP * squared[0]:
+        return None
+    v = toeplitz.T @ u / singular
+    dt_v, dt_u = toeplitz_products(deviation, block_rows, v, u)
+    size, n_sub = len(u), dt_v.shape[2]
+    source = dt_v * singular[:, None] + (toeplitz @ dt_u.reshape(len(dt_u), -1)).reshape(size, order, n_sub)
+    share = (others.T @ source.reshape(size, -1)).reshape(-1, order, n_sub)
+    share /= (singular**2 - squared_others[:, None])[:, :, None]
+    du = others @ share.reshape(len(share), -1)
+    if toeplitz.shape[0] > toeplitz.shape[1]:
+        # what lies outside the span of T: there T T^T is zero
+        flat = (dt_v / singular[:, None]).reshape(size, -1)
+        du += flat - basis @ (basis.T @ flat)
+    return du.reshape(size, order, n_sub) * np.sqrt(singular)[:, None]
+
+
+def pole_deviations(
+    covariance: np.ndarray, deviation: np.ndarray, factorisation: Factorisation, *,
+    block_rows: int, order: int, indices: np.ndarray,
+) -> ModalDeviation:
+    """Deviations of the poles `indices` of that order, a column a sub-record; NaN for an index of -1.
+
+    indices (n_mode,) into the order's poles; shapes as `modes.unit_largest` scales them. NaN for all where the order
+    parts two singular values that are equal but for rounding, or where a pole is a multiple one.
+    """
+    m = factorisation.n_channel
+    indices = np.asarray(indices)
+    n = min(order, factorisation.rank)
+    (realisation,) = realisations(factorisation, (n,))
+    n_pole = len(realisation.oscillating)
+    if indices.ndim != 1 or indices.dtype.kind not in "iu" or np.any(indices < -1) or np.any(indices >= n_pole):
+        raise InputError("poles", f"{indices.tolist()} are not indices of {n_pole} poles", "give 0.., or -1 for none")
+    there = np.flatnonzero(indices >= 0)
+    table = (len(indices), len(deviation))
+    ln_frequency, damping = np.full(table, np.nan), np.full(table, np.nan)
+    shape = np.full((m, *table), np.nan + 0j)
+    changed = None if there.size == 0 else observability_deviation(covariance, deviation, factorisation, block_rows, n)
+    if changed is not None:
+        chosen = realisation.oscillating[indices[there]]
+        eigenvalue, raw = _eigen_deviation(factorisation.observability[:, :n], changed, realisation, chosen, m)
+        mu = realisation.eigenvalue[chosen]
+        pole = factorisation.sampling_rate_hz * np.log(mu)
+        moved = factorisation.sampling_rate_hz * eigenvalue / mu[:, None]
+        size = np.abs(pole)[:, None]
+        ln_frequency[there] = (moved / pole[:, None]).real
+        damping[there] = -moved.real / size + (pole.real[:, None] / size) * ln_frequency[there]
+        shape[:, there] = scaled_deviation(realisation.output @ realisation.vector[:, chosen], raw)
+    return ModalDeviation(ln_frequency=ln_frequency, damping_ratio=damping, shape=shape)
+
+
+def _eigen_deviation(
+    observability: np.ndarray, changed: np.ndarray, realisation: Realisation, chosen: np.ndarray, m: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """d mu (n_chosen, n_sub), and d(C psi) (m, n_chosen, n_sub) up to a multiple of C psi.
+
+    dA psi = O_up^+ (dO_down - mu dO_up) psi + (O_up^T O_up)^-1 dO_up^T (O_down - mu O_up) psi: the second term is there
+    because O_up A = O_down holds in least squares only.
+    """
+    n, n_sub = changed.shape[1:]
+    mu, psi = realisation.eigenvalue, realisation.vector[:, chosen]
+    q, r = np.linalg.qr(observability[:-m])
+    residual = observability[m:] @ psi - (observability[:-m] @ psi) * mu[chosen]
+    turned = np.matmul(psi.T, changed)  # (rows, n_chosen, n_sub): dO psi
+    shift = turned[m:] - mu[chosen][:, None] * turned[:-m]
+    first = (q.T @ shift.reshape(len(shift), -1)).reshape(n, len(chosen), n_sub)
+    second = np.matmul(residual.T, changed[:-m].reshape(len(residual), -1)).reshape(len(chosen), n, n_sub)
+    second = linalg.solve_triangular(r, second.transpose(1, 0, 2).reshape(n, -1), trans="T")
+    moved = linalg.solve_triangular(r, first.reshape(n, -1) + second)
+    modal = np.linalg.solve(realisation.vector, moved).reshape(n, len(chosen), n_sub)
+    gap = mu[chosen] - mu[:, None]  # (n, n_chosen)
+    own = np.arange(n)[:, None] == chosen
+    gap[own] = np.inf
+    gap[gap == 0] = np.nan
+    vector = (realisation.vector @ (modal / gap[:, :, None]).reshape(n, -1)).reshape(n, len(chosen), n_sub)
+    output = np.tensordot(realisation.output, vector, axes=(1, 0)) + turned[:m]
+    return modal[chosen, np.arange(len(chosen))], output
+
+
+def scaled_deviation(shape: np.ndarray, deviation: np.ndarray) -> np.ndarray:
+    """The deviation of `unit_largest(shape)` when shape (n_channel, n_mode) moves by deviation (..., n_column).
+
+    A multiple of the shape that is added to the deviation, real or complex, goes out.
+    """
+    shape = np.asarray(shape, complex)
+    turn = np.exp(-0.5j * np.angle(np.sum(shape**2, axis=0)))
+    real = (shape * turn).real
+    largest, mode = np.argmax(np.abs(real), axis=0), np.arange(shape.shape[1])
+    scale = turn / real[largest, mode]
+    unit, moved = (shape * scale)[:, :, None], deviation * scale[:, None]
+    # the angle that the rotation to the real axis takes away: half the change of phase of sum phi^2, now real
+    angle = np.sum(unit * moved, axis=0).imag / np.sum(unit**2, axis=0).real
+    moved = moved - 1j * angle * unit
+    return moved - unit * moved[largest, mode].real
