@@ -27,7 +27,7 @@ class BlockSettings:
     order: int = 20
     block_rows: int = 30
     target_rate_hz: float = 5.0
-    spread: int = 8
+    spread: int = 16
     lowest_order: int = 4
 
     def __post_init__(self):

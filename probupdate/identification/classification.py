@@ -1,60 +1,121 @@
 """Which poles are modes of the structure, and which criterion removed each of the others.
 
 Two classifiers stand side by side. `paper_criteria`: MAC above 0.80 to a mode of the model, then complexity near the
-P-frequencies. `block_criteria` and `assigned`: shapes of close pairs against the plane of the model's pair, harmonics
-by the rotor speed, and one cluster of frequencies per pair over the campaign.
+P-frequencies. `block_criteria` here and `tracking.track` after it: shapes of close pairs against the plane of the
+model's pair, harmonics by the rotor speed, deviations, agreement of the model orders, and frequencies followed over
+the campaign.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from probupdate.errors import InputError
 from probupdate.identification.reference import ReferenceModes
 from probupdate.identification.ssi import Poles
-from probupdate.modes import frozen_array, mac, modal_phase_collinearity, pair_by_mac, subspace_mac
+from probupdate.modes import frozen_array, mac, modal_phase_collinearity
 
-KEPT, SHAPE, DAMPING, FREQUENCY, HARMONIC, COMPLEXITY, CLUSTER, DUPLICATE = (
-    "kept", "mac", "damping", "frequency", "harmonic", "complexity", "cluster", "duplicate",
+# what became of a pole; in this order the first that applies gives its name
+KEPT, SHAPE, DAMPING, FREQUENCY, COMPLEXITY, UNCERTAIN = (
+    "kept", "mac", "damping", "frequency", "complexity", "uncertain",
+)
+HARMONIC, CLUSTER, DUPLICATE, UNSTABLE, OTHER_ORDER = (
+    "harmonic", "cluster", "duplicate", "unstable", "other order",
 )
 # of several poles of one mode similarity (stability + 0.1)^2 / (damping + 1 %) decides, damping below 0.5 % counted as
 # that: no structure has less, and a pole of noise may have any
 STABILITY_FLOOR, DAMPING_FLOOR, LEAST_DAMPING = 0.1, 0.01, 0.005
+# a pole's twin at another order: frequency within 1 %, MAC (of a pair: S2MAC to its plane) of at least 0.90
+TWIN_FREQUENCY, TWIN_MAC = 0.01, 0.90
 
 
 @dataclass(frozen=True, kw_only=True)
 class ClassifierSettings:
     """Thresholds; the result holds those it was made with.
 
-    mac: of a single mode, and in the paper's classifier. plane_mac: S2MAC of a pole to its pair's plane. damping:
-    open interval of the ratio; above its end lie poles of waves and turbulence. frequency_window: pole over model
-    frequency, wide because a design model may be 30 % off. harmonics: multiples of the rotor speed; a pole within
-    harmonic_tolerance of the range a multiple swept is a harmonic if it lies outside its mode's window or cluster, or
-    inside with damping below harmonic_damping. cluster: half-width of a mode's frequencies over the campaign.
-    collinearity: least MPC of a single mode; weak ones (torsion in an idling half hour) have 0.6 to 0.8 by noise
-    alone, and pairs are not asked. paper_collinearity: the same near P-frequencies in the paper's classifier.
-    least_independence: of the two poles of a pair, 1 - MAC in the plane; below it they are one direction twice.
+    mac: of a single mode, and in the paper's classifier. weak_mac: of a single mode that lies where the campaign has
+    it (a torsion hardly excited in half an hour has 0.6 to 0.8 by noise alone). plane_mac: S2MAC of a pole to its
+    pair's plane. damping: open interval of the ratio; above its end lie poles of waves and turbulence.
+    frequency_window: pole over model frequency, wide because a design model may be 30 % off. harmonics: multiples of
+    the rotor speed; a pole within harmonic_tolerance of the range a multiple swept is a harmonic if it lies further
+    than harmonic_window from its mode's frequency, or nearer with damping below harmonic_damping: the line of a rotor
+    whose speed wanders by 1 % shows 0.4 to 1.5 % of damping, as much as a structure. cluster: half-width about a
+    mode's frequency as followed over the campaign. least_share: of the model orders that must have the mode in a
+    block. collinearity: least MPC of a single mode; pairs are not asked. paper_collinearity: the same near
+    P-frequencies in the paper's classifier. least_independence: of the two poles of a pair, 1 - MAC in the plane;
+    below it they are one direction twice. frequency_std, damping_std: largest standard deviations of ln f and of the
+    damping ratio, asked where deviations are known.
     """
 
     mac: float = 0.80
+    weak_mac: float = 0.60
     plane_mac: float = 0.90
     damping: tuple[float, float] = (0.0, 0.12)
     frequency_window: tuple[float, float] = (0.65, 1.5)
     harmonics: tuple[int, ...] = (1, 3, 6, 9)
     harmonic_tolerance: float = 0.02
     harmonic_damping: float = 0.003
-    cluster: float = 0.08
+    harmonic_window: float = 0.02
+    cluster: float = 0.05
+    least_share: float = 0.25
     collinearity: float = 0.50
     paper_collinearity: float = 0.80
     least_independence: float = 0.25
+    frequency_std: float = 0.03
+    damping_std: float = 0.03
+
+    def __post_init__(self):
+        shares = ("mac", "weak_mac", "plane_mac", "least_share", "collinearity", "paper_collinearity",
+                  "least_independence")  # fmt: skip
+        for name in shares:
+            if not 0 <= getattr(self, name) <= 1:
+                raise InputError(f"classifier, {name}", f"{getattr(self, name)} is not in 0 to 1", "give a share")
+        widths = ("harmonic_tolerance", "harmonic_damping", "harmonic_window", "cluster", "frequency_std",
+                  "damping_std")  # fmt: skip
+        for name in widths:
+            if not getattr(self, name) > 0:
+                raise InputError(f"classifier, {name}", f"{getattr(self, name)} is not positive", "give one above zero")
+        for name in ("damping", "frequency_window"):
+            low, high = getattr(self, name)
+            if not low < high:
+                raise InputError(f"classifier, {name}", f"[{low}, {high}] is empty", "give the lower end first")
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class PoleStack:
+    """Poles of several model orders of one block side by side: order (n_pole,), frequency_hz, damping_ratio
+    (n_pole,), shape (n_channel, n_pole) complex, not scaled."""
+
+    order: np.ndarray
+    frequency_hz: np.ndarray
+    damping_ratio: np.ndarray
+    shape: np.ndarray
+
+    @property
+    def orders(self) -> np.ndarray:
+        """(n_order,) ascending, those that have a pole."""
+        return np.unique(self.order)
+
+
+def stacked(poles: Sequence[Poles] | Poles) -> PoleStack:
+    """Poles of one order or of several, stacked in the order given."""
+    several = (poles,) if isinstance(poles, Poles) else tuple(poles)
+    return PoleStack(
+        order=frozen_array(np.repeat([p.order for p in several], [len(p.frequency_hz) for p in several]), int),
+        frequency_hz=frozen_array(np.concatenate([p.frequency_hz for p in several])),
+        damping_ratio=frozen_array(np.concatenate([p.damping_ratio for p in several])),
+        shape=frozen_array(np.concatenate([p.shape for p in several], axis=1), complex),
+    )
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Likeness:
     """Poles held against the model. best_mac, best_mode (n_pole,): to any single mode; similarity (n_pole, n_group):
-    S2MAC to a pair's plane, MAC to a single mode; mpc (n_pole,); stability (n_pole,) over model orders, from `ssi`.
+    S2MAC to a pair's plane, MAC to a single mode; mpc (n_pole,); stability (n_pole,): share of the other orders in
+    which a pole has a twin, 1 where there is one order only.
     """
 
     best_mac: np.ndarray
@@ -73,22 +134,47 @@ class Likeness:
 
         A mode's double beside it, from noise or waves, comes and goes with the order and has more damping.
         """
-        similar = np.max(self.similarity, axis=1)
+        similar = np.max(self.similarity, axis=1, initial=0)
         damping = np.maximum(damping_ratio, LEAST_DAMPING) + DAMPING_FLOOR
         return similar * (self.stability + STABILITY_FLOOR) ** 2 / damping
 
 
-def likeness(poles: Poles, reference: ReferenceModes, stability: np.ndarray) -> Likeness:
+def likeness(poles: PoleStack, reference: ReferenceModes, stability: np.ndarray | None = None) -> Likeness:
+    """`stability` (n_pole,) as given, else told from the stack's own orders."""
     single = mac(poles.shape, reference.shape)
-    columns = [
-        subspace_mac(poles.shape, reference.shape[:, list(g)]) if len(g) > 1 else single[:, g[0]]
+    similarity = np.column_stack([
+        _plane_likeness(poles.shape, reference.shape[:, list(g)]) if len(g) > 1 else single[:, g[0]]
         for g in reference.groups
-    ]
+    ])
+    if stability is None:
+        stability = _stability(poles, similarity, np.array([len(g) > 1 for g in reference.groups]))
     return Likeness(
         best_mac=frozen_array(single.max(axis=1)), best_mode=frozen_array(single.argmax(axis=1), int),
-        similarity=frozen_array(np.column_stack(columns)), mpc=frozen_array(modal_phase_collinearity(poles.shape)),
+        similarity=frozen_array(similarity), mpc=frozen_array(modal_phase_collinearity(poles.shape)),
         stability=frozen_array(stability),
     )
+
+
+def _plane_likeness(shape: np.ndarray, plane: np.ndarray) -> np.ndarray:
+    """(n_pole,) `modes.subspace_mac` of complete shapes, all at once: a block has some hundred poles."""
+    basis, _ = np.linalg.qr(plane)
+    return np.sum(np.abs(basis.conj().T @ shape) ** 2, axis=0) / np.sum(np.abs(shape) ** 2, axis=0)
+
+
+def _stability(poles: PoleStack, similarity: np.ndarray, paired: np.ndarray) -> np.ndarray:
+    """Share of the other orders with a twin. Two poles of a pair are alike if they lie in the pair's plane: in it
+    their directions turn with the order, and a mutual MAC would call both unstable."""
+    orders = poles.orders
+    if len(orders) < 2:
+        return np.ones(len(poles.order))
+    alike = mac(poles.shape, poles.shape) >= TWIN_MAC
+    for g in np.flatnonzero(paired):
+        inside = similarity[:, g] >= TWIN_MAC
+        alike |= inside[:, None] & inside
+    alike &= np.abs(np.log(poles.frequency_hz / poles.frequency_hz[:, None])) <= TWIN_FREQUENCY
+    twins = np.column_stack([alike[:, poles.order == n].any(axis=1) for n in orders])
+    # its own order always holds the pole itself
+    return (twins.sum(axis=1) - 1) / (len(orders) - 1)
 
 
 def rotor_bands(conditions: Mapping[str, float | str], settings: ClassifierSettings) -> np.ndarray:
@@ -105,7 +191,7 @@ def within(frequency_hz: np.ndarray, bands: np.ndarray) -> np.ndarray:
     return np.any((frequency_hz[:, None] >= bands[:, 0]) & (frequency_hz[:, None] <= bands[:, 1]), axis=1)
 
 
-def paper_criteria(poles: Poles, found: Likeness, bands: np.ndarray, settings: ClassifierSettings) -> np.ndarray:
+def paper_criteria(poles: PoleStack, found: Likeness, bands: np.ndarray, settings: ClassifierSettings) -> np.ndarray:
     """(n_pole,) the paper's classifier: 'mac' below 0.80 to every mode; 'complexity' near a P-frequency with an
     imaginary part too large; else 'kept'.
 
@@ -120,89 +206,34 @@ def paper_criteria(poles: Poles, found: Likeness, bands: np.ndarray, settings: C
 
 
 def block_criteria(
-    poles: Poles, found: Likeness, reference: ReferenceModes, settings: ClassifierSettings
+    poles: PoleStack, found: Likeness, reference: ReferenceModes, settings: ClassifierSettings, *,
+    ln_frequency_std: np.ndarray | None = None, damping_std: np.ndarray | None = None,
 ) -> np.ndarray:
-    """(n_pole,) what can be said of a pole from its own block: 'mac', 'damping', 'frequency', 'complexity', 'kept'."""
+    """(n_pole,) what can be said of a pole from its own block: 'mac', 'damping', 'frequency', 'complexity',
+    'uncertain', 'kept'.
+
+    Single modes are asked for weak_mac only; whether less than `mac` is enough, the campaign tells. Deviations
+    (n_pole,), NaN where not known, remove poles that stand for nothing in particular.
+    """
     group = found.group
     paired = np.array([len(g) > 1 for g in reference.groups])[group]
     similar = found.similarity[np.arange(len(group)), group]
     ratio = poles.frequency_hz / np.array([reference.group_hz(g) for g in reference.groups])[group]
     verdict = np.full(len(group), KEPT, dtype=object)
     # asked in this order: the first that fails gives its name, so the last written is the first asked
+    for std, limit in ((ln_frequency_std, settings.frequency_std), (damping_std, settings.damping_std)):
+        if std is not None:
+            verdict[np.nan_to_num(np.asarray(std, float), nan=0.0) > limit] = UNCERTAIN
     verdict[~paired & (found.mpc < settings.collinearity)] = COMPLEXITY
     verdict[(ratio < settings.frequency_window[0]) | (ratio > settings.frequency_window[1])] = FREQUENCY
     verdict[(poles.damping_ratio <= settings.damping[0]) | (poles.damping_ratio >= settings.damping[1])] = DAMPING
-    verdict[~(similar >= np.where(paired, settings.plane_mac, settings.mac))] = SHAPE
+    verdict[~(similar >= np.where(paired, settings.plane_mac, min(settings.mac, settings.weak_mac)))] = SHAPE
     return verdict
 
 
-def cluster_centre(frequency_hz: np.ndarray, weight: np.ndarray, bandwidth: float = 0.02) -> float:
-    """The frequency around which most weight lies: the peak of a Gaussian density of ln f; NaN without any."""
-    if not np.sum(weight) > 0:
-        return np.nan
-    x = np.log(frequency_hz)
-    density = np.exp(-0.5 * ((x[:, None] - x) / bandwidth) ** 2) @ weight
-    peak = x[np.argmax(density)]
-    near = np.exp(-0.5 * ((x - peak) / bandwidth) ** 2) * weight
-    return float(np.exp(np.sum(near * x) / np.sum(near)))
+def trusted(found: Likeness, reference: ReferenceModes, settings: ClassifierSettings) -> np.ndarray:
+    """(n_pole,) bool: alike enough to vote on where a mode lies; single modes by `mac`, pairs by `plane_mac`."""
+    paired = np.array([len(g) > 1 for g in reference.groups])[found.group]
+    similar = found.similarity[np.arange(len(paired)), found.group]
+    return similar >= np.where(paired, settings.plane_mac, settings.mac)
 
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Assignment:
-    """criterion (n_pole,) of each pole; pole (n_mode,) the pole of each reference mode, -1 where there is none;
-    independence (n_group,): 1 - MAC in the plane between a pair's two poles, NaN where they are not both there."""
-
-    criterion: np.ndarray
-    pole: np.ndarray
-    independence: np.ndarray
-
-
-def assigned(
-    poles: Poles, found: Likeness, verdict: np.ndarray, centre_hz: np.ndarray, bands: np.ndarray,
-    reference: ReferenceModes, settings: ClassifierSettings,
-) -> Assignment:
-    """Harmonics and strays removed, then one pole per mode; centre_hz (n_group,) from `cluster_centre`.
-
-    The two poles of a pair are named by their direction in the plane of the model's pair. Where the pair is not
-    resolved the single shapes are any two of that plane: only the plane is data then.
-    """
-    criterion, chosen = verdict.copy(), np.full(len(reference.labels), -1)
-    independence = np.full(len(reference.groups), np.nan)
-    swept, score = within(poles.frequency_hz, bands), found.score(poles.damping_ratio)
-    criterion[swept & (verdict == FREQUENCY)] = HARMONIC
-    for g, group in enumerate(reference.groups):
-        mine = np.flatnonzero((verdict == KEPT) & (found.group == g))
-        stray = ~(np.abs(poles.frequency_hz[mine] / centre_hz[g] - 1) <= settings.cluster)
-        line = poles.damping_ratio[mine] < settings.harmonic_damping
-        criterion[mine[stray]] = CLUSTER
-        criterion[mine[swept[mine] & (stray | line)]] = HARMONIC
-        left = mine[criterion[mine] == KEPT]
-        taken, independence[g] = _taken(left, poles, score, reference.shape[:, list(group)], settings)
-        criterion[np.setdiff1d(left, list(taken.values()))] = DUPLICATE
-        for member, pole in taken.items():
-            chosen[group[member]] = pole
-    return Assignment(criterion=criterion, pole=chosen, independence=independence)
-
-
-def _taken(left, poles: Poles, score, shape, settings: ClassifierSettings) -> tuple[dict[int, int], float]:
-    """Member of the group -> pole, from the poles `left` (indices); and the independence of a pair's two poles.
-
-    A single mode takes the best score; a pair the two with the largest product of scores and independence.
-    """
-    if not len(left):
-        return {}, np.nan
-    score = score[left]
-    if shape.shape[1] == 1:
-        return {0: int(left[np.argmax(score)])}, np.nan
-    # coordinates in the plane of the model's pair
-    basis, triangle = np.linalg.qr(shape)
-    inside = basis.T @ poles.shape[:, left]
-    apart = 1 - mac(inside, inside)
-    together = np.outer(score, score) * np.where(apart >= settings.least_independence, apart, 0)
-    toward = mac(inside, triangle)
-    if not np.any(together > 0):
-        best = int(np.argmax(score))
-        return {int(np.argmax(toward[best])): int(left[best])}, np.nan
-    i, j = np.unravel_index(np.argmax(together), together.shape)
-    two = np.array([i, j])
-    return {member: int(left[two[k]]) for k, member in pair_by_mac(toward[two])}, float(apart[i, j])

@@ -16,11 +16,12 @@ from probupdate.campaign.reading import Campaign
 from probupdate.campaign.scada import StateRule, block_conditions, with_rated_power
 from probupdate.errors import InputError
 from probupdate.identification import classification as rules
+from probupdate.identification import tracking
 from probupdate.identification.block_poles import BlockPoles, BlockSettings, common_quantity
 from probupdate.identification.block_store import BlockStore
-from probupdate.identification.classification import Assignment, ClassifierSettings, Likeness
+from probupdate.identification.classification import ClassifierSettings, Likeness
 from probupdate.identification.reference import ReferenceModes, turned
-from probupdate.identification.ssi import Poles, stability
+from probupdate.identification.tracking import Choice, JudgedPoles, Tracked
 from probupdate.modes import ModalData, ModalSet, rotate_to_real, write_modes
 from probupdate.progress import Progress, silent
 
@@ -30,10 +31,11 @@ AMPLITUDE = {"acceleration": "rms_mps2", "velocity": "rms_mps", "displacement": 
 
 @dataclass(frozen=True, kw_only=True)
 class SSISettings(BlockSettings):
-    """`BlockSettings` are what the stored poles depend on; the classifier works on stored poles. A pole's stability is
-    told at the orders up to `spread` below and above `order`."""
+    """`BlockSettings` are what the stored poles depend on; the classifier works on stored poles, of the orders from
+    `below` under `order` upwards."""
 
     classifier: ClassifierSettings = field(default_factory=ClassifierSettings)
+    below: int = 8
 
     @property
     def of_blocks(self) -> BlockSettings:
@@ -47,13 +49,15 @@ class Identification:
 
     poles has the columns time (UTC, start of the block), frequency_hz, damping_ratio, mpc, mac and mode (best single
     MAC and that mode; for a kept pole the mode it was taken for), similarity (S2MAC to the pair's plane), stability,
-    criterion, paper_criterion. centre_hz: label(s) of a group -> its cluster's frequency.
+    criterion, paper_criterion, order; those of the chosen order, and those of other orders that stand for a mode.
+    centre_hz: label -> median frequency of the mode's path; tracked: the paths, one row an identified block.
     """
 
     data: ModalData
     poles: pd.DataFrame
     settings: SSISettings
     centre_hz: dict[str, float]
+    tracked: Tracked
     notes: tuple[str, ...]
     summary: str
 
@@ -66,22 +70,6 @@ class Identification:
         written = self.poles.assign(time=self.poles["time"].dt.strftime("%Y-%m-%dT%H:%M:%SZ"))
         written.to_csv(table, index=False, float_format="%.6g", lineterminator="\n")
         return [out, table]
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class _Found:
-    """One block on its way: poles are None where the block was excluded."""
-
-    id: str
-    start: pd.Timestamp
-    environment: dict
-    excluded: str
-    notes: tuple[str, ...]
-    poles: Poles | None = None
-    likeness: Likeness | None = None
-    verdict: np.ndarray | None = None
-    paper: np.ndarray | None = None
-    bands: np.ndarray | None = None
 
 
 def identify(
@@ -127,27 +115,25 @@ def classified(
         progress("telling modes", number, len(blocks.starts))
         found.append(_held_against(blocks.read(start), campaign, reference, settings, rule))
     progress("telling modes", len(blocks.starts), len(blocks.starts))
-    centre = _centres(found, reference, settings.classifier)
-    sets, tables = [], []
-    for one in found:
-        if one.block.poles is None:
-            sets.append(_modal_set(one, None, reference))
-            continue
-        here = turned(reference, campaign.sensors, fore_aft_deg(one.environment, campaign))
-        choice = rules.assigned(
-            one.block.poles, one.likeness, one.verdict, centre, one.bands, here, settings.classifier)
-        sets.append(_modal_set(one, choice, reference))
-        tables.append(_pole_table(one, choice, reference))
-    if not tables:
+    used = [one.judged for one in found if one.judged is not None]
+    if not used:
         raise InputError(str(campaign.path), f"none of {len(found)} blocks can be used; the first: "
                          f"{found[0].block.excluded}", "run `probupdate check` to see what is missing")
+    followed = tracking.track(used, settings.classifier)
+    choices = iter(followed.choices)
+    sets, tables = [], []
+    for one in found:
+        choice = next(choices) if one.judged is not None else None
+        sets.append(_modal_set(one, choice, reference))
+        if choice is not None:
+            tables.append(_pole_table(one, choice, settings.order))
     data = ModalData(channels=campaign.channels, sets=tuple(sets), labels=reference.labels)
     poles = pd.concat(tables, ignore_index=True)
     remarks = [f"{b.id}: {text}" for b in (one.block for one in found) for text in (*b.notes, b.excluded) if text]
-    names = ["/".join(reference.labels[i] for i in g) for g in reference.groups]
     return Identification(
         data=data, poles=poles, settings=settings,
-        centre_hz=dict(zip(names, map(float, centre), strict=True)),
+        centre_hz=dict(zip(reference.labels, map(float, np.median(followed.centre_hz, axis=0)), strict=True)),
+        tracked=followed,
         notes=tuple(remarks),
         summary=_summary([one.block for one in found], data, poles, campaign, rule),
     )
@@ -166,14 +152,14 @@ def fore_aft_deg(environment: Mapping, campaign: Campaign) -> float:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class _Found:
-    """A stored block held against the model; the optional parts are None where the block was excluded."""
+    """A stored block and, unless it was excluded, its poles held against the model: `judged` with the model turned to
+    where the nacelle looked, `single` and `paper` as the paper has it, against the model as it is."""
 
     block: BlockPoles
     environment: dict
-    likeness: Likeness | None = None
-    verdict: np.ndarray | None = None
+    judged: JudgedPoles | None = None
+    single: Likeness | None = None
     paper: np.ndarray | None = None
-    bands: np.ndarray | None = None
 
 
 def _held_against(
@@ -182,15 +168,18 @@ def _held_against(
     environment = _environment(block, campaign, rule)
     if block.poles is None:
         return _Found(block=block, environment=environment)
-    near = tuple(p for p in block.others if abs(p.order - settings.order) <= settings.spread)
-    twins = stability(block.poles, near) if near else np.ones(len(block.poles.frequency_hz))
-    like = rules.likeness(block.poles, reference, twins)
+    near = tuple(p for p in block.others if p.order >= settings.order - settings.below)
+    stack = rules.stacked((block.poles, *near))
+    here = turned(reference, campaign.sensors, fore_aft_deg(environment, campaign))
+    like = rules.likeness(stack, here)
     bands = rules.rotor_bands(environment, settings.classifier)
-    return _Found(
-        block=block, environment=environment, likeness=like, bands=bands,
-        verdict=rules.block_criteria(block.poles, like, reference, settings.classifier),
-        paper=rules.paper_criteria(block.poles, like, bands, settings.classifier),
+    judged = JudgedPoles(
+        id=block.id, poles=stack, likeness=like, bands=bands, reference=here,
+        verdict=rules.block_criteria(stack, like, here, settings.classifier),
     )
+    single = rules.likeness(stack, reference, like.stability)
+    paper = rules.paper_criteria(stack, single, bands, settings.classifier)
+    return _Found(block=block, environment=environment, judged=judged, single=single, paper=paper)
 
 
 def _environment(block: BlockPoles, campaign: Campaign, rule: StateRule) -> dict:
@@ -206,29 +195,13 @@ def _environment(block: BlockPoles, campaign: Campaign, rule: StateRule) -> dict
     return conditions
 
 
-def _centres(found: list[_Found], reference: ReferenceModes, settings: ClassifierSettings) -> np.ndarray:
-    """(n_group,) where each group's frequencies gather over the campaign; harmonics have no vote."""
-    centres = []
-    for g in range(len(reference.groups)):
-        frequency, weight = [np.zeros(0)], [np.zeros(0)]
-        for one in found:
-            if one.block.poles is None:
-                continue
-            mine = (one.verdict == rules.KEPT) & (one.likeness.group == g)
-            poles = one.block.poles
-            swept = rules.within(poles.frequency_hz, one.bands)
-            frequency.append(poles.frequency_hz[mine & ~swept])
-            weight.append(one.likeness.score(poles.damping_ratio)[mine & ~swept])
-        centres.append(rules.cluster_centre(np.concatenate(frequency), np.concatenate(weight)))
-    return np.array(centres)
-
-
-def _modal_set(one: _Found, choice: Assignment | None, reference: ReferenceModes) -> ModalSet:
+def _modal_set(one: _Found, choice: Choice | None, reference: ReferenceModes) -> ModalSet:
     n_channel, n_mode = reference.shape.shape
     frequency, damping = np.full(n_mode, np.nan), np.full(n_mode, np.nan)
     shape = np.full((n_channel, n_mode), np.nan + 0j)
-    environment, poles = dict(one.environment), one.block.poles
+    environment = dict(one.environment)
     if choice is not None:
+        poles = one.judged.poles
         there = np.flatnonzero(choice.pole >= 0)
         taken = choice.pole[there]
         frequency[there], damping[there] = poles.frequency_hz[taken], poles.damping_ratio[taken]
@@ -249,19 +222,17 @@ def unit_largest(shape: np.ndarray) -> np.ndarray:
     return real / real.real[largest, np.arange(real.shape[1])]
 
 
-def _pole_table(one: _Found, choice: Assignment, reference: ReferenceModes) -> pd.DataFrame:
-    poles, like = one.block.poles, one.likeness
-    mode = np.array(reference.labels, dtype=object)[like.best_mode]
-    for label, pole in zip(reference.labels, choice.pole, strict=True):
-        if pole >= 0:
-            mode[pole] = label
-    return pd.DataFrame({
+def _pole_table(one: _Found, choice: Choice, order: int) -> pd.DataFrame:
+    poles, like, labels = one.judged.poles, one.judged.likeness, one.judged.reference.labels
+    mode = np.array(labels, dtype=object)[one.single.best_mode]
+    there = choice.pole >= 0
+    mode[choice.pole[there]] = np.array(labels, dtype=object)[there]
+    table = pd.DataFrame({
         "time": one.block.start, "frequency_hz": poles.frequency_hz, "damping_ratio": poles.damping_ratio,
-        "mpc": like.mpc, "mac": like.best_mac, "mode": mode, "similarity": like.similarity.max(axis=1),
-        "stability": like.stability,
-        "criterion": choice.criterion,
-        "paper_criterion": one.paper,
+        "mpc": like.mpc, "mac": one.single.best_mac, "mode": mode, "similarity": like.similarity.max(axis=1),
+        "stability": like.stability, "criterion": choice.criterion, "paper_criterion": one.paper, "order": poles.order,
     })
+    return table[(table["order"] == order) | (table["criterion"] == rules.KEPT)]
 
 
 def _summary(found: list[BlockPoles], data: ModalData, poles: pd.DataFrame, campaign: Campaign, rule: StateRule) -> str:

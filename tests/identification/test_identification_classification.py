@@ -7,26 +7,26 @@ import pytest
 
 from probupdate.errors import InputError
 from probupdate.identification import classification as rules
-from probupdate.identification.classification import ClassifierSettings
+from probupdate.identification.classification import ClassifierSettings, PoleStack
 from probupdate.identification.reference import ReferenceModes, turned
-from probupdate.identification.ssi import Poles
+from probupdate.identification.tracking import JudgedPoles, choose
 from probupdate.modes import mac
 
 SETTINGS = ClassifierSettings()
 NO_BANDS = np.zeros((0, 2))
 
 
-def poles(frequency, damping, shape) -> Poles:
-    return Poles(order=20, frequency_hz=np.array(frequency, float), damping_ratio=np.array(damping, float),
-                 shape=np.array(shape, complex))
+def poles(frequency, damping, shape, order=20) -> PoleStack:
+    frequency = np.array(frequency, float)
+    return PoleStack(order=np.broadcast_to(order, frequency.shape), frequency_hz=frequency,
+                     damping_ratio=np.array(damping, float), shape=np.array(shape, complex))
 
 
-def judged(found: Poles, reference, bands=NO_BANDS, centre=None, stability=None, settings=SETTINGS):
-    share = np.ones(len(found.frequency_hz)) if stability is None else np.array(stability)
-    like = rules.likeness(found, reference, share)
+def judged(found: PoleStack, reference, bands=NO_BANDS, centre=None, stability=None, settings=SETTINGS):
+    like = rules.likeness(found, reference, None if stability is None else np.array(stability))
     verdict = rules.block_criteria(found, like, reference, settings)
-    centre = [reference.group_hz(g) for g in reference.groups] if centre is None else centre
-    return rules.assigned(found, like, verdict, np.array(centre), bands, reference, settings), like
+    block = JudgedPoles(id="0", poles=found, likeness=like, verdict=verdict, bands=bands, reference=reference)
+    return choose(block, reference.frequency_hz if centre is None else np.array(centre), settings), like
 
 
 def test_the_modes_themselves_are_kept_each_in_its_place(jacket, reference):
@@ -157,13 +157,6 @@ def test_rotor_bands_cover_what_the_speed_swept():
     assert rules.within(np.array([0.28, 0.3, 0.6, 0.63]), bands[1:2]).tolist() == [False, True, True, False]
     for missing in ({}, {"rotor_speed_rpm_min": np.nan, "rotor_speed_rpm_max": 3.0}):
         assert rules.rotor_bands(missing, SETTINGS).shape == (0, 2)
-
-
-def test_the_cluster_is_where_most_weight_lies():
-    rng = np.random.default_rng(1)
-    frequency = np.concatenate([1.95 * (1 + 0.01 * rng.standard_normal(60)), rng.uniform(1.3, 2.4, 40)])
-    assert rules.cluster_centre(frequency, np.ones(100)) == pytest.approx(1.95, rel=0.01)
-    assert np.isnan(rules.cluster_centre(np.zeros(0), np.zeros(0)))
 
 
 @pytest.mark.parametrize(("change", "problem"), [

@@ -1,0 +1,263 @@
+"""Modes followed over a campaign: where each one lies from block to block, and the pole that stands for it.
+
+A mode's frequency moves with water level, temperature and amplitude, and steps when the structure changes. One centre
+for a month would lose it, or be so wide that it takes in its neighbours. The path is found for the whole campaign at
+once (Viterbi): poles of every block and model order vote, and moving costs in proportion to the way. A mode that is
+absent for a block, a state or all the time leaves the path where it is, or NaN.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from probupdate.errors import InputError
+from probupdate.identification import classification as rules
+from probupdate.identification.classification import ClassifierSettings, Likeness, PoleStack
+from probupdate.identification.reference import ReferenceModes
+from probupdate.modes import frozen_array, mac, pair_by_mac
+
+# grid of ln f; width of a vote; what a block without any vote for a place is worth beside one with all of them; cost
+# of a unit of ln f: a move of 1 % asks for a third of a block's full support, so 8 % are believed after three blocks
+GRID, VOTE_WIDTH, FLOOR, COST = 0.0025, 0.01, 0.05, 100.0
+# two tracks of a pair further apart than this share tell its poles by frequency too, not by direction alone
+NEARNESS = 0.03
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class JudgedPoles:
+    """One block's poles with what its own record says of them. reference: the model's modes turned to where the
+    nacelle looked; bands (n_harmonic, 2) Hz that multiples of the rotor speed swept."""
+
+    id: str
+    poles: PoleStack
+    likeness: Likeness
+    verdict: np.ndarray
+    bands: np.ndarray
+    reference: ReferenceModes
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Choice:
+    """criterion (n_pole,) of each pole; pole (n_mode,) the pole that stands for each mode, -1 where none does; share
+    (n_mode,) of the block's model orders that have the mode; independence (n_group,): 1 - MAC in the plane between
+    a pair's two poles, NaN where they are not both there."""
+
+    criterion: np.ndarray
+    pole: np.ndarray
+    share: np.ndarray
+    independence: np.ndarray
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Tracked:
+    """choices: one a block; centre_hz (n_block, n_mode): where each mode lies, NaN for one never seen; it goes on
+    where the mode is absent. support (n_block, n_mode): share of the block's votes within the window."""
+
+    labels: tuple[str, ...]
+    choices: tuple[Choice, ...]
+    centre_hz: np.ndarray
+    support: np.ndarray
+
+
+def track(blocks: Sequence[JudgedPoles], settings: ClassifierSettings) -> Tracked:
+    """Follow every mode over the blocks, which are in the order of time, and choose its pole in each."""
+    if not blocks:
+        raise InputError("tracking", "there is no block", "identify at least one")
+    labels = blocks[0].reference.labels
+    n_mode = len(labels)
+    centre, support = np.full((len(blocks), n_mode), np.nan), np.zeros((len(blocks), n_mode))
+    clear = [_votes(block, settings, swept=False) for block in blocks]
+    every = [_votes(block, settings, swept=True) for block in blocks]
+    for j in range(n_mode):
+        low, high = np.log(blocks[0].reference.frequency_hz[j] * np.array(settings.frequency_window))
+        # a mode that lies where the rotor's multiples pass in every block would else be lost
+        for votes in (clear, every):
+            path = follow([(x, w[:, j]) for x, w in votes], low, high)
+            if path is not None:
+                break
+        if path is not None:
+            centre[:, j] = np.exp(path)
+            for k, (x, w) in enumerate(votes):
+                support[k, j] = np.sum(w[np.abs(x - path[k]) <= settings.cluster, j])
+    choices = tuple(choose(block, centre[k], settings) for k, block in enumerate(blocks))
+    return Tracked(labels=labels, choices=choices, centre_hz=frozen_array(centre), support=frozen_array(support))
+
+
+def follow(votes: Sequence[tuple[np.ndarray, np.ndarray]], low: float, high: float) -> np.ndarray | None:
+    """The path x (n_block,) in [low, high] that maximises sum_k ln(FLOOR + v_k(x_k)) - COST sum_k |x_k - x_(k-1)|.
+
+    votes: places and weights (n,) of each block; v_k is the largest sum of weights within a Gaussian of VOTE_WIDTH.
+    None where no block votes in the range. Before the first and after the last vote the path stays.
+    """
+    grid = np.arange(low, high + GRID, GRID)
+    reward, seen = np.full((len(votes), len(grid)), np.log(FLOOR)), False
+    for k, (place, weight) in enumerate(votes):
+        inside = (place >= low) & (place <= high) & (weight > 0)
+        if inside.any():
+            seen = True
+            near = np.exp(-0.5 * ((grid[:, None] - place[inside]) / VOTE_WIDTH) ** 2) @ weight[inside]
+            reward[k] = np.log(FLOOR + near)
+    if not seen:
+        return None
+    ramp = COST * GRID * np.arange(len(grid))
+    total = [reward[0]]
+    for row in reward[1:]:
+        before = total[-1]
+        # the best of all places before, less the cost of the way there, from both sides
+        rising = np.maximum.accumulate(before + ramp) - ramp
+        falling = np.maximum.accumulate((before - ramp)[::-1])[::-1] + ramp
+        total.append(row + np.maximum(rising, falling))
+    path = np.empty(len(votes), int)
+    path[-1] = int(np.argmax(total[-1]))
+    for k in range(len(votes) - 2, -1, -1):
+        way = COST * GRID * np.abs(np.arange(len(grid)) - path[k + 1])
+        value = total[k] - way
+        # among equals the nearest: nothing moves without a reason
+        path[k] = int(np.argmin(np.where(value >= value.max() - 1e-9, way, np.inf)))
+    return _refined(votes, grid[path])
+
+
+def _refined(votes, path: np.ndarray) -> np.ndarray:
+    """The grid's step taken out: each place moved to the weighted mean of what the blocks about it vote nearby."""
+    refined = np.array(path)
+    for k, centre in enumerate(path):
+        some = [votes[i] for i in range(max(k - 2, 0), min(k + 3, len(path))) if abs(path[i] - centre) <= 2 * GRID]
+        place = np.concatenate([x for x, _ in some])
+        weight = np.concatenate([w for _, w in some]) * np.exp(-0.5 * ((place - centre) / VOTE_WIDTH) ** 2)
+        if np.sum(weight) > FLOOR:
+            refined[k] = np.sum(weight * place) / np.sum(weight)
+    return refined
+
+
+def _votes(block: JudgedPoles, settings: ClassifierSettings, *, swept: bool) -> tuple[np.ndarray, np.ndarray]:
+    """ln f (n_pole,) and weights (n_pole, n_mode): each model order has one vote a mode, shared by its poles.
+
+    A pole of a pair votes for the member it points to. What lies where the rotor's multiples passed votes only if
+    `swept`, and not if it is damped as little as a line.
+    """
+    poles, like, reference = block.poles, block.likeness, block.reference
+    weight = np.zeros((len(poles.order), len(reference.labels)))
+    score = like.score(poles.damping_ratio)
+    voting = (block.verdict == rules.KEPT) & rules.trusted(like, reference, settings)
+    passed = rules.within(poles.frequency_hz, block.bands)
+    voting &= ~(passed & (poles.damping_ratio < settings.harmonic_damping)) if swept else ~passed
+    for g, group in enumerate(reference.groups):
+        mine = np.flatnonzero(voting & (like.group == g))
+        if not len(mine):
+            continue
+        toward = _toward(poles.shape[:, mine], reference.shape[:, list(group)])
+        for member, j in enumerate(group):
+            own = score[mine] * toward[:, member]
+            for n in np.unique(poles.order[mine]):
+                here = poles.order[mine] == n
+                strength = toward[here, member].max()
+                weight[mine[here], j] = strength * own[here] / max(own[here].sum(), 1e-300)
+    weight /= max(len(poles.orders), 1)
+    return np.log(poles.frequency_hz), weight
+
+
+def _toward(shape: np.ndarray, plane: np.ndarray) -> np.ndarray:
+    """(n_pole, n_member) squared cosine of each shape with each member, within the members' space."""
+    if plane.shape[1] == 1:
+        return np.ones((shape.shape[1], 1))
+    basis, triangle = np.linalg.qr(plane)
+    return mac(basis.T @ shape, triangle)
+
+
+def choose(block: JudgedPoles, centre_hz: np.ndarray, settings: ClassifierSettings) -> Choice:
+    """Harmonics and strays removed, then one pole a mode: at each model order the best, of the orders the most
+    central one. centre_hz (n_mode,), NaN for a mode without a path."""
+    poles, like, reference = block.poles, block.likeness, block.reference
+    criterion, n_mode = block.verdict.copy(), len(reference.labels)
+    chosen, share = np.full(n_mode, -1), np.zeros(n_mode)
+    independence = np.full(len(reference.groups), np.nan)
+    swept, score = rules.within(poles.frequency_hz, block.bands), like.score(poles.damping_ratio)
+    criterion[swept & (block.verdict == rules.FREQUENCY)] = rules.HARMONIC
+    weak = ~rules.trusted(like, reference, settings)
+    orders = poles.orders
+    for g, group in enumerate(reference.groups):
+        mine = np.flatnonzero((block.verdict == rules.KEPT) & (like.group == g))
+        if not len(mine):
+            continue
+        apart = np.abs(np.log(poles.frequency_hz[mine, None] / centre_hz[list(group)]))
+        stray = ~np.any(apart <= settings.cluster, axis=1)
+        line = np.all(apart > settings.harmonic_window, axis=1)
+        line |= poles.damping_ratio[mine] < settings.harmonic_damping
+        criterion[mine[stray]] = np.where(weak[mine[stray]], rules.SHAPE, rules.CLUSTER)
+        criterion[mine[swept[mine] & (stray | line)]] = rules.HARMONIC
+        left = mine[criterion[mine] == rules.KEPT]
+        taken = {n: _taken(left[poles.order[left] == n], poles, score, reference.shape[:, list(group)],
+                           centre_hz[list(group)], settings) for n in np.unique(poles.order[left])}  # fmt: skip
+        best, found = _central({n: t for n, (t, _) in taken.items()}, poles, len(group))
+        share[list(group)] = found / len(orders)
+        standing = {pole for t, _ in taken.values() for pole in t.values()}
+        criterion[[p for p in left if p not in standing]] = rules.DUPLICATE
+        scarce = np.max(found, initial=0) / len(orders) < settings.least_share
+        criterion[list(standing)] = rules.UNSTABLE if scarce else rules.OTHER_ORDER
+        if best is None or scarce:
+            continue
+        members, independence[g] = taken[best]
+        for member, pole in members.items():
+            chosen[group[member]], criterion[pole] = pole, rules.KEPT
+    return Choice(criterion=criterion, pole=frozen_array(chosen, int), share=frozen_array(share),
+                  independence=frozen_array(independence))
+
+
+def _central(taken: dict[int, dict[int, int]], poles: PoleStack, n_member: int) -> tuple[int | None, np.ndarray]:
+    """The order whose poles lie nearest to the orders' medians, and (n_member,) in how many orders each is found.
+
+    Distances are |ln f - median| + |zeta - median|, of about equal scatter; of orders with unequal numbers of
+    members, those with the number that most have."""
+    value = np.full((len(taken), n_member, 2), np.nan)
+    for k, members in enumerate(taken.values()):
+        for member, pole in members.items():
+            value[k, member] = np.log(poles.frequency_hz[pole]), poles.damping_ratio[pole]
+    there = np.isfinite(value[:, :, 0])
+    found = there.sum(axis=0)
+    if not found.any():
+        return None, found
+    # members that at least half of the orders with any have
+    wanted = found >= 0.5 * there.any(axis=1).sum()
+    complete = np.flatnonzero(there[:, wanted].all(axis=1))
+    if not len(complete):
+        wanted = found == found.max()
+        complete = np.flatnonzero(there[:, wanted].all(axis=1))
+    some = value[complete][:, wanted]
+    distance = np.sum(np.abs(some - np.median(some, axis=0)), axis=(1, 2))
+    return list(taken)[int(complete[np.argmin(distance)])], found
+
+
+def _taken(left, poles: PoleStack, score, shape, centre_hz, settings: ClassifierSettings):
+    """Member of the group -> pole, from the poles `left` (indices) of one order; and a pair's independence.
+
+    A single mode takes the best score near its path; a pair the two with the largest product of scores and
+    independence, named by their direction in the plane of the model's pair and, where their paths part, by these.
+    """
+    if not len(left):
+        return {}, np.nan
+    away = np.log(poles.frequency_hz[left, None] / centre_hz)
+    near = np.nan_to_num(np.exp(-0.5 * (away / NEARNESS) ** 2))
+    score = score[left]
+    if shape.shape[1] == 1:
+        return {0: int(left[np.argmax(score * near[:, 0])])}, np.nan
+    basis, triangle = np.linalg.qr(shape)
+    inside = basis.T @ poles.shape[:, left]
+    apart = 1 - mac(inside, inside)
+    toward = mac(inside, triangle) * near
+    strength = score * near.max(axis=1)
+    together = np.outer(strength, strength) * np.where(apart >= settings.least_independence, apart, 0)
+    if not np.any(together > 0):
+        best = int(np.argmax(strength))
+        return {int(np.argmax(toward[best])): int(left[best])}, np.nan
+    i, j = np.unravel_index(np.argmax(together), together.shape)
+    two = np.array([i, j])
+    return {member: int(left[two[k]]) for k, member in pair_by_mac(toward[two])}, float(apart[i, j])
+
+
+def preselected(block: JudgedPoles, settings: ClassifierSettings) -> np.ndarray:
+    """Indices of the poles whose deviations are worth computing before the campaign is known: those that would stand
+    for the modes if the block were all there is."""
+    return np.array(sorted({int(p) for p in track([block], settings).choices[0].pole if p >= 0}), int)
