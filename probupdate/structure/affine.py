@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 from scipy import sparse
@@ -61,7 +62,11 @@ class AffineModel:
     def matrices(self, theta: np.ndarray) -> tuple[sparse.csc_array, sparse.csc_array]:
         """K and M at theta (n_param,)."""
         cK, cM = self.coefficients(self._theta(theta))
-        return _weighted_sum(self.stiffness, cK), _weighted_sum(self.mass, cM)
+        return self._sums[0](cK), self._sums[1](cM)
+
+    @cached_property
+    def _sums(self) -> tuple[_WeightedSum, _WeightedSum]:
+        return _WeightedSum.of(self.stiffness), _WeightedSum.of(self.mass)
 
     def coefficient_derivatives(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """d c_K (n_stiffness, n_param) and d c_M (n_mass, n_param) at theta, by complex steps."""
@@ -96,8 +101,8 @@ class AffineModel:
                   "shape": frozen_array(self.channel_matrix @ phi)}
         if derivatives:
             dcK, dcM = self.coefficient_derivatives(theta)
-            dK_phi = np.einsum("tnj,tk->njk", np.array([Kt @ phi for Kt in self.stiffness]), dcK)
-            dM_phi = np.einsum("tnj,tk->njk", np.array([Mt @ phi for Mt in self.mass]), dcM)
+            dK_phi = np.tensordot(np.array([Kt @ phi for Kt in self.stiffness]), dcK, (0, 0))
+            dM_phi = np.tensordot(np.array([Mt @ phi for Mt in self.mass]), dcM, (0, 0))
             d_value, d_phi = mode_derivatives(K, M, value, phi, dK_phi, dM_phi, clusters)
             # lambda = (2 pi f)^2, so df = d lambda / (8 pi^2 f)
             result["frequency_derivative"] = frozen_array(d_value / (8 * np.pi**2 * frequency[:, None]))
@@ -134,8 +139,32 @@ class AffineModel:
         return hashlib.sha256("\n".join(text).encode()).hexdigest()
 
 
-def _weighted_sum(matrices, weight) -> sparse.csc_array:
-    total = weight[0] * matrices[0]
-    for w, matrix in zip(weight[1:], matrices[1:], strict=True):
-        total = total + w * matrix
-    return sparse.csc_array(total)
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _WeightedSum:
+    """weight (n_term,) -> sum of weight times constant matrices: all their entries in one list, as hundreds of sparse
+    additions cost more. Entry k of the list belongs to term[k] and to place slot[k] of the joint pattern."""
+
+    value: np.ndarray
+    term: np.ndarray
+    slot: np.ndarray
+    indices: np.ndarray
+    indptr: np.ndarray
+
+    @classmethod
+    def of(cls, matrices) -> _WeightedSum:
+        n = matrices[0].shape[0]
+        parts = [sparse.coo_array(matrix) for matrix in matrices]
+        place = np.concatenate([part.col.astype(np.int64) * n + part.row for part in parts])
+        joint, slot = np.unique(place, return_inverse=True)
+        return cls(
+            value=np.concatenate([part.data for part in parts]),
+            term=np.repeat(np.arange(len(parts)), [part.nnz for part in parts]),
+            slot=slot, indices=joint % n, indptr=np.searchsorted(joint, n * np.arange(n + 1)),
+        )  # fmt: skip
+
+    def __call__(self, weight: np.ndarray) -> sparse.csc_array:
+        n = len(self.indptr) - 1
+        data = np.bincount(self.slot, weights=self.value * weight[self.term], minlength=len(self.indices))
+        matrix = sparse.csc_array((data, self.indices.copy(), self.indptr.copy()), shape=(n, n))
+        matrix.eliminate_zeros()
+        return matrix

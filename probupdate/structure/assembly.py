@@ -326,9 +326,10 @@ def assemble(
     transform = transformation(frame)
     stiffness = list(_stiffness(frame, theory))
     own_weight = () if gravity_mps2 is None else (Prestress(coefficient=Coefficient(), gravity_mps2=gravity_mps2),)
-    for prestress in (*own_weight, *frame.prestress):
-        forces = axial_forces(frame, values, theory, prestress)
-        stiffness += list(_geometric_stiffness(frame, forces, prestress.coefficient))
+    loads = (*own_weight, *frame.prestress)
+    if loads:
+        forces = axial_forces(frame, values, theory, loads)
+        stiffness += list(_geometric_stiffness(frame, forces, [load.coefficient for load in loads]))
     collected_k = _collect(stiffness, updated, values)
     collected_m = _collect(_mass(frame, theory), updated, values)
     fixed = {name: value for name, value in values.items() if name not in updated}
@@ -340,36 +341,42 @@ def assemble(
     )
 
 
-def _geometric_stiffness(frame: Frame, forces: np.ndarray, coefficient: Coefficient) -> Iterator[Contribution]:
-    for beam, force in zip(frame.beams, forces, strict=True):
+def _geometric_stiffness(
+    frame: Frame, forces: np.ndarray, coefficients: Sequence[Coefficient]
+) -> Iterator[Contribution]:
+    for beam, own in zip(frame.beams, forces, strict=True):
         start, end = frame.node_m[beam.start], frame.node_m[beam.end]
         matrix = beams.geometric_stiffness(float(np.linalg.norm(end - start)))
         turned = beams.to_global(matrix, beams.axes(start, end))
-        yield node_dofs(beam.start, beam.end), turned, coefficient * float(force)
+        for coefficient, force in zip(coefficients, own, strict=True):
+            yield node_dofs(beam.start, beam.end), turned, coefficient * float(force)
 
 
-def axial_forces(frame: Frame, values: Mapping[str, float], theory: str, load: Prestress) -> np.ndarray:
-    """(n_beam,) mean axial force in N, tension positive, under the dry weight or a node's load, at the parameter
-    `values`: that they would change the forces is left out.
+def axial_forces(
+    frame: Frame, values: Mapping[str, float], theory: str, loads: Sequence[Prestress]
+) -> np.ndarray:
+    """(n_beam, n_load) mean axial forces in N, tension positive, under the dry weight or a node's load, at the
+    parameter `values`: that they would change the forces is left out.
 
     Water, growth and buoyancy are left out: submerged steel is weighed as in air, about an eighth too much, while
     the tower and what stands on it, which decide the first modes, have their own weight.
     """
     transform = transformation(frame)
     (K,) = _sum_terms(_collect(_stiffness(frame, theory), (), values), transform)
-    force = np.zeros(transform.shape[0])
-    if load.node is not None:
-        force[6 * load.node : 6 * load.node + 3] = load.force_n
-    if load.gravity_mps2:
-        fall = np.tile([0.0, 0.0, -load.gravity_mps2, 0.0, 0.0, 0.0], len(frame.node_m))
-        for dofs, matrix, coefficient in _mass(frame, theory, dry=True):
-            force[dofs] += float(coefficient.value(values)) * (matrix @ fall[dofs])
-    u = transform @ sparse_linalg.spsolve(sparse.csc_matrix(K), transform.T @ force)
+    force = np.zeros((transform.shape[0], len(loads)))
+    for k, load in enumerate(loads):
+        if load.node is not None:
+            force[6 * load.node : 6 * load.node + 3, k] = load.force_n
+        if load.gravity_mps2:
+            fall = np.tile([0.0, 0.0, -load.gravity_mps2, 0.0, 0.0, 0.0], len(frame.node_m))
+            for dofs, matrix, coefficient in _mass(frame, theory, dry=True):
+                force[dofs, k] += float(coefficient.value(values)) * (matrix @ fall[dofs])
+    u = transform @ sparse_linalg.splu(sparse.csc_matrix(K)).solve(transform.T @ force)
     forces = []
     for beam in frame.beams:
         span = frame.node_m[beam.end] - frame.node_m[beam.start]
         length = np.linalg.norm(span)
-        stretch = (u[6 * beam.end : 6 * beam.end + 3] - u[6 * beam.start : 6 * beam.start + 3]) @ span / length
+        stretch = (span / length) @ (u[6 * beam.end : 6 * beam.end + 3] - u[6 * beam.start : 6 * beam.start + 3])
         modulus = beam.youngs_modulus_pa * float((beam.stiffness * beam.axial).value(values))
         forces.append(modulus * float(beam.tube.area(values)) * stretch / length)
     return np.array(forces)

@@ -241,7 +241,8 @@ def test_weight_compresses_a_column_by_what_stands_on_it():
     tube, length, number, g = beam.Tube(diameter_m=6.0, thickness_m=0.04), 72.0, 6, 9.81
     body = Body(node=number, mass=Coefficient(378e3))
     frame = line(tube, length, number, bodies=[body])
-    force = axial_forces(frame, {}, "bernoulli-euler", Prestress(coefficient=Coefficient(), gravity_mps2=g))
+    load = Prestress(coefficient=Coefficient(), gravity_mps2=g)
+    (force,) = axial_forces(frame, {}, "bernoulli-euler", [load]).T
     above = 378e3 + RHO * tube.area({}) * (length - (np.arange(number) + 0.5) * length / number)
     assert force == pytest.approx(-g * above, rel=1e-9)
     # a cantilever softens by load over buckling load; its own weight counts like 0.31 of it at the top (Euler's
