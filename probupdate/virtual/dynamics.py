@@ -13,7 +13,8 @@ from scipy import sparse
 from scipy.sparse.linalg import LinearOperator, eigsh, splu
 
 from probupdate.modes import frozen_array
-from probupdate.virtual.frame import Structure, rotation
+from probupdate.virtual.frame import Structure
+from probupdate.virtual.observation import rotation
 
 N_MODE = 20
 # aerodynamic dashpots at the hub in N s/m, along (FA) and across (SS) the rotor axis; operating: near dT/dU
@@ -52,15 +53,29 @@ def rna_mass(structure: Structure, heading_deg: float) -> np.ndarray:
     return total
 
 
+def full_mass(structure: Structure, heading_deg: float) -> sparse.csc_array:
+    """Mass matrix (n_dof, n_dof) with what sits at the tower top, and what oscillators couple to."""
+    dofs = 6 * structure.top + np.arange(6)
+    extra = rna_mass(structure, heading_deg)
+    rows, columns, values = [np.repeat(dofs, 6)], [np.tile(dofs, 6)], [extra.ravel()]
+    turn = rotation(np.array([0.0, 0.0, -np.radians(heading_deg)]))
+    for each in structure.oscillators:
+        along, arm = (turn[:, 0], turn @ each.arm_m) if each.direction is None else (each.direction, each.arm_m)
+        # momentum of the mass moving relative to a node that moves u + theta x r
+        lever = each.mass_kg * np.concatenate([along, np.cross(arm, along)])
+        node, own = 6 * each.node + np.arange(6), np.full(6, each.dof)
+        rows += [node, own]
+        columns += [own, node]
+        values += [lever, lever]
+    entries = (np.concatenate(values), (np.concatenate(rows), np.concatenate(columns)))
+    return sparse.csc_array(structure.mass + sparse.coo_array(entries, shape=structure.mass.shape))
+
+
 def heading_modes(structure: Structure, damping_ratio: np.ndarray, heading_deg: float, factor=None) -> HeadingModes:
     """Solve for the lowest modes. damping_ratio (n_mode,) of the structure itself; `factor` a splu of K to reuse."""
     size, top = structure.stiffness.shape[0], 6 * structure.top
     dofs = top + np.arange(6)
-    extra = rna_mass(structure, heading_deg)
-    mass = structure.mass + sparse.coo_array(
-        (extra.ravel(), (np.repeat(dofs, 6), np.tile(dofs, 6))), shape=(size, size)
-    )
-    mass = sparse.csc_array(mass)
+    mass = full_mass(structure, heading_deg)
     factor = factorise(structure) if factor is None else factor
     inverse = LinearOperator((size, size), matvec=factor.solve, dtype=float)
     # a fixed start vector: ARPACK's own is random, and the same seed must give the same bytes

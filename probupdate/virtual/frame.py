@@ -2,164 +2,63 @@
 
 It is built from the same drawing (model.toml) as the model that is updated, and shares no code with it: finer mesh,
 lumped mass, Timoshenko tubes, the soil laws of `soil`, drawn tolerances. The nacelle's heading turns the two masses
-at the tower top. Not modelled: the frame's softening by its own weight, joint offsets at the chords, blades.
+at the tower top. Hidden effects act at the moment's amounts. Not modelled: the frame's softening by its own weight
+(but for the tower's as an effect), joint offsets at the chords, blades.
 """
 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from scipy import sparse
 
 from probupdate.errors import InputError
-from probupdate.virtual import beam, soil
+from probupdate.virtual import beam, observation, soil
+from probupdate.virtual.effects import Departures
+from probupdate.virtual.mesh import Mesh
+from probupdate.virtual.sections import Materials
 from probupdate.virtual.truth import Truth
 from probupdate.virtual.turbine_file import TurbineFile
 
-LONGEST_M = {"leg": 1.75, "brace": 2.0, "pile": 1.0, "column": 1.0, "strut": 2.0, "tie": 2.0, "tower": 2.0}
 WAVE_DEPTH_M = 6.0  # where the resultant of a wave of some seconds acts on a leg
+ICE_RADIUS_M = 25.0  # of gyration of ice on the blades
+SMALLEST_OSCILLATOR_KG = 1e-3  # what stays of an oscillator of amount zero: the degrees of freedom do not change
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Oscillator:
+    """A mass on a spring, one degree of freedom `dof`: its displacement relative to a node's point at `arm_m`, along
+    `direction` or, where that is None, along the nacelle's axis. The node carries the mass already."""
+
+    dof: int
+    node: int
+    arm_m: np.ndarray
+    direction: np.ndarray | None
+    mass_kg: float
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Structure:
-    """Six degrees of freedom a node. stiffness, mass (n_dof, n_dof) csc, the mass without what sits at the tower
-    top; channel (n_channel, n_dof) csr as the sensors are mounted, nominal_channel as the drawing says; top the
-    tower top's node; surface (n_leg,) the leg nodes that waves load; pile_heads (n_leg,) nodes; elements
-    (node, node, tube)."""
+    """Six degrees of freedom a node, then one for each oscillator. stiffness, mass (n_dof, n_dof) csc, the mass
+    without what sits at the tower top; channel (n_channel, n_dof) csr as the sensors are mounted, nominal_channel as
+    the drawing says, sensor_motion (3 n_channel, n_dof) a sensor's point along x, y, z; top the tower top's node;
+    surface (n_leg,) the leg nodes that waves load; pile_heads (n_leg,) nodes; elements (node, node, tube)."""
 
     node_m: np.ndarray
     stiffness: sparse.csc_array
     mass: sparse.csc_array
     nominal_channel: sparse.csr_array
     channel: sparse.csr_array
+    sensor_motion: sparse.csr_array
     top: int
     surface: np.ndarray
     rna: tuple[tuple[float, np.ndarray, np.ndarray], ...]
     pile_heads: np.ndarray
     elements: tuple[tuple[int, int, beam.Tube], ...]
-
-
-class _Mesh:
-    """Collects nodes, element matrices and point masses; turned into matrices once, at the end."""
-
-    def __init__(self):
-        self.nodes: list[np.ndarray] = []
-        self.found: dict[tuple, int] = {}
-        self.part: dict[str, list[int]] = {}
-        self.blocks: list[tuple[np.ndarray, np.ndarray]] = []
-        self.mass_blocks: list[tuple[int, np.ndarray]] = []
-        self.elements: list[tuple[int, int, beam.Tube]] = []
-
-    def node(self, position) -> int:
-        key = tuple(np.round(position, 6))
-        if key not in self.found:
-            self.found[key] = len(self.nodes)
-            self.nodes.append(np.asarray(position, float))
-        return self.found[key]
-
-    def member(self, start, end, group, section, *, at=(), ends=(None, None), beside=None, part=None):
-        """A straight member cut at the fractions `at` and to LONGEST_M; section(position) -> Tube; ends: flexibility
-        at its first and last node -> node numbers along it."""
-        start, end = np.asarray(start, float), np.asarray(end, float)
-        stops = sorted({0.0, 1.0, *(round(float(t), 9) for t in at if 1e-6 < t < 1 - 1e-6)})
-        length = np.linalg.norm(end - start)
-        cuts = [0.0]
-        for a, b in itertools.pairwise(stops):
-            n = max(1, int(np.ceil((b - a) * length / LONGEST_M[group] - 1e-9)))
-            cuts.extend(a + (b - a) * np.arange(1, n + 1) / n)
-        numbers = [self.node(start + t * (end - start)) for t in cuts]
-        for k, (i, j) in enumerate(itertools.pairwise(numbers)):
-            a, b = self.nodes[i], self.nodes[j]
-            tube = section(0.5 * (a + b))
-            axes, step = beam.local_axes(a, b, beside)
-            local = beam.local_stiffness(tube, step)
-            first = ends[0] if k == 0 else None
-            last = ends[1] if k == len(numbers) - 2 else None
-            if first is not None or last is not None:
-                local = beam.soften_ends(local, np.zeros(6) if first is None else first,
-                                         np.zeros(6) if last is None else last)  # fmt: skip
-            self.blocks.append((self._dofs(i, j), beam.to_global(local, axes)))
-            half = beam.lumped_mass(tube, step, axes)
-            self.mass_blocks += [(i, half), (j, half)]
-            self.elements.append((i, j, tube))
-        if part is not None:
-            self.part.setdefault(part, []).extend(numbers)
-        return numbers
-
-    @staticmethod
-    def _dofs(*numbers: int) -> np.ndarray:
-        return np.concatenate([6 * n + np.arange(6) for n in numbers])
-
-    def point_mass(self, number: int, mass_kg: float) -> None:
-        self.mass_blocks.append((number, np.diag([mass_kg] * 3 + [0.0] * 3)))
-
-    def spring(self, number: int, translational: np.ndarray) -> None:
-        """translational (3,) in N/m along x, y, z."""
-        self.blocks.append((self._dofs(number), np.diag([*translational, 0.0, 0.0, 0.0])))
-
-    def matrices(self) -> tuple[sparse.csc_array, sparse.csc_array]:
-        size = 6 * len(self.nodes)
-
-        def build(blocks):
-            rows = np.concatenate([np.repeat(d, len(d)) for d, _ in blocks])
-            columns = np.concatenate([np.tile(d, len(d)) for d, _ in blocks])
-            values = np.concatenate([m.ravel() for _, m in blocks])
-            return sparse.coo_array((values, (rows, columns)), shape=(size, size)).tocsc()
-
-        return build(self.blocks), build([(self._dofs(n), m) for n, m in self.mass_blocks])
-
-
-@dataclass(frozen=True, kw_only=True)
-class _Materials:
-    """Sections of every group with parameters, tolerances and surroundings applied."""
-
-    file: TurbineFile
-    p: Mapping[str, float]
-    truth: Truth
-
-    def tube(self, group: str, diameter_m: float, thickness_m: float, z_m: float, *, stiffness: float = 1.0,
-             flooded: bool = False, wet: bool = True, carried: float = 0.0) -> beam.Tube:  # fmt: skip
-        f, p, t = self.file, self.p, self.truth.tolerances
-        wall = {"leg": t.leg_wall, "brace": t.brace_wall, "pile": t.pile_wall, "tower": t.tower_wall}.get(group, 1.0)
-        factor = {"leg": "k_j", "brace": "k_j", "pile": "k_p", "tower": "k_t"}.get(group, "k_TP")
-        if group in ("leg", "brace"):
-            diameter_m *= p["D_l" if group == "leg" else "D_b"]
-            thickness_m *= p["t_l" if group == "leg" else "t_b"]
-        thickness_m *= wall
-        if group in ("leg", "brace"):
-            low, high = f.number("corrosion", "bottom_m"), f.number("corrosion", "top_m")
-            if low < z_m < high:
-                diameter_m, thickness_m = diameter_m - 2 * p["corr"], thickness_m - p["corr"]
-        if not 0 < thickness_m < diameter_m / 2:
-            raise InputError(str(f.path), f"a {group} at z = {z_m:.1f} m has a wall of {thickness_m:.4f} m",
-                             "mend its section, or the parameters that act on it")  # fmt: skip
-        added = 0.0
-        if wet and self.mudline < z_m < f.number("site", "water_level_m"):
-            grown = p["mg"] if z_m < f.number("hydrodynamics", "growth_top_m") else 0.0
-            outer = diameter_m + 2 * grown
-            water = f.number("site", "water_density_kgpm3")
-            growth = f.number("hydrodynamics", "growth_density_kgpm3") * np.pi / 4 * (outer**2 - diameter_m**2)
-            added = p["a_m"] * f.number("hydrodynamics", "added_mass_coefficient") * water * np.pi / 4 * outer**2
-            carried += growth
-        if flooded and z_m < f.number("site", "water_level_m"):
-            water = f.number("site", "water_density_kgpm3")
-            carried += water * np.pi / 4 * (diameter_m - 2 * thickness_m) ** 2
-        return beam.Tube(
-            diameter_m=diameter_m, thickness_m=thickness_m,
-            youngs_modulus_pa=f.number("steel", "youngs_modulus_pa") * p[factor] * stiffness,
-            poisson_ratio=f.number("steel", "poisson_ratio"), density_kgpm3=f.number("steel", "density_kgpm3"),
-            carried_kgpm=carried, added_kgpm=added,
-        )  # fmt: skip
-
-    @property
-    def mudline(self) -> float:
-        return self.file.number("site", "mudline_m") - self.p["sc"]
-
-    def section(self, group: str, entry: Mapping, **kwargs):
-        return lambda x: self.tube(group, entry["diameter_m"], entry["thickness_m"], x[2], **kwargs)
+    oscillators: tuple[Oscillator, ...] = ()
 
 
 def _leg_point(file: TurbineFile, leg: int, z: float) -> np.ndarray:
@@ -172,8 +71,14 @@ def _leg_point(file: TurbineFile, leg: int, z: float) -> np.ndarray:
     return np.array([radius * np.cos(angle), radius * np.sin(angle), z])
 
 
-def _legs(mesh: _Mesh, file: TurbineFile, steel: _Materials) -> None:
-    jacket = file.value("jacket")
+def _bending(length_m: float, tube: beam.Tube) -> np.ndarray | None:
+    """Flexibility (6,) about both bending axes of a length of tube; None for none."""
+    turn = length_m / (tube.youngs_modulus_pa * tube.second_moment_m4)
+    return np.array([0.0, 0.0, 0.0, 0.0, turn, turn]) if length_m else None
+
+
+def _legs(mesh: Mesh, file: TurbineFile, steel: Materials) -> None:
+    jacket, hidden = file.value("jacket"), steel.hidden
     low, high = jacket["bottom"]["z_m"], jacket["top"]["z_m"]
     levels = {bay[key] for bay in jacket["bay"] for key in ("bottom_m", "top_m")}
     levels |= {file.number("site", "water_level_m"), file.number("hydrodynamics", "growth_top_m"),
@@ -181,31 +86,46 @@ def _legs(mesh: _Mesh, file: TurbineFile, steel: _Materials) -> None:
     for leg, name in enumerate(jacket["leg_names"]):
         own = {s.position_m[2] for s, part in zip(file.sensors, file.parts, strict=True) if part == f"leg {name}"}
         at = [(z - low) / (high - low) for z in levels | own]
-        section = steel.section("leg", jacket["leg"], flooded=bool(jacket.get("flooded", False)))
-        mesh.member(_leg_point(file, leg, low), _leg_point(file, leg, high), "leg", section, at=at, part=f"leg {name}")
+        filled = float(np.clip(bool(jacket.get("flooded", False)) + hidden.total("leg_water", leg=name), 0.0, 1.0))
+
+        def section(x, half_m=0.0, name=name, filled=filled):
+            bays = [k for k, bay in enumerate(jacket["bay"], start=1) if bay["bottom_m"] < x[2] < bay["top_m"]]
+            left = hidden.factor("leg_stiffness", leg=name, bay=bays[0]) if bays else 1.0
+            return steel.section("leg", jacket["leg"], leg=name, flooded=filled, stiffness=left)(x, half_m)
+
+        foot, head = _leg_point(file, leg, low), _leg_point(file, leg, high)
+        ends = tuple(_bending(hidden.total(kind, leg=name), section(point))
+                     for kind, point in (("grout_flexibility", foot), ("tp_flexibility", head)))  # fmt: skip
+        mesh.member(foot, head, "leg", section, at=at, ends=ends, part=f"leg {name}")
 
 
-def _braces(mesh: _Mesh, file: TurbineFile, steel: _Materials, truth: Truth) -> None:
-    jacket, p = file.value("jacket"), steel.p
+def _braces(mesh: Mesh, file: TurbineFile, steel: Materials, truth: Truth) -> None:
+    jacket, p, hidden = file.value("jacket"), steel.p, steel.hidden
     names = jacket["leg_names"]
     law = jacket["joints"]["law"]
     if law not in ("fessler", "rigid"):
         raise InputError(f"{file.path}, jacket.joints.law", f"'{law}' is unknown", "choose fessler or rigid")
-    lost = {(e["bay"], e["face"]): e["factor"] for e in truth.effects if e["kind"] == "brace_stiffness"}
     for number, bay in enumerate(jacket["bay"], start=1):
         for leg, name in enumerate(names):
             other = (leg + 1) % len(names)
+            face = f"{name}{names[other]}"
             left = [_leg_point(file, leg, bay[k]) for k in ("bottom_m", "top_m")]
             right = [_leg_point(file, other, bay[k]) for k in ("bottom_m", "top_m")]
             below, above = np.linalg.norm(right[0] - left[0]), np.linalg.norm(right[1] - left[1])
             crossing = left[0] + below / (below + above) * (right[1] - left[0])
-            stiffness = lost.get((number, f"{name}{names[other]}"), 1.0)
-            section = steel.section("brace", bay["brace"], stiffness=stiffness)
+            filled = min(hidden.total("brace_flooding", bay=number, face=face), 1.0)
+            both = hidden.factor("brace_stiffness", bay=number, face=face)
             # all four half braces of a face and bay, each from its leg to the crossing
-            for corner, chord in ((left[0], left), (left[1], left), (right[0], right), (right[1], right)):
+            for corner, chord, end, brace_number, at_leg in (
+                (left[0], left, "bottom", 1, name), (left[1], left, "top", 2, name),
+                (right[0], right, "bottom", 2, names[other]), (right[1], right, "top", 1, names[other]),
+            ):  # fmt: skip
                 chord_axis = (chord[1] - chord[0]) / np.linalg.norm(chord[1] - chord[0])
+                one = hidden.factor("single_brace", bay=number, face=face, brace=brace_number)
+                tight = hidden.factor("joint_stiffness", bay=number, face=face, leg=at_leg, end=end)
+                section = steel.section("brace", bay["brace"], stiffness=both * one, flooded=filled)
                 flexibility = None
-                if law == "fessler":
+                if law == "fessler" or tight != 1.0:
                     along = (crossing - corner) / np.linalg.norm(crossing - corner)
                     leg_tube = steel.tube("leg", jacket["leg"]["diameter_m"], jacket["leg"]["thickness_m"], corner[2])
                     brace = steel.tube("brace", bay["brace"]["diameter_m"], bay["brace"]["thickness_m"], corner[2])
@@ -213,136 +133,202 @@ def _braces(mesh: _Mesh, file: TurbineFile, steel: _Materials, truth: Truth) -> 
                         brace.diameter_m, leg_tube.diameter_m, leg_tube.thickness_m,
                         float(np.arccos(abs(along @ chord_axis))), leg_tube.youngs_modulus_pa,
                     ) * truth.tolerances.joint_flexibility / p["LJF"]  # fmt: skip
+                    if tight != 1.0:
+                        flexibility = flexibility * (1 / tight - (law == "rigid"))
                 mesh.member(corner, crossing, "brace", section, ends=(flexibility, None), beside=chord_axis)
+            for _, weight in hidden.of("odd_mass", bay=number, face=face):
+                mesh.point_mass(mesh.node(crossing), weight)
 
 
-def _piles(mesh: _Mesh, file: TurbineFile, steel: _Materials, truth: Truth) -> list[int]:
-    pile, head_z = file.value("pile"), file.value("jacket", "bottom")["z_m"]
-    clay = soil.Clay(
-        strength_mudline_pa=file.number("soil", "undrained_shear_strength_pa", "at_mudline", positive=True),
-        strength_gradient_papm=file.number("soil", "undrained_shear_strength_pa", "gradient_per_m"),
-        unit_weight_npm3=file.number("soil", "submerged_unit_weight_npm3", positive=True),
-        strain_50=file.number("soil", "strain_50", positive=True),
-        scour_m=steel.p["sc"],
-    )
-    mudline, heads = steel.mudline, []
+def _piles(mesh: Mesh, file: TurbineFile, steel: Materials, truth: Truth) -> list[int]:
+    pile, head_z, hidden = file.value("pile"), file.value("jacket", "bottom")["z_m"], steel.hidden
+    ground, heads, names = steel.mudline(), [], file.value("jacket", "leg_names")
+    softened = np.exp(-hidden.total("soil_softening"))
     for leg, factor in enumerate(truth.tolerances.leg_soil):
+        name = names[leg]
+        scour, mudline = hidden.total("scour", leg=name), steel.mudline(name)
+        clay = soil.Clay(
+            strength_mudline_pa=file.number("soil", "undrained_shear_strength_pa", "at_mudline", positive=True),
+            strength_gradient_papm=file.number("soil", "undrained_shear_strength_pa", "gradient_per_m"),
+            unit_weight_npm3=file.number("soil", "submerged_unit_weight_npm3", positive=True),
+            strain_50=file.number("soil", "strain_50", positive=True),
+            scour_m=steel.p["sc"] + scour,
+        )
+        part = {d: factor * softened * hidden.factor("soil_stiffness", leg=name, direction=d)
+                for d in ("lateral", "axial", "tip")}  # fmt: skip
         head = _leg_point(file, leg, head_z)
         tip = np.array([head[0], head[1], pile["tip_m"]])
-        at = [(head_z - mudline) / (head_z - pile["tip_m"])]
-        section = steel.section("pile", pile, flooded=bool(pile.get("flooded", False)))
+        # the cut stays where the ground is without a scour hole: the same mesh whatever the hole
+        at = [(head_z - ground) / (head_z - pile["tip_m"])]
+        section = steel.section("pile", pile, leg=name, flooded=float(bool(pile.get("flooded", False))))
         numbers = mesh.member(head, tip, "pile", section, at=at)
         heads.append(numbers[0])
         for i, j in itertools.pairwise(numbers):
             top, bottom = mudline - mesh.nodes[i][2], mudline - mesh.nodes[j][2]
+            if scour:
+                top, bottom = max(top, 0.0), max(bottom, 0.0)
             depth = np.array([0.75 * top + 0.25 * bottom, 0.25 * top + 0.75 * bottom])
-            share = factor * 0.5 * (bottom - top)
-            lateral = share * soil.lateral_stiffness(clay, pile["diameter_m"], depth) / steel.p["py"]
-            axial = share * soil.axial_stiffness(clay, depth) / steel.p["tz"]
+            share = 0.5 * (bottom - top)
+            lateral = part["lateral"] * share * soil.lateral_stiffness(clay, pile["diameter_m"], depth) / steel.p["py"]
+            axial = part["axial"] * share * soil.axial_stiffness(clay, depth) / steel.p["tz"]
             for node, k in ((i, 0), (j, 1)):
                 mesh.spring(node, np.array([lateral[k], lateral[k], axial[k]]))
-        end = factor * soil.tip_stiffness(clay, pile["diameter_m"], mudline - pile["tip_m"]) / steel.p["qw"]
+        end = part["tip"] * soil.tip_stiffness(clay, pile["diameter_m"], mudline - pile["tip_m"]) / steel.p["qw"]
         mesh.spring(numbers[-1], np.array([0.0, 0.0, end]))
     return heads
 
 
-def _transition(mesh: _Mesh, file: TurbineFile, steel: _Materials, truth: Truth) -> None:
+def _transition(mesh: Mesh, file: TurbineFile, steel: Materials, truth: Truth) -> None:
     piece, top_z = file.value("transition_piece"), file.value("jacket", "top")["z_m"]
     low, foot = piece["column_bottom_m"], file.value("tower", "station")[0]["z_m"]
     own = {s.position_m[2] for s, part in zip(file.sensors, file.parts, strict=True) if part == "column"}
     at = [(z - low) / (foot - low) for z in {piece["strut_top_m"]} | own]
-    column = steel.section("column", piece["column"])
+    column, strut, tie = (
+        steel.section(part, piece[part], stiffness=steel.hidden.factor("tp_stiffness", part=part))
+        for part in ("column", "strut", "tie")
+    )
     mesh.member([0, 0, low], [0, 0, foot], "column", column, at=at, part="column")
     for leg in range(len(file.value("jacket", "leg_names"))):
         corner = _leg_point(file, leg, top_z)
-        mesh.member(corner, [0, 0, piece["strut_top_m"]], "strut", steel.section("strut", piece["strut"]))
-        mesh.member(corner, [0, 0, low], "tie", steel.section("tie", piece["tie"]))
+        mesh.member(corner, [0, 0, piece["strut_top_m"]], "strut", strut)
+        mesh.member(corner, [0, 0, low], "tie", tie)
     mesh.point_mass(mesh.node([0, 0, piece["strut_top_m"]]),
-                    piece["lumped_mass_kg"] * truth.tolerances.secondary_steel)  # fmt: skip
+                    piece["lumped_mass_kg"] * truth.tolerances.secondary_steel
+                    + steel.hidden.total("tp_mass"))  # fmt: skip
 
 
-def _tower(mesh: _Mesh, file: TurbineFile, steel: _Materials, truth: Truth) -> int:
-    stations = file.value("tower", "station")
+def _tower(mesh: Mesh, file: TurbineFile, steel: Materials, truth: Truth) -> int:
+    stations, hidden = file.value("tower", "station"), steel.hidden
     z = np.array([s["z_m"] for s in stations])
     diameter, wall = ([s[key] for s in stations] for key in ("diameter_m", "thickness_m"))
     carried = file.number("tower", "secondary_steel_kgpm") * truth.tolerances.secondary_steel
     own = {s.position_m[2] for s, part in zip(file.sensors, file.parts, strict=True) if part == "tower"}
 
-    def section(x):
-        return steel.tube("tower", np.interp(x[2], z, diameter), np.interp(x[2], z, wall), x[2], carried=carried)
+    def section(x, half_m=0.0):
+        left, more = 1.0, 0.0
+        for _, factor in hidden.in_band("tower_stiffness", x[2]):
+            left *= factor
+        for effect, weight in hidden.in_band("tower_mass", x[2]):
+            more += weight / (min(effect.get("top_m", z[-1]), z[-1]) - max(effect.get("bottom_m", z[0]), z[0]))
+        return steel.tube("tower", np.interp(x[2], z, diameter), np.interp(x[2], z, wall), x[2], carried=carried + more,
+                          stiffness=left)  # fmt: skip
 
     at = [(level - z[0]) / (z[-1] - z[0]) for level in {*z, *own}]
-    mesh.member([0, 0, z[0]], [0, 0, z[-1]], "tower", section, at=at, part="tower")
+    soft = {round(float(level), 6): _bending(hidden.total("flange_flexibility", station=k), section([0, 0, level]))
+            for k, level in enumerate(z, start=1) if hidden.of("flange_flexibility", station=k)}  # fmt: skip
+    mesh.member([0, 0, z[0]], [0, 0, z[-1]], "tower", section, at=at, inner=soft, part="tower")
     for station in stations:
         mesh.point_mass(mesh.node([0, 0, station["z_m"]]), station.get("flange_kg", 0.0))
     return mesh.node([0, 0, z[-1]])
 
 
-def build_structure(file: TurbineFile, truth: Truth) -> Structure:
-    """Assemble the turbine of the drawing as it is in truth."""
-    mesh = _Mesh()
-    steel = _Materials(file=file, p=truth.parameters, truth=truth)
+def _bodies(file: TurbineFile, truth: Truth, hidden: Departures) -> tuple[tuple[float, np.ndarray, np.ndarray], ...]:
+    """Weight, offset from the tower top, inertia of nacelle and hub."""
+    moved = np.array([hidden.total("rna_offset", axis=axis) for axis in "xyz"])
+    turning = np.array([hidden.total("rna_inertia", axis=axis) for axis in "xyz"])
+    ice, heavier = hidden.total("icing"), hidden.total("rna_mass")
+    bodies = []
+    for body in file.value("rna"):
+        hub = body["name"] == "hub"
+        weight = truth.parameters["m_h"] if hub else body["mass_kg"] * truth.tolerances.nacelle_mass
+        weight += ice if hub else heavier
+        offset = np.array(body["offset_m"], float) + truth.tolerances.rna_offset_m + moved
+        # a turning rotor carries no inertia about its axis
+        inertia = np.array(body["inertia_kgm2"], float)
+        inertia = inertia + (0.5 * ice * ICE_RADIUS_M**2 * np.array([0.0, 1.0, 1.0]) if hub else turning)
+        bodies.append((float(weight), offset, np.diag(inertia)))
+    return tuple(bodies)
+
+
+def _soften_by_weight(mesh: Mesh, hidden: Departures, bodies) -> None:
+    """The weight above on each tower element: geometric stiffness of a string, which a fine mesh makes a beam's."""
+    scale = hidden.total("p_delta")
+    if not scale:
+        return
+    among = set(mesh.part["tower"])
+    above = 9.81 * sum(weight for weight, _, _ in bodies)
+    for i, j, tube in reversed([e for e in mesh.elements if e[0] in among and e[1] in among]):
+        length = float(np.linalg.norm(mesh.nodes[j] - mesh.nodes[i]))
+        above += 9.81 * length * (tube.density_kgpm3 * tube.area_m2 + tube.carried_kgpm)
+        for axis in np.eye(3)[:2]:
+            mesh.spring_along(i, axis, -scale * above / length, j)
+
+
+def _foreign(mesh: Mesh, file: TurbineFile, hidden: Departures) -> None:
+    """Springs that no drawing has."""
+    names = file.value("jacket", "leg_names")
+    for effect, stiffness in hidden.of("cable"):
+        for name in names:
+            if effect["leg"] in (name, "all"):
+                leg = mesh.nearest(mesh.part[f"leg {name}"], _leg_point(file, names.index(name), effect["z_m"]))
+                tower = mesh.nearest(mesh.part["tower"], np.array([0, 0, effect["tower_z_m"]]))
+                along = mesh.nodes[tower] - mesh.nodes[leg]
+                mesh.spring_along(leg, along / np.linalg.norm(along), stiffness, tower)
+    for effect, stiffness in hidden.of("fender"):
+        for name in names:
+            if effect["leg"] in (name, "all"):
+                leg = mesh.nearest(mesh.part[f"leg {name}"], _leg_point(file, names.index(name), effect["z_m"]))
+                mesh.spring_along(leg, _horizontal(effect["direction_deg"]), stiffness)
+
+
+def _horizontal(angle_deg: float) -> np.ndarray:
+    return np.array([np.cos(np.radians(angle_deg)), np.sin(np.radians(angle_deg)), 0.0])
+
+
+def _oscillators(mesh: Mesh, hidden: Departures, top: int, hub_m: np.ndarray) -> tuple[tuple[Oscillator, float], ...]:
+    """Blades (part of the hub, coupled along the rotor's axis) and tuned masses, each with its spring in N/m."""
+    found = []
+    for kind in ("blade_coupling", "tuned_mass"):
+        for effect, weight in hidden.of(kind):
+            weight = max(weight, SMALLEST_OSCILLATOR_KG)
+            if kind == "blade_coupling":
+                node, arm, along = top, hub_m, None
+            else:
+                node = mesh.nearest(mesh.part["tower"], np.array([0, 0, effect["z_m"]]))
+                arm, along = np.zeros(3), _horizontal(effect["direction_deg"])
+                mesh.point_mass(node, weight)
+            dof = 6 * len(mesh.nodes) + len(found)
+            oscillator = Oscillator(dof=dof, node=node, arm_m=arm, direction=along, mass_kg=weight)
+            found.append((oscillator, weight * (2 * np.pi * effect["frequency_hz"]) ** 2))
+    return tuple(found)
+
+
+def build_structure(file: TurbineFile, truth: Truth, amount: Sequence[float] | None = None) -> Structure:
+    """Assemble the turbine of the drawing as it is in truth, each effect at its amount (n_effect,); None: all at 1."""
+    hidden = Departures(effects=truth.effects, amount=tuple(np.ones(len(truth.effects)) if amount is None else amount))
+    mesh = Mesh()
+    steel = Materials(file=file, p=truth.parameters, truth=truth, hidden=hidden)
     _legs(mesh, file, steel)
     _braces(mesh, file, steel, truth)
     heads = _piles(mesh, file, steel, truth)
     _transition(mesh, file, steel, truth)
     top = _tower(mesh, file, steel, truth)
+    bodies = _bodies(file, truth, hidden)
+    _soften_by_weight(mesh, hidden, bodies)
+    _foreign(mesh, file, hidden)
+    hub = next(k for k, body in enumerate(file.value("rna")) if body["name"] == "hub")
+    sprung = _oscillators(mesh, hidden, top, bodies[hub][1])
     stiffness, mass = mesh.matrices()
+    if sprung:
+        stiffness = sparse.csc_array(sparse.block_diag([stiffness, np.diag([k for _, k in sprung])]))
+        mass = sparse.csc_array(sparse.block_diag([mass, np.diag([o.mass_kg for o, _ in sprung])]))
     nodes = np.array(mesh.nodes)
     surface_z = file.number("site", "water_level_m") - WAVE_DEPTH_M
     surface = np.array([
-        _nearest(nodes, mesh.part[f"leg {name}"], _leg_point(file, leg, surface_z))
+        mesh.nearest(mesh.part[f"leg {name}"], _leg_point(file, leg, surface_z))
         for leg, name in enumerate(file.value("jacket", "leg_names"))
     ])  # fmt: skip
-    bodies = []
-    for body in file.value("rna"):
-        hub = body["name"] == "hub"
-        weight = truth.parameters["m_h"] if hub else body["mass_kg"] * truth.tolerances.nacelle_mass
-        offset = np.array(body["offset_m"], float) + truth.tolerances.rna_offset_m
-        bodies.append((float(weight), offset, np.diag(np.array(body["inertia_kgm2"], float))))
-    nominal, mounted = _channels(mesh, nodes, file, truth)
+    attached, n_dof = observation.attachments(mesh, file), stiffness.shape[0]
+    direction, gain = observation.mounted_direction(file, truth, hidden)
+    channel = observation.reading_rows(attached, direction, gain, n_dof)
+    mixing = observation.channel_mixing(file, hidden)
+    every, axes = [a for a in attached for _ in range(3)], np.tile(np.eye(3), (len(attached), 1))
     return Structure(
-        node_m=nodes, stiffness=stiffness, mass=mass, nominal_channel=nominal, channel=mounted, top=top,
-        surface=surface, rna=tuple(bodies), pile_heads=np.array(heads), elements=tuple(mesh.elements),
+        node_m=nodes, stiffness=stiffness, mass=mass,
+        nominal_channel=observation.reading_rows(
+            attached, observation.nominal_direction(file), np.ones(len(attached)), n_dof),
+        channel=channel if mixing is None else sparse.csr_array(mixing @ channel.toarray()),
+        sensor_motion=observation.reading_rows(every, axes, np.ones(len(every)), n_dof), top=top,
+        surface=surface, rna=bodies, pile_heads=np.array(heads), elements=tuple(mesh.elements),
+        oscillators=tuple(o for o, _ in sprung),
     )  # fmt: skip
-
-
-def _nearest(nodes: np.ndarray, among: list[int], point: np.ndarray) -> int:
-    return among[int(np.argmin(np.linalg.norm(nodes[among] - point, axis=1)))]
-
-
-def rotation(axis_angle: np.ndarray) -> np.ndarray:
-    """Rotation matrix (3, 3) of an axis times an angle in rad (Rodrigues)."""
-    angle = float(np.linalg.norm(axis_angle))
-    if angle == 0:
-        return np.eye(3)
-    x, y, z = axis_angle / angle
-    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    return np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
-
-
-def _channels(mesh: _Mesh, nodes: np.ndarray, file: TurbineFile, truth: Truth):
-    """Rows that read u + theta x r of the part's nearest node, along the direction: nominal, and as mounted."""
-    t = truth.tolerances
-    gain = np.array(t.sensor_gain)
-    for effect in truth.effects:
-        if effect["kind"] == "sensor_gain":
-            gain[[s.channel for s in file.sensors].index(effect["channel"])] *= effect["factor"]
-    nominal = np.zeros((len(file.sensors), 6 * len(nodes)))
-    mounted = np.zeros_like(nominal)
-    frame = rotation(np.radians([0.0, 0.0, t.frame_rotation_deg]))
-    for row, (sensor, part) in enumerate(zip(file.sensors, file.parts, strict=True)):
-        if part not in mesh.part:
-            raise InputError(f"{file.path}, sensor {sensor.channel}", f"part '{part}' is unknown",
-                             f"choose from {', '.join(mesh.part)}")  # fmt: skip
-        number = _nearest(nodes, mesh.part[part], sensor.position_m)
-        arm = sensor.position_m - nodes[number]
-        own = rotation(np.radians(t.sensor_rotation_deg[row]))
-        for matrix, direction, factor in (
-            (nominal, sensor.direction, 1.0),
-            (mounted, frame @ own @ sensor.direction, gain[row]),
-        ):
-            matrix[row, 6 * number : 6 * number + 3] = factor * direction
-            # d . (theta x r) = theta . (r x d)
-            matrix[row, 6 * number + 3 : 6 * number + 6] = factor * np.cross(arm, direction)
-    return sparse.csr_array(nominal), sparse.csr_array(mounted)

@@ -16,7 +16,8 @@ from probupdate.modes import Sensor
 from probupdate.progress import Progress, silent
 from probupdate.virtual import campaign_files, excitation, losses, operation
 from probupdate.virtual.dynamics import N_MODE, HeadingModes, factorise, heading_modes
-from probupdate.virtual.frame import Structure, build_structure, rotation
+from probupdate.virtual.frame import Structure, build_structure
+from probupdate.virtual.observation import rotation
 from probupdate.virtual.response import channel_response
 from probupdate.virtual.scada import scada_table
 from probupdate.virtual.truth import Truth, draw_truth, read_given

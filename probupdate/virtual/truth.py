@@ -11,15 +11,12 @@ import numpy as np
 
 from probupdate.errors import InputError
 from probupdate.modes import frozen_array
+from probupdate.virtual.effects import read_effect
 from probupdate.virtual.turbine_file import TurbineFile, read_toml, unknown_name
 
 # keys a user may give; the rest of a written truth.toml is a record, and read back only as far as it is given
 GIVEN = ("parameters", "parameters_from", "tolerances", "operation", "effect")
 RECORDED = ("format", "name", "model", "seed", "drawn", "mode_set", "idling_hz", "state", "event", "gap", "summary")
-EFFECTS = MappingProxyType({
-    "sensor_gain": ("channel", "factor"),
-    "brace_stiffness": ("bay", "face", "factor"),
-})  # fmt: skip
 DEPTHS = ("sc", "corr", "mg")  # may be zero
 OPERATION = ("maintenance_hours", "wind_speed_mean_mps", "missing_hours")
 
@@ -104,7 +101,7 @@ def read_given(path: str | Path | None, file: TurbineFile) -> Given:
         parameters_from=source,
         tolerance_scale=float(scale),
         operation=MappingProxyType(operation),
-        effects=tuple(_effect(path, number, entry, file) for number, entry in enumerate(raw.get("effect", []))),
+        effects=tuple(read_effect(path, number, entry, file) for number, entry in enumerate(raw.get("effect", []))),
     )
 
 
@@ -138,37 +135,6 @@ def read_truth_modes(path: str | Path) -> tuple[TruthModes, ...]:
         )
         for entry in raw["mode_set"]
     )
-
-
-def _effect(path, number: int, entry: Mapping, file: TurbineFile) -> Mapping:
-    where = f"{path}, effect {number + 1}"
-    kind = entry.get("kind", "")
-    if kind not in EFFECTS:
-        raise unknown_name(where, kind, tuple(EFFECTS))
-    keys = EFFECTS[kind]
-    for key in entry:
-        if key not in ("kind", *keys):
-            raise unknown_name(where, key, keys)
-    for key in keys:
-        if key not in entry:
-            raise InputError(where, f"{key} is missing", f"a {kind} needs {', '.join(keys)}")
-    factor = entry["factor"]
-    if isinstance(factor, bool) or not isinstance(factor, (int, float)) or not np.isfinite(factor) or factor == 0:
-        raise InputError(f"{where}, factor", f"{factor!r} is not a number other than zero", "give one")
-    if kind == "sensor_gain":
-        channels = tuple(s.channel for s in file.sensors)
-        if entry["channel"] not in channels:
-            raise unknown_name(f"{where}, channel", str(entry["channel"]), channels)
-    else:
-        legs = file.value("jacket", "leg_names")
-        faces = tuple(f"{a}{b}" for a, b in zip(legs, (*legs[1:], legs[0]), strict=True))
-        if entry["face"] not in faces:
-            raise unknown_name(f"{where}, face", str(entry["face"]), faces)
-        if entry["bay"] not in range(1, len(file.value("jacket", "bay")) + 1):
-            raise InputError(f"{where}, bay", f"{entry['bay']!r} does not exist", "count from 1, the lowest")
-        if not 0 < factor <= 1:
-            raise InputError(f"{where}, factor", f"{factor} is not in (0, 1]", "give the stiffness that is left")
-    return MappingProxyType(dict(entry))
 
 
 def _clipped(rng: np.random.Generator, std: float, shape=None, limit: float = 2.0):

@@ -164,7 +164,7 @@ def test_effects_act_where_they_say(file, plain):
         ("[parameters]\npy = nan", "parameters.py", "not a finite"),
         ('parameters_from = "posterior"', "parameters_from", "choose"),
         ("[tolerances]\nscale = 9", "tolerances.scale", "0 to 3"),
-        ('[[effect]]\nkind = "scour"', "effect 1", "unknown"),
+        ('[[effect]]\nkind = "scuor"', "effect 1", "did you mean 'scour'"),
         ('[[effect]]\nkind = "sensor_gain"\nchannel = "TP-A-x"', "effect 1", "factor is missing"),
         ('[[effect]]\nkind = "sensor_gain"\nchannel = "TP-A-w"\nfactor = 1.1', "channel", "did you mean"),
         ('[[effect]]\nkind = "brace_stiffness"\nbay = 9\nface = "AB"\nfactor = 0.5', "bay", "count from 1"),

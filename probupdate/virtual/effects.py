@@ -1,0 +1,254 @@
+"""The effects a virtual turbine can hide: where each acts, how large it is, and how it runs over time.
+
+An effect is a table of truth.toml: `kind`, its place, its size, and a `course`. Its size at a time is
+neutral + amount (size - neutral), the amount being 1 (constant), 0 then 1 (step, ramp), or (x - reference) / scale of
+a covariate x. Amount zero is the structure without the effect. `inside` says whether an engineer's list of causes
+would hold the kind; the others are there because no list is complete.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from types import MappingProxyType
+
+import numpy as np
+
+from probupdate.errors import InputError
+from probupdate.virtual.turbine_file import TurbineFile, unknown_name
+
+ALL = "all"
+COURSES = ("constant", "step", "ramp", "covariate")
+# what each course needs, and may have
+COURSE_KEYS = MappingProxyType({
+    "constant": (), "step": ("at_hour",), "ramp": ("from_hour", "to_hour"),
+    "covariate": ("covariate", "reference", "scale"),
+})  # fmt: skip
+COVARIATES = (
+    "water_level_m", "air_temperature_c", "wind_speed_mps", "wave_height_m", "thrust_mn", "rotor_speed_rpm",
+    "amplitude",
+)  # fmt: skip
+SMALLEST_FACTOR = 1e-6
+
+
+@dataclass(frozen=True, kw_only=True)
+class EffectKind:
+    """One kind of departure: `acts` structure, environment or measurement; `place` its keys; `size` the key of its
+    size with the value that changes nothing and the unit; `course` what it follows unless told otherwise."""
+
+    acts: str
+    place: tuple[str, ...]
+    size: str
+    neutral: float
+    unit: str
+    low: float = -np.inf
+    high: float = np.inf
+    inside: bool = True
+    course: Mapping = field(default_factory=lambda: MappingProxyType({"course": "constant"}))
+
+
+def _follows(covariate: str, reference: float, scale: float) -> Mapping:
+    return MappingProxyType({"course": "covariate", "covariate": covariate, "reference": reference, "scale": scale})
+
+
+def _structural(place: tuple[str, ...], size: str, unit: str, neutral: float = 0.0, **more) -> EffectKind:
+    return EffectKind(acts="structure", place=place, size=size, neutral=neutral, unit=unit, **more)
+
+
+def _factor(*place: str, high: float = 3.0, **more) -> EffectKind:
+    return _structural(place, "factor", "-", 1.0, low=0.0, high=high, **more)
+
+
+def _measured(place: tuple[str, ...], size: str, unit: str, neutral: float = 0.0, **more) -> EffectKind:
+    return EffectKind(acts="measurement", place=place, size=size, neutral=neutral, unit=unit, **more)
+
+
+def _environmental(size: str, unit: str, **more) -> EffectKind:
+    return EffectKind(acts="environment", place=(), size=size, neutral=0.0, unit=unit, **more)
+
+
+# A stiffness factor multiplies Young's modulus of the members named; flexibilities are rotational, given as the length
+# of the member itself that would turn as much. Bays and tower stations count from 1 at the bottom.
+EFFECTS: Mapping[str, EffectKind] = MappingProxyType({
+    "brace_stiffness": _factor("bay", "face", high=1.0),  # all four half braces of a face
+    "single_brace": _factor("bay", "face", "brace", high=1.0),  # 1 rises from the face's first leg, 2 from the other
+    "joint_stiffness": _factor("bay", "face", "leg", "end"),  # one brace end: leg and "bottom" or "top"
+    "leg_stiffness": _factor("leg", "bay"),
+    "grout_flexibility": _structural(("leg",), "equivalent_length_m", "m", low=0.0),  # leg foot on its pile head
+    "tp_flexibility": _structural(("leg",), "equivalent_length_m", "m", low=0.0),  # leg top to transition piece
+    "tp_stiffness": _factor("part"),  # column, strut or tie
+    "flange_flexibility": _structural(("station",), "equivalent_length_m", "m", low=0.0),
+    "tower_stiffness": _factor("bottom_m", "top_m"),
+    "tower_mass": _structural(("bottom_m", "top_m"), "mass_kg", "kg"),
+    "tp_mass": _structural((), "mass_kg", "kg"),
+    "scour": _structural(("leg",), "depth_m", "m", low=0.0),
+    "soil_stiffness": _factor("leg", "direction", high=10.0),  # lateral, axial, tip or all
+    "marine_growth": _structural(("leg", "bottom_m", "top_m"), "thickness_m", "m"),  # leg "all": braces too
+    "brace_flooding": _structural(("bay", "face"), "fraction", "-", low=0.0, high=1.0),
+    "leg_water": _structural(("leg",), "fraction", "-", low=-1.0, high=1.0),  # -1: a flooded leg is dry
+    "corrosion": _structural(("leg", "bottom_m", "top_m"), "loss_m", "m", low=0.0),  # outer wall; "all": braces too
+    "rna_mass": _structural((), "mass_kg", "kg"),
+    "rna_offset": _structural(("axis",), "offset_m", "m"),
+    "rna_inertia": _structural(("axis",), "inertia_kgm2", "kg m2"),
+    "blade_coupling": _structural(("frequency_hz",), "mass_kg", "kg", low=0.0),  # part of the hub, moves fore-aft
+    # environmental: follow a covariate unless told otherwise
+    "wetted_length": _environmental("gain", "m/m", course=_follows("water_level_m", 0.0, 1.0)),
+    "steel_temperature": _environmental("per_kelvin", "1/K", course=_follows("air_temperature_c", 15.0, 1.0)),
+    "soil_softening": _environmental("per_unit", "-", course=_follows("amplitude", 1.0, 1.0)),
+    "icing": _environmental("mass_kg", "kg", low=0.0),
+    "p_delta": _environmental("scale", "-"),  # weight above on the tower's deflection, 1: all of it
+    # measurement
+    "sensor_gain": _measured(("channel",), "factor", "-", 1.0),
+    "sensor_swap": _measured(("channel", "other"), "swapped", "-", low=0.0, high=1.0),
+    "sensor_rotation": _measured(("channel",), "angle_deg", "deg"),  # its whole housing, about the vertical
+    "frame_rotation": _measured((), "angle_deg", "deg"),
+    "heading_offset": _measured((), "angle_deg", "deg"),  # of SCADA's nacelle heading
+    "clock_offset": _measured(("level",), "offset_s", "s"),  # the logger of a level is late by
+    "sampling_rate": _measured((), "ratio", "-", 1.0, low=0.5, high=2.0),  # samples taken per sample told
+    "low_pass": _measured(("channel",), "time_constant_s", "s", low=0.0),
+    # what no list of causes holds
+    "tuned_mass": _structural(("z_m", "direction_deg", "frequency_hz"), "mass_kg", "kg", low=0.0, inside=False),
+    "cable": _structural(("leg", "z_m", "tower_z_m"), "stiffness_npm", "N/m", low=0.0, inside=False),
+    "fender": _structural(("leg", "z_m", "direction_deg"), "stiffness_npm", "N/m", low=0.0, inside=False),
+    "odd_mass": _structural(("bay", "face"), "mass_kg", "kg", low=0.0, inside=False),  # hung on the crossing
+    "crosstalk": _measured(("channel", "other"), "share", "-", inside=False),
+    "mount_resonance": _measured(("channel",), "period_s", "s", low=0.0, inside=False),
+})  # fmt: skip
+OPTIONAL_PLACE = ("bottom_m", "top_m")  # without them a band is as long as the structure
+NOT_ALL = {"sensor_gain", "sensor_swap", "sensor_rotation", "low_pass", "crosstalk", "mount_resonance"}
+
+
+def is_number(value) -> bool:
+    return not isinstance(value, bool) and isinstance(value, (int, float)) and bool(np.isfinite(value))
+
+
+def faces(file: TurbineFile) -> tuple[str, ...]:
+    legs = file.value("jacket", "leg_names")
+    return tuple(f"{a}{b}" for a, b in zip(legs, (*legs[1:], legs[0]), strict=True))
+
+
+def _choices(file: TurbineFile, key: str) -> tuple:
+    """What a place's key may say, besides a number."""
+    if key in ("channel", "other"):
+        return tuple(s.channel for s in file.sensors)
+    if key == "level":
+        return tuple(dict.fromkeys(s.level for s in file.sensors))
+    return {
+        "leg": tuple(file.value("jacket", "leg_names")), "face": faces(file), "end": ("bottom", "top"),
+        "part": ("column", "strut", "tie"), "direction": ("lateral", "axial", "tip"), "axis": ("x", "y", "z"),
+    }[key]  # fmt: skip
+
+
+def _counted(file: TurbineFile, key: str) -> int:
+    return {"bay": len(file.value("jacket", "bay")), "station": len(file.value("tower", "station")), "brace": 2}[key]
+
+
+def read_effect(path, number: int, entry: Mapping, file: TurbineFile) -> Mapping:
+    """Check one [[effect]] against the turbine; returns it, as given and complete."""
+    where = f"{path}, effect {number + 1}"
+    name = entry.get("kind", "")
+    if name not in EFFECTS:
+        raise unknown_name(where, str(name), tuple(EFFECTS))
+    kind = EFFECTS[name]
+    course = entry.get("course", kind.course["course"])
+    if course not in COURSES:
+        raise unknown_name(f"{where}, course", str(course), COURSES)
+    keys = (*kind.place, kind.size)
+    for key in entry:
+        if key not in ("kind", "course", *keys, *COURSE_KEYS[course]):
+            raise unknown_name(where, key, (*keys, "course", *COURSE_KEYS[course]))
+    for key in keys:
+        if key not in entry and key not in OPTIONAL_PLACE:
+            raise InputError(where, f"{key} is missing", f"a {name} needs {', '.join(keys)}")
+    for key in kind.place:
+        if key in entry:
+            _check_place(f"{where}, {key}", name, key, entry[key], file)
+    size = entry[kind.size]
+    if not is_number(size):
+        raise InputError(f"{where}, {kind.size}", f"{size!r} is not a number", f"give one in {kind.unit}")
+    if not kind.low <= size <= kind.high or (kind.neutral == 1.0 and size == 0):
+        opening = "(" if kind.neutral == 1.0 and kind.low == 0 else "["
+        raise InputError(f"{where}, {kind.size}", f"{size} is not in {opening}{kind.low:g}, {kind.high:g}]",
+                         "no number other than zero" if kind.low == -np.inf else "give what is left"
+                         if kind.size == "factor" else f"give it in {kind.unit}")  # fmt: skip
+    _check_course(where, course, entry, kind)
+    return MappingProxyType(dict(entry))
+
+
+def _check_place(where: str, kind: str, key: str, value, file: TurbineFile) -> None:
+    if key in ("bay", "station", "brace"):
+        if value == ALL and key != "station":
+            return
+        if isinstance(value, bool) or value not in range(1, _counted(file, key) + 1):
+            raise InputError(where, f"{value!r} does not exist", "count from 1, the lowest")
+    elif key.endswith(("_m", "_deg", "_hz")):
+        if not is_number(value) or (key == "frequency_hz" and value <= 0):
+            raise InputError(where, f"{value!r} is not a number", "give one in the unit of its name")
+    else:
+        known = _choices(file, key)
+        if value == ALL and kind not in NOT_ALL:
+            return
+        if value not in known:
+            raise unknown_name(where, str(value), known)
+
+
+def _check_course(where: str, course: str, entry: Mapping, kind: EffectKind) -> None:
+    for key in COURSE_KEYS[course]:
+        value = entry.get(key, kind.course.get(key))
+        if value is None:
+            raise InputError(where, f"{key} is missing", f"a {course} needs {', '.join(COURSE_KEYS[course])}")
+        if key == "covariate":
+            if value not in COVARIATES:
+                raise unknown_name(f"{where}, covariate", str(value), COVARIATES)
+        elif not is_number(value) or (key == "scale" and value == 0):
+            raise InputError(f"{where}, {key}", f"{value!r} is not a usable number", "give hours, or the unit of x")
+    if course == "ramp" and not entry["from_hour"] < entry["to_hour"]:
+        raise InputError(where, "the ramp ends before it starts", "give from_hour below to_hour")
+
+
+def amounts(effects: Sequence[Mapping], hour: np.ndarray, covariate: Mapping[str, np.ndarray]) -> np.ndarray:
+    """How much of each effect there is: (n_time, n_effect) at hours after the start, covariates (n_time,) by name."""
+    hour = np.asarray(hour, float)
+    table = np.ones((len(hour), len(effects)))
+    for column, effect in enumerate(effects):
+        told = {**EFFECTS[effect["kind"]].course, **effect}
+        if told["course"] == "step":
+            table[:, column] = hour >= told["at_hour"]
+        elif told["course"] == "ramp":
+            table[:, column] = np.clip((hour - told["from_hour"]) / (told["to_hour"] - told["from_hour"]), 0.0, 1.0)
+        elif told["course"] == "covariate":
+            table[:, column] = (covariate[told["covariate"]] - told["reference"]) / told["scale"]
+    return table
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Departures:
+    """Effects at one instant: what a builder asks of them. `amount` (n_effect,)."""
+
+    effects: tuple[Mapping, ...] = ()
+    amount: tuple[float, ...] = ()
+
+    def of(self, kind: str, **place) -> list[tuple[Mapping, float]]:
+        """Effects of a kind that act at a place, with their size now; a place of an effect may be 'all'."""
+        about = EFFECTS[kind]
+        found = []
+        for effect, amount in zip(self.effects, self.amount, strict=True):
+            if effect["kind"] == kind and all(effect[key] in (value, ALL) for key, value in place.items()):
+                found.append((effect, about.neutral + amount * (effect[about.size] - about.neutral)))
+        return found
+
+    def factor(self, kind: str, **place) -> float:
+        """Product of the sizes; 1 where none acts."""
+        product = 1.0
+        for _, size in self.of(kind, **place):
+            product *= size
+        return max(product, SMALLEST_FACTOR) if EFFECTS[kind].low == 0 else product
+
+    def total(self, kind: str, **place) -> float:
+        """Sum of the sizes; 0 where none acts."""
+        return sum((size for _, size in self.of(kind, **place)), 0.0)
+
+    def in_band(self, kind: str, z_m: float, **place) -> list[tuple[Mapping, float]]:
+        """Effects of a kind whose band bottom_m to top_m holds the level."""
+        return [(e, size) for e, size in self.of(kind, **place)
+                if e.get("bottom_m", -np.inf) < z_m < e.get("top_m", np.inf)]  # fmt: skip
