@@ -52,6 +52,8 @@ def read_scada(path: str | Path) -> pd.DataFrame:
     except (ValueError, TypeError) as error:
         raise InputError(f"{path}, time", f"not a time ({str(error).splitlines()[0]})",
                          "write ISO 8601, UTC; a row may have more cells than the head") from None  # fmt: skip
+    # blocks may start between the units that the file is written in
+    time = time.dt.as_unit("ns")
     if time.isna().any():
         raise InputError(f"{path}, row {int(np.argmax(time.isna())) + 2}", "has no time", "give it or drop the row")
     table = table.drop(columns="time").set_index(pd.DatetimeIndex(time, name="time")).sort_index(kind="stable")
