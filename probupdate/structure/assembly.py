@@ -55,42 +55,56 @@ class ShearPower:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class HingeSoftening:
-    """What a hinge takes from a beam's bending stiffness; picklable.
+    """What a connection takes from a beam's stiffness; picklable.
 
-    With EI' = E I / (1 + phi) and the flexibility c, static condensation of the rotation behind the hinge takes
-    EI'^2 c / (1 + c EI' (4 + phi) / L) phi^power times the outer product of two rows of the stiffness matrix.
+    In bending, with EI' = E I / (1 + phi) and the flexibility c, static condensation of the rotation behind the hinge
+    takes EI'^2 c / (1 + c EI' (4 + phi) / L) phi^power times the outer product of two rows of the stiffness matrix.
+    Along the beam (power None) a spring in series takes (EA)^2 c / L / (1 + c EA / L).
     """
 
     beam: Beam
     length_m: float
     theory: str
-    power: int
+    power: int | None
 
     @property
     def names(self) -> tuple[str, ...]:
-        modulus = self.beam.stiffness * self.beam.bending
+        modulus = self.beam.stiffness * self.beam.bending * self.beam.axial
         inside = (name for factor in modulus.factors for name in factor.names)
-        return tuple(sorted({*inside, *self.beam.tube.names, *self.beam.hinge.flexibility}))
+        hinge = self.beam.hinge
+        return tuple(sorted({*inside, *self.beam.tube.names, *hinge.bending, *hinge.slip}))
 
     def __call__(self, values: Values):
+        return self._slip(values) if self.power is None else self._bending(values)
+
+    def _slip(self, values: Values):
+        beam = self.beam
+        modulus = beam.youngs_modulus_pa * (beam.stiffness * beam.axial).value(values)
+        stiffness = modulus * beam.tube.area(values)
+        flexibility = 1e-9 * sum(values[name] for name in beam.hinge.slip)
+        return stiffness**2 * flexibility / self.length_m / (1 + flexibility * stiffness / self.length_m)
+
+    def _bending(self, values: Values):
         beam, phi = self.beam, 0.0
         if self.theory == "timoshenko":
             phi = beam.tube.shear_flexibility(values, self.length_m, beam.poisson_ratio)
         modulus = beam.youngs_modulus_pa * (beam.stiffness * beam.bending).value(values)
         bending = modulus * beam.tube.second_moment(values) / (1 + phi)
-        flexibility = beam.hinge.scale * sum(values[name] for name in beam.hinge.flexibility)
+        flexibility = 1e-9 * sum(values[name] for name in beam.hinge.bending)
         return bending**2 * flexibility * phi**self.power / (1 + flexibility * bending * (4 + phi) / self.length_m)
 
 
 def _hinge_stiffness(beam: Beam, length: float, matrices: Mapping[str, np.ndarray], theory: str):
     """Local matrices with their coefficients; the mass keeps the shapes of the unbroken beam, which the hinge changes
     inside this one element only."""
-    rotations = np.array([4, 5]) + 6 * beam.hinge.end
-    plain, shear = matrices["bending"][rotations], matrices["shear"][rotations]
-    outer = [plain.T @ plain]
-    if theory == "timoshenko":
-        outer += [plain.T @ shear + shear.T @ plain, shear.T @ shear]
-    for power, matrix in enumerate(outer):
+    parts = [(None, matrices["axial"])] if beam.hinge.slip else []
+    if beam.hinge.bending:
+        rotations = np.array([4, 5]) + 6 * beam.hinge.end
+        plain, shear = matrices["bending"][rotations], matrices["shear"][rotations]
+        parts.append((0, plain.T @ plain))
+        if theory == "timoshenko":
+            parts += [(1, plain.T @ shear + shear.T @ plain), (2, shear.T @ shear)]
+    for power, matrix in parts:
         function = HingeSoftening(beam=beam, length_m=length, theory=theory, power=power)
         key = ("hinge", beam.part, beam.start, beam.end, power)
         yield matrix, Coefficient(-1.0, (Factor(key=key, names=function.names, function=function),))

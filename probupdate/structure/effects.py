@@ -95,6 +95,10 @@ KINDS: Mapping[str, Kind] = MappingProxyType({
         neutral=0.0, unit="rad/(GN m)", lowest=0.0, keys=("group", "leg", "part"), groups=GROUPS, needs=("at_m",),
         meaning="flexibility in bending of a connection (flange, grout) at the level at_m of the members",
     ),
+    "slip": Kind(
+        neutral=0.0, unit="m/GN", lowest=0.0, keys=("group", "leg", "part"), groups=GROUPS, needs=("at_m",),
+        meaning="flexibility along the members of a connection (grout) at the level at_m",
+    ),
     "soil": Kind(
         neutral=1.0, unit="-", lowest=0.0, above=True, keys=("leg", "level_m"), groups=("pile",), needs=("curve",),
         meaning="factor on the stiffness of the soil's p-y, t-z or q-z springs",
@@ -263,7 +267,7 @@ def check_effect(p, key: str, d: Description) -> Iterator[Mistake]:
         yield f"{key}.on", "names a body and members", "keep one of them"
     if p.inertia_per_kg_m2 is not None and p.on.body is None:
         yield f"{key}.inertia_per_kg_m2", "belongs to a body", "name one in `on`, or leave it out"
-    if p.kind == "hinge" and not {"group", "part"} & set(p.on.given):
+    if p.kind in ("hinge", "slip") and not {"group", "part"} & set(p.on.given):
         yield f"{key}.on", "does not say which members are joined", "name their group or part"
     if p.kind == "oscillator" and "body" not in p.on.given:
         yield f"{key}.on", "names no body", "say which body's mass swings"

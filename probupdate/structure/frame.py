@@ -52,12 +52,12 @@ class LineSpring:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Hinge:
-    """A connection at one end of a beam (0 its start, 1 its end) that bends: the sum of the parameters `flexibility`,
-    each times `scale` in rad/(N m), about both transverse axes alike."""
+    """A connection at one end of a beam (0 its start, 1 its end) that gives way by the sum of the parameters `bending`
+    in rad/(GN m), about both transverse axes alike, and by that of `slip` in m/GN along the beam."""
 
     end: int
-    flexibility: tuple[str, ...]
-    scale: float = 1e-9
+    bending: tuple[str, ...] = ()
+    slip: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

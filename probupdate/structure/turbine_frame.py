@@ -383,23 +383,26 @@ def _hang_masses(mesh: _Mesh) -> None:
 
 
 def _loosen(mesh: _Mesh) -> None:
-    """Hinges: at each node on the level, in the element of a member that starts there, or else ends there."""
-    flexibility: dict[tuple[int, int], list[str]] = {}
-    for p in mesh.effects.of("hinge"):
+    """Connections: at each node on the level, in the element of a member that starts there, or else ends there."""
+    hinges: dict[tuple[int, int], dict[str, tuple[str, ...]]] = {}
+    for p in (*mesh.effects.of("hinge"), *mesh.effects.of("slip")):
         found: dict[tuple[str, int], tuple[int, int]] = {}
         for k, (beam, place) in enumerate(zip(mesh.beams, mesh.places, strict=True)):
             for end, node in ((1, beam.end), (0, beam.start)):
                 here = abs(mesh.nodes[node][2] - p.at_m) < LEVEL_TOLERANCE_M and mesh.effects.fits(p, place)
                 if here and (end == 0 or (beam.part, node) not in found):
                     found[beam.part, node] = (k, end)
+        motion = "bending" if p.kind == "hinge" else "slip"
         for at in found.values():
             mesh.effects.note(p)
-            flexibility.setdefault(at, []).append(p.name)
-    for (k, end), names in flexibility.items():
-        if mesh.beams[k].hinge is not None:
-            raise InputError(f"parameter {names[0]}", "the element has a hinge at either end",
-                             f"give mesh.elements_per_member.{mesh.beams[k].group} one more")  # fmt: skip
-        mesh.beams[k] = replace(mesh.beams[k], hinge=Hinge(end=end, flexibility=tuple(names)))
+            own = hinges.setdefault(at, {})
+            own[motion] = (*own.get(motion, ()), p.name)
+    for (k, end), names in hinges.items():
+        beam = mesh.beams[k]
+        if beam.hinge is not None:
+            raise InputError(f"parameter {next(iter(names.values()))[0]}", f"an element of {beam.part} would have a "
+                             "hinge at either end", f"raise mesh.elements_per_member.{beam.group}")  # fmt: skip
+        mesh.beams[k] = replace(beam, hinge=Hinge(end=end, **names))
 
 
 def build_frame(description: Description, nacelle_angle_deg: float = 0.0) -> Frame:
