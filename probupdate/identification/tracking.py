@@ -22,6 +22,8 @@ from probupdate.modes import frozen_array, mac, pair_by_mac
 # grid of ln f; width of a vote; what a block without any vote for a place is worth beside one with all of them; cost
 # of a unit of ln f: a move of 1 % asks for a third of a block's full support, so 8 % are believed after three blocks
 GRID, VOTE_WIDTH, FLOOR, COST = 0.0025, 0.01, 0.05, 100.0
+# share of a mode's votes that must lie clear of the rotor's multiples for these to be left out altogether
+LEAST_CLEAR = 0.2
 # two tracks of a pair further apart than this share tell its poles by frequency too, not by direction alone
 NEARNESS = 0.03
 
@@ -73,11 +75,10 @@ def track(blocks: Sequence[JudgedPoles], settings: ClassifierSettings) -> Tracke
     every = [_votes(block, settings, swept=True) for block in blocks]
     for j in range(n_mode):
         low, high = np.log(blocks[0].reference.frequency_hz[j] * np.array(settings.frequency_window))
-        # a mode that lies where the rotor's multiples pass in every block would else be lost
-        for votes in (clear, every):
-            path = follow([(x, w[:, j]) for x, w in votes], low, high)
-            if path is not None:
-                break
+        # a mode that lies where the rotor's multiples pass in nearly every block would else be lost
+        hidden = sum(w[:, j].sum() for _, w in clear) < LEAST_CLEAR * sum(w[:, j].sum() for _, w in every)
+        votes = every if hidden else clear
+        path = follow([(x, w[:, j]) for x, w in votes], low, high)
         if path is not None:
             centre[:, j] = np.exp(path)
             for k, (x, w) in enumerate(votes):
@@ -86,11 +87,14 @@ def track(blocks: Sequence[JudgedPoles], settings: ClassifierSettings) -> Tracke
     return Tracked(labels=labels, choices=choices, centre_hz=frozen_array(centre), support=frozen_array(support))
 
 
-def follow(votes: Sequence[tuple[np.ndarray, np.ndarray]], low: float, high: float) -> np.ndarray | None:
+def follow(
+    votes: Sequence[tuple[np.ndarray, np.ndarray]], low: float, high: float, *, refine: bool = True
+) -> np.ndarray | None:
     """The path x (n_block,) in [low, high] that maximises sum_k ln(FLOOR + v_k(x_k)) - COST sum_k |x_k - x_(k-1)|.
 
     votes: places and weights (n,) of each block; v_k is the largest sum of weights within a Gaussian of VOTE_WIDTH.
-    None where no block votes in the range. Before the first and after the last vote the path stays.
+    None where no block votes in the range. Before the first and after the last vote the path stays. It runs on a grid;
+    `refine` takes the grid's step out again.
     """
     grid = np.arange(low, high + GRID, GRID)
     reward, seen = np.full((len(votes), len(grid)), np.log(FLOOR)), False
@@ -117,7 +121,7 @@ def follow(votes: Sequence[tuple[np.ndarray, np.ndarray]], low: float, high: flo
         value = total[k] - way
         # among equals the nearest: nothing moves without a reason
         path[k] = int(np.argmin(np.where(value >= value.max() - 1e-9, way, np.inf)))
-    return _refined(votes, grid[path])
+    return _refined(votes, grid[path]) if refine else grid[path]
 
 
 def _refined(votes, path: np.ndarray) -> np.ndarray:
@@ -159,12 +163,15 @@ def _votes(block: JudgedPoles, settings: ClassifierSettings, *, swept: bool) -> 
     return np.log(poles.frequency_hz), weight
 
 
-def _toward(shape: np.ndarray, plane: np.ndarray) -> np.ndarray:
+def _inside(shape: np.ndarray, members: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Coordinates (n_member, n_pole) of shapes in the members' space, and the members' own (n_member, n_member)."""
+    basis, triangle = np.linalg.qr(members)
+    return basis.T @ shape, triangle
+
+
+def _toward(shape: np.ndarray, members: np.ndarray) -> np.ndarray:
     """(n_pole, n_member) squared cosine of each shape with each member, within the members' space."""
-    if plane.shape[1] == 1:
-        return np.ones((shape.shape[1], 1))
-    basis, triangle = np.linalg.qr(plane)
-    return mac(basis.T @ shape, triangle)
+    return mac(*_inside(shape, members))
 
 
 def choose(block: JudgedPoles, centre_hz: np.ndarray, settings: ClassifierSettings) -> Choice:
@@ -189,8 +196,14 @@ def choose(block: JudgedPoles, centre_hz: np.ndarray, settings: ClassifierSettin
         criterion[mine[stray]] = np.where(weak[mine[stray]], rules.SHAPE, rules.CLUSTER)
         criterion[mine[swept[mine] & (stray | line)]] = rules.HARMONIC
         left = mine[criterion[mine] == rules.KEPT]
-        taken = {n: _taken(left[poles.order[left] == n], poles, score, reference.shape[:, list(group)],
-                           centre_hz[list(group)], settings) for n in np.unique(poles.order[left])}  # fmt: skip
+        inside, triangle = _inside(poles.shape[:, left], reference.shape[:, list(group)])
+        away = np.log(poles.frequency_hz[left, None] / centre_hz[list(group)])
+        near = np.nan_to_num(np.exp(-0.5 * (away / NEARNESS) ** 2))
+        fit = (mac(inside, triangle) if len(group) > 1 else 1.0) * near
+        taken = {}
+        for n in np.unique(poles.order[left]):
+            here = poles.order[left] == n
+            taken[n] = _taken(left[here], score[left[here]], inside[:, here], near[here], fit[here], settings)
         best, found = _central({n: t for n, (t, _) in taken.items()}, poles, len(group))
         share[list(group)] = found / len(orders)
         standing = {pole for t, _ in taken.values() for pole in t.values()}
@@ -230,31 +243,24 @@ def _central(taken: dict[int, dict[int, int]], poles: PoleStack, n_member: int) 
     return list(taken)[int(complete[np.argmin(distance)])], found
 
 
-def _taken(left, poles: PoleStack, score, shape, centre_hz, settings: ClassifierSettings):
+def _taken(left, score, inside, near, fit, settings: ClassifierSettings) -> tuple[dict[int, int], float]:
     """Member of the group -> pole, from the poles `left` (indices) of one order; and a pair's independence.
 
     A single mode takes the best score near its path; a pair the two with the largest product of scores and
     independence, named by their direction in the plane of the model's pair and, where their paths part, by these.
+    inside (n_member, n_left): shapes in the members' space; near, fit (n_left, n_member): closeness to the members'
+    paths, and that times the squared cosine with each.
     """
-    if not len(left):
-        return {}, np.nan
-    away = np.log(poles.frequency_hz[left, None] / centre_hz)
-    near = np.nan_to_num(np.exp(-0.5 * (away / NEARNESS) ** 2))
-    score = score[left]
-    if shape.shape[1] == 1:
-        return {0: int(left[np.argmax(score * near[:, 0])])}, np.nan
-    basis, triangle = np.linalg.qr(shape)
-    inside = basis.T @ poles.shape[:, left]
-    apart = 1 - mac(inside, inside)
-    toward = mac(inside, triangle) * near
     strength = score * near.max(axis=1)
+    if len(inside) == 1:
+        return {0: int(left[np.argmax(strength)])}, np.nan
+    apart = 1 - mac(inside, inside)
     together = np.outer(strength, strength) * np.where(apart >= settings.least_independence, apart, 0)
     if not np.any(together > 0):
         best = int(np.argmax(strength))
-        return {int(np.argmax(toward[best])): int(left[best])}, np.nan
-    i, j = np.unravel_index(np.argmax(together), together.shape)
-    two = np.array([i, j])
-    return {member: int(left[two[k]]) for k, member in pair_by_mac(toward[two])}, float(apart[i, j])
+        return {int(np.argmax(fit[best])): int(left[best])}, np.nan
+    two = np.array(np.unravel_index(np.argmax(together), together.shape))
+    return {member: int(left[two[k]]) for k, member in pair_by_mac(fit[two])}, float(apart[two[0], two[1]])
 
 
 def preselected(block: JudgedPoles, settings: ClassifierSettings) -> np.ndarray:
