@@ -12,7 +12,8 @@ from probupdate.campaign.quantity import as_quantity
 from probupdate.campaign.reading import Campaign, RecordFile
 from probupdate.errors import InputError
 from probupdate.identification.preprocessing import resampled
-from probupdate.identification.ssi import Poles, factorise, output_covariances, poles
+from probupdate.identification.record import IdentifiedRecord, identify_record
+from probupdate.identification.ssi import Poles
 from probupdate.modes import Sensor, frozen_array
 
 # segments of the spectrum that goes beside a stabilisation diagram: 512 samples are 100 s at 5 Hz
@@ -21,29 +22,25 @@ SPECTRUM_SAMPLES = 512
 
 @dataclass(frozen=True, kw_only=True)
 class BlockSettings:
-    """What the poles of a block depend on. order 20 and 5 Hz as the paper; 30 block rows of 0.2 s see two periods of a
-    0.3 Hz mode and more of the rest. Poles are kept of the even orders from `lowest_order` to `order` + `spread`."""
+    """What the poles of a block and their deviations depend on. order 20 and 5 Hz as the paper; 30 block rows of 0.2 s
+    see two periods of a 0.3 Hz mode and more of the rest. Poles are kept of every second order up to `order` +
+    `spread`. sub_records: parts of the record whose scatter gives deviations; 0 for none."""
 
     order: int = 20
     block_rows: int = 30
     target_rate_hz: float = 5.0
     spread: int = 16
-    lowest_order: int = 4
+    sub_records: int = 30
 
     def __post_init__(self):
-        for name, least in (("order", 2), ("block_rows", 2), ("spread", 0), ("lowest_order", 2)):
+        for name, least in (("order", 2), ("block_rows", 2), ("spread", 0), ("sub_records", 0)):
             value = getattr(self, name)
             if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < least:
                 raise InputError(name, f"{value!r} is no whole number from {least}", "give one")
+        if self.sub_records == 1:
+            raise InputError("sub_records", "one part has no scatter", "give 2 or more, such as 30, or 0 for none")
         if not 0 < self.target_rate_hz < np.inf:
             raise InputError("target rate", f"{self.target_rate_hz} Hz is not positive", "give one, such as 5")
-
-    def orders(self, n_channel: int) -> tuple[int, ...]:
-        """The chosen order first, then the others, ascending; none above what the block rows allow."""
-        highest = min(self.order + self.spread, n_channel * (self.block_rows - 1))
-        lowest = min(self.lowest_order, self.order)
-        first = lowest + (self.order - lowest) % 2
-        return (self.order, *(n for n in range(first, highest + 1, 2) if n != self.order))
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -74,30 +71,89 @@ def common_quantity(sensors: tuple[Sensor, ...]) -> str:
     return found.pop() if len(found) == 1 else "acceleration"
 
 
+@dataclass(frozen=True, eq=False, kw_only=True)
+class BlockDeviations:
+    """First-order deviations of some poles of a block: `key` names them by model order and index within the order's
+    poles; ln_frequency, damping_ratio (n_pole, n_column), shape (n_channel, n_pole, n_column) complex, in the scaling
+    of `modes.unit_largest`, with covariances as plain sums over columns (`modes.ModalDeviation`)."""
+
+    key: tuple[tuple[int, int], ...]
+    ln_frequency: np.ndarray
+    damping_ratio: np.ndarray
+    shape: np.ndarray
+
+
 def identify_block(
     campaign: Campaign, start: pd.Timestamp, files: tuple[RecordFile, ...], settings: BlockSettings
 ) -> BlockPoles:
     """Read, convert, thin out and identify one block; `files` from `block_files`."""
-    block = read_block(campaign, start, files)
+    block, reason = _usable(campaign, start, files)
     quantity = common_quantity(campaign.sensors)
-    reason = block.excluded or _silent_channels(block, campaign.channels)
     if reason:
         return _left_out(block, quantity, reason)
-    block = as_quantity(block, campaign.sensors, quantity)
     rms = float(np.sqrt(np.mean(np.var(block.data, axis=0))))
     record = resampled(block.data, campaign.sampling_rate_hz, settings.target_rate_hz)
-    if len(record) < 4 * settings.block_rows:
-        raise InputError(f"block {block.id}", f"{len(record)} samples at {settings.target_rate_hz:g} Hz are less than "
-                         f"four times {settings.block_rows} block rows", "give longer blocks or fewer block rows")
-    orders = settings.orders(record.shape[1])
-    covariance = output_covariances(record, 2 * settings.block_rows - 1)
-    factorisation = factorise(covariance, settings.block_rows, max(orders), settings.target_rate_hz)
-    chosen, *others = poles(factorisation, orders)
+    found = _identified(record, block, settings, sub_records=0)
     line, spectrum = summed_spectrum(record, settings.target_rate_hz)
     return BlockPoles(
         id=block.id, start=block.start, minutes=block.minutes, quantity=quantity, excluded="", notes=block.notes,
-        rms=rms, poles=chosen, others=tuple(others), line_hz=line, spectrum=spectrum,
+        rms=rms, poles=found.poles, others=tuple(p for p in found.by_order if p.order != settings.order),
+        line_hz=line, spectrum=spectrum,
     )
+
+
+def identify_deviations(
+    campaign: Campaign, start: pd.Timestamp, files: tuple[RecordFile, ...], settings: BlockSettings,
+    known: BlockPoles, keys: tuple[tuple[int, int], ...],
+) -> BlockDeviations:
+    """Deviations of the poles `keys` (model order, index) of a block whose poles are known.
+
+    The record is read once more: only poles that stand for modes are worth the time, and which ones do is known when
+    the whole campaign is.
+    """
+    block, reason = _usable(campaign, start, files)
+    if reason:
+        raise InputError(f"block {block.id}", f"cannot be used any more: {reason}", "do not change records meanwhile")
+    record = resampled(block.data, campaign.sampling_rate_hz, settings.target_rate_hz)
+    found = _identified(record, block, settings, sub_records=settings.sub_records)
+    before = {p.order: p for p in (known.poles, *known.others)}
+    now = {p.order: p for p in found.by_order}
+    parts = []
+    for order in sorted({order for order, _ in keys}):
+        index = [k for n, k in keys if n == order]
+        parts.append(found.deviations(np.array([_same(before[order], k, now[order], block.id) for k in index]), order))
+    return BlockDeviations(
+        key=tuple((n, k) for n in sorted({n for n, _ in keys}) for m, k in keys if m == n),
+        ln_frequency=frozen_array(np.concatenate([p.ln_frequency for p in parts])),
+        damping_ratio=frozen_array(np.concatenate([p.damping_ratio for p in parts])),
+        shape=frozen_array(np.concatenate([p.shape for p in parts], axis=1), complex),
+    )
+
+
+def _same(before: Poles, index: int, now: Poles, where: str) -> int:
+    """The pole again, among those of another pass over the same record, which differ by rounding."""
+    f, zeta = before.frequency_hz[index], before.damping_ratio[index]
+    away = np.abs(now.frequency_hz / f - 1) + np.abs(now.damping_ratio - zeta)
+    if not np.min(away) < 1e-4:
+        raise InputError(f"block {where}", f"a pole at {f:.4g} Hz is not found again",
+                         "do not change records meanwhile")
+    return int(np.argmin(away))
+
+
+def _usable(campaign: Campaign, start: pd.Timestamp, files: tuple[RecordFile, ...]) -> tuple[Block, str]:
+    """The block in one quantity, and why it cannot be used; empty where it can."""
+    block = read_block(campaign, start, files)
+    reason = block.excluded or _silent_channels(block, campaign.channels)
+    return (block, reason) if reason else (as_quantity(block, campaign.sensors, common_quantity(campaign.sensors)), "")
+
+
+def _identified(record: np.ndarray, block: Block, settings: BlockSettings, sub_records: int) -> IdentifiedRecord:
+    if len(record) < 4 * settings.block_rows:
+        raise InputError(f"block {block.id}", f"{len(record)} samples at {settings.target_rate_hz:g} Hz are less than "
+                         f"four times {settings.block_rows} block rows", "give longer blocks or fewer block rows")
+    return identify_record(
+        record, settings.target_rate_hz, order=settings.order, block_rows=settings.block_rows, spread=settings.spread,
+        sub_records=sub_records)
 
 
 def _silent_channels(block: Block, channels: tuple[str, ...]) -> str:

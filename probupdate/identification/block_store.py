@@ -7,16 +7,10 @@ and what settings the blocks belong to; each block names the records it was made
 from __future__ import annotations
 
 import json
-import multiprocessing
 import os
-import threading
 import zipfile
-from collections.abc import Iterator, Mapping
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
-from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
-from multiprocessing.connection import wait as wait_for_any
 from pathlib import Path
 
 import numpy as np
@@ -24,16 +18,24 @@ import pandas as pd
 
 from probupdate.campaign.blocks import block_files
 from probupdate.campaign.reading import Campaign, RecordFile
-from probupdate.errors import InputError, ProbupdateError
-from probupdate.identification.block_poles import BlockPoles, BlockSettings, common_quantity, identify_block
+from probupdate.errors import InputError
+from probupdate.identification.block_poles import (
+    BlockDeviations,
+    BlockPoles,
+    BlockSettings,
+    common_quantity,
+    identify_block,
+    identify_deviations,
+)
+from probupdate.identification.processes import completed
 from probupdate.identification.ssi import Poles
 from probupdate.modes import frozen_array
 from probupdate.progress import Progress, silent
 
 FORMAT = 1
 HEAD = "store.json"
-# what a worker must not start: several threads of linear algebra for each of several processes
-ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+# endings of a block's two files: its poles, and the deviations of some of them
+POLES, DEVIATIONS = ".poles.npz", ".deviations.npz"
 ANEW = "give another --out, or delete that folder to start anew"
 
 
@@ -88,110 +90,114 @@ class BlockStore:
 
         Raises InputError where a stored block was made of records that have changed or gone.
         """
-        names = {_name(start): start for start in self._files}
-        found = {path.name for path in self.folder.glob("*.npz")}
+        names = {_stem(start): start for start in self._files}
+        found = {path.name.split(".")[0] for path in self.folder.glob("*.npz")}
         stray = sorted(found - set(names))
         if stray:
             raise InputError(f"{self.folder}, {stray[0]}", "is a block of which the campaign has no record", ANEW)
         todo = []
         for name, start in names.items():
-            if name not in found:
+            path = self.folder / (name + POLES)
+            if not path.exists():
                 todo.append(start)
                 continue
-            before, now = _read_sources(self.folder / name), sources(self._files[start])
+            before, now = _read_sources(path), sources(self._files[start])
             if before == now:
                 continue
             gone = [text for text in before if text not in now]
             if gone:
-                raise InputError(f"{self.folder}, {name}", f"was made of other records: then {gone[0]}; now "
+                raise InputError(str(path), f"was made of other records: then {gone[0]}; now "
                                  f"{'; '.join(now) or 'none'}", ANEW)
             todo.append(start)
         return todo
 
     def fill(self, *, jobs: int = 1, progress: Progress = silent) -> int:
-        """Identify what is pending, in `jobs` processes (1: in this one); returns how many blocks were identified.
+        """Identify what is pending, in up to `jobs` processes; returns how many blocks were identified.
 
         Blocks know nothing of one another: the files are the same for any number of processes that run linear
         algebra in one thread each.
         """
-        if isinstance(jobs, bool) or not isinstance(jobs, int | np.integer) or jobs < 1:
-            raise InputError("jobs", f"{jobs!r} is no number of processes", "give 1 or more")
         todo = self.pending()
-        done, total = len(self._files) - len(todo), len(self._files)
-        progress("identifying blocks", done, total)
-        slim = replace(self._campaign, files=(), scada=None)
-        tasks = ((self.folder / _name(start), slim, start, self._files[start], self._settings) for start in todo)
-        finished = map(_make, *zip(*tasks, strict=True)) if jobs == 1 and todo else _in_processes(tasks, jobs, todo)
-        for count, _ in enumerate(finished, 1):
-            progress("identifying blocks", done + count, total)
+        tasks = [(self.folder / (_stem(t) + POLES), *self._task(t)) for t in todo]
+        self._run("identifying blocks", _make_poles, tasks, len(self._files), jobs, progress)
         return len(todo)
 
+    def fill_deviations(
+        self, wanted: Mapping[pd.Timestamp, Sequence[tuple[int, int]]], *, jobs: int = 1, progress: Progress = silent
+    ) -> int:
+        """Deviations of the poles (model order, index within it) of each block, where they are not stored yet."""
+        tasks = []
+        for start, some in wanted.items():
+            path = self.folder / (_stem(start) + DEVIATIONS)
+            stored = _stored_keys(path) if path.exists() else set()
+            if set(some) - stored:
+                keys = tuple(sorted(set(some) | stored))
+                tasks.append((path, self.folder / (_stem(start) + POLES), *self._task(start), keys))
+        self._run("deviations of modes", _make_deviations, tasks, len(wanted), jobs, progress)
+        return len(tasks)
+
+    def _task(self, start: pd.Timestamp) -> tuple:
+        """What a block is made of; without what other blocks are made of, as it is sent to other processes."""
+        return replace(self._campaign, files=(), scada=None), start, self._files[start], self._settings
+
+    def _run(self, what: str, function, tasks: list, total: int, jobs: int, progress: Progress) -> None:
+        done = total - len(tasks)
+        progress(what, done, total)
+        for count, _ in enumerate(completed(function, tasks, jobs=jobs), 1):
+            progress(what, done + count, total)
+
     def read(self, start: pd.Timestamp) -> BlockPoles:
-        return read_block_poles(self.folder / _name(start))
+        return read_block_poles(self.folder / (_stem(start) + POLES))
+
+    def read_deviations(self, start: pd.Timestamp) -> BlockDeviations:
+        return read_block_deviations(self.folder / (_stem(start) + DEVIATIONS))
 
 
-def _in_processes(tasks, jobs: int, todo) -> Iterator[None]:
-    """Run the tasks with few of them waiting, yielding as each ends."""
-    if not todo:
-        return
-    context = multiprocessing.get_context("spawn")
-    running: set[Future] = set()
-    with one_thread_each(), ProcessPoolExecutor(min(jobs, len(todo)), context, initializer=_end_with_parent) as pool:
-        try:
-            for task in tasks:
-                if len(running) >= 3 * jobs:
-                    ended, running = wait(running, return_when=FIRST_COMPLETED)
-                    yield from (future.result() for future in ended)
-                running.add(pool.submit(_make, *task))
-            while running:
-                ended, running = wait(running, return_when=FIRST_COMPLETED)
-                yield from (future.result() for future in ended)
-        except BrokenProcessPool:
-            raise ProbupdateError(
-                "a process that identified blocks ended by itself (out of memory, killed, or a script without "
-                "`if __name__ == '__main__'`); what was finished is kept: run again, or with one job"
-            ) from None
-        finally:
-            for future in running:
-                future.cancel()
-
-
-@contextmanager
-def one_thread_each() -> Iterator[None]:
-    """Processes started within run linear algebra in one thread; this process's environment is put back after."""
-    before = {name: os.environ.get(name) for name in ONE_THREAD}
-    os.environ.update(dict.fromkeys(ONE_THREAD, "1"))
-    try:
-        yield
-    finally:
-        for name, value in before.items():
-            if value is None:
-                os.environ.pop(name, None)
-            else:
-                os.environ[name] = value
-
-
-def _end_with_parent() -> None:
-    """A worker whose parent was killed would wait for work for ever: nothing else tells it."""
-    parent = multiprocessing.parent_process()
-    if parent is None:
-        return
-
-    def watch() -> None:
-        wait_for_any([parent.sentinel])
-        os._exit(1)
-
-    threading.Thread(target=watch, daemon=True).start()
-
-
-def _make(path: Path, campaign: Campaign, start: pd.Timestamp, files, settings: BlockSettings) -> None:
+def _make_poles(path: Path, campaign: Campaign, start: pd.Timestamp, files, settings: BlockSettings) -> None:
     # before the records are read: a file that changes meanwhile is found out by the next run
     origin = sources(files)
-    write_block_poles(path, identify_block(campaign, start, files, settings), origin)
+    block = identify_block(campaign, start, files, settings)
+    # deviations of what the block was before more records came
+    path.with_name(path.name.replace(POLES, DEVIATIONS)).unlink(missing_ok=True)
+    write_block_poles(path, block, origin)
 
 
-def _name(start: pd.Timestamp) -> str:
-    return f"{start:%Y%m%dT%H%M%SZ}.npz"
+def _make_deviations(
+    path: Path, poles: Path, campaign: Campaign, start: pd.Timestamp, files, settings: BlockSettings, keys
+) -> None:
+    write_block_deviations(path, identify_deviations(campaign, start, files, settings, read_block_poles(poles), keys))
+
+
+def _stem(start: pd.Timestamp) -> str:
+    return f"{start:%Y%m%dT%H%M%SZ}"
+
+
+def write_block_deviations(path: Path, found: BlockDeviations) -> None:
+    content = {
+        "key": np.array(found.key, np.int32).reshape(-1, 2), "ln_frequency": found.ln_frequency.astype(np.float32),
+        "damping_ratio": found.damping_ratio.astype(np.float32), "shape": found.shape.astype(np.complex64),
+    }
+    write_whole(path, lambda file: np.savez(file, **content))
+
+
+def read_block_deviations(path: Path) -> BlockDeviations:
+    try:
+        with np.load(path, allow_pickle=False) as content:
+            return BlockDeviations(
+                key=tuple((int(a), int(b)) for a, b in content["key"]),
+                ln_frequency=frozen_array(content["ln_frequency"]),
+                damping_ratio=frozen_array(content["damping_ratio"]), shape=frozen_array(content["shape"], complex),
+            )
+    except (OSError, ValueError, KeyError, TypeError, zipfile.BadZipFile) as error:
+        raise _damaged(path, error) from None
+
+
+def _stored_keys(path: Path) -> set[tuple[int, int]]:
+    try:
+        with np.load(path, allow_pickle=False) as content:
+            return {(int(a), int(b)) for a, b in content["key"]}
+    except (OSError, ValueError, KeyError, TypeError, zipfile.BadZipFile) as error:
+        raise _damaged(path, error) from None
 
 
 def write_block_poles(path: Path, block: BlockPoles, origin: list[str]) -> None:

@@ -6,7 +6,7 @@ import tempfile
 from collections import Counter
 from collections.abc import Mapping
 from contextlib import nullcontext
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -17,12 +17,12 @@ from probupdate.campaign.scada import StateRule, block_conditions, with_rated_po
 from probupdate.errors import InputError
 from probupdate.identification import classification as rules
 from probupdate.identification import tracking
-from probupdate.identification.block_poles import BlockPoles, BlockSettings, common_quantity
+from probupdate.identification.block_poles import BlockDeviations, BlockPoles, BlockSettings, common_quantity
 from probupdate.identification.block_store import BlockStore
 from probupdate.identification.classification import ClassifierSettings, Likeness
 from probupdate.identification.reference import ReferenceModes, turned
 from probupdate.identification.tracking import Choice, JudgedPoles, Tracked
-from probupdate.modes import ModalData, ModalSet, rotate_to_real, write_modes
+from probupdate.modes import ModalData, ModalDeviation, ModalSet, unit_largest, write_modes
 from probupdate.progress import Progress, silent
 
 # the broad-band amplitude of a block goes by the unit of what was measured
@@ -40,7 +40,7 @@ class SSISettings(BlockSettings):
     @property
     def of_blocks(self) -> BlockSettings:
         return BlockSettings(order=self.order, block_rows=self.block_rows, target_rate_hz=self.target_rate_hz,
-                             spread=self.spread, lowest_order=self.lowest_order)
+                             spread=self.spread, sub_records=self.sub_records)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -62,14 +62,15 @@ class Identification:
     summary: str
 
     def write(self, out: str | Path) -> list[Path]:
-        """modes.json, and modes.poles.csv beside it."""
+        """modes.json, modes.deviations.h5 where there are deviations, and modes.poles.csv beside it."""
         out = Path(out)
         table = out.with_name(f"{out.stem}.poles.csv")
         out.parent.mkdir(parents=True, exist_ok=True)
         write_modes(self.data, out)
         written = self.poles.assign(time=self.poles["time"].dt.strftime("%Y-%m-%dT%H:%M:%SZ"))
         written.to_csv(table, index=False, float_format="%.6g", lineterminator="\n")
-        return [out, table]
+        deviations = [out.with_name(f"{out.stem}.deviations.h5")] if any(s.deviation for s in self.data.sets) else []
+        return [out, *deviations, table]
 
 
 def identify(
@@ -95,7 +96,8 @@ def identify(
     with tempfile.TemporaryDirectory() if store is None else nullcontext(store) as folder:
         blocks = BlockStore(folder, campaign, settings.of_blocks)
         blocks.fill(jobs=jobs, progress=progress)
-        return classified(blocks, campaign, reference, settings=settings, state_rule=state_rule, progress=progress)
+        return classified(
+            blocks, campaign, reference, settings=settings, state_rule=state_rule, jobs=jobs, progress=progress)
 
 
 def classified(
@@ -105,9 +107,11 @@ def classified(
     *,
     settings: SSISettings,
     state_rule: StateRule | None = None,
+    jobs: int = 1,
     progress: Progress = silent,
 ) -> Identification:
-    """The second pass: from stored poles to modes. Raises InputError where no block can be used."""
+    """The second pass: from stored poles to modes, and their deviations. Raises InputError where no block can be used.
+    """
     rule = state_rule or StateRule(rated_power_kw=campaign.rated_power_kw)
     rule = with_rated_power(rule, campaign.scada)
     found = []
@@ -115,16 +119,21 @@ def classified(
         progress("telling modes", number, len(blocks.starts))
         found.append(_held_against(blocks.read(start), campaign, reference, settings, rule))
     progress("telling modes", len(blocks.starts), len(blocks.starts))
-    used = [one.judged for one in found if one.judged is not None]
-    if not used:
+    usable = [one for one in found if one.judged is not None]
+    if not usable:
         raise InputError(str(campaign.path), f"none of {len(found)} blocks can be used; the first: "
                          f"{found[0].block.excluded}", "run `probupdate check` to see what is missing")
-    followed = tracking.track(used, settings.classifier)
-    choices = iter(followed.choices)
+    followed = tracking.track([one.judged for one in usable], settings.classifier)
+    chosen = {one.block.start: choice for one, choice in zip(usable, followed.choices, strict=True)}
+    if settings.sub_records:
+        chosen |= _without_uncertain(blocks, usable, chosen, followed.centre_hz, settings.classifier, jobs, progress)
+        followed = replace(followed, choices=tuple(chosen[one.block.start] for one in usable))
     sets, tables = [], []
     for one in found:
-        choice = next(choices) if one.judged is not None else None
-        sets.append(_modal_set(one, choice, reference))
+        choice = chosen.get(one.block.start)
+        kept = blocks.read_deviations(one.block.start) if choice is not None and _wanted(one, choice) and \
+            settings.sub_records else None
+        sets.append(_modal_set(one, choice, reference, kept))
         if choice is not None:
             tables.append(_pole_table(one, choice, settings.order))
     data = ModalData(channels=campaign.channels, sets=tuple(sets), labels=reference.labels)
@@ -182,6 +191,56 @@ def _held_against(
     return _Found(block=block, environment=environment, judged=judged, single=single, paper=paper)
 
 
+def _without_uncertain(
+    blocks: BlockStore, usable: list[_Found], chosen: dict, centre_hz: np.ndarray, settings: ClassifierSettings,
+    jobs: int, progress: Progress,
+) -> dict[pd.Timestamp, Choice]:
+    """Choices again in blocks where a chosen pole's deviations are beyond the classifier's limits; start -> choice.
+
+    Deviations are computed of chosen poles only; each round takes poles away, so that it ends.
+    """
+    judged = {one.block.start: one.judged for one in usable}
+    centre = {one.block.start: row for one, row in zip(usable, centre_hz, strict=True)}
+    known = {start: [np.full(len(j.poles.order), np.nan) for _ in range(2)] for start, j in judged.items()}
+    todo, again = dict(chosen), {}
+    by_start = {one.block.start: one for one in usable}
+    while todo:
+        wanted = {start: keys for start, choice in todo.items() if (keys := _wanted(by_start[start], choice))}
+        blocks.fill_deviations(wanted, jobs=jobs, progress=progress)
+        todo = {}
+        for start, keys in wanted.items():
+            kept, one = blocks.read_deviations(start), judged[start]
+            for (order, index), pole in keys.items():
+                row = kept.key.index((order, index))
+                known[start][0][pole] = np.linalg.norm(kept.ln_frequency[row])
+                known[start][1][pole] = np.linalg.norm(kept.damping_ratio[row])
+            verdict = rules.block_criteria(one.poles, one.likeness, one.reference, settings,
+                                           ln_frequency_std=known[start][0], damping_std=known[start][1])
+            if np.any((verdict != one.verdict)[list(keys.values())]):
+                judged[start] = replace(one, verdict=verdict)
+                again[start] = todo[start] = tracking.choose(judged[start], centre[start], settings)
+    return again
+
+
+def _wanted(one: _Found, choice: Choice) -> dict[tuple[int, int], int]:
+    """(model order, index within its poles) -> place in the block's stack, of the poles that stand for modes."""
+    order = one.judged.poles.order
+    return {(int(order[p]), int(p - np.argmax(order == order[p]))): int(p) for p in choice.pole if p >= 0}
+
+
+def _deviation(one: _Found, choice: Choice, kept: BlockDeviations) -> ModalDeviation:
+    """Columns of every mode; NaN for one that was not found."""
+    n_column = kept.ln_frequency.shape[1]
+    ln_frequency, damping = (np.full((len(choice.pole), n_column), np.nan) for _ in range(2))
+    shape = np.full((kept.shape.shape[0], len(choice.pole), n_column), np.nan + 0j)
+    keys = {pole: key for key, pole in _wanted(one, choice).items()}
+    for mode in np.flatnonzero(choice.pole >= 0):
+        row = kept.key.index(keys[int(choice.pole[mode])])
+        ln_frequency[mode], damping[mode] = kept.ln_frequency[row], kept.damping_ratio[row]
+        shape[:, mode] = kept.shape[:, row]
+    return ModalDeviation(ln_frequency=ln_frequency, damping_ratio=damping, shape=shape)
+
+
 def _environment(block: BlockPoles, campaign: Campaign, rule: StateRule) -> dict:
     conditions = dict(block_conditions(campaign.scada, block.start, block.minutes, rule))
     conditions["block_minutes"] = block.minutes
@@ -195,7 +254,9 @@ def _environment(block: BlockPoles, campaign: Campaign, rule: StateRule) -> dict
     return conditions
 
 
-def _modal_set(one: _Found, choice: Choice | None, reference: ReferenceModes) -> ModalSet:
+def _modal_set(
+    one: _Found, choice: Choice | None, reference: ReferenceModes, kept: BlockDeviations | None
+) -> ModalSet:
     n_channel, n_mode = reference.shape.shape
     frequency, damping = np.full(n_mode, np.nan), np.full(n_mode, np.nan)
     shape = np.full((n_channel, n_mode), np.nan + 0j)
@@ -212,14 +273,7 @@ def _modal_set(one: _Found, choice: Choice | None, reference: ReferenceModes) ->
                 environment[f"independence_{name}"] = float(choice.independence[g])
     return ModalSet(id=one.block.id, frequency_hz=frequency, damping_ratio=damping, shape=shape,
                     frequency_std_hz=np.full(n_mode, np.nan), shape_std=np.full((n_channel, n_mode), np.nan),
-                    environment=environment)
-
-
-def unit_largest(shape: np.ndarray) -> np.ndarray:
-    """Columns turned to lie along the real axis, the largest real part +1 (what imaginary part is left stays)."""
-    real = rotate_to_real(shape)
-    largest = np.argmax(np.abs(real.real), axis=0)
-    return real / real.real[largest, np.arange(real.shape[1])]
+                    environment=environment, deviation=None if kept is None else _deviation(one, choice, kept))
 
 
 def _pole_table(one: _Found, choice: Choice, order: int) -> pd.DataFrame:
