@@ -17,7 +17,12 @@ from probupdate.identification.ssi import (
     reference_projection,
     stability,
 )
-from probupdate.identification.uncertainty import pole_deviations, sub_record_covariances
+from probupdate.identification.uncertainty import (
+    ObservabilityDeviation,
+    observability_deviation,
+    pole_deviations,
+    sub_record_covariances,
+)
 from probupdate.modes import ModalDeviation
 
 
@@ -26,31 +31,29 @@ class IdentifiedRecord:
     """poles: those of the chosen order; stability (n_pole,): the share of the orders around it in which each comes
     back; by_order: the poles of every order, ascending, the chosen one among them.
 
-    covariance (n_lag + 1, n_channel, n_reference) and covariance_deviation (n_sub, ...) are what deviations are made
-    of; n_sub is 0 for a record identified without sub-records.
+    observability_deviation: what deviations are made of; None for a record identified without sub-records.
     """
 
     poles: Poles
     stability: np.ndarray
     by_order: tuple[Poles, ...]
-    block_rows: int
     factorisation: Factorisation
-    covariance: np.ndarray
-    covariance_deviation: np.ndarray
+    observability_deviation: ObservabilityDeviation | None
 
     def deviations(self, indices: np.ndarray, order: int | None = None) -> ModalDeviation:
         """Deviations of the poles `indices` of the chosen order, or of another of `by_order`; one column a sub-record.
 
         indices (n_mode,); -1 gives NaN, so that the poles taken for modes, some of them absent, can be asked for as
         they are. Shapes are scaled by `modes.unit_largest`. All are NaN where the order parts equal singular values.
+        First order: an order above what the record holds leaves little between singular values, or puts a pole of the
+        noise beside that of a mode; deviations of such blocks come out large, and larger than the poles scatter.
         """
-        if len(self.covariance_deviation) == 0:
+        if self.observability_deviation is None:
             raise InputError("deviations", "the record was identified without sub-records", "give sub_records, say 30")
         order = self.poles.order if order is None else order
         if order not in [one.order for one in self.by_order]:
             raise InputError("order", f"{order} was not identified", "choose one of by_order")
-        return pole_deviations(self.covariance, self.covariance_deviation, self.factorisation,
-                               block_rows=self.block_rows, order=order, indices=indices)
+        return pole_deviations(self.observability_deviation, self.factorisation, order=order, indices=indices)
 
 
 def identify_record(
@@ -67,18 +70,15 @@ def identify_record(
     data = np.asarray(data, dtype=float)
     n_lag = 2 * block_rows - 1
     check_record(data, n_lag)
-    covariance, projection = None, None
+    covariance, projection, scatter = None, None, None
     if references is not None:
         covariance = output_covariances(data, n_lag)
         projection = reference_projection(covariance, references)
         covariance = covariance @ projection
     if sub_records:
-        covariance, deviation = sub_record_covariances(data, n_lag, sub_records, projection)
-    else:
-        covariance = output_covariances(data, n_lag) if covariance is None else covariance
-        deviation = np.empty((0, *covariance.shape))
-    for array in (covariance, deviation):
-        array.setflags(write=False)
+        covariance, scatter = sub_record_covariances(data, n_lag, sub_records, projection)
+    elif covariance is None:
+        covariance = output_covariances(data, n_lag)
     n_channel, n_reference = covariance.shape[1:]
     highest = max(order, min(order + spread, n_channel * (block_rows - 1), n_reference * block_rows))
     factorisation = factorise(covariance, block_rows, highest, rate_hz)
@@ -86,7 +86,8 @@ def identify_record(
     chosen = next(one for one in by_order if one.order == order)
     around = tuple(one for one in by_order if one is not chosen and abs(one.order - order) <= spread)
     return IdentifiedRecord(
-        poles=chosen, by_order=by_order, block_rows=block_rows, factorisation=factorisation,
+        poles=chosen, by_order=by_order, factorisation=factorisation,
         stability=stability(chosen, around) if around else np.ones(len(chosen.frequency_hz)),
-        covariance=covariance, covariance_deviation=deviation,
+        observability_deviation=None if scatter is None else observability_deviation(
+            covariance, scatter, factorisation, block_rows),
     )

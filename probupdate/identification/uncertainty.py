@@ -10,6 +10,8 @@ out. Every dR that is handed in is carried through; nothing is regularised.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from scipy import fft, linalg
 
@@ -84,38 +86,75 @@ def toeplitz_products(
     return rows(product, m), rows(back, r)
 
 
-def observability_deviation(
-    covariance: np.ndarray, deviation: np.ndarray, factorisation: Factorisation, block_rows: int, order: int
-) -> np.ndarray | None:
-    """dO (n_channel br, order, n_sub) outside the span of O, for O of that order; None where O has no derivative.
+@dataclass(frozen=True, eq=False, kw_only=True)
+class ObservabilityDeviation:
+    """Deviations of the leading left singular vectors of T, from which those of O follow for every order.
 
-    For u_i, v_i, s_i of T = U S V^T the part of du_i outside the span of u_1..u_n solves
-    (s_i^2 - T T^T) du_i = s_i dT v_i + T dT^T u_i: in the other left singular vectors, division by s_i^2 - s_l^2.
+    outside (n_channel br, n, n_sub): the part of du_i outside the span of u_1..u_n, n the highest order; inside
+    (n, n, n_sub): u_l^T du_i. squared_next: s_(n + 1)^2.
     """
-    singular = factorisation.singular_value[:order]
-    u = factorisation.observability[:, :order] / np.sqrt(singular)
+
+    outside: np.ndarray
+    inside: np.ndarray
+    squared_next: float
+
+    @property
+    def n_sub(self) -> int:
+        return self.outside.shape[2]
+
+    def of_order(self, factorisation: Factorisation, order: int) -> np.ndarray | None:
+        """dO (n_channel br, order, n_sub) outside the span of O of that order; None where O has no derivative, the
+        order parting two singular values that are equal but for rounding."""
+        singular = factorisation.singular_value[: self.outside.shape[1]]
+        following = np.append(singular**2, self.squared_next)[order]
+        if singular[order - 1] ** 2 - following <= LEAST_GAP * singular[0] ** 2:
+            return None
+        u = factorisation.observability[:, order: len(singular)] / np.sqrt(singular[order:])
+        n_row, n_sub = len(u), self.n_sub
+        added = (u @ self.inside[order:, :order].reshape(-1, order * n_sub)).reshape(n_row, order, n_sub)
+        return (self.outside[:, :order] + added) * np.sqrt(singular[:order])[:, None]
+
+
+def observability_deviation(
+    covariance: np.ndarray, deviation: np.ndarray, factorisation: Factorisation, block_rows: int
+) -> ObservabilityDeviation:
+    """Deviations of the singular vectors of all orders of the factorisation, from dR (n_sub, 2 br, n_channel, n_ref).
+
+    For u_i, v_i, s_i of T = U S V^T, du_i solves (s_i^2 - T T^T) du_i = s_i dT v_i + T dT^T u_i: along another left
+    singular vector u_l, that is division by s_i^2 - s_l^2.
+    """
+    n = factorisation.rank
+    singular = factorisation.singular_value[:n]
+    u = factorisation.observability[:, :n] / np.sqrt(singular)
     toeplitz = block_toeplitz(covariance, block_rows)
     squared, basis = left_singular(toeplitz, min(toeplitz.shape))
-    others, squared_others = basis[:, order:], squared[order:]
-    if len(squared_others) and singular[-1] ** 2 - squared_others[0] <= LEAST_GAP * squared[0]:
-        return None
+    others, squared_others = basis[:, n:], squared[n:]
     v = toeplitz.T @ u / singular
     dt_v, dt_u = toeplitz_products(deviation, block_rows, v, u)
     size, n_sub = len(u), dt_v.shape[2]
-    source = dt_v * singular[:, None] + (toeplitz @ dt_u.reshape(len(dt_u), -1)).reshape(size, order, n_sub)
-    share = (others.T @ source.reshape(size, -1)).reshape(-1, order, n_sub)
-    share /= (singular**2 - squared_others[:, None])[:, :, None]
-    du = others @ share.reshape(len(share), -1)
+    source = dt_v * singular[:, None] + (toeplitz @ dt_u.reshape(len(dt_u), -1)).reshape(size, n, n_sub)
+    flat = source.reshape(size, -1)
+    # gaps that are nothing but rounding are kept out by `of_order`; here they only must not divide by zero
+    gap = _divisor(singular**2 - squared_others[:, None])
+    share = (others.T @ flat).reshape(-1, n, n_sub) / gap[:, :, None]
+    outside = others @ share.reshape(len(share), -1)
     if toeplitz.shape[0] > toeplitz.shape[1]:
         # what lies outside the span of T: there T T^T is zero
-        flat = (dt_v / singular[:, None]).reshape(size, -1)
-        du += flat - basis @ (basis.T @ flat)
-    return du.reshape(size, order, n_sub) * np.sqrt(singular)[:, None]
+        beyond = (dt_v / singular[:, None]).reshape(size, -1)
+        outside += beyond - basis @ (basis.T @ beyond)
+    inside = (u.T @ flat).reshape(n, n, n_sub) / _divisor(singular**2 - singular[:, None] ** 2)[:, :, None]
+    arrays = {"outside": outside.reshape(size, n, n_sub), "inside": inside}
+    for array in arrays.values():
+        array.setflags(write=False)
+    return ObservabilityDeviation(**arrays, squared_next=float(squared_others[0]) if len(squared_others) else 0.0)
+
+
+def _divisor(gap: np.ndarray) -> np.ndarray:
+    return np.where(gap == 0, np.nan, gap)
 
 
 def pole_deviations(
-    covariance: np.ndarray, deviation: np.ndarray, factorisation: Factorisation, *,
-    block_rows: int, order: int, indices: np.ndarray,
+    changed: ObservabilityDeviation, factorisation: Factorisation, *, order: int, indices: np.ndarray
 ) -> ModalDeviation:
     """Deviations of the poles `indices` of that order, a column a sub-record; NaN for an index of -1.
 
@@ -130,13 +169,14 @@ def pole_deviations(
     if indices.ndim != 1 or indices.dtype.kind not in "iu" or np.any(indices < -1) or np.any(indices >= n_pole):
         raise InputError("poles", f"{indices.tolist()} are not indices of {n_pole} poles", "give 0.., or -1 for none")
     there = np.flatnonzero(indices >= 0)
-    table = (len(indices), len(deviation))
+    table = (len(indices), changed.n_sub)
     ln_frequency, damping = np.full(table, np.nan), np.full(table, np.nan)
     shape = np.full((m, *table), np.nan + 0j)
-    changed = None if there.size == 0 else observability_deviation(covariance, deviation, factorisation, block_rows, n)
-    if changed is not None:
+    moved_observability = changed.of_order(factorisation, n) if there.size else None
+    if moved_observability is not None:
         chosen = realisation.oscillating[indices[there]]
-        eigenvalue, raw = _eigen_deviation(factorisation.observability[:, :n], changed, realisation, chosen, m)
+        eigenvalue, raw = _eigen_deviation(
+            factorisation.observability[:, :n], moved_observability, realisation, chosen, m)
         mu = realisation.eigenvalue[chosen]
         pole = factorisation.sampling_rate_hz * np.log(mu)
         moved = factorisation.sampling_rate_hz * eigenvalue / mu[:, None]
