@@ -83,6 +83,9 @@ def run_check(a: argparse.Namespace, progress: Progress) -> None:
 
 
 def run_identify(a: argparse.Namespace, progress: Progress) -> None:
+    # one thread each, here and in the processes started: the same bits wherever a block is identified, whatever is
+    # left after an interruption. Read when numpy is first imported
+    os.environ.update(OMP_NUM_THREADS="1", OPENBLAS_NUM_THREADS="1", MKL_NUM_THREADS="1")
     import probupdate
 
     result = probupdate.identify(
@@ -96,7 +99,9 @@ def run_identify(a: argparse.Namespace, progress: Progress) -> None:
 def run_select(a: argparse.Namespace, progress: Progress) -> None:
     import probupdate
 
-    result = probupdate.select(a.modes, scada=a.scada, count=a.count)
+    result = probupdate.select(
+        a.modes, scada=a.scada, criteria=a.criteria, deviations=a.deviations, rated_power_kw=a.rated_power,
+        count=a.count)
     for path in result.write(a.out):
         say(f"wrote {path}")
     say(result.summary)
@@ -225,6 +230,12 @@ def build_parser() -> argparse.ArgumentParser:
     p = verb("select", run_select, "the sets an update may trust (Table 1), and the most consistent one")
     p.add_argument("modes", metavar="MODES")
     p.add_argument("--scada", help="scada.csv (default: the environment kept in MODES)")
+    p.add_argument("--criteria", help="TOML file with thresholds of Table 1, such as pitch_range_deg = 2.0 (README)")
+    p.add_argument("--deviations", choices=("campaign", "identification"), default="campaign",
+                   help="what kept sets carry: scatter over all blocks, as the paper (default), or what identification "
+                   "states of each")
+    p.add_argument("--rated-power", type=positive(float), metavar="KW",
+                   help="the turbine's, for states told from --scada (default: the highest power in it)")
     p.add_argument("--count", type=positive(int), default=9, help="how many sets to keep (default 9)")
     p.add_argument("--out", required=True)
 

@@ -12,7 +12,7 @@ import numpy as np
 from probupdate.campaign.checking import CampaignCheck
 from probupdate.campaign.checking import check as check_campaign
 from probupdate.campaign.reading import read_campaign
-from probupdate.campaign.scada import read_scada
+from probupdate.campaign.scada import StateRule, read_scada
 from probupdate.comparison import Comparison
 from probupdate.comparison import compare as compare_results
 from probupdate.errors import InputError
@@ -20,10 +20,11 @@ from probupdate.estimators.ensemble import SamplerSettings
 from probupdate.estimators.posterior_file import Posterior, read_posterior, write_posterior
 from probupdate.estimators.update_file import UpdateRecord, read_update
 from probupdate.estimators.updating import deterministic_update, sample_posterior
+from probupdate.identification.criteria import read_criteria
 from probupdate.identification.identify import Identification, SSISettings
 from probupdate.identification.identify import identify as identify_campaign
 from probupdate.identification.reference import ReferenceModes
-from probupdate.identification.selection import Selection
+from probupdate.identification.selection import CAMPAIGN, Selection
 from probupdate.identification.selection import select as select_sets
 from probupdate.mode_labels import close_pairs, mode_character
 from probupdate.modes import ModalData, ModalSet, Sensor, read_modes
@@ -164,9 +165,24 @@ def _has_geometry(model) -> bool:
     return path.suffix == ".toml" and "[matrices]" not in path.read_text(encoding="utf-8") if path.is_file() else True
 
 
-def select(modes: str | Path, *, scada: str | Path | None = None, count: int = 9) -> Selection:
-    """The sets an update may trust by the criteria of Table 1, and the most consistent one."""
-    return select_sets(read_modes(modes), read_scada(scada) if scada else None, count=count)
+def select(
+    modes: str | Path,
+    *,
+    scada: str | Path | None = None,
+    criteria: str | Path | None = None,
+    deviations: str = CAMPAIGN,
+    rated_power_kw: float | None = None,
+    count: int = 9,
+) -> Selection:
+    """The sets an update may trust by the criteria of Table 1, and the most consistent one.
+
+    criteria: a TOML file with thresholds other than the defaults. rated_power_kw: of the turbine, for the states told
+    from `scada`; without, the highest power in it. deviations: see `identification.selection.select`.
+    """
+    return select_sets(
+        read_modes(modes), read_scada(scada) if scada else None, count=count, deviations=deviations,
+        criteria=read_criteria(criteria) if criteria else None, state_rule=StateRule(rated_power_kw=rated_power_kw),
+    )
 
 
 def _weights(weights: str | tuple[float, ...] | Weights, data: ModalData) -> Weights:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -11,53 +10,53 @@ import pandas as pd
 
 from probupdate.campaign.scada import StateRule, block_conditions, with_rated_power
 from probupdate.errors import InputError
+from probupdate.identification.criteria import (
+    SelectionCriteria,
+    condition_tests,
+    failed_criteria,
+    pair_angle_deg,
+    perpendicular_pairs,
+    required_modes,
+)
 from probupdate.modes import ModalData, ModalSet, plane_mac, write_modes
 
 PAPER_COV = {"FA1": 0.015, "SS1": 0.015, "FA2": 0.017, "SS2": 0.017}
-
-
-@dataclass(frozen=True, kw_only=True)
-class SelectionCriteria:
-    """Thresholds of Table 1.
-
-    No yawing: yaw rate up to yaw_rate_degps and headings of the rows within heading_range_deg. No pitching: blade
-    angle within pitch_range_deg. Idling or parked: state 'idling' by power, and rotor_speed_rpm at most. The modes
-    of `required` identified (None: all that are labelled FA or SS, or all). FA/SS perpendicular: the shapes of one
-    number at least least_angle_deg apart, the angle whose squared cosine is their MAC within their level's motion.
-    """
-
-    yaw_rate_degps: float = 0.05
-    heading_range_deg: float = 1.0
-    pitch_range_deg: float = 2.0
-    rotor_speed_rpm: float = 2.0
-    required: tuple[str, ...] | None = None
-    least_angle_deg: float = 60.0
-    unresolved_angle_deg: float = 30.0
+# where the deviations that a kept set carries come from
+CAMPAIGN, OWN = "campaign", "identification"
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Selection:
-    """data: the chosen sets, most consistent first among equals in time order, `reference_set` the most consistent.
+    """data: the chosen sets in the order of time, `reference_set` the most consistent.
 
-    table: a row a block with id, state, criterion (empty where it passed), score (NaN where it did not), selected,
-    angle1_deg, ... ; cov: mode -> state (or 'all', 'selected') -> CoV of the frequency; notes: what SCADA lacked.
+    table: a row a block with id, state, criterion (the first it failed, empty where it passed), failed (all of them),
+    score (NaN where it did not pass), selected, angle_..._deg. scatter: a row a mode and state ('all', 'passed' and
+    each state): n, mean_hz, cov, own_cov (root mean square of the deviations that identification states, relative),
+    paper_cov. cov: the same as mode -> state -> CoV. notes: what SCADA lacked.
     """
 
     data: ModalData
     table: pd.DataFrame
-    cov: dict[str, dict[str, float]]
+    scatter: pd.DataFrame
     criteria: SelectionCriteria
+    deviations: str
     notes: tuple[str, ...]
     summary: str
 
+    @property
+    def cov(self) -> dict[str, dict[str, float]]:
+        return {mode: dict(zip(rows["state"], rows["cov"], strict=True))
+                for mode, rows in self.scatter.groupby("mode", sort=False)}  # fmt: skip
+
     def write(self, out: str | Path) -> list[Path]:
-        """nine.json, and selection.csv beside it."""
+        """nine.json, and selection.csv and selection.cov.csv beside it."""
         out = Path(out)
-        table = out.with_name("selection.csv")
+        table, scatter = out.with_name("selection.csv"), out.with_name("selection.cov.csv")
         out.parent.mkdir(parents=True, exist_ok=True)
         write_modes(self.data, out)
         self.table.to_csv(table, index=False, float_format="%.6g", lineterminator="\n")
-        return [out, table]
+        self.scatter.to_csv(scatter, index=False, float_format="%.6g", lineterminator="\n")
+        return [out, table, scatter]
 
 
 def select(
@@ -67,72 +66,101 @@ def select(
     criteria: SelectionCriteria | None = None,
     count: int = 9,
     state_rule: StateRule | None = None,
+    deviations: str = CAMPAIGN,
 ) -> Selection:
     """Keep the `count` most consistent of the blocks that pass every criterion; fewer where fewer pass.
 
     With `scada` the conditions of each block are gathered anew, else those kept in the sets are used. What a
-    criterion needs and does not find is said, and that criterion is then not asked. Each chosen set gets
-    frequency_std_hz: the CoV of the mode over all blocks in which it was identified, every state together as the
-    paper did, times the set's own frequency. Raises InputError where no block passes.
+    criterion needs and does not find is said, and that criterion is then not asked.
+
+    deviations: what the kept sets carry and `--weights measured` takes. "campaign", as the paper: frequency_std_hz is
+    the CoV of the mode over all blocks in which it was identified, every state together, times the set's frequency;
+    damping_ratio_std the scatter over the same blocks; shape_std the scatter over the blocks that pass, pairs turned
+    onto each other. It holds what changes between half hours too. "identification": what each set came with, the
+    noise within its own half hour. Both are kept: what a set came with stays in its environment, as
+    own_std_hz_<mode>, and its `deviation` is untouched. Raises InputError where no block passes.
     """
     criteria = criteria or SelectionCriteria()
     if count < 1:
         raise InputError("count", f"{count} sets cannot be selected", "give at least 1")
-    required = _required(data, criteria)
+    if deviations not in (CAMPAIGN, OWN):
+        raise InputError("deviations", f"'{deviations}' is unknown", f"choose {CAMPAIGN} or {OWN}")
+    labels = data.labels or tuple(str(j + 1) for j in range(data.n_mode))
+    required = required_modes(data.labels, data.n_mode, criteria)
     sets = data.sets if scada is None else _with_conditions(data.sets, scada, state_rule or StateRule())
-    notes: list[str] = []
-    tests = _asked(sets, criteria, notes)
-    pairs = _pairs(data.labels)
-    angles = np.array([[pair_angle_deg(s, i, j) for i, j in pairs] for s in sets]).reshape(len(sets), len(pairs))
-    apart = np.array([[resolved(s, i, j) for i, j in pairs] for s in sets]).reshape(angles.shape)
-    least = np.where(apart, criteria.least_angle_deg, criteria.unresolved_angle_deg)
-    reasons = []
-    for s, angle, limit in zip(sets, angles, least, strict=True):
-        reason = "no data" if s.environment.get("excluded") else ""
-        reason = reason or next((name for name, passes in tests if not passes(s)), "")
-        lacking = [data.labels[j] if data.labels else str(j + 1) for j in required if not s.measured[j]]
-        reason = reason or ("modes not identified" if lacking else "")
-        reason = reason or ("planes not perpendicular" if np.any(angle < limit) else "")
-        reasons.append(reason)
-    passed = np.array([not r for r in reasons])
+    tests, notes = condition_tests(sets, criteria)
+    pairs = perpendicular_pairs(data.labels)
+    failed = [failed_criteria(s, tests, data.labels, required, pairs, criteria) for s in sets]
+    passed = np.array([not names for names in failed])
     if not passed.any():
-        counts = ", ".join(f"{n} {name}" for name, n in pd.Series(reasons).value_counts().items())
-        raise InputError("selection", f"none of {len(sets)} blocks passes ({counts})", "relax one, or measure on")
+        counts = pd.Series([names[0] for names in failed]).value_counts()
+        text = ", ".join(f"{n} {name}" for name, n in counts.items())
+        raise InputError("selection", f"none of {len(sets)} blocks passes ({text})", "relax one, or measure on")
+    good = [s for s, p in zip(sets, passed, strict=True) if p]
     score = np.full(len(sets), np.nan)
-    score[passed] = inconsistency([s for s, p in zip(sets, passed, strict=True) if p], required, pairs)
+    score[passed] = inconsistency(good, required, pairs)
     order = np.argsort(np.where(passed, score, np.inf), kind="stable")[: min(count, int(passed.sum()))]
-    cov = _scatter(data.labels, sets, passed)
-    overall = np.array([_cov([s.frequency_hz[j] for s in sets]) for j in range(data.n_mode)])
-    chosen = tuple(replace(sets[k], frequency_std_hz=_deviation(sets[k], overall)) for k in sorted(order))
-    result = ModalData(channels=data.channels, sets=chosen, labels=data.labels, reference_set=sets[order[0]].id)
+    scatter = _scatter(labels, sets, passed)
+    chosen = [_with_own(sets[k], labels) for k in sorted(order)]
+    if deviations == CAMPAIGN:
+        overall = scatter[scatter["state"] == "all"]["cov"].to_numpy()
+        chosen = _with_campaign_scatter(chosen, sets, good, overall, pairs)
+    result = ModalData(channels=data.channels, sets=tuple(chosen), labels=data.labels, reference_set=sets[order[0]].id)
     table = pd.DataFrame({
         "id": [s.id for s in sets], "state": [str(s.environment.get("state", "unknown")) for s in sets],
-        "criterion": reasons, "score": score, "selected": np.isin(np.arange(len(sets)), order),
+        "criterion": [names[0] if names else "" for names in failed], "failed": ["; ".join(names) for names in failed],
+        "score": score, "selected": np.isin(np.arange(len(sets)), order),
     })
-    for k, (i, j) in enumerate(pairs):
-        table[f"angle_{data.labels[i]}_{data.labels[j]}_deg"] = angles[:, k]
-    return Selection(data=result, table=table, cov=cov, criteria=criteria, notes=tuple(notes),
-                     summary=_summary(result, table, cov, overall, count, notes))
+    for i, j in pairs:
+        table[f"angle_{labels[i]}_{labels[j]}_deg"] = [pair_angle_deg(s, i, j) for s in sets]
+    return Selection(data=result, table=table, scatter=scatter, criteria=criteria, deviations=deviations,
+                     notes=tuple(notes), summary=_summary(result, table, scatter, count, deviations, notes))
 
 
-def _deviation(s: ModalSet, cov: np.ndarray) -> np.ndarray:
-    """CoV times frequency; what the set came with where one block alone gives no CoV."""
-    return np.where(np.isfinite(cov), cov * s.frequency_hz, s.frequency_std_hz)
+def _with_own(s: ModalSet, labels: tuple[str, ...]) -> ModalSet:
+    """The set with the deviations it came with in its environment, where it came with any."""
+    own = {f"own_std_hz_{label}": float(std) for label, std in zip(labels, s.frequency_std_hz, strict=True)
+           if np.isfinite(std)}  # fmt: skip
+    return replace(s, environment=dict(s.environment) | own)
 
 
-def _required(data: ModalData, criteria: SelectionCriteria) -> list[int]:
-    if criteria.required is None:
-        bending = [j for j, label in enumerate(data.labels) if label.startswith(("FA", "SS"))]
-        return bending or list(range(data.n_mode))
-    for label in criteria.required:
-        if label not in data.labels:
-            raise InputError("selection, required modes", f"'{label}' is no mode of the data",
-                             f"choose from {', '.join(data.labels)}")
-    return [data.labels.index(label) for label in criteria.required]
+def _with_campaign_scatter(chosen, sets, good, cov: np.ndarray, pairs) -> list[ModalSet]:
+    """Frequency, damping and shapes with the scatter over the campaign; where it cannot be told (one block alone), what
+    a set came with stays."""
+    damping = np.array([s.damping_ratio for s in sets])
+    enough = np.sum(np.isfinite(damping), axis=0) > 1
+    spread = np.full(damping.shape[1], np.nan)
+    spread[enough] = np.nanstd(damping[:, enough], axis=0, ddof=1)
+    shape = shape_scatter(good, pairs)
+    return [replace(
+        s, frequency_std_hz=np.where(np.isfinite(cov), cov * s.frequency_hz, s.frequency_std_hz),
+        damping_ratio_std=np.where(np.isfinite(spread), spread, s.damping_ratio_std),
+        shape_std=np.where(np.isfinite(shape) & np.isfinite(s.shape), shape, s.shape_std),
+    ) for s in chosen]  # fmt: skip
 
 
-def _pairs(labels: tuple[str, ...]) -> list[tuple[int, int]]:
-    return [(j, labels.index("SS" + t[2:])) for j, t in enumerate(labels) if t[:2] == "FA" and "SS" + t[2:] in labels]
+def shape_scatter(sets: list[ModalSet], pairs: list[tuple[int, int]], least: int = 5) -> np.ndarray:
+    """(n_channel, n_mode) deviation of each component over the sets, largest component 1; NaN from fewer than `least`.
+
+    Each set's shape is first brought onto the mean of all: a single mode by a factor, a pair by the combination within
+    its plane that comes closest, as only the plane is told by the data.
+    """
+    n_channel, n_mode = sets[0].shape.shape
+    found = np.full((n_channel, n_mode), np.nan)
+    paired = {j for pair in pairs for j in pair}
+    for group in [*pairs, *((j,) for j in range(n_mode) if j not in paired)]:
+        columns = [s.shape[:, list(group)].real for s in sets if s.measured[list(group)].all()]
+        if len(columns) < least:
+            continue
+        rows = np.all([np.isfinite(c).all(axis=1) for c in columns], axis=0)
+        middle = columns[0][rows]
+        for _ in range(5):  # each is brought onto the mean, the mean is taken anew
+            onto = [c[rows] @ np.linalg.lstsq(c[rows], middle, rcond=None)[0] for c in columns]
+            middle = np.mean(onto, axis=0)
+            middle = middle / np.abs(middle).max(axis=0)
+        onto = [c[rows] @ np.linalg.lstsq(c[rows], middle, rcond=None)[0] for c in columns]
+        found[np.ix_(rows, list(group))] = np.std(onto, axis=0, ddof=1)
+    return found
 
 
 def _with_conditions(sets, scada: pd.DataFrame, rule: StateRule) -> tuple[ModalSet, ...]:
@@ -148,59 +176,6 @@ def _with_conditions(sets, scada: pd.DataFrame, rule: StateRule) -> tuple[ModalS
         start = start.tz_localize("UTC") if start.tzinfo is None else start
         result.append(replace(s, environment=dict(s.environment) | block_conditions(scada, start, minutes, rule)))
     return tuple(result)
-
-
-def _asked(sets, criteria: SelectionCriteria, notes: list[str]) -> list[tuple[str, Callable[[ModalSet], bool]]]:
-    """Criteria on conditions that the sets can answer, in the order of Table 1; a block without the number fails."""
-    limits = [
-        ("yawing", "yaw_rate_degps_max", criteria.yaw_rate_degps),
-        ("yawing", "nacelle_heading_deg_range", criteria.heading_range_deg),
-        ("pitching", "pitch_deg_range", criteria.pitch_range_deg),
-        ("not idling", "state", "idling"),
-        ("not idling", "rotor_speed_rpm_max", criteria.rotor_speed_rpm),
-    ]
-    known = [s for s in sets if not s.environment.get("excluded")]
-    asked: list[tuple[str, Callable[[ModalSet], bool]]] = []
-    said: set[str] = set()
-    for name, key, limit in limits:
-        values = [s.environment.get(key) for s in known]
-        if all(v is None or v == "unknown" for v in values):
-            said.add(f"{name}|{key}")
-            continue
-        if not asked:
-            asked.append(("no SCADA", lambda s: float(s.environment.get("scada_rows") or 0) > 0))
-        asked.append((name, _limit(key, limit)))
-    for name in ("yawing", "pitching", "not idling"):
-        without = [t.split("|")[1] for t in sorted(said) if t.startswith(name)]
-        if without and not any(n == name for n, _ in asked):
-            notes.append(f"'{name}' was not asked: no {' and no '.join(without)} in SCADA")
-    return asked
-
-
-def _limit(key: str, limit) -> Callable[[ModalSet], bool]:
-    def passes(s: ModalSet) -> bool:
-        value = s.environment.get(key)
-        if isinstance(limit, str):
-            return value == limit
-        return value is not None and bool(value <= limit)
-
-    return passes
-
-
-def pair_angle_deg(s: ModalSet, i: int, j: int) -> float:
-    """Angle between two shapes of a set, acos sqrt(MAC): 90 where they are perpendicular; NaN where one is missing."""
-    if not (s.measured[i] and s.measured[j]):
-        return np.nan
-    a, b = s.shape[:, i], s.shape[:, j]
-    ok = np.isfinite(a) & np.isfinite(b)
-    cosine = abs(np.vdot(a[ok], b[ok])) / (np.linalg.norm(a[ok]) * np.linalg.norm(b[ok]))
-    return float(np.degrees(np.arccos(min(cosine, 1.0))))
-
-
-def resolved(s: ModalSet, i: int, j: int) -> bool:
-    """Two modes of a set lie further apart than their half-power bandwidths reach: |f1 - f2| >= zeta1 f1 + zeta2 f2."""
-    f, zeta = s.frequency_hz[[i, j]], s.damping_ratio[[i, j]]
-    return bool(abs(f[1] - f[0]) >= np.sum(zeta * f))
 
 
 def inconsistency(sets: list[ModalSet], required: list[int], pairs: list[tuple[int, int]]) -> np.ndarray:
@@ -236,28 +211,50 @@ def _cov(values) -> float:
     return float(np.std(values, ddof=1) / np.mean(values)) if len(values) > 1 else np.nan
 
 
-def _scatter(labels, sets, passed: np.ndarray) -> dict[str, dict[str, float]]:
-    names = labels or tuple(str(j + 1) for j in range(sets[0].frequency_hz.size))
+def _scatter(labels, sets, passed: np.ndarray) -> pd.DataFrame:
     states = np.array([str(s.environment.get("state", "unknown")) for s in sets], dtype=object)
-    table = {}
-    for j, label in enumerate(names):
+    usable = np.array([not s.environment.get("excluded") for s in sets])
+    subsets = {"all": usable, **{name: usable & (states == name) for name in dict.fromkeys(states[usable])},
+               "passed": passed}  # fmt: skip
+    rows = []
+    for j, label in enumerate(labels):
         f = np.array([s.frequency_hz[j] for s in sets])
-        table[label] = {"all": _cov(f)} | {state: _cov(f[states == state]) for state in dict.fromkeys(states)}
-        table[label]["passed"] = _cov(f[passed])
-    return table
+        own = np.array([s.frequency_std_hz[j] for s in sets]) / f
+        for state, chosen in subsets.items():
+            some, stated = f[chosen & np.isfinite(f)], own[chosen & np.isfinite(own)]
+            rows.append({
+                "mode": label, "state": state, "blocks": int(chosen.sum()), "n": len(some),
+                "mean_hz": float(np.mean(some)) if len(some) else np.nan, "cov": _cov(some),
+                "own_cov": float(np.sqrt(np.mean(stated**2))) if len(stated) else np.nan,
+                "paper_cov": PAPER_COV.get(label, np.nan),
+            })
+    return pd.DataFrame(rows)
 
 
-def _summary(data: ModalData, table: pd.DataFrame, cov, overall, count: int, notes) -> str:
+def _summary(data: ModalData, table: pd.DataFrame, scatter: pd.DataFrame, count: int, deviations: str, notes) -> str:
     counts = table["criterion"].value_counts(sort=False)
     lines = [f"{int((table['criterion'] == '').sum())} of {len(table)} blocks pass, {len(data.sets)} kept"]
     lines += [f"  {n} left out: {name}" for name, n in counts.items() if name]
     if len(data.sets) < count:
         lines.append(f"fewer than {count} pass: all of them were kept")
     lines.append(f"most consistent: {data.reference_set}")
-    for (label, row), value in zip(cov.items(), overall, strict=True):
+    for label, rows in scatter.groupby("mode", sort=False):
+        value = rows["cov"].iloc[0]
+        if not np.isfinite(value):
+            lines.append(f"{label}: too few for a CoV")
+            continue
         paper = f" (paper {PAPER_COV[label]})" if label in PAPER_COV else ""
-        states = ", ".join(f"{k} {v:.4f}" for k, v in row.items() if k != "all" and np.isfinite(v))
-        lines.append(f"CoV of {label} over all blocks {value:.4f}{paper}; {states}" if np.isfinite(value)
-                     else f"{label}: too few for a CoV")
-    lines.append("frequency_std_hz of every kept set is the CoV over all blocks times its frequency")
+        states = ", ".join(f"{k} {v:.4f}" for k, v in zip(rows["state"][1:], rows["cov"][1:], strict=True)
+                           if np.isfinite(v))  # fmt: skip
+        own = rows["own_cov"].iloc[0]
+        stated = f"; identification itself states {own:.4f}" if np.isfinite(own) else ""
+        lines.append(f"CoV of {label} over all blocks {value:.4f}{paper}; {states}{stated}")
+    if deviations == CAMPAIGN:
+        lines.append("frequency_std_hz of every kept set is the CoV over all blocks times its frequency; --weights "
+                     "measured takes that")  # fmt: skip
+    else:
+        lines.append("frequency_std_hz of every kept set is what identification states of its half hour; --weights "
+                     "measured takes that; what changes between half hours is not in it")  # fmt: skip
+        if any(np.isnan(s.frequency_std_hz[s.measured]).any() for s in data.sets):
+            lines.append("some modes of the kept sets came without a deviation of their own")
     return "\n".join([*lines, *notes])

@@ -7,13 +7,8 @@ import pandas as pd
 import pytest
 
 from probupdate.errors import InputError
-from probupdate.identification.selection import (
-    SelectionCriteria,
-    inconsistency,
-    pair_angle_deg,
-    resolved,
-    select,
-)
+from probupdate.identification.criteria import SelectionCriteria, pair_angle_deg, read_criteria, resolved
+from probupdate.identification.selection import inconsistency, select, shape_scatter
 from probupdate.identification.ssi import identify_poles
 from probupdate.modes import ModalData, ModalSet, mac, read_modes
 
@@ -148,15 +143,93 @@ def test_scada_given_apart_takes_the_place_of_what_was_kept(jacket):
         select(data(renamed), scada)
 
 
-def test_the_two_files_are_written(jacket, tmp_path):
+def test_the_files_are_written(jacket, tmp_path):
     sets = [one_set(k, jacket.shape, {"pitch_deg_range": 9.0} if k == 1 else None) for k in range(3)]
     result = select(data(sets))
     files = result.write(tmp_path / "nine.json")
-    assert [f.name for f in files] == ["nine.json", "selection.csv"]
+    assert [f.name for f in files] == ["nine.json", "selection.csv", "selection.cov.csv"]
     assert read_modes(files[0]).reference_set == result.data.reference_set
     table = pd.read_csv(files[1])
     assert list(table["criterion"].fillna("")) == ["", "pitching", ""]
     assert {"id", "state", "criterion", "score", "selected", "angle_FA1_SS1_deg"} <= set(table)
+
+
+def test_every_criterion_that_a_block_fails_is_kept(jacket):
+    bad = one_set(0, jacket.shape, {"yaw_rate_degps_max": 0.3, "nacelle_heading_deg_range": 9.0, "state": "rated"},
+                  frequency=[0.316, np.nan, 1.29, 1.93, 2.02])  # fmt: skip
+    table = select(data([bad, one_set(1, jacket.shape)])).table
+    assert list(table["failed"]) == ["yawing; not idling; modes not identified", ""]
+    assert list(table["criterion"]) == ["yawing", ""]
+
+
+def test_criteria_are_read_from_a_file(jacket, tmp_path):
+    path = tmp_path / "criteria.toml"
+    path.write_text('pitch_range_deg = 5\nstates = ["rated", "idling"]\nrotor_speed_rpm = inf\nrequired = ["T1"]\n')
+    criteria = read_criteria(path)
+    assert criteria == SelectionCriteria(pitch_range_deg=5, states=("rated", "idling"), rotor_speed_rpm=np.inf,
+                                         required=("T1",))  # fmt: skip
+    sets = [one_set(0, jacket.shape, {"state": "rated", "rotor_speed_rpm_max": 14.0}),
+            one_set(1, jacket.shape, {"state": "below rated"})]  # fmt: skip
+    assert list(select(data(sets), criteria=criteria).table["criterion"]) == ["", "other state"]
+    none = SelectionCriteria(states=(), rotor_speed_rpm=np.inf)
+    assert list(select(data(sets), criteria=none).table["criterion"]) == ["", ""]
+
+
+@pytest.mark.parametrize(("text", "problem"), [
+    ("pich_range_deg = 2", "unknown key 'pich_range_deg'; did you mean 'pitch_range_deg'"),
+    ("pitch_range_deg = -1", "pitch_range_deg: -1 is no number from 0"), ("states = 'idling'", "is no list of names"),
+    ("least_angle_deg = 120", "120 is not in 0 to 90"), ("= 3", "not TOML"), ("yaw_rate_degps = true", "no number"),
+])
+def test_criteria_that_make_no_sense_are_refused(tmp_path, text, problem):
+    path = tmp_path / "criteria.toml"
+    path.write_text(text)
+    with pytest.raises(InputError, match=problem):
+        read_criteria(path)
+    with pytest.raises(InputError, match="cannot be read"):
+        read_criteria(tmp_path / "none.toml")
+
+
+def test_own_deviation_and_campaign_scatter_are_told_apart(jacket):
+    sets = [replace(one_set(k, jacket.shape), frequency_std_hz=0.001 * TRUE_HZ) for k in range(20)]
+    campaign, own = select(data(sets)), select(data(sets), deviations="identification")
+    assert own.data.sets[0].frequency_std_hz == pytest.approx(0.001 * TRUE_HZ)
+    assert np.isnan(own.data.sets[0].shape_std).all()
+    # the frequencies scatter by 0.4 %, known to 16 % from twenty
+    assert campaign.data.sets[0].frequency_std_hz == pytest.approx(0.004 * TRUE_HZ, rel=0.6)
+    for s in campaign.data.sets:
+        assert s.environment["own_std_hz_FA2"] == pytest.approx(0.001 * TRUE_HZ[3])
+    assert "identification itself states 0.0010" in campaign.summary
+    assert "what identification states of its half hour" in own.summary
+    row = campaign.scatter[(campaign.scatter["mode"] == "FA2") & (campaign.scatter["state"] == "idling")].iloc[0]
+    assert row["own_cov"] == pytest.approx(0.001, rel=0.02) and row["n"] == 20 and row["paper_cov"] == 0.017
+    with pytest.raises(InputError, match="'both' is unknown"):
+        select(data(sets), deviations="both")
+
+
+def test_shapes_scatter_by_what_was_added_however_pairs_turn(jacket, pairs_turned):
+    """1 % of noise on every component, pairs turned by any angle, scales and signs at will: 0.95 to 1.05 % on average
+    comes back; the degrees of freedom lost to scale and plane are 1 of 18 and 2 of 18."""
+    rng = np.random.default_rng(2)
+    sets = []
+    for k in range(60):
+        s = one_set(k, jacket.shape)
+        shape = pairs_turned(jacket.shape, rng.uniform(0, 360)) + 0.01 * rng.standard_normal(jacket.shape.shape)
+        sets.append(replace(s, shape=shape * rng.choice([-1, 1], 5) * rng.uniform(0.5, 2, 5)))
+    std = shape_scatter(sets, [(0, 1), (3, 4)])
+    for columns, share in (([0, 1], np.sqrt(16 / 18)), ([2], np.sqrt(17 / 18)), ([3, 4], np.sqrt(16 / 18))):
+        assert np.sqrt(np.mean(std[:, columns] ** 2)) == pytest.approx(0.01 * share, rel=0.05)
+    assert np.isnan(shape_scatter(sets[:4], [])).all()
+
+
+def test_other_labels_and_few_channels_are_selected_too():
+    """A building of three storeys: modes by number, no SCADA, six channels."""
+    rng = np.random.default_rng(0)
+    sets = [ModalSet(id=str(k), frequency_hz=np.array([2.0, 6.1]) * (1 + 0.002 * rng.standard_normal(2)),
+                     shape=rng.standard_normal((6, 2)), damping_ratio=np.array([0.01, 0.02]),
+                     frequency_std_hz=np.full(2, np.nan), shape_std=np.full((6, 2), np.nan))
+            for k in range(12)]  # fmt: skip
+    result = select(ModalData(channels=tuple("abcdef"), sets=tuple(sets)), count=3)
+    assert len(result.data.sets) == 3 and list(result.cov) == ["1", "2"] and len(result.notes) == 3
 
 
 # The perpendicular criterion ----------------------------------------------------------------------------------------

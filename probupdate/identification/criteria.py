@@ -1,0 +1,175 @@
+"""The criteria of the paper's Table 1 as named thresholds: given in Python, or read from a TOML file."""
+
+from __future__ import annotations
+
+import difflib
+import tomllib
+from collections.abc import Callable
+from dataclasses import dataclass, fields
+from pathlib import Path
+
+import numpy as np
+
+from probupdate.campaign.scada import STATES
+from probupdate.errors import InputError
+from probupdate.modes import ModalSet
+
+# a criterion by its name: does the set pass?
+Test = tuple[str, Callable[[ModalSet], bool]]
+
+
+@dataclass(frozen=True, kw_only=True)
+class SelectionCriteria:
+    """Thresholds of Table 1; `inf` leaves a criterion out.
+
+    No yawing: yaw rate up to yaw_rate_degps and headings of the rows within heading_range_deg. No pitching: blade
+    angle within pitch_range_deg. Idling or parked: the block's state, told by the power of its ten-minute rows, is one
+    of `states` (empty: any), and rotor_speed_rpm at most. The modes of `required` identified (None: all that are
+    labelled FA or SS, or all). FA/SS perpendicular: the shapes of one number at least least_angle_deg apart where the
+    two are resolved, unresolved_angle_deg where not; the angle whose squared cosine is their MAC.
+    """
+
+    yaw_rate_degps: float = 0.05
+    heading_range_deg: float = 1.0
+    pitch_range_deg: float = 2.0
+    rotor_speed_rpm: float = 2.0
+    states: tuple[str, ...] = (STATES[0],)
+    required: tuple[str, ...] | None = None
+    least_angle_deg: float = 60.0
+    unresolved_angle_deg: float = 30.0
+
+    def __post_init__(self):
+        for field in fields(self):
+            value = getattr(self, field.name)
+            if field.type != "float":
+                continue
+            if isinstance(value, bool) or not isinstance(value, int | float) or not value >= 0:
+                raise InputError(f"selection, {field.name}", f"{value!r} is no number from 0", "give one, or inf")
+        for name in ("least_angle_deg", "unresolved_angle_deg"):
+            if not getattr(self, name) <= 90:
+                raise InputError(f"selection, {name}", f"{getattr(self, name)} is not in 0 to 90", "give an angle")
+        for name in ("states", "required"):
+            value = getattr(self, name)
+            if value is None and name == "required":
+                continue
+            if isinstance(value, str) or not all(isinstance(x, str) for x in value):
+                raise InputError(f"selection, {name}", f"{value!r} is no list of names", 'write ["..."]')
+            object.__setattr__(self, name, tuple(value))
+
+
+def read_criteria(path: str | Path) -> SelectionCriteria:
+    """A TOML file whose keys are those of `SelectionCriteria`; what it leaves out keeps its default."""
+    path = Path(path)
+    try:
+        content = tomllib.loads(path.read_text(encoding="utf-8"))
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise InputError(str(path), f"not TOML ({error})", "write lines such as pitch_range_deg = 2.0") from None
+    except OSError as error:
+        raise InputError(str(path), f"cannot be read ({error.strerror})", "name a file with criteria") from None
+    known = [field.name for field in fields(SelectionCriteria)]
+    for key in content:
+        if key not in known:
+            close = difflib.get_close_matches(key, known, n=1)
+            raise InputError(f"{path}", f"unknown key '{key}'",
+                             f"did you mean '{close[0]}'?" if close else f"choose from {', '.join(known)}")
+    try:
+        return SelectionCriteria(**content)
+    except InputError as error:
+        raise InputError(f"{path}, {error.where}", error.problem, error.remedy) from None
+
+
+def condition_tests(sets: tuple[ModalSet, ...], criteria: SelectionCriteria) -> tuple[list[Test], list[str]]:
+    """Criteria on conditions that the sets can answer, in the order of Table 1, and what could not be asked.
+
+    A block without a number that others have fails; a number that no block has is not asked, and that is said where
+    no other number tells the same.
+    """
+    state = "not idling" if criteria.states == (STATES[0],) else "other state"
+    limits = [
+        ("yawing", "yaw_rate_degps_max", criteria.yaw_rate_degps),
+        ("yawing", "nacelle_heading_deg_range", criteria.heading_range_deg),
+        ("pitching", "pitch_deg_range", criteria.pitch_range_deg),
+        (state, "state", criteria.states),
+        (state, "rotor_speed_rpm_max", criteria.rotor_speed_rpm),
+    ]
+    known = [s for s in sets if not s.environment.get("excluded")]
+    tests: list[Test] = []
+    lacking: dict[str, list[str]] = {}
+    for name, key, limit in limits:
+        if not limit if isinstance(limit, tuple) else np.isinf(limit):
+            continue
+        values = [s.environment.get(key) for s in known]
+        if all(v is None or v == "unknown" for v in values):
+            lacking.setdefault(name, []).append(key)
+            continue
+        if not tests:
+            tests.append(("no SCADA", lambda s: float(s.environment.get("scada_rows") or 0) > 0))
+        tests.append((name, _limit(key, limit)))
+    asked = {name for name, _ in tests}
+    notes = [f"'{name}' was not asked: no {' and no '.join(keys)} in SCADA"
+             for name, keys in lacking.items() if name not in asked]  # fmt: skip
+    return tests, notes
+
+
+def _limit(key: str, limit) -> Callable[[ModalSet], bool]:
+    def passes(s: ModalSet) -> bool:
+        value = s.environment.get(key)
+        if isinstance(limit, tuple):
+            return value in limit
+        return value is not None and bool(value <= limit)
+
+    return passes
+
+
+def required_modes(labels: tuple[str, ...], n_mode: int, criteria: SelectionCriteria) -> list[int]:
+    """Which modes a set must have. Raises InputError for a name that is no mode."""
+    if criteria.required is None:
+        bending = [j for j, label in enumerate(labels) if label.startswith(("FA", "SS"))]
+        return bending or list(range(n_mode))
+    for label in criteria.required:
+        if label not in labels:
+            raise InputError("selection, required modes", f"'{label}' is no mode of the data",
+                             f"choose from {', '.join(labels)}")  # fmt: skip
+    return [labels.index(label) for label in criteria.required]
+
+
+def perpendicular_pairs(labels: tuple[str, ...]) -> list[tuple[int, int]]:
+    """(FAk, SSk) of one number k."""
+    return [(j, labels.index("SS" + t[2:])) for j, t in enumerate(labels) if t[:2] == "FA" and "SS" + t[2:] in labels]
+
+
+def pair_angle_deg(s: ModalSet, i: int, j: int) -> float:
+    """Angle between two shapes of a set, acos sqrt(MAC): 90 where they are perpendicular; NaN where one is missing."""
+    if not (s.measured[i] and s.measured[j]):
+        return np.nan
+    a, b = s.shape[:, i], s.shape[:, j]
+    ok = np.isfinite(a) & np.isfinite(b)
+    cosine = abs(np.vdot(a[ok], b[ok])) / (np.linalg.norm(a[ok]) * np.linalg.norm(b[ok]))
+    return float(np.degrees(np.arccos(min(cosine, 1.0))))
+
+
+def resolved(s: ModalSet, i: int, j: int) -> bool:
+    """Two modes of a set lie further apart than their half-power bandwidths reach: |f1 - f2| >= zeta1 f1 + zeta2 f2."""
+    f, zeta = s.frequency_hz[[i, j]], s.damping_ratio[[i, j]]
+    return bool(abs(f[1] - f[0]) >= np.sum(zeta * f))
+
+
+def failed_criteria(
+    s: ModalSet, tests: list[Test], labels: tuple[str, ...], required: list[int], pairs: list[tuple[int, int]],
+    criteria: SelectionCriteria,
+) -> list[str]:
+    """Every criterion that the set fails, in the order of Table 1, each once; empty where it passes.
+
+    A block without data is asked nothing else.
+    """
+    if s.environment.get("excluded"):
+        return ["no data"]
+    failed = [name for name, passes in tests if not passes(s)]
+    if not all(s.measured[j] for j in required):
+        failed.append("modes not identified")
+    for i, j in pairs:
+        least = criteria.least_angle_deg if resolved(s, i, j) else criteria.unresolved_angle_deg
+        # NaN, where one is missing, is below nothing
+        if pair_angle_deg(s, i, j) < least:
+            failed.append("planes not perpendicular")
+    return list(dict.fromkeys(failed))
