@@ -4,15 +4,29 @@ from __future__ import annotations
 
 import json
 from collections import Counter
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 
-from probupdate.campaign.blocks import Block, block_starts, blocks
+from probupdate.campaign.blocks import Block, block_files, block_starts, read_block
+from probupdate.campaign.clocks import delays
+from probupdate.campaign.findings import (
+    Compared,
+    channel_findings,
+    clock_findings,
+    mounting_findings,
+    rate_findings,
+    scale_findings,
+)
+from probupdate.campaign.mounting import suspicions
 from probupdate.campaign.reading import Campaign
+from probupdate.campaign.rotor_lines import line_scores, rate_ratio
+from probupdate.campaign.samples import channel_table
 from probupdate.campaign.scada import COLUMNS, StateRule, block_conditions, with_rated_power
+from probupdate.campaign.spectra import cross_spectra, in_acceleration
 from probupdate.progress import Progress, silent
 
 # what a column of SCADA is needed for
@@ -26,20 +40,17 @@ USES = {
     "water_level_m": "frequency against water level",
     "air_temperature_c": "frequency against temperature",
 }
-# a spike is this many robust deviations off its channel's median and this many times what surrounds it within half a
-# second: an impact on the structure rings, a fault of the logger does not
-SPIKE_DEVIATIONS, SPIKE_ALONE = 12.0, 4.0
-# the extreme value taken by more than so many samples in a row is a stop
-CLIP_RUN = 4
-# a record of m/s2 given in g looks 10 times too small: channels of one direction are compared with each other
-SCALE_FACTOR = 8.0
+# channels are compared with one another in so many blocks, evenly spread over a longer campaign
+MOST_COMPARED = 240
+# and rotor lines are sought in so many ten-minute rows at most
+MOST_ROWS = 720
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class CampaignCheck:
-    """table: a row per block and channel with missing (share), repaired (samples), rms (SI), spikes, clipped
-    (samples), flat; blocks: a row per block with id, state, excluded; findings: what is wrong, in sentences; uses:
-    what can be done, in sentences."""
+    """table: a row per block and channel (see samples.channel_table) with delay_ms (how late it is, where compared)
+    and suspicion; blocks: a row per block with id, state, excluded, notes; findings: what is wrong, in sentences, those
+    that begin with 'suspect' inferred from other channels; uses: what can be done, in sentences."""
 
     campaign: str
     table: pd.DataFrame
@@ -49,31 +60,48 @@ class CampaignCheck:
     summary: str
 
     def write(self, path: str | Path) -> Path:
-        """JSON: campaign, findings, uses, blocks, channels (a summary per channel)."""
+        """JSON: campaign, findings, uses, blocks, channels (a summary per channel); beside it `<stem>.channels.csv`,
+        the table."""
         path = Path(path)
         content = {
             "campaign": self.campaign, "findings": list(self.findings), "uses": list(self.uses),
-            "blocks": self.blocks.to_dict("records"), "channels": _per_channel(self.table).to_dict("records"),
+            "blocks": self.blocks.to_dict("records"), "channels": _records(_per_channel(self.table)),
         }
         path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(json.dumps(content, indent=1))
+        path.write_text(json.dumps(content, indent=1, allow_nan=False))
+        self.table.to_csv(path.with_name(f"{path.stem}.channels.csv"), index=False, float_format="%.6g",
+                          lineterminator="\n")
         return path
 
 
 def check(campaign: Campaign, *, progress: Progress = silent) -> CampaignCheck:
     """Read every block once and say what was found; nothing is changed."""
     rule = with_rated_power(StateRule(rated_power_kw=campaign.rated_power_kw), campaign.scada)
-    total, rows, heads, notes = len(block_starts(campaign)), [], [], Counter()
-    for number, block in enumerate(blocks(campaign)):
-        progress("checking blocks", number, total)
-        rows.append(_channel_rows(campaign, block))
-        state = block_conditions(campaign.scada, block.start, block.minutes, rule)["state"]
-        heads.append({"id": block.id, "state": str(state), "excluded": block.excluded, "notes": "; ".join(block.notes)})
-        notes.update(["overlap"] * any("two files" in n for n in block.notes))
-    progress("checking blocks", total, total)
-    table, head = pd.concat(rows, ignore_index=True), pd.DataFrame(heads)
-    findings = (*_coverage(campaign, head, notes), *_channel_findings(campaign, table), *_scada_findings(campaign))
-    uses = _uses(campaign, head)
+    files = block_files(campaign)
+    stride = -(-len(files) // MOST_COMPARED)
+    tables, heads, overlaps, compared, lines = [], [], 0, [], []
+    for number, (start, touching) in enumerate(files.items()):
+        progress("checking blocks", number, len(files))
+        block = read_block(campaign, start, touching)
+        conditions = block_conditions(campaign.scada, block.start, block.minutes, rule)
+        state = str(conditions["state"])
+        overlaps += any("two files" in n for n in block.notes)
+        rows = channel_table(block, campaign.channels)
+        if number % stride == 0:
+            found = _compared(campaign, block, state, conditions, rows)
+            rows = rows.assign(delay_ms=np.nan if found is None else 1e3 * found.delay_s,
+                               suspicion=_named(campaign, found))
+            compared += [] if found is None else [found]
+            if campaign.scada is not None and len(lines) < MOST_ROWS:
+                lines += line_scores(block, campaign.scada)
+        tables.append(rows)
+        heads.append({"id": block.id, "state": state, "excluded": block.excluded, "notes": "; ".join(block.notes)})
+    progress("checking blocks", len(files), len(files))
+    table, head = pd.concat(tables, ignore_index=True), pd.DataFrame(heads)
+    findings, able = _findings(campaign, table, head, overlaps, compared, rate_ratio(lines))
+    uses = (*_uses(campaign, head, table), *able)
+    if stride > 1:
+        uses = (*uses, f"channels were compared with one another in every {stride}th block")
     summary = "\n".join([
         f"{campaign.name}: {len(campaign.sensors)} channels at {campaign.sampling_rate_hz:g} Hz, {len(campaign.files)} "
         f"files, {len(head)} blocks of {campaign.block_minutes:g} minutes",
@@ -84,47 +112,55 @@ def check(campaign: Campaign, *, progress: Progress = silent) -> CampaignCheck:
     )
 
 
-def _channel_rows(campaign: Campaign, block: Block) -> pd.DataFrame:
-    data = block.data
-    known = np.isfinite(data).any(axis=0)
-    centre, spread, rms = (np.full(data.shape[1], np.nan) for _ in range(3))
-    centre[known] = np.nanmedian(data[:, known], axis=0)
-    away = np.abs(data - centre)
-    spread[known] = 1.4826 * np.nanmedian(away[:, known], axis=0)
-    rms[known] = np.sqrt(np.nanmean((data[:, known] - centre[known]) ** 2, axis=0))
-    flat = np.array([np.nanmax(c) == np.nanmin(c) if k else False for c, k in zip(data.T, known, strict=True)])
-    spikes = [_spikes(a, s, campaign.sampling_rate_hz) for a, s in zip(away.T, spread, strict=True)]
-    return pd.DataFrame({
-        "id": block.id, "channel": campaign.channels, "missing": block.missing, "repaired": block.repaired, "rms": rms,
-        "offset": centre, "spikes": spikes, "clipped": [_clipped(c) for c in data.T], "flat": flat,
-    })
+def _compared(campaign: Campaign, block: Block, state: str, conditions: Mapping, rows: pd.DataFrame) -> Compared | None:
+    """One block's channels against one another; None where the block's samples do not allow it. Channels with
+    lost samples, and those that stand still, are left out."""
+    n = len(campaign.sensors)
+    usable = np.isfinite(block.data).all(axis=0) & ~rows["flat"].to_numpy(bool)
+    if usable.sum() < 2:
+        return None
+    rate = block.sampling_rate_hz
+    spectra = cross_spectra(block.data[:, usable], rate, 0.4 * rate)
+    if spectra is None:
+        return None
+    sensors = tuple(s for s, ok in zip(campaign.sensors, usable, strict=True) if ok)
+    spectra = in_acceleration(spectra, sensors)
+    late = delays(spectra, sensors, _rotor_bands(conditions))
+    delay, std = np.full(n, np.nan), np.full(n, np.nan)
+    delay[usable], std[usable] = late.delay_s, late.std_s
+    return Compared(id=block.id, start=block.start, state=state, suspicions=tuple(suspicions(spectra, sensors)),
+                    delay_s=delay, delay_std_s=std)
 
 
-def _spikes(away: np.ndarray, spread: float, rate_hz: float) -> int:
-    """Samples, or two in a row, that stand alone; away (n_sample,) distance from the median."""
-    reach, count = max(int(rate_hz / 2), 3), 0
-    candidates = np.flatnonzero(away > SPIKE_DEVIATIONS * spread) if spread > 0 else ()
-    for k in candidates:
-        around = np.concatenate([away[max(k - reach, 0): max(k - 1, 0)], away[k + 2: k + reach]])
-        around = around[np.isfinite(around)]
-        count += bool(len(around)) and bool(away[k] > SPIKE_ALONE * around.max())
-    return count
+def _rotor_bands(conditions: Mapping) -> np.ndarray:
+    """(n_band, 2) Hz that the rotor's harmonics sweep during a block."""
+    low, high = (conditions.get(f"rotor_speed_rpm_{end}", np.nan) for end in ("min", "max"))
+    if not (np.isfinite(low) and np.isfinite(high) and high > 3):
+        return np.zeros((0, 2))
+    return np.array([[n * low / 60 - 0.05, n * high / 60 + 0.05] for n in (1, *range(3, 19, 3))])
 
 
-def _clipped(column: np.ndarray) -> int:
-    """Samples that stand at the record's own largest or smallest value for at least CLIP_RUN in a row."""
-    column = column[np.isfinite(column)]
-    if not len(column) or np.ptp(column) == 0:
-        return 0
-    count = 0
-    for limit in (column.max(), column.min()):
-        edge = np.flatnonzero(np.diff(np.concatenate([[0], (column == limit).astype(int), [0]])))
-        runs = edge[1::2] - edge[::2]
-        count += int(runs[runs >= CLIP_RUN].sum())
-    return count
+def _named(campaign: Campaign, found: Compared | None) -> list[str]:
+    """(n_channel,) what one block suspects of each channel."""
+    if found is None:
+        return [""] * len(campaign.sensors)
+    return [", ".join(s.kind for s in found.suspicions if c in s.channels) for c in campaign.channels]
 
 
-def _coverage(campaign: Campaign, head: pd.DataFrame, notes: Counter) -> list[str]:
+def _findings(campaign, table, head, overlaps, compared, ratio) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """What is wrong, and what the comparisons are able to tell."""
+    single = [*channel_findings(table, campaign.sensors), *_quantities(campaign)]
+    states = dict(zip(head["id"], head["state"], strict=True))
+    clocks, clock_use = clock_findings(compared, campaign.channels)
+    rates, rate_use = rate_findings(campaign, ratio)
+    findings = (
+        *_coverage(campaign, head, overlaps), *single, *mounting_findings(compared, single), *clocks, *rates,
+        *scale_findings(table, states, campaign.sensors), *_scada_findings(campaign),
+    )
+    return findings, tuple(u for u in (clock_use, rate_use) if u is not None)
+
+
+def _coverage(campaign: Campaign, head: pd.DataFrame, overlaps: int) -> list[str]:
     found = []
     starts = block_starts(campaign)
     span = round((starts[-1] - starts[0]) / pd.Timedelta(minutes=campaign.block_minutes)) + 1
@@ -134,8 +170,8 @@ def _coverage(campaign: Campaign, head: pd.DataFrame, notes: Counter) -> list[st
     if gone.any():
         found.append(f"{int(gone.sum())} blocks have gaps too long to repair: {', '.join(head['id'][gone][:6])}"
                      + (" and more" if gone.sum() > 6 else ""))
-    if notes["overlap"]:
-        found.append(f"files overlap in {notes['overlap']} blocks; the file that starts first is used")
+    if overlaps:
+        found.append(f"files overlap in {overlaps} blocks; the file that starts first is used")
     return found
 
 
@@ -146,33 +182,18 @@ def _per_channel(table: pd.DataFrame) -> pd.DataFrame:
                        flat_blocks=("flat", "sum")).reset_index()
 
 
-def _channel_findings(campaign: Campaign, table: pd.DataFrame) -> list[str]:
-    found, per = [], _per_channel(table)
-    n_block = table["id"].nunique()
-    for row in per.itertuples():
-        if row.flat_blocks:
-            found.append(f"{row.channel} is flat in {row.flat_blocks} of {n_block} blocks")
-        if row.spikes:
-            found.append(f"{row.channel} has {row.spikes} spikes above {SPIKE_DEVIATIONS:g} robust deviations")
-        if row.clipped:
-            found.append(f"{row.channel} stands at its extreme value for {row.clipped} samples: clipped")
-        if row.missing > 0.02:
-            found.append(f"{row.channel} lacks {100 * row.missing:.1f} % of its samples")
-    rms = per["rms"].to_numpy(float)
-    for k, sensor in enumerate(campaign.sensors):
-        peers = [i for i, s in enumerate(campaign.sensors)
-                 if i != k and s.level == sensor.level and abs(float(s.direction @ sensor.direction)) > 0.9]
-        if len(peers) >= 2 and rms[k] > 0:
-            ratio = rms[k] / np.median(rms[peers])
-            if not 1 / SCALE_FACTOR < ratio < SCALE_FACTOR:
-                found.append(
-                    f"{sensor.channel} moves {ratio:.3g} times as much as channels beside it: wrong unit or scale?"
-                )
+def _records(table: pd.DataFrame) -> list[dict]:
+    """Rows as JSON has them: null for what is not a number."""
+    return [{k: (None if isinstance(v, float) and not np.isfinite(v) else v) for k, v in row.items()}
+            for row in table.to_dict("records")]
+
+
+def _quantities(campaign: Campaign) -> list[str]:
     quantities = {s.quantity for s in campaign.sensors}
-    if len(quantities) > 1:
-        names = ", ".join(sorted(quantities))
-        found.append(f"channels measure different quantities ({names}): convert before identifying")
-    return found
+    if len(quantities) < 2:
+        return []
+    return [f"channels measure different quantities ({', '.join(sorted(quantities))}): they are brought to one before "
+            "modes are identified"]
 
 
 def _scada_findings(campaign: Campaign) -> list[str]:
@@ -187,10 +208,12 @@ def _scada_findings(campaign: Campaign) -> list[str]:
     return found
 
 
-def _uses(campaign: Campaign, head: pd.DataFrame) -> tuple[str, ...]:
+def _uses(campaign: Campaign, head: pd.DataFrame, table: pd.DataFrame) -> tuple[str, ...]:
     good = head["excluded"] == ""
-    one_quantity = len({s.quantity for s in campaign.sensors}) == 1
-    uses = [f"identify {int(good.sum())} blocks"] if one_quantity and good.any() else []
+    uses = [f"identify {int(good.sum())} blocks"] if good.any() else []
+    lost = table[table["longest_gap_s"] > 0].groupby("id")["channel"].agg(tuple)
+    alone = Counter(c[0] for c in lost if len(c) == 1)
+    uses += [f"identify {n} more without {channel}" for channel, n in alone.most_common(3)]
     states = Counter(head["state"][good])
     if campaign.scada is not None:
         uses.append("states of these: " + ", ".join(f"{n} {name}" for name, n in states.most_common()))

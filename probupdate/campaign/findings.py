@@ -1,0 +1,303 @@
+"""What was seen block by block, gathered over the campaign and put into sentences."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+
+from probupdate.campaign import mounting
+from probupdate.campaign.mounting import Suspicion
+from probupdate.campaign.reading import Campaign
+from probupdate.campaign.rotor_lines import RateRatio
+from probupdate.modes import Sensor
+
+# a suspicion counts if this share of the blocks compared has it, or so many of eight blocks in a row
+SHARE, IN_A_ROW, ROW = 0.25, 6, 8
+# records of one level and direction that move so many times as much as their neighbours (m/s2 given in g: 9.8)
+SCALE_FACTOR = 8.0
+# factors that a unit taken for another makes
+UNIT_FACTORS = {9.80665: "g and m/s2", 1e3: "mm and m", 1e2: "cm and m", 10.0: "cm and mm", 9806.65: "mg and m/s2",
+                980.665: "g and cm/s2"}
+# slow wandering of a channel's mean within a block, in its own deviations: of anything; of one alone among its like
+WANDER, WANDER_ALONE = 5.0, 2.0
+# clocks that differ by less are not mentioned, whatever the statistics: no mode shape below 3 Hz is hurt by 2 degrees
+LEAST_DELAY_S, SIGMA = 0.002, 4.0
+# the true sampling rate by rotor lines is doubted beyond this
+RATE_LIMIT = 0.01
+# median deviation of the top's horizontal acceleration (m/s2) that a turbine on a slender support may have, idling and
+# running, from a breath of wind to a storm: orders of magnitude, wide on purpose
+PLAUSIBLE = {"idling": (2e-4, 0.25), "running": (8e-3, 0.4), "any": (1e-5, 1.0)}
+GRAVITY = 9.80665
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Compared:
+    """One block whose channels were compared: its suspicions, delays (n_channel,) with their deviations, in s."""
+
+    id: str
+    start: pd.Timestamp
+    state: str
+    suspicions: tuple[Suspicion, ...]
+    delay_s: np.ndarray
+    delay_std_s: np.ndarray
+
+
+def unit_hint(factor: float) -> str:
+    """', as <unit> taken for <unit>' where a factor is just that."""
+    size = max(abs(factor), 1 / max(abs(factor), 1e-12))
+    for known, names in UNIT_FACTORS.items():
+        if abs(np.log(size / known)) < 0.08:
+            return f", about the factor between {names}"
+    return ""
+
+
+# Single channels ----------------------------------------------------------------------------------------------------
+
+
+def channel_findings(table: pd.DataFrame, sensors: Sequence[Sensor]) -> list[str]:
+    """Sentences on each channel's own samples."""
+    found: list[str] = []
+    n_block = table["id"].nunique()
+    for sensor in sensors:
+        rows = table[table["channel"] == sensor.channel]
+        found += _own_samples(sensor.channel, rows, n_block)
+    return found + _wandering(table, sensors, n_block) + _beside(table, sensors)
+
+
+def _own_samples(name: str, rows: pd.DataFrame, n_block: int) -> list[str]:
+    found = []
+    if rows["flat"].any():
+        found.append(f"{name} is flat in {int(rows['flat'].sum())} of {n_block} blocks")
+    standing = rows[(rows["still_s"] > 0) & ~rows["flat"]]
+    if len(standing):
+        found.append(f"{name} stands still for up to {standing['still_s'].max():.1f} s in {len(standing)} blocks, from "
+                     f"{standing['id'].iloc[0]} on")
+    if spikes := int(rows["spikes"].sum()):
+        found.append(f"{name} has {spikes} spikes that stand alone, in {int((rows['spikes'] > 0).sum())} blocks")
+    if clipped := int(rows["clipped"].sum()):
+        found.append(f"{name} stands at its extreme value for {clipped} samples: clipped")
+    share = float(rows["missing"].mean())
+    if share > 0.02:
+        found.append(f"{name} lacks {100 * share:.1f} % of its samples")
+    return found
+
+
+def _wandering(table: pd.DataFrame, sensors: Sequence[Sensor], n_block: int) -> list[str]:
+    """Means that drift within blocks, or jump between them, where vibration alone moves no mean."""
+    moving = table["vibration"].where(table["vibration"] > 0)
+    table = table.assign(ratio=table["wander"] / moving)
+    within = table.pivot(index="id", columns="channel", values="ratio")
+    wander = table.pivot(index="id", columns="channel", values="wander")
+    offset = table.pivot(index="id", columns="channel", values="offset")
+    between = (offset.max() - offset.min()) / moving.groupby(table["channel"]).median()
+    found = []
+    for sensor in sensors:
+        like = [s.channel for s in sensors if s is not sensor and abs(s.direction @ sensor.direction) > 0.9
+                and s.quantity == sensor.quantity]
+        mine = within[sensor.channel]
+        others = within[like].median(axis=1) if like else pd.Series(np.nan, index=within.index)
+        drifting = (mine > WANDER) | ((mine > WANDER_ALONE) & (others < mine / 4))
+        if drifting.any():
+            most = wander[sensor.channel][drifting].max()
+            found.append(f"{sensor.channel} drifts: its mean wanders by up to {most:.3g} within a block, in "
+                         f"{int(drifting.sum())} of {n_block} blocks")
+        elif like and between[sensor.channel] > WANDER and between[like].median() < between[sensor.channel] / 4:
+            change = offset[sensor.channel].max() - offset[sensor.channel].min()
+            found.append(f"{sensor.channel} has a mean that changes by {change:.3g} between blocks, "
+                         f"{between[sensor.channel]:.1f} times its vibration")
+    return found
+
+
+def _beside(table: pd.DataFrame, sensors: Sequence[Sensor]) -> list[str]:
+    """Channels of one level, direction and quantity, by the size of their motion."""
+    rms = table.groupby("channel")["rms"].median()
+    found = []
+    for k, sensor in enumerate(sensors):
+        like = [s.channel for i, s in enumerate(sensors) if i != k and s.level == sensor.level
+                and s.quantity == sensor.quantity and abs(float(s.direction @ sensor.direction)) > 0.9]
+        if len(like) >= 2 and rms[sensor.channel] > 0 and rms[like].median() > 0:
+            ratio = rms[sensor.channel] / rms[like].median()
+            if not 1 / SCALE_FACTOR < ratio < SCALE_FACTOR:
+                found.append(f"{sensor.channel} moves {ratio:.3g} times as much as channels beside it: wrong unit or "
+                             f"scale?{unit_hint(ratio).replace(',', ' It is', 1)}")
+    return found
+
+
+# Channels against one another ---------------------------------------------------------------------------------------
+
+
+def mounting_findings(compared: Sequence[Compared], mentioned: Sequence[str]) -> list[str]:
+    """Suspicions that return; `mentioned` sentences are not said again."""
+    seen: dict[tuple, list[tuple[int, Suspicion]]] = {}
+    for number, block in enumerate(compared):
+        for one in block.suspicions:
+            apart = [one.channels] if one.kind in (mounting.SWAPPED, mounting.LEVEL_SCALED) else [
+                (c,) for c in one.channels]
+            for channels in apart:
+                seen.setdefault((one.kind, channels), []).append((number, one))
+    named: set[str] = set()
+    found = []
+    for (kind, channels), cases in sorted(seen.items(), key=lambda item: -len(item[1])):
+        numbers = [n for n, _ in cases]
+        if set(channels) & named or not _returns(numbers, len(compared)):
+            continue
+        named |= set(channels)
+        sentence = _sentence(kind, channels, [s for _, s in cases])
+        if kind == mounting.SCALED and any(m.startswith(f"{channels[0]} moves") for m in mentioned):
+            continue
+        where = f"in {len(numbers)} of {len(compared)} blocks compared"
+        if len(numbers) < 0.75 * len(compared):
+            where += f", from {compared[numbers[0]].id} to {compared[numbers[-1]].id}"
+        found.append(f"{sentence} ({where})")
+    return found
+
+
+def _returns(numbers: Sequence[int], total: int) -> bool:
+    if len(numbers) >= max(2 if total > 1 else 1, SHARE * total):
+        return True
+    return any(sum(n <= k < n + ROW for k in numbers) >= IN_A_ROW for n in numbers)
+
+
+def _sentence(kind: str, channels: tuple[str, ...], cases: list[Suspicion]) -> str:
+    name, size = ", ".join(channels), float(np.median([c.size for c in cases]))
+    rivals = [c for c, n in Counter(r for one in cases for r in one.ambiguous_with).items() if n > len(cases) / 2]
+    rivals = [r for r in rivals if r not in channels]
+    if kind == mounting.SWAPPED:
+        text = f"suspect: {channels[0]} and {channels[1]} look swapped"
+    elif kind == mounting.FLIPPED:
+        text = f"suspect: {name} looks flipped: it has the opposite sign"
+    elif kind == mounting.TURNED:
+        text = f"suspect: {name} looks turned by about {size:.0f} deg from its stated direction, or is another channel"
+    elif kind == mounting.DEAD:
+        text = f"suspect: {name} looks dead: it has nothing in common with any other channel"
+    elif kind == mounting.LEVEL_SCALED:
+        text = f"suspect: {name} move {size:.3g} times what the levels around them suggest: wrong unit or scale?"
+    else:
+        text = f"suspect: {name} reads {size:.3g} times what other channels suggest: wrong unit or scale?"
+        text += unit_hint(size).replace(",", " It is", 1)
+    return text + (f"; it may be {', '.join(rivals)} instead" if rivals else "")
+
+
+# Clocks and rates ---------------------------------------------------------------------------------------------------
+
+
+def clock_findings(compared: Sequence[Compared], channels: Sequence[str]) -> tuple[list[str], str | None]:
+    """Sentences on late channels, and one on what the comparison can resolve (None where nothing was compared)."""
+    if not compared:
+        return [], None
+    delay = np.array([b.delay_s for b in compared])
+    if not np.isfinite(delay).any():
+        return [], None
+    days = np.array([(b.start - compared[0].start) / pd.Timedelta(days=1) for b in compared])
+    centre, error, slope = (np.full(len(channels), np.nan) for _ in range(3))
+    for c in range(len(channels)):
+        known = np.isfinite(delay[:, c])
+        if known.sum() < min(2, len(compared)):
+            continue
+        values = delay[known, c]
+        slope[c], scatter = _trend(days[known], values)
+        centre[c] = np.median(values)
+        theirs = np.median([compared[k].delay_std_s[c] for k in np.flatnonzero(known)])
+        error[c] = np.hypot(theirs, scatter / np.sqrt(known.sum()))
+    late = [c for c in range(len(channels)) if abs(centre[c]) > max(LEAST_DELAY_S, SIGMA * error[c])]
+    found = []
+    while late:
+        first = max(late, key=lambda c: abs(centre[c]))
+        group = [c for c in late if abs(centre[c] - centre[first]) < max(
+            LEAST_DELAY_S, SIGMA * np.hypot(error[c], error[first]))]
+        late = [c for c in late if c not in group]
+        value, spread = float(np.median(centre[group])), float(np.median(error[group]))
+        text = (f"suspect: the clock of {', '.join(channels[c] for c in group)} is {1e3 * abs(value):.1f} +- "
+                f"{1e3 * spread:.1f} ms {'late' if value > 0 else 'early'} against the median channel")
+        change = float(np.median(slope[group]))
+        if change:
+            text += f", and it changes by {1e3 * change:+.1f} ms a day ({change / 0.0864:+.2f} ppm)"
+        found.append(text)
+    if not np.isfinite(error).any():
+        return [], None
+    resolved = 1e3 * max(LEAST_DELAY_S, SIGMA * float(np.nanmax(error)))
+    n = int(np.isfinite(centre).sum())
+    return found, f"clocks of {n} of {len(channels)} channels compared; differences from {resolved:.1f} ms show"
+
+
+def _trend(days: np.ndarray, values: np.ndarray) -> tuple[float, float]:
+    """(slope a day, robust scatter about the line or the median); 0 where no line is significant."""
+    scatter = 1.4826 * float(np.median(np.abs(values - np.median(values))))
+    if len(values) < 6 or np.ptp(days) <= 0:
+        return 0.0, scatter
+    near = np.abs(values - np.median(values)) < max(4 * scatter, 1e-4)
+    x, y = days[near] - days[near].mean(), values[near]
+    if near.sum() < 6 or x @ x <= 0:
+        return 0.0, scatter
+    slope = float(x @ y / (x @ x))
+    rest = float(np.std(y - y.mean() - slope * x))
+    if abs(slope) * np.ptp(days) > LEAST_DELAY_S and abs(slope) > 6 * rest / np.sqrt(x @ x):
+        return slope, rest
+    return 0.0, scatter
+
+
+def rate_findings(campaign: Campaign, ratio: RateRatio) -> tuple[list[str], str | None]:
+    """Sentences on the sampling rate, by the rotor's lines and by the files' own starts."""
+    found, rate = [], campaign.sampling_rate_hz
+    use = None
+    if np.isfinite(ratio.ratio):
+        low, high = rate / (ratio.ratio + 2 * ratio.std), rate / (ratio.ratio - 2 * ratio.std)
+        if abs(ratio.ratio - 1) > max(RATE_LIMIT, SIGMA * ratio.std):
+            found.append(f"suspect: lines of the rotor lie at {ratio.ratio:.3f} +- {ratio.std:.3f} times the frequency "
+                         f"that SCADA's rotor speed gives: the true sampling rate would be {low:.4g} to {high:.4g} Hz")
+        else:
+            use = (f"rotor lines agree with SCADA within {100 * max(abs(ratio.ratio - 1), ratio.std):.1f} %: the "
+                   f"sampling rate is {low:.4g} to {high:.4g} Hz ({ratio.rows} rows)")
+    ratios = []
+    for a, b in zip(campaign.files[:-1], campaign.files[1:], strict=True):
+        between = (b.start - a.start).total_seconds()
+        if between > 0 and abs(a.n_sample / rate - between) < 0.3 * between:
+            ratios.append(a.n_sample / rate / between)
+    if len(ratios) >= 3:
+        middle = float(np.median(ratios))
+        alike = np.abs(np.array(ratios) - middle) < 0.1 * abs(middle - 1)
+        few = 2.5 / np.median([f.n_sample for f in campaign.files])
+        if abs(middle - 1) > max(few, 2e-5) and alike.mean() > 0.6:
+            found.append(f"suspect: files hold {middle:.5g} times the samples that fit between their starts: the true "
+                         f"sampling rate would be {rate * middle:.6g} Hz")
+    return found, use
+
+
+# All channels together ----------------------------------------------------------------------------------------------
+
+
+def scale_findings(table: pd.DataFrame, states: Mapping[str, str], sensors: Sequence[Sensor]) -> list[str]:
+    """The size of everything: gravity in vertical channels, and the top's acceleration against what turbines have."""
+    found = []
+    vertical = [s for s in sensors if abs(s.direction[2]) > 0.9 and s.quantity == "acceleration"]
+    offset = table.groupby("channel")["offset"].median()
+    read = np.array([abs(offset[s.channel]) for s in vertical])
+    for factor, unit in ((1 / GRAVITY, "they seem to be in g"), (GRAVITY, "they seem to be in m/s2 already"),
+                         (1e-3, "they seem to be in km/s2 or a thousandth"), (1e3, "they seem to be in mm/s2"),
+                         (1e3 / GRAVITY, "they seem to be in mg")):
+        off = [s.channel for s, v in zip(vertical, read, strict=True) if abs(v / (factor * GRAVITY) - 1) < 0.03]
+        if off and len(off) * 2 > len(vertical):
+            found.append(f"suspect: vertical channels read gravity as {factor * GRAVITY:.3g} m/s2; {unit}")
+            return found
+    across = [s for s in sensors if abs(s.direction[2]) < 0.3 and s.quantity == "acceleration"]
+    if not across or not mounting.is_upright(tuple(sensors)):
+        return found
+    top = max(s.position_m[2] for s in across)
+    names = [s.channel for s in across if s.position_m[2] > top - 1e-6]
+    rows = table[table["channel"].isin(names) & ~table["flat"]]
+    state = rows["id"].map(states)
+    for kind, wanted in (("running", ("below rated", "rated")), ("idling", ("idling",)), ("any", None)):
+        mine = rows if wanted is None else rows[state.isin(wanted)]
+        if not len(mine) or (wanted is not None and top < 40):
+            continue
+        middle, (low, high) = float(mine["rms"].median()), PLAUSIBLE[kind]
+        if not low < middle < high:
+            when = {"running": "while it runs", "idling": "while it idles", "any": "in all blocks"}[kind]
+            found.append(f"suspect: the top moves with {middle:.2g} m/s2 (median deviation {when}) where {low:g} to "
+                         f"{high:g} is usual: are all channels in the stated unit?")
+            break
+    return found

@@ -1,0 +1,391 @@
+"""Channels compared with one another without a model: flipped, swapped, turned, dead or wrongly scaled ones.
+
+Two facts are used. What is fixed to one level moves, at low frequencies, as one rigid body. And a tower or jacket
+bends, in its lowest motion, to one side over its whole height: more the higher, and it leans to where it goes. What
+breaks either fact and is mended by one change of one or two channels is suspected of just that. Structures that keep
+neither (a bridge's deck) are not judged.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from itertools import combinations
+
+import numpy as np
+
+from probupdate.campaign.spectra import CrossSpectra
+from probupdate.modes import Sensor
+
+FLIPPED, SWAPPED, TURNED, SCALED, DEAD, LEVEL_SCALED = "flipped", "swapped", "turned", "scaled", "dead", "level scaled"
+# the lowest motion is sought above this; the waves' own motion of a tower is to one side as well, and may serve
+LOWEST_HZ = 0.15
+# a level is rigid up to so many times the lowest motion's frequency
+RIGID_UP_TO = 8.0
+# share of a level's motion (channels scaled alike) that a rigid body does not explain: a level with less is sound ...
+SOUND_SHARE = 0.006
+# ... a change of one channel or a swap is believed if it leaves less than this, and less than half of what was before
+MENDED_SHARE, MENDED_RATIO = 0.05, 0.5
+# and if every other change leaves this many times more, else the candidates are told apart by nothing
+DISTINCT = 1.5
+# gain of one channel against its level, or one direction against the other; sensors are calibrated to some per cent,
+# and legs and braces move a little by themselves
+GAIN_LIMIT, PROFILE_LIMIT, VERTICAL_LIMIT = 1.2, 1.5, 2.0
+# direction in which a channel's motion goes, against its own: one that is fixed askew, one that is another's
+TURNED_DEG, ACROSS_DEG, FLIPPED_DEG = 20.0, 55.0, 145.0
+# a channel's direction is judged where noise leaves it to so many degrees (one deviation) and it follows at all
+DIRECTION_STD_DEG, FOLLOWING = 5.0, 0.05
+# highest coherence (over frequencies) with any other channel below which a channel has nothing in common with them
+DEAD_COHERENCE = 0.25
+
+
+@dataclass(frozen=True, kw_only=True)
+class Suspicion:
+    """kind; the channels it concerns; size: gain as recorded against as it should be, or the angle in deg."""
+
+    kind: str
+    channels: tuple[str, ...]
+    size: float = float("nan")
+    ambiguous_with: tuple[str, ...] = field(default=())
+
+
+def suspicions(spectra: CrossSpectra, sensors: tuple[Sensor, ...]) -> list[Suspicion]:
+    """What one block says against its channels; all of one quantity. Nothing where nothing can be said."""
+    power = np.einsum("fii->i", spectra.density.real)
+    alive = [i for i in range(len(sensors)) if power[i] > 0]
+    dead = _dead(spectra, sensors, alive)
+    alive = [i for i in alive if sensors[i].channel not in {c for s in dead for c in s.channels}]
+    lowest = lowest_motion_hz(spectra, sensors, alive)
+    if lowest is None:
+        return dead
+    level, mended = [], {}
+    along = {"horizontal": [i for i in alive if _horizontal(sensors[i])],
+             "vertical": [i for i in alive if _vertical(sensors[i])]}
+    # apart, as vertical channels are often little more than noise
+    for members in (m for some in along.values() for m in levels(sensors, some).values()):
+        for one in _rigid(spectra, sensors, members, lowest):
+            level.append(one)
+            if not one.ambiguous_with:
+                mended |= dict.fromkeys(one.channels, one)
+    bending = [s for s in _cantilever(spectra, sensors, alive, lowest) if not set(s.channels) & set(mended)]
+    named = {c for s in bending for c in s.channels}
+    # what the rigid body leaves open, the bending may have named
+    level = [s for s in level if not (s.ambiguous_with and named & {*s.channels, *s.ambiguous_with})]
+    return dead + level + bending
+
+
+def levels(sensors: tuple[Sensor, ...], alive: list[int]) -> dict[str, list[int]]:
+    found: dict[str, list[int]] = {}
+    for i in alive:
+        found.setdefault(sensors[i].level, []).append(i)
+    return found
+
+
+def is_upright(sensors: tuple[Sensor, ...]) -> bool:
+    """Whether the sensors stand above one another: twice as high as wide, on two levels or more."""
+    extent = np.ptp([s.position_m for s in sensors], axis=0)
+    return len({s.level for s in sensors}) > 1 and extent[2] > 2 * np.hypot(extent[0], extent[1])
+
+
+def _horizontal(sensor: Sensor) -> bool:
+    return abs(sensor.direction[2]) < 0.3
+
+
+def _vertical(sensor: Sensor) -> bool:
+    return abs(sensor.direction[2]) > 0.9
+
+
+def lowest_motion_hz(spectra: CrossSpectra, sensors: tuple[Sensor, ...], alive: list[int]) -> float | None:
+    """Where the horizontal channels' displacement is largest; every level has one vote in its own scale, so that
+    neither a wrong unit nor many sensors on the transition piece decide."""
+    frequency, density = spectra.frequency_hz, spectra.density
+    chosen = [i for i in alive if _horizontal(sensors[i])] or alive
+    kept = frequency >= LOWEST_HZ
+    if not kept.any() or not chosen:
+        return None
+    votes = []
+    for members in levels(sensors, chosen).values():
+        own = np.stack([density[kept, i, i].real / frequency[kept] ** 4 for i in members])
+        votes.append((own / own.sum(axis=1, keepdims=True)).mean(axis=0))
+    return float(frequency[kept][np.argmax(np.sum(votes, axis=0))])
+
+
+def _dead(spectra: CrossSpectra, sensors: tuple[Sensor, ...], alive: list[int]) -> list[Suspicion]:
+    """Channels coherent with no other at any frequency; with few segments chance alone is coherent."""
+    if len(alive) < 3 or spectra.n_segment < 30:
+        return []
+    g = spectra.density[:, alive][:, :, alive]
+    own = np.einsum("fii->fi", g.real)
+    squared = np.abs(g) ** 2 / (own[:, :, None] * own[:, None, :])
+    squared[:, range(len(alive)), range(len(alive))] = 0
+    # the mean of three neighbouring frequencies: chance peaks are narrow
+    smooth = (squared[:-2] + squared[1:-1] + squared[2:]) / 3
+    highest = smooth.max(axis=(0, 2))
+    return [Suspicion(kind=DEAD, channels=(sensors[i].channel,), size=float(c))
+            for i, c in zip(alive, highest, strict=True) if c < DEAD_COHERENCE]
+
+
+# One level as a rigid body ------------------------------------------------------------------------------------------
+
+
+def _rigid(spectra: CrossSpectra, sensors, members: list[int], lowest: float) -> list[Suspicion]:
+    motion = _rigid_motion([sensors[i] for i in members])
+    if motion is None:
+        return []
+    kept = (spectra.frequency_hz > LOWEST_HZ) & (spectra.frequency_hz < RIGID_UP_TO * lowest)
+    density = spectra.density[kept][:, members][:, :, members].real
+    # the root evens out peaks and valleys: torsion and bending both have their say
+    covariance = np.einsum("fij,f->ij", density, 1 / np.sqrt(np.einsum("fii->f", density)))
+    scale = _common_scale(covariance, [sensors[i] for i in members])
+    covariance = covariance / np.outer(scale, scale)
+    left, value, _ = np.linalg.svd(motion / scale[:, None], full_matrices=False)
+    left = left[:, value > 1e-6 * value[0]]
+    beyond = np.eye(len(members)) - left @ left.T
+    names, found = [sensors[i].channel for i in members], []
+    share = _unexplained(beyond, covariance)
+    first = share
+    for _ in range(3):
+        if share < SOUND_SHARE:
+            break
+        best, others = _best_change(beyond, covariance, names)
+        if best[0] > MENDED_RATIO * share:
+            break
+        share, suspicion, covariance = best
+        rivals = tuple(c for s, other in others if s < max(DISTINCT * share, SOUND_SHARE / 2)
+                       for c in other.channels if c not in suspicion.channels)
+        found.append(Suspicion(kind=suspicion.kind, channels=suspicion.channels, size=suspicion.size,
+                               ambiguous_with=tuple(dict.fromkeys(rivals))))
+    return found if found and share < MENDED_SHARE and share < MENDED_RATIO * first else []
+
+
+def _rigid_motion(sensors: list[Sensor]) -> np.ndarray | None:
+    """(n_channel, 6) what the channels see of a rigid body's motion; None where fewer than two are redundant."""
+    position = np.array([s.position_m for s in sensors])
+    direction = np.array([s.direction for s in sensors])
+    arm = position - position.mean(axis=0)
+    size = max(float(np.sqrt(np.mean(np.sum(arm**2, axis=1)))), 1e-9)
+    motion = np.hstack([direction, np.cross(arm / size, direction)])
+    return motion if len(sensors) > np.linalg.matrix_rank(motion, tol=1e-6) + 1 else None
+
+
+def _common_scale(covariance: np.ndarray, sensors: list[Sensor]) -> np.ndarray:
+    """(n_channel,) the median deviation of the channels along one line, so that vertical ones count as well."""
+    deviation = np.sqrt(np.diag(covariance))
+    along = np.abs([[a.direction @ b.direction for b in sensors] for a in sensors]) > 0.9
+    return np.array([np.median(deviation[row]) for row in along])
+
+
+def _unexplained(beyond: np.ndarray, covariance: np.ndarray) -> float:
+    return float(np.sum(beyond * covariance) / np.trace(covariance))
+
+
+def _changes(beyond: np.ndarray, covariance: np.ndarray, names: list[str]) -> Iterator[tuple[np.ndarray, Suspicion]]:
+    """Every single change with the matrix that undoes it: a channel's gain (its sign too), two channels exchanged."""
+    n = len(names)
+    for k in range(n):
+        # the factor that leaves least unexplained: a quadratic's minimum
+        cross = beyond[k] @ covariance[:, k] - beyond[k, k] * covariance[k, k]
+        if beyond[k, k] < 1e-9:
+            continue
+        factor = -cross / (beyond[k, k] * covariance[k, k])
+        change = np.eye(n)
+        if abs(factor) < 0.05:
+            continue
+        change[k, k] = factor
+        kind = FLIPPED if factor < 0 else SCALED
+        if kind == FLIPPED or not 1 / GAIN_LIMIT < factor < GAIN_LIMIT:
+            yield change, Suspicion(kind=kind, channels=(names[k],), size=float(1 / factor))
+    for i, j in combinations(range(n), 2):
+        change = np.eye(n)
+        change[[i, j]] = change[[j, i]]
+        yield change, Suspicion(kind=SWAPPED, channels=(names[i], names[j]))
+
+
+def _best_change(beyond, covariance, names):
+    """The change that leaves least unexplained, and the others with what they leave."""
+    tried = []
+    for change, suspicion in _changes(beyond, covariance, names):
+        changed = change @ covariance @ change.T
+        tried.append((_unexplained(beyond, changed), suspicion, changed))
+    tried.sort(key=lambda t: t[0])
+    return tried[0], [(t[0], t[1]) for t in tried[1:]]
+
+
+# The whole height as a cantilever -----------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _Bending:
+    """Each channel's motion on the reference level's two: along (n_channel, 2), NaN where it does not follow;
+    expected (n_channel, 2) the direction it should have."""
+
+    members: list[int]
+    along: np.ndarray
+    expected: np.ndarray
+    reference: str
+
+    def angle_deg(self) -> np.ndarray:
+        """(n_channel,) counter-clockwise from expected to found, -180 to 180."""
+        turn = np.arctan2(self.along[:, 1], self.along[:, 0])
+        turn -= np.arctan2(self.expected[:, 1], self.expected[:, 0])
+        return np.degrees((turn + np.pi) % (2 * np.pi) - np.pi)
+
+
+def _cantilever(spectra: CrossSpectra, sensors, alive: list[int], lowest: float) -> list[Suspicion]:
+    if not is_upright(sensors):
+        return []
+    kept = (spectra.frequency_hz > lowest / 1.25) & (spectra.frequency_hz < lowest * 1.25)
+    covariance = spectra.density[kept].real.mean(axis=0)
+    # real and imaginary part of each frequency of each segment; half overlapping ones share a good part
+    n_free = max(int(kept.sum()) * spectra.n_segment, 1)
+    candidates = []
+    for level, members in levels(sensors, alive).items():
+        across = [i for i in members if _horizontal(sensors[i])]
+        plane = np.array([sensors[i].direction[:2] for i in across])
+        if len(across) >= 2 and np.linalg.svd(plane, compute_uv=False)[-1] > 0.5:
+            candidates.append(_bending(covariance, sensors, alive, across, plane, level, n_free))
+    if not candidates:
+        return []
+    # a level that is wrong itself agrees with few others; among about equal ones the highest, which moves most
+    height = {s.level: s.position_m[2] for s in sensors}
+    agree = [int(np.sum(np.abs(b.angle_deg()) < TURNED_DEG)) for b in candidates]
+    sound = [b for b, n in zip(candidates, agree, strict=True) if n >= max(agree) - 2]
+    best = max(sound, key=lambda b: height[b.reference])
+    return [*_directions(best, sensors), *_profile(best, sensors)]
+
+
+def _bending(covariance, sensors, alive, across, plane, level, n_free) -> _Bending:
+    """Regression of every channel on the level's two motions; n_free independent values are in the covariance."""
+    back = np.linalg.pinv(plane)
+    own = back @ covariance[np.ix_(across, across)] @ back.T
+    cross = covariance[np.ix_(alive, across)] @ back.T
+    along = cross @ np.linalg.pinv(own)
+    explained = np.clip(np.einsum("ij,ij->i", along, cross) / np.diag(covariance)[alive], 1e-9, 1.0)
+    std_deg = np.degrees(np.sqrt((1 - explained) / (explained * n_free)))
+    along = np.where(((explained > FOLLOWING) & (std_deg < DIRECTION_STD_DEG))[:, None], along, np.nan)
+    return _Bending(members=list(alive), along=along, expected=_expected(sensors, alive), reference=level)
+
+
+def _expected(sensors, alive) -> np.ndarray:
+    """(n_channel, 2) direction of motion of the whole that drives each channel positively: a horizontal one its own; a
+    vertical one off the axis moves down where the structure leans to its side."""
+    centre = {level: np.mean(np.unique([sensors[i].position_m[:2] for i in members], axis=0), axis=0)
+              for level, members in levels(sensors, alive).items()}
+    found = np.full((len(alive), 2), np.nan)
+    for row, i in enumerate(alive):
+        sensor = sensors[i]
+        if _horizontal(sensor):
+            found[row] = sensor.direction[:2]
+        elif _vertical(sensor):
+            arm = sensor.position_m[:2] - centre[sensor.level]
+            if np.hypot(*arm) > 0.5:
+                found[row] = -arm * np.sign(sensor.direction[2])
+    norm = np.linalg.norm(found, axis=1, keepdims=True)
+    return found / norm
+
+
+def _directions(bending: _Bending, sensors) -> list[Suspicion]:
+    """Channels that move to another side than their own."""
+    angle = bending.angle_deg()
+    name = [sensors[i].channel for i in bending.members]
+    vertical = np.array([not _horizontal(sensors[i]) for i in bending.members])
+    wrong = [r for r in range(len(name)) if abs(angle[r]) > TURNED_DEG * (1 + 2 * vertical[r])]
+    found, done = [], set()
+    for a, b in combinations(wrong, 2):
+        if {a, b} & done or vertical[a] != vertical[b]:
+            continue
+        exchanged = _Bending(members=[], along=bending.along[[a, b]], expected=bending.expected[[b, a]], reference="")
+        if max(abs(angle[a]), abs(angle[b])) > ACROSS_DEG and np.all(
+                np.abs(exchanged.angle_deg()) < TURNED_DEG * (1 + 2 * vertical[a])):
+            found.append(Suspicion(kind=SWAPPED, channels=(name[a], name[b])))
+            done |= {a, b}
+    for r in wrong:
+        if r in done:
+            continue
+        kind = FLIPPED if abs(angle[r]) > FLIPPED_DEG else TURNED
+        if kind == TURNED and vertical[r] and abs(angle[r]) < ACROSS_DEG:
+            continue
+        mates = [q for q in wrong if q not in done and q != r and kind == TURNED and not vertical[r]
+                 and sensors[bending.members[q]].level == sensors[bending.members[r]].level
+                 and abs(angle[q]) <= FLIPPED_DEG and abs(angle[q] - angle[r]) < TURNED_DEG]
+        rows = [r, *mates]
+        found.append(Suspicion(kind=kind, channels=tuple(name[q] for q in sorted(rows)),
+                               size=float(np.mean(angle[rows]))))
+        done |= set(rows)
+    return found
+
+
+def _profile(bending: _Bending, sensors) -> list[Suspicion]:
+    """How far each level goes along x and along y: the two in one proportion everywhere, and in between what a
+    cantilever does; and how far the vertical channels of a level go for their distance from the axis."""
+    reach: dict[tuple[str, str], dict[str, float]] = {}
+    upright: dict[str, dict[str, float]] = {}
+    height = {s.level: float(s.position_m[2]) for s in sensors}
+    for row, i in enumerate(bending.members):
+        size = float(np.linalg.norm(bending.along[row]))
+        if not np.isfinite(size) or size == 0 or not np.isfinite(bending.expected[row]).all():
+            continue
+        if _horizontal(sensors[i]):
+            axis = "x" if abs(sensors[i].direction[0]) >= abs(sensors[i].direction[1]) else "y"
+            reach.setdefault((axis, sensors[i].level), {})[sensors[i].channel] = size
+        else:
+            upright.setdefault(sensors[i].level, {})[sensors[i].channel] = size
+    found = [Suspicion(kind=SCALED, channels=(channel,), size=value / np.median(list(values.values())))
+             for values in upright.values() if len(values) >= 4 for channel, value in values.items()
+             if not 1 / VERTICAL_LIMIT < value / np.median(list(values.values())) < VERTICAL_LIMIT]
+    mean = {key: float(np.exp(np.mean(np.log(list(values.values()))))) for key, values in reach.items()}
+    both = sorted({v for _, v in mean if ("x", v) in mean and ("y", v) in mean}, key=height.get)
+    if len(both) < 3:
+        return found
+    proportion = {v: np.log(mean["x", v] / mean["y", v]) for v in both}
+    usual = np.median(list(proportion.values()))
+    odd = {v: float(p - usual) for v, p in proportion.items() if abs(p - usual) > np.log(PROFILE_LIMIT)}
+    # two levels exchanged along one axis are off by the same factor to opposite sides
+    milder = {v: float(p - usual) for v, p in proportion.items() if abs(p - usual) > 0.75 * np.log(PROFILE_LIMIT)}
+    if len(milder) == 2:
+        (a, off_a), (b, off_b) = milder.items()
+        if abs(off_a + off_b) < 0.35 * max(abs(off_a), abs(off_b)):
+            for axis in ("x", "y"):
+                order = [mean[axis, v] for v in both]
+                changed = [mean[axis, b if v == a else a if v == b else v] for v in both]
+                if order != sorted(order) and changed == sorted(changed) and all(
+                        len(reach[axis, v]) == 1 for v in (a, b)):
+                    names = (*reach[axis, a], *reach[axis, b])
+                    return [*found, Suspicion(kind=SWAPPED, channels=names)]
+    for level, off in odd.items():
+        if min(len(reach["x", level]), len(reach["y", level])) > 1:
+            continue
+        away = {}
+        for axis in ("x", "y"):
+            wanted = _wanted(both, {v: mean[axis, v] for v in both if v == level or v not in odd}, height, level)
+            away[axis] = abs(np.log(mean[axis, level] / wanted)) if wanted else 0.0
+        axis = "x" if away["x"] >= away["y"] else "y"
+        sure = abs(away["x"] - away["y"]) > 0.5 * abs(off)
+        other = reach["y" if axis == "x" else "x", level]
+        factor = np.exp(off if axis == "x" else -off)
+        found.append(Suspicion(kind=SCALED, channels=tuple(reach[axis, level]), size=float(factor),
+                               ambiguous_with=() if sure else tuple(other)))
+    for level in both[1:-1] if not odd else ():
+        typical = {v: np.sqrt(mean["x", v] * mean["y", v]) for v in both}
+        wanted = _wanted(both, typical, height, level)
+        if wanted and not 0.5 < typical[level] / wanted < 2.0:
+            names = (*reach["x", level], *reach["y", level])
+            found.append(Suspicion(kind=LEVEL_SCALED, channels=names, size=float(typical[level] / wanted)))
+    return found
+
+
+def _wanted(order, reach, height, level) -> float | None:
+    """Reach of a level by its neighbours': midway between a straight line and a clamped cantilever's curve; at the top
+    the straight line of the two below it goes on."""
+    order = [v for v in order if v in reach]
+    k = order.index(level)
+    if k == 0 or len(order) < 3:
+        return None
+    low, high = (order[k - 1], order[k + 1]) if k + 1 < len(order) else (order[k - 2], order[k - 1])
+    rise = height[high] - height[low]
+    if rise <= 0:
+        return None
+    s = (height[level] - height[low]) / rise
+    curve = s * s * (3 - s) / 2 if s <= 1 else s
+    value = reach[low] + (reach[high] - reach[low]) * (s + curve) / 2
+    return value if value > 0 else None

@@ -1,0 +1,64 @@
+"""Cross-spectra of a block, from which channels are compared with one another."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import fft
+
+from probupdate.campaign.quantity import TO_ACCELERATION
+from probupdate.modes import Sensor, frozen_array
+
+# length of a segment: resolves 0.025 Hz, a tenth of the first mode of the slenderest turbine; less where that would be
+# more frequencies than are needed, at rates for stiffer structures
+SEGMENT_S, MOST_FREQUENCIES = 40.0, 1024
+FEWEST_SEGMENTS = 8
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class CrossSpectra:
+    """frequency_hz (n_frequency,); density (n_frequency, n_channel, n_channel) complex, one-sided, unit squared per Hz,
+    density[f, i, j] the mean of conj(X_i) X_j; n_segment it was averaged over (they overlap by half)."""
+
+    frequency_hz: np.ndarray
+    density: np.ndarray
+    n_segment: int
+
+
+def cross_spectra(data: np.ndarray, rate_hz: float, highest_hz: float) -> CrossSpectra | None:
+    """Welch's estimate from segments of 40 s (shorter where a block holds fewer than eight), Hann windows, half
+    overlap, up to highest_hz. data (n_sample, n_channel); segments with lost samples are left out; None where fewer
+    than eight are whole. A channel that does not move has a density of zero."""
+    n_sample = len(data)
+    segment_s = min(SEGMENT_S, MOST_FREQUENCIES / highest_hz)
+    length = min(round(segment_s * rate_hz), 2 * n_sample // (FEWEST_SEGMENTS + 1))
+    if length < 16:
+        return None
+    length -= length % 2
+    step = length // 2
+    window = np.hanning(length + 1)[:-1]
+    frequency = fft.rfftfreq(length, 1 / rate_hz)
+    wanted = (frequency > 0) & (frequency <= highest_hz)
+    spectra = []
+    for first in range(0, n_sample - length + 1, step):
+        piece = data[first: first + length]
+        if np.isfinite(piece).all():
+            spectra.append(fft.rfft((piece - piece.mean(axis=0)).T * window, axis=1)[:, wanted])
+    if len(spectra) < FEWEST_SEGMENTS:
+        return None
+    stack = np.array(spectra).transpose(2, 1, 0)
+    density = stack.conj() @ stack.transpose(0, 2, 1) * (2 / (rate_hz * np.sum(window**2) * len(spectra)))
+    return CrossSpectra(frequency_hz=frozen_array(frequency[wanted]), density=frozen_array(density, complex),
+                        n_segment=len(spectra))
+
+
+def in_acceleration(spectra: CrossSpectra, sensors: tuple[Sensor, ...]) -> CrossSpectra:
+    """The same with every channel as an acceleration, whatever it measures."""
+    times = np.array([TO_ACCELERATION[s.quantity] for s in sensors])
+    if not times.any():
+        return spectra
+    factor = (2j * np.pi * spectra.frequency_hz[:, None]) ** times
+    density = factor.conj()[:, :, None] * spectra.density * factor[:, None, :]
+    return CrossSpectra(frequency_hz=spectra.frequency_hz, density=frozen_array(density, complex),
+                        n_segment=spectra.n_segment)
