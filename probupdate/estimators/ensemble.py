@@ -17,7 +17,7 @@ import emcee
 import numpy as np
 
 from probupdate.errors import InputError
-from probupdate.estimators.surrogate import Outline
+from probupdate.estimators.surrogate import Outline, Proposal
 from probupdate.modes import frozen_array
 from probupdate.parameters import Parameters
 from probupdate.problem import Problem
@@ -155,23 +155,26 @@ class PriorMove(emcee.moves.RedBlueMove):
 
 
 class SurrogateMove(emcee.moves.RedBlueMove):
-    """Independent draws of the surrogate: the ratio of the two densities corrects for what it misses.
+    """Independent draws of the surrogate, a share of them from a wider one: the ratio of densities corrects for what it
+    misses.
 
-    Alone it would be stuck in tails the surrogate does not have; mixed with the other moves it need not know them.
+    Where the posterior's tail is heavier than the surrogate's a walker would stay for hundreds of steps, as the density
+    proposed there is far too low; the wider share bounds that. Mixed with other moves it need not know everything.
     """
 
     def __init__(self, surrogate: Outline):
         super().__init__()
-        self._surrogate = surrogate
+        self._proposal = Proposal(outline=surrogate)
         self._pool = np.empty((0, len(surrogate.lower)))
 
     def get_proposal(self, sample, complement, random):
         n = len(sample)
         if len(self._pool) < n:
             # thousands at once cost little more than one
-            self._pool = self._surrogate.draw(max(n, POOL), random)
+            self._pool = self._proposal.draw(max(n, POOL), random)
         theta, self._pool = self._pool[:n], self._pool[n:]
-        return theta, self._surrogate.log_density(sample) - self._surrogate.log_density(theta)
+        density = self._proposal.log_density(np.concatenate([sample, theta]))
+        return theta, density[:n] - density[n:]
 
 
 def sample(

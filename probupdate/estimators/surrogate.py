@@ -32,6 +32,10 @@ LEAST_CURVATURE = 0.02
 LEAST_WEIGHT = -15.0
 # a parameter's coordinate changes where the squares a quadratic misses fall to this share
 CLEARLY_LESS = 0.98
+# where coordinates begin, below a lower bound that is not positive: this share of the prior deviation
+ORIGIN_BELOW = 0.05
+# share of proposals that come from an outline of so many times its variance
+WIDE_SHARE, WIDE = 0.15, 2.5
 # against division by a column that does not vary
 TINY = 1e-12
 
@@ -166,21 +170,28 @@ def _truncated_normal(a: np.ndarray, b: np.ndarray, uniform: np.ndarray) -> np.n
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Outline:
-    """A truncated Gaussian in coordinates u of the parameters: u = theta, ln theta or -1 / theta for powers (n_param,)
-    of 1, 0 and -1. `gaussian` lives in u."""
+    """A truncated Gaussian in coordinates u of the parameters: u = x, ln x or -1 / x for powers (n_param,) of 1, 0 and
+    -1, x = theta - origin. `gaussian` lives in u.
+
+    The origin is 0 for parameters that are positive by their bounds, and else a little below the lower bound: that is
+    where a relative change of a stiffness leaves none.
+    """
 
     gaussian: TruncatedGaussian
     powers: tuple[int, ...]
     lower: np.ndarray
     upper: np.ndarray
+    origin: np.ndarray
 
     def draw(self, n: int, random) -> np.ndarray:
         """n independent draws (n, n_param)."""
-        return np.clip(from_coordinates(self.gaussian.draw(n, random), self.powers), self.lower, self.upper)
+        theta = from_coordinates(self.gaussian.draw(n, random), self.powers) + self.origin
+        return np.clip(theta, self.lower, self.upper)
 
     def log_density(self, theta: np.ndarray) -> np.ndarray:
         """(n,) of theta (n, n_param) inside the bounds, normalised."""
-        return self.gaussian.log_density(to_coordinates(theta, self.powers)) - log_stretch(theta, self.powers)
+        x = theta - self.origin
+        return self.gaussian.log_density(to_coordinates(x, self.powers)) - log_stretch(x, self.powers)
 
     def widened(self, factor: float) -> Outline:
         """`factor` times the variance, in its coordinates."""
@@ -188,52 +199,85 @@ class Outline:
 
     def turned_to(self, powers: tuple[int, ...]) -> Outline:
         """The same slope and, but for what the coordinates bend, the same curvature at the centre in other ones."""
-        theta = from_coordinates(self.gaussian.centre[None], self.powers)
-        rate = np.exp(_log_rates(theta, powers) - _log_rates(theta, self.powers))[0]
-        # the density per du has the slope of ln |dtheta / du| too, which is 0, 1 and 2 theta per unit of u
-        own, new = (np.array([{1: 0.0, 0: 1.0, -1: 2 * t}[power] for t, power in zip(theta[0], chosen, strict=True)])
+        x = from_coordinates(self.gaussian.centre[None], self.powers)
+        rate = np.exp(_log_rates(x, powers) - _log_rates(x, self.powers))[0]
+        # the density per du has the slope of ln |dx / du| too, which is 0, 1 and 2 x per unit of u
+        own, new = (np.array([{1: 0.0, 0: 1.0, -1: 2 * t}[power] for t, power in zip(x[0], chosen, strict=True)])
                     for chosen in (self.powers, powers))  # fmt: skip
         return _outline(
-            to_coordinates(theta, powers)[0], (self.gaussian.gradient - own) * rate + new,
-            self.gaussian.precision * np.outer(rate, rate), powers, self.lower, self.upper,
+            to_coordinates(x, powers)[0], (self.gaussian.gradient - own) * rate + new,
+            self.gaussian.precision * np.outer(rate, rate), powers, self,
         )
 
 
-def _outline(centre, gradient, precision, powers, lower, upper) -> Outline:
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Proposal:
+    """Draws of the outline, a share of them from a wider one: where the posterior's tail is heavier than the outline's,
+    the ratio of their densities stays bounded."""
+
+    outline: Outline
+
+    @cached_property
+    def _wide(self) -> Outline:
+        return self.outline.widened(WIDE)
+
+    def draw(self, n: int, random) -> np.ndarray:
+        """n independent draws (n, n_param)."""
+        wide = random.uniform(size=n) < WIDE_SHARE
+        return np.where(wide[:, None], self._wide.draw(n, random), self.outline.draw(n, random))
+
+    def log_density(self, theta: np.ndarray) -> np.ndarray:
+        """(n,) of theta (n, n_param) inside the bounds, normalised."""
+        return np.logaddexp(np.log(1 - WIDE_SHARE) + self.outline.log_density(theta),
+                            np.log(WIDE_SHARE) + self._wide.log_density(theta))  # fmt: skip
+
+
+def _outline(centre, gradient, precision, powers, like: Outline) -> Outline:
+    """With the bounds and the origin of another one."""
     # an open end stays one in every coordinate that is used with it
-    low, high = (to_coordinates(bound[None], powers)[0] for bound in (lower, upper))
+    low, high = (to_coordinates((bound - like.origin)[None], powers)[0] for bound in (like.lower, like.upper))
     gaussian = TruncatedGaussian(centre=frozen_array(centre), gradient=frozen_array(gradient),
                                  precision=frozen_array(precision), lower=low, upper=high)  # fmt: skip
-    return Outline(gaussian=gaussian, powers=tuple(powers), lower=lower, upper=upper)
+    return replace(like, gaussian=gaussian, powers=tuple(powers))
 
 
-def to_coordinates(theta: np.ndarray, powers: tuple[int, ...]) -> np.ndarray:
-    """u (n, n_param) of theta (n, n_param)."""
+def _origin(parameters: Parameters) -> np.ndarray:
+    below = parameters.lower - ORIGIN_BELOW * np.minimum(parameters.std, parameters.upper - parameters.lower)
+    return np.where((parameters.lower > 0) | ~np.isfinite(parameters.lower), 0.0, below)
+
+
+def to_coordinates(x: np.ndarray, powers: tuple[int, ...]) -> np.ndarray:
+    """u (n, n_param) of x = theta - origin (n, n_param)."""
     how = {1: lambda x: x, 0: np.log, -1: lambda x: -1 / x}
-    return np.stack([how[power](theta[:, k]) for k, power in enumerate(powers)], axis=1)
+    return np.stack([how[power](x[:, k]) for k, power in enumerate(powers)], axis=1)
 
 
 def from_coordinates(u: np.ndarray, powers: tuple[int, ...]) -> np.ndarray:
-    """theta (n, n_param) of u (n, n_param)."""
+    """x (n, n_param) of u (n, n_param)."""
     how = {1: lambda x: x, 0: np.exp, -1: lambda x: -1 / x}
     return np.stack([how[power](u[:, k]) for k, power in enumerate(powers)], axis=1)
 
 
-def _log_rates(theta: np.ndarray, powers: tuple[int, ...]) -> np.ndarray:
-    """ln dtheta_k / du_k (n, n_param)."""
+def _log_rates(x: np.ndarray, powers: tuple[int, ...]) -> np.ndarray:
+    """ln dx_k / du_k (n, n_param)."""
     how = {1: np.zeros_like, 0: np.log, -1: lambda x: 2 * np.log(x)}
-    return np.stack([how[power](theta[:, k]) for k, power in enumerate(powers)], axis=1)
+    return np.stack([how[power](x[:, k]) for k, power in enumerate(powers)], axis=1)
 
 
-def log_stretch(theta: np.ndarray, powers: tuple[int, ...]) -> np.ndarray:
-    """ln |dtheta / du| (n,) of theta (n, n_param)."""
-    return _log_rates(theta, powers).sum(axis=1)
+def log_stretch(x: np.ndarray, powers: tuple[int, ...]) -> np.ndarray:
+    """ln |dx / du| (n,) of x (n, n_param)."""
+    return _log_rates(x, powers).sum(axis=1)
 
 
 def from_laplace(laplace: Laplace, parameters: Parameters) -> Outline:
     """The Laplace approximation; its gradient is not zero at a bound the maximum is pinned to."""
-    return _outline(laplace.theta, laplace.gradient, laplace.precision, (1,) * len(parameters), parameters.lower,
-                    parameters.upper)  # fmt: skip
+    origin = _origin(parameters)
+    gaussian = TruncatedGaussian(
+        centre=frozen_array(laplace.theta - origin), gradient=laplace.gradient, precision=laplace.precision,
+        lower=frozen_array(parameters.lower - origin), upper=frozen_array(parameters.upper - origin),
+    )
+    return Outline(gaussian=gaussian, powers=(1,) * len(parameters), lower=parameters.lower, upper=parameters.upper,
+                   origin=frozen_array(origin))  # fmt: skip
 
 
 def fit_surrogate(
@@ -261,18 +305,19 @@ def fit_surrogate(
         if share > best_share:
             best, best_share = wide, share
         tempered = np.maximum(power * weight, LEAST_WEIGHT)
-        chosen = _straightest(theta, value, tempered, current.powers, parameters.lower > 0)
-        current = _refit(current.turned_to(chosen), theta, value, tempered)
+        x = theta - current.origin
+        chosen = _straightest(x, value, tempered, current.powers, np.isfinite(parameters.lower))
+        current = _refit(current.turned_to(chosen), x, value, tempered)
     progress("posterior's outline", len(ROUNDS), len(ROUNDS))
     return best, float(best_share)
 
 
-def _straightest(theta, value, log_weight, powers, positive) -> tuple[int, ...]:
+def _straightest(x, value, log_weight, powers, positive) -> tuple[int, ...]:
     """Powers, changed one parameter after another where a quadratic then misses clearly less."""
 
     def missed(trial) -> float:
-        columns, root, _, ridge = _least_squares(to_coordinates(theta, trial), log_weight)
-        target = (value - value.max() + log_stretch(theta, trial)) * root
+        columns, root, _, ridge = _least_squares(to_coordinates(x, trial), log_weight)
+        target = (value - value.max() + log_stretch(x, trial)) * root
         found = np.linalg.solve(columns.T @ columns + ridge, columns.T @ target)
         return float(np.sum((target - columns @ found) ** 2))
 
@@ -300,12 +345,12 @@ def _least_squares(u, log_weight, centre=None):
     return columns / size, root, size, ridge
 
 
-def _refit(current: Outline, theta, value, log_weight) -> Outline:
+def _refit(current: Outline, x, value, log_weight) -> Outline:
     """Weighted least squares for what the quadratic misses, in its coordinates."""
     gaussian = current.gaussian
-    u = to_coordinates(theta, current.powers)
+    u = to_coordinates(x, current.powers)
     columns, root, size, ridge = _least_squares(u, log_weight, gaussian.centre)
-    missed = value - value.max() + log_stretch(theta, current.powers) - gaussian.exponent(u)
+    missed = value - value.max() + log_stretch(x, current.powers) - gaussian.exponent(u)
     found = np.linalg.solve(columns.T @ columns + ridge, columns.T @ (missed * root)) / size
     n, scale = u.shape[1], u.std(axis=0) + TINY
     i, j = np.triu_indices(n)
@@ -316,4 +361,4 @@ def _refit(current: Outline, theta, value, log_weight) -> Outline:
     curvature, direction = np.linalg.eigh(precision / np.outer(size, size))
     precision = (direction * np.maximum(curvature, LEAST_CURVATURE)) @ direction.T * np.outer(size, size)
     return _outline(gaussian.centre, gaussian.gradient + found[1 : 1 + n] / scale, precision / np.outer(scale, scale),
-                    current.powers, current.lower, current.upper)  # fmt: skip
+                    current.powers, current)  # fmt: skip

@@ -171,14 +171,17 @@ def approach(problem: Problem, laplace: Laplace, seed: int, progress: Progress =
         surrogate, share = fit_surrogate(problem, laplace, rng, progress)
         text = "none: every evaluation solves the model as it is"
         return Approach(problem=problem, surrogate=surrogate, notes={"reduced basis": text, "outline": share})
-    lower = np.maximum(parameters.lower, parameters.initial - BOX_DEVIATIONS * parameters.std)
-    upper = np.minimum(parameters.upper, parameters.initial + BOX_DEVIATIONS * parameters.std)
-    options = {"n_mode": problem.matching.n_mode, "box": (lower, upper), "seed": seed, "progress": progress}
-    coarse = reduce_basis(model, frequency_tolerance=BOX_TOLERANCE, n_verify=N_COARSE, **options)
+    # data may hold a parameter far from its prior: the box goes where the posterior does
+    own = np.sqrt(np.diag(laplace.covariance))
+    lower = np.minimum(parameters.initial - BOX_DEVIATIONS * parameters.std, laplace.theta - BOX_DEVIATIONS * own)
+    upper = np.maximum(parameters.initial + BOX_DEVIATIONS * parameters.std, laplace.theta + BOX_DEVIATIONS * own)
+    lower, upper = np.maximum(lower, parameters.lower), np.minimum(upper, parameters.upper)
+    options = {"n_mode": problem.matching.n_mode, "seed": seed, "progress": progress}
+    coarse = reduce_basis(model, frequency_tolerance=BOX_TOLERANCE, n_verify=N_COARSE, box=(lower, upper), **options)
     surrogate, share = fit_surrogate(problem.with_model(coarse), laplace, rng, progress)
     points = surrogate.draw(N_REGION, rng)
-    points = points[coarse.covers(points)]
-    reduced = reduce_basis(model, frequency_tolerance=FREQUENCY_TOLERANCE, points=points, **options)
+    box = np.minimum(lower, points.min(axis=0)), np.maximum(upper, points.max(axis=0))
+    reduced = reduce_basis(model, frequency_tolerance=FREQUENCY_TOLERANCE, points=points, box=box, **options)
     r = reduced.report
     text = (
         f"{r.size} vectors; on {r.n_verify} points not used to build it the frequencies differ by at most "

@@ -39,7 +39,8 @@ def outline(covariance) -> Outline:
         centre=np.array([0.1, 0.0, 0.0]), gradient=np.zeros(3), precision=np.linalg.inv(covariance), lower=LOWER,
         upper=np.full(3, np.inf),
     )  # fmt: skip
-    return Outline(gaussian=gaussian, powers=(1, 1, 1), lower=LOWER, upper=np.full(3, np.inf))
+    return Outline(gaussian=gaussian, powers=(1, 1, 1), lower=LOWER, upper=np.full(3, np.inf),
+                   origin=np.zeros(3))  # fmt: skip
 
 
 def exact_draws(n):

@@ -156,7 +156,7 @@ def test_laplace_is_taken_over_with_its_gradient_at_the_bounds():
     density = from_laplace(top, CHAIN_PARAMETERS)
     d = 0.3 * np.sqrt(np.diag(top.covariance)) * np.array([1.0, -1.0, 0.5, 0.2])
     assert density.powers == (1,) * len(CHAIN_PARAMETERS)
-    pair = density.gaussian.exponent(np.array([top.theta, top.theta + d]))
+    pair = density.gaussian.exponent(np.array([top.theta, top.theta + d]) - density.origin)
     assert pair[1] - pair[0] == pytest.approx(top.gradient @ d - 0.5 * d @ top.precision @ d)
 
 
@@ -166,7 +166,7 @@ def test_in_other_coordinates_the_density_still_integrates_to_one_and_draws_foll
     middle = to_coordinates(np.array([[1.2, 1.5]]), powers)[0]
     low, high = (to_coordinates(bound[None], powers)[0] for bound in (lower, upper))
     outline = Outline(gaussian=gaussian(middle, [[0.2, 0.1], [0.1, 0.3]], low, high), powers=powers, lower=lower,
-                      upper=upper)  # fmt: skip
+                      upper=upper, origin=np.zeros(2))  # fmt: skip
     node, factor = np.polynomial.legendre.leggauss(80)
     x, y = np.meshgrid(2.15 + 1.85 * node, 1.75 + 1.25 * node, indexing="ij")
     points = np.stack([x.ravel(), y.ravel()], axis=1)
@@ -183,7 +183,7 @@ def test_turning_to_other_coordinates_keeps_the_slope_of_the_density():
     centre, step = np.array([1.3, 0.7, 2.0]), 1e-5
     bounds = np.full(3, 0.1), np.full(3, 9.0)
     start = Outline(gaussian=gaussian(centre + 0.1, np.diag([0.3, 0.2, 0.5]), *bounds, centre=centre), powers=(1, 1, 1),
-                    lower=bounds[0], upper=bounds[1])  # fmt: skip
+                    lower=bounds[0], upper=bounds[1], origin=np.zeros(3))  # fmt: skip
 
     def slope(outline):
         points = centre + step * np.vstack([np.eye(3), -np.eye(3)])
