@@ -107,6 +107,15 @@ def run_select(a: argparse.Namespace, progress: Progress) -> None:
     say(result.summary)
 
 
+def run_regress(a: argparse.Namespace, progress: Progress) -> None:
+    import probupdate
+
+    chosen = {"covariates": tuple(a.covariates)} if a.covariates else {}
+    result = probupdate.regress(a.modes, state=a.state, **chosen)
+    say(f"wrote {result.write(a.out)}")
+    say(result.summary)
+
+
 def run_update(a: argparse.Namespace, progress: Progress) -> None:
     import probupdate
 
@@ -238,6 +247,13 @@ def build_parser() -> argparse.ArgumentParser:
                    help="the turbine's, for states told from --scada (default: the highest power in it)")
     p.add_argument("--count", type=positive(int), default=9, help="how many sets to keep (default 9)")
     p.add_argument("--out", required=True)
+
+    p = verb("regress", run_regress, "how frequencies and damping follow wind, rotor, temperature, water and amplitude")
+    p.add_argument("modes", metavar="MODES", help="modes.json of a campaign")
+    p.add_argument("--covariates", nargs="+", metavar="NAME", help="keys of the sets' environment (default: wind speed, "
+                   "rotor speed, air temperature, water level, rms)")
+    p.add_argument("--state", help="blocks of that turbine state only, such as idling")
+    p.add_argument("--out", required=True, help="table as CSV")
 
     p = verb("update", run_update, "the sensitivity-based Tikhonov update in both readings, for every set")
     on_modes(p)

@@ -182,7 +182,7 @@ def write_block_deviations(path: Path, found: BlockDeviations) -> None:
 
 def read_block_deviations(path: Path) -> BlockDeviations:
     try:
-        with np.load(path, allow_pickle=False) as content:
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as content:
             return BlockDeviations(
                 key=tuple((int(a), int(b)) for a, b in content["key"]),
                 ln_frequency=frozen_array(content["ln_frequency"]),
@@ -194,7 +194,7 @@ def read_block_deviations(path: Path) -> BlockDeviations:
 
 def _stored_keys(path: Path) -> set[tuple[int, int]]:
     try:
-        with np.load(path, allow_pickle=False) as content:
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as content:
             return {(int(a), int(b)) for a, b in content["key"]}
     except (OSError, ValueError, KeyError, TypeError, zipfile.BadZipFile) as error:
         raise _damaged(path, error) from None
@@ -222,7 +222,7 @@ def write_block_poles(path: Path, block: BlockPoles, origin: list[str]) -> None:
 
 def read_block_poles(path: Path) -> BlockPoles:
     try:
-        with np.load(path, allow_pickle=False) as content:
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as content:
             head = _head_of(content)
             every = _split(content)
             return BlockPoles(
@@ -256,7 +256,7 @@ def _head_of(content: Mapping) -> dict:
 
 def _read_sources(path: Path) -> list[str]:
     try:
-        with np.load(path, allow_pickle=False) as content:
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as content:
             return list(_head_of(content)["sources"])
     except (OSError, ValueError, KeyError, TypeError, zipfile.BadZipFile) as error:
         raise _damaged(path, error) from None

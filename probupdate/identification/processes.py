@@ -17,18 +17,18 @@ from probupdate.errors import InputError, ProbupdateError
 
 # what a worker must not start: several threads of linear algebra for each of several processes
 ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
-# starting a process costs the time of so many blocks: fewer of them are not shared out
-LEAST_TASKS = 20
+# starting a process, with all that it imports, costs seconds, the time of so many blocks: fewer are not shared out
+LEAST_TASKS = 40
 
 
 def completed(
-    function: Callable, tasks: Sequence[tuple], *, jobs: int = 1, least: int = LEAST_TASKS
+    function: Callable, tasks: Sequence[tuple], *, jobs: int = 1, least: int | None = None
 ) -> Iterator[object]:
     """function(*task) of every task, in the order in which they end; at most one process for `least` tasks, and none
     but this one where that leaves one. `function` must be importable by name, as the processes are spawned."""
     if isinstance(jobs, bool) or not isinstance(jobs, int | np.integer) or jobs < 1:
         raise InputError("jobs", f"{jobs!r} is no number of processes", "give 1 or more")
-    jobs = min(jobs, len(tasks) // max(least, 1))
+    jobs = min(jobs, len(tasks) // max(LEAST_TASKS if least is None else least, 1))
     if jobs <= 1:
         yield from (function(*task) for task in tasks)
         return

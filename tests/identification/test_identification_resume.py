@@ -1,0 +1,248 @@
+"""The store of identified blocks: killed and resumed, any number of processes, other campaigns refused."""
+
+import json
+import os
+import pickle
+import random
+import signal
+import subprocess
+import sys
+import textwrap
+import time
+from dataclasses import replace
+
+import h5py
+import numpy as np
+import pytest
+
+from probupdate.campaign.reading import read_campaign
+from probupdate.errors import InputError
+from probupdate.identification import processes
+from probupdate.identification.identify import SSISettings, identify
+from probupdate.identification.processes import completed
+from probupdate.identification.reference import ReferenceModes
+
+# six channels at two tower levels and one leg: enough for five modes, and quick
+ROWS = [0, 1, 14, 15, 16, 17]
+MINUTES, N_BLOCK, RATE = 4, 24, 5.0
+SETTINGS = {"order": 14, "block_rows": 20, "spread": 4, "sub_records": 10}
+
+
+def write_hour(folder, structure, sensor_list, *, seed=0, n_block=N_BLOCK, unit="m/s2", minutes=MINUTES):
+    """Two files, the second of which begins within a block."""
+    lines = [f'name = "Hour"\nsampling_rate_hz = {RATE}\nblock_minutes = {minutes}\n']
+    for k in ROWS:
+        s = sensor_list[k]
+        lines.append(f'[[sensor]]\nchannel = "{s.channel}"\nlevel = "{s.level}"\nposition_m = {s.position_m.tolist()}\n'
+                     f'direction = {s.direction.tolist()}\nunit = "{unit}"\n')  # fmt: skip
+    (folder / "acceleration").mkdir(parents=True)
+    (folder / "campaign.toml").write_text("".join(lines))
+    record = structure.record(round(n_block * MINUTES * 60 * RATE), seed=seed)[:, ROWS].astype(np.float32)
+    half = len(record) // 2 + 17
+    for k, (piece, offset_s) in enumerate(((record[:half], 0), (record[half:], half / RATE))):
+        with h5py.File(folder / "acceleration" / f"{k}.h5", "w") as file:
+            data = file.create_dataset("data", data=piece)
+            minute, second = divmod(offset_s, 60)
+            data.attrs["start"] = f"2019-06-03T{10 + int(minute // 60):02d}:{int(minute % 60):02d}:{second:09.6f}Z"
+            data.attrs["sampling_rate_hz"] = RATE
+    return folder
+
+
+@pytest.fixture(scope="module")
+def hour(jacket, sensor_list, tmp_path_factory):
+    return write_hour(tmp_path_factory.mktemp("hour") / "campaign", jacket, sensor_list)
+
+
+@pytest.fixture(scope="module")
+def rough(jacket) -> ReferenceModes:
+    return ReferenceModes(labels=("FA1", "SS1", "T1", "FA2", "SS2"), frequency_hz=jacket.frequency_hz,
+                          shape=jacket.shape[ROWS], pairs=((0, 1), (3, 4)))
+
+
+def run(folder, rough, out, jobs=1, progress=lambda *a: None, **changed):
+    campaign = read_campaign(folder)
+    result = identify(campaign, rough, settings=SSISettings(**SETTINGS | changed), store=f"{out}.blocks", jobs=jobs,
+                      progress=progress)
+    return result.write(out)
+
+
+@pytest.fixture(scope="module")
+def undisturbed(hour, rough, tmp_path_factory):
+    out = tmp_path_factory.mktemp("undisturbed") / "modes.json"
+    run(hour, rough, out)
+    return out
+
+
+def stored(out) -> dict[str, tuple[int, bytes]]:
+    """File of the store -> time of its last change, content."""
+    return {p.name: (p.stat().st_mtime_ns, p.read_bytes()) for p in (out.parent / f"{out.name}.blocks").glob("*.npz")}
+
+
+def same_results(out, other) -> bool:
+    names = ("modes.json", "modes.poles.csv", "modes.deviations.h5")
+    equal = [(out.parent / name).read_bytes() == (other.parent / name).read_bytes() for name in names]
+    return all(equal) and {k: v[1] for k, v in stored(out).items()} == {k: v[1] for k, v in stored(other).items()}
+
+
+KILLED = """
+import json, sys
+from probupdate.campaign.reading import read_campaign
+from probupdate.identification import processes
+from probupdate.identification.identify import SSISettings, identify
+from probupdate.identification.reference import ReferenceModes
+import numpy as np
+processes.LEAST_TASKS = 1
+given = json.loads(sys.argv[1])
+rough = ReferenceModes(labels=tuple(given["labels"]), frequency_hz=np.array(given["frequency_hz"]),
+                       shape=np.array(given["shape"]), pairs=((0, 1), (3, 4)))
+identify(read_campaign(given["campaign"]), rough, settings=SSISettings(**given["settings"]), store=given["store"],
+         jobs=2)
+"""
+
+
+def test_a_killed_run_goes_on_with_nothing_lost_and_nothing_done_twice(hour, rough, undisturbed, tmp_path):
+    """kill -9 of the parent of two processes once a drawn number of files is there: the processes end too, and the
+    next run, in one process, keeps what is there and gives the bytes of an undisturbed one."""
+    out = tmp_path / "modes.json"
+    store = tmp_path / "modes.json.blocks"
+    given = {"labels": rough.labels, "frequency_hz": rough.frequency_hz.tolist(), "shape": rough.shape.tolist(),
+             "campaign": str(hour), "settings": SETTINGS, "store": str(store)}
+    moment = random.SystemRandom().randrange(1, 2 * N_BLOCK - 4)
+    child = subprocess.Popen([sys.executable, "-c", textwrap.dedent(KILLED), json.dumps(given)],
+                             env=os.environ | {"OMP_NUM_THREADS": "1"})
+    deadline = time.monotonic() + 120
+    while len(list(store.glob("*.npz"))) < moment and child.poll() is None and time.monotonic() < deadline:
+        time.sleep(0.002)
+    child.send_signal(signal.SIGKILL)
+    child.wait()
+    # the processes it had started learn of it and end: no further file appears
+    for _ in range(100):
+        before = {p.name for p in store.iterdir()}
+        time.sleep(0.2)
+        if {p.name for p in store.iterdir()} == before:
+            break
+    left = stored(out)
+    assert len(left) >= moment, "the run ended before it was killed"
+    told = []
+    run(hour, rough, out, progress=lambda *a: told.append(a))
+    assert same_results(out, undisturbed)
+    again = stored(out)
+    assert all(again[name] == there for name, there in left.items()), "a finished block was written again"
+    n_poles = sum(name.endswith(".poles.npz") for name in left)
+    assert told[0] == ("identifying blocks", n_poles, N_BLOCK)
+    assert len(told) - 1 >= N_BLOCK - n_poles and not list(store.glob("*.part"))
+
+
+@pytest.mark.long
+def test_the_number_of_processes_changes_nothing(hour, rough, undisturbed, tmp_path, monkeypatch):
+    monkeypatch.setattr(processes, "LEAST_TASKS", 8)
+    before = dict(os.environ)
+    run(hour, rough, tmp_path / "modes.json", jobs=3)
+    assert same_results(tmp_path / "modes.json", undisturbed)
+    assert dict(os.environ) == before
+
+
+def test_an_interruption_keeps_what_was_finished(hour, rough, undisturbed, tmp_path):
+    out = tmp_path / "modes.json"
+
+    def stop(what, done, total):
+        if what == "identifying blocks" and done == 5:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        run(hour, rough, out, progress=stop)
+    assert len(stored(out)) == 5
+    run(hour, rough, out)
+    assert same_results(out, undisturbed)
+
+
+def test_another_classifier_takes_the_stored_poles(hour, rough, undisturbed, tmp_path):
+    """Thresholds and model are asked of stored poles: no block is identified again."""
+    out = tmp_path / "modes.json"
+    run(hour, rough, out)
+    before = stored(out)
+    campaign, told = read_campaign(hour), []
+    classifier = replace(SSISettings().classifier, plane_mac=0.97)
+    strict = identify(campaign, replace(rough, frequency_hz=rough.frequency_hz * 0.95), store=f"{out}.blocks",
+                      settings=SSISettings(**SETTINGS, classifier=classifier), progress=lambda *a: told.append(a))
+    after = stored(out)
+    poles = [name for name in before if name.endswith(".poles.npz")]
+    assert all(after[name] == before[name] for name in poles) and told[0] == ("identifying blocks", N_BLOCK, N_BLOCK)
+    anew = identify(campaign, replace(rough, frequency_hz=rough.frequency_hz * 0.95),
+                    settings=SSISettings(**SETTINGS, classifier=classifier))
+    for a, b in zip(strict.data.sets, anew.data.sets, strict=True):
+        assert a.frequency_hz == pytest.approx(b.frequency_hz, nan_ok=True, rel=1e-12)
+        assert a.frequency_std_hz == pytest.approx(b.frequency_std_hz, nan_ok=True, rel=1e-5)
+
+
+@pytest.fixture
+def filled(jacket, sensor_list, rough, tmp_path):
+    """A campaign of three blocks and its store."""
+    folder = write_hour(tmp_path / "campaign", jacket, sensor_list, n_block=3)
+    run(folder, rough, tmp_path / "modes.json")
+    return folder
+
+
+@pytest.mark.parametrize(("change", "said"), [
+    ({"order": 16}, r"order 14 there, 16 here"), ({"block_rows": 22}, "block_rows 20 there, 22 here"),
+    ({"sub_records": 12, "spread": 2}, "spread 4 there, 2 here; sub_records 10 there, 12 here"),
+])
+def test_other_settings_are_refused_by_name(filled, rough, tmp_path, change, said):
+    with pytest.raises(InputError, match=f"holds blocks of another identification: {said}; give another --out"):
+        run(filled, rough, tmp_path / "modes.json", **change)
+
+
+def test_other_channels_lengths_and_records_are_refused_by_name(filled, jacket, sensor_list, rough, tmp_path):
+    out = tmp_path / "modes.json"
+    for number, (change, said) in enumerate((
+        ({"unit": "g"}, r"channel TP-A-x \[acceleration, m/s2\] there, TP-A-x \[acceleration, g\] here"),
+        ({"minutes": 3}, "block_minutes 4 there, 3 here"),
+        ({"seed": 1}, r"20190603T100000Z\.poles\.npz: was made of other records: then 0\.h5, .* changed"),
+    )):
+        other = write_hour(tmp_path / f"other{number}", jacket, sensor_list, n_block=3, **{"seed": 0} | change)
+        with pytest.raises(InputError, match=said):
+            run(other, rough, out)
+    (filled / "acceleration" / "1.h5").unlink()
+    with pytest.raises(InputError, match=r"is a block of which the campaign has no record|was made of other records"):
+        run(filled, rough, out)
+
+
+def test_a_record_that_came_since_is_identified_and_no_other(filled, rough, tmp_path):
+    """A campaign that grows: the block that the second file completes, and those after it."""
+    out = tmp_path / "grown.json"
+    late = filled / "acceleration" / "1.h5"
+    late.rename(tmp_path / "1.h5")
+    run(filled, rough, out)
+    before = stored(out)
+    (tmp_path / "1.h5").rename(late)
+    run(filled, rough, out)
+    after = stored(out)
+    unchanged = {name for name in before if after[name] == before[name]}
+    assert {name[:15] for name in unchanged} == {"20190603T100000"}
+    assert {name: c for name, (_, c) in after.items()} == {
+        name: c for name, (_, c) in stored(tmp_path / "modes.json").items()}
+
+
+def test_damage_and_strangers_are_named(filled, rough, tmp_path):
+    out, store = tmp_path / "modes.json", tmp_path / "modes.json.blocks"
+    block = store / "20190603T100400Z.poles.npz"
+    content = block.read_bytes()
+    block.write_bytes(content[: len(content) // 2])
+    with pytest.raises(InputError, match=r"100400Z\.poles\.npz: is no identified block .* delete it"):
+        run(filled, rough, out)
+    block.unlink()
+    run(filled, rough, out)
+    assert block.read_bytes() == content
+    (store / "store.json").write_text("{")
+    with pytest.raises(InputError, match=r"store\.json: is not JSON"):
+        run(filled, rough, out)
+    (store / "store.json").unlink()
+    with pytest.raises(InputError, match="holds something else than identified blocks"):
+        run(filled, rough, out)
+
+
+def test_a_mistake_in_a_process_comes_back_in_one_line():
+    with pytest.raises(InputError, match="jobs: 0 is no number of processes"):
+        list(completed(int, [("1",)], jobs=0))
+    error = pickle.loads(pickle.dumps(InputError("first", "is wrong", "mend it")))
+    assert str(error) == "first: is wrong; mend it" and error.remedy == "mend it"
