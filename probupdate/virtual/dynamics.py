@@ -53,21 +53,30 @@ def rna_mass(structure: Structure, heading_deg: float) -> np.ndarray:
     return total
 
 
-def full_mass(structure: Structure, heading_deg: float) -> sparse.csc_array:
-    """Mass matrix (n_dof, n_dof) with what sits at the tower top, and what oscillators couple to."""
-    dofs = 6 * structure.top + np.arange(6)
-    extra = rna_mass(structure, heading_deg)
-    rows, columns, values = [np.repeat(dofs, 6)], [np.tile(dofs, 6)], [extra.ravel()]
+def head_mass(structure: Structure, heading_deg: float) -> tuple[np.ndarray, np.ndarray]:
+    """What turns with the nacelle or oscillates: rows of the mass matrix (n,) and what they add (n, n)."""
     turn = rotation(np.array([0.0, 0.0, -np.radians(heading_deg)]))
+    dofs = [6 * structure.top + np.arange(6)]
+    for each in structure.oscillators:
+        dofs += [6 * each.node + np.arange(6), np.array([each.dof])]
+    rows = np.unique(np.concatenate(dofs))
+    added = np.zeros((len(rows), len(rows)))
+    at = np.searchsorted(rows, dofs[0])
+    added[np.ix_(at, at)] = rna_mass(structure, heading_deg)
     for each in structure.oscillators:
         along, arm = (turn[:, 0], turn @ each.arm_m) if each.direction is None else (each.direction, each.arm_m)
-        # momentum of the mass moving relative to a node that moves u + theta x r
+        # momentum of the mass moving relative to a point of a node that moves u + theta x r
         lever = each.mass_kg * np.concatenate([along, np.cross(arm, along)])
-        node, own = 6 * each.node + np.arange(6), np.full(6, each.dof)
-        rows += [node, own]
-        columns += [own, node]
-        values += [lever, lever]
-    entries = (np.concatenate(values), (np.concatenate(rows), np.concatenate(columns)))
+        node, own = np.searchsorted(rows, 6 * each.node + np.arange(6)), np.searchsorted(rows, each.dof)
+        added[node, own] += lever
+        added[own, node] += lever
+    return rows, added
+
+
+def full_mass(structure: Structure, heading_deg: float) -> sparse.csc_array:
+    """Mass matrix (n_dof, n_dof) with what sits at the tower top and what oscillates."""
+    rows, added = head_mass(structure, heading_deg)
+    entries = (added.ravel(), (np.repeat(rows, len(rows)), np.tile(rows, len(rows))))
     return sparse.csc_array(structure.mass + sparse.coo_array(entries, shape=structure.mass.shape))
 
 

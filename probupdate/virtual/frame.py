@@ -293,10 +293,13 @@ def _oscillators(mesh: Mesh, hidden: Departures, top: int, hub_m: np.ndarray) ->
     return tuple(found)
 
 
-def build_structure(file: TurbineFile, truth: Truth, amount: Sequence[float] | None = None) -> Structure:
-    """Assemble the turbine of the drawing as it is in truth, each effect at its amount (n_effect,); None: all at 1."""
+def build_structure(
+    file: TurbineFile, truth: Truth, amount: Sequence[float] | None = None, *, coarseness: float = 1.0
+) -> Structure:
+    """Assemble the turbine of the drawing as it is in truth, each effect at its amount (n_effect,); None: all at 1.
+    coarseness: how many times longer than usual elements may be."""
     hidden = Departures(effects=truth.effects, amount=tuple(np.ones(len(truth.effects)) if amount is None else amount))
-    mesh = Mesh()
+    mesh = Mesh(coarseness)
     steel = Materials(file=file, p=truth.parameters, truth=truth, hidden=hidden)
     _legs(mesh, file, steel)
     _braces(mesh, file, steel, truth)

@@ -13,9 +13,10 @@ LONGEST_M = {"leg": 1.75, "brace": 2.0, "pile": 1.0, "column": 1.0, "strut": 2.0
 
 
 class Mesh:
-    """Six degrees of freedom a node."""
+    """Six degrees of freedom a node. `coarseness` stretches the longest elements."""
 
-    def __init__(self):
+    def __init__(self, coarseness: float = 1.0):
+        self.longest_m = {group: coarseness * length for group, length in LONGEST_M.items()}
         self.nodes: list[np.ndarray] = []
         self.found: dict[tuple, int] = {}
         self.part: dict[str, list[int]] = {}
@@ -31,14 +32,17 @@ class Mesh:
         return self.found[key]
 
     def member(self, start, end, group, section, *, at=(), ends=(None, None), inner=None, beside=None, part=None):
-        """A straight member cut at the fractions `at` and to LONGEST_M; section(position, half height) -> Tube; ends:
-        flexibility at its first and last node; inner: flexibility on a node of a level, by z -> node numbers."""
+        """A straight member cut at the fractions `at` and to the longest element -> node numbers along it.
+
+        section(position, half height) -> Tube; ends: flexibility (6,) at its first and last node; inner: flexibility
+        above a node, by its level.
+        """
         start, end = np.asarray(start, float), np.asarray(end, float)
         stops = sorted({0.0, 1.0, *(round(float(t), 9) for t in at if 1e-6 < t < 1 - 1e-6)})
         length = np.linalg.norm(end - start)
         cuts = [0.0]
         for a, b in itertools.pairwise(stops):
-            n = max(1, int(np.ceil((b - a) * length / LONGEST_M[group] - 1e-9)))
+            n = max(1, int(np.ceil((b - a) * length / self.longest_m[group] - 1e-9)))
             cuts.extend(a + (b - a) * np.arange(1, n + 1) / n)
         numbers = [self.node(start + t * (end - start)) for t in cuts]
         for k, (i, j) in enumerate(itertools.pairwise(numbers)):

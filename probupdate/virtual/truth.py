@@ -68,7 +68,11 @@ def read_given(path: str | Path | None, file: TurbineFile) -> Given:
     The record that `simulate` writes can be given too: its parameters, effects and operation hold, the rest is
     drawn again (the same seed draws the same).
     """
-    raw = {} if path is None else read_toml(Path(path), "truth file")
+    return given_truth({} if path is None else read_toml(Path(path), "truth file"), file, path)
+
+
+def given_truth(raw: Mapping, file: TurbineFile, path: object = "truth") -> Given:
+    """The same from a truth.toml's content; `path` names it in errors."""
     written = raw.get("format") == 1 and "drawn" in raw
     for key in raw:
         if key not in GIVEN and not (written and key in RECORDED):

@@ -1,0 +1,218 @@
+"""`simulate_modes`: the virtual turbine's modal sets without its vibration, hundreds of cases a minute-hand apart.
+
+The same plan of operation, SCADA, structure, tolerances and hidden effects as `simulate` for the same seed; each chosen
+half hour has the exact modes of its heading and its effects' amounts, as the sensors see them, and the scatter of an
+identification (`modal_noise`). Not in it: harmonics, damping bias, modes taken for one another.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from probupdate.errors import InputError
+from probupdate.mode_labels import mode_character
+from probupdate.modes import ModalData, ModalSet, Sensor, frozen_array, mac, subspace_mac
+from probupdate.virtual import observation, operation
+from probupdate.virtual.conditions import AMPLITUDE, expected_rms_mps2, slot_amounts
+from probupdate.virtual.dynamics import AERO_DAMPING, N_MODE
+from probupdate.virtual.effects import EFFECTS, Departures
+from probupdate.virtual.frame import build_structure
+from probupdate.virtual.modal_noise import SCATTER, identified
+from probupdate.virtual.observation import rotation
+from probupdate.virtual.reduced_states import ReducedStates, reduce_states
+from probupdate.virtual.scada import scada_table
+from probupdate.virtual.truth import Truth, draw_truth, given_truth, read_given
+from probupdate.virtual.turbine_file import TurbineFile, read_turbine, reference_file
+
+LABELS = tuple(SCATTER)
+N_SEARCHED = 12  # modes among which those of LABELS are looked for
+BLOCK_S = operation.SLOTS_PER_BLOCK * operation.SLOT_S
+START = np.datetime64("2019-06-01T00:00:00")
+MEANS = (
+    "wind_speed_mps", "power_kw", "rotor_speed_rpm", "pitch_deg", "water_level_m", "air_temperature_c", "wave_height_m",
+    "wave_period_s",
+)  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class VirtualModes:
+    """Modal sets and what is true of them: frequency_hz, damping_ratio (n_block, n_mode), shape (n_block, n_channel,
+    n_mode) complex as ideal identification would see it, amount (n_block, n_effect), heading_deg (n_block,)."""
+
+    data: ModalData
+    sensors: tuple[Sensor, ...]
+    truth: Truth
+    frequency_hz: np.ndarray
+    damping_ratio: np.ndarray
+    shape: np.ndarray
+    amount: np.ndarray
+    heading_deg: np.ndarray
+    seed: int
+
+
+def simulate_modes(
+    *,
+    model: str | Path | None = None,
+    truth: str | Path | Mapping | None = None,
+    seed: int,
+    days: float = 30.0,
+    n_block: int | None = 48,
+    states: tuple[str, ...] = ("idling",),
+    missing_share: float = 0.03,
+    scatter: float = 1.0,
+    coarseness: float = 1.0,
+) -> VirtualModes:
+    """Modal sets of n_block undisturbed half hours (None: all) spread over `days`, in the given turbine states.
+
+    model and truth as for `simulate`; truth may also be the content of a truth.toml. missing_share: chance of a mode
+    not to be found in a block. scatter: multiplies the identification's. coarseness: of the finite-element mesh.
+    """
+    file = read_turbine(reference_file() if model is None else model)
+    given = given_truth(truth, file) if isinstance(truth, Mapping) else read_given(truth, file)
+    for state in states:
+        if state not in operation.STATES:
+            raise InputError("states", f"'{state}' is unknown", f"choose from {', '.join(operation.STATES)}")
+    streams = np.random.SeedSequence(seed, spawn_key=(0,)).spawn(5)
+    drawn = draw_truth(given, file, np.random.default_rng(streams[0]), N_MODE)
+    plan = operation.make_plan(max(round(days * 144), 3), given.operation, np.random.default_rng(streams[1]))
+    block = _choose(plan, states, n_block)
+    slots = block[:, None] * operation.SLOTS_PER_BLOCK + np.arange(operation.SLOTS_PER_BLOCK)
+    amount = slot_amounts(plan, drawn.effects)[slots].mean(axis=1)
+    heading = plan.heading_deg[slots[:, 1] * operation.PER_SLOT]
+    state = plan.state[slots[:, 1]]
+    acts = np.array([EFFECTS[e["kind"]].acts != "measurement" for e in drawn.effects], bool)
+    reduced = reduce_states(
+        lambda a: build_structure(file, drawn, a, coarseness=coarseness), amount, acts, drawn.damping_ratio)
+    frequency, damping, shape = _true_modes(reduced, file, drawn, amount, heading, state)
+    rng = np.random.default_rng(streams[4])
+    environment = _environments(plan, block, heading, drawn, amount, np.random.default_rng(streams[3]), rng)
+    sets = []
+    for k, number in enumerate(block):
+        f, z, phi, deviation = identified(frequency[k], damping[k], shape[k], LABELS, BLOCK_S, rng, scale=scatter)
+        lost = rng.random(len(LABELS)) < missing_share
+        f, z, phi = np.where(lost, np.nan, f), np.where(lost, np.nan, z), np.where(lost, np.nan, phi)
+        time = START + np.timedelta64(int(number * BLOCK_S), "s")
+        sets.append(ModalSet(
+            id=f"{time}Z", frequency_hz=f, damping_ratio=z, shape=phi, deviation=deviation,
+            frequency_std_hz=np.full(len(f), np.nan), shape_std=np.full(phi.shape, np.nan),
+            environment=environment[k],
+        ))  # fmt: skip
+    return VirtualModes(
+        data=ModalData(channels=tuple(s.channel for s in file.sensors), sets=tuple(sets), labels=LABELS),
+        sensors=file.sensors, truth=drawn, frequency_hz=frozen_array(frequency), damping_ratio=frozen_array(damping),
+        shape=frozen_array(shape, complex), amount=frozen_array(amount), heading_deg=frozen_array(heading),
+        seed=int(seed),
+    )  # fmt: skip
+
+
+def _choose(plan: operation.Plan, states: tuple[str, ...], n_block: int | None) -> np.ndarray:
+    """Numbers of half hours of one wanted state, without a yaw or pitch event, evenly spread."""
+    n = plan.n_slot // operation.SLOTS_PER_BLOCK
+    by_block = plan.state[: n * operation.SLOTS_PER_BLOCK].reshape(n, -1)
+    wanted = [operation.STATES.index(s) for s in states]
+    good = np.all(by_block == by_block[:, :1], axis=1) & np.isin(by_block[:, 0], wanted)
+    for event in plan.events:
+        first, last = int(event.start_s // BLOCK_S), int((event.start_s + event.duration_s) // BLOCK_S)
+        good[first : last + 1] = False
+    found = np.flatnonzero(good)
+    if not len(found):
+        raise InputError("states", f"no undisturbed half hour is {' or '.join(states)}", "choose more days")
+    if n_block is None or n_block >= len(found):
+        return found
+    return found[np.unique(np.round(np.linspace(0, len(found) - 1, n_block)).astype(int))]
+
+
+def _true_modes(reduced: ReducedStates, file: TurbineFile, truth: Truth, amount, heading, state):
+    """Frequencies, damping ratios (n_block, n_mode), complex shapes as mounted (n_block, n_channel, n_mode)."""
+    motion = (reduced.base.sensor_motion @ reduced.basis).reshape(len(file.sensors), 3, -1)
+    nominal = np.einsum("cx,cxb->cb", observation.nominal_direction(file), motion)
+    head = reduced.basis[6 * reduced.base.top + np.arange(3)]
+    reference = _reference(reduced, file, nominal, amount[0], heading[0])
+    known, frequency, damping, shape = {}, [], [], []
+    for a, angle, running in zip(amount, heading, state > 0, strict=True):
+        key = (tuple(a), angle)
+        if key not in known:
+            f, modes = reduced.modes(a, angle, N_SEARCHED)
+            chosen = _sort(f, nominal @ modes, file.sensors, angle, reference)
+            known[key] = f[chosen], modes[:, chosen], chosen
+        f, modes, chosen = known[key]
+        turn = rotation(np.array([0.0, 0.0, -np.radians(angle)]))
+        along, across = AERO_DAMPING["operating" if running else "idling"]
+        at_top = head @ modes
+        aero = (along * (turn[:, 0] @ at_top) ** 2 + across * (turn[:, 1] @ at_top) ** 2) / (4 * np.pi * f)
+        hidden = Departures(effects=truth.effects, amount=tuple(a))
+        direction, gain = observation.mounted_direction(file, truth, hidden)
+        seen = np.einsum("c,cx,cxb->cb", gain, direction, motion) @ modes
+        mixing = observation.channel_mixing(file, hidden)
+        seen = seen if mixing is None else mixing @ seen
+        response = observation.frequency_response(file, hidden, f)
+        seen = seen.astype(complex) if response is None else seen * response.T
+        frequency.append(f / observation.sampling_ratio(hidden))
+        damping.append(truth.damping_ratio[chosen] + aero)
+        shape.append(seen)
+    return np.array(frequency), np.array(damping), np.array(shape)
+
+
+def _turned(sensors: tuple[Sensor, ...], heading_deg: float) -> tuple[Sensor, ...]:
+    """Sensors in the nacelle's axes."""
+    back = rotation(np.array([0.0, 0.0, np.radians(heading_deg)]))
+    return tuple(Sensor(channel=s.channel, level=s.level, position_m=back @ s.position_m, direction=back @ s.direction)
+                 for s in sensors)  # fmt: skip
+
+
+def _reference(reduced: ReducedStates, file: TurbineFile, nominal: np.ndarray, amount, heading_deg) -> np.ndarray:
+    """Shapes (n_channel, 5) of first pair, torsion, second pair in the first block, by their character."""
+    _, modes = reduced.modes(amount, heading_deg, N_SEARCHED)
+    shape = nominal @ modes
+    character = mode_character(shape, _turned(file.sensors, heading_deg))
+    global_ = character.local < 0.5
+    late = np.arange(N_SEARCHED) >= 2
+    twists = np.flatnonzero(late & global_ & (np.argmax(character.share, axis=1) == 2))
+    torsion = int(twists[0]) if len(twists) else -1
+    bending = character.share[:, :2].sum(axis=1)
+    second = [k for k in range(2, N_SEARCHED) if k != torsion and global_[k] and bending[k] > 0.5][:2]
+    if len(second) < 2 or torsion < 0:
+        raise InputError("virtual turbine", f"has no torsion or no second pair among its lowest {N_SEARCHED} modes",
+                         "mend the truth")
+    return shape[:, [0, 1, torsion, *second]]
+
+
+def _sort(frequency_hz, shape, sensors, heading_deg: float, reference: np.ndarray) -> list[int]:
+    """Which modes are FA1, SS1, T1, FA2, SS2: planes and torsion by the reference, the mates by the nacelle's axes."""
+    share = mode_character(shape, _turned(sensors, heading_deg)).share
+    torsion = int(np.argmax(mac(shape[:, 2:], reference[:, 2:3])[:, 0])) + 2
+    likeness = subspace_mac(shape, reference[:, 3:5])
+    likeness[[0, 1, torsion]] = -1
+    second = sorted(np.argsort(likeness)[-2:].tolist())
+    order = []
+    for i, j in ((0, 1), second):
+        fore_aft = share[[i, j], 0] - share[[i, j], 1]
+        order.append((i, j) if fore_aft[0] >= fore_aft[1] else (j, i))
+    return [*order[0], torsion, *order[1]]
+
+
+def _environments(plan, block, heading, truth: Truth, amount, scada_rng, rng) -> list[dict]:
+    """What SCADA and the block itself say of each block, under the names an identification gives them."""
+    table = scada_table(plan, START, scada_rng)
+    slots = block[:, None] * operation.SLOTS_PER_BLOCK + np.arange(operation.SLOTS_PER_BLOCK)
+    state = plan.state[slots[:, 1]]
+    rms = expected_rms_mps2(plan.wind_mps[slots].mean(axis=1), plan.wave_height_m[slots].mean(axis=1), state > 0)
+    rms = rms * np.exp(np.where(state > 0, AMPLITUDE[1][3], AMPLITUDE[0][3]) * rng.standard_normal(len(block)))
+    found = []
+    for k in range(len(block)):
+        hidden = Departures(effects=truth.effects, amount=tuple(amount[k]))
+        told = heading[k] + hidden.total("heading_offset")
+        found.append({
+            "state": operation.STATES[state[k]],
+            **{name: float(table[name].to_numpy()[slots[k]].mean()) for name in MEANS},
+            "nacelle_heading_deg": float(told % 360.0),
+            # counter-clockwise, as the model turns
+            "nacelle_angle_deg": float((-told + 180.0) % 360.0 - 180.0),
+            "block_minutes": BLOCK_S / 60,
+            "rms_mps2": float(rms[k]),
+        })
+    return found

@@ -1,0 +1,124 @@
+"""Modal sets without vibration: against full solutions, against the noise they claim, and themselves again."""
+
+import numpy as np
+import pytest
+
+from probupdate.errors import InputError
+from probupdate.modes import read_modes, write_modes
+from probupdate.virtual import dynamics, frame, modal_blocks, modal_noise, turbine_file
+
+BUSY = {
+    "parameters_from": "prior",
+    "effect": [
+        {"kind": "wetted_length", "gain": 1.0},
+        {"kind": "scour", "leg": "B", "depth_m": 1.5, "course": "ramp", "from_hour": 10.0, "to_hour": 100.0},
+        {"kind": "brace_stiffness", "bay": 2, "face": "BC", "factor": 0.4, "course": "step", "at_hour": 60.0},
+        {"kind": "rna_mass", "mass_kg": 3000.0, "course": "step", "at_hour": 30.0},
+        {"kind": "sensor_gain", "channel": "T66-x", "factor": 0.9},
+    ],
+}
+
+
+@pytest.fixture(scope="module")
+def busy():
+    return modal_blocks.simulate_modes(truth=BUSY, seed=3, days=6, n_block=12)
+
+
+def test_the_small_basis_gives_what_the_structure_gives(busy):
+    """Frequencies within a tenth of what a month's mean of an identification resolves, shapes likewise."""
+    file = turbine_file.read_turbine(turbine_file.reference_file())
+    for k in (0, 6, 11):
+        structure = frame.build_structure(file, busy.truth, busy.amount[k])
+        full = dynamics.heading_modes(structure, busy.truth.damping_ratio, busy.heading_deg[k])
+        assert busy.frequency_hz[k][:3] == pytest.approx(full.frequency_hz[:3], rel=1e-4)
+        found = np.argmin(np.abs(full.frequency_hz[:, None] - busy.frequency_hz[k]), axis=0)
+        assert busy.frequency_hz[k] == pytest.approx(full.frequency_hz[found], rel=3e-4)
+        assert busy.damping_ratio[k] == pytest.approx(full.damping_ratio["idling"][found], rel=0.02)
+        for j, i in enumerate(found):
+            ours, theirs = busy.shape[k][:, j].real, full.observed_shape[:, i]
+            theirs = theirs * np.sign(ours @ theirs)
+            # the close pair turns by (error of eigenvalue) / (their distance)
+            assert np.abs(ours - theirs).max() < 0.01 * np.abs(theirs).max(), (k, j)
+
+
+def test_effects_take_their_course(busy):
+    hour = (np.array([np.datetime64(s.id[:-1]) for s in busy.data.sets]) - modal_blocks.START) / np.timedelta64(1, "h")
+    level = [s.environment["water_level_m"] for s in busy.data.sets]
+    assert busy.amount[:, 0] == pytest.approx(level, abs=1e-3)
+    assert busy.amount[:, 1] == pytest.approx(np.clip((hour + 0.25 - 10) / 90, 0, 1), abs=1e-9)
+    assert np.array_equal(busy.amount[:, 2] > 0.5, hour >= 60)
+    assert np.all(busy.amount[:, 4] == 1)
+
+
+def test_same_seed_same_sets_and_another_seed_others(busy, tmp_path):
+    again = modal_blocks.simulate_modes(truth=BUSY, seed=3, days=6, n_block=12)
+    other = modal_blocks.simulate_modes(truth=BUSY, seed=4, days=6, n_block=12)
+    for a, b in zip(busy.data.sets, again.data.sets, strict=True):
+        assert np.array_equal(a.shape, b.shape, equal_nan=True) and a.environment == b.environment
+    assert other.frequency_hz[0, 0] != busy.frequency_hz[0, 0]
+    write_modes(busy.data, tmp_path / "modes.json")
+    back = read_modes(tmp_path / "modes.json")
+    assert back.channels == busy.data.channels and back.labels == busy.data.labels
+    assert back.sets[2].frequency_std_hz == pytest.approx(busy.data.sets[2].frequency_std_hz, nan_ok=True)
+
+
+def test_scatter_is_as_large_as_it_says():
+    """400 identifications of one state: their scatter against the law of its size and against their own estimates."""
+    rng = np.random.default_rng(8)
+    frequency, damping = np.array([0.308, 0.320, 1.32, 1.93, 2.03]), np.full(5, 0.012)
+    shape = np.linalg.qr(rng.standard_normal((18, 5)))[0]
+    labels = modal_blocks.LABELS
+    runs = [modal_noise.identified(frequency, damping, shape, labels, 1800.0, rng) for _ in range(400)]
+    f = np.array([r[0] for r in runs])
+    told = np.array([np.sqrt((r[3].ln_frequency**2).sum(axis=1)) for r in runs])
+    law = modal_noise.ln_frequency_std(frequency, damping, 1800.0, labels)
+    # deviation of a deviation from 400 runs 3.5 %; four of them
+    assert np.std(np.log(f), axis=0) == pytest.approx(law, rel=0.14)
+    assert np.sqrt((told**2).mean(axis=0)) == pytest.approx(law, rel=0.05)
+    # the second pair is 5 % apart: its shapes scatter as its first-order estimate says
+    scatter = np.std(np.array([r[2][:, 3].real for r in runs]), axis=0)
+    estimate = np.sqrt(np.mean([(r[3].shape[:, 3].real ** 2).sum(axis=1) for r in runs], axis=0))
+    moving = estimate > 0.02
+    assert moving.sum() > 5
+    assert scatter[moving] == pytest.approx(estimate[moving], rel=0.25)
+    still = modal_noise.identified(frequency, damping, shape, labels, 1800.0, rng, scale=0.0)
+    assert still[0] == pytest.approx(frequency, rel=1e-12) and still[1] == pytest.approx(damping, rel=1e-9)
+
+
+def test_sensor_faults_reach_the_shapes_and_nothing_else():
+    def run(**effect):
+        truth = {"effect": [effect]} if effect else {}
+        return modal_blocks.simulate_modes(truth=truth, seed=5, days=3, n_block=4, scatter=0.0, missing_share=0.0)
+
+    plain = run()
+    names = plain.data.channels
+    clock = run(kind="clock_offset", level="tower top", offset_s=0.02)
+    rows = [names.index("T90-x"), names.index("T90-y")]
+    turned = clock.shape[0] / plain.shape[0]
+    expected = np.exp(2j * np.pi * clock.frequency_hz[0] * 0.02)
+    assert turned[rows] == pytest.approx(np.tile(expected, (2, 1)), rel=1e-6)
+    assert np.array_equal(np.delete(clock.shape, rows, axis=1), np.delete(plain.shape, rows, axis=1))
+    swap = run(kind="sensor_swap", channel="TP-A-x", other="TP-C-y", swapped=1)
+    i, j = names.index("TP-A-x"), names.index("TP-C-y")
+    assert swap.shape[:, i] == pytest.approx(plain.shape[:, j]) and swap.shape[:, j] == pytest.approx(plain.shape[:, i])
+    rate = run(kind="sampling_rate", ratio=1.03)
+    assert rate.frequency_hz == pytest.approx(plain.frequency_hz / 1.03, rel=1e-9)
+    looks = run(kind="heading_offset", angle_deg=10.0)
+    told = [s.environment["nacelle_angle_deg"] for s in looks.data.sets]
+    true = [s.environment["nacelle_angle_deg"] for s in plain.data.sets]
+    assert (np.array(told) - true) % 360 == pytest.approx(np.full(4, 350.0))
+    assert looks.frequency_hz == pytest.approx(plain.frequency_hz)
+
+
+def test_mistakes_are_one_line():
+    for how, says in (
+        ({"states": ("idle",)}, "choose from"),
+        ({"truth": {"effect": [{"kind": "scour", "leg": "E", "depth_m": 1.0}]}}, "did you mean|choose from"),
+        ({"truth": {"effect": [{"kind": "scour", "leg": "A", "depth_m": -1.0}]}}, "not in"),
+        ({"truth": {"effect": [{"kind": "scour", "leg": "A", "depth_m": 1.0, "course": "step"}]}}, "at_hour"),
+        ({"truth": {"effect": [{"kind": "scour", "leg": "A", "depth_m": 1.0, "at_hour": 3}]}}, "unknown"),
+        ({"truth": {"effect": [{"kind": "icing", "mass_kg": 1e3, "course": "covariate", "covariate": "ice",
+                                "reference": 0.0, "scale": 1.0}]}}, "covariate"),
+    ):  # fmt: skip
+        with pytest.raises(InputError, match=says):
+            modal_blocks.simulate_modes(seed=1, days=1, **how)
