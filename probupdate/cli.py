@@ -250,8 +250,8 @@ def build_parser() -> argparse.ArgumentParser:
 
     p = verb("regress", run_regress, "how frequencies and damping follow wind, rotor, temperature, water and amplitude")
     p.add_argument("modes", metavar="MODES", help="modes.json of a campaign")
-    p.add_argument("--covariates", nargs="+", metavar="NAME", help="keys of the sets' environment (default: wind speed, "
-                   "rotor speed, air temperature, water level, rms)")
+    p.add_argument("--covariates", nargs="+", metavar="NAME", help="keys of the sets' environment (default: wind "
+                   "speed, rotor speed, air temperature, water level, rms)")
     p.add_argument("--state", help="blocks of that turbine state only, such as idling")
     p.add_argument("--out", required=True, help="table as CSV")
 

@@ -24,6 +24,7 @@ from probupdate.identification.criteria import read_criteria
 from probupdate.identification.identify import Identification, SSISettings
 from probupdate.identification.identify import identify as identify_campaign
 from probupdate.identification.reference import ReferenceModes
+from probupdate.identification.regression import COVARIATES, ModalRegression, regress_modes
 from probupdate.identification.selection import CAMPAIGN, Selection
 from probupdate.identification.selection import select as select_sets
 from probupdate.mode_labels import close_pairs, mode_character
@@ -37,7 +38,7 @@ from probupdate.virtual.simulation import simulate
 if TYPE_CHECKING:
     from probupdate.model import Model
 
-__all__ = ["check", "compare", "identify", "open_model", "report", "sample", "select", "simulate", "update"]
+__all__ = ["check", "compare", "identify", "open_model", "regress", "report", "sample", "select", "simulate", "update"]
 
 # global modes looked for: first and second bending pairs and the torsion between them (the paper's first five)
 MODES_OF_INTEREST = ("FA1", "SS1", "T1", "FA2", "SS2")
@@ -183,6 +184,13 @@ def select(
         read_modes(modes), read_scada(scada) if scada else None, count=count, deviations=deviations,
         criteria=read_criteria(criteria) if criteria else None, state_rule=StateRule(rated_power_kw=rated_power_kw),
     )
+
+
+def regress(
+    modes: str | Path, *, covariates: tuple[str, ...] = COVARIATES, state: str | None = None
+) -> ModalRegression:
+    """How frequency and damping of every mode follow wind, rotor speed, temperature, water level and amplitude."""
+    return regress_modes(read_modes(modes), covariates=covariates, state=state)
 
 
 def _weights(weights: str | tuple[float, ...] | Weights, data: ModalData) -> Weights:

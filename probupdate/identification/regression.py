@@ -1,0 +1,340 @@
+"""How frequencies and damping follow wind, rotor speed, temperature, water level and amplitude over a campaign.
+
+Generalised least squares: each block's value has the deviation that identification states, up to a common factor, and
+the blocks share a slow error (an Ornstein-Uhlenbeck process), for what moves a structure and is no covariate. Leaving
+it out would make standard errors several times too small where weather and error both last for hours.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from scipy import optimize, stats
+
+from probupdate.errors import InputError
+from probupdate.modes import ModalData, frozen_array
+
+COVARIATES = ("wind_speed_mps", "rotor_speed_rpm", "air_temperature_c", "water_level_m", "rms_mps2")
+# a covariate known in fewer blocks than this share of the mode's is left out, rather than the blocks
+LEAST_KNOWN = 0.5
+# variance inflation from which two covariates are said to tell the same
+COLLINEAR = 10.0
+# standardised innovations beyond this are left out: one of a million by chance
+OUTLIER = 5.0
+# rows a fit asks for beside its coefficients
+SPARE_ROWS = 8
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Regression:
+    """y = intercept + sum_k coefficient_k (x_k - mean_k) + slow error + noise, of one mode.
+
+    names (n_covariate,) used; coefficient, std_error, p_value, inflation (n_covariate,): per unit of each covariate,
+    and its variance inflation by the others (1: none); mean, spread (n_covariate,) of the covariates; intercept with
+    intercept_std at their means. n rows used, n_outlier left out as outliers, n_missing for want of a covariate.
+    explained: share of the weighted scatter that the covariates take away; noise_factor: the noise over the stated
+    deviations (its size where none are stated); slow_std, slow_hours: of the slow error. residual (n_row,) of all rows,
+    NaN where not used. notes: what was left out and what tells the same.
+    """
+
+    response: str
+    names: tuple[str, ...]
+    coefficient: np.ndarray
+    std_error: np.ndarray
+    p_value: np.ndarray
+    inflation: np.ndarray
+    mean: np.ndarray
+    spread: np.ndarray
+    intercept: float
+    intercept_std: float
+    n: int
+    n_outlier: int
+    n_missing: int
+    explained: float
+    noise_factor: float
+    slow_std: float
+    slow_hours: float
+    residual: np.ndarray
+    notes: tuple[str, ...]
+
+
+def regress(
+    response: str,
+    value: np.ndarray,
+    time_h: np.ndarray,
+    covariates: Mapping[str, np.ndarray],
+    std: np.ndarray | None = None,
+) -> Regression:
+    """Fit value (n_row,), NaN where not measured, at time_h (n_row,) ascending, on covariates {name: (n_row,)}.
+
+    std (n_row,): stated deviations; rows without one get the median of the others. Raises InputError where fewer rows
+    are left than the coefficients and eight more.
+    """
+    value, time_h = np.asarray(value, float), np.asarray(time_h, float)
+    if np.any(np.diff(time_h) <= 0):
+        raise InputError(f"regression of {response}", "times do not rise", "sort the blocks by time, each once")
+    notes: list[str] = []
+    there = np.isfinite(value)
+    names, columns = _usable(covariates, there, notes)
+    known = there & np.all([np.isfinite(c) for c in columns], axis=0) if names else there
+    names, columns = _independent(names, columns, known, notes)
+    rows = known.copy()
+    noise = _noise(std, rows)
+    table = np.column_stack([np.ones(len(value)), *columns]) if names else np.ones((len(value), 1))
+    if rows.sum() < table.shape[1] + SPARE_ROWS:
+        raise InputError(f"regression of {response}", f"{int(rows.sum())} blocks with the mode and all of "
+                         f"{', '.join(names) or 'nothing'} for {table.shape[1]} coefficients",
+                         "use fewer covariates or a longer campaign")  # fmt: skip
+    mean = table[rows, 1:].mean(axis=0)
+    table[:, 1:] -= mean
+    rows = _without_gross(table, value, noise, rows)
+    for _ in range(10):
+        fit = _fit(table[rows], value[rows], noise[rows], time_h[rows])
+        far = np.abs(fit.innovation) > OUTLIER
+        if not far.any() or rows.sum() - far.sum() < table.shape[1] + SPARE_ROWS:
+            break
+        rows[np.flatnonzero(rows)[far]] = False
+    spread = table[rows, 1:].std(axis=0, ddof=1)
+    residual = np.full(len(value), np.nan)
+    residual[rows] = value[rows] - table[rows] @ fit.coefficient
+    error = np.sqrt(np.diag(fit.covariance))
+    p_value = 2 * stats.t.sf(np.abs(fit.coefficient / error), rows.sum() - table.shape[1])
+    inflation = _inflation(table[rows, 1:])
+    for k, name in enumerate(names):
+        if inflation[k] >= COLLINEAR:
+            other = np.corrcoef(table[rows, 1:].T)[k] * (np.arange(len(names)) != k)
+            twin = names[int(np.argmax(np.abs(other)))]
+            notes.append(f"{name} and {twin} tell the same (correlation {other[names.index(twin)]:.2f}, variance "
+                         f"inflation {inflation[k]:.0f}): their coefficients are known as a sum only")
+    return Regression(
+        response=response, names=tuple(names), coefficient=frozen_array(fit.coefficient[1:]),
+        std_error=frozen_array(error[1:]), p_value=frozen_array(p_value[1:]), inflation=frozen_array(inflation),
+        mean=frozen_array(mean), spread=frozen_array(spread), intercept=float(fit.coefficient[0]),
+        intercept_std=float(error[0]), n=int(rows.sum()), n_outlier=int(known.sum() - rows.sum()),
+        n_missing=int(there.sum() - known.sum()), explained=_explained(value[rows], residual[rows], noise[rows]),
+        noise_factor=float(fit.scale if std is not None else fit.scale * np.median(noise[rows])),
+        slow_std=float(fit.scale * fit.ratio), slow_hours=float(fit.hours),
+        residual=frozen_array(residual), notes=tuple(notes),
+    )  # fmt: skip
+
+
+def _usable(covariates, there, notes) -> tuple[list[str], list[np.ndarray]]:
+    names, columns = [], []
+    for name, column in covariates.items():
+        column = np.asarray(column, float)
+        known = np.isfinite(column) & there
+        if known.sum() < LEAST_KNOWN * there.sum() or not known.any():
+            notes.append(f"{name} left out: known in {int(known.sum())} of {int(there.sum())} blocks")
+        elif np.ptp(column[known]) <= 1e-9 * max(np.abs(column[known]).max(), 1e-300):
+            notes.append(f"{name} left out: it does not change")
+        else:
+            names.append(name), columns.append(column)
+    return names, columns
+
+
+def _independent(names, columns, rows, notes) -> tuple[list[str], list[np.ndarray]]:
+    """Covariates that are no combination of those before them."""
+    kept: list[int] = []
+    for k in range(len(names)):
+        some = np.column_stack([columns[i][rows] for i in [*kept, k]])
+        some = (some - some.mean(axis=0)) / np.maximum(some.std(axis=0), 1e-300)
+        if len(some) and np.linalg.matrix_rank(some, tol=1e-6 * np.sqrt(len(some))) == len(kept) + 1:
+            kept.append(k)
+        else:
+            notes.append(f"{names[k]} left out: a combination of {', '.join(names[i] for i in kept) or 'nothing'}")
+    return [names[k] for k in kept], [columns[k] for k in kept]
+
+
+def _noise(std, rows) -> np.ndarray:
+    """Stated deviations, the median of the others for a row without; ones where none is stated."""
+    if std is None:
+        return np.ones(len(rows))
+    std = np.asarray(std, float)
+    good = np.isfinite(std) & (std > 0)
+    middle = float(np.median(std[good & rows])) if np.any(good & rows) else 1.0
+    return np.where(good, std, middle)
+
+
+def _without_gross(table, value, noise, rows) -> np.ndarray:
+    """Rows without what a robust fit (least absolute deviations, reweighted) finds off by far; such rows would widen
+    the scale by which outliers are told."""
+    x, y = table[rows] / noise[rows, None], value[rows] / noise[rows]
+    weight = np.ones(len(y))
+    for _ in range(30):
+        coefficient = np.linalg.lstsq(x * np.sqrt(weight)[:, None], y * np.sqrt(weight), rcond=None)[0]
+        residual = y - x @ coefficient
+        scale = 1.4826 * np.median(np.abs(residual))
+        if not scale > 0:
+            return rows
+        weight = 1 / np.maximum(np.abs(residual) / scale, 0.1)
+    kept = rows.copy()
+    kept[np.flatnonzero(rows)[np.abs(residual) > 2 * OUTLIER * scale]] = False
+    return kept if kept.sum() >= table.shape[1] + SPARE_ROWS else rows
+
+
+@dataclass(frozen=True, eq=False)
+class _Fit:
+    coefficient: np.ndarray
+    covariance: np.ndarray
+    scale: float
+    ratio: float
+    hours: float
+    innovation: np.ndarray
+
+
+def _fit(table, value, noise, time_h) -> _Fit:
+    """Covariance scale^2 (diag(noise^2) + ratio^2 exp(-|dt| / hours)), by restricted maximum likelihood."""
+    step, unit = np.diff(time_h), float(np.median(noise))
+    both = np.column_stack([table, value])
+    # from half the shortest distance of two blocks to the whole campaign
+    low, high = 0.5 * step.min(), max(time_h[-1] - time_h[0], 2 * step.min())
+
+    def likelihood(ratio: float, hours: float):
+        white, log_determinant = whitened(both, noise, unit * ratio, np.exp(-step / hours))
+        q, r = np.linalg.qr(white[:, :-1])
+        left = white[:, -1] - q @ (q.T @ white[:, -1])
+        free = len(value) - table.shape[1]
+        variance = max(left @ left / free, 1e-300)
+        value_ = 0.5 * (free * np.log(variance) + log_determinant) + np.sum(np.log(np.abs(np.diag(r))))
+        return value_, variance, q, r, white[:, -1], left
+
+    def cost(x):
+        return likelihood(np.exp(x[0]), np.exp(x[1]))[0]
+
+    bounds = [(np.log(1e-3), np.log(1e3)), (np.log(low), np.log(high))]
+    starts = [(np.log(a), np.log(b)) for a in (0.05, 1.0) for b in (np.clip(3.0, low, high), np.sqrt(low * high))]
+    start = min(starts, key=cost)
+    best = optimize.minimize(cost, start, method="Nelder-Mead", bounds=bounds, options={"xatol": 0.02, "fatol": 0.01})
+    ratio, hours = np.exp(best.x)
+    _, variance, q, r, y, left = likelihood(ratio, hours)
+    inverse = np.linalg.inv(r)
+    return _Fit(coefficient=inverse @ (q.T @ y), covariance=variance * inverse @ inverse.T, scale=np.sqrt(variance),
+                ratio=unit * ratio, hours=hours, innovation=left / np.sqrt(variance))
+
+
+def whitened(columns: np.ndarray, noise: np.ndarray, slow: float, decay: np.ndarray) -> tuple[np.ndarray, float]:
+    """L^-1 columns (n_row, n_column) and ln det V of V = diag(noise^2) + slow^2 exp(-|dt| / hours) = L L^T.
+
+    Kalman's filter of the slow error, its work linear in the rows. decay (n_row - 1,): exp(-dt / hours).
+    """
+    white = np.empty_like(columns, dtype=float)
+    state, variance, log_determinant = np.zeros(columns.shape[1]), slow**2, 0.0
+    for k, row in enumerate(columns):
+        total = variance + noise[k] ** 2
+        difference = row - state
+        white[k] = difference / np.sqrt(total)
+        log_determinant += np.log(total)
+        if k < len(decay):
+            gain = variance / total
+            state = decay[k] * (state + gain * difference)
+            variance = decay[k] ** 2 * (1 - gain) * variance + slow**2 * (1 - decay[k] ** 2)
+    return white, float(log_determinant)
+
+
+def _inflation(table: np.ndarray) -> np.ndarray:
+    """1 / (1 - R^2) of each column on the others (centred)."""
+    if table.shape[1] < 2:
+        return np.ones(table.shape[1])
+    return np.diag(np.linalg.inv(np.corrcoef(table.T)))
+
+
+def _explained(value, residual, noise) -> float:
+    weight = 1 / noise**2
+    about = value - np.sum(weight * value) / np.sum(weight)
+    whole = np.sum(weight * about**2)
+    return float(1 - np.sum(weight * residual**2) / whole) if whole > 0 else 0.0
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class ModalRegression:
+    """fits: label -> (of ln f, of the damping ratio), those that could be made; notes: those that could not, and what
+    was left out. table: a row a mode, response and covariate."""
+
+    fits: Mapping[str, tuple[Regression, ...]]
+    table: pd.DataFrame
+    notes: tuple[str, ...]
+
+    @property
+    def summary(self) -> str:
+        lines = []
+        for label, fits in self.fits.items():
+            for fit in fits:
+                clear = [f"{name} {c:+.2g} +- {e:.1g}" for name, c, e, p in
+                         zip(fit.names, fit.coefficient, fit.std_error, fit.p_value, strict=True) if p < 0.01]
+                lines.append(f"{label}, {fit.response}: {', '.join(clear) or 'follows none clearly'} ({fit.n} blocks, "
+                             f"{100 * fit.explained:.0f} % explained)")
+        return "\n".join([*lines, *self.notes])
+
+    def write(self, out: str | Path) -> Path:
+        out = Path(out)
+        out.parent.mkdir(parents=True, exist_ok=True)
+        self.table.to_csv(out, index=False, float_format="%.6g", lineterminator="\n")
+        return out
+
+
+def regress_modes(
+    data: ModalData, *, covariates: Sequence[str] = COVARIATES, state: str | None = None
+) -> ModalRegression:
+    """Regress ln f and damping of every mode on what the sets' environment has; sets are named by their start.
+
+    state: blocks of that turbine state only. Stated deviations weight the blocks where sets have them. Raises
+    InputError where no set has a time or no mode can be fitted.
+    """
+    sets = [s for s in data.sets if not s.environment.get("excluded")]
+    sets = [s for s in sets if state is None or s.environment.get("state") == state]
+    if not sets:
+        raise InputError("regression", f"no usable block in state '{state}'" if state else "no usable block",
+                         "name another state, or none")
+    try:
+        time = pd.to_datetime([s.id for s in sets], utc=True, format="ISO8601")
+    except (ValueError, TypeError):
+        raise InputError("regression", f"sets such as {sets[0].id} are not named by a time",
+                         "name sets by their start in UTC, ISO 8601") from None  # fmt: skip
+    order = np.argsort(time, kind="stable")
+    sets = [sets[k] for k in order]
+    hours = (time[order] - time[order][0]).total_seconds().to_numpy() / 3600
+    columns = {name: np.array([_number(s.environment.get(name)) for s in sets]) for name in covariates}
+    labels = data.labels or tuple(str(j + 1) for j in range(data.n_mode))
+    fits: dict[str, tuple[Regression, ...]] = {}
+    notes: list[str] = []
+    for j, label in enumerate(labels):
+        f, zeta = np.array([s.frequency_hz[j] for s in sets]), np.array([s.damping_ratio[j] for s in sets])
+        f_std = np.array([s.frequency_std_hz[j] for s in sets]) / f
+        zeta_std = np.array([s.damping_ratio_std[j] for s in sets])
+        made = []
+        for response, value, std in (("ln frequency", np.log(f), f_std), ("damping ratio", zeta, zeta_std)):
+            try:
+                fit = regress(response, value, hours, columns, std if np.isfinite(std).any() else None)
+            except InputError as error:
+                notes.append(f"{label}: {error}")
+                continue
+            made.append(fit)
+            notes += [f"{label}, {response}: {note}" for note in fit.notes]
+        if made:
+            fits[label] = tuple(made)
+    if not fits:
+        raise InputError("regression", f"no mode can be fitted; the first: {notes[0]}", "measure on")
+    rows = [row for label, made in fits.items() for fit in made for row in _table_rows(label, fit)]
+    return ModalRegression(fits=fits, table=pd.DataFrame(rows), notes=tuple(dict.fromkeys(notes)))
+
+
+def _number(value) -> float:
+    return float(value) if isinstance(value, int | float) else np.nan
+
+
+def _table_rows(label: str, fit: Regression) -> list[dict]:
+    common = {"mode": label, "response": fit.response}
+    about = {"n": fit.n, "n_outlier": fit.n_outlier, "n_missing": fit.n_missing, "explained": fit.explained,
+             "noise_factor": fit.noise_factor, "slow_std": fit.slow_std, "slow_hours": fit.slow_hours}  # fmt: skip
+    rows = [common | {"covariate": "intercept", "coefficient": fit.intercept, "std_error": fit.intercept_std} | about]
+    for k, name in enumerate(fit.names):
+        rows.append(common | {
+            "covariate": name, "coefficient": fit.coefficient[k], "std_error": fit.std_error[k],
+            "p_value": fit.p_value[k], "inflation": fit.inflation[k], "covariate_mean": fit.mean[k],
+            "covariate_std": fit.spread[k],
+        } | about)
+    return rows
