@@ -334,18 +334,23 @@ def ends(p) -> tuple[float, float]:
 
 
 def check_sums(d: Description) -> Iterator[Mistake]:
-    """Depths and thicknesses that several parameters make up: none may fall below zero or lay a pile's tip bare."""
+    """Depths and thicknesses that several parameters make up: none may fall below zero or lay a pile's tip bare.
+
+    Scour is added leg by leg; for growth and corrosion all that reduce them are taken as acting at one place.
+    """
     rows = {p.name: ends(p) for p in d.parameter}
-    for name, kind in (("sc", "scour"), ("mg", "growth"), ("corr", "corrosion")):
+    scour = [p for p in d.parameter if p.kind == "scour"]
+    for leg in d.jacket.leg_names if scour else ():
+        low, high = (rows.get("sc", (0.0, 0.0))[k] + sum(ends(p)[k] for p in scour if p.on.leg in (None, leg))
+                     for k in (0, 1))  # fmt: skip
+        if low < 0 or high >= d.site.mudline_m - d.pile.tip_m:
+            depth, problem = (low, "is none") if low < 0 else (high, "lays the pile tip bare")
+            yield (f"parameter {scour[0].name}", f"with sc, scour of {depth:g} m at leg {leg} {problem}",
+                   f"{'raise the lower' if low < 0 else 'lower the upper'} bounds")  # fmt: skip
+            return
+    for name, kind in (("mg", "growth"), ("corr", "corrosion")):
         effects = [p for p in d.parameter if p.kind == kind]
         low = rows.get(name, (0.0, 0.0))[0] + sum(min(ends(p)[0], 0.0) for p in effects)
         if effects and low < 0:
             yield (f"parameter {effects[0].name}.lower", f"{kind} and {name} at their least come to {low:g} m",
                    "raise the lower bounds")  # fmt: skip
-    scour = [p for p in d.parameter if p.kind == "scour"]
-    for leg in d.jacket.leg_names:
-        deepest = rows.get("sc", (0.0, 0.0))[1] + sum(ends(p)[1] for p in scour if p.on.leg in (None, leg))
-        if scour and deepest >= d.site.mudline_m - d.pile.tip_m:
-            yield (f"parameter {scour[0].name}.upper", f"scour of {deepest:g} m lays the pile tip bare at leg {leg}",
-                   "lower the upper bounds")  # fmt: skip
-            return
