@@ -82,6 +82,12 @@ def run_check(a: argparse.Namespace, progress: Progress) -> None:
         result.write(a.out)
 
 
+def run_convert(a: argparse.Namespace, progress: Progress) -> None:
+    import probupdate
+
+    say(probupdate.convert(a.sources, a.out, description=a.description, progress=progress).summary)
+
+
 def run_identify(a: argparse.Namespace, progress: Progress) -> None:
     # one thread each, here and in the processes started: the same bits wherever a block is identified, whatever is
     # left after an interruption. Read when numpy is first imported
@@ -89,8 +95,8 @@ def run_identify(a: argparse.Namespace, progress: Progress) -> None:
     import probupdate
 
     result = probupdate.identify(
-        a.campaign, a.model, parameters=a.parameters, order=a.order, block_rows=a.block_rows, rate_hz=a.rate,
-        store=f"{a.out}.blocks", jobs=a.jobs or os.cpu_count() or 1, progress=progress)
+        a.campaign, a.model, parameters=a.parameters, lowest=a.lowest, order=a.order, block_rows=a.block_rows,
+        rate_hz=a.rate, store=f"{a.out}.blocks", jobs=a.jobs or os.cpu_count() or 1, progress=progress)
     for path in result.write(a.out):
         say(f"wrote {path}")
     say(result.summary)
@@ -195,8 +201,9 @@ def build_parser() -> argparse.ArgumentParser:
     def seeded(p: argparse.ArgumentParser) -> None:
         p.add_argument("--seed", type=int, default=1, help="same seed, same numbers (default 1)")
 
-    def on_model(p: argparse.ArgumentParser) -> None:
-        p.add_argument("--model", required=True, help=MODEL_HELP)
+    def on_model(p: argparse.ArgumentParser, required: bool = True) -> None:
+        without = "" if required else "; without, poles that come back are numbered"
+        p.add_argument("--model", required=required, help=MODEL_HELP + without)
         p.add_argument("--parameters", help="parameters.toml of a model made of matrices")
 
     def on_modes(p: argparse.ArgumentParser) -> None:
@@ -222,19 +229,27 @@ def build_parser() -> argparse.ArgumentParser:
     p.add_argument("--truth", help="truth.toml: parameters and effects to build in instead of drawing them")
     seeded(p)
 
+    p = verb("convert", run_convert, "records of other programs (CSV, Parquet, .mat, .npy, .npz) into a campaign")
+    p.add_argument("sources", metavar="SOURCES", help="folder of the files to convert")
+    p.add_argument("out", metavar="CAMPAIGN", help="directory with campaign.toml and convert.toml; an interrupted "
+                   "conversion goes on where it stopped")
+    p.add_argument("--description", help="convert.toml (default: the campaign's)")
+
     p = verb("check", run_check, "what a campaign holds, what is wrong with it, what can be done with it")
     p.add_argument("campaign", metavar="CAMPAIGN")
     p.add_argument("--out", help="write the findings as JSON too")
 
     p = verb("identify", run_identify, "modes of every block by SSI-cov, and every pole with what became of it")
     p.add_argument("campaign", metavar="CAMPAIGN")
-    on_model(p)
+    on_model(p, required=False)
+    p.add_argument("--lowest", type=positive(int), help="look for the model's lowest so many modes, whatever they are "
+                   "(default: first and second bending and torsion of a tower)")
     p.add_argument("--out", required=True, help="modes.json; the poles go beside it, and each block's as it is found "
                    "(OUT.blocks): a run that was stopped goes on there")
     p.add_argument("--jobs", type=positive(int), help="processes (default: one a core); the modes do not depend on it")
     p.add_argument("--order", type=positive(int), default=20, help="model order (default 20, as the paper)")
     p.add_argument("--block-rows", type=positive(int), default=30, help="block rows of the Toeplitz matrix (30)")
-    p.add_argument("--rate", type=positive(float), default=5.0, help="sampling rate after decimation in Hz (5)")
+    p.add_argument("--rate", type=positive(float), help="sampling rate after decimation in Hz (5 with a model)")
 
     p = verb("select", run_select, "the sets an update may trust (Table 1), and the most consistent one")
     p.add_argument("modes", metavar="MODES")
@@ -282,7 +297,7 @@ def build_parser() -> argparse.ArgumentParser:
 
 
 # verbs whose result is a directory; the others write files
-WRITE_FOLDERS = ("demo", "simulate")
+WRITE_FOLDERS = ("convert", "demo", "simulate")
 
 
 def refuse_unwritable(out: str, *, folder: bool) -> None:

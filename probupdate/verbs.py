@@ -11,6 +11,8 @@ import numpy as np
 
 from probupdate.campaign.checking import CampaignCheck
 from probupdate.campaign.checking import check as check_campaign
+from probupdate.campaign.converting import Conversion
+from probupdate.campaign.converting import convert as convert_files
 from probupdate.campaign.reading import read_campaign
 from probupdate.campaign.scada import StateRule, read_scada
 from probupdate.comparison import Comparison
@@ -38,12 +40,14 @@ from probupdate.virtual.simulation import simulate
 if TYPE_CHECKING:
     from probupdate.model import Model
 
-__all__ = ["check", "compare", "identify", "open_model", "regress", "report", "sample", "select", "simulate", "update"]
+__all__ = ["check", "compare", "convert", "identify", "open_model", "regress", "report", "sample", "select", "simulate", "update"]
 
 # global modes looked for: first and second bending pairs and the torsion between them (the paper's first five)
 MODES_OF_INTEREST = ("FA1", "SS1", "T1", "FA2", "SS2")
 # computed modes searched for them
 SEARCH = 24
+# the paper's sampling rate after decimation
+PAPER_HZ = 5.0
 
 
 def model_path(model: str | Path) -> Path:
@@ -102,17 +106,28 @@ def check(campaign: str | Path, *, progress: Progress = silent) -> CampaignCheck
     return check_campaign(read_campaign(campaign), progress=progress)
 
 
-def modes_of_interest(model: Model, sensors: tuple[Sensor, ...]) -> ReferenceModes:
-    """The model's first and second bending modes and its torsion, as seen by the sensors."""
-    solution = model.solve(model.parameters.initial, SEARCH)
+def convert(
+    sources: str | Path, campaign: str | Path, *, description: str | Path | None = None, progress: Progress = silent
+) -> Conversion:
+    """Records of other programs (CSV, Parquet, MATLAB, NumPy) into a campaign's own layout, as its convert.toml says."""
+    return convert_files(sources, campaign, description=description, progress=progress)
+
+
+def modes_of_interest(model: Model, sensors: tuple[Sensor, ...], lowest: int | None = None) -> ReferenceModes:
+    """The model's first and second bending modes and its torsion, as seen by the sensors; or its `lowest` modes,
+    whatever they are."""
+    solution = model.solve(model.parameters.initial, max(SEARCH, lowest or 0))
     rows = [model.channels.index(s.channel) for s in sensors]
     shape = solution.shape[rows]
     character = mode_character(shape, sensors)
     chosen = [character.labels.index(label) for label in MODES_OF_INTEREST if label in character.labels]
+    if lowest is not None:
+        chosen = list(range(min(lowest, len(solution.frequency_hz))))
     if not chosen:
         raise InputError(
             f"{model.name}", f"none of its lowest {SEARCH} modes is a global one at the campaign's sensors "
-            f"({', '.join(character.labels)})", "check the sensors' positions and directions",
+            f"({', '.join(character.labels)})", "check the sensors' positions and directions, or name how many of the "
+            "lowest modes to look for (--lowest)",
         )  # fmt: skip
     labels = tuple(character.labels[i] for i in chosen)
     frequency = solution.frequency_hz[chosen]
@@ -122,31 +137,45 @@ def modes_of_interest(model: Model, sensors: tuple[Sensor, ...]) -> ReferenceMod
 
 def identify(
     campaign: str | Path,
-    model,
+    model=None,
     *,
     parameters: str | Path | None = None,
+    lowest: int | None = None,
     order: int = 20,
     block_rows: int = 30,
-    rate_hz: float = 5.0,
+    rate_hz: float | None = None,
     store: str | Path | None = None,
     jobs: int = 1,
     progress: Progress = silent,
 ) -> Identification:
-    """Modes of every block by SSI-cov; poles are told apart by the model's modes at the campaign's sensors.
+    """Modes of every block by SSI-cov; poles are told apart by the model's modes at the campaign's sensors, its global
+    ones or, for structures of other kinds, its `lowest`. Without a model, poles that come back are numbered.
 
+    rate_hz: to which records are thinned out; 5 Hz, as the paper, where there is a model and its modes lie below.
     store: folder in which the blocks' poles are kept, so that a killed run goes on (the command line keeps them beside
     its --out); jobs: processes. A script that asks for several needs `if __name__ == "__main__"`.
     """
     opened = read_campaign(campaign)
-    turbine = open_model(model, parameters, opened.sensors if _has_geometry(model) else None)
-    missing = [s.channel for s in opened.sensors if s.channel not in turbine.channels]
+    if model is None and rate_hz is None:
+        raise InputError("rate_hz", "is not given, and no model tells up to where modes are looked for",
+                         f"give at least twice the highest frequency of interest (--rate), at most "
+                         f"{opened.sampling_rate_hz:g} Hz")  # fmt: skip
+    settings = SSISettings(order=order, block_rows=block_rows, target_rate_hz=PAPER_HZ if rate_hz is None else rate_hz)
+    reference = None
+    if model is not None:
+        reference = _reference(campaign, opened.sensors, model, parameters, lowest, settings.target_rate_hz)
+    return identify_campaign(opened, reference, settings=settings, store=store, jobs=jobs, progress=progress)
+
+
+def _reference(campaign, sensors: tuple[Sensor, ...], model, parameters, lowest, rate_hz: float) -> ReferenceModes:
+    turbine = open_model(model, parameters, sensors if _has_geometry(model) else None)
+    missing = [s.channel for s in sensors if s.channel not in turbine.channels]
     if missing:
         raise InputError(
             f"{campaign}: channel {missing[0]}", f"is not a channel of the model {turbine.name}",
             "name the model's channels as the campaign's",
         )
-    settings = SSISettings(order=order, block_rows=block_rows, target_rate_hz=rate_hz)
-    reference = modes_of_interest(turbine, opened.sensors)
+    reference = modes_of_interest(turbine, sensors, lowest)
     highest = float(np.max(reference.frequency_hz))
     if rate_hz <= 2 * highest:
         raise InputError(
@@ -155,7 +184,7 @@ def identify(
             f"{highest:.3g} Hz",
             f"give more than {2.5 * highest:.2g} Hz",
         )
-    return identify_campaign(opened, reference, settings=settings, store=store, jobs=jobs, progress=progress)
+    return reference
 
 
 def _has_geometry(model) -> bool:

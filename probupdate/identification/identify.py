@@ -22,6 +22,7 @@ from probupdate.identification.block_store import BlockStore
 from probupdate.identification.classification import ClassifierSettings, Likeness
 from probupdate.identification.reference import ReferenceModes, turned
 from probupdate.identification.tracking import Choice, JudgedPoles, Tracked
+from probupdate.identification.unlabelled import unlabelled_modes
 from probupdate.modes import ModalData, ModalDeviation, ModalSet, unit_largest, write_modes
 from probupdate.progress import Progress, silent
 
@@ -75,7 +76,7 @@ class Identification:
 
 def identify(
     campaign: Campaign,
-    reference: ReferenceModes,
+    reference: ReferenceModes | None,
     *,
     settings: SSISettings | None = None,
     state_rule: StateRule | None = None,
@@ -83,19 +84,22 @@ def identify(
     jobs: int = 1,
     progress: Progress = silent,
 ) -> Identification:
-    """Identify every block of the campaign by SSI-cov and tell its poles by the reference modes.
+    """Identify every block of the campaign by SSI-cov and tell its poles by the reference modes; without any, the poles
+    that come back over orders and blocks are the modes, and have numbers for names.
 
     store: folder in which the poles of each block are kept as they are found; a run that was killed goes on there, and
     another classifier or model takes the poles from there. None: they are kept while this runs. jobs: processes; the
     modes are the same for any number. Then, from what is stored: clusters over the campaign, the choice in each block.
     """
     settings = settings or SSISettings()
-    if reference.shape.shape[0] != len(campaign.sensors):
+    if reference is not None and reference.shape.shape[0] != len(campaign.sensors):
         raise InputError("reference modes", f"have {reference.shape.shape[0]} channels, the campaign "
                          f"{len(campaign.sensors)}", "compute the model's shapes at the campaign's sensors")
     with tempfile.TemporaryDirectory() if store is None else nullcontext(store) as folder:
         blocks = BlockStore(folder, campaign, settings.of_blocks)
         blocks.fill(jobs=jobs, progress=progress)
+        if reference is None:
+            reference = unlabelled_modes((blocks.read(t) for t in blocks.starts), classifier=settings.classifier)
         return classified(
             blocks, campaign, reference, settings=settings, state_rule=state_rule, jobs=jobs, progress=progress)
 

@@ -1,0 +1,120 @@
+"""Other structures: a building at 100 Hz and a bridge at 200 Hz without a model, named modes of any kind with one."""
+
+import h5py
+import numpy as np
+import pytest
+from scipy import signal
+
+from probupdate.campaign.reading import read_campaign
+from probupdate.errors import InputError
+from probupdate.identification.identify import SSISettings, identify
+from probupdate.identification.unlabelled import UnlabelledSettings
+from probupdate.modes import mac, plane_mac
+
+
+def response(mass, stiffness, damping_ratio, rate_hz, n, seed, quantity="acceleration"):
+    """Motion of every degree of freedom under white forces, by the modes' exact discrete recursion at ten times the
+    rate; frequencies and shapes. mass, stiffness (n_dof, n_dof)."""
+    root = np.linalg.cholesky(np.linalg.inv(mass))
+    value, vector = np.linalg.eigh(root.T @ stiffness @ root)
+    omega, shape = np.sqrt(value), root @ vector
+    rng, fine, lead = np.random.default_rng(seed), 4, 4000
+    step = 1 / (fine * rate_hz)
+    total = np.zeros(((n + lead) * fine, len(mass)))
+    force = rng.standard_normal(total.shape) @ np.linalg.cholesky(mass) @ shape
+    for j, w in enumerate(omega):
+        decay, turn = np.exp(-damping_ratio * w * step), w * np.sqrt(1 - damping_ratio**2) * step
+        a = [1, -2 * decay * np.cos(turn), decay**2]
+        total += np.outer(signal.lfilter([step**2], a, force[:, j]), shape[:, j])
+    total = np.gradient(total, step, axis=0)
+    if quantity == "acceleration":
+        total = np.gradient(total, step, axis=0)
+    record = signal.decimate(total, fine, axis=0, ftype="fir")[lead:]
+    record += 0.02 * record.std() * rng.standard_normal(record.shape)
+    return record / record.std(), omega / (2 * np.pi), shape
+
+
+def shear_building():
+    """Eight storeys, two directions of slightly different stiffness: pairs of close modes; 16 channels."""
+    storeys = np.diag(np.full(8, 2.0)) - np.diag(np.ones(7), 1) - np.diag(np.ones(7), -1)
+    storeys[-1, -1] = 1
+    stiffness = np.kron(np.diag([1.0, 1.06]), storeys) * (2 * np.pi * 5.0) ** 2
+    return np.eye(16), stiffness, [(axis, 0.0, 0.0, 3.0 * (k + 1)) for axis in "xy" for k in range(8)]
+
+
+def bridge_deck():
+    """A simply supported deck: seven vertical channels along 70 m, velocities."""
+    n, length = 7, 80.0
+    x = length * np.arange(1, n + 1) / (n + 1)
+    k = np.arange(1, n + 1)
+    basis = np.sin(np.pi * np.outer(x, k) / length)
+    omega = 2 * np.pi * 2.4 * k**2 / 1.0
+    inverse = np.linalg.inv(basis)
+    return np.eye(n), inverse.T @ np.diag(omega**2) @ inverse, [("z", float(a), 0.0, 8.0) for a in x]
+
+
+WAY = {"x": [1.0, 0.0, 0.0], "y": [0.0, 1.0, 0.0], "z": [0.0, 0.0, 1.0]}
+
+
+def write(folder, record, places, rate_hz, minutes, quantity):
+    unit = {"acceleration": "m/s2", "velocity": "mm/s"}[quantity]
+    lines = [f'name = "Other"\nsampling_rate_hz = {rate_hz}\nblock_minutes = {minutes}\n']
+    for k, (axis, x, y, z) in enumerate(places):
+        lines.append(f'[[sensor]]\nchannel = "c{k}"\nlevel = "z{z}"\nposition_m = [{x}, {y}, {z}]\n'
+                     f'direction = {WAY[axis]}\nquantity = "{quantity}"\nunit = "{unit}"\n')  # fmt: skip
+    (folder / "acceleration").mkdir()
+    (folder / "campaign.toml").write_text("".join(lines))
+    with h5py.File(folder / "acceleration" / "all.h5", "w") as file:
+        data = file.create_dataset("data", data=record.astype(np.float32))
+        data.attrs["start"], data.attrs["sampling_rate_hz"] = "2021-05-01T00:00:00Z", rate_hz
+    return read_campaign(folder)
+
+
+def bound(frequency_hz, damping_ratio, seconds):
+    """Relative Cramer-Rao bound of a mode's frequency from a record of that length."""
+    return np.sqrt(damping_ratio / (4 * np.pi * frequency_hz * seconds))
+
+
+def test_a_building_at_100_hz_without_a_model(tmp_path):
+    mass, stiffness, places = shear_building()
+    # three blocks of five minutes
+    record, frequency, shape = response(mass, stiffness, 0.01, 100.0, 90000, seed=2)
+    campaign = write(tmp_path, record, places, 100.0, 5, "acceleration")
+    settings = SSISettings(order=24, target_rate_hz=12.5, block_rows=24, spread=8, sub_records=20)
+    result = identify(campaign, None, settings=settings)
+    # up to 0.9 of the Nyquist frequency of 12.5 Hz
+    inside = np.flatnonzero(frequency < 5.6)
+    labels = result.data.labels
+    assert labels == tuple(str(k + 1) for k in range(len(labels))) and len(labels) >= 6
+    assert "no rotor speed in SCADA" in result.summary
+    for s in result.data.sets:
+        for j in range(4):
+            error = np.abs(s.frequency_hz[j] / frequency[inside[j]] - 1)
+            assert error < 6 * bound(frequency[inside[j]], 0.01, 300)
+        for pair in ([0, 1], [2, 3]):
+            assert plane_mac(s.shape[:, pair], shape[:, inside[pair]]) > 0.97
+        assert np.isfinite(s.frequency_std_hz[:4]).all()
+
+
+def test_a_bridge_at_200_hz_in_velocities(tmp_path):
+    mass, stiffness, places = bridge_deck()
+    record, frequency, shape = response(mass, stiffness, 0.012, 200.0, 48000, seed=3, quantity="velocity")
+    campaign = write(tmp_path, record, places, 200.0, 2, "velocity")
+    settings = SSISettings(order=12, target_rate_hz=80.0, block_rows=24, spread=6, sub_records=12)
+    result = identify(campaign, None, settings=settings)
+    assert result.data.labels[:3] == ("1", "2", "3")
+    for s in result.data.sets:
+        assert s.environment["rms_mps"] == pytest.approx(1e-3, rel=0.2) and "rms_mps2" not in s.environment
+        error = np.abs(s.frequency_hz[:3] / frequency[:3] - 1)
+        assert np.all(error < 6 * bound(frequency[:3], 0.012, 120))
+        assert np.diag(mac(s.shape[:, :3], shape[:, :3])).min() > 0.98
+
+
+def test_nothing_that_comes_back_is_said(tmp_path):
+    rng = np.random.default_rng(0)
+    campaign = write(tmp_path, rng.standard_normal((3000, 4)), [("x", 0.0, 0.0, float(k)) for k in range(4)], 10.0, 5,
+                     "acceleration")  # fmt: skip
+    with pytest.raises(InputError, match="no pole comes back in 25 % of 1 blocks"):
+        identify(campaign, None, settings=SSISettings(order=8, block_rows=10, target_rate_hz=10.0, sub_records=0))
+    with pytest.raises(InputError, match="least_orders: 0 is not in"):
+        UnlabelledSettings(least_orders=0)
