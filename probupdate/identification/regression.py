@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-from scipy import optimize, stats
+from scipy import stats
 
 from probupdate.errors import InputError
 from probupdate.modes import ModalData, frozen_array
@@ -25,6 +25,8 @@ LEAST_KNOWN = 0.5
 COLLINEAR = 10.0
 # standardised innovations beyond this are left out: one of a million by chance
 OUTLIER = 5.0
+# sizes of the slow error beside the noise that a fit weighs, and how many lengths of it
+RATIOS, N_HOURS = (0.0, 0.1, 0.25, 0.5, 1.0, 2.0, 5.0), 9
 # rows a fit asks for beside its coefficients
 SPARE_ROWS = 8
 
@@ -187,33 +189,39 @@ class _Fit:
 
 
 def _fit(table, value, noise, time_h) -> _Fit:
-    """Covariance scale^2 (diag(noise^2) + ratio^2 exp(-|dt| / hours)), by restricted maximum likelihood."""
+    """Covariance scale^2 (diag(noise^2) + ratio^2 exp(-|dt| / hours)); ratio and hours integrated out.
+
+    A campaign of days tells poorly how long its slow error lasts, and the most likely answer is too short on average:
+    standard errors taken there are too small. Every point of a grid (uniform in the logarithms) therefore counts by its
+    restricted likelihood; ratio and hours of the result are the likeliest point's.
+    """
     step, unit = np.diff(time_h), float(np.median(noise))
     both = np.column_stack([table, value])
-    # from half the shortest distance of two blocks to the whole campaign
-    low, high = 0.5 * step.min(), max(time_h[-1] - time_h[0], 2 * step.min())
-
-    def likelihood(ratio: float, hours: float):
-        white, log_determinant = whitened(both, noise, unit * ratio, np.exp(-step / hours))
-        q, r = np.linalg.qr(white[:, :-1])
-        left = white[:, -1] - q @ (q.T @ white[:, -1])
-        free = len(value) - table.shape[1]
-        variance = max(left @ left / free, 1e-300)
-        value_ = 0.5 * (free * np.log(variance) + log_determinant) + np.sum(np.log(np.abs(np.diag(r))))
-        return value_, variance, q, r, white[:, -1], left
-
-    def cost(x):
-        return likelihood(np.exp(x[0]), np.exp(x[1]))[0]
-
-    bounds = [(np.log(1e-3), np.log(1e3)), (np.log(low), np.log(high))]
-    starts = [(np.log(a), np.log(b)) for a in (0.05, 1.0) for b in (np.clip(3.0, low, high), np.sqrt(low * high))]
-    start = min(starts, key=cost)
-    best = optimize.minimize(cost, start, method="Nelder-Mead", bounds=bounds, options={"xatol": 0.02, "fatol": 0.01})
-    ratio, hours = np.exp(best.x)
-    _, variance, q, r, y, left = likelihood(ratio, hours)
-    inverse = np.linalg.inv(r)
-    return _Fit(coefficient=inverse @ (q.T @ y), covariance=variance * inverse @ inverse.T, scale=np.sqrt(variance),
-                ratio=unit * ratio, hours=hours, innovation=left / np.sqrt(variance))
+    free = len(value) - table.shape[1]
+    # from the shortest distance of two blocks to the whole campaign; from none to all of the scatter
+    hours = np.geomspace(step.min(), max(time_h[-1] - time_h[0], 4 * step.min()), N_HOURS)
+    points = []
+    for last in hours:
+        decay = np.exp(-step / last)
+        for ratio in RATIOS:
+            white, log_determinant = whitened(both, noise, unit * ratio, decay)
+            q, r = np.linalg.qr(white[:, :-1])
+            target = q.T @ white[:, -1]
+            left = white[:, -1] - q @ target
+            variance = max(left @ left / free, 1e-300)
+            likely = -0.5 * (free * np.log(variance) + log_determinant) - np.sum(np.log(np.abs(np.diag(r))))
+            inverse = np.linalg.inv(r)
+            points.append((likely, inverse @ target, variance * inverse @ inverse.T, variance, ratio, last, left))
+    likely = np.array([point[0] for point in points])
+    weight = np.exp(likely - likely.max())
+    weight /= weight.sum()
+    coefficient = np.sum([w * point[1] for w, point in zip(weight, points, strict=True)], axis=0)
+    apart = [point[1] - coefficient for point in points]
+    covariance = np.sum([w * (point[2] + np.outer(a, a)) for w, point, a in zip(weight, points, apart, strict=True)],
+                        axis=0)  # fmt: skip
+    *_, variance, ratio, last, left = points[int(np.argmax(likely))]
+    return _Fit(coefficient=coefficient, covariance=covariance, scale=np.sqrt(variance), ratio=unit * ratio, hours=last,
+                innovation=left / np.sqrt(variance))
 
 
 def whitened(columns: np.ndarray, noise: np.ndarray, slow: float, decay: np.ndarray) -> tuple[np.ndarray, float]:
