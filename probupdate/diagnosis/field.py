@@ -10,7 +10,7 @@ import numpy as np
 from probupdate.diagnosis.blocks import Blocks
 from probupdate.diagnosis.catalogue import Effect
 from probupdate.diagnosis.departures import Reference, fingerprint
-from probupdate.diagnosis.small_model import SmallModel, SmallModes
+from probupdate.diagnosis.small_model import LocalModel, SmallModel, SmallModes
 from probupdate.errors import InputError
 from probupdate.matching import assign
 from probupdate.modes import frozen_array
@@ -34,10 +34,10 @@ class Field:
     def parameters(self):
         return self.small.parameters
 
-    def _members(self, modes: SmallModes) -> tuple[np.ndarray, list[tuple[int, ...]]]:
+    def _members(self, local: LocalModel, modes: SmallModes) -> tuple[np.ndarray, list[tuple[int, ...]]]:
         """shapes at the measured channels (n_channel, n_search) and the computed modes of every group, ascending."""
         count = min(self.small.n_search, modes.frequency_hz.size)
-        shape = self.small.shapes(modes, count)[self.rows]
+        shape = local.shapes(modes, count)[self.rows]
         log = np.log(modes.frequency_hz[:count])
         score, sizes = [], []
         for plane, expected in zip(self.planes, self.log_frequency, strict=True):
@@ -52,10 +52,10 @@ class Field:
             start += k
         return shape, groups
 
-    def references(self, theta: np.ndarray, angle_deg: float) -> tuple[Reference, ...]:
+    def references(self, local: LocalModel, angle_deg: float) -> tuple[Reference, ...]:
         """Expected modes of every group."""
-        modes = self.small.solve(theta, angle_deg)
-        shape, groups = self._members(modes)
+        modes = local.solve(angle_deg)
+        shape, groups = self._members(local, modes)
         return tuple(
             self._reference(modes, shape, members, axes)[0] for members, axes in zip(groups, self.axes, strict=True)
         )
@@ -69,16 +69,16 @@ class Field:
         return Reference(tensor=turn.T @ np.diag(log) @ turn, shape=own @ turn), turn
 
     def slopes(
-        self, theta: np.ndarray, angle_deg: float
+        self, local: LocalModel, angle_deg: float
     ) -> tuple[tuple[Reference, ...], tuple[np.ndarray, ...], tuple[np.ndarray, ...]]:
         """References, and for every group the change of the tensor (k, k, n_param) and of the shapes (n_channel, k,
         n_param) with every parameter of the model, in the group's axes."""
-        modes = self.small.solve(theta, angle_deg)
-        shape, groups = self._members(modes)
+        modes = local.solve(angle_deg)
+        shape, groups = self._members(local, modes)
         references, tensors, shapes = [], [], []
         for members, axes in zip(groups, self.axes, strict=True):
             reference, turn = self._reference(modes, shape, members, axes)
-            coupling, d_shape = self.small.derivatives(theta, angle_deg, modes, members)
+            coupling, d_shape = local.derivatives(angle_deg, modes, members)
             value = (2 * np.pi * modes.frequency_hz[list(members)]) ** 2
             gap = value[:, None] - value[None, :]
             near = np.abs(gap) < 1e-9 * value[:, None]
@@ -139,7 +139,7 @@ def build_field(small: SmallModel, blocks: Blocks, theta: np.ndarray) -> Field:
         planes.append(np.linalg.eigh(projector)[1][:, -len(members):])
         logs.append(np.median(np.log(blocks.frequency_hz[there][:, members]), axis=0))
     start = Field(small=small, rows=rows, planes=tuple(planes), log_frequency=tuple(logs), axes=())
-    modes = small.solve(theta, 0.0)
-    shape, groups = start._members(modes)
+    local = small.at(theta)
+    shape, groups = start._members(local, local.solve())
     axes = tuple(frozen_array(shape[:, list(members)]) for members in groups)
     return Field(small=small, rows=rows, planes=tuple(planes), log_frequency=tuple(logs), axes=axes)

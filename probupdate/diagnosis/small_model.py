@@ -9,7 +9,8 @@ points that took no part in it.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from scipy import linalg, sparse
@@ -23,13 +24,13 @@ from probupdate.structure.eigen import lowest_modes, mode_derivatives
 # angles that determine a trigonometric polynomial of second degree
 TURNS_DEG = tuple(72.0 * k for k in range(5))
 # modes a snapshot holds beyond those looked for: modes may trade places
-SPARE = 4
-# points spread over the prior and over one effect each; verified on so many others
-N_VERIFY = 6
+SPARE = 1
+# points spread over prior and effects, and others to verify on
+N_POINT, N_VERIFY = 36, 6
 # relative frequency error the basis may have: a tenth of what a block's identification leaves
 TOLERANCE = 3e-4
-# singular values of the snapshots, as a share of the largest, below which directions are left out
-CUT = 1e-7
+# energy of a direction, as a share of one mode's, below which it is left out of the basis; tried one after the other
+CUTS = (1e-2, 1e-3, 1e-4)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -42,8 +43,8 @@ class SmallModes:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class SmallModel:
-    """K and M on the basis: stiffness (n_term, r, r) and mass (n_term, r, r) where they do not turn; `turning` holds
-    for the mass terms that do the five coefficients (5, r, r) of 1, cos a, sin a, cos 2a, sin 2a.
+    """K and M on the basis: stiffness, mass (n_term, r, r) with zeros where a term turns with the nacelle, turning_...
+    the terms that do: number -> (5, r, r), the coefficients of 1, cos a, sin a, cos 2a, sin 2a.
 
     `frequency_error` is the largest relative error found against the full model on points not used for the basis.
     """
@@ -61,70 +62,95 @@ class SmallModel:
     frequency_error: float
     fingerprint: str
 
-    def terms(self, angle_deg: float) -> tuple[np.ndarray, np.ndarray]:
-        """Stiffness and mass terms (n_term, r, r) with the nacelle at that angle."""
-        wave = _harmonics(angle_deg)
-        return (_turned(self.stiffness, self.turning_stiffness, wave), _turned(self.mass, self.turning_mass, wave))
+    def at(self, theta: np.ndarray) -> LocalModel:
+        """The model at theta (n_param,)."""
+        theta = np.array(theta, float)
+        cK, cM = self.coefficients(theta)
+        waves = []
+        for weight, fixed, turning in ((cK, self.stiffness, self.turning_stiffness),
+                                       (cM, self.mass, self.turning_mass)):  # fmt: skip
+            wave = np.zeros((5, *fixed.shape[1:]))
+            wave[0] = np.tensordot(weight, fixed, 1)
+            for term, part in turning.items():
+                wave += weight[term] * part
+            waves.append(wave)
+        return LocalModel(small=self, theta=theta, stiffness=waves[0], mass=waves[1])
 
-    def solve(self, theta: np.ndarray, angle_deg: float = 0.0) -> SmallModes:
-        """All modes of the basis at theta (n_param,)."""
-        cK, cM = self.coefficients(np.asarray(theta, float))
-        Kt, Mt = self.terms(angle_deg)
-        K, M = np.tensordot(cK, Kt, 1), np.tensordot(cM, Mt, 1)
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class LocalModel:
+    """The small model at one theta: stiffness, mass (5, r, r) by harmonics of the nacelle's angle."""
+
+    small: SmallModel
+    theta: np.ndarray
+    stiffness: np.ndarray
+    mass: np.ndarray
+
+    def solve(self, angle_deg: float = 0.0) -> SmallModes:
+        """All modes of the basis with the nacelle at that angle."""
+        wave = _harmonics(angle_deg)
         try:
-            value, vectors = linalg.eigh(K, M)
+            value, vectors = linalg.eigh(np.tensordot(wave, self.stiffness, 1), np.tensordot(wave, self.mass, 1))
         except linalg.LinAlgError as error:
-            raise ConvergenceError(f"{self.name}: no modes on the small basis ({error})", theta) from None
+            raise ConvergenceError(f"{self.small.name}: no modes on the small basis ({error})", self.theta) from None
         return SmallModes(frequency_hz=np.sqrt(np.maximum(value, 0)) / (2 * np.pi), vectors=vectors)
 
     def shapes(self, modes: SmallModes, count: int) -> np.ndarray:
         """(n_channel, count) of the lowest modes."""
-        return self.at_channels @ modes.vectors[:, :count]
+        return self.small.at_channels @ modes.vectors[:, :count]
+
+    @cached_property
+    def _slopes(self) -> list[list[tuple[np.ndarray, dict[int, np.ndarray]]]]:
+        """For stiffness and mass, per parameter: dK/dtheta (r, r) that does not turn, and the harmonics that do."""
+        small = self.small
+        cK, cM = small.coefficients(self.theta + 1e-30j * np.eye(self.theta.size))
+        result = []
+        for weight, fixed, turning in ((np.imag(cK) / 1e-30, small.stiffness, small.turning_stiffness),
+                                       (np.imag(cM) / 1e-30, small.mass, small.turning_mass)):  # fmt: skip
+            rows = []
+            for own in weight:
+                moved = np.flatnonzero(own)
+                total = np.tensordot(own[moved], fixed[moved], 1) if len(moved) else None
+                waves = [own[t] * turning[t] for t in moved if t in turning]
+                rows.append((total, sum(waves) if waves else None))
+            result.append(rows)
+        return result
 
     def derivatives(
-        self, theta: np.ndarray, angle_deg: float, modes: SmallModes, members: Sequence[int]
+        self, angle_deg: float, modes: SmallModes, members: Sequence[int]
     ) -> tuple[np.ndarray, np.ndarray]:
-        """For one cluster of modes, ascending: d(Phi^T K Phi - lambda Phi^T M Phi) (k, k, n_param) between its members, lambda the
-        mean of the two, and d shape (n_channel, k, n_param) without their rotation into each other."""
-        theta = np.asarray(theta, float)
-        stepped = theta + 1e-30j * np.eye(theta.size)
-        cK, cM = self.coefficients(stepped)
-        dcK, dcM = np.imag(cK) / 1e-30, np.imag(cM) / 1e-30
-        Kt, Mt = self.terms(angle_deg)
-        phi, own = modes.vectors, modes.vectors[:, list(members)]
-        moved_k, moved_m = dcK != 0, dcM != 0
-        use_k, use_m = moved_k.any(axis=0), moved_m.any(axis=0)
-        dK = np.einsum("pt,trj->prj", dcK[:, use_k], Kt[use_k] @ own)
-        dM = np.einsum("pt,trj->prj", dcM[:, use_m], Mt[use_m] @ own)
-        dK, dM = phi.T @ dK, phi.T @ dM
+        """For one cluster of modes, ascending: d(Phi^T K Phi - lambda Phi^T M Phi) (k, k, n_param) between its members,
+        lambda the mean of the two, and d shape (n_channel, k, n_param) without their rotation into each other."""
+        members = list(members)
+        phi, own = modes.vectors, modes.vectors[:, members]
+        wave = _harmonics(angle_deg)
+        parts = []
+        for rows in self._slopes:
+            product = np.zeros((len(rows), *own.shape))
+            for p, (fixed, turning) in enumerate(rows):
+                if fixed is not None:
+                    product[p] = fixed @ own
+                if turning is not None:
+                    product[p] += np.tensordot(wave, turning, 1) @ own
+            parts.append(phi.T @ product)
+        dK, dM = parts
         value = (2 * np.pi * modes.frequency_hz) ** 2
-        own_value = value[list(members)]
-        change = dK - own_value * dM
-        gap = own_value[None, :] - value[:, None]
-        inside = np.zeros(len(value), bool)
-        inside[list(members)] = True
-        share = np.zeros_like(gap)
-        share[~inside] = 1.0 / gap[~inside]
-        amount = change * share
-        amount[:, inside] = -0.5 * dM[:, inside]
-        d_shape = (self.at_channels @ phi) @ amount
+        own_value = value[members]
+        outside = np.ones(len(value), bool)
+        outside[members] = False
+        share = np.zeros((len(value), len(members)))
+        share[outside] = 1.0 / (own_value[None, :] - value[outside, None])
+        amount = (dK - own_value * dM) * share
+        amount[:, members] = -0.5 * dM[:, members]
+        d_shape = (self.small.at_channels @ phi) @ amount
         mean = 0.5 * (own_value[:, None] + own_value[None, :])
-        coupling = dK[:, inside] - mean * dM[:, inside]
+        coupling = dK[:, members] - mean * dM[:, members]
         return coupling.transpose(1, 2, 0), d_shape.transpose(1, 2, 0)
 
 
 def _harmonics(angle_deg: float) -> np.ndarray:
     a = np.radians(angle_deg)
     return np.array([1.0, np.cos(a), np.sin(a), np.cos(2 * a), np.sin(2 * a)])
-
-
-def _turned(fixed: np.ndarray, turning: dict[int, np.ndarray], wave: np.ndarray) -> np.ndarray:
-    if not turning:
-        return fixed
-    result = fixed.copy()
-    for term, part in turning.items():
-        result[term] = np.tensordot(wave, part, 1)
-    return result
 
 
 def _differ(a: sparse.csc_array, b: sparse.csc_array) -> bool:
@@ -146,93 +172,112 @@ def small_model(
         raise InputError(first.name, f"{len(models)} angles given", f"give 1 or {len(TURNS_DEG)}")
     rng = np.random.default_rng([seed, 11])
     count = min(n_mode + SPARE, first.n_available)
+    sums = [_Sum(model) for model in models]
     points = _points(first.parameters, effects, reach, rng)
-    vectors = [_modes(models[k % len(models)], theta, count)[1] for k, theta in enumerate(points)]
-    for model in models[: 3 if len(models) > 1 else 1]:
-        vectors.append(_change(model, model.parameters.initial, count))
+    vectors = [_modes(sums[k % len(models)], theta, count)[1] for k, theta in enumerate(points)]
+    size = np.where(np.isin(np.arange(len(first.parameters)), effects), np.ptp(reach, axis=1) / 2, first.parameters.std)
+    vectors += [_change(one, first.parameters.initial, n_mode, size) for one in sums[:2]]
     check = _points(first.parameters, effects, reach, rng)
-    check = check[rng.permutation(len(check))[:N_VERIFY]]
-    K0, _ = first.matrices(first.parameters.initial)
-    for _ in range(3):
-        basis = _energy_basis(np.hstack(vectors), K0)
-        small = _project(models, basis, n_mode)
-        error, worse = 0.0, []
-        for k, theta in enumerate(check):
-            model = models[k % len(models)]
-            exact, phi = _modes(model, theta, count)
-            found = small.solve(theta, TURNS_DEG[k % len(models)]).frequency_hz[:n_mode]
-            apart = float(np.max(np.abs(found / exact[:n_mode] - 1)))
-            error = max(error, apart)
-            if apart > TOLERANCE:
-                worse.append(phi)
+    numbers = rng.permutation(len(check))[:N_VERIFY]
+    exact = [_modes(sums[k % len(models)], check[k], count)[0][:n_mode] for k in numbers]
+    energy, turn = np.linalg.eigh((snapshots := np.hstack(vectors)).T @ (sums[0].K(first.parameters.initial) @ snapshots))
+    for cut in CUTS:
+        kept = energy > cut
+        small = _project(models, snapshots @ (turn[:, kept] / np.sqrt(energy[kept])), n_mode)
+        error = max(
+            float(np.max(np.abs(small.at(check[k]).solve(TURNS_DEG[k % len(models)]).frequency_hz[:n_mode] / f - 1)))
+            for k, f in zip(numbers, exact, strict=True)
+        )
         if error <= TOLERANCE:
-            break
-        vectors += worse
-        more = _points(first.parameters, effects, reach, rng)
-        vectors += [_modes(models[k % len(models)], theta, count)[1] for k, theta in enumerate(more)]
-        check = _points(first.parameters, effects, reach, rng)
-        check = check[rng.permutation(len(check))[:N_VERIFY]]
-    else:
-        raise ConvergenceError(
-            f"{first.name}: the small basis of {basis.shape[1]} vectors misses frequencies by {error:.1e} where "
-            f"{TOLERANCE:g} is needed", error)  # fmt: skip
-    return SmallModel(**{**small.__dict__, "frequency_error": error})
+            return replace(small, frequency_error=error)
+    raise ConvergenceError(
+        f"{first.name}: the small basis of {kept.sum()} vectors misses frequencies by {error:.1e} where {TOLERANCE:g} "
+        "is needed", error)  # fmt: skip
+
+
+class _Sum:
+    """K(theta) and M(theta) of a model with many terms, summed on one pattern."""
+
+    def __init__(self, model: AffineModel):
+        self.model = model
+        self._parts = [_patterned(terms) for terms in (model.stiffness, model.mass)]
+
+    def K(self, theta: np.ndarray) -> sparse.csc_array:
+        return self._weighted(0, self.model.coefficients(theta)[0])
+
+    def both(self, theta: np.ndarray) -> tuple[sparse.csc_array, sparse.csc_array]:
+        cK, cM = self.model.coefficients(theta)
+        return self._weighted(0, cK), self._weighted(1, cM)
+
+    def _weighted(self, kind: int, weight: np.ndarray) -> sparse.csc_array:
+        pattern, data = self._parts[kind]
+        return sparse.csc_array((weight @ data, pattern.indices, pattern.indptr), shape=pattern.shape)
+
+    def times(self, kind: int, weights: np.ndarray, phi: np.ndarray) -> np.ndarray:
+        """(n_dof, n_mode, n) of the sums with `weights` (n_term, n) on phi (n_dof, n_mode)."""
+        return np.stack([self._weighted(kind, w) @ phi for w in weights.T], axis=2)
+
+
+def _patterned(terms) -> tuple[sparse.csc_array, sparse.csr_array]:
+    """The union of the terms' patterns, and their entries on it (n_term, n_entry)."""
+    n = terms[0].shape[0]
+    keys = []
+    for term in terms:
+        columns = np.repeat(np.arange(n), np.diff(term.indptr))
+        keys.append(columns.astype(np.int64) * n + term.indices)
+    union = np.unique(np.concatenate(keys))
+    place = np.concatenate([np.searchsorted(union, k) for k in keys])
+    rows = np.repeat(np.arange(len(terms)), [len(k) for k in keys])
+    data = sparse.csr_array(
+        sparse.coo_array((np.concatenate([t.data for t in terms]), (rows, place)), shape=(len(terms), len(union)))
+    )
+    indptr = np.concatenate([[0], np.cumsum(np.bincount(union // n, minlength=n))])
+    return sparse.csc_array((np.ones(len(union)), union % n, indptr), shape=(n, n)), data
 
 
 def _points(parameters: Parameters, effects: Sequence[int], reach: np.ndarray, rng) -> np.ndarray:
-    """One prior draw for each effect, which alone is moved, and as many as a dozen more without any."""
-    number = len(effects) + 12
-    theta = parameters.draw(rng, number)
+    """Prior draws, in each of which a few of the effects have moved too; every effect once in a dozen draws."""
+    theta = parameters.draw(rng, N_POINT)
     # draws of a prior that is cut and broad lie too near its centre for a basis: stretched by half
     centre = parameters.initial
     theta = np.clip(centre + 1.5 * (theta - centre), parameters.lower, parameters.upper)
     theta[:, list(effects)] = centre[list(effects)]
-    for row, k in enumerate(effects):
-        theta[row, k] = rng.uniform(*reach[k])
+    for place, k in enumerate(rng.permutation(np.asarray(effects, int))):
+        for row in range(place % 12, N_POINT, 12):
+            theta[row, k] = rng.uniform(*reach[k])
     return theta
 
 
-def _modes(model: AffineModel, theta: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
-    value, phi = lowest_modes(*model.matrices(theta), count, model.name)
-    return np.sqrt(value) / (2 * np.pi), phi
+def _modes(one: _Sum, theta: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Frequencies (count,) and shapes (n_dof, count) of unit energy."""
+    value, phi = lowest_modes(*one.both(theta), count, one.model.name)
+    return np.sqrt(value) / (2 * np.pi), phi / np.sqrt(value)
 
 
-def _change(model: AffineModel, theta: np.ndarray, count: int) -> np.ndarray:
-    """First-order change of the lowest modes with every parameter (n_dof, count * n_param), scaled to the modes."""
-    K, M = model.matrices(theta)
-    value, phi = lowest_modes(K, M, count, model.name)
-    dcK, dcM = model.coefficient_derivatives(theta)
-    dK = np.einsum("tnj,tk->njk", np.array([Kt @ phi for Kt in model.stiffness]), dcK)
-    dM = np.einsum("tnj,tk->njk", np.array([Mt @ phi for Mt in model.mass]), dcM)
+def _change(one: _Sum, theta: np.ndarray, count: int, size: np.ndarray) -> np.ndarray:
+    """The lowest modes and their first-order change when a parameter moves by its `size` (n_param,), of unit energy."""
+    K, M = one.both(theta)
+    value, phi = lowest_modes(K, M, count, one.model.name)
+    dcK, dcM = one.model.coefficient_derivatives(theta)
+    dK, dM = one.times(0, dcK * size, phi), one.times(1, dcM * size, phi)
     close = [[0]]
     for j in range(1, count):
         if value[j] < 1.2 * value[close[-1][-1]]:
             close[-1].append(j)
         else:
             close.append([j])
-    _, d_phi = mode_derivatives(K, M, value, phi, dK, dM, tuple(tuple(c) for c in close if len(c) > 1))
-    change = d_phi.reshape(len(phi), -1)
-    size = np.sqrt(np.maximum(np.einsum("ij,ij->j", change, K @ change), 1e-300))
-    # unit energy would blow rounding of parameters without effect up to a direction
-    kept = size > 1e-8 * size.max()
-    scale = np.sqrt(value.mean())
-    return np.hstack([phi, change[:, kept] / size[kept] * scale])
-
-
-def _energy_basis(vectors: np.ndarray, K: sparse.csc_array) -> np.ndarray:
-    """K-orthonormal directions of the snapshots (n_dof, r)."""
-    gram = vectors.T @ (K @ vectors)
-    size = np.sqrt(np.diag(gram))
-    value, turn = np.linalg.eigh(gram / np.outer(size, size))
-    kept = value > CUT * value[-1]
-    return (vectors / size) @ (turn[:, kept] / np.sqrt(value[kept]))
+    _, change = mode_derivatives(K, M, value, phi, dK, dM, tuple(tuple(c) for c in close if len(c) > 1))
+    return np.hstack([phi / np.sqrt(value), (change / np.sqrt(value)[:, None]).reshape(len(phi), -1)])
 
 
 def _project(models: Sequence[AffineModel], basis: np.ndarray, n_mode: int) -> SmallModel:
     first = models[0]
 
     def onto(term) -> np.ndarray:
-        small = basis.T @ (term @ basis)
+        # a term touches a few degrees of freedom only
+        there = np.unique(term.indices)
+        part = basis[there]
+        small = part.T @ (sparse.csr_array(term)[there][:, there] @ part)
         return 0.5 * (small + small.T)
 
     fixed, turning = [], []
@@ -244,6 +289,7 @@ def _project(models: Sequence[AffineModel], basis: np.ndarray, n_mode: int) -> S
             if any(_differ(term, getattr(m, kind)[number]) for m in models[1:2]):
                 at = np.array([onto(getattr(m, kind)[number]) for m in models])
                 moved[number] = np.tensordot(np.linalg.inv([_harmonics(a) for a in TURNS_DEG]), at, 1)
+                fixed[-1][number] = 0.0
         turning.append(moved)
     return SmallModel(
         name=first.name, parameters=first.parameters, channels=first.channels, coefficients=first.coefficients,

@@ -1,0 +1,63 @@
+"""How an effect may run along the record: constant, a step, a ramp, or with a column of the environment."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from probupdate.diagnosis.blocks import Blocks
+from probupdate.modes import frozen_array
+
+# times of a step that are tried; finer ones are found in the refit
+N_STEP = 24
+# blocks that must lie on either side of a step
+MARGIN = 4
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Course:
+    """`value` (n_block,): what the effect's size is multiplied with. kind "constant", "step", "ramp" or "covariate";
+    `column` of the environment, `unit` what the size is per, `at` the first block after a step, `centre` what was
+    taken off a covariate."""
+
+    kind: str
+    value: np.ndarray
+    column: str = ""
+    at: int = 0
+    centre: float = 0.0
+
+    @property
+    def name(self) -> str:
+        return self.column or self.kind
+
+    @property
+    def unit(self) -> str:
+        """What is put behind the size's unit."""
+        return f" per {_UNITS.get(self.column, 'unit')}" if self.kind == "covariate" else ""
+
+
+_UNITS = {"water_level_m": "m", "air_temperature_c": "degC", "wind_speed_mps": "m/s", "rms_mps2": "m/s2",
+          "power_kw": "kW", "rotor_speed_rpm": "rpm", "wave_height_m": "m", "thrust_share": "of rated thrust"}  # fmt: skip
+
+
+def make_courses(blocks: Blocks, columns: tuple[str, ...]) -> tuple[Course, ...]:
+    """constant, steps, ramp, and the named columns that the blocks tell and that vary."""
+    n = len(blocks)
+    courses = [Course(kind="constant", value=frozen_array(np.ones(n)))]
+    if n >= 2 * MARGIN + 1:
+        for at in np.unique(np.linspace(MARGIN, n - MARGIN, min(N_STEP, n - 2 * MARGIN + 1)).astype(int)):
+            courses.append(step_course(n, int(at)))
+        span = blocks.hours[-1] - blocks.hours[0]
+        courses.append(Course(kind="ramp", value=frozen_array((blocks.hours - blocks.hours[0]) / span)))
+    for column in columns:
+        values = blocks.covariate(column)
+        if values is not None:
+            centre = float(np.mean(values))
+            courses.append(
+                Course(kind="covariate", value=frozen_array(values - centre), column=column, centre=centre))
+    return tuple(courses)
+
+
+def step_course(n: int, at: int) -> Course:
+    return Course(kind="step", value=frozen_array(np.arange(n) >= at), at=at)

@@ -1,0 +1,277 @@
+"""The model with what has been named so far, fitted to the blocks: departures, fingerprints there, and the best values.
+
+Steps and constants enter the reference as they are, so that strong effects are no matter of first order; ramps and
+covariates enter through their fingerprint.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from probupdate.diagnosis.blocks import Blocks
+from probupdate.diagnosis.catalogue import Effect
+from probupdate.diagnosis.courses import Course
+from probupdate.diagnosis.departures import Reference, departure, n_response
+from probupdate.diagnosis.field import Field, effect_fingerprints, observed
+from probupdate.diagnosis.linear import Design
+from probupdate.diagnosis.small_model import LocalModel
+from probupdate.diagnosis.noise import Noise, estimate_noise
+from probupdate.errors import ConvergenceError
+from probupdate.parameters import Parameters
+
+# references are computed at every angle that differs by this, fingerprints at every one that differs by BIN_DEG
+ANGLE_DEG, BIN_DEG = 1.0, 10.0
+# a fit has settled when no parameter moves by more, in prior deviations
+SETTLED, MOST_STEPS = 2e-3, 40
+# a step is no longer than so many prior deviations at once
+LONGEST = 1.0
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Named:
+    """An effect taken into the reference with its course and size."""
+
+    effect: Effect
+    course: Course
+    size: float
+
+    @property
+    def exact(self) -> bool:
+        """Whether the reference holds it as it is; else through its fingerprint."""
+        return self.course.kind in ("constant", "step")
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Setting:
+    """What a diagnosis works with: model field, blocks, catalogue, the updated parameters among the model's, columns
+    of model form per group (n_response, n_form) with deviation one, floors per group (n_response,)."""
+
+    field: Field
+    blocks: Blocks
+    effects: tuple[Effect, ...]
+    updated: tuple[int, ...]
+    prior: Parameters
+    courses: tuple[Course, ...]
+    which: np.ndarray
+    form: tuple[np.ndarray, ...]
+    floor: tuple[np.ndarray, ...]
+
+    @property
+    def angles(self) -> np.ndarray:
+        return np.round(self.blocks.angle_deg / ANGLE_DEG) * ANGLE_DEG
+
+    @property
+    def bins(self) -> tuple[np.ndarray, np.ndarray]:
+        """Centre angle of each bin, and each block's bin."""
+        key = np.round(self.blocks.angle_deg / BIN_DEG).astype(int) % round(360 / BIN_DEG)
+        found, place = np.unique(key, return_inverse=True)
+        return found * BIN_DEG, place
+
+    @property
+    def tolerated(self) -> tuple[int, ...]:
+        """Effects with a tolerance, each a nuisance of its own; updated parameters already are one."""
+        own = {self.field.parameters.names[k] for k in self.updated}
+        return tuple(j for j, e in enumerate(self.effects) if e.tolerance > 0 and e.parameter not in own)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Fit:
+    """theta (n_param of the extended model,), named effects with their sizes, departures per group (n_block,
+    n_response) from what they predict (zero where not measured), and the design there. `steps` of the iteration,
+    `last_step` in prior deviations."""
+
+    theta: np.ndarray
+    named: tuple[Named, ...]
+    departures: tuple[np.ndarray, ...]
+    centred: tuple[np.ndarray, ...]
+    design: Design
+    steps: int
+    last_step: float
+
+
+def departures_at(
+    setting: Setting, theta: np.ndarray, named: Sequence[Named]
+) -> tuple[tuple[np.ndarray, ...], tuple[np.ndarray, ...]]:
+    """Per group departures (n_block, n_response) and which blocks tell (n_block,)."""
+    blocks, field = setting.blocks, setting.field
+    exact = [n for n in named if n.exact]
+    levels = np.column_stack([*(n.course.value for n in exact), setting.angles])
+    found, place = np.unique(levels, axis=0, return_inverse=True)
+    place = place.ravel()
+    n_channel = len(blocks.channels)
+    result = [np.zeros((len(blocks), n_response(len(g), n_channel))) for g in blocks.groups]
+    used = [np.array(blocks.present[:, q]) for q in range(len(blocks.groups))]
+    before, local, seen = None, None, []
+    for number, level in enumerate(found):
+        there = np.flatnonzero(place == number)
+        if before is None or np.any(level[:-1] != before):
+            before = level[:-1]
+            local, seen = local_at(field, theta, exact, before)
+        references = [observed(r, seen) for r in field.references(local, level[-1])]
+        for q, group in enumerate(blocks.groups):
+            rows = there[blocks.present[there, q]]
+            if len(rows):
+                members = list(group)
+                y, independent = departure(
+                    blocks.frequency_hz[rows][:, members], blocks.shape[rows][:, :, members], references[q])
+                result[q][rows] = np.where(independent[:, None], y, 0.0)
+                used[q][rows] &= independent
+    return tuple(result), tuple(used)
+
+
+def local_at(
+    field: Field, theta: np.ndarray, named: Sequence[Named], values: Sequence[float]
+) -> tuple[LocalModel, list[tuple[Effect, float]]]:
+    """The model with the named effects where their courses have these values, and what the sensors then do."""
+    moved = np.array(theta)
+    names = field.parameters.names
+    seen = []
+    for n, value in zip(named, values, strict=True):
+        for name, amount in n.effect.increments:
+            moved[names.index(name)] += n.size * value * amount
+        if n.effect.observe is not None and value:
+            seen.append((n.effect, n.size * value))
+    return field.small.at(np.clip(moved, field.parameters.lower, field.parameters.upper)), seen
+
+
+def design_at(setting: Setting, theta: np.ndarray, named: Sequence[Named], noise: Noise) -> Design:
+    """Fingerprints at theta and the named effects, those of steps taken half-way."""
+    field, blocks = setting.field, setting.blocks
+    names = field.parameters.names
+    centres, bin_of = setting.bins
+    exact = [n for n in named if n.exact]
+    local, seen = local_at(field, theta, exact, [float(np.mean(n.course.value)) for n in exact])
+    parameters = [Effect(kind="structural", cause="parameter", location=names[k], unit="", tolerance=0.0, slab=1.0,
+                         parameter=names[k]) for k in setting.updated]  # fmt: skip
+    catalogue = (*parameters, *setting.effects)
+    table = [[] for _ in blocks.groups]
+    for angle in centres:
+        references, tensors, shapes = field.slopes(local, angle)
+        for q, (reference, tensor, shape) in enumerate(zip(references, tensors, shapes, strict=True)):
+            table[q].append(effect_fingerprints(
+                catalogue, names, observed(reference, seen), tensor, _seen_change(reference, shape, seen)))
+    prints = [np.array(t) for t in table]
+    n_own = len(parameters)
+    tolerated = [n_own + j for j in setting.tolerated]
+    nuisance = tuple(
+        np.concatenate([p[:, :, :n_own], p[:, :, tolerated],
+                        np.broadcast_to(form, (len(centres), *form.shape))], axis=2)
+        for p, form in zip(prints, setting.form, strict=True)
+    )  # fmt: skip
+    prior = [local_std(setting.prior, i, theta[k]) for i, k in enumerate(setting.updated)]
+    std = np.concatenate([prior, [setting.effects[j].tolerance for j in setting.tolerated],
+                          np.ones(setting.form[0].shape[1])])  # fmt: skip
+    return Design(
+        bin_of=bin_of, nuisance=nuisance, nuisance_std=std, floor=setting.floor,
+        effect=tuple(p[:, :, n_own:] for p in prints), courses=setting.courses, which=setting.which, noise=noise,
+        named=tuple((_number(setting, n), n.course, n.effect.slab) for n in named if not n.effect.discrete),
+    )  # fmt: skip
+
+
+def _seen_change(reference: Reference, shape: np.ndarray, seen) -> np.ndarray:
+    """Changes of shape (n_channel, k, n) as sensors with these effects see them; all observations are linear."""
+    if not seen:
+        return shape
+    flat = Reference(tensor=reference.tensor, shape=shape.reshape(shape.shape[0], -1))
+    return observed(flat, seen).shape.reshape(shape.shape)
+
+
+def local_std(prior: Parameters, number: int, value: float) -> float:
+    """The prior's deviation at `value`: of a lognormal in proportion to it."""
+    p = prior.items[number]
+    return p.std if p.prior == "normal" else p.log_std * value
+
+
+def prior_shift(setting: Setting, theta: np.ndarray) -> np.ndarray:
+    """How far the prior's centre lies from theta, to first order there (n_updated,)."""
+    shift = []
+    for p, k in zip(setting.prior, setting.updated, strict=True):
+        shift.append(p.initial - theta[k] if p.prior == "normal" else theta[k] * np.log(p.initial / theta[k]))
+    return np.array(shift)
+
+
+def centred_departures(
+    setting: Setting, design: Design, theta: np.ndarray, named: Sequence[Named], departures
+) -> tuple[np.ndarray, ...]:
+    """Departures less what the prior's centre would make: of mean zero when nothing is wrong."""
+    unknowns = np.zeros(design.n_unknown)
+    unknowns[: len(setting.updated)] = prior_shift(setting, theta)
+    # sizes have their prior about zero: what they make is taken back to there
+    unknowns[design.nuisance_std.size : design.n_common] = [-n.size for n in named if not n.effect.discrete]
+    return tuple(np.where(w[:, None] > 0, y - m, 0.0) for y, m, w in
+                 zip(departures, design.expected(unknowns), design.noise.weight, strict=True))  # fmt: skip
+
+
+def fit(setting: Setting, theta: np.ndarray, named: Sequence[Named] = (), *, most_steps: int = MOST_STEPS) -> Fit:
+    """Gauss-Newton to the most probable parameters and sizes, with all tolerances and model form marginalised.
+
+    Raises ConvergenceError where it does not settle: a fit that has not converged looks like an effect.
+    """
+    theta, named = np.array(theta, float), tuple(named)
+    sizes = tuple(len(g) for g in setting.blocks.groups)
+    updated = list(setting.updated)
+    step = np.inf
+    damping = 1.0
+    for number in range(most_steps):
+        departures, used = departures_at(setting, theta, named)
+        departures = _without_linear(setting, theta, named, departures)
+        if number < 3:
+            noise = estimate_noise(departures, used, sizes, setting.blocks.relative_std, setting.blocks.states())
+        design = design_at(setting, theta, named, noise)
+        departures = tuple(np.where(w[:, None] > 0, y, 0) for y, w in zip(departures, noise.weight, strict=True))
+        centred = centred_departures(setting, design, theta, named, departures)
+        if step < SETTLED:
+            return Fit(theta=theta, named=named, departures=departures, centred=centred, design=design, steps=number,
+                       last_step=step)  # fmt: skip
+        solved = design.unknowns(centred)
+        n_own, n_all = len(updated), design.nuisance_std.size
+        moved = prior_shift(setting, theta) + solved[:n_own]
+        free = [k for k, n in enumerate(named) if not n.effect.discrete]
+        change = np.zeros(len(named))
+        change[free] = solved[n_all : design.n_common] - np.array([named[k].size for k in free])
+        scale = np.array([local_std(setting.prior, i, theta[k]) for i, k in enumerate(updated)])
+        relative = np.concatenate([moved / scale, [d / n.effect.slab for d, n in zip(change, named, strict=True)]])
+        longest = float(np.max(np.abs(relative), initial=0.0))
+        share = min(1.0, LONGEST / max(longest, 1e-12)) * damping
+        fresh = theta.copy()
+        fresh[updated] = np.clip(theta[updated] + share * moved, setting.prior.lower, setting.prior.upper)
+        taken = np.abs(fresh[updated] - theta[updated]) / scale
+        theta = fresh
+        bounded = [replace(n, size=float(np.clip(n.size + share * d, n.effect.lower, n.effect.upper)))
+                   if not n.effect.discrete else n for n, d in zip(named, change, strict=True)]  # fmt: skip
+        taken = np.concatenate([taken, [abs(b.size - n.size) / n.effect.slab
+                                        for b, n in zip(bounded, named, strict=True)]])  # fmt: skip
+        named = tuple(bounded)
+        step = float(np.max(taken, initial=0.0))
+        if number > 12:
+            # what still swings between two points is held back
+            damping = 0.5
+    raise ConvergenceError(
+        f"the fit of {setting.field.small.name} to the blocks did not settle in {most_steps} steps (last {step:.2g} "
+        "prior deviations): the measured modes may not be this model's", theta)  # fmt: skip
+
+
+def _number(setting: Setting, named: Named) -> int:
+    return next(j for j, e in enumerate(setting.effects) if e is named.effect)
+
+
+def _without_linear(setting, theta, named, departures):
+    """Takes off what ramps and covariates make, by the fingerprints at theta without them."""
+    linear = [n for n in named if not n.exact]
+    if not linear:
+        return departures
+    result = [np.array(y) for y in departures]
+    centres, bin_of = setting.bins
+    names = setting.field.parameters.names
+    local = setting.field.small.at(theta)
+    for g, angle in enumerate(centres):
+        references, tensors, shapes = setting.field.slopes(local, angle)
+        there = bin_of == g
+        for q in range(len(result)):
+            prints = effect_fingerprints([n.effect for n in linear], names, references[q], tensors[q], shapes[q])
+            for k, n in enumerate(linear):
+                result[q][there] -= n.size * n.course.value[there, None] * prints[:, k]
+    return tuple(result)

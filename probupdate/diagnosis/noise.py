@@ -1,0 +1,91 @@
+"""How far one block's responses scatter by themselves: covariance within a group of modes, blocks' weights, memory."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from probupdate.modes import frozen_array
+
+# blocks of a turbine state from which its own scatter is told
+FEWEST_OF_STATE = 10
+# no identification is believed to repeat better than this: ln f, share of the largest component
+SMALLEST_LOG, SMALLEST_SHAPE = 2e-4, 5e-4
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Noise:
+    """Of each group: covariance (n_response, n_response) of a block of weight one, its inverse, weight (n_block,) with
+    zero where the group was not measured."""
+
+    covariance: tuple[np.ndarray, ...]
+    precision: tuple[np.ndarray, ...]
+    weight: tuple[np.ndarray, ...]
+
+
+def estimate_noise(
+    departures: tuple[np.ndarray, ...], used: tuple[np.ndarray, ...], sizes: tuple[int, ...],
+    relative_std: np.ndarray, states: np.ndarray,
+) -> Noise:
+    """From differences of successive blocks, which slow effects, steps and offsets hardly touch.
+
+    departures per group (n_block, n_response), used (n_block,) bool, sizes the number of modes of each group,
+    relative_std (n_block, n_group), states (n_block,).
+    The covariance is shrunk towards its diagonal by as much as so few blocks ask for (Schaefer & Strimmer 2005).
+    """
+    covariances, precisions, weights = [], [], []
+    for q, (y, ok) in enumerate(zip(departures, used, strict=True)):
+        weight = np.where(ok, relative_std[:, q] ** -2.0, 0.0)
+        if np.ptp(relative_std[:, q]) == 0:
+            weight = _state_weights(y, ok, states)
+        rows = np.flatnonzero(weight > 0)
+        before, after = rows[:-1], rows[1:]
+        scale = np.sqrt(1 / weight[before] + 1 / weight[after])
+        difference = (y[after] - y[before]) / scale[:, None]
+        # a step of the structure, or one block gone wrong, is one large difference among many
+        spread = np.median(np.abs(difference), axis=0) / 0.6745
+        limit = 4.0 * np.maximum(spread, 1e-300)
+        kept = np.all(np.abs(difference) < 2 * limit, axis=1)
+        difference = difference[kept] if kept.sum() > len(kept) / 2 else np.clip(difference, -limit, limit)
+        covariance = _shrunk(difference)
+        least = np.full(y.shape[1], SMALLEST_SHAPE)
+        least[: 1 if sizes[q] == 1 else 3] = SMALLEST_LOG
+        covariance = covariance + np.diag(least**2)
+        covariances.append(frozen_array(covariance))
+        precisions.append(frozen_array(np.linalg.inv(covariance)))
+        weights.append(frozen_array(weight))
+    return Noise(covariance=tuple(covariances), precision=tuple(precisions), weight=tuple(weights))
+
+
+def _state_weights(y: np.ndarray, ok: np.ndarray, states: np.ndarray) -> np.ndarray:
+    """One over the scatter's square of each turbine state, relative to the median block."""
+    weight = np.where(ok, 1.0, 0.0)
+    variances = {}
+    for state in np.unique(states):
+        rows = np.flatnonzero(ok & (states == state))
+        if len(rows) >= FEWEST_OF_STATE:
+            variances[state] = np.median(np.abs(np.diff(y[rows], axis=0)), axis=0) ** 2
+    if len(variances) < 2:
+        return weight
+    typical = np.median(list(variances.values()), axis=0)
+    for state, variance in variances.items():
+        ratio = np.exp(np.mean(np.log(np.maximum(variance, 1e-30) / np.maximum(typical, 1e-30))))
+        weight[states == state] /= np.clip(ratio, 0.1, 10.0)
+    return np.where(ok, weight, 0.0)
+
+
+def _shrunk(sample: np.ndarray) -> np.ndarray:
+    """Covariance (m, m) of rows of mean zero, correlations shrunk by Schaefer & Strimmer's intensity."""
+    n = len(sample)
+    std = np.sqrt(np.mean(sample**2, axis=0))
+    std = np.where(std > 0, std, 1.0)
+    x = sample / std
+    correlation = x.T @ x / n
+    second = (x**2).T @ (x**2) / n
+    variance = (second - correlation**2) / n
+    off = ~np.eye(len(correlation), dtype=bool)
+    total = np.sum(correlation[off] ** 2)
+    share = 1.0 if total == 0 else float(np.clip(np.sum(variance[off]) / total, 0.02, 1.0))
+    shrunk = (1 - share) * correlation + share * np.eye(len(correlation))
+    return shrunk * np.outer(std, std)

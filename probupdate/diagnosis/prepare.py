@@ -1,0 +1,120 @@
+"""A model made ready for diagnosis: its catalogue as parameters, one small basis for all angles, its model form.
+
+Preparing takes half a minute for a turbine and does not depend on the data: many records of one turbine share it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from probupdate.diagnosis.catalogue import Effect, measurement_effects, parameter_effects
+from probupdate.diagnosis.small_model import TURNS_DEG, SmallModel, small_model
+from probupdate.diagnosis.turbine_effects import TurbineEffect, turbine_effects
+from probupdate.errors import InputError
+from probupdate.modes import Sensor
+from probupdate.parameters import Parameters
+from probupdate.progress import Progress, silent
+from probupdate.structure.affine import AffineModel
+from probupdate.structure.description import Description, read_description
+from probupdate.structure.extend import extended_model
+from probupdate.structure.load import load_model
+
+# modes looked through for the measured ones
+N_MODE = 7
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Prepared:
+    """`path` of the model's file; small: the model with its effects; prior and updated (numbers in the small model) of
+    the parameters an update would move; effects of structure, surroundings and sensors; `rows` of the catalogue that
+    have a parameter in the model."""
+
+    path: Path
+    small: SmallModel
+    prior: Parameters
+    updated: tuple[int, ...]
+    effects: tuple[Effect, ...]
+    rows: tuple[TurbineEffect, ...]
+    sensors: tuple[Sensor, ...]
+    description: Description | None
+
+
+def prepare(
+    path: str | Path,
+    *,
+    parameters: Parameters | None = None,
+    sensors: Sequence[Sensor] | None = None,
+    groups: Mapping[str, Mapping[str, float]] | None = None,
+    effects: Sequence[Effect] = (),
+    rows: Sequence[TurbineEffect] = (),
+    progress: Progress = silent,
+) -> Prepared:
+    """Read the model and put the whole catalogue into it.
+
+    `effects` are a user's own of sensors or of parameters the model has; `rows` a user's own with a parameter each.
+    `groups`: named combinations of a model's parameters, name -> {parameter: change for a size of one}.
+    """
+    path = Path(path)
+    model = load_model(path, parameters=parameters, sensors=sensors)
+    own = (*effects, *_group_effects(groups or {}, model.parameters))
+    if model.wire is None or path.suffix == ".npz" or not hasattr(model, "derived") or not model.derived:
+        return _prepare_matrices(path, model, own)
+    description = read_description(path)
+    catalogue = (*turbine_effects(description), *rows)
+    placed = tuple(sensors) if sensors is not None else _described_sensors(description)
+    models = []
+    for number, angle in enumerate(TURNS_DEG):
+        progress("preparing the model", number, len(TURNS_DEG) + 1)
+        models.append(extended_model(path, [r.model for r in catalogue], parameters=parameters, sensors=sensors,
+                                     nacelle_angle_deg=angle))  # fmt: skip
+    first = models[0]
+    updated = tuple(first.parameters.names.index(n) for n in model.parameters.names)
+    reach = np.column_stack([first.parameters.lower, first.parameters.upper])
+    moved = []
+    for row in catalogue:
+        k = first.parameters.names.index(row.model.name)
+        moved.append(k)
+        span = np.clip([-1.5 * row.effect.slab, 1.5 * row.effect.slab], row.effect.lower, row.effect.upper)
+        reach[k] = row.model.neutral + span
+    small = small_model(models, n_mode=N_MODE, effects=moved, reach=reach)
+    progress("preparing the model", len(TURNS_DEG) + 1, len(TURNS_DEG) + 1)
+    effects = (*parameter_effects(model.parameters), *(r.effect for r in catalogue),
+               *measurement_effects(first.channels, placed), *own)  # fmt: skip
+    return Prepared(path=path, small=small, prior=model.parameters, updated=updated, effects=effects, rows=catalogue,
+                    sensors=placed, description=description)  # fmt: skip
+
+
+def _prepare_matrices(path: Path, model: AffineModel, own: tuple[Effect, ...]) -> Prepared:
+    n_mode = min(max(N_MODE, 20), model.n_available - 1)
+    reach = np.column_stack([model.parameters.lower, model.parameters.upper])
+    small = small_model([model], n_mode=n_mode, effects=(), reach=reach)
+    effects = (*parameter_effects(model.parameters), *measurement_effects(model.channels), *own)
+    return Prepared(path=path, small=small, prior=model.parameters, updated=tuple(range(len(model.parameters))),
+                    effects=effects, rows=(), sensors=(), description=None)  # fmt: skip
+
+
+def _group_effects(groups: Mapping[str, Mapping[str, float]], parameters: Parameters) -> tuple[Effect, ...]:
+    result = []
+    for name, parts in groups.items():
+        for parameter in parts:
+            parameters.index(parameter)
+        # a size of one moves every member by its amount; a deviation of the prior is what is normal
+        allowed = min(parameters.std[parameters.index(n)] / abs(a) for n, a in parts.items() if a) if parts else 0.0
+        if not allowed:
+            raise InputError(f"group {name}", "moves no parameter", "give a change for at least one")
+        result.append(Effect(kind="structural", cause="group of parameters", location=name, unit="-", tolerance=0.0,
+                             slab=3 * allowed, parts=tuple(parts.items()), courses=("constant", "step", "ramp"),
+                             fingerprint="that of its parameters together"))  # fmt: skip
+    return tuple(result)
+
+
+def _described_sensors(description: Description) -> tuple[Sensor, ...]:
+    return tuple(
+        Sensor(channel=s.channel, level=s.level, position_m=s.position_m, direction=s.direction, quantity=s.quantity,
+               unit=s.unit)
+        for s in description.sensor
+    )  # fmt: skip

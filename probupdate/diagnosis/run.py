@@ -1,0 +1,58 @@
+"""A diagnosis from files: which of the four ways is meant, and where the extended model goes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from probupdate.diagnosis.catalogue import Effect
+from probupdate.diagnosis.diagnose import diagnose
+from probupdate.diagnosis.prepare import Prepared, prepare
+from probupdate.diagnosis.results import Diagnosis
+from probupdate.diagnosis.turbine_effects import TurbineEffect
+from probupdate.errors import InputError
+from probupdate.modes import ModalData, Sensor
+from probupdate.progress import Progress, silent
+from probupdate.structure.parameter_table import read_parameters, read_toml
+
+
+def diagnose_files(
+    model: Path | Prepared | None,
+    data: ModalData,
+    *,
+    sensors: tuple[Sensor, ...] | None = None,
+    parameters: str | Path | None = None,
+    groups: str | Path | Mapping[str, Mapping[str, float]] | None = None,
+    effects: Sequence[Effect] = (),
+    rows: Sequence[TurbineEffect] = (),
+    seed: int = 1,
+    out: str | Path | None = None,
+    progress: Progress = silent,
+) -> Diagnosis:
+    """`model`: a file, or one made ready by `prepare` for many records. `groups`: name -> {parameter: change}, or a TOML
+    file of them. `effects`, `rows`: a user's own; see `prepare`. `out`: diagnosis.json's place, for what goes beside it.
+    """
+    if isinstance(groups, str | Path):
+        groups = _read_groups(groups)
+    if isinstance(model, Prepared):
+        return diagnose(model, data, seed=seed, progress=progress)
+    if model is None:
+        raise InputError("diagnose", "no model is given", "give --model")
+    if not isinstance(model, Path):
+        raise InputError("diagnose", "a model that is a Python function has no matrices to put effects into",
+                         "export its matrices as model.npz, or diagnose without a model")  # fmt: skip
+    own = read_parameters(parameters) if parameters else None
+    placed = sensors if model.suffix == ".toml" else None
+    prepared = prepare(model, parameters=own, sensors=placed, groups=groups, effects=effects, rows=rows,
+                       progress=progress)  # fmt: skip
+    return diagnose(prepared, data, seed=seed, progress=progress)
+
+
+def _read_groups(path: str | Path) -> dict[str, dict[str, float]]:
+    table = read_toml(path)
+    for name, parts in table.items():
+        numbers = isinstance(parts, dict) and parts and all(
+            isinstance(v, int | float) and not isinstance(v, bool) for v in parts.values())
+        if not numbers:
+            raise InputError(f"{path}: {name}", "is no table of parameters with their change", "write [name] k_1 = 0.1")
+    return table

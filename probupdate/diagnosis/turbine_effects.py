@@ -1,0 +1,180 @@
+"""The structural and environmental rows of the catalogue for a turbine: each leg, face, bay and level on its own row.
+
+A missing neighbour is named falsely, so that every place has its row. Tolerances are what drawings, fabrication
+standards and site reports allow: plate and wall 1 %, soil of one leg 10 % of its springs (uniform), scour 0.1 m, RNA
+mass 1 % and its centre 0.1 m.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from probupdate.diagnosis.catalogue import Effect
+from probupdate.structure.description import Description
+from probupdate.structure.effects import KINDS
+from probupdate.structure.extend import Effect as ModelEffect
+
+# (1 - E(T)/E) per degree: steel loses about 0.036 % of its modulus per degree at room temperature
+STEEL_PER_DEGC = -3.6e-4
+
+
+@dataclass(frozen=True, kw_only=True)
+class TurbineEffect:
+    """A row of the catalogue with the model's parameter that carries it."""
+
+    effect: Effect
+    model: ModelEffect
+
+
+def turbine_effects(d: Description) -> tuple[TurbineEffect, ...]:
+    """Every row for this turbine."""
+    return (*_jacket(d), *_connections(d), *_soil(d), *_masses(d), *_environment(d))
+
+
+def _row(name, kind, cause, location, *, low, high, tolerance, slab, on=None, settings=None, courses=("constant", "step"),
+         group="structural", fingerprint="", check="", unit="") -> TurbineEffect:  # fmt: skip
+    neutral = KINDS[kind].neutral
+    model = ModelEffect(name=name, kind=kind, on=on or {}, settings=settings or {}, std=slab, lower=neutral + low,
+                        upper=neutral + high, cause=cause, location=location)  # fmt: skip
+    effect = Effect(kind=group, cause=cause, location=location, unit=unit or KINDS[kind].unit, tolerance=tolerance,
+                    slab=slab, lower=low, upper=high, parameter=name, courses=courses, fingerprint=fingerprint,
+                    check=check)  # fmt: skip
+    return TurbineEffect(effect=effect, model=model)
+
+
+def _faces(d: Description) -> list[str]:
+    names = d.jacket.leg_names
+    return [a + b for a, b in zip(names, (*names[1:], names[0]), strict=True)]
+
+
+def _jacket(d: Description) -> Iterator[TurbineEffect]:
+    bays = range(1, len(d.jacket.bay) + 1)
+    for bay in bays:
+        for face in _faces(d):
+            yield _row(f"brace_{face}_{bay}", "stiffness", "brace stiffness lost", f"face {face}, bay {bay}",
+                       on={"group": "brace", "face": face, "bay": bay}, low=-0.98, high=0.0, tolerance=0.01, slab=0.5,
+                       fingerprint="torsion falls, FA and SS couple", check="inspect the braces and their nodes")
+    for bay in bays:
+        for face in _faces(d):
+            yield _row(f"joint_{face}_{bay}", "joint", "joints loosened", f"face {face}, bay {bay}",
+                       on={"face": face, "bay": bay}, low=-0.98, high=0.0, tolerance=0.1, slab=0.5,
+                       fingerprint="as the braces there, weaker", check="inspect the weld toes of these nodes")
+    for bay in bays:
+        for leg in d.jacket.leg_names:
+            yield _row(f"leg_{leg}_{bay}", "stiffness", "leg stiffness lost", f"leg {leg}, bay {bay}",
+                       on={"group": "leg", "leg": leg, "bay": bay}, low=-0.9, high=0.0, tolerance=0.01, slab=0.3,
+                       fingerprint="bending of the jacket towards one diagonal", check="inspect the leg: cracks, dents")
+    for bay in bays:
+        if d.jacket.bay[bay - 1].bottom_m >= d.site.water_level_m:
+            continue
+        yield _row(f"flood_brace_{bay}", "flooding", "flooded braces", f"bay {bay}", on={"group": "brace", "bay": bay},
+                   low=0.0, high=1.0, tolerance=0.0, slab=0.5, fingerprint="second bending falls",
+                   check="flooded-member detection by ultrasound")
+    if d.jacket.flooded:
+        for leg in d.jacket.leg_names:
+            yield _row(f"flood_leg_{leg}", "flooding", "leg not flooded", f"leg {leg}",
+                       on={"group": "leg", "leg": leg}, low=-1.0, high=0.0, tolerance=0.0, slab=0.5,
+                       fingerprint="second bending rises, one side", check="flooded-member detection by ultrasound")
+    yield _row("corrosion_all", "corrosion", "corrosion", "legs and braces in the splash zone", low=0.0, high=0.008,
+               on={"level_m": (d.corrosion.bottom_m, d.corrosion.top_m)}, tolerance=5e-4, slab=2e-3,
+               courses=("constant",), fingerprint="jacket stiffness and mass at the water line",
+               check="measure wall thickness")
+
+
+def _connections(d: Description) -> Iterator[TurbineEffect]:
+    foot = d.tower.station[0].z_m
+    yield _row("hinge_flange", "hinge", "tower flange flexibility", f"tower at {foot:g} m", settings={"at_m": foot},
+               on={"group": "tower"}, low=0.0, high=0.1, tolerance=2e-4, slab=5e-3, courses=("constant", "step"),
+               fingerprint="slope jumps at the tower's foot", check="bolt forces, gap measurement at the flange")
+    for leg in d.jacket.leg_names:
+        yield _row(f"hinge_pile_{leg}", "hinge", "grout flexibility", f"pile head {leg}",
+                   settings={"at_m": d.jacket.bottom.z_m + 1.0}, on={"group": "leg", "leg": leg}, low=0.0, high=10.0,
+                   tolerance=0.01, slab=0.5, fingerprint="as softer soil of one leg", check="inspect the grout seal")
+
+
+def _soil(d: Description) -> Iterator[TurbineEffect]:
+    yield _row("scour_all", "scour", "scour", "all legs", low=0.0, high=6.0, tolerance=0.1, slab=1.5,
+               courses=("constant", "step", "ramp"), fingerprint="second bending falls, base turns more",
+               check="bathymetric survey")
+    for leg in d.jacket.leg_names:
+        yield _row(f"scour_{leg}", "scour", "scour", f"leg {leg}", on={"leg": leg}, low=0.0, high=6.0, tolerance=0.1,
+                   slab=1.5, courses=("constant", "step", "ramp"), fingerprint="second bending falls, one side",
+                   check="bathymetric survey")
+    for curve, word in (("py", "lateral"), ("tz", "axial")):
+        for leg in d.jacket.leg_names:
+            yield _row(f"soil_{curve}_{leg}", "soil", f"{word} soil stiffness", f"leg {leg}", on={"leg": leg},
+                       settings={"curve": curve}, low=-0.95, high=3.0, tolerance=0.06, slab=0.5,
+                       fingerprint="one side of the base softer or stiffer", check="pile records, cone test at that leg")
+
+
+def _tube_mass(d: Description, diameter: float, wall: float, length: float) -> float:
+    return d.steel.density_kgpm3 * np.pi * (diameter - wall) * wall * length
+
+
+def _masses(d: Description) -> Iterator[TurbineEffect]:
+    growth_high = 0.3
+    grown = d.values["mg"]
+    yield _row("growth_all", "growth", "marine growth", "all members", low=-grown, high=growth_high, tolerance=0.005,
+               slab=0.05, courses=("constant", "ramp"), fingerprint="second bending falls", check="ROV survey")
+    for leg in d.jacket.leg_names:
+        yield _row(f"growth_{leg}", "growth", "marine growth", f"leg {leg}", on={"group": "leg", "leg": leg}, low=-grown,
+                   high=growth_high, tolerance=0.005, slab=0.05, courses=("constant", "ramp"),
+                   fingerprint="second bending falls, one side", check="ROV survey")
+    heaviest = max(d.rna, key=lambda b: b.mass_kg)
+    yield _row("rna_mass", "mass", "nacelle mass", heaviest.name, on={"body": heaviest.name},
+               low=-0.3 * heaviest.mass_kg, high=0.5 * heaviest.mass_kg, tolerance=0.01 * heaviest.mass_kg,
+               slab=0.1 * heaviest.mass_kg, courses=("constant", "step"), fingerprint="first bending falls",
+               check="weighing protocol of the nacelle")
+    for axis in "xyz":
+        yield _row(f"rna_{axis}", "centre_of_mass", "RNA centre of mass", f"along the nacelle's {axis}",
+                   settings={"axis": axis}, low=-3.0, high=3.0, tolerance=0.1, slab=0.5, courses=("constant",),
+                   fingerprint="torsion couples with bending", check="weighing protocol of the nacelle")
+    for axis, k in zip("xyz", range(3), strict=True):
+        inertia = sum(body.inertia_kgm2[k] for body in d.rna) + 1e6
+        yield _row(f"rna_i{axis}", "inertia", "RNA inertia", f"about the nacelle's {axis}", on={"body": heaviest.name},
+                   settings={"axis": axis}, low=-0.5 * heaviest.inertia_kgm2[k], high=3.0 * inertia,
+                   tolerance=0.02 * inertia, slab=0.3 * inertia, courses=("constant",),
+                   fingerprint="torsion (about z), split of FA and SS (about x, y)", check="the maker's data sheet")
+    stations = d.tower.station
+    for low, high in zip(stations[:-1], stations[1:], strict=True):
+        own = _tube_mass(d, 0.5 * (low.diameter_m + high.diameter_m), 0.5 * (low.thickness_m + high.thickness_m),
+                         high.z_m - low.z_m)  # fmt: skip
+        band = (low.z_m, high.z_m)
+        where = f"{low.z_m:g} to {high.z_m:g} m"
+        yield _row(f"tower_mass_{low.z_m:g}".replace(".", "_"), "mass", "tower mass", where,
+                   on={"group": "tower", "level_m": band}, low=-0.3 * own, high=2.0 * own, tolerance=0.02 * own,
+                   slab=0.2 * own, courses=("constant", "step"), fingerprint="first or second bending falls",
+                   check="weight report: platforms, cables, damper")
+        yield _row(f"tower_stiffness_{low.z_m:g}".replace(".", "_"), "stiffness", "tower stiffness", where,
+                   on={"group": "tower", "level_m": band}, low=-0.8, high=1.0, tolerance=0.01, slab=0.2,
+                   courses=("constant",), fingerprint="curvature of the tower's shapes", check="wall thicknesses")
+    top = d.transition_piece
+    own = top.lumped_mass_kg + _tube_mass(
+        d, top.column.diameter_m, top.column.thickness_m, top.strut_top_m - top.column_bottom_m)
+    yield _row("tp_mass", "mass", "transition-piece mass", "column", on={"group": "column"}, low=-0.5 * own, high=3.0 * own,
+               tolerance=0.03 * own, slab=0.5 * own, courses=("constant", "step"), fingerprint="second bending falls",
+               check="weight report of the transition piece")
+
+
+def _environment(d: Description) -> Iterator[TurbineEffect]:
+    env = {"group": "environmental"}
+    yield _row("water", "water_level", "wetted length", "all members", low=-3.0, high=4.0, tolerance=0.0, slab=1.0,
+               courses=("water_level_m",), unit="m", fingerprint="second bending falls with the water level",
+               check="tide gauge against the second bending", **env)
+    yield _row("warm", "temperature", "temperature of the steel", "all members", low=-8.0, high=8.0, tolerance=0.0,
+               slab=1.5, settings={"relative_per_degc": STEEL_PER_DEGC}, courses=("air_temperature_c",), unit="degC",
+               fingerprint="all frequencies fall with temperature", check="steel temperature sensors", **env)
+    yield _row("thrust", "thrust", "rotor thrust", "hub", low=-5e6, high=5e6, tolerance=0.0, slab=5e5,
+               courses=("thrust_share",), fingerprint="first bending falls with thrust", check="tower bending strain",
+               **env)
+    yield _row("ice", "mass", "icing", "rotor", on={"body": "hub"}, low=0.0, high=4e4, tolerance=0.0, slab=5e3,
+               courses=("step", "frost_degc"), fingerprint="first bending and torsion fall while it freezes",
+               check="ice detector, power curve", **env)
+    for curve, word in (("py", "lateral"), ("tz", "axial")):
+        yield _row(f"soft_{curve}", "soil", f"{word} soil softens with amplitude", "all legs", settings={"curve": curve},
+                   low=-0.95, high=3.0, tolerance=0.0, slab=0.3, courses=("rms_mps2", "wave_height_m"),
+                   fingerprint="second bending falls in storms, not with thrust", check="storms of equal wind, other sea",
+                   **env)
