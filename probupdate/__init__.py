@@ -6,7 +6,9 @@ report, demo. They are loaded when first used, so that importing the package sta
 
 __version__ = "0.1.0"
 
-_STEPS = ("check", "compare", "identify", "open_model", "regress", "report", "sample", "select", "simulate", "update")
+_STEPS = (
+    "check", "compare", "diagnose", "identify", "open_model", "regress", "report", "sample", "select", "simulate", "update",
+)
 
 __all__ = ["__version__", "demo", *_STEPS]
 

@@ -152,6 +152,17 @@ def run_compare(a: argparse.Namespace, progress: Progress) -> None:
     say(f"wrote {a.out}")
 
 
+def run_diagnose(a: argparse.Namespace, progress: Progress) -> None:
+    import probupdate
+
+    result = probupdate.diagnose(
+        a.model, a.modes, campaign=a.campaign, parameters=a.parameters, seed=a.seed, out=a.out, groups=a.groups,
+        progress=progress)
+    for path in result.write(a.out):
+        say(f"wrote {path}")
+    say(result.summary)
+
+
 def run_report(a: argparse.Namespace, progress: Progress) -> None:
     import probupdate
 
@@ -289,6 +300,15 @@ def build_parser() -> argparse.ArgumentParser:
     p.add_argument("--model", help="for its derived quantities over the posterior, such as a pile's head stiffness")
     p.add_argument("--parameters", help="parameters.toml of a model made of matrices")
     p.add_argument("--out", required=True)
+
+    p = verb("diagnose", run_diagnose, "what the simulation or the measurement gets wrong: cause, place, size, limits")
+    p.add_argument("--model", help=f"{MODEL_HELP}; without, measurement and environment only")
+    p.add_argument("--parameters", help="parameters.toml of a model made of matrices")
+    p.add_argument("--modes", required=True, help="modes.json of `identify`: a set a block")
+    p.add_argument("--campaign", help="campaign directory: tells where the sensors are")
+    p.add_argument("--groups", help="TOML file of named groups of a model's parameters, [name] parameter = change")
+    p.add_argument("--out", required=True, help="diagnosis.json; an extended model goes beside it")
+    seeded(p)
 
     p = verb("report", run_report, "one self-contained page of a run directory")
     p.add_argument("run", metavar="RUN")

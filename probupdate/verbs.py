@@ -38,6 +38,7 @@ from probupdate.structure.load import REFERENCE_STATES, load_model, nacelle_angl
 from probupdate.virtual.simulation import simulate
 
 if TYPE_CHECKING:
+    from probupdate.diagnosis.results import Diagnosis
     from probupdate.model import Model
 
 __all__ = ["check", "compare", "convert", "identify", "open_model", "regress", "report", "sample", "select", "simulate", "update"]
@@ -313,6 +314,29 @@ def compare(
     if opened.parameters.names != record.parameters.names:
         raise InputError(opened.name, "has other parameters than the update", "give the model that was updated")
     return compare_results(record, drawn, getattr(opened, "derived", None))
+
+
+def diagnose(
+    model,
+    modes: str | Path | ModalData,
+    *,
+    campaign: str | Path | None = None,
+    parameters: str | Path | None = None,
+    seed: int = 1,
+    progress: Progress = silent,
+    **options,
+) -> Diagnosis:
+    """What the simulation, or the measurement, gets wrong: verdict, causes with place and size, what would not be seen.
+
+    `model` may be None: measurement and environment only. `campaign` tells where the sensors are. `options`: see
+    `diagnosis.run.diagnose_files` (own effects, groups of parameters, where the extended model is written).
+    """
+    from probupdate.diagnosis.run import diagnose_files
+
+    data = modes if isinstance(modes, ModalData) else read_modes(modes)
+    sensors = read_campaign(campaign).sensors if campaign else None
+    path = model_path(model) if isinstance(model, str | Path) else model
+    return diagnose_files(path, data, sensors=sensors, parameters=parameters, seed=seed, progress=progress, **options)
 
 
 @dataclass(frozen=True)

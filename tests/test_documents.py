@@ -21,7 +21,7 @@ from probupdate.structure.parameter_table import KEYS, parameter_from_table
 ROOT = Path(__file__).resolve().parents[1]
 PAPERS = ("README.md", "DESIGN.md", "VALIDATION.md", "CHANGELOG.md")
 STUDIES = tuple(sorted(p.relative_to(ROOT).as_posix() for p in ROOT.glob("studies/*/README.md")))
-NOT_YET = ("diagnose", "export")
+NOT_YET = ("export",)
 
 
 def text(name: str) -> str:
