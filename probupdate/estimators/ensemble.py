@@ -1,22 +1,22 @@
 """The posterior by emcee: started from draws of its truncated Gaussian outline, run until three criteria hold.
 
-The chain is kept in segments beside the result, each written whole, with the fingerprint of problem and settings: a
-killed run goes on where its last segment ended, with the same numbers as an undisturbed one.
+Any number of independent ensembles share one judgement; they may run on any executor. The chain is kept in segments
+beside the result (`chain_store`): a killed run goes on where its last segment ended, with the same numbers as an
+undisturbed one, whatever it runs on.
 """
 
 from __future__ import annotations
 
-import hashlib
-import json
-import os
-import zipfile
-from dataclasses import asdict, dataclass
+from collections.abc import Mapping
+from concurrent.futures import Executor
+from dataclasses import dataclass
 from pathlib import Path
 
 import emcee
 import numpy as np
 
 from probupdate.errors import InputError
+from probupdate.estimators.chain_store import ChainStore, Segment
 from probupdate.estimators.surrogate import Outline, Proposal
 from probupdate.modes import frozen_array
 from probupdate.parameters import Parameters
@@ -46,7 +46,7 @@ SUBSET_SHARE, MOST_OF_SUBSET, FULL_LENGTH = 0.15, 4, 0.3
 class SamplerSettings:
     """walkers_per_parameter: emcee's ensemble size over the number of parameters; two more than twice their number are
     always taken. target_ess: effective draws wanted of the worst parameter. max_steps: the run gives up after these,
-    and says so.
+    and says so. ensembles: so many independent ones, each with its own start and random numbers, judged together.
 
     R-hat asks the same length of every walker, some hundred autocorrelation times, so that few walkers cost least.
     """
@@ -55,11 +55,12 @@ class SamplerSettings:
     walkers_per_parameter: int = 2
     target_ess: int = 1000
     max_steps: int = 20000
+    ensembles: int = 1
 
     def __post_init__(self):
         if isinstance(self.seed, bool) or not isinstance(self.seed, int | np.integer) or self.seed < 0:
             raise InputError("seed", f"{self.seed!r} is no whole number from 0 on", "give one, such as 1")
-        for name in ("walkers_per_parameter", "target_ess", "max_steps"):
+        for name in ("walkers_per_parameter", "target_ess", "max_steps", "ensembles"):
             if getattr(self, name) < 1:
                 raise InputError(name, f"{getattr(self, name)} is below 1", "give a positive number")
 
@@ -183,17 +184,56 @@ def sample(
     folder: str | Path,
     settings: SamplerSettings,
     *,
-    fingerprint: str | None = None,
+    parts: Mapping[str, str] | None = None,
+    executor: Executor | None = None,
     progress: Progress = silent,
 ) -> Chain:
     """Draw from the posterior of `problem`, keeping segments in `folder`.
 
-    `fingerprint` stands for the problem where it differs from problem.fingerprint() (a reduced model built with
-    settings of its own). Raises InputError where the folder holds a chain of another problem or other settings.
+    `parts` stands for the problem where it differs from problem.parts() (a reduced model built with settings of its
+    own). `executor` (concurrent.futures) runs the ensembles side by side; the numbers are the same without one. Raises
+    InputError where the folder holds a chain of another problem or other settings, and says which differ.
     """
     parameters = problem.parameters
-    n_walker = _n_walker(parameters, settings)
-    store = _Store(Path(folder), fingerprint or problem.fingerprint(), settings, n_walker, parameters.names)
+    store = _store(parameters, folder, settings, problem.parts() if parts is None else parts)
+    rounds = store.read()
+    while True:
+        n_step = sum(len(r[0].theta) for r in rounds)
+        if rounds:
+            chain = _judge(rounds, parameters, settings)
+            # as far as it is known: the worst effective size grows about with the number of steps
+            wanted = n_step if chain.converged else min(settings.max_steps, _forecast(chain, n_step, settings))
+            progress("sampling", n_step, max(wanted, n_step))
+            if chain.converged or n_step >= settings.max_steps:
+                return chain
+            states = [segment.state for segment in rounds[-1]]
+        else:
+            states = [_first_state(surrogate, _n_walker(parameters, settings), settings.seed, k)
+                      for k in range(settings.ensembles)]  # fmt: skip
+        n_more = min(SEGMENT, settings.max_steps - n_step)
+        # those that a killed run finished of this round are kept
+        done = [store.read_one(len(rounds), k) for k in range(settings.ensembles)]
+        wanted_runs = [k for k in range(settings.ensembles) if done[k] is None]
+        jobs = ((problem, surrogate, states[k], n_more) for k in wanted_runs)
+        if executor is None:
+            fresh = (_run_segment(*job) for job in jobs)
+        else:
+            fresh = (future.result() for future in [executor.submit(_run_segment, *job) for job in jobs])
+        for k, segment in zip(wanted_runs, fresh, strict=True):
+            store.append(segment, len(rounds), k)
+            done[k] = segment
+        rounds.append(done)
+
+
+def _first_state(surrogate: Outline, n_walker: int, seed: int, ensemble: int) -> emcee.State:
+    own = [] if ensemble == 0 else [ensemble]
+    start = surrogate.draw(n_walker, np.random.default_rng([seed, 0, *own]))
+    generator = np.random.RandomState(np.random.default_rng([seed, 1, *own]).integers(2**32, size=8))
+    return emcee.State(start, random_state=generator.get_state())
+
+
+def _run_segment(problem: Problem, surrogate: Outline, state: emcee.State, n_step: int) -> Segment:
+    """One ensemble's next steps; nothing outside is read or changed, so that it may run anywhere."""
     counts = {"evaluated": 0, "fallback": 0}
 
     def log_probability(theta: np.ndarray) -> np.ndarray:
@@ -202,36 +242,15 @@ def sample(
         counts["fallback"] += int(fallback.sum())
         return value
 
-    segments = store.read()
-    rng = np.random.default_rng([settings.seed, 0])
-    if segments:
-        state = segments[-1].state
-    else:
-        start = surrogate.draw(n_walker, rng)
-        generator = np.random.RandomState(np.random.default_rng([settings.seed, 1]).integers(2**32, size=8))
-        state = emcee.State(start, random_state=generator.get_state())
-    while True:
-        n_step = sum(len(s.theta) for s in segments)
-        if segments:
-            chain = _judge(segments, parameters, settings)
-            # as far as it is known: the worst effective size grows about with the number of steps
-            wanted = n_step if chain.converged else min(settings.max_steps, _forecast(chain, n_step, settings))
-            progress("sampling", n_step, max(wanted, n_step))
-            if chain.converged or n_step >= settings.max_steps:
-                return chain
-        counts.update(evaluated=0, fallback=0)
-        # anew for every segment: nothing that the moves remember crosses from one to the next, so that a run that was
-        # stopped between them goes on with the same numbers
-        sampler = emcee.EnsembleSampler(
-            n_walker, len(parameters), log_probability, vectorize=True, moves=moves(parameters, surrogate),
-        )
-        state = sampler.run_mcmc(state, min(SEGMENT, settings.max_steps - n_step), skip_initial_state_check=True)
-        segment = _Segment(
-            theta=sampler.get_chain(), log_posterior=sampler.get_log_prob(), state=state,
-            accepted=float(np.mean(sampler.acceptance_fraction)), **counts,
-        )
-        store.append(segment, len(segments))
-        segments.append(segment)
+    # anew for every segment: nothing that the moves remember crosses from one to the next, so that a run that was
+    # stopped between them goes on with the same numbers
+    sampler = emcee.EnsembleSampler(
+        len(state.coords), len(problem.parameters), log_probability, vectorize=True,
+        moves=moves(problem.parameters, surrogate),
+    )  # fmt: skip
+    state = sampler.run_mcmc(state, n_step, skip_initial_state_check=True)
+    return Segment(theta=sampler.get_chain(), log_posterior=sampler.get_log_prob(), state=state,
+                   accepted=float(np.mean(sampler.acceptance_fraction)), **counts)  # fmt: skip
 
 
 def _n_walker(parameters: Parameters, settings: SamplerSettings) -> int:
@@ -239,9 +258,18 @@ def _n_walker(parameters: Parameters, settings: SamplerSettings) -> int:
     return n_walker + n_walker % 2
 
 
-def claim_folder(parameters: Parameters, folder: str | Path, settings: SamplerSettings, fingerprint: str) -> None:
+def claim_folder(
+    parameters: Parameters, folder: str | Path, settings: SamplerSettings, parts: Mapping[str, str]
+) -> None:
     """Refuse a folder with another chain, as `sample` does, before any work is spent on this one."""
-    _Store(Path(folder), fingerprint, settings, _n_walker(parameters, settings), parameters.names)
+    _store(parameters, folder, settings, parts)
+
+
+def _store(parameters, folder, settings: SamplerSettings, parts: Mapping[str, str]) -> ChainStore:
+    kept = {"seed": int(settings.seed), "ensembles": settings.ensembles, "walkers": _n_walker(parameters, settings),
+            "parameters": list(parameters.names), "steps of a segment": SEGMENT,
+            "emcee": emcee.__version__}  # fmt: skip
+    return ChainStore(Path(folder), parts, kept)
 
 
 def _forecast(chain: Chain, n_step: int, settings: SamplerSettings) -> int:
@@ -253,10 +281,13 @@ def _forecast(chain: Chain, n_step: int, settings: SamplerSettings) -> int:
     return int(np.ceil(n_step * factor / SEGMENT)) * SEGMENT
 
 
-def _judge(segments: list[_Segment], parameters, settings: SamplerSettings) -> Chain:
+def _judge(rounds: list[list[Segment]], parameters, settings: SamplerSettings) -> Chain:
     from probupdate.estimators.posterior_file import effective_size
 
-    theta = np.concatenate([s.theta for s in segments])
+    # walkers of all ensembles side by side
+    theta = np.concatenate([np.concatenate([s.theta for s in r], axis=1) for r in rounds])
+    log_posterior = np.concatenate([np.concatenate([s.log_posterior for s in r], axis=1) for r in rounds])
+    segments = [s for r in rounds for s in r]
     n_step = len(theta)
     first = int(BURN_IN * n_step)
     kept = theta[first:]
@@ -278,100 +309,8 @@ def _judge(segments: list[_Segment], parameters, settings: SamplerSettings) -> C
     else:
         verdict = "NOT converged: " + "; ".join(text for held, text in checks if not held) + f"; {n_step} steps."
     return Chain(
-        theta=frozen_array(theta), log_posterior=frozen_array(np.concatenate([s.log_posterior for s in segments])),
+        theta=frozen_array(theta), log_posterior=frozen_array(log_posterior),
         first=first, acceptance=float(np.mean([s.accepted for s in segments])),
         evaluated=sum(s.evaluated for s in segments), fallback=sum(s.fallback for s in segments),
         r_hat=frozen_array(r_hat), ess=frozen_array(ess), tau=frozen_array(tau), converged=converged, verdict=verdict,
     )
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class _Segment:
-    theta: np.ndarray
-    log_posterior: np.ndarray
-    state: emcee.State
-    accepted: float
-    evaluated: int
-    fallback: int
-
-
-class _Store:
-    """Segments of a chain as npz files in a folder, beside a head that says what they belong to."""
-
-    def __init__(self, folder: Path, fingerprint: str, settings: SamplerSettings, n_walker: int, names):
-        self._folder = folder
-        kept = {k: v for k, v in asdict(settings).items() if k not in ("target_ess", "max_steps")}
-        head = {"format": 1, "fingerprint": fingerprint, "settings": kept, "n_walker": n_walker,
-                "parameters": list(names), "emcee": emcee.__version__, "segment": SEGMENT}  # fmt: skip
-        head["hash"] = hashlib.sha256(json.dumps(head, sort_keys=True).encode()).hexdigest()
-        path = folder / "chain.json"
-        if path.exists():
-            found = _read_head(path)
-            if found != head:
-                changed = [k for k in head if k != "hash" and found.get(k) != head[k]]
-                raise InputError(
-                    str(folder), f"holds a chain of another run: {', '.join(changed)} differ",
-                    "give another --out, or delete that folder to start anew",
-                )
-        else:
-            folder.mkdir(parents=True, exist_ok=True)
-            _write_whole(path, lambda file: file.write(json.dumps(head, indent=1).encode()))
-
-    def _path(self, number: int) -> Path:
-        return self._folder / f"segment-{number:05d}.npz"
-
-    def append(self, segment: _Segment, number: int) -> None:
-        kind, keys, position, has_gauss, cached = segment.state.random_state
-        content = {
-            "theta": segment.theta, "log_posterior": segment.log_posterior, "coords": segment.state.coords,
-            "log_prob": segment.state.log_prob, "keys": keys,
-            "numbers": np.array([position, has_gauss, segment.evaluated, segment.fallback]),
-            "cached": np.array([cached, segment.accepted]),
-        }  # fmt: skip
-        if kind != "MT19937":
-            raise InputError("random state", f"generator {kind} is not the one expected", "use emcee 3.1")
-        _write_whole(self._path(number), lambda file: np.savez(file, **content))
-
-    def read(self) -> list[_Segment]:
-        segments = []
-        while (path := self._path(len(segments))).exists():
-            try:
-                segments.append(_read_segment(path))
-            except (OSError, ValueError, KeyError, zipfile.BadZipFile) as error:
-                raise InputError(str(path), f"is no segment of a chain ({error})",
-                                 "delete it and those after it: the run goes on from the one before") from None
-        return segments
-
-
-def _read_head(path: Path) -> dict:
-    try:
-        found = json.loads(path.read_text(encoding="utf-8"))
-    except (json.JSONDecodeError, UnicodeDecodeError) as error:
-        raise InputError(str(path), f"is not JSON ({error})", "delete the chain's folder to start anew") from None
-    if not isinstance(found, dict):
-        raise InputError(str(path), "is no head of a chain", "delete the chain's folder to start anew")
-    return found
-
-
-def _read_segment(path: Path) -> _Segment:
-    with np.load(path, allow_pickle=False) as content:
-        position, has_gauss, evaluated, fallback = (int(x) for x in content["numbers"])
-        cached, accepted = (float(x) for x in content["cached"])
-        state = emcee.State(
-            content["coords"], log_prob=content["log_prob"],
-            random_state=("MT19937", content["keys"], position, has_gauss, cached),
-        )
-        return _Segment(
-            theta=content["theta"], log_posterior=content["log_posterior"], state=state, accepted=accepted,
-            evaluated=evaluated, fallback=fallback,
-        )
-
-
-def _write_whole(path: Path, write) -> None:
-    """All of the file or none of it, whenever the process is killed."""
-    part = path.with_suffix(".part")
-    with part.open("wb") as file:
-        write(file)
-        file.flush()
-        os.fsync(file.fileno())
-    os.replace(part, path)

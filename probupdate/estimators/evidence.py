@@ -2,8 +2,8 @@
 
 Bridge sampling (Meng & Wong 1996) joins the chain's draws with draws of a proposal that is normalised within the
 bounds: the posterior's outline, a share of it widened. Its error is that of Frühwirth-Schnatter (2004), with the
-chain's autocorrelation. Importance sampling from the same proposal stands beside it; the shape k of the generalised Pareto
-distribution that fits the largest weights (Vehtari et al., 2024) tells whether they can be averaged at all.
+chain's autocorrelation. Importance sampling from the same proposal stands beside it; the shape k of the generalised
+Pareto distribution that fits the largest weights (Vehtari et al., 2024) tells whether they can be averaged at all.
 """
 
 from __future__ import annotations

@@ -74,6 +74,7 @@ class Posterior:
         evaluated, fallback = self.record.get("evaluated", 0), self.record.get("fallback", 0)
         lines.append(f"{evaluated} evaluations, {fallback} of them by the full model; "
                      f"acceptance {self.record.get('acceptance', float('nan')):.2f}")  # fmt: skip
+        lines += [str(text) for text in self.record.get("statements", ())]
         lines += [str(note) for note in self.record.get("notes", ())]
         return "\n".join(lines)
 

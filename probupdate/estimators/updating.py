@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from concurrent.futures import Executor
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
 
 from probupdate.errors import ConvergenceError, InputError
 from probupdate.estimators.ensemble import BURN_IN, SamplerSettings, claim_folder, sample
+from probupdate.estimators.evidence import check_laplace, estimate_evidence
 from probupdate.estimators.laplace import Laplace, maximum_a_posteriori
 from probupdate.estimators.nine_sets import update_sets
 from probupdate.estimators.posterior_file import MAX_DRAWS, Posterior
-from probupdate.estimators.surrogate import Outline, fit_surrogate
+from probupdate.estimators.surrogate import Outline, Proposal, fit_surrogate
 from probupdate.estimators.tikhonov import TikhonovUpdate, update
 from probupdate.estimators.update_file import SCHEME_NAMES, ScatterRecord, SchemeRecord, UpdateRecord
 from probupdate.model import Model
@@ -201,20 +203,26 @@ def sample_posterior(
     set_id: str | None = None,
     weights: Weights | None = None,
     settings: SamplerSettings | None = None,
+    executor: Executor | None = None,
     progress: Progress = silent,
 ) -> Posterior:
-    """Maximum, reduced basis, chain and its check against the full model. The chain's segments are kept in `folder`."""
+    """Maximum, reduced basis, chain, its check against the full model, evidence. The chain's segments are kept in
+    `folder`; `executor` may run its ensembles side by side."""
     settings = settings or SamplerSettings()
     problem = build_problem(model, data, set_id=set_id, weights=weights)
-    fingerprint = f"{problem.fingerprint()} {FREQUENCY_TOLERANCE:g}"
-    claim_folder(problem.parameters, folder, settings, fingerprint)
+    parts = problem.parts() | {"reduction": f"{FREQUENCY_TOLERANCE:g} {BOX_DEVIATIONS:g} {BOX_TOLERANCE:g}"}
+    claim_folder(problem.parameters, folder, settings, parts)
     anchored = update(problem, penalty="prior", progress=progress)
     laplace = find_maximum(problem, [anchored.theta[-1], model.parameters.initial])
     prepared = approach(problem, laplace, settings.seed, progress)
     fast = prepared.problem
-    chain = sample(fast, prepared.surrogate, folder, settings, fingerprint=fingerprint, progress=progress)
+    chain = sample(fast, prepared.surrogate, folder, settings, parts=parts, executor=executor, progress=progress)
     kept = chain.theta[chain.first :]
     log_posterior = chain.log_posterior[chain.first :]
+    # numbers of their own, so that a chain's length changes none of the others
+    checked_laplace = check_laplace(fast, laplace, np.random.default_rng([settings.seed, 4]), progress)
+    evidence = estimate_evidence(fast, Proposal(outline=prepared.surrogate), kept, log_posterior,
+                                 np.random.default_rng([settings.seed, 5]), progress)  # fmt: skip
     thin = max(1, int(np.ceil(kept.shape[0] * kept.shape[1] / MAX_DRAWS)))
     kept, log_posterior = kept[::thin], log_posterior[::thin]
     rng = np.random.default_rng([settings.seed, 3])
@@ -228,6 +236,8 @@ def sample_posterior(
         np.max(np.abs(problem.misfit(predicted.response[: len(checked)]) - problem.misfit(full.response)))
     )
     edge = float(np.mean(predicted.computed.max(axis=1) == problem.matching.n_mode - 1))
+    unstated = "ln evidence is not stated, as the chain has not converged"
+    statements = [checked_laplace.sentence, evidence.sentence if chain.converged else unstated]
     record = prepared.notes | {
         "set_id": problem.set_id, "weights": problem.weights.description, "seed": settings.seed,
         "walkers": kept.shape[1], "steps": chain.theta.shape[0], "thinned by": thin,
@@ -238,7 +248,9 @@ def sample_posterior(
         f"log-likelihood within {misfit_error:.1e}",
         "map": laplace.theta.tolist(), "n_effective": problem.n_effective, "model": model.name,
         "median misfit": float(np.median(problem.misfit(predicted.response))),
-        "worst mac": float(np.min(predicted.mac)), "notes": _notes(problem, laplace, edge, misfit_error),
+        "worst mac": float(np.min(predicted.mac)), "evidence": asdict(evidence), "laplace": asdict(checked_laplace),
+        "ensembles": settings.ensembles, "projected gradient at the map": laplace.projected_gradient,
+        "statements": statements, "notes": _notes(problem, laplace, edge, misfit_error),
     }  # fmt: skip
     log_prior = model.parameters.log_density(kept)
     return Posterior(

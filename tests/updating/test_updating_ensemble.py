@@ -2,13 +2,14 @@
 
 import json
 import shutil
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
 import emcee
 import numpy as np
 import pytest
 from scipy import stats
-from updating_cases import LINEAR_HZ, linear_data, linear_model, linear_problem
+from updating_cases import LINEAR_HZ, LINEAR_PARAMETERS, linear_data, linear_model, linear_problem
 
 from probupdate.errors import InputError
 from probupdate.estimators import ensemble
@@ -17,7 +18,7 @@ from probupdate.estimators.laplace import maximum_a_posteriori
 from probupdate.estimators.posterior_file import effective_size
 from probupdate.estimators.surrogate import Outline, TruncatedGaussian, fit_surrogate
 from probupdate.parameters import Parameter, Parameters
-from probupdate.problem import build_problem
+from probupdate.problem import Weights, build_problem
 
 # of a z-score: seeds are fixed, and chance exceeds it once in some ten thousand
 LIMIT = 4.0
@@ -183,15 +184,48 @@ def test_a_finished_chain_is_not_run_again(tmp_path):
 
 
 @pytest.mark.parametrize(("change", "named"), [
-    ({"problem": LINEAR_HZ + 0.06}, "fingerprint"), ({"settings": SamplerSettings(seed=9)}, "settings"),
+    ({"problem": LINEAR_HZ + 0.06}, "another run: the measured modes or the set differ;"),
+    ({"settings": SamplerSettings(seed=9)}, "another run: seed is 9 here and 1 there;"),
+    ({"settings": SamplerSettings(seed=9, ensembles=2)}, "seed is 9 here and 1 there; ensembles is 2 here and 1 th"),
+    ({"weights": Weights(frequency_cov=(0.02,) * 5, shape_std=False)}, "another run: the weights or what is compared"),
+    ({"parameters": replace(LINEAR_PARAMETERS.items[0], std=0.6)}, "another run: the prior or bounds differ;"),
 ])  # fmt: skip
-def test_a_folder_with_another_chain_is_refused(tmp_path, change, named):
+def test_a_folder_with_another_chain_is_refused_and_what_differs_is_named(tmp_path, change, named, monkeypatch):
+    monkeypatch.setattr(ensemble, "SEGMENT", 25)
     problem = linear_problem(LINEAR_HZ + 0.05)
     surrogate = outlined(problem)
-    sample(problem, surrogate, tmp_path / "chain", SamplerSettings(target_ess=10**7, max_steps=200))
-    other = linear_problem(change["problem"]) if "problem" in change else problem
-    with pytest.raises(InputError, match=f"another run: {named} differ"):
+    sample(problem, surrogate, tmp_path / "chain", SamplerSettings(target_ess=10**7, max_steps=25))
+    other = problem
+    if "problem" in change:
+        other = linear_problem(change["problem"])
+    elif "weights" in change:
+        other = build_problem(linear_model(), linear_data(LINEAR_HZ + 0.05), weights=change["weights"])
+    elif "parameters" in change:
+        other = linear_problem(LINEAR_HZ + 0.05, Parameters((change["parameters"], *LINEAR_PARAMETERS.items[1:])))
+    with pytest.raises(InputError) as error:
         sample(other, surrogate, tmp_path / "chain", change.get("settings", SamplerSettings()))
+    assert named in str(error.value)
+
+
+def test_ensembles_are_the_same_on_any_executor_and_after_a_kill(tmp_path, monkeypatch):
+    monkeypatch.setattr(ensemble, "SEGMENT", 25)
+    problem = linear_problem(LINEAR_HZ + 0.05)
+    surrogate = outlined(problem)
+    settings = SamplerSettings(target_ess=10**7, max_steps=2 * ensemble.SEGMENT, ensembles=3)
+    plain = sample(problem, surrogate, tmp_path / "plain", settings)
+    n_walker = plain.theta.shape[1] // 3
+    assert plain.theta.shape == (50, 3 * n_walker, 3)
+    with ThreadPoolExecutor(2) as pool:
+        threaded = sample(problem, surrogate, tmp_path / "threads", settings, executor=pool)
+    np.testing.assert_array_equal(threaded.theta, plain.theta)
+    np.testing.assert_array_equal(threaded.log_posterior, plain.log_posterior)
+    # killed in the second round: one ensemble had finished it, another not
+    (tmp_path / "plain" / "segment-00001-1.npz").unlink()
+    np.testing.assert_array_equal(sample(problem, surrogate, tmp_path / "plain", settings).theta, plain.theta)
+    # the first of several is the one that would run alone, the others are others
+    alone = sample(problem, surrogate, tmp_path / "alone", replace(settings, ensembles=1))
+    np.testing.assert_array_equal(plain.theta[:, :n_walker], alone.theta)
+    assert not np.array_equal(plain.theta[:, :n_walker], plain.theta[:, n_walker : 2 * n_walker])
 
 
 @pytest.mark.parametrize("text", ["{", "[]", json.dumps({"format": 1})])
