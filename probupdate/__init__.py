@@ -1,14 +1,13 @@
 """Finite-element model updating of offshore wind jackets: deterministic update and posterior from one problem.
 
-The steps of the command line are functions here: simulate, check, identify, select, regress, update, sample, compare,
-report, demo. They are loaded when first used, so that importing the package stays light.
+The steps of the command line are functions here: simulate, convert, check, identify, select, regress, update, sample,
+compare, report, demo. They are loaded when first used, so that importing the package stays light.
 """
 
 __version__ = "0.1.0"
 
-_STEPS = (
-    "check", "compare", "diagnose", "identify", "open_model", "regress", "report", "sample", "select", "simulate", "update",
-)
+_STEPS = ("check", "compare", "convert", "identify", "open_model", "regress", "report", "sample", "select", "simulate",
+          "update")
 
 __all__ = ["__version__", "demo", *_STEPS]
 

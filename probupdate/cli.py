@@ -94,9 +94,14 @@ def run_identify(a: argparse.Namespace, progress: Progress) -> None:
     os.environ.update(OMP_NUM_THREADS="1", OPENBLAS_NUM_THREADS="1", MKL_NUM_THREADS="1")
     import probupdate
 
-    result = probupdate.identify(
-        a.campaign, a.model, parameters=a.parameters, lowest=a.lowest, order=a.order, block_rows=a.block_rows,
-        rate_hz=a.rate, store=f"{a.out}.blocks", jobs=a.jobs or os.cpu_count() or 1, progress=progress)
+    options = {
+        "parameters": a.parameters, "lowest": a.lowest, "order": a.order, "block_rows": a.block_rows, "rate_hz": a.rate,
+        "store": f"{a.out}.blocks", "jobs": a.jobs or os.cpu_count() or 1, "progress": progress,
+    }
+    if len(a.campaign) == 1:
+        result = probupdate.identify(a.campaign[0], a.model, **options)
+    else:
+        result = probupdate.identify_setups(a.campaign, a.model, **options)
     for path in result.write(a.out):
         say(f"wrote {path}")
     say(result.summary)
@@ -251,7 +256,8 @@ def build_parser() -> argparse.ArgumentParser:
     p.add_argument("--out", help="write the findings as JSON too")
 
     p = verb("identify", run_identify, "modes of every block by SSI-cov, and every pole with what became of it")
-    p.add_argument("campaign", metavar="CAMPAIGN")
+    p.add_argument("campaign", metavar="CAMPAIGN", nargs="+", help="a campaign's folder; several: setups of one "
+                   "structure with sensors in common, merged into one set")
     on_model(p, required=False)
     p.add_argument("--lowest", type=positive(int), help="look for the model's lowest so many modes, whatever they are "
                    "(default: first and second bending and torsion of a tower)")

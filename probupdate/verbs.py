@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -41,7 +42,8 @@ if TYPE_CHECKING:
     from probupdate.diagnosis.results import Diagnosis
     from probupdate.model import Model
 
-__all__ = ["check", "compare", "convert", "identify", "open_model", "regress", "report", "sample", "select", "simulate", "update"]
+__all__ = ["check", "compare", "convert", "identify", "open_model", "regress", "report", "sample", "select", "simulate",
+           "update"]
 
 # global modes looked for: first and second bending pairs and the torsion between them (the paper's first five)
 MODES_OF_INTEREST = ("FA1", "SS1", "T1", "FA2", "SS2")
@@ -110,7 +112,7 @@ def check(campaign: str | Path, *, progress: Progress = silent) -> CampaignCheck
 def convert(
     sources: str | Path, campaign: str | Path, *, description: str | Path | None = None, progress: Progress = silent
 ) -> Conversion:
-    """Records of other programs (CSV, Parquet, MATLAB, NumPy) into a campaign's own layout, as its convert.toml says."""
+    """Records of other programs (CSV, Parquet, MATLAB, NumPy) into a campaign's layout, as its convert.toml says."""
     return convert_files(sources, campaign, description=description, progress=progress)
 
 
@@ -166,6 +168,26 @@ def identify(
     if model is not None:
         reference = _reference(campaign, opened.sensors, model, parameters, lowest, settings.target_rate_hz)
     return identify_campaign(opened, reference, settings=settings, store=store, jobs=jobs, progress=progress)
+
+
+def identify_setups(
+    campaigns: Sequence[str | Path], model=None, *, store: str | Path | None = None, **options
+) -> Merged:
+    """Several setups of one structure, a campaign folder each, with some channels in common (named alike, at one place):
+    each identified as by `identify` with these options, then merged into one set of all channels.
+
+    store: folder below which each setup keeps its blocks, under its campaign folder's name.
+    """
+    paths = [Path(c) for c in campaigns]
+    names = [path.resolve().name for path in paths]
+    if len(set(names)) < len(names):
+        raise InputError("setups", "two campaign folders have one name", "name each folder by its setup")
+    setups = []
+    for path, name in zip(paths, names, strict=True):
+        kept = None if store is None else Path(store) / name
+        found = identify(path, model, store=kept, **options)
+        setups.append(Setup(name=name, sensors=read_campaign(path).sensors, data=found.data))
+    return merge_setups(setups)
 
 
 def _reference(campaign, sensors: tuple[Sensor, ...], model, parameters, lowest, rate_hz: float) -> ReferenceModes:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 import tomllib
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -75,6 +76,34 @@ def nearest(key: str, known: tuple[str, ...]) -> str:
     return f"did you mean '{close[0]}'?" if close else f"known are {', '.join(known)}"
 
 
+@dataclass(frozen=True, eq=False, kw_only=True)
+class CampaignHead:
+    """What campaign.toml alone says."""
+
+    raw: Mapping
+    sensors: tuple[Sensor, ...]
+    sampling_rate_hz: float
+    block_minutes: float
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        return tuple(s.channel for s in self.sensors)
+
+
+def read_head(path: str | Path) -> CampaignHead:
+    """Read campaign.toml. Raises InputError where a key, a unit or a number is not what the campaign's layout says."""
+    path = Path(path)
+    raw = read_toml(path)
+    for key in raw:
+        if key not in CAMPAIGN_KEYS:
+            raise InputError(str(path), f"unknown key '{key}'", nearest(key, CAMPAIGN_KEYS))
+    rate = _positive(path, raw, "sampling_rate_hz")
+    sensors = _sensors(path, raw)
+    minutes = _positive(path, raw, "block_minutes")
+    refuse_absurd(path, rate, minutes, len(sensors))
+    return CampaignHead(raw=raw, sensors=sensors, sampling_rate_hz=rate, block_minutes=minutes)
+
+
 def read_campaign(path: str | Path) -> Campaign:
     """Read campaign.toml, scada.csv (may be absent) and the heads of acceleration/*.h5.
 
@@ -83,26 +112,19 @@ def read_campaign(path: str | Path) -> Campaign:
     path = Path(path)
     if not path.is_dir():
         raise InputError(str(path), "is not a directory", "give the folder that holds campaign.toml")
-    head = path / "campaign.toml"
-    raw = _read_toml(head)
-    for key in raw:
-        if key not in CAMPAIGN_KEYS:
-            raise InputError(str(head), f"unknown key '{key}'", nearest(key, CAMPAIGN_KEYS))
-    rate = _positive(head, raw, "sampling_rate_hz")
-    sensors = _sensors(head, raw)
-    minutes = _positive(head, raw, "block_minutes")
-    refuse_absurd(head, rate, minutes, len(sensors))
-    scada = path / "scada.csv"
+    where = path / "campaign.toml"
+    head = read_head(where)
+    raw, scada = head.raw, path / "scada.csv"
     return Campaign(
         path=path,
         name=str(raw.get("name", path.name)),
-        sensors=sensors,
-        sampling_rate_hz=rate,
-        block_minutes=minutes,
-        water_depth_m=_positive(head, raw, "water_depth_m") if "water_depth_m" in raw else None,
-        rated_power_kw=_positive(head, raw, "rated_power_kw") if "rated_power_kw" in raw else None,
-        x_axis_heading_deg=_heading(head, raw),
-        files=_record_files(path / "acceleration", rate, len(sensors)),
+        sensors=head.sensors,
+        sampling_rate_hz=head.sampling_rate_hz,
+        block_minutes=head.block_minutes,
+        water_depth_m=_positive(where, raw, "water_depth_m") if "water_depth_m" in raw else None,
+        rated_power_kw=_positive(where, raw, "rated_power_kw") if "rated_power_kw" in raw else None,
+        x_axis_heading_deg=_heading(where, raw),
+        files=_record_files(path / "acceleration", head.sampling_rate_hz, len(head.sensors)),
         scada=read_scada(scada) if scada.exists() else None,
     )
 
@@ -125,7 +147,7 @@ def refuse_absurd(where: Path | str, rate_hz: float, block_minutes: float, n_cha
                          f"{8e-6 * n_sample * n_channel:.0f} MB a block", f"give at most {longest:.3g} minutes")
 
 
-def _read_toml(path: Path) -> dict:
+def read_toml(path: Path) -> dict:
     try:
         return tomllib.loads(path.read_text(encoding="utf-8"))
     except FileNotFoundError:

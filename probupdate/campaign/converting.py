@@ -1,0 +1,226 @@
+"""Files of other programs brought into a campaign's layout: acceleration/*.h5 that match its campaign.toml."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from probupdate.campaign.description import Description, read_description
+from probupdate.campaign.reading import CampaignHead, read_head
+from probupdate.campaign.sources import pieces
+from probupdate.campaign.timing import file_clock
+from probupdate.errors import InputError
+from probupdate.progress import Progress, silent
+
+# a file written holds at most so much time, so that no reader is asked for more and a kill loses little
+FILE_S = 3600.0
+RECORD = "converted.json"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Conversion:
+    """files: the records written, in order; kept: those an earlier run had written; notes: what was done to gaps, times
+    and numbers, one sentence each."""
+
+    files: tuple[Path, ...]
+    kept: tuple[Path, ...]
+    samples: int
+    notes: tuple[str, ...]
+
+    @property
+    def summary(self) -> str:
+        text = f"{len(self.files)} files written, {len(self.kept)} kept from before, {self.samples} samples a channel"
+        return "\n".join([text, *(f"  {n}" for n in self.notes)])
+
+
+def convert(
+    sources: str | Path, campaign: str | Path, *, description: str | Path | None = None, progress: Progress = silent
+) -> Conversion:
+    """Write acceleration/*.h5 of the campaign from the files below `sources` that its convert.toml describes.
+
+    campaign holds campaign.toml (which names the channels, in order, and the rate) and, unless `description` names
+    another, convert.toml. Each source is done whole and entered in acceleration/converted.json: a run that was killed
+    goes on with the source it was at, and a source that changed since is refused, as is any file in the way. Gaps up to
+    fill_seconds become NaN, longer ones another file. Raises InputError for irregular sampling, another rate, times
+    that run back, a zone that is not stated, and whatever else would have to be guessed.
+    """
+    sources, campaign = Path(sources), Path(campaign)
+    head = read_head(campaign / "campaign.toml")
+    told = read_description(description or campaign / "convert.toml", head.channels)
+    found = _found(sources, told)
+    folder = campaign / "acceleration"
+    folder.mkdir(exist_ok=True)
+    for rest in folder.glob("*.part"):
+        rest.unlink()
+    record = _read_record(folder / RECORD)
+    words = told.path.read_bytes() + repr((head.channels, head.sampling_rate_hz)).encode()
+    written: list[Path] = []
+    kept: list[Path] = []
+    notes: list[str] = []
+    samples = 0
+    spans: list[tuple[pd.Timestamp, pd.Timestamp, str]] = []
+    for number, path in enumerate(found):
+        progress("converting files", number, len(found))
+        name = path.relative_to(sources if sources.is_dir() else sources.parent).as_posix()
+        key = _key(path, words)
+        entry = record.get(name)
+        if entry is not None:
+            if entry["key"] != key:
+                raise InputError(str(path), "or its description changed after it was converted",
+                                 f"delete what came of it ({', '.join(entry['files'][:3])} ...) and its entry in "
+                                 f"{folder / RECORD}, or convert into a new folder")
+            lost = [f for f in entry["files"] if not (folder / f).is_file()]
+            if lost:
+                raise InputError(str(folder / lost[0]), f"is gone, though {name} was converted",
+                                 f"delete the entry of {name} in {RECORD} to convert it again")
+            kept += [folder / f for f in entry["files"]]
+            samples += entry["samples"]
+            spans += [(pd.Timestamp(a), pd.Timestamp(b), name) for a, b in entry["spans"]]
+            continue
+        outputs, count, said, own = _one_source(path, name, told, head, folder, key)
+        record[name] = {"key": key, "files": [p.name for p in outputs], "samples": count,
+                        "spans": [[a.isoformat(), b.isoformat()] for a, b in own]}
+        _write_record(folder / RECORD, record)
+        written += outputs
+        samples += count
+        notes += said
+        spans += [(a, b, name) for a, b in own]
+    progress("converting files", len(found), len(found))
+    return Conversion(files=tuple(written), kept=tuple(kept), samples=samples,
+                      notes=(*notes, *_overlaps(spans)))
+
+
+def _found(sources: Path, told: Description) -> list[Path]:
+    """The described files, in order of their names; none may lie outside through a link."""
+    if sources.is_file():
+        return [sources]
+    if not sources.is_dir():
+        raise InputError(str(sources), "is neither a folder nor a file", "give where the files to convert lie")
+    inside = sources.resolve()
+    found = sorted(p for p in sources.glob(told.files) if p.is_file())
+    if not found:
+        raise InputError(str(sources), f"holds no file that matches '{told.files}'", f"mend files in {told.path}")
+    for path in found:
+        if not path.resolve().is_relative_to(inside):
+            raise InputError(str(path), "leads out of the folder of the sources", "copy the file there")
+    return found
+
+
+def _key(path: Path, words: bytes) -> str:
+    stat = path.stat()
+    return hashlib.sha256(f"{stat.st_size} {stat.st_mtime_ns}\n".encode() + words).hexdigest()
+
+
+def _read_record(path: Path) -> dict:
+    if not path.exists():
+        return {}
+    try:
+        record = json.loads(path.read_text(encoding="utf-8"))
+        good = isinstance(record, dict) and all({"key", "files", "samples", "spans"} <= set(e) for e in record.values())
+    except (json.JSONDecodeError, UnicodeDecodeError, TypeError):
+        good = False
+    if not good:
+        raise InputError(str(path), "is not what `convert` writes", "delete the folder's records and convert again")
+    return record
+
+
+def _write_record(path: Path, record: dict) -> None:
+    part = path.with_suffix(".part")
+    part.write_text(json.dumps(record, indent=1), encoding="utf-8")
+    os.replace(part, path)
+
+
+def _overlaps(spans: list[tuple[pd.Timestamp, pd.Timestamp, str]]) -> list[str]:
+    spans = sorted(spans)
+    double = [(a[2], b[2]) for a, b in pairwise(spans) if b[0] < a[1]]
+    if not double:
+        return []
+    return [f"{len(double)} records overlap, first those of {double[0][0]} and {double[0][1]}: where they do, the one "
+            "that starts first is used"]
+
+
+# One source ---------------------------------------------------------------------------------------------------------
+
+
+def _one_source(path: Path, name: str, told: Description, head: CampaignHead, folder: Path, key: str):
+    """(files, samples, notes, (start, end) of each): the source's samples on the campaign's clock."""
+    clock = file_clock(path, told, head.sampling_rate_hz)
+    writer = _Writer(folder, name, key, head)
+    factor = np.array([told.factor[c] for c in head.channels])
+    lost = 0
+    for time, data in pieces(path, told):
+        data = data * factor if not told.lost else np.where(np.isin(data, told.lost), np.nan, data) * factor
+        lost += int(np.sum(~np.isfinite(data)))
+        for start, rows in clock.placed(time, data):
+            writer.add(start, rows)
+    outputs, spans, count = writer.close()
+    if not count:
+        raise InputError(str(path), "holds no sample", "leave it out of `files`")
+    notes = [f"{name}: {text}" for text in clock.notes()]
+    if lost:
+        notes.append(f"{name}: {lost} values are lost (NaN)")
+    return outputs, count, notes, spans
+
+
+class _Writer:
+    """Rows with the start of their stretch, gathered into files of up to FILE_S; each gets its name when complete."""
+
+    def __init__(self, folder: Path, source: str, key: str, head: CampaignHead):
+        self.folder, self.source, self.key, self.head = folder, source, key, head
+        self.longest = round(FILE_S * head.sampling_rate_hz)
+        self.start: pd.Timestamp | None = None
+        self.rows: list[np.ndarray] = []
+        self.size = 0
+        self.files: list[Path] = []
+        self.spans: list[tuple[pd.Timestamp, pd.Timestamp]] = []
+        self.count = 0
+
+    def add(self, start: pd.Timestamp | None, rows: np.ndarray) -> None:
+        """start: where a new stretch begins; None where the rows follow on."""
+        if start is not None:
+            self._write()
+            self.start = start
+        while len(rows):
+            room = self.longest - self.size
+            self.rows.append(rows[:room].astype(np.float32))
+            self.size += len(self.rows[-1])
+            rows = rows[room:]
+            if self.size == self.longest:
+                following = self.start + pd.Timedelta(seconds=self.size / self.head.sampling_rate_hz)
+                self._write()
+                self.start = following
+
+    def close(self):
+        self._write()
+        return self.files, self.spans, self.count
+
+    def _write(self) -> None:
+        import h5py
+
+        if not self.size:
+            return
+        # two sources may start at one time: the key's head tells their files apart
+        path = self.folder / f"{self.start.strftime('%Y%m%dT%H%M%S.%f')[:-3]}Z-{self.key[:6]}.h5"
+        if path.exists():
+            with h5py.File(path, "r") as file:
+                mine = "data" in file and file["data"].attrs.get("source_key") == self.key
+            if not mine:
+                raise InputError(str(path), "is there already and came of something else", "move it away")
+        part = path.with_suffix(".part")
+        with h5py.File(part, "w") as file:
+            data = file.create_dataset("data", data=np.concatenate(self.rows))
+            data.attrs["start"] = self.start.isoformat().replace("+00:00", "Z")
+            data.attrs["sampling_rate_hz"] = self.head.sampling_rate_hz
+            data.attrs["source"], data.attrs["source_key"] = self.source, self.key
+        os.replace(part, path)
+        self.files.append(path)
+        self.spans.append((self.start, self.start + pd.Timedelta(seconds=self.size / self.head.sampling_rate_hz)))
+        self.count += self.size
+        self.rows, self.size = [], 0

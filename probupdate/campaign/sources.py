@@ -1,0 +1,282 @@
+"""Files of other programs, read in pieces: CSV, Parquet, MATLAB .mat (v5 and v7.3), NumPy .npy and .npz.
+
+A source gives pieces of (time column or None, data (n, n_channel)); never more than PIECE rows are held, but for .mat
+v5, which has no other way and is refused beyond LARGEST_V5. Nothing in a file is executed: no pickles, no objects.
+"""
+
+from __future__ import annotations
+
+import zipfile
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from probupdate.campaign.description import Description
+from probupdate.campaign.reading import nearest
+from probupdate.errors import InputError
+
+PIECE = 200_000
+# a v5 variable is unpacked whole; three copies of this stay below 1 GiB
+LARGEST_V5 = 300 * 2**20
+Pieces = Iterator[tuple[np.ndarray | None, np.ndarray]]
+
+
+def pieces(path: Path, description: Description) -> Pieces:
+    """The pieces of one file in order; data in float64, factors not applied. Raises InputError naming the file."""
+    readers: dict[str, Callable] = {
+        ".csv": _csv, ".txt": _csv, ".tsv": _csv, ".dat": _csv, ".parquet": _parquet, ".pq": _parquet, ".mat": _mat,
+        ".npy": _npy, ".npz": _npz,
+    }
+    reader = readers.get(path.suffix.lower())
+    if reader is None:
+        raise InputError(str(path), f"'{path.suffix}' is no known kind of file", f"use {', '.join(readers)}")
+    yield from reader(path, description)
+
+
+# Tables -------------------------------------------------------------------------------------------------------------
+
+
+def _csv(path: Path, d: Description) -> Pieces:
+    try:
+        with pd.read_csv(
+            path, sep=d.separator, decimal=d.decimal, header=0 if d.header else None, skiprows=d.skip_rows,
+            chunksize=PIECE, skipinitialspace=True, encoding="utf-8-sig",
+        ) as table:
+            for frame in table:
+                yield _from_frame(path, d, frame)
+    except (pd.errors.ParserError, pd.errors.EmptyDataError, UnicodeDecodeError) as error:
+        raise InputError(str(path), f"is no table ({str(error).splitlines()[0]})",
+                         "check separator, header and skip_rows in convert.toml") from None
+
+
+def _parquet(path: Path, d: Description) -> Pieces:
+    try:
+        from pyarrow import ArrowInvalid, parquet
+    except ImportError:
+        raise InputError(str(path), "Parquet needs the package pyarrow, which is not installed",
+                         "pip install probupdate[parquet], or save the table as CSV") from None
+    try:
+        with parquet.ParquetFile(path) as file:
+            for batch in file.iter_batches(batch_size=PIECE):
+                yield _from_frame(path, d, batch.to_pandas())
+    except (ArrowInvalid, OSError) as error:
+        raise InputError(str(path), f"cannot be read as Parquet ({error})", "write it again or remove it") from None
+
+
+def _from_frame(path: Path, d: Description, frame: pd.DataFrame) -> tuple[np.ndarray | None, np.ndarray]:
+    frame = frame.rename(columns=lambda c: c.strip() if isinstance(c, str) else c)
+    names = [_column_name(path, frame.columns, d.columns[c], c) for c in d.columns]
+    data = np.empty((len(frame), len(names)))
+    for k, name in enumerate(names):
+        column = frame[name]
+        if not pd.api.types.is_numeric_dtype(column):
+            number = pd.to_numeric(column, errors="coerce")
+            wrong = number.isna() & column.notna()
+            if wrong.any():
+                at = wrong[wrong].index[0]
+                raise InputError(f"{path}, column {name}, row {at + 1}", f"'{column[at]}' is no number",
+                                 "give decimal, separator or skip_rows in convert.toml, or mend the cell")
+            column = number
+        data[:, k] = column.to_numpy(float, na_value=np.nan)
+    time = None
+    if d.time is not None:
+        time = frame[_column_name(path, frame.columns, d.time, "time")].to_numpy()
+    return time, data
+
+
+def _column_name(path: Path, names, wanted: str | int, what: str):
+    names = list(names)
+    if isinstance(wanted, int):
+        if wanted > len(names):
+            raise InputError(f"{path}, {what}", f"there is no column {wanted} among {len(names)}", "count from 1")
+        return names[wanted - 1]
+    if wanted not in names:
+        raise InputError(f"{path}, {what}", f"there is no column '{wanted}'",
+                         f"name it in [columns]; {nearest(wanted, tuple(map(str, names[:40])))}")
+    return wanted
+
+
+# Arrays -------------------------------------------------------------------------------------------------------------
+
+
+class _Arrays:
+    """Variables of one file by name, each with rows(first, last) as float64 and a length."""
+
+    def __init__(self, path: Path, names: tuple[str, ...], rows: Callable, shape: Callable):
+        self.path, self.names, self.rows, self.shape = path, names, rows, shape
+
+
+def _from_arrays(arrays: _Arrays, d: Description) -> Pieces:
+    """One variable with a column a channel, or a variable a channel."""
+    path = arrays.path
+    time = None if d.time is None else str(d.time)
+    if d.data is not None or (len(arrays.names) - (time in arrays.names) == 1 and not set(d.columns.values()) & {
+            *arrays.names}):
+        name = d.data or next(n for n in arrays.names if n != time)
+        n_row, n_column = arrays.shape(_variable(path, arrays.names, name, "data"))
+        numbers = []
+        for order, (channel, column) in enumerate(d.columns.items()):
+            number = column if isinstance(column, int) else order + 1
+            if isinstance(column, str) and column != channel:
+                raise InputError(f"{path}, {channel}", f"columns of '{name}' have no names such as '{column}'",
+                                 "give their numbers, from 1, in [columns]")
+            numbers.append(number - 1)
+        if max(numbers) >= n_column:
+            raise InputError(f"{path}, {name}", f"has {n_column} columns, column {max(numbers) + 1} is wanted",
+                             "give one column a channel, or their numbers in [columns]")
+        take = [(name, numbers)]
+    else:
+        take = [(_variable(path, arrays.names, column, channel), [0]) for channel, column in d.columns.items()]
+        n_row = arrays.shape(take[0][0])[0]
+        for name, _ in take:
+            if arrays.shape(name)[0] != n_row:
+                raise InputError(f"{path}, {name}", f"has {arrays.shape(name)[0]} samples, {take[0][0]} has {n_row}",
+                                 "all channels of a file need the same number")
+    if time is not None and arrays.shape(_variable(path, arrays.names, time, "time"))[0] != n_row:
+        raise InputError(f"{path}, {time}", f"has {arrays.shape(time)[0]} values for {n_row} samples", "give one each")
+    for first in range(0, n_row, PIECE):
+        last = min(first + PIECE, n_row)
+        data = np.hstack([arrays.rows(name, first, last)[:, numbers] for name, numbers in take])
+        yield (None if time is None else arrays.rows(time, first, last)[:, 0]), data
+
+
+def _variable(path: Path, names: tuple[str, ...], wanted: str | int, what: str) -> str:
+    if str(wanted) not in names:
+        raise InputError(f"{path}, {what}", f"there is no variable '{wanted}'",
+                         f"name it in convert.toml; {nearest(str(wanted), names)}")
+    return str(wanted)
+
+
+def _columns_of(array: np.ndarray, where: str) -> np.ndarray:
+    """(n_sample, n_column) of a vector or matrix; a single row is a vector lying down."""
+    if array.dtype.kind not in "iuf":
+        raise InputError(where, f"holds {array.dtype}, not numbers", "save numbers")
+    if array.ndim == 1:
+        return array[:, None]
+    if array.ndim != 2:
+        raise InputError(where, f"has {array.ndim} dimensions", "give samples by channels")
+    return array.T if array.shape[0] == 1 else array
+
+
+def _in_memory(path: Path, found: dict[str, np.ndarray]) -> _Arrays:
+    table = {name: _columns_of(a, f"{path}, {name}") for name, a in found.items()}
+    return _Arrays(path, tuple(table), lambda name, a, b: np.asarray(table[name][a:b], float),
+                   lambda name: table[name].shape)
+
+
+def _npy(path: Path, d: Description) -> Pieces:
+    try:
+        array = np.load(path, mmap_mode="r", allow_pickle=False)
+    except (ValueError, OSError, EOFError) as error:
+        raise InputError(str(path), f"is no array of numbers ({str(error).splitlines()[0]})",
+                         "save it by numpy.save, without objects") from None
+    found = {name: array[name] for name in array.dtype.names} if array.dtype.names else {"data": array}
+    yield from _from_arrays(_in_memory(path, found), d)
+
+
+def _npz(path: Path, d: Description) -> Pieces:
+    """Members are unpacked as they are read: a compressed array is walked through, not loaded."""
+    try:
+        with zipfile.ZipFile(path) as archive:
+            heads = {n.removesuffix(".npy"): _npy_head(archive, n) for n in archive.namelist() if n.endswith(".npy")}
+            streams: dict[str, tuple[int, object]] = {}
+
+            def shape(name: str) -> tuple[int, int]:
+                size = heads[name][0]
+                if len(size) == 1 or (len(size) == 2 and size[0] == 1):
+                    return max(size), 1
+                return size[0], size[1]
+
+            def rows(name: str, first: int, last: int) -> np.ndarray:
+                dtype, n_column = heads[name][1], shape(name)[1]
+                place, stream = streams.get(name, (-1, None))
+                if place != first:
+                    stream = archive.open(f"{name}.npy")
+                    _skip_head(stream)
+                    _discard(stream, first * n_column * dtype.itemsize)
+                content = stream.read((last - first) * n_column * dtype.itemsize)
+                streams[name] = (last, stream)
+                return np.frombuffer(content, dtype).reshape(-1, n_column).astype(float)
+
+            for name, (size, dtype, fortran) in heads.items():
+                if dtype.kind not in "iuf" or not 1 <= len(size) <= 2:
+                    raise InputError(f"{path}, {name}", f"holds {dtype} of shape {size}", "save vectors or samples by "
+                                     "channels, of numbers")
+                if fortran and len(size) == 2 and min(size) > 1:
+                    raise InputError(f"{path}, {name}", "lies column by column (Fortran order)",
+                                     "save numpy.ascontiguousarray of it")
+            yield from _from_arrays(_Arrays(path, tuple(heads), rows, shape), d)
+    except (zipfile.BadZipFile, ValueError, OSError, EOFError) as error:
+        raise InputError(str(path), f"is no archive of arrays ({str(error).splitlines()[0]})",
+                         "save it by numpy.savez, without objects") from None
+
+
+def _npy_head(archive: zipfile.ZipFile, name: str) -> tuple[tuple[int, ...], np.dtype, bool]:
+    with archive.open(name) as stream:
+        shape, fortran, dtype = _skip_head(stream)
+    return shape, dtype, fortran
+
+
+def _skip_head(stream) -> tuple[tuple[int, ...], bool, np.dtype]:
+    version = np.lib.format.read_magic(stream)
+    if version == (1, 0):
+        return np.lib.format.read_array_header_1_0(stream)
+    return np.lib.format.read_array_header_2_0(stream)
+
+
+def _discard(stream, size: int) -> None:
+    while size > 0:
+        size -= len(stream.read(min(size, 2**22))) or size
+
+
+def _mat(path: Path, d: Description) -> Pieces:
+    import h5py
+
+    if h5py.is_hdf5(path):
+        yield from _mat73(path, d)
+        return
+    from scipy.io import loadmat, whosmat
+    from scipy.io.matlab import MatReadError
+
+    try:
+        listed = {name: kind for name, _, kind in whosmat(path)}
+        wanted = [n for n in listed if listed[n] in ("double", "single", "int8", "int16", "int32", "int64", "uint8",
+                                                     "uint16", "uint32", "uint64")]
+        size = sum(8 * int(np.prod(shape)) for name, shape, _ in whosmat(path) if name in wanted)
+        if size > LARGEST_V5:
+            raise InputError(str(path), f"is a .mat v5 file, read whole, of {size / 2**20:.0f} MB",
+                             "save it with -v7.3, or in parts")
+        found = loadmat(path, variable_names=wanted)
+    except (MatReadError, ValueError, TypeError, NotImplementedError, OSError) as error:
+        raise InputError(str(path), f"cannot be read as .mat ({str(error).splitlines()[0]})", "save it again") from None
+    yield from _from_arrays(_in_memory(path, {n: found[n] for n in wanted}), d)
+
+
+def _mat73(path: Path, d: Description) -> Pieces:
+    import h5py
+
+    try:
+        with h5py.File(path, "r") as file:
+            names = tuple(n for n in file if isinstance(file[n], h5py.Dataset) and file[n].dtype.kind in "iuf"
+                          and 1 <= file[n].ndim <= 2)
+
+            # MATLAB stores columns first: (n_channel, n_sample) on disk
+            def shape(name: str) -> tuple[int, int]:
+                size = file[name].shape
+                if len(size) == 1 or 1 in size:
+                    return max(size), 1
+                return size[1], size[0]
+
+            def rows(name: str, first: int, last: int) -> np.ndarray:
+                dataset = file[name]
+                if dataset.ndim == 1:
+                    return np.asarray(dataset[first:last], float)[:, None]
+                if dataset.shape[1] == 1:
+                    return np.asarray(dataset[first:last], float)
+                return np.asarray(dataset[:, first:last], float).T
+
+            yield from _from_arrays(_Arrays(path, names, rows, shape), d)
+    except OSError as error:
+        raise InputError(str(path), f"cannot be read as .mat v7.3 ({error})", "save it again") from None

@@ -1,0 +1,223 @@
+"""Times of a source's rows: what they mean, whether they are regular, where each row goes on the campaign's clock."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from datetime import datetime
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from probupdate.campaign.description import DAY_NUMBERS, TIME_UNITS, Description
+from probupdate.errors import InputError
+
+# a source's own rate may differ from campaign.toml's by this; a quartz differs by a hundredth of it
+RATE_TOLERANCE = 1e-3
+# rows more than so far from where they should be, in samples, are a gap or irregular
+OFF = 0.75
+# deviation of the steps, in samples, from which it is said, and beyond which a source is refused
+UNEVEN_SAID, UNEVEN = 0.05, 0.3
+
+
+def file_clock(path: Path, told: Description, rate_hz: float) -> Clock:
+    """The clock of one source; its start from the description or the file's name."""
+    start = None
+    if told.start is not None:
+        start = _localised(_parsed(told.start, f"{told.path}, start"), told, f"{told.path}, start")
+    elif told.start_pattern is not None:
+        found = re.search(told.start_pattern, path.name)
+        if found is None:
+            raise InputError(str(path), f"its name does not hold '{told.start_pattern}'", "mend start_pattern or files")
+        start = _localised(_named(found[1], told, path), told, str(path))
+    return Clock(path, told, rate_hz, start)
+
+
+def _parsed(text: str, where: str) -> pd.Timestamp:
+    try:
+        time = pd.Timestamp(text)
+    except ValueError:
+        time = pd.NaT
+    if time is pd.NaT:
+        raise InputError(where, f"'{text}' is no time", "write ISO 8601, such as 2019-06-03T10:00:00")
+    return time
+
+
+def _named(text: str, told: Description, path: Path) -> pd.Timestamp:
+    if told.start_format is None:
+        return _parsed(text, str(path))
+    try:
+        return pd.Timestamp(datetime.strptime(text, told.start_format))
+    except ValueError as error:
+        raise InputError(str(path), f"'{text}' is not of start_format '{told.start_format}' ({error})",
+                         "see the codes of strptime") from None
+
+
+def _localised(time: pd.Timestamp, told: Description, where: str) -> pd.Timestamp:
+    if time.tzinfo is not None:
+        return time.tz_convert("UTC").as_unit("ns")
+    if told.zone is None:
+        raise InputError(where, "its time zone is not stated", f"add zone to {told.path}, such as zone = \"UTC\"")
+    try:
+        return time.tz_localize(told.zone).tz_convert("UTC").as_unit("ns")
+    except ValueError as error:
+        # the hour that is there twice, or never, when clocks change
+        raise InputError(where, f"is no single moment in that zone ({error})", "give times in UTC") from None
+
+
+class Clock:
+    """Places rows: `placed` yields (start of a new stretch or None, rows), gaps filled with NaN or cut."""
+
+    def __init__(self, path: Path, told: Description, rate_hz: float, start: pd.Timestamp | None):
+        self.path, self.told, self.rate, self.start = path, told, rate_hz, start
+        self.anchor: int | None = None  # nanoseconds of the current stretch's first row
+        self.next_row = 0  # rows of it so far
+        self.first_row = 0  # rows of the source so far
+        self.last_ns: int | None = None
+        self.grain = 0.0  # what the times are rounded to, in samples, where that is coarse
+        self.filled = self.cuts = self.shifts = 0
+        self.uneven = 0.0
+
+    def placed(self, time: np.ndarray | None, data: np.ndarray) -> Iterator[tuple[pd.Timestamp | None, np.ndarray]]:
+        if time is None:
+            new = self.start if self.first_row == 0 else None
+            self.first_row += len(data)
+            yield new, data
+            return
+        if not len(data):
+            return
+        moment = self._nanoseconds(time)
+        self._inspect(moment)
+        yield from self._stretches(moment, data)
+        self.first_row += len(data)
+
+    def notes(self) -> list[str]:
+        said = []
+        if self.filled:
+            said.append(f"{self.filled} missing rows filled with NaN")
+        if self.cuts:
+            said.append(f"{self.cuts} gaps longer than {self.told.fill_seconds:g} s, each begins another file")
+        if self.shifts:
+            said.append(f"its clock and the stated rate part by a sample {self.shifts} times; a file begins at each")
+        if self.uneven > UNEVEN_SAID:
+            said.append(f"its steps are uneven by {self.uneven:.2f} samples (deviation); rows were put at equal steps")
+        if self.grain:
+            said.append(f"times are rounded to {self.grain / self.rate:.3g} s; rows were counted between them")
+        return said
+
+    def _nanoseconds(self, time: np.ndarray) -> np.ndarray:
+        """(n,) int64 since 1970 UTC."""
+        where, told = f"{self.path}, time", self.told
+        if np.asarray(time).dtype.kind in "iuf":
+            value = np.asarray(time, float)
+            if not np.isfinite(value).all():
+                raise InputError(where, f"row {self._row(~np.isfinite(value))} has no time", "drop it or give its time")
+            if told.time_unit == "iso":
+                raise InputError(where, "holds numbers, and time_unit is not stated",
+                                 f"add time_unit, one of {', '.join((*TIME_UNITS, *DAY_NUMBERS))}")
+            if told.time_unit in DAY_NUMBERS:
+                seconds, offset = (value - DAY_NUMBERS[told.time_unit]) * 86400.0, None
+            else:
+                seconds, offset = value * TIME_UNITS[told.time_unit], self.start
+            if offset is None and told.zone is None:
+                raise InputError(where, "its time zone is not stated", f"add zone to {told.path}, such as \"UTC\"")
+            whole = np.floor(seconds)
+            since = whole.astype(np.int64) * 10**9 + np.round((seconds - whole) * 1e9).astype(np.int64)
+            if offset is not None:
+                return since + offset.value
+            return self._to_utc(pd.DatetimeIndex(since.astype("datetime64[ns]")), where)
+        try:
+            index = pd.DatetimeIndex(pd.to_datetime(pd.Series(time), format="ISO8601"))
+        except (ValueError, TypeError) as error:
+            raise InputError(where, f"is not a time ({str(error).splitlines()[0]})",
+                             "write ISO 8601, or numbers with time_unit") from None
+        if index.hasnans:
+            row = self._row(np.asarray(index.isna()))
+            raise InputError(where, f"row {row} has no time", "drop it or give its time")
+        return self._to_utc(index, where)
+
+    def _to_utc(self, index: pd.DatetimeIndex, where: str) -> np.ndarray:
+        if index.tz is None:
+            if self.told.zone is None:
+                raise InputError(where, "its time zone is not stated", f"add zone to {self.told.path}, such as \"UTC\"")
+            try:
+                index = index.tz_localize(self.told.zone)
+            except ValueError as error:
+                raise InputError(where, f"is no single moment in that zone ({str(error).splitlines()[0]})",
+                                 "give times in UTC") from None
+        return index.tz_convert("UTC").as_unit("ns").asi8
+
+    def _row(self, wrong: np.ndarray) -> int:
+        return self.first_row + int(np.argmax(wrong)) + 1
+
+    def _inspect(self, moment: np.ndarray) -> None:
+        """Refuse what is not regular: rows that go back, another rate, steps of all lengths."""
+        previous = moment if self.last_ns is None else np.concatenate([[self.last_ns], moment])
+        step = np.diff(previous)
+        back = step < 0
+        if back.any():
+            offset = 2 if self.last_ns is None else 1
+            row = self.first_row + int(np.argmax(back)) + offset
+            raise InputError(f"{self.path}, time", f"row {row} is earlier than the one before",
+                             "sort the rows; local time runs back in autumn: give UTC")
+        self.last_ns = int(moment[-1])
+        if len(step) < 2:
+            return
+        same = float(np.mean(step == 0))
+        sample = 1e9 / self.rate
+        if same > 0.05:
+            self.grain = max(self.grain, float(np.median(step[step > 0])) / sample if (step > 0).any() else 0.0)
+            if not self.grain:
+                raise InputError(f"{self.path}, time", "does not advance", "give the time of each row")
+            return
+        usual = step < 1.5 * sample
+        if usual.mean() < 0.5:
+            raise InputError(f"{self.path}, time", f"rows come every {np.median(step) / 1e9:.6g} s, campaign.toml says "
+                             f"{1 / self.rate:.6g}", "correct the rate, or resample first")
+        rate = float(np.sum(usual)) / float(np.sum(step[usual])) * 1e9
+        if abs(rate / self.rate - 1) > max(RATE_TOLERANCE, 2.0 / np.sum(usual)):
+            raise InputError(f"{self.path}, time", f"rows come at {rate:.6g} Hz, campaign.toml says {self.rate:.6g} Hz",
+                             "correct the rate, or resample first")
+        uneven = float(np.std(step[usual] / sample))
+        self.uneven = max(self.uneven, uneven)
+        if uneven > UNEVEN:
+            raise InputError(f"{self.path}, time", f"is irregular: its steps deviate by {uneven:.2f} samples",
+                             "resample to equal steps first: this is not done silently")
+
+    def _stretches(self, moment: np.ndarray, data: np.ndarray) -> Iterator[tuple[pd.Timestamp | None, np.ndarray]]:
+        """Cut where time leaves the count of rows by more than OFF samples (or what the times are rounded to)."""
+        sample = 1e9 / self.rate
+        allowed = OFF + self.grain
+        at = 0
+        while at < len(data):
+            new = None
+            if self.anchor is None:
+                self.anchor, self.next_row = self._beginning(moment[at:], sample), 0
+                new = pd.Timestamp(self.anchor, tz="UTC")
+            ahead = (moment[at:] - self.anchor) / sample - (self.next_row + np.arange(len(data) - at))
+            leaving = np.abs(ahead) > allowed
+            stop = at + int(np.argmax(leaving)) if leaving.any() else len(data)
+            if stop > at or new is not None:
+                stop = max(stop, at + 1)
+                yield new, data[at:stop]
+                self.next_row += stop - at
+                at = stop
+                continue
+            gap = float(ahead[0])
+            if gap > allowed and gap / self.rate <= self.told.fill_seconds and gap > 1:
+                missing = round(gap)
+                self.filled += missing
+                yield None, np.full((missing, data.shape[1]), np.nan)
+                self.next_row += missing
+                continue
+            self.cuts += gap / self.rate > self.told.fill_seconds
+            self.shifts += gap / self.rate <= self.told.fill_seconds
+            self.anchor = None
+
+    def _beginning(self, moment: np.ndarray, sample: float) -> int:
+        """Nanoseconds of a stretch's first row; where times are rounded down, by the row at which they first change."""
+        changed = np.flatnonzero(moment != moment[0])
+        if not self.grain or not len(changed):
+            return int(moment[0])
+        return int(moment[changed[0]] - round(changed[0] * sample))
