@@ -49,7 +49,9 @@ def build(ops: ModuleType, frame: Frame, values: Mapping[str, float], *, water: 
 def _member(ops, number, beam, frame, values, mass) -> None:
     axes = beams.axes(frame.node_m[beam.start], frame.node_m[beam.end])
     E = beam.youngs_modulus_pa * float(beam.stiffness.value(values))
-    area, second = float(beam.tube.area(values)), float(beam.tube.second_moment(values))
+    # OpenSees takes the products with E: factors on one stiffness go into the section
+    area = float(beam.tube.area(values) * beam.axial.value(values))
+    second = float(beam.tube.second_moment(values) * beam.bending.value(values))
     ops.geomTransf("Linear", number + 1, *map(float, axes[2]))
     ops.element("elasticBeamColumn", number + 1, beam.start, beam.end, area, E, E / (2 * (1 + beam.poisson_ratio)),
                 2 * second, second, second, number + 1, "-mass", mass, "-cMass")  # fmt: skip
