@@ -1,7 +1,9 @@
 """The virtual turbine and its measurement campaigns, independent of the model that is updated.
 
-`simulation.simulate` writes a campaign, `truth.read_truth_modes` reads its true modes. In the vibration: the heading
-(it turns the masses at the tower top), aerodynamic damping, turbulence, waves, rotor harmonics, yaw and pitch events,
-sensor errors and losses. Not in it: stiffness or mass that follows water level, temperature or amplitude; blades;
-softening by weight; gravity in tilting sensors; off-diagonal damping, so that modes are real.
+`simulation.simulate` writes a campaign, `truth.read_truth_modes` reads its true modes; `modal_blocks.simulate_modes`
+gives the modal sets of many half hours without the vibration. In both: the heading (it turns the masses at the tower
+top), aerodynamic damping, drawn tolerances, and whatever `[[effect]]` of truth.toml hides (`effects.EFFECTS`), over
+time. In the vibration also: turbulence, waves, rotor harmonics, yaw and pitch events, losses. Unless an effect says
+so, nothing follows water level, temperature or amplitude, and weight softens nothing. Never in it: gravity in tilting
+sensors; off-diagonal damping, so that modes are real but for what loggers make of them.
 """

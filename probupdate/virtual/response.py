@@ -44,18 +44,23 @@ def modal_response(
     return acceleration, q[-1], v[-1]
 
 
-def stretches(heading_deg: np.ndarray, state: np.ndarray) -> Iterator[tuple[int, int, float, str]]:
-    """Cut per-sample heading and rotor state (n,) into (first, last + 1, heading, state) of constant properties."""
-    change = np.flatnonzero((np.diff(heading_deg) != 0) | (state[1:] != state[:-1])) + 1
+def stretches(
+    heading_deg: np.ndarray, state: np.ndarray, condition: np.ndarray
+) -> Iterator[tuple[int, int, float, str, int]]:
+    """Cut per-sample heading, rotor state and number of the effects' condition (n,) into (first, last + 1, heading,
+    state, condition) of constant properties."""
+    change = np.flatnonzero((np.diff(heading_deg) != 0) | (state[1:] != state[:-1]) | (np.diff(condition) != 0)) + 1
     for low, high in zip([0, *change], [*change, len(state)], strict=True):
-        yield int(low), int(high), float(heading_deg[low]), str(state[low])
+        yield int(low), int(high), float(heading_deg[low]), str(state[low]), int(condition[low])
 
 
-def channel_response(loads: Loads, heading_deg: np.ndarray, state: np.ndarray, modes, rate: float) -> np.ndarray:
+def channel_response(
+    loads: Loads, heading_deg: np.ndarray, state: np.ndarray, modes, rate: float, condition: np.ndarray
+) -> np.ndarray:
     """Accelerations (n, n_channel) at the sensors as mounted, without noise; starts from rest.
 
-    `modes(heading)` -> HeadingModes. Where the heading changes, displacement and velocity go on, expressed in
-    the new modes; what lies outside their space is lost. At the sensors of the reference turbine a turn of 30 deg
+    `modes(heading, condition)` -> HeadingModes. Where one of them changes, displacement and velocity go on, expressed
+    in the new modes; what lies outside their space is lost. At the sensors of the reference turbine a turn of 30 deg
     costs the first pair 2e-4 of its motion, torsion 1e-3, the second pair 2 %, higher modes up to 8 %: a small
     transient within the yaw event's own.
     """
@@ -63,8 +68,8 @@ def channel_response(loads: Loads, heading_deg: np.ndarray, state: np.ndarray, m
     pieces: list[np.ndarray] = []
     before: HeadingModes | None = None
     q = v = np.zeros(0)
-    for low, high, heading, rotor in stretches(heading_deg, state):
-        now = modes(heading)
+    for low, high, heading, rotor, number in stretches(heading_deg, state, condition):
+        now = modes(heading, number)
         if before is None:
             q = v = np.zeros(len(now.frequency_hz))
         elif before is not now:

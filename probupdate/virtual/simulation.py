@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import hashlib
 from collections import Counter
-from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -14,18 +14,18 @@ from probupdate.errors import InputError
 from probupdate.mode_labels import mode_character
 from probupdate.modes import Sensor
 from probupdate.progress import Progress, silent
-from probupdate.virtual import campaign_files, excitation, losses, operation
-from probupdate.virtual.dynamics import N_MODE, HeadingModes, factorise, heading_modes
-from probupdate.virtual.frame import Structure, build_structure
+from probupdate.virtual import campaign_files, losses, operation
+from probupdate.virtual.dynamics import N_MODE, HeadingModes
+from probupdate.virtual.hours import RATE_HZ, Turbine, hour_of_data, make_turbine
 from probupdate.virtual.observation import rotation
-from probupdate.virtual.response import channel_response
 from probupdate.virtual.scada import scada_table
-from probupdate.virtual.truth import Truth, draw_truth, read_given
+from probupdate.virtual.truth import draw_truth, read_given
 from probupdate.virtual.turbine_file import TurbineFile, read_turbine, reference_file
 
-RATE_HZ = 25.0
+if TYPE_CHECKING:
+    import pandas
+
 BLOCK_MINUTES = 30
-SPIN_UP_S = 600.0  # 5.4 time constants of the least damped first mode and more: what is left is below the noise
 START = np.datetime64("2019-06-01T00:00:00")
 REFERENCE_STATES = ("design", "as_built", "updated")
 
@@ -89,15 +89,14 @@ def simulate(
     plan = operation.make_plan(n_slot, given.operation, np.random.default_rng(streams[1]))
     channels = tuple(s.channel for s in file.sensors)
     gaps = losses.draw_gaps(plan, channels, given.operation, np.random.default_rng(streams[2]))
-    structure = build_structure(file, drawn)
-    modes = _mode_store(structure, drawn)
+    turbine = make_turbine(file, drawn, plan, seed)
     missing = {int(g.start_s // 3600) for g in gaps if g.kind == losses.MISSING_HOUR}
     quiet = plan.quiet_blocks()
     for hour in missing:
         quiet[2 * hour : 2 * hour + 2] = False
 
     folder = Path(out)
-    record = _record(file, given, drawn, plan, gaps, modes, seed, quiet, structure)
+    record = _record(turbine, given, gaps, quiet)
     text = "# What is true of this virtual campaign, and everything that was drawn for it.\n"
     text += campaign_files.toml_text(record)
     _claim(folder, text)
@@ -105,7 +104,7 @@ def simulate(
         folder, name=f"Virtual campaign on '{file.value('name')}'", sensors=file.sensors, rate_hz=RATE_HZ,
         block_minutes=BLOCK_MINUTES, water_depth_m=-file.number("site", "mudline_m"),
     )  # fmt: skip
-    table = scada_table(plan, START, np.random.default_rng(streams[3]))
+    table = told_heading(scada_table(plan, START, np.random.default_rng(streams[3])), turbine)
     lost_rows = {int(g.start_s // 600) for g in gaps if g.kind == losses.LOST_ROW}
     table.drop(index=sorted(lost_rows)).to_csv(folder / "scada.csv", index=False, lineterminator="\n")
 
@@ -119,59 +118,17 @@ def simulate(
         path = folder / "acceleration" / f"{str(start).replace(':', '').replace('-', '')}Z.h5"
         if path.exists():
             continue
-        data = hour_of_data(plan, structure, modes, drawn, gaps, channels, seed, hour)
+        data = hour_of_data(turbine, gaps, channels, hour)
         campaign_files.write_acceleration(path, data, start, RATE_HZ)
     progress("simulating hours", n_hour, n_hour)
     count = Counter(plan.state.tolist())
-    prevailing = modes(_prevailing(plan))
+    prevailing = turbine.modes(_prevailing(plan))
     return VirtualCampaign(
         path=folder, truth_path=folder / "truth.toml", n_file=written, hours=n_slot / 6,
         quiet_blocks=int(quiet.sum()), blocks=len(quiet),
         state_share={name: count[k] / n_slot for k, name in enumerate(operation.STATES)},
         frequency_hz=prevailing.frequency_hz, damping_ratio=prevailing.damping_ratio["idling"], seed=int(seed),
     )  # fmt: skip
-
-
-def hour_of_data(
-    plan: operation.Plan, structure: Structure, modes: Callable[[float], HeadingModes], truth: Truth,
-    gaps: tuple[losses.Gap, ...], channels: tuple[str, ...], seed: int, hour: int,
-) -> np.ndarray:  # fmt: skip
-    """Accelerations (n_sample, n_channel) in m/s2 of one hour (less at the campaign's end), as the logger has them."""
-    first, last = 3600.0 * hour, min(3600.0 * (hour + 1), 600.0 * plan.n_slot)
-    lead, n = int(SPIN_UP_S * RATE_HZ), round((last - first) * RATE_HZ)
-    leg_xy = structure.node_m[structure.surface, :2]
-    begin = first - SPIN_UP_S
-    loads = excitation.make_loads(plan, leg_xy, N_MODE, seed, begin, lead + n, RATE_HZ)
-    grid = np.clip(((begin + np.arange(lead + n) / RATE_HZ) // operation.GRID_S).astype(int), 0, len(plan.running) - 1)
-    rotor = np.where(plan.running[grid] > 0.5, "operating", "idling")
-    motion = channel_response(loads, plan.heading_deg[grid], rotor, modes, RATE_HZ)[lead:]
-    motion += truth.noise_std_mps2 * excitation.white(seed, 3, first, n, len(channels), RATE_HZ) + truth.offset_mps2
-    data = motion.astype(np.float32)
-    keep = n
-    for gap in gaps:
-        low = round((gap.start_s - first) * RATE_HZ)
-        high = round((gap.start_s + gap.duration_s - first) * RATE_HZ)
-        if high <= 0 or low >= n:
-            continue
-        if gap.kind == losses.LOST_SAMPLES:
-            column = channels.index(gap.channel) if gap.channel else slice(None)
-            data[max(low, 0) : high, column] = np.nan
-        elif gap.kind == losses.SHORT_FILE:
-            keep = low
-    return data[:keep]
-
-
-def _mode_store(structure: Structure, truth: Truth) -> Callable[[float], HeadingModes]:
-    """Modes by heading, solved once each."""
-    solver, known = factorise(structure), {}
-
-    def modes(heading_deg: float) -> HeadingModes:
-        key = float(heading_deg)
-        if key not in known:
-            known[key] = heading_modes(structure, truth.damping_ratio, key, solver)
-        return known[key]
-
-    return modes
 
 
 def _prevailing(plan: operation.Plan, *, idling_only: bool = False) -> float:
@@ -202,14 +159,39 @@ def _rounded(array, digits: int = 8) -> list:
     return np.round(np.asarray(array, float), digits).tolist()
 
 
-def _record(file: TurbineFile, given, truth: Truth, plan, gaps, modes, seed, quiet, structure) -> dict:
-    """The content of truth.toml; it can be given back as a truth file."""
+def told_heading(table: pandas.DataFrame, turbine: Turbine) -> pandas.DataFrame:
+    """SCADA's nacelle heading with the error that is hidden in it."""
+    off = np.array([turbine.hidden(number).total("heading_offset") for number in range(len(turbine.amount))])
+    if off.any():
+        heading = table["nacelle_heading_deg"].to_numpy() + off[turbine.condition]
+        table["nacelle_heading_deg"] = np.mod(heading.round(1), 360)
+    return table
+
+
+def _mode_set(file: TurbineFile, modes: HeadingModes) -> dict:
+    return {
+        "heading_deg": modes.heading_deg,
+        "labels": list(nacelle_labels(modes, file.sensors)),
+        "frequency_hz": _rounded(modes.frequency_hz),
+        "damping_ratio_idling": _rounded(modes.damping_ratio["idling"], 6),
+        "damping_ratio_operating": _rounded(modes.damping_ratio["operating"], 6),
+        "shape": _rounded(modes.nominal_shape.T),
+    }
+
+
+def _record(turbine: Turbine, given, gaps, quiet) -> dict:
+    """The content of truth.toml; it can be given back as a truth file. Modes are those of the campaign's start and,
+    where effects vary, of its end; `condition` says from when on which amounts of the effects hold."""
+    file, truth, plan, seed = turbine.file, turbine.truth, turbine.plan, turbine.seed
+    structure, ends = turbine.structure(0), int(turbine.condition[-1])
+    starts = np.flatnonzero(np.diff(turbine.condition, prepend=-1))
+    varies = len(turbine.amount) > 1
     t = asdict(truth.tolerances)
     headings = sorted(set(plan.heading_deg.tolist()))
     times = START + (operation.GRID_S * np.arange(len(plan.heading_deg))).astype("timedelta64[s]")
     key = np.where(plan.running > 0.5, 1, 0)
     cuts = [0, *(np.flatnonzero((np.diff(plan.heading_deg) != 0) | (np.diff(key) != 0)) + 1), len(key)]
-    idle = modes(_prevailing(plan, idling_only=True))
+    idle = turbine.modes(_prevailing(plan, idling_only=True))
     record = {
         "format": 1,
         "name": str(file.value("name")),
@@ -235,17 +217,13 @@ def _record(file: TurbineFile, given, truth: Truth, plan, gaps, modes, seed, qui
                 nacelle_labels(idle, file.sensors), idle.frequency_hz, strict=True) if not label.startswith("L")
         },
         "effect": [dict(e) for e in truth.effects],
-        "mode_set": [
-            {
-                "heading_deg": h,
-                "labels": list(nacelle_labels(m, file.sensors)),
-                "frequency_hz": _rounded(m.frequency_hz),
-                "damping_ratio_idling": _rounded(m.damping_ratio["idling"], 6),
-                "damping_ratio_operating": _rounded(m.damping_ratio["operating"], 6),
-                "shape": _rounded(m.nominal_shape.T),
-            }
-            for h, m in ((h, modes(h)) for h in headings)
-        ],
+        "mode_set": [_mode_set(file, turbine.modes(h, 0)) for h in headings],
+        "mode_set_end": [_mode_set(file, turbine.modes(h, ends)) for h in headings] if varies else [],
+        "condition": [
+            {"start": f"{START + np.timedelta64(int(600 * k), 's')}Z",
+             "amount": _rounded(turbine.amount[turbine.condition[k]])}
+            for k in starts
+        ] if varies else [],
         "state": [
             {"start": f"{times[a]}Z", "heading_deg": float(plan.heading_deg[a]),
              "rotor": ("idling", "operating")[key[a]]}

@@ -16,7 +16,8 @@ from probupdate.virtual.turbine_file import TurbineFile, read_toml, unknown_name
 
 # keys a user may give; the rest of a written truth.toml is a record, and read back only as far as it is given
 GIVEN = ("parameters", "parameters_from", "tolerances", "operation", "effect")
-RECORDED = ("format", "name", "model", "seed", "drawn", "mode_set", "idling_hz", "state", "event", "gap", "summary")
+RECORDED = ("format", "name", "model", "seed", "drawn", "mode_set", "mode_set_end", "condition", "idling_hz", "state",
+            "event", "gap", "summary")
 DEPTHS = ("sc", "corr", "mg")  # may be zero
 OPERATION = ("maintenance_hours", "wind_speed_mean_mps", "missing_hours")
 
