@@ -250,3 +250,18 @@ def test_the_reference_turbine_s_catalogue_is_accepted_as_a_file(tmp_path):
         assert len(effects) > 130
         text = extended_text(path, effects)
         assert len(tomllib.loads(text)["parameter"]) == 17 + len(effects)
+
+
+@pytest.mark.parametrize("state", ["design", "as_built", "updated"])
+def test_the_reference_files_tell_of_every_kind_and_their_example_works(state, tmp_path):
+    text = reference_model(state).read_text(encoding="utf-8")
+    lines = [line.removeprefix("# ").removeprefix("#") for line in text[text.index("# Effects:") :].splitlines()]
+    for name, kind in KINDS.items():
+        (row,) = (line.split() for line in lines if line.startswith(f"{name} "))
+        assert float(row[1]) == kind.neutral and " ".join(row[2:4]).startswith(kind.unit), name
+        known = " ".join(lines)
+        assert all(key in known for key in (*kind.needs, *kind.may)), name
+    example = lines[lines.index("[[parameter]]") : lines.index("upper = 2.0") + 1]
+    path = tmp_path / "model.toml"
+    path.write_text(text + "\n".join(example))
+    assert load_model(path).parameters.names[-1] == "face_AB_2"
