@@ -90,29 +90,38 @@ def toeplitz_products(
 class ObservabilityDeviation:
     """Deviations of the leading left singular vectors of T, from which those of O follow for every order.
 
-    outside (n_channel br, n, n_sub): the part of du_i outside the span of u_1..u_n, n the highest order; inside
-    (n, n, n_sub): u_l^T du_i. squared_next: s_(n + 1)^2.
+    outside (n, n_channel br, n_sub): the part of du_i outside the span of u_1..u_n, n the highest order; inside
+    (n, n, n_sub): u_l^T du_i at [i, l]. left (n_channel br, n): u; singular (n,); squared_next: s_(n + 1)^2.
     """
 
     outside: np.ndarray
     inside: np.ndarray
+    left: np.ndarray
+    singular: np.ndarray
     squared_next: float
 
     @property
     def n_sub(self) -> int:
         return self.outside.shape[2]
 
-    def of_order(self, factorisation: Factorisation, order: int) -> np.ndarray | None:
-        """dO (n_channel br, order, n_sub) outside the span of O of that order; None where O has no derivative, the
-        order parting two singular values that are equal but for rounding."""
-        singular = factorisation.singular_value[: self.outside.shape[1]]
-        following = np.append(singular**2, self.squared_next)[order]
-        if singular[order - 1] ** 2 - following <= LEAST_GAP * singular[0] ** 2:
-            return None
-        u = factorisation.observability[:, order: len(singular)] / np.sqrt(singular[order:])
-        n_row, n_sub = len(u), self.n_sub
-        added = (u @ self.inside[order:, :order].reshape(-1, order * n_sub)).reshape(n_row, order, n_sub)
-        return (self.outside[:, :order] + added) * np.sqrt(singular[:order])[:, None]
+    def known(self, order: int) -> bool:
+        """False where the order parts two singular values that are equal but for rounding: O has no derivative."""
+        following = np.append(self.singular**2, self.squared_next)[order]
+        return bool(self.singular[order - 1] ** 2 - following > LEAST_GAP * self.singular[0] ** 2)
+
+    def times(self, state: np.ndarray) -> np.ndarray:
+        """dO X (n_column, n_channel br, n_sub) for real X (order, n_column), without the part in the span of O."""
+        order, n = len(state), len(self.singular)
+        weight = (np.sqrt(self.singular[:order])[:, None] * state).T
+        far = weight @ self.outside[:order].reshape(order, -1)
+        near = (weight @ self.inside[:order, order:].reshape(order, -1)).reshape(len(weight), n - order, self.n_sub)
+        return far.reshape(len(weight), -1, self.n_sub) + np.matmul(self.left[:, order:], near)
+
+    def transposed_times(self, rows: np.ndarray, order: int) -> np.ndarray:
+        """dO_up^T Y (order, n_column, n_sub) for real Y (n_row, n_column), O_up being O's first n_row; likewise."""
+        far = np.matmul(rows.T, self.outside[:order, : len(rows)])
+        near = np.matmul(rows.T @ self.left[: len(rows), order:], self.inside[:order, order:])
+        return (far + near) * np.sqrt(self.singular[:order])[:, None, None]
 
 
 def observability_deviation(
@@ -134,7 +143,7 @@ def observability_deviation(
     size, n_sub = len(u), dt_v.shape[2]
     source = dt_v * singular[:, None] + (toeplitz @ dt_u.reshape(len(dt_u), -1)).reshape(size, n, n_sub)
     flat = source.reshape(size, -1)
-    # gaps that are nothing but rounding are kept out by `of_order`; here they only must not divide by zero
+    # gaps that are nothing but rounding are kept out by `known`; here they only must not divide by zero
     gap = _divisor(singular**2 - squared_others[:, None])
     share = (others.T @ flat).reshape(-1, n, n_sub) / gap[:, :, None]
     outside = others @ share.reshape(len(share), -1)
@@ -143,10 +152,11 @@ def observability_deviation(
         beyond = (dt_v / singular[:, None]).reshape(size, -1)
         outside += beyond - basis @ (basis.T @ beyond)
     inside = (u.T @ flat).reshape(n, n, n_sub) / _divisor(singular**2 - singular[:, None] ** 2)[:, :, None]
-    arrays = {"outside": outside.reshape(size, n, n_sub), "inside": inside}
-    for array in arrays.values():
-        array.setflags(write=False)
-    return ObservabilityDeviation(**arrays, squared_next=float(squared_others[0]) if len(squared_others) else 0.0)
+    return ObservabilityDeviation(
+        outside=np.ascontiguousarray(outside.reshape(size, n, n_sub).transpose(1, 0, 2)),
+        inside=np.ascontiguousarray(inside.transpose(1, 0, 2)), left=u, singular=singular,
+        squared_next=float(squared_others[0]) if len(squared_others) else 0.0,
+    )
 
 
 def _divisor(gap: np.ndarray) -> np.ndarray:
@@ -172,11 +182,9 @@ def pole_deviations(
     table = (len(indices), changed.n_sub)
     ln_frequency, damping = np.full(table, np.nan), np.full(table, np.nan)
     shape = np.full((m, *table), np.nan + 0j)
-    moved_observability = changed.of_order(factorisation, n) if there.size else None
-    if moved_observability is not None:
+    if there.size and changed.known(n):
         chosen = realisation.oscillating[indices[there]]
-        eigenvalue, raw = _eigen_deviation(
-            factorisation.observability[:, :n], moved_observability, realisation, chosen, m)
+        eigenvalue, raw = _eigen_deviation(factorisation.observability[:, :n], changed, realisation, chosen, m)
         mu = realisation.eigenvalue[chosen]
         pole = factorisation.sampling_rate_hz * np.log(mu)
         moved = factorisation.sampling_rate_hz * eigenvalue / mu[:, None]
@@ -188,22 +196,24 @@ def pole_deviations(
 
 
 def _eigen_deviation(
-    observability: np.ndarray, changed: np.ndarray, realisation: Realisation, chosen: np.ndarray, m: int
+    observability: np.ndarray, changed: ObservabilityDeviation, realisation: Realisation, chosen: np.ndarray, m: int
 ) -> tuple[np.ndarray, np.ndarray]:
     """d mu (n_chosen, n_sub), and d(C psi) (m, n_chosen, n_sub) up to a multiple of C psi.
 
     dA psi = O_up^+ (dO_down - mu dO_up) psi + (O_up^T O_up)^-1 dO_up^T (O_down - mu O_up) psi: the second term is there
     because O_up A = O_down holds in least squares only.
     """
-    n, n_sub = changed.shape[1:]
+    n, n_sub, k = observability.shape[1], changed.n_sub, len(chosen)
     mu, psi = realisation.eigenvalue, realisation.vector[:, chosen]
     q, r = np.linalg.qr(observability[:-m])
     residual = observability[m:] @ psi - (observability[:-m] @ psi) * mu[chosen]
-    turned = np.matmul(psi.T, changed)  # (rows, n_chosen, n_sub): dO psi
-    shift = turned[m:] - mu[chosen][:, None] * turned[:-m]
-    first = (q.T @ shift.reshape(len(shift), -1)).reshape(n, len(chosen), n_sub)
-    second = np.matmul(residual.T, changed[:-m].reshape(len(residual), -1)).reshape(len(chosen), n, n_sub)
-    second = linalg.solve_triangular(r, second.transpose(1, 0, 2).reshape(n, -1), trans="T")
+    parts = changed.times(np.column_stack([psi.real, psi.imag]))
+    turned = parts[:k] + 1j * parts[k:]  # (k, rows, n_sub): dO psi
+    shift = turned[:, m:] - mu[chosen][:, None, None] * turned[:, :-m]
+    first = np.matmul(q.T, shift).transpose(1, 0, 2)
+    parts = changed.transposed_times(np.column_stack([residual.real, residual.imag]), n)
+    second = (parts[:, :k] + 1j * parts[:, k:]).reshape(n, -1)
+    second = linalg.solve_triangular(r, second, trans="T")
     moved = linalg.solve_triangular(r, first.reshape(n, -1) + second)
     modal = np.linalg.solve(realisation.vector, moved).reshape(n, len(chosen), n_sub)
     gap = mu[chosen] - mu[:, None]  # (n, n_chosen)
@@ -211,7 +221,7 @@ def _eigen_deviation(
     gap[own] = np.inf
     gap[gap == 0] = np.nan
     vector = (realisation.vector @ (modal / gap[:, :, None]).reshape(n, -1)).reshape(n, len(chosen), n_sub)
-    output = np.tensordot(realisation.output, vector, axes=(1, 0)) + turned[:m]
+    output = np.tensordot(realisation.output, vector, axes=(1, 0)) + turned[:, :m].transpose(1, 0, 2)
     return modal[chosen, np.arange(len(chosen))], output
 
 
