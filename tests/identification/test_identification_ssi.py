@@ -5,12 +5,14 @@ import pytest
 
 from probupdate.errors import InputError
 from probupdate.identification.preprocessing import resampled
+from probupdate.identification.record import identify_record
 from probupdate.identification.ssi import (
     block_toeplitz,
     factorise,
     identify_poles,
     output_covariances,
     poles,
+    reference_projection,
     stability,
 )
 from probupdate.modes import mac
@@ -164,6 +166,74 @@ def test_a_mode_is_stable_over_the_orders_and_noise_is_not(jacket):
     strange = np.array([min(abs(f / jacket.frequency_hz - 1)) > 0.1 for f in found.frequency_hz])
     assert strange.any() and np.median(share[strange]) < 0.75
     assert stability(found, ()) == pytest.approx(np.zeros(len(share)))
+
+
+# References, orders, records that cannot be used ---------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("references", [4, (0, 1, 4, 12, 17)])
+def test_references_are_the_same_as_fewer_columns(jacket, references):
+    """Projected and chosen channels: covariances with y_ref alone, a tall block Toeplitz matrix, and the exact modes
+    still where covariances are exact."""
+    data = jacket.record(2000, seed=7)
+    whole = output_covariances(data, 59)
+    projection = reference_projection(whole, references)
+    assert projection.T @ projection == pytest.approx(np.eye(projection.shape[1]), abs=1e-12)
+    fewer = output_covariances(data, 59, projection=projection)
+    assert fewer == pytest.approx(whole @ projection, abs=1e-12 * np.abs(whole).max())
+    (found,) = poles(factorise(exact_covariances(jacket, 59) @ projection, BLOCK_ROWS, 10, RATE), (10,))
+    assert found.frequency_hz == pytest.approx(jacket.frequency_hz, rel=1e-7)
+    assert found.damping_ratio == pytest.approx(jacket.damping_ratio, rel=1e-5)
+    assert np.diag(mac(found.shape, jacket.shape)) == pytest.approx(np.ones(5), abs=1e-7)
+
+
+def test_projected_references_keep_the_most(jacket):
+    """No other four combinations keep more of sum |R_k P|^2: against a hundred random ones and the first channels."""
+    whole = output_covariances(jacket.record(2000, seed=7), 59)
+
+    def kept(projection: np.ndarray) -> float:
+        return np.linalg.norm(whole[1:] @ projection)
+
+    best, rng = kept(reference_projection(whole, 4)), np.random.default_rng(0)
+    others = [np.linalg.qr(rng.standard_normal((18, 4)))[0] for _ in range(100)]
+    assert max(kept(p) for p in [*others, np.eye(18)[:, :4]]) < best <= kept(np.eye(18))
+
+
+@pytest.mark.parametrize("references", [0, 19, (), (1, 1), (-1,), (18,), (0.5,)])
+def test_references_that_are_none_are_refused(references):
+    with pytest.raises(InputError, match="references"):
+        reference_projection(np.zeros((4, 18, 18)), references)
+
+
+def test_a_record_keeps_the_poles_of_every_order(jacket):
+    data = jacket.record(9000, seed=6)
+    record = identify_record(data, RATE, order=ORDER, block_rows=BLOCK_ROWS, spread=8)
+    assert [one.order for one in record.by_order] == list(range(2, 29, 2))
+    found, share = identify_poles(data, RATE, order=ORDER, block_rows=BLOCK_ROWS, spread=8)
+    assert record.poles.frequency_hz == pytest.approx(found.frequency_hz, rel=1e-9)
+    assert record.stability == pytest.approx(share)
+    odd = identify_record(data, RATE, order=9, block_rows=BLOCK_ROWS)
+    assert [one.order for one in odd.by_order] == [3, 5, 7, 9]
+
+
+def test_a_record_that_cannot_be_used_is_refused(jacket):
+    data = jacket.record(400, seed=6)
+
+    def identified(changed):
+        return identify_record(changed, RATE, order=6, block_rows=10)
+
+    broken, flat = data.copy(), data.copy()
+    broken[7, 3], flat[:, 5] = np.nan, 2.5
+    with pytest.raises(InputError, match="channel 3 holds NaN"):
+        identified(broken)
+    with pytest.raises(InputError, match="channel 5 does not move"):
+        identified(flat)
+    with pytest.raises(InputError, match="19 samples for 19 lags"):
+        identified(data[:19])
+    with pytest.raises(InputError, match=r"shape \(400,\)"):
+        identified(data[:, 0])
+    # one channel is a structure too
+    assert len(identified(data[:, [16]]).poles.frequency_hz) > 0
 
 
 # Resampling --------------------------------------------------------------------------------------------------------
