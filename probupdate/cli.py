@@ -132,6 +132,7 @@ def run_update(a: argparse.Namespace, progress: Progress) -> None:
 
     result = probupdate.update(
         a.model, a.modes, parameters=a.parameters, set_id=a.set, weights=weights_option(a), alpha=a.alpha,
+        frequencies=a.frequencies, shapes=a.shapes, method=a.method,
         iterations=a.iterations, progress=progress)
     result.write(a.out)
     say(result.summary)
@@ -143,6 +144,7 @@ def run_sample(a: argparse.Namespace, progress: Progress) -> None:
 
     result = probupdate.sample(
         a.model, a.modes, a.out, parameters=a.parameters, set_id=a.set, weights=weights_option(a), seed=a.seed,
+        frequencies=a.frequencies, shapes=a.shapes, ensembles=a.ensembles,
         target_ess=a.ess, max_steps=a.max_steps, progress=progress)
     say(result.summary)
     say(f"wrote {a.out}")
@@ -193,6 +195,15 @@ def positive(kind: type) -> Callable[[str], float]:
     return convert
 
 
+def alpha_option(text: str) -> float | str:
+    if text in ("l-curve", "discrepancy", "evidence"):
+        return text
+    try:
+        return positive(float)(text)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{text} is neither a number nor l-curve, discrepancy, evidence") from None
+
+
 class _Parser(argparse.ArgumentParser):
     """One line for a wrong option too; the usage stands in --help."""
 
@@ -227,9 +238,13 @@ def build_parser() -> argparse.ArgumentParser:
         p.add_argument("--modes", required=True, help="modes.json; nine.json from `select`")
         p.add_argument("--set", help="id of the set to use (default: the file's reference set, or its first)")
         weights = p.add_mutually_exclusive_group()
-        weights.add_argument("--weights", choices=("measured", "paper"), default="measured",
-                             help="W_Lambda from the deviations in the file (default), or from the paper's CoVs "
-                             "0.015 / 0.017, tenfold for shapes")
+        weights.add_argument("--weights", choices=("measured", "covariance", "paper"), default="measured",
+                             help="W_Lambda from the deviations in the file (default), from their full covariance "
+                             "where the file has it, or from the paper's CoVs 0.015 / 0.017, tenfold for shapes")
+        p.add_argument("--frequencies", choices=("hz", "log"), default="hz", help="as they are (default) or logarithms")
+        p.add_argument("--shapes", choices=("plane", "components", "mac", "none"), default="plane",
+                       help="shapes by components with close pairs as planes (default), every one by components, as "
+                       "one MAC each, or not at all")
         weights.add_argument("--frequency-cov", type=positive(float), nargs="+", metavar="COV",
                              help="CoV of each frequency instead, tenfold for shapes")
 
@@ -289,13 +304,18 @@ def build_parser() -> argparse.ArgumentParser:
 
     p = verb("update", run_update, "the sensitivity-based Tikhonov update in both readings, for every set")
     on_modes(p)
-    p.add_argument("--alpha", type=positive(float), default=1.0, help="regularisation coefficient of Eq. 6 (1)")
+    p.add_argument("--alpha", type=alpha_option, default=1.0,
+                   help="regularisation coefficient of Eq. 6 (1), or the rule that chooses it: l-curve, discrepancy, "
+                   "evidence")
+    p.add_argument("--method", choices=("gauss-newton", "levenberg-marquardt"), default="gauss-newton",
+                   help="how the anchored reading is solved (gauss-newton)")
     p.add_argument("--iterations", type=positive(int), default=50, help="at most so many steps (50)")
     p.add_argument("--out", required=True)
 
     p = verb("sample", run_sample, "the posterior of the same problem by emcee; resumes where it was stopped")
     on_modes(p)
     p.add_argument("--ess", type=positive(int), default=1000, help="effective draws of the worst parameter (1000)")
+    p.add_argument("--ensembles", type=positive(int), default=1, help="independent ensembles, judged together (1)")
     p.add_argument("--max-steps", type=positive(int), default=20000, help="give up, and say so, after these (20000)")
     p.add_argument("--out", required=True, help="posterior.nc; the chain is kept beside it")
     seeded(p)

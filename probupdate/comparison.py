@@ -12,7 +12,7 @@ from scipy import stats
 
 from probupdate.errors import InputError
 from probupdate.estimators.posterior_file import Posterior
-from probupdate.estimators.update_file import UpdateRecord, fit_sentence
+from probupdate.estimators.update_file import BLIND_RESOLUTION, UpdateRecord, fit_sentence
 
 FORMAT = 1
 # posterior over prior deviation: below the first the data decide, above the second the parameter keeps its prior
@@ -77,14 +77,15 @@ class Comparison:
     def summary(self) -> str:
         width = max(5, *(len(r.name) for r in self.rows))
         columns = "".join(f" {name:>10}" for name in ("Eq. 7", "anchored", "MAP", "mean"))
-        head = f"{'':<{width}} {'prior':>16}{columns} {'CoV':>7}  data say"
+        head = f"{'':<{width}} {'prior':>16}{columns} {'CoV':>7} {'width':>6} {'R':>5}  data say"
         lines = [head]
         for r in self.rows:
             prior = f"{r.initial:.4g}+-{r.prior_std:.2g}"
             lines.append(
                 f"{r.name:<{width}} {prior:>16} {r.step:>10.4g} {r.anchored:>10.4g} {r.map:>10.4g} {r.mean:>10.4g} "
-                f"{r.cov:>7.3f}  {r.identified}{'; ' + '; '.join(r.flags) if r.flags else ''}"
+                f"{r.cov:>7.3f} {r.contraction:>6.2f} {r.resolution:>5.2f}  {'; '.join((r.identified, *r.flags))}"
             )
+        lines.append("width: posterior over prior deviation; R: share of the MAP that the data decide (resolution)")
         return "\n".join([*lines, *self.notes])
 
     def write(self, path: str | Path) -> Path:
@@ -218,6 +219,16 @@ def _sentence(row: dict, parameter, update: UpdateRecord, partner: str, correlat
         if row["resolution"] < 0.5:
             text += " that the data do not replace"
         parts.append(text)
+    if row["resolution"] < BLIND_RESOLUTION and row["contraction"] < BLIND:
+        parts.append(
+            f"narrower than its prior ({100 * row['contraction']:.0f} %) though the data hardly decide it at the "
+            f"maximum (resolution {row['resolution']:.2f}): bounds and curvature away from the maximum do it"
+        )
+    elif row["resolution"] > STRONG and row["contraction"] > BLIND:
+        parts.append(
+            f"as wide as its prior ({100 * row['contraction']:.0f} %) though the data decide it at the "
+            f"maximum (resolution {row['resolution']:.2f}): another parameter does the same, or the maximum is not typical"
+        )
     if not parts:
         return f"All estimates of {name} agree within {CLOSE:g} posterior deviations."
     text = "; ".join(parts)

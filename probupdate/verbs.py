@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -28,6 +29,7 @@ from probupdate.identification.identify import Identification, SSISettings
 from probupdate.identification.identify import identify as identify_campaign
 from probupdate.identification.reference import ReferenceModes
 from probupdate.identification.regression import COVARIATES, ModalRegression, regress_modes
+from probupdate.identification.roving import Merged, Setup, merge_setups
 from probupdate.identification.selection import CAMPAIGN, Selection
 from probupdate.identification.selection import select as select_sets
 from probupdate.mode_labels import close_pairs, mode_character
@@ -42,8 +44,8 @@ if TYPE_CHECKING:
     from probupdate.diagnosis.results import Diagnosis
     from probupdate.model import Model
 
-__all__ = ["check", "compare", "convert", "identify", "open_model", "regress", "report", "sample", "select", "simulate",
-           "update"]
+__all__ = ["check", "compare", "convert", "identify", "identify_setups", "open_model", "regress", "report", "sample",
+           "select", "simulate", "update"]
 
 # global modes looked for: first and second bending pairs and the torsion between them (the paper's first five)
 MODES_OF_INTEREST = ("FA1", "SS1", "T1", "FA2", "SS2")
@@ -173,8 +175,8 @@ def identify(
 def identify_setups(
     campaigns: Sequence[str | Path], model=None, *, store: str | Path | None = None, **options
 ) -> Merged:
-    """Several setups of one structure, a campaign folder each, with some channels in common (named alike, at one place):
-    each identified as by `identify` with these options, then merged into one set of all channels.
+    """Several setups of one structure, a campaign folder each, with some channels in common (named alike, at one
+    place): each identified as by `identify` with these options, then merged into one set of all channels.
 
     store: folder below which each setup keeps its blocks, under its campaign folder's name.
     """
@@ -245,17 +247,21 @@ def regress(
     return regress_modes(read_modes(modes), covariates=covariates, state=state)
 
 
-def _weights(weights: str | tuple[float, ...] | Weights, data: ModalData) -> Weights:
-    """'measured', 'paper', or a CoV a mode."""
+def _weights(
+    weights: str | tuple[float, ...] | Weights, data: ModalData, *, frequencies: str = "hz", shapes: str = "plane"
+) -> Weights:
+    """'measured', 'covariance', 'paper', or a CoV a mode; and what is compared (see `responses`)."""
     if isinstance(weights, Weights):
         return weights
-    if weights == "measured":
-        return Weights()
+    compared = {"frequencies": frequencies, "shapes": shapes}
+    if weights in ("measured", "covariance"):
+        return Weights(covariance=weights == "covariance", **compared)
     if weights == "paper":
-        return paper_weights(data.labels, data.set().frequency_hz)
+        return paper_weights(data.labels, data.set().frequency_hz, **compared)
     if isinstance(weights, str):
-        raise InputError("weights", f"'{weights}' is unknown", "choose from measured, paper, or give a CoV a mode")
-    return Weights(frequency_cov=tuple(float(w) for w in weights), shape_std=False)
+        raise InputError("weights", f"'{weights}' is unknown",
+                         "choose from measured, covariance, paper, or give a CoV a mode")  # fmt: skip
+    return Weights(frequency_cov=tuple(float(w) for w in weights), shape_std=False, **compared)
 
 
 def _modal_data(modes: str | Path | ModalData, set_id: str | None) -> ModalData:
@@ -278,15 +284,23 @@ def update(
     parameters: str | Path | None = None,
     set_id: str | None = None,
     weights: str | tuple[float, ...] | Weights = "measured",
-    alpha: float = 1.0,
+    frequencies: str = "hz",
+    shapes: str = "plane",
+    alpha: float | str = 1.0,
+    method: str = "gauss-newton",
     iterations: int = 50,
     progress: Progress = silent,
 ) -> UpdateRecord:
-    """The sensitivity-based Tikhonov update (Eq. 4-7) in both readings, the MAP, and the same for every set."""
+    """The sensitivity-based Tikhonov update (Eq. 4-7) in both readings, the MAP, and the same for every set.
+
+    `frequencies` ("hz", "log") and `shapes` ("plane", "components", "mac", "none") choose the responses; `alpha` is a
+    number or one of "l-curve", "discrepancy", "evidence"; `method` solves the anchored reading.
+    """
     data = _modal_data(modes, set_id)
     model_at, modal_set = _Surroundings(model, parameters, str(modes)), data.set(set_id)
     record = deterministic_update(
-        model_at(modal_set), data, set_id=set_id, weights=_weights(weights, data), alpha=alpha, iterations=iterations,
+        model_at(modal_set), data, set_id=set_id, alpha=alpha, iterations=iterations, method=method,
+        weights=_weights(weights, data, frequencies=frequencies, shapes=shapes),
         model_at=model_at, progress=progress,
     )
     return replace(record, settings=record.settings | model_at.setting(modal_set))
@@ -300,20 +314,25 @@ def sample(
     parameters: str | Path | None = None,
     set_id: str | None = None,
     weights: str | tuple[float, ...] | Weights = "measured",
+    frequencies: str = "hz",
+    shapes: str = "plane",
     seed: int = 1,
     target_ess: int = 1000,
     max_steps: int = 20000,
+    ensembles: int = 1,
+    executor: Executor | None = None,
     progress: Progress = silent,
 ) -> Posterior:
     """Sample the posterior of the same problem into `out`; the chain is kept beside it (`<out>.chain/`) and goes on
-    where it stopped."""
+    where it stopped. `executor` (concurrent.futures) runs several `ensembles` side by side, with the same numbers."""
     data = _modal_data(modes, set_id)
     out = Path(out)
-    settings = SamplerSettings(seed=seed, target_ess=target_ess, max_steps=max_steps)
+    settings = SamplerSettings(seed=seed, target_ess=target_ess, max_steps=max_steps, ensembles=ensembles)
     model_at, modal_set = _Surroundings(model, parameters, str(modes)), data.set(set_id)
     posterior = sample_posterior(
         model_at(modal_set), data, out.with_name(out.name + ".chain"), set_id=set_id,
-        weights=_weights(weights, data), settings=settings, progress=progress,
+        weights=_weights(weights, data, frequencies=frequencies, shapes=shapes), settings=settings, executor=executor,
+        progress=progress,
     )
     posterior = replace(posterior, record=posterior.record | model_at.setting(modal_set))
     write_posterior(posterior, out)

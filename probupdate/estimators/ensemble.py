@@ -17,6 +17,7 @@ import numpy as np
 
 from probupdate.errors import InputError
 from probupdate.estimators.chain_store import ChainStore, Segment
+from probupdate.estimators.emulator import Emulator, EmulatorMove
 from probupdate.estimators.surrogate import Outline, Proposal
 from probupdate.modes import frozen_array
 from probupdate.parameters import Parameters
@@ -33,6 +34,8 @@ BURN_IN = 0.2
 JUMP_SHARE = 0.1
 # share of proposals from the surrogate
 SURROGATE_SHARE = 0.5
+# share of proposals that come from many moves on an emulator
+EMULATOR_SHARE = 0.6
 # proposals that do not depend on the walkers are drawn so many at once
 POOL = 2000
 # share of proposals of one or two parameters from their prior
@@ -92,20 +95,30 @@ class Chain:
         return self.theta[self.first :].reshape(-1, self.theta.shape[2])
 
 
-def moves(parameters: Parameters, surrogate: Outline) -> list[tuple[emcee.moves.Move, float]]:
+def moves(
+    parameters: Parameters, surrogate: Outline, emulator: Emulator | None = None
+) -> list[tuple[emcee.moves.Move, float]]:
     """Differential evolution, part of it with full-length jumps, and of a few parameters only; all parameters from
-    the surrogate; one or two parameters from their prior.
+    the surrogate; one or two parameters from their prior; with an emulator, many of these on its quick density first.
 
     Not offered: DESnookerMove of emcee 3.1.6 leaves the wrong variance, GaussianMove with a full covariance moves all
     walkers alike.
     """
-    return [
-        (emcee.moves.DEMove(), 1 - JUMP_SHARE - SURROGATE_SHARE - PRIOR_SHARE - SUBSET_SHARE),
-        (emcee.moves.DEMove(gamma0=1.0), JUMP_SHARE),
-        (SurrogateMove(surrogate), SURROGATE_SHARE),
-        (PriorMove(parameters), PRIOR_SHARE),
-        (SubsetMove(), SUBSET_SHARE),
-    ]
+
+    def plain() -> list[tuple[emcee.moves.Move, float]]:
+        # objects of their own, as they keep pools of draws
+        return [
+            (emcee.moves.DEMove(), 1 - JUMP_SHARE - SURROGATE_SHARE - PRIOR_SHARE - SUBSET_SHARE),
+            (emcee.moves.DEMove(gamma0=1.0), JUMP_SHARE),
+            (SurrogateMove(surrogate), SURROGATE_SHARE),
+            (PriorMove(parameters), PRIOR_SHARE),
+            (SubsetMove(), SUBSET_SHARE),
+        ]
+
+    if emulator is None:
+        return plain()
+    outer = [(move, (1 - EMULATOR_SHARE) * share) for move, share in plain()]
+    return [*outer, (EmulatorMove(emulator, plain()), EMULATOR_SHARE)]
 
 
 class SubsetMove(emcee.moves.RedBlueMove):
@@ -184,6 +197,7 @@ def sample(
     folder: str | Path,
     settings: SamplerSettings,
     *,
+    emulator: Emulator | None = None,
     parts: Mapping[str, str] | None = None,
     executor: Executor | None = None,
     progress: Progress = silent,
@@ -214,7 +228,7 @@ def sample(
         # those that a killed run finished of this round are kept
         done = [store.read_one(len(rounds), k) for k in range(settings.ensembles)]
         wanted_runs = [k for k in range(settings.ensembles) if done[k] is None]
-        jobs = ((problem, surrogate, states[k], n_more) for k in wanted_runs)
+        jobs = ((problem, surrogate, emulator, states[k], n_more) for k in wanted_runs)
         if executor is None:
             fresh = (_run_segment(*job) for job in jobs)
         else:
@@ -232,7 +246,9 @@ def _first_state(surrogate: Outline, n_walker: int, seed: int, ensemble: int) ->
     return emcee.State(start, random_state=generator.get_state())
 
 
-def _run_segment(problem: Problem, surrogate: Outline, state: emcee.State, n_step: int) -> Segment:
+def _run_segment(
+    problem: Problem, surrogate: Outline, emulator: Emulator | None, state: emcee.State, n_step: int
+) -> Segment:
     """One ensemble's next steps; nothing outside is read or changed, so that it may run anywhere."""
     counts = {"evaluated": 0, "fallback": 0}
 
@@ -246,7 +262,7 @@ def _run_segment(problem: Problem, surrogate: Outline, state: emcee.State, n_ste
     # stopped between them goes on with the same numbers
     sampler = emcee.EnsembleSampler(
         len(state.coords), len(problem.parameters), log_probability, vectorize=True,
-        moves=moves(problem.parameters, surrogate),
+        moves=moves(problem.parameters, surrogate, emulator),
     )  # fmt: skip
     state = sampler.run_mcmc(state, n_step, skip_initial_state_check=True)
     return Segment(theta=sampler.get_chain(), log_posterior=sampler.get_log_prob(), state=state,

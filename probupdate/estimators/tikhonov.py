@@ -22,6 +22,7 @@ from probupdate.problem import Problem
 from probupdate.progress import Progress, silent
 
 PENALTIES = ("step", "prior")
+METHODS = ("gauss-newton", "levenberg-marquardt")
 # an iteration is the last when no parameter moves by more than this share of its prior deviation
 TOLERANCE = 1e-6
 HALVINGS = 12
@@ -63,12 +64,20 @@ def update(
     *,
     penalty: str = "prior",
     alpha: float = 1.0,
+    method: str = "gauss-newton",
     max_iteration: int = 50,
     tolerance: float = TOLERANCE,
     start: np.ndarray | None = None,
     progress: Progress = silent,
 ) -> TikhonovUpdate:
-    """Iterate Eq. 7 from `start` (default theta_0). The result says whether and why it stopped."""
+    """Iterate Eq. 7 from `start` (default theta_0). The result says whether and why it stopped.
+
+    `method` "levenberg-marquardt" (anchored only) leaves the steps to scipy's bounded trust region ('trf').
+    """
+    if method not in METHODS:
+        raise InputError("method", f"'{method}' is unknown", f"choose from {', '.join(METHODS)}")
+    if method != METHODS[0] and penalty == "step":
+        raise InputError("method", "Eq. 7 as printed has its own step", "use it with the penalty on the prior")
     if penalty not in PENALTIES:
         raise InputError("penalty", f"'{penalty}' is unknown", f"choose from {', '.join(PENALTIES)}")
     if not (alpha >= 0 and np.isfinite(alpha)):
@@ -89,6 +98,11 @@ def update(
 
     def penalty_at(theta: np.ndarray) -> float:
         return float(alpha * np.sum((prior_root @ (theta - parameters.initial)) ** 2))
+
+    if method == "levenberg-marquardt":
+        path, converged, status = _trust_region(problem, theta, root_alpha * prior_root, max_iteration, tolerance)
+        return _finished(problem, penalty, alpha, path, [misfit_at(row) for row in path], np.ones(len(path) - 1),
+                         penalty_at, converged, status)  # fmt: skip
 
     path, shares, misfits = [theta], [], [misfit_at(theta)]
     converged, status = False, f"stopped after {max_iteration} iterations without settling"
@@ -126,14 +140,51 @@ def update(
             converged, status = True, f"settled: no parameter moves by more than {tolerance:g} prior deviations"
             break
     progress(f"update, penalty on the {penalty}", max_iteration, max_iteration)
+    if converged and np.max(np.abs(path[-1] - path[0]) / parameters.std) < tolerance:
+        status = (f"settled where it started: alpha {alpha:g} leaves the data no weight" if alpha > 1 else
+                  "settled where it started: the data ask for no change")  # fmt: skip
+    return _finished(problem, penalty, alpha, path, misfits, shares, penalty_at, converged, status)
+
+
+def _finished(problem, penalty, alpha, path, misfits, shares, penalty_at, converged, status) -> TikhonovUpdate:
     path = np.array(path)
     predicted = problem.predict_many(path)
     return TikhonovUpdate(
         penalty_on=penalty, alpha=float(alpha), theta=frozen_array(path), misfit=frozen_array(misfits),
         penalty=frozen_array([penalty_at(row) for row in path]), share=frozen_array(shares),
         frequency_hz=frozen_array(predicted.frequency_hz), mac=frozen_array(predicted.mac),
-        at_bound=frozen_array(pinned(path[-1], parameters), bool), converged=converged, status=status,
+        at_bound=frozen_array(pinned(path[-1], problem.parameters), bool), converged=converged, status=status,
     )
+
+
+def _trust_region(problem: Problem, start, root, max_iteration: int, tolerance: float):
+    """Accepted iterates of scipy's least_squares on misfit plus penalty, whether it settled, and its own words."""
+    parameters = problem.parameters
+    path = [np.array(start)]
+
+    def residual(theta):
+        return np.concatenate([problem.weighted(problem.predict(theta) - problem.measured),
+                               root @ (theta - parameters.initial)])  # fmt: skip
+
+    def slope(theta):
+        # asked for once at every iterate that was accepted
+        if np.any(theta != path[-1]):
+            path.append(np.array(theta))
+        return np.vstack([problem.weighted(problem.sensitivity(theta)[1].T).T, root])
+
+    inside = 1e-9 * np.minimum(parameters.std, parameters.upper - parameters.lower)
+    found = optimize.least_squares(
+        residual, np.clip(start, parameters.lower + inside, parameters.upper - inside), jac=slope, method="trf",
+        bounds=(parameters.lower, parameters.upper), x_scale=parameters.std, xtol=tolerance * 1e-3, ftol=1e-14,
+        gtol=1e-12, max_nfev=max(1, max_iteration),
+    )  # fmt: skip
+    # it keeps a hair's breadth off bounds
+    end = np.where(found.x - parameters.lower < AT_BOUND * parameters.std, parameters.lower, found.x)
+    end = np.where(parameters.upper - end < AT_BOUND * parameters.std, parameters.upper, end)
+    if np.any(end != path[-1]):
+        path.append(end)
+    words = found.message.rstrip(".")
+    return path, found.status > 0, f"settled: {words}" if found.status > 0 else f"stopped: {words}"
 
 
 def bounded_step(matrix: np.ndarray, right: np.ndarray, theta: np.ndarray, parameters) -> np.ndarray:

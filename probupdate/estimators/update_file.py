@@ -14,6 +14,8 @@ from probupdate.modes import frozen_array
 from probupdate.parameters import Parameter, Parameters
 
 FORMAT = 1
+# a parameter's resolution below this: the data hardly inform it
+BLIND_RESOLUTION = 0.1
 SCHEME_NAMES = {"step": "Eq. 7 as printed (penalty on the step)", "prior": "anchored (penalty on the prior)"}
 
 
@@ -59,11 +61,25 @@ class ScatterRecord:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
+class AlphaRecord:
+    """The anchored update over alpha; see alpha.AlphaPath."""
+
+    alpha: np.ndarray
+    theta: np.ndarray
+    misfit: np.ndarray
+    penalty: np.ndarray
+    log_evidence: np.ndarray
+    chosen: Mapping[str, float]
+    remarks: Mapping[str, str]
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
 class UpdateRecord:
     """What update.json holds; mode arrays (n_mode,) are in the data's order with NaN for modes not used.
 
     computed_mode: number of the model's mode at the initial parameters, from 1, 0 for none. n_effective: responses less
     fitted scales, the chi-square a true model would have. derived: quantity -> {"initial", "step", "prior", "map"}.
+    map_gradient: the largest that the bounds leave at the maximum, per posterior deviation.
     """
 
     model: str
@@ -93,6 +109,8 @@ class UpdateRecord:
     derived: Mapping[str, Mapping[str, float]]
     sets: ScatterRecord | None
     settings: Mapping[str, str] = field(default_factory=dict)
+    map_gradient: float = float("nan")
+    alpha_path: AlphaRecord | None = None
 
     def scheme(self, key: str) -> SchemeRecord:
         return next(s for s in self.schemes if s.key == key)
@@ -121,13 +139,14 @@ def summary(record: UpdateRecord) -> str:
     after = np.nanmax(np.abs(record.map_hz[used] / record.measured_hz[used] - 1))
     lines.append(f"worst frequency error of {int(used.sum())} modes: {100 * error:.1f} % before, "
                  f"{100 * after:.1f} % at the MAP")  # fmt: skip
+    if np.isfinite(record.map_gradient):
+        lines.append(f"projected gradient of ln p at the MAP: {record.map_gradient:.1e} per posterior deviation")
     lines.append(fit_sentence(record))
     at = [p.name for p, b in zip(record.parameters, record.map_at_bound, strict=True) if b]
     if at:
         lines.append(f"pinned at a bound at the MAP: {', '.join(at)}")
-    blind = [p.name for p, r in zip(record.parameters, record.map_resolution, strict=True) if r < 0.1]
-    if blind:
-        lines.append(f"hardly informed by the data (resolution below 0.1): {', '.join(blind)}")
+    lines += _information(record)
+    lines += _alphas(record)
     for name, values in record.derived.items():
         lines.append(f"{name}: {values['initial']:.3g} -> {values['map']:.3g} N/m at the MAP")
     lines += [f"left out: {text}" for text in record.left_out]
@@ -139,6 +158,30 @@ def summary(record: UpdateRecord) -> str:
     return "\n".join(lines)
 
 
+def _information(record: UpdateRecord) -> list[str]:
+    """How much the data say of each parameter: share of the estimate that they decide, and width left of the prior's.
+
+    For independent Gaussian parameters width^2 = 1 - resolution. Where it is more, another parameter can do the same.
+    """
+    width = np.sqrt(np.diag(record.map_covariance)) / record.parameters.std
+    rows = [f"{p.name} {r:.2f} / {w:.2f}"
+            for p, r, w in zip(record.parameters, record.map_resolution, width, strict=True)]  # fmt: skip
+    lines = [f"resolution by the data / width left of the prior's, at the MAP: {', '.join(rows)}"]
+    blind = [p.name for p, r in zip(record.parameters, record.map_resolution, strict=True) if r < BLIND_RESOLUTION]
+    if blind:
+        lines.append(f"hardly informed by the data (resolution below {BLIND_RESOLUTION:g}): {', '.join(blind)}")
+    return lines
+
+
+def _alphas(record: UpdateRecord) -> list[str]:
+    path = record.alpha_path
+    if path is None:
+        return []
+    found = [f"{rule} {value:.2g}" for rule, value in path.chosen.items() if np.isfinite(value)]
+    lines = [f"alpha would be, by {', '.join(found)}"] if found else []
+    return lines + [f"no alpha by {rule}: {remark}" for rule, remark in path.remarks.items()]
+
+
 def fit_sentence(record: UpdateRecord) -> str:
     """Whether the model at its best fits the data within the stated deviations."""
     ratio = record.map_misfit / record.n_effective
@@ -147,6 +190,9 @@ def fit_sentence(record: UpdateRecord) -> str:
     if record.map_misfit > record.n_effective + 3 * np.sqrt(2 * record.n_effective):
         return (f"{text}: the model misses the data by {np.sqrt(ratio):.1f} times the stated deviations; posterior "
                 "widths hold only as far as those deviations include the model's own error")  # fmt: skip
+    if record.map_misfit < record.n_effective - 3 * np.sqrt(2 * record.n_effective):
+        return (f"{text}: the fit is {1 / np.sqrt(ratio):.1f} times closer than the stated deviations expect; they are "
+                "too wide for these data or their errors go together, and posterior widths are too wide with them")
     return f"{text}: the model fits the data within the stated deviations"
 
 
@@ -197,7 +243,7 @@ def write_update(record: UpdateRecord, path: str | Path) -> Path:
             content[name] = parameters_to_table(value)
         elif name == "schemes":
             content[name] = [{k: _plain(getattr(s, k)) for k in s.__dataclass_fields__} for s in value]
-        elif name == "sets":
+        elif name in ("sets", "alpha_path"):
             names = () if value is None else value.__dataclass_fields__
             content[name] = {k: _plain(getattr(value, k)) for k in names} or None
         else:
@@ -253,10 +299,17 @@ def _record(content: dict) -> UpdateRecord:
             sets | {k: _array(sets[k]) for k in arrays}
             | {"ids": tuple(sets["ids"]), "failed": tuple(sets["failed"]),
                "derived": {k: _array(v) for k, v in sets["derived"].items()}}))  # fmt: skip
+    path = content.get("alpha_path")
+    if path is not None:
+        arrays = ("alpha", "theta", "misfit", "penalty", "log_evidence")
+        path = AlphaRecord(**(path | {k: _array(path[k]) for k in arrays} | {
+            "chosen": {k: float("nan") if v is None else v for k, v in path["chosen"].items()}}))  # fmt: skip
+    gradient = content.get("map_gradient")
     arrays = ("measured_hz", "measured_std_hz", "initial_hz", "initial_mac", "computed_mode", "map_theta",
               "map_covariance", "map_resolution", "map_hz", "map_mac")  # fmt: skip
     return UpdateRecord(**(content | {k: _array(content[k]) for k in arrays} | {
         "parameters": parameters_from_table(content["parameters"]), "schemes": schemes, "sets": sets,
+        "alpha_path": path, "map_gradient": float("nan") if gradient is None else gradient,
         "labels": tuple(content["labels"]), "pairs": tuple(tuple(p) for p in content["pairs"]),
         "left_out": tuple(content["left_out"]), "other_maxima": tuple(content["other_maxima"]),
         "derived": {k: {state: float("nan") if v is None else v for state, v in states.items()}
@@ -280,6 +333,11 @@ def _sizes(record: UpdateRecord):
                  "mac": (s.mac, (n_mode,))} | {k: (v, (n,)) for k, v in s.objective.items()}  # fmt: skip
         for name, (array, wanted) in found.items():
             yield f"{s.key}: {name}", array.shape, wanted
+    if record.alpha_path is not None:
+        n = record.alpha_path.alpha.size
+        yield "alpha_path: theta", record.alpha_path.theta.shape, (n, n_param)
+        for name in ("misfit", "penalty", "log_evidence"):
+            yield f"alpha_path: {name}", getattr(record.alpha_path, name).shape, (n,)
     if record.sets is not None:
         for name in ("theta_map", "theta_step", "variance", "resolution"):
             yield f"sets: {name}", getattr(record.sets, name).shape, (len(record.sets.ids), n_param)

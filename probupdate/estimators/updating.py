@@ -10,6 +10,8 @@ from pathlib import Path
 import numpy as np
 
 from probupdate.errors import ConvergenceError, InputError
+from probupdate.estimators.alpha import alpha_path, choose
+from probupdate.estimators.emulator import Emulator, fit_emulator
 from probupdate.estimators.ensemble import BURN_IN, SamplerSettings, claim_folder, sample
 from probupdate.estimators.evidence import check_laplace, estimate_evidence
 from probupdate.estimators.laplace import Laplace, maximum_a_posteriori
@@ -17,7 +19,7 @@ from probupdate.estimators.nine_sets import update_sets
 from probupdate.estimators.posterior_file import MAX_DRAWS, Posterior
 from probupdate.estimators.surrogate import Outline, Proposal, fit_surrogate
 from probupdate.estimators.tikhonov import TikhonovUpdate, update
-from probupdate.estimators.update_file import SCHEME_NAMES, ScatterRecord, SchemeRecord, UpdateRecord
+from probupdate.estimators.update_file import SCHEME_NAMES, AlphaRecord, ScatterRecord, SchemeRecord, UpdateRecord
 from probupdate.model import Model
 from probupdate.modes import ModalData, ModalSet, frozen_array
 from probupdate.problem import Problem, Weights, build_problem
@@ -49,20 +51,27 @@ def deterministic_update(
     *,
     set_id: str | None = None,
     weights: Weights | None = None,
-    alpha: float = 1.0,
+    alpha: float | str = 1.0,
+    method: str = "gauss-newton",
     iterations: int = 50,
     model_at: Callable[[ModalSet], Model] | None = None,
     progress: Progress = silent,
 ) -> UpdateRecord:
     """Both readings of Eq. 7 and the posterior's maximum for one set, then every set of the data (Table 7).
 
-    `model` stands in that one set's surroundings; `model_at` gives it in another set's.
+    `model` stands in that one set's surroundings; `model_at` gives it in another set's. `alpha` is a number or one of
+    alpha.RULES; `method` solves the anchored reading by Gauss-Newton or Levenberg-Marquardt steps.
     """
     problem = build_problem(model, data, set_id=set_id, weights=weights)
+    path = alpha_path(problem, progress=progress)
+    rule = alpha if isinstance(alpha, str) else "by hand"
+    if isinstance(alpha, str):
+        alpha = choose(path, alpha)
     runs = {
-        key: update(problem, penalty=key, alpha=alpha, max_iteration=iterations, progress=progress)
+        key: update(problem, penalty=key, alpha=alpha, max_iteration=iterations, progress=progress,
+                    method=method if key == "prior" else "gauss-newton")
         for key in ("step", "prior")
-    }
+    }  # fmt: skip
     laplace = find_maximum(problem, [run.theta[-1] for run in runs.values()] + [model.parameters.initial])
     schemes = tuple(_scheme(problem, key, run, laplace) for key, run in runs.items())
     sets = None
@@ -111,7 +120,11 @@ def deterministic_update(
             for name, compute in getattr(model, "derived", {}).items()
         },
         sets=sets,
-        settings={"weights": problem.weights.description, "alpha": f"{alpha:g}", "iterations at most": str(iterations)},
+        settings={"weights": problem.weights.description, "alpha": f"{alpha:g} ({rule})",
+                  "iterations at most": str(iterations), "anchored by": method},
+        map_gradient=laplace.projected_gradient,
+        alpha_path=AlphaRecord(alpha=path.alpha, theta=path.theta, misfit=path.misfit, penalty=path.penalty,
+                               log_evidence=path.log_evidence, chosen=path.chosen, remarks=path.remarks),
     )
 
 
@@ -158,6 +171,7 @@ class Approach:
 
     problem: Problem
     surrogate: Outline
+    emulator: Emulator
     notes: dict[str, object]
 
 
@@ -172,7 +186,7 @@ def approach(problem: Problem, laplace: Laplace, seed: int, progress: Progress =
     if not isinstance(model, AffineModel) or model.n_dof < REDUCE_FROM:
         surrogate, share = fit_surrogate(problem, laplace, rng, progress)
         text = "none: every evaluation solves the model as it is"
-        return Approach(problem=problem, surrogate=surrogate, notes={"reduced basis": text, "outline": share})
+        return _approach(problem, surrogate, rng, {"reduced basis": text, "outline": share}, progress)
     # data may hold a parameter far from its prior: the box goes where the posterior does
     own = np.sqrt(np.diag(laplace.covariance))
     lower = np.minimum(parameters.initial - BOX_DEVIATIONS * parameters.std, laplace.theta - BOX_DEVIATIONS * own)
@@ -190,9 +204,12 @@ def approach(problem: Problem, laplace: Laplace, seed: int, progress: Progress =
         f"{r.max_frequency_error:.1e} of their value where the posterior lies and {r.max_box_error:.1e} within "
         f"{BOX_DEVIATIONS:g} prior deviations; the MAC is at least {r.min_mac:.6f}"
     )
-    return Approach(
-        problem=problem.with_model(reduced), surrogate=surrogate, notes={"reduced basis": text, "outline": share}
-    )
+    return _approach(problem.with_model(reduced), surrogate, rng, {"reduced basis": text, "outline": share}, progress)
+
+
+def _approach(problem: Problem, surrogate: Outline, rng, notes: dict[str, object], progress: Progress) -> Approach:
+    emulator = fit_emulator(problem, surrogate, rng, progress)
+    return Approach(problem=problem, surrogate=surrogate, emulator=emulator, notes=notes | {"emulator": emulator.error})
 
 
 def sample_posterior(
@@ -216,7 +233,8 @@ def sample_posterior(
     laplace = find_maximum(problem, [anchored.theta[-1], model.parameters.initial])
     prepared = approach(problem, laplace, settings.seed, progress)
     fast = prepared.problem
-    chain = sample(fast, prepared.surrogate, folder, settings, parts=parts, executor=executor, progress=progress)
+    chain = sample(fast, prepared.surrogate, folder, settings, emulator=prepared.emulator, parts=parts,
+                   executor=executor, progress=progress)  # fmt: skip
     kept = chain.theta[chain.first :]
     log_posterior = chain.log_posterior[chain.first :]
     # numbers of their own, so that a chain's length changes none of the others
