@@ -1,0 +1,332 @@
+"""Several setups of one structure, measured one after the other with some sensors in common, merged into one set.
+
+Each setup is identified by itself and its blocks are averaged; its shapes are scaled, by least squares, to one setup's
+at the common references (PoSER: Reynders, Magalhaes, De Roeck & Cunha 2009), and all deviations are carried along.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from scipy import special
+
+from probupdate.errors import InputError
+from probupdate.identification.uncertainty import scaled_deviation
+from probupdate.modes import (
+    ModalData,
+    ModalDeviation,
+    ModalSet,
+    Sensor,
+    mac,
+    pair_by_mac,
+    unit_largest,
+    write_modes,
+)
+
+# without labels of a model: modes of two setups are one if they are this close and alike at the references
+SAME_FREQUENCY, SAME_MAC = 0.04, 0.80
+# references that hold two modes of an unresolved pair in proportions closer than this cannot tell them apart
+LARGEST_CONDITION = 30.0
+# references whose motion in a mode is known worse than this give no scale
+LARGEST_DEVIATION = 0.25
+# setups whose frequencies agree worse than this by chance have measured different structures
+LEAST_P_VALUE = 0.01
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Setup:
+    """One setup's sensors and what was identified of it; `name` for messages."""
+
+    name: str
+    sensors: tuple[Sensor, ...]
+    data: ModalData
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Merged:
+    """data: one set over the channels of all setups; sensors in its order; references: the common channels; table: a
+    row a mode and setup with label, setup, blocks, frequency_hz, frequency_std_hz, misfit (share of the references'
+    motion that scaling leaves), p_value (that the setups' frequencies are one, by chi-square)."""
+
+    data: ModalData
+    sensors: tuple[Sensor, ...]
+    references: tuple[str, ...]
+    table: pd.DataFrame
+    summary: str
+
+    def write(self, out: str | Path) -> list[Path]:
+        """modes.json, modes.deviations.h5 and modes.setups.csv beside it."""
+        out = Path(out)
+        table = out.with_name(f"{out.stem}.setups.csv")
+        out.parent.mkdir(parents=True, exist_ok=True)
+        write_modes(self.data, out)
+        self.table.to_csv(table, index=False, float_format="%.6g", lineterminator="\n")
+        deviations = [out.with_name(f"{out.stem}.deviations.h5")] if self.data.set().deviation else []
+        return [out, *deviations, table]
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _Mean:
+    """A setup's modes averaged over its blocks; ln_frequency, damping (n_mode,), shape (n_channel, n_mode), and their
+    deviations with a last axis of columns; count (n_mode,) blocks."""
+
+    ln_frequency: np.ndarray
+    damping: np.ndarray
+    shape: np.ndarray
+    d_ln_frequency: np.ndarray
+    d_damping: np.ndarray
+    d_shape: np.ndarray
+    count: np.ndarray
+
+
+def merge_setups(setups: Sequence[Setup]) -> Merged:
+    """One modal set of all channels. Modes go by label where the setups have the same ones from a model; numbers are
+    matched by frequency and by the shapes at the references.
+
+    Frequencies and dampings are means weighted by inverse variances; where setups disagree by more than their
+    deviations, the stated deviation is widened by the Birge ratio, and said. Raises InputError without common
+    channels, where channels of one name sit at different places, or where a deviation is missing. A mode in which the
+    references hardly move keeps its frequency; its shape is NaN, which is said.
+    """
+    if len(setups) < 2:
+        raise InputError("setups", f"{len(setups)} cannot be merged", "give two or more")
+    references = _references(setups)
+    means = [_mean(setup) for setup in setups]
+    labels, columns = _common_modes(setups, means, references)
+    if not labels:
+        raise InputError("setups", "have no mode in common", "check the frequencies and the references")
+    means = [_of_modes(mean, column) for mean, column in zip(means, columns, strict=True)]
+    rows = [[s.data.channels.index(c) for c in references] for s in setups]
+    channels = tuple(dict.fromkeys([*references, *(c for s in setups for c in s.data.channels)]))
+    known = {sensor.channel: sensor for s in setups for sensor in s.sensors}
+    shape, d_shape, misfit = _joined_shapes(setups, means, rows, channels, references)
+    parts = [m.d_ln_frequency.shape[1] for m in means]
+    ln_frequency, d_ln_frequency, spread, p_value = _weighted([m.ln_frequency for m in means],
+                                                              [m.d_ln_frequency for m in means], parts)
+    damping, d_damping, _, _ = _weighted([m.damping for m in means], [m.d_damping for m in means], parts)
+    frequency = np.exp(ln_frequency)
+    modal = ModalSet(
+        id="merged: " + ", ".join(s.name for s in setups), frequency_hz=frequency, damping_ratio=damping, shape=shape,
+        # what is wider than the record's own scatter is stated here; the deviation below keeps the covariances
+        frequency_std_hz=frequency * np.linalg.norm(d_ln_frequency, axis=1) * spread,
+        shape_std=np.full(shape.shape, np.nan), environment={"setups": float(len(setups))},
+        deviation=ModalDeviation(ln_frequency=d_ln_frequency, damping_ratio=d_damping, shape=d_shape),
+    )
+    table = pd.DataFrame([
+        {"label": label, "setup": setup.name, "blocks": int(mean.count[j]),
+         "frequency_hz": float(np.exp(mean.ln_frequency[j])),
+         "frequency_std_hz": float(np.exp(mean.ln_frequency[j]) * np.linalg.norm(mean.d_ln_frequency[j])),
+         "misfit": float(misfit[k][j]), "p_value": float(p_value[j])}
+        for j, label in enumerate(labels) for k, (setup, mean) in enumerate(zip(setups, means, strict=True))
+    ])  # fmt: skip
+    return Merged(
+        data=ModalData(channels=channels, sets=(modal,), labels=labels), sensors=tuple(known[c] for c in channels),
+        references=references, table=table, summary=_summary(setups, modal, labels, references, misfit, p_value),
+    )
+
+
+def _references(setups: Sequence[Setup]) -> tuple[str, ...]:
+    common = [c for c in setups[0].data.channels if all(c in s.data.channels for s in setups)]
+    if not common:
+        raise InputError("setups", "have no channel in common", "name the references alike in every campaign.toml")
+    places = [{sensor.channel: sensor for sensor in s.sensors} for s in setups]
+    for channel in {c for s in setups for c in s.data.channels}:
+        here = [place[channel] for place in places if channel in place]
+        for other in here[1:]:
+            moved = float(np.linalg.norm(other.position_m - here[0].position_m))
+            if moved > 0.05 or float(other.direction @ here[0].direction) < 0.99 or other.quantity != here[0].quantity:
+                raise InputError(f"channel {channel}", f"sits elsewhere in another setup ({moved:.2g} m away, or of "
+                                 "another direction or quantity)", "name sensors that were moved anew in each setup")
+    return tuple(common)
+
+
+def _mean(setup: Setup) -> _Mean:
+    """Blocks averaged, shapes scaled to those of the block with the least deviation; unresolved pairs as planes."""
+    sets = [s for s in setup.data.sets if s.measured.any()]
+    if not sets:
+        raise InputError(f"setup {setup.name}", "has no identified mode", "run `probupdate check` on it")
+    if any(s.deviation is None for s in sets):
+        raise InputError(f"setup {setup.name}", "a block has no deviations, which merging weighs by",
+                         "identify with sub-records")
+    n_mode, widths = setup.data.n_mode, [s.deviation.n_column for s in sets]
+    total, place = sum(widths), np.cumsum([0, *widths])
+    n_channel = len(setup.data.channels)
+    value, damping = np.full(n_mode, np.nan), np.full(n_mode, np.nan)
+    shape = np.full((n_channel, n_mode), np.nan + 0j)
+    d_value, d_damping = np.zeros((n_mode, total)), np.zeros((n_mode, total))
+    d_shape, count = np.zeros((n_channel, n_mode, total), complex), np.zeros(n_mode, int)
+    for j in range(n_mode):
+        some = [k for k, s in enumerate(sets) if s.measured[j] and np.isfinite(s.deviation.ln_frequency[j]).all()]
+        if not some:
+            continue
+        count[j] = len(some)
+        # equal weights within a setup: a block's own deviation is known to 13 % only, and goes with its frequency
+        weight = 1 / len(some)
+        value[j] = sum(np.log(sets[k].frequency_hz[j]) for k in some) * weight
+        damping[j] = sum(sets[k].damping_ratio[j] for k in some) * weight
+        for k in some:
+            columns = slice(place[k], place[k + 1])
+            d_value[j, columns] = weight * sets[k].deviation.ln_frequency[j]
+            d_damping[j, columns] = weight * sets[k].deviation.damping_ratio[j]
+    for group in _groups(value, damping):
+        some = [k for k, s in enumerate(sets) if np.isfinite(s.deviation.shape[:, group]).all()]
+        if not some:
+            value[group] = np.nan
+            continue
+        best = min(some, key=lambda k: np.linalg.norm(sets[k].deviation.shape[:, group]))
+        gathered = np.zeros((n_channel, len(group)), complex)
+        # the block that the others are scaled to has deviations too: in a pair they turn all of them
+        d_own, d_target = (np.zeros((n_channel, len(group), total), complex) for _ in range(2))
+        d_target[:, :, place[best]: place[best + 1]] = sets[best].deviation.shape[:, group]
+        for k in some:
+            d_own[...] = 0
+            d_own[:, :, place[k]: place[k + 1]] = sets[k].deviation.shape[:, group]
+            scaled, d_scaled = scaled_to(
+                sets[k].shape[:, group], d_own, sets[best].shape[:, group], d_target=d_target)
+            gathered += scaled / len(some)
+            d_shape[:, group] += d_scaled / len(some)
+        shape[:, group] = gathered
+    return _Mean(ln_frequency=value, damping=damping, shape=shape, d_ln_frequency=d_value, d_damping=d_damping,
+                 d_shape=d_shape, count=count)
+
+
+def scaled_to(
+    shape: np.ndarray, deviation: np.ndarray, target: np.ndarray, rows: Sequence[int] | None = None,
+    d_target: np.ndarray | None = None,
+) -> tuple[np.ndarray, np.ndarray]:
+    """shape T with T (k, k) that brings shape[rows] T nearest to target (n_row, k), and the deviation of the product.
+
+    shape (n_channel, k), deviation (n_channel, k, n_column); d_target (n_row, k, n_column) of a target with one.
+    dT = P^+ (dR - dP T) + (P^H P)^-1 dP^H (R - P T), with P the rows and R the target.
+    """
+    rows = list(range(len(shape))) if rows is None else list(rows)
+    part, d_part = shape[rows], deviation[rows]
+    factor = np.linalg.lstsq(part, target, rcond=None)[0]
+    inverse = np.linalg.inv(part.conj().T @ part)
+    left = target - part @ factor
+    moved = -np.einsum("ikc,kl->ilc", d_part, factor)
+    if d_target is not None:
+        moved = moved + d_target
+    d_factor = np.einsum("ki,ilc->klc", inverse @ part.conj().T, moved)
+    d_factor += np.einsum("km,imc,il->klc", inverse, d_part.conj(), left)
+    return shape @ factor, np.einsum("ikc,kl->ilc", deviation, factor) + np.einsum("ik,klc->ilc", shape, d_factor)
+
+
+def _common_modes(setups, means: list[_Mean], references) -> tuple[tuple[str, ...], list[list[int]]]:
+    """Labels, and for each setup the column of each."""
+    first = setups[0].data
+    there = [np.isfinite(m.ln_frequency) for m in means]
+    if all(s.data.labels == first.labels for s in setups) and not all(t.isdigit() for t in first.labels):
+        kept = [j for j in range(first.n_mode) if all(t[j] for t in there)]
+        return tuple(first.labels[j] for j in kept), [kept] * len(setups)
+    rows = [[s.data.channels.index(c) for c in references] for s in setups]
+    columns = [[int(j) for j in np.flatnonzero(there[0])]]
+    for mean, row, known in zip(means[1:], rows[1:], there[1:], strict=True):
+        criterion = mac(means[0].shape[rows[0]], mean.shape[row])
+        away = np.abs(mean.ln_frequency - means[0].ln_frequency[:, None])
+        criterion = np.where((away <= SAME_FREQUENCY) & (criterion >= SAME_MAC), criterion, np.nan)
+        pairs = dict(pair_by_mac(criterion))
+        columns.append([pairs[j] if j in pairs and known[pairs[j]] else -1 for j in columns[0]])
+    kept = [k for k in range(len(columns[0])) if all(c[k] >= 0 for c in columns)]
+    columns = [[c[k] for k in kept] for c in columns]
+    return tuple(str(k + 1) for k in range(len(kept))), columns
+
+
+def _of_modes(mean: _Mean, columns: list[int]) -> _Mean:
+    return _Mean(
+        ln_frequency=mean.ln_frequency[columns], damping=mean.damping[columns], shape=mean.shape[:, columns],
+        d_ln_frequency=mean.d_ln_frequency[columns], d_damping=mean.d_damping[columns],
+        d_shape=mean.d_shape[:, columns], count=mean.count[columns],
+    )
+
+
+def _groups(ln_frequency: np.ndarray, damping: np.ndarray) -> list[list[int]]:
+    """Modes that stand alone, and pairs so close that records turn them in their plane: their half-power bandwidths
+    meet. Modes without a frequency are left out."""
+    frequency = np.exp(ln_frequency)
+    width, taken, groups = frequency * damping, set(), []
+    order = [int(k) for k in np.argsort(frequency) if np.isfinite(frequency[k])]
+    for i, j in pairwise(order):
+        if i not in taken and frequency[j] - frequency[i] < width[i] + width[j]:
+            groups.append([i, j])
+            taken |= {i, j}
+    return groups + [[k] for k in order if k not in taken]
+
+
+def _joined_shapes(setups, means: list[_Mean], rows, channels, references):
+    """Shape (n_channel, n_mode) of all channels, its deviation over the columns of all setups, and the misfit at the
+    references of each setup and mode (n_setup, n_mode); NaN for modes in which the references hardly move."""
+    n_mode, widths = len(means[0].ln_frequency), [m.d_ln_frequency.shape[1] for m in means]
+    place, total = np.cumsum([0, *widths]), sum(widths)
+    shape, misfit = np.full((len(channels), n_mode), np.nan + 0j), np.zeros((len(means), n_mode))
+    d_shape = np.zeros((len(channels), n_mode, total), complex)
+    middle = (np.mean([m.ln_frequency for m in means], axis=0), np.mean([m.damping for m in means], axis=0))
+    for group in _groups(*middle):
+        noise = [np.linalg.norm(m.d_shape[np.ix_(r, group)]) / np.linalg.norm(m.shape[np.ix_(r, group)])
+                 for m, r in zip(means, rows, strict=True)]
+        base = int(np.argmin(noise))
+        if not max(noise) <= LARGEST_DEVIATION:
+            misfit[:, group] = np.nan
+            d_shape[:, group] = np.nan
+            continue
+        target = means[base].shape[np.ix_(rows[base], group)]
+        if np.linalg.cond(target / np.linalg.norm(target, axis=0)) > LARGEST_CONDITION:
+            raise InputError("references", f"{', '.join(references)} cannot tell modes of "
+                             f"{', '.join(f'{np.exp(means[base].ln_frequency[j]):.4g} Hz' for j in group)} apart",
+                             "take references in which they differ")
+        value = np.zeros((len(channels), len(group)), complex)
+        d_value = np.zeros((len(channels), len(group), total), complex)
+        weights = np.zeros(len(channels))
+        for k, (setup, mean) in enumerate(zip(setups, means, strict=True)):
+            d_own = np.zeros((*mean.shape[:, group].shape, total), complex)
+            d_own[:, :, place[k]: place[k + 1]] = mean.d_shape[:, group]
+            d_target = np.zeros((len(references), len(group), total), complex)
+            d_target[:, :, place[base]: place[base + 1]] = means[base].d_shape[np.ix_(rows[base], group)]
+            scaled, d_scaled = scaled_to(mean.shape[:, group], d_own, target, rows[k], d_target)
+            left = np.linalg.norm(target - scaled[rows[k]], axis=0) / np.linalg.norm(target, axis=0)
+            misfit[k, group] = left**2
+            index = [channels.index(c) for c in setup.data.channels]
+            weight = 1 / max(noise[k], 1e-12) ** 2
+            value[index] += weight * scaled
+            d_value[index] += weight * d_scaled
+            weights[index] += weight
+        shape[:, group] = value / weights[:, None]
+        d_shape[:, group] = d_value / weights[:, None, None]
+    told = np.isfinite(shape[0])
+    d_shape[:, told] = scaled_deviation(shape[:, told], d_shape[:, told])
+    shape[:, told] = unit_largest(shape[:, told])
+    return shape, d_shape, misfit
+
+
+def _weighted(values: list[np.ndarray], deviations: list[np.ndarray], widths: list[int]):
+    """Mean by inverse variances with its deviation over all columns, the Birge ratio (1 or more) and the p-value."""
+    variance = np.array([np.sum(d**2, axis=1) for d in deviations])
+    weight = 1 / variance / np.sum(1 / variance, axis=0)
+    mean = np.sum(weight * np.array(values), axis=0)
+    place = np.cumsum([0, *widths])
+    joint = np.zeros((len(mean), place[-1]))
+    for k, d in enumerate(deviations):
+        joint[:, place[k]: place[k + 1]] = weight[k][:, None] * d
+    chi2 = np.sum((np.array(values) - mean) ** 2 / variance, axis=0)
+    freedom = len(values) - 1
+    return mean, joint, np.maximum(np.sqrt(chi2 / freedom), 1.0), special.chdtrc(freedom, chi2)
+
+
+def _summary(setups, modal: ModalSet, labels, references, misfit, p_value) -> str:
+    lines = [f"{len(setups)} setups merged on {', '.join(references)}: {modal.shape.shape[0]} channels, "
+             f"{len(labels)} modes"]
+    for j, label in enumerate(labels):
+        text = f"{label}: {modal.frequency_hz[j]:.4g} Hz, deviation {modal.frequency_std_hz[j]:.2g} Hz; "
+        if np.isfinite(misfit[0, j]):
+            text += f"scaling leaves {100 * misfit[:, j].max():.2g} % of the references' motion in the worst setup"
+        else:
+            text += "the references hardly move in it: no shape"
+        if p_value[j] < LEAST_P_VALUE:
+            text += f"; the setups' frequencies disagree (p {p_value[j]:.2g}): the deviation was widened"
+        lines.append(text)
+    return "\n".join(lines)

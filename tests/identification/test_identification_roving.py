@@ -1,0 +1,186 @@
+"""Setups with common references, merged: deviations against finite differences, shapes against a known structure."""
+
+from dataclasses import replace
+
+import h5py
+import numpy as np
+import pytest
+
+from probupdate.campaign.reading import read_campaign
+from probupdate.errors import InputError
+from probupdate.identification.identify import SSISettings, identify
+from probupdate.identification.roving import Setup, merge_setups
+from probupdate.modes import ModalData, ModalDeviation, ModalSet, mac, plane_mac, read_modes, unit_largest
+
+# references at one leg and the highest tower level; three setups share out the other fourteen channels
+REFERENCES = [0, 1, 16, 17]
+ROVING = [[2, 3, 4, 14, 15], [5, 6, 7, 12, 13], [8, 9, 10, 11]]
+
+
+def nan(*shape):
+    return np.full(shape, np.nan)
+
+
+def made_set(shape, frequency, rng, size=1e-3, n_column=6, id="a") -> ModalSet:
+    """A set with drawn errors and deviations of that size."""
+    n_channel, n_mode = shape.shape
+    shape = unit_largest(shape * np.exp(1j * rng.uniform(0, 0.3, n_mode)) + size * rng.standard_normal(shape.shape))
+    d_shape = size * (rng.standard_normal((n_channel, n_mode, n_column)) + 1j * rng.standard_normal((1, n_mode, 1)))
+    return ModalSet(
+        id=id, frequency_hz=frequency * (1 + size * rng.standard_normal(n_mode)), damping_ratio=np.full(n_mode, 0.01),
+        shape=shape, frequency_std_hz=nan(n_mode), shape_std=nan(n_channel, n_mode),
+        deviation=ModalDeviation(ln_frequency=size * rng.standard_normal((n_mode, n_column)),
+                                 damping_ratio=size * rng.standard_normal((n_mode, n_column)), shape=d_shape),
+    )
+
+
+def made_setups(
+    jacket, sensor_list, frequency, labels=("FA1", "SS1", "T1", "FA2", "SS2"), n_block=2, seed=0,
+    references=tuple(REFERENCES), roving=tuple(ROVING),
+):
+    rng = np.random.default_rng(seed)
+    setups = []
+    for number, own in enumerate(roving):
+        rows = [*own[:2], *references, *own[2:]]
+        sensors = tuple(sensor_list[k] for k in rows)
+        sets = tuple(made_set(jacket.shape[rows], frequency, rng, id=str(b)) for b in range(n_block))
+        data = ModalData(channels=tuple(s.channel for s in sensors), sets=sets, labels=labels)
+        setups.append(Setup(name=f"setup{number}", sensors=sensors, data=data))
+    return setups
+
+
+def moved(setups, column: int, step: float):
+    """Every quantity of every block moved by `step` times one column of its own block; the column counts through."""
+    result, first = [], 0
+    for setup in setups:
+        sets = []
+        for s in setup.data.sets:
+            d = s.deviation
+            if first <= column < first + d.n_column:
+                k = column - first
+                s = replace(
+                    s, frequency_hz=s.frequency_hz * np.exp(step * d.ln_frequency[:, k]),
+                    damping_ratio=s.damping_ratio + step * d.damping_ratio[:, k],
+                    shape=s.shape + step * d.shape[:, :, k],
+                )  # fmt: skip
+            first += d.n_column
+            sets.append(s)
+        result.append(replace(setup, data=replace(setup.data, sets=tuple(sets))))
+    return result
+
+
+@pytest.mark.parametrize("apart", [0.05, 0.0005], ids=["resolved", "pairs as planes"])
+def test_deviations_of_the_merged_set_are_finite_differences(jacket, sensor_list, apart):
+    frequency = np.array([0.32, 0.32 * (1 + apart), 1.3, 1.93, 1.93 * (1 + apart)])
+    setups = made_setups(jacket, sensor_list, frequency)
+    merged = merge_setups(setups).data.sets[0].deviation
+    assert merged.n_column == 36
+    for column in (0, 8, 17, 35):
+        ends = [merge_setups(moved(setups, column, step)).data.sets[0] for step in (1e-3, -1e-3)]
+        f, zeta, shape = ((a - b) / 2e-3 for a, b in (
+            (np.log(ends[0].frequency_hz), np.log(ends[1].frequency_hz)),
+            (ends[0].damping_ratio, ends[1].damping_ratio), (ends[0].shape, ends[1].shape)))
+        # what is left out: shapes' weights, too, move a little with the shapes, which matters by the misfit (0.1 %)
+        assert merged.ln_frequency[:, column] == pytest.approx(f, abs=1e-9)
+        assert merged.damping_ratio[:, column] == pytest.approx(zeta, abs=1e-9)
+        assert np.abs(merged.shape[:, :, column] - shape).max() < 5e-3 * np.abs(shape).max()
+
+
+def test_channels_modes_and_statistics_of_the_merge(jacket, sensor_list, tmp_path):
+    setups = made_setups(jacket, sensor_list, jacket.frequency_hz)
+    result = merge_setups(setups)
+    s = result.data.sets[0]
+    assert len(result.data.channels) == 18 and result.references == tuple(sensor_list[k].channel for k in REFERENCES)
+    assert [x.channel for x in result.sensors] == list(result.data.channels)
+    place = [x.channel for x in sensor_list]
+    truth = jacket.shape[[place.index(c) for c in result.data.channels]]
+    assert np.diag(mac(s.shape, truth)).min() > 0.9999
+    assert "18 channels, 5 modes" in result.summary and "disagree" not in result.summary
+    files = result.write(tmp_path / "modes.json")
+    assert [f.name for f in files] == ["modes.json", "modes.deviations.h5", "modes.setups.csv"]
+    assert read_modes(files[0]).sets[0].shape_std == pytest.approx(s.shape_std)
+    # one setup measured another state: said, and the deviation covers the difference
+    odd = setups[2].data.sets
+    odd = tuple(replace(x, frequency_hz=x.frequency_hz * 1.05) for x in odd)
+    other = merge_setups([*setups[:2], replace(setups[2], data=replace(setups[2].data, sets=odd))])
+    assert "the setups' frequencies disagree" in other.summary
+    assert np.all(other.data.sets[0].frequency_std_hz > 3 * s.frequency_std_hz)
+
+
+def test_numbers_are_matched_by_frequency_and_references(jacket, sensor_list):
+    setups = made_setups(jacket, sensor_list, jacket.frequency_hz, labels=("1", "2", "3", "4", "5"))
+    # the second setup did not see mode 1, so that its numbers are one off
+    data = setups[1].data
+    less = tuple(replace(s, **{key: value[..., 1:] for key, value in {
+        "frequency_hz": s.frequency_hz, "damping_ratio": s.damping_ratio, "shape": s.shape, "shape_std": s.shape_std,
+        "frequency_std_hz": s.frequency_std_hz, "damping_ratio_std": s.damping_ratio_std}.items()},
+        deviation=ModalDeviation(ln_frequency=s.deviation.ln_frequency[1:], damping_ratio=s.deviation.damping_ratio[1:],
+                                 shape=s.deviation.shape[:, 1:])) for s in data.sets)  # fmt: skip
+    setups[1] = replace(setups[1], data=replace(data, sets=less, labels=("1", "2", "3", "4")))
+    result = merge_setups(setups)
+    assert result.data.labels == ("1", "2", "3", "4")
+    assert result.data.sets[0].frequency_hz == pytest.approx(jacket.frequency_hz[1:], rel=5e-3)
+
+
+def test_a_mode_that_moves_no_reference_keeps_its_frequency_only(jacket, sensor_list):
+    """Sensors on the tower's axis do not see torsion."""
+    setups = made_setups(jacket, sensor_list, jacket.frequency_hz, references=(12, 13, 16, 17),
+                         roving=([0, 1, 2, 14, 15], [3, 4, 5, 6, 7], [8, 9, 10, 11]))  # fmt: skip
+    result = merge_setups(setups)
+    s = result.data.sets[0]
+    assert np.isfinite(s.frequency_hz).all() and np.isnan(s.shape[:, 2]).all()
+    assert np.isfinite(s.shape[:, [0, 1, 3, 4]]).all()
+    assert "the references hardly move in it" in result.summary
+
+
+def test_setups_that_do_not_fit_are_refused(jacket, sensor_list):
+    setups = made_setups(jacket, sensor_list, jacket.frequency_hz)
+    with pytest.raises(InputError, match="1 cannot be merged"):
+        merge_setups(setups[:1])
+    wrong = list(setups[1].sensors)
+    wrong[3] = replace(wrong[3], position_m=wrong[3].position_m + np.array([0, 0, 2.0]))
+    with pytest.raises(InputError, match=r"sits elsewhere in another setup \(2 m away"):
+        merge_setups([setups[0], replace(setups[1], sensors=tuple(wrong))])
+    names = tuple(f"{c}'" for c in setups[1].data.channels)
+    apart = replace(setups[1], data=replace(setups[1].data, channels=names))
+    with pytest.raises(InputError, match="have no channel in common"):
+        merge_setups([setups[0], apart])
+    bare = tuple(replace(s, deviation=None) for s in setups[1].data.sets)
+    with pytest.raises(InputError, match="setup1: a block has no deviations"):
+        merge_setups([setups[0], replace(setups[1], data=replace(setups[1].data, sets=bare))])
+
+
+def test_roving_records_give_the_whole_shape(jacket, reference, sensor_list, tmp_path):
+    """Records of three setups, ten minutes twice each: all eighteen channels within their deviations."""
+    rate, half = 5.0, 3000
+    setups = []
+    for number, own in enumerate(ROVING):
+        rows = [*REFERENCES, *own]
+        folder = tmp_path / f"setup{number}"
+        (folder / "acceleration").mkdir(parents=True)
+        lines = [f'name = "Setup"\nsampling_rate_hz = {rate}\nblock_minutes = 10\n']
+        for k in rows:
+            s = sensor_list[k]
+            lines.append(f'[[sensor]]\nchannel = "{s.channel}"\nlevel = "{s.level}"\nposition_m = '
+                         f'{s.position_m.tolist()}\ndirection = {s.direction.tolist()}\nunit = "m/s2"\n')  # fmt: skip
+        (folder / "campaign.toml").write_text("".join(lines))
+        with h5py.File(folder / "acceleration" / "0.h5", "w") as file:
+            data = file.create_dataset("data", data=jacket.record(2 * half, seed=40 + number)[:, rows])
+            data.attrs["start"], data.attrs["sampling_rate_hz"] = "2020-01-01T00:00:00Z", rate
+        campaign = read_campaign(folder)
+        found = identify(campaign, replace(reference, shape=reference.shape[rows]),
+                         settings=SSISettings(order=14, block_rows=20, spread=6, sub_records=20))  # fmt: skip
+        setups.append(Setup(name=f"setup{number}", sensors=campaign.sensors, data=found.data))
+    s = merge_setups(setups).data.sets[0]
+    place = [x.channel for x in sensor_list]
+    channels = merge_setups(setups).data.channels
+    truth = jacket.shape[[place.index(c) for c in channels]]
+    for pair in ([0, 1], [3, 4]):
+        assert plane_mac(s.shape[:, pair], truth[:, pair]) > 0.98
+    assert mac(s.shape[:, [2]], truth[:, [2]])[0, 0] > 0.98
+    error = (s.frequency_hz / jacket.frequency_hz - 1) / (s.frequency_std_hz / s.frequency_hz)
+    assert np.all(np.abs(error) < 4)
+    # torsion, which no neighbour turns: every component within its own deviations, the largest sets the scale
+    scaled = truth[:, 2] / truth[np.argmax(np.abs(s.shape[:, 2])), 2]
+    ratio = np.abs(s.shape[:, 2].real - scaled) / np.maximum(s.shape_std[:, 2], 1e-3)
+    assert np.mean(ratio < 2) > 0.8 and ratio.max() < 6
