@@ -54,12 +54,14 @@ def block_files(campaign: Campaign, minutes: float | None = None) -> dict[pd.Tim
     spans, found = [], set()
     for file in campaign.files:
         last = file.start + max(file.n_sample - 1, 0) * step
-        found.update(range(int(file.start.value // length.value), int(last.value // length.value) + 1))
-        # samples are placed to the nearest: the last may belong to the block that begins just after it
-        spans.append((file, int((last + step / 2).value // length.value)))
+        # samples are placed to the nearest: a file that starts a hair before a block belongs to that block alone, and
+        # the last sample may belong to the block that begins just after it
+        first_block = int((file.start + step / 2).value // length.value)
+        found.update(range(first_block, max(int(last.value // length.value), first_block) + 1))
+        spans.append((file, first_block, int((last + step / 2).value // length.value)))
     touching: dict[int, list[RecordFile]] = {k: [] for k in sorted(found)}
-    for file, last_block in spans:
-        for k in range(int(file.start.value // length.value), last_block + 1):
+    for file, first_block, last_block in spans:
+        for k in range(first_block, last_block + 1):
             if k in touching:
                 touching[k].append(file)
     return {pd.Timestamp(k * length.value, tz="UTC"): tuple(files) for k, files in touching.items()}

@@ -153,9 +153,10 @@ def _findings(campaign, table, head, overlaps, compared, ratio) -> tuple[tuple[s
     states = dict(zip(head["id"], head["state"], strict=True))
     clocks, clock_use = clock_findings(compared, campaign.channels)
     rates, rate_use = rate_findings(campaign, ratio)
+    single += mounting_findings(compared, single)
     findings = (
-        *_coverage(campaign, head, overlaps), *single, *mounting_findings(compared, single), *clocks, *rates,
-        *scale_findings(table, states, campaign.sensors), *_scada_findings(campaign),
+        *_coverage(campaign, head, overlaps), *single, *clocks, *rates,
+        *scale_findings(table, states, campaign.sensors, single), *_scada_findings(campaign),
     )
     return findings, tuple(u for u in (clock_use, rate_use) if u is not None)
 

@@ -270,8 +270,11 @@ def rate_findings(campaign: Campaign, ratio: RateRatio) -> tuple[list[str], str 
 # All channels together ----------------------------------------------------------------------------------------------
 
 
-def scale_findings(table: pd.DataFrame, states: Mapping[str, str], sensors: Sequence[Sensor]) -> list[str]:
-    """The size of everything: gravity in vertical channels, and the top's acceleration against what turbines have."""
+def scale_findings(
+    table: pd.DataFrame, states: Mapping[str, str], sensors: Sequence[Sensor], mentioned: Sequence[str]
+) -> list[str]:
+    """The size of everything: gravity in vertical channels, and the top's acceleration against what turbines have.
+    Channels that a sentence of `mentioned` suspects already do not count."""
     found = []
     vertical = [s for s in sensors if abs(s.direction[2]) > 0.9 and s.quantity == "acceleration"]
     offset = table.groupby("channel")["offset"].median()
@@ -287,7 +290,8 @@ def scale_findings(table: pd.DataFrame, states: Mapping[str, str], sensors: Sequ
     if not across or not mounting.is_upright(tuple(sensors)):
         return found
     top = max(s.position_m[2] for s in across)
-    names = [s.channel for s in across if s.position_m[2] > top - 1e-6]
+    names = [s.channel for s in across if s.position_m[2] > top - 1e-6
+             and not any(s.channel in sentence for sentence in mentioned)]
     rows = table[table["channel"].isin(names) & ~table["flat"]]
     state = rows["id"].map(states)
     for kind, wanted in (("running", ("below rated", "rated")), ("idling", ("idling",)), ("any", None)):

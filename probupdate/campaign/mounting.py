@@ -260,8 +260,13 @@ def _bending(covariance, sensors, alive, across, plane, level, n_free) -> _Bendi
     own = back @ covariance[np.ix_(across, across)] @ back.T
     cross = covariance[np.ix_(alive, across)] @ back.T
     along = cross @ np.linalg.pinv(own)
-    explained = np.clip(np.einsum("ij,ij->i", along, cross) / np.diag(covariance)[alive], 1e-9, 1.0)
-    std_deg = np.degrees(np.sqrt((1 - explained) / (explained * n_free)))
+    total = np.diag(covariance)[alive]
+    explained = np.clip(np.einsum("ij,ij->i", along, cross) / total, 0.0, 1.0)
+    # what noise does to the direction: the coefficient's deviation across it; large where the motion had one direction
+    across_it = np.stack([-along[:, 1], along[:, 0]], axis=1)
+    size = np.maximum(np.einsum("ij,ij->i", along, along), 1e-300)
+    spread = np.einsum("ij,jk,ik->i", across_it, np.linalg.pinv(own), across_it) / size
+    std_deg = np.degrees(np.sqrt((1 - explained) * total * spread / (n_free * size)))
     along = np.where(((explained > FOLLOWING) & (std_deg < DIRECTION_STD_DEG))[:, None], along, np.nan)
     return _Bending(members=list(alive), along=along, expected=_expected(sensors, alive), reference=level)
 

@@ -116,9 +116,10 @@ def _still(column: np.ndarray, rate_hz: float) -> float:
     starts, ends = runs(np.diff(column) == 0)
     if not len(starts):
         return 0.0
-    longest = int(np.max(ends - starts)) + 1
+    length = np.sort(ends - starts) + 1
+    longest = int(length[-1])
     # a coarse converter repeats values: a stop is longer than what it does by itself
-    usual = np.median(ends - starts) + 1
+    usual = float(np.median(length[:-1])) if len(length) > 1 else 1.0
     return longest / rate_hz if longest >= max(STILL_S * rate_hz, STILL_SAMPLES, 10 * usual) else 0.0
 
 

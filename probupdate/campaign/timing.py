@@ -175,15 +175,15 @@ class Clock:
         if usual.mean() < 0.5:
             raise InputError(f"{self.path}, time", f"rows come every {np.median(step) / 1e9:.6g} s, campaign.toml says "
                              f"{1 / self.rate:.6g}", "correct the rate, or resample first")
-        rate = float(np.sum(usual)) / float(np.sum(step[usual])) * 1e9
-        if abs(rate / self.rate - 1) > max(RATE_TOLERANCE, 2.0 / np.sum(usual)):
-            raise InputError(f"{self.path}, time", f"rows come at {rate:.6g} Hz, campaign.toml says {self.rate:.6g} Hz",
-                             "correct the rate, or resample first")
         uneven = float(np.std(step[usual] / sample))
         self.uneven = max(self.uneven, uneven)
         if uneven > UNEVEN:
             raise InputError(f"{self.path}, time", f"is irregular: its steps deviate by {uneven:.2f} samples",
                              "resample to equal steps first: this is not done silently")
+        rate = float(np.sum(usual)) / float(np.sum(step[usual])) * 1e9
+        if abs(rate / self.rate - 1) > max(RATE_TOLERANCE, 2.0 / np.sum(usual)):
+            raise InputError(f"{self.path}, time", f"rows come at {rate:.6g} Hz, campaign.toml says {self.rate:.6g} Hz",
+                             "correct the rate, or resample first")
 
     def _stretches(self, moment: np.ndarray, data: np.ndarray) -> Iterator[tuple[pd.Timestamp | None, np.ndarray]]:
         """Cut where time leaves the count of rows by more than OFF samples (or what the times are rounded to)."""

@@ -1,0 +1,335 @@
+"""Every format gives the samples that were put in, at their times; what would have to be guessed is refused."""
+
+import os
+import subprocess
+import sys
+import zipfile
+
+import h5py
+import numpy as np
+import pandas as pd
+import pytest
+import scipy.io
+
+from probupdate.campaign.blocks import blocks
+from probupdate.campaign.converting import convert
+from probupdate.campaign.reading import read_campaign
+from probupdate.errors import InputError
+
+RATE, START = 10.0, pd.Timestamp("2019-06-03T10:00:00Z")
+
+
+@pytest.fixture
+def job(tmp_path, head):
+    """job(description) -> (folder of sources, campaign folder) with campaign.toml and convert.toml written."""
+    raw, campaign = tmp_path / "raw", tmp_path / "campaign"
+    raw.mkdir()
+    campaign.mkdir()
+    (campaign / "campaign.toml").write_text(head)
+
+    def describe(text: str):
+        (campaign / "convert.toml").write_text(text)
+        return raw, campaign
+
+    return describe
+
+
+def noise(n=6000, seed=1) -> np.ndarray:
+    return np.random.default_rng(seed).standard_normal((n, 2))
+
+
+def stamps(n=6000, start=START, step="100ms") -> pd.DatetimeIndex:
+    return pd.date_range(start, periods=n, freq=step)
+
+
+def records(campaign) -> list[tuple[pd.Timestamp, np.ndarray]]:
+    """(start, data) of each file, in order."""
+    found = []
+    for path in (campaign / "acceleration").glob("*.h5"):
+        with h5py.File(path) as file:
+            found.append((pd.Timestamp(file["data"].attrs["start"]), file["data"][:]))
+    return sorted(found, key=lambda f: f[0])
+
+
+def table(data, time) -> pd.DataFrame:
+    return pd.DataFrame({"when": time, "east": data[:, 0], "north": data[:, 1], "other": 7.0})
+
+
+COLUMNS = '\n[columns]\n"a-x" = "east"\n"a-y" = "north"\n'
+
+
+def write_csv(raw, data):
+    text = table(data, [t.isoformat() for t in stamps(len(data))])
+    text.to_csv(raw / "r.csv", index=False)
+    return 'files = "*.csv"\ntime = "when"' + COLUMNS
+
+
+def write_german_csv(raw, data):
+    local = stamps(len(data)).tz_convert("Europe/Berlin").tz_localize(None)
+    text = table(data, [t.isoformat() for t in local])
+    head = "logger 7\nsecond line\n"
+    (raw / "r.csv").write_text(head + text.to_csv(index=False, sep=";", decimal=","))
+    return ('files = "*.csv"\ntime = "when"\nzone = "Europe/Berlin"\nseparator = ";"\ndecimal = ","\nskip_rows = 2'
+            + COLUMNS)
+
+
+def write_headless_csv(raw, data):
+    (raw / "r_20190603_120000.txt").write_text("\n".join(f"{k} {a!r} {b!r}" for k, (a, b) in enumerate(data.tolist())))
+    return ('files = "*.txt"\nstart_pattern = \'r_(\\d{8}_\\d{6})\'\nstart_format = "%Y%m%d_%H%M%S"\nzone = "+02:00"\n'
+            'separator = " "\nheader = false\n[columns]\n"a-x" = 2\n"a-y" = 3\n')
+
+
+def write_parquet(raw, data):
+    pytest.importorskip("pyarrow")
+    table(data, stamps(len(data))).to_parquet(raw / "r.parquet")
+    return 'files = "*.parquet"\ntime = "when"' + COLUMNS
+
+
+def write_v5(raw, data):
+    scipy.io.savemat(raw / "r.mat", {"acc": data, "t": np.arange(len(data)) / RATE, "note": "text"})
+    return 'files = "*.mat"\ntime = "t"\ntime_unit = "s"\nstart = "2019-06-03T10:00:00Z"\ndata = "acc"\n'
+
+
+def write_v5_days(raw, data):
+    # a day number of this size is exact to 0.1 ms only
+    day = 719529 + (stamps(len(data)) - pd.Timestamp(0, tz="UTC")) / pd.Timedelta(days=1)
+    scipy.io.savemat(raw / "r.mat", {"east": data[:, 0], "north": data[:, 1][None], "day": np.asarray(day)})
+    return 'files = "*.mat"\ntime = "day"\ntime_unit = "matlab"\nzone = "UTC"' + COLUMNS
+
+
+def write_v73(raw, data):
+    with h5py.File(raw / "r.mat", "w", userblock_size=512) as file:
+        file["acc"] = data.T  # as MATLAB lays (n, 2) on disk
+        file["sec"] = (np.arange(len(data)) / RATE)[None]
+    return 'files = "*.mat"\ntime = "sec"\ntime_unit = "s"\nstart = "2019-06-03T10:00:00+00:00"\ndata = "acc"\n'
+
+
+def write_npy(raw, data):
+    np.save(raw / "r.npy", np.column_stack([np.zeros(len(data)), data[:, 1], data[:, 0]]))
+    return 'files = "*.npy"\nstart = "2019-06-03T10:00:00Z"\n[columns]\n"a-x" = 3\n"a-y" = 2\n'
+
+
+def write_npz(raw, data):
+    seconds = (stamps(len(data)) - pd.Timestamp(0, tz="UTC")).total_seconds().to_numpy()
+    np.savez_compressed(raw / "r.npz", east=data[:, 0], north=data[:, 1], when=seconds * 1000)
+    return 'files = "*.npz"\ntime = "when"\ntime_unit = "ms"\nzone = "UTC"' + COLUMNS
+
+
+WRITERS = (write_csv, write_german_csv, write_headless_csv, write_parquet, write_v5, write_v5_days, write_v73,
+           write_npy, write_npz)
+
+
+@pytest.mark.parametrize("write", WRITERS, ids=lambda w: w.__name__[6:])
+def test_every_format_gives_what_was_put_in(job, write, monkeypatch):
+    # pieces of 999 rows, so that what is carried from piece to piece is looked at
+    monkeypatch.setattr("probupdate.campaign.sources.PIECE", 999)
+    data = noise()
+    raw, campaign = job("")
+    job(write(raw, data))
+    result = convert(raw, campaign)
+    ((start, found),) = records(campaign)
+    # MATLAB's day numbers hold 0.1 ms
+    assert abs((start - START).total_seconds()) < 1e-4
+    assert np.array_equal(found, data.astype(np.float32))
+    assert result.samples == 6000 and "1 files written" in result.summary
+    (block,) = blocks(read_campaign(campaign))
+    assert block.excluded == "" and block.data[:, 0] == pytest.approx(data[:, 0], rel=1e-6)
+
+
+def test_gaps_become_nan_or_another_file_and_are_told(job):
+    raw, campaign = job('files = "*.csv"\ntime = "when"\nfill_seconds = 30' + COLUMNS)
+    data, time = noise(), stamps()
+    keep = np.r_[0:1000, 1050:3000, 4000:6000]  # five seconds, then a hundred
+    table(data[keep], [t.isoformat() for t in time[keep]]).to_csv(raw / "r.csv", index=False)
+    result = convert(raw, campaign)
+    first, second = records(campaign)
+    assert first[0] == START and len(first[1]) == 3000 and np.isnan(first[1][1000:1050]).all()
+    assert np.array_equal(first[1][1050:3000], data[1050:3000].astype(np.float32))
+    assert second[0] == time[4000] and np.array_equal(second[1], data[4000:].astype(np.float32))
+    assert "50 missing rows filled" in result.summary and "1 gaps longer than 30 s" in result.summary
+
+
+def test_times_rounded_to_the_second_are_counted_between(job):
+    """Ten rows a second, the first second begun late: rows keep their true place within a sample."""
+    raw, campaign = job('files = "*.csv"\ntime = "when"' + COLUMNS)
+    data, time = noise()[4:], stamps()[4:]
+    table(data, [t.floor("s").isoformat() for t in time]).to_csv(raw / "r.csv", index=False)
+    result = convert(raw, campaign)
+    ((start, found),) = records(campaign)
+    assert abs((start - time[0]).total_seconds()) <= 1 / RATE and len(found) == len(data)
+    assert "rounded to 1 s" in result.summary
+
+
+def test_a_clock_that_runs_a_little_off_is_followed_and_told(job):
+    raw, campaign = job('files = "*.csv"\ntime = "when"' + COLUMNS)
+    n = 20000
+    time = START + pd.to_timedelta(np.arange(n) * 0.1 * (1 + 1e-4), unit="s")
+    table(noise(n), [t.isoformat() for t in time]).to_csv(raw / "r.csv", index=False)
+    result = convert(raw, campaign)
+    at = 0
+    for start, data in records(campaign):
+        # every file's first row within a sample of its own time
+        assert abs((start - time[at]).total_seconds()) < 0.1 + 1e-9
+        at += len(data)
+    assert at == n and "part by a sample 2 times" in result.summary
+
+
+def test_lost_markers_factors_and_text_cells(job):
+    raw, campaign = job('files = "*.csv"\ntime = "when"\nlost = [-999.0]' + COLUMNS + '[factor]\n"a-y" = -2.0\n')
+    data = noise()
+    data[5, 0] = data[7, 1] = -999.0
+    table(data, [t.isoformat() for t in stamps()]).to_csv(raw / "r.csv", index=False)
+    assert "2 values are lost" in convert(raw, campaign).summary
+    ((_, found),) = records(campaign)
+    assert np.isnan(found[5, 0]) and np.isnan(found[7, 1]) and found[8, 1] == np.float32(-2 * data[8, 1])
+
+
+MISTAKES = [
+    ("zone", {"zone": None}, "its time zone is not stated"),
+    ("irregular", {"jitter": 0.05}, "irregular"),
+    ("another rate", {"step": "39.0625ms"}, "rows come at 25.6 Hz, campaign.toml says 10 Hz"),
+    ("slower", {"step": "1s"}, "rows come every 1 s, campaign.toml says 0.1"),
+    ("backward", {"swap": True}, "row 31 is earlier than the one before"),
+    ("autumn", {"start": "2019-10-27T02:30", "zone": "Europe/Berlin"}, "is no single moment in that zone"),
+    ("text", {"cell": "broken"}, "column east, row 43: 'broken' is no number"),
+]
+
+
+@pytest.mark.parametrize(("change", "problem"), [m[1:] for m in MISTAKES], ids=[m[0] for m in MISTAKES])
+def test_what_would_have_to_be_guessed_is_refused(job, change, problem):
+    zone = change.get("zone", "UTC")
+    raw, campaign = job('files = "*.csv"\ntime = "when"' + (f'\nzone = "{zone}"' if zone else "") + COLUMNS)
+    start = pd.Timestamp(change.get("start", "2019-06-03T10:00"))
+    time = pd.date_range(start, periods=2000, freq=change.get("step", "100ms"))
+    if "jitter" in change:
+        time = time + pd.to_timedelta(np.random.default_rng(1).uniform(0, 0.099, 2000), unit="s")
+    text = [t.isoformat() for t in time]
+    if "swap" in change:
+        text[29], text[30] = text[30], text[29]
+    rows = table(noise(2000), text).astype({"east": object})
+    if "cell" in change:
+        rows.loc[42, "east"] = change["cell"]
+    rows.to_csv(raw / "r.csv", index=False)
+    with pytest.raises(InputError) as error:
+        convert(raw, campaign)
+    assert problem in str(error.value) and not list((campaign / "acceleration").glob("*.h5"))
+
+
+DESCRIPTIONS = [
+    ('files = "../*.csv"\ntime = "when"', "leaves the folder"), ('files = "/etc/*"\ntime = "w"', "leaves the folder"),
+    ('files = "*.csv"', "says nothing of time"), ('time = "when"', "'files' is missing"),
+    ('files = "*.csv"\ntime = "when"\nzone = "Mars/Base"', "'Mars/Base' is no time zone"),
+    ('files = "*.csv"\ntme = "when"', "unknown key 'tme'; did you mean 'time'"),
+    ('files = "*.csv"\ntime = "when"\ntime_unit = "h"', "'h' is unknown"),
+    ('files = "*.csv"\ntime = "when"\n[columns]\n"b-x" = 1', "'b-x' is no channel"),
+    ('files = "*.csv"\ntime = "when"\n[columns]\n"a-x" = 1\n"a-y" = 1', "a-x and a-y are the same column"),
+    ('files = "*.csv"\ntime = "when"\n[columns]\n"a-x" = "west"\n"a-y" = "north"', "there is no column 'west'"),
+    ('files = "*.doc"\ntime = "when"', "holds no file that matches"),
+    ('files = "*.csv"\nstart_pattern = "x"', "has 0 groups"),
+]
+
+
+@pytest.mark.parametrize(("text", "problem"), DESCRIPTIONS, ids=[d[1] for d in DESCRIPTIONS])
+def test_mistakes_of_the_description_have_their_line(job, text, problem):
+    raw, campaign = job(text)
+    write_csv(raw, noise(200))
+    with pytest.raises(InputError) as error:
+        convert(raw, campaign)
+    assert problem in str(error.value)
+
+
+def test_nothing_is_executed_and_no_link_leads_out(job, tmp_path):
+    raw, campaign = job('files = "*.npy"\nstart = "2019-06-03T10:00:00Z"\n')
+
+    class Trap:
+        def __reduce__(self):
+            return os.mkdir, (str(tmp_path / "sprung"),)
+
+    np.save(raw / "r.npy", np.array([Trap()], dtype=object), allow_pickle=True)
+    with pytest.raises(InputError, match="is no array of numbers"):
+        convert(raw, campaign)
+    np.savez(raw / "r.npz", data=np.array([Trap()], dtype=object))
+    job('files = "*.npz"\nstart = "2019-06-03T10:00:00Z"\n')
+    with pytest.raises(InputError, match="holds object"):
+        convert(raw, campaign)
+    assert not (tmp_path / "sprung").exists()
+    np.save(tmp_path / "outside.npy", noise(100))
+    (raw / "r.npy").unlink()
+    (raw / "link.npy").symlink_to(tmp_path / "outside.npy")
+    job('files = "*.npy"\nstart = "2019-06-03T10:00:00Z"\n')
+    with pytest.raises(InputError, match="leads out of the folder"):
+        convert(raw, campaign)
+
+
+def test_broken_files_are_named(job):
+    raw, campaign = job('files = "r.*"\nstart = "2019-06-03T10:00:00Z"\n')
+    for name, content in (("r.npy", b"none"), ("r.npz", b"none"), ("r.mat", b"none" * 100), ("r.xyz", b""),
+                          ("r.mat", b"\x89HDF\r\n\x1a\n" + bytes(600))):
+        for old in raw.iterdir():
+            old.unlink()
+        (raw / name).write_bytes(content)
+        with pytest.raises(InputError, match=name.replace(".", r"\.")):
+            convert(raw, campaign)
+
+
+def test_a_second_run_keeps_what_is_done_and_refuses_what_changed(job):
+    raw, campaign = job('files = "*.npy"\nstart_pattern = \'(\\d+)\'\nstart_format = "%Y%m%d%H%M%S"\nzone = "UTC"\n')
+    for hour in (10, 11, 12):
+        np.save(raw / f"20190603{hour}0000.npy", noise(seed=hour))
+    # stopped within the third
+    (raw / "20190603120000.npy").write_bytes(b"cut off")
+    with pytest.raises(InputError, match="20190603120000"):
+        convert(raw, campaign)
+    assert len(records(campaign)) == 2
+    before = {p: p.stat().st_mtime_ns for p in (campaign / "acceleration").glob("*.h5")}
+    np.save(raw / "20190603120000.npy", noise(seed=12))
+    result = convert(raw, campaign)
+    assert len(result.files) == 1 and len(result.kept) == 2
+    assert all(p.stat().st_mtime_ns == t for p, t in before.items())
+    assert [len(d) for _, d in records(campaign)] == [6000] * 3
+    np.save(raw / "20190603110000.npy", noise(seed=99))
+    with pytest.raises(InputError, match="changed after it was converted"):
+        convert(raw, campaign)
+
+
+def test_long_sources_are_cut_into_hours_that_follow_on(job):
+    raw, campaign = job('files = "*.npy"\nstart = "2019-06-03T10:00:00Z"\n')
+    data = noise(90000)
+    np.save(raw / "r.npy", data)
+    convert(raw, campaign)
+    found = records(campaign)
+    assert [len(d) for _, d in found] == [36000, 36000, 18000]
+    assert [(s - START).total_seconds() for s, _ in found] == [0, 3600, 7200]
+    assert np.array_equal(np.concatenate([d for _, d in found]), data.astype(np.float32))
+
+
+def test_overlapping_sources_are_told(job):
+    raw, campaign = job('files = "*.npy"\nstart_pattern = \'(\\d+)\'\nstart_format = "%Y%m%d%H%M%S"\nzone = "UTC"\n')
+    np.save(raw / "20190603100000.npy", noise())
+    np.save(raw / "20190603100900.npy", noise())
+    assert "1 records overlap" in convert(raw, campaign).summary
+
+
+def test_a_missing_pyarrow_is_named(job, monkeypatch):
+    raw, campaign = job('files = "*.parquet"\ntime = "when"')
+    (raw / "r.parquet").write_bytes(b"PAR1")
+    monkeypatch.setitem(sys.modules, "pyarrow", None)
+    with pytest.raises(InputError, match=r"pip install probupdate\[parquet\]"):
+        convert(raw, campaign)
+
+
+def test_memory_of_a_large_source_stays_small(job, tmp_path):
+    """64 MB of float64 in a compressed archive, converted by a program whose memory is looked at."""
+    raw, campaign = job('files = "*.npz"\nstart = "2019-06-03T10:00:00Z"\ndata = "acc"\n')
+    n_row, chunk = 4_000_000, np.zeros((250_000, 2))
+    with zipfile.ZipFile(raw / "r.npz", "w", zipfile.ZIP_DEFLATED, compresslevel=1) as archive, archive.open(
+            "acc.npy", "w", force_zip64=True) as member:
+        np.lib.format.write_array_header_1_0(member, {"descr": "<f8", "fortran_order": False, "shape": (n_row, 2)})
+        for _ in range(n_row // len(chunk)):
+            member.write(chunk.tobytes())
+    code = ("import sys, resource, h5py\nfrom probupdate.campaign.converting import convert\n"
+            "peak = lambda: resource.getrusage(resource.RUSAGE_SELF).ru_maxrss\n"
+            "before = peak()\nconvert(sys.argv[1], sys.argv[2])\nprint(peak() - before)\n")
+    done = subprocess.run([sys.executable, "-c", code, str(raw), str(campaign)], capture_output=True, text=True,
+                          check=True)
+    assert int(done.stdout) < 40 * 1024  # kB
