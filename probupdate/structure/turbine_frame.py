@@ -20,23 +20,21 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from probupdate.errors import InputError
 from probupdate.structure import joints, soil
 from probupdate.structure.beam import Tube
 from probupdate.structure.coefficient import Coefficient, inverse, parameter, product
 from probupdate.structure.description import Description, TubeEntry
-from probupdate.structure.effects import LEVEL_TOLERANCE_M, Effects, Place, bay_at, ends
+from probupdate.structure.effects import Effects, Place, bay_at, ends
 from probupdate.structure.frame import (
     Beam,
     Body,
     Frame,
-    Hinge,
     LineMass,
     LineSpring,
     NodeSpring,
-    Prestress,
     Tie,
 )  # fmt: skip
+from probupdate.structure.frame_effects import check_effects, hang_masses, loosen, prestress
 from probupdate.structure.local_functions import JointStiffness, PileMoments, Warmth, Water, Wetting
 from probupdate.structure.nacelle import nacelle_bodies
 
@@ -371,40 +369,6 @@ def _add_tower(mesh: _Mesh, foot: int) -> tuple[int, list[Body]]:
     return below, bodies
 
 
-def _hang_masses(mesh: _Mesh) -> None:
-    """Effects of kind mass on members: evenly along all that they choose."""
-    length = [float(np.linalg.norm(mesh.nodes[beam.end] - mesh.nodes[beam.start])) for beam in mesh.beams]
-    for p in mesh.effects.of("mass"):
-        chosen = [] if p.on.body else [k for k, place in enumerate(mesh.places) if mesh.effects.acts(p, place)]
-        whole = sum(length[k] for k in chosen)
-        for k in chosen:
-            mass = LineMass(per_metre=parameter(p.name) * (1 / whole), dry=True)
-            mesh.beams[k] = replace(mesh.beams[k], carried=(*mesh.beams[k].carried, mass))
-
-
-def _loosen(mesh: _Mesh) -> None:
-    """Connections: at each node on the level, in the element of a member that starts there, or else ends there."""
-    hinges: dict[tuple[int, int], dict[str, tuple[str, ...]]] = {}
-    for p in (*mesh.effects.of("hinge"), *mesh.effects.of("slip")):
-        found: dict[tuple[str, int], tuple[int, int]] = {}
-        for k, (beam, place) in enumerate(zip(mesh.beams, mesh.places, strict=True)):
-            for end, node in ((1, beam.end), (0, beam.start)):
-                here = abs(mesh.nodes[node][2] - p.at_m) < LEVEL_TOLERANCE_M and mesh.effects.fits(p, place)
-                if here and (end == 0 or (beam.part, node) not in found):
-                    found[beam.part, node] = (k, end)
-        motion = "bending" if p.kind == "hinge" else "slip"
-        for at in found.values():
-            mesh.effects.note(p)
-            own = hinges.setdefault(at, {})
-            own[motion] = (*own.get(motion, ()), p.name)
-    for (k, end), names in hinges.items():
-        beam = mesh.beams[k]
-        if beam.hinge is not None:
-            raise InputError(f"parameter {next(iter(names.values()))[0]}", f"an element of {beam.part} would have a "
-                             "hinge at either end", f"raise mesh.elements_per_member.{beam.group}")  # fmt: skip
-        mesh.beams[k] = replace(beam, hinge=Hinge(end=end, **names))
-
-
 def build_frame(description: Description, nacelle_angle_deg: float = 0.0) -> Frame:
     """Mesh the described turbine. Bodies of the nacelle and rotor are tied rigidly to the tower's top, turned about
     the vertical from where the description has them by nacelle_angle_deg, counter-clockwise seen from above."""
@@ -414,8 +378,8 @@ def build_frame(description: Description, nacelle_angle_deg: float = 0.0) -> Fra
     springs = _add_piles(mesh, legs)
     foot, bodies = _add_transition_piece(mesh, legs)
     top, flanges = _add_tower(mesh, foot)
-    _hang_masses(mesh)
-    _loosen(mesh)
+    hang_masses(mesh)
+    loosen(mesh)
     turn = Rotation.from_euler("z", nacelle_angle_deg, degrees=True).as_matrix()
     nacelle = nacelle_bodies(description, mesh.effects, mesh.nodes[top], turn)
     number = len(mesh.nodes)
@@ -426,34 +390,8 @@ def build_frame(description: Description, nacelle_angle_deg: float = 0.0) -> Fra
     hub = number + [entry.name for entry in description.rna].index("hub")
     frame = Frame(
         node_m=np.array(mesh.nodes), beams=tuple(mesh.beams), ties=tuple(mesh.ties), bodies=tuple(bodies),
-        springs=tuple(springs), prestress=_prestress(description, mesh.effects, hub, turn[:, 0]),
+        springs=tuple(springs), prestress=prestress(description, mesh.effects, hub, turn[:, 0]),
         pile_head=legs[0][min(legs[0])], pile_part=f"pile {description.jacket.leg_names[0]}",
     )  # fmt: skip
-    _check_effects(mesh)
+    check_effects(mesh)
     return frame
-
-
-def _prestress(d: Description, effects: Effects, hub: int, along: np.ndarray) -> tuple[Prestress, ...]:
-    weights = [Prestress(coefficient=parameter(p.name), gravity_mps2=d.site.gravity_mps2)
-               for p in effects.on_all("weight")]  # fmt: skip
-    thrusts = [Prestress(coefficient=parameter(p.name), node=hub, force_n=along) for p in effects.on_all("thrust")]
-    return (*weights, *thrusts)
-
-
-def _check_effects(mesh: _Mesh) -> None:
-    """Every effect has found a place, and walls stay at the ends of all bounds."""
-    for p in mesh.effects.lost():
-        where = "the structure" if not p.on.given else ", ".join(f"{key} = {getattr(p.on, key)}" for key in p.on.given)
-        raise InputError(f"parameter {p.name}", f"the kind '{p.kind}' finds nothing to act on at {where}",
-                         "check `on`, the joints' law and the levels")  # fmt: skip
-    worst = {p.name: ends(p) for p in mesh.d.parameter}
-    for beam in mesh.beams:
-        effects = [name for name in beam.tube.wall_loss if name != "corr"]
-        values = mesh.d.values | {name: worst[name][1] for name in beam.tube.wall_loss if name in worst}
-        if beam.tube.thickness_factor in worst:
-            values[beam.tube.thickness_factor] = worst[beam.tube.thickness_factor][0]
-        if effects and beam.tube.wall(values) <= 0:
-            raise InputError(
-                f"parameter {effects[0]}", f"corrosion at its upper bounds leaves {beam.part} a wall of "
-                f"{1000 * beam.tube.wall(values):.1f} mm", "lower the upper bounds",
-            )  # fmt: skip
