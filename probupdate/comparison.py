@@ -227,7 +227,7 @@ def _sentence(row: dict, parameter, update: UpdateRecord, partner: str, correlat
     elif row["resolution"] > STRONG and row["contraction"] > BLIND:
         parts.append(
             f"as wide as its prior ({100 * row['contraction']:.0f} %) though the data decide it at the "
-            f"maximum (resolution {row['resolution']:.2f}): another parameter does the same, or the maximum is not typical"
+            f"maximum (resolution {row['resolution']:.2f}): another one does the same, or the maximum is not typical"
         )
     if not parts:
         return f"All estimates of {name} agree within {CLOSE:g} posterior deviations."

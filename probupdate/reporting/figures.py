@@ -17,11 +17,19 @@ from probupdate.reporting.figures_posterior import (
     predictive_frequencies,
     traces_and_ranks,
 )
-from probupdate.reporting.figures_updating import Mark, departures, frequency_errors, unit_label, update_history
+from probupdate.reporting.figures_updating import (
+    Mark,
+    departures,
+    estimate_paths,
+    frequency_errors,
+    unit_label,
+    update_history,
+)
 from probupdate.reporting.style import svg_text
 
 __all__ = [
-    "Mark", "contraction", "corner", "correlation_map", "departures", "frequencies_by_block", "frequency_errors",
+    "Mark", "contraction", "corner", "correlation_map", "departures", "estimate_paths", "frequencies_by_block",
+    "frequency_errors",
     "marginals", "mode_shapes", "poles", "predictive_frequencies", "selection_steps", "sensor_layout",
     "shapes_by_channel", "svg_text", "traces_and_ranks", "unit_label", "update_history", "wind_and_state",
 ]

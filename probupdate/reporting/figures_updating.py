@@ -162,3 +162,39 @@ def update_history(
                              fontsize=7.5)
     figure.align_ylabels(panels[:, 0])
     return figure
+
+
+@styled
+def estimate_paths(
+    parameters: Sequence[Parameter], chosen: Sequence[tuple[int, int]], draws: np.ndarray | None,
+    printed: np.ndarray, closest: int, alpha: np.ndarray, over_alpha: np.ndarray, mark: Mark,
+) -> Figure:
+    """Where Eq. 7 as printed goes over its iterations and the anchored update over alpha, against the posterior.
+
+    One panel for each pair of parameters in `chosen`; draws (n, n_param) of the posterior or None; printed
+    (n_iteration + 1, n_param), of which `closest` is nearest to the maximum; over_alpha (n_alpha, n_param).
+    """
+    figure = new_figure(FULL_IN, 3.6)
+    panels = figure.subplots(1, len(chosen), squeeze=False)[0]
+    for axes, (i, j) in zip(panels, chosen, strict=True):
+        if draws is not None:
+            shown = draws[:: max(1, len(draws) // 1500)]
+            axes.plot(shown[:, i], shown[:, j], ls="none", marker=".", ms=2.5, color=POSTERIOR["color"], alpha=0.25,
+                      mec="none", label="posterior", zorder=1)
+        axes.plot(printed[:, i], printed[:, j], color=STEP_UPDATE["color"], marker="x", ms=4, lw=1.0, zorder=3,
+                  label="Eq. 7 as printed, an iteration each")
+        axes.plot(printed[closest, i], printed[closest, j], ls="none", marker="o", ms=10, mfc="none",
+                  mec=STEP_UPDATE["color"], zorder=4, label=f"its iteration {closest}, closest to the MAP")
+        axes.plot(over_alpha[:, i], over_alpha[:, j], color=PRIOR_UPDATE["color"], marker="v", ms=4, lw=1.0, zorder=3,
+                  label=f"anchored, alpha {alpha[0]:g} to {alpha[-1]:g}")
+        for k in (0, len(alpha) - 1):
+            axes.annotate(f"{alpha[k]:g}", (over_alpha[k, i], over_alpha[k, j]), xytext=(4, 4),
+                          textcoords="offset points", fontsize=7.5, color=INK)
+        axes.plot(mark.theta[i], mark.theta[j], ls="none", color=mark.role["color"], marker=mark.role["marker"],
+                  ms=mark_size(mark), mec="white", mew=0.4, zorder=5, label=mark.name)
+        axes.plot(parameters[i].initial, parameters[j].initial, ls="none", marker="s", ms=5, color=INK, zorder=5,
+                  label="initial")
+        label_axes(axes, *(unit_label(parameters[k].name, parameters[k].unit) for k in (i, j)))
+    handles, labels = panels[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside upper left", ncols=3, columnspacing=1.2)
+    return figure

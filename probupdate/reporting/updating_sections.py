@@ -20,6 +20,7 @@ from probupdate.reporting.elements import (
     percent,
     plural,
 )
+from probupdate.reporting.style import MAP
 from probupdate.reporting.values import Run
 
 SCHEME_WORDS = {
@@ -83,12 +84,37 @@ def update_section(run: Run) -> Section:
             "deviations, root mean square over the parameters, drawn at 0.001 where it is less.",
         )
     )
+    items += _paths_picture(run)
     scatter = _scatter_table(run)
     items += [scatter] if scatter else []
     if run.jacket:
         items.append(_sensitivity_table(run))
     return Section(anchor="update", title="Update", items=tuple(items),
                    lead=f"The sensitivity-based update on the set “{update.set_id}”, in both readings of Eq. 7.")
+
+
+def _paths_picture(run: Run) -> list[Picture]:
+    """Both ways to regularise, over iterations and over alpha, where the printed scheme goes farthest from the MAP."""
+    update, path = run.update, run.update.alpha_path
+    if path is None or len(update.parameters) < 2:
+        return []
+    printed = update.scheme("step")
+    apart = np.max(np.abs(printed.theta - update.map_theta), axis=0) / np.sqrt(np.diag(update.map_covariance))
+    far = [int(k) for k in np.argsort(apart)[::-1][:4]]
+    pairs = [(far[k], far[k + 1]) for k in range(0, len(far) - 1, 2)]
+    draws = None if run.posterior is None else run.posterior.draws
+    figure = figures.estimate_paths(
+        update.parameters.items, pairs, draws, printed.theta, printed.closest_iteration, path.alpha, path.theta,
+        figures.Mark(name="MAP", theta=update.map_theta, role=MAP),
+    )
+    rules = [f"{rule} {value:.2g}" for rule, value in path.chosen.items() if np.isfinite(value)]
+    rules += [f"none by {rule}, as {remark}" for rule, remark in path.remarks.items()]
+    return [Picture(
+        svg=figures.svg_text(figure, "paths"),
+        caption="Paths to the estimates, for the parameters that Eq. 7 as printed takes farthest from the MAP: its "
+        "iterations, and the anchored update over alpha. Many iterations act like a small alpha. alpha by rule: "
+        f"{'; '.join(rules)}.",
+    )]  # fmt: skip
 
 
 def _paper_modes(labels) -> list[int | None]:

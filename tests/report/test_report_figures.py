@@ -30,6 +30,9 @@ def _built(run) -> dict[str, Figure]:
     names = update.parameters.names
     wire, moved = run.model.wire, run.model.states["updated"].displacement
     return {
+        "estimate_paths": figures.estimate_paths(
+            update.parameters.items, [(0, 1)], posterior.draws, update.scheme("step").theta, 0,
+            np.array([0.1, 1.0, 10.0]), update.scheme("prior").theta[[-1, -1, 0]], mark),
         "sensor_layout": figures.sensor_layout(wire, run.campaign.sensors),
         "sensor_layout without model": figures.sensor_layout(None, run.campaign.sensors),
         "wind_and_state": figures.wind_and_state(
