@@ -170,10 +170,11 @@ def scatter_ratio(structure, channels, n_record):
         ))
     value, variance = (np.array(a) for a in zip(*found, strict=True))  # (n_record, 2 + 2 n_channel, n_mode)
     deviation, stated = value.std(axis=0, ddof=1), np.sqrt(variance.mean(axis=0))
-    # Left out: the component that scales the shape, and those that hardly move. The imaginary parts of a close pair's
-    # own direction do so by the product of two deviations of the other direction, real and imaginary: of second order,
+    # Left out: the component that scales the shape, and imaginary parts that hardly move. Those of a close pair's own
+    # direction do so by the product of two deviations of the other direction, real and imaginary: of second order,
     # where a first order taken at the estimate states sqrt(2) too much.
-    moves = deviation > 0.1 * np.vstack([deviation[:2], np.tile(deviation[2:].max(axis=0), (len(deviation) - 2, 1))])
+    moves, half = deviation > 1e-9, 2 + len(channels)
+    moves[half:] &= deviation[half:] > 0.2 * deviation[2:].max(axis=0)
     ratio = np.where(moves, stated / np.where(moves, deviation, 1), np.nan)
     return ratio[0], ratio[1], ratio[2:]
 
