@@ -167,8 +167,8 @@ def main() -> None:
     modes = len(identification.data.labels)
     sys.stdout.write(markdown(table))
     mean = np.mean([n for *_, n in passed.values()])
-    sys.stdout.write(f"\npoles that pass the paper's classifier, a block: {mean:.1f} for {modes} modes; angle followed in "
-                     f"{sum(x[2] for x in removed.values())} of {len(removed)}\n")
+    sys.stdout.write(f"\npoles that pass the paper's classifier, a block: {mean:.1f} for {modes} modes; angle "
+                     f"followed in {sum(x[2] for x in removed.values())} of {len(removed)}\n")
 
 
 if __name__ == "__main__":
