@@ -21,6 +21,8 @@ from probupdate.progress import Progress, silent
 RULES = ("l-curve", "discrepancy", "evidence")
 # two values a decade
 ALPHAS = np.logspace(-2, 2, 9)
+# curvature, of ln misfit over ln penalty, from which on there is a corner
+LEAST_BEND = 0.1
 # of each update along the path, in prior deviations: it is drawn, and its rules are good to a few per cent
 TOLERANCE, ITERATIONS = 1e-3, 30
 
@@ -91,7 +93,7 @@ def _corner(alpha, misfit, penalty) -> tuple[float, str]:
     # the misfit grows and the penalty falls with alpha: the corner towards the origin turns this way
     bend = (x(fine, 1) * y(fine, 2) - y(fine, 1) * x(fine, 2)) / np.maximum(speed, 1e-12) ** 1.5
     best = int(np.argmax(bend))
-    if bend[best] <= 0 or best in (0, len(fine) - 1):
+    if bend[best] < LEAST_BEND or best in (0, len(fine) - 1):
         return float("nan"), f"the curve has no corner between alpha {alpha[0]:g} and {alpha[-1]:g}"
     return float(np.exp(fine[best])), ""
 

@@ -1,0 +1,107 @@
+"""alpha by rule against closed forms of a linear problem; the trust region against Gauss-Newton; remarks on alpha."""
+
+import numpy as np
+import pytest
+from scipy import stats
+from updating_cases import LINEAR_HZ, chain_problem, linear_problem
+
+from probupdate.errors import InputError
+from probupdate.estimators import alpha as alpha_module
+from probupdate.estimators.alpha import ALPHAS, alpha_path, choose
+from probupdate.estimators.laplace import maximum_a_posteriori, trust_region
+from probupdate.estimators.tikhonov import update
+
+# one parameter's effect is large, the data are noisier than a model at its prior: every rule has an answer
+DATA = LINEAR_HZ + np.array([0.05, -0.06, 0.12, 0.28, -0.45])
+
+
+@pytest.fixture(scope="module")
+def linear():
+    problem = linear_problem(DATA)
+    return problem, alpha_path(problem)
+
+
+def closed_form(problem, alpha):
+    start = problem.parameters.initial
+    response, S = problem.sensitivity(start)
+    A, b = S / problem.std[:, None], (problem.measured - response) / problem.std
+    W = np.linalg.inv(problem.parameters.covariance)
+    return start + np.linalg.solve(A.T @ A + alpha * W, A.T @ b), A, b, W
+
+
+def test_the_path_is_the_closed_form_at_every_alpha(linear):
+    problem, path = linear
+    assert path.alpha == pytest.approx(ALPHAS) and np.all(path.settled)
+    for alpha, theta, misfit in zip(path.alpha, path.theta, path.misfit, strict=True):
+        exact, A, b, _ = closed_form(problem, alpha)
+        assert theta == pytest.approx(exact, abs=1e-6)
+        assert misfit == pytest.approx(np.sum((A @ (exact - problem.parameters.initial) - b) ** 2), rel=1e-5)
+    assert np.all(np.diff(path.misfit) >= 0) and np.all(np.diff(path.penalty) <= 0)
+
+
+def test_log_evidence_of_alpha_is_the_density_of_the_data(linear):
+    problem, path = linear
+    _, A, b, W = closed_form(problem, 1.0)
+    exact = [stats.multivariate_normal(np.zeros(len(b)), np.eye(len(b)) + A @ np.linalg.inv(a * W) @ A.T).logpdf(b)
+             for a in path.alpha]  # fmt: skip
+    assert path.log_evidence - path.log_evidence[0] == pytest.approx(np.array(exact) - exact[0], abs=1e-4)
+
+
+def test_the_discrepancy_principle_meets_the_effective_number_of_data():
+    problem = linear_problem(LINEAR_HZ + 4 * np.array([0.05, -0.06, 0.12, 0.28, -0.45]))
+    path = alpha_path(problem)
+    if np.isfinite(path.chosen["discrepancy"]):
+        theta, A, b, _ = closed_form(problem, choose(path, "discrepancy"))
+        misfit = np.sum((A @ (theta - problem.parameters.initial) - b) ** 2)
+        below, above = (path.misfit[path.misfit < problem.n_effective].max(),
+                        path.misfit[path.misfit >= problem.n_effective].min())  # fmt: skip
+        # interpolated between two values of the path
+        assert below < misfit < above
+    else:
+        assert "does not pass" in path.remarks["discrepancy"]
+
+
+def test_a_corner_is_found_where_there_is_one():
+    alpha = np.logspace(-3, 3, 25)
+    # down along one branch and right along the other, alike on both sides of alpha = 0.5
+    s = np.log(alpha / 0.5)
+    misfit, penalty = ((1 + np.exp(3 * x)) ** (2 / 3) for x in (s, -s))
+    found, _ = alpha_module._corner(alpha, misfit, penalty)
+    assert found == pytest.approx(0.5, rel=0.1)
+    straight, remark = alpha_module._corner(alpha, alpha, 1 / alpha)
+    assert np.isnan(straight) and "no corner" in remark
+
+
+def test_a_rule_without_an_answer_is_refused_with_the_reason():
+    path = alpha_path(linear_problem(LINEAR_HZ * 1.0001))
+    assert np.isnan(path.chosen["discrepancy"])
+    with pytest.raises(InputError, match="does not pass the"):
+        choose(path, "discrepancy")
+    with pytest.raises(InputError, match="'maximum' is unknown"):
+        choose(path, "maximum")
+
+
+def test_levenberg_marquardt_ends_where_gauss_newton_does():
+    problem = chain_problem(noise=0.01)
+    newton, trust = (update(problem, method=m) for m in ("gauss-newton", "levenberg-marquardt"))
+    assert trust.converged and trust.status.startswith("settled")
+    top = maximum_a_posteriori(problem, [newton.theta[-1]])
+    assert np.abs(trust.theta[-1] - newton.theta[-1]) / np.sqrt(np.diag(top.covariance)) == pytest.approx(0, abs=1e-4)
+    # its iterates are kept: each lowers the objective
+    assert np.all(np.diff(trust.objective) < 1e-6 * trust.objective[0])
+    with pytest.raises(InputError, match="its own step"):
+        update(problem, penalty="step", method="levenberg-marquardt")
+
+
+def test_the_maximum_states_how_far_its_gradient_is_from_zero():
+    problem = chain_problem(noise=0.01)
+    top = maximum_a_posteriori(problem, [problem.parameters.initial])
+    assert top.projected_gradient < 1e-4
+    rough = trust_region(problem, problem.parameters.initial)
+    assert np.abs(rough - top.theta) / np.sqrt(np.diag(top.covariance)) == pytest.approx(0, abs=1e-3)
+
+
+def test_an_alpha_that_leaves_the_data_no_weight_is_told():
+    run = update(linear_problem(DATA), alpha=1e300)
+    assert run.converged and "leaves the data no weight" in run.status
+    assert "leaves the data no weight" not in update(linear_problem(DATA)).status
