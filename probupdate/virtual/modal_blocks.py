@@ -15,7 +15,7 @@ import numpy as np
 
 from probupdate.errors import InputError
 from probupdate.mode_labels import mode_character
-from probupdate.modes import ModalData, ModalSet, Sensor, frozen_array, mac, subspace_mac
+from probupdate.modes import ModalData, ModalSet, Sensor, frozen_array
 from probupdate.virtual import observation, operation
 from probupdate.virtual.conditions import AMPLITUDE, expected_rms_mps2, slot_amounts
 from probupdate.virtual.dynamics import AERO_DAMPING, N_MODE
@@ -137,7 +137,11 @@ def _true_modes(reduced: ReducedStates, file: TurbineFile, truth: Truth, amount,
         key = (tuple(a), angle)
         if key not in known:
             f, modes = reduced.modes(a, angle, N_SEARCHED)
-            chosen = _sort(f, nominal @ modes, file.sensors, angle, reference)
+            # strain energy in common with the reference's modes: sensors alone take a higher torsion for the first
+            energy = reference.T @ reduced.stiffness @ modes
+            own = [np.einsum("ij,ik,kj->j", x, reduced.stiffness, x) for x in (reference, modes)]
+            common = energy**2 / np.outer(*own)
+            chosen = _sort(common, mode_character(nominal @ modes, _turned(file.sensors, angle)).share)
             known[key] = f[chosen], modes[:, chosen], chosen
         f, modes, chosen = known[key]
         turn = rotation(np.array([0.0, 0.0, -np.radians(angle)]))
@@ -165,34 +169,33 @@ def _turned(sensors: tuple[Sensor, ...], heading_deg: float) -> tuple[Sensor, ..
 
 
 def _reference(reduced: ReducedStates, file: TurbineFile, nominal: np.ndarray, amount, heading_deg) -> np.ndarray:
-    """Shapes (n_channel, 5) of first pair, torsion, second pair in the first block, by their character."""
+    """First pair, torsion, second pair of the first block in the basis (n, 5), by their character at the sensors."""
     _, modes = reduced.modes(amount, heading_deg, N_SEARCHED)
-    shape = nominal @ modes
-    character = mode_character(shape, _turned(file.sensors, heading_deg))
-    global_ = character.local < 0.5
-    late = np.arange(N_SEARCHED) >= 2
-    twists = np.flatnonzero(late & global_ & (np.argmax(character.share, axis=1) == 2))
+    character = mode_character(nominal @ modes, _turned(file.sensors, heading_deg))
+    of_structure = (character.local < 0.5) & (np.arange(N_SEARCHED) >= 2)
+    twists = np.flatnonzero(of_structure & (np.argmax(character.share, axis=1) == 2))
     torsion = int(twists[0]) if len(twists) else -1
     bending = character.share[:, :2].sum(axis=1)
-    second = [k for k in range(2, N_SEARCHED) if k != torsion and global_[k] and bending[k] > 0.5][:2]
+    second = [k for k in range(2, N_SEARCHED) if k != torsion and of_structure[k] and bending[k] > 0.5][:2]
     if len(second) < 2 or torsion < 0:
         raise InputError("virtual turbine", f"has no torsion or no second pair among its lowest {N_SEARCHED} modes",
                          "mend the truth")
-    return shape[:, [0, 1, torsion, *second]]
+    return modes[:, [0, 1, torsion, *second]]
 
 
-def _sort(frequency_hz, shape, sensors, heading_deg: float, reference: np.ndarray) -> list[int]:
-    """Which modes are FA1, SS1, T1, FA2, SS2: planes and torsion by the reference, the mates by the nacelle's axes."""
-    share = mode_character(shape, _turned(sensors, heading_deg)).share
-    torsion = int(np.argmax(mac(shape[:, 2:], reference[:, 2:3])[:, 0])) + 2
-    likeness = subspace_mac(shape, reference[:, 3:5])
-    likeness[[0, 1, torsion]] = -1
-    second = sorted(np.argsort(likeness)[-2:].tolist())
+def _sort(common: np.ndarray, share: np.ndarray) -> list[int]:
+    """Which modes are FA1, SS1, T1, FA2, SS2: planes and torsion by what they have in common (5, n_mode) with those of
+    the reference, the mates by the nacelle's axes (share (n_mode, 3))."""
+    free = np.ones(common.shape[1], bool)
     order = []
-    for i, j in ((0, 1), second):
-        fore_aft = share[[i, j], 0] - share[[i, j], 1]
-        order.append((i, j) if fore_aft[0] >= fore_aft[1] else (j, i))
-    return [*order[0], torsion, *order[1]]
+    for rows in ((0, 1), (2,), (3, 4)):
+        likeness = np.where(free, common[list(rows)].sum(axis=0), -1.0)
+        found = np.sort(np.argsort(likeness)[-len(rows):])
+        free[found] = False
+        if len(found) == 2 and share[found[0], 0] - share[found[0], 1] < share[found[1], 0] - share[found[1], 1]:
+            found = found[::-1]
+        order += found.tolist()
+    return order
 
 
 def _environments(plan, block, heading, truth: Truth, amount, scada_rng, rng) -> list[dict]:

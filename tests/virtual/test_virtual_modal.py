@@ -41,6 +41,14 @@ def test_the_small_basis_gives_what_the_structure_gives(busy):
             assert np.abs(ours - theirs).max() < 0.01 * np.abs(theirs).max(), (k, j)
 
 
+def test_columns_stay_with_their_modes():
+    """Headings a quarter turn apart: each column is one mode of the structure, no higher one that looks alike."""
+    run = modal_blocks.simulate_modes(truth={"parameters_from": "prior"}, seed=1, days=30, n_block=24, scatter=0.0)
+    assert np.ptp(run.heading_deg) > 60
+    assert np.all(np.ptp(np.log(run.frequency_hz), axis=0) < 0.02)
+    assert np.all(run.frequency_hz[:, 2] < 1.6)
+
+
 def test_effects_take_their_course(busy):
     hour = (np.array([np.datetime64(s.id[:-1]) for s in busy.data.sets]) - modal_blocks.START) / np.timedelta64(1, "h")
     level = [s.environment["water_level_m"] for s in busy.data.sets]
