@@ -226,7 +226,7 @@ def test_a_demonstration_started_again_repeats_no_finished_step(tmp_path, monkey
     broken.clear()
     probupdate.demo(out, seed=3)
     assert done == ["simulate", "identify", "select", "update", "sample", "compare"]
-    with pytest.raises(InputError, match="another seed"):
+    with pytest.raises(InputError, match="whose seed is"):
         probupdate.demo(out, seed=4)
 
 
