@@ -264,8 +264,8 @@ def test_a_second_chain_in_the_folder_of_the_first(estimated, tmp_path, refused)
     before = contents(tmp_path)
     sample = ["sample", "--model", tmp_path / "model.npz", "--modes", tmp_path / "modes.json", "--out",
               tmp_path / "posterior.nc", "--max-steps", "400"]  # fmt: skip
-    assert "settings differ" in refused(*sample, "--seed", "2")
-    assert "fingerprint differ" in refused(*sample, "--weights", "paper")
+    assert "seed is 2 here and 1 there" in refused(*sample, "--seed", "2")
+    assert "the weights or what is compared differ" in refused(*sample, "--weights", "paper")
     assert contents(tmp_path) == before
 
 
