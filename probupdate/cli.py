@@ -176,6 +176,12 @@ def run_report(a: argparse.Namespace, progress: Progress) -> None:
     say(f"wrote {probupdate.report(a.run, a.out, progress=progress)}")
 
 
+def run_figures(a: argparse.Namespace, progress: Progress) -> None:
+    import probupdate
+
+    say(probupdate.figures(a.modes, a.out, campaign=a.campaign, block=a.block, kind=a.format).summary)
+
+
 def weights_option(a: argparse.Namespace) -> str | tuple[float, ...]:
     """'paper', 'measured', or the frequencies' CoVs, one number a mode."""
     return tuple(a.frequency_cov) if a.frequency_cov else a.weights
@@ -336,6 +342,13 @@ def build_parser() -> argparse.ArgumentParser:
     p.add_argument("--out", required=True, help="diagnosis.json; an extended model goes beside it")
     seeded(p)
 
+    p = verb("figures", run_figures, "an identification's figures as files: poles, stabilisation, maps, conditions")
+    p.add_argument("modes", metavar="MODES", help="modes.json; poles and blocks are taken from beside it")
+    p.add_argument("--campaign", help="its folder, for wind, turbine states and rotor speed")
+    p.add_argument("--block", help="id of the block whose stabilisation is drawn (default: the reference set's)")
+    p.add_argument("--format", choices=("png", "svg", "pdf"), default="png")
+    p.add_argument("--out", required=True, help="folder to write into")
+
     p = verb("report", run_report, "one self-contained page of a run directory")
     p.add_argument("run", metavar="RUN")
     p.add_argument("--out", required=True)
@@ -343,7 +356,7 @@ def build_parser() -> argparse.ArgumentParser:
 
 
 # verbs whose result is a directory; the others write files
-WRITE_FOLDERS = ("convert", "demo", "simulate")
+WRITE_FOLDERS = ("convert", "demo", "simulate", "figures")
 
 
 def refuse_unwritable(out: str, *, folder: bool) -> None:

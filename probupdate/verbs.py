@@ -16,7 +16,7 @@ from probupdate.campaign.checking import check as check_campaign
 from probupdate.campaign.converting import Conversion
 from probupdate.campaign.converting import convert as convert_files
 from probupdate.campaign.reading import read_campaign
-from probupdate.campaign.scada import StateRule, read_scada
+from probupdate.campaign.scada import StateRule, read_scada, row_states
 from probupdate.comparison import Comparison
 from probupdate.comparison import compare as compare_results
 from probupdate.errors import InputError
@@ -44,8 +44,8 @@ if TYPE_CHECKING:
     from probupdate.diagnosis.results import Diagnosis
     from probupdate.model import Model
 
-__all__ = ["check", "compare", "convert", "identify", "identify_setups", "open_model", "regress", "report", "sample",
-           "select", "simulate", "update"]
+__all__ = ["check", "compare", "convert", "figures", "identify", "identify_setups", "open_model", "regress", "report",
+           "sample", "select", "simulate", "update"]
 
 # global modes looked for: first and second bending pairs and the torsion between them (the paper's first five)
 MODES_OF_INTEREST = ("FA1", "SS1", "T1", "FA2", "SS2")
@@ -393,3 +393,34 @@ class Written:
 def report(run: str | Path, out: str | Path, *, progress: Progress = silent) -> Written:
     """One self-contained page of a run directory."""
     return Written(write_report(run, out, progress=progress))
+
+
+@dataclass(frozen=True)
+class Figures:
+    """Files of a folder of figures."""
+
+    files: tuple[Path, ...]
+
+    @property
+    def summary(self) -> str:
+        return f"{len(self.files) - 1} figures in {self.files[0].parent}, what they show in {self.files[-1].name}"
+
+
+def figures(
+    modes: str | Path, out: str | Path, *, campaign: str | Path | None = None, block: str | None = None,
+    kind: str = "png",
+) -> Figures:
+    """Figures of an identification as files: Figs. 4-7, stabilisation of one block, maps of MAC and MPC, Argand plots,
+    frequency against conditions. Poles and blocks are taken from beside modes.json, wind and rotor from the campaign.
+    """
+    from probupdate.reporting.identification_pictures import write_figures
+    from probupdate.reporting.run_files import POLE_COLUMNS, read_table
+
+    modes = Path(modes)
+    table, scada = modes.with_name(f"{modes.stem}.poles.csv"), None
+    if campaign is not None and (opened := read_campaign(campaign)).scada is not None:
+        state = row_states(opened.scada, StateRule(rated_power_kw=opened.rated_power_kw))
+        scada = opened.scada.tz_localize(None).reset_index().assign(state=state)
+    return Figures(files=tuple(write_figures(
+        modes, out, modes=read_modes(modes), scada=scada, block_id=block, kind=kind,
+        poles=read_table(table, POLE_COLUMNS, time="time") if table.exists() else None)))

@@ -153,6 +153,18 @@ class BlockStore:
         return read_block_deviations(self.folder / (_stem(start) + DEVIATIONS))
 
 
+def stored_block(folder: Path, block_id: str) -> BlockPoles | None:
+    """The block of that id in a folder of blocks; None where there is none, or the id is no time."""
+    try:
+        start = pd.Timestamp(block_id)
+    except ValueError:
+        return None
+    if start is pd.NaT:
+        return None
+    path = folder / (_stem(start) + POLES)
+    return read_block_poles(path) if path.exists() else None
+
+
 def _make_poles(path: Path, campaign: Campaign, start: pd.Timestamp, files, settings: BlockSettings) -> None:
     # before the records are read: a file that changes meanwhile is found out by the next run
     origin = sources(files)

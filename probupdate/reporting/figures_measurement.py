@@ -46,7 +46,7 @@ def mode_mark(label: str, position: int) -> tuple[str, str]:
     return MODE_MARKS.get(label) or _OTHER_MARKS[position % len(_OTHER_MARKS)]
 
 
-def _scatter(axes: Axes, x, y, *, color: str, marker: str, size: float, filled: bool = True, **more) -> None:
+def scatter(axes: Axes, x, y, *, color: str, marker: str, size: float, filled: bool = True, **more) -> None:
     line_only = marker in "x+|_"
     face = {"color": color} if line_only else {"facecolors": color if filled else "none", "edgecolors": color}
     width = 0.9 if line_only or not filled else 0.4
@@ -210,7 +210,7 @@ def wind_and_state(
         if not rows.any():
             continue
         color, marker, size, filled = STATES.get(name, STATES["unknown"])
-        _scatter(axes, time[rows], wind_mps[rows], color=color, marker=marker, size=size, filled=filled,
+        scatter(axes, time[rows], wind_mps[rows], color=color, marker=marker, size=size, filled=filled,
                  label=f"{name} ({rows.sum()})", zorder=3)
     for value, name in ((cut_in_mps, "cut-in"), (rated_mps, "rated")):
         if value is not None:
@@ -249,7 +249,7 @@ def poles(
             color, marker, size, filled = marks[name]
         else:
             (color, marker), size, filled = mode_mark(name, k), 9.0, True
-        _scatter(axes, time[inside], frequency[inside], color=color, marker=marker, size=size, filled=filled,
+        scatter(axes, time[inside], frequency[inside], color=color, marker=marker, size=size, filled=filled,
                  label=f"{name} ({int(inside.sum())})", zorder=3 + 0.01 * k)
     for name, value in (harmonics_hz or {}).items():
         if value < upper_hz:
@@ -304,8 +304,8 @@ def frequencies_by_block(
     time = np.asarray(time)
     for j, axes in enumerate(panels):
         color, marker = mode_mark(labels[j], j)
-        _scatter(axes, time[~selected], frequency_hz[~selected, j], color=GREY, marker=marker, size=12, filled=False)
-        _scatter(axes, time[selected], frequency_hz[selected, j], color=color, marker=marker, size=22, zorder=4)
+        scatter(axes, time[~selected], frequency_hz[~selected, j], color=GREY, marker=marker, size=12, filled=False)
+        scatter(axes, time[selected], frequency_hz[selected, j], color=color, marker=marker, size=22, zorder=4)
         if truth_hz is not None and np.isfinite(truth_hz[j]):
             axes.axhline(truth_hz[j], color=INK, lw=0.9, ls="--")
         _time_axis(axes)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pandas as pd
 
@@ -19,7 +21,14 @@ from probupdate.reporting.elements import (
     fixed,
     percent,
 )
-from probupdate.reporting.style import GREY, HALF_IN, INK, PALE
+from probupdate.reporting.identification_pictures import (
+    block_of,
+    mode_drawings,
+    pole_drawings,
+    rotor_lines,
+    stabilisation_drawing,
+)
+from probupdate.reporting.style import HALF_IN
 from probupdate.reporting.values import CampaignValues, Run
 
 # the cut-in and rated wind speed and the rated rotor speed of the paper's turbine, drawn for orientation
@@ -36,7 +45,6 @@ POLE_WORDS = {
     "cluster": "lies far from its mode's other poles", "complexity": "has a shape far from real",
     "frequency": "lies too far from its mode of the model",
 }
-P_FREQUENCIES = {"1P": 1, "3P": 3, "6P": 6}
 
 
 def measured_section(run: Run) -> Section:
@@ -108,15 +116,6 @@ def _scada(campaign: CampaignValues, jacket: bool) -> list[object]:
                     f"the time).{rule}")]
 
 
-def _rated_harmonics(run: Run) -> dict[str, float]:
-    """Upper bounds of the P-frequencies from the highest rotor speed that SCADA saw."""
-    scada = run.campaign.scada if run.campaign else None
-    if scada is None or "rotor_speed_rpm" not in scada:
-        return {}
-    rated = float(np.nanpercentile(scada["rotor_speed_rpm"].to_numpy(float), 99.5))
-    return {f"{name} {n * rated / 60:.2f}": n * rated / 60 for name, n in P_FREQUENCIES.items()} if rated > 3 else {}
-
-
 def identification_section(run: Run) -> Section:
     items: list[object] = []
     if run.poles is None:
@@ -127,47 +126,19 @@ def identification_section(run: Run) -> Section:
         items.append(Notice(level="missing", text="modes.json, so there are no frequencies to show."))
     else:
         items += _frequency_tables(run)
+        items += _judged_pictures(run)
     return Section(anchor="identified", title="Identification", items=tuple(items),
                    lead="Every pole of every block, and what was taken for a mode of the structure.")
 
 
 def _pole_pictures(run: Run) -> list[object]:
-    poles, lines = run.poles, _rated_harmonics(run)
-    time, frequency = poles["time"].to_numpy(), poles["frequency_hz"].to_numpy(float)
-    passed = np.nan_to_num(poles["mac"].to_numpy(float)) >= 0.80
-    pictures: list[object] = []
-
-    def picture(prefix: str, groups: dict, marks: dict, caption: str) -> None:
-        figure = figures.poles(groups, marks, harmonics_hz=lines, width_in=HALF_IN, height_in=2.9)
-        pictures.append(Picture(svg=figures.svg_text(figure, prefix), caption=caption, width="half"))
-
-    dashed = " Dashed: upper bounds of the P-frequencies at the highest rotor speed recorded." if lines else ""
-    picture("poles5", {"poles": (time, frequency)}, {"poles": (INK, "o", 5.0, True)},
-            f"All poles up to 2.5 Hz, no post-processing (the paper's Fig. 5).{dashed}")
-    picture("poles6", {"MAC ≥ 0.80": (time[passed], frequency[passed])}, {"MAC ≥ 0.80": (INK, "o", 5.0, True)},
-            "Poles whose shape has a MAC of 0.80 or more with a mode of the model (Fig. 6). Harmonics of the "
-            "rotor that bend the tower as its first mode does are still among them.")
-    if "paper_criterion" in poles:
-        kept = (poles["paper_criterion"] == "kept").to_numpy()
-        picture("poles7", {"after the complexity criterion": (time[kept], frequency[kept])},
-                {"after the complexity criterion": (INK, "o", 5.0, True)},
-                "After the complexity criterion near the P-frequencies (Fig. 7): the paper's classifier.")
+    poles = run.poles
     criterion = poles["criterion"].astype(str).to_numpy()
-    taken = criterion == "kept"
-    groups = {"removed": (time[~taken], frequency[~taken])}
-    marks = {"removed": (PALE, "x", 7.0, True)}
-    harmonic = criterion == "harmonic"
-    if harmonic.any():
-        groups["removed as harmonic"] = (time[harmonic], frequency[harmonic])
-        marks["removed as harmonic"] = (GREY, "+", 16.0, True)
-    mode = poles["mode"].astype(str).to_numpy()
-    labels = list(run.modes.labels) if run.modes and run.modes.labels else sorted(set(mode[taken]))
-    for label in labels:
-        rows = taken & (mode == label)
-        groups[label] = (time[rows], frequency[rows])
-    picture("poles8", groups, marks,
-            "The classifier used here: close pairs judged by their plane, harmonics by the rotor speed of "
-            "SCADA, each pole with the criterion that kept or removed it.")
+    labels = list(run.modes.labels) if run.modes else []
+    pictures: list[object] = [
+        Picture(svg=figures.svg_text(d.figure, d.name), caption=d.caption, width="half")
+        for d in pole_drawings(poles, labels, rotor_lines(run.campaign.scada if run.campaign else None), HALF_IN)
+    ]
     counts = pd.Series(criterion).value_counts()
     rows = tuple((name, POLE_WORDS.get(name, ""), str(int(n)), percent(n / len(poles))) for name, n in counts.items())
     pictures.append(
@@ -176,6 +147,21 @@ def _pole_pictures(run: Run) -> list[object]:
                        Column(name="poles"), Column(name="share", unit="%")))
     )
     return pictures
+
+
+def _judged_pictures(run: Run) -> list[object]:
+    """What lets a reader judge the modes: the block that the update starts from, maps, phases, conditions."""
+    modes = run.modes
+    chosen = run.nine.set().id if run.nine is not None else None
+    known = {s.id for s in modes.sets}
+    modes = replace(modes, reference_set=chosen if chosen in known else modes.reference_set)
+    block = block_of(run.folder / "modes.json", modes)
+    shown = [] if block is None or block.poles is None else [stabilisation_drawing(block, modes)]
+    narrow = ("auto_mac", "mac_over_sets")
+    return [
+        Picture(svg=figures.svg_text(d.figure, d.name), caption=d.caption, width="half" if d.name in narrow else "full")
+        for d in [*shown, *mode_drawings(modes)]
+    ]
 
 
 def block_states(modes: ModalData) -> np.ndarray:

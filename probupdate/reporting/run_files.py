@@ -65,8 +65,8 @@ def read_run(folder: Path, progress: Progress) -> Run:
     campaign = read("campaign", lambda path: campaign_values(path, check if check.exists() else None))
     modes = read("modes.json", read_modes)
     nine = read("nine.json", read_modes)
-    poles = read("modes.poles.csv", lambda path: _table(path, POLE_COLUMNS, time="time"))
-    selection = read("selection.csv", lambda path: _table(path, SELECTION_COLUMNS))
+    poles = read("modes.poles.csv", lambda path: read_table(path, POLE_COLUMNS, time="time"))
+    selection = read("selection.csv", lambda path: read_table(path, SELECTION_COLUMNS))
     update = read("update.json", read_update)
     posterior = read("posterior.nc", read_posterior)
     comparison = read("compare.json", read_comparison)
@@ -134,7 +134,7 @@ def _title(folder: Path, head: Mapping, places: Mapping[str, Path], model: Model
     return str(head.get("title") or (model.name if own else folder.resolve().name))
 
 
-def _table(path: Path, needed: tuple[str, ...], time: str | None = None) -> pd.DataFrame:
+def read_table(path: Path, needed: tuple[str, ...], time: str | None = None) -> pd.DataFrame:
     try:
         table = pd.read_csv(path, keep_default_na=True)
     except (pd.errors.ParserError, pd.errors.EmptyDataError, UnicodeDecodeError) as error:
