@@ -18,6 +18,8 @@ YAW_RANGE_DEG = 2.0
 CHANNEL_SHARE = 0.5
 # a mode found in a smaller share of the blocks is left out
 MODE_SHARE = 0.2
+# a mode this far off its median (in ln f) was taken for another one
+STRAY = 0.15
 # fewer blocks tell nothing of their own scatter
 FEWEST = 8
 
@@ -112,6 +114,11 @@ def gather(data: ModalData) -> Blocks:
     sets, hours = [sets[k] for k in order], hours[order]
     frequency = np.array([s.frequency_hz for s in sets])
     shape = np.array([s.shape for s in sets])
+    with np.errstate(invalid="ignore"):
+        stray = np.abs(np.log(frequency / np.nanmedian(frequency, axis=0))) > STRAY
+    if stray.any():
+        notes.append(f"{int(stray.sum())} modes left out that lie more than {100 * STRAY:.0f} % off their median frequency")
+        frequency = np.where(stray, np.nan, frequency)
     found = np.isfinite(frequency) & np.any(np.isfinite(shape), axis=1)
     seen = np.isfinite(shape).any(axis=2)[found.any(axis=1)].mean(axis=0)
     kept_channels = np.flatnonzero(seen >= CHANNEL_SHARE)

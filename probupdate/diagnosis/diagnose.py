@@ -195,7 +195,7 @@ def _limits(setting: Setting, found: Search, fitted: Fit) -> tuple[Limit, ...]:
 
 
 def _parameters(setting: Setting, fitted: Fit):
-    solved = fitted.design.unknowns_cov()
+    solved = fitted.design.unknowns_cov(range(len(setting.updated)))
     for i, k in enumerate(setting.updated):
         p = setting.prior.items[i]
         std = local_std(setting.prior, i, fitted.theta[k])

@@ -69,16 +69,16 @@ class Field:
         return Reference(tensor=turn.T @ np.diag(log) @ turn, shape=own @ turn), turn
 
     def slopes(
-        self, local: LocalModel, angle_deg: float
+        self, local: LocalModel, angle_deg: float, slopes: list
     ) -> tuple[tuple[Reference, ...], tuple[np.ndarray, ...], tuple[np.ndarray, ...]]:
         """References, and for every group the change of the tensor (k, k, n_param) and of the shapes (n_channel, k,
-        n_param) with every parameter of the model, in the group's axes."""
+        n_param) in the group's axes with each parameter of `slopes` (see LocalModel.slopes)."""
         modes = local.solve(angle_deg)
         shape, groups = self._members(local, modes)
         references, tensors, shapes = [], [], []
         for members, axes in zip(groups, self.axes, strict=True):
             reference, turn = self._reference(modes, shape, members, axes)
-            coupling, d_shape = local.derivatives(angle_deg, modes, members)
+            coupling, d_shape = local.derivatives(slopes, angle_deg, modes, members)
             value = (2 * np.pi * modes.frequency_hz[list(members)]) ** 2
             gap = value[:, None] - value[None, :]
             near = np.abs(gap) < 1e-9 * value[:, None]

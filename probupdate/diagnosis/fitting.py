@@ -24,10 +24,14 @@ from probupdate.parameters import Parameters
 
 # references are computed at every angle that differs by this, fingerprints at every one that differs by BIN_DEG
 ANGLE_DEG, BIN_DEG = 1.0, 10.0
-# a fit has settled when no parameter moves by more, in prior deviations
-SETTLED, MOST_STEPS = 2e-3, 40
+# a fit has settled when no parameter moves by more, in posterior deviations
+SETTLED, MOST_STEPS = 0.05, 40
+# changes of -2 ln posterior that do not matter
+FLAT = 0.2
 # a step is no longer than so many prior deviations at once
-LONGEST = 1.0
+LONGEST, HALVINGS = 1.0, 6
+# fingerprints of tolerances and effects are computed anew every so many steps on the way
+REFRESH = 6
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -137,36 +141,48 @@ def local_at(
     return field.small.at(np.clip(moved, field.parameters.lower, field.parameters.upper)), seen
 
 
-def design_at(setting: Setting, theta: np.ndarray, named: Sequence[Named], noise: Noise) -> Design:
-    """Fingerprints at theta and the named effects, those of steps taken half-way."""
+def design_at(
+    setting: Setting, theta: np.ndarray, named: Sequence[Named], noise: Noise, before: Design | None = None
+) -> Design:
+    """Fingerprints at theta and the named effects, those of steps taken half-way. With the design of a point nearby,
+    only those of the updated parameters are computed anew."""
     field, blocks = setting.field, setting.blocks
     names = field.parameters.names
     centres, bin_of = setting.bins
     exact = [n for n in named if n.exact]
     local, seen = local_at(field, theta, exact, [float(np.mean(n.course.value)) for n in exact])
-    parameters = [Effect(kind="structural", cause="parameter", location=names[k], unit="", tolerance=0.0, slab=1.0,
-                         parameter=names[k]) for k in setting.updated]  # fmt: skip
-    catalogue = (*parameters, *setting.effects)
+    own = [Effect(kind="structural", cause="parameter", location=names[k], unit="", tolerance=0.0, slab=1.0,
+                  parameter=names[k]) for k in setting.updated]  # fmt: skip
+    catalogue = own if before is not None else [*own, *setting.effects]
+    columns = list(setting.updated) if before is not None else list(range(len(names)))
+    chosen = tuple(names[k] for k in columns)
+    slopes = local.slopes(columns)
     table = [[] for _ in blocks.groups]
     for angle in centres:
-        references, tensors, shapes = field.slopes(local, angle)
+        references, tensors, shapes = field.slopes(local, angle, slopes)
         for q, (reference, tensor, shape) in enumerate(zip(references, tensors, shapes, strict=True)):
             table[q].append(effect_fingerprints(
-                catalogue, names, observed(reference, seen), tensor, _seen_change(reference, shape, seen)))
+                catalogue, chosen, observed(reference, seen), tensor, _seen_change(reference, shape, seen)))
     prints = [np.array(t) for t in table]
-    n_own = len(parameters)
-    tolerated = [n_own + j for j in setting.tolerated]
-    nuisance = tuple(
-        np.concatenate([p[:, :, :n_own], p[:, :, tolerated],
-                        np.broadcast_to(form, (len(centres), *form.shape))], axis=2)
-        for p, form in zip(prints, setting.form, strict=True)
-    )  # fmt: skip
+    n_own = len(own)
+    if before is not None:
+        nuisance = tuple(np.concatenate([p, old[:, :, n_own:]], axis=2)
+                         for p, old in zip(prints, before.nuisance, strict=True))  # fmt: skip
+        effect = before.effect
+    else:
+        tolerated = [n_own + j for j in setting.tolerated]
+        nuisance = tuple(
+            np.concatenate([p[:, :, :n_own], p[:, :, tolerated],
+                            np.broadcast_to(form, (len(centres), *form.shape))], axis=2)
+            for p, form in zip(prints, setting.form, strict=True)
+        )  # fmt: skip
+        effect = tuple(p[:, :, n_own:] for p in prints)
     prior = [local_std(setting.prior, i, theta[k]) for i, k in enumerate(setting.updated)]
     std = np.concatenate([prior, [setting.effects[j].tolerance for j in setting.tolerated],
                           np.ones(setting.form[0].shape[1])])  # fmt: skip
     return Design(
-        bin_of=bin_of, nuisance=nuisance, nuisance_std=std, floor=setting.floor,
-        effect=tuple(p[:, :, n_own:] for p in prints), courses=setting.courses, which=setting.which, noise=noise,
+        bin_of=bin_of, nuisance=nuisance, nuisance_std=std, floor=setting.floor, effect=effect,
+        courses=setting.courses, which=setting.which, noise=noise,
         named=tuple((_number(setting, n), n.course, n.effect.slab) for n in named if not n.effect.discrete),
     )  # fmt: skip
 
@@ -213,45 +229,73 @@ def fit(setting: Setting, theta: np.ndarray, named: Sequence[Named] = (), *, mos
     theta, named = np.array(theta, float), tuple(named)
     sizes = tuple(len(g) for g in setting.blocks.groups)
     updated = list(setting.updated)
-    step = np.inf
-    damping = 1.0
+    step, noise, design = np.inf, None, None
+    departures, used = _departures(setting, theta, named)
     for number in range(most_steps):
-        departures, used = departures_at(setting, theta, named)
-        departures = _without_linear(setting, theta, named, departures)
         if number < 3:
             noise = estimate_noise(departures, used, sizes, setting.blocks.relative_std, setting.blocks.states())
-        design = design_at(setting, theta, named, noise)
-        departures = tuple(np.where(w[:, None] > 0, y, 0) for y, w in zip(departures, noise.weight, strict=True))
+        settled = step < SETTLED
+        design = design_at(setting, theta, named, noise, None if settled or number % REFRESH == 0 else design)
+        departures = _kept(departures, noise)
         centred = centred_departures(setting, design, theta, named, departures)
-        if step < SETTLED:
+        if settled:
             return Fit(theta=theta, named=named, departures=departures, centred=centred, design=design, steps=number,
                        last_step=step)  # fmt: skip
         solved = design.unknowns(centred)
         n_own, n_all = len(updated), design.nuisance_std.size
-        moved = prior_shift(setting, theta) + solved[:n_own]
         free = [k for k, n in enumerate(named) if not n.effect.discrete]
+        scale = np.array([local_std(setting.prior, i, theta[k]) for i, k in enumerate(updated)])
+        move = (prior_shift(setting, theta) + solved[:n_own]) / scale
         change = np.zeros(len(named))
         change[free] = solved[n_all : design.n_common] - np.array([named[k].size for k in free])
-        scale = np.array([local_std(setting.prior, i, theta[k]) for i, k in enumerate(updated)])
-        relative = np.concatenate([moved / scale, [d / n.effect.slab for d, n in zip(change, named, strict=True)]])
-        longest = float(np.max(np.abs(relative), initial=0.0))
-        share = min(1.0, LONGEST / max(longest, 1e-12)) * damping
-        fresh = theta.copy()
-        fresh[updated] = np.clip(theta[updated] + share * moved, setting.prior.lower, setting.prior.upper)
-        taken = np.abs(fresh[updated] - theta[updated]) / scale
-        theta = fresh
-        bounded = [replace(n, size=float(np.clip(n.size + share * d, n.effect.lower, n.effect.upper)))
-                   if not n.effect.discrete else n for n, d in zip(named, change, strict=True)]  # fmt: skip
-        taken = np.concatenate([taken, [abs(b.size - n.size) / n.effect.slab
-                                        for b, n in zip(bounded, named, strict=True)]])  # fmt: skip
-        named = tuple(bounded)
-        step = float(np.max(taken, initial=0.0))
-        if number > 12:
-            # what still swings between two points is held back
-            damping = 0.5
+        held = [*range(n_own), *range(n_all, design.n_common)]
+        before = design.misfit(departures, held) + _penalty(setting, theta, named)
+        longest = float(np.max(np.abs(np.concatenate([move, [d / n.effect.slab for d, n in
+                                                             zip(change, named, strict=True)]])), initial=0.0))  # fmt: skip
+        share = min(1.0, LONGEST / max(longest, 1e-12))
+        for _ in range(HALVINGS):
+            fresh, sizes_there = _moved(setting, theta, named, share * move * scale, share * change)
+            tried, used = _departures(setting, fresh, sizes_there)
+            after = design.misfit(_kept(tried, noise), held) + _penalty(setting, fresh, sizes_there)
+            if after <= before + FLAT:
+                break
+            share *= 0.5
+        known = np.sqrt(np.diag(design.unknowns_cov(held)))
+        moved = np.abs(fresh[updated] - theta[updated])
+        grown = [abs(sizes_there[k].size - named[k].size) for k in free]
+        step = float(np.max(np.concatenate([moved, grown]) / known, initial=0.0))
+        theta, named, departures = fresh, sizes_there, tried
     raise ConvergenceError(
         f"the fit of {setting.field.small.name} to the blocks did not settle in {most_steps} steps (last {step:.2g} "
-        "prior deviations): the measured modes may not be this model's", theta)  # fmt: skip
+        "posterior deviations): the measured modes may not be this model's", theta)  # fmt: skip
+
+
+def _departures(setting: Setting, theta: np.ndarray, named: Sequence[Named]):
+    departures, used = departures_at(setting, theta, named)
+    return _without_linear(setting, theta, named, departures), used
+
+
+def _kept(departures, noise: Noise):
+    return tuple(np.where(w[:, None] > 0, y, 0.0) for y, w in zip(departures, noise.weight, strict=True))
+
+
+def _penalty(setting: Setting, theta: np.ndarray, named: Sequence[Named]) -> float:
+    """-2 ln prior of parameters and sizes, but for constants."""
+    total = sum((n.size / n.effect.slab) ** 2 for n in named if not n.effect.discrete)
+    for p, k in zip(setting.prior, setting.updated, strict=True):
+        normal = p.prior == "normal"
+        total += ((theta[k] - p.initial) / p.std if normal else np.log(theta[k] / p.initial) / p.log_std) ** 2
+    return float(total)
+
+
+def _moved(setting: Setting, theta: np.ndarray, named: Sequence[Named], move: np.ndarray, change: np.ndarray):
+    """theta and sizes after a step, within their bounds."""
+    fresh, updated = theta.copy(), list(setting.updated)
+    fresh[updated] = np.clip(theta[updated] + move, setting.prior.lower, setting.prior.upper)
+    return fresh, tuple(
+        n if n.effect.discrete else replace(n, size=float(np.clip(n.size + d, n.effect.lower, n.effect.upper)))
+        for n, d in zip(named, change, strict=True)
+    )
 
 
 def _number(setting: Setting, named: Named) -> int:
@@ -267,8 +311,9 @@ def _without_linear(setting, theta, named, departures):
     centres, bin_of = setting.bins
     names = setting.field.parameters.names
     local = setting.field.small.at(theta)
+    slopes = local.slopes(range(len(names)))
     for g, angle in enumerate(centres):
-        references, tensors, shapes = setting.field.slopes(local, angle)
+        references, tensors, shapes = setting.field.slopes(local, angle, slopes)
         there = bin_of == g
         for q in range(len(result)):
             prints = effect_fingerprints([n.effect for n in linear], names, references[q], tensors[q], shapes[q])

@@ -181,8 +181,21 @@ class Design:
         _, right = self._project(self._sums(departures))
         return linalg.cho_solve(self._system[0], right)
 
-    def unknowns_cov(self) -> np.ndarray:
-        return linalg.cho_solve(self._system[0], np.eye(self.n_unknown))
+    def misfit(self, departures: Sequence[np.ndarray], held: Sequence[int]) -> float:
+        """y^T V^-1 y with the unknowns `held` at zero, all others marginalised."""
+        _, right = self._project(self._sums(departures))
+        free = np.setdiff1d(np.arange(self.n_unknown), np.asarray(held, int))
+        lower = np.tril(self._system[0][0])
+        information = lower @ lower.T
+        solved = np.linalg.solve(information[np.ix_(free, free)], right[free])
+        total = sum(float(np.einsum("n,nm,mk,nk->", w, y, P, y, optimize=True)) for w, y, P in
+                    zip(self.noise.weight, departures, self.noise.precision, strict=True))  # fmt: skip
+        return total - float(right[free] @ solved)
+
+    def unknowns_cov(self, rows: Sequence[int]) -> np.ndarray:
+        """Covariance (n, n) of the unknowns numbered `rows`, given the data."""
+        rows = np.asarray(rows, int)
+        return linalg.cho_solve(self._system[0], np.eye(self.n_unknown)[:, rows])[rows]
 
     def expected(self, unknowns: np.ndarray) -> list[np.ndarray]:
         """Departures per group (n_block, n_response) that unknowns (n_unknown,) make."""
