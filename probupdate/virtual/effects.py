@@ -105,7 +105,7 @@ EFFECTS: Mapping[str, EffectKind] = MappingProxyType({
     "heading_offset": _measured((), "angle_deg", "deg"),  # of SCADA's nacelle heading
     "clock_offset": _measured(("level",), "offset_s", "s"),  # the logger of a level is late by
     "sampling_rate": _measured((), "ratio", "-", 1.0, low=0.5, high=2.0),  # samples taken per sample told
-    "low_pass": _measured(("channel",), "time_constant_s", "s", low=0.0),
+    "low_pass": _measured(("level",), "time_constant_s", "s", low=0.0),
     # what no list of causes holds
     "tuned_mass": _structural(("z_m", "direction_deg", "frequency_hz"), "mass_kg", "kg", low=0.0, inside=False),
     "cable": _structural(("leg", "z_m", "tower_z_m"), "stiffness_npm", "N/m", low=0.0, inside=False),
@@ -115,7 +115,7 @@ EFFECTS: Mapping[str, EffectKind] = MappingProxyType({
     "mount_resonance": _measured(("channel",), "period_s", "s", low=0.0, inside=False),
 })  # fmt: skip
 OPTIONAL_PLACE = ("bottom_m", "top_m")  # without them a band is as long as the structure
-NOT_ALL = {"sensor_gain", "sensor_swap", "sensor_rotation", "low_pass", "crosstalk", "mount_resonance"}
+NOT_ALL = {"sensor_gain", "sensor_swap", "sensor_rotation", "crosstalk", "mount_resonance"}
 
 
 def is_number(value) -> bool:

@@ -91,7 +91,7 @@ def frequency_response(file: TurbineFile, hidden: Departures, frequency_hz: np.n
         # a clock that is late writes an event to an earlier time
         late = hidden.total("clock_offset", level=sensor.level)
         response[:, column] *= np.exp(2j * np.pi * frequency * late)
-        for _, constant in hidden.of("low_pass", channel=sensor.channel):
+        for _, constant in hidden.of("low_pass", level=sensor.level):
             response[:, column] /= 1 + 2j * np.pi * frequency * constant
         for _, period in hidden.of("mount_resonance", channel=sensor.channel):
             ratio = frequency * period

@@ -1,0 +1,138 @@
+"""Tables of the blind study from its lines: rates with exact binomial intervals, and who is taken for whom."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections import Counter
+from pathlib import Path
+
+import numpy as np
+from scipy import stats
+
+
+def interval(hits: int, n: int, level: float = 0.95) -> tuple[float, float]:
+    """Clopper & Pearson 1934."""
+    tail = (1 - level) / 2
+    low = stats.beta.ppf(tail, hits, n - hits + 1) if hits else 0.0
+    high = stats.beta.ppf(1 - tail, hits + 1, n - hits) if hits < n else 1.0
+    return float(low), float(high)
+
+
+def rate(name: str, hits: int, n: int) -> str:
+    if not n:
+        return f"| {name} | - | no case | |"
+    low, high = interval(hits, n)
+    return f"| {name} | {hits} of {n} | {100 * hits / n:.1f} % | {100 * low:.1f} to {100 * high:.1f} % |"
+
+
+def is_named(finding: dict, effect: dict) -> bool:
+    return finding["cause"] in (effect["cause"], *effect["also"]) and finding["location"] == effect["location"]
+
+
+def in_set(finding: dict, effect: dict) -> bool:
+    """Named, or among the alternatives that an ambiguous finding lists."""
+    return is_named(finding, effect) or any(
+        cause in (effect["cause"], *effect["also"]) and where == effect["location"]
+        for cause, where in finding["alternatives"]
+    )
+
+
+def course_of(effect: dict, stated: dict[str, float]) -> str | None:
+    """The row of the stated limits that the effect belongs to."""
+    head = f"{effect['cause']} | {effect['location']} | "
+    if effect["course"] != "own":
+        return head + effect["course"] if head + effect["course"] in stated else None
+    return next((key for key in stated if key.startswith(head)), None)
+
+
+def above_limit(line: dict, effect: dict) -> bool:
+    """Whether the diagnosis of this very record states that it would find an effect of this size."""
+    key = course_of(effect, line["limits"])
+    limit = line["limits"].get(key) if key else None
+    return limit is not None and np.isfinite(limit) and abs(effect["size"]) >= abs(limit)
+
+
+def summary(lines: list[dict]) -> str:
+    failed = [x for x in lines if "failed" in x]
+    lines = [x for x in lines if "failed" not in x]
+    by = {family: [x for x in lines if x["family"] == family] for family in dict.fromkeys(x["family"] for x in lines)}
+    out = ["| what | cases | rate | 95 % interval |", "|---|---|---|---|"]
+    null = by.get("null", [])
+    out.append(rate("false alarms on nulls", sum(x["verdict"] != "none" for x in null), len(null)))
+    single = by.get("single", [])
+    seen = [x for x in single if above_limit(x, x["effects"][0])]
+    found = [x for x in single if x["verdict"] != "none"]
+    sure = [x for x in found if x["verdict"] == "named"]
+    out.append(rate("singles above the stated limit detected", sum(x["verdict"] != "none" for x in seen), len(seen)))
+    out.append(rate("detected singles named rightly", sum(is_named(x["findings"][0], x["effects"][0])
+                                                          for x in found if x["findings"]), len(found)))  # fmt: skip
+    out.append(rate("detected singles in the named set", sum(in_set(x["findings"][0], x["effects"][0])
+                                                             for x in found if x["findings"]), len(found)))  # fmt: skip
+    out.append(rate("verdict 'named' and right", sum(is_named(x["findings"][0], x["effects"][0]) for x in sure),
+                    len(sure)))  # fmt: skip
+    sized = [(x["findings"][0], x["effects"][0]) for x in sure if is_named(x["findings"][0], x["effects"][0])]
+    out.append(rate("size within its 90 % interval",
+                    sum(abs(abs(f["size"]) - abs(e["size"])) < 1.645 * f["size_std"] for f, e in sized), len(sized)))
+    outside = by.get("outside", [])
+    out.append(rate("outside the catalogue: no name", sum(x["verdict"] not in ("named",) for x in outside),
+                    len(outside)))  # fmt: skip
+    pair = by.get("pair", [])
+    both = [x for x in pair if all(any(in_set(f, e) for f in x["findings"]) for e in x["effects"])]
+    out.append(rate("pairs: both in the named sets", len(both), len(pair)))
+    twin = [x for x in by.get("twin", []) if x["verdict"] != "none"]
+    held = [x for x in twin if any(in_set(f, x["effects"][0]) for f in x["findings"])]
+    out.append(rate("detected twins: the true one in the set", len(held), len(twin)))
+    below = by.get("below", [])
+    out.append(rate("below the limit: none, or the right name", sum(
+        x["verdict"] == "none" or any(in_set(f, x["effects"][0]) for f in x["findings"]) for x in below), len(below)))
+    out += ["", f"{len(lines)} cases, {len(failed)} failed; CPU a case: median "
+                f"{np.median([x['cpu_s'] for x in lines]) if lines else np.nan:.1f} s"]  # fmt: skip
+    out += [f"- {x['id']}: {x['failed']}" for x in failed]
+    return "\n".join(out)
+
+
+def confusion(lines: list[dict]) -> str:
+    """Rows: what was hidden; columns: what was said first, and how often."""
+    table: dict[str, Counter] = {}
+    for x in lines:
+        if "failed" in x:
+            continue
+        hidden = x["effects"][0]["cause"] if x["effects"] else x["hidden"][0]["kind"] if x["hidden"] else "nothing"
+        said = x["verdict"]
+        if x["findings"]:
+            f = x["findings"][0]
+            place = "" if not x["effects"] or f["location"] == x["effects"][0]["location"] else " (elsewhere)"
+            said = f"{x['verdict']}: {f['cause']}{place}"
+        table.setdefault(f"{x['family']}: {hidden}", Counter())[said] += 1
+    rows = [f"| {hidden} | {', '.join(f'{said} {n}' for said, n in count.most_common())} |"
+            for hidden, count in sorted(table.items())]  # fmt: skip
+    return "\n".join(["| hidden | said |", "|---|---|", *rows])
+
+
+def typical_limits(lines: list[dict]) -> dict[str, float]:
+    """Median of the limits that nulls state, rows that are out of reach in half of them left out."""
+    rows: dict[str, list[float]] = {}
+    nulls = [x for x in lines if x["family"] == "null" and "failed" not in x]
+    for x in nulls:
+        for key, value in x["limits"].items():
+            rows.setdefault(key, []).append(abs(value) if value is not None else np.inf)
+    middle = {key: float(np.median(values)) for key, values in rows.items()}
+    return {key: value for key, value in sorted(middle.items()) if np.isfinite(value)}
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser()
+    parser.add_argument("out", type=Path)
+    parser.add_argument("--ablation", default="")
+    parser.add_argument("--limits", action="store_true", help="write limits.json from the nulls of this run")
+    a = parser.parse_args()
+    path = a.out / f"cases{'-' + a.ablation if a.ablation else ''}.jsonl"
+    lines = [json.loads(line) for line in path.read_text().splitlines()]
+    print(summary(lines), confusion(lines), sep="\n\n")
+    if a.limits:
+        Path(__file__).with_name("limits.json").write_text(json.dumps(typical_limits(lines), indent=1) + "\n")
+
+
+if __name__ == "__main__":
+    main()
