@@ -96,7 +96,8 @@ def run_identify(a: argparse.Namespace, progress: Progress) -> None:
 
     options = {
         "parameters": a.parameters, "lowest": a.lowest, "order": a.order, "block_rows": a.block_rows, "rate_hz": a.rate,
-        "store": f"{a.out}.blocks", "jobs": a.jobs or os.cpu_count() or 1, "progress": progress,
+        "harmonics": a.harmonics, "store": f"{a.out}.blocks", "jobs": a.jobs or os.cpu_count() or 1,
+        "progress": progress,
     }
     if len(a.campaign) == 1:
         result = probupdate.identify(a.campaign[0], a.model, **options)
@@ -288,6 +289,8 @@ def build_parser() -> argparse.ArgumentParser:
     p.add_argument("--order", type=positive(int), default=20, help="model order (default 20, as the paper)")
     p.add_argument("--block-rows", type=positive(int), default=30, help="block rows of the Toeplitz matrix (30)")
     p.add_argument("--rate", type=positive(float), help="sampling rate after decimation in Hz (5 with a model)")
+    p.add_argument("--harmonics", choices=("keep", "remove"), default="keep", help="remove: take the rotor's multiples "
+                   "out of records in which its angle can be followed; each block says what was done")
 
     p = verb("select", run_select, "the sets an update may trust (Table 1), and the most consistent one")
     p.add_argument("modes", metavar="MODES")

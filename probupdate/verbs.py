@@ -149,6 +149,7 @@ def identify(
     order: int = 20,
     block_rows: int = 30,
     rate_hz: float | None = None,
+    harmonics: str = "keep",
     store: str | Path | None = None,
     jobs: int = 1,
     progress: Progress = silent,
@@ -157,6 +158,7 @@ def identify(
     ones or, for structures of other kinds, its `lowest`. Without a model, poles that come back are numbered.
 
     rate_hz: to which records are thinned out; 5 Hz, as the paper, where there is a model and its modes lie below.
+    harmonics: 'remove' takes the rotor's out of records where its angle can be followed.
     store: folder in which the blocks' poles are kept, so that a killed run goes on (the command line keeps them beside
     its --out); jobs: processes. A script that asks for several needs `if __name__ == "__main__"`.
     """
@@ -165,7 +167,8 @@ def identify(
         raise InputError("rate_hz", "is not given, and no model tells up to where modes are looked for",
                          f"give at least twice the highest frequency of interest (--rate), at most "
                          f"{opened.sampling_rate_hz:g} Hz")  # fmt: skip
-    settings = SSISettings(order=order, block_rows=block_rows, target_rate_hz=PAPER_HZ if rate_hz is None else rate_hz)
+    settings = SSISettings(order=order, block_rows=block_rows, harmonics=harmonics,
+                           target_rate_hz=PAPER_HZ if rate_hz is None else rate_hz)
     reference = None
     if model is not None:
         reference = _reference(campaign, opened.sensors, model, parameters, lowest, settings.target_rate_hz)

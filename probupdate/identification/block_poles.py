@@ -11,6 +11,7 @@ from probupdate.campaign.blocks import Block, read_block
 from probupdate.campaign.quantity import as_quantity
 from probupdate.campaign.reading import Campaign, RecordFile
 from probupdate.errors import InputError
+from probupdate.identification.harmonics import without_harmonics
 from probupdate.identification.preprocessing import resampled
 from probupdate.identification.record import IdentifiedRecord, identify_record
 from probupdate.identification.ssi import Poles
@@ -24,15 +25,19 @@ SPECTRUM_SAMPLES = 512
 class BlockSettings:
     """What the poles of a block and their deviations depend on. order 20 and 5 Hz as the paper; 30 block rows of 0.2 s
     see two periods of a 0.3 Hz mode and more of the rest. Poles are kept of every second order up to `order` +
-    `spread`. sub_records: parts of the record whose scatter gives deviations; 0 for none."""
+    `spread`. sub_records: parts of the record whose scatter gives deviations; 0 for none. harmonics: 'keep' the rotor's
+    in the record, or 'remove' them where its angle can be followed (`harmonics.without_harmonics`)."""
 
     order: int = 20
     block_rows: int = 30
     target_rate_hz: float = 5.0
     spread: int = 16
     sub_records: int = 30
+    harmonics: str = "keep"
 
     def __post_init__(self):
+        if self.harmonics not in ("keep", "remove"):
+            raise InputError("harmonics", f"'{self.harmonics}' is unknown", "choose keep or remove")
         for name, least in (("order", 2), ("block_rows", 2), ("spread", 0), ("sub_records", 0)):
             value = getattr(self, name)
             if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < least:
@@ -84,27 +89,30 @@ class BlockDeviations:
 
 
 def identify_block(
-    campaign: Campaign, start: pd.Timestamp, files: tuple[RecordFile, ...], settings: BlockSettings
+    campaign: Campaign, start: pd.Timestamp, files: tuple[RecordFile, ...], settings: BlockSettings,
+    rotor_rpm: tuple[float, float] | None = None,
 ) -> BlockPoles:
-    """Read, convert, thin out and identify one block; `files` from `block_files`."""
+    """Read, convert, thin out and identify one block; `files` from `block_files`, rotor_rpm the lowest and highest
+    rotor speed in it by SCADA, which removing harmonics needs."""
     block, reason = _usable(campaign, start, files)
     quantity = common_quantity(campaign.sensors)
     if reason:
         return _left_out(block, quantity, reason)
     rms = float(np.sqrt(np.mean(np.var(block.data, axis=0))))
-    record = resampled(block.data, campaign.sampling_rate_hz, settings.target_rate_hz)
+    record, remark = _prepared(block, campaign, settings, rotor_rpm)
     found = _identified(record, block, settings, sub_records=0)
     line, spectrum = summed_spectrum(record, settings.target_rate_hz)
     return BlockPoles(
-        id=block.id, start=block.start, minutes=block.minutes, quantity=quantity, excluded="", notes=block.notes,
-        rms=rms, poles=found.poles, others=tuple(p for p in found.by_order if p.order != settings.order),
+        id=block.id, start=block.start, minutes=block.minutes, quantity=quantity, excluded="",
+        notes=(*block.notes, *remark), rms=rms, poles=found.poles,
+        others=tuple(p for p in found.by_order if p.order != settings.order),
         line_hz=line, spectrum=spectrum,
     )
 
 
 def identify_deviations(
     campaign: Campaign, start: pd.Timestamp, files: tuple[RecordFile, ...], settings: BlockSettings,
-    known: BlockPoles, keys: tuple[tuple[int, int], ...],
+    rotor_rpm: tuple[float, float] | None, known: BlockPoles, keys: tuple[tuple[int, int], ...],
 ) -> BlockDeviations:
     """Deviations of the poles `keys` (model order, index) of a block whose poles are known.
 
@@ -114,7 +122,7 @@ def identify_deviations(
     block, reason = _usable(campaign, start, files)
     if reason:
         raise InputError(f"block {block.id}", f"cannot be used any more: {reason}", "do not change records meanwhile")
-    record = resampled(block.data, campaign.sampling_rate_hz, settings.target_rate_hz)
+    record, _ = _prepared(block, campaign, settings, rotor_rpm)
     found = _identified(record, block, settings, sub_records=settings.sub_records)
     before = {p.order: p for p in (known.poles, *known.others)}
     now = {p.order: p for p in found.by_order}
@@ -145,6 +153,19 @@ def _usable(campaign: Campaign, start: pd.Timestamp, files: tuple[RecordFile, ..
     block = read_block(campaign, start, files)
     reason = block.excluded or _silent_channels(block, campaign.channels)
     return (block, reason) if reason else (as_quantity(block, campaign.sensors, common_quantity(campaign.sensors)), "")
+
+
+def _prepared(
+    block: Block, campaign: Campaign, settings: BlockSettings, rotor_rpm: tuple[float, float] | None
+) -> tuple[np.ndarray, tuple[str, ...]]:
+    """The record at the rate of identification, without harmonics if so asked, and what was done about them."""
+    record = resampled(block.data, campaign.sampling_rate_hz, settings.target_rate_hz)
+    if settings.harmonics == "keep":
+        return record, ()
+    cleaned = without_harmonics(record, settings.target_rate_hz, rotor_rpm or (np.nan, np.nan))
+    if not cleaned.followed:
+        return record, (f"harmonics stay: {cleaned.reason}",)
+    return cleaned.record, (f"harmonics taken out: {', '.join(f'{n}P' for n in cleaned.removed)}",)
 
 
 def _identified(record: np.ndarray, block: Block, settings: BlockSettings, sub_records: int) -> IdentifiedRecord:

@@ -18,6 +18,7 @@ import pandas as pd
 
 from probupdate.campaign.blocks import block_files
 from probupdate.campaign.reading import Campaign, RecordFile
+from probupdate.campaign.scada import StateRule, block_conditions
 from probupdate.errors import InputError
 from probupdate.identification.block_poles import (
     BlockDeviations,
@@ -61,6 +62,13 @@ def sources(files: tuple[RecordFile, ...]) -> list[str]:
     return found
 
 
+def rotor_range(campaign: Campaign, start: pd.Timestamp) -> tuple[float, float] | None:
+    """Lowest and highest rotor speed in a block by SCADA, rpm; None where it was not recorded."""
+    found = block_conditions(campaign.scada, start, campaign.block_minutes, StateRule())
+    low, high = found.get("rotor_speed_rpm_min"), found.get("rotor_speed_rpm_max")
+    return None if low is None or high is None else (float(low), float(high))
+
+
 class BlockStore:
     """A folder of blocks of one campaign under one set of settings; opening another's is refused, saying what differs.
     """
@@ -101,7 +109,7 @@ class BlockStore:
             if not path.exists():
                 todo.append(start)
                 continue
-            before, now = _read_sources(path), sources(self._files[start])
+            before, now = _read_sources(path), self._origin(start)
             if before == now:
                 continue
             gone = [text for text in before if text not in now]
@@ -138,7 +146,14 @@ class BlockStore:
 
     def _task(self, start: pd.Timestamp) -> tuple:
         """What a block is made of; without what other blocks are made of, as it is sent to other processes."""
-        return replace(self._campaign, files=(), scada=None), start, self._files[start], self._settings
+        slim = replace(self._campaign, files=(), scada=None)
+        return slim, start, self._files[start], self._settings, self._rotor(start)
+
+    def _rotor(self, start: pd.Timestamp) -> tuple[float, float] | None:
+        return rotor_range(self._campaign, start) if self._settings.harmonics == "remove" else None
+
+    def _origin(self, start: pd.Timestamp) -> list[str]:
+        return [*sources(self._files[start]), *_rotor_words(self._rotor(start))]
 
     def _run(self, what: str, function, tasks: list, total: int, jobs: int, progress: Progress) -> None:
         done = total - len(tasks)
@@ -165,19 +180,27 @@ def stored_block(folder: Path, block_id: str) -> BlockPoles | None:
     return read_block_poles(path) if path.exists() else None
 
 
-def _make_poles(path: Path, campaign: Campaign, start: pd.Timestamp, files, settings: BlockSettings) -> None:
+def _rotor_words(rotor_rpm: tuple[float, float] | None) -> list[str]:
+    """SCADA is a source too where harmonics are removed."""
+    return [] if rotor_rpm is None else [f"rotor {rotor_rpm[0]:g} to {rotor_rpm[1]:g} rpm"]
+
+
+def _make_poles(
+    path: Path, campaign: Campaign, start: pd.Timestamp, files, settings: BlockSettings, rotor_rpm
+) -> None:
     # before the records are read: a file that changes meanwhile is found out by the next run
-    origin = sources(files)
-    block = identify_block(campaign, start, files, settings)
+    origin = [*sources(files), *_rotor_words(rotor_rpm)]
+    block = identify_block(campaign, start, files, settings, rotor_rpm)
     # deviations of what the block was before more records came
     path.with_name(path.name.replace(POLES, DEVIATIONS)).unlink(missing_ok=True)
     write_block_poles(path, block, origin)
 
 
 def _make_deviations(
-    path: Path, poles: Path, campaign: Campaign, start: pd.Timestamp, files, settings: BlockSettings, keys
+    path: Path, poles: Path, campaign: Campaign, start: pd.Timestamp, files, settings: BlockSettings, rotor_rpm, keys
 ) -> None:
-    write_block_deviations(path, identify_deviations(campaign, start, files, settings, read_block_poles(poles), keys))
+    known = read_block_poles(poles)
+    write_block_deviations(path, identify_deviations(campaign, start, files, settings, rotor_rpm, known, keys))
 
 
 def _stem(start: pd.Timestamp) -> str:

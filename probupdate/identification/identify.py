@@ -41,7 +41,7 @@ class SSISettings(BlockSettings):
     @property
     def of_blocks(self) -> BlockSettings:
         return BlockSettings(order=self.order, block_rows=self.block_rows, target_rate_hz=self.target_rate_hz,
-                             spread=self.spread, sub_records=self.sub_records)
+                             spread=self.spread, sub_records=self.sub_records, harmonics=self.harmonics)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

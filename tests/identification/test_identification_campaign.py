@@ -112,6 +112,35 @@ def test_the_rotor_s_line_is_removed_where_scada_tells_its_speed(jacket, referen
         assert np.all(np.abs(s.frequency_hz / jacket.frequency_hz - 1) < scatter(jacket, 8))
 
 
+def test_harmonics_are_taken_out_before_where_asked(jacket, reference, write_campaign, scada_rows, tmp_path):
+    """3P and 6P of a rotor whose speed wanders: gone from the poles, said block by block; changed SCADA is refused."""
+    t = np.arange(9000) / 5
+    angle = 2 * np.pi * np.cumsum(0.15 + 0.0005 * np.sin(2 * np.pi * t / 700)) / 5
+    line = np.outer(np.cos(3 * angle), jacket.shape[:, 0]) + 0.5 * np.outer(np.cos(6 * angle + 1), jacket.shape[:, 3])
+    records = [jacket.record(9000, seed=0), jacket.record(9000, seed=1) + line]
+    folder = write_campaign(records, scada_rows([IDLING, RUNNING]))
+    plain = identify(read_campaign(folder), reference)
+    store = tmp_path / "store"
+    result = identify(read_campaign(folder), reference, settings=SSISettings(harmonics="remove"), store=store)
+    assert [note for note in result.notes if "harmonics" in note] == [
+        "2019-06-03T10:00Z: harmonics stay: the rotor stood or idled: 0.2 rpm",
+        "2019-06-03T10:30Z: harmonics taken out: 3P, 6P"]
+
+    def lines(found) -> int:
+        poles = found.poles[found.poles["time"] == found.poles["time"].max()]
+        near = np.min(np.abs(poles["frequency_hz"].to_numpy()[:, None] - [0.45, 0.9]), axis=1) < 0.01
+        return int((near & (poles["damping_ratio"] < 0.01)).sum())
+
+    assert lines(plain) >= 1 and lines(result) == 0
+    assert np.all(np.abs(result.data.sets[1].frequency_hz / jacket.frequency_hz - 1) < scatter(jacket, 8))
+    assert np.isfinite(result.data.sets[1].frequency_std_hz).all()
+    scada_rows([IDLING, RUNNING | {"rotor_speed_rpm_max": 9.4}]).to_csv(folder / "scada.csv", index=False)
+    with pytest.raises(InputError, match=r"was made of other records: then rotor 8\.9 to 9\.1 rpm; now .* 9\.4 rpm"):
+        identify(read_campaign(folder), reference, settings=SSISettings(harmonics="remove"), store=store)
+    with pytest.raises(InputError, match="harmonics: 'cut' is unknown"):
+        SSISettings(harmonics="cut")
+
+
 def test_modes_keep_their_names_as_the_nacelle_turns(jacket, reference, write_campaign, scada_rows):
     """Second pair, 4.5 % apart: at heading 65 deg (clockwise) FA2 moves along -65 deg and keeps its frequency."""
     records = [jacket.record(9000, seed=0), jacket.record(9000, seed=1, turn_deg=-65)]
