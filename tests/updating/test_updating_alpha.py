@@ -67,7 +67,8 @@ def test_a_corner_is_found_where_there_is_one():
     s = np.log(alpha / 0.5)
     misfit, penalty = ((1 + np.exp(3 * x)) ** (2 / 3) for x in (s, -s))
     found, _ = alpha_module._corner(alpha, misfit, penalty)
-    assert found == pytest.approx(0.5, rel=0.1)
+    # half a step of the grid
+    assert found == pytest.approx(0.5, rel=0.33)
     straight, remark = alpha_module._corner(alpha, alpha, 1 / alpha)
     assert np.isnan(straight) and "no corner" in remark
 
