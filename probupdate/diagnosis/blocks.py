@@ -25,6 +25,15 @@ FEWEST = 8
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
+class BlockDeviation:
+    """First-order deviations the identification states for a block, one column a sub-record: ln_frequency (n_mode,
+    n_column), shape (n_channel, n_mode, n_column) complex; sums over columns are joint covariances."""
+
+    ln_frequency: np.ndarray
+    shape: np.ndarray
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Blocks:
     """ids and hours (n_block,) since the first; frequency_hz (n_block, n_mode) and shape (n_block, n_channel, n_mode)
     complex, NaN where a mode was not found; groups: modes compared together, one or a close cluster, ascending.
@@ -42,6 +51,7 @@ class Blocks:
     angle_deg: np.ndarray
     environment: tuple[Mapping, ...]
     relative_std: np.ndarray
+    deviations: tuple[BlockDeviation | None, ...]
     notes: tuple[str, ...]
 
     def __len__(self) -> int:
@@ -76,7 +86,8 @@ class Blocks:
             labels=self.labels, groups=self.groups, frequency_hz=frozen_array(self.frequency_hz[chosen]),
             shape=frozen_array(self.shape[chosen], complex), angle_deg=frozen_array(self.angle_deg[chosen]),
             environment=tuple(self.environment[k] for k in chosen),
-            relative_std=frozen_array(self.relative_std[chosen]), notes=self.notes,
+            relative_std=frozen_array(self.relative_std[chosen]),
+            deviations=tuple(self.deviations[k] for k in chosen), notes=self.notes,
         )  # fmt: skip
 
 
@@ -136,7 +147,10 @@ def gather(data: ModalData) -> Blocks:
         raise InputError("modes", "no mode is found with every channel in a fifth of the blocks",
                          "leave out channels that are mostly missing")  # fmt: skip
     frequency, shape = frequency[:, kept], shape[:, :, kept]
-    shape = np.array([rotate_to_real(s) for s in shape])
+    raw, shape = shape, np.array([rotate_to_real(s) for s in shape])
+    # what turned a shape turns its deviations
+    turn = np.exp(1j * np.angle(np.nansum(shape * raw.conj(), axis=1)))
+    deviations = tuple(_deviation(s, kept, kept_channels, t) for s, t in zip(sets, turn, strict=True))
     groups = tuple(tuple(sorted(c)) for c in close_clusters(np.nanmedian(frequency, axis=0)))
     too_many = [g for g in groups if len(g) > 2]
     if too_many:
@@ -151,8 +165,17 @@ def gather(data: ModalData) -> Blocks:
         channels=tuple(data.channels[k] for k in kept_channels), labels=tuple(labels[j] for j in kept), groups=groups,
         frequency_hz=frozen_array(frequency), shape=frozen_array(shape, complex), angle_deg=frozen_array(angle),
         environment=tuple(s.environment for s in sets),
-        relative_std=frozen_array(_relative_std(sets, kept, kept_channels, groups)), notes=tuple(notes),
+        relative_std=frozen_array(_relative_std(sets, kept, kept_channels, groups)), deviations=deviations,
+        notes=tuple(notes),
     )  # fmt: skip
+
+
+def _deviation(modal_set, kept, channels, turn) -> BlockDeviation | None:
+    d = modal_set.deviation
+    if d is None:
+        return None
+    return BlockDeviation(ln_frequency=frozen_array(d.ln_frequency[kept]),
+                          shape=frozen_array(d.shape[channels][:, kept] * turn[None, :, None], complex))  # fmt: skip
 
 
 def _relative_std(sets, kept, channels, groups) -> np.ndarray:

@@ -11,11 +11,12 @@ from scipy import stats
 from probupdate.diagnosis.blocks import Blocks, gather
 from probupdate.diagnosis.catalogue import Effect
 from probupdate.diagnosis.courses import Course, make_courses
-from probupdate.diagnosis.departures import n_response
+from probupdate.diagnosis.departures import labels_of, n_response
 from probupdate.diagnosis.field import build_field
-from probupdate.diagnosis.fitting import Fit, Named, Setting, fit, local_std
+from probupdate.diagnosis.fitting import Fit, Named, Setting, fit, local_std, penalty, prior_shift
 from probupdate.diagnosis.prepare import Prepared
 from probupdate.diagnosis.results import Alternative, Diagnosis, Finding, Limit
+from probupdate.errors import ConvergenceError
 from probupdate.modes import ModalData
 from probupdate.progress import Progress, silent
 
@@ -24,6 +25,12 @@ FALSE_ALARM, MOST_EFFECTS = 0.05, 3
 # a limit is the size found in so many of a hundred records: normal quantile of 0.9
 POWER = 1.2815515655446004
 N_BOOTSTRAP = 400
+# candidates whose z correlates by more with the best one's may be meant instead, and are refitted; at most so many
+ALIKE, MOST_RIVALS = 0.7, 6
+# a cause is named from this probability among its rivals; a remainder as unlikely as this is not explained
+SURE, ADEQUATE = 0.95, 0.01
+# directions of the catalogue's span that are tested for a remainder, by their share of the largest
+SPAN = 1e-2
 # departures of a model of beams that nothing listed explains: ln f, its cross term in a pair, share of a shape's
 # largest component, phase in rad
 FLOOR_LOG, FLOOR_CROSS, FLOOR_SHAPE, FLOOR_PHASE = 3e-3, 2e-3, 1e-2, 1e-2
@@ -107,9 +114,8 @@ def search(setting: Setting, fitted: Fit, *, seed: int, n_draw: int = N_BOOTSTRA
     z = np.where(usable, u * np.where(usable, std, 0.0), 0.0)
     lower = np.array([setting.effects[j].lower for j, _ in setting.which])
     upper = np.array([setting.effects[j].upper for j, _ in setting.which])
-    constant = np.array([setting.courses[c].kind == "constant" for _, c in setting.which])
-    # along the record an effect may begin or end: either sign, and a covariate's sense is not known beforehand
-    both = ~constant
+    # what begins in the record begins from neutral; a covariate's sense is not known beforehand
+    both = np.array([setting.courses[c].kind == "covariate" for _, c in setting.which])
     can = lambda values: np.where(values > 0, both | (upper > 0), both | (lower < 0))  # noqa: E731
     rng = np.random.default_rng([seed, 21])
     drawn = design.draw(rng, n_draw) * np.where(usable, std, 0.0)
@@ -129,49 +135,152 @@ def tail(maxima: np.ndarray, value: float) -> float:
     return float(stats.gumbel_r.sf(value, location, scale))
 
 
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Rival:
+    """A candidate refitted as it is, within its bounds: fit, size with deviation, log evidence (Laplace) but for a
+    constant that all rivals share."""
+
+    candidate: int
+    fitted: Fit
+    size: float
+    size_std: float
+    log_evidence: float
+
+
+def refit(setting: Setting, base: Fit, found: Search, candidate: int) -> Rival | None:
+    """The model with one more effect, fitted anew; None where that does not settle."""
+    j, c = setting.which[candidate]
+    effect, course = setting.effects[j], setting.courses[c]
+    start = float(np.clip(found.size[candidate], 0.6 * max(effect.lower, -1e300), 0.6 * min(effect.upper, 1e300)))
+    try:
+        fitted = fit(setting, base.theta, (*base.named, Named(effect=effect, course=course, size=start)))
+    except ConvergenceError:
+        return None
+    design = fitted.design
+    n_own, n_all = len(setting.updated), design.nuisance_std.size
+    held = [*range(n_own), *range(n_all, design.n_common)]
+    covariance = design.unknowns_cov(held)
+    misfit = design.misfit(fitted.departures, held) + penalty(setting, fitted.theta, fitted.named)
+    volume = np.linalg.slogdet(covariance)[1] - 2 * np.sum(np.log(design.prior_std[held]))
+    size = fitted.named[-1].size
+    # an effect that can be on one side only has half of its slab
+    sides = np.log(2.0) if len(effect.signs) == 1 else 0.0
+    return Rival(candidate=candidate, fitted=fitted, size=size, size_std=float(np.sqrt(covariance[-1, -1])),
+                 log_evidence=float(-0.5 * misfit + 0.5 * volume + sides))  # fmt: skip
+
+
+def rivals_of(setting: Setting, fitted: Fit, found: Search, best: int) -> list[int]:
+    """The candidates that might be meant instead of the best: alike after what is normal has taken its part, the best
+    course of each effect, the highest scores first."""
+    order = np.argsort(-found.statistic)[:60]
+    order = order[found.statistic[order] > 0.5 * found.statistic[best]]
+    likeness = np.abs(fitted.design.likeness(order)[list(order).index(best)])
+    chosen, seen = [], set()
+    for k, r in zip(order, likeness, strict=True):
+        j = int(setting.which[k, 0])
+        if j not in seen and (k == best or r > ALIKE):
+            seen.add(j)
+            chosen.append(int(k))
+    return chosen[:MOST_RIVALS]
+
+
+def adequacy(setting: Setting, fitted: Fit, *, seed: int, n_draw: int = N_BOOTSTRAP) -> tuple[float, dict[str, float]]:
+    """p of what remains, in the directions that the catalogue spans: constants together, and each course along the
+    record; the smallest of them against its own bootstrap distribution."""
+    design = fitted.design
+    u = np.vstack([design.scores(fitted.centred)[None], design.draw(np.random.default_rng([seed, 22]), n_draw)])
+    parts = {}
+    usable = design.share_left > 1e-3
+    for c, course in enumerate(setting.courses):
+        rows = np.flatnonzero((setting.which[:, 1] == c) & usable)
+        if len(rows) < 5:
+            continue
+        size = np.sqrt(design.information[rows])
+        value, turn = np.linalg.eigh(design.likeness(rows))
+        kept = value > SPAN * value[-1]
+        z = (u[:, rows] / size) @ (turn[:, kept] / np.sqrt(value[kept]))
+        parts[f"{course.name} {course.at}".strip()] = np.sum(z**2, axis=1)
+    names = list(parts)
+    values = np.array([parts[n] for n in names])
+    # rank of each record's statistic among the drawn ones -> p, then the smallest over the courses
+    rank = (values[:, :, None] <= values[:, None, 1:]).sum(axis=2) / n_draw
+    smallest = rank.min(axis=0)
+    p = float((1 + np.sum(smallest[1:] <= smallest[0])) / (n_draw + 1))
+    return p, {n: float(r) for n, r in zip(names, rank[:, 0], strict=True)}
+
+
 def diagnose(prepared: Prepared, data: ModalData, *, seed: int = 1, progress: Progress = silent) -> Diagnosis:
     """Find what the model gets wrong in these blocks."""
     setting, theta = settle(prepared, data)
-    named: tuple[Named, ...] = ()
+    progress("diagnosing", 0, MOST_EFFECTS + 1)
+    fitted = fit(setting, theta)
+    null, first = fitted, None
     findings: list[Finding] = []
-    first: Search | None = None
     for number in range(MOST_EFFECTS + 1):
         progress("diagnosing", number, MOST_EFFECTS + 1)
-        fitted = fit(setting, theta, named)
         found = search(setting, fitted, seed=seed)
         first = first or found
         best = int(np.argmax(found.statistic))
         if found.statistic[best] <= found.threshold or number == MOST_EFFECTS:
             break
-        effect, course = (setting.effects[setting.which[best, 0]], setting.courses[setting.which[best, 1]])
-        findings.append(_finding(setting, fitted, found, best))
-        size = float(np.clip(found.size[best], effect.lower, effect.upper))
-        named = (*fitted.named, Named(effect=effect, course=course, size=size))
-        theta = fitted.theta
+        tried = [refit(setting, fitted, found, k) for k in rivals_of(setting, fitted, found, best)]
+        kept = sorted((r for r in tried if r is not None), key=lambda r: -r.log_evidence)
+        if not kept:
+            break
+        findings.append(_finding(setting, found, kept))
+        fitted = kept[0].fitted
+    fits, remaining = adequacy(setting, fitted, seed=seed)
     progress("diagnosing", MOST_EFFECTS + 1, MOST_EFFECTS + 1)
-    verdict = "none" if not findings else "ambiguous" if any(f.alternatives for f in findings) else "named"
+    left_over = found.statistic[best] > found.threshold
+    if fits < ADEQUATE or left_over:
+        verdict = "unexplained"
+    elif not findings:
+        verdict = "none"
+    else:
+        verdict = "ambiguous" if any(f.posterior_probability < SURE for f in findings) else "named"
+    named = () if verdict == "unexplained" else tuple(findings)
+    details = {"adequacy": remaining, "residual": residual_map(setting, fitted)}
+    if verdict == "unexplained":
+        details["nearest"] = [f"{f.cause}, {f.location}" for f in findings]
     return Diagnosis(
-        verdict=verdict, p_value=first.p_value, findings=tuple(findings), limits=_limits(setting, first, fitted),
-        threshold=first.threshold, adequacy_p=1.0, notes=setting.blocks.notes,
-        parameters=tuple(_parameters(setting, fitted)),
+        verdict=verdict, p_value=min(first.p_value, fits) if not findings else first.p_value, findings=named,
+        limits=_limits(setting, first, null), threshold=first.threshold, adequacy_p=fits, notes=setting.blocks.notes,
+        parameters=tuple(_parameters(setting, null, fitted)), details=details,
     )  # fmt: skip
 
 
-def _finding(setting: Setting, fitted: Fit, found: Search, best: int) -> Finding:
-    effect, course = setting.effects[setting.which[best, 0]], setting.courses[setting.which[best, 1]]
-    rivals = np.argsort(-found.statistic)[:40]
-    likeness = fitted.design.likeness(rivals)[list(rivals).index(best)]
-    seen, alternatives = {effect.name}, []
-    for k, r in zip(rivals, likeness, strict=True):
-        other = setting.effects[setting.which[k, 0]]
-        if abs(r) > 0.95 and other.name not in seen and found.statistic[k] > 0:
-            seen.add(other.name)
-            alternatives.append(Alternative(cause=other.cause, location=other.location, posterior_probability=np.nan))
+def residual_map(setting: Setting, fitted: Fit) -> list[dict]:
+    """Per group what remains on average, the largest first: response and how many deviations of what is normal."""
+    design, blocks = fitted.design, setting.blocks
+    rows = []
+    for q, y in enumerate(fitted.centred):
+        weight = design.noise.weight[q]
+        mean = weight @ y / weight.sum()
+        spread = np.sqrt(np.mean((design.nuisance[q] * design.nuisance_std) ** 2, axis=0).sum(axis=1)
+                         + design.floor[q] ** 2 + np.diag(design.noise.covariance[q]) / weight.sum())  # fmt: skip
+        names = labels_of(blocks.group_name(q), len(blocks.groups[q]), blocks.channels)
+        rows += [{"response": n, "departure": float(m), "deviations": float(m / s)}
+                 for n, m, s in zip(names, mean, spread, strict=True)]  # fmt: skip
+    return sorted(rows, key=lambda r: -abs(r["deviations"]))[:30]
+
+
+def _finding(setting: Setting, found: Search, rivals: list[Rival]) -> Finding:
+    """The most probable of the rivals; those that are not excluded stand beside it."""
+    best = rivals[0]
+    j, c = setting.which[best.candidate]
+    effect, course = setting.effects[j], setting.courses[c]
+    weight = np.exp(np.array([r.log_evidence for r in rivals]) - best.log_evidence)
+    probability = weight / weight.sum()
+    alternatives = tuple(
+        Alternative(cause=other.cause, location=other.location, posterior_probability=float(p))
+        for r, p in zip(rivals[1:], probability[1:], strict=True)
+        for other in [setting.effects[setting.which[r.candidate, 0]]] if p > 1e-3
+    )  # fmt: skip
     start = setting.blocks.ids[course.at] if course.kind == "step" else ""
     return Finding(
-        kind=effect.kind, cause=effect.cause, location=effect.location, size=float(found.size[best]),
-        size_std=float(found.size_std[best]), unit=effect.unit + course.unit, course=course.name, course_start=start,
-        z=float(found.z[best]), posterior_probability=np.nan, alternatives=tuple(alternatives), check=effect.check,
+        kind=effect.kind, cause=effect.cause, location=effect.location, size=best.size, size_std=best.size_std,
+        unit=effect.unit + course.unit, course=course.name, course_start=start, z=float(found.z[best.candidate]),
+        posterior_probability=float(probability[0]), alternatives=alternatives, check=effect.check,
     )  # fmt: skip
 
 
@@ -194,10 +303,14 @@ def _limits(setting: Setting, found: Search, fitted: Fit) -> tuple[Limit, ...]:
     return tuple(limits)
 
 
-def _parameters(setting: Setting, fitted: Fit):
-    solved = fitted.design.unknowns_cov(range(len(setting.updated)))
+def _parameters(setting: Setting, null: Fit, fitted: Fit):
+    """Every updated parameter before and after effects were taken in, and how far from its prior it was pushed."""
+    rows = range(len(setting.updated))
+    std = [np.sqrt(np.diag(f.design.unknowns_cov(rows))) for f in (null, fitted)]
     for i, k in enumerate(setting.updated):
         p = setting.prior.items[i]
-        std = local_std(setting.prior, i, fitted.theta[k])
-        yield {"name": p.name, "value": fitted.theta[k], "std": float(np.sqrt(solved[i, i])), "prior": p.initial,
-               "prior_std": p.std, "pushed": float((fitted.theta[k] - p.initial) / std)}  # fmt: skip
+        pushed = [float(-prior_shift(setting, f.theta)[i] / local_std(setting.prior, i, f.theta[k]))
+                  for f in (null, fitted)]  # fmt: skip
+        yield {"name": p.name, "unit": p.unit, "prior": p.initial, "prior_std": p.std, "value": float(null.theta[k]),
+               "std": float(std[0][i]), "pushed": pushed[0], "value_after": float(fitted.theta[k]),
+               "std_after": float(std[1][i]), "pushed_after": pushed[1]}  # fmt: skip

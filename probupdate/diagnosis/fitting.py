@@ -25,7 +25,7 @@ from probupdate.parameters import Parameters
 # references are computed at every angle that differs by this, fingerprints at every one that differs by BIN_DEG
 ANGLE_DEG, BIN_DEG = 1.0, 10.0
 # a fit has settled when no parameter moves by more, in posterior deviations
-SETTLED, MOST_STEPS = 0.05, 40
+SETTLED, MOST_STEPS = 0.1, 40
 # changes of -2 ln posterior that do not matter
 FLAT = 0.2
 # a step is no longer than so many prior deviations at once
@@ -233,7 +233,8 @@ def fit(setting: Setting, theta: np.ndarray, named: Sequence[Named] = (), *, mos
     departures, used = _departures(setting, theta, named)
     for number in range(most_steps):
         if number < 3:
-            noise = estimate_noise(departures, used, sizes, setting.blocks.relative_std, setting.blocks.states())
+            noise = estimate_noise(departures, used, sizes, setting.blocks.relative_std, setting.blocks.states(),
+                                   stated_covariance(setting, theta))
         settled = step < SETTLED
         design = design_at(setting, theta, named, noise, None if settled or number % REFRESH == 0 else design)
         departures = _kept(departures, noise)
@@ -249,14 +250,15 @@ def fit(setting: Setting, theta: np.ndarray, named: Sequence[Named] = (), *, mos
         change = np.zeros(len(named))
         change[free] = solved[n_all : design.n_common] - np.array([named[k].size for k in free])
         held = [*range(n_own), *range(n_all, design.n_common)]
-        before = design.misfit(departures, held) + _penalty(setting, theta, named)
+        before = design.misfit(departures, held) + penalty(setting, theta, named)
         longest = float(np.max(np.abs(np.concatenate([move, [d / n.effect.slab for d, n in
                                                              zip(change, named, strict=True)]])), initial=0.0))  # fmt: skip
-        share = min(1.0, LONGEST / max(longest, 1e-12))
+        # what still swings between two points after a dozen steps is held back
+        share = min(1.0, LONGEST / max(longest, 1e-12)) * (1.0 if number < 12 else 0.5)
         for _ in range(HALVINGS):
             fresh, sizes_there = _moved(setting, theta, named, share * move * scale, share * change)
             tried, used = _departures(setting, fresh, sizes_there)
-            after = design.misfit(_kept(tried, noise), held) + _penalty(setting, fresh, sizes_there)
+            after = design.misfit(_kept(tried, noise), held) + penalty(setting, fresh, sizes_there)
             if after <= before + FLAT:
                 break
             share *= 0.5
@@ -270,6 +272,37 @@ def fit(setting: Setting, theta: np.ndarray, named: Sequence[Named] = (), *, mos
         "posterior deviations): the measured modes may not be this model's", theta)  # fmt: skip
 
 
+def stated_covariance(setting: Setting, theta: np.ndarray) -> list[np.ndarray | None]:
+    """Per group the mean over blocks of what the identification says its responses' covariance is, None without."""
+    blocks = setting.blocks
+    known = [k for k, d in enumerate(blocks.deviations) if d is not None]
+    if len(known) < len(blocks) / 2:
+        return [None] * len(blocks.groups)
+    local = setting.field.small.at(theta)
+    centres, bin_of = setting.bins
+    references = [setting.field.references(local, angle) for angle in centres]
+    result = []
+    for q, group in enumerate(blocks.groups):
+        members, total, number = list(group), 0.0, 0
+        for k in known:
+            d, weight = blocks.deviations[k], blocks.relative_std[k, q] ** -2.0
+            ln_f, shape = d.ln_frequency[members], d.shape[:, members]
+            if not blocks.present[k, q] or not (np.all(np.isfinite(ln_f)) and np.all(np.isfinite(shape))):
+                continue
+            sizes = np.max(np.abs(shape), axis=(0, 1))
+            h = 1e-4 / max(float(np.max(np.abs(ln_f))), float(np.max(sizes)), 1e-12)
+            sides = [
+                departure(blocks.frequency_hz[k, members] * np.exp(s * h * ln_f.T),
+                          blocks.shape[k][:, members] + s * h * shape.transpose(2, 0, 1), references[bin_of[k]][q])
+                for s in (1, -1)
+            ]  # fmt: skip
+            if sides[0][1].all() and sides[1][1].all():
+                columns = (sides[0][0] - sides[1][0]) / (2 * h)
+                total, number = total + weight * columns.T @ columns, number + 1
+        result.append(total / number if number >= len(blocks) / 3 else None)
+    return result
+
+
 def _departures(setting: Setting, theta: np.ndarray, named: Sequence[Named]):
     departures, used = departures_at(setting, theta, named)
     return _without_linear(setting, theta, named, departures), used
@@ -279,7 +312,7 @@ def _kept(departures, noise: Noise):
     return tuple(np.where(w[:, None] > 0, y, 0.0) for y, w in zip(departures, noise.weight, strict=True))
 
 
-def _penalty(setting: Setting, theta: np.ndarray, named: Sequence[Named]) -> float:
+def penalty(setting: Setting, theta: np.ndarray, named: Sequence[Named]) -> float:
     """-2 ln prior of parameters and sizes, but for constants."""
     total = sum((n.size / n.effect.slab) ** 2 for n in named if not n.effect.discrete)
     for p, k in zip(setting.prior, setting.updated, strict=True):

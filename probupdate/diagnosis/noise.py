@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -26,13 +27,15 @@ class Noise:
 
 def estimate_noise(
     departures: tuple[np.ndarray, ...], used: tuple[np.ndarray, ...], sizes: tuple[int, ...],
-    relative_std: np.ndarray, states: np.ndarray,
+    relative_std: np.ndarray, states: np.ndarray, stated: Sequence[np.ndarray | None] | None = None,
 ) -> Noise:
     """From differences of successive blocks, which slow effects, steps and offsets hardly touch.
 
     departures per group (n_block, n_response), used (n_block,) bool, sizes the number of modes of each group,
     relative_std (n_block, n_group), states (n_block,).
-    The covariance is shrunk towards its diagonal by as much as so few blocks ask for (Schaefer & Strimmer 2005).
+    The covariance is shrunk towards its diagonal by as much as so few blocks ask for (Schaefer & Strimmer 2005). Where
+    the identification states a joint covariance (`stated`, of a typical block), that one's pattern is taken instead, and
+    the differences give its scale only, one for ln f and one for shapes.
     """
     covariances, precisions, weights = [], [], []
     for q, (y, ok) in enumerate(zip(departures, used, strict=True)):
@@ -48,9 +51,13 @@ def estimate_noise(
         limit = 4.0 * np.maximum(spread, 1e-300)
         kept = np.all(np.abs(difference) < 2 * limit, axis=1)
         difference = difference[kept] if kept.sum() > len(kept) / 2 else np.clip(difference, -limit, limit)
-        covariance = _shrunk(difference)
+        n_log = 1 if sizes[q] == 1 else 3
+        if stated is not None and stated[q] is not None:
+            covariance = _scaled(stated[q], difference, n_log)
+        else:
+            covariance = _shrunk(difference)
         least = np.full(y.shape[1], SMALLEST_SHAPE)
-        least[: 1 if sizes[q] == 1 else 3] = SMALLEST_LOG
+        least[:n_log] = SMALLEST_LOG
         covariance = covariance + np.diag(least**2)
         covariances.append(frozen_array(covariance))
         precisions.append(frozen_array(np.linalg.inv(covariance)))
@@ -73,6 +80,16 @@ def _state_weights(y: np.ndarray, ok: np.ndarray, states: np.ndarray) -> np.ndar
         ratio = np.exp(np.mean(np.log(np.maximum(variance, 1e-30) / np.maximum(typical, 1e-30))))
         weight[states == state] /= np.clip(ratio, 0.1, 10.0)
     return np.where(ok, weight, 0.0)
+
+
+def _scaled(pattern: np.ndarray, sample: np.ndarray, n_log: int) -> np.ndarray:
+    """The stated covariance with its deviations times what the sample's are over them, in ln f and in shapes."""
+    scale = np.ones(len(pattern))
+    for part in (slice(0, n_log), slice(n_log, None)):
+        variance = np.diag(pattern)[part]
+        known = variance > 1e-3 * variance.max()
+        scale[part] = np.sqrt(np.mean(np.mean(sample[:, part] ** 2, axis=0)[known] / variance[known]))
+    return pattern * np.outer(scale, scale)
 
 
 def _shrunk(sample: np.ndarray) -> np.ndarray:
