@@ -198,7 +198,7 @@ def test_own_deviation_and_campaign_scatter_are_told_apart(jacket):
     assert campaign.data.sets[0].frequency_std_hz == pytest.approx(0.004 * TRUE_HZ, rel=0.6)
     for s in campaign.data.sets:
         assert s.environment["own_std_hz_FA2"] == pytest.approx(0.001 * TRUE_HZ[3])
-    assert "identification itself states 0.0010" in campaign.summary
+    assert "identification itself states 0.0010 (median)" in campaign.summary
     assert "what identification states of its half hour" in own.summary
     row = campaign.scatter[(campaign.scatter["mode"] == "FA2") & (campaign.scatter["state"] == "idling")].iloc[0]
     assert row["own_cov"] == pytest.approx(0.001, rel=0.02) and row["n"] == 20 and row["paper_cov"] == 0.017
