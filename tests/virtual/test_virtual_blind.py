@@ -1,0 +1,86 @@
+"""The blind study's cases and tables: cases the simulator takes, exact rates, answers judged by cause and place."""
+
+import importlib.util
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from probupdate.virtual.effects import EFFECTS
+from probupdate.virtual.truth import given_truth
+from probupdate.virtual.turbine_file import read_turbine, reference_file
+
+FOLDER = Path(__file__).resolve().parents[2] / "studies" / "blind"
+
+
+def module(name):
+    specification = importlib.util.spec_from_file_location(f"blind_{name}", FOLDER / f"{name}.py")
+    loaded = importlib.util.module_from_spec(specification)
+    sys.modules[f"blind_{name}"] = loaded
+    specification.loader.exec_module(loaded)
+    return loaded
+
+
+@pytest.fixture(scope="module")
+def cases():
+    return module("cases")
+
+
+@pytest.fixture(scope="module")
+def tables():
+    return module("tables")
+
+
+def test_every_case_is_one_the_simulator_takes(cases):
+    file = read_turbine(reference_file())
+    seen = set()
+    for family, n in cases.FAMILIES.items():
+        for number in range(n):
+            case = cases.make_case(family, number)
+            given = given_truth(case.truth, file)
+            assert len(given.effects) == {"null": 0, "pair": 2}.get(family, 1)
+            inside = {EFFECTS[e["kind"]].inside for e in given.effects}
+            assert inside <= {family != "outside"}
+            assert len(case.effects) == (0 if family in ("null", "outside") else len(given.effects))
+            seen |= {e["cause"] for e in case.effects}
+    assert seen == {kind.cause for kind in cases.KINDS}
+    assert cases.make_case("single", 17) == cases.make_case("single", 17)
+    assert len({cases.make_case("null", k).seed for k in range(200)}) == 200
+
+
+def test_severities_keep_to_the_stated_limits(cases):
+    limits = {"sensor gain | T66-x | constant": 0.1, "sensor gain | T66-x | step": 0.05}
+    kind = next(k for k in cases.KINDS if k.cause == "sensor gain")
+    rng = np.random.default_rng(3)
+    drawn = [cases.draw_effect(rng, kind, limits) for _ in range(400)]
+    found = [words for pair in drawn if pair is not None for words in pair[1:]]
+    assert len(found) > 8 and {w["location"] for w in found} == {"T66-x"}
+    for words in found:
+        assert limits[f"sensor gain | T66-x | {words['course']}"] < words["size"] <= kind.high
+    below = [cases.draw_effect(rng, kind, limits, below=True) for _ in range(400)]
+    sizes = [(pair[1]["size"], pair[1]["course"]) for pair in below if pair and pair[1]["location"] == "T66-x"]
+    assert sizes and all(size < 0.7 * limits[f"sensor gain | T66-x | {course}"] for size, course in sizes)
+
+
+def test_rates_have_exact_intervals(tables):
+    # nothing in 59 excludes 5 % at 95 % one-sided: the 90 % interval ends there (0.05 = 1 - q^59)
+    assert tables.interval(0, 59, 0.90)[1] == pytest.approx(1 - 0.05 ** (1 / 59), rel=1e-9)
+    # Clopper & Pearson 1934: 10 of 10 at 95 %: 0.025^(1/10)
+    assert tables.interval(10, 10)[0] == pytest.approx(0.025**0.1, rel=1e-9)
+    low, high = tables.interval(7, 20)
+    assert low < 0.35 < high
+
+
+def test_answers_are_judged_by_cause_and_place(tables):
+    effect = {"cause": "scour", "also": [], "location": "leg B", "course": "step", "size": 1.0}
+    right = {"cause": "scour", "location": "leg B", "alternatives": [], "size": 1.1, "size_std": 0.1}
+    elsewhere = {"cause": "scour", "location": "leg C", "alternatives": [["scour", "leg B"]]}
+    assert tables.is_named(right, effect) and not tables.is_named(elsewhere, effect)
+    assert tables.in_set(elsewhere, effect)
+    line = {"family": "single", "effects": [effect], "hidden": [{"kind": "scour"}], "verdict": "named", "cpu_s": 1.0,
+            "findings": [right], "limits": {"scour | leg B | step": 0.4}, "id": "single-000"}  # fmt: skip
+    assert tables.above_limit(line, effect)
+    text = tables.summary([line, {**line, "verdict": "none", "findings": []}])
+    assert "| singles above the stated limit detected | 1 of 2 | 50.0 % |" in text
+    assert "scour" in tables.confusion([line])
