@@ -1,0 +1,188 @@
+"""One replicate's structure and measurement: a draw of the prior, a model or the virtual turbine, noise.
+
+Two structures: "own", the model that is updated, so that only the estimators and the statement of the noise can be
+wrong; "turbine", the virtual turbine (other theory, mesh and soil law, drawn tolerances of walls, soil and sensors).
+Three kinds of noise: "paper" (1.5 and 1.7 % of frequencies, tenfold of shapes, Gaussian and stated exactly), "identified"
+(the scatter of half an hour's identification with its own estimate of its covariance), "record" (half an hour of
+vibration, simulated and identified; virtual turbine only).
+"""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from probupdate import verbs
+from probupdate.errors import InputError
+from probupdate.mode_labels import mode_character
+from probupdate.modes import ModalData, ModalSet
+from probupdate.parameters import Parameters
+from probupdate.problem import Weights
+from probupdate.responses import PAPER_COV_FIRST, PAPER_COV_SECOND, SHAPE_FACTOR
+from probupdate.structure.affine import AffineModel
+from probupdate.structure.load import reference_model
+from probupdate.structure.reduced import reduce_basis
+from probupdate.structure.reduced_model import ReducedModel, project
+from probupdate.virtual import campaign_files, operation
+from probupdate.virtual.dynamics import N_MODE, heading_modes
+from probupdate.virtual.frame import build_structure
+from probupdate.virtual.hours import RATE_HZ, hour_of_data, make_turbine
+from probupdate.virtual.modal_noise import identified
+from probupdate.virtual.simulation import nacelle_labels
+from probupdate.virtual.truth import draw_truth, given_truth
+from probupdate.virtual.turbine_file import TurbineFile, read_turbine
+
+STATE = "as_built"
+LABELS = ("FA1", "SS1", "T1", "FA2", "SS2")
+PRIORS = ("normal", "lognormal")
+STRUCTURES = ("own", "turbine")
+NOISES = ("paper", "identified", "record")
+SEARCHED = 24  # computed modes among which those of LABELS are told
+CARRIED = 7  # modes of the reduced basis: the five, the next one, and one to spare
+# of the reduced basis over all of both priors: a fifth of the paper's deviations, a fifth of identification's
+FREQUENCY_TOLERANCE = {"paper": 3e-3, "identified": 4e-4, "record": 4e-4}
+# the basis holds between these quantiles of either prior
+EDGE = 1e-3
+BLOCK_S = 1800.0
+N_SLOT = 3
+MAINTENANCE = {"maintenance_hours": [[0, 24]]}  # idling at any wind
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Bench:
+    """What all replicates share: the full model and one reduced basis, both at heading 0; `frequency_hz` (5,) of the
+    initial model, which the paper's deviations are shares of."""
+
+    file: TurbineFile
+    full: AffineModel
+    reduced: ReducedModel
+    frequency_hz: np.ndarray
+
+    def with_prior(self, kind: str) -> tuple[AffineModel, ReducedModel]:
+        """Both models with all priors of one kind."""
+        parameters = of_kind(self.full.parameters, kind)
+        full = replace(self.full, parameters=parameters)
+        projected = replace(self.reduced.projected, parameters=parameters)
+        return full, replace(self.reduced, full=full, projected=projected)
+
+
+def of_kind(parameters: Parameters, kind: str) -> Parameters:
+    return Parameters(tuple(replace(p, prior=kind) for p in parameters), parameters.correlation)
+
+
+def make_bench(folder: Path, noise: str, seed: int = 0) -> Bench:
+    """The reference turbine as built; the basis covers both priors and is kept in `folder`."""
+    full = verbs.open_model(STATE)
+    file = read_turbine(reference_model(STATE))
+    ends = np.array([[p.distribution.ppf([EDGE, 1 - EDGE]) for p in of_kind(full.parameters, kind)]
+                     for kind in PRIORS])  # fmt: skip
+    box = ends[:, :, 0].min(axis=0), ends[:, :, 1].max(axis=0)
+    rng = np.random.default_rng([seed, 7])
+    points = np.clip(np.vstack([of_kind(full.parameters, kind).draw(rng, 200) for kind in PRIORS]), *box)
+    tolerance = FREQUENCY_TOLERANCE[noise]
+    path = folder / f"basis.{tolerance:g}.{seed}.npz"
+    if not path.exists():
+        found = reduce_basis(full, n_mode=CARRIED, box=box, points=points, seed=seed, frequency_tolerance=tolerance)
+        family = np.empty(found.basis.shape[1], int)
+        for number, block in enumerate(found.blocks):
+            family[block.rows] = number
+        part = path.with_suffix(f".{os.getpid()}.npz")
+        np.savez(part, basis=found.basis, family=family, box=box)
+        part.replace(path)
+    with np.load(path) as kept:
+        reduced = project(full, kept["basis"], kept["family"], kept["box"], CARRIED, tolerance).with_shares(points)
+    # proposals reach a little beyond the box, where prior and posterior have next to nothing: the basis answers there
+    # too, as thousands of full solutions would cost more than all else
+    reduced = replace(reduced, lower=full.parameters.lower, upper=full.parameters.upper)
+    return Bench(file=file, full=full, reduced=reduced, frequency_hz=own_modes(full, file, full.parameters.initial)[0])
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Measured:
+    """Data of one structure: as many sets as asked for, and how they are to be weighed."""
+
+    data: ModalData
+    weights: Weights
+
+
+def measure(
+    bench: Bench, theta: np.ndarray, structure: str, noise: str, rng: np.random.Generator, n_set: int, folder: Path
+) -> Measured:
+    """Raises InputError where the structure lacks one of the five modes, or none is identified."""
+    if noise == "record":
+        return _recorded(bench, theta, rng, folder)
+    modes = own_modes if structure == "own" else turbine_modes
+    frequency, damping, shape = modes(bench.full, bench.file, theta, rng)
+    channels = tuple(s.channel for s in bench.file.sensors)
+    if noise == "paper":
+        sets, weights = [_paper_set(bench, frequency, shape, rng, k) for k in range(n_set)], Weights()
+    else:
+        sets = [_identified_set(frequency, damping, shape, rng, k) for k in range(n_set)]
+        weights = Weights(covariance=True)
+    return Measured(data=ModalData(channels=channels, sets=tuple(sets), labels=LABELS), weights=weights)
+
+
+def own_modes(full: AffineModel, file: TurbineFile, theta: np.ndarray, rng=None):
+    """frequency_hz, damping_ratio (5,), shape (n_channel, 5) of the updated model; 1.3 % of damping and the air's."""
+    solution = full.solve(theta, SEARCHED)
+    shape = solution.shape[[full.channels.index(s.channel) for s in file.sensors]]
+    chosen = _told(mode_character(shape, file.sensors).labels)
+    return solution.frequency_hz[chosen], np.full(len(chosen), 0.013), shape[:, chosen]
+
+
+def turbine_modes(full: AffineModel, file: TurbineFile, theta: np.ndarray, rng: np.random.Generator):
+    """The same of the virtual turbine with these parameters, its tolerances drawn, as its sensors are mounted."""
+    truth = _truth(full, file, theta, rng)
+    modes = heading_modes(build_structure(file, truth, ()), truth.damping_ratio, 0.0)
+    chosen = _told(nacelle_labels(modes, file.sensors))
+    return modes.frequency_hz[chosen], modes.damping_ratio["idling"][chosen], modes.observed_shape[:, chosen]
+
+
+def _truth(full: AffineModel, file: TurbineFile, theta: np.ndarray, rng: np.random.Generator):
+    given = given_truth({"parameters": dict(zip(full.parameters.names, map(float, theta), strict=True))}, file)
+    return draw_truth(given, file, rng, N_MODE)
+
+
+def _told(labels: tuple[str, ...]) -> list[int]:
+    missing = [label for label in LABELS if label not in labels]
+    if missing:
+        raise InputError("structure", f"has no {missing[0]}", "draw another")
+    return [labels.index(label) for label in LABELS]
+
+
+def _paper_set(bench: Bench, frequency, shape, rng, number: int) -> ModalSet:
+    # shares of the initial model's frequencies: deviations that told of the truth would be data themselves
+    cov = np.array([PAPER_COV_FIRST if label in ("FA1", "SS1") else PAPER_COV_SECOND for label in LABELS])
+    std = cov * bench.frequency_hz
+    shape = shape / np.abs(shape).max(axis=0)
+    shape_std = np.broadcast_to(SHAPE_FACTOR * cov, shape.shape)
+    return ModalSet(
+        id=f"{number}", frequency_hz=frequency + std * rng.standard_normal(len(std)),
+        damping_ratio=np.full(len(std), 0.013), shape=shape + shape_std * rng.standard_normal(shape.shape),
+        frequency_std_hz=std, shape_std=shape_std, environment={},
+    )  # fmt: skip
+
+
+def _identified_set(frequency, damping, shape, rng, number: int) -> ModalSet:
+    f, zeta, phi, deviation = identified(frequency, damping, shape.astype(complex), LABELS, BLOCK_S, rng)
+    return ModalSet(id=f"{number}", frequency_hz=f, damping_ratio=zeta, shape=phi, deviation=deviation, environment={},
+                    frequency_std_hz=np.full(len(f), np.nan), shape_std=np.full(phi.shape, np.nan))  # fmt: skip
+
+
+def _recorded(bench: Bench, theta, rng: np.random.Generator, folder: Path) -> Measured:
+    """Half an hour of an idling turbine that looks along the model's axis, through `identify`."""
+    truth = _truth(bench.full, bench.file, theta, rng)
+    plan = operation.make_plan(N_SLOT, MAINTENANCE, rng)
+    plan = replace(plan, heading_deg=np.zeros_like(plan.heading_deg), events=())
+    channels = tuple(s.channel for s in bench.file.sensors)
+    data = hour_of_data(make_turbine(bench.file, truth, plan, int(rng.integers(2**31))), (), channels, 0)
+    (folder / "acceleration").mkdir(parents=True)
+    campaign_files.write_campaign_toml(folder, name="half an hour", sensors=bench.file.sensors, rate_hz=RATE_HZ,
+                                       block_minutes=30, water_depth_m=-bench.file.number("site", "mudline_m"))  # fmt: skip
+    campaign_files.write_acceleration(folder / "acceleration" / "one.h5", data, np.datetime64("2019-06-01T00:00:00"),
+                                      RATE_HZ)  # fmt: skip
+    found = verbs.identify(folder, STATE)
+    return Measured(data=found.data, weights=Weights(covariance=True))

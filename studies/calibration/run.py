@@ -1,0 +1,112 @@
+"""Simulation-based calibration of the whole chain; a JSON line a replicate, so that a stopped run goes on.
+
+    python studies/calibration/run.py OUT --case turbine-paper-normal --replicates 300 [--part 0 --parts 2]
+
+A case is structure-noise-prior (see `chain`). Several processes share a case by `--part`; `tables.py OUT` says what
+came out. Replicate k of a case has the same numbers whoever computes it, in whichever order.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import numpy as np
+from chain import NOISES, PRIORS, STRUCTURES, Bench, make_bench, measure
+from posterior import gaussian_rank, nine_sets, place_of_truth, printed_interval
+
+from probupdate.errors import ProbupdateError
+from probupdate.estimators.laplace import maximum_a_posteriori
+from probupdate.problem import build_problem
+
+# every so many replicates have nine sets; a record has one
+NINE_EVERY = 5
+
+
+def replicate(bench: Bench, case: str, number: int) -> dict:
+    """One line: what was drawn and where it lies; `refused` where the measured modes are not the model's."""
+    structure, noise, prior = case.split("-")
+    full, fast = bench.with_prior(prior)
+    stream = np.random.SeedSequence([STRUCTURES.index(structure), NOISES.index(noise), PRIORS.index(prior), number])
+    rng = np.random.default_rng(stream)
+    theta = full.parameters.draw(rng, 1)[0]
+    line = {"case": case, "number": number, "names": list(full.parameters.names), "theta": theta.tolist()}
+    begun = time.perf_counter()
+    try:
+        with tempfile.TemporaryDirectory() as folder:
+            nine = noise != "record" and number % NINE_EVERY == 0
+            measured = measure(bench, theta, structure, noise, rng, 9 if nine else 1, Path(folder) / "campaign")
+        problem = build_problem(full, measured.data, set_id=measured.data.sets[0].id, weights=measured.weights)
+        line["left_out"] = list(problem.matching.left_out)
+        problem = problem.with_model(fast)
+        top = maximum_a_posteriori(problem, [full.parameters.initial])
+        place = place_of_truth(problem, top, theta, rng, number)
+        printed = gaussian_rank(theta, *printed_interval(problem))
+        own = np.sqrt(np.diag(top.covariance))
+        line |= {k: v.tolist() if isinstance(v, np.ndarray) else v for k, v in vars(place).items()}
+        line |= {"rank_printed": printed.tolist(), "rank_map": gaussian_rank(theta, top.theta, own).tolist(),
+                 "resolution": top.resolution.tolist(), "map": top.theta.tolist()}  # fmt: skip
+        if nine:
+            scatter = nine_sets(fast, full, measured, problem, top)
+            line["rank_nine"] = gaussian_rank(theta, top.theta, scatter).tolist()
+    except ProbupdateError as error:
+        line["refused"] = f"{type(error).__name__}: {error}"
+    line["seconds"] = round(time.perf_counter() - begun, 2)
+    return line
+
+
+def read_lines(folder: Path, case: str) -> list[dict]:
+    """Finished replicates of all parts, by number; the half line of a killed process is left out."""
+    found = {}
+    for path in sorted(folder.glob(f"{case}.*.jsonl")):
+        for text in path.read_text(encoding="utf-8").split("\n")[:-1]:
+            line = json.loads(text)
+            found[line["number"]] = line
+    return [found[k] for k in sorted(found)]
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("out", type=Path)
+    parser.add_argument("--case", action="append", required=True, help="structure-noise-prior, may be repeated")
+    parser.add_argument("--replicates", type=int, default=300)
+    parser.add_argument("--part", type=int, default=0)
+    parser.add_argument("--parts", type=int, default=1)
+    a = parser.parse_args()
+    for case in a.case:
+        words = case.split("-")
+        known = len(words) == 3 and all(w in group for w, group in zip(words, (STRUCTURES, NOISES, PRIORS), strict=True))
+        if not known or words[:2] == ["own", "record"]:
+            sys.stderr.write(f"{case}: choose from {STRUCTURES} - {NOISES} - {PRIORS}; a record is the turbine's\n")
+            return 2
+    a.out.mkdir(parents=True, exist_ok=True)
+    benches = {case: make_bench(a.out, case.split("-")[1]) for case in a.case}
+    # cases take turns, so that a run that is stopped has some of each
+    for number in range(a.part, a.replicates, a.parts):
+        for case in a.case:
+            path = a.out / f"{case}.{a.part}of{a.parts}.jsonl"
+            if any(line["number"] == number for line in read_lines(a.out, case)):
+                continue
+            _mend(path)
+            line = replicate(benches[case], case, number)
+            with path.open("a", encoding="utf-8") as file:
+                file.write(json.dumps(line) + "\n")
+            sys.stdout.write(f"{case} {number}: {line['seconds']} s {line.get('refused', line.get('by'))}\n")
+            sys.stdout.flush()
+    return 0
+
+
+def _mend(path: Path) -> None:
+    """Cut off the half line that a killed process left."""
+    if path.exists():
+        text = path.read_text(encoding="utf-8")
+        if text and not text.endswith("\n"):
+            path.write_text(text[: text.rfind("\n") + 1], encoding="utf-8")
+
+
+if __name__ == "__main__":
+    sys.exit(main())
