@@ -20,7 +20,7 @@ import numpy as np
 from scipy import special
 
 from probupdate.errors import InputError
-from probupdate.estimators.ensemble import R_HAT_LIMIT, SubsetMove
+from probupdate.estimators.ensemble import SubsetMove
 from probupdate.estimators.posterior_file import effective_size
 from probupdate.modes import frozen_array
 from probupdate.parameters import Parameters
@@ -31,6 +31,8 @@ from probupdate.progress import Progress, silent
 SPREAD = 0.25
 LKJ_ETA = 2.0
 SEGMENT, MAX_STEPS, BURN_IN = 400, 12_000, 0.2
+# walkers as chains: some fifty independent draws of each, far more than quantiles of tau need over all of them
+R_HAT_LIMIT = 1.02
 # share of moves that redraw one or two scales and with them the mean, and of those of a few numbers along differences
 REDRAW_SHARE, SUBSET_SHARE = 0.5, 0.3
 # the Gaussian that stands for the prior in proposals of the mean is so many times as wide in variance
@@ -242,7 +244,7 @@ def sample_population(
     correlated: bool = False, spread: float = SPREAD, target_ess: int = 500, progress: Progress = silent,
 ) -> Population:
     """emcee over mean, scales and, where asked for, correlation; stops at the wanted bulk effective size of the worst
-    number with R-hat below 1.01, or says that it did not get there."""
+    number with R-hat below R_HAT_LIMIT, or says that it did not get there."""
     if len(likelihoods.ids) < 2:
         raise InputError("sets", "fewer than two tell nothing of scatter between sets", "give two or more")
     if not (np.isfinite(spread) and spread > 0):

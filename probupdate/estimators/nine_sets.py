@@ -6,17 +6,17 @@ the data do not inform hardly scatters at all. Its resolution R_jj stands beside
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
 from probupdate.errors import ProbupdateError
-from probupdate.estimators.laplace import maximum_a_posteriori
+from probupdate.estimators.laplace import Laplace, maximum_a_posteriori
 from probupdate.estimators.tikhonov import update
 from probupdate.model import Model
 from probupdate.modes import ModalData, ModalSet, frozen_array
-from probupdate.problem import Weights, build_problem
+from probupdate.problem import Problem, Weights, build_problem
 from probupdate.progress import Progress, silent
 
 
@@ -61,21 +61,17 @@ def update_sets(
     `model_at` gives it. Sets that cannot be updated are named, not dropped in silence."""
     kept, failed = [], []
     derived: dict[str, list[float]] = {name: [] for name in getattr(model, "derived", {})}
-    for done, modal_set in enumerate(data.sets):
-        progress("update of every set", done, len(data.sets))
+    found = each_set(model, data, weights=weights, clusters=clusters, model_at=model_at, failed=failed,
+                     progress=progress)  # fmt: skip
+    for problem, laplace in found:
         try:
-            own = model if model_at is None else model_at(modal_set)
-            problem = build_problem(own, data, set_id=modal_set.id, weights=weights, clusters=clusters)
-            anchored = update(problem, penalty="prior")
-            laplace = maximum_a_posteriori(problem, [anchored.theta[-1]])
             printed = update(problem, penalty="step", max_iteration=iterations)
         except ProbupdateError as error:
-            failed.append(f"set {modal_set.id}: {error}")
+            failed.append(f"set {problem.set_id}: {error}")
             continue
-        kept.append((modal_set.id, laplace, printed.theta[-1]))
+        kept.append((problem.set_id, laplace, printed.theta[-1]))
         for name, compute in getattr(model, "derived", {}).items():
             derived[name].append(float(compute(laplace.theta)))
-    progress("update of every set", len(data.sets), len(data.sets))
     n_param = len(model.parameters)
 
     def stack(rows) -> np.ndarray:
@@ -88,3 +84,29 @@ def update_sets(
         resolution=stack([x.resolution for _, x, _ in kept]),
         derived={name: frozen_array(values) for name, values in derived.items()}, failed=tuple(failed),
     )
+
+
+def each_set(
+    model: Model,
+    data: ModalData,
+    *,
+    weights: Weights,
+    clusters: list[tuple[int, ...]],
+    failed: list[str],
+    model_at: Callable[[ModalSet], Model] | None = None,
+    progress: Progress = silent,
+) -> Iterator[tuple[Problem, Laplace]]:
+    """The problem and the posterior's maximum of every set, from the initial parameters; a sentence in `failed` for
+    each that has none."""
+    for done, modal_set in enumerate(data.sets):
+        progress("update of every set", done, len(data.sets))
+        try:
+            own = model if model_at is None else model_at(modal_set)
+            problem = build_problem(own, data, set_id=modal_set.id, weights=weights, clusters=clusters)
+            anchored = update(problem, penalty="prior")
+            laplace = maximum_a_posteriori(problem, [anchored.theta[-1]])
+        except ProbupdateError as error:
+            failed.append(f"set {modal_set.id}: {error}")
+            continue
+        yield problem, laplace
+    progress("update of every set", len(data.sets), len(data.sets))
