@@ -6,8 +6,8 @@ compare, report, demo. They are loaded when first used, so that importing the pa
 
 __version__ = "0.1.0"
 
-_STEPS = ("check", "compare", "convert", "figures", "identify", "identify_setups", "open_model", "regress", "report",
-          "sample", "select", "simulate", "update")
+_STEPS = ("check", "compare", "convert", "diagnose", "figures", "identify", "identify_setups", "inform", "open_model",
+          "regress", "report", "sample", "select", "sets", "simulate", "update")
 
 __all__ = ["__version__", "demo", *_STEPS]
 

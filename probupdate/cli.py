@@ -160,6 +160,28 @@ def run_compare(a: argparse.Namespace, progress: Progress) -> None:
     say(f"wrote {a.out}")
 
 
+def run_sets(a: argparse.Namespace, progress: Progress) -> None:
+    import probupdate
+
+    result = probupdate.sets(
+        a.model, a.modes, parameters=a.parameters, weights=weights_option(a), frequencies=a.frequencies,
+        shapes=a.shapes, correlated=a.correlated, spread=a.spread, seed=a.seed, progress=progress)
+    result.write(a.out)
+    say(result.summary)
+    say(f"wrote {a.out}")
+
+
+def run_inform(a: argparse.Namespace, progress: Progress) -> None:
+    import probupdate
+
+    result = probupdate.inform(
+        a.model, a.modes, parameters=a.parameters, set_id=a.set, weights=weights_option(a), frequencies=a.frequencies,
+        shapes=a.shapes, every=a.every, posterior=a.posterior, seed=a.seed, progress=progress)
+    result.write(a.out)
+    say(result.summary)
+    say(f"wrote {a.out}")
+
+
 def run_diagnose(a: argparse.Namespace, progress: Progress) -> None:
     import probupdate
 
@@ -240,10 +262,11 @@ def build_parser() -> argparse.ArgumentParser:
         p.add_argument("--model", required=required, help=MODEL_HELP + without)
         p.add_argument("--parameters", help="parameters.toml of a model made of matrices")
 
-    def on_modes(p: argparse.ArgumentParser) -> None:
+    def on_modes(p: argparse.ArgumentParser, one: bool = True) -> None:
         on_model(p)
         p.add_argument("--modes", required=True, help="modes.json; nine.json from `select`")
-        p.add_argument("--set", help="id of the set to use (default: the file's reference set, or its first)")
+        if one:
+            p.add_argument("--set", help="id of the set to use (default: the file's reference set, or its first)")
         weights = p.add_mutually_exclusive_group()
         weights.add_argument("--weights", choices=("measured", "covariance", "paper"), default="measured",
                              help="W_Lambda from the deviations in the file (default), from their full covariance "
@@ -335,6 +358,21 @@ def build_parser() -> argparse.ArgumentParser:
     p.add_argument("--model", help="for its derived quantities over the posterior, such as a pile's head stiffness")
     p.add_argument("--parameters", help="parameters.toml of a model made of matrices")
     p.add_argument("--out", required=True)
+
+    p = verb("sets", run_sets, "all sets in four views: scatter, pooled, one posterior, a population with its scatter")
+    on_modes(p, one=False)
+    p.add_argument("--correlated", action="store_true", help="let parameters vary together between sets")
+    p.add_argument("--spread", type=positive(float), default=0.25, help="deviation of the hyper-prior of a parameter's "
+                   "scatter between sets, in its prior deviations (0.25)")
+    p.add_argument("--out", required=True, help="sets.json")
+    seeded(p)
+
+    p = verb("inform", run_inform, "which parameters the data inform, which compensate one another, which to update")
+    on_modes(p)
+    p.add_argument("--every", action="store_true", help="all rows of a model.toml, those with update = false too")
+    p.add_argument("--posterior", help="posterior.nc: adds what was sampled")
+    p.add_argument("--out", required=True, help="information.json")
+    seeded(p)
 
     p = verb("diagnose", run_diagnose, "what the simulation or the measurement gets wrong: cause, place, size, limits")
     p.add_argument("--model", help=f"{MODEL_HELP}; without, measurement and environment only")

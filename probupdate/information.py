@@ -14,7 +14,7 @@ import numpy as np
 
 from probupdate.errors import InputError
 from probupdate.estimators.posterior_file import Posterior
-from probupdate.estimators.predictive import bits_gained
+from probupdate.estimators.predictive import PredictiveCheck, ResponseCheck, bits_gained
 from probupdate.modes import frozen_array
 from probupdate.problem import Problem
 
@@ -35,8 +35,8 @@ MOST_PAIRS = 8
 @dataclass(frozen=True, kw_only=True)
 class ParameterInformation:
     """One parameter. cov: of the prior, NaN where the value is zero, and no uncertainty metric then, -1; slope: the
-    largest |d ln f / d ln theta| and its mode (where the value is zero, for one prior deviation); signal: by how many of their
-    deviations one prior deviation moves the data; contraction, bits: by the linearised posterior with all parameters
+    largest |d ln f / d ln theta| and its mode (where the value is zero, of one prior deviation); signal: by how many of
+    their deviations one prior deviation moves the data; contraction, bits: by the linearised posterior, all parameters
     unknown; sampled_*: by draws, NaN without; role: one of UPDATE, CARRY, LEAVE."""
 
     name: str
@@ -84,7 +84,7 @@ class Compensation:
 class Information:
     """fisher (n_param, n_param) in prior deviations; total_bits: of all parameters together, less than the sum over
     parameters where they are told only together; cost: by how much the widths of the recommended ones shrink, at most,
-    when the silent ones are fixed: 1 - ratio."""
+    when the silent ones are fixed: 1 - ratio. check: whether the prior expected the data (`predictive`), or None."""
 
     rows: tuple[ParameterInformation, ...]
     fisher: np.ndarray
@@ -93,6 +93,7 @@ class Information:
     total_bits: float
     cost: float
     settings: dict[str, str]
+    check: PredictiveCheck | None = None
 
     def named(self, role: str) -> tuple[str, ...]:
         return tuple(r.name for r in self.rows if r.role == role)
@@ -262,6 +263,8 @@ def summary(found: Information) -> str:
     lines += [f"  {d.bits:5.2f} bits, width {d.contraction:.2f}: {d.text}" for d in found.directions]
     lines += [p.sentence for p in found.pairs]
     lines += recommendation(found)
+    if found.check is not None:
+        lines += found.check.sentences
     return "\n".join(lines)
 
 
@@ -284,6 +287,8 @@ def write_information(found: Information, path: str | Path) -> Path:
         "format": FORMAT, "rows": [_plain(r) for r in found.rows], "fisher": found.fisher.tolist(),
         "directions": [_plain(d) for d in found.directions], "pairs": [_plain(p) for p in found.pairs],
         "total_bits": found.total_bits, "cost": found.cost, "settings": found.settings,
+        "check": None if found.check is None else _plain(found.check) | {
+            "responses": [_plain(r) for r in found.check.responses]},
     }  # fmt: skip
     part = path.with_suffix(".part")
     part.write_text(json.dumps(content, indent=1, allow_nan=False), encoding="utf-8")
@@ -313,7 +318,8 @@ def read_information(path: str | Path) -> Information:
             rows=tuple(_table(ParameterInformation, r) for r in c["rows"]), fisher=frozen_array(c["fisher"]),
             directions=tuple(_table(Direction, d) for d in c["directions"]),
             pairs=tuple(_table(Compensation, p) for p in c["pairs"]), total_bits=c["total_bits"], cost=c["cost"],
-            settings=c["settings"],
+            settings=c["settings"], check=None if c["check"] is None else _table(PredictiveCheck, c["check"] | {
+                "responses": [_table(ResponseCheck, r) for r in c["check"]["responses"]]}),
         )
     except (json.JSONDecodeError, UnicodeDecodeError, KeyError, TypeError, AttributeError, ValueError) as error:
         raise InputError(str(path), f"is no information.json ({type(error).__name__}: {error})", again) from None

@@ -34,7 +34,7 @@ from probupdate.identification.selection import CAMPAIGN, Selection
 from probupdate.identification.selection import select as select_sets
 from probupdate.mode_labels import close_pairs, mode_character
 from probupdate.modes import ModalData, ModalSet, Sensor, read_modes
-from probupdate.problem import Weights, paper_weights
+from probupdate.problem import Weights, build_problem, paper_weights
 from probupdate.progress import Progress, silent
 from probupdate.reporting import report as write_report
 from probupdate.structure.load import REFERENCE_STATES, load_model, nacelle_angle_deg, reference_model
@@ -42,10 +42,12 @@ from probupdate.virtual.simulation import simulate
 
 if TYPE_CHECKING:
     from probupdate.diagnosis.results import Diagnosis
+    from probupdate.estimators.set_views_file import SetViews
+    from probupdate.information import Information
     from probupdate.model import Model
 
-__all__ = ["check", "compare", "convert", "figures", "identify", "identify_setups", "open_model", "regress", "report",
-           "sample", "select", "simulate", "update"]
+__all__ = ["check", "compare", "convert", "figures", "identify", "identify_setups", "inform", "open_model", "regress",
+           "report", "sample", "select", "sets", "simulate", "update"]
 
 # global modes looked for: first and second bending pairs and the torsion between them (the paper's first five)
 MODES_OF_INTEREST = ("FA1", "SS1", "T1", "FA2", "SS2")
@@ -358,6 +360,68 @@ def compare(
     if opened.parameters.names != record.parameters.names:
         raise InputError(opened.name, "has other parameters than the update", "give the model that was updated")
     return compare_results(record, drawn, getattr(opened, "derived", None))
+
+
+def sets(
+    model,
+    modes: str | Path | ModalData,
+    *,
+    parameters: str | Path | None = None,
+    weights: str | tuple[float, ...] | Weights = "measured",
+    frequencies: str = "hz",
+    shapes: str = "plane",
+    correlated: bool = False,
+    spread: float = 0.25,
+    seed: int = 1,
+    progress: Progress = silent,
+) -> SetViews:
+    """All sets of the file in four views side by side: scatter of their updates, posteriors pooled, one posterior for
+    all, and a population with its scatter between sets; with scores of sets left out. See `estimators.set_views`."""
+    from probupdate.estimators.set_views import view_sets
+
+    data = _modal_data(modes, None)
+    model_at = _Surroundings(model, parameters, str(modes))
+    return view_sets(
+        model_at(data.set()), data, weights=_weights(weights, data, frequencies=frequencies, shapes=shapes),
+        model_at=model_at, correlated=correlated, spread=spread, seed=seed, progress=progress,
+    )
+
+
+def inform(
+    model,
+    modes: str | Path | ModalData,
+    *,
+    parameters: str | Path | None = None,
+    set_id: str | None = None,
+    weights: str | tuple[float, ...] | Weights = "measured",
+    frequencies: str = "hz",
+    shapes: str = "plane",
+    every: bool = False,
+    posterior: str | Path | Posterior | None = None,
+    seed: int = 1,
+    progress: Progress = silent,
+) -> Information:
+    """Which parameters the data inform and how much, which compensate one another, whether the prior expected the data.
+
+    `every`: all rows of a model.toml, those with update = false too. `posterior`: adds what was sampled."""
+    from probupdate.estimators.predictive import predictive_check
+    from probupdate.estimators.updating import find_maximum
+    from probupdate.information import information
+    from probupdate.structure.parameter_table import every_parameter
+
+    data = _modal_data(modes, set_id)
+    model_at, modal_set = _Surroundings(model, parameters, str(modes)), data.set(set_id)
+    chosen = _weights(weights, data, frequencies=frequencies, shapes=shapes)
+    problem = build_problem(model_at(modal_set), data, set_id=set_id, weights=chosen)
+    check = predictive_check(problem, find_maximum(problem, [problem.parameters.initial]), seed=seed)
+    if every:
+        if not model_at.turns:
+            raise InputError(str(model), "has no parameters beside the updated ones", "leave --every out")
+        whole = load_model(model_path(model), parameters=every_parameter(model_path(model)),
+                           nacelle_angle_deg=model_at.angle_deg(modal_set))  # fmt: skip
+        problem = build_problem(whole, data, set_id=set_id, weights=chosen)
+    drawn = posterior if posterior is None or isinstance(posterior, Posterior) else read_posterior(posterior)
+    return replace(information(problem, posterior=drawn), check=check)
 
 
 def diagnose(

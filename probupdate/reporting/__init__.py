@@ -34,18 +34,21 @@ def compose(run: Run, progress: Progress = silent) -> str:
     from probupdate.reporting import modes_section as modes
     from probupdate.reporting import overview_sections as overview
     from probupdate.reporting import posterior_sections as posterior
+    from probupdate.reporting import sets_section as sets
     from probupdate.reporting import updating_sections as updating
     from probupdate.reporting.page import render
 
     builders = (
         overview.verdict_section, measurement.measured_section, measurement.identification_section,
         measurement.selection_section, modes.modes_section, updating.update_section, posterior.posterior_section,
-        posterior.comparison_section, overview.provenance_section,
+        posterior.comparison_section, sets.sets_section, sets.information_section, overview.provenance_section,
     )
     sections = []
     for done, build in enumerate(builders):
         progress("report", done, len(builders))
-        sections.append(build(run))
+        # the two on sets and information are there where their files are
+        if (section := build(run)) is not None:
+            sections.append(section)
     progress("report", len(builders), len(builders))
     footer = "Written by probupdate. This page needs no network and no other file."
     return render(sections, title=run.title, subtitle=_subtitle(run), footer=footer)

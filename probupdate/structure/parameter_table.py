@@ -76,6 +76,12 @@ def updated_parameters(tables: Sequence[Mapping], where: str, correlation: Mappi
     return Parameters(items, correlation_matrix(items, correlation, where) if correlation else None)
 
 
+def every_parameter(path: str | Path) -> Parameters:
+    """All rows of a model's file but its effects, those with `update = false` too."""
+    tables = [t for t in read_toml(path).get("parameter", []) if "kind" not in t]
+    return updated_parameters([t | {"update": True} for t in tables], str(path))
+
+
 def correlation_matrix(items: Sequence[Parameter], table: Mapping, where: str) -> np.ndarray:
     names = [p.name for p in items]
     matrix = np.eye(len(names))

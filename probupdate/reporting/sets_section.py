@@ -1,0 +1,125 @@
+"""Sections on all sets in four views, and on what the data tell of each parameter; read from sets.json and
+information.json of the run, absent where these are."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from probupdate.estimators.set_views_file import SetViews, read_views
+from probupdate.information import METRIC_WORDS, Information, read_information, recommendation
+from probupdate.reporting import paper_tables
+from probupdate.reporting.elements import Column, Items, Notice, Section, Table, Text, fixed, number, percent
+from probupdate.reporting.values import Run
+
+
+def sets_section(run: Run) -> Section | None:
+    path = run.folder / "sets.json"
+    if not path.exists():
+        return None
+    views = read_views(path)
+    items: list[object] = [Notice(level="good" if views.converged else "warning", text=f"Population {views.verdict}.")]
+    items += [_views_table(views), Text(paragraphs=(views.advice,)), _score_table(views)]
+    if views.modes:
+        items.append(_modes_table(views))
+    notes = tuple(f"{n[0].upper()}{n[1:]}." for n in views.notes)
+    items.append(Items(title="What holds for the whole", statements=notes))
+    return Section(anchor="sets", title="All sets", items=tuple(items),
+                   lead=f"{len(views.ids)} sets read in four ways: what each says, and which is for what.")
+
+
+def _views_table(views: SetViews) -> Table:
+    columns = (
+        Column(name="parameter", number=False), Column(name="prior CoV", unit="-"),
+        Column(name="(a) updates: mean"), Column(name="CoV", unit="-"), Column(name="resolution", unit="-"),
+        Column(name="(b) pooled: mean"), Column(name="CoV", unit="-"), Column(name="(c) one for all: mean"),
+        Column(name="CoV", unit="-"), Column(name="(d) population: middle"), Column(name="CoV of the middle", unit="-"),
+        Column(name="scatter between sets", unit="-"), Column(name="5–95 %", unit="-"),
+        Column(name="CoV of a new set", unit="-"), Column(name="the sets say", number=False),
+    )  # fmt: skip
+    rows = []
+    for r in views.rows:
+        interval = f"{fixed(r.tau_low, 3)} to {fixed(r.tau_high, 3)}" if np.isfinite(r.tau) else ""
+        rows.append((
+            r.name, fixed(r.prior_cov, 2), number(r.scatter_mean), fixed(r.scatter_cov, 3), fixed(r.resolution, 2),
+            number(r.pooled_mean), fixed(r.pooled_cov, 3), number(r.joint_mean), fixed(r.joint_cov, 3), number(r.mean),
+            fixed(r.mean_cov, 3), fixed(r.tau, 3), interval, fixed(r.population_cov, 3),
+            f"{r.sentence[0].upper()}{r.sentence[1:]}." if np.isfinite(r.tau) else "",
+        ))  # fmt: skip
+    return Table(caption="The same sets in four views", columns=columns, rows=tuple(rows),
+                 note=f"Weights: {views.settings['weights']}. Scatter between sets: median, over the mean; its "
+                 f"hyper-prior is {views.settings['hyper-prior of tau']}.")  # fmt: skip
+
+
+def _score_table(views: SetViews) -> Table:
+    names = tuple(views.scores.score)
+    rows = [
+        (id, *(fixed(float(views.scores.score[name][j]), 1) for name in names), fixed(views.scores.pareto_k[j], 2),
+         "yes" if views.scores.refitted[j] else "no", fixed(views.linear_share[j], 2))
+        for j, id in enumerate(views.ids)
+    ]  # fmt: skip
+    rows.append(("sum", *(fixed(float(np.sum(views.scores.score[name])), 1) for name in names), "", "", ""))
+    columns = (Column(name="set left out", number=False), *(Column(name=name) for name in names),
+               Column(name="Pareto k", unit="-"), Column(name="refitted", number=False),
+               Column(name="confirmed by the full model", unit="-"))  # fmt: skip
+    return Table(caption="ln p of each set's data given the others", columns=columns, rows=tuple(rows), width="half",
+                 note="Each set alone: from the prior. Refitted: sampled again without the set, as weights failed.")
+
+
+def _modes_table(views: SetViews) -> Table:
+    rows = tuple(
+        (m.label, str(m.n_set), percent(m.scatter, 2), percent(m.stated, 2), percent(m.variation, 2),
+         f"{percent(m.low, 2)} to {percent(m.high, 2)}", number(m.p_value, 2)) for m in views.modes
+    )  # fmt: skip
+    columns = (Column(name="mode", number=False), Column(name="sets"), Column(name="scatter of f", unit="%"),
+               Column(name="stated by identification", unit="%"), Column(name="variation left", unit="%"),
+               Column(name="90 % interval", unit="%"), Column(name="p of none"))  # fmt: skip
+    return Table(caption="Noise and variation of frequencies", columns=columns, rows=rows, width="half")
+
+
+def information_section(run: Run) -> Section | None:
+    path = run.folder / "information.json"
+    if not path.exists():
+        return None
+    found = read_information(path)
+    items: list[object] = [_information_table(found, run.jacket)]
+    items.append(Items(title="Recommended", statements=tuple(f"{t[0].upper()}{t[1:]}." for t in recommendation(found))))
+    directions = tuple((fixed(d.bits, 2), fixed(d.contraction, 2), d.text) for d in found.directions)
+    items.append(Table(
+        caption="Directions that the data inform, in prior deviations", rows=directions, width="half",
+        columns=(Column(name="bits"), Column(name="width left", unit="-"), Column(name="direction", number=False)),
+        note=f"All parameters together: {found.total_bits:.1f} bits."))
+    if found.pairs:
+        items.append(Items(title="Parameters that compensate one another",
+                           statements=tuple(f"{p.sentence[0].upper()}{p.sentence[1:]}." for p in found.pairs)))
+    if found.check is not None:
+        items.append(Items(title="Did the prior expect these data?",
+                           statements=tuple(f"{t[0].upper()}{t[1:]}." for t in found.check.sentences)))
+    return Section(anchor="information", title="Information", items=tuple(items),
+                   lead="What the data can tell of each parameter, and which to update.")
+
+
+def _information_table(found: Information, jacket: bool) -> Table:
+    columns = [
+        Column(name="parameter", number=False), Column(name="value"), Column(name="prior CoV", unit="-"),
+        Column(name="uncertainty", number=False), Column(name="ln f per ln parameter", unit="-"),
+        Column(name="of", number=False), Column(name="sensitivity", number=False), Column(name="signal", unit="-"),
+        Column(name="width left", unit="-"), Column(name="bits"), Column(name="sampled: width", unit="-"),
+        Column(name="sampled: bits"), Column(name="role", number=False),
+    ]  # fmt: skip
+    if jacket:
+        columns += [Column(name="paper: uncertainty", number=False, paper=True),
+                    Column(name="paper: sensitivity", number=False, paper=True)]  # fmt: skip
+    rows = []
+    for r in found.rows:
+        row = (r.name, number(r.value), fixed(r.cov, 3), METRIC_WORDS[r.uncertainty] if r.uncertainty >= 0 else "",
+               fixed(r.slope, 3), r.slope_mode, METRIC_WORDS[r.sensitivity], fixed(r.signal, 2),
+               fixed(r.contraction, 2), fixed(r.bits, 2),
+               fixed(r.sampled_contraction, 2), fixed(r.sampled_bits, 2), r.role)  # fmt: skip
+        if jacket:
+            printed = paper_tables.SENSITIVITY.get(r.name)
+            row += ("", "") if printed is None else (METRIC_WORDS[printed[0]], METRIC_WORDS[printed[2]])
+        rows.append(row)
+    note = "; ".join(f"{name}: {text}" for name, text in found.settings.items())
+    caption = "Which parameters" + (" (Table 2)" if jacket else "")
+    return Table(caption=caption, columns=tuple(columns), rows=tuple(rows),
+                 note=f"Signal: deviations of the data moved by one prior deviation. Width: of the prior's. {note}.")
