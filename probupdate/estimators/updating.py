@@ -41,6 +41,9 @@ N_REGION = 400
 N_CHECK = 24
 # an update that does not settle is put down to the data where a mode has a lower MAC than this before and after
 SETTLING_MAC = 0.80
+# from this effective share of its draws the outline is proposed from alone: surfaces would cost more than they spare,
+# and what they foretell in a second arm of the posterior is wrong
+OUTLINE_SERVES = 0.3
 # draws whose responses are kept for pictures
 N_PREDICTED = 300
 
@@ -171,7 +174,7 @@ class Approach:
 
     problem: Problem
     surrogate: Outline
-    emulator: Emulator
+    emulator: Emulator | None
     notes: dict[str, object]
 
 
@@ -208,6 +211,9 @@ def approach(problem: Problem, laplace: Laplace, seed: int, progress: Progress =
 
 
 def _approach(problem: Problem, surrogate: Outline, rng, notes: dict[str, object], progress: Progress) -> Approach:
+    """With response surfaces where the outline misses too much to propose from it alone."""
+    if notes["outline"] >= OUTLINE_SERVES:
+        return Approach(problem=problem, surrogate=surrogate, emulator=None, notes=notes)
     emulator = fit_emulator(problem, surrogate, rng, progress)
     return Approach(problem=problem, surrogate=surrogate, emulator=emulator, notes=notes | {"emulator": emulator.error})
 
