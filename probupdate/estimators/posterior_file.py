@@ -131,10 +131,10 @@ def read_posterior(path: str | Path) -> Posterior:
         raise InputError(str(path), "no such file", "write it with `probupdate sample`")
     try:
         with warnings.catch_warnings():
-            # of a file with unnamed dimensions, which is none of ours and is refused below
-            warnings.filterwarnings("ignore", message="The 'phony_dims' kwarg", category=UserWarning)
+            # a file with unnamed dimensions is none of ours
+            warnings.filterwarnings("error", message="The 'phony_dims' kwarg", category=UserWarning)
             data = arviz.from_netcdf(str(path))
-    except (OSError, ValueError, KeyError, TypeError) as error:
+    except (OSError, ValueError, KeyError, TypeError, UserWarning) as error:
         raise InputError(str(path), f"is no NetCDF file ({error})", "give a posterior.nc") from None
     try:
         return _from_groups(path, data)
