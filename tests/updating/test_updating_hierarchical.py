@@ -1,0 +1,256 @@
+"""Sets that differ: the integral over each set's parameters, the population of a linear problem by quadrature, hyper-
+priors where the data are silent, leave-one-set-out scores, and the four views of a chain whose base varies."""
+
+import numpy as np
+import pytest
+from scipy import integrate, stats
+from updating_cases import LINEAR_HZ, LINEAR_PARAMETERS, SLOPE, linear_data, linear_model
+
+from probupdate.errors import InputError
+from probupdate.estimators.hierarchical import SPREAD, coordinates_of, linearise, lkj_factor, sample_population
+from probupdate.estimators.predictive import population_left_out, population_score, smoothed_weights
+from probupdate.estimators.set_views import joint_posterior, mode_scatter, view_sets
+from probupdate.estimators.set_views_file import MANY, ONE, POOLED, TOLD_BITS, read_views
+from probupdate.modes import ModalData, ModalDeviation
+from probupdate.parameters import Parameter, Parameters
+from probupdate.problem import build_problem
+
+NOISE = 0.002
+SINGLE = [(j,) for j in range(5)]
+TRUTH, TAU = np.array([1.3, 2.2, -1.1]), np.array([0.2, 0.0, 0.05])
+N_SET = 9
+
+
+def measured(n=N_SET, seed=0, tau=TAU):
+    rng = np.random.default_rng(seed)
+    theta = TRUTH + tau * rng.standard_normal((n, 3))
+    return LINEAR_HZ + (theta - LINEAR_PARAMETERS.initial) @ SLOPE.T + NOISE * LINEAR_HZ * rng.standard_normal((n, 5))
+
+
+def likelihoods_of(frequencies, parameters=LINEAR_PARAMETERS, slope=SLOPE):
+    model, data = linear_model(parameters, slope), linear_data(frequencies, cov=NOISE)
+    problems = [build_problem(model, data, set_id=s.id, clusters=SINGLE) for s in data.sets]
+    coordinates = coordinates_of(parameters)
+    return linearise(problems, np.tile(parameters.initial, (len(problems), 1)), coordinates), coordinates, problems
+
+
+def shapes_constant(problem):
+    """What the shapes, which never change, add to ln p of a set's data."""
+    frequencies = np.sum(np.log(NOISE * LINEAR_HZ)) + 2.5 * np.log(2 * np.pi)
+    return float(problem.log_likelihood(TRUTH)[0] + 0.5 * problem.misfit(problem.predict(TRUTH)) + frequencies)
+
+
+def test_the_integral_over_a_sets_parameters_is_the_density_of_its_data():
+    frequencies = measured()
+    found, _, problems = likelihoods_of(frequencies)
+    rng = np.random.default_rng(4)
+    factor = np.tril(0.1 * rng.standard_normal((3, 3)))[None]
+    value = found.marginal(TRUTH[None], factor)[0]
+    covariance = np.diag((NOISE * LINEAR_HZ) ** 2) + SLOPE @ factor[0] @ factor[0].T @ SLOPE.T
+    mean = LINEAR_HZ + SLOPE @ (TRUTH - LINEAR_PARAMETERS.initial)
+    constant = np.array([shapes_constant(p) for p in problems])
+    expected = stats.multivariate_normal(mean, covariance).logpdf(frequencies) + constant
+    assert value == pytest.approx(expected, abs=1e-6)
+    # no scatter at all: the likelihood itself
+    assert found.marginal(TRUTH[None], np.zeros((1, 3, 3)))[0] == pytest.approx(found.at(TRUTH[None])[0], abs=1e-9)
+
+
+def test_draws_of_a_sets_own_parameters_are_its_conditional():
+    found, _, _ = likelihoods_of(measured())
+    factor = np.diag([0.2, 0.05, 0.1])
+    n = 4000
+    own = found.draw_own(np.tile(TRUTH, (n, 1)), np.tile(factor, (n, 1, 1)), np.random.default_rng(1))[:, 2]
+    precision = found.precision[2] + np.linalg.inv(factor @ factor.T)
+    slope = found.gradient[2] + found.precision[2] @ (found.centre[2] - TRUTH)
+    expected = TRUTH + np.linalg.solve(precision, slope)
+    covariance = np.linalg.inv(precision)
+    error = np.sqrt(np.diag(covariance) / n)
+    assert np.all(np.abs(own.mean(axis=0) - expected) < 4 * error)
+    assert np.cov(own.T) == pytest.approx(covariance, abs=4 * np.max(np.diag(covariance)) * np.sqrt(2 / n))
+
+
+def test_the_population_of_one_parameter_is_that_of_quadrature():
+    parameters = Parameters((Parameter(name="a", unit="-", initial=1.0, std=0.5),))
+    slope = np.array([[0.05], [0.10], [0.02], [0.30], [-0.20]])
+    rng = np.random.default_rng(3)
+    theta = 1.2 + 0.06 * rng.standard_normal((N_SET, 1))
+    frequencies = LINEAR_HZ + (theta - 1.0) @ slope.T + NOISE * LINEAR_HZ * rng.standard_normal((N_SET, 5))
+    model = linear_one(parameters, slope)
+    data = linear_data(frequencies, cov=NOISE)
+    problems = [build_problem(model, data, set_id=s.id, clusters=SINGLE) for s in data.sets]
+    coordinates = coordinates_of(parameters)
+    found = linearise(problems, np.ones((N_SET, 1)), coordinates)
+    population = sample_population(found, parameters, coordinates, seed=2, target_ess=600)
+    assert population.converged, population.verdict
+    # by the sets' own estimates: y_j ~ N(mu, tau^2 + s^2), mu integrated in closed form, tau on a grid
+    weight = slope[:, 0] / (NOISE * LINEAR_HZ) ** 2
+    s2 = 1 / np.sum(weight * slope[:, 0])
+    y = 1.0 + (frequencies - LINEAR_HZ) @ weight * s2
+
+    def density(tau):
+        v = tau**2 + s2
+        marginal = stats.multivariate_normal(np.ones(N_SET), v * np.eye(N_SET) + 0.25).pdf(y)
+        return marginal * stats.halfnorm(scale=SPREAD * 0.5).pdf(tau)
+
+    grid = np.linspace(0, 0.6, 4001)
+    p = np.array([density(t) for t in grid])
+    p /= integrate.simpson(p, x=grid)
+    mean = integrate.simpson(grid * p, x=grid)
+    std = np.sqrt(integrate.simpson((grid - mean) ** 2 * p, x=grid))
+    assert abs(population.tau.mean() - mean) < 4 * std / np.sqrt(population.ess)
+    assert population.tau.std() == pytest.approx(std, rel=4 * np.sqrt(1 / population.ess))
+
+
+def linear_one(parameters, slope):
+    """The linear model with one parameter about 1."""
+    from probupdate.structure.functions import FunctionModel
+
+    full = linear_model()
+    shape = full.solve(full.parameters.initial, 17).shape
+
+    def function(theta):
+        return np.concatenate([LINEAR_HZ + slope @ (theta - 1.0), 100.0 * 1.5 ** np.arange(12)]), shape
+
+    return FunctionModel(name="one", parameters=parameters, channels=full.channels, function=function, version="1")
+
+
+@pytest.fixture(scope="module")
+def population():
+    slope = SLOPE.copy()
+    slope[:, 2] = 0.0
+    frequencies = LINEAR_HZ + (measured() - LINEAR_HZ)
+    found, coordinates, _ = likelihoods_of(frequencies, slope=slope)
+    return found, coordinates, sample_population(found, LINEAR_PARAMETERS, coordinates, seed=1)
+
+
+def test_scatter_is_found_where_it_is_and_not_where_it_is_not(population):
+    _, _, drawn = population
+    assert drawn.converged, drawn.verdict
+    low, high = np.quantile(drawn.tau, [0.05, 0.95], axis=0)
+    assert low[0] < TAU[0] < high[0] and low[0] > 0.1 * TAU[0]
+    # nothing varies b: its scatter is at most that of its estimates' noise
+    assert high[1] < 0.4 * LINEAR_PARAMETERS.std[1]
+
+
+def test_a_parameter_without_data_returns_its_hyper_prior(population):
+    _, _, drawn = population
+    prior = stats.halfnorm(scale=SPREAD * 0.2)
+    assert abs(drawn.tau[:, 2].mean() - prior.mean()) < 4 * prior.std() / np.sqrt(drawn.ess)
+    assert abs(drawn.mean[:, 2].mean() + 1.0) < 4 * 0.2 / np.sqrt(drawn.ess)
+    assert drawn.mean[:, 2].std() == pytest.approx(0.2, rel=4 * np.sqrt(1 / drawn.ess))
+
+
+def test_leaving_a_set_out_by_weights_and_by_sampling_without_it_agree(population):
+    found, coordinates, drawn = population
+    by_weights, k = population_left_out(drawn, 4)
+    again = sample_population(found.without(4), LINEAR_PARAMETERS, coordinates, seed=5)
+    # both sums are known to some hundredths of a nat at these effective sizes
+    assert k < 0.7 and abs(by_weights - population_score(again, found, 4)) < 0.15
+
+
+def test_one_posterior_of_all_sets_is_the_closed_form():
+    frequencies = measured()
+    found, coordinates, problems = likelihoods_of(frequencies)
+    joint = joint_posterior(found, LINEAR_PARAMETERS, coordinates, np.random.default_rng(2))
+    W, prior = np.diag(1 / (NOISE * LINEAR_HZ) ** 2), np.linalg.inv(LINEAR_PARAMETERS.covariance)
+    P = np.linalg.inv(N_SET * SLOPE.T @ W @ SLOPE + prior)
+    mean = LINEAR_PARAMETERS.initial + P @ SLOPE.T @ W @ (frequencies - LINEAR_HZ).sum(axis=0)
+    assert np.all(np.abs(joint.mean() - mean) < 5 * np.sqrt(np.diag(P) / 8000))
+    assert joint.variance() == pytest.approx(np.diag(P), rel=0.08)
+    covariance = np.kron(np.eye(N_SET), np.linalg.inv(W))
+    covariance = covariance + np.kron(np.ones((N_SET, N_SET)), SLOPE @ LINEAR_PARAMETERS.covariance @ SLOPE.T)
+    constant = sum(shapes_constant(p) for p in problems)
+    expected = stats.multivariate_normal(np.tile(LINEAR_HZ, N_SET), covariance).logpdf(frequencies.ravel()) + constant
+    assert joint.log_evidence == pytest.approx(expected, abs=0.05)
+    assert joint.pareto_k < 0.5
+
+
+def test_correlation_matrices_follow_lkj():
+    rng = np.random.default_rng(6)
+    n, m = 4, 20_000
+    factor = lkj_factor(rng.standard_normal((m, n * (n - 1) // 2)), n)
+    correlation = factor @ np.swapaxes(factor, 1, 2)
+    assert np.allclose(np.diagonal(correlation, axis1=1, axis2=2), 1)
+    # every entry is beta(eta + n / 2 - 1) on -1 to 1: variance 1 / (2 a + 1)
+    expected = 1 / (2 * (2.0 + n / 2 - 1) + 1)
+    rows, columns = np.tril_indices(n, -1)
+    found = correlation[:, rows, columns].var(axis=0)
+    assert found == pytest.approx(np.full(rows.size, expected), rel=4 * np.sqrt(2 / m))
+
+
+def test_smoothed_weights_are_arvizs():
+    import arviz
+
+    log_ratio = 1.3 * np.random.default_rng(8).standard_normal(4000)
+    weight, k = smoothed_weights(log_ratio)
+    try:
+        peer, peer_k = arviz.psislw(log_ratio)
+    except AttributeError:
+        pytest.skip("this generation of ArviZ has no psislw")
+    assert k == pytest.approx(float(peer_k), abs=0.02)
+    assert np.exp(weight) == pytest.approx(np.exp(np.asarray(peer)), abs=2e-4)
+
+
+@pytest.fixture(scope="module")
+def views(tmp_path_factory):
+    data = linear_data(measured(6), cov=NOISE)
+    return view_sets(linear_model(), data, seed=3)
+
+
+def test_the_four_views_of_a_varying_parameter(views, tmp_path):
+    a, _, c = views.rows
+    # scatter of updates is near the truth where the data decide, and is shown with its resolution
+    assert a.resolution > 0.9 and c.resolution < 0.95
+    # pooled is never less than the scatter, one posterior is narrower than any
+    assert a.pooled_cov >= 0.99 * a.scatter_cov and a.joint_cov < 0.5 * a.pooled_cov
+    assert a.tau_low < 0.2 / a.mean < a.tau_high and a.tau_bits > TOLD_BITS
+    assert a.population_cov > a.tau and "varies between sets by" in a.sentence
+    total = {name: score.sum() for name, score in views.scores.score.items()}
+    assert total[MANY] > total[ONE] + 10 and set(total) == {MANY, ONE, POOLED}
+    assert "A population foretells sets left out better" in views.advice
+    assert np.all(views.linear_share > 0.999)
+    assert read_views(views.write(tmp_path / "sets.json")).summary == views.summary
+
+
+def test_the_same_seed_gives_the_same_numbers():
+    found, coordinates, _ = likelihoods_of(measured(3))
+    one, two, other = (sample_population(found, LINEAR_PARAMETERS, coordinates, seed=seed, target_ess=1)
+                       for seed in (3, 3, 4))  # fmt: skip
+    assert np.array_equal(one.tau, two.tau) and np.array_equal(one.mean, two.mean)
+    assert not np.array_equal(one.tau[0], other.tau[0])
+
+
+def with_deviations(data, cov):
+    n = data.n_mode
+    sets = tuple(type(s)(**{k: getattr(s, k) for k in ("id", "frequency_hz", "shape", "damping_ratio",
+                                                       "frequency_std_hz", "shape_std")},
+                         deviation=ModalDeviation(ln_frequency=np.full((n, 1), cov), damping_ratio=np.ones((n, 1)),
+                                                  shape=np.zeros((*s.shape.shape, 1)))) for s in data.sets)  # fmt: skip
+    return ModalData(channels=data.channels, sets=sets)
+
+
+def test_noise_and_variation_of_a_frequency_are_told_apart_with_the_stated_coverage():
+    rng = np.random.default_rng(9)
+    noise, variation, inside, rejected = 0.003, 0.006, 0, 0
+    n = 150
+    for k in range(n):
+        real = variation if k % 2 else 0.0
+        f = LINEAR_HZ * np.exp(np.hypot(noise, real) * rng.standard_normal((N_SET, 5)))
+        first = mode_scatter(with_deviations(linear_data(f), noise))[0]
+        inside += first.low <= real <= first.high
+        rejected += first.p_value < 0.05 and not k % 2
+    # of 90 % intervals, those of zero variation reach down to it in 95 %
+    assert abs(inside / n - 0.925) < 4 * np.sqrt(0.925 * 0.075 / n)
+    assert rejected <= stats.binom(n // 2, 0.05).ppf(0.9999)
+
+
+def test_one_set_is_refused():
+    with pytest.raises(InputError, match="give two sets or more"):
+        view_sets(linear_model(), linear_data(measured(1), cov=NOISE))
+
+
+def test_a_file_that_is_none_is_refused(tmp_path):
+    path = tmp_path / "sets.json"
+    path.write_text("{}")
+    with pytest.raises(InputError, match=r"is no sets\.json"):
+        read_views(path)
