@@ -2,9 +2,9 @@
 
 Two structures: "own", the model that is updated, so that only the estimators and the statement of the noise can be
 wrong; "turbine", the virtual turbine (other theory, mesh and soil law, drawn tolerances of walls, soil and sensors).
-Three kinds of noise: "paper" (1.5 and 1.7 % of frequencies, tenfold of shapes, Gaussian and stated exactly), "identified"
-(the scatter of half an hour's identification with its own estimate of its covariance), "record" (half an hour of
-vibration, simulated and identified; virtual turbine only).
+Three kinds of noise: "paper" (1.5 and 1.7 % of frequencies, tenfold of shapes, Gaussian and stated exactly),
+"identified" (the scatter of half an hour's identification with its own estimate of its covariance), "record" (half an
+hour of vibration, simulated and identified; virtual turbine only).
 """
 
 from __future__ import annotations
@@ -180,8 +180,9 @@ def _recorded(bench: Bench, theta, rng: np.random.Generator, folder: Path) -> Me
     channels = tuple(s.channel for s in bench.file.sensors)
     data = hour_of_data(make_turbine(bench.file, truth, plan, int(rng.integers(2**31))), (), channels, 0)
     (folder / "acceleration").mkdir(parents=True)
+    depth = -bench.file.number("site", "mudline_m")
     campaign_files.write_campaign_toml(folder, name="half an hour", sensors=bench.file.sensors, rate_hz=RATE_HZ,
-                                       block_minutes=30, water_depth_m=-bench.file.number("site", "mudline_m"))  # fmt: skip
+                                       block_minutes=30, water_depth_m=depth)  # fmt: skip
     campaign_files.write_acceleration(folder / "acceleration" / "one.h5", data, np.datetime64("2019-06-01T00:00:00"),
                                       RATE_HZ)  # fmt: skip
     found = verbs.identify(folder, STATE)

@@ -1,8 +1,10 @@
 """Where the truth lies in what is said of the parameters: the posterior, and the intervals of deterministic updates.
 
-The posterior is weighted draws of the Laplace approximation (cut at the bounds, a share of them wider), more of them
-until they are worth WANTED independent ones; where they do not get there or their weights cannot be trusted (Pareto k),
-of the posterior's outline; where that fails too, the product's chain.
+The posterior is weighted draws from several sources at once, weighed by the mixture of all their densities (the balance
+heuristic of Veach & Guibas 1995, the deterministic mixture of Owen & Zhou 2000): a pool of prior draws that is solved
+once for all replicates, a Student t around the Laplace approximation where that is at hand, and Student t distributions
+fitted to the weighted draws so far, in ln theta. The pool bounds the weights: nothing inside the prior is missed. Where
+ROUNDS of these do not reach WANTED effective draws with a Pareto k that can be trusted, the product's chain serves.
 """
 
 from __future__ import annotations
@@ -11,26 +13,67 @@ import tempfile
 from dataclasses import dataclass
 
 import numpy as np
+from chain import PRIORS, of_kind
 from ranks import weighted_rank
 from scipy import stats
 
 from probupdate.estimators.ensemble import SamplerSettings, sample
 from probupdate.estimators.evidence import TRUSTED_K, pareto_shape
 from probupdate.estimators.laplace import Laplace, maximum_a_posteriori
-from probupdate.estimators.surrogate import Proposal, fit_surrogate, from_laplace
+from probupdate.estimators.surrogate import fit_surrogate
 from probupdate.estimators.tikhonov import update
+from probupdate.model import ManySolutions
 from probupdate.problem import Problem, build_problem
 
-DRAWS, MOST_ROUNDS = 1000, 4
-WANTED = 200
+N_POOL = 20_000
+# pool rows whose frequencies alone miss by this much more than the best row's weigh nothing: their shapes are not asked
+MISSED = 40.0
+DRAWS, ROUNDS, WANTED = 500, 5, 250
+DEGREES = 5.0  # of the Student t distributions
+SPREAD = 1.2  # times the covariance of the weighted draws
 CHAIN = {"target_ess": 300, "max_steps": 3000}
 ITERATIONS = 10  # of Eq. 7 as printed
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
+class Pool:
+    """Draws of both priors in equal numbers, theta (n, n_param), solved: frequency_hz (n, n_mode), shape (n, n_channel,
+    n_mode); log_density (n,) of the priors' mixture."""
+
+    theta: np.ndarray
+    frequency_hz: np.ndarray
+    shape: np.ndarray
+    parameters: tuple
+
+    def log_density(self, theta: np.ndarray) -> np.ndarray:
+        return np.logaddexp(*(p.log_density(theta) for p in self.parameters)) - np.log(len(self.parameters))
+
+
+def make_pool(model, n: int = N_POOL, seed: int = 0) -> Pool:
+    rng = np.random.default_rng([seed, 11])
+    parameters = tuple(of_kind(model.parameters, kind) for kind in PRIORS)
+    theta = np.vstack([p.draw(rng, n // len(parameters)) for p in parameters])
+    parts = [model.solve_many(rows, model.n_mode) for rows in np.array_split(theta, max(1, n // 2000))]
+    return Pool(theta=theta, frequency_hz=np.concatenate([p.frequency_hz for p in parts]),
+                shape=np.concatenate([p.shape for p in parts]).astype(np.float32), parameters=parameters)  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class _Solved:
+    """A model whose answers are known."""
+
+    parameters: object
+    solutions: ManySolutions
+
+    def solve_many(self, theta, n_mode):
+        s = self.solutions
+        return ManySolutions(frequency_hz=s.frequency_hz[:, :n_mode], shape=s.shape[:, :, :n_mode], fallback=s.fallback)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Place:
     """rank (n_param,) of the truth and rank_log_likelihood of its log-likelihood among the posterior's draws; how it
-    was drawn, effective draws, Pareto k; misfit at the truth less n_effective; mean and deviation of the posterior."""
+    was drawn, effective draws, Pareto k; misfit at the truth, n_effective; mean and deviation of the posterior."""
 
     rank: np.ndarray
     rank_log_likelihood: float
@@ -43,50 +86,85 @@ class Place:
     std: np.ndarray
 
 
-def place_of_truth(problem: Problem, top: Laplace, theta: np.ndarray, rng: np.random.Generator, seed: int) -> Place:
-    by, laplace = "laplace", from_laplace(top, problem.parameters)
-    draws, weight, k = _weighted(problem, Proposal(outline=laplace), rng)
-    if not _good(weight, k):
-        by, (outline, _) = "outline", fit_surrogate(problem, top, rng)
-        draws, weight, k = _weighted(problem, Proposal(outline=outline), rng)
-    if not _good(weight, k):
-        by = "chain"
+def place_of_truth(
+    problem: Problem, pool: Pool, theta: np.ndarray, rng: np.random.Generator, seed: int, top: Laplace | None
+) -> Place:
+    draws, log_likelihood, weight, k = _mixture(problem, pool, rng, top)
+    by, effective = "weights", _effective(weight)
+    if k > TRUSTED_K or effective < WANTED:
+        top = maximum_a_posteriori(problem, [problem.parameters.initial]) if top is None else top
+        outline, _ = fit_surrogate(problem, top, rng)
         with tempfile.TemporaryDirectory() as folder:
             chain = sample(problem, outline, folder, SamplerSettings(seed=seed, **CHAIN))
-        log_posterior = chain.log_posterior[chain.first :].ravel()
-        draws = np.column_stack([chain.draws, log_posterior - problem.parameters.log_density(chain.draws)])
+        by, effective, draws = "chain", float(np.min(chain.ess)), chain.draws
+        log_likelihood = chain.log_posterior[chain.first :].ravel() - problem.parameters.log_density(draws)
         weight = np.ones(len(draws))
-    true_log_likelihood = float(problem.log_likelihood(theta)[0])
-    ranks = weighted_rank(draws, np.append(theta, true_log_likelihood), weight)
-    mean = weight @ draws[:, :-1] / weight.sum()
-    std = np.sqrt(weight @ (draws[:, :-1] - mean) ** 2 / weight.sum())
+    at_truth = float(problem.log_likelihood(theta)[0])
+    ranks = weighted_rank(np.column_stack([draws, log_likelihood]), np.append(theta, at_truth), weight)
+    mean = weight @ draws / weight.sum()
+    std = np.sqrt(weight @ (draws - mean) ** 2 / weight.sum())
     return Place(
-        rank=ranks[:-1], rank_log_likelihood=float(ranks[-1]), by=by, pareto_k=k,
-        effective=float(np.min(chain.ess)) if by == "chain" else _effective(weight),
+        rank=ranks[:-1], rank_log_likelihood=float(ranks[-1]), by=by, pareto_k=k, effective=effective,
         misfit=float(problem.misfit(problem.predict(theta))), n_effective=problem.n_effective, mean=mean, std=std,
     )
 
 
-def _weighted(problem: Problem, proposal: Proposal, rng) -> tuple[np.ndarray, np.ndarray, float]:
-    """Draws with their log-likelihood in the last column (n, n_param + 1), weights (n,), Pareto k of these."""
-    parts, log_weight = [], np.empty(0)
-    for _ in range(MOST_ROUNDS):
-        drawn = proposal.draw(DRAWS, rng)
-        value, _ = problem.log_posterior(drawn)
-        parts.append(np.column_stack([drawn, value - problem.parameters.log_density(drawn)]))
-        log_weight = np.concatenate([log_weight, value - proposal.log_density(drawn)])
+def _mixture(problem: Problem, pool: Pool, rng, top: Laplace | None):
+    """Draws (n, n_param), log-likelihood, weights (n,) and Pareto k."""
+    rows = _likely(problem, pool)
+    theta = pool.theta[rows]
+    solved = ManySolutions(frequency_hz=pool.frequency_hz[rows], shape=pool.shape[rows].astype(float),
+                           fallback=np.zeros(len(rows), bool))  # fmt: skip
+    known = problem.with_model(_Solved(problem.parameters, solved))
+    value = known.log_likelihood(theta)
+    sources = [(len(pool.theta), pool.log_density)]
+    for number in range(ROUNDS + 1):
+        log_prior = problem.parameters.log_density(theta)
+        mixture = np.logaddexp.reduce([np.log(n) + density(theta) for n, density in sources])
+        log_weight = value + log_prior - mixture
         weight = np.exp(log_weight - log_weight.max())
-        if _effective(weight) >= WANTED:
-            break
-    return np.vstack(parts), weight, pareto_shape(log_weight)
+        k = pareto_shape(log_weight)
+        if (k <= TRUSTED_K and _effective(weight) >= WANTED) or number == ROUNDS:
+            return theta, value, weight, k
+        if number == 0 and top is not None:
+            fresh, density = _student(top.theta, top.covariance, rng, problem.parameters, logarithms=False)
+        else:
+            # few draws carry the first rounds' weight: tempered, so that the fit has a width
+            soft = weight ** (1.0 if _effective(weight) > 50 else 0.3)
+            soft /= soft.sum()
+            u = np.log(theta)
+            centre = soft @ u
+            spread = (u - centre).T @ (soft[:, None] * (u - centre))
+            fresh, density = _student(centre, SPREAD * spread, rng, problem.parameters, logarithms=True)
+        sources.append((DRAWS, density))
+        theta = np.vstack([theta, fresh])
+        value = np.concatenate([value, problem.log_likelihood(fresh)]) if len(fresh) else value
+
+
+def _likely(problem: Problem, pool: Pool) -> np.ndarray:
+    """Rows of the pool whose frequencies, taken in the modes' order, are not hopeless."""
+    measured = np.concatenate([g.frequency_hz for g in problem.groups])
+    std = np.concatenate([g.frequency_std_hz for g in problem.groups])
+    missed = np.sum(((pool.frequency_hz[:, problem.matching.computed] - measured) / std) ** 2, axis=1)
+    return np.flatnonzero(missed < missed.min() + MISSED)
+
+
+def _student(centre, covariance, rng, parameters, *, logarithms: bool):
+    """DRAWS draws of a Student t, those inside the bounds, and its density over theta."""
+    floor = 1e-9 * np.trace(covariance) / len(centre) * np.eye(len(centre)) if logarithms else 0.0
+    shape = stats.multivariate_t(centre, covariance + floor, df=DEGREES)
+    drawn = shape.rvs(DRAWS, random_state=rng)
+
+    def log_density(theta):
+        u = np.log(theta) if logarithms else theta
+        return shape.logpdf(u) - (u.sum(axis=1) if logarithms else 0.0)
+
+    fresh = np.exp(drawn) if logarithms else drawn
+    return fresh[parameters.inside(fresh)], log_density
 
 
 def _effective(weight: np.ndarray) -> float:
     return float(weight.sum() ** 2 / np.sum(weight**2))
-
-
-def _good(weight: np.ndarray, k: float) -> bool:
-    return k <= TRUSTED_K and _effective(weight) >= WANTED
 
 
 def gaussian_rank(theta: np.ndarray, centre: np.ndarray, std: np.ndarray) -> np.ndarray:

@@ -17,17 +17,17 @@ from pathlib import Path
 
 import numpy as np
 from chain import NOISES, PRIORS, STRUCTURES, Bench, make_bench, measure
-from posterior import gaussian_rank, nine_sets, place_of_truth, printed_interval
+from posterior import Pool, gaussian_rank, make_pool, nine_sets, place_of_truth, printed_interval
 
 from probupdate.errors import ProbupdateError
-from probupdate.estimators.laplace import maximum_a_posteriori
-from probupdate.problem import build_problem
+from probupdate.estimators.laplace import Laplace, maximum_a_posteriori
+from probupdate.problem import Problem, build_problem
 
-# every so many replicates have nine sets; a record has one
-NINE_EVERY = 5
+# with the paper's noise every so many replicates have deterministic updates too; one in so many nine sets
+MAXIMUM_EVERY, NINE_EVERY = 3, 6
 
 
-def replicate(bench: Bench, case: str, number: int) -> dict:
+def replicate(bench: Bench, pool: Pool, case: str, number: int) -> dict:
     """One line: what was drawn and where it lies; `refused` where the measured modes are not the model's."""
     structure, noise, prior = case.split("-")
     full, fast = bench.with_prior(prior)
@@ -37,26 +37,31 @@ def replicate(bench: Bench, case: str, number: int) -> dict:
     line = {"case": case, "number": number, "names": list(full.parameters.names), "theta": theta.tolist()}
     begun = time.perf_counter()
     try:
+        nine = noise != "record" and number % NINE_EVERY == 0
         with tempfile.TemporaryDirectory() as folder:
-            nine = noise != "record" and number % NINE_EVERY == 0
             measured = measure(bench, theta, structure, noise, rng, 9 if nine else 1, Path(folder) / "campaign")
         problem = build_problem(full, measured.data, set_id=measured.data.sets[0].id, weights=measured.weights)
         line["left_out"] = list(problem.matching.left_out)
-        problem = problem.with_model(fast)
-        top = maximum_a_posteriori(problem, [full.parameters.initial])
-        place = place_of_truth(problem, top, theta, rng, number)
-        printed = gaussian_rank(theta, *printed_interval(problem))
-        own = np.sqrt(np.diag(top.covariance))
-        line |= {k: v.tolist() if isinstance(v, np.ndarray) else v for k, v in vars(place).items()}
-        line |= {"rank_printed": printed.tolist(), "rank_map": gaussian_rank(theta, top.theta, own).tolist(),
-                 "resolution": top.resolution.tolist(), "map": top.theta.tolist()}  # fmt: skip
+        problem, top = problem.with_model(fast), None
+        if noise != "paper" or number % MAXIMUM_EVERY == 0:
+            top = maximum_a_posteriori(problem, [full.parameters.initial])
+            line |= _deterministic(problem, top, theta)
         if nine:
             scatter = nine_sets(fast, full, measured, problem, top)
             line["rank_nine"] = gaussian_rank(theta, top.theta, scatter).tolist()
+        place = place_of_truth(problem, pool, theta, rng, number, top)
+        line |= {k: v.tolist() if isinstance(v, np.ndarray) else v for k, v in vars(place).items()}
     except ProbupdateError as error:
         line["refused"] = f"{type(error).__name__}: {error}"
     line["seconds"] = round(time.perf_counter() - begun, 2)
     return line
+
+
+def _deterministic(problem: Problem, top: Laplace, theta: np.ndarray) -> dict:
+    own = np.sqrt(np.diag(top.covariance))
+    return {"rank_printed": gaussian_rank(theta, *printed_interval(problem)).tolist(),
+            "rank_map": gaussian_rank(theta, top.theta, own).tolist(), "resolution": top.resolution.tolist(),
+            "map": top.theta.tolist()}  # fmt: skip
 
 
 def read_lines(folder: Path, case: str) -> list[dict]:
@@ -79,12 +84,14 @@ def main() -> int:
     a = parser.parse_args()
     for case in a.case:
         words = case.split("-")
-        known = len(words) == 3 and all(w in group for w, group in zip(words, (STRUCTURES, NOISES, PRIORS), strict=True))
-        if not known or words[:2] == ["own", "record"]:
+        groups = (STRUCTURES, NOISES, PRIORS)
+        if len(words) != 3 or any(w not in group for w, group in zip(words, groups, strict=True)) or \
+                words[:2] == ["own", "record"]:
             sys.stderr.write(f"{case}: choose from {STRUCTURES} - {NOISES} - {PRIORS}; a record is the turbine's\n")
             return 2
     a.out.mkdir(parents=True, exist_ok=True)
-    benches = {case: make_bench(a.out, case.split("-")[1]) for case in a.case}
+    noises = {case: case.split("-")[1] for case in a.case}
+    shared = {noise: _shared(a.out, noise) for noise in set(noises.values())}
     # cases take turns, so that a run that is stopped has some of each
     for number in range(a.part, a.replicates, a.parts):
         for case in a.case:
@@ -92,12 +99,18 @@ def main() -> int:
             if any(line["number"] == number for line in read_lines(a.out, case)):
                 continue
             _mend(path)
-            line = replicate(benches[case], case, number)
+            line = replicate(*shared[noises[case]], case, number)
             with path.open("a", encoding="utf-8") as file:
                 file.write(json.dumps(line) + "\n")
             sys.stdout.write(f"{case} {number}: {line['seconds']} s {line.get('refused', line.get('by'))}\n")
             sys.stdout.flush()
     return 0
+
+
+def _shared(folder: Path, noise: str) -> tuple[Bench, Pool]:
+    bench = make_bench(folder, noise)
+    # a sharp posterior has no use for draws of the prior
+    return bench, make_pool(bench.reduced, **({} if noise == "paper" else {"n": 2000}))
 
 
 def _mend(path: Path) -> None:
