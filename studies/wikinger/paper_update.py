@@ -13,7 +13,7 @@ from probupdate.estimators.laplace import maximum_a_posteriori
 from probupdate.estimators.predictive import PredictiveCheck, predictive_check
 from probupdate.estimators.tikhonov import update
 from probupdate.estimators.update_file import UpdateRecord
-from probupdate.information import METRIC_WORDS, Information
+from probupdate.information import METRIC_WORDS, Information, recommendation
 from probupdate.mode_labels import mode_character
 from probupdate.modes import ModalData, ModalSet, Sensor
 from probupdate.problem import Weights, build_problem
@@ -138,7 +138,12 @@ def text_of_table_2(found: Information) -> str:
                      f"{r.contraction:.2f}", r.role, "; ".join(remark)])  # fmt: skip
     head = ["parameter", "CoV", "u", "paper u", "paper CoV", "largest slope", "s", "paper s", "signal", "width", "role",
             "remark"]  # fmt: skip
-    return rows(head, body)
+    other = sum(1 for r in found.rows if r.sensitivity != paper.SENSITIVITY[r.name][2])
+    return rows(head, body) + (
+        f"\n\nu, s: metrics 0 to 3, {found.settings['uncertainty metric']}; {found.settings['sensitivity metric']}. "
+        f"{other} of {len(found.rows)} sensitivities differ from the paper's, and no thresholds make them the same: the "
+        "paper has m_h high and the jacket low where their slopes are about equal. Recommended by information: "
+        + "; ".join(recommendation(found)) + ".")
 
 
 def text_of_suspicion() -> str:

@@ -2,7 +2,7 @@
 
     python studies/wikinger/run.py OUT
 
-Writes OUT/tables.md, OUT/figures/ (Figs. 4-7) and OUT/report.html (Fig. 3 in its section on mode shapes). Steps that
+Writes OUT/tables.md, OUT/figures/ (Figs. 3-7 and more) and OUT/report.html. Steps that
 are finished are not repeated. The virtual turbine stands in the reference turbine's updated state, by another theory.
 """
 
@@ -28,10 +28,10 @@ from probupdate.estimators.posterior_file import read_posterior
 from probupdate.estimators.set_views_file import read_views
 from probupdate.estimators.update_file import read_update
 from probupdate.modes import ModalData, ModalSet, mac, read_modes, write_modes
+from probupdate.reporting import figures, report
 from probupdate.reporting import paper_tables as paper
-from probupdate.reporting import report
 from probupdate.reporting.run_files import read_table
-from probupdate.structure.load import reference_model
+from probupdate.structure.load import load_model, reference_model
 
 TARGET_ESS = 400
 
@@ -81,7 +81,21 @@ def computed(out: Path, nine: Path, seed: int) -> None:
     compared = verbs.compare(out / "update.json", out / "posterior.nc", model=model)
     compared.write(out / "compare.json")
     verbs.figures(out / "modes.json", out / "figures", campaign=out / "campaign")
+    figure_3(out)
     report(out, out / "report.html")
+
+
+def figure_3(out: Path) -> None:
+    """The four bending modes as built and at the MAP, largest displacement 12 m as drawn."""
+    record, model = read_update(out / "update.json"), load_model(out / "model.toml")
+    order = [int(k) - 1 for k in record.computed_mode]
+    states = {}
+    for name, theta in (("initial", record.parameters.initial), ("updated", record.map_theta)):
+        wire = model.wireframe(theta, max(order) + 1)
+        moved = wire.displacement[:, :, order]
+        states[name] = moved * 12 / np.max(np.linalg.norm(moved, axis=1), axis=0)
+    figure = figures.mode_shapes(wire, record.labels, states)
+    figure.savefig(out / "figures" / "fig3_modes.png", dpi=200)
 
 
 def table_1(out: Path) -> str:
