@@ -141,8 +141,8 @@ def text_of_table_2(found: Information) -> str:
     other = sum(1 for r in found.rows if r.sensitivity != paper.SENSITIVITY[r.name][2])
     return rows(head, body) + (
         f"\n\nu, s: metrics 0 to 3, {found.settings['uncertainty metric']}; {found.settings['sensitivity metric']}. "
-        f"{other} of {len(found.rows)} sensitivities differ from the paper's, and no thresholds make them the same: the "
-        "paper has m_h high and the jacket low where their slopes are about equal. Recommended by information: "
+        f"{other} of {len(found.rows)} sensitivities differ from the paper's, and no thresholds make them the same: "
+        "the paper has m_h high and the jacket low where their slopes are about equal. Recommended by information: "
         + "; ".join(recommendation(found)) + ".")
 
 

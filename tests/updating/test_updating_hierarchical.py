@@ -11,9 +11,12 @@ from probupdate.estimators.hierarchical import SPREAD, coordinates_of, linearise
 from probupdate.estimators.predictive import population_left_out, population_score, smoothed_weights
 from probupdate.estimators.set_views import joint_posterior, mode_scatter, view_sets
 from probupdate.estimators.set_views_file import MANY, ONE, POOLED, TOLD_BITS, read_views
+from probupdate.information import information
 from probupdate.modes import ModalData, ModalDeviation
 from probupdate.parameters import Parameter, Parameters
 from probupdate.problem import build_problem
+from probupdate.reporting.sets_section import information_section, sets_section
+from probupdate.reporting.values import Run
 
 NOISE = 0.002
 SINGLE = [(j,) for j in range(5)]
@@ -242,6 +245,16 @@ def test_noise_and_variation_of_a_frequency_are_told_apart_with_the_stated_cover
     # of 90 % intervals, those of zero variation reach down to it in 95 %
     assert abs(inside / n - 0.925) < 4 * np.sqrt(0.925 * 0.075 / n)
     assert rejected <= stats.binom(n // 2, 0.05).ppf(0.9999)
+
+
+def test_the_report_shows_the_views_where_they_are_and_nothing_where_not(views, tmp_path):
+    run = Run(folder=tmp_path, title="t", missing=(), provenance=())
+    assert sets_section(run) is None and information_section(run) is None
+    views.write(tmp_path / "sets.json")
+    information(build_problem(linear_model(), linear_data(LINEAR_HZ))).write(tmp_path / "information.json")
+    tables = [item for item in sets_section(run).items if item.kind == "table"]
+    assert [row[0] for row in tables[0].rows] == ["a", "b", "c"] and len(tables[1].rows) == 7
+    assert information_section(run).items[0].rows[0][0] == "a"
 
 
 def test_one_set_is_refused():
