@@ -151,13 +151,16 @@ def _likely(problem: Problem, pool: Pool) -> np.ndarray:
 
 def _student(centre, covariance, rng, parameters, *, logarithms: bool):
     """DRAWS draws of a Student t, those inside the bounds, and its density over theta."""
-    floor = 1e-9 * np.trace(covariance) / len(centre) * np.eye(len(centre)) if logarithms else 0.0
-    shape = stats.multivariate_t(centre, covariance + floor, df=DEGREES)
-    drawn = shape.rvs(DRAWS, random_state=rng)
+    # in units of its deviations, as masses in kg stand beside factors
+    scale = np.sqrt(np.diag(covariance))
+    correlation = covariance / np.outer(scale, scale) + 1e-6 * np.eye(len(scale))
+    shape = stats.multivariate_t(np.zeros(len(scale)), correlation, df=DEGREES)
+    drawn = centre + scale * shape.rvs(DRAWS, random_state=rng)
 
     def log_density(theta):
         u = np.log(theta) if logarithms else theta
-        return shape.logpdf(u) - (u.sum(axis=1) if logarithms else 0.0)
+        value = shape.logpdf((u - centre) / scale) - np.sum(np.log(scale))
+        return value - (u.sum(axis=1) if logarithms else 0.0)
 
     fresh = np.exp(drawn) if logarithms else drawn
     return fresh[parameters.inside(fresh)], log_density
