@@ -128,7 +128,7 @@ def gather(data: ModalData) -> Blocks:
     with np.errstate(invalid="ignore"):
         stray = np.abs(np.log(frequency / np.nanmedian(frequency, axis=0))) > STRAY
     if stray.any():
-        notes.append(f"{int(stray.sum())} modes left out that lie more than {100 * STRAY:.0f} % off their median frequency")
+        notes.append(f"{int(stray.sum())} modes left out, more than {100 * STRAY:.0f} % off their median frequency")
         frequency = np.where(stray, np.nan, frequency)
     found = np.isfinite(frequency) & np.any(np.isfinite(shape), axis=1)
     seen = np.isfinite(shape).any(axis=2)[found.any(axis=1)].mean(axis=0)

@@ -182,7 +182,7 @@ def measurement_effects(channels: Sequence[str], sensors: Sequence[Sensor] = ())
     ]  # fmt: skip
     if not placed:
         return tuple(effects)
-    for name, rows, sensors_there in _positions(placed, row):
+    for name, _, sensors_there in _positions(placed, row):
         for axis, planes in _planes(sensors_there, row).items():
             effects.append(Effect(
                 kind="measurement", cause="sensor rotation", location=f"{name} about {axis}", unit="deg",
@@ -275,8 +275,9 @@ def parameter_effects(parameters) -> tuple[Effect, ...]:
     return tuple(
         Effect(
             kind="structural", cause="parameter", location=p.name, unit=p.unit, tolerance=p.std, slab=3 * p.std,
-            lower=p.lower - p.initial, upper=p.upper - p.initial, parameter=p.name, courses=("constant", "step", "ramp"),
+            lower=p.lower - p.initial, upper=p.upper - p.initial, parameter=p.name,
+            courses=("constant", "step", "ramp"),
             fingerprint=p.description or f"that of {p.name}", check=f"look into what {p.name} stands for",
-        )  # fmt: skip
+        )
         for p in parameters
     )

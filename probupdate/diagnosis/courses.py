@@ -38,7 +38,7 @@ class Course:
 
 
 _UNITS = {"water_level_m": "m", "air_temperature_c": "degC", "wind_speed_mps": "m/s", "rms_mps2": "m/s2",
-          "power_kw": "kW", "rotor_speed_rpm": "rpm", "wave_height_m": "m", "thrust_share": "of rated thrust"}  # fmt: skip
+          "power_kw": "kW", "wave_height_m": "m", "thrust_share": "of full thrust", "frost_degc": "degC of frost"}
 
 
 def make_courses(blocks: Blocks, columns: tuple[str, ...]) -> tuple[Course, ...]:

@@ -1,4 +1,4 @@
-"""The whole diagnosis of a record: fit what is normal, test every effect, name what is beyond it, say what is not seen."""
+"""The diagnosis of a record: fit what is normal, test every effect, name what is beyond it, say what is not seen."""
 
 from __future__ import annotations
 
@@ -13,7 +13,18 @@ from probupdate.diagnosis.catalogue import Effect
 from probupdate.diagnosis.courses import Course, make_courses
 from probupdate.diagnosis.departures import labels_of, n_response
 from probupdate.diagnosis.field import build_field
-from probupdate.diagnosis.fitting import Fit, Named, Setting, fit, local_std, penalty, prior_shift
+from probupdate.diagnosis.fitting import (
+    Fit,
+    Named,
+    Setting,
+    fit,
+    local_std,
+    penalty,
+    prior_shift,
+    stated_covariance,
+)
+from probupdate.diagnosis.linear import Design
+from probupdate.diagnosis.noise import estimate_noise
 from probupdate.diagnosis.prepare import Prepared
 from probupdate.diagnosis.results import Alternative, Diagnosis, Finding, Limit
 from probupdate.errors import ConvergenceError
@@ -25,10 +36,15 @@ FALSE_ALARM, MOST_EFFECTS = 0.05, 3
 # a limit is the size found in so many of a hundred records: normal quantile of 0.9
 POWER = 1.2815515655446004
 N_BOOTSTRAP = 400
+# records whose noise is estimated anew
+N_AGAIN = 30
 # candidates whose z correlates by more with the best one's may be meant instead, and are refitted; at most so many
 ALIKE, MOST_RIVALS = 0.7, 6
 # a cause is named from this probability among its rivals; a remainder as unlikely as this is not explained
 SURE, ADEQUATE = 0.95, 0.01
+# relative error of an effect's fingerprint: what Timoshenko beams, soil laws and meshes change of it; the directions it
+# spreads over
+FINGERPRINT, DIRECTIONS = 0.15, 20
 # directions of the catalogue's span that are tested for a remainder, by their share of the largest
 SPAN = 1e-2
 # departures of a model of beams that nothing listed explains: ln f, its cross term in a pair, share of a shape's
@@ -85,10 +101,22 @@ def _floor(k: int, n_channel: int) -> np.ndarray:
     return np.array([*logs, *[FLOOR_SHAPE] * (k * n_channel), *[FLOOR_PHASE] * (k * n_channel)])
 
 
+def doubt(setting: Setting, found: Sequence[tuple[str, float]]) -> np.ndarray:
+    """(n_course,) what the deviations of all scores are multiplied with once effects are taken in: (course kind, z) of
+    each. A fingerprint is that of a model, right to FINGERPRINT of its length; what it leaves lies anywhere in the
+    catalogue's span."""
+    factor = np.ones(len(setting.courses))
+    for c, course in enumerate(setting.courses):
+        left = sum((FINGERPRINT * z) ** 2 for kind, z in found if (kind == "constant") == (course.kind == "constant"))
+        factor[c] = np.sqrt(1 + left / DIRECTIONS)
+    return factor
+
+
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Search:
     """Scores of all candidates at a fit: z signed, the size that fits best and its deviation; `allowed` bool where that
-    size lies on a side the effect can be on; threshold and p of the largest |z| by bootstrap."""
+    size lies on a side the effect can be on; threshold and p of the largest |z| by bootstrap, whose maxima were taken
+    `heavier` times as large because the noise itself was estimated."""
 
     z: np.ndarray
     size: np.ndarray
@@ -98,6 +126,7 @@ class Search:
     threshold: float
     p_value: float
     maxima: np.ndarray
+    heavier: float
 
     @property
     def statistic(self) -> np.ndarray:
@@ -105,10 +134,16 @@ class Search:
         return np.where(self.allowed & self.usable, np.abs(self.z), 0.0)
 
 
-def search(setting: Setting, fitted: Fit, *, seed: int, n_draw: int = N_BOOTSTRAP) -> Search:
-    """Score every candidate at the fit and calibrate the largest."""
+def search(
+    setting: Setting, fitted: Fit, *, seed: int, doubts: np.ndarray | None = None, heavier: float | None = None,
+    n_draw: int = N_BOOTSTRAP,
+) -> Search:
+    """Score every candidate at the fit and calibrate the largest. `doubts` (n_course,): see `doubt`. `heavier`: that of
+    an earlier search of the same record, found anew if None."""
     design = fitted.design
     u, v = design.scores(fitted.centred), design.information
+    if doubts is not None:
+        u = u / doubts[setting.which[:, 1]]
     usable = design.share_left > 1e-3
     std = np.where(usable, 1 / np.sqrt(np.where(usable, v, 1.0)), np.inf)
     z = np.where(usable, u * np.where(usable, std, 0.0), 0.0)
@@ -120,10 +155,32 @@ def search(setting: Setting, fitted: Fit, *, seed: int, n_draw: int = N_BOOTSTRA
     rng = np.random.default_rng([seed, 21])
     drawn = design.draw(rng, n_draw) * np.where(usable, std, 0.0)
     maxima = np.max(np.where(can(drawn), np.abs(drawn), 0.0), axis=1)
+    if heavier is None:
+        heavier = estimated_noise_factor(setting, design, float(np.mean(maxima)), can, usable, seed=seed)
+    maxima = maxima * heavier
     largest = float(np.max(np.where(can(z) & usable, np.abs(z), 0.0)))
     return Search(z=z, size=np.where(usable, u / np.where(usable, v, 1.0), 0.0), size_std=std, allowed=can(z),
                   usable=usable, threshold=float(np.quantile(maxima, 1 - FALSE_ALARM)),
-                  p_value=tail(maxima, largest), maxima=maxima)  # fmt: skip
+                  p_value=tail(maxima, largest), maxima=maxima, heavier=heavier)  # fmt: skip
+
+
+def estimated_noise_factor(setting: Setting, design: Design, typical: float, can, usable, *, seed: int) -> float:
+    """How much larger the largest |z| of a record with nothing wrong is when its noise is estimated from that record,
+    as it was here; 1 where the identification states the noise's pattern and only its scale was estimated."""
+    if all(c is not None for c in stated_covariance(setting, np.array(setting.field.parameters.initial))):
+        return 1.0
+    rng = np.random.default_rng([seed, 23])
+    sizes = tuple(len(g) for g in setting.blocks.groups)
+    weights = np.column_stack(design.noise.weight)
+    relative = 1 / np.sqrt(np.maximum(weights, 1e-12))
+    maxima = []
+    for _ in range(N_AGAIN):
+        y = design.simulate(rng)
+        noise = estimate_noise(y, tuple(weights.T > 0), sizes, relative, np.full(len(weights), ""))
+        again = replace(design, noise=noise)
+        z = again.scores(y) / np.sqrt(np.maximum(again.information, 1e-300))
+        maxima.append(np.max(np.where(usable & can(z), np.abs(z), 0.0)))
+    return max(1.0, float(np.mean(maxima)) / typical)
 
 
 def tail(maxima: np.ndarray, value: float) -> float:
@@ -184,11 +241,14 @@ def rivals_of(setting: Setting, fitted: Fit, found: Search, best: int) -> list[i
     return chosen[:MOST_RIVALS]
 
 
-def adequacy(setting: Setting, fitted: Fit, *, seed: int, n_draw: int = N_BOOTSTRAP) -> tuple[float, dict[str, float]]:
+def adequacy(
+    setting: Setting, fitted: Fit, *, seed: int, doubts: np.ndarray, heavier: float, n_draw: int = N_BOOTSTRAP
+) -> tuple[float, dict[str, float]]:
     """p of what remains, in the directions that the catalogue spans: constants together, and each course along the
     record; the smallest of them against its own bootstrap distribution."""
     design = fitted.design
-    u = np.vstack([design.scores(fitted.centred)[None], design.draw(np.random.default_rng([seed, 22]), n_draw)])
+    found = design.scores(fitted.centred) / doubts[setting.which[:, 1]]
+    u = np.vstack([found[None], heavier * design.draw(np.random.default_rng([seed, 22]), n_draw)])
     parts = {}
     usable = design.share_left > 1e-3
     for c, course in enumerate(setting.courses):
@@ -216,9 +276,11 @@ def diagnose(prepared: Prepared, data: ModalData, *, seed: int = 1, progress: Pr
     fitted = fit(setting, theta)
     null, first = fitted, None
     findings: list[Finding] = []
+    taken: list[tuple[str, float]] = []
     for number in range(MOST_EFFECTS + 1):
         progress("diagnosing", number, MOST_EFFECTS + 1)
-        found = search(setting, fitted, seed=seed)
+        doubts = doubt(setting, taken)
+        found = search(setting, fitted, seed=seed, doubts=doubts, heavier=first.heavier if first else None)
         first = first or found
         best = int(np.argmax(found.statistic))
         if found.statistic[best] <= found.threshold or number == MOST_EFFECTS:
@@ -229,7 +291,8 @@ def diagnose(prepared: Prepared, data: ModalData, *, seed: int = 1, progress: Pr
             break
         findings.append(_finding(setting, found, kept))
         fitted = kept[0].fitted
-    fits, remaining = adequacy(setting, fitted, seed=seed)
+        taken.append((setting.courses[setting.which[kept[0].candidate, 1]].kind, findings[-1].z))
+    fits, remaining = adequacy(setting, fitted, seed=seed, doubts=doubts, heavier=first.heavier)
     progress("diagnosing", MOST_EFFECTS + 1, MOST_EFFECTS + 1)
     left_over = found.statistic[best] > found.threshold
     if fits < ADEQUATE or left_over:
@@ -247,6 +310,16 @@ def diagnose(prepared: Prepared, data: ModalData, *, seed: int = 1, progress: Pr
         limits=_limits(setting, first, null), threshold=first.threshold, adequacy_p=fits, notes=setting.blocks.notes,
         parameters=tuple(_parameters(setting, null, fitted)), details=details,
     )  # fmt: skip
+
+
+def span_left(setting: Setting, fitted: Fit, course: int) -> tuple[float, int]:
+    """Sum of squares of what remains in the directions the catalogue spans with one course, and their number."""
+    design = fitted.design
+    rows = np.flatnonzero((setting.which[:, 1] == course) & (design.share_left > 1e-3))
+    value, turn = np.linalg.eigh(design.likeness(rows))
+    kept = value > SPAN * value[-1]
+    z = design.scores(fitted.centred)[rows] / np.sqrt(design.information[rows])
+    return float(np.sum(((turn[:, kept] / np.sqrt(value[kept])).T @ z) ** 2)), int(kept.sum())
 
 
 def residual_map(setting: Setting, fitted: Fit) -> list[dict]:
@@ -269,7 +342,11 @@ def _finding(setting: Setting, found: Search, rivals: list[Rival]) -> Finding:
     best = rivals[0]
     j, c = setting.which[best.candidate]
     effect, course = setting.effects[j], setting.courses[c]
-    weight = np.exp(np.array([r.log_evidence for r in rivals]) - best.log_evidence)
+    # evidence is that of a model whose fingerprints are not exact: it counts by what the best fit leaves, as in
+    # quasi-likelihood, and by what is not known of a fingerprint so strong
+    left, directions = span_left(setting, best.fitted, c)
+    dispersion = max(1 + (FINGERPRINT * found.z[best.candidate]) ** 2 / DIRECTIONS, left / directions, 1.0)
+    weight = np.exp((np.array([r.log_evidence for r in rivals]) - best.log_evidence) / dispersion)
     probability = weight / weight.sum()
     alternatives = tuple(
         Alternative(cause=other.cause, location=other.location, posterior_probability=float(p))

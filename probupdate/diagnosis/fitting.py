@@ -17,8 +17,8 @@ from probupdate.diagnosis.courses import Course
 from probupdate.diagnosis.departures import Reference, departure, n_response
 from probupdate.diagnosis.field import Field, effect_fingerprints, observed
 from probupdate.diagnosis.linear import Design
-from probupdate.diagnosis.small_model import LocalModel
 from probupdate.diagnosis.noise import Noise, estimate_noise
+from probupdate.diagnosis.small_model import LocalModel
 from probupdate.errors import ConvergenceError
 from probupdate.parameters import Parameters
 
@@ -251,8 +251,8 @@ def fit(setting: Setting, theta: np.ndarray, named: Sequence[Named] = (), *, mos
         change[free] = solved[n_all : design.n_common] - np.array([named[k].size for k in free])
         held = [*range(n_own), *range(n_all, design.n_common)]
         before = design.misfit(departures, held) + penalty(setting, theta, named)
-        longest = float(np.max(np.abs(np.concatenate([move, [d / n.effect.slab for d, n in
-                                                             zip(change, named, strict=True)]])), initial=0.0))  # fmt: skip
+        relative = [d / n.effect.slab for d, n in zip(change, named, strict=True)]
+        longest = float(np.max(np.abs(np.concatenate([move, relative])), initial=0.0))
         # what still swings between two points after a dozen steps is held back
         share = min(1.0, LONGEST / max(longest, 1e-12)) * (1.0 if number < 12 else 0.5)
         for _ in range(HALVINGS):

@@ -1,11 +1,11 @@
 """The test of every effect at once, with all that is normal marginalised.
 
-A block's departures are  y_b = G_b c + eps + sum_j a_j h_jb s_jb + e_b :  c what is normally uncertain (parameters with
-their prior, tolerances, differences of model form), eps what no model form explains (an offset of each response), s_jb
-the fingerprint of effect j where the nacelle looked, h_jb its course, e_b noise. Under "nothing is wrong" all a are zero
-and y is Gaussian, so that for each candidate u = X^T V^-1 y has variance v = X^T V^-1 X and z = u / sqrt(v) is standard
-normal; a = u / v is its size and 1 / sqrt(v) that one's deviation. V is never formed: it is the noise plus what a few
-hundred unknowns add (Woodbury).
+A block's departures are  y_b = G_b c + eps + sum_j a_j h_jb s_jb + e_b :  c what is normally uncertain (parameters
+with their prior, tolerances, differences of model form), eps what no model form explains (an offset of each
+response), s_jb the fingerprint of effect j where the nacelle looked, h_jb its course, e_b noise. Under "nothing is
+wrong" all a are zero and y is Gaussian, so that for each candidate u = X^T V^-1 y has variance v = X^T V^-1 X and
+z = u / sqrt(v) is standard normal; a = u / v is its size and 1 / sqrt(v) that one's deviation. V is never formed: it is
+the noise plus what a few hundred unknowns add (Woodbury).
 """
 
 from __future__ import annotations
@@ -51,8 +51,8 @@ class Design:
 
     @cached_property
     def _course_values(self) -> tuple[np.ndarray, ...]:
-        """Per group (n_course + n_named, n_block): candidates' courses centred over the group's blocks, so that no offset
-        of the model is taken for a change; named ones as they are."""
+        """Per group (n_course + n_named, n_block): candidates' courses centred over the group's blocks, so that no
+        offset of the model is taken for a change; named ones as they are."""
         values = np.array([c.value for c in self.courses])
         known = np.array([course.value for _, course, _ in self.named]).reshape(-1, len(self.bin_of))
         result = []
@@ -231,6 +231,16 @@ class Design:
         all that is normal has taken its part."""
         size = np.sqrt(np.maximum(self.information[np.asarray(rows, int)], 1e-300))
         return np.clip(self.overlap(rows, rows) / np.outer(size, size), -1.0, 1.0)
+
+    def simulate(self, rng: np.random.Generator) -> tuple[np.ndarray, ...]:
+        """Departures per group (n_block, n_response) of one record with nothing wrong, zero where not measured."""
+        expected = self.expected(rng.standard_normal(self.n_unknown) * self.prior_std)
+        result = []
+        for y, covariance, weight in zip(expected, self.noise.covariance, self.noise.weight, strict=True):
+            noise = rng.standard_normal(y.shape) @ np.linalg.cholesky(covariance).T
+            scale = np.where(weight > 0, 1 / np.sqrt(np.maximum(weight, 1e-12)), 0.0)
+            result.append(np.where(weight[:, None] > 0, y + noise * scale[:, None], 0.0))
+        return tuple(result)
 
     def draw(self, rng: np.random.Generator, n: int, memory: Sequence[float] | None = None) -> np.ndarray:
         """u (n, n_candidate) of n records with nothing wrong: unknowns and noise drawn anew.

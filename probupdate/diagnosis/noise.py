@@ -34,8 +34,8 @@ def estimate_noise(
     departures per group (n_block, n_response), used (n_block,) bool, sizes the number of modes of each group,
     relative_std (n_block, n_group), states (n_block,).
     The covariance is shrunk towards its diagonal by as much as so few blocks ask for (Schaefer & Strimmer 2005). Where
-    the identification states a joint covariance (`stated`, of a typical block), that one's pattern is taken instead, and
-    the differences give its scale only, one for ln f and one for shapes.
+    the identification states a joint covariance (`stated`, of a typical block), that one's pattern is taken instead,
+    and the differences give its scale only, one for ln f and one for shapes.
     """
     covariances, precisions, weights = [], [], []
     for q, (y, ok) in enumerate(zip(departures, used, strict=True)):

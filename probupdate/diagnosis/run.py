@@ -29,8 +29,8 @@ def diagnose_files(
     out: str | Path | None = None,
     progress: Progress = silent,
 ) -> Diagnosis:
-    """`model`: a file, or one made ready by `prepare` for many records. `groups`: name -> {parameter: change}, or a TOML
-    file of them. `effects`, `rows`: a user's own; see `prepare`. `out`: diagnosis.json's place, for what goes beside it.
+    """`model`: a file, or one made ready by `prepare` for many records. `groups`: name -> {parameter: change}, or a
+    TOML file of them. `effects`, `rows`: a user's own; see `prepare`. `out`: diagnosis.json's place.
     """
     if isinstance(groups, str | Path):
         groups = _read_groups(groups)

@@ -184,7 +184,8 @@ def small_model(
     numbers = rng.permutation(len(check))[:N_VERIFY]
     sure = max(1, n_mode - UNSURE)
     exact = [_modes(sums[k % len(models)], check[k], count)[0][:sure] for k in numbers]
-    energy, turn = np.linalg.eigh((snapshots := np.hstack(vectors)).T @ (sums[0].K(first.parameters.initial) @ snapshots))
+    snapshots = np.hstack(vectors)
+    energy, turn = np.linalg.eigh(snapshots.T @ (sums[0].K(first.parameters.initial) @ snapshots))
     for cut in CUTS:
         kept = energy > cut
         small = _project(models, snapshots @ (turn[:, kept] / np.sqrt(energy[kept])), n_mode)

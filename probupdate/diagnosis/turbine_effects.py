@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -34,8 +35,9 @@ def turbine_effects(d: Description) -> tuple[TurbineEffect, ...]:
     return (*_jacket(d), *_connections(d), *_soil(d), *_masses(d), *_environment(d))
 
 
-def _row(name, kind, cause, location, *, low, high, tolerance, slab, on=None, settings=None, courses=("constant", "step"),
-         group="structural", fingerprint="", check="", unit="") -> TurbineEffect:  # fmt: skip
+def _row(name, kind, cause, location, *, low, high, tolerance, slab, on=None, settings=None,
+         courses=("constant", "step"), group="structural", fingerprint="", check="",
+         unit="") -> TurbineEffect:  # fmt: skip
     neutral = KINDS[kind].neutral
     model = ModelEffect(name=name, kind=kind, on=on or {}, settings=settings or {}, std=slab, lower=neutral + low,
                         upper=neutral + high, cause=cause, location=location)  # fmt: skip
@@ -52,10 +54,12 @@ def _faces(d: Description) -> list[str]:
 
 def _jacket(d: Description) -> Iterator[TurbineEffect]:
     bays = range(1, len(d.jacket.bay) + 1)
+    # a braced face works by the braces' axial stiffness; their bending would only bring in modes of single members
     for bay in bays:
         for face in _faces(d):
             yield _row(f"brace_{face}_{bay}", "stiffness", "brace stiffness lost", f"face {face}, bay {bay}",
-                       on={"group": "brace", "face": face, "bay": bay}, low=-0.98, high=0.0, tolerance=0.01, slab=0.5,
+                       on={"group": "brace", "face": face, "bay": bay}, settings={"motion": "axial"},
+                       low=-0.98, high=0.0, tolerance=0.01, slab=0.5,
                        fingerprint="torsion falls, FA and SS couple", check="inspect the braces and their nodes")
     for bay in bays:
         for face in _faces(d):
@@ -107,7 +111,8 @@ def _soil(d: Description) -> Iterator[TurbineEffect]:
         for leg in d.jacket.leg_names:
             yield _row(f"soil_{curve}_{leg}", "soil", f"{word} soil stiffness", f"leg {leg}", on={"leg": leg},
                        settings={"curve": curve}, low=-0.95, high=3.0, tolerance=0.06, slab=0.5,
-                       fingerprint="one side of the base softer or stiffer", check="pile records, cone test at that leg")
+                       fingerprint="one side of the base softer or stiffer",
+                       check="pile records, cone test at that leg")
 
 
 def _tube_mass(d: Description, diameter: float, wall: float, length: float) -> float:
@@ -120,8 +125,8 @@ def _masses(d: Description) -> Iterator[TurbineEffect]:
     yield _row("growth_all", "growth", "marine growth", "all members", low=-grown, high=growth_high, tolerance=0.005,
                slab=0.05, courses=("constant", "ramp"), fingerprint="second bending falls", check="ROV survey")
     for leg in d.jacket.leg_names:
-        yield _row(f"growth_{leg}", "growth", "marine growth", f"leg {leg}", on={"group": "leg", "leg": leg}, low=-grown,
-                   high=growth_high, tolerance=0.005, slab=0.05, courses=("constant", "ramp"),
+        yield _row(f"growth_{leg}", "growth", "marine growth", f"leg {leg}", on={"group": "leg", "leg": leg},
+                   low=-grown, high=growth_high, tolerance=0.005, slab=0.05, courses=("constant", "ramp"),
                    fingerprint="second bending falls, one side", check="ROV survey")
     heaviest = max(d.rna, key=lambda b: b.mass_kg)
     yield _row("rna_mass", "mass", "nacelle mass", heaviest.name, on={"body": heaviest.name},
@@ -139,7 +144,7 @@ def _masses(d: Description) -> Iterator[TurbineEffect]:
                    tolerance=0.02 * inertia, slab=0.3 * inertia, courses=("constant",),
                    fingerprint="torsion (about z), split of FA and SS (about x, y)", check="the maker's data sheet")
     stations = d.tower.station
-    for low, high in zip(stations[:-1], stations[1:], strict=True):
+    for low, high in pairwise(stations):
         own = _tube_mass(d, 0.5 * (low.diameter_m + high.diameter_m), 0.5 * (low.thickness_m + high.thickness_m),
                          high.z_m - low.z_m)  # fmt: skip
         band = (low.z_m, high.z_m)
@@ -154,9 +159,9 @@ def _masses(d: Description) -> Iterator[TurbineEffect]:
     top = d.transition_piece
     own = top.lumped_mass_kg + _tube_mass(
         d, top.column.diameter_m, top.column.thickness_m, top.strut_top_m - top.column_bottom_m)
-    yield _row("tp_mass", "mass", "transition-piece mass", "column", on={"group": "column"}, low=-0.5 * own, high=3.0 * own,
-               tolerance=0.03 * own, slab=0.5 * own, courses=("constant", "step"), fingerprint="second bending falls",
-               check="weight report of the transition piece")
+    yield _row("tp_mass", "mass", "transition-piece mass", "column", on={"group": "column"}, low=-0.5 * own,
+               high=3.0 * own, tolerance=0.03 * own, slab=0.5 * own, courses=("constant", "step"),
+               fingerprint="second bending falls", check="weight report of the transition piece")
 
 
 def _environment(d: Description) -> Iterator[TurbineEffect]:
@@ -174,7 +179,7 @@ def _environment(d: Description) -> Iterator[TurbineEffect]:
                courses=("step", "frost_degc"), fingerprint="first bending and torsion fall while it freezes",
                check="ice detector, power curve", **env)
     for curve, word in (("py", "lateral"), ("tz", "axial")):
-        yield _row(f"soft_{curve}", "soil", f"{word} soil softens with amplitude", "all legs", settings={"curve": curve},
-                   low=-0.95, high=3.0, tolerance=0.0, slab=0.3, courses=("rms_mps2", "wave_height_m"),
-                   fingerprint="second bending falls in storms, not with thrust", check="storms of equal wind, other sea",
-                   **env)
+        yield _row(f"soft_{curve}", "soil", f"{word} soil softens with amplitude", "all legs",
+                   settings={"curve": curve}, low=-0.95, high=3.0, tolerance=0.0, slab=0.3,
+                   courses=("rms_mps2", "wave_height_m"), fingerprint="second bending falls in storms, not with thrust",
+                   check="storms of equal wind, other sea", **env)

@@ -1,0 +1,79 @@
+"""A small frame with sensors in three places, its matrices as a user's model.npz, and a month of blocks of it."""
+
+import numpy as np
+import pytest
+
+from probupdate.modes import ModalData, ModalSet
+
+N_STOREY, N_BLOCK = 5, 40
+CHANNELS = tuple(f"{axis}{storey}" for storey in range(1, N_STOREY + 1) for axis in "xy")
+STIFFNESS_X, STIFFNESS_Y, MASS = 2.0e6, 2.06e6, 1000.0
+
+
+def storeys(factor_x, factor_y, mass):
+    """K and M (10, 10) of two shear chains, x and y in turn; factors (5,)."""
+    size = 2 * N_STOREY
+    K = np.zeros((size, size))
+    for axis, (stiffness, factor) in enumerate(((STIFFNESS_X, factor_x), (STIFFNESS_Y, factor_y))):
+        for k in range(N_STOREY):
+            at = 2 * k + axis
+            K[at, at] += stiffness * factor[k]
+            if k:
+                K[at - 2, at - 2] += stiffness * factor[k]
+                K[at, at - 2] -= stiffness * factor[k]
+                K[at - 2, at] -= stiffness * factor[k]
+    return K, np.diag(np.repeat(np.asarray(mass, float), 2))
+
+
+@pytest.fixture(scope="session")
+def frame_file(tmp_path_factory):
+    """model.npz with a parameter for the stiffness of each storey (both axes) and one for the top mass."""
+    folder = tmp_path_factory.mktemp("frame")
+    one = np.ones(N_STOREY)
+    K0, M0 = storeys(0 * one, 0 * one, MASS * one)
+    arrays = {"K0": K0, "M0": M0, "channel": np.array(CHANNELS), "channel_dof": np.arange(2 * N_STOREY)}
+    tables = []
+    for k in range(N_STOREY):
+        K, _ = storeys(one * (np.arange(N_STOREY) == k), one * (np.arange(N_STOREY) == k), one)
+        arrays[f"K_k{k + 1}"] = K
+        tables.append(f'[[parameter]]\nname = "k{k + 1}"\nunit = "-"\ninitial = 1.0\ncov = 0.05\nlower = 0.2\n'
+                      "upper = 2.0\n")
+    np.savez(folder / "model.npz", **arrays)
+    (folder / "model.toml").write_text("".join(tables))
+    return folder / "model.npz"
+
+
+@pytest.fixture(scope="session")
+def record():
+    """record(seed, ...) -> ModalData: a stepped storey, a wrong gain, a late logger, noise of 0.1 % and 0.5 %."""
+
+    def make(seed=1, *, storey=None, factor=1.0, from_block=0, gain=None, mass=None, level=0.0, n_mode=4):
+        rng = np.random.default_rng(seed)
+        base = 1 + 0.02 * rng.standard_normal(N_STOREY)
+        sets = []
+        tide = rng.standard_normal(N_BLOCK)
+        for b in range(N_BLOCK):
+            here = base.copy()
+            if storey is not None and b >= from_block:
+                here[storey] *= factor
+            masses = MASS * np.ones(N_STOREY)
+            masses[0] *= 1 + level * tide[b]
+            if mass is not None:
+                masses[mass[0]] *= mass[1]
+            K, M = storeys(here, here, masses)
+            root = np.sqrt(np.diag(M))
+            value, vector = np.linalg.eigh(K / np.outer(root, root))
+            f, phi = np.sqrt(value[:n_mode]) / (2 * np.pi), vector[:, :n_mode] / root[:, None]
+            f = f * (1 + 1e-3 * rng.standard_normal(n_mode))
+            phi = phi / np.abs(phi).max(axis=0)
+            phi = phi + 5e-3 * (rng.standard_normal(phi.shape) + 1j * rng.standard_normal(phi.shape))
+            if gain is not None:
+                phi[CHANNELS.index(gain[0])] *= gain[1]
+            sets.append(ModalSet(
+                id=str(np.datetime64("2020-01-01T00:00:00") + np.timedelta64(6 * b, "h")), frequency_hz=f, shape=phi,
+                damping_ratio=np.full(n_mode, 0.01), frequency_std_hz=np.full(n_mode, np.nan),
+                shape_std=np.full(phi.shape, np.nan), environment={"water_level_m": float(tide[b])},
+            ))  # fmt: skip
+        return ModalData(channels=CHANNELS, sets=tuple(sets))
+
+    return make

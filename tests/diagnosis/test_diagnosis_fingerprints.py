@@ -1,0 +1,84 @@
+"""Fingerprints of parameters and of sensors' effects against differences of whole identified modes, pairs mixed."""
+
+import numpy as np
+import pytest
+
+from probupdate.diagnosis.blocks import gather
+from probupdate.diagnosis.catalogue import measurement_effects
+from probupdate.diagnosis.departures import departure
+from probupdate.diagnosis.field import build_field, effect_fingerprints
+from probupdate.diagnosis.prepare import prepare
+from probupdate.diagnosis.small_model import TURNS_DEG, small_model
+from probupdate.modes import Sensor
+from probupdate.structure.load import load_model, reference_model
+
+# what an identification may have turned the shapes of a pair by, each along its own phase and size
+SCRAMBLE = np.array([0.3 + 0.5j, -1.2j])
+
+
+@pytest.fixture(scope="module")
+def prepared(frame_file):
+    return prepare(frame_file)
+
+
+def identified(small, field, theta, effect=None, size=0.0):
+    local = small.at(theta)
+    modes = local.solve()
+    shape, groups = field._members(local, modes)
+    for members in groups:
+        own, f = shape[:, list(members)].astype(complex), modes.frequency_hz[list(members)]
+        if effect is not None:
+            own, shift = effect.observe(own, float(np.exp(np.log(f).mean())), size)
+            f = f * np.exp(shift)
+        yield f, own * SCRAMBLE[: len(members)]
+
+
+def test_fingerprints_are_the_differences_of_identified_modes(prepared, record):
+    blocks = gather(record())
+    assert [len(g) for g in blocks.groups] == [2, 2]
+    small, theta = prepared.small, np.array([1.03, 0.98, 1.0, 1.05, 0.97])
+    field = build_field(small, blocks, theta)
+    sensors = tuple(
+        Sensor(channel=c, level=c[1], position_m=[0, 0, float(c[1])], direction=np.eye(3)["xy".index(c[0])])
+        for c in blocks.channels
+    )
+    effects = (*prepared.effects, *measurement_effects(blocks.channels, sensors))
+    local = small.at(theta)
+    references, tensors, shapes = field.slopes(local, 0.0, local.slopes(range(theta.size)))
+    for q in range(2):
+        found = effect_fingerprints(effects, small.parameters.names, references[q], tensors[q], shapes[q])
+        for j, effect in enumerate(effects):
+            h, sides = 1e-4 if effect.observe is None else effect.step_of_size, []
+            for sign in (1, -1):
+                moved = theta.copy()
+                for name, amount in effect.increments:
+                    moved[small.parameters.names.index(name)] += sign * h * amount
+                arguments = (effect, sign * h) if effect.observe else ()
+                f, shape = list(identified(small, field, moved, *arguments))[q]
+                sides.append(departure(f[None], shape[None], references[q])[0][0])
+            difference = (sides[0] - sides[1]) / (2 * h)
+            # central differences of second order: their own error is h^2
+            assert np.max(np.abs(difference - found[:, j])) < 1e-4 * max(1.0, np.max(np.abs(found[:, j]))), effect.name
+
+
+def test_one_basis_serves_every_nacelle_angle():
+    path = reference_model("as_built")
+    models = [load_model(path, nacelle_angle_deg=a) for a in TURNS_DEG]
+    p = models[0].parameters
+    small = small_model(models, n_mode=7, effects=(), reach=np.column_stack([p.lower, p.upper]))
+    assert small.frequency_error < 1e-3
+    # an angle that none of the five is
+    exact = load_model(path, nacelle_angle_deg=37.0).solve(p.initial, 5, derivatives=True, clusters=((0, 1), (3, 4)))
+    local = small.at(p.initial)
+    modes = local.solve(37.0)
+    np.testing.assert_allclose(modes.frequency_hz[:5], exact.frequency_hz, rtol=1e-4)
+    slopes = local.slopes(range(len(p)))
+    for members in ((0, 1), (2,), (3, 4)):
+        coupling, change = local.derivatives(slopes, 37.0, modes, members)
+        own = list(members)
+        slope = np.array([coupling[i, i] / (8 * np.pi**2 * modes.frequency_hz[j]) for i, j in enumerate(own)])
+        # what a prior deviation does, to a hundredth of a per cent of the frequency: noise of a block is 0.2 %
+        assert np.max(np.abs(slope - exact.frequency_derivative[own]) * p.std / exact.frequency_hz[own, None]) < 1e-4
+        sign = np.sign(np.sum(local.shapes(modes, 5)[:, own] * exact.shape[:, own], axis=0))
+        apart = np.abs(change * sign[:, None] - exact.shape_derivative[:, own]) * p.std
+        assert np.max(apart) < 2e-3 * np.max(np.abs(exact.shape[:, own]))

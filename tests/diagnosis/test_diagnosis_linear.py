@@ -1,0 +1,119 @@
+"""The scores of all candidates against the same test with the covariance written out."""
+
+import numpy as np
+import pytest
+
+from probupdate.diagnosis.courses import Course, step_course
+from probupdate.diagnosis.linear import Design
+from probupdate.diagnosis.noise import Noise, estimate_noise
+
+N_BLOCK, N_EFFECT, N_NUISANCE = 12, 4, 3
+SIZES = (5, 4)
+
+
+@pytest.fixture(scope="module")
+def design():
+    rng = np.random.default_rng(3)
+    bin_of = rng.integers(0, 2, N_BLOCK)
+    covariances = [a @ a.T + np.eye(m) for m in SIZES for a in [rng.standard_normal((m, m))]]
+    weights = [rng.uniform(0.5, 2.0, N_BLOCK) for _ in SIZES]
+    weights[1][4] = 0.0
+    noise = Noise(covariance=tuple(covariances), precision=tuple(np.linalg.inv(c) for c in covariances),
+                  weight=tuple(weights))  # fmt: skip
+    courses = (Course(kind="constant", value=np.ones(N_BLOCK)), step_course(N_BLOCK, 5),
+               Course(kind="covariate", value=rng.standard_normal(N_BLOCK), column="water_level_m"))  # fmt: skip
+    which = np.array([(j, c) for j in range(N_EFFECT) for c in range(3)])
+    return Design(
+        bin_of=bin_of, nuisance=tuple(rng.standard_normal((2, m, N_NUISANCE)) for m in SIZES),
+        nuisance_std=np.array([0.5, 1.0, 2.0]), floor=tuple(np.full(m, 0.3) for m in SIZES),
+        effect=tuple(rng.standard_normal((2, m, N_EFFECT)) for m in SIZES), courses=courses, which=which, noise=noise,
+        named=((1, step_course(N_BLOCK, 7), 0.8),),
+    )  # fmt: skip
+
+
+def dense(design):
+    """X (n, n_candidate), V (n, n) over all measured numbers, and how departures are laid out."""
+    columns, blocks, owners = [], [], []
+    for q, m in enumerate(SIZES):
+        weight = design.noise.weight[q]
+        for b in np.flatnonzero(weight):
+            blocks.append(design.noise.covariance[q] / weight[b])
+            owners.append((q, b, m))
+    n = sum(m for _, _, m in owners)
+    V = np.zeros((n, n))
+    starts = np.concatenate([[0], np.cumsum([m for _, _, m in owners])])
+    for (_, _, m), at, block in zip(owners, starts[:-1], blocks, strict=True):
+        V[at : at + m, at : at + m] = block
+
+    def stacked(of):
+        return np.concatenate([of(q, b) for q, b, _ in owners])
+
+    for k, std in enumerate(design.nuisance_std):
+        columns.append(std * stacked(lambda q, b, k=k: design.nuisance[q][design.bin_of[b], :, k]))
+    for effect, course, std in design.named:
+        columns.append(std * stacked(
+            lambda q, b, e=effect, c=course: c.value[b] * design.effect[q][design.bin_of[b], :, e]))
+    for q, m in enumerate(SIZES):
+        for r in range(m):
+            columns.append(design.floor[q][r] * stacked(
+                lambda p, b, q=q, r=r: (np.arange(SIZES[p]) == r) * float(p == q)))
+    low_rank = np.column_stack(columns)
+    V += low_rank @ low_rank.T
+    X = []
+    for j, c in design.which:
+        course = design.courses[c]
+
+        def one(q, b, j=j, course=course):
+            weight = design.noise.weight[q]
+            mean = 0.0 if course.kind == "constant" else np.average(course.value, weights=weight)
+            return (course.value[b] - mean) * design.effect[q][design.bin_of[b], :, j]
+
+        X.append(stacked(one))
+    return np.column_stack(X), V, stacked
+
+
+def test_scores_information_and_likeness_are_those_of_the_written_out_covariance(design):
+    X, V, stacked = dense(design)
+    rng = np.random.default_rng(4)
+    y = [np.where(design.noise.weight[q][:, None] > 0, rng.standard_normal((N_BLOCK, m)), 0.0)
+         for q, m in enumerate(SIZES)]  # fmt: skip
+    solved = np.linalg.solve(V, X)
+    information = X.T @ solved
+    np.testing.assert_allclose(design.scores(y), solved.T @ stacked(lambda q, b: y[q][b]), rtol=1e-8)
+    np.testing.assert_allclose(design.information, np.diag(information), rtol=1e-8)
+    size = np.sqrt(np.diag(information))
+    rows = np.arange(len(design.which))
+    np.testing.assert_allclose(design.likeness(rows), information / np.outer(size, size), atol=1e-8)
+
+
+def test_misfit_is_that_of_the_written_out_covariance(design):
+    _, V, stacked = dense(design)
+    y = [np.random.default_rng(5).standard_normal((N_BLOCK, m)) * (design.noise.weight[q][:, None] > 0)
+         for q, m in enumerate(SIZES)]  # fmt: skip
+    flat = stacked(lambda q, b: y[q][b])
+    assert design.misfit(y, []) == pytest.approx(flat @ np.linalg.solve(V, flat), rel=1e-8)
+
+
+def test_draws_have_the_covariance_of_the_scores(design):
+    X, V, _ = dense(design)
+    information = X.T @ np.linalg.solve(V, X)
+    n = 6000
+    drawn = design.draw(np.random.default_rng(6), n)
+    size = np.sqrt(np.diag(information))
+    found = np.cov((drawn / size).T)
+    # an entry of a sample covariance of n unit normals has deviation at most sqrt(2 / n); 78 of them, 4.5 deviations
+    assert np.max(np.abs(found - information / np.outer(size, size))) < 4.5 * np.sqrt(2 / n)
+    assert np.max(np.abs(drawn.mean(axis=0) / size)) < 4.5 / np.sqrt(n)
+
+
+def test_noise_is_not_blown_up_by_a_step_or_a_stray_block():
+    rng = np.random.default_rng(7)
+    y = 1e-2 * rng.standard_normal((60, 7))
+    clean = estimate_noise((y,), (np.ones(60, bool),), (1,), np.ones((60, 1)), np.full(60, ""))
+    stepped = y.copy()
+    stepped[30:] += 0.3
+    stepped[10] += 1.0
+    noise = estimate_noise((stepped,), (np.ones(60, bool),), (1,), np.ones((60, 1)), np.full(60, ""))
+    ratio = np.diag(noise.covariance[0]) / np.diag(clean.covariance[0])
+    # the clipped differences are four out of 59
+    assert np.all((ratio > 0.7) & (ratio < 1.4))

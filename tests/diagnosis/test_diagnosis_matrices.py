@@ -1,0 +1,70 @@
+"""Whole diagnoses of a model made of matrices: what is hidden is named, what is not there is not."""
+
+import json
+
+import numpy as np
+import pytest
+
+import probupdate
+from probupdate.diagnosis.prepare import prepare
+from probupdate.errors import InputError
+
+
+@pytest.fixture(scope="module")
+def prepared(frame_file):
+    return prepare(frame_file, groups={"lower storeys": {"k1": 0.1, "k2": 0.1}})
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_nothing_hidden_nothing_named(prepared, record, seed):
+    found = probupdate.diagnose(prepared, record(seed), seed=seed)
+    assert found.verdict == "none" and not found.findings and found.p_value > 0.05
+    assert any(x.cause == "sensor gain" and np.isfinite(x.limit) for x in found.limits)
+
+
+def test_a_storey_that_loosens_half_way_is_named_with_its_size_and_time(prepared, record):
+    found = probupdate.diagnose(prepared, record(4, storey=2, factor=0.9, from_block=20))
+    assert found.verdict == "named"
+    (one,) = found.findings
+    assert (one.cause, one.location, one.course) == ("parameter", "k3", "step")
+    # k3 itself is drawn with 2 % about 1
+    assert one.size == pytest.approx(-0.1, abs=0.006 + 3 * one.size_std)
+    assert one.course_start.startswith("2020-01-06")
+
+
+def test_a_wrong_gain_is_named_with_its_channel(prepared, record):
+    found = probupdate.diagnose(prepared, record(5, gain=("y4", 1.12)))
+    assert found.verdict == "named" and [f.kind for f in found.findings] == ["measurement"]
+    (one,) = found.findings
+    assert (one.cause, one.location) == ("sensor gain", "y4")
+    # the tolerance of 1 % and the floor of 1 % of a shape's largest component on each of four shapes
+    assert one.size == pytest.approx(0.12, abs=3 * one.size_std) and one.size_std < 0.03
+
+
+def test_mass_of_a_storey_that_is_in_no_catalogue_is_not_named(prepared, record):
+    found = probupdate.diagnose(prepared, record(6, mass=(4, 1.6)))
+    assert found.verdict in ("unexplained", "none", "ambiguous")
+
+
+def test_same_seed_same_numbers_and_a_file_as_agreed(prepared, record, tmp_path):
+    data = record(4, storey=2, factor=0.9, from_block=20)
+    first, again = (probupdate.diagnose(prepared, data, seed=7).content() for _ in range(2))
+    assert first == again
+    (path,) = probupdate.diagnose(prepared, data, seed=7).write(tmp_path / "diagnosis.json")
+    content = json.loads(path.read_text())
+    assert content["verdict"] in ("named", "ambiguous", "unexplained", "none")
+    for finding in content["findings"]:
+        assert {"kind", "cause", "location", "size", "size_std", "unit", "posterior_probability", "alternatives",
+                "gain"} <= set(finding)  # fmt: skip
+
+
+def test_a_handful_of_sets_is_refused(prepared, record):
+    data = record(1)
+    few = type(data)(channels=data.channels, sets=data.sets[:5])
+    with pytest.raises(InputError, match="5 usable sets"):
+        probupdate.diagnose(prepared, few)
+
+
+def test_a_group_of_an_unknown_parameter_is_refused(frame_file):
+    with pytest.raises(InputError, match="k9"):
+        prepare(frame_file, groups={"lost": {"k9": 0.1}})
