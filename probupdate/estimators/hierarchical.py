@@ -241,10 +241,11 @@ class _Redraw(emcee.moves.RedBlueMove):
 
 def sample_population(
     likelihoods: SetLikelihoods, parameters: Parameters, coordinates: Coordinates, *, seed: int,
-    correlated: bool = False, spread: float = SPREAD, target_ess: int = 500, progress: Progress = silent,
+    correlated: bool = False, spread: float = SPREAD, target_ess: int = 500, r_hat_limit: float = R_HAT_LIMIT,
+    progress: Progress = silent,
 ) -> Population:
     """emcee over mean, scales and, where asked for, correlation; stops at the wanted bulk effective size of the worst
-    number with R-hat below R_HAT_LIMIT, or says that it did not get there."""
+    number with R-hat below its limit, or says that it did not get there."""
     if len(likelihoods.ids) < 2:
         raise InputError("sets", "fewer than two tell nothing of scatter between sets", "give two or more")
     if not (np.isfinite(spread) and spread > 0):
@@ -258,7 +259,7 @@ def sample_population(
     sampler = emcee.EnsembleSampler(*start.shape, hyper, vectorize=True, moves=moves)
     random = np.random.RandomState(np.random.default_rng([seed, 12]).integers(2**32, size=8))
     state, judged = emcee.State(start, random_state=random.get_state()), (np.inf, 0.0)
-    while sampler.iteration < MAX_STEPS and not (judged[0] < R_HAT_LIMIT and judged[1] >= target_ess):
+    while sampler.iteration < MAX_STEPS and not (judged[0] < r_hat_limit and judged[1] >= target_ess):
         progress("population", sampler.iteration, MAX_STEPS)
         # looked at ever more rarely: judging a chain takes as long as many of its steps
         n_more = min(max(SEGMENT, sampler.iteration // 3), MAX_STEPS - sampler.iteration)
@@ -267,7 +268,7 @@ def sample_population(
         r_hat, ess = effective_size(kept)
         judged = float(np.max(r_hat)), float(np.min(ess))
     progress("population", MAX_STEPS, MAX_STEPS)
-    converged = judged[0] < R_HAT_LIMIT and judged[1] >= target_ess
+    converged = judged[0] < r_hat_limit and judged[1] >= target_ess
     words = f"{sampler.iteration} steps, R-hat {judged[0]:.4f}, effective size {judged[1]:.0f} of the worst number"
     flat = kept.reshape(-1, hyper.n_x)
     flat = flat[:: max(1, int(np.ceil(len(flat) / 8000)))]

@@ -52,6 +52,8 @@ TRUSTED_K = 0.7
 N_CHECK, N_DERIVED = 40, 120
 # effective sizes of the population at the first linearisation and at the last
 FIRST_ESS, LAST_ESS = 150, 500
+# where only a mean is taken to linearise about
+FIRST_R_HAT = 1.1
 # below this share of effective draws the linearised sets do not stand for the full model
 LINEAR_SHARE = 0.5
 
@@ -165,7 +167,8 @@ def view_sets(
     options = {"seed": seed, "correlated": correlated, "spread": spread, "progress": progress}
     centres = np.array([_inside(x.theta, parameters, coordinates) for x in maxima])
     likelihoods = linearise(problems, centres, coordinates)
-    first = sample_population(likelihoods, parameters, coordinates, target_ess=FIRST_ESS, **options)
+    first = sample_population(likelihoods, parameters, coordinates, target_ess=FIRST_ESS, r_hat_limit=FIRST_R_HAT,
+                              **options)  # fmt: skip
     # once more about where the population puts each set
     own = likelihoods.draw_own(first.mean[::20], first.factor[::20], rng).mean(axis=0)
     centres = np.array([_inside(x, parameters, coordinates) for x in coordinates.back(own)])
