@@ -25,9 +25,9 @@ from probupdate.estimators.tikhonov import update
 from probupdate.model import ManySolutions
 from probupdate.problem import Problem, build_problem
 
-N_POOL = 20_000
+N_POOL = 10_000
 # pool rows whose frequencies alone miss by this much more than the best row's weigh nothing: their shapes are not asked
-MISSED = 40.0
+MISSED = 24.0
 DRAWS, ROUNDS, WANTED = 500, 5, 250
 DEGREES = 5.0  # of the Student t distributions
 SPREAD = 1.2  # times the covariance of the weighted draws

@@ -24,7 +24,7 @@ from probupdate.estimators.laplace import Laplace, maximum_a_posteriori
 from probupdate.problem import Problem, build_problem
 
 # with the paper's noise every so many replicates have deterministic updates too; one in so many nine sets
-MAXIMUM_EVERY, NINE_EVERY = 3, 6
+MAXIMUM_EVERY, NINE_EVERY = 5, 20
 
 
 def replicate(bench: Bench, pool: Pool, case: str, number: int) -> dict:
