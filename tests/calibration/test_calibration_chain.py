@@ -88,8 +88,8 @@ def ranks_of(problem, theta, draws, log_likelihood, weight=None):
 
 
 def by_chain(problem, top, theta, number, folder):
-    """Eighty steps of 24 walkers, of which a fifth is left out, from the Laplace approximation."""
-    settings = SamplerSettings(seed=number, walkers_per_parameter=8, target_ess=1, max_steps=80)
+    """Forty steps of 24 walkers, of which a fifth is left out, from the Laplace approximation."""
+    settings = SamplerSettings(seed=number, walkers_per_parameter=8, target_ess=1, max_steps=40)
     chain = sample(problem, from_laplace(top, problem.parameters), folder, settings)
     value = chain.log_posterior[chain.first :].ravel() - problem.parameters.log_density(chain.draws)
     return ranks_of(problem, theta, chain.draws, value)
@@ -97,7 +97,7 @@ def by_chain(problem, top, theta, number, folder):
 
 def by_weights(problem, top, theta, rng):
     proposal = Proposal(outline=from_laplace(top, problem.parameters))
-    draws = proposal.draw(600, rng)
+    draws = proposal.draw(400, rng)
     value, _ = problem.log_posterior(draws)
     weight = value - proposal.log_density(draws)
     return ranks_of(problem, theta, draws, value - problem.parameters.log_density(draws),
