@@ -40,7 +40,7 @@ def diagnose_files(
         raise InputError("diagnose", "no model is given", "give --model")
     if not isinstance(model, Path):
         raise InputError("diagnose", "a model that is a Python function has no matrices to put effects into",
-                         "export its matrices as model.npz, or diagnose without a model")  # fmt: skip
+                         "export its matrices as model.npz")  # fmt: skip
     own = read_parameters(parameters) if parameters else None
     placed = sensors if model.suffix == ".toml" else None
     prepared = prepare(model, parameters=own, sensors=placed, groups=groups, effects=effects, rows=rows,
