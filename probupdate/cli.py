@@ -6,6 +6,7 @@ import argparse
 import contextlib
 import os
 import sys
+import tempfile
 import time
 import traceback
 from collections.abc import Callable, Iterator, Sequence
@@ -70,7 +71,7 @@ def run_simulate(a: argparse.Namespace, progress: Progress) -> None:
     import probupdate
 
     say(probupdate.simulate(
-        a.out, model=a.model, days=a.days, truth=a.truth, seed=a.seed, progress=progress).summary)
+        a.out, model=a.model, days=a.days, truth=a.truth, seed=a.seed, jobs=a.jobs, progress=progress).summary)
 
 
 def run_check(a: argparse.Namespace, progress: Progress) -> None:
@@ -288,6 +289,7 @@ def build_parser() -> argparse.ArgumentParser:
     p.add_argument("--model", help="model.toml whose geometry is built anew (default: the updated reference turbine)")
     p.add_argument("--days", type=positive(float), default=1.0)
     p.add_argument("--truth", help="truth.toml: parameters and effects to build in instead of drawing them")
+    p.add_argument("--jobs", type=positive(int), default=1, help="processes (1); the bytes do not depend on it")
     seeded(p)
 
     p = verb("convert", run_convert, "records of other programs (CSV, Parquet, .mat, .npy, .npz) into a campaign")
@@ -375,12 +377,12 @@ def build_parser() -> argparse.ArgumentParser:
     seeded(p)
 
     p = verb("diagnose", run_diagnose, "what the simulation or the measurement gets wrong: cause, place, size, limits")
-    p.add_argument("--model", help=f"{MODEL_HELP}; without, measurement and environment only")
+    p.add_argument("--model", required=True, help=MODEL_HELP)
     p.add_argument("--parameters", help="parameters.toml of a model made of matrices")
     p.add_argument("--modes", required=True, help="modes.json of `identify`: a set a block")
     p.add_argument("--campaign", help="campaign directory: tells where the sensors are")
     p.add_argument("--groups", help="TOML file of named groups of a model's parameters, [name] parameter = change")
-    p.add_argument("--out", required=True, help="diagnosis.json; an extended model goes beside it")
+    p.add_argument("--out", required=True, help="diagnosis.json")
     seeded(p)
 
     p = verb("figures", run_figures, "an identification's figures as files: poles, stabilisation, maps, conditions")
@@ -410,8 +412,23 @@ def refuse_unwritable(out: str, *, folder: bool) -> None:
     above = next(p for p in (path, *path.parents) if p.exists())
     if above != path and not above.is_dir():
         raise InputError(out, f"cannot be written, as {above} is no directory", "name another place")
-    if not os.access(above, os.W_OK):
-        raise InputError(out, f"{above} may not be written to", "name another place, or change its permissions")
+    try:
+        # permissions alone do not tell: a file system may be read-only, or none
+        with tempfile.TemporaryFile(dir=above if above.is_dir() else above.parent):
+            pass
+    except OSError as error:
+        raise InputError(out, f"nothing can be written to {above} ({error.strerror})",
+                         "name another place, or change its permissions") from None
+
+
+def refuse_overwriting(a: argparse.Namespace) -> None:
+    """A result in the place of what it is made from would be the end of that."""
+    given = [v for key, value in vars(a).items() if key not in ("out", "verb", "action")
+             for v in (value if isinstance(value, list) else [value]) if isinstance(v, str)]
+    target = Path(a.out).resolve()
+    for text in given:
+        if Path(text).exists() and Path(text).resolve() == target:
+            raise InputError(a.out, "is read by this step and would be written over", "name another file")
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -419,6 +436,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         if a.out:
             refuse_unwritable(a.out, folder=a.verb in WRITE_FOLDERS)
+            refuse_overwriting(a)
         with terminal_progress() as progress:
             a.action(a, progress)
     except InputError as error:

@@ -436,8 +436,8 @@ def diagnose(
 ) -> Diagnosis:
     """What the simulation, or the measurement, gets wrong: verdict, causes with place and size, what would not be seen.
 
-    `model` may be None: measurement and environment only. `campaign` tells where the sensors are. `options`: see
-    `diagnosis.run.diagnose_files` (own effects, groups of parameters, where the extended model is written).
+    `campaign` tells where a turbine's sensors are. `options`: see `diagnosis.run.diagnose_files` (own effects, groups
+    of parameters).
     """
     from probupdate.diagnosis.run import diagnose_files
 

@@ -28,9 +28,9 @@ from probupdate.identification.block_poles import (
     identify_block,
     identify_deviations,
 )
-from probupdate.identification.processes import completed
 from probupdate.identification.ssi import Poles
 from probupdate.modes import frozen_array
+from probupdate.processes import completed
 from probupdate.progress import Progress, silent
 
 FORMAT = 1

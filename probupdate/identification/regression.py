@@ -306,6 +306,11 @@ def regress_modes(
     sets = [sets[k] for k in order]
     hours = (time[order] - time[order][0]).total_seconds().to_numpy() / 3600
     columns = {name: np.array([_number(s.environment.get(name)) for s in sets]) for name in covariates}
+    # the standard ones may be absent, and that is noted; a name that no set knows and nobody listed is a slip
+    unknown = [name for name in covariates if name not in COVARIATES and not np.isfinite(columns[name]).any()]
+    if unknown:
+        known = sorted({key for s in sets for key, v in s.environment.items() if np.isfinite(_number(v))})
+        raise InputError(f"covariate {unknown[0]}", "is a number in no set", f"choose from {', '.join(known)}")
     labels = data.labels or tuple(str(j + 1) for j in range(data.n_mode))
     fits: dict[str, tuple[Regression, ...]] = {}
     notes: list[str] = []

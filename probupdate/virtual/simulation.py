@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 from collections import Counter
 from dataclasses import asdict, dataclass, replace
+from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -13,13 +14,14 @@ import numpy as np
 from probupdate.errors import InputError
 from probupdate.mode_labels import mode_character
 from probupdate.modes import Sensor
+from probupdate.processes import completed
 from probupdate.progress import Progress, silent
 from probupdate.virtual import campaign_files, losses, operation
 from probupdate.virtual.dynamics import N_MODE, HeadingModes
 from probupdate.virtual.hours import RATE_HZ, Turbine, hour_of_data, make_turbine
 from probupdate.virtual.observation import rotation
 from probupdate.virtual.scada import scada_table
-from probupdate.virtual.truth import draw_truth, read_given
+from probupdate.virtual.truth import Given, draw_truth, read_given
 from probupdate.virtual.turbine_file import TurbineFile, read_turbine, reference_file
 
 if TYPE_CHECKING:
@@ -27,6 +29,8 @@ if TYPE_CHECKING:
 
 BLOCK_MINUTES = 30
 START = np.datetime64("2019-06-01T00:00:00")
+# hours that a process is given at a time
+PART = 6
 REFERENCE_STATES = ("design", "as_built", "updated")
 
 
@@ -65,6 +69,7 @@ def simulate(
     days: float = 1.0,
     truth: str | Path | None = None,
     seed: int,
+    jobs: int = 1,
     progress: Progress = silent,
 ) -> VirtualCampaign:
     """Write a campaign of `days` into the folder `out`: campaign.toml, scada.csv, acceleration/*.h5, truth.toml.
@@ -73,6 +78,7 @@ def simulate(
     updated). truth: a truth.toml that gives parameters, their source, tolerances' scale, operation and effects;
     None builds the model's initial values with drawn tolerances. The same seed gives the same bytes. A run that
     was interrupted is taken up where it stopped if everything else is equal; another campaign in `out` is refused.
+    jobs: processes that share the hours; the bytes are the same for any number.
     """
     if isinstance(seed, bool) or not isinstance(seed, (int, np.integer)) or seed < 0:
         raise InputError("seed", f"{seed!r} is not a whole number from 0", "give one, such as 1")
@@ -82,21 +88,17 @@ def simulate(
     model = reference_file() if model is None else model
     if str(model) in REFERENCE_STATES:
         model = reference_file().with_name(f"{model}.toml")
-    file = read_turbine(model)
-    given = read_given(truth, file)
-    streams = np.random.SeedSequence(seed, spawn_key=(0,)).spawn(4)
-    drawn = draw_truth(given, file, np.random.default_rng(streams[0]), N_MODE)
-    plan = operation.make_plan(n_slot, given.operation, np.random.default_rng(streams[1]))
-    channels = tuple(s.channel for s in file.sensors)
-    gaps = losses.draw_gaps(plan, channels, given.operation, np.random.default_rng(streams[2]))
-    turbine = make_turbine(file, drawn, plan, seed)
+    recipe = _Recipe(model=str(model), truth=None if truth is None else str(truth), n_slot=n_slot, seed=int(seed))
+    drawn = _draw(recipe)
+    turbine, gaps = drawn.turbine, drawn.gaps
+    plan, file = turbine.plan, turbine.file
     missing = {int(g.start_s // 3600) for g in gaps if g.kind == losses.MISSING_HOUR}
     quiet = plan.quiet_blocks()
     for hour in missing:
         quiet[2 * hour : 2 * hour + 2] = False
 
     folder = Path(out)
-    record = _record(turbine, given, gaps, quiet)
+    record = _record(turbine, drawn.given, gaps, quiet)
     text = "# What is true of this virtual campaign, and everything that was drawn for it.\n"
     text += campaign_files.toml_text(record)
     _claim(folder, text)
@@ -104,31 +106,84 @@ def simulate(
         folder, name=f"Virtual campaign on '{file.value('name')}'", sensors=file.sensors, rate_hz=RATE_HZ,
         block_minutes=BLOCK_MINUTES, water_depth_m=-file.number("site", "mudline_m"),
     )  # fmt: skip
-    table = told_heading(scada_table(plan, START, np.random.default_rng(streams[3])), turbine)
+    table = told_heading(scada_table(plan, START, np.random.default_rng(recipe.stream(3))), turbine)
     lost_rows = {int(g.start_s // 600) for g in gaps if g.kind == losses.LOST_ROW}
     table.drop(index=sorted(lost_rows)).to_csv(folder / "scada.csv", index=False, lineterminator="\n")
 
-    n_hour, written = -(-n_slot // 6), 0
-    for hour in range(n_hour):
-        progress("simulating hours", hour, n_hour)
-        if hour in missing:
-            continue
-        written += 1
-        start = START + np.timedelta64(3600 * hour, "s")
-        path = folder / "acceleration" / f"{str(start).replace(':', '').replace('-', '')}Z.h5"
-        if path.exists():
-            continue
-        data = hour_of_data(turbine, gaps, channels, hour)
-        campaign_files.write_acceleration(path, data, start, RATE_HZ)
-    progress("simulating hours", n_hour, n_hour)
+    hours = [hour for hour in range(-(-n_slot // 6)) if hour not in missing]
+    todo = [hour for hour in hours if not _hour_path(folder, hour).exists()]
+    done = len(hours) - len(todo)
+    progress("simulating hours", done, len(hours))
+    if jobs == 1:
+        for hour in todo:
+            done += _write_hours(drawn, folder, (hour,))
+            progress("simulating hours", done, len(hours))
+    else:
+        parts = [(recipe, folder, tuple(todo[k : k + PART])) for k in range(0, len(todo), PART)]
+        for written in completed(_write_part, parts, jobs=jobs, least=1):
+            done += written
+            progress("simulating hours", done, len(hours))
     count = Counter(plan.state.tolist())
     prevailing = turbine.modes(_prevailing(plan))
     return VirtualCampaign(
-        path=folder, truth_path=folder / "truth.toml", n_file=written, hours=n_slot / 6,
+        path=folder, truth_path=folder / "truth.toml", n_file=len(hours), hours=n_slot / 6,
         quiet_blocks=int(quiet.sum()), blocks=len(quiet),
         state_share={name: count[k] / n_slot for k, name in enumerate(operation.STATES)},
         frequency_hz=prevailing.frequency_hz, damping_ratio=prevailing.damping_ratio["idling"], seed=int(seed),
     )  # fmt: skip
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Recipe:
+    """What a virtual turbine follows from: enough for another process to make the same one."""
+
+    model: str
+    truth: str | None
+    n_slot: int
+    seed: int
+
+    def stream(self, number: int) -> np.random.SeedSequence:
+        return np.random.SeedSequence(self.seed, spawn_key=(0,)).spawn(4)[number]
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _Drawn:
+    given: Given
+    turbine: Turbine
+    gaps: tuple[losses.Gap, ...]
+    channels: tuple[str, ...]
+
+
+def _draw(recipe: _Recipe) -> _Drawn:
+    file = read_turbine(recipe.model)
+    given = read_given(recipe.truth, file)
+    drawn = draw_truth(given, file, np.random.default_rng(recipe.stream(0)), N_MODE)
+    plan = operation.make_plan(recipe.n_slot, given.operation, np.random.default_rng(recipe.stream(1)))
+    channels = tuple(s.channel for s in file.sensors)
+    gaps = losses.draw_gaps(plan, channels, given.operation, np.random.default_rng(recipe.stream(2)))
+    return _Drawn(given=given, turbine=make_turbine(file, drawn, plan, recipe.seed), gaps=gaps, channels=channels)
+
+
+def _hour_path(folder: Path, hour: int) -> Path:
+    start = START + np.timedelta64(3600 * hour, "s")
+    return folder / "acceleration" / f"{str(start).replace(':', '').replace('-', '')}Z.h5"
+
+
+def _write_hours(drawn: _Drawn, folder: Path, hours: tuple[int, ...]) -> int:
+    """The files of these hours; returns how many."""
+    for hour in hours:
+        data = hour_of_data(drawn.turbine, drawn.gaps, drawn.channels, hour)
+        campaign_files.write_acceleration(
+            _hour_path(folder, hour), data, START + np.timedelta64(3600 * hour, "s"), RATE_HZ)
+    return len(hours)
+
+
+# a process is given one part of the hours after the other: its turbine is made once
+_drawn_once = lru_cache(maxsize=1)(_draw)
+
+
+def _write_part(recipe: _Recipe, folder: Path, hours: tuple[int, ...]) -> int:
+    return _write_hours(_drawn_once(recipe), folder, hours)
 
 
 def _prevailing(plan: operation.Plan, *, idling_only: bool = False) -> float:

@@ -17,9 +17,9 @@ import pytest
 
 from probupdate.campaign.reading import read_campaign
 from probupdate.errors import InputError
-from probupdate.identification import processes
+from probupdate import processes
 from probupdate.identification.identify import SSISettings, identify
-from probupdate.identification.processes import completed
+from probupdate.processes import completed
 from probupdate.identification.reference import ReferenceModes
 
 # six channels at two tower levels and one leg: enough for five modes, and quick
@@ -87,7 +87,7 @@ def same_results(out, other) -> bool:
 KILLED = """
 import json, sys
 from probupdate.campaign.reading import read_campaign
-from probupdate.identification import processes
+from probupdate import processes
 from probupdate.identification.identify import SSISettings, identify
 from probupdate.identification.reference import ReferenceModes
 import numpy as np
