@@ -102,13 +102,14 @@ def match(
     labels: tuple[str, ...] = (),
     clusters: list[tuple[int, ...]] | None = None,
     min_mac: float = MIN_MAC,
+    refuse: bool = True,
 ) -> Matching:
     """Pair measured with computed modes one to one by the largest sum of criteria.
 
     `solution` holds more modes than were measured; `rows` its rows for the measured channels. `clusters` fixes which
     measured modes are compared as planes (default: by frequency, `close_clusters`). Raises InputError where no mode
     can be used, where the set is not this model's, where a mode has two computed ones to choose from, and where only
-    one of a close pair was measured.
+    one of a close pair was measured. `refuse` False: the last three are no error, for a picture of a poor model.
     """
     name = labels or tuple(f"mode {j + 1}" for j in range(modal_set.frequency_hz.size))
     given = clusters
@@ -125,11 +126,12 @@ def match(
             used.append(j)
     for cluster in clusters:
         present = [j for j in cluster if j in used]
-        if 0 < len(present) < len(cluster):
+        if refuse and 0 < len(present) < len(cluster):
             _refuse_half_a_pair(modal_set.id, name[present[0]], [name[j] for j in cluster if j not in used],
                                 "they are compared as a plane in the other sets")  # fmt: skip
     # given clusters may come from another set, whose pair had its frequencies the other way round
-    clusters = [tuple(sorted(c, key=lambda j: modal_set.frequency_hz[j])) for c in clusters if c[0] in used]
+    present = [[j for j in c if j in used] for c in clusters]
+    clusters = [tuple(sorted(c, key=lambda j: modal_set.frequency_hz[j])) for c in present if c]
     criterion = np.full((modal_set.frequency_hz.size, computed.shape[1]), np.nan)
     for cluster in clusters:
         members = list(cluster)
@@ -154,16 +156,16 @@ def match(
             continue
         groups.append(ModeGroup(measured=cluster, computed=tuple(found)))
     visible = np.linalg.norm(computed, axis=0)
-    if sum(len(group.measured) for group in groups) >= 0.5 * len(used):
+    if refuse and sum(len(group.measured) for group in groups) >= 0.5 * len(used):
         _refuse_ambiguous(modal_set, groups, criterion, visible, name, solution.frequency_hz)
-    if partner:
+    if refuse and partner:
         _refuse_another_structure(modal_set.id, criterion, partner, name)
     if not groups:
         raise InputError(
             f"set {modal_set.id}", f"none of its modes can be used ({'; '.join(left_out)})",
             "check channel names, signs and units of the shapes, or identify these modes",
         )
-    if given is None:
+    if refuse and given is None:
         _refuse_lonely(modal_set, groups, criterion, visible, name, solution.frequency_hz)
     highest = max(i for group in groups for i in group.computed)
     return Matching(

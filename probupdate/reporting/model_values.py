@@ -73,7 +73,7 @@ def _matched_modes(
     solution, drawn = model.solve(theta, n_mode), _displacement(model, theta, n_mode)
     rows = channel_rows(model, data.channels)
     # whatever resembles the measured mode least badly first, so that a poor model is no error here ...
-    matching = match(chosen, solution, rows, labels=data.labels, clusters=clusters, min_mac=0.0)
+    matching = match(chosen, solution, rows, labels=data.labels, clusters=clusters, min_mac=0.0, refuse=False)
     frequency = np.full(data.n_mode, np.nan)
     shape = np.full((len(data.channels), data.n_mode), np.nan)
     moved = np.full((len(drawn), 3, data.n_mode), np.nan)

@@ -15,12 +15,12 @@ import h5py
 import numpy as np
 import pytest
 
+from probupdate import processes
 from probupdate.campaign.reading import read_campaign
 from probupdate.errors import InputError
-from probupdate import processes
 from probupdate.identification.identify import SSISettings, identify
-from probupdate.processes import completed
 from probupdate.identification.reference import ReferenceModes
+from probupdate.processes import completed
 
 # six channels at two tower levels and one leg: enough for five modes, and quick
 ROWS = [0, 1, 14, 15, 16, 17]

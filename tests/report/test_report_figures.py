@@ -12,7 +12,7 @@ import pytest
 from matplotlib.figure import Figure
 
 from probupdate.parameters import Parameter
-from probupdate.reporting import figures
+from probupdate.reporting import figures, figures_identification
 
 
 def standard(name: str) -> Parameter:
@@ -55,6 +55,14 @@ def _built(run) -> dict[str, Figure]:
         "correlation_map": figures.correlation_map(names, np.corrcoef(posterior.draws.T)),
         "traces_and_ranks": figures.traces_and_ranks(names, ["-"] * 10, posterior.theta, posterior.ess),
         "contraction": figures.contraction(names, np.linspace(0.05, 1, 10), informed_below=0.9, strong_below=0.5),
+        "stabilisation": figures.stabilisation(
+            np.linspace(0.1, 2.5, 50), np.ones(50), np.array([10, 12, 14]), np.array([0.31, 0.312, 1.3]),
+            [*figures_identification.STEADINESS][:1] * 3, chosen_hz={"FA1": 0.311}, harmonics_hz={"3P": (0.5, 0.6)}),
+        "mac_map": figures.mac_map(np.eye(2), ["a", "b"], ["a", "b"], across="mode", up="mode"),
+        "mpc_map": figures.mpc_map(block_time, modes.labels, np.full(block_hz.shape, 0.9)),
+        "argand": figures.argand(["a", "b"], np.eye(4)[:, :2] * (1 + 0.1j)),
+        "against_conditions": figures.against_conditions(
+            modes.labels, block_hz, 0.01 * block_hz, {"wind speed [m/s]": np.arange(len(block_hz), dtype=float)}),
         "predictive_frequencies": figures.predictive_frequencies(
             update.labels, update.measured_hz, update.measured_std_hz, posterior.frequency_hz, update.initial_hz),
     }
@@ -69,7 +77,7 @@ NAMES = (
     "sensor_layout", "sensor_layout without model", "wind_and_state", "poles", "mode_shapes", "selection_steps",
     "frequencies_by_block", "frequency_errors", "update_history", "marginals", "corner", "correlation_map",
     "contraction", "departures", "predictive_frequencies", "shapes_by_channel",
-    "traces_and_ranks",
+    "traces_and_ranks", "estimate_paths", "stabilisation", "mac_map", "mpc_map", "argand", "against_conditions",
 )
 
 
