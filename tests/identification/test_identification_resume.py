@@ -1,5 +1,6 @@
 """The store of identified blocks: killed and resumed, any number of processes, other campaigns refused."""
 
+import io
 import json
 import os
 import pickle
@@ -100,6 +101,12 @@ identify(read_campaign(given["campaign"]), rough, settings=SSISettings(**given["
 """
 
 
+def poles_of(content: bytes) -> set[tuple[int, int]]:
+    """(model order, index) of the poles whose deviations a file holds."""
+    with np.load(io.BytesIO(content), allow_pickle=False) as held:
+        return {tuple(key) for key in held["key"].tolist()}
+
+
 def test_a_killed_run_goes_on_with_nothing_lost_and_nothing_done_twice(hour, rough, undisturbed, tmp_path):
     """kill -9 of the parent of two processes once a drawn number of files is there: the processes end too, and the
     next run, in one process, keeps what is there and gives the bytes of an undisturbed one."""
@@ -127,7 +134,10 @@ def test_a_killed_run_goes_on_with_nothing_lost_and_nothing_done_twice(hour, rou
     run(hour, rough, out, progress=lambda *a: told.append(a))
     assert same_results(out, undisturbed)
     again = stored(out)
-    assert all(again[name] == there for name, there in left.items()), "a finished block was written again"
+    for name, there in left.items():
+        # deviations of a block grow where a later round chooses another pole; nothing else is written twice
+        grown = name.endswith(".deviations.npz") and poles_of(there[1]) < poles_of(again[name][1])
+        assert grown or again[name] == there, f"{name} was finished and written again"
     n_poles = sum(name.endswith(".poles.npz") for name in left)
     assert told[0] == ("identifying blocks", n_poles, N_BLOCK)
     assert len(told) - 1 >= N_BLOCK - n_poles and not list(store.glob("*.part"))
