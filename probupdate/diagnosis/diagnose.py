@@ -269,8 +269,26 @@ def adequacy(
     return p, {n: float(r) for n, r in zip(names, rank[:, 0], strict=True)}
 
 
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Outcome:
+    """The diagnosis with what it was read from: the fit of the model as it is (`null`), the fit with everything found
+    (`fitted`, its `named` in the order of the findings), and the first and the last search."""
+
+    diagnosis: Diagnosis
+    setting: Setting
+    null: Fit
+    fitted: Fit
+    first: Search
+    last: Search
+
+
 def diagnose(prepared: Prepared, data: ModalData, *, seed: int = 1, progress: Progress = silent) -> Diagnosis:
     """Find what the model gets wrong in these blocks."""
+    return examine(prepared, data, seed=seed, progress=progress).diagnosis
+
+
+def examine(prepared: Prepared, data: ModalData, *, seed: int = 1, progress: Progress = silent) -> Outcome:
+    """`diagnose` with all that its pictures, the gain and the extended model need."""
     setting, theta = settle(prepared, data)
     progress("diagnosing", 0, MOST_EFFECTS + 1)
     fitted = fit(setting, theta)
@@ -305,11 +323,12 @@ def diagnose(prepared: Prepared, data: ModalData, *, seed: int = 1, progress: Pr
     details = {"adequacy": remaining, "residual": residual_map(setting, fitted)}
     if verdict == "unexplained":
         details["nearest"] = [f"{f.cause}, {f.location}" for f in findings]
-    return Diagnosis(
+    diagnosis = Diagnosis(
         verdict=verdict, p_value=min(first.p_value, fits) if not findings else first.p_value, findings=named,
         limits=_limits(setting, first, null), threshold=first.threshold, adequacy_p=fits, notes=setting.blocks.notes,
         parameters=tuple(_parameters(setting, null, fitted)), details=details,
     )  # fmt: skip
+    return Outcome(diagnosis=diagnosis, setting=setting, null=null, fitted=fitted, first=first, last=found)
 
 
 def span_left(setting: Setting, fitted: Fit, course: int) -> tuple[float, int]:
