@@ -18,6 +18,8 @@ from probupdate.structure.eigen import lowest_modes, mode_derivatives
 
 # imaginary step of the complex-step derivative: no subtraction, so it is exact to rounding (Squire & Trapp 1998)
 STEP = 1e-30
+# solutions kept: an optimiser asks for the derivatives where it has just asked for the value
+KEPT = 4
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -81,9 +83,24 @@ class AffineModel:
 
     def solve_full(self, theta, n_mode):
         """lambda (n_mode,) and phi (n_dof, n_mode)."""
-        theta = self._theta(theta)
-        K, M = self.matrices(theta)
-        return lowest_modes(K, M, n_mode, self._where(theta))
+        return self._solved(self._theta(theta), n_mode)[2:]
+
+    def _solved(self, theta: np.ndarray, n_mode: int):
+        """K, M, lambda, phi; the last KEPT answers are remembered, which changes none of them."""
+        key = (theta.tobytes(), n_mode)
+        found = self._recent.get(key)
+        if found is None:
+            K, M = self.matrices(theta)
+            value, phi = lowest_modes(K, M, n_mode, self._where(theta))
+            found = K, M, frozen_array(value), frozen_array(phi)
+            for oldest in list(self._recent)[: max(0, len(self._recent) - KEPT + 1)]:
+                self._recent.pop(oldest, None)
+            self._recent[key] = found
+        return found
+
+    @cached_property
+    def _recent(self) -> dict:
+        return {}
 
     def solve(
         self,
@@ -94,8 +111,7 @@ class AffineModel:
         clusters: tuple[tuple[int, ...], ...] = (),
     ) -> ModalSolution:
         theta = self._theta(theta)
-        K, M = self.matrices(theta)
-        value, phi = lowest_modes(K, M, n_mode, self._where(theta))
+        K, M, value, phi = self._solved(theta, n_mode)
         frequency = np.sqrt(value) / (2 * np.pi)
         result = {"theta": frozen_array(theta), "frequency_hz": frozen_array(frequency),
                   "shape": frozen_array(self.channel_matrix @ phi)}
