@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -121,7 +122,10 @@ class Diagnosis:
     def write(self, out: str | Path) -> list[Path]:
         out = Path(out)
         out.parent.mkdir(parents=True, exist_ok=True)
-        out.write_text(json.dumps(self.content(), indent=1), encoding="utf-8")
+        # a line a table, not a line a number
+        text = json.dumps(self.content(), indent=1, allow_nan=False)
+        text = re.sub(r"\[[^\[\]{}\"]*\]", lambda found: re.sub(r"\s+", " ", found[0]), text)
+        out.write_text(text, encoding="utf-8")
         return [out]
 
 

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from probupdate.diagnosis.catalogue import Effect
-from probupdate.diagnosis.diagnose import diagnose
+from probupdate.diagnosis.diagnose import examine
 from probupdate.diagnosis.prepare import Prepared, prepare
+from probupdate.diagnosis.residuals import residuals
 from probupdate.diagnosis.results import Diagnosis
 from probupdate.diagnosis.turbine_effects import TurbineEffect
 from probupdate.errors import InputError
@@ -35,7 +37,7 @@ def diagnose_files(
     if isinstance(groups, str | Path):
         groups = _read_groups(groups)
     if isinstance(model, Prepared):
-        return diagnose(model, data, seed=seed, progress=progress)
+        return _whole(model, data, seed, progress)
     if model is None:
         raise InputError("diagnose", "no model is given", "give --model")
     if not isinstance(model, Path):
@@ -45,7 +47,14 @@ def diagnose_files(
     placed = sensors if model.suffix == ".toml" else None
     prepared = prepare(model, parameters=own, sensors=placed, groups=groups, effects=effects, rows=rows,
                        progress=progress)  # fmt: skip
-    return diagnose(prepared, data, seed=seed, progress=progress)
+    return _whole(prepared, data, seed, progress)
+
+
+def _whole(prepared: Prepared, data: ModalData, seed: int, progress: Progress) -> Diagnosis:
+    """The diagnosis with what remains before and after its findings, for the report."""
+    outcome = examine(prepared, data, seed=seed, progress=progress)
+    found = outcome.diagnosis
+    return replace(found, details={**found.details, "residuals": residuals(outcome, prepared.sensors)})
 
 
 def _read_groups(path: str | Path) -> dict[str, dict[str, float]]:

@@ -1,0 +1,441 @@
+"""What remains after the best fit, before and after effects were taken in, against what chance and tolerances leave.
+
+At the most probable parameters (and sizes of effects) departures are r = y - G_h c_h. When nothing more is wrong
+cov(r) = W - G_h C_h G_h^T: W is the noise with tolerances and the floor of model form, C_h the posterior covariance of
+what was fitted. All that is shown is a sum over blocks of r (a mean, a slope, a bin's mean) over its own deviation, so
+that it is standard normal when the model is right; the fit's own appetite is counted.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy import linalg, stats
+
+from probupdate.diagnosis.departures import Reference, labels_of
+from probupdate.diagnosis.diagnose import Outcome, Search, with_derived
+from probupdate.diagnosis.fitting import Fit, Setting, local_at, local_std, prior_shift
+from probupdate.diagnosis.linear import Design
+from probupdate.modes import Sensor
+
+# a series over time has at most so many points, all series together so many numbers
+MOST_POINTS, MOST_NUMBERS = 400, 9000
+# bins of a covariate, with equally many blocks
+N_BIN = 8
+# components of shapes shown over time: those that move most
+N_MOVED = 6
+# of the parameters' joint test: directions that the data inform less, as a share of the prior's variance, are left out
+INFORMED = 0.05
+# surroundings that residuals are drawn against where they are known, with their units
+COVARIATES = {
+    "water_level_m": "m", "air_temperature_c": "degC", "wind_speed_mps": "m/s", "thrust_share": "of full thrust",
+    "rms_mps2": "m/s2", "wave_height_m": "m", "frost_degc": "degC of frost", "rotor_speed_rpm": "rpm",
+}  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Remainder:
+    """What a fit leaves: per group `left` (n_block, n_response), zero where not measured; `held` the unknowns of the
+    design that the fit chose, `held_cov` their posterior covariance."""
+
+    design: Design
+    left: tuple[np.ndarray, ...]
+    held: np.ndarray
+    held_cov: np.ndarray
+
+    def spread(self, q: int, share: np.ndarray) -> np.ndarray:
+        """Covariance (m, m) of sum_b share_b r_b of group q; share (n_block,)."""
+        return self.spread_between(q, share, q, share) + self.own_noise(q, share)
+
+    def own_noise(self, q: int, share: np.ndarray) -> np.ndarray:
+        weight = self.design.noise.weight[q]
+        there = weight > 0
+        scale = float(np.sum(share[there] ** 2 / weight[there]))
+        return scale * self.design.noise.covariance[q] + np.diag((self.design.floor[q] * share[there].sum()) ** 2)
+
+    def spread_between(self, q: int, share: np.ndarray, p: int, other: np.ndarray) -> np.ndarray:
+        """What tolerances add and the fit takes away of the covariance between two sums."""
+        first, second = self._summed(q, share), self._summed(p, other)
+        return (first * self._tolerated**2) @ second.T - first[:, self.held] @ self.held_cov @ second[:, self.held].T
+
+    @cached_property
+    def _tolerated(self) -> np.ndarray:
+        """(n_common,) deviations of what was not fitted, zero for what was."""
+        std = np.array(self.design.prior_std[: self.design.n_common])
+        std[self.held] = 0.0
+        return std
+
+    def _summed(self, q: int, share: np.ndarray) -> np.ndarray:
+        """(m, n_common) what common unknowns make of a sum over blocks."""
+        design = self.design
+        share = np.where(design.noise.weight[q] > 0, share, 0.0)
+        by_bin = np.bincount(design.bin_of, share, design.n_bin)
+        columns = [np.einsum("g,gmk->mk", by_bin, design.nuisance[q])]
+        for effect, course, _ in design.named:
+            there = np.bincount(design.bin_of, share * course.value, design.n_bin)
+            columns.append(np.einsum("g,gm->m", there, design.effect[q][:, :, effect])[:, None])
+        return np.concatenate(columns, axis=1)
+
+    def along(self, q: int, share: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """sum_b share_b r_b (m,) of group q and its deviation (m,)."""
+        weight = self.design.noise.weight[q]
+        there = weight > 0
+        value = np.where(there, share, 0.0) @ self.left[q]
+        # the diagonal of `spread`
+        summed = self._summed(q, share)
+        own = np.sum(share[there] ** 2 / weight[there]) * np.diag(self.design.noise.covariance[q])
+        variance = own + (self.design.floor[q] * share[there].sum()) ** 2 + summed**2 @ self._tolerated**2
+        held = summed[:, self.held]
+        variance -= np.sum((held @ self.held_cov) * held, axis=1)
+        return value, np.sqrt(np.maximum(variance, 1e-300))
+
+    def mean_share(self, q: int) -> np.ndarray:
+        weight = self.design.noise.weight[q]
+        return weight / weight.sum()
+
+    @cached_property
+    def means(self) -> tuple[np.ndarray, np.ndarray]:
+        """Means over blocks of all groups' responses in a row (n,), and their full covariance (n, n)."""
+        shares = [self.mean_share(q) for q in range(len(self.left))]
+        sizes = [y.shape[1] for y in self.left]
+        at = np.concatenate([[0], np.cumsum(sizes)])
+        covariance = np.zeros((at[-1], at[-1]))
+        for q, share in enumerate(shares):
+            for p in range(q + 1):
+                block = self.spread_between(q, share, p, shares[p])
+                if p == q:
+                    block = block + self.own_noise(q, share)
+                covariance[at[q] : at[q + 1], at[p] : at[p + 1]] = block
+                covariance[at[p] : at[p + 1], at[q] : at[q + 1]] = block.T
+        return np.concatenate([s @ y for s, y in zip(shares, self.left, strict=True)]), covariance
+
+
+def remainder(fitted: Fit, n_own: int) -> Remainder:
+    """Of a fit with n_own updated parameters."""
+    design = fitted.design
+    held = np.array([*range(n_own), *range(design.nuisance_std.size, design.n_common)])
+    return Remainder(design=design, left=fitted.departures, held=held, held_cov=design.unknowns_cov(held))
+
+
+def residuals(outcome: Outcome, sensors: Sequence[Sensor] = ()) -> dict:
+    """All of it as plain numbers for diagnosis.json. `sensors` tell which way the axes of a close pair point."""
+    setting = outcome.setting
+    n_own = len(setting.updated)
+    before = remainder(outcome.null, n_own)
+    after = remainder(outcome.fitted, n_own) if outcome.fitted is not outcome.null else None
+    both = [before] if after is None else [before, after]
+    words = _words(setting, sensors)
+    references = _references(setting, outcome.null)
+    return {
+        "states": ["before", "after"][: len(both)],
+        "n_block": len(setting.blocks),
+        "modes": _modes(both, words),
+        "channels": _channels(both, setting),
+        "bands": [_bands(r, references) for r in both],
+        "time": _time(both, setting, words),
+        "covariates": _covariates(both, setting, words),
+        "pushed": _pushed(setting, [outcome.null, outcome.fitted][: len(both)]),
+        "sensors": _sensors(setting, sensors),
+        "measurement": _measurement(setting, outcome.first),
+    }
+
+
+# Names -------------------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, kw_only=True)
+class Words:
+    """Of one group: its modes, and which of its first responses are ln f (1) or the tensor's 11, 22, 12 (3)."""
+
+    group: str
+    parts: tuple[str, ...]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        return tuple(f"{self.group} {p}".strip() for p in self.parts)
+
+
+def _words(setting: Setting, sensors: Sequence[Sensor]) -> tuple[Words, ...]:
+    blocks = setting.blocks
+    result = []
+    for q, group in enumerate(blocks.groups):
+        parts: tuple[str, ...] = ("",)
+        if len(group) == 2:
+            ways = [_direction(setting.field.axes[q][:, k], blocks.channels, sensors) for k in range(2)]
+            axes = (f"axis {k + 1}" if way is None else f"along {round(way) % 180} deg" for k, way in enumerate(ways))
+            parts = (*axes, "coupling")
+        result.append(Words(group=blocks.group_name(q), parts=parts))
+    return tuple(result)
+
+
+def _direction(shape: np.ndarray, channels: Sequence[str], sensors: Sequence[Sensor]) -> float | None:
+    """Azimuth from the model's x, 0 to 180 deg, of the horizontal motion at the highest level; None if not known."""
+    placed = [(s, channels.index(s.channel)) for s in sensors if s.channel in channels]
+    if not placed:
+        return None
+    top = max(s.position_m[2] for s, _ in placed)
+    moved = sum(np.array(s.direction[:2]) * shape[k].real for s, k in placed if s.position_m[2] > top - 0.5)
+    if np.linalg.norm(moved) < 1e-3 * np.max(np.abs(shape)):
+        return None
+    return float(np.degrees(np.arctan2(moved[1], moved[0])) % 180)
+
+
+def _sensors(setting: Setting, sensors: Sequence[Sensor]) -> list[dict]:
+    known = {s.channel: s for s in sensors}
+    return [{"channel": c, "level": known[c].level, "position_m": [float(x) for x in known[c].position_m],
+             "direction": [float(x) for x in known[c].direction]} for c in setting.blocks.channels if c in known]
+
+
+# Means over the record ---------------------------------------------------------------------------------------------
+
+
+def _modes(both: Sequence[Remainder], words: Sequence[Words]) -> list[dict]:
+    """ln f, or the tensor of a pair, of every group: residual in per cent, deviation expected of it, z."""
+    rows = []
+    for q, word in enumerate(words):
+        told = [r.along(q, r.mean_share(q)) for r in both]
+        for i, name in enumerate(word.names):
+            rows.append({"mode": name, "percent": [_three(100 * v[i]) for v, _ in told],
+                         "expected_percent": [_three(100 * s[i]) for _, s in told],
+                         "z": [_two(v[i] / s[i]) for v, s in told]})  # fmt: skip
+    return rows
+
+
+def _channels(both: Sequence[Remainder], setting: Setting) -> list[dict]:
+    """Per mode, channel and part ("in phase", "out of phase"): residual in per cent of the shape's largest component,
+    deviation expected of it, z."""
+    blocks = setting.blocks
+    n_channel = len(blocks.channels)
+    rows = []
+    for q, group in enumerate(blocks.groups):
+        told = [r.along(q, r.mean_share(q)) for r in both]
+        n_log = told[0][0].size - 2 * n_channel * len(group)
+        for half, part in enumerate(("in phase", "out of phase")):
+            for k, mode in enumerate(group):
+                at = n_log + (half * len(group) + k) * n_channel
+                rows.append({
+                    "mode": blocks.labels[mode], "part": part, "channels": list(blocks.channels),
+                    "percent": [[_three(100 * x) for x in v[at : at + n_channel]] for v, _ in told],
+                    "z": [[_two(x) for x in (v / s)[at : at + n_channel]] for v, s in told],
+                })  # fmt: skip
+    return rows
+
+
+def _references(setting: Setting, fitted: Fit) -> tuple[Reference, ...]:
+    exact = [n for n in fitted.named if n.exact]
+    local, _ = local_at(setting.field, fitted.theta, exact, [float(np.mean(n.course.value)) for n in exact])
+    return setting.field.references(local, float(setting.bins[0][0]))
+
+
+def free_directions(reference: Reference, n_log: int) -> np.ndarray:
+    """(m, n) orthonormal: responses of a group less those that aligning the shapes takes away."""
+    shape = reference.shape
+    n_channel, k = shape.shape
+    m = n_log + 2 * n_channel * k
+    taken = []
+    for i in range(k):
+        real = slice(n_log + i * n_channel, n_log + (i + 1) * n_channel)
+        imaginary = slice(real.start + k * n_channel, real.stop + k * n_channel)
+        for j in range(k):
+            for re, im in ((shape[:, j].real, shape[:, j].imag), (-shape[:, j].imag, shape[:, j].real)):
+                row = np.zeros(m)
+                row[real], row[imaginary] = re, im
+                taken.append(row)
+    return linalg.null_space(np.array(taken))
+
+
+def _bands(r: Remainder, references: Sequence[Reference]) -> dict:
+    """Shares of independent directions within the bands that hold 50 and 90 % of them when nothing is wrong: of the
+    means over the record, and of single blocks about them."""
+    free = [free_directions(ref, 1 if len(ref.tensor) == 1 else 3) for ref in references]
+    mean, covariance = r.means
+    keep = linalg.block_diag(*free)
+    root = np.linalg.cholesky(keep.T @ covariance @ keep)
+    white = linalg.solve_triangular(root, keep.T @ mean, lower=True)
+    single = []
+    for q, part in enumerate(free):
+        weight = r.design.noise.weight[q]
+        rows = np.flatnonzero(weight > 0)
+        about = (r.left[q][rows] - r.mean_share(q) @ r.left[q]) @ part
+        factor = np.linalg.cholesky(part.T @ r.design.noise.covariance[q] @ part)
+        # a block is part of the mean that was taken off
+        size = np.sqrt(1 / weight[rows] - 1 / weight.sum())
+        single.append((linalg.solve_triangular(factor, about.T, lower=True) / size).ravel())
+    return {
+        "means": _shares(white) | {"p": _two(stats.chi2.sf(float(white @ white), white.size))},
+        "blocks": _shares(np.concatenate(single)),
+    }
+
+
+def _shares(white: np.ndarray) -> dict:
+    result = {"directions": int(white.size)}
+    for level in (0.5, 0.9):
+        inside = np.abs(white) < stats.norm.ppf(0.5 + level / 2)
+        expected = [float(stats.binom.ppf(t, white.size, level) / white.size) for t in (0.025, 0.975)]
+        name = f"within_{100 * level:.0f}"
+        result |= {name: _three(float(inside.mean())), f"{name}_expected": [_three(x) for x in expected]}
+    return result
+
+
+# Along the record --------------------------------------------------------------------------------------------------
+
+
+def _shown(both: Sequence[Remainder], setting: Setting, words: Sequence[Words]) -> list[tuple[int, int, str, float]]:
+    """(group, response, name, z) of what is drawn over time: frequencies, and the parts of shapes that move most."""
+    blocks = setting.blocks
+    shown, moved = [], []
+    for q, word in enumerate(words):
+        shown += [(q, i, name, np.nan) for i, name in enumerate(word.names)]
+        labels = labels_of(blocks.group_name(q), len(blocks.groups[q]), blocks.channels)
+        largest = np.zeros(len(labels))
+        for course in setting.courses:
+            if course.kind != "constant":
+                value, std = both[0].along(q, slope_share(both[0], q, course.value))
+                largest = np.maximum(largest, np.abs(value / std))
+        moved += [(q, i, _shape_name(setting, q, i, len(word.names)), float(largest[i]))
+                  for i in range(len(word.names), len(labels))]  # fmt: skip
+    return shown + sorted(moved, key=lambda row: -row[3])[:N_MOVED]
+
+
+def _shape_name(setting: Setting, q: int, response: int, n_log: int) -> str:
+    blocks = setting.blocks
+    n_channel, group = len(blocks.channels), blocks.groups[q]
+    number, channel = divmod(response - n_log, n_channel)
+    half, member = divmod(number, len(group))
+    part = ("in phase", "out of phase")[half]
+    return f"{blocks.labels[group[member]]} at {blocks.channels[channel]}, {part}"
+
+
+def slope_share(r: Remainder, q: int, value: np.ndarray) -> np.ndarray:
+    """Shares (n_block,) of blocks whose sum is the slope of a response on `value`."""
+    weight = r.design.noise.weight[q]
+    centred = value - (weight @ value) / weight.sum()
+    size = float(weight @ centred**2)
+    return weight * centred / size if size > 0 else np.zeros_like(weight)
+
+
+def _portion_share(r: Remainder, q: int, chosen: np.ndarray) -> np.ndarray | None:
+    """Shares whose sum is the mean over the chosen blocks less that over all; None where none of them was measured."""
+    weight = r.design.noise.weight[q]
+    own = np.where(chosen, weight, 0.0)
+    return own / own.sum() - weight / weight.sum() if own.sum() > 0 else None
+
+
+def _time(both: Sequence[Remainder], setting: Setting, words: Sequence[Words]) -> dict:
+    """Series of what is shown, in per cent about their mean, with the deviation expected of each point."""
+    blocks = setting.blocks
+    shown = _shown(both, setting, words)
+    most = max(20, min(MOST_POINTS, MOST_NUMBERS // max(1, (len(both) + 1) * len(shown))))
+    portions = np.array_split(np.arange(len(blocks)), min(len(blocks), most))
+    masks = [np.isin(np.arange(len(blocks)), p) for p in portions]
+    tables = _tables(both, masks)
+    n_tried = sum(y.shape[1] for y in both[0].left) * sum(c.kind != "constant" for c in setting.courses)
+    return {
+        "start": blocks.ids[0], "hours": [_four(blocks.hours[p].mean()) for p in portions],
+        "blocks_a_point": _three(len(blocks) / len(portions)),
+        "by_chance": _two(stats.norm.isf(0.025 / max(n_tried, 1))),
+        "series": [{"name": name, "moved_z": _two(z), **_series(tables, q, i, len(both))} for q, i, name, z in shown],
+    }  # fmt: skip
+
+
+def _tables(both: Sequence[Remainder], masks: Sequence[np.ndarray]):
+    """[state][group] -> per portion (value (m,), std (m,)) or None."""
+    return [[[None if (share := _portion_share(r, q, mask)) is None else r.along(q, share) for mask in masks]
+             for q in range(len(r.left))] for r in both]  # fmt: skip
+
+
+def _series(tables, q: int, i: int, n_state: int) -> dict:
+    values = [[None if cell is None else _three(100 * cell[0][i]) for cell in tables[s][q]] for s in range(n_state)]
+    std = [None if cell is None else _two(100 * cell[1][i]) for cell in tables[-1][q]]
+    return {"percent": values, "expected_percent": std}
+
+
+def _covariates(both: Sequence[Remainder], setting: Setting, words: Sequence[Words]) -> list[dict]:
+    """Frequencies in bins of each covariate that is known and varies, in per cent about their mean, and the z of a
+    slope before and after."""
+    blocks = with_derived(setting.blocks)
+    found = []
+    for column, unit in COVARIATES.items():
+        values = blocks.covariate(column)
+        if values is None:
+            continue
+        order = np.argsort(values, kind="stable")
+        portions = [p for p in np.array_split(order, min(N_BIN, max(2, len(order) // 4))) if len(p)]
+        masks = [np.isin(np.arange(len(blocks)), p) for p in portions]
+        tables = _tables(both, masks)
+        series = []
+        for q, word in enumerate(words):
+            slopes = [r.along(q, slope_share(r, q, values)) for r in both]
+            series += [
+                {"name": name, **_series(tables, q, i, len(both)), "slope_z": [_two(v[i] / s[i]) for v, s in slopes],
+                 "slope_percent": [_three(100 * v[i]) for v, _ in slopes]}
+                for i, name in enumerate(word.names)
+            ]  # fmt: skip
+        found.append({"column": column, "unit": unit, "centre": [_four(values[p].mean()) for p in portions],
+                      "blocks": [len(p) for p in portions], "series": series})
+    return found
+
+
+# What was pushed, and what the sensors say --------------------------------------------------------------------------
+
+
+def _pushed(setting: Setting, fits: Sequence[Fit]) -> dict:
+    """How far each parameter was pushed, in prior deviations, the deviation that the data would push it by if the prior
+    were right, and p of all parameters together."""
+    names = [setting.field.parameters.names[k] for k in setting.updated]
+    told = [push(setting, f) for f in fits]
+    return {
+        "parameters": [
+            {"name": n, "pushed": [_three(p[i]) for p, _, _ in told], "expected": [_three(e[i]) for _, e, _ in told]}
+            for i, n in enumerate(names)
+        ],
+        "p_together": [_two(p) for _, _, p in told],
+    }
+
+
+def push(setting: Setting, fitted: Fit) -> tuple[np.ndarray, np.ndarray, float]:
+    """Shift of each updated parameter over its prior's deviation (n,), the deviation expected of that, and p of all
+    shifts together: c_hat is N(0, S - C) when the prior is right, S prior's and C posterior covariance."""
+    n = len(setting.updated)
+    std = np.array([local_std(setting.prior, i, fitted.theta[k]) for i, k in enumerate(setting.updated)])
+    shift = -prior_shift(setting, fitted.theta) / std
+    learnt = np.eye(n) - fitted.design.unknowns_cov(range(n)) / np.outer(std, std)
+    value, turn = np.linalg.eigh(learnt)
+    informed = value > INFORMED
+    statistic = float(np.sum((turn[:, informed].T @ shift) ** 2 / value[informed]))
+    p = float(stats.chi2.sf(statistic, int(informed.sum()))) if informed.any() else 1.0
+    return shift, np.sqrt(np.maximum(np.diag(learnt), 0.0)), p
+
+
+def _measurement(setting: Setting, first: Search) -> list[dict]:
+    """The measurement's own tests at the fit of the model as it is: of each cause and course the place that stands out
+    most, with the number that were tried."""
+    groups: dict[tuple[str, str], list[int]] = {}
+    for k, (j, c) in enumerate(setting.which):
+        effect = setting.effects[j]
+        if effect.kind == "measurement" and first.usable[k]:
+            groups.setdefault((effect.cause, setting.courses[c].name), []).append(k)
+    rows = []
+    for (cause, course), members in groups.items():
+        best = max(members, key=lambda k: first.statistic[k])
+        effect = setting.effects[setting.which[best, 0]]
+        rows.append({
+            "cause": cause, "course": course, "location": effect.location, "z": _three(first.z[best]),
+            "size": _three(first.size[best]), "size_std": _three(first.size_std[best]),
+            "unit": effect.unit + setting.courses[setting.which[best, 1]].unit, "tolerance": effect.tolerance,
+            "tried": len({int(setting.which[k, 0]) for k in members}),
+        })  # fmt: skip
+    return rows
+
+
+def _rounded(digits: int) -> Callable[[float], float | None]:
+    def rounded(value: float) -> float | None:
+        return float(f"{value:.{digits - 1}e}") if np.isfinite(value) else None
+
+    return rounded
+
+
+_two, _three, _four = _rounded(2), _rounded(3), _rounded(4)

@@ -1,0 +1,169 @@
+"""What remains after a fit: its stated deviations against a dense covariance and drawn records; what is shown."""
+
+import json
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from probupdate.diagnosis.courses import Course, step_course
+from probupdate.diagnosis.departures import Reference
+from probupdate.diagnosis.diagnose import examine
+from probupdate.diagnosis.linear import Design
+from probupdate.diagnosis.noise import Noise
+from probupdate.diagnosis.prepare import prepare
+from probupdate.diagnosis.residuals import Remainder, free_directions, residuals, slope_share
+from probupdate.modes import Sensor
+
+N_BLOCK, SIZES, HELD = 14, (5, 4), [0, 1, 3]
+
+
+@pytest.fixture(scope="module")
+def design():
+    """Three nuisances, of which two are fitted; one named effect with a step."""
+    rng = np.random.default_rng(8)
+    covariances = [a @ a.T + np.eye(m) for m in SIZES for a in [rng.standard_normal((m, m))]]
+    weights = [rng.uniform(0.5, 2.0, N_BLOCK) for _ in SIZES]
+    weights[0][3] = 0.0
+    noise = Noise(covariance=tuple(covariances), precision=tuple(np.linalg.inv(c) for c in covariances),
+                  weight=tuple(weights))  # fmt: skip
+    courses = (Course(kind="constant", value=np.ones(N_BLOCK)), step_course(N_BLOCK, 5))
+    return Design(
+        bin_of=rng.integers(0, 2, N_BLOCK), nuisance=tuple(rng.standard_normal((2, m, 3)) for m in SIZES),
+        nuisance_std=np.array([0.7, 1.0, 1.5]), floor=tuple(np.full(m, 0.4) for m in SIZES),
+        effect=tuple(rng.standard_normal((2, m, 2)) for m in SIZES), courses=courses,
+        which=np.array([(j, c) for j in range(2) for c in range(2)]), noise=noise,
+        named=((1, step_course(N_BLOCK, 7), 0.9),),
+    )  # fmt: skip
+
+
+def fitted(design, departures) -> Remainder:
+    """The remainder after the best values of the unknowns HELD are taken off."""
+    solved = design.unknowns(departures)
+    chosen = np.zeros_like(solved)
+    chosen[HELD] = solved[HELD]
+    left = tuple(np.where(w[:, None] > 0, y - m, 0.0) for y, m, w in
+                 zip(departures, design.expected(chosen), design.noise.weight, strict=True))  # fmt: skip
+    return Remainder(design=design, left=left, held=np.array(HELD), held_cov=design.unknowns_cov(HELD))
+
+
+def shares(r: Remainder, q: int):
+    course = slope_share(r, q, np.sin(np.arange(N_BLOCK)))
+    return {"mean": r.mean_share(q), "slope": course}
+
+
+def test_deviations_are_those_of_the_covariance_written_out(design):
+    """cov(r) = W V^-1 W, both dense: V of all that is measured, W the same without what was fitted."""
+    rows = [(q, b, i) for q, m in enumerate(SIZES) for b in np.flatnonzero(design.noise.weight[q]) for i in range(m)]
+    unknown = np.eye(design.n_unknown)
+    G = np.array([[y[q][b, i] for q, b, i in rows] for y in map(design.expected, unknown)]).T
+    noise = np.array([[design.noise.covariance[q][i, j] / design.noise.weight[q][b] if (p, c) == (q, b) else 0.0
+                       for p, c, j in rows] for q, b, i in rows])  # fmt: skip
+    others = np.setdiff1d(np.arange(design.n_unknown), HELD)
+    S = design.prior_std**2
+    W = noise + (G[:, others] * S[others]) @ G[:, others].T
+    V = W + (G[:, HELD] * S[HELD]) @ G[:, HELD].T
+    exact = W @ np.linalg.solve(V, W)
+    r = fitted(design, design.simulate(np.random.default_rng(0)))
+    for q, m in enumerate(SIZES):
+        for share in shares(r, q).values():
+            pick = np.zeros((m, len(rows)))
+            for k, (p, b, i) in enumerate(rows):
+                if p == q:
+                    pick[i, k] = share[b]
+            expected = pick @ exact @ pick.T
+            assert r.spread(q, share) == pytest.approx(expected, rel=1e-9, abs=1e-10)
+            assert r.along(q, share)[1] == pytest.approx(np.sqrt(np.diag(expected)), rel=1e-9)
+    mean, covariance = r.means
+    first = np.zeros((SIZES[0], len(rows)))
+    second = np.zeros((SIZES[1], len(rows)))
+    for k, (p, b, i) in enumerate(rows):
+        (first, second)[p][i, k] = r.mean_share(p)[b]
+    assert covariance[: SIZES[0], SIZES[0] :] == pytest.approx(first @ exact @ second.T, rel=1e-9, abs=1e-10)
+    assert mean.shape == (sum(SIZES),)
+
+
+def test_standardised_remainders_of_drawn_records_are_standard_normal(design):
+    rng = np.random.default_rng(2)
+    z = []
+    for _ in range(400):
+        r = fitted(design, design.simulate(rng))
+        z.append(np.concatenate([np.divide(*r.along(q, s)) for q in range(2) for s in shares(r, q).values()]))
+    z = np.array(z)
+    # 400 draws: a variance is known to 7 %, 18 of them
+    assert np.abs(np.mean(z**2, axis=0) - 1).max() < 4 * np.sqrt(2 / 400)
+    assert np.abs(z.mean(axis=0)).max() < 4 / np.sqrt(400)
+    assert stats.kstest(z[:, 0], "norm").pvalue > 1e-3
+
+
+def test_directions_that_an_alignment_takes_away_are_left_out():
+    rng = np.random.default_rng(4)
+    target = rng.standard_normal((6, 2)) + 0.1j * rng.standard_normal((6, 2))
+    reference = Reference(tensor=np.diag([0.1, 0.2]), shape=target)
+    free = free_directions(reference, 3)
+    # k^2 complex numbers of a group of k modes
+    assert free.shape == (3 + 24, 3 + 24 - 8)
+    change = 1e-6 * (rng.standard_normal((6, 2)) + 1j * rng.standard_normal((6, 2)))
+    measured = (target + change) @ rng.standard_normal((2, 2))
+    projected = measured @ np.linalg.pinv(measured) @ target - target
+    flat = projected.T.ravel()
+    row = np.concatenate([np.zeros(3), flat.real, flat.imag])
+    assert np.linalg.norm(row - free @ (free.T @ row)) < 1e-4 * np.linalg.norm(row)
+
+
+@pytest.fixture(scope="module")
+def prepared(frame_file):
+    return prepare(frame_file)
+
+
+def placed():
+    return tuple(
+        Sensor(channel=f"{axis}{k}", level=f"storey {k}", position_m=(0.0, 0.0, 3.0 * k),
+               direction=(1.0, 0.0, 0.0) if axis == "x" else (0.0, 1.0, 0.0), quantity="acceleration", unit="m/s2")
+        for k in range(1, 6) for axis in "xy"
+    )  # fmt: skip
+
+
+def test_a_wrong_gain_stands_out_before_and_is_gone_after(prepared, record):
+    found = residuals(examine(prepared, record(5, gain=("y4", 1.12))), placed())
+    assert found["states"] == ["before", "after"]
+    z = {(row["mode"], c): (row["z"][0][k], row["z"][1][k]) for row in found["channels"]
+         if row["part"] == "in phase" for k, c in enumerate(row["channels"])}  # fmt: skip
+    worst = max(z, key=lambda key: abs(z[key][0]))
+    assert worst[1] == "y4" and abs(z[worst][0]) > 4 and abs(z[worst][1]) < 3
+    gains = next(r for r in found["measurement"] if r["cause"] == "sensor gain" and r["course"] == "constant")
+    assert gains["location"] == "y4" and gains["tried"] == 10
+    # a month's worth of blocks may be ten times as many; numbers only, no NaN
+    assert len(json.dumps(found, allow_nan=False)) < 100_000
+
+
+def test_a_step_shows_along_the_record_and_with_no_covariate(prepared, record):
+    found = residuals(examine(prepared, record(4, storey=2, factor=0.9, from_block=20)), placed())
+    names = [s["name"] for s in found["time"]["series"]]
+    assert any("along 0 deg" in n for n in names) and any("along 90 deg" in n for n in names)
+    step = []
+    for series in found["time"]["series"]:
+        if not np.isfinite(series["moved_z"] or np.nan):
+            before, after = (np.array(p, float) for p in series["percent"])
+            step.append([before[20:].mean() - before[:20].mean(), after[20:].mean() - after[:20].mean()])
+    step = np.abs(step)
+    # 10 % of one of five storeys: some frequency falls by more than half a per cent; 0.1 % of noise, 20 blocks a side
+    assert step[:, 0].max() > 0.5 and step[:, 1].max() < 4 * 0.1 * np.sqrt(2 / 20)
+    (tide,) = found["covariates"]
+    assert tide["column"] == "water_level_m" and sum(tide["blocks"]) == 40
+
+
+def test_bands_of_a_record_with_nothing_wrong_hold_what_they_say(prepared, record):
+    outcome = examine(prepared, record(2))
+    assert outcome.fitted is outcome.null
+    found = residuals(outcome)
+    assert found["states"] == ["before"] and found["sensors"] == []
+    (bands,) = found["bands"]
+    low, high = bands["blocks"]["within_90_expected"]
+    # noise is estimated from the blocks themselves, and is what was drawn: the two bands hold their shares
+    assert low - 0.02 < bands["blocks"]["within_90"] < high + 0.02
+    # the floor is wider than what this record's model gets wrong, never narrower
+    assert bands["means"]["within_90"] >= bands["means"]["within_90_expected"][0]
+    assert bands["means"]["p"] > 1e-3
+    assert found["pushed"]["p_together"][0] > 1e-3
+    assert all(0 <= row["expected"][0] <= 1 for row in found["pushed"]["parameters"])
