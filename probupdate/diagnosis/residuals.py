@@ -1,24 +1,26 @@
-"""What remains after the best fit, before and after effects were taken in, against what chance and tolerances leave.
-
-At the most probable parameters (and sizes of effects) departures are r = y - G_h c_h. When nothing more is wrong
-cov(r) = W - G_h C_h G_h^T: W is the noise with tolerances and the floor of model form, C_h the posterior covariance of
-what was fitted. All that is shown is a sum over blocks of r (a mean, a slope, a bin's mean) over its own deviation, so
-that it is standard normal when the model is right; the fit's own appetite is counted.
-"""
+"""What remains before and after the findings, as plain numbers for diagnosis.json: per mode, per channel, along the
+record and against its surroundings; what was pushed; what the sensors say."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 from scipy import linalg, stats
 
 from probupdate.diagnosis.departures import Reference, labels_of
 from probupdate.diagnosis.diagnose import Outcome, Search, with_derived
-from probupdate.diagnosis.fitting import Fit, Setting, local_at, local_std, prior_shift
-from probupdate.diagnosis.linear import Design
+from probupdate.diagnosis.fitting import Fit, Setting, local_at
+from probupdate.diagnosis.remainder import (
+    Remainder,
+    block_sizes,
+    free_directions,
+    portion_share,
+    push,
+    remainder,
+    slope_share,
+)
 from probupdate.modes import Sensor
 
 # a series over time has at most so many points, all series together so many numbers
@@ -27,97 +29,11 @@ MOST_POINTS, MOST_NUMBERS = 400, 9000
 N_BIN = 8
 # components of shapes shown over time: those that move most
 N_MOVED = 6
-# of the parameters' joint test: directions that the data inform less, as a share of the prior's variance, are left out
-INFORMED = 0.05
 # surroundings that residuals are drawn against where they are known, with their units
 COVARIATES = {
     "water_level_m": "m", "air_temperature_c": "degC", "wind_speed_mps": "m/s", "thrust_share": "of full thrust",
     "rms_mps2": "m/s2", "wave_height_m": "m", "frost_degc": "degC of frost", "rotor_speed_rpm": "rpm",
 }  # fmt: skip
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Remainder:
-    """What a fit leaves: per group `left` (n_block, n_response), zero where not measured; `held` the unknowns of the
-    design that the fit chose, `held_cov` their posterior covariance."""
-
-    design: Design
-    left: tuple[np.ndarray, ...]
-    held: np.ndarray
-    held_cov: np.ndarray
-
-    def spread(self, q: int, share: np.ndarray) -> np.ndarray:
-        """Covariance (m, m) of sum_b share_b r_b of group q; share (n_block,)."""
-        return self.spread_between(q, share, q, share) + self.own_noise(q, share)
-
-    def own_noise(self, q: int, share: np.ndarray) -> np.ndarray:
-        weight = self.design.noise.weight[q]
-        there = weight > 0
-        scale = float(np.sum(share[there] ** 2 / weight[there]))
-        return scale * self.design.noise.covariance[q] + np.diag((self.design.floor[q] * share[there].sum()) ** 2)
-
-    def spread_between(self, q: int, share: np.ndarray, p: int, other: np.ndarray) -> np.ndarray:
-        """What tolerances add and the fit takes away of the covariance between two sums."""
-        first, second = self._summed(q, share), self._summed(p, other)
-        return (first * self._tolerated**2) @ second.T - first[:, self.held] @ self.held_cov @ second[:, self.held].T
-
-    @cached_property
-    def _tolerated(self) -> np.ndarray:
-        """(n_common,) deviations of what was not fitted, zero for what was."""
-        std = np.array(self.design.prior_std[: self.design.n_common])
-        std[self.held] = 0.0
-        return std
-
-    def _summed(self, q: int, share: np.ndarray) -> np.ndarray:
-        """(m, n_common) what common unknowns make of a sum over blocks."""
-        design = self.design
-        share = np.where(design.noise.weight[q] > 0, share, 0.0)
-        by_bin = np.bincount(design.bin_of, share, design.n_bin)
-        columns = [np.einsum("g,gmk->mk", by_bin, design.nuisance[q])]
-        for effect, course, _ in design.named:
-            there = np.bincount(design.bin_of, share * course.value, design.n_bin)
-            columns.append(np.einsum("g,gm->m", there, design.effect[q][:, :, effect])[:, None])
-        return np.concatenate(columns, axis=1)
-
-    def along(self, q: int, share: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """sum_b share_b r_b (m,) of group q and its deviation (m,)."""
-        weight = self.design.noise.weight[q]
-        there = weight > 0
-        value = np.where(there, share, 0.0) @ self.left[q]
-        # the diagonal of `spread`
-        summed = self._summed(q, share)
-        own = np.sum(share[there] ** 2 / weight[there]) * np.diag(self.design.noise.covariance[q])
-        variance = own + (self.design.floor[q] * share[there].sum()) ** 2 + summed**2 @ self._tolerated**2
-        held = summed[:, self.held]
-        variance -= np.sum((held @ self.held_cov) * held, axis=1)
-        return value, np.sqrt(np.maximum(variance, 1e-300))
-
-    def mean_share(self, q: int) -> np.ndarray:
-        weight = self.design.noise.weight[q]
-        return weight / weight.sum()
-
-    @cached_property
-    def means(self) -> tuple[np.ndarray, np.ndarray]:
-        """Means over blocks of all groups' responses in a row (n,), and their full covariance (n, n)."""
-        shares = [self.mean_share(q) for q in range(len(self.left))]
-        sizes = [y.shape[1] for y in self.left]
-        at = np.concatenate([[0], np.cumsum(sizes)])
-        covariance = np.zeros((at[-1], at[-1]))
-        for q, share in enumerate(shares):
-            for p in range(q + 1):
-                block = self.spread_between(q, share, p, shares[p])
-                if p == q:
-                    block = block + self.own_noise(q, share)
-                covariance[at[q] : at[q + 1], at[p] : at[p + 1]] = block
-                covariance[at[p] : at[p + 1], at[q] : at[q + 1]] = block.T
-        return np.concatenate([s @ y for s, y in zip(shares, self.left, strict=True)]), covariance
-
-
-def remainder(fitted: Fit, n_own: int) -> Remainder:
-    """Of a fit with n_own updated parameters."""
-    design = fitted.design
-    held = np.array([*range(n_own), *range(design.nuisance_std.size, design.n_common)])
-    return Remainder(design=design, left=fitted.departures, held=held, held_cov=design.unknowns_cov(held))
 
 
 def residuals(outcome: Outcome, sensors: Sequence[Sensor] = ()) -> dict:
@@ -135,7 +51,7 @@ def residuals(outcome: Outcome, sensors: Sequence[Sensor] = ()) -> dict:
         "modes": _modes(both, words),
         "channels": _channels(both, setting),
         "bands": [_bands(r, references) for r in both],
-        "time": _time(both, setting, words),
+        "time": _time(both, setting, words) | {"sizes": _sizes(outcome, before)},
         "covariates": _covariates(both, setting, words),
         "pushed": _pushed(setting, [outcome.null, outcome.fitted][: len(both)]),
         "sensors": _sensors(setting, sensors),
@@ -230,23 +146,6 @@ def _references(setting: Setting, fitted: Fit) -> tuple[Reference, ...]:
     return setting.field.references(local, float(setting.bins[0][0]))
 
 
-def free_directions(reference: Reference, n_log: int) -> np.ndarray:
-    """(m, n) orthonormal: responses of a group less those that aligning the shapes takes away."""
-    shape = reference.shape
-    n_channel, k = shape.shape
-    m = n_log + 2 * n_channel * k
-    taken = []
-    for i in range(k):
-        real = slice(n_log + i * n_channel, n_log + (i + 1) * n_channel)
-        imaginary = slice(real.start + k * n_channel, real.stop + k * n_channel)
-        for j in range(k):
-            for re, im in ((shape[:, j].real, shape[:, j].imag), (-shape[:, j].imag, shape[:, j].real)):
-                row = np.zeros(m)
-                row[real], row[imaginary] = re, im
-                taken.append(row)
-    return linalg.null_space(np.array(taken))
-
-
 def _bands(r: Remainder, references: Sequence[Reference]) -> dict:
     """Shares of independent directions within the bands that hold 50 and 90 % of them when nothing is wrong: of the
     means over the record, and of single blocks about them."""
@@ -309,21 +208,6 @@ def _shape_name(setting: Setting, q: int, response: int, n_log: int) -> str:
     return f"{blocks.labels[group[member]]} at {blocks.channels[channel]}, {part}"
 
 
-def slope_share(r: Remainder, q: int, value: np.ndarray) -> np.ndarray:
-    """Shares (n_block,) of blocks whose sum is the slope of a response on `value`."""
-    weight = r.design.noise.weight[q]
-    centred = value - (weight @ value) / weight.sum()
-    size = float(weight @ centred**2)
-    return weight * centred / size if size > 0 else np.zeros_like(weight)
-
-
-def _portion_share(r: Remainder, q: int, chosen: np.ndarray) -> np.ndarray | None:
-    """Shares whose sum is the mean over the chosen blocks less that over all; None where none of them was measured."""
-    weight = r.design.noise.weight[q]
-    own = np.where(chosen, weight, 0.0)
-    return own / own.sum() - weight / weight.sum() if own.sum() > 0 else None
-
-
 def _time(both: Sequence[Remainder], setting: Setting, words: Sequence[Words]) -> dict:
     """Series of what is shown, in per cent about their mean, with the deviation expected of each point."""
     blocks = setting.blocks
@@ -341,9 +225,34 @@ def _time(both: Sequence[Remainder], setting: Setting, words: Sequence[Words]) -
     }  # fmt: skip
 
 
+def _sizes(outcome: Outcome, before: Remainder) -> list[dict]:
+    """Of every effect taken in: what each block by itself says of its size, about the mean over all, in what the fit of
+    the model as it is leaves; beside it the course that was found, about its mean."""
+    setting = outcome.setting
+    blocks = setting.blocks
+    rows = []
+    for named in outcome.fitted.named:
+        number = next(j for j, e in enumerate(setting.effects) if e is named.effect)
+        size, std = block_sizes(before, number)
+        weight = np.where(np.isfinite(std), std**-2.0, 0.0)
+        portions = np.array_split(np.arange(len(blocks)), min(len(blocks), MOST_POINTS // 2))
+        mean = (weight @ size) / weight.sum()
+        course = named.size * named.course.value
+        told = [(float(weight[p] @ size[p] / total - mean), float(total**-0.5)) if (total := weight[p].sum()) else
+                (np.nan, np.nan) for p in portions]  # fmt: skip
+        rows.append({
+            "cause": named.effect.cause, "location": named.effect.location, "unit": named.effect.unit,
+            "hours": [_four(blocks.hours[p].mean()) for p in portions],
+            "size": [_three(v) for v, _ in told], "size_std": [_two(v) for _, v in told],
+            "course": [_three(course[p].mean() - (weight @ course) / weight.sum()) for p in portions],
+            "course_name": named.course.name,
+        })  # fmt: skip
+    return rows
+
+
 def _tables(both: Sequence[Remainder], masks: Sequence[np.ndarray]):
     """[state][group] -> per portion (value (m,), std (m,)) or None."""
-    return [[[None if (share := _portion_share(r, q, mask)) is None else r.along(q, share) for mask in masks]
+    return [[[None if (share := portion_share(r, q, mask)) is None else r.along(q, share) for mask in masks]
              for q in range(len(r.left))] for r in both]  # fmt: skip
 
 
@@ -394,20 +303,6 @@ def _pushed(setting: Setting, fits: Sequence[Fit]) -> dict:
         ],
         "p_together": [_two(p) for _, _, p in told],
     }
-
-
-def push(setting: Setting, fitted: Fit) -> tuple[np.ndarray, np.ndarray, float]:
-    """Shift of each updated parameter over its prior's deviation (n,), the deviation expected of that, and p of all
-    shifts together: c_hat is N(0, S - C) when the prior is right, S prior's and C posterior covariance."""
-    n = len(setting.updated)
-    std = np.array([local_std(setting.prior, i, fitted.theta[k]) for i, k in enumerate(setting.updated)])
-    shift = -prior_shift(setting, fitted.theta) / std
-    learnt = np.eye(n) - fitted.design.unknowns_cov(range(n)) / np.outer(std, std)
-    value, turn = np.linalg.eigh(learnt)
-    informed = value > INFORMED
-    statistic = float(np.sum((turn[:, informed].T @ shift) ** 2 / value[informed]))
-    p = float(stats.chi2.sf(statistic, int(informed.sum()))) if informed.any() else 1.0
-    return shift, np.sqrt(np.maximum(np.diag(learnt), 0.0)), p
 
 
 def _measurement(setting: Setting, first: Search) -> list[dict]:

@@ -12,7 +12,8 @@ from probupdate.diagnosis.diagnose import examine
 from probupdate.diagnosis.linear import Design
 from probupdate.diagnosis.noise import Noise
 from probupdate.diagnosis.prepare import prepare
-from probupdate.diagnosis.residuals import Remainder, free_directions, residuals, slope_share
+from probupdate.diagnosis.remainder import Remainder, free_directions, slope_share
+from probupdate.diagnosis.residuals import residuals
 from probupdate.modes import Sensor
 
 N_BLOCK, SIZES, HELD = 14, (5, 4), [0, 1, 3]
@@ -149,6 +150,11 @@ def test_a_step_shows_along_the_record_and_with_no_covariate(prepared, record):
     step = np.abs(step)
     # 10 % of one of five storeys: some frequency falls by more than half a per cent; 0.1 % of noise, 20 blocks a side
     assert step[:, 0].max() > 0.5 and step[:, 1].max() < 4 * 0.1 * np.sqrt(2 / 20)
+    (size,) = found["time"]["sizes"]
+    told, course = np.array(size["size"]), np.array(size["course"])
+    # each block's own size follows the step: 0.1 between the two halves, to first order
+    assert told[20:].mean() - told[:20].mean() == pytest.approx(-0.1, abs=0.015)
+    assert course[-1] - course[0] == pytest.approx(-0.1, abs=0.01) and np.std(told - course) < 0.02
     (tide,) = found["covariates"]
     assert tide["column"] == "water_level_m" and sum(tide["blocks"]) == 40
 
