@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import json
 import re
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
+
+from probupdate.diagnosis import wording
 
 VERDICTS = ("named", "ambiguous", "unexplained", "none")
 
@@ -72,19 +75,30 @@ class Diagnosis:
 
     @property
     def summary(self) -> str:
-        lines = [f"verdict: {self.verdict} (p = {self.p_value:.2g})"]
-        for f in self.findings:
-            lines.append(f"  {f.cause}, {f.location}: {f.size:.3g} +- {f.size_std:.2g} {f.unit} ({f.course}), "
-                         f"z = {f.z:.1f}, probability {f.posterior_probability:.2f}")  # fmt: skip
-            if f.alternatives:
-                lines.append("    or " + "; ".join(f"{a.cause}, {a.location} ({a.posterior_probability:.2f})"
-                                                   for a in f.alternatives[:4]))  # fmt: skip
-        lines += [f"  {s}" for s in self.splits]
-        if self.verdict == "none":
-            best = sorted((x for x in self.limits if x.course == "constant" and np.isfinite(x.limit)),
-                          key=lambda x: -x.share_left)[:5]  # fmt: skip
-            lines += [f"  {x.cause}, {x.location}: above {abs(x.limit):.2g} {x.unit} is excluded, less is not"
-                      for x in best]  # fmt: skip
+        """What the terminal says: verdict, findings with the check of each, what would split them, what was pushed,
+        what would not have been seen, what was left out."""
+        content = self.content()
+        lines = [f"verdict: {self.verdict}", wording.verdict_words(content)]
+        for f in content["findings"]:
+            lines.append(f"  {wording.finding_words(f)}; z = {f['z']:.1f}, "
+                         f"probability {f['posterior_probability']:.2f}")  # fmt: skip
+            told = (("or", wording.alternatives_words(f)), ("to confirm", f["check"]), ("gain", wording.gain_words(f)))
+            lines += [f"    {word}: {text}" for word, text in told if text]
+        lines += [f"  to split them: {s}" for s in self.splits]
+        nearest = self.details.get("nearest")
+        if nearest:
+            lines.append(f"  nearest in the catalogue, but not enough: {'; '.join(nearest)}")
+        lines.append(f"threshold |z| = {self.threshold:.1f} for the whole catalogue (5 % false alarms); "
+                     f"{wording.adequacy_words(content) or 'what remains was not tested'}")  # fmt: skip
+        lines += [f"pushed: {s}" for s in wording.pushed_words(content)]
+        limits = wording.best_limits(content, 5)
+        if limits:
+            count = sum(x["limit"] is not None for x in content["limits"])
+            lines.append(f"seen best, each cause at its best place ({count} limits in the file and the report):")
+            lines += [f"  {wording.limit_words(x)}" for x in limits]
+        lines += [f"not used: {note}" for note in self.notes]
+        if self.extended_model:
+            lines.append(f"the model with what was found: {self.extended_model}")
         return "\n".join(lines)
 
     def content(self) -> dict:
@@ -116,7 +130,7 @@ class Diagnosis:
             ],
             "parameters": [{k: _plain(v) for k, v in p.items()} for p in self.parameters],
             "notes": list(self.notes),
-            "details": self.details,
+            "details": _plain_tree(self.details),
         }  # fmt: skip
 
     def write(self, out: str | Path) -> list[Path]:
@@ -133,3 +147,12 @@ def _plain(value):
     if isinstance(value, int | float | np.number):
         return float(value) if np.isfinite(value) else None
     return value
+
+
+def _plain_tree(value):
+    """Tables and lists of plain values, as JSON has them."""
+    if isinstance(value, Mapping):
+        return {str(k): _plain_tree(v) for k, v in value.items()}
+    if isinstance(value, list | tuple | np.ndarray):
+        return [_plain_tree(v) for v in value]
+    return bool(value) if isinstance(value, bool | np.bool_) else _plain(value)

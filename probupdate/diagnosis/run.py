@@ -11,6 +11,7 @@ from probupdate.diagnosis.diagnose import examine
 from probupdate.diagnosis.prepare import Prepared, prepare
 from probupdate.diagnosis.residuals import residuals
 from probupdate.diagnosis.results import Diagnosis
+from probupdate.diagnosis.splitting import splits
 from probupdate.diagnosis.turbine_effects import TurbineEffect
 from probupdate.errors import InputError
 from probupdate.modes import ModalData, Sensor
@@ -54,7 +55,8 @@ def _whole(prepared: Prepared, data: ModalData, seed: int, progress: Progress) -
     """The diagnosis with what remains before and after its findings, for the report."""
     outcome = examine(prepared, data, seed=seed, progress=progress)
     found = outcome.diagnosis
-    return replace(found, details={**found.details, "residuals": residuals(outcome, prepared.sensors)})
+    return replace(found, splits=found.splits or splits(outcome),
+                   details={**found.details, "residuals": residuals(outcome, prepared.sensors)})  # fmt: skip
 
 
 def _read_groups(path: str | Path) -> dict[str, dict[str, float]]:

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
+import probupdate
 from probupdate.diagnosis.courses import Course, step_course
 from probupdate.diagnosis.departures import Reference
 from probupdate.diagnosis.diagnose import examine
@@ -14,6 +15,7 @@ from probupdate.diagnosis.noise import Noise
 from probupdate.diagnosis.prepare import prepare
 from probupdate.diagnosis.remainder import Remainder, free_directions, slope_share
 from probupdate.diagnosis.residuals import residuals
+from probupdate.diagnosis.splitting import needed_z
 from probupdate.modes import Sensor
 
 N_BLOCK, SIZES, HELD = 14, (5, 4), [0, 1, 3]
@@ -173,3 +175,15 @@ def test_bands_of_a_record_with_nothing_wrong_hold_what_they_say(prepared, recor
     assert bands["means"]["p"] > 1e-3
     assert found["pushed"]["p_together"][0] > 1e-3
     assert all(0 <= row["expected"][0] <= 1 for row in found["pushed"]["parameters"])
+
+
+def test_twins_are_told_to_be_alike_and_what_would_split_them(frame_file, record):
+    """A group that is one parameter by another name cannot be told from it; a neighbour could."""
+    prepared = prepare(frame_file, groups={"second storey": {"k2": 0.1}})
+    found = probupdate.diagnose(prepared, record(9, storey=1, factor=0.93, from_block=18))
+    assert found.verdict == "ambiguous"
+    (sentence, *_) = found.splits
+    assert "parameter, k2" in sentence and "group of parameters, second storey" in sentence
+    assert "no record of these modes" in sentence
+    assert needed_z(0.8) == pytest.approx(5.2, abs=0.05) and needed_z(0.95) == pytest.approx(10.4, abs=0.05)
+    assert "to split them:" in found.summary and "threshold |z|" in found.summary

@@ -1,0 +1,144 @@
+"""A diagnosis in an engineer's words, from what diagnosis.json holds: terminal and report say the same."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+# causes whose size is a share of something, told in per cent
+SHARES = (
+    "brace stiffness lost", "joints loosened", "leg stiffness lost", "lateral soil stiffness", "axial soil stiffness",
+    "tower stiffness", "leg not flooded", "flooded braces", "sensor gain", "sampling rate",
+    "lateral soil softens with amplitude", "axial soil softens with amplitude",
+)  # fmt: skip
+COURSE_WORDS = {
+    "constant": "all through the record", "ramp": "growing over the record (size at its end)",
+    "water_level_m": "with the water level", "air_temperature_c": "with the air temperature",
+    "wind_speed_mps": "with the wind speed", "thrust_share": "with the rotor's thrust",
+    "rms_mps2": "with the vibration's amplitude", "wave_height_m": "with the wave height",
+    "power_kw": "with the power", "frost_degc": "with frost", "rotor_speed_rpm": "with the rotor's speed",
+}  # fmt: skip
+# a push of a parameter that its prior expects once in ten times
+# and less than this, in prior deviations, is not worth a word
+SURPRISING, LEAST_PUSH = 1.645, 0.5
+
+
+def amount(value: float | None, std: float | None, unit: str, cause: str) -> str:
+    """A size with its deviation: "-36 +- 2 %", "1.2 +- 0.1 m"."""
+    if value is None:
+        return "of unknown size"
+    per = f" {unit.removeprefix('-').strip()}".rstrip()
+    if cause in SHARES and unit.startswith("-"):
+        value, std, per = 100 * value, None if std is None else 100 * std, f" %{per}"
+    if not std:
+        return f"{value:+.3g}{per}"
+    digits = max(0, 1 - math.floor(math.log10(std)))
+    if abs(value) >= 1e5:
+        return f"{value:+.3g} +- {std:.2g}{per}"
+    return f"{value:+.{digits}f} +- {std:.{digits}f}{per}"
+
+
+def course_words(course: str, since: str = "") -> str:
+    if course == "step":
+        return f"from {since} on" if since else "from some block on"
+    return COURSE_WORDS.get(course, f"with {course}")
+
+
+def name_of(row: Mapping) -> str:
+    return f"{row['cause']}, {row['location']}" if row.get("location") else str(row["cause"])
+
+
+def finding_words(finding: Mapping) -> str:
+    """"sensor gain, TP-C-y: +12.0 +- 0.9 %, all through the record"."""
+    size = amount(finding["size"], finding.get("size_std"), finding["unit"], finding["cause"])
+    return f"{name_of(finding)}: {size}, {course_words(finding.get('course', 'constant'), finding.get('since', ''))}"
+
+
+def probability_words(p: float | None) -> str:
+    if p is None:
+        return "p unknown"
+    return "p < 0.0001" if p < 1e-4 else f"p = {p:.2g}"
+
+
+def verdict_words(content: Mapping) -> str:
+    """One sentence: what was found, or not, and what it means."""
+    verdict, findings = content["verdict"], content["findings"]
+    p = probability_words(content.get("p_value"))
+    if verdict == "none":
+        return f"Nothing was found beyond tolerances and chance ({p}); effects below the limits would not be seen."
+    if verdict == "unexplained":
+        return (f"Model and measurement disagree beyond tolerances and chance ({p}), and no listed cause explains it: "
+                "numbers from an update of this model carry an unknown error.")  # fmt: skip
+    count = {1: "one effect", 2: "two effects", 3: "three effects"}.get(len(findings), f"{len(findings)} effects")
+    if verdict == "ambiguous":
+        return f"Model and measurement disagree ({p}) by {count}; for what, several causes look alike."
+    sure = "whose cause is as good as sure" if len(findings) == 1 else "the cause of each as good as sure"
+    return f"Model and measurement disagree ({p}) by {count}, {sure}."
+
+
+def adequacy_words(content: Mapping) -> str:
+    p = content.get("adequacy_p")
+    if p is None:
+        return ""
+    rest = "with the findings taken in" if content["findings"] else "of the model as it is"
+    if p < 0.01:
+        return f"what remains {rest} is more than chance leaves ({probability_words(p)}): something else is there"
+    return f"what remains {rest} is no more than chance leaves ({probability_words(p)})"
+
+
+def alternatives_words(finding: Mapping) -> str:
+    told = [a for a in finding.get("alternatives", ()) if (a.get("posterior_probability") or 0) > 5e-3]
+    return "; ".join(f"{name_of(a)} ({a['posterior_probability']:.2f})" for a in told[:4])
+
+
+def gain_words(finding: Mapping) -> str:
+    """What the extended model predicts better on held-out blocks; empty where it was not measured."""
+    gain = finding.get("gain") or {}
+    elpd, se = gain.get("heldout_elpd"), gain.get("heldout_elpd_se")
+    if elpd is None or se is None:
+        return ""
+    if elpd < 2 * se:
+        text = f"none that is significant on held-out blocks (log score {elpd:+.1f} +- {se:.1f})"
+    else:
+        text = f"held-out blocks are predicted better by {elpd:.1f} +- {se:.1f} in log score"
+    before, after = gain.get("max_frequency_error_before"), gain.get("max_frequency_error_after")
+    if before is not None and after is not None:
+        text += f", largest frequency error {100 * before:.2g} % before, {100 * after:.2g} % after"
+    return text
+
+
+def pushed_words(content: Mapping) -> list[str]:
+    """Parameters pushed farther than their prior expects once in ten times, and what became of that."""
+    parameters = {p["name"]: p for p in content.get("parameters", ())}
+    shown = content.get("details", {}).get("residuals", {}).get("pushed", {}).get("parameters", ())
+    expected = {row["name"]: row["expected"] for row in shown}
+    sentences = []
+    for name, p in parameters.items():
+        before, after = p.get("pushed"), p.get("pushed_after")
+        spread = (expected.get(name) or [1.0])[0] or 1.0
+        if before is None or abs(before) < max(SURPRISING * spread, LEAST_PUSH):
+            continue
+        text = f"{name} was pushed by {before:+.1f} prior deviations where +-{spread:.1f} is expected"
+        if content["findings"] and after is not None:
+            if abs(after) < 0.5 * abs(before):
+                text += f", and by {after:+.1f} once the findings are taken in: it hid them"
+            else:
+                text += f", and still by {after:+.1f} with the findings taken in"
+        sentences.append(text)
+    return sentences
+
+
+def best_limits(content: Mapping, count: int) -> list[Mapping]:
+    """Constant effects seen best, each cause at the place of its least limit: those of which what is normal hides
+    least."""
+    best: dict[str, Mapping] = {}
+    for x in content.get("limits", ()):
+        known = x.get("limit") is not None and x.get("share_left") is not None and x.get("course") == "constant"
+        if known and (x["cause"] not in best or abs(x["limit"]) < abs(best[x["cause"]]["limit"])):
+            best[x["cause"]] = x
+    return sorted(best.values(), key=lambda x: (-x["share_left"], x["cause"]))[:count]
+
+
+def limit_words(limit: Mapping) -> str:
+    size = amount(abs(limit["limit"]), None, limit["unit"], limit["cause"]).lstrip("+")
+    return f"{name_of(limit)}, {course_words(limit['course'])}: above {size} is excluded, less is not"
