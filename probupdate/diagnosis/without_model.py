@@ -1,0 +1,475 @@
+"""A diagnosis by the data alone: what changes along the record, what follows the surroundings, which sensor is off.
+
+Structural causes cannot be named without a model: a change of frequencies that no column of the surroundings explains
+is *unexplained*, with the modes that moved, by how much and since when.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import logsumexp
+
+from probupdate.diagnosis.along_record import Contrasts, Scores, draw_slow, make_contrasts, outliers, score
+from probupdate.diagnosis.blocks import Blocks, gather
+from probupdate.diagnosis.catalogue import Effect, measurement_effects
+from probupdate.diagnosis.courses import MARGIN, Course, make_courses, step_course
+from probupdate.diagnosis.diagnose import FALSE_ALARM, POWER, SURE, tail, with_derived
+from probupdate.diagnosis.noise import Noise, estimate_noise
+from probupdate.diagnosis.own_picture import Picture, fingerprints, look, mended, own_noise, stated_patterns, untied
+from probupdate.diagnosis.results import Alternative, Diagnosis, Finding, Limit
+from probupdate.modes import ModalData, Sensor, frozen_array
+from probupdate.progress import Progress, silent
+
+# changes taken out one after the other; effects of sensors at one time
+MOST_CHANGES, MOST_AT_ONCE = 6, 3
+N_BOOTSTRAP, N_AGAIN = 400, 20
+# numbers drawn at a time
+PORTION = 3_000_000
+# column -> (cause, location, check) in the catalogue's words
+CAUSES = {
+    "water_level_m": ("wetted length", "all members", "tide gauge against the second bending"),
+    "air_temperature_c": ("temperature of the steel", "all members", "steel temperature sensors"),
+    "thrust_share": ("rotor thrust", "hub", "tower bending strain"),
+    "frost_degc": ("icing", "rotor", "ice detector, power curve"),
+    "rms_mps2": ("softening with amplitude", "soil or joints", "storms of equal wind, other sea"),
+    "wave_height_m": ("softening with amplitude", "soil or joints", "storms of equal wind, other sea"),
+    "wind_speed_mps": ("frequencies follow the wind", "rotor", "blocks of equal state, other wind"),
+}  # fmt: skip
+# numbers of the environment that describe the block or the operation, not the surroundings
+NOT_SURROUNDINGS = ("nacelle_", "block_", "power_kw", "pitch_deg", "rotor_speed", "wave_period", "wind_direction",
+                    "yaw_", "n_", "sampling_")  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Watched:
+    """What is followed along the record: series (n_series, n_block) with their weight; the first `n_frequency` are
+    numbers of the frequencies, the others one of `effects` each. `raw` as series, before outliers were taken out."""
+
+    blocks: Blocks
+    picture: Picture
+    noise: Noise
+    stated: Sequence[np.ndarray | None]
+    prints: tuple[np.ndarray, ...]
+    effects: tuple[Effect, ...]
+    names: tuple[tuple[int, int], ...]
+    series: np.ndarray
+    weight: np.ndarray
+
+    @property
+    def n_frequency(self) -> int:
+        return len(self.names)
+
+    @property
+    def classes(self) -> tuple[list[int], list[int]]:
+        """Series of frequencies, of sensors."""
+        return list(range(self.n_frequency)), list(range(self.n_frequency, len(self.series)))
+
+    @property
+    def pools(self) -> tuple[list[int], ...]:
+        """Series that share how large slow errors are beside noise: a group's frequencies, all of sensors."""
+        groups = {q: [k for k, (p, _) in enumerate(self.names) if p == q] for q, _ in self.names}
+        return (*groups.values(), self.classes[1])
+
+
+def watch(
+    blocks: Blocks, effects: Sequence[Effect], sensors: Sequence[Sensor], known: np.ndarray,
+    prints: tuple[np.ndarray, ...] | None = None, axes: tuple[np.ndarray, ...] | None = None,
+    stated: Sequence[np.ndarray | None] | None = None,
+) -> Watched:
+    picture = look(blocks, sensors, axes)
+    stated = stated_patterns(blocks, picture) if stated is None else stated
+    noise = own_noise(blocks, picture, known, stated)
+    prints = fingerprints(effects, picture) if prints is None else prints
+    series, weight = follow(picture.departures, picture, noise, prints, [len(g) for g in blocks.groups])
+    apart = outliers(series, weight)
+    weight = np.where(apart, 0.0, weight)
+    names = tuple((q, i) for q, g in enumerate(blocks.groups) for i in range(1 if len(g) == 1 else 3))
+    return Watched(blocks=blocks, picture=picture, noise=noise, stated=stated, prints=prints, effects=tuple(effects), names=names,
+                   series=frozen_array(np.where(apart, 0.0, series)), weight=frozen_array(weight))  # fmt: skip
+
+
+def follow(departures, picture: Picture, noise: Noise, prints, sizes) -> tuple[np.ndarray, np.ndarray]:
+    """series (..., n_series, n_block) and weight (n_series, n_block) of departures per group (..., n_block, n_response):
+    numbers of frequencies, then the size of each effect that fits each block best."""
+    lead = departures[0].shape[:-2]
+    n_block, n_effect = len(picture.sector_of), prints[0].shape[2]
+    score_of, information = np.zeros((*lead, n_effect, n_block)), np.zeros((n_effect, n_block))
+    frequencies, weights = [], []
+    for q, (y, P, w) in enumerate(zip(departures, noise.precision, noise.weight, strict=True)):
+        n_log = 1 if sizes[q] == 1 else 3
+        frequencies.append(np.where(w > 0, np.swapaxes(y[..., :n_log], -1, -2), 0.0))
+        weights.append(w / np.diag(noise.covariance[q])[:n_log, None])
+        for s in range(len(prints[q])):
+            rows = np.flatnonzero((picture.sector_of == s) & (w > 0))
+            PF = P @ prints[q][s]
+            score_of[..., rows] += np.swapaxes(y[..., rows, :] @ PF, -1, -2) * w[rows]
+            information[:, rows] += np.sum(prints[q][s] * PF, axis=0)[:, None] * w[rows]
+    sizes_found = np.where(information > 0, score_of / np.where(information > 0, information, 1.0), 0.0)
+    return np.concatenate([*frequencies, sizes_found], axis=-2), np.concatenate([*weights, information])
+
+
+def allowed_courses(watched: Watched, courses: Sequence[Course]) -> np.ndarray:
+    """(n_series, n_course) bool: frequencies may go with all, sensors with those of their row."""
+    result = np.ones((len(watched.series), len(courses)), bool)
+    for k, effect in enumerate(watched.effects):
+        result[watched.n_frequency + k] = [c.name in effect.courses for c in courses]
+    return result
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Found:
+    """Scores at one stage; z with zeros where a candidate is not allowed, over the threshold of its class
+    (frequencies, sensors); p of the largest."""
+
+    contrasts: Contrasts
+    scores: Scores
+    z: np.ndarray
+    threshold: np.ndarray  # (n_series,)
+    p_value: float
+
+    @property
+    def over(self) -> np.ndarray:
+        """(n_series, n_course) |z| over the threshold."""
+        return np.abs(self.z) / self.threshold[:, None]
+
+
+def search(watched: Watched, courses: Sequence[Course], known: np.ndarray, seed: int) -> Found:
+    """All candidates, and how large the largest is when nothing changes (drawn with the record's own scatter)."""
+    nuisance = np.column_stack([np.ones(len(watched.blocks)), watched.picture.turning, known])
+    contrasts = make_contrasts(watched.weight, nuisance, courses, watched.blocks.hours)
+    allowed = allowed_courses(watched, courses)
+    pools = watched.pools
+    scores = score(contrasts, watched.series, pools)
+    z = np.where(allowed, scores.z, 0.0)
+    maxima = _maxima(watched, contrasts, allowed, scores, z, courses, nuisance, seed)
+    threshold, p = np.full(len(z), np.inf), []
+    # each of the two classes has half of the false alarms
+    for rows, drawn in zip(watched.classes, maxima, strict=True):
+        if len(rows):
+            threshold[rows] = np.quantile(drawn, 1 - FALSE_ALARM / 2)
+            p.append(tail(drawn, float(np.max(np.abs(z[rows])))))
+    return Found(contrasts=contrasts, scores=scores, z=z, threshold=frozen_array(threshold),
+                 p_value=min(1.0, 2 * min(p)))  # fmt: skip
+
+
+def _maxima(watched, contrasts, allowed, scores, z, courses, nuisance, seed) -> list[np.ndarray]:
+    """Per class the largest |z| of records in which nothing changes."""
+    rng = np.random.default_rng([seed, 31])
+    slow, lift = np.zeros(len(z)), np.ones(len(z))
+    for pool in watched.pools:
+        # as they are once the pool's best candidate is out
+        best = int(np.argmax(np.max(np.abs(z[pool]), axis=0)))
+        slow[pool], lift[pool] = np.sqrt(scores.slow_error[pool, best]), scores.noise[pool, best]
+    noise, sizes, pools = watched.noise, [len(g) for g in watched.blocks.groups], watched.pools
+    roots = [np.linalg.cholesky(c) for c in noise.covariance]
+    n_block = len(watched.blocks)
+    scale = [np.where(w > 0, 1 / np.sqrt(np.maximum(w, 1e-12)), 0.0) for w in noise.weight]
+    portion = max(1, PORTION // (n_block * max(len(z), sum(len(r) for r in roots))))
+
+    def draw(n):
+        return [rng.standard_normal((n, n_block, len(r))) @ r.T * s[:, None] for r, s in zip(roots, scale, strict=True)]
+
+    def largest(used: Contrasts, series):
+        found = np.where(allowed, np.abs(score(used, np.where(watched.weight > 0, series, 0.0), pools).z), 0.0)
+        return [found[..., c, :].max(axis=(-2, -1)) if len(c) else np.zeros(found.shape[:-2]) for c in watched.classes]
+
+    maxima = []
+    for start in range(0, N_BOOTSTRAP, portion):
+        n = min(portion, N_BOOTSTRAP - start)
+        series, _ = follow(draw(n), watched.picture, noise, watched.prints, sizes)
+        # noise as large as this record's differences say
+        drawn = np.median(score(contrasts, series, pools).noise[..., 0], axis=0) if not maxima else drawn
+        series = series * np.sqrt(lift / drawn)[:, None]
+        maxima.append(largest(contrasts, series + slow[:, None] * draw_slow(rng, watched.blocks.hours, (n, len(z)))))
+    together = [np.concatenate(m) for m in zip(*maxima, strict=True)]
+    # noise is estimated from the record it is used for: the whole once more, a few times
+    again = []
+    for _ in range(N_AGAIN):
+        y = [d[0] for d in draw(1)]
+        own = untied(estimate_noise(tuple(y), watched.picture.used, tuple(sizes), watched.blocks.relative_std,
+                                    watched.blocks.states(), watched.stated), sizes)  # fmt: skip
+        series, weight = follow(y, watched.picture, own, watched.prints, sizes)
+        renewed = make_contrasts(np.where(watched.weight > 0, weight, 0.0), nuisance, courses, watched.blocks.hours)
+        again.append(largest(renewed, series))
+    plain = [np.mean(m) for m in together];
+    return [m * max(1.0, float(np.mean([a[k] for a in again]) / max(plain[k], 1e-300)))
+            for k, m in enumerate(together)]  # fmt: skip
+
+
+# What a change is ---------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Change:
+    """One thing that changes along the record: its finding (None: no cause is known without a model), the course, and
+    the numbers of the frequencies that went with it."""
+
+    finding: Finding | None
+    course: Course
+    moved: tuple[dict, ...]
+
+
+def _finer(blocks: Blocks, watched: Watched, known: np.ndarray, row: int, course: Course) -> Course:
+    """The step's block found among all those near."""
+    if course.kind != "step":
+        return course
+    n = len(blocks)
+    reach = max(n // 20, 3)
+    near = range(max(MARGIN, course.at - reach), min(n - MARGIN, course.at + reach) + 1)
+    steps = [step_course(n, at) for at in near]
+    nuisance = np.column_stack([np.ones(n), watched.picture.turning, known])
+    z = score(make_contrasts(watched.weight[[row]], nuisance, steps, blocks.hours), watched.series[[row]], [[0]]).z
+    return steps[int(np.argmax(np.abs(z[0])))] if np.any(z) else course
+
+
+def mend(
+    blocks: Blocks, watched: Watched, known: np.ndarray, sensors: Sequence[Sensor], row: int, course: Course
+) -> tuple[Blocks, float, float]:
+    """The blocks without the effect of series `row` that goes with the course, its size and deviation: the size is
+    right when nothing of it is left."""
+    effect = watched.effects[row - watched.n_frequency]
+    n = len(blocks)
+    nuisance = np.column_stack([np.ones(n), watched.picture.turning, known])
+    size, std, now, seen = 0.0, np.inf, blocks, watched
+    for _ in range(6):
+        contrasts = make_contrasts(seen.weight[[row]], nuisance, [course], blocks.hours)
+        left = score(contrasts, seen.series[[row]], [[0]])
+        more, std = float(left.size[0, 0]), float(left.size_std[0, 0])
+        size = float(np.clip(size + more, 0.95 * max(effect.lower, -1e300), min(effect.upper, 1e300)))
+        now = mended(blocks, effect, size * course.value)
+        if abs(more) < 0.1 * std:
+            break
+        seen = watch(now, watched.effects, sensors, known, stated=watched.stated)
+    return now, size, std
+
+
+def left_at(
+    blocks: Blocks, watched: Watched, known: np.ndarray, sensors: Sequence[Sensor], course: Course, found: Found
+) -> float:
+    """The largest score, over its threshold, that blocks still have along one course."""
+    seen = watch(blocks, watched.effects, sensors, known, stated=watched.stated)
+    nuisance = np.column_stack([np.ones(len(blocks)), seen.picture.turning, known])
+    scores = score(make_contrasts(seen.weight, nuisance, [course], blocks.hours), seen.series, seen.pools)
+    return float(np.max(np.abs(scores.z[:, 0]) / found.threshold))
+
+
+def moved_frequencies(watched: Watched, scores: Scores, column: int) -> tuple[dict, ...]:
+    """Per number of the frequencies: its change for the course's unit, with deviation and z."""
+    blocks = watched.blocks
+    parts = {1: ("",), 3: (" 1", " 2", " between")}
+    rows = []
+    for k, (q, i) in enumerate(watched.names):
+        n = 1 if len(blocks.groups[q]) == 1 else 3
+        rows.append({"mode": blocks.group_name(q) + parts[n][i], "change_percent": 100 * float(scores.size[k, column]),
+                     "std_percent": 100 * float(scores.size_std[k, column]), "z": float(scores.z[k, column])})
+    return tuple(r for r in rows if np.isfinite(r["std_percent"]))
+
+
+def course_probability(watched: Watched, found: Found, courses: Sequence[Course], best: int) -> np.ndarray:
+    """(n_course,) how probable it is that the frequencies go with each course, all at the best one's scatter; the times
+    of a step share one prior."""
+    rows = watched.classes[0]
+    noise, slow = found.scores.noise[rows, best], found.scores.slow_error[rows, best]
+    c = found.contrasts
+    variance = noise[:, None] * c.white_var[rows] + slow[:, None] * c.slow_var[rows]
+    good = c.usable[rows] & (variance > 0)
+    gain = 0.5 * np.sum(np.where(good, found.scores.size[rows] ** 2 / np.where(good, variance, 1.0), 0.0), axis=0)
+    n_step = max(sum(x.kind == "step" for x in courses), 1)
+    gain = gain - np.array([np.log(n_step) if x.kind == "step" else 0.0 for x in courses])
+    return np.exp(gain - logsumexp(gain))
+
+
+def _by_name(courses: Sequence[Course], probability: np.ndarray) -> dict[str, float]:
+    names: dict[str, float] = {}
+    for course, p in zip(courses, probability, strict=True):
+        names[course.name] = names.get(course.name, 0.0) + float(p)
+    return dict(sorted(names.items(), key=lambda item: -item[1]))
+
+
+def _cause(name: str) -> tuple[str, str, str]:
+    """(cause, location, check) of what goes with a course of that name."""
+    if name in ("step", "ramp"):
+        return f"unexplained {name} of frequencies", "structure", "a model is needed to name it"
+    return CAUSES.get(name, (f"frequencies follow {name}", "all modes", f"look at what {name} stands for"))
+
+
+def _surrounding(watched: Watched, found: Found, courses: Sequence[Course]) -> Change:
+    """What the frequencies go with."""
+    rows = watched.classes[0]
+    row, best = np.unravel_index(int(np.argmax(found.over[rows])), found.over[rows].shape)
+    probability = course_probability(watched, found, courses, int(best))
+    names = _by_name(courses, probability)
+    name = next(iter(names))
+    best = int(np.argmax(np.where([c.name == name for c in courses], probability, -1)))
+    course, moved = courses[best], moved_frequencies(watched, found.scores, best)
+    if course.kind in ("step", "ramp") and names[name] >= SURE:
+        return Change(finding=None, course=course, moved=moved)
+    cause, location, check = _cause(name)
+    rivals = [(n, p) for n, p in list(names.items())[1:] if p > 1e-3]
+    strongest = max(moved, key=lambda r: abs(r["z"]))
+    split = f"blocks in which {' and '.join([name, *[n for n, _ in rivals[:2]]])} do not go together" if rivals else ""
+    finding = Finding(
+        kind="structural" if course.kind in ("step", "ramp") else "environmental", cause=cause, location=location,
+        size=strongest["change_percent"], size_std=strongest["std_percent"],
+        unit=f"% of the frequency of {strongest['mode']}{course.unit}", course=name,
+        course_start=watched.blocks.ids[course.at] if course.kind == "step" else "", z=strongest["z"],
+        posterior_probability=names[name],
+        alternatives=tuple(Alternative(cause=_cause(n)[0], location=_cause(n)[1], posterior_probability=p)
+                           for n, p in rivals),
+        check=split if names[name] < SURE else check,
+    )  # fmt: skip
+    return Change(finding=finding, course=course, moved=moved)
+
+
+def _sensor(
+    blocks: Blocks, watched: Watched, found: Found, courses: Sequence[Course], known, sensors
+) -> tuple[list[Change], Blocks] | None:
+    """Effects of sensors that leave nothing along their course; None where they do not explain it."""
+    row, best = np.unravel_index(int(np.argmax(found.over)), found.over.shape)
+    if row < watched.n_frequency:
+        rows = watched.classes[1]
+        if not rows or not np.max(found.over[rows][:, best]) > 1:
+            return None
+        row = rows[int(np.argmax(found.over[rows][:, best]))]
+    course = _finer(blocks, watched, known, int(row), courses[best])
+    changes, now, seen = [], blocks, watched
+    for _ in range(MOST_AT_ONCE):
+        nuisance = np.column_stack([np.ones(len(now)), seen.picture.turning, known])
+        scores = score(make_contrasts(seen.weight, nuisance, [course], now.hours), seen.series, seen.pools)
+        z = np.where(allowed_courses(seen, [course])[:, 0], scores.z[:, 0], 0.0)
+        z[: seen.n_frequency] = 0.0
+        row = int(np.argmax(np.abs(z)))
+        effect = seen.effects[row - seen.n_frequency]
+        then, size, std = mend(now, seen, known, sensors, row, course)
+        rivals = [k for k in seen.classes[1] if z[k] and abs(z[k]) > 0.5 * abs(z[row])]
+        gain = np.array([0.5 * (z[k] ** 2 - z[row] ** 2) for k in rivals])
+        probability = dict(zip(rivals, np.exp(gain - logsumexp(gain)), strict=True))
+        others = sorted((k for k in rivals if k != row and probability[k] > 1e-3), key=lambda k: -probability[k])
+        changes.append(Change(finding=Finding(
+            kind=effect.kind, cause=effect.cause, location=effect.location, size=size, size_std=std, unit=effect.unit,
+            course=course.name, course_start=blocks.ids[course.at] if course.kind == "step" else "",
+            z=float(z[row]), posterior_probability=float(probability[row]),
+            alternatives=tuple(Alternative(cause=e.cause, location=e.location,
+                                           posterior_probability=float(probability[k]))
+                               for k in others for e in [seen.effects[k - seen.n_frequency]]),
+            check=effect.check), course=course, moved=()))  # fmt: skip
+        now = then
+        if left_at(now, watched, known, sensors, course, found) <= 1:
+            return changes, now
+        seen = watch(now, watched.effects, sensors, known, stated=watched.stated)
+    return None
+
+
+def surroundings_columns(blocks: Blocks) -> tuple[str, ...]:
+    """Columns of the environment that may move frequencies: the known ones, and a user's own."""
+    names = dict.fromkeys(k for e in blocks.environment for k, v in e.items()
+                          if isinstance(v, int | float) and not isinstance(v, bool))  # fmt: skip
+    own = [n for n in names if n not in CAUSES and not n.startswith(NOT_SURROUNDINGS)]
+    return (*(n for n in CAUSES if n in names), *own)
+
+
+def diagnose_without_model(
+    data: ModalData, sensors: Sequence[Sensor] | None = None, *, campaign_check: Sequence[Mapping] | None = None,
+    effects: Sequence[Effect] = (), seed: int = 1, progress: Progress = silent,
+) -> Diagnosis:
+    """Measurement and surroundings only: what modes.json tells of itself.
+
+    `sensors`: where channels are; without them only gains along the record can be judged. `campaign_check`: findings in
+    the raw records (see `campaign_tests.campaign_tests`), listed and counted. `effects`: a user's own of sensors.
+    """
+    blocks = with_derived(gather(data))
+    placed = tuple(s for s in sensors or () if s.channel in blocks.channels)
+    rows = tuple(e for e in (*measurement_effects(blocks.channels, placed), *effects)
+                 if e.observe is not None and not e.discrete and set(e.courses) != {"constant"})  # fmt: skip
+    columns = (*surroundings_columns(blocks), *(c for e in effects for c in e.courses))
+    courses = [c for c in make_courses(blocks, tuple(dict.fromkeys(columns))) if c.kind != "constant"]
+    known = np.zeros((len(blocks), 0))
+    changes: list[Change] = []
+    first, left = None, False
+    for number in range(MOST_CHANGES + 1):
+        progress("diagnosing", number, MOST_CHANGES + 1)
+        watched = watch(blocks, rows, placed, known)
+        found = search(watched, courses, known, seed)
+        first = first or (watched, found)
+        left = bool(np.max(found.over) > 1)
+        if not left or number == MOST_CHANGES:
+            break
+        of_sensors = _sensor(blocks, watched, found, courses, known, placed)
+        if of_sensors is not None:
+            changes += of_sensors[0]
+            blocks = of_sensors[1]
+            continue
+        if np.max(found.over[watched.classes[0]]) > 1:
+            change = _surrounding(watched, found, courses)
+        else:
+            _, best = np.unravel_index(int(np.argmax(found.over)), found.over.shape)
+            change = Change(finding=None, course=courses[best], moved=())
+        changes.append(change)
+        known = np.column_stack([known, change.course.value])
+    progress("diagnosing", MOST_CHANGES + 1, MOST_CHANGES + 1)
+    findings = tuple(c.finding for c in changes if c.finding is not None)
+    unexplained = [c for c in changes if c.finding is None]
+    if unexplained or left:
+        verdict = "unexplained"
+    elif not findings:
+        verdict = "none"
+    else:
+        verdict = "ambiguous" if any(f.posterior_probability < SURE for f in findings) else "named"
+    return Diagnosis(
+        verdict=verdict, p_value=first[1].p_value, findings=findings, limits=_limits(*first, courses),
+        threshold=float(np.min(first[1].threshold)), adequacy_p=float("nan"), parameters=(),
+        notes=(*blocks.notes, *_notes(blocks, placed, unexplained)),
+        splits=tuple(f.check for f in findings if f.posterior_probability < SURE),
+        details={"changes": [_told(blocks, c) for c in unexplained], "measurement": list(campaign_check or ())},
+    )  # fmt: skip
+
+
+def _told(blocks: Blocks, change: Change) -> dict:
+    start = blocks.ids[change.course.at] if change.course.kind == "step" else ""
+    return {"course": change.course.name, "since": start, "frequencies": [dict(m) for m in change.moved],
+            "what": "frequencies" if change.moved else "shapes"}  # fmt: skip
+
+
+def _notes(blocks: Blocks, placed: Sequence[Sensor], unexplained: Sequence[Change]) -> list[str]:
+    notes = ["without a model: structural causes are not named, constant ones of the structure are not seen"]
+    if not placed:
+        notes.append("without the sensors' places: levels, loggers and directions are not judged")
+    for change in unexplained:
+        when = f" from {blocks.ids[change.course.at]} on" if change.course.kind == "step" else ""
+        moved = [m for m in change.moved if abs(m["z"]) > 3]
+        what = ", ".join(f"{m['mode']} by {m['change_percent']:+.2g} +- {m['std_percent']:.1g} %" for m in moved)
+        notes.append(f"unexplained {change.course.name}{when}: {what or 'shapes change, frequencies do not'}; no column of "
+                     "the surroundings goes with it, and a model would be needed to name it")  # fmt: skip
+    return notes
+
+
+def _limits(watched: Watched, found: Found, courses: Sequence[Course]) -> tuple[Limit, ...]:
+    """The least change of every frequency, and size of every effect of sensors, that would be found along each course."""
+    allowed = allowed_courses(watched, courses)
+    best: dict[tuple[int, str], int] = {}
+    for k, c in zip(*np.nonzero(allowed & np.isfinite(found.scores.size_std)), strict=True):
+        key = (int(k), courses[c].name)
+        if key not in best or found.scores.size_std[k, c] < found.scores.size_std[k, best[key]]:
+            best[key] = int(c)
+    limits = []
+    for (k, name), c in best.items():
+        size = (found.threshold[k] + POWER) * found.scores.size_std[k, c]
+        if k < watched.n_frequency:
+            q, i = watched.names[k]
+            if i == 2:
+                continue
+            kind, cause = ("structural", f"{name} of frequency") if name in ("step", "ramp") else (
+                "environmental", _cause(name)[0])
+            place = watched.blocks.group_name(q) + (f" {i + 1}" if len(watched.blocks.groups[q]) == 2 else "")
+            limits.append(Limit(kind=kind, cause=cause, location=place, course=name, limit=float(100 * size),
+                                unit=f"% of frequency{courses[c].unit}", share_left=1.0, z=float(found.z[k, c])))
+            continue
+        effect = watched.effects[k - watched.n_frequency]
+        reachable = size <= max(-effect.lower, effect.upper)
+        limits.append(Limit(kind=effect.kind, cause=effect.cause, location=effect.location, course=name,
+                            limit=float(size) if reachable else np.inf, unit=effect.unit + courses[c].unit,
+                            share_left=1.0, z=float(found.z[k, c])))  # fmt: skip
+    return tuple(limits)
