@@ -18,8 +18,9 @@ from probupdate.structure.eigen import lowest_modes, mode_derivatives
 
 # imaginary step of the complex-step derivative: no subtraction, so it is exact to rounding (Squire & Trapp 1998)
 STEP = 1e-30
-# solutions kept: an optimiser asks for the derivatives where it has just asked for the value
-KEPT = 4
+# bytes of solutions and of derivatives that are remembered, at least REMEMBERED_LEAST of them: optimisers ask again
+# where they have been
+REMEMBERED, REMEMBERED_LEAST = 8e6, 4
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -83,24 +84,17 @@ class AffineModel:
 
     def solve_full(self, theta, n_mode):
         """lambda (n_mode,) and phi (n_dof, n_mode)."""
-        return self._solved(self._theta(theta), n_mode)[2:]
+        theta = self._theta(theta)
 
-    def _solved(self, theta: np.ndarray, n_mode: int):
-        """K, M, lambda, phi; the last KEPT answers are remembered, which changes none of them."""
-        key = (theta.tobytes(), n_mode)
-        found = self._recent.get(key)
-        if found is None:
-            K, M = self.matrices(theta)
-            value, phi = lowest_modes(K, M, n_mode, self._where(theta))
-            found = K, M, frozen_array(value), frozen_array(phi)
-            for oldest in list(self._recent)[: max(0, len(self._recent) - KEPT + 1)]:
-                self._recent.pop(oldest, None)
-            self._recent[key] = found
-        return found
+        def solved():
+            value, phi = lowest_modes(*self.matrices(theta), n_mode, self._where(theta))
+            return frozen_array(value), frozen_array(phi)
+
+        return self._remembered["modes"]((theta.tobytes(), n_mode), solved)
 
     @cached_property
-    def _recent(self) -> dict:
-        return {}
+    def _remembered(self) -> dict[str, _Recent]:
+        return {"modes": _Recent(), "derivatives": _Recent()}
 
     def solve(
         self,
@@ -111,21 +105,27 @@ class AffineModel:
         clusters: tuple[tuple[int, ...], ...] = (),
     ) -> ModalSolution:
         theta = self._theta(theta)
-        K, M, value, phi = self._solved(theta, n_mode)
+        value, phi = self.solve_full(theta, n_mode)
         frequency = np.sqrt(value) / (2 * np.pi)
         result = {"theta": frozen_array(theta), "frequency_hz": frozen_array(frequency),
                   "shape": frozen_array(self.channel_matrix @ phi)}
         if derivatives:
-            dcK, dcM = self.coefficient_derivatives(theta)
-            dK_phi = np.tensordot(np.array([Kt @ phi for Kt in self.stiffness]), dcK, (0, 0))
-            dM_phi = np.tensordot(np.array([Mt @ phi for Mt in self.mass]), dcM, (0, 0))
-            d_value, d_phi = mode_derivatives(K, M, value, phi, dK_phi, dM_phi, clusters)
-            # lambda = (2 pi f)^2, so df = d lambda / (8 pi^2 f)
-            result["frequency_derivative"] = frozen_array(d_value / (8 * np.pi**2 * frequency[:, None]))
-            n, m, p = d_phi.shape
-            at_channels = (self.channel_matrix @ d_phi.reshape(n, m * p)).reshape(-1, m, p)
-            result["shape_derivative"] = frozen_array(at_channels)
+            change = self._remembered["derivatives"](
+                (theta.tobytes(), n_mode, clusters), lambda: self._derivatives(theta, value, phi, clusters))
+            result |= {"frequency_derivative": change[0], "shape_derivative": change[1]}
         return ModalSolution(**result)
+
+    def _derivatives(self, theta, value, phi, clusters):
+        """d frequency_hz (n_mode, n_param) and d shape (n_channel, n_mode, n_param)."""
+        K, M = self.matrices(theta)
+        dcK, dcM = self.coefficient_derivatives(theta)
+        dK_phi = np.tensordot(np.array([Kt @ phi for Kt in self.stiffness]), dcK, (0, 0))
+        dM_phi = np.tensordot(np.array([Mt @ phi for Mt in self.mass]), dcM, (0, 0))
+        d_value, d_phi = mode_derivatives(K, M, value, phi, dK_phi, dM_phi, clusters)
+        n, m, p = d_phi.shape
+        at_channels = (self.channel_matrix @ d_phi.reshape(n, m * p)).reshape(-1, m, p)
+        # lambda = (2 pi f)^2, so df = d lambda / (8 pi^2 f)
+        return frozen_array(d_value / (4 * np.pi * np.sqrt(value)[:, None])), frozen_array(at_channels)
 
     def solve_many(self, theta: np.ndarray, n_mode: int) -> ManySolutions:
         theta = self._theta(np.atleast_2d(theta))
@@ -153,6 +153,27 @@ class AffineModel:
         if self.parameters.correlation is not None:
             text.append(self.parameters.correlation.tobytes().hex())
         return hashlib.sha256("\n".join(text).encode()).hexdigest()
+
+
+class _Recent:
+    """Pairs of arrays by key, the latest ones; what is remembered is what would be computed."""
+
+    def __init__(self):
+        self._kept: dict[tuple, tuple[np.ndarray, np.ndarray]] = {}
+
+    def __call__(self, key: tuple, compute: Callable[[], tuple[np.ndarray, np.ndarray]]):
+        found = self._kept.get(key)
+        if found is None:
+            found = compute()
+            most = max(REMEMBERED_LEAST, int(REMEMBERED / sum(a.nbytes for a in found)))
+            for oldest in list(self._kept)[: max(0, len(self._kept) - most + 1)]:
+                self._kept.pop(oldest, None)
+            self._kept[key] = found
+        return found
+
+    def __reduce__(self):
+        # other processes begin afresh
+        return _Recent, ()
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -19,10 +19,10 @@ FULL_BELOW, FULL_SHARE = 500, 0.25
 # for positive definite matrices, hardly any for others
 SYMMETRIC = {"permc_spec": "MMD_AT_PLUS_A", "options": {"SymmetricMode": True}}
 # of a shape derivative's equation, relative: where corrections stop, and above which a pivoted factorisation is taken
-REFINED, REFUSED = 1e-12, 1e-9
+REFINED, REFUSED = 1e-11, 1e-9
 CORRECTIONS = 20
 # a mode's own factorisation is made this share beside its eigenvalue, where the matrix is not singular
-BESIDE = 1e-4
+BESIDE = 1e-6
 
 
 def lowest_modes(K: sparse.csc_array, M: sparse.csc_array, n_mode: int, where: str = "model"):
