@@ -1,0 +1,226 @@
+"""What a finding is worth: blocks that took no part in the fit, predicted without it and with it.
+
+The record is cut into contiguous stretches; each is predicted from all others by the model as it is and by the model
+with the effect. Reported are the gain in expected log predictive density (Gneiting & Raftery 2007; Vehtari, Gelman &
+Gabry 2017), the continuous ranked probability score, errors of frequencies and MAC before and after. The effect itself
+was chosen on the whole record, so that a gain is a check, not a second discovery.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from probupdate.diagnosis.fitting import Fit, Named, Setting, fit, local_at
+from probupdate.diagnosis.linear import Design
+from probupdate.diagnosis.noise import Noise
+from probupdate.diagnosis.prediction import (
+    Prediction,
+    cross,
+    crps,
+    log_density,
+    predict,
+    solve_covariance,
+)
+
+# contiguous stretches of the record, each predicted from the others: so many, or more where one side of a step is short
+N_FOLD, MOST_FOLDS = 5, 24
+# a gain of fewer of its standard errors is none
+SIGNIFICANT = 2.0
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Contest:
+    """Held-out blocks under two models with the same noise: elpd gained by the second, its standard error, the part of
+    every block (n_block,), `snr` of the two predictions' difference; predictions of each stretch."""
+
+    elpd: float
+    elpd_se: float
+    by_block: np.ndarray
+    snr: float
+    before: tuple[Prediction, ...]
+    after: tuple[Prediction, ...]
+
+    @property
+    def significant(self) -> bool:
+        return self.elpd > SIGNIFICANT * self.elpd_se
+
+
+def stretches(n_block: int, n_fold: int = N_FOLD) -> np.ndarray:
+    """(n_block,) number of the contiguous stretch each block belongs to; all of about one length."""
+    return np.arange(n_block) * min(n_fold, n_block) // n_block
+
+
+def how_many(n_block: int, named: Sequence[Named]) -> int:
+    """Stretches: none holds more than half of what lies on one side of a step, else nothing is left to tell its size
+    from."""
+    sides = [min(n.course.at, n_block - n.course.at) for n in named if n.course.kind == "step"]
+    wanted = max([N_FOLD, *(-(-2 * n_block // max(side, 1)) for side in sides)])
+    return min(wanted, MOST_FOLDS, n_block)
+
+
+def with_noise(design: Design, noise: Noise) -> Design:
+    """The design for prediction: another noise, no candidates."""
+    return replace(design, noise=noise, courses=design.courses[:1], which=np.zeros((0, 2), int))
+
+
+def contest(
+    before: tuple[Design, Sequence[np.ndarray]], after: tuple[Design, Sequence[np.ndarray]], *, n_form: int = 0,
+    n_fold: int = N_FOLD,
+) -> Contest:  # fmt: skip
+    """Two fits, each a design and its centred departures, on the same held-out blocks. Both are scored with the noise
+    of the first, so that a different estimate of the noise counts neither for nor against an effect.
+
+    All held-out blocks are scored together, each by its residual from a prediction that did not see it: what is not
+    known of the model is common to all of them. Were it taken as new in every stretch, a constant departure would count
+    once for each stretch, and a step would pass for a new offset.
+
+    The standard error is the larger of two: that of the predictive distribution, sqrt(D^T C^-1 D) for predictions that
+    differ by D, and that of batch means over successive blocks, which shows what unrest and memory of the blocks
+    themselves do to the sum.
+    """
+    noise = before[0].noise
+    n_block = len(before[0].bin_of)
+    fold, every = stretches(n_block, n_fold), np.arange(n_block)
+    designs = [with_noise(d, noise) for d, _ in (before, after)]
+    sides = [tuple(predict(d, y, fold == k, n_form=n_form) for k in range(fold.max() + 1))
+             for d, (_, y) in zip(designs, (before, after), strict=True)]  # fmt: skip
+    residuals = [_joined(side) for side in sides]
+    unknown = [np.mean([p.uncertain for p in side], axis=0) for side in sides]
+    densities = [log_density(d, every, Q, r)[0] for d, Q, r in zip(designs, unknown, residuals, strict=True)]
+    difference = [a - b for a, b in zip(*residuals, strict=True)]
+    w, _ = solve_covariance(designs[0], every, unknown[0], difference)
+    told = sum(np.sum(a * b, axis=1) for a, b in zip(w, difference, strict=True))
+    gained = densities[1] - densities[0]
+    common = cross(designs[1], every, w, weighted=False)
+    variance = float(common @ unknown[1] @ common)
+    for a, covariance, weight in zip(w, noise.covariance, noise.weight, strict=True):
+        measured = weight > 0
+        squares = np.einsum("ni,ij,nj->n", a, covariance, a, optimize=True)
+        variance += float(np.sum(squares[measured] / weight[measured]))
+    se = max(np.sqrt(variance), batch_error(gained - 0.5 * told))
+    return Contest(elpd=float(gained.sum()), elpd_se=float(se), by_block=gained, before=sides[0], after=sides[1],
+                   snr=float(np.sqrt(max(float(told.sum()), 0.0))))  # fmt: skip
+
+
+def _joined(predictions: Sequence[Prediction]) -> list[np.ndarray]:
+    """Residuals of all blocks per group (n_block, n_response)."""
+    order = np.argsort(np.concatenate([p.rows for p in predictions]))
+    return [np.concatenate(parts)[order] for parts in zip(*(p.residual for p in predictions), strict=True)]
+
+
+def batch_error(series: np.ndarray) -> float:
+    """Standard error of the sum of a series in the order of time, by batches as long as the square root of its length
+    (Flegal & Jones 2010): correlation within a batch is counted."""
+    n = len(series)
+    number = max(2, n // max(1, int(np.sqrt(n))))
+    sums = np.array([part.sum() for part in np.array_split(series, number)])
+    return float(np.sqrt(number * np.var(sums, ddof=1)))
+
+
+def stages(setting: Setting, null: Fit, fitted: Fit) -> list[Fit]:
+    """Fits with none, the first, the first two ... of the effects found."""
+    between = []
+    for k in range(1, len(fitted.named)):
+        between.append(fit(setting, fitted.theta, fitted.named[:k]))
+    return [null, *between, fitted] if fitted.named else [null]
+
+
+def measures(setting: Setting, old: Fit, new: Fit, *, n_fold: int | None = None) -> dict:
+    """Plain numbers of one step from `old` to `new`, as in diagnosis.json: errors of frequencies are shares (of a pair
+    the larger eigenvalue of its tensor's error), largest over modes and stretches of the mean over a stretch, and root
+    mean square over single blocks; MAC likewise."""
+    n_form = setting.form[0].shape[1]
+    n_fold = n_fold or how_many(len(setting.blocks), new.named)
+    found = contest((old.design, old.centred), (new.design, new.centred), n_form=n_form, n_fold=n_fold)
+    result = {
+        "heldout_elpd": found.elpd,
+        "heldout_elpd_se": found.elpd_se,
+        "significant": found.significant,
+        "heldout_stretches": len(found.before),
+        "heldout_blocks": len(found.by_block),
+    }
+    targets = _targets(setting, old)
+    sides = [_errors(setting, found.before, targets), _errors(setting, found.after, targets)]
+    for key in sides[0]:
+        if not key.startswith("_"):
+            result |= {f"{key}_before": sides[0][key], f"{key}_after": sides[1][key]}
+    for key in ("crps_frequency", "crps_shape"):
+        saved = sides[0][f"_{key}"] - sides[1][f"_{key}"]
+        result[f"{key}_saved_se"] = batch_error(saved) / len(saved)
+    result["statement"] = statement(result)
+    return result
+
+
+def statement(gain: dict) -> str:
+    """The gain in words."""
+    size = f"{gain['heldout_elpd']:.1f} +- {gain['heldout_elpd_se']:.1f}"
+    if gain["significant"]:
+        return f"held-out blocks are predicted better: log score {size}"
+    return f"no significant gain on held-out blocks: log score {size}"
+
+
+def _targets(setting: Setting, fitted: Fit) -> list[np.ndarray]:
+    """Per group the expected shapes (n_channel, k) over their largest components, where the nacelle mostly looks."""
+    exact = [n for n in fitted.named if n.exact]
+    local, _ = local_at(setting.field, fitted.theta, exact, [float(np.mean(n.course.value)) for n in exact])
+    centres, bin_of = setting.bins
+    usual = centres[np.argmax(np.bincount(bin_of))]
+    shapes = [np.asarray(r.shape).real for r in setting.field.references(local, usual)]
+    return [s / np.max(np.abs(s), axis=0) for s in shapes]
+
+
+def _errors(setting: Setting, predictions: Sequence[Prediction], targets: Sequence[np.ndarray]) -> dict:
+    """Errors of all held-out blocks under one model."""
+    n_channel = len(setting.blocks.channels)
+    stretch_f, block_f, stretch_mac, block_mac = [], [], [], []
+    scores_f, scores_s = [], []
+    for p in predictions:
+        own_f, own_s = np.zeros((2, len(p.rows))), np.zeros((2, len(p.rows)))
+        for q, (r, std, w) in enumerate(zip(p.residual, p.std, p.weight, strict=True)):
+            k = len(setting.blocks.groups[q])
+            n_log = 1 if k == 1 else 3
+            rows = np.flatnonzero(w > 0)
+            if not len(rows):
+                continue
+            score = crps(r[rows], std[rows])
+            own_f[:, rows] += [score[:, :n_log].sum(axis=1), np.full(len(rows), n_log)]
+            own_s[:, rows] += [score[:, n_log:].sum(axis=1), np.full(len(rows), score.shape[1] - n_log)]
+            mean = np.average(r[rows], axis=0, weights=w[rows])[None]
+            stretch_f.append(_frequency_errors(mean[:, :n_log]))
+            block_f.append(_frequency_errors(r[rows, :n_log]))
+            stretch_mac.append(_mac(mean[:, n_log:], targets[q], n_channel))
+            block_mac.append(_mac(r[rows, n_log:], targets[q], n_channel))
+        scores_f.append(own_f)
+        scores_s.append(own_s)
+    by_block = {"_crps_frequency": np.concatenate(scores_f, axis=1), "_crps_shape": np.concatenate(scores_s, axis=1)}
+    by_block = {key: v[0] / np.maximum(v[1], 1) for key, v in by_block.items()}
+    single = np.concatenate([b.ravel() for b in block_f])
+    return {
+        "max_frequency_error": float(max(np.max(e) for e in stretch_f)),
+        "rms_frequency_error": float(np.sqrt(np.mean(single**2))),
+        "min_mac": float(min(np.min(m) for m in stretch_mac)),
+        "mean_mac": float(np.mean(np.concatenate([m.ravel() for m in block_mac]))),
+        "crps_frequency": float(np.mean(by_block["_crps_frequency"])),
+        "crps_shape": float(np.mean(by_block["_crps_shape"])),
+        **by_block,
+    }
+
+
+def _frequency_errors(residual: np.ndarray) -> np.ndarray:
+    """|error of ln f| (n,): of a pair the larger eigenvalue of the tensor's error, which neither frequency exceeds."""
+    if residual.shape[1] == 1:
+        return np.abs(residual[:, 0])
+    a, b, c = residual[:, 0], residual[:, 1], residual[:, 2] / np.sqrt(2)
+    return np.abs(a + b) / 2 + np.sqrt(((a - b) / 2) ** 2 + c**2)
+
+
+def _mac(residual: np.ndarray, target: np.ndarray, n_channel: int) -> np.ndarray:
+    """MAC (n, k) of predicted shapes `target` (n_channel, k) and those off by `residual` (n, 2 k n_channel)."""
+    k = target.shape[1]
+    parts = residual.reshape(len(residual), 2, k, n_channel)
+    seen = target.T + parts[:, 0] + 1j * parts[:, 1]
+    product = np.abs(np.einsum("ck,nkc->nk", target, seen)) ** 2
+    return product / (np.sum(target**2, axis=0) * np.sum(np.abs(seen) ** 2, axis=2))

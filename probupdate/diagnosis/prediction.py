@@ -1,0 +1,200 @@
+"""What a fitted model says of blocks that took no part in its fit.
+
+The unknowns u of a design (parameters, tolerances, sizes of effects) are told by the training blocks alone. What no
+model explains, the offset of each response, is not carried over: a report uses the model, not its remainders. So the
+prediction is X E[c | training] with the offsets at zero, and what is measured departs from it by N(0, X Q X^T + R):
+Q is the covariance of (c - E[c | training], offset), exact under the design's own assumptions, R the noise.
+Everything is linear about a fit to all blocks, whose own choice of a point of linearisation is of second order.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import linalg, special
+
+from probupdate.diagnosis.linear import Design
+from probupdate.modes import frozen_array
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Prediction:
+    """Of the held-out blocks `rows` (n_held,): per group residual (n_held, n_response), measured less predicted, zero
+    where not measured; std (n_held, n_response) of its prediction; weight (n_held,), zero where not measured.
+
+    log_density of all of them together, `squared` their squared distance, of n_number numbers; `uncertain` (n_unknown,
+    n_unknown) is Q; mean (n_unknown,) what predicts.
+    """
+
+    rows: np.ndarray
+    residual: tuple[np.ndarray, ...]
+    std: tuple[np.ndarray, ...]
+    weight: tuple[np.ndarray, ...]
+    log_density: float
+    squared: float
+    n_number: int
+    uncertain: np.ndarray
+    mean: np.ndarray
+
+
+def columns(design: Design, q: int, g: int) -> tuple[np.ndarray, np.ndarray]:
+    """Of group q at angle bin g: X (n_response, n) of the unknowns that act there and their numbers (n,); the columns
+    of named effects are to be multiplied with their course."""
+    m, n_all = design.floor[q].size, design.n_common
+    start = n_all + sum(f.size for f in design.floor[:q])
+    known = design.effect[q][g][:, [effect for effect, _, _ in design.named]]
+    X = np.concatenate([design.nuisance[q][g], known, np.eye(m)], axis=1)
+    return X, np.concatenate([np.arange(n_all), np.arange(start, start + m)])
+
+
+def course_factors(design: Design, n: int, blocks: np.ndarray) -> np.ndarray:
+    """(n_block, n) what the columns of `columns` are multiplied with in each of `blocks`."""
+    factors = np.ones((len(blocks), n))
+    for k, (_, course, _) in enumerate(design.named):
+        factors[:, design.nuisance_std.size + k] = course.value[blocks]
+    return factors
+
+
+def gram(design: Design, blocks: np.ndarray) -> np.ndarray:
+    """X^T R^-1 X (n_unknown, n_unknown) of `blocks` (their numbers)."""
+    total = np.zeros((design.n_unknown, design.n_unknown))
+    for q in range(len(design.floor)):
+        weight = design.noise.weight[q][blocks]
+        for g in np.unique(design.bin_of[blocks]):
+            there = blocks[(design.bin_of[blocks] == g) & (weight > 0)]
+            if len(there):
+                X, numbers = columns(design, q, g)
+                t = course_factors(design, len(numbers), there)
+                total[np.ix_(numbers, numbers)] += (X.T @ design.noise.precision[q] @ X) * (
+                    t.T @ (t * design.noise.weight[q][there, None]))  # fmt: skip
+    return total
+
+
+def cross(design: Design, blocks: np.ndarray, y: Sequence[np.ndarray], *, weighted: bool = True) -> np.ndarray:
+    """X^T R^-1 y (n_unknown,) of `blocks`, y per group (len(blocks), n_response); not `weighted`: X^T y."""
+    total = np.zeros(design.n_unknown)
+    for q in range(len(design.floor)):
+        weight = design.noise.weight[q][blocks]
+        P = design.noise.precision[q] if weighted else np.eye(design.floor[q].size)
+        scale = weight if weighted else (weight > 0).astype(float)
+        for g in np.unique(design.bin_of[blocks]):
+            there = np.flatnonzero((design.bin_of[blocks] == g) & (weight > 0))
+            if len(there):
+                X, numbers = columns(design, q, g)
+                t = course_factors(design, len(numbers), blocks[there])
+                part = (y[q][there] * scale[there, None]) @ (P @ X)
+                total[numbers] += np.sum(part * t, axis=0)
+    return total
+
+
+def predicted(design: Design, blocks: np.ndarray, unknowns: np.ndarray) -> list[np.ndarray]:
+    """X u per group (len(blocks), n_response)."""
+    return [y[blocks] for y in design.expected(unknowns)]
+
+
+def transient(design: Design, n_form: int) -> np.ndarray:
+    """(n_unknown,) bool: columns of model form and offsets, which are not carried from training to prediction."""
+    numbers = np.arange(design.n_unknown)
+    n_c = design.nuisance_std.size
+    return (numbers >= design.n_common) | ((numbers >= n_c - n_form) & (numbers < n_c))
+
+
+def predict(
+    design: Design, centred: Sequence[np.ndarray], held: np.ndarray, *, n_form: int = 0
+) -> Prediction:
+    """Predict the blocks where `held` (n_block,) bool from all others; `centred` departures per group (n_block,
+    n_response) of the fit to all."""
+    n = design.n_unknown
+    known, rows = np.flatnonzero(~held), np.flatnonzero(held)
+    prior = design.prior_std
+    # unknowns in units of their prior deviation
+    information = gram(design, known) * np.outer(prior, prior) + np.eye(n)
+    factor = linalg.cho_factor(information, lower=True)
+    mean = prior * linalg.cho_solve(factor, prior * cross(design, known, [y[known] for y in centred]))
+    Q = linalg.cho_solve(factor, np.eye(n))
+    left = transient(design, n_form)
+    mean[left] = 0.0
+    Q[np.ix_(left, left)] = np.eye(int(left.sum()))
+    Q *= np.outer(prior, prior)
+
+    weight = tuple(w[rows] for w in design.noise.weight)
+    expected = predicted(design, rows, mean)
+    residual = tuple(np.where(w[:, None] > 0, y[rows] - m, 0.0)
+                     for y, m, w in zip(centred, expected, weight, strict=True))  # fmt: skip
+    shares, squares = log_density(design, rows, Q, residual)
+    numbers = sum(int(np.sum(w > 0)) * r.shape[1] for w, r in zip(weight, residual, strict=True))
+    return Prediction(
+        rows=frozen_array(rows, int), residual=tuple(map(frozen_array, residual)),
+        std=tuple(map(frozen_array, _deviations(design, rows, Q))), weight=tuple(map(frozen_array, weight)),
+        log_density=float(shares.sum()), squared=squares, n_number=numbers, uncertain=frozen_array(Q),
+        mean=frozen_array(mean),
+    )  # fmt: skip
+
+
+def log_density(
+    design: Design, rows: np.ndarray, Q: np.ndarray, residual: Sequence[np.ndarray]
+) -> tuple[np.ndarray, float]:
+    """Joint log density of the residuals of blocks `rows`, N(0, X Q X^T + R), as shares (len(rows),) that add up to it,
+    and their squared distance."""
+    solved, log_determinant = solve_covariance(design, rows, Q, residual)
+    squares = sum(np.sum(r * s, axis=1) for r, s in zip(residual, solved, strict=True))
+    weight = [w[rows] for w in design.noise.weight]
+    numbers = sum((w > 0) * r.shape[1] for w, r in zip(weight, residual, strict=True))
+    density = -0.5 * (squares + numbers * np.log(2 * np.pi))
+    for w, covariance in zip(weight, design.noise.covariance, strict=True):
+        measured = w > 0
+        log_noise = np.linalg.slogdet(covariance)[1] - len(covariance) * np.log(np.where(measured, w, 1.0))
+        density -= 0.5 * np.where(measured, log_noise, 0.0)
+    return density - 0.5 * log_determinant * numbers / max(numbers.sum(), 1), float(squares.sum())
+
+
+def solve_covariance(
+    design: Design, rows: np.ndarray, Q: np.ndarray, y: Sequence[np.ndarray]
+) -> tuple[list[np.ndarray], float]:
+    """(X Q X^T + R)^-1 y per group, and the logarithm of what the unknowns multiply the noise's determinant with."""
+    root = _root(Q, design.prior_std)
+    inner = np.eye(root.shape[1]) + root.T @ gram(design, rows) @ root
+    factor = linalg.cho_factor(inner, lower=True)
+    z = root @ linalg.cho_solve(factor, root.T @ cross(design, rows, y))
+    moved = predicted(design, rows, z)
+    solved = []
+    for q, (r, m) in enumerate(zip(y, moved, strict=True)):
+        w = design.noise.weight[q][rows][:, None]
+        solved.append(w * ((r - m) @ design.noise.precision[q]))
+    return solved, float(2 * np.sum(np.log(np.diag(factor[0]))))
+
+
+def _root(Q: np.ndarray, size: np.ndarray) -> np.ndarray:
+    """L with L L^T = Q, by eigenvalues in units of `size`."""
+    scaled = Q / np.outer(size, size)
+    value, turn = np.linalg.eigh(0.5 * (scaled + scaled.T))
+    return size[:, None] * turn * np.sqrt(np.maximum(value, 0.0))
+
+
+def _deviations(design: Design, rows: np.ndarray, Q: np.ndarray) -> list[np.ndarray]:
+    """Deviation (n_held, n_response) of every predicted number by itself, per group; infinite where not measured."""
+    result = []
+    for q, covariance in enumerate(design.noise.covariance):
+        w = design.noise.weight[q][rows]
+        variance = np.where(w > 0, 1 / np.where(w > 0, w, 1.0), np.inf)[:, None] * np.diag(covariance)
+        for g in np.unique(design.bin_of[rows]):
+            there = np.flatnonzero(design.bin_of[rows] == g)
+            X, numbers = columns(design, q, g)
+            t = course_factors(design, len(numbers), rows[there])
+            own = Q[np.ix_(numbers, numbers)]
+            # few different courses: constants and steps have one or two
+            found, place = np.unique(t, axis=0, return_inverse=True)
+            spread = np.array([np.sum(((X * f) @ own) * (X * f), axis=1) for f in found])
+            variance[there] += spread[place.ravel()]
+        result.append(np.sqrt(variance))
+    return result
+
+
+def crps(residual: np.ndarray, std: np.ndarray) -> np.ndarray:
+    """Continuous ranked probability score of normal predictions, in the response's units, less is better (Gneiting &
+    Raftery 2007, eq. 21)."""
+    z = residual / std
+    density = np.exp(-0.5 * z**2) / np.sqrt(2 * np.pi)
+    return std * (z * (2 * special.ndtr(z) - 1) + 2 * density - 1 / np.sqrt(np.pi))

@@ -1,0 +1,194 @@
+"""The gain on held-out blocks: densities written out, its size, its calibration, and that a wrong effect has none."""
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from probupdate.diagnosis import gain
+from probupdate.diagnosis.courses import Course, step_course
+from probupdate.diagnosis.linear import Design
+from probupdate.diagnosis.noise import Noise
+from probupdate.diagnosis.prediction import columns, course_factors, crps, predict
+
+N_BLOCK, N_EFFECT, N_NUISANCE = 60, 3, 3
+SIZES = (5, 4)
+
+
+def make_design(seed=3, named=(), n_block=N_BLOCK, floor=0.3):
+    rng = np.random.default_rng(seed)
+    bin_of = rng.integers(0, 2, n_block)
+    covariances = [a @ a.T / m + np.eye(m) for m in SIZES for a in [rng.standard_normal((m, m))]]
+    weights = [rng.uniform(0.5, 2.0, n_block) for _ in SIZES]
+    weights[1][4] = 0.0
+    noise = Noise(covariance=tuple(covariances), precision=tuple(np.linalg.inv(c) for c in covariances),
+                  weight=tuple(weights))  # fmt: skip
+    nuisance = tuple(rng.standard_normal((2, m, N_NUISANCE)) for m in SIZES)
+    effect = tuple(rng.standard_normal((2, m, N_EFFECT)) for m in SIZES)
+    return Design(
+        bin_of=bin_of, nuisance=nuisance, nuisance_std=np.array([0.5, 1.0, 2.0]),
+        floor=tuple(np.full(m, floor) for m in SIZES), effect=effect,
+        courses=(Course(kind="constant", value=np.ones(n_block)),), which=np.zeros((0, 2), int), noise=noise,
+        named=tuple(named),
+    )  # fmt: skip
+
+
+def dense(design, rows):
+    """X (n, n_unknown), R (n, n) of the measured numbers of blocks `rows`, and which (group, position) each one is."""
+    X, R, places = [], [], []
+    for q, m in enumerate(SIZES):
+        for at, b in enumerate(rows):
+            w = design.noise.weight[q][b]
+            if w == 0:
+                continue
+            own, numbers = columns(design, q, design.bin_of[b])
+            full = np.zeros((m, design.n_unknown))
+            full[:, numbers] = own * course_factors(design, len(numbers), np.array([b]))
+            X.append(full)
+            R.append(design.noise.covariance[q] / w)
+            places.append((q, at))
+    n = sum(len(r) for r in R)
+    block = np.zeros((n, n))
+    start = 0
+    for r in R:
+        block[start : start + len(r), start : start + len(r)] = r
+        start += len(r)
+    return np.concatenate(X), block, places
+
+
+def stacked(y, places):
+    return np.concatenate([y[q][at] for q, at in places])
+
+
+def test_predictive_density_is_that_of_the_written_out_joint_normal():
+    """Route two knows no Woodbury and no posterior: training and held-out numbers are one normal vector, the held-out
+    ones with an offset that has nothing to do with the training's share of what predicts them."""
+    named = ((1, step_course(N_BLOCK, 25), 0.8), (2, Course(kind="covariate", value=np.sin(np.arange(N_BLOCK)),
+                                                           column="water_level_m"), 0.4))  # fmt: skip
+    design = make_design(named=named)
+    y = design.simulate(np.random.default_rng(8))
+    held = gain.stretches(N_BLOCK) == 1
+    found = predict(design, y, held)
+    train, test = np.flatnonzero(~held), np.flatnonzero(held)
+    Xt, Rt, places_t = dense(design, train)
+    Xh, Rh, places_h = dense(design, test)
+    S = np.diag(design.prior_std**2)
+    V = Xt @ S @ Xt.T + Rt
+    offset = np.arange(design.n_unknown) >= design.n_common
+    common = np.where(offset, 0.0, 1.0)
+    operator = S @ Xt.T @ np.linalg.inv(V)
+    mean = common * (operator @ stacked([v[train] for v in y], places_t))
+    residual = stacked([v[test] for v in y], places_h) - Xh @ mean
+    # u - (common part of its estimate): exact covariance over all records of this design
+    left = np.eye(design.n_unknown) - common[:, None] * (operator @ Xt)
+    Q = left @ S @ left.T + (common[:, None] * operator) @ Rt @ (common[:, None] * operator).T
+    C = Xh @ Q @ Xh.T + Rh
+    assert found.log_density == pytest.approx(
+        stats.multivariate_normal(np.zeros(len(C)), C, allow_singular=False).logpdf(residual), rel=1e-9)
+    np.testing.assert_allclose(stacked(found.residual, places_h), residual, atol=1e-9)
+    np.testing.assert_allclose(stacked(found.std, places_h), np.sqrt(np.diag(C)), rtol=1e-9)
+    assert found.squared == pytest.approx(residual @ np.linalg.solve(C, residual), rel=1e-9)
+
+
+def test_held_out_blocks_are_where_they_are_expected_when_nothing_is_wrong():
+    """The squared distance of a held-out stretch is chi-square; 60 records, each predicted once from the rest."""
+    design = make_design(n_block=30)
+    rng = np.random.default_rng(9)
+    held = gain.stretches(30) == 2
+    u = []
+    for _ in range(60):
+        found = predict(design, design.simulate(rng), held)
+        u.append(stats.chi2.cdf(found.squared, found.n_number))
+    # uniform: the Kolmogorov-Smirnov distance stays under its 0.1 % point
+    assert stats.kstest(u, "uniform").pvalue > 1e-3
+
+
+@pytest.mark.parametrize("snr", [6.0, 12.0])
+def test_gain_of_a_true_step_is_about_half_its_squared_snr(snr):
+    """log score: d^2 / 2 +- d for an effect of SNR d, d told by the design alone."""
+    course = step_course(N_BLOCK, 30)
+    plain = make_design()
+    rng = np.random.default_rng(10)
+    trial = make_design(named=((0, course, 1.0),))
+    d_unit = 1 / np.sqrt(trial.unknowns_cov([N_NUISANCE])[0, 0] ** -1 - 1.0) ** -1
+    size = snr / d_unit
+    extended = make_design(named=((0, course, size),))
+    gains, errors = [], []
+    for _ in range(8):
+        y = list(plain.simulate(rng))
+        for q in range(2):
+            shift = size * course.value[:, None] * extended.effect[q][extended.bin_of, :, 0]
+            y[q] = np.where(extended.noise.weight[q][:, None] > 0, y[q] + shift, 0.0)
+        found = gain.contest((plain, y), (extended, y))
+        gains.append(found.elpd)
+        errors.append(found.elpd_se)
+    # mean of eight, each with deviation d; what four fifths of the record leave unsure of the size costs a little more
+    expected = snr**2 / 2
+    assert abs(np.mean(gains) - expected) < 3.3 * snr / np.sqrt(8) + 0.1 * expected
+    # d / 2 standard errors
+    assert np.mean(np.array(gains) / np.array(errors)) == pytest.approx(snr / 2, abs=1.2 + 0.1 * snr)
+    # the stated error is that of the scatter between records: chi-square of 7 degrees of freedom, 99.9 %
+    assert 0.2 < np.std(gains, ddof=1) / np.mean(errors) < 1.9
+
+
+def test_a_wrong_effect_gains_nothing():
+    """Thirty records with nothing wrong: an effect taken in all the same is significant at most at the rate of its two
+    errors."""
+    plain, rng = make_design(), np.random.default_rng(11)
+    extended = make_design(named=((0, step_course(N_BLOCK, 20), 1.0),))
+    found = [gain.contest((plain, y), (extended, y)) for y in (plain.simulate(rng) for _ in range(30))]
+    # an effect that is not there costs, or gains by chance as much as its own error
+    assert np.mean([c.elpd for c in found]) < 0.5
+    # 2.3 % each: four and more of thirty would be p = 0.005
+    assert sum(c.significant for c in found) < 4
+
+
+def test_error_of_a_constant_effect_counts_that_all_blocks_share_what_is_unknown():
+    """More blocks make nothing surer where an offset common to all of them hides it."""
+    short, long = (make_design(n_block=n, floor=0.5) for n in (40, 160))
+    ratio = []
+    for plain in (short, long):
+        n = len(plain.bin_of)
+        course = Course(kind="constant", value=np.ones(n))
+        extended = make_design(n_block=n, floor=0.5, named=((0, course, 2.0),))
+        y = list(plain.simulate(np.random.default_rng(12)))
+        for q in range(2):
+            shift = 1.5 * extended.effect[q][extended.bin_of, :, 0]
+            y[q] = np.where(extended.noise.weight[q][:, None] > 0, y[q] + shift, 0.0)
+        found = gain.contest((plain, y), (extended, y))
+        ratio.append(found.elpd / found.elpd_se)
+    # with independent blocks four times as many would double it
+    assert ratio[1] < 1.6 * ratio[0]
+
+
+def test_each_side_of_a_step_is_told_by_other_stretches():
+    class One:
+        def __init__(self, at):
+            self.course = step_course(48, at)
+
+    assert gain.how_many(48, []) == gain.how_many(48, [One(24)]) == gain.N_FOLD
+    for at in (8, 40):
+        n = gain.how_many(48, [One(at)])
+        fold = gain.stretches(48, n)
+        for side in (fold[:at], fold[at:]):
+            assert max(np.bincount(side)) <= len(side) / 2 + 1
+
+
+def test_crps_is_its_integral():
+    grid = np.linspace(-12, 12, 200_001)
+    for residual, std in ((0.3, 0.8), (-2.0, 1.5)):
+        step = (grid >= residual).astype(float)
+        integral = np.trapezoid((stats.norm.cdf(grid, 0, std) - step) ** 2, grid)
+        assert float(crps(np.array(residual), np.array(std))) == pytest.approx(integral, abs=1e-4)
+
+
+def test_error_of_a_sum_counts_correlation():
+    rng = np.random.default_rng(13)
+    white = rng.standard_normal((200, 400))
+    slow = np.zeros_like(white)
+    slow[:, 0] = white[:, 0]
+    for k in range(1, 400):
+        slow[:, k] = 0.6 * slow[:, k - 1] + 0.8 * white[:, k]
+    for series, variance in ((white, 1.0), (slow, 1.6 / 0.4)):
+        stated = np.sqrt(np.mean([gain.batch_error(s) ** 2 for s in series]) / 400)
+        # batches of twenty leave out a few per cent of what correlation of length four adds
+        assert stated == pytest.approx(np.sqrt(variance), rel=0.1)
