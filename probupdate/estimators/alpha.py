@@ -24,7 +24,10 @@ ALPHAS = np.logspace(-2, 2, 9)
 # curvature, of ln misfit over ln penalty, from which on there is a corner
 LEAST_BEND = 0.1
 # of each update along the path, in prior deviations: it is drawn, and its rules are good to a few per cent
-TOLERANCE, ITERATIONS = 1e-3, 30
+TOLERANCE = 1e-3
+# Gauss-Newton steps to and fro where alpha is small and bounds or curvature turn it back; the trust region, slower where
+# it is not, goes on from there
+STEPS, REGION_STEPS = 10, 60
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -51,8 +54,11 @@ def alpha_path(problem: Problem, *, progress: Progress = silent) -> AlphaPath:
     rows = []
     for done, alpha in enumerate(ALPHAS[::-1]):
         progress("path over alpha", done, len(ALPHAS))
-        run = update(problem, penalty="prior", alpha=float(alpha), tolerance=TOLERANCE, max_iteration=ITERATIONS,
-                     start=theta)  # fmt: skip
+        options = {"penalty": "prior", "alpha": float(alpha), "tolerance": TOLERANCE}
+        run = update(problem, max_iteration=STEPS, start=theta, **options)
+        if not run.converged:
+            run = update(problem, method="levenberg-marquardt", max_iteration=REGION_STEPS, start=run.theta[-1],
+                         **options)  # fmt: skip
         theta = run.theta[-1]
         apart = theta - parameters.initial
         slope = problem.weighted(problem.sensitivity(theta)[1].T).T
