@@ -37,10 +37,11 @@ class Picture:
     expected: tuple[tuple[Reference, ...], ...]
 
 
-def look(blocks: Blocks, sensors: Sequence[Sensor] = (), axes: tuple[np.ndarray, ...] | None = None) -> Picture:
-    """The blocks' own picture; `axes` of an earlier one are kept if given."""
-    if axes is None:
-        axes = tuple(own_axes(blocks, q, sensors) for q in range(len(blocks.groups)))
+def look(blocks: Blocks, sensors: Sequence[Sensor] = (), course: np.ndarray | None = None) -> Picture:
+    """The blocks' own picture. Where something is known to change by `course` (n_block,), what is expected is what was
+    before: where the course is zero."""
+    before = blocks if course is None else blocks.taken(np.flatnonzero(course == 0))
+    axes = tuple(own_axes(before, q, sensors) for q in range(len(blocks.groups)))
     turning = turning_columns(blocks.angle_deg)
     sector = np.round(blocks.angle_deg / SECTOR_DEG).astype(int)
     names, sector_of = np.unique(sector, return_inverse=True)
@@ -52,7 +53,8 @@ def look(blocks: Blocks, sensors: Sequence[Sensor] = (), axes: tuple[np.ndarray,
         y, independent = departure(blocks.frequency_hz[there][:, members], blocks.shape[there][:, :, members], target)
         # a pair that is not told apart has shapes, but no tensor
         there, y = there[independent], y[independent]
-        columns = np.column_stack([np.ones(len(there)), turning[there]])
+        beside = np.zeros((len(there), 0)) if course is None else course[there, None]
+        columns = np.column_stack([np.ones(len(there)), turning[there], beside])
         slope = np.linalg.lstsq(columns, y, rcond=None)[0]
         full = np.zeros((len(blocks), y.shape[1]))
         full[there] = y - slope[0]
@@ -61,7 +63,7 @@ def look(blocks: Blocks, sensors: Sequence[Sensor] = (), axes: tuple[np.ndarray,
         ok[there] = True
         used.append(frozen_array(ok, bool))
         at = np.array([turning[sector_of == s].mean(axis=0) for s in range(len(names))]).reshape(len(names), -1)
-        expected.append([_reference(slope[0] + row @ slope[1:], axes[q]) for row in at])
+        expected.append([_reference(slope[0] + row @ slope[1 : 1 + len(row)], axes[q]) for row in at])
     return Picture(axes=axes, departures=tuple(departures), used=tuple(used), turning=turning,
                    sector_of=frozen_array(sector_of, int), expected=tuple(zip(*expected, strict=True)))  # fmt: skip
 
@@ -172,21 +174,28 @@ def stated_patterns(blocks: Blocks, picture: Picture) -> list[np.ndarray | None]
     return result
 
 
-def own_noise(
-    blocks: Blocks, picture: Picture, known: np.ndarray, stated: Sequence[np.ndarray | None] | None = None
-) -> Noise:
-    """Scatter of a block about what the nacelle's angle and `known` (n_block, n_known) explain; `stated` patterns of it.
+def residuals(picture: Picture, known: np.ndarray) -> tuple[np.ndarray, ...]:
+    """Departures per group without what the nacelle's angle and `known` (n_block, n_known) explain.
 
-    What ties frequencies to shapes is left out: a real change moves both, in a proportion that noise does not have.
+    Response by response: as a fingerprint turns with the nacelle too, its product with them is no low harmonic.
     """
-    columns = np.column_stack([np.ones(len(blocks)), picture.turning, known])
+    columns = np.column_stack([np.ones(len(known)), picture.turning, known])
     rest = []
     for y, ok in zip(picture.departures, picture.used, strict=True):
         slope = np.linalg.lstsq(columns[ok], y[ok], rcond=None)[0]
         rest.append(np.where(ok[:, None], y - columns @ slope, 0.0))
+    return tuple(rest)
+
+
+def own_noise(
+    blocks: Blocks, picture: Picture, rest: tuple[np.ndarray, ...], stated: Sequence[np.ndarray | None]
+) -> Noise:
+    """Scatter of a block by its residuals `rest`; `stated` patterns of it.
+
+    What ties frequencies to shapes is left out: a real change moves both, in a proportion that noise does not have.
+    """
     sizes = tuple(len(g) for g in blocks.groups)
-    noise = estimate_noise(tuple(rest), picture.used, sizes, blocks.relative_std, blocks.states(), stated)
-    return untied(noise, sizes)
+    return untied(estimate_noise(rest, picture.used, sizes, blocks.relative_std, blocks.states(), stated), sizes)
 
 
 def untied(noise: Noise, sizes: Sequence[int]) -> Noise:

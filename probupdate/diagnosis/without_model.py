@@ -18,7 +18,7 @@ from probupdate.diagnosis.catalogue import Effect, measurement_effects
 from probupdate.diagnosis.courses import MARGIN, Course, make_courses, step_course
 from probupdate.diagnosis.diagnose import FALSE_ALARM, POWER, SURE, tail, with_derived
 from probupdate.diagnosis.noise import Noise, estimate_noise
-from probupdate.diagnosis.own_picture import Picture, fingerprints, look, mended, own_noise, stated_patterns, untied
+from probupdate.diagnosis.own_picture import Picture, fingerprints, look, mended, own_noise, residuals, stated_patterns, untied
 from probupdate.diagnosis.results import Alternative, Diagnosis, Finding, Limit
 from probupdate.modes import ModalData, Sensor, frozen_array
 from probupdate.progress import Progress, silent
@@ -76,14 +76,16 @@ class Watched:
 
 def watch(
     blocks: Blocks, effects: Sequence[Effect], sensors: Sequence[Sensor], known: np.ndarray,
-    prints: tuple[np.ndarray, ...] | None = None, axes: tuple[np.ndarray, ...] | None = None,
-    stated: Sequence[np.ndarray | None] | None = None,
+    stated: Sequence[np.ndarray | None] | None = None, course: np.ndarray | None = None,
 ) -> Watched:
-    picture = look(blocks, sensors, axes)
+    """The series of these blocks. known (n_block, n_known): courses along which anything may change. `stated` of an
+    earlier look; `course`: see `own_picture.look`."""
+    picture = look(blocks, sensors, course)
     stated = stated_patterns(blocks, picture) if stated is None else stated
-    noise = own_noise(blocks, picture, known, stated)
-    prints = fingerprints(effects, picture) if prints is None else prints
-    series, weight = follow(picture.departures, picture, noise, prints, [len(g) for g in blocks.groups])
+    rest = residuals(picture, known)
+    noise = own_noise(blocks, picture, rest, stated)
+    prints = fingerprints(effects, picture)
+    series, weight = follow(rest, picture, noise, prints, [len(g) for g in blocks.groups])
     apart = outliers(series, weight)
     weight = np.where(apart, 0.0, weight)
     names = tuple((q, i) for q, g in enumerate(blocks.groups) for i in range(1 if len(g) == 1 else 3))
@@ -325,9 +327,10 @@ def _surrounding(watched: Watched, found: Found, courses: Sequence[Course]) -> C
 
 
 def _sensor(
-    blocks: Blocks, watched: Watched, found: Found, courses: Sequence[Course], known, sensors
+    blocks: Blocks, watched: Watched, found: Found, courses: Sequence[Course], known, sensors, whole: Sequence[Effect]
 ) -> tuple[list[Change], Blocks] | None:
-    """Effects of sensors that leave nothing along their course; None where they do not explain it."""
+    """Effects of sensors that leave nothing along their course; None where they do not explain it. `whole`: effects
+    that are there or not."""
     row, best = np.unravel_index(int(np.argmax(found.over)), found.over.shape)
     if row < watched.n_frequency:
         rows = watched.classes[1]
@@ -335,32 +338,65 @@ def _sensor(
             return None
         row = rows[int(np.argmax(found.over[rows][:, best]))]
     course = _finer(blocks, watched, known, int(row), courses[best])
-    changes, now, seen = [], blocks, watched
+    if course.kind != "step":
+        return None
+    changes, now = [], blocks
     for _ in range(MOST_AT_ONCE):
-        nuisance = np.column_stack([np.ones(len(now)), seen.picture.turning, known])
-        scores = score(make_contrasts(seen.weight, nuisance, [course], now.hours), seen.series, seen.pools)
-        z = np.where(allowed_courses(seen, [course])[:, 0], scores.z[:, 0], 0.0)
-        z[: seen.n_frequency] = 0.0
-        row = int(np.argmax(np.abs(z)))
+        seen = watch(now, watched.effects, sensors, known, stated=watched.stated, course=course.value)
+        fit, scores = _explained(seen, known, course)
+        row = int(np.argmax(fit))
         effect = seen.effects[row - seen.n_frequency]
         then, size, std = mend(now, seen, known, sensors, row, course)
-        rivals = [k for k in seen.classes[1] if z[k] and abs(z[k]) > 0.5 * abs(z[row])]
-        gain = np.array([0.5 * (z[k] ** 2 - z[row] ** 2) for k in rivals])
+        left = left_at(then, watched, known, sensors, course, found)
+        if left > 1:
+            other = _as_a_whole(now, watched, known, sensors, course, found, whole, seen, fit)
+            if other is not None and other[0] < left:
+                left, effect, then = other
+                size, std = effect.discrete[0], 0.0
+        # all at the scatter that is usual for sensors
+        usual = max(1.0, float(np.median(scores.noise[seen.classes[1], 0])))
+        rivals = [k for k in seen.classes[1] if fit[k] > 0.25 * fit[row]]
+        gain = (fit[rivals] - fit[row]) / usual
         probability = dict(zip(rivals, np.exp(gain - logsumexp(gain)), strict=True))
-        others = sorted((k for k in rivals if k != row and probability[k] > 1e-3), key=lambda k: -probability[k])
+        if effect is not seen.effects[row - seen.n_frequency]:
+            probability = {row: 1.0}
+        others = sorted((k for k in probability if k != row and probability[k] > 1e-3), key=lambda k: -probability[k])
         changes.append(Change(finding=Finding(
             kind=effect.kind, cause=effect.cause, location=effect.location, size=size, size_std=std, unit=effect.unit,
-            course=course.name, course_start=blocks.ids[course.at] if course.kind == "step" else "",
-            z=float(z[row]), posterior_probability=float(probability[row]),
+            course=course.name, course_start=blocks.ids[course.at], z=float(scores.z[row, 0]),
+            posterior_probability=float(probability[row]),
             alternatives=tuple(Alternative(cause=e.cause, location=e.location,
                                            posterior_probability=float(probability[k]))
                                for k in others for e in [seen.effects[k - seen.n_frequency]]),
             check=effect.check), course=course, moved=()))  # fmt: skip
         now = then
-        if left_at(now, watched, known, sensors, course, found) <= 1:
+        if left <= 1:
             return changes, now
-        seen = watch(now, watched.effects, sensors, known, stated=watched.stated)
     return None
+
+
+def _explained(seen: Watched, known: np.ndarray, course: Course) -> tuple[np.ndarray, Scores]:
+    """(n_series,) by how much each effect of sensors would better the fit (half a chi-square), all at the scatter that
+    was estimated for a block: that of the series itself counts what other effects do to it."""
+    nuisance = np.column_stack([np.ones(len(seen.blocks)), seen.picture.turning, known])
+    contrasts = make_contrasts(seen.weight, nuisance, [course], seen.blocks.hours)
+    scores = score(contrasts, seen.series, seen.pools)
+    can = allowed_courses(seen, [course])[:, 0] & contrasts.usable[:, 0]
+    can[: seen.n_frequency] = False
+    variance = np.where(can, contrasts.white_var[:, 0], 1.0)
+    return np.where(can, 0.5 * scores.size[:, 0] ** 2 / variance, 0.0), scores
+
+
+def _as_a_whole(now, watched, known, sensors, course, found, whole, seen, fit):
+    """(what is left, effect, mended blocks) of the exchanged or reversed channels that explain most."""
+    strong = {seen.effects[k - seen.n_frequency].location for k in np.argsort(-fit)[:12]
+              if seen.effects[k - seen.n_frequency].cause == "sensor gain"}  # fmt: skip
+    tried = []
+    for effect in whole:
+        if all(name in strong for name in effect.location.split(" and ")):
+            then = mended(now, effect, effect.discrete[0] * course.value)
+            tried.append((left_at(then, watched, known, sensors, course, found), effect, then))
+    return min(tried, key=lambda t: t[0]) if tried else None
 
 
 def surroundings_columns(blocks: Blocks) -> tuple[str, ...]:
@@ -384,6 +420,7 @@ def diagnose_without_model(
     placed = tuple(s for s in sensors or () if s.channel in blocks.channels)
     rows = tuple(e for e in (*measurement_effects(blocks.channels, placed), *effects)
                  if e.observe is not None and not e.discrete and set(e.courses) != {"constant"})  # fmt: skip
+    whole = tuple(e for e in measurement_effects(blocks.channels, placed) if e.discrete)
     columns = (*surroundings_columns(blocks), *(c for e in effects for c in e.courses))
     courses = [c for c in make_courses(blocks, tuple(dict.fromkeys(columns))) if c.kind != "constant"]
     known = np.zeros((len(blocks), 0))
@@ -397,7 +434,7 @@ def diagnose_without_model(
         left = bool(np.max(found.over) > 1)
         if not left or number == MOST_CHANGES:
             break
-        of_sensors = _sensor(blocks, watched, found, courses, known, placed)
+        of_sensors = _sensor(blocks, watched, found, courses, known, placed, whole)
         if of_sensors is not None:
             changes += of_sensors[0]
             blocks = of_sensors[1]
