@@ -25,8 +25,8 @@ ALPHAS = np.logspace(-2, 2, 9)
 LEAST_BEND = 0.1
 # of each update along the path, in prior deviations: it is drawn, and its rules are good to a few per cent
 TOLERANCE = 1e-3
-# Gauss-Newton steps to and fro where alpha is small and bounds or curvature turn it back; the trust region, slower where
-# it is not, goes on from there
+# Gauss-Newton steps to and fro where alpha is small and bounds or curvature turn it back; the trust region, slower
+# where it is not, goes on from there
 STEPS, REGION_STEPS = 10, 60
 
 

@@ -2,7 +2,17 @@
 
 import numpy as np
 import pytest
-from updating_cases import CHAIN_TRUTH, CHANNELS, LINEAR_HZ, chain_model, measured_chain, modal_set, turned
+from scipy.optimize import linear_sum_assignment
+from updating_cases import (
+    CHAIN_TRUTH,
+    CHANNELS,
+    LINEAR_HZ,
+    chain_model,
+    chain_problem,
+    measured_chain,
+    modal_set,
+    turned,
+)
 
 from probupdate.errors import InputError
 from probupdate.matching import SPARE, assign, channel_rows, close_clusters, match
@@ -235,3 +245,20 @@ def test_modes_of_shuffled_channels_are_refused_with_their_macs(seed):
     with pytest.raises(InputError, match=r"this model's: the best MACs are mode 1 0\.\d\d, mode 2 0\.\d\d") as error:
         match(modal_set(exact.frequency_hz[:4], exact.shape[order][:, :4]), exact, ROWS)
     assert "check the order, names and signs of the channels" in str(error.value)
+
+
+def test_groups_whose_best_modes_are_their_own_are_paired_as_by_the_assignment():
+    """The quick choice and the assignment problem, where groups do and do not ask for the same modes."""
+    problem = chain_problem()
+    base = problem.model.solve(problem.parameters.initial, problem.matching.n_mode).shape
+    rng = np.random.default_rng(4)
+    for share in (0.1, 3.0):
+        shape = base + share * np.abs(base).mean(axis=0) * rng.standard_normal((300, *base.shape))
+        computed, criterion = problem._assign(shape)
+        plain = []
+        for row in criterion:
+            _, columns = linear_sum_assignment(-row)
+            parts = np.split(columns, np.cumsum([g.size for g in problem.groups])[:-1])
+            plain.append(np.concatenate([np.sort(part) for part in parts]))
+        np.testing.assert_array_equal(computed, plain)
+    assert len(np.unique(computed, axis=0)) > 5
