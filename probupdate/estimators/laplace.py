@@ -9,13 +9,15 @@ import numpy as np
 from scipy import linalg, optimize
 
 from probupdate.errors import ConvergenceError
-from probupdate.estimators.tikhonov import HALVINGS, ROUNDING, bounded_step, pinned
+from probupdate.estimators.tikhonov import HALVINGS, ROUNDING, bounded_step, pinned, relaxed
 from probupdate.modes import frozen_array
 from probupdate.problem import Problem
 
 MAX_ITERATION = 200
 # in prior deviations
 TOLERANCE = 1e-7
+# a step is lengthened to at most so many times itself where steps shrink slowly
+LONGEST = 2.0
 # maxima whose log densities differ by less than this are told apart by their parameters only
 SAME_HEIGHT = 1e-3
 
@@ -146,10 +148,12 @@ def _climb(problem: Problem, theta: np.ndarray) -> tuple[np.ndarray, float, bool
     """theta, -2 ln posterior + const, settled."""
     parameters = problem.parameters
     value = _value(problem, theta)
+    share, last = 1.0, None
     for _ in range(MAX_ITERATION):
         residual, slope, _ = _system(problem, theta)
         step = bounded_step(slope, -residual, theta, parameters)
-        share, trial, fresh = 1.0, theta, value
+        share, trial, fresh = relaxed(step / parameters.std, last, share, LONGEST), theta, value
+        last = step / parameters.std
         for _ in range(HALVINGS):
             trial = np.clip(theta + share * step, parameters.lower, parameters.upper)
             fresh = _value(problem, trial)

@@ -6,7 +6,8 @@ from the previous iterate. Iterated, it forgets the prior; the number of iterati
 alpha = 1 its fixed point is the maximum of a posterior with Gaussian priors. Both share their first iteration.
 
 Steps are held within the bounds by a bounded least-squares solution of the same quadratic; inside them it is Eq. 7
-exactly. A step that raises the quantity it minimises is halved, and the share taken is recorded.
+exactly. A step that raises the quantity it minimises is halved, and an anchored one that takes the last one back is
+shortened; the share taken is recorded.
 """
 
 from __future__ import annotations
@@ -30,6 +31,8 @@ HALVINGS = 12
 ROUNDING = 1e-9
 # a parameter this close to a bound, as a share of its prior deviation, is pinned there
 AT_BOUND = 1e-6
+# near the end, where steps are below this many prior deviations, they are relaxed, to no less than this share
+RELAX_BELOW, LEAST_SHARE = 0.1, 0.2
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -105,6 +108,7 @@ def update(
                          penalty_at, converged, status)  # fmt: skip
 
     path, shares, misfits = [theta], [], [misfit_at(theta)]
+    share, last = 1.0, None
     converged, status = False, f"stopped after {max_iteration} iterations without settling"
     for iteration in range(max_iteration):
         progress(f"update, penalty on the {penalty}", iteration, max_iteration)
@@ -121,7 +125,9 @@ def update(
             return misfit_at(trial) + float(alpha * np.sum((prior_root @ (trial - here)) ** 2))
 
         before = misfits[-1] + (penalty_at(theta) if penalty == "prior" else 0.0)
-        share = 1.0
+        relative = step / parameters.std
+        share = relaxed(relative, last, share, 1.0) if penalty == "prior" else 1.0
+        last = relative
         for _ in range(HALVINGS):
             trial = np.clip(theta + share * step, parameters.lower, parameters.upper)
             if value(trial) <= before * (1 + ROUNDING):
@@ -144,6 +150,17 @@ def update(
         status = (f"settled where it started: alpha {alpha:g} leaves the data no weight" if alpha > 1 else
                   "settled where it started: the data ask for no change")  # fmt: skip
     return _finished(problem, penalty, alpha, path, misfits, shares, penalty_at, converged, status)
+
+
+def relaxed(step: np.ndarray, last: np.ndarray | None, share: float, most: float) -> float:
+    """Share of a Gauss-Newton step after a `share` of the `last` one, both in prior deviations (Aitken 1926; Irons &
+    Tuck 1969): where the residual's own curvature, which Gauss-Newton leaves out, makes steps overshoot, they go to and
+    fro with a fixed ratio that the two tell."""
+    if last is None or np.max(np.abs(step)) > RELAX_BELOW:
+        return 1.0
+    change = step - last
+    size = change @ change
+    return 1.0 if size == 0 else float(np.clip(-share * (last @ change) / size, LEAST_SHARE, most))
 
 
 def _finished(problem, penalty, alpha, path, misfits, shares, penalty_at, converged, status) -> TikhonovUpdate:

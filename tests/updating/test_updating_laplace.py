@@ -19,6 +19,7 @@ from updating_cases import (
 
 from probupdate.errors import ConvergenceError
 from probupdate.estimators import laplace as laplace_module
+from probupdate.estimators import tikhonov
 from probupdate.estimators.laplace import maximum_a_posteriori, prior_residual
 from probupdate.estimators.tikhonov import update
 from probupdate.modes import ModalData
@@ -234,3 +235,24 @@ def test_the_updates_end_is_a_start_that_is_already_there():
     anchored = update(problem)
     top = maximum_a_posteriori(problem, [anchored.theta[-1]])
     assert np.max(np.abs(top.theta - anchored.theta[-1]) / np.sqrt(np.diag(top.covariance))) < 1e-4
+
+
+def test_steps_that_overshoot_are_shortened(monkeypatch):
+    """A residual whose curvature exceeds what Gauss-Newton keeps: full steps part from the maximum by 1.6 a step."""
+    parameters = Parameters((Parameter(name="a", unit="-", initial=1.0, std=1.0),))
+    shape = np.linalg.qr(np.random.default_rng(2).standard_normal((4, 4)))[0]
+    model = FunctionModel(name="bowl", parameters=parameters, channels=tuple("abcd"), version="1",
+                          function=lambda theta: (np.array([10 + theta[0] ** 2, 20.0, 40.0, 80.0]), shape))  # fmt: skip
+    # the parameter moves one frequency only, and that cannot come nearer than one deviation of what was measured
+    data = ModalData(channels=model.channels, sets=(modal_set(np.array([9.0]), shape[:, :1], std=np.array([1.0])),))
+    problem = build_problem(model, data, weights=Weights(shapes="none"))
+    end = optimize.minimize_scalar(lambda a: (1 + a**2) ** 2 + (a - 1) ** 2, bracket=(0, 0.3, 1), tol=1e-14)
+    anchored = update(problem, penalty="prior")
+    found = maximum_a_posteriori(problem, [parameters.initial])
+    # a minimiser of values is good to the root of rounding
+    assert found.theta[0] == pytest.approx(end.x, abs=1e-7)
+    assert anchored.converged
+    assert anchored.theta[-1, 0] == pytest.approx(end.x, abs=1e-6)
+    assert np.all(anchored.share <= 1)
+    monkeypatch.setattr(tikhonov, "RELAX_BELOW", 0.0)
+    assert len(update(problem, penalty="prior").share) > 2 * len(anchored.share)
