@@ -8,12 +8,15 @@ was chosen on the whole record, so that a gain is a check, not a second discover
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
+from scipy import linalg
 
-from probupdate.diagnosis.fitting import Fit, Named, Setting, fit, local_at
+from probupdate.diagnosis.diagnose import Outcome
+from probupdate.diagnosis.fitting import Fit, Named, Setting, fit, local_at, local_std
 from probupdate.diagnosis.linear import Design
 from probupdate.diagnosis.noise import Noise
 from probupdate.diagnosis.prediction import (
@@ -21,9 +24,15 @@ from probupdate.diagnosis.prediction import (
     cross,
     crps,
     log_density,
+    posterior,
     predict,
     solve_covariance,
+    transient,
 )
+from probupdate.diagnosis.prepare import Prepared
+from probupdate.diagnosis.stress_ratio import fatigue_change
+from probupdate.modes import Sensor
+from probupdate.progress import Progress, silent
 
 # contiguous stretches of the record, each predicted from the others: so many, or more where one side of a step is short
 N_FOLD, MOST_FOLDS = 5, 24
@@ -128,13 +137,16 @@ def stages(setting: Setting, null: Fit, fitted: Fit) -> list[Fit]:
     return [null, *between, fitted] if fitted.named else [null]
 
 
-def measures(setting: Setting, old: Fit, new: Fit, *, n_fold: int | None = None) -> dict:
+def measures(
+    setting: Setting, old: Fit, new: Fit, *, noise: Noise | None = None, n_fold: int | None = None
+) -> dict:
     """Plain numbers of one step from `old` to `new`, as in diagnosis.json: errors of frequencies are shares (of a pair
     the larger eigenvalue of its tensor's error), largest over modes and stretches of the mean over a stretch, and root
     mean square over single blocks; MAC likewise."""
     n_form = setting.form[0].shape[1]
     n_fold = n_fold or how_many(len(setting.blocks), new.named)
-    found = contest((old.design, old.centred), (new.design, new.centred), n_form=n_form, n_fold=n_fold)
+    first = replace(old.design, noise=noise or old.design.noise)
+    found = contest((first, old.centred), (new.design, new.centred), n_form=n_form, n_fold=n_fold)
     result = {
         "heldout_elpd": found.elpd,
         "heldout_elpd_se": found.elpd_se,
@@ -152,6 +164,38 @@ def measures(setting: Setting, old: Fit, new: Fit, *, n_fold: int | None = None)
         result[f"{key}_saved_se"] = batch_error(saved) / len(saved)
     result["statement"] = statement(result)
     return result
+
+
+def gains(prepared: Prepared, outcome: Outcome, *, progress: Progress = silent) -> tuple[dict, ...]:
+    """Of every finding, added after those before it, what it gains: `measures`, sensors that took no part, how the
+    parameters move (in prior deviations) and what it changes of fatigue."""
+    setting = outcome.setting
+    fits = stages(setting, outcome.null, outcome.fitted)
+    noise = outcome.null.design.noise
+    levels = levels_of(setting.blocks.channels, prepared.sensors)
+    progress("held-out blocks", 0, len(fits))
+    sensors = [held_out_sensors(setting, fits[0], noise, levels)]
+    result = []
+    for number, (old, new) in enumerate(pairwise(fits), start=1):
+        told = measures(setting, old, new, noise=noise)
+        sensors.append(held_out_sensors(setting, new, noise, levels))
+        told["heldout_sensors"] = [
+            {"level": level, "channels": list(own), "rms_error_before": sensors[-2][level][0],
+             "rms_error_after": sensors[-1][level][0], "max_error_before": sensors[-2][level][1],
+             "max_error_after": sensors[-1][level][1]}
+            for level, own in levels.items()
+        ]  # fmt: skip
+        told["parameter_shifts"] = _shifts(setting, old, new)
+        told["fatigue"] = fatigue_change(prepared, setting, old, new)
+        result.append(told)
+        progress("held-out blocks", number, len(fits))
+    return tuple(result)
+
+
+def _shifts(setting: Setting, old: Fit, new: Fit) -> dict[str, float]:
+    """By how many deviations of its prior each parameter moves."""
+    return {p.name: float((new.theta[k] - old.theta[k]) / local_std(setting.prior, i, old.theta[k]))
+            for i, (p, k) in enumerate(zip(setting.prior, setting.updated, strict=True))}  # fmt: skip
 
 
 def statement(gain: dict) -> str:
@@ -207,6 +251,79 @@ def _errors(setting: Setting, predictions: Sequence[Prediction], targets: Sequen
         "crps_shape": float(np.mean(by_block["_crps_shape"])),
         **by_block,
     }
+
+
+# Sensors that took no part ------------------------------------------------------------------------------------------
+
+
+def held_out_sensors(
+    setting: Setting, fitted: Fit, noise: Noise, levels: Mapping[str, Sequence[str]], n_fold: int = N_FOLD
+) -> dict[str, tuple[float, float]]:
+    """Motion predicted at each level (name -> its channels) from all other channels, effects' times and kinds known:
+    name -> (root mean square error over modes, channels and single blocks, the largest error of the mean over a
+    stretch), in shares of each shape's largest component."""
+    channels = setting.blocks.channels
+    targets = _targets(setting, fitted)
+    fold = stretches(len(setting.blocks), n_fold)
+    result = {}
+    for name, own in levels.items():
+        hidden = np.array([channels.index(c) for c in own])
+        kept = np.setdiff1d(np.arange(len(channels)), hidden)
+        maps = [_hiding(t, kept, hidden) for t in targets]
+        design = with_noise(fitted.design, noise)
+        reduced = _mapped(design, [seen for seen, _ in maps])
+        blocks = np.arange(len(setting.blocks))
+        mean, _ = posterior(reduced, [y @ seen.T for y, (seen, _) in zip(fitted.centred, maps, strict=True)], blocks)
+        told = np.zeros(design.n_unknown)
+        carried = np.flatnonzero(~transient(design, setting.form[0].shape[1]))
+        told[carried] = mean[carried]
+        single, means = [], []
+        for y, m, (_, out), w in zip(fitted.centred, design.expected(told), maps, noise.weight, strict=True):
+            error = (y - m) @ out.T
+            single.append(error[w > 0].ravel())
+            for k in range(fold.max() + 1):
+                there = (w > 0) & (fold == k)
+                if there.any():
+                    means.append(np.average(error[there], axis=0, weights=w[there]))
+        flat = np.concatenate(single)
+        result[name] = float(np.sqrt(np.mean(flat**2))), float(max(np.max(np.abs(m)) for m in means))
+    return result
+
+
+def _hiding(target: np.ndarray, kept: np.ndarray, hidden: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Two maps on the responses of a group with expected shapes `target` (n_channel, k): what is known without the
+    hidden channels (n_known, n_response), and the hidden channels' error when shapes are aligned by the kept ones
+    (n_hidden 2 k, n_response)."""
+    n_channel, k = target.shape
+    n_log = 1 if k == 1 else 3
+    # of the kept channels only what lies across the expected shapes tells anything: size and turn are free
+    across = np.linalg.svd(target[kept])[0][:, k:].T @ np.eye(n_channel)[kept]
+    aligned = np.eye(n_channel)[hidden] - target[hidden] @ np.linalg.pinv(target[kept]) @ np.eye(n_channel)[kept]
+    parts = 2 * k
+    return (linalg.block_diag(np.eye(n_log), *[across] * parts),
+            np.hstack([np.zeros((parts * len(hidden), n_log)), linalg.block_diag(*[aligned] * parts)]))  # fmt: skip
+
+
+def _mapped(design: Design, maps: Sequence[np.ndarray]) -> Design:
+    """The design of the responses B y."""
+    covariance = [B @ C @ B.T for B, C in zip(maps, design.noise.covariance, strict=True)]
+    noise = replace(design.noise, covariance=tuple(covariance), precision=tuple(map(np.linalg.inv, covariance)))
+    return replace(
+        design, noise=noise, nuisance=tuple(B @ G for B, G in zip(maps, design.nuisance, strict=True)),
+        effect=tuple(B @ E for B, E in zip(maps, design.effect, strict=True)),
+        floor=tuple(np.sqrt(B**2 @ f**2) for B, f in zip(maps, design.floor, strict=True)),
+        doubted=tuple((course, tuple(np.sqrt(s**2 @ (B**2).T) for B, s in zip(maps, spread, strict=True)))
+                      for course, spread in design.doubted),
+    )  # fmt: skip
+
+
+def levels_of(channels: Sequence[str], sensors: Sequence[Sensor]) -> dict[str, tuple[str, ...]]:
+    """Level -> its channels among the measured ones; without places each channel is its own."""
+    known = {s.channel: s.level for s in sensors}
+    found: dict[str, list[str]] = {}
+    for c in channels:
+        found.setdefault(known.get(c) or c, []).append(c)
+    return {level: tuple(own) for level, own in found.items() if len(channels) - len(own) > 3}
 
 
 def _frequency_errors(residual: np.ndarray) -> np.ndarray:

@@ -1,10 +1,10 @@
 """What a fitted model says of blocks that took no part in its fit.
 
-The unknowns u of a design (parameters, tolerances, sizes of effects) are told by the training blocks alone. What no
-model explains, the offset of each response, is not carried over: a report uses the model, not its remainders. So the
-prediction is X E[c | training] with the offsets at zero, and what is measured departs from it by N(0, X Q X^T + R):
-Q is the covariance of (c - E[c | training], offset), exact under the design's own assumptions, R the noise.
-Everything is linear about a fit to all blocks, whose own choice of a point of linearisation is of second order.
+The unknowns of a design (parameters, tolerances, sizes of effects: c) are told by the training blocks alone. What no
+model explains, the offset of each response and the doubt about fingerprints, is not carried over: a report uses the
+model, not its remainders. So the prediction is X E[c | training] with the offsets at zero, and what is measured departs
+from it by N(0, X Q X^T + R): Q is the covariance of (c - E[c | training], offset), exact under the design's own
+assumptions, R the noise. Everything is linear about a fit to all blocks, whose choice is of second order.
 """
 
 from __future__ import annotations
@@ -40,20 +40,27 @@ class Prediction:
 
 
 def columns(design: Design, q: int, g: int) -> tuple[np.ndarray, np.ndarray]:
-    """Of group q at angle bin g: X (n_response, n) of the unknowns that act there and their numbers (n,); the columns
-    of named effects are to be multiplied with their course."""
+    """Of group q at angle bin g: X (n_response, n) of the unknowns that act there and their numbers (n,);
+    `course_factors` tells what the columns are multiplied with in a block."""
     m, n_all = design.floor[q].size, design.n_common
-    start = n_all + sum(f.size for f in design.floor[:q])
+    start, total = n_all + sum(f.size for f in design.floor[:q]), sum(f.size for f in design.floor)
     known = design.effect[q][g][:, [effect for effect, _, _ in design.named]]
-    X = np.concatenate([design.nuisance[q][g], known, np.eye(m)], axis=1)
-    return X, np.concatenate([np.arange(n_all), np.arange(start, start + m)])
+    parts, numbers = [design.nuisance[q][g], known, np.eye(m)], [np.arange(n_all), np.arange(start, start + m)]
+    for k, (_, spread) in enumerate(design.doubted):
+        parts.append(np.diag(spread[q][g]))
+        numbers.append(np.arange(start, start + m) + (k + 1) * total)
+    return np.concatenate(parts, axis=1), np.concatenate(numbers)
 
 
-def course_factors(design: Design, n: int, blocks: np.ndarray) -> np.ndarray:
-    """(n_block, n) what the columns of `columns` are multiplied with in each of `blocks`."""
-    factors = np.ones((len(blocks), n))
+def course_factors(design: Design, q: int, blocks: np.ndarray) -> np.ndarray:
+    """(n_block, n) what the columns of group q are multiplied with in each of `blocks`: the course of effects."""
+    m = design.floor[q].size
+    factors = np.ones((len(blocks), design.n_common + (1 + len(design.doubted)) * m))
     for k, (_, course, _) in enumerate(design.named):
         factors[:, design.nuisance_std.size + k] = course.value[blocks]
+    for k, (course, _) in enumerate(design.doubted):
+        start = design.n_common + (k + 1) * m
+        factors[:, start : start + m] = course.value[blocks, None]
     return factors
 
 
@@ -66,7 +73,7 @@ def gram(design: Design, blocks: np.ndarray) -> np.ndarray:
             there = blocks[(design.bin_of[blocks] == g) & (weight > 0)]
             if len(there):
                 X, numbers = columns(design, q, g)
-                t = course_factors(design, len(numbers), there)
+                t = course_factors(design, q, there)
                 total[np.ix_(numbers, numbers)] += (X.T @ design.noise.precision[q] @ X) * (
                     t.T @ (t * design.noise.weight[q][there, None]))  # fmt: skip
     return total
@@ -83,7 +90,7 @@ def cross(design: Design, blocks: np.ndarray, y: Sequence[np.ndarray], *, weight
             there = np.flatnonzero((design.bin_of[blocks] == g) & (weight > 0))
             if len(there):
                 X, numbers = columns(design, q, g)
-                t = course_factors(design, len(numbers), blocks[there])
+                t = course_factors(design, q, blocks[there])
                 part = (y[q][there] * scale[there, None]) @ (P @ X)
                 total[numbers] += np.sum(part * t, axis=0)
     return total
@@ -95,10 +102,23 @@ def predicted(design: Design, blocks: np.ndarray, unknowns: np.ndarray) -> list[
 
 
 def transient(design: Design, n_form: int) -> np.ndarray:
-    """(n_unknown,) bool: columns of model form and offsets, which are not carried from training to prediction."""
+    """(n_unknown,) bool: columns of model form, offsets and doubts about fingerprints, not carried from training
+    to prediction."""
     numbers = np.arange(design.n_unknown)
     n_c = design.nuisance_std.size
     return (numbers >= design.n_common) | ((numbers >= n_c - n_form) & (numbers < n_c))
+
+
+def posterior(
+    design: Design, centred: Sequence[np.ndarray], blocks: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Mean (n_unknown,) and covariance (n_unknown, n_unknown) of the unknowns as `blocks` tell them."""
+    prior = design.prior_std
+    # in units of the prior's deviations, as these are many powers of ten apart
+    information = gram(design, blocks) * np.outer(prior, prior) + np.eye(design.n_unknown)
+    factor = linalg.cho_factor(information, lower=True)
+    mean = prior * linalg.cho_solve(factor, prior * cross(design, blocks, [y[blocks] for y in centred]))
+    return mean, linalg.cho_solve(factor, np.eye(design.n_unknown)) * np.outer(prior, prior)
 
 
 def predict(
@@ -106,18 +126,11 @@ def predict(
 ) -> Prediction:
     """Predict the blocks where `held` (n_block,) bool from all others; `centred` departures per group (n_block,
     n_response) of the fit to all."""
-    n = design.n_unknown
-    known, rows = np.flatnonzero(~held), np.flatnonzero(held)
-    prior = design.prior_std
-    # unknowns in units of their prior deviation
-    information = gram(design, known) * np.outer(prior, prior) + np.eye(n)
-    factor = linalg.cho_factor(information, lower=True)
-    mean = prior * linalg.cho_solve(factor, prior * cross(design, known, [y[known] for y in centred]))
-    Q = linalg.cho_solve(factor, np.eye(n))
+    rows = np.flatnonzero(held)
+    mean, Q = posterior(design, centred, np.flatnonzero(~held))
     left = transient(design, n_form)
     mean[left] = 0.0
-    Q[np.ix_(left, left)] = np.eye(int(left.sum()))
-    Q *= np.outer(prior, prior)
+    Q[np.ix_(left, left)] = np.diag(design.prior_std[left] ** 2)
 
     weight = tuple(w[rows] for w in design.noise.weight)
     expected = predicted(design, rows, mean)
@@ -182,7 +195,7 @@ def _deviations(design: Design, rows: np.ndarray, Q: np.ndarray) -> list[np.ndar
         for g in np.unique(design.bin_of[rows]):
             there = np.flatnonzero(design.bin_of[rows] == g)
             X, numbers = columns(design, q, g)
-            t = course_factors(design, len(numbers), rows[there])
+            t = course_factors(design, q, rows[there])
             own = Q[np.ix_(numbers, numbers)]
             # few different courses: constants and steps have one or two
             found, place = np.unique(t, axis=0, return_inverse=True)

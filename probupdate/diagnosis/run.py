@@ -8,6 +8,7 @@ from pathlib import Path
 
 from probupdate.diagnosis.catalogue import Effect
 from probupdate.diagnosis.diagnose import examine
+from probupdate.diagnosis.gain import gains
 from probupdate.diagnosis.prepare import Prepared, prepare
 from probupdate.diagnosis.residuals import residuals
 from probupdate.diagnosis.results import Diagnosis
@@ -28,17 +29,19 @@ def diagnose_files(
     groups: str | Path | Mapping[str, Mapping[str, float]] | None = None,
     effects: Sequence[Effect] = (),
     rows: Sequence[TurbineEffect] = (),
+    extend: bool = True,
     seed: int = 1,
     out: str | Path | None = None,
     progress: Progress = silent,
 ) -> Diagnosis:
     """`model`: a file, or one made ready by `prepare` for many records. `groups`: name -> {parameter: change}, or a
-    TOML file of them. `effects`, `rows`: a user's own; see `prepare`. `out`: diagnosis.json's place.
+    TOML file of them. `effects`, `rows`: a user's own; see `prepare`. `extend`: measure what each finding gains on
+    held-out blocks and write the extended model beside `out`, diagnosis.json's place.
     """
     if isinstance(groups, str | Path):
         groups = _read_groups(groups)
     if isinstance(model, Prepared):
-        return _whole(model, data, seed, progress)
+        return _whole(model, data, seed, progress, extend=extend)
     if model is None:
         raise InputError("diagnose", "no model is given", "give --model")
     if not isinstance(model, Path):
@@ -48,15 +51,24 @@ def diagnose_files(
     placed = sensors if model.suffix == ".toml" else None
     prepared = prepare(model, parameters=own, sensors=placed, groups=groups, effects=effects, rows=rows,
                        progress=progress)  # fmt: skip
-    return _whole(prepared, data, seed, progress)
+    return _whole(prepared, data, seed, progress, extend=extend)
 
 
-def _whole(prepared: Prepared, data: ModalData, seed: int, progress: Progress) -> Diagnosis:
+def _whole(prepared: Prepared, data: ModalData, seed: int, progress: Progress, *, extend: bool) -> Diagnosis:
     """The diagnosis with what remains before and after its findings, for the report."""
     outcome = examine(prepared, data, seed=seed, progress=progress)
     found = outcome.diagnosis
+    if extend and found.findings:
+        found = _with_gains(found, gains(prepared, outcome, progress=progress))
     return replace(found, splits=found.splits or splits(outcome),
                    details={**found.details, "residuals": residuals(outcome, prepared.sensors)})  # fmt: skip
+
+
+def _with_gains(found: Diagnosis, told: Sequence[dict]) -> Diagnosis:
+    findings = tuple(replace(f, gain=gain) for f, gain in zip(found.findings, told, strict=True))
+    notes = tuple(f"{f.cause}, {f.location}: {f.gain['statement']}; the verdict stands on the whole record alone"
+                  for f in findings if not f.gain["significant"])  # fmt: skip
+    return replace(found, findings=findings, notes=(*found.notes, *notes))
 
 
 def _read_groups(path: str | Path) -> dict[str, dict[str, float]]:
