@@ -124,13 +124,14 @@ class Turn:
 
 @dataclass(frozen=True)
 class Delay:
-    """Channels of a logger whose clock is late by `size` milliseconds: phase in proportion to frequency."""
+    """Channels of a logger whose clock is late by `size` milliseconds: it writes an event to an earlier time, so that
+    phases lead in proportion to frequency."""
 
     rows: tuple[int, ...]
 
     def __call__(self, shape, frequency_hz, size):
         result = np.array(shape, complex)
-        result[list(self.rows)] *= np.exp(-2j * np.pi * frequency_hz * 1e-3 * size)
+        result[list(self.rows)] *= np.exp(2j * np.pi * frequency_hz * 1e-3 * size)
         return result, 0.0
 
 

@@ -14,6 +14,7 @@ from probupdate.diagnosis.courses import Course, make_courses
 from probupdate.diagnosis.departures import labels_of, n_response
 from probupdate.diagnosis.field import build_field
 from probupdate.diagnosis.fitting import (
+    FINGERPRINT,
     Fit,
     Named,
     Setting,
@@ -42,9 +43,8 @@ N_AGAIN = 30
 ALIKE, MOST_RIVALS = 0.7, 6
 # a cause is named from this probability among its rivals; a remainder as unlikely as this is not explained
 SURE, ADEQUATE = 0.95, 0.01
-# relative error of an effect's fingerprint: what Timoshenko beams, soil laws and meshes change of it; the directions it
-# spreads over
-FINGERPRINT, DIRECTIONS = 0.15, 20
+# a size that may only be one value is meant where the linear estimate lies within these multiples of it
+MEANT = (0.3, 2.5)
 # directions of the catalogue's span that are tested for a remainder, by their share of the largest
 SPAN = 1e-2
 # departures of a model of beams that nothing listed explains: ln f, its cross term in a pair, share of a shape's
@@ -57,7 +57,7 @@ def settle(prepared: Prepared, data: ModalData) -> tuple[Setting, np.ndarray]:
     blocks = gather(data)
     theta = np.array(prepared.small.parameters.initial)
     field = build_field(prepared.small, blocks, theta)
-    effects = tuple(e for e in prepared.effects if not e.discrete)
+    effects = prepared.effects
     courses = make_courses(with_derived(blocks), _columns(effects))
     which = _candidates(effects, courses)
     n_channel = len(blocks.channels)
@@ -101,22 +101,12 @@ def _floor(k: int, n_channel: int) -> np.ndarray:
     return np.array([*logs, *[FLOOR_SHAPE] * (k * n_channel), *[FLOOR_PHASE] * (k * n_channel)])
 
 
-def doubt(setting: Setting, found: Sequence[tuple[str, float]]) -> np.ndarray:
-    """(n_course,) what the deviations of all scores are multiplied with once effects are taken in: (course kind, z) of
-    each. A fingerprint is that of a model, right to FINGERPRINT of its length; what it leaves lies anywhere in the
-    catalogue's span."""
-    factor = np.ones(len(setting.courses))
-    for c, course in enumerate(setting.courses):
-        left = sum((FINGERPRINT * z) ** 2 for kind, z in found if (kind == "constant") == (course.kind == "constant"))
-        factor[c] = np.sqrt(1 + left / DIRECTIONS)
-    return factor
-
-
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Search:
     """Scores of all candidates at a fit: z signed, the size that fits best and its deviation; `allowed` bool where that
     size lies on a side the effect can be on; threshold and p of the largest |z| by bootstrap, whose maxima were taken
-    `heavier` times as large because the noise itself was estimated."""
+    `heavier` times as large because the noise itself was estimated; u of the record and of the drawn ones (n_draw,
+    n_candidate)."""
 
     z: np.ndarray
     size: np.ndarray
@@ -127,6 +117,8 @@ class Search:
     p_value: float
     maxima: np.ndarray
     heavier: float
+    u: np.ndarray
+    drawn: np.ndarray
 
     @property
     def statistic(self) -> np.ndarray:
@@ -135,33 +127,53 @@ class Search:
 
 
 def search(
-    setting: Setting, fitted: Fit, *, seed: int, doubts: np.ndarray | None = None, heavier: float | None = None,
-    n_draw: int = N_BOOTSTRAP,
+    setting: Setting, fitted: Fit, *, seed: int, heavier: float | None = None, n_draw: int = N_BOOTSTRAP
 ) -> Search:
-    """Score every candidate at the fit and calibrate the largest. `doubts` (n_course,): see `doubt`. `heavier`: that of
-    an earlier search of the same record, found anew if None."""
+    """Score every candidate at the fit and calibrate the largest. `heavier`: that of an earlier search of the same
+    record, found anew if None."""
     design = fitted.design
     u, v = design.scores(fitted.centred), design.information
-    if doubts is not None:
-        u = u / doubts[setting.which[:, 1]]
-    usable = design.share_left > 1e-3
+    usable = (design.share_left > 1e-3) & ~_taken(setting, fitted.named)
     std = np.where(usable, 1 / np.sqrt(np.where(usable, v, 1.0)), np.inf)
-    z = np.where(usable, u * np.where(usable, std, 0.0), 0.0)
-    lower = np.array([setting.effects[j].lower for j, _ in setting.which])
-    upper = np.array([setting.effects[j].upper for j, _ in setting.which])
-    # what begins in the record begins from neutral; a covariate's sense is not known beforehand
-    both = np.array([setting.courses[c].kind == "covariate" for _, c in setting.which])
-    can = lambda values: np.where(values > 0, both | (upper > 0), both | (lower < 0))  # noqa: E731
-    rng = np.random.default_rng([seed, 21])
-    drawn = design.draw(rng, n_draw) * np.where(usable, std, 0.0)
-    maxima = np.max(np.where(can(drawn), np.abs(drawn), 0.0), axis=1)
+    scale = np.where(usable, std, 0.0)
+    z = u * scale
+    can = _possible(setting, scale)
+    drawn = design.draw(np.random.default_rng([seed, 21]), n_draw)
+    maxima = np.max(np.where(can(drawn * scale), np.abs(drawn * scale), 0.0), axis=1)
     if heavier is None:
         heavier = estimated_noise_factor(setting, design, float(np.mean(maxima)), can, usable, seed=seed)
     maxima = maxima * heavier
-    largest = float(np.max(np.where(can(z) & usable, np.abs(z), 0.0)))
+    largest = float(np.max(np.where(can(z), np.abs(z), 0.0)))
     return Search(z=z, size=np.where(usable, u / np.where(usable, v, 1.0), 0.0), size_std=std, allowed=can(z),
                   usable=usable, threshold=float(np.quantile(maxima, 1 - FALSE_ALARM)),
-                  p_value=tail(maxima, largest), maxima=maxima, heavier=heavier)  # fmt: skip
+                  p_value=tail(maxima, largest), maxima=maxima, heavier=heavier, u=u, drawn=drawn)  # fmt: skip
+
+
+def _taken(setting: Setting, named: Sequence[Named]) -> np.ndarray:
+    """(n_candidate,) bool: effects that were found already with such a course."""
+    result = np.zeros(len(setting.which), bool)
+    for n in named:
+        same = np.array([setting.effects[j] is n.effect and setting.courses[c].kind == n.course.kind
+                         for j, c in setting.which])  # fmt: skip
+        result |= same
+    return result
+
+
+def _possible(setting: Setting, scale: np.ndarray):
+    """z (..., n_candidate) -> bool: whether the size that fits best, z times `scale`, is one the effect can have."""
+    effects = [setting.effects[j] for j, _ in setting.which]
+    lower, upper = np.array([e.lower for e in effects]), np.array([e.upper for e in effects])
+    # what begins in the record begins from neutral; a covariate's sense is not known beforehand
+    both = np.array([setting.courses[c].kind == "covariate" for _, c in setting.which])
+    only = np.array([e.discrete[0] if e.discrete else np.nan for e in effects])
+    single = np.isfinite(only)
+
+    def can(z: np.ndarray) -> np.ndarray:
+        sided = np.where(z > 0, both | (upper > 0), both | (lower < 0))
+        share = z * scale / np.where(single, only, 1.0)
+        return (scale > 0) & np.where(single, (share > MEANT[0]) & (share < MEANT[1]), sided)
+
+    return can
 
 
 def estimated_noise_factor(setting: Setting, design: Design, typical: float, can, usable, *, seed: int) -> float:
@@ -178,8 +190,8 @@ def estimated_noise_factor(setting: Setting, design: Design, typical: float, can
         y = design.simulate(rng)
         noise = estimate_noise(y, tuple(weights.T > 0), sizes, relative, np.full(len(weights), ""))
         again = replace(design, noise=noise)
-        z = again.scores(y) / np.sqrt(np.maximum(again.information, 1e-300))
-        maxima.append(np.max(np.where(usable & can(z), np.abs(z), 0.0)))
+        z = np.where(usable, again.scores(y) / np.sqrt(np.maximum(again.information, 1e-300)), 0.0)
+        maxima.append(np.max(np.where(can(z), np.abs(z), 0.0)))
     return max(1.0, float(np.mean(maxima)) / typical)
 
 
@@ -208,22 +220,30 @@ def refit(setting: Setting, base: Fit, found: Search, candidate: int) -> Rival |
     """The model with one more effect, fitted anew; None where that does not settle."""
     j, c = setting.which[candidate]
     effect, course = setting.effects[j], setting.courses[c]
-    start = float(np.clip(found.size[candidate], 0.6 * max(effect.lower, -1e300), 0.6 * min(effect.upper, 1e300)))
+    extra = Named(effect=effect, course=course, size=effect.discrete[0] if effect.discrete else 0.0)
+    if not effect.discrete:
+        extra = replace(extra, size=float(np.clip(found.size[candidate], *np.multiply(0.6, extra.bounds))))
     try:
-        fitted = fit(setting, base.theta, (*base.named, Named(effect=effect, course=course, size=start)))
+        fitted = fit(setting, base.theta, (*base.named, extra), base=base)
     except ConvergenceError:
         return None
-    design = fitted.design
-    n_own, n_all = len(setting.updated), design.nuisance_std.size
-    held = [*range(n_own), *range(n_all, design.n_common)]
-    covariance = design.unknowns_cov(held)
-    misfit = design.misfit(fitted.departures, held) + penalty(setting, fitted.theta, fitted.named)
-    volume = np.linalg.slogdet(covariance)[1] - 2 * np.sum(np.log(design.prior_std[held]))
-    size = fitted.named[-1].size
+    size_std = 0.0
+    if not effect.discrete:
+        own = float(fitted.design.unknowns_cov([fitted.design.n_common - 1])[0, 0])
+        # what the fingerprint's length is not known better than
+        size_std = float(np.hypot(np.sqrt(own), FINGERPRINT * fitted.named[-1].size))
     # an effect that can be on one side only has half of its slab
-    sides = np.log(2.0) if len(effect.signs) == 1 else 0.0
-    return Rival(candidate=candidate, fitted=fitted, size=size, size_std=float(np.sqrt(covariance[-1, -1])),
-                 log_evidence=float(-0.5 * misfit + 0.5 * volume + sides))  # fmt: skip
+    sides = np.log(2.0) if len(effect.signs) == 1 and not effect.discrete else 0.0
+    return Rival(candidate=candidate, fitted=fitted, size=fitted.named[-1].size, size_std=size_std,
+                 log_evidence=log_evidence(setting, fitted) + sides)  # fmt: skip
+
+
+def log_evidence(setting: Setting, fitted: Fit) -> float:
+    """ln p(blocks | model with the named effects) by Laplace's method, but for a constant of the record."""
+    design = fitted.design
+    held = [*range(len(setting.updated)), *range(design.nuisance_std.size, design.n_common)]
+    misfit = design.misfit(fitted.departures, held) + penalty(setting, fitted.theta, fitted.named)
+    return float(-0.5 * misfit + design.log_volume)
 
 
 def rivals_of(setting: Setting, fitted: Fit, found: Search, best: int) -> list[int]:
@@ -241,14 +261,11 @@ def rivals_of(setting: Setting, fitted: Fit, found: Search, best: int) -> list[i
     return chosen[:MOST_RIVALS]
 
 
-def adequacy(
-    setting: Setting, fitted: Fit, *, seed: int, doubts: np.ndarray, heavier: float, n_draw: int = N_BOOTSTRAP
-) -> tuple[float, dict[str, float]]:
+def adequacy(setting: Setting, fitted: Fit, found: Search) -> tuple[float, dict[str, float]]:
     """p of what remains, in the directions that the catalogue spans: constants together, and each course along the
     record; the smallest of them against its own bootstrap distribution."""
-    design = fitted.design
-    found = design.scores(fitted.centred) / doubts[setting.which[:, 1]]
-    u = np.vstack([found[None], heavier * design.draw(np.random.default_rng([seed, 22]), n_draw)])
+    design, n_draw = fitted.design, len(found.drawn)
+    u = np.vstack([found.u[None], found.heavier * found.drawn])
     parts = {}
     usable = design.share_left > 1e-3
     for c, course in enumerate(setting.courses):
@@ -294,11 +311,9 @@ def examine(prepared: Prepared, data: ModalData, *, seed: int = 1, progress: Pro
     fitted = fit(setting, theta)
     null, first = fitted, None
     findings: list[Finding] = []
-    taken: list[tuple[str, float]] = []
     for number in range(MOST_EFFECTS + 1):
         progress("diagnosing", number, MOST_EFFECTS + 1)
-        doubts = doubt(setting, taken)
-        found = search(setting, fitted, seed=seed, doubts=doubts, heavier=first.heavier if first else None)
+        found = search(setting, fitted, seed=seed, heavier=first.heavier if first else None)
         first = first or found
         best = int(np.argmax(found.statistic))
         if found.statistic[best] <= found.threshold or number == MOST_EFFECTS:
@@ -308,9 +323,9 @@ def examine(prepared: Prepared, data: ModalData, *, seed: int = 1, progress: Pro
         if not kept:
             break
         findings.append(_finding(setting, found, kept))
-        fitted = kept[0].fitted
-        taken.append((setting.courses[setting.which[kept[0].candidate, 1]].kind, findings[-1].z))
-    fits, remaining = adequacy(setting, fitted, seed=seed, doubts=doubts, heavier=first.heavier)
+        # what a strong effect does to the shapes changes how they scatter
+        fitted = fit(setting, kept[0].fitted.theta, kept[0].fitted.named)
+    fits, remaining = adequacy(setting, fitted, found)
     progress("diagnosing", MOST_EFFECTS + 1, MOST_EFFECTS + 1)
     left_over = found.statistic[best] > found.threshold
     if fits < ADEQUATE or left_over:
@@ -361,10 +376,9 @@ def _finding(setting: Setting, found: Search, rivals: list[Rival]) -> Finding:
     best = rivals[0]
     j, c = setting.which[best.candidate]
     effect, course = setting.effects[j], setting.courses[c]
-    # evidence is that of a model whose fingerprints are not exact: it counts by what the best fit leaves, as in
-    # quasi-likelihood, and by what is not known of a fingerprint so strong
+    # evidence counts by what the best fit leaves, as in quasi-likelihood
     left, directions = span_left(setting, best.fitted, c)
-    dispersion = max(1 + (FINGERPRINT * found.z[best.candidate]) ** 2 / DIRECTIONS, left / directions, 1.0)
+    dispersion = max(left / directions, 1.0)
     weight = np.exp((np.array([r.log_evidence for r in rivals]) - best.log_evidence) / dispersion)
     probability = weight / weight.sum()
     alternatives = tuple(
@@ -391,7 +405,8 @@ def _limits(setting: Setting, found: Search, fitted: Fit) -> tuple[Limit, ...]:
     for (j, name), k in best.items():
         effect = setting.effects[j]
         size = (found.threshold + POWER) * found.size_std[k]
-        reachable = size <= max(-effect.lower, effect.upper)
+        here = Named(effect=effect, course=setting.courses[setting.which[k, 1]], size=0.0)
+        reachable = size <= max(-here.bounds[0], here.bounds[1])
         limits.append(Limit(kind=effect.kind, cause=effect.cause, location=effect.location, course=name,
                             limit=float(size) if reachable else np.inf,
                             unit=effect.unit + setting.courses[setting.which[k, 1]].unit, share_left=float(left[k]),

@@ -1,11 +1,11 @@
 """The test of every effect at once, with all that is normal marginalised.
 
-A block's departures are  y_b = G_b c + eps + sum_j a_j h_jb s_jb + e_b :  c what is normally uncertain (parameters
-with their prior, tolerances, differences of model form), eps what no model form explains (an offset of each
-response), s_jb the fingerprint of effect j where the nacelle looked, h_jb its course, e_b noise. Under "nothing is
-wrong" all a are zero and y is Gaussian, so that for each candidate u = X^T V^-1 y has variance v = X^T V^-1 X and
-z = u / sqrt(v) is standard normal; a = u / v is its size and 1 / sqrt(v) that one's deviation. V is never formed: it is
-the noise plus what a few hundred unknowns add (Woodbury).
+A block's departures are  y_b = G_b c + eps + sum_j a_j h_jb s_jb + sum_k h_kb D_kb d_k + e_b :  c what is normally
+uncertain (parameters with their prior, tolerances), eps what no model form explains (an offset of each response), s_jb
+the fingerprint of effect j where the nacelle looked, h_jb its course, D_kb the doubt about the fingerprint of an effect
+k that was taken in, e_b noise. Under "nothing is wrong" all a are zero and y is Gaussian, so that for each candidate
+u = X^T V^-1 y has variance v = X^T V^-1 X and z = u / sqrt(v) is standard normal; a = u / v is its size and 1 / sqrt(v)
+that one's deviation. V is never formed: it is the noise plus what a few hundred unknowns add (Woodbury).
 """
 
 from __future__ import annotations
@@ -32,7 +32,8 @@ class Design:
     bin_of (n_block,): number of the nacelle angle each block is counted to. nuisance per group (n_bin, n_response,
     n_nuisance) with nuisance_std (n_nuisance,); floor per group (n_response,) deviations of the offsets; effect per
     group (n_bin, n_response, n_effect). Candidates are pairs (effect, course): which (n_candidate, 2). `named`: effects
-    already found, as (effect, its course, deviation of its size); their sizes are unknowns like c.
+    already found, as (effect, its course, deviation of its size); their sizes are unknowns like c. `doubted`: courses
+    of effects already found, each with the deviations per group (n_bin, n_response) of their fingerprint times size.
     """
 
     bin_of: np.ndarray
@@ -44,6 +45,7 @@ class Design:
     which: np.ndarray
     noise: Noise
     named: tuple[tuple[int, Course, float], ...] = ()
+    doubted: tuple[tuple[Course, tuple[np.ndarray, ...]], ...] = ()
 
     @property
     def n_bin(self) -> int:
@@ -51,10 +53,11 @@ class Design:
 
     @cached_property
     def _course_values(self) -> tuple[np.ndarray, ...]:
-        """Per group (n_course + n_named, n_block): candidates' courses centred over the group's blocks, so that no
-        offset of the model is taken for a change; named ones as they are."""
+        """Per group (n_course + 1 + n_named + n_doubted, n_block): candidates' courses centred over the group's blocks,
+        so that no offset of the model is taken for a change; then one, named and doubted ones as they are."""
         values = np.array([c.value for c in self.courses])
-        known = np.array([course.value for _, course, _ in self.named]).reshape(-1, len(self.bin_of))
+        known = np.array([np.ones(len(self.bin_of)), *(course.value for _, course, _ in self.named),
+                          *(course.value for course, _ in self.doubted)])  # fmt: skip
         result = []
         for weight in self.noise.weight:
             centred = values - (values @ weight / weight.sum())[:, None]
@@ -64,12 +67,18 @@ class Design:
 
     @cached_property
     def _aggregators(self) -> tuple[np.ndarray, ...]:
-        """Per group (n_course + n_named, n_bin, n_block): weights that sum blocks up."""
+        """Per group (n_course + ..., n_bin, n_block): weights that sum blocks up."""
         onehot = (self.bin_of[None, :] == np.arange(self.n_bin)[:, None]).astype(float)
         return tuple(
             h[:, None, :] * onehot[None] * w
             for h, w in zip(self._course_values, self.noise.weight, strict=True)
         )
+
+    @cached_property
+    def _times(self) -> tuple[np.ndarray, ...]:
+        """Per group (n_bin, n_row, n_row): weighted products of courses, summed over a bin's blocks."""
+        return tuple(np.einsum("cgb,db->gcd", A, h, optimize=True)
+                     for A, h in zip(self._aggregators, self._course_values, strict=True))  # fmt: skip
 
     @cached_property
     def _offsets(self) -> list[slice]:
@@ -87,143 +96,171 @@ class Design:
 
     @property
     def n_unknown(self) -> int:
-        return self.n_common + sum(f.size for f in self.floor)
+        return self.n_common + (1 + len(self.doubted)) * sum(f.size for f in self.floor)
 
     @cached_property
     def prior_std(self) -> np.ndarray:
-        return np.concatenate([self.nuisance_std, [std for _, _, std in self.named], *self.floor])
+        doubts = [np.ones(f.size) for _ in self.doubted for f in self.floor]
+        return np.concatenate([self.nuisance_std, [std for _, _, std in self.named], *self.floor, *doubts])
 
     @cached_property
-    def _system(self):
-        """Cholesky factor of the unknowns' information; per candidate its cross terms B (n_candidate, n_unknown) and
-        own information (n_candidate,)."""
-        n_c, n_all = self.nuisance_std.size, self.n_common
-        n_effect, n_course = self.effect[0].shape[2], len(self.courses)
-        known = [effect for effect, _, _ in self.named]
+    def _unknowns(self) -> tuple[tuple[np.ndarray, np.ndarray, np.ndarray], ...]:
+        """Per group: numbers of the unknowns that it sees (n,), the course of each (n,) and what one of each makes
+        (n_bin, n_response, n)."""
+        n_c, n_course = self.nuisance_std.size, len(self.courses)
+        total = sum(f.size for f in self.floor)
+        result = []
+        for q, rows in enumerate(self._offsets):
+            m = self.floor[q].size
+            number = [np.arange(n_c), n_c + np.arange(len(self.named)), np.arange(rows.start, rows.stop)]
+            course = [np.full(n_c, n_course), n_course + 1 + np.arange(len(self.named)), np.full(m, n_course)]
+            chosen = [effect for effect, _, _ in self.named]
+            parts = [self.nuisance[q], self.effect[q][:, :, chosen],
+                     np.broadcast_to(np.eye(m), (self.n_bin, m, m))]  # fmt: skip
+            for k, (_, spread) in enumerate(self.doubted):
+                number.append(np.arange(rows.start, rows.stop) + (k + 1) * total)
+                course.append(np.full(m, n_course + 1 + len(self.named) + k))
+                parts.append(spread[q][:, :, None] * np.eye(m))
+            result.append((np.concatenate(number).astype(int), np.concatenate(course).astype(int),
+                           np.concatenate(parts, axis=2)))  # fmt: skip
+        return tuple(result)
+
+    @cached_property
+    def _information(self) -> np.ndarray:
+        """(n_unknown, n_unknown) of the unknowns, from the data alone."""
         information = np.zeros((self.n_unknown, self.n_unknown))
+        for q, (number, course, made) in enumerate(self._unknowns):
+            total = np.zeros((len(number), len(number)))
+            for g in np.flatnonzero(np.bincount(self.bin_of, self.noise.weight[q], self.n_bin)):
+                total += self._times[q][g][np.ix_(course, course)] * (made[g].T @ (self.noise.precision[q] @ made[g]))
+            information[np.ix_(number, number)] += total
+        return information
+
+    @cached_property
+    def _factor(self):
+        """Cholesky factor of the unknowns' information with their prior's, each unknown in its prior's deviations, as
+        these are many powers of ten apart."""
+        return self._scaled_factor(np.arange(self.n_unknown))
+
+    def _scaled_factor(self, chosen: np.ndarray):
+        std = self.prior_std[chosen]
+        information = self._information[np.ix_(chosen, chosen)] * np.outer(std, std)
+        information[np.diag_indices_from(information)] += 1.0
+        return linalg.cho_factor(information, lower=True)
+
+    def _solve(self, right: np.ndarray) -> np.ndarray:
+        """Covariance of the unknowns given the data times right (n_unknown, ...)."""
+        std = self.prior_std.reshape(-1, *[1] * (right.ndim - 1))
+        return std * linalg.cho_solve(self._factor, std * right)
+
+    @cached_property
+    def _system(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Per candidate its cross terms B with the unknowns (n_candidate, n_unknown), the same solved, its information
+        before and after the unknowns have taken their part (n_candidate,)."""
+        n_effect, n_course = self.effect[0].shape[2], len(self.courses)
         cross = np.zeros((n_course, n_effect, self.n_unknown))
         own = np.zeros((n_course, n_effect))
-        for q, rows in enumerate(self._offsets):
-            precision, weight, h = self.noise.precision[q], self.noise.weight[q], self._course_values[q]
-            counts = np.bincount(self.bin_of, weight, self.n_bin)
-            first = self._aggregators[q].sum(axis=2)
-            for g in np.flatnonzero(counts):
-                there = self.bin_of == g
-                time = (h[:, there] * weight[there]) @ h[:, there].T
-                G, E = self.nuisance[q][g], self.effect[q][g]
-                PG, PE = precision @ G, precision @ E
-                EPG, EPE = E.T @ PG, E.T @ PE
-                information[:n_c, :n_c] += counts[g] * G.T @ PG
-                information[rows, :n_c] += counts[g] * PG
-                cross[:, :, :n_c] += first[:n_course, g, None, None] * EPG
-                cross[:, :, rows] += first[:n_course, g, None, None] * PE.T
-                own += np.diag(time)[:n_course, None] * np.diag(EPE)
-                for k, effect in enumerate(known):
-                    a = n_c + k
-                    information[a, :n_c] += first[n_course + k, g] * EPG[effect]
-                    information[rows, a] += first[n_course + k, g] * PE[:, effect]
-                    information[a, n_c:n_all] += time[n_course + k, n_course:] * EPE[effect, known]
-                    cross[:, :, a] += time[:n_course, n_course + k, None] * EPE[:, effect]
-            information[rows, rows] += counts.sum() * precision
-        information[:n_c, n_c:n_all] = information[n_c:n_all, :n_c].T
-        information[:n_all, n_all:] = information[n_all:, :n_all].T
+        for q, (number, course, made) in enumerate(self._unknowns):
+            weighted = self.noise.precision[q] @ self.effect[q]
+            shared = np.einsum("gme,gmu->geu", weighted, made, optimize=True)
+            for row in np.unique(course):
+                there = course == row
+                part = np.tensordot(self._times[q][:, :n_course, row], shared[:, :, there], (0, 0))
+                cross[:, :, number[there]] += part
+            alone = np.einsum("gme,gme->ge", weighted, self.effect[q])
+            own += np.einsum("gcc,ge->ce", self._times[q][:, :n_course, :n_course], alone)
         effect, course = self.which.T
-        information[np.diag_indices_from(information)] += self.prior_std**-2.0
-        factor = linalg.cho_factor(information, lower=True)
-        B = cross[course, effect]
-        solved = linalg.cho_solve(factor, B.T).T
-        raw = own[course, effect]
-        v = raw - np.sum(B * solved, axis=1)
-        return factor, B, solved, raw, np.maximum(v, 0.0)
+        B, raw = cross[course, effect], own[course, effect]
+        solved = self._solve(B.T).T
+        return B, solved, raw, np.maximum(raw - np.sum(B * solved, axis=1), 0.0)
 
     @property
     def information(self) -> np.ndarray:
         """v (n_candidate,): one over the square of each candidate's deviation."""
-        return self._system[4]
+        return self._system[3]
 
     @cached_property
     def share_left(self) -> np.ndarray:
         """(n_candidate,) how much of each fingerprint's length remains once all that is normal has taken its part."""
-        raw = self._system[3]
+        raw = self._system[2]
         return np.sqrt(np.where(raw > 0, self.information / np.where(raw > 0, raw, 1.0), 0.0))
 
     def _sums(self, departures: Sequence[np.ndarray]) -> list[np.ndarray]:
-        """Per group (..., n_course, n_bin, n_response) of departures (..., n_block, n_response)."""
+        """Per group (..., n_row, n_bin, n_response) of departures (..., n_block, n_response)."""
         return [np.tensordot(A, y, axes=(2, -2)) if y.ndim == 2
                 else np.moveaxis(np.tensordot(A, y, axes=(2, 1)), 2, 0)
                 for A, y in zip(self._aggregators, departures, strict=True)]  # fmt: skip
 
     def scores(self, departures: Sequence[np.ndarray]) -> np.ndarray:
         """u (..., n_candidate) of departures per group (..., n_block, n_response), zero where not measured."""
-        raw, right = self._project(self._sums(departures))
-        return raw - right @ self._system[2].T
+        sums = self._sums(departures)
+        return self._raw(sums) - self._right(sums) @ self._system[1].T
 
-    def _project(self, sums: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
-        """X^T R^-1 y (..., n_candidate) and G^T R^-1 y (..., n_unknown)."""
-        n_c, n_course = self.nuisance_std.size, len(self.courses)
-        lead = sums[0].shape[:-3]
-        raw = np.zeros((*lead, n_course, self.effect[0].shape[2]))
-        right = np.zeros((*lead, self.n_unknown))
-        for q, rows in enumerate(self._offsets):
-            weighted = sums[q] @ self.noise.precision[q]
-            raw += np.einsum("...cgm,gme->...ce", weighted[..., :n_course, :, :], self.effect[q], optimize=True)
-            constant = weighted[..., 0, :, :]
-            right[..., :n_c] += np.einsum("...gm,gmk->...k", constant, self.nuisance[q], optimize=True)
-            for k, (effect, _, _) in enumerate(self.named):
-                right[..., n_c + k] += np.einsum(
-                    "...gm,gm->...", weighted[..., n_course + k, :, :], self.effect[q][:, :, effect])
-            right[..., rows] += constant.sum(axis=-2)
+    def _raw(self, sums: list[np.ndarray]) -> np.ndarray:
+        """X^T R^-1 y (..., n_candidate), R the noise alone."""
+        n_course = len(self.courses)
+        raw = np.zeros((*sums[0].shape[:-3], n_course, self.effect[0].shape[2]))
+        for q, total in enumerate(sums):
+            weighted = total[..., :n_course, :, :] @ self.noise.precision[q]
+            raw += np.einsum("...cgm,gme->...ce", weighted, self.effect[q], optimize=True)
         effect, course = self.which.T
-        return raw[..., course, effect], right
+        return raw[..., course, effect]
+
+    def _right(self, sums: list[np.ndarray]) -> np.ndarray:
+        """U^T R^-1 y (..., n_unknown), U what the unknowns make."""
+        right = np.zeros((*sums[0].shape[:-3], self.n_unknown))
+        for q, (number, course, made) in enumerate(self._unknowns):
+            weighted = sums[q] @ self.noise.precision[q]
+            for row in np.unique(course):
+                there = course == row
+                right[..., number[there]] += np.einsum(
+                    "...gm,gmu->...u", weighted[..., row, :, :], made[:, :, there], optimize=True)
+        return right
 
     def unknowns(self, departures: Sequence[np.ndarray]) -> np.ndarray:
-        """Most probable c and offsets (n_unknown,) when nothing is wrong."""
-        _, right = self._project(self._sums(departures))
-        return linalg.cho_solve(self._system[0], right)
+        """Most probable c, sizes, offsets and doubts (n_unknown,) when nothing else is wrong."""
+        return self._solve(self._right(self._sums(departures)))
 
     def misfit(self, departures: Sequence[np.ndarray], held: Sequence[int]) -> float:
         """y^T V^-1 y with the unknowns `held` at zero, all others marginalised."""
-        _, right = self._project(self._sums(departures))
+        right = self._right(self._sums(departures))
         free = np.setdiff1d(np.arange(self.n_unknown), np.asarray(held, int))
-        lower = np.tril(self._system[0][0])
-        information = lower @ lower.T
-        solved = np.linalg.solve(information[np.ix_(free, free)], right[free])
+        right = self.prior_std[free] * right[free]
+        solved = linalg.cho_solve(self._scaled_factor(free), right)
         total = sum(float(np.einsum("n,nm,mk,nk->", w, y, P, y, optimize=True)) for w, y, P in
                     zip(self.noise.weight, departures, self.noise.precision, strict=True))  # fmt: skip
-        return total - float(right[free] @ solved)
+        return total - float(right @ solved)
+
+    @cached_property
+    def log_volume(self) -> float:
+        """ln of the unknowns' posterior volume over that of their prior."""
+        return float(-np.sum(np.log(np.diag(self._factor[0]))))
 
     def unknowns_cov(self, rows: Sequence[int]) -> np.ndarray:
         """Covariance (n, n) of the unknowns numbered `rows`, given the data."""
         rows = np.asarray(rows, int)
-        return linalg.cho_solve(self._system[0], np.eye(self.n_unknown)[:, rows])[rows]
+        return self._solve(np.eye(self.n_unknown)[:, rows])[rows]
 
     def expected(self, unknowns: np.ndarray) -> list[np.ndarray]:
         """Departures per group (n_block, n_response) that unknowns (n_unknown,) make."""
-        n_c = self.nuisance_std.size
         result = []
-        for q, rows in enumerate(self._offsets):
-            y = (self.nuisance[q] @ unknowns[:n_c])[self.bin_of] + unknowns[rows]
-            for k, (effect, course, _) in enumerate(self.named):
-                y += unknowns[n_c + k] * course.value[:, None] * self.effect[q][self.bin_of, :, effect]
+        for h, (number, course, made) in zip(self._course_values, self._unknowns, strict=True):
+            y = np.zeros((len(self.bin_of), made.shape[1]))
+            for row in np.unique(course):
+                there = course == row
+                y += h[row][:, None] * (made[:, :, there] @ unknowns[number[there]])[self.bin_of]
             result.append(y)
         return result
 
     def overlap(self, rows: Sequence[int], others: Sequence[int]) -> np.ndarray:
         """X^T V^-1 X (n_row, n_other) between candidates, V with all that is normal."""
         rows, others = np.asarray(rows, int), np.asarray(others, int)
-        _, B, solved, _, _ = self._system
+        B, solved, _, _ = self._system
         (effect, course), (effect2, course2) = self.which[rows].T, self.which[others].T
         total = np.zeros((len(rows), len(others)))
-        for q in range(len(self.floor)):
-            weight, h = self.noise.weight[q], self._course_values[q]
-            precision = self.noise.precision[q]
-            for g in range(self.n_bin):
-                there = self.bin_of == g
-                if not np.any(weight[there]):
-                    continue
-                E = self.effect[q][g]
-                time = (h[:, there] * weight[there]) @ h[:, there].T
-                total += time[np.ix_(course, course2)] * (E[:, effect].T @ (precision @ E[:, effect2]))
+        for E, precision, times in zip(self.effect, self.noise.precision, self._times, strict=True):
+            for own, time in zip(E, times, strict=True):
+                total += time[np.ix_(course, course2)] * (own[:, effect].T @ (precision @ own[:, effect2]))
         return total - B[rows] @ solved[others].T
 
     def likeness(self, rows: Sequence[int]) -> np.ndarray:
@@ -247,14 +284,12 @@ class Design:
 
         memory: per group, the correlation of successive blocks' noise.
         """
-        factor, B, solved, _, _ = self._system
+        B, solved, _, _ = self._system
         roots = [np.linalg.cholesky(c) for c in self.noise.covariance]
         n_block = len(self.bin_of)
         total = n_block * sum(f.size for f in self.floor)
         portion = max(1, min(n, PORTION // total))
         result = []
-        lower = np.tril(factor[0])
-        information = lower @ lower.T - np.diag(self.prior_std**-2.0)
         for start in range(0, n, portion):
             size = min(portion, n - start)
             departures = []
@@ -264,9 +299,10 @@ class Design:
                     white = _remembering(white, memory[q])
                 scale = np.where(self.noise.weight[q] > 0, 1 / np.sqrt(np.maximum(self.noise.weight[q], 1e-12)), 0)
                 departures.append(white @ root.T * scale[None, :, None])
-            raw, right = self._project(self._sums(departures))
+            sums = self._sums(departures)
             unknown = rng.standard_normal((size, self.n_unknown)) * self.prior_std
-            result.append(raw + unknown @ B.T - (right + unknown @ information) @ solved.T)
+            right = self._right(sums) + unknown @ self._information
+            result.append(self._raw(sums) + unknown @ B.T - right @ solved.T)
         return frozen_array(np.concatenate(result))
 
 

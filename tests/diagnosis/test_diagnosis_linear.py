@@ -28,6 +28,7 @@ def design():
         nuisance_std=np.array([0.5, 1.0, 2.0]), floor=tuple(np.full(m, 0.3) for m in SIZES),
         effect=tuple(rng.standard_normal((2, m, N_EFFECT)) for m in SIZES), courses=courses, which=which, noise=noise,
         named=((1, step_course(N_BLOCK, 7), 0.8),),
+        doubted=((step_course(N_BLOCK, 7), tuple(rng.uniform(0.1, 0.6, (2, m)) for m in SIZES)),),
     )  # fmt: skip
 
 
@@ -57,6 +58,11 @@ def dense(design):
         for r in range(m):
             columns.append(design.floor[q][r] * stacked(
                 lambda p, b, q=q, r=r: (np.arange(SIZES[p]) == r) * float(p == q)))
+    for course, spread in design.doubted:
+        for q, m in enumerate(SIZES):
+            for r in range(m):
+                columns.append(stacked(lambda p, b, q=q, r=r, c=course, s=spread: c.value[b] * (np.arange(SIZES[p]) == r)
+                                       * float(p == q) * s[q][design.bin_of[b], r]))
     low_rank = np.column_stack(columns)
     V += low_rank @ low_rank.T
     X = []
@@ -92,6 +98,11 @@ def test_misfit_is_that_of_the_written_out_covariance(design):
          for q, m in enumerate(SIZES)]  # fmt: skip
     flat = stacked(lambda q, b: y[q][b])
     assert design.misfit(y, []) == pytest.approx(flat @ np.linalg.solve(V, flat), rel=1e-8)
+    noise_alone = sum(
+        float(np.sum(np.linalg.slogdet(design.noise.covariance[q])[1] - m * np.log(w[w > 0])))
+        for q, (m, w) in enumerate(zip(SIZES, design.noise.weight, strict=True))
+    )  # fmt: skip
+    assert -2 * design.log_volume == pytest.approx(np.linalg.slogdet(V)[1] - noise_alone, rel=1e-8)
 
 
 def test_draws_have_the_covariance_of_the_scores(design):
