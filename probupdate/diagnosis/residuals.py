@@ -51,7 +51,7 @@ def residuals(outcome: Outcome, sensors: Sequence[Sensor] = ()) -> dict:
         "modes": _modes(both, words),
         "channels": _channels(both, setting),
         "bands": [_bands(r, references) for r in both],
-        "time": _time(both, setting, words) | {"sizes": _sizes(outcome, before)},
+        "time": _time(both, setting, words) | {"sizes": [] if after is None else _sizes(outcome, after)},
         "covariates": _covariates(both, setting, words),
         "pushed": _pushed(setting, [outcome.null, outcome.fitted][: len(both)]),
         "sensors": _sensors(setting, sensors),
@@ -225,27 +225,33 @@ def _time(both: Sequence[Remainder], setting: Setting, words: Sequence[Words]) -
     }  # fmt: skip
 
 
-def _sizes(outcome: Outcome, before: Remainder) -> list[dict]:
-    """Of every effect taken in: what each block by itself says of its size, about the mean over all, in what the fit of
-    the model as it is leaves; beside it the course that was found, about its mean."""
+def _sizes(outcome: Outcome, after: Remainder) -> list[dict]:
+    """Of every effect taken in: the size that each block by itself tells, one Newton step from the fit and about its
+    level; `course` as it was found. `against`: the covariate that the course follows, if it follows one."""
     setting = outcome.setting
     blocks = setting.blocks
     rows = []
     for named in outcome.fitted.named:
         number = next(j for j, e in enumerate(setting.effects) if e is named.effect)
-        size, std = block_sizes(before, number)
+        more, std = block_sizes(after, number)
         weight = np.where(np.isfinite(std), std**-2.0, 0.0)
-        portions = np.array_split(np.arange(len(blocks)), min(len(blocks), MOST_POINTS // 2))
-        mean = (weight @ size) / weight.sum()
-        course = named.size * named.course.value
-        told = [(float(weight[p] @ size[p] / total - mean), float(total**-0.5)) if (total := weight[p].sum()) else
-                (np.nan, np.nan) for p in portions]  # fmt: skip
+        # an offset of the model is no size: blocks tell the course about the level of the fit
+        more = more - (weight @ more) / weight.sum()
+        course, covariate = named.size * named.course.value, named.course.kind == "covariate"
+        order = np.argsort(named.course.value, kind="stable") if covariate else np.arange(len(blocks))
+        told = []
+        for p in np.array_split(order, min(len(blocks), MOST_POINTS // 2)):
+            total = float(weight[p].sum())
+            if total > 0:
+                share = weight[p] / total
+                told.append((blocks.hours[p].mean(), share @ (course + more)[p], total**-0.5, share @ course[p],
+                             share @ named.course.value[p] + named.course.centre))  # fmt: skip
+        hours, size, size_std, line, against = (list(map(_four, column)) for column in zip(*told, strict=True))
         rows.append({
-            "cause": named.effect.cause, "location": named.effect.location, "unit": named.effect.unit,
-            "hours": [_four(blocks.hours[p].mean()) for p in portions],
-            "size": [_three(v) for v, _ in told], "size_std": [_two(v) for _, v in told],
-            "course": [_three(course[p].mean() - (weight @ course) / weight.sum()) for p in portions],
-            "course_name": named.course.name,
+            "cause": named.effect.cause, "location": named.effect.location, "unit": named.effect.unit, "hours": hours,
+            "size": size, "size_std": size_std, "course": line, "course_name": named.course.name,
+            "against": against if covariate else None,
+            "against_unit": COVARIATES.get(named.course.column, "") if covariate else None,
         })  # fmt: skip
     return rows
 

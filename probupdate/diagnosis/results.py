@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from probupdate.diagnosis import wording
+from probupdate.errors import InputError
 
 VERDICTS = ("named", "ambiguous", "unexplained", "none")
 
@@ -114,7 +115,7 @@ class Diagnosis:
                     "alternatives": [{"cause": a.cause, "location": a.location,
                                       "posterior_probability": _plain(a.posterior_probability)}
                                      for a in f.alternatives],
-                    "gain": {k: _plain(v) for k, v in f.gain.items()}, "course": f.course, "since": f.course_start,
+                    "gain": _plain_tree(f.gain), "course": f.course, "since": f.course_start,
                     "z": _plain(f.z), "check": f.check,
                 }
                 for f in self.findings
@@ -143,6 +144,32 @@ class Diagnosis:
         return [out]
 
 
+# what a page of a diagnosis cannot do without
+KEYS = ("verdict", "p_value", "findings", "limits", "parameters", "notes", "details")
+FINDING_KEYS = ("kind", "cause", "location", "size", "size_std", "unit", "posterior_probability", "alternatives")
+
+
+def read_diagnosis(path: str | Path) -> dict:
+    """The content of diagnosis.json; raises InputError where it is none."""
+    path = Path(path)
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, json.JSONDecodeError, UnicodeDecodeError) as error:
+        raise InputError(str(path), f"cannot be read ({error})", "write it with `probupdate diagnose`") from None
+    missing = [k for k in KEYS if not isinstance(content, dict) or k not in content]
+    if missing:
+        raise InputError(str(path), f"has no '{missing[0]}'", "write it again with `probupdate diagnose`")
+    if content["verdict"] not in VERDICTS:
+        raise InputError(f"{path}, verdict", f"'{content['verdict']}' is none of {', '.join(VERDICTS)}",
+                         "write it again with `probupdate diagnose`")  # fmt: skip
+    for k, finding in enumerate(content["findings"]):
+        lost = [key for key in FINDING_KEYS if not isinstance(finding, dict) or key not in finding]
+        if lost:
+            raise InputError(f"{path}, finding {k + 1}", f"has no '{lost[0]}'",
+                             "write it again with `probupdate diagnose`")  # fmt: skip
+    return content
+
+
 def _plain(value):
     if isinstance(value, int | float | np.number):
         return float(value) if np.isfinite(value) else None
@@ -155,4 +182,6 @@ def _plain_tree(value):
         return {str(k): _plain_tree(v) for k, v in value.items()}
     if isinstance(value, list | tuple | np.ndarray):
         return [_plain_tree(v) for v in value]
-    return bool(value) if isinstance(value, bool | np.bool_) else _plain(value)
+    if isinstance(value, bool | np.bool_):
+        return bool(value)
+    return int(value) if isinstance(value, int | np.integer) else _plain(value)

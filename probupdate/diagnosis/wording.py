@@ -44,6 +44,11 @@ def course_words(course: str, since: str = "") -> str:
     return COURSE_WORDS.get(course, f"with {course}")
 
 
+def column_words(column: str) -> str:
+    """"water level" of "water_level_m"."""
+    return column.rsplit("_", 1)[0].replace("_", " ")
+
+
 def name_of(row: Mapping) -> str:
     return f"{row['cause']}, {row['location']}" if row.get("location") else str(row["cause"])
 

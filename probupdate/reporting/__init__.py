@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 from probupdate.progress import Progress, silent
 
 if TYPE_CHECKING:
+    from probupdate.reporting.elements import Section
     from probupdate.reporting.values import Run
 
 __all__ = ["report"]
@@ -30,6 +31,7 @@ def report(run: str | Path, out: str | Path, *, progress: Progress = silent) -> 
 
 def compose(run: Run, progress: Progress = silent) -> str:
     """The page of a run's values as HTML text."""
+    from probupdate.reporting import diagnosis_section as diagnosis
     from probupdate.reporting import measurement_sections as measurement
     from probupdate.reporting import modes_section as modes
     from probupdate.reporting import overview_sections as overview
@@ -41,17 +43,25 @@ def compose(run: Run, progress: Progress = silent) -> str:
     builders = (
         overview.verdict_section, measurement.measured_section, measurement.identification_section,
         measurement.selection_section, modes.modes_section, updating.update_section, posterior.posterior_section,
-        posterior.comparison_section, sets.sets_section, sets.information_section, overview.provenance_section,
+        posterior.comparison_section, sets.sets_section, sets.information_section, diagnosis.diagnosis_section,
+        overview.provenance_section,
     )
+    # a diagnosis needs no update: its page does not go section by section through what was never meant to be there
+    diagnosed_only = run.diagnosis is not None and run.update is None and run.posterior is None
     sections = []
     for done, build in enumerate(builders):
         progress("report", done, len(builders))
-        # the two on sets and information are there where their files are
-        if (section := build(run)) is not None:
+        # those on sets, information and diagnosis are there where their files are
+        section = build(run)
+        if section is not None and not (diagnosed_only and _hollow(section)):
             sections.append(section)
     progress("report", len(builders), len(builders))
     footer = "Written by probupdate. This page needs no network and no other file."
     return render(sections, title=run.title, subtitle=_subtitle(run), footer=footer)
+
+
+def _hollow(section: Section) -> bool:
+    return all(getattr(item, "level", "") == "missing" for item in section.items)
 
 
 def _subtitle(run: Run) -> str:

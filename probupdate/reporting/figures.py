@@ -1,5 +1,15 @@
 """The figures, usable alone: every function takes plain arrays and returns a matplotlib Figure."""
 
+from probupdate.reporting.figures_diagnosis import (
+    against_covariates,
+    calendar,
+    causes,
+    detection_limits,
+    mode_residuals,
+    pushed_parameters,
+    residual_layout,
+    residual_map,
+)
 from probupdate.reporting.figures_identification import against_conditions, argand, mac_map, mpc_map, stabilisation
 from probupdate.reporting.figures_measurement import (
     frequencies_by_block,
@@ -29,8 +39,9 @@ from probupdate.reporting.figures_updating import (
 from probupdate.reporting.style import svg_text
 
 __all__ = [
-    "Mark", "against_conditions", "argand", "contraction", "corner", "correlation_map", "departures",
-    "estimate_paths", "frequencies_by_block", "frequency_errors", "mac_map", "marginals", "mode_shapes", "mpc_map",
-    "poles", "predictive_frequencies", "selection_steps", "sensor_layout", "shapes_by_channel", "stabilisation",
-    "svg_text", "traces_and_ranks", "unit_label", "update_history", "wind_and_state",
+    "Mark", "against_conditions", "against_covariates", "argand", "calendar", "causes", "contraction", "corner",
+    "correlation_map", "departures", "detection_limits", "estimate_paths", "frequencies_by_block", "frequency_errors",
+    "mac_map", "marginals", "mode_residuals", "mode_shapes", "mpc_map", "poles", "predictive_frequencies",
+    "pushed_parameters", "residual_layout", "residual_map", "selection_steps", "sensor_layout", "shapes_by_channel",
+    "stabilisation", "svg_text", "traces_and_ranks", "unit_label", "update_history", "wind_and_state",
 ]

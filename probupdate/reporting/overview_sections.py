@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from probupdate.comparison import BLIND, STRONG
+from probupdate.diagnosis.wording import finding_words, verdict_words
 from probupdate.estimators.update_file import UpdateRecord, fit_sentence
 from probupdate.reporting import figures
 from probupdate.reporting.elements import (
@@ -62,7 +63,9 @@ def _headline(run: Run) -> tuple[str, str]:
     """Whether the model fits now and whether the sampler is to be believed, in one or two sentences."""
     update, posterior = run.update, run.posterior
     if update is None:
-        found = "Modes were identified; no" if run.modes is not None else "No"
+        done = [words for words, part in (("Modes were identified", run.modes), ("diagnosed", run.diagnosis))
+                if part is not None]  # fmt: skip
+        found = f"{' and '.join(done).capitalize()}; no" if done else "No"
         return f"{found} model has been updated in this run.", "plain"
     before = percent(_worst(update.measured_hz, update.initial_hz))
     after = percent(_worst(update.measured_hz, update.map_hz))
@@ -228,6 +231,9 @@ def alarming(run: Run) -> list[str]:
         said.append(f"{text[0].upper()}{text[1:]}.")
     if posterior is not None and not posterior.converged:
         said.append(posterior.verdict)
+    if run.diagnosis is not None and run.diagnosis["verdict"] != "none":
+        named = "; ".join(finding_words(f) for f in run.diagnosis["findings"])
+        said.append(f"The diagnosis: {verdict_words(run.diagnosis)}{f' Found: {named}.' if named else ''}")
     if update is not None:
         said += _far_off(update)
         said += _pinned(run)

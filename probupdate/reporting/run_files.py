@@ -14,6 +14,7 @@ import pandas as pd
 
 from probupdate import __version__
 from probupdate.comparison import Comparison, read_comparison
+from probupdate.diagnosis.results import read_diagnosis
 from probupdate.errors import InputError
 from probupdate.estimators.posterior_file import Posterior, read_posterior
 from probupdate.estimators.update_file import UpdateRecord, read_update
@@ -38,6 +39,7 @@ PARTS = {
     "update.json": "the update (update.json)",
     "posterior.nc": "the posterior (posterior.nc)",
     "compare.json": "the comparison (compare.json)",
+    "diagnosis.json": "the diagnosis (diagnosis.json)",
 }
 HEAD_KEYS = ("model", "parameters", "campaign", "modes", "seed", "version", "title")
 MODEL_FILES = ("model.toml", "model.npz")
@@ -70,6 +72,7 @@ def read_run(folder: Path, progress: Progress) -> Run:
     update = read("update.json", read_update)
     posterior = read("posterior.nc", read_posterior)
     comparison = read("compare.json", read_comparison)
+    diagnosis = read("diagnosis.json", read_diagnosis)
     data = nine or modes
     model = read("model", lambda path: _load_model(path, head, folder, campaign, drawn_set(data, update)))
     progress("reading the run", steps, steps)
@@ -86,7 +89,7 @@ def read_run(folder: Path, progress: Progress) -> Run:
         truth=truth_values(truth_file, data) if truth_file is not None and truth_file.exists() else None,
         modes=modes, poles=poles, selection=selection, nine=nine,
         model=None if model is None else model_values(model, data, update),
-        update=update, posterior=posterior, comparison=comparison,
+        update=update, posterior=posterior, comparison=comparison, diagnosis=diagnosis,
         jacket=is_the_jacket(names),
     )  # fmt: skip
 

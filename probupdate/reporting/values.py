@@ -46,7 +46,8 @@ class ModelValues:
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Run:
     """A run directory read; None for what was not there, `missing` says so in words. `warnings`: what does not fit
-    together. `truth`: see campaign_values.truth_values. `jacket`: the paper's numbers may stand beside ours."""
+    together. `truth`: see campaign_values.truth_values. `diagnosis`: content of diagnosis.json. `jacket`: the paper's
+    numbers may stand beside ours."""
 
     folder: Path
     title: str
@@ -62,5 +63,6 @@ class Run:
     update: UpdateRecord | None = None
     posterior: Posterior | None = None
     comparison: Comparison | None = None
+    diagnosis: Mapping | None = None
     warnings: tuple[str, ...] = ()
     jacket: bool = False

@@ -1,6 +1,7 @@
 """What remains after a fit: its stated deviations against a dense covariance and drawn records; what is shown."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -17,6 +18,7 @@ from probupdate.diagnosis.remainder import Remainder, free_directions, slope_sha
 from probupdate.diagnosis.residuals import residuals
 from probupdate.diagnosis.splitting import needed_z
 from probupdate.modes import Sensor
+from probupdate.reporting import figures, report
 
 N_BLOCK, SIZES, HELD = 14, (5, 4), [0, 1, 3]
 
@@ -154,11 +156,25 @@ def test_a_step_shows_along_the_record_and_with_no_covariate(prepared, record):
     assert step[:, 0].max() > 0.5 and step[:, 1].max() < 4 * 0.1 * np.sqrt(2 / 20)
     (size,) = found["time"]["sizes"]
     told, course = np.array(size["size"]), np.array(size["course"])
-    # each block's own size follows the step: 0.1 between the two halves, to first order
+    # each block's own size: none before, 0.1 after; 0.1 % of noise in frequencies tells a storey's 10 % well
     assert told[20:].mean() - told[:20].mean() == pytest.approx(-0.1, abs=0.015)
-    assert course[-1] - course[0] == pytest.approx(-0.1, abs=0.01) and np.std(told - course) < 0.02
+    assert course[0] == 0 and course[-1] == pytest.approx(-0.1, abs=0.01) and np.std(told - course) < 0.02
     (tide,) = found["covariates"]
     assert tide["column"] == "water_level_m" and sum(tide["blocks"]) == 40
+
+
+def test_the_page_of_a_diagnosis_alone_holds_it(prepared, record, tmp_path, monkeypatch):
+    # built, but not written out
+    monkeypatch.setattr(figures, "svg_text", lambda figure, prefix: f'<svg id="{prefix}-"></svg>')
+    outcome = examine(prepared, record(4, storey=2, factor=0.9, from_block=20))
+    found = replace(outcome.diagnosis, details={"residuals": residuals(outcome, placed())})
+    found.write(tmp_path / "diagnosis.json")
+    page = report(tmp_path, tmp_path / "report.html").read_text()
+    for id in ("causes", "moderest", "restmap", "restplace", "calendar", "covariates", "pushed", "limits"):
+        assert f'id="{id}-' in page
+    assert "Something is wrong, and it has a name" in page and "parameter, k3" in page
+    # what the directory lacks is named once, not section by section
+    assert 'id="posterior"' not in page and "posterior.nc" in page
 
 
 def test_bands_of_a_record_with_nothing_wrong_hold_what_they_say(prepared, record):

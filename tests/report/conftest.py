@@ -218,11 +218,84 @@ def made_up_run(*, names: tuple[str, ...] = NAMES, title: str = "Made-up turbine
             "" if s.environment["state"] == "idling" else ("not idling" if k % 3 else "yawing")
             for k, s in enumerate(modes.sets)]}),
         model=ModelValues(model=None, wire=wire, labels=LABELS, pairs=((0, 1), (3, 4)), states=states),
-        update=update, posterior=posterior, jacket=True,
+        update=update, posterior=posterior, jacket=True, diagnosis=made_up_diagnosis(sensors),
         comparison=Comparison(
             names=parameters.names, rows=rows, correlation=np.corrcoef(draws.T), notes=("they agree",), converged=True,
             derived={"k_xy": update.derived["k_xy"] | {"mean": 1.3e9, "cov": 0.2}}),
     )
+
+
+def made_up_diagnosis(sensors, *, verdict: str = "named") -> dict:
+    """As diagnosis.json has it: a step, a wrong gain, three covariates."""
+    rng = np.random.default_rng(9)
+    channels = [s.channel for s in sensors]
+    hours = [0.5 * k for k in range(N_BLOCK)]
+    names = ["FA1/SS1 along 0 deg", "FA1/SS1 along 90 deg", "FA1/SS1 coupling", "T1"]
+
+    def numbers(n, scale=1.0):
+        return [float(f"{x:.3g}") for x in scale * rng.standard_normal(n)]
+
+    def pair(n):
+        return [numbers(n, 2.0), numbers(n, 0.5)]
+
+    def line(k, n, **more):
+        return {"name": names[k], "percent": pair(n), "expected_percent": [0.6] * n, **more}
+
+    findings = [
+        {"kind": "structural", "cause": "joints loosened", "location": "face AB, bay 2", "size": -0.62,
+         "size_std": 0.04, "unit": "-", "posterior_probability": 0.81, "course": "step", "since": "2019-06-03T12:00Z",
+         "z": -14.2, "check": "inspect the weld toes", "alternatives": [
+             {"cause": "brace stiffness lost", "location": "face AB, bay 2", "posterior_probability": 0.19}],
+         "gain": {"heldout_elpd": 41.2, "heldout_elpd_se": 6.0, "max_frequency_error_before": 0.021,
+                  "max_frequency_error_after": 0.003}},
+        {"kind": "measurement", "cause": "sensor gain", "location": channels[3], "size": 0.1, "size_std": 0.012,
+         "unit": "-", "posterior_probability": 1.0, "course": "constant", "since": "", "z": 8.0,
+         "check": "calibrate the channel", "alternatives": [], "gain": {}},
+    ]  # fmt: skip
+    limits = [
+        {"kind": kind, "cause": cause, "location": place, "course": course, "limit": limit, "unit": unit,
+         "share_left": 0.3, "z": 0.5}
+        for kind, cause, place, course, limit, unit in (
+            ("structural", "scour", "all legs", "constant", 1.8, "m"), ("structural", "scour", "all legs", "step",
+                                                                        0.05, "m"),
+            ("structural", "nacelle mass", "nacelle", "constant", 9.1e3, "kg"),
+            ("structural", "leg stiffness lost", "leg A, bay 1", "constant", None, "-"),
+            ("environmental", "wetted length", "all members", "water_level_m", 0.5, "m per m"),
+            ("measurement", "sensor gain", channels[0], "constant", 0.067, "-"))
+    ]  # fmt: skip
+    shown = {
+        "states": ["before", "after"], "n_block": N_BLOCK,
+        "modes": [{"mode": n, "percent": [1.2, 0.1], "expected_percent": [0.3, 0.3], "z": [4.0, 0.3]} for n in names],
+        "channels": [{"mode": m, "part": part, "channels": channels, "percent": pair(len(channels)),
+                      "z": pair(len(channels))} for m in LABELS for part in ("in phase", "out of phase")],
+        "bands": [{k: {"directions": 169, "within_50": 0.5, "within_50_expected": [0.43, 0.57], "within_90": 0.89,
+                       "within_90_expected": [0.85, 0.94]} | ({"p": 0.4} if k == "means" else {})
+                   for k in ("means", "blocks")}] * 2,
+        "time": {"start": "2019-06-03T00:00Z", "hours": hours, "blocks_a_point": 1.0, "by_chance": 4.4,
+                 "series": [line(k, N_BLOCK, moved_z=None) for k in range(4)],
+                 "sizes": [{"cause": "joints loosened", "location": "face AB, bay 2", "unit": "-", "hours": hours,
+                            "size": numbers(N_BLOCK), "size_std": [0.1] * N_BLOCK, "course": [0.0] * N_BLOCK,
+                            "course_name": "step", "against": None, "against_unit": None}]},
+        "covariates": [{"column": c, "unit": u, "centre": [0.1 * k for k in range(8)], "blocks": [6] * 8,
+                        "series": [line(k, 8, slope_z=[5.0 - k, 0.4], slope_percent=[0.1, 0.0]) for k in range(4)]}
+                       for c, u in (("water_level_m", "m"), ("air_temperature_c", "degC"), ("rms_mps2", "m/s2"))],
+        "pushed": {"parameters": [{"name": n, "pushed": [2.4, 0.3], "expected": [0.9, 0.9]} for n in NAMES[:3]],
+                   "p_together": [0.002, 0.6]},
+        "sensors": [{"channel": s.channel, "level": s.level, "position_m": [float(x) for x in s.position_m],
+                     "direction": [float(x) for x in s.direction]} for s in sensors],
+        "measurement": [{"cause": "clock offset", "course": "constant", "location": "all of TP", "z": 0.7, "size": 0.27,
+                         "size_std": 0.36, "unit": "ms", "tolerance": 0.1, "tried": 8}],
+    }  # fmt: skip
+    named = verdict in ("named", "ambiguous")
+    return {
+        "verdict": verdict, "p_value": 2e-7 if verdict != "none" else 0.4, "findings": findings if named else [],
+        "extended_model": "diagnosis.model.toml" if named else None, "threshold": 4.1, "adequacy_p": 0.3,
+        "splits": ["telling joints from braces asks |z| of 23"] if verdict == "ambiguous" else [], "limits": limits,
+        "parameters": [{"name": n, "unit": "-", "prior": 1.0, "prior_std": 0.2, "value": 1.5, "std": 0.1,
+                        "pushed": 2.4, "value_after": 1.05, "std_after": 0.1, "pushed_after": 0.3} for n in NAMES[:3]],
+        "notes": ["4 blocks left out in which the nacelle turned"],
+        "details": {"residuals": shown, "nearest": ["scour, leg A"] if verdict == "unexplained" else []},
+    }  # fmt: skip
 
 
 @pytest.fixture(scope="session")
@@ -241,3 +314,9 @@ def unfigured(monkeypatch, undrawn):
     """No figure is built at all: what is tested are words and tables."""
     for name in set(figures.__all__) - {"Mark", "svg_text", "unit_label"}:
         monkeypatch.setattr(figures, name, lambda *args, **more: None)
+
+
+@pytest.fixture(scope="session")
+def diagnosis_of(full_run):
+    """diagnosis_of(verdict): content of a diagnosis.json."""
+    return lambda verdict: made_up_diagnosis(full_run.campaign.sensors, verdict=verdict)

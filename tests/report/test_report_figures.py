@@ -29,7 +29,18 @@ def _built(run) -> dict[str, Figure]:
     block_time = np.array([s.id[:-1] for s in modes.sets], dtype="datetime64[m]")
     names = update.parameters.names
     wire, moved = run.model.wire, run.model.states["updated"].displacement
+    shown, content = run.diagnosis["details"]["residuals"], run.diagnosis
+    states = shown["states"]
     return {
+        "causes": figures.causes(content["findings"]),
+        "mode_residuals": figures.mode_residuals(shown["modes"], states),
+        "residual_map": figures.residual_map(shown["channels"], states),
+        "residual_layout": figures.residual_layout(shown["sensors"], shown["channels"], states),
+        "calendar": figures.calendar(shown["time"], states, ["2019-06-03T12:00Z"]),
+        "against_covariates": figures.against_covariates(shown["covariates"], states, ["water_level_m"]),
+        "pushed_parameters": figures.pushed_parameters(shown["pushed"]["parameters"], states),
+        "detection_limits": figures.detection_limits([x for x in content["limits"] if x["limit"]],
+                                                     {("scour", "all legs"): 0.05}),
         "estimate_paths": figures.estimate_paths(
             update.parameters.items, [(0, 1)], posterior.draws, update.scheme("step").theta, 0,
             np.array([0.1, 1.0, 10.0]), update.scheme("prior").theta[[-1, -1, 0]], mark),
@@ -78,6 +89,8 @@ NAMES = (
     "frequencies_by_block", "frequency_errors", "update_history", "marginals", "corner", "correlation_map",
     "contraction", "departures", "predictive_frequencies", "shapes_by_channel",
     "traces_and_ranks", "estimate_paths", "stabilisation", "mac_map", "mpc_map", "argand", "against_conditions",
+    "causes", "mode_residuals", "residual_map", "residual_layout", "calendar", "against_covariates",
+    "pushed_parameters", "detection_limits",
 )
 
 
@@ -115,7 +128,8 @@ def test_every_axis_is_labelled_with_its_unit(built, name):
             said = {label} if label.strip() else mates | _along(figure, axes, which)
             assert any(text.strip() for text in said), f"{name}: the {which} axis has no label"
         for label in (axes.get_xlabel(), axes.get_ylabel()):
-            words = ("mode", "criterion", "parameter", "density", "iteration", "number of blocks", "")
+            words = ("mode", "criterion", "parameter", "density", "iteration", "number of blocks", "channel",
+                     "candidate", "cause, place", "mode (i: out of phase)", "")
             assert "[" in label or label in words, f"{name}: '{label}' has no unit"
 
 

@@ -13,7 +13,8 @@ from probupdate.parameters import Parameters
 from probupdate.reporting import compose, figures
 from probupdate.reporting.elements import Column, Table, fixed, number, percent
 
-SECTIONS = ("verdict", "measured", "identified", "selected", "modes", "update", "posterior", "comparison", "provenance")
+SECTIONS = ("verdict", "measured", "identified", "selected", "modes", "update", "posterior", "comparison", "diagnosis",
+            "provenance")
 VOID = {"meta", "input", "br", "img", "link", "hr", "col", "source", "area", "base", "wbr"}
 
 

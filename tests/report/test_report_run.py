@@ -69,6 +69,7 @@ def write_run(folder: Path, run) -> Path:
     write_update(run.update, folder / "update.json")
     write_posterior(run.posterior, folder / "posterior.nc")
     write_comparison(run.comparison, folder / "compare.json")
+    (folder / "diagnosis.json").write_text(json.dumps(run.diagnosis))
     (folder / "run.json").write_text(json.dumps({"title": "June <b>", "seed": 7, "version": "0.1.0"}))
     return folder
 

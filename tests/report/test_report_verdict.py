@@ -52,7 +52,10 @@ def test_a_posterior_that_did_not_converge_is_in_the_headline_and_among_the_alar
 
 def test_without_a_posterior_or_an_update_the_headline_says_so(run):
     assert "No posterior was sampled" in verdict_section(replace(run, posterior=None)).headline
-    bare = verdict_section(replace(run, update=None, posterior=None, comparison=None))
+    nothing = replace(run, update=None, posterior=None, comparison=None)
+    diagnosed = verdict_section(nothing)
+    assert diagnosed.headline == "Modes were identified and diagnosed; no model has been updated in this run."
+    bare = verdict_section(replace(nothing, diagnosis=None))
     assert bare.headline == "Modes were identified; no model has been updated in this run." and bare.lead == ""
 
 

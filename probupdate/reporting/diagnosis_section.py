@@ -1,0 +1,354 @@
+"""The section on what the simulation or the measurement gets wrong, from diagnosis.json of the run; absent without."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from statistics import NormalDist
+
+from probupdate.diagnosis import wording
+from probupdate.reporting import figures
+from probupdate.reporting.elements import (
+    MISSING,
+    Column,
+    Items,
+    Notice,
+    Picture,
+    Section,
+    Table,
+    Text,
+    Tile,
+    Tiles,
+    fixed,
+    number,
+    percent,
+    plural,
+)
+from probupdate.reporting.values import Run
+
+HEADLINES = {
+    "named": "Something is wrong, and it has a name", "ambiguous": "Something is wrong; which of several, is open",
+    "unexplained": "Something is wrong that no listed cause explains", "none": "Nothing beyond tolerances was found",
+}  # fmt: skip
+KINDS = ("structural", "environmental", "measurement")
+# limits drawn in all, and at least so many places of a cause before another cause gets its second
+MOST_LIMITS = 30
+# keys of a gain that have words of their own; others are listed under their names
+GAIN_WORDS = {
+    "heldout_elpd": "log score gained on held-out blocks", "heldout_elpd_se": "its standard error",
+    "max_frequency_error_before": "largest frequency error before [-]",
+    "max_frequency_error_after": "largest frequency error after [-]",
+}  # fmt: skip
+
+
+def diagnosis_section(run: Run) -> Section | None:
+    content = run.diagnosis
+    if content is None:
+        return None
+    shown = content["details"].get("residuals")
+    items: list[object] = [_tiles(content), *_actions(content)]
+    if content["findings"]:
+        items.append(_findings_table(content["findings"]))
+        items.append(_picture(
+            figures.causes(content["findings"]), "causes", "Of every finding its cause (filled) and what else could be "
+            "meant (hatched), by evidence of each refitted as it is, discounted by what models cannot be trusted to."))
+    items += _gain(content["findings"])
+    items += _plain_table("The model with what was found", content.get("extension"))
+    if shown:
+        items += _remaining(run, content, shown)
+    items += _pushed(content, shown)
+    items += _measurement(content, shown)
+    items += _limits(content)
+    if content["notes"]:
+        items.append(Items(title="What this diagnosis did not use", statements=tuple(map(_sentence, content["notes"]))))
+    level = "good" if content["verdict"] == "none" else "warning"
+    return Section(anchor="diagnosis", title="What the model gets wrong", items=tuple(items),
+                   headline=HEADLINES[content["verdict"]], level=level, lead=wording.verdict_words(content))
+
+
+def _sentence(text: str) -> str:
+    """Closed with a full stop; begins as it is written, for names have small letters too."""
+    return _typeset(text if text.endswith(".") else f"{text}.")
+
+
+def _typeset(text: str) -> str:
+    """True plus-minus and minus signs."""
+    return re.sub(r"(?<![\w)])-(?=[\d.])", "−", text.replace("+-", "±"))
+
+
+def _picture(figure, name: str, caption: str, width: str = "full") -> Picture:
+    return Picture(svg=figures.svg_text(figure, name), caption=caption, width=width)
+
+
+def _tiles(content: Mapping) -> Tiles:
+    findings = content["findings"]
+    adequacy = content.get("adequacy_p")
+    shown = [
+        Tile(label="verdict", value=content["verdict"], level="good" if content["verdict"] == "none" else "warning",
+             detail=plural(len(findings), "finding")),
+        Tile(label="chance of a record like this with nothing wrong",
+             value=wording.probability_words(content["p_value"]),
+             detail="of the whole search, its largest score against a bootstrap"
+             + (f"; threshold |z| = {content['threshold']:.1f}" if content.get("threshold") else "")),
+    ]  # fmt: skip
+    if adequacy is not None:
+        shown.append(Tile(label="is the rest explained?", value=wording.probability_words(adequacy),
+                          level="warning" if adequacy < 0.01 else "good", detail=wording.adequacy_words(content)))
+    return Tiles(items=tuple(shown))
+
+
+def _actions(content: Mapping) -> list[object]:
+    """What to do next: the check of each finding, what would split an ambiguity, where to look otherwise."""
+    statements = []
+    for f in content["findings"]:
+        check = f.get("check")
+        if check:
+            statements.append(f"{wording.name_of(f)}: {check}.")
+    statements += [_sentence(s) for s in content.get("splits", ())]
+    nearest = content["details"].get("nearest")
+    if content["verdict"] == "unexplained":
+        statements.append("Do not read the updated parameters as properties of the structure: find what is missing in "
+                          "the model first. The maps below show where model and measurement part.")
+        if nearest:
+            statements.append(f"Nearest in the catalogue, but not enough: {'; '.join(nearest)}.")
+    if content.get("extended_model"):
+        statements.append(f"Update and sample again with {content['extended_model']}, which has the findings in it.")
+    if content["verdict"] == "none":
+        statements.append("No cause is to be looked for. What could hide below the limits is listed further down.")
+    return [Items(title="What to do", statements=tuple(statements))] if statements else []
+
+
+def _findings_table(findings: Sequence[Mapping]) -> Table:
+    rows = tuple(
+        (str(k), f["kind"], wording.name_of(f),
+         _typeset(wording.amount(f["size"], f["size_std"], f["unit"], f["cause"])),
+         wording.course_words(f.get("course", "constant"), f.get("since", "")), fixed(f.get("z"), 1),
+         fixed(f["posterior_probability"], 2), wording.alternatives_words(f))
+        for k, f in enumerate(findings, start=1)
+    )  # fmt: skip
+    columns = (Column(name="no."), Column(name="kind", number=False), Column(name="cause, place", number=False),
+               Column(name="size with deviation"), Column(name="course", number=False), Column(name="z", unit="-"),
+               Column(name="probability", unit="-"), Column(name="or else", number=False))  # fmt: skip
+    return Table(caption="Findings, in the order in which they were taken in", columns=columns, rows=rows,
+                 note="A size is what goes beyond the drawing or data sheet; its deviation counts tolerances and what "
+                 "else is normal. z: the score at which it was found.")
+
+
+def _gain(findings: Sequence[Mapping]) -> list[object]:
+    told = [(f, f["gain"]) for f in findings if f.get("gain")]
+    if not told:
+        return []
+    statements = tuple(_sentence(f"{wording.name_of(f)}: {words}") for f, _ in told if (words := wording.gain_words(f)))
+    keys = list(dict.fromkeys(k for _, g in told for k, v in g.items() if isinstance(v, int | float)))
+    columns = (Column(name="on blocks that were held out", number=False),
+               *(Column(name=f"finding {k}") for k in range(1, len(told) + 1)))
+    rows = tuple((GAIN_WORDS.get(key, key.replace("_", " ")), *(number(g.get(key)) for _, g in told)) for key in keys)
+    items: list[object] = [Items(title="Gain of taking it in", statements=statements)] if statements else []
+    return [*items, Table(caption="Gain, measured", columns=columns, rows=rows, width="half")]
+
+
+def _plain_table(caption: str, table: object) -> list[object]:
+    """Numbers and words of a table of diagnosis.json; tables within it each on their own."""
+    if not isinstance(table, Mapping) or not table:
+        return []
+    simple = tuple((k.replace("_", " "), _cell(v)) for k, v in table.items() if isinstance(v, str | int | float))
+    items: list[object] = []
+    if simple:
+        items.append(Table(caption=caption, rows=simple, width="half",
+                           columns=(Column(name="what", number=False), Column(name="value", number=False))))
+    for key, value in table.items():
+        words = f"{caption}: {key.replace('_', ' ')}"
+        if isinstance(value, Mapping):
+            items += _plain_table(words, value)
+        elif isinstance(value, list) and value:
+            items += _row_table(words, value)
+    return items
+
+
+def _row_table(caption: str, rows: Sequence) -> list[object]:
+    if all(isinstance(r, str) for r in rows):
+        return [Items(title=caption, statements=tuple(map(_sentence, rows)))]
+    rows = [r for r in rows if isinstance(r, Mapping)]
+    keys = [k for k in dict.fromkeys(k for r in rows for k in r)
+            if any(isinstance(r.get(k), str | int | float) for r in rows)]  # fmt: skip
+    if not keys:
+        return []
+    columns = tuple(Column(name=k.replace("_", " "), number=not any(isinstance(r.get(k), str | bool) for r in rows))
+                    for k in keys)  # fmt: skip
+    return [Table(caption=caption, columns=columns, rows=tuple(tuple(_cell(r.get(k)) for k in keys) for r in rows))]
+
+
+def _cell(value: object) -> str:
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, int | float):
+        return number(float(value))
+    return value if isinstance(value, str) else MISSING
+
+
+# What remains -------------------------------------------------------------------------------------------------------
+
+
+def _remaining(run: Run, content: Mapping, shown: Mapping) -> list[object]:
+    states = shown["states"]
+    both = len(states) > 1
+    then = " before and after the findings are taken in" if both else ""
+    items: list[object] = [Text(paragraphs=(
+        f"What remains of the measurement after the best update of the model,{then or ' which found nothing'}. Bands "
+        "and deviations hold noise, tolerances and what no model of beams gets right, less what the fit itself took.",
+    ))]  # fmt: skip
+    items.append(_picture(figures.mode_residuals(shown["modes"], states), "moderest",
+                          "Frequencies: measured less model on average. Bars hold 90 % when nothing is wrong. A close "
+                          "pair has two fixed axes and the coupling between them, as its modes turn with the nacelle."))
+    items.append(_picture(figures.residual_map(shown["channels"], states), "restmap",
+                          "Shapes, mode by channel: colour in deviations of what is normal, numbers (from two "
+                          "deviations) in per cent of the shape's largest component. A row of one colour is a sensor; "
+                          "a column, the structure."))  # fmt: skip
+    if shown.get("sensors"):
+        items.append(_picture(figures.residual_layout(shown["sensors"], shown["channels"], states), "restplace",
+                              "The same at the sensors' places, each level from above: a channel's arrow has the "
+                              "colour of the mode in which it departs most."))  # fmt: skip
+    since = [f["since"] for f in content["findings"] if f.get("since")]
+    time = shown["time"]
+    items.append(_picture(
+        figures.calendar(time, states, since), "calendar",
+        "Along the record, about the mean of each: white before, blue after; grey: 90 % of points when nothing is "
+        f"wrong. Shapes: the components that move most; of as many, chance alone gives |z| = {time['by_chance']:.1f} "
+        "once in twenty records." + (" Dashed: where a finding begins." if since else "")))  # fmt: skip
+    if shown["covariates"]:
+        explained = [f.get("course", "") for f in content["findings"]]
+        items.append(_picture(
+            figures.against_covariates(shown["covariates"], states, explained), "covariates",
+            "Against what was measured beside them, in bins of equally many blocks: of each the mode that follows it "
+            "most. Grey: 90 % of points when nothing is wrong."))  # fmt: skip
+        items += _slopes(shown["covariates"], states)
+    items.append(_bands_table(shown["bands"], states))
+    return items
+
+
+def _slopes(tables: Sequence[Mapping], states: Sequence[str]) -> list[object]:
+    names = [s["name"] for s in tables[0]["series"]]
+    columns = (Column(name="slope of f, z", number=False),
+               *(Column(name=wording.column_words(t["column"]), unit="-") for t in tables))
+    rows = tuple(
+        (name, *(" → ".join(fixed(z, 1) for z in t["series"][i]["slope_z"]) for t in tables))
+        for i, name in enumerate(names)
+    )
+    chance = NormalDist().inv_cdf(1 - 0.025 / (len(names) * len(tables)))
+    left = [(t["column"], s["name"], s["slope_z"][-1]) for t in tables for s in t["series"]
+            if abs(s["slope_z"][-1] or 0.0) > chance]  # fmt: skip
+    note = f"Of as many, chance alone gives |z| = {chance:.1f} once in twenty records."
+    if len(states) > 1:
+        note = f"Before → after the findings are taken in. {note}"
+    items: list[object] = [Table(caption="Does a frequency follow its surroundings?", columns=columns, rows=rows,
+                                 note=note, marked=frozenset(names.index(n) for _, n, _ in left))]  # fmt: skip
+    if left:
+        statements = tuple(f"{name} follows the {wording.column_words(column)} by more than chance (z = {fixed(z, 1)})."
+                           for column, name, z in left)  # fmt: skip
+        items.append(Items(title="Left, and not named", level="warning", statements=statements))
+    return items
+
+
+def _bands_table(bands: Sequence[Mapping], states: Sequence[str]) -> Table:
+    rows = []
+    for state, told in zip(states, bands, strict=True):
+        for key, words in (("means", "means over the record"), ("blocks", "single blocks about their mean")):
+            b = told[key]
+            cells = [f"{percent(b[f'within_{n}'], 0)} ({' to '.join(percent(e, 0) for e in b[f'within_{n}_expected'])})"
+                     for n in (50, 90)]  # fmt: skip
+            rows.append((state if len(states) > 1 else "best update", words, str(b["directions"]), *cells,
+                         number(b["p"], 2) if "p" in b else ""))  # fmt: skip
+    columns = (Column(name="", number=False), Column(name="of", number=False), Column(name="directions"),
+               Column(name="within 50 % bands (expected)", unit="%"),
+               Column(name="within 90 % bands (expected)", unit="%"), Column(name="p of all", unit="-"))  # fmt: skip
+    return Table(caption="Do the bands hold what they say?", columns=columns, rows=tuple(rows),
+                 note="Along independent directions of the full predictive covariance. More than expected: the bands "
+                 "are wider than this record needs, as model form is allowed for; fewer: something is left.")
+
+
+def _pushed(content: Mapping, shown: Mapping | None) -> list[object]:
+    items: list[object] = []
+    if shown:
+        told = shown["pushed"]
+        if told["parameters"]:
+            together = " → ".join(number(p, 2) for p in told["p_together"])
+            items.append(_picture(
+                figures.pushed_parameters(told["parameters"], shown["states"]), "pushed",
+                "How far the update pushed each parameter, and how far these data push it nine times in ten when its "
+                f"prior is right (grey). All together: p = {together}."))  # fmt: skip
+    sentences = wording.pushed_words(content)
+    if sentences:
+        items.append(Items(title="Pushed where the prior did not expect it", level="warning",
+                           statements=tuple(map(_sentence, sentences))))
+    return items
+
+
+def _measurement(content: Mapping, shown: Mapping | None) -> list[object]:
+    items: list[object] = []
+    rows = (shown or {}).get("measurement") or ()
+    if rows:
+        columns = (Column(name="test", number=False), Column(name="course", number=False),
+                   Column(name="places tried"), Column(name="stands out most", number=False),
+                   Column(name="z", unit="-"),
+                   Column(name="size that fits best"), Column(name="tolerance"))  # fmt: skip
+        table = tuple(
+            (r["cause"], r["course"], str(r["tried"]), r["location"], fixed(r["z"], 1),
+             _typeset(wording.amount(r["size"], r["size_std"], r["unit"], r["cause"])),
+             wording.amount(r["tolerance"], None, r["unit"].split(" per ")[0], r["cause"]).lstrip("+"))
+            for r in rows
+        )  # fmt: skip
+        threshold = content.get("threshold")
+        note = "At the best update of the model as it is, before any finding is taken in"
+        items.append(Table(caption="The measurement's own tests", columns=columns, rows=table,
+                           note=note + (f"; |z| up to {threshold:.1f} is chance." if threshold else ".")))
+    told = content["details"].get("measurement")
+    if isinstance(told, list) and told:
+        items += _row_table("Tests of the raw records", told)
+    elif isinstance(told, Mapping):
+        items += _plain_table("Tests of the raw records", told)
+    return items
+
+
+# Limits -------------------------------------------------------------------------------------------------------------
+
+
+def chosen_limits(limits: Sequence[Mapping], most: int = MOST_LIMITS) -> list[Mapping]:
+    """Of every kind the causes at the places of their least limits, then second places and so on; grouped by cause."""
+    found = []
+    per_kind = max(1, most // len(KINDS))
+    for kind in KINDS:
+        by_cause: dict[str, list[Mapping]] = {}
+        for x in limits:
+            if x["kind"] == kind and x.get("limit"):
+                by_cause.setdefault(x["cause"], []).append(x)
+        for rows in by_cause.values():
+            rows.sort(key=lambda x: abs(x["limit"]))
+        turn, taken = 0, []
+        while len(taken) < per_kind and any(len(rows) > turn for rows in by_cause.values()):
+            taken += [rows[turn] for rows in by_cause.values() if len(rows) > turn]
+            turn += 1
+        order = list(by_cause)
+        found += sorted(taken[:per_kind], key=lambda x: (order.index(x["cause"]), abs(x["limit"])))
+    return found
+
+
+def _limits(content: Mapping) -> list[object]:
+    static = [x for x in content["limits"] if x["course"] == "constant"]
+    along = [x for x in content["limits"] if x["course"] not in ("constant", "step", "ramp")]
+    reached = chosen_limits([*static, *along])
+    unreached = sorted({wording.name_of(x) for x in static if not x.get("limit")})
+    if not reached:
+        return [Notice(level="plain", text="No candidate has a limit within what it can be at most.")]
+    steps = {(x["cause"], x["location"]): x["limit"] for x in content["limits"]
+             if x["course"] == "step" and x.get("limit")}  # fmt: skip
+    count = sum(bool(x.get("limit")) for x in content["limits"])
+    items: list[object] = [_picture(
+        figures.detection_limits(reached, steps), "limits",
+        "The least size that would have been found in nine of ten records like this one, all through the record or "
+        "with its covariate; diamonds: as a step within the record. Each cause at its best places; all "
+        f"{count} are in diagnosis.json.")]  # fmt: skip
+    if unreached:
+        items.append(Notice(level="plain", text=(
+            f"{plural(len(unreached), 'candidate')} would not be seen as a constant at any size they can have, among "
+            f"them {'; '.join(unreached[:6])}.")))
+    return items
