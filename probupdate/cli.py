@@ -377,10 +377,10 @@ def build_parser() -> argparse.ArgumentParser:
     seeded(p)
 
     p = verb("diagnose", run_diagnose, "what the simulation or the measurement gets wrong: cause, place, size, limits")
-    p.add_argument("--model", required=True, help=MODEL_HELP)
+    p.add_argument("--model", help=MODEL_HELP + "; without one: measurement and surroundings only")
     p.add_argument("--parameters", help="parameters.toml of a model made of matrices")
     p.add_argument("--modes", required=True, help="modes.json of `identify`: a set a block")
-    p.add_argument("--campaign", help="campaign directory: tells where the sensors are")
+    p.add_argument("--campaign", help="campaign directory: where the sensors are; its raw records are tested too")
     p.add_argument("--groups", help="TOML file of named groups of a model's parameters, [name] parameter = change")
     p.add_argument("--out", required=True, help="diagnosis.json")
     seeded(p)

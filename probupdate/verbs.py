@@ -436,15 +436,15 @@ def diagnose(
 ) -> Diagnosis:
     """What the simulation, or the measurement, gets wrong: verdict, causes with place and size, what would not be seen.
 
-    `campaign` tells where a turbine's sensors are. `options`: see `diagnosis.run.diagnose_files` (own effects, groups
-    of parameters).
+    `model` None: measurement and surroundings only. `campaign` tells where the sensors are, and its raw records are
+    tested too. `options`: see `diagnosis.run.diagnose_files` (own effects, groups of parameters).
     """
     from probupdate.diagnosis.run import diagnose_files
 
     data = modes if isinstance(modes, ModalData) else read_modes(modes)
-    sensors = read_campaign(campaign).sensors if campaign else None
+    records = read_campaign(campaign) if campaign else None
     path = model_path(model) if isinstance(model, str | Path) else model
-    return diagnose_files(path, data, sensors=sensors, parameters=parameters, seed=seed, progress=progress, **options)
+    return diagnose_files(path, data, campaign=records, parameters=parameters, seed=seed, progress=progress, **options)
 
 
 @dataclass(frozen=True)

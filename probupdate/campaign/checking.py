@@ -88,7 +88,7 @@ def check(campaign: Campaign, *, progress: Progress = silent) -> CampaignCheck:
         overlaps += any("two files" in n for n in block.notes)
         rows = channel_table(block, campaign.channels)
         if number % stride == 0:
-            found = _compared(campaign, block, state, conditions, rows)
+            found = compare_block(campaign, block, state, conditions, rows)
             rows = rows.assign(delay_ms=np.nan if found is None else 1e3 * found.delay_s,
                                suspicion=_named(campaign, found))
             compared += [] if found is None else [found]
@@ -112,7 +112,9 @@ def check(campaign: Campaign, *, progress: Progress = silent) -> CampaignCheck:
     )
 
 
-def _compared(campaign: Campaign, block: Block, state: str, conditions: Mapping, rows: pd.DataFrame) -> Compared | None:
+def compare_block(
+    campaign: Campaign, block: Block, state: str, conditions: Mapping, rows: pd.DataFrame
+) -> Compared | None:
     """One block's channels against one another; None where the block's samples do not allow it. Channels with
     lost samples, and those that stand still, are left out."""
     n = len(campaign.sensors)

@@ -27,7 +27,7 @@ TURNING_SHARE, BLOCKS_A_COLUMN = 0.03, 6
 class Picture:
     """axes per group (n_channel, k); departures per group (n_block, n_response), zero where not used; used per group
     (n_block,) bool; turning (n_block, n_turning) harmonics of the nacelle's angle, of mean zero; sector_of (n_block,);
-    expected per sector and group, as Reference."""
+    expected per sector and group, mean per group over all angles, as Reference."""
 
     axes: tuple[np.ndarray, ...]
     departures: tuple[np.ndarray, ...]
@@ -35,6 +35,7 @@ class Picture:
     turning: np.ndarray
     sector_of: np.ndarray
     expected: tuple[tuple[Reference, ...], ...]
+    mean: tuple[Reference, ...]
 
 
 def look(blocks: Blocks, sensors: Sequence[Sensor] = (), course: np.ndarray | None = None) -> Picture:
@@ -45,7 +46,7 @@ def look(blocks: Blocks, sensors: Sequence[Sensor] = (), course: np.ndarray | No
     turning = turning_columns(blocks.angle_deg)
     sector = np.round(blocks.angle_deg / SECTOR_DEG).astype(int)
     names, sector_of = np.unique(sector, return_inverse=True)
-    departures, used, expected = [], [], []
+    departures, used, expected, mean = [], [], [], []
     for q, group in enumerate(blocks.groups):
         there = np.flatnonzero(blocks.present[:, q])
         members = list(group)
@@ -62,10 +63,12 @@ def look(blocks: Blocks, sensors: Sequence[Sensor] = (), course: np.ndarray | No
         ok = np.zeros(len(blocks), bool)
         ok[there] = True
         used.append(frozen_array(ok, bool))
+        mean.append(_reference(slope[0], axes[q]))
         at = np.array([turning[sector_of == s].mean(axis=0) for s in range(len(names))]).reshape(len(names), -1)
         expected.append([_reference(slope[0] + row @ slope[1 : 1 + len(row)], axes[q]) for row in at])
     return Picture(axes=axes, departures=tuple(departures), used=tuple(used), turning=turning,
-                   sector_of=frozen_array(sector_of, int), expected=tuple(zip(*expected, strict=True)))  # fmt: skip
+                   sector_of=frozen_array(sector_of, int), expected=tuple(zip(*expected, strict=True)),
+                   mean=tuple(mean))  # fmt: skip
 
 
 def turning_columns(angle_deg: np.ndarray) -> np.ndarray:

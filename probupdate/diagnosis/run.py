@@ -6,14 +6,17 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
+from probupdate.campaign.reading import Campaign
+from probupdate.diagnosis.campaign_tests import campaign_tests, rate_finding, with_true_rate
 from probupdate.diagnosis.catalogue import Effect
 from probupdate.diagnosis.diagnose import examine
 from probupdate.diagnosis.gain import gains
 from probupdate.diagnosis.prepare import Prepared, prepare
 from probupdate.diagnosis.residuals import residuals
-from probupdate.diagnosis.results import Diagnosis
+from probupdate.diagnosis.results import Diagnosis, Finding
 from probupdate.diagnosis.splitting import splits
 from probupdate.diagnosis.turbine_effects import TurbineEffect
+from probupdate.diagnosis.without_model import diagnose_without_model
 from probupdate.errors import InputError
 from probupdate.modes import ModalData, Sensor
 from probupdate.progress import Progress, silent
@@ -25,6 +28,7 @@ def diagnose_files(
     data: ModalData,
     *,
     sensors: tuple[Sensor, ...] | None = None,
+    campaign: Campaign | None = None,
     parameters: str | Path | None = None,
     groups: str | Path | Mapping[str, Mapping[str, float]] | None = None,
     effects: Sequence[Effect] = (),
@@ -34,16 +38,24 @@ def diagnose_files(
     out: str | Path | None = None,
     progress: Progress = silent,
 ) -> Diagnosis:
-    """`model`: a file, or one made ready by `prepare` for many records. `groups`: name -> {parameter: change}, or a
-    TOML file of them. `effects`, `rows`: a user's own; see `prepare`. `extend`: measure what each finding gains on
+    """`model`: a file, or one made ready by `prepare` for many records; None: measurement and surroundings only.
+    `campaign`: its raw records are tested too, and say where the sensors are if `sensors` does not. `groups`: name ->
+    {parameter: change}, or a TOML file of them. `effects`, `rows`: a user's own; see `prepare`. `extend`: measure what each finding gains on
     held-out blocks and write the extended model beside `out`, diagnosis.json's place.
     """
+    tests = campaign_tests(campaign, progress=progress) if campaign is not None else []
+    wrong_rate = rate_finding(tests)
+    data = data if wrong_rate is None else with_true_rate(data, wrong_rate)
+    sensors = campaign.sensors if sensors is None and campaign is not None else sensors
+    if model is None:
+        _refuse_without_model(parameters=parameters, groups=groups, rows=rows)
+        found = diagnose_without_model(data, sensors, campaign_check=tests, effects=effects, seed=seed,
+                                       progress=progress)  # fmt: skip
+        return _with_tests(found, tests, wrong_rate)
     if isinstance(groups, str | Path):
         groups = _read_groups(groups)
     if isinstance(model, Prepared):
-        return _whole(model, data, seed, progress, extend=extend)
-    if model is None:
-        raise InputError("diagnose", "no model is given", "give --model")
+        return _with_tests(_whole(model, data, seed, progress, extend=extend), tests, wrong_rate)
     if not isinstance(model, Path):
         raise InputError("diagnose", "a model that is a Python function has no matrices to put effects into",
                          "export its matrices as model.npz")  # fmt: skip
@@ -51,7 +63,24 @@ def diagnose_files(
     placed = sensors if model.suffix == ".toml" else None
     prepared = prepare(model, parameters=own, sensors=placed, groups=groups, effects=effects, rows=rows,
                        progress=progress)  # fmt: skip
-    return _whole(prepared, data, seed, progress, extend=extend)
+    return _with_tests(_whole(prepared, data, seed, progress, extend=extend), tests, wrong_rate)
+
+
+def _refuse_without_model(**given) -> None:
+    for name, value in given.items():
+        if value:
+            raise InputError("diagnose", f"{name} are given, but no model they belong to", "give --model, or leave it out")
+
+
+def _with_tests(found: Diagnosis, tests: Sequence[dict], wrong_rate: Finding | None) -> Diagnosis:
+    """What the raw records say beside what the modes say. A wrong rate was taken out of the modes before."""
+    details = {**found.details, "measurement": list(tests)} if tests else found.details
+    if wrong_rate is None:
+        return replace(found, details=details)
+    note = (f"rotor lines: the records' clock runs fast by {100 * wrong_rate.size:+.2g} %; all frequencies were corrected "
+            "by that before anything else was tested")  # fmt: skip
+    return replace(found, verdict="named" if found.verdict == "none" else found.verdict, details=details,
+                   findings=(wrong_rate, *found.findings), notes=(*found.notes, note))  # fmt: skip
 
 
 def _whole(prepared: Prepared, data: ModalData, seed: int, progress: Progress, *, extend: bool) -> Diagnosis:

@@ -17,6 +17,7 @@ from probupdate.diagnosis.blocks import Blocks, gather
 from probupdate.diagnosis.catalogue import Effect, measurement_effects
 from probupdate.diagnosis.courses import MARGIN, Course, make_courses, step_course
 from probupdate.diagnosis.diagnose import FALSE_ALARM, POWER, SURE, tail, with_derived
+from probupdate.diagnosis.level_shapes import judge_levels, mean_shapes
 from probupdate.diagnosis.noise import Noise, estimate_noise
 from probupdate.diagnosis.own_picture import Picture, fingerprints, look, mended, own_noise, residuals, stated_patterns, untied
 from probupdate.diagnosis.results import Alternative, Diagnosis, Finding, Limit
@@ -26,6 +27,8 @@ from probupdate.progress import Progress, silent
 # changes taken out one after the other; effects of sensors at one time
 MOST_CHANGES, MOST_AT_ONCE = 6, 3
 N_BOOTSTRAP, N_AGAIN = 400, 20
+# number of the series in which all groups are taken together; in a pair's four, that of the mean of its two
+ALL, MEAN = -1, 3
 # numbers drawn at a time
 PORTION = 3_000_000
 # column -> (cause, location, check) in the catalogue's words
@@ -88,27 +91,43 @@ def watch(
     series, weight = follow(rest, picture, noise, prints, [len(g) for g in blocks.groups])
     apart = outliers(series, weight)
     weight = np.where(apart, 0.0, weight)
-    names = tuple((q, i) for q, g in enumerate(blocks.groups) for i in range(1 if len(g) == 1 else 3))
+    names = tuple((q, i) for q, g in enumerate(blocks.groups) for i in range(1 if len(g) == 1 else 4))
+    names = (*names, (ALL, 0)) if len(blocks.groups) > 1 else names
     return Watched(blocks=blocks, picture=picture, noise=noise, stated=stated, prints=prints, effects=tuple(effects), names=names,
                    series=frozen_array(np.where(apart, 0.0, series)), weight=frozen_array(weight))  # fmt: skip
 
 
 def follow(departures, picture: Picture, noise: Noise, prints, sizes) -> tuple[np.ndarray, np.ndarray]:
     """series (..., n_series, n_block) and weight (n_series, n_block) of departures per group (..., n_block, n_response):
-    numbers of frequencies, then the size of each effect that fits each block best."""
+    numbers of frequencies (of a pair also their mean, and the mean of all), then the size of each effect that fits each
+    block best."""
     lead = departures[0].shape[:-2]
     n_block, n_effect = len(picture.sector_of), prints[0].shape[2]
     score_of, information = np.zeros((*lead, n_effect, n_block)), np.zeros((n_effect, n_block))
     frequencies, weights = [], []
     for q, (y, P, w) in enumerate(zip(departures, noise.precision, noise.weight, strict=True)):
         n_log = 1 if sizes[q] == 1 else 3
-        frequencies.append(np.where(w > 0, np.swapaxes(y[..., :n_log], -1, -2), 0.0))
-        weights.append(w / np.diag(noise.covariance[q])[:n_log, None])
+        covariance = noise.covariance[q][:n_log, :n_log]
+        own = np.where(w > 0, np.swapaxes(y[..., :n_log], -1, -2), 0.0)
+        if n_log == 3:
+            own = np.concatenate([own, 0.5 * (own[..., :1, :] + own[..., 1:2, :])], axis=-2)
+            mean_var = np.array([0.25 * covariance[:2, :2].sum()])
+        else:
+            mean_var = np.zeros(0)
+        frequencies.append(own)
+        weights.append(w / np.concatenate([np.diag(covariance), mean_var])[:, None])
         for s in range(len(prints[q])):
             rows = np.flatnonzero((picture.sector_of == s) & (w > 0))
             PF = P @ prints[q][s]
             score_of[..., rows] += np.swapaxes(y[..., rows, :] @ PF, -1, -2) * w[rows]
             information[:, rows] += np.sum(prints[q][s] * PF, axis=0)[:, None] * w[rows]
+    if len(departures) > 1:
+        # the last row of each group is its frequency, or the pair's mean
+        share = np.array([w[-1] for w in weights])
+        together = np.sum([f[..., -1, :] * w for f, w in zip(frequencies, share, strict=True)], axis=0)
+        total = share.sum(axis=0)
+        frequencies.append(np.where(total > 0, together / np.where(total > 0, total, 1.0), 0.0)[..., None, :])
+        weights.append(total[None])
     sizes_found = np.where(information > 0, score_of / np.where(information > 0, information, 1.0), 0.0)
     return np.concatenate([*frequencies, sizes_found], axis=-2), np.concatenate([*weights, information])
 
@@ -138,8 +157,11 @@ class Found:
         return np.abs(self.z) / self.threshold[:, None]
 
 
-def search(watched: Watched, courses: Sequence[Course], known: np.ndarray, seed: int) -> Found:
-    """All candidates, and how large the largest is when nothing changes (drawn with the record's own scatter)."""
+def search(
+    watched: Watched, courses: Sequence[Course], known: np.ndarray, seed: int, false_alarm: float = FALSE_ALARM / 2
+) -> Found:
+    """All candidates, and how large the largest is when nothing changes (drawn with the record's own scatter).
+    `false_alarm` of each of the two classes."""
     nuisance = np.column_stack([np.ones(len(watched.blocks)), watched.picture.turning, known])
     contrasts = make_contrasts(watched.weight, nuisance, courses, watched.blocks.hours)
     allowed = allowed_courses(watched, courses)
@@ -148,13 +170,12 @@ def search(watched: Watched, courses: Sequence[Course], known: np.ndarray, seed:
     z = np.where(allowed, scores.z, 0.0)
     maxima = _maxima(watched, contrasts, allowed, scores, z, courses, nuisance, seed)
     threshold, p = np.full(len(z), np.inf), []
-    # each of the two classes has half of the false alarms
     for rows, drawn in zip(watched.classes, maxima, strict=True):
         if len(rows):
-            threshold[rows] = np.quantile(drawn, 1 - FALSE_ALARM / 2)
+            threshold[rows] = np.quantile(drawn, 1 - false_alarm)
             p.append(tail(drawn, float(np.max(np.abs(z[rows])))))
     return Found(contrasts=contrasts, scores=scores, z=z, threshold=frozen_array(threshold),
-                 p_value=min(1.0, 2 * min(p)))  # fmt: skip
+                 p_value=min(1.0, min(p) * FALSE_ALARM / false_alarm))  # fmt: skip
 
 
 def _maxima(watched, contrasts, allowed, scores, z, courses, nuisance, seed) -> list[np.ndarray]:
@@ -244,7 +265,7 @@ def mend(
         now = mended(blocks, effect, size * course.value)
         if abs(more) < 0.1 * std:
             break
-        seen = watch(now, watched.effects, sensors, known, stated=watched.stated)
+        seen, row = watch(now, (effect,), sensors, known, stated=watched.stated), watched.n_frequency
     return now, size, std
 
 
@@ -261,19 +282,24 @@ def left_at(
 def moved_frequencies(watched: Watched, scores: Scores, column: int) -> tuple[dict, ...]:
     """Per number of the frequencies: its change for the course's unit, with deviation and z."""
     blocks = watched.blocks
-    parts = {1: ("",), 3: (" 1", " 2", " between")}
     rows = []
     for k, (q, i) in enumerate(watched.names):
-        n = 1 if len(blocks.groups[q]) == 1 else 3
-        rows.append({"mode": blocks.group_name(q) + parts[n][i], "change_percent": 100 * float(scores.size[k, column]),
+        rows.append({"mode": series_name(blocks, q, i), "change_percent": 100 * float(scores.size[k, column]),
                      "std_percent": 100 * float(scores.size_std[k, column]), "z": float(scores.z[k, column])})
     return tuple(r for r in rows if np.isfinite(r["std_percent"]))
+
+
+def series_name(blocks: Blocks, q: int, i: int) -> str:
+    """Modes whose frequency a series follows."""
+    if q == ALL:
+        return "all modes"
+    return blocks.group_name(q) + ("" if len(blocks.groups[q]) == 1 else (" axis 1", " axis 2", " between", "")[i])
 
 
 def course_probability(watched: Watched, found: Found, courses: Sequence[Course], best: int) -> np.ndarray:
     """(n_course,) how probable it is that the frequencies go with each course, all at the best one's scatter; the times
     of a step share one prior."""
-    rows = watched.classes[0]
+    rows = [k for k, (q, i) in enumerate(watched.names) if q != ALL and i != MEAN]
     noise, slow = found.scores.noise[rows, best], found.scores.slow_error[rows, best]
     c = found.contrasts
     variance = noise[:, None] * c.white_var[rows] + slow[:, None] * c.slow_var[rows]
@@ -383,6 +409,9 @@ def _explained(seen: Watched, known: np.ndarray, course: Course) -> tuple[np.nda
     scores = score(contrasts, seen.series, seen.pools)
     can = allowed_courses(seen, [course])[:, 0] & contrasts.usable[:, 0]
     can[: seen.n_frequency] = False
+    for k in np.flatnonzero(can):
+        effect = seen.effects[k - seen.n_frequency]
+        can[k] = effect.lower < 0 if scores.size[k, 0] < 0 else effect.upper > 0
     variance = np.where(can, contrasts.white_var[:, 0], 1.0)
     return np.where(can, 0.5 * scores.size[:, 0] ** 2 / variance, 0.0), scores
 
@@ -424,12 +453,14 @@ def diagnose_without_model(
     columns = (*surroundings_columns(blocks), *(c for e in effects for c in e.courses))
     courses = [c for c in make_courses(blocks, tuple(dict.fromkeys(columns))) if c.kind != "constant"]
     known = np.zeros((len(blocks), 0))
+    # frequencies, sensors along the record, and constant shapes share the false alarms
+    share = FALSE_ALARM / (3 if placed else 2)
     changes: list[Change] = []
     first, left = None, False
     for number in range(MOST_CHANGES + 1):
         progress("diagnosing", number, MOST_CHANGES + 1)
         watched = watch(blocks, rows, placed, known)
-        found = search(watched, courses, known, seed)
+        found = search(watched, courses, known, seed, share)
         first = first or (watched, found)
         left = bool(np.max(found.over) > 1)
         if not left or number == MOST_CHANGES:
@@ -447,7 +478,13 @@ def diagnose_without_model(
         changes.append(change)
         known = np.column_stack([known, change.course.value])
     progress("diagnosing", MOST_CHANGES + 1, MOST_CHANGES + 1)
-    findings = tuple(c.finding for c in changes if c.finding is not None)
+    steady = _steady(blocks, placed, rows, whole, share, seed) if placed else None
+    findings = [c.finding for c in changes if c.finding is not None]
+    limits, p_value, notes = list(_limits(*first, courses)), first[1].p_value, list(blocks.notes)
+    if steady is not None:
+        findings += steady.findings
+        limits += steady.limits
+        p_value = min(p_value, min(1.0, steady.p_value * FALSE_ALARM / share))
     unexplained = [c for c in changes if c.finding is None]
     if unexplained or left:
         verdict = "unexplained"
@@ -455,13 +492,53 @@ def diagnose_without_model(
         verdict = "none"
     else:
         verdict = "ambiguous" if any(f.posterior_probability < SURE for f in findings) else "named"
+    details = {"without_model": True, "changes": [_told(blocks, c) for c in unexplained],
+               "constant_shapes_over_threshold": 0.0 if steady is None else steady.unexplained,
+               "measurement": [dict(m) for m in campaign_check or ()]}  # fmt: skip
+    notes += _notes(blocks, placed, unexplained, steady)
     return Diagnosis(
-        verdict=verdict, p_value=first[1].p_value, findings=findings, limits=_limits(*first, courses),
-        threshold=float(np.min(first[1].threshold)), adequacy_p=float("nan"), parameters=(),
-        notes=(*blocks.notes, *_notes(blocks, placed, unexplained)),
-        splits=tuple(f.check for f in findings if f.posterior_probability < SURE),
-        details={"changes": [_told(blocks, c) for c in unexplained], "measurement": list(campaign_check or ())},
+        verdict=verdict, p_value=p_value, findings=tuple(findings), limits=tuple(limits),
+        threshold=float(np.min(first[1].threshold)), adequacy_p=float("nan"), notes=tuple(notes), parameters=(),
+        splits=tuple(f.check for f in findings if f.posterior_probability < SURE), details=details,
     )  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Steady:
+    """What constant shapes tell: findings, limits, p of the largest score, what is left over its threshold."""
+
+    findings: tuple[Finding, ...]
+    limits: tuple[Limit, ...]
+    p_value: float
+    unexplained: float
+
+
+def _steady(blocks: Blocks, placed, rows: Sequence[Effect], whole, false_alarm: float, seed: int) -> Steady:
+    # a shift of all frequencies, or a turn of all sensors, is no constant that shapes alone could show
+    able = [e for e in rows if e.cause not in ("sampling rate", "rotated sensor frame")]
+    answer = judge_levels(mean_shapes(look(blocks, placed).mean, blocks.channels, placed), able, whole,
+                          false_alarm=false_alarm, seed=seed)  # fmt: skip
+    findings = []
+    for rivals in answer.found:
+        best = rivals[0]
+        gain = np.array([r.gain - best.gain for r in rivals])
+        probability = np.exp(gain - logsumexp(gain))
+        others = [(r, float(p)) for r, p in zip(rivals[1:], probability[1:], strict=True) if p > 1e-3]
+        names = " or ".join([best.effect.name, *(r.effect.name for r, _ in others[:3])])
+        findings.append(Finding(
+            kind=best.effect.kind, cause=best.effect.cause, location=best.effect.location, size=best.size,
+            size_std=best.size_std, unit=best.effect.unit, course="constant", course_start="", z=best.z,
+            posterior_probability=float(probability[0]),
+            alternatives=tuple(Alternative(cause=r.effect.cause, location=r.effect.location, posterior_probability=p)
+                               for r, p in others),
+            check=best.effect.check if probability[0] >= SURE else f"check on site: {names}"))  # fmt: skip
+    limits = []
+    for k, (size, left, z) in answer.limits.items():
+        e = able[k]
+        limits.append(Limit(kind=e.kind, cause=e.cause, location=e.location, course="constant", unit=e.unit,
+                            limit=size if size <= max(-e.lower, e.upper) else np.inf, share_left=left, z=z))  # fmt: skip
+    return Steady(findings=tuple(findings), limits=tuple(limits), p_value=answer.p_value,
+                  unexplained=answer.unexplained)  # fmt: skip
 
 
 def _told(blocks: Blocks, change: Change) -> dict:
@@ -470,7 +547,8 @@ def _told(blocks: Blocks, change: Change) -> dict:
             "what": "frequencies" if change.moved else "shapes"}  # fmt: skip
 
 
-def _notes(blocks: Blocks, placed: Sequence[Sensor], unexplained: Sequence[Change]) -> list[str]:
+def _notes(blocks: Blocks, placed: Sequence[Sensor], unexplained: Sequence[Change],
+           steady: Steady | None) -> list[str]:  # fmt: skip
     notes = ["without a model: structural causes are not named, constant ones of the structure are not seen"]
     if not placed:
         notes.append("without the sensors' places: levels, loggers and directions are not judged")
@@ -480,6 +558,9 @@ def _notes(blocks: Blocks, placed: Sequence[Sensor], unexplained: Sequence[Chang
         what = ", ".join(f"{m['mode']} by {m['change_percent']:+.2g} +- {m['std_percent']:.1g} %" for m in moved)
         notes.append(f"unexplained {change.course.name}{when}: {what or 'shapes change, frequencies do not'}; no column of "
                      "the surroundings goes with it, and a model would be needed to name it")  # fmt: skip
+    if steady is not None and steady.unexplained:
+        notes.append("the levels' constant motion is not that of a rigid, symmetric structure, and no one sensor explains "
+                     "it: a model is needed to tell what does")  # fmt: skip
     return notes
 
 
@@ -496,11 +577,9 @@ def _limits(watched: Watched, found: Found, courses: Sequence[Course]) -> tuple[
         size = (found.threshold[k] + POWER) * found.scores.size_std[k, c]
         if k < watched.n_frequency:
             q, i = watched.names[k]
-            if i == 2:
-                continue
             kind, cause = ("structural", f"{name} of frequency") if name in ("step", "ramp") else (
                 "environmental", _cause(name)[0])
-            place = watched.blocks.group_name(q) + (f" {i + 1}" if len(watched.blocks.groups[q]) == 2 else "")
+            place = series_name(watched.blocks, q, i)
             limits.append(Limit(kind=kind, cause=cause, location=place, course=name, limit=float(100 * size),
                                 unit=f"% of frequency{courses[c].unit}", share_left=1.0, z=float(found.z[k, c])))
             continue

@@ -1,0 +1,108 @@
+"""What the raw records say against the measurement, for a diagnosis: mounting, clocks, scale, and the sampling rate.
+
+A wrong sampling rate shifts every frequency by one share and leaves shapes alone: in modes it looks like a stiffer
+tower. The rotor tells it, as its lines lie at multiples of the speed in SCADA.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+
+from probupdate.campaign.blocks import block_files, read_block
+from probupdate.campaign.checking import compare_block
+from probupdate.campaign.findings import (
+    RATE_LIMIT,
+    SIGMA,
+    channel_findings,
+    clock_findings,
+    mounting_findings,
+    rate_findings,
+    scale_findings,
+)
+from probupdate.campaign.reading import Campaign
+from probupdate.campaign.rotor_lines import line_scores, rate_ratio
+from probupdate.campaign.samples import channel_table
+from probupdate.campaign.scada import StateRule, block_conditions, with_rated_power
+from probupdate.diagnosis.results import Finding
+from probupdate.modes import ModalData
+from probupdate.progress import Progress, silent
+
+# blocks read, evenly spread; those with a turning rotor from which lines are taken
+MOST_BLOCKS = 48
+# words of a sentence -> the catalogue's cause
+CAUSES = (
+    ("flipped", "sensor polarity"), ("swapped", "swapped channels"), ("turned by", "sensor rotation"),
+    ("clock of", "clock offset"), ("true sampling rate", "sampling rate"), ("looks dead", "dead channel"),
+    ("wrong unit or scale", "sensor gain"), ("gravity", "unit of all channels"), ("the top moves", "unit of all channels"),
+)  # fmt: skip
+
+
+def campaign_tests(campaign: Campaign, *, progress: Progress = silent) -> list[dict]:
+    """Rows as in diagnosis.json's details: kind, cause, channels, statement; the sampling rate's has size and size_std
+    too (share by which the records' clock runs fast), also where nothing is wrong with it (suspected: false)."""
+    rule = with_rated_power(StateRule(rated_power_kw=campaign.rated_power_kw), campaign.scada)
+    files = list(block_files(campaign).items())
+    chosen = np.unique(np.round(np.linspace(0, len(files) - 1, min(MOST_BLOCKS, len(files)))).astype(int))
+    tables, compared, lines, states = [], [], [], {}
+    for number, k in enumerate(chosen):
+        progress("testing raw records", number, len(chosen))
+        start, touching = files[k]
+        block = read_block(campaign, start, touching)
+        conditions = block_conditions(campaign.scada, block.start, block.minutes, rule)
+        states[block.id] = str(conditions["state"])
+        rows = channel_table(block, campaign.channels)
+        tables.append(rows)
+        found = compare_block(campaign, block, states[block.id], conditions, rows)
+        compared += [] if found is None else [found]
+        if campaign.scada is not None:
+            lines += line_scores(block, campaign.scada)
+    progress("testing raw records", len(chosen), len(chosen))
+    table = pd.concat(tables, ignore_index=True)
+    ratio = rate_ratio(lines)
+    own = channel_findings(table, campaign.sensors)
+    sentences = [*own, *mounting_findings(compared, own), *clock_findings(compared, campaign.channels)[0]]
+    sentences += scale_findings(table, states, campaign.sensors, sentences)
+    by_rate, agrees = rate_findings(campaign, ratio)
+    rows = [_row(s, campaign.channels) for s in (*sentences, *by_rate)]
+    if np.isfinite(ratio.ratio):
+        of_lines = [r for r in rows if r["cause"] == "sampling rate" and "rotor" in r["statement"]]
+        row = of_lines[0] if of_lines else {
+            "kind": "measurement", "cause": "sampling rate", "channels": [], "statement": agrees or "rotor lines agree",
+            "suspected": False}
+        row |= {"size": 1 / ratio.ratio - 1, "size_std": ratio.std / ratio.ratio**2}
+        rows += [] if of_lines else [row]
+    return rows
+
+
+def _row(sentence: str, channels: Sequence[str]) -> dict:
+    cause = next((cause for words, cause in CAUSES if words in sentence), "samples")
+    words = {w.strip(",;:()") for w in sentence.split()}
+    return {"kind": "measurement", "cause": cause, "channels": [c for c in channels if c in words],
+            "statement": sentence, "suspected": True}  # fmt: skip
+
+
+def rate_finding(tests: Sequence[dict]) -> Finding | None:
+    """The sampling rate as a finding, where the rotor's lines contradict it beyond doubt."""
+    for row in tests:
+        if row["cause"] == "sampling rate" and row["suspected"] and "size" in row:
+            z = abs(row["size"]) / row["size_std"]
+            if abs(row["size"]) > RATE_LIMIT and z > SIGMA:
+                return Finding(
+                    kind="measurement", cause="sampling rate", location="all channels", size=row["size"],
+                    size_std=row["size_std"], unit="-", course="constant", course_start="", z=z,
+                    posterior_probability=1.0, alternatives=(), check="the logger's clock against a reference; "
+                    "the files' own start times",
+                )  # fmt: skip
+    return None
+
+
+def with_true_rate(data: ModalData, finding: Finding) -> ModalData:
+    """The modes as a clock without that error had given them."""
+    factor = 1 + finding.size
+    sets = tuple(replace(s, frequency_hz=s.frequency_hz * factor, frequency_std_hz=s.frequency_std_hz * factor)
+                 for s in data.sets)  # fmt: skip
+    return replace(data, sets=sets)

@@ -1,0 +1,304 @@
+"""Constant errors of sensors by the mean shapes alone: a level is rigid, a slender square structure bends alike to x, y.
+
+A close pair of an upright structure moves each level to x in one of its shapes and to y, by as much, in the other; a
+rigid level moves and tilts; modes are real up to a phase. What tolerances and lack of symmetry allow is a Gaussian
+unknown, how far each level moves is free. A sensor whose change mends what is beyond that is named, if no other does.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from probupdate.diagnosis.catalogue import GAIN_TOLERANCE, ROTATION_TOLERANCE_DEG, Effect
+from probupdate.diagnosis.departures import Reference
+from probupdate.diagnosis.diagnose import FLOOR_PHASE, FLOOR_SHAPE, POWER
+from probupdate.modes import Sensor
+
+# what is free may be so many times the largest component
+FREE = 10.0
+# lack of symmetry between x and y, share of a level's motion: the rotor's inertias, legs and soil that differ
+ASYMMETRY = 0.05
+# bends beside a rigid level's motion (legs towards and from one another), share of the largest component
+SPLAY = 0.05
+_SHEARS = np.array([[[0.0, -1], [1, 0]], [[0, 1], [1, 0]], [[1, 0], [0, -1]]])
+N_DRAW, ROUNDS, MOST = 4000, 6, 3
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Mended:
+    """An effect of sensors that explains what is beyond the normal: size with deviation, z, by how much the fit betters
+    (half a chi-square), what is left (largest z over the threshold)."""
+
+    effect: Effect
+    size: float
+    size_std: float
+    z: float
+    gain: float
+    left: float
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class LevelAnswer:
+    """found: per effect taken in, its rivals, best first; `limits` per effect (size, share of its fingerprint left, z);
+    threshold; p_value of the largest z; unexplained: what remains over the threshold, 0 where nothing does."""
+
+    found: tuple[tuple[Mended, ...], ...]
+    limits: dict[int, tuple[float, float, float]]
+    threshold: float
+    p_value: float
+    unexplained: float
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Shapes:
+    """Mean complex shapes (n_channel, k) and frequency of every group, with the sensors by channel."""
+
+    shape: tuple[np.ndarray, ...]
+    frequency_hz: tuple[float, ...]
+    sensors: tuple[Sensor | None, ...]
+    upright: bool
+
+
+def mean_shapes(means: Sequence[Reference], channels: Sequence[str], sensors: Sequence[Sensor]) -> Shapes:
+    by_name = {s.channel: s for s in sensors}
+    placed = tuple(by_name.get(c) for c in channels)
+    extent = np.ptp([s.position_m for s in sensors], axis=0)
+    upright = len({s.level for s in sensors}) > 1 and extent[2] > 2 * np.hypot(extent[0], extent[1])
+    return Shapes(shape=tuple(_along(m.shape) for m in means), sensors=placed, upright=bool(upright),
+                  frequency_hz=tuple(float(np.exp(np.trace(m.tensor) / len(m.tensor))) for m in means))  # fmt: skip
+
+
+def _along(shape: np.ndarray) -> np.ndarray:
+    """Columns turned to the real axis, largest component 1."""
+    turned = shape * np.exp(-0.5j * np.angle(np.sum(shape**2, axis=0)))
+    return turned / np.max(np.abs(turned), axis=0)
+
+
+def _numbers(shapes: Sequence[np.ndarray]) -> np.ndarray:
+    return np.concatenate([np.concatenate([s.T.real.ravel(), s.T.imag.ravel()]) for s in shapes])
+
+
+def patterns(sensors: Sequence[Sensor | None]) -> list[tuple[np.ndarray, np.ndarray, bool]]:
+    """Per level the motions of a square structure: what channels see (n_channel,) of one to x and of the same to y, and
+    whether it is one of a rigid body."""
+    levels: dict[str, list[int]] = {}
+    for k, s in enumerate(sensors):
+        if s is not None:
+            levels.setdefault(s.level, []).append(k)
+    result = []
+    for rows in levels.values():
+        position = np.array([sensors[k].position_m for k in rows])
+        direction = np.array([sensors[k].direction for k in rows])
+        arm = position - np.unique(position, axis=0).mean(axis=0)
+        size = max(float(np.max(np.linalg.norm(arm, axis=1))), 1e-9)
+        fields = [(np.tile([1.0, 0, 0], (len(rows), 1)), np.tile([0, 1.0, 0], (len(rows), 1)), True)]
+        if size > 0.5:
+            fields.append((np.cross([0, 1.0, 0], arm) / size, np.cross([-1.0, 0, 0], arm) / size, True))
+            twist = (arm[:, 0] * arm[:, 1] / size**2)[:, None]
+            fields.append((twist * [0, 1.0, 0], twist * [1.0, 0, 0], False))
+        for to_x, to_y, rigid in fields:
+            pair = np.zeros((2, len(sensors)))
+            pair[:, rows] = np.sum(direction * to_x, axis=1), np.sum(direction * to_y, axis=1)
+            if np.any(np.abs(pair) > 1e-6):
+                result.append((pair[0], pair[1], rigid))
+    return result
+
+
+def rigid_motions(sensors: Sequence[Sensor | None]) -> np.ndarray:
+    """(n_channel, n): what channels see of each level's own six motions."""
+    columns = []
+    for level in dict.fromkeys(s.level for s in sensors if s is not None):
+        rows = [k for k, s in enumerate(sensors) if s is not None and s.level == level]
+        position = np.array([sensors[k].position_m for k in rows])
+        arm = position - position.mean(axis=0)
+        arm = arm / max(float(np.max(np.abs(arm))), 1e-9)
+        for axis in np.eye(3):
+            for field in (np.tile(axis, (len(rows), 1)), np.cross(axis, arm)):
+                column = np.zeros(len(sensors))
+                column[rows] = np.sum(field * [sensors[k].direction for k in rows], axis=1)
+                columns.append(column)
+    return np.array(columns).T
+
+
+def _unknowns(s: Shapes, tolerated: Sequence[tuple[Effect, float]]) -> tuple[np.ndarray, np.ndarray]:
+    """Columns (m, n) by which the numbers may depart, and their deviations (n,)."""
+    columns, std = [], []
+
+    def add(q, change, deviation):
+        columns.append(_numbers([change if r == q else np.zeros_like(x) for r, x in enumerate(s.shape)]))
+        std.append(deviation)
+
+    own, rigid = patterns(s.sensors), rigid_motions(s.sensors)
+    unplaced = np.flatnonzero([x is None for x in s.sensors])
+    for q, shape in enumerate(s.shape):
+        n, k = shape.shape
+        square = s.upright and k == 2
+        # how a pair's shapes are turned and sheared (not by how much they move), and every shape's phase
+        for shear in _SHEARS if k == 2 else ():
+            add(q, shape @ shear + 0j, FREE)
+        for i in range(k):
+            for j in range(k):
+                add(q, 1j * np.outer(shape[:, i], np.eye(k)[j]), FREE)
+            for row in unplaced:
+                for unit in (1.0, 1j):
+                    add(q, unit * np.outer(np.eye(n)[row], np.eye(k)[i]), FREE)
+        if not square:
+            for column in rigid.T:
+                for j in range(k):
+                    add(q, np.outer(column, np.eye(k)[j]) + 0j, FREE)
+        for to_x, to_y, stiff in own:
+            both = np.column_stack([to_x, to_y])
+            if square:
+                add(q, both + 0j, FREE)
+                moved = float(np.max(np.abs(shape[np.any(both != 0, axis=1)])))
+                for part in (to_x, to_y):
+                    for j in range(2):
+                        add(q, np.outer(part, np.eye(2)[j]) + 0j, ASYMMETRY * moved)
+            elif not stiff:
+                for part in (to_x, to_y):
+                    for j in range(k):
+                        add(q, np.outer(part, np.eye(k)[j]) + 0j, SPLAY)
+    for effect, deviation in tolerated:
+        columns.append(_change(s, effect))
+        std.append(deviation)
+    return np.array(columns).T, np.array(std)
+
+
+def _seen(s: Shapes, effect: Effect, size: float, inverse: bool = False) -> list[np.ndarray]:
+    result = []
+    for shape, frequency in zip(s.shape, s.frequency_hz, strict=True):
+        if inverse:
+            whole, _ = effect.observe(np.eye(len(shape), dtype=complex), frequency, size)
+            result.append(np.linalg.solve(whole, shape))
+        else:
+            result.append(effect.observe(shape, frequency, size)[0])
+    return result
+
+
+def _change(s: Shapes, effect: Effect) -> np.ndarray:
+    h = effect.step_of_size
+    return (_numbers(_seen(s, effect, h)) - _numbers(_seen(s, effect, -h))) / (2 * h)
+
+
+def _without(s: Shapes, effect: Effect, size: float) -> Shapes:
+    return Shapes(shape=tuple(_along(x) for x in _seen(s, effect, size, inverse=True)), frequency_hz=s.frequency_hz,
+                  sensors=s.sensors, upright=s.upright)  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _Test:
+    """chi2 of the shapes; per effect u = f' V^-1 y, v = f' V^-1 f, raw = f' f over the floor's square; root (n_effect,
+    m) of which random normals make scores."""
+
+    chi2: float
+    u: np.ndarray
+    v: np.ndarray
+    raw: np.ndarray
+    likeness: np.ndarray
+
+
+def _test(s: Shapes, tolerated, effects: Sequence[Effect]) -> _Test:
+    y = _numbers(s.shape)
+    floor = np.concatenate([np.repeat([FLOOR_SHAPE, FLOOR_PHASE], x.size) for x in s.shape])
+    U, std = _unknowns(s, tolerated)
+    scaled = U * std / floor[:, None]
+    white = y / floor
+    F = np.array([_change(s, e) for e in effects]).T / floor[:, None] if effects else np.zeros((len(y), 0))
+    inner = np.linalg.cholesky(np.eye(len(std)) + scaled.T @ scaled)
+    solve = lambda x: x - scaled @ np.linalg.solve(inner.T, np.linalg.solve(inner, scaled.T @ x))  # noqa: E731
+    VF = solve(F)
+    information = F.T @ VF
+    v = np.maximum(np.diag(information), 0.0)
+    size = np.sqrt(np.maximum(v, 1e-300))
+    return _Test(chi2=float(white @ solve(white)), u=VF.T @ white, v=v, raw=np.sum(F**2, axis=0),
+                 likeness=np.clip(information / np.outer(size, size), -1, 1))  # fmt: skip
+
+
+def _usable(t: _Test) -> np.ndarray:
+    return t.v > 1e-2 * np.maximum(t.raw, 1e-300)
+
+
+def _best_size(s: Shapes, tolerated, effect: Effect) -> tuple[Shapes, float, float, float]:
+    """The shapes without the effect of the size that fits best, that size, its deviation, chi2."""
+    if effect.discrete:
+        now = _without(s, effect, effect.discrete[0])
+        return now, effect.discrete[0], 0.0, _test(now, tolerated, ()).chi2
+    size, now = 0.0, s
+    std = np.inf
+    for _ in range(ROUNDS):
+        t = _test(now, tolerated, (effect,))
+        if not _usable(t)[0]:
+            return s, 0.0, np.inf, np.inf
+        more, std = float(t.u[0] / t.v[0]), float(t.v[0] ** -0.5)
+        size = float(np.clip(size + more, 0.95 * max(effect.lower, -1e300), min(effect.upper, 1e300)))
+        now = _without(s, effect, size)
+        if abs(more) < 0.1 * std:
+            break
+    return now, size, std, _test(now, tolerated, ()).chi2
+
+
+def judge_levels(
+    s: Shapes, effects: Sequence[Effect], whole: Sequence[Effect], *, false_alarm: float, seed: int
+) -> LevelAnswer:
+    """`effects` of sensors with a size, `whole` ones that are there or not. false_alarm: chance that any is named when
+    nothing is wrong."""
+    tolerance = {"sensor gain": GAIN_TOLERANCE, "sensor rotation": ROTATION_TOLERANCE_DEG}
+    tolerated = [(e, tolerance[e.cause]) for e in effects if e.cause in tolerance]
+    first = _test(s, tolerated, effects)
+    usable = _usable(first)
+    z = np.where(usable, first.u / np.sqrt(np.maximum(first.v, 1e-300)), 0.0)
+    rng = np.random.default_rng([seed, 33])
+    value, vector = np.linalg.eigh(first.likeness)
+    drawn = rng.standard_normal((N_DRAW, len(value))) @ (vector * np.sqrt(np.maximum(value, 0.0))).T
+    maxima = np.max(np.abs(drawn[:, usable]), axis=1) if usable.any() else np.full(N_DRAW, np.inf)
+    threshold = float(np.quantile(maxima, 1 - false_alarm))
+    share = np.sqrt(first.v / np.maximum(first.raw, 1e-300))
+    limits = {k: (float((threshold + POWER) * first.v[k] ** -0.5) if usable[k] else np.inf, float(share[k]),
+                  float(z[k])) for k in range(len(effects))}  # fmt: skip
+    p_value = float((1 + np.sum(maxima >= np.max(np.abs(z), initial=0.0))) / (N_DRAW + 1))
+    found: list[tuple[Mended, ...]] = []
+    now, left = s, float(np.max(np.abs(z), initial=0.0)) / threshold
+    while left > 1 and len(found) < MOST:
+        rivals, best = _rivals(now, tolerated, effects, whole, threshold)
+        if not rivals or rivals[0].left >= left:
+            break
+        found.append(tuple(rivals))
+        now, left = best, rivals[0].left
+    return LevelAnswer(found=() if left > 1 else tuple(found), limits=limits, threshold=threshold, p_value=p_value,
+                       unexplained=left if left > 1 else 0.0)  # fmt: skip
+
+
+def _rivals(now: Shapes, tolerated, effects, whole, threshold) -> tuple[list[Mended], Shapes]:
+    """Every effect that mends much of what is beyond, best first, and the shapes without the best."""
+    t = _test(now, tolerated, effects)
+    usable = _usable(t)
+    z = np.where(usable, t.u / np.sqrt(np.maximum(t.v, 1e-300)), 0.0)
+    order = [int(k) for k in np.argsort(-np.abs(z))[:12] if abs(z[k]) > 0.5 * np.max(np.abs(z))]
+    near = {effects[k].location for k in np.argsort(-np.abs(z))[:8]}
+    tried = []
+    for effect in [*(effects[k] for k in order), *(e for e in whole if set(e.location.split(" and ")) <= near)]:
+        then, size, std, chi2 = _best_size(now, tolerated, effect)
+        if not np.isfinite(chi2) or _backward(then):
+            continue
+        left = _test(then, tolerated, effects)
+        remaining = np.where(_usable(left), np.abs(left.u) / np.sqrt(np.maximum(left.v, 1e-300)), 0.0)
+        gain = 0.5 * (t.chi2 - chi2)
+        tried.append((Mended(effect=effect, size=size, size_std=std, z=float(np.sqrt(max(2 * gain, 0.0))), gain=gain,
+                             left=float(remaining.max()) / threshold), then))  # fmt: skip
+    tried.sort(key=lambda r: -r[0].gain)
+    return [r for r, _ in tried], tried[0][1] if tried else now
+
+
+def _backward(s: Shapes) -> bool:
+    """Whether, in the lowest pair of an upright structure, some level goes against the others: it bends to one side."""
+    if not s.upright or s.shape[0].shape[1] != 2:
+        return False
+    level: dict[str, list[float]] = {}
+    for k, sensor in enumerate(s.sensors):
+        if sensor is not None and abs(sensor.direction[2]) < 0.3:
+            level.setdefault(sensor.level, []).append(float(s.shape[0][k].real @ sensor.direction[:2]))
+    means = np.array([np.mean(v) for v in level.values()])
+    return bool(np.any(means > 0.02) and np.any(means < -0.02))
