@@ -1,9 +1,10 @@
 """What remains after the best fit, before and after effects were taken in, against what chance and tolerances leave.
 
 At the most probable parameters (and sizes of effects) departures are r = y - G_h c_h. When nothing more is wrong
-cov(r) = W - G_h C_h G_h^T: W is the noise with tolerances and the floor of model form, C_h the posterior covariance of
-what was fitted. All that is shown is a sum over blocks of r (a mean, a slope, a bin's mean) over its own deviation, so
-that it is standard normal when the model is right; the fit's own appetite is counted.
+cov(r) = W - G_h C_h G_h^T: W is the noise with tolerances, the floor of model form and the doubt about fingerprints
+that were taken in, C_h the posterior covariance of what was fitted. All that is shown is a sum over blocks of r (a
+mean, a slope, a bin's mean) over its own deviation, so that it is standard normal when the model is right; the fit's
+own appetite is counted.
 """
 
 from __future__ import annotations
@@ -40,7 +41,17 @@ class Remainder:
         weight = self.design.noise.weight[q]
         there = weight > 0
         scale = float(np.sum(share[there] ** 2 / weight[there]))
-        return scale * self.design.noise.covariance[q] + np.diag((self.design.floor[q] * share[there].sum()) ** 2)
+        return scale * self.design.noise.covariance[q] + np.diag(self._offset_variance(q, share))
+
+    def _offset_variance(self, q: int, share: np.ndarray) -> np.ndarray:
+        """(m,) what the floor of model form adds, and the doubt about fingerprints of effects that were taken in."""
+        design = self.design
+        share = np.where(design.noise.weight[q] > 0, share, 0.0)
+        variance = (design.floor[q] * share.sum()) ** 2
+        for course, spread in design.doubted:
+            by_bin = np.bincount(design.bin_of, share * course.value, design.n_bin)
+            variance = variance + (by_bin @ spread[q]) ** 2
+        return variance
 
     def spread_between(self, q: int, share: np.ndarray, p: int, other: np.ndarray) -> np.ndarray:
         """What tolerances add and the fit takes away of the covariance between two sums."""
@@ -73,7 +84,7 @@ class Remainder:
         # the diagonal of `spread`
         summed = self._summed(q, share)
         own = np.sum(share[there] ** 2 / weight[there]) * np.diag(self.design.noise.covariance[q])
-        variance = own + (self.design.floor[q] * share[there].sum()) ** 2 + summed**2 @ self._tolerated**2
+        variance = own + self._offset_variance(q, share) + summed**2 @ self._tolerated**2
         held = summed[:, self.held]
         variance -= np.sum((held @ self.held_cov) * held, axis=1)
         return value, np.sqrt(np.maximum(variance, 1e-300))

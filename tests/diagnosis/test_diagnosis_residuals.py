@@ -25,7 +25,7 @@ N_BLOCK, SIZES, HELD = 14, (5, 4), [0, 1, 3]
 
 @pytest.fixture(scope="module")
 def design():
-    """Three nuisances, of which two are fitted; one named effect with a step."""
+    """Three nuisances, of which two are fitted; one named effect with a step, whose fingerprint is doubted."""
     rng = np.random.default_rng(8)
     covariances = [a @ a.T + np.eye(m) for m in SIZES for a in [rng.standard_normal((m, m))]]
     weights = [rng.uniform(0.5, 2.0, N_BLOCK) for _ in SIZES]
@@ -39,6 +39,7 @@ def design():
         effect=tuple(rng.standard_normal((2, m, 2)) for m in SIZES), courses=courses,
         which=np.array([(j, c) for j in range(2) for c in range(2)]), noise=noise,
         named=((1, step_course(N_BLOCK, 7), 0.9),),
+        doubted=((step_course(N_BLOCK, 7), tuple(rng.uniform(0.1, 0.6, (2, m)) for m in SIZES)),),
     )  # fmt: skip
 
 
