@@ -103,9 +103,9 @@ def gain_words(finding: Mapping) -> str:
     if elpd is None or se is None:
         return ""
     if elpd < 2 * se:
-        text = f"none that is significant on held-out blocks (log score {elpd:+.1f} +- {se:.1f})"
+        text = f"none that is significant (log score {elpd:+.1f} +- {se:.1f})"
     else:
-        text = f"held-out blocks are predicted better by {elpd:.1f} +- {se:.1f} in log score"
+        text = f"log score better by {elpd:.1f} +- {se:.1f}"
     before, after = gain.get("max_frequency_error_before"), gain.get("max_frequency_error_after")
     if before is not None and after is not None:
         text += f", largest frequency error {100 * before:.2g} % before, {100 * after:.2g} % after"

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping, Sequence
 from statistics import NormalDist
 
 from probupdate.diagnosis import wording
 from probupdate.reporting import figures
+from probupdate.reporting.diagnosis_tables import extension_items, gain_items, plain_table, row_table, sentence, typeset
 from probupdate.reporting.elements import (
-    MISSING,
     Column,
     Items,
     Notice,
@@ -33,13 +32,6 @@ HEADLINES = {
 KINDS = ("structural", "environmental", "measurement")
 # limits drawn in all, and at least so many places of a cause before another cause gets its second
 MOST_LIMITS = 30
-# keys of a gain that have words of their own; others are listed under their names
-GAIN_WORDS = {
-    "heldout_elpd": "log score gained on held-out blocks", "heldout_elpd_se": "its standard error",
-    "max_frequency_error_before": "largest frequency error before [-]",
-    "max_frequency_error_after": "largest frequency error after [-]",
-}  # fmt: skip
-
 
 def diagnosis_section(run: Run) -> Section | None:
     content = run.diagnosis
@@ -52,28 +44,18 @@ def diagnosis_section(run: Run) -> Section | None:
         items.append(_picture(
             figures.causes(content["findings"]), "causes", "Of every finding its cause (filled) and what else could be "
             "meant (hatched), by evidence of each refitted as it is, discounted by what models cannot be trusted to."))
-    items += _gain(content["findings"])
-    items += _plain_table("The model with what was found", content.get("extension"))
+    items += gain_items(content["findings"])
+    items += extension_items(content.get("extension"))
     if shown:
         items += _remaining(run, content, shown)
     items += _pushed(content, shown)
     items += _measurement(content, shown)
     items += _limits(content)
     if content["notes"]:
-        items.append(Items(title="What this diagnosis did not use", statements=tuple(map(_sentence, content["notes"]))))
+        items.append(Items(title="What this diagnosis did not use", statements=tuple(map(sentence, content["notes"]))))
     level = "good" if content["verdict"] == "none" else "warning"
     return Section(anchor="diagnosis", title="What the model gets wrong", items=tuple(items),
                    headline=HEADLINES[content["verdict"]], level=level, lead=wording.verdict_words(content))
-
-
-def _sentence(text: str) -> str:
-    """Closed with a full stop; begins as it is written, for names have small letters too."""
-    return _typeset(text if text.endswith(".") else f"{text}.")
-
-
-def _typeset(text: str) -> str:
-    """True plus-minus and minus signs."""
-    return re.sub(r"(?<![\w)])-(?=[\d.])", "−", text.replace("+-", "±"))
 
 
 def _picture(figure, name: str, caption: str, width: str = "full") -> Picture:
@@ -104,7 +86,7 @@ def _actions(content: Mapping) -> list[object]:
         check = f.get("check")
         if check:
             statements.append(f"{wording.name_of(f)}: {check}.")
-    statements += [_sentence(s) for s in content.get("splits", ())]
+    statements += [sentence(s) for s in content.get("splits", ())]
     nearest = content["details"].get("nearest")
     if content["verdict"] == "unexplained":
         statements.append("Do not read the updated parameters as properties of the structure: find what is missing in "
@@ -121,7 +103,7 @@ def _actions(content: Mapping) -> list[object]:
 def _findings_table(findings: Sequence[Mapping]) -> Table:
     rows = tuple(
         (str(k), f["kind"], wording.name_of(f),
-         _typeset(wording.amount(f["size"], f["size_std"], f["unit"], f["cause"])),
+         typeset(wording.amount(f["size"], f["size_std"], f["unit"], f["cause"])),
          wording.course_words(f.get("course", "constant"), f.get("since", "")), fixed(f.get("z"), 1),
          fixed(f["posterior_probability"], 2), wording.alternatives_words(f))
         for k, f in enumerate(findings, start=1)
@@ -132,58 +114,6 @@ def _findings_table(findings: Sequence[Mapping]) -> Table:
     return Table(caption="Findings, in the order in which they were taken in", columns=columns, rows=rows,
                  note="A size is what goes beyond the drawing or data sheet; its deviation counts tolerances and what "
                  "else is normal. z: the score at which it was found.")
-
-
-def _gain(findings: Sequence[Mapping]) -> list[object]:
-    told = [(f, f["gain"]) for f in findings if f.get("gain")]
-    if not told:
-        return []
-    statements = tuple(_sentence(f"{wording.name_of(f)}: {words}") for f, _ in told if (words := wording.gain_words(f)))
-    keys = list(dict.fromkeys(k for _, g in told for k, v in g.items() if isinstance(v, int | float)))
-    columns = (Column(name="on blocks that were held out", number=False),
-               *(Column(name=f"finding {k}") for k in range(1, len(told) + 1)))
-    rows = tuple((GAIN_WORDS.get(key, key.replace("_", " ")), *(number(g.get(key)) for _, g in told)) for key in keys)
-    items: list[object] = [Items(title="Gain of taking it in", statements=statements)] if statements else []
-    return [*items, Table(caption="Gain, measured", columns=columns, rows=rows, width="half")]
-
-
-def _plain_table(caption: str, table: object) -> list[object]:
-    """Numbers and words of a table of diagnosis.json; tables within it each on their own."""
-    if not isinstance(table, Mapping) or not table:
-        return []
-    simple = tuple((k.replace("_", " "), _cell(v)) for k, v in table.items() if isinstance(v, str | int | float))
-    items: list[object] = []
-    if simple:
-        items.append(Table(caption=caption, rows=simple, width="half",
-                           columns=(Column(name="what", number=False), Column(name="value", number=False))))
-    for key, value in table.items():
-        words = f"{caption}: {key.replace('_', ' ')}"
-        if isinstance(value, Mapping):
-            items += _plain_table(words, value)
-        elif isinstance(value, list) and value:
-            items += _row_table(words, value)
-    return items
-
-
-def _row_table(caption: str, rows: Sequence) -> list[object]:
-    if all(isinstance(r, str) for r in rows):
-        return [Items(title=caption, statements=tuple(map(_sentence, rows)))]
-    rows = [r for r in rows if isinstance(r, Mapping)]
-    keys = [k for k in dict.fromkeys(k for r in rows for k in r)
-            if any(isinstance(r.get(k), str | int | float) for r in rows)]  # fmt: skip
-    if not keys:
-        return []
-    columns = tuple(Column(name=k.replace("_", " "), number=not any(isinstance(r.get(k), str | bool) for r in rows))
-                    for k in keys)  # fmt: skip
-    return [Table(caption=caption, columns=columns, rows=tuple(tuple(_cell(r.get(k)) for k in keys) for r in rows))]
-
-
-def _cell(value: object) -> str:
-    if isinstance(value, bool):
-        return "yes" if value else "no"
-    if isinstance(value, int | float):
-        return number(float(value))
-    return value if isinstance(value, str) else MISSING
 
 
 # What remains -------------------------------------------------------------------------------------------------------
@@ -279,7 +209,7 @@ def _pushed(content: Mapping, shown: Mapping | None) -> list[object]:
     sentences = wording.pushed_words(content)
     if sentences:
         items.append(Items(title="Pushed where the prior did not expect it", level="warning",
-                           statements=tuple(map(_sentence, sentences))))
+                           statements=tuple(map(sentence, sentences))))
     return items
 
 
@@ -293,7 +223,7 @@ def _measurement(content: Mapping, shown: Mapping | None) -> list[object]:
                    Column(name="size that fits best"), Column(name="tolerance"))  # fmt: skip
         table = tuple(
             (r["cause"], r["course"], str(r["tried"]), r["location"], fixed(r["z"], 1),
-             _typeset(wording.amount(r["size"], r["size_std"], r["unit"], r["cause"])),
+             typeset(wording.amount(r["size"], r["size_std"], r["unit"], r["cause"])),
              wording.amount(r["tolerance"], None, r["unit"].split(" per ")[0], r["cause"]).lstrip("+"))
             for r in rows
         )  # fmt: skip
@@ -303,9 +233,14 @@ def _measurement(content: Mapping, shown: Mapping | None) -> list[object]:
                            note=note + (f"; |z| up to {threshold:.1f} is chance." if threshold else ".")))
     told = content["details"].get("measurement")
     if isinstance(told, list) and told:
-        items += _row_table("Tests of the raw records", told)
+        said = [r for r in told if isinstance(r, Mapping) and isinstance(r.get("statement"), str)]
+        for suspected, title in ((True, "Suspected in the raw records"), (False, "Tested in the raw records, nothing")):
+            here = tuple(sentence(r["statement"]) for r in said if r.get("suspected", True) is suspected)
+            if here:
+                items.append(Items(title=title, statements=here, level="warning" if suspected else "plain"))
+        items += row_table("Tests of the raw records", [r for r in told if r not in said])
     elif isinstance(told, Mapping):
-        items += _plain_table("Tests of the raw records", told)
+        items += plain_table("Tests of the raw records", told)
     return items
 
 

@@ -23,7 +23,7 @@ def section_text(run) -> str:
 
 @pytest.mark.parametrize(("verdict", "words"), [
     ("named", ("it has a name", "joints loosened, face AB, bay 2: inspect the weld toes.", "−62.0 ± 4.0 %",
-               "diagnosis.model", "predicted better by 41.2 ± 6.0")),
+               "diagnosis.model", "log score better by 41.2 ± 6.0")),
     ("ambiguous", ("which of several, is open", "telling joints from braces", "0.19")),
     ("unexplained", ("no listed cause explains", "Do not read the updated parameters", "scour, leg A")),
     ("none", ("Nothing beyond tolerances was found", "below the limits", "1 candidate would not be seen")),
@@ -32,7 +32,7 @@ def test_every_verdict_says_what_to_do(full_run, diagnosis_of, unfigured, verdic
     text = section_text(replace(full_run, diagnosis=diagnosis_of(verdict)))
     for word in words:
         assert word in text, word
-    assert ("Gain, measured" in text) == (verdict in ("named", "ambiguous"))
+    assert ("Predicting held-out blocks" in text) == (verdict in ("named", "ambiguous"))
 
 
 def test_what_was_pushed_and_what_hid_something_is_said(full_run, unfigured):
@@ -84,6 +84,30 @@ def test_a_wrong_file_is_one_clear_line(diagnosis_of, tmp_path, mistake, words):
         read_run(tmp_path, silent)
 
 
+def test_a_measured_gain_is_shown_with_sensors_and_fatigue(full_run, diagnosis_of, unfigured):
+    content = diagnosis_of("named")
+    spot = {"place": "leg A, bay 1", "stress_ratio": 1.31, "damage_ratio_m3": 2.25, "damage_ratio_m5": 3.86}
+    content["findings"][0]["gain"] |= {
+        "mac_before": 0.98, "mac_after": 0.997, "statement": "better", "heldout_sensors": [
+            {"level": "TP", "channels": ["a"], "rms_error_before": 0.04, "rms_error_after": 0.02}],
+        "fatigue": {"per": "tower-top motion", "slopes": [3, 5], "leg": {"most_stressed": spot}}}  # fmt: skip
+    text = section_text(replace(full_run, diagnosis=content))
+    for word in ("0.997", "4.00", "leg A, bay 1", "damage ratio, m = 3", "2.25", "Per tower-top motion.", "2.10"):
+        assert word in text, word
+
+
+def test_raw_records_are_told_apart_by_suspicion(full_run, diagnosis_of, unfigured):
+    content = diagnosis_of("none")
+    content["details"]["measurement"] = [
+        {"kind": "measurement", "cause": "clock offset", "channels": ["T90-x"], "statement": "T90: clock of 5 ms",
+         "suspected": True},
+        {"kind": "measurement", "cause": "sampling rate", "channels": [], "statement": "rotor lines agree",
+         "suspected": False, "size": 0.0, "size_std": 1e-4}]  # fmt: skip
+    text = section_text(replace(full_run, diagnosis=content))
+    assert text.index("Suspected in the raw records") < text.index("T90: clock of 5 ms.")
+    assert text.index("nothing") < text.index("rotor lines agree.")
+
+
 def test_limits_drawn_are_of_every_kind_and_cause_first():
     rows = [{"kind": kind, "cause": f"{kind} {c}", "location": str(k), "course": "constant", "limit": 1.0 + k + c,
              "unit": "m"} for kind in ("structural", "measurement") for c in range(3) for k in range(9)]  # fmt: skip
@@ -110,7 +134,7 @@ def test_sizes_are_told_with_their_deviation_and_unit(value, std, unit, cause, t
 def test_a_gain_within_two_errors_is_said_to_be_none():
     gain = {"heldout_elpd": 3.0, "heldout_elpd_se": 2.0}
     assert wording.gain_words({"gain": gain}).startswith("none that is significant")
-    assert wording.gain_words({"gain": gain | {"heldout_elpd": 9.0}}).startswith("held-out blocks are predicted better")
+    assert wording.gain_words({"gain": gain | {"heldout_elpd": 9.0}}).startswith("log score better by 9.0")
     assert wording.gain_words({"gain": {}}) == ""
 
 

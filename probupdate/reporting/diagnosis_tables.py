@@ -1,0 +1,128 @@
+"""What a diagnosis tells of the gain of its findings and of the extended model, and tables of diagnosis.json as they
+are."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+
+from probupdate.diagnosis import wording
+from probupdate.reporting.elements import MISSING, Column, Items, Table, fixed, number, percent
+
+
+def sentence(text: str) -> str:
+    """Closed with a full stop; begins as it is written, for names have small letters too."""
+    return typeset(text if text.endswith(".") else f"{text}.")
+
+
+def typeset(text: str) -> str:
+    """True plus-minus and minus signs."""
+    return re.sub(r"(?<![\w)])-(?=[\d.])", "−", text.replace("+-", "±"))
+
+
+def gain_items(findings: Sequence[Mapping]) -> list[object]:
+    told = [(k, f, f["gain"]) for k, f in enumerate(findings, start=1) if f.get("gain")]
+    if not told:
+        return []
+    items: list[object] = [Items(title="What taking it in gains on blocks that were held out", statements=tuple(
+        sentence(f"{wording.name_of(f)}: {wording.gain_words(f)}") for _, f, _ in told))]  # fmt: skip
+    measured = [(str(k), _measure_words(key), *(_measure(key, g[f"{key}_{side}"]) for side in ("before", "after")))
+                for k, _, g in told for key in _pairs_of(g)]  # fmt: skip
+    if measured:
+        items.append(Table(caption="Predicting held-out blocks", rows=tuple(measured), width="half", columns=(
+            Column(name="finding"), Column(name="measure", number=False), Column(name="before"),
+            Column(name="with it"))))  # fmt: skip
+    sensors = [(str(k), str(r["level"]), percent(r["rms_error_before"], 2), percent(r["rms_error_after"], 2))
+               for k, _, g in told for r in g.get("heldout_sensors", ())]  # fmt: skip
+    if sensors:
+        items.append(Table(caption="Predicting sensors that took no part", rows=tuple(sensors), width="half", columns=(
+            Column(name="finding"), Column(name="level held out", number=False),
+            Column(name="rms error before", unit="% of largest"), Column(name="with it", unit="% of largest"))))
+    return items + _fatigue(told)
+
+
+def _pairs_of(gain: Mapping) -> list[str]:
+    """Measures that a gain holds before and after."""
+    return [key.removesuffix("_before") for key in gain if key.endswith("_before")
+            and isinstance(gain.get(f"{key.removesuffix('_before')}_after"), int | float)]  # fmt: skip
+
+
+def _measure_words(key: str) -> str:
+    return key.replace("_", " ").replace("rms", "root mean square of").replace("max", "largest") + (
+        " [%]" if "frequency_error" in key else " [-]")
+
+
+def _measure(key: str, value: float) -> str:
+    return percent(value, 2) if "frequency_error" in key else number(value)
+
+
+def _fatigue(told: Sequence) -> list[object]:
+    """Stress and damage ratios of the members that matter, where they were computed."""
+    rows, per = [], ""
+    for k, _, gain in told:
+        table = gain.get("fatigue") or {}
+        per = table.get("per", per)
+        for group, spots in table.items():
+            if isinstance(spots, Mapping):
+                rows += [(str(k), group, name.replace("_", " "), str(s["place"]), fixed(s["stress_ratio"], 2),
+                          *(fixed(s[d], 2) for d in sorted(s) if d.startswith("damage_ratio")))
+                         for name, s in spots.items()]  # fmt: skip
+    if not rows or len({len(r) for r in rows}) > 1:
+        return []
+    slopes = [d for d in sorted(next(s for _, _, g in told for spots in (g.get("fatigue") or {}).values()
+                                     if isinstance(spots, Mapping) for s in spots.values()))
+              if d.startswith("damage_ratio")]  # fmt: skip
+    columns = (Column(name="finding"), Column(name="members", number=False), Column(name="spot", number=False),
+               Column(name="place", number=False), Column(name="stress ratio", unit="-"),
+               *(Column(name=f"damage ratio, {d.rsplit('_', 1)[1].replace('m', 'm = ')}", unit="-") for d in slopes))
+    return [Table(caption="What it changes of fatigue: with it over without it", columns=columns, rows=tuple(rows),
+                  note=f"Per {per}." if per else "")]  # fmt: skip
+
+
+def extension_items(table: object) -> list[object]:
+    """The model with the findings in it: what it says first, then its numbers."""
+    if not isinstance(table, Mapping):
+        return []
+    said = table.get("statements")
+    first = [Items(title="The model with what was found", statements=tuple(map(sentence, said)))] if said else []
+    return [*first, *plain_table("The model with what was found", {k: v for k, v in table.items()
+                                                                    if k != "statements"})]  # fmt: skip
+
+
+def plain_table(caption: str, table: object) -> list[object]:
+    """Numbers and words of a table of diagnosis.json; tables within it each on their own."""
+    if not isinstance(table, Mapping) or not table:
+        return []
+    simple = tuple((k.replace("_", " "), _cell(v)) for k, v in table.items() if isinstance(v, str | int | float))
+    items: list[object] = []
+    if simple:
+        items.append(Table(caption=caption, rows=simple, width="half",
+                           columns=(Column(name="what", number=False), Column(name="value", number=False))))
+    for key, value in table.items():
+        words = f"{caption}: {key.replace('_', ' ')}"
+        if isinstance(value, Mapping):
+            items += plain_table(words, value)
+        elif isinstance(value, list) and value:
+            items += row_table(words, value)
+    return items
+
+
+def row_table(caption: str, rows: Sequence) -> list[object]:
+    if all(isinstance(r, str) for r in rows):
+        return [Items(title=caption, statements=tuple(map(sentence, rows)))]
+    rows = [r for r in rows if isinstance(r, Mapping)]
+    keys = [k for k in dict.fromkeys(k for r in rows for k in r)
+            if any(isinstance(r.get(k), str | int | float) for r in rows)]  # fmt: skip
+    if not keys:
+        return []
+    columns = tuple(Column(name=k.replace("_", " "), number=not any(isinstance(r.get(k), str | bool) for r in rows))
+                    for k in keys)  # fmt: skip
+    return [Table(caption=caption, columns=columns, rows=tuple(tuple(_cell(r.get(k)) for k in keys) for r in rows))]
+
+
+def _cell(value: object) -> str:
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, int | float):
+        return number(float(value))
+    return value if isinstance(value, str) else MISSING
