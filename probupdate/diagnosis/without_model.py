@@ -16,7 +16,7 @@ from probupdate.diagnosis.along_record import Contrasts, Scores, draw_slow, make
 from probupdate.diagnosis.blocks import Blocks, gather
 from probupdate.diagnosis.catalogue import Effect, measurement_effects
 from probupdate.diagnosis.courses import MARGIN, Course, make_courses, step_course
-from probupdate.diagnosis.diagnose import FALSE_ALARM, POWER, SURE, tail, with_derived
+from probupdate.diagnosis.diagnose import POWER, SURE, tail, with_derived
 from probupdate.diagnosis.level_shapes import judge_levels, mean_shapes
 from probupdate.diagnosis.noise import Noise, estimate_noise
 from probupdate.diagnosis.own_picture import Picture, fingerprints, look, mended, own_noise, residuals, stated_patterns, untied
@@ -24,6 +24,8 @@ from probupdate.diagnosis.results import Alternative, Diagnosis, Finding, Limit
 from probupdate.modes import ModalData, Sensor, frozen_array
 from probupdate.progress import Progress, silent
 
+# of the whole search; below 5 %, as a bootstrap of so many records knows its own quantiles to a few tenths
+FALSE_ALARM = 0.03
 # changes taken out one after the other; effects of sensors at one time
 MOST_CHANGES, MOST_AT_ONCE = 6, 3
 N_BOOTSTRAP, N_AGAIN = 400, 20

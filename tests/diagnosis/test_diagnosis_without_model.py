@@ -1,0 +1,168 @@
+"""The diagnosis by data alone: nothing hidden, sensors, surroundings, a structure that changes; records of another kind
+than the code's (two shear chains; the virtual turbine with tolerances)."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import probupdate
+from probupdate.cli import main
+from probupdate.diagnosis.along_record import make_contrasts, score
+from probupdate.diagnosis.campaign_tests import rate_finding, with_true_rate
+from probupdate.diagnosis.catalogue import Effect
+from probupdate.diagnosis.courses import Course, step_course
+from probupdate.diagnosis.without_model import diagnose_without_model
+from probupdate.errors import InputError
+from probupdate.modes import ModalData, ModalSet, frozen_array, write_modes
+from probupdate.virtual.modal_blocks import simulate_modes
+
+
+def turbine(seed, *effects, **options):
+    truth = {"parameters_from": "prior", **({"effect": list(effects)} if effects else {})}
+    made = simulate_modes(truth=truth, seed=seed, days=30.0, n_block=40, **options)
+    return made.data, made.sensors
+
+
+STEP = {"course": "step", "at_hour": 330.0}
+
+
+def test_nothing_changes_in_the_frame_and_nothing_is_said(record):
+    """Ten records at a level of 3 %: three alarms would come by chance in three of a thousand tries."""
+    answers = [diagnose_without_model(record(seed)) for seed in range(1, 11)]
+    assert sum(a.verdict != "none" for a in answers) <= 2
+    found = next(a for a in answers if a.verdict == "none")
+    assert not found.findings and found.p_value > 0.03
+    assert any(x.cause == "step of frequency" and 0 < x.limit < 1 for x in found.limits)
+    assert any("model" in note for note in found.notes)
+
+
+@pytest.mark.parametrize("seed", [21, 22])
+def test_nothing_hidden_in_the_turbine_nothing_named(seed):
+    found = diagnose_without_model(*turbine(seed))
+    assert found.verdict == "none" and not found.findings
+
+
+def test_frequencies_that_follow_the_tide_are_the_surroundings(record):
+    found = diagnose_without_model(record(4, level=0.02))
+    (one,) = found.findings
+    assert found.verdict == "named" and one.kind == "environmental"
+    assert (one.cause, one.course) == ("wetted length", "water_level_m") and one.size < 0
+
+
+def test_two_columns_that_say_the_same_are_ambiguous(record):
+    data = record(4, level=0.02)
+    rng = np.random.default_rng(0)
+    sets = tuple(replace(s, environment={**s.environment, "ballast_t": 30 * s.environment["water_level_m"]
+                                         + 0.1 * rng.standard_normal()}) for s in data.sets)  # fmt: skip
+    found = diagnose_without_model(replace(data, sets=sets))
+    (one,) = found.findings
+    assert found.verdict == "ambiguous"
+    assert {one.cause, one.alternatives[0].cause} == {"wetted length", "frequencies follow ballast_t"}
+    assert "water_level_m" in found.splits[0] and "ballast_t" in found.splits[0]
+
+
+def test_a_storey_that_loosens_is_unexplained_with_its_time_and_modes(record):
+    found = diagnose_without_model(record(5, storey=2, factor=0.9, from_block=20))
+    assert found.verdict == "unexplained" and not found.findings
+    (change,) = found.details["changes"]
+    assert change["course"] == "step" and change["since"].startswith("2020-01-06")
+    moved = {m["mode"]: m["change_percent"] for m in change["frequencies"]}
+    # a tenth of one of five storeys: by Rayleigh's quotient between nothing and 2.5 % of a frequency
+    assert -2.6 < moved["all modes"] < -0.3
+    assert any("a model would be needed" in note for note in found.notes)
+
+
+def test_a_gain_that_changes_is_named_with_its_channel():
+    found = diagnose_without_model(*turbine(23, {"kind": "sensor_gain", "channel": "T90-x", "factor": 1.08, **STEP}))
+    (one,) = found.findings
+    assert found.verdict == "named" and (one.kind, one.cause, one.location) == ("measurement", "sensor gain", "T90-x")
+    assert one.size == pytest.approx(0.08, abs=4 * one.size_std) and one.size_std < 0.01
+
+
+def test_constant_gain_on_a_rigid_level_is_named():
+    found = diagnose_without_model(*turbine(24, {"kind": "sensor_gain", "channel": "TP-B-y", "factor": 0.8}))
+    (one,) = found.findings
+    assert found.verdict == "named" and (one.cause, one.location, one.course) == ("sensor gain", "TP-B-y", "constant")
+    assert one.size == pytest.approx(-0.2, abs=4 * one.size_std)
+
+
+def test_an_effect_of_ones_own_needs_a_function_and_a_row(record):
+    """Crosstalk from y5 into x3, which is in no catalogue, from the middle of the record on."""
+
+    def crosstalk(shape, frequency_hz, size):
+        seen = np.array(shape, complex)
+        seen[4] += size * shape[9]
+        return seen, 0.0
+
+    data = record(6)
+    sets = tuple(s if k < 18 else replace(s, shape=crosstalk(s.shape, 0.0, 0.12)[0]) for k, s in enumerate(data.sets))
+    own = Effect(kind="measurement", cause="crosstalk", location="y5 into x3", unit="-", tolerance=0.0, slab=0.1,
+                 observe=crosstalk, step_of_size=1e-3, courses=("step",))  # fmt: skip
+    found = diagnose_without_model(replace(data, sets=sets), effects=[own])
+    (one,) = found.findings
+    assert (found.verdict, one.cause, one.location) == ("named", "crosstalk", "y5 into x3")
+    assert one.size == pytest.approx(0.12, abs=4 * one.size_std + 0.003)
+    # without the row there is no name for it
+    assert diagnose_without_model(replace(data, sets=sets)).verdict == "unexplained"
+
+
+def test_the_command_takes_modes_alone(record, tmp_path, capsys):
+    write_modes(record(1), tmp_path / "modes.json")
+    assert main(["diagnose", "--modes", str(tmp_path / "modes.json"), "--out", str(tmp_path / "d.json")]) == 0
+    content = json.loads((tmp_path / "d.json").read_text())
+    assert content["verdict"] == "none" and content["adequacy_p"] is None and content["limits"]
+    with pytest.raises(InputError, match="no model"):
+        probupdate.diagnose(None, record(1), groups={"a": {"k1": 0.1}})
+
+
+def test_same_seed_same_answer(record):
+    first, again = (diagnose_without_model(record(4, level=0.02), seed=3).content() for _ in range(2))
+    assert first == again
+
+
+def test_scores_are_those_of_plain_generalised_least_squares():
+    """No slow error, equal weights: the score of a step is the difference of two means over its deviation."""
+    rng = np.random.default_rng(1)
+    y = rng.standard_normal((500, 1, 60))
+    courses = [step_course(60, 20)]
+    contrasts = make_contrasts(np.ones((1, 60)), np.ones((60, 1)), courses, np.arange(60.0))
+    found = score(contrasts, y, [[0]])
+    plain = y[:, 0, 20:].mean(axis=1) - y[:, 0, :20].mean(axis=1)
+    np.testing.assert_allclose(found.size[:, 0, 0], plain, atol=1e-12)
+    # noise by differences is right on average; slow errors taken for noise make scores smaller, never larger
+    assert found.noise.mean() == pytest.approx(1.0, abs=0.05)
+    assert 0.85 < found.z.std() < 1.1
+
+
+def test_a_slow_error_is_no_step():
+    """An Ornstein-Uhlenbeck process of twice the noise: least squares that knows noise only finds a step in most."""
+    rng = np.random.default_rng(2)
+    hours = np.arange(80.0)
+    slow = np.linalg.cholesky(np.exp(-np.abs(hours[:, None] - hours) / 15.0) + 1e-9 * np.eye(80))
+    y = rng.standard_normal((300, 1, 80)) + 2.0 * (rng.standard_normal((300, 80)) @ slow.T)[:, None]
+    steps = [step_course(80, at) for at in range(8, 73, 8)]
+    found = score(make_contrasts(np.ones((1, 80)), np.ones((80, 1)), steps, hours), y, [[0]])
+    white = np.abs(found.size) / np.sqrt(np.array([1 / s.at + 1 / (80 - s.at) for s in steps]))
+    assert np.mean(np.max(white[:, 0], axis=1) > 4) > 0.5
+    assert np.mean(np.max(np.abs(found.z[:, 0]), axis=1) > 4) < 0.2
+
+
+def test_a_clock_told_wrong_by_the_rotor_is_a_finding_and_taken_out():
+    row = {"kind": "measurement", "cause": "sampling rate", "channels": [], "statement": "", "suspected": True,
+           "size": -0.03, "size_std": 0.003}  # fmt: skip
+    finding = rate_finding([row])
+    assert (finding.kind, finding.cause) == ("measurement", "sampling rate") and finding.z > 9
+    assert rate_finding([{**row, "suspected": False}]) is None
+    one = ModalSet(id="a", frequency_hz=[1.0], shape=np.ones((2, 1)), damping_ratio=[0.01],
+                   frequency_std_hz=[0.1], shape_std=np.full((2, 1), 0.1))  # fmt: skip
+    mended = with_true_rate(ModalData(channels=("a", "b"), sets=(one,)), finding)
+    assert mended.sets[0].frequency_hz[0] == pytest.approx(0.97)
+
+
+def test_a_covariate_that_steps_hides_no_step():
+    """Where a column and a step are one and the same neither is told from the other."""
+    column = Course(kind="covariate", value=frozen_array((np.arange(60) >= 20) - 0.5), column="state")
+    nuisance = np.column_stack([np.ones(60), column.value])
+    assert not make_contrasts(np.ones((1, 60)), nuisance, [step_course(60, 20)], np.arange(60.0)).usable[0, 0]
