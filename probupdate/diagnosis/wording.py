@@ -85,10 +85,10 @@ def adequacy_words(content: Mapping) -> str:
     p = content.get("adequacy_p")
     if p is None:
         return ""
-    rest = "with the findings taken in" if content["findings"] else "of the model as it is"
+    rest = "with the findings taken in" if content["findings"] else "of this model"
     if p < 0.01:
-        return f"what remains {rest} is more than chance leaves ({probability_words(p)}): something else is there"
-    return f"what remains {rest} is no more than chance leaves ({probability_words(p)})"
+        return f"the remainder {rest} is more than chance leaves ({probability_words(p)}): something else is there"
+    return f"the remainder {rest} is no more than chance leaves ({probability_words(p)})"
 
 
 def alternatives_words(finding: Mapping) -> str:

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
+from probupdate.campaign.blocks import block_starts
 from probupdate.campaign.reading import Campaign, read_campaign
 from probupdate.campaign.scada import StateRule, row_states, with_rated_power
 from probupdate.errors import InputError
@@ -32,15 +33,30 @@ def campaign_values(folder: Path, check: Path | None = None) -> CampaignValues:
     return CampaignValues(
         name=campaign.name, sensors=campaign.sensors, sampling_rate_hz=campaign.sampling_rate_hz,
         block_minutes=campaign.block_minutes, water_depth_m=campaign.water_depth_m, facts=tuple(facts),
-        findings=() if check is None else _findings(check), scada=scada, state_rule=rule,
+        findings=() if check is None else _findings(check, campaign), scada=scada, state_rule=rule,
     )
 
 
-def _findings(path: Path) -> tuple[str, ...]:
+def _findings(path: Path, campaign: Campaign) -> tuple[str, ...]:
+    """What `probupdate check` found; refused where it was another campaign that was checked."""
+    again = "write it again with `probupdate check`, or remove it"
     try:
-        return tuple(str(text) for text in json.loads(path.read_text(encoding="utf-8"))["findings"])
-    except (json.JSONDecodeError, UnicodeDecodeError, KeyError, TypeError) as error:
-        raise InputError(str(path), f"cannot be read ({error})", "write it again with `probupdate check`") from None
+        content = json.loads(path.read_text(encoding="utf-8"))
+        findings = tuple(str(text) for text in content["findings"])
+        checked = str(content.get("campaign", campaign.name))
+        channels = [str(row["channel"]) for row in content.get("channels", ())]
+        blocks = [str(row["id"]) for row in content.get("blocks", ())]
+    except (json.JSONDecodeError, UnicodeDecodeError, KeyError, TypeError, AttributeError) as error:
+        raise InputError(str(path), f"cannot be read ({error})", again) from None
+    if checked != campaign.name:
+        raise InputError(str(path), f"is of the campaign '{checked}', not of '{campaign.name}'", again)
+    if channels and channels != list(campaign.channels):
+        odd = [c for c in channels if c not in campaign.channels] or [c for c in campaign.channels if c not in channels]
+        raise InputError(str(path), "is of a campaign with other channels" + (f" ({odd[0]})" if odd else ""), again)
+    starts = {f"{start:%Y-%m-%dT%H:%M:%SZ}"[:16] for start in block_starts(campaign)}
+    if blocks and not starts & {b[:16] for b in blocks}:
+        raise InputError(str(path), f"is of other records: {blocks[0]} is no block of this campaign", again)
+    return findings
 
 
 def _coverage(campaign: Campaign) -> list[tuple[str, str]]:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import re
+from collections.abc import Collection
 from dataclasses import dataclass, field
 
 MISSING = "–"
@@ -108,6 +110,14 @@ class Section:
     lead: str = ""
     headline: str = ""
     level: str = "plain"
+
+
+def sentence(text: str, names: Collection[str] = ()) -> str:
+    """A capital first and a full stop last; a name (one of `names`, or what is no plain word, such as k_t) stays as it
+    is written."""
+    first = re.match(r"[^\s,;:=(]*", text)[0]
+    plain = re.fullmatch(r"[a-z][a-z'-]*", first) and first not in names
+    return (text[0].upper() + text[1:] if plain else text) + ("" if text.endswith((".", "?", "!")) else ".")
 
 
 def number(value: float | None, significant: int = 3) -> str:

@@ -22,6 +22,7 @@ from probupdate.reporting.elements import (
     number,
     percent,
     plural,
+    sentence,
 )
 from probupdate.reporting.posterior_sections import marks, truth_sentence
 from probupdate.reporting.standing import BOUND, KNOWN, PARTLY, PRIOR, contraction, names_of, standings
@@ -228,7 +229,7 @@ def alarming(run: Run) -> list[str]:
     update, posterior = run.update, run.posterior
     if update is not None and not fits(update):
         text = fit_sentence(update)
-        said.append(f"{text[0].upper()}{text[1:]}.")
+        said.append(sentence(text))
     if posterior is not None and not posterior.converged:
         said.append(posterior.verdict)
     if run.diagnosis is not None and run.diagnosis["verdict"] != "none":
@@ -286,7 +287,8 @@ def remarkable(run: Run) -> list[str]:
             share = number(100 * fallback / evaluated, 2)
             said.append(f"{count(fallback)} of {count(evaluated)} evaluations ({share} %) fell outside "
                         "the reduced basis and were answered by the full model: exact, but slow.")
-        said += [f"{t[0].upper()}{t[1:]}." for t in posterior.record.get("notes", ()) if t not in update.left_out]
+        said += [sentence(t, update.parameters.names) for t in posterior.record.get("notes", ())
+                 if t not in update.left_out]  # fmt: skip
     if run.comparison is not None:
         far = [r.name for r in run.comparison.rows if abs(r.step_distance) > 1]
         if far:

@@ -8,7 +8,7 @@ from probupdate.comparison import BLIND, STRONG, ComparisonRow
 from probupdate.estimators.posterior_file import Posterior
 from probupdate.estimators.update_file import UpdateRecord
 from probupdate.reporting import figures
-from probupdate.reporting.elements import Column, Items, Notice, Picture, Section, Table, count, fixed, number
+from probupdate.reporting.elements import Column, Items, Notice, Picture, Section, Table, count, fixed, number, sentence
 from probupdate.reporting.standing import contraction
 from probupdate.reporting.style import MAP, PRIOR_UPDATE, STEP_UPDATE, TRUTH
 from probupdate.reporting.values import Run
@@ -131,7 +131,7 @@ def comparison_section(run: Run) -> Section:
     rows = run.comparison.rows
     items: list[object] = []
     if run.comparison.notes:
-        notes = tuple(f"{n[0].upper()}{n[1:]}{'' if n.endswith('.') else '.'}" for n in run.comparison.notes)
+        notes = tuple(sentence(n, run.comparison.names) for n in run.comparison.notes)
         items.append(Items(title="In short", statements=notes))
     items.append(_values_table(rows))
     truth = _truth_table(run)
@@ -216,9 +216,10 @@ def _distance_table(rows: tuple[ComparisonRow, ...]) -> Table:
                Column(name="MAP"),
                Column(name="posterior over prior deviation"), Column(name="the data", number=False),
                Column(name="why they part", number=False))
+    names = [r.name for r in rows]
     cells = []
     for r in rows:
-        words = " ".join([r.sentence, *(f"{flag[0].upper()}{flag[1:]}." for flag in r.flags)]).strip()
+        words = " ".join([r.sentence, *(sentence(flag, names) for flag in r.flags)]).strip()
         cells.append((r.name, _signed(r.step_distance), _signed(r.anchored_distance), _signed(r.map_distance),
                       fixed(r.contraction, 2), r.identified, words))
     far = {k for k, r in enumerate(rows) if max(abs(r.step_distance), abs(r.anchored_distance)) > 1}

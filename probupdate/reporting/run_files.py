@@ -214,9 +214,21 @@ def _provenance(folder, places, head, model, update, posterior):
         yield "model", model.name
     if update is not None:
         yield "fingerprint of the update's problem", update.fingerprint[:16]
-        yield from ((f"update: {key}", str(value)) for key, value in update.settings.items())
+        for key, value in update.settings.items():
+            yield from _said(f"update: {key}", value)
     if posterior is not None:
         yield "fingerprint of the posterior's problem", posterior.fingerprint[:16]
         for key, value in posterior.record.items():
             if key not in ("map", "notes"):
-                yield f"posterior: {key}", f"{value:.4g}" if isinstance(value, float) else str(value)
+                yield from _said(f"posterior: {key}", value)
+
+
+def _said(key: str, value: object):
+    """A setting in a row; a table of settings in one row each, a list with commas."""
+    if isinstance(value, Mapping):
+        for name, part in value.items():
+            yield from _said(f"{key}, {name}", part)
+    elif isinstance(value, list | tuple):
+        yield key, ", ".join(text for part in value for _, text in _said("", part))
+    else:
+        yield key, f"{value:.4g}" if isinstance(value, float) else str(value)

@@ -8,7 +8,7 @@ import numpy as np
 from probupdate.estimators.set_views_file import SetViews, read_views
 from probupdate.information import METRIC_WORDS, Information, read_information, recommendation
 from probupdate.reporting import paper_tables
-from probupdate.reporting.elements import Column, Items, Notice, Section, Table, Text, fixed, number, percent
+from probupdate.reporting.elements import Column, Items, Notice, Section, Table, Text, fixed, number, percent, sentence
 from probupdate.reporting.values import Run
 
 
@@ -21,7 +21,7 @@ def sets_section(run: Run) -> Section | None:
     items += [_views_table(views), Text(paragraphs=(views.advice,)), _score_table(views)]
     if views.modes:
         items.append(_modes_table(views))
-    notes = tuple(f"{n[0].upper()}{n[1:]}." for n in views.notes)
+    notes = tuple(sentence(n, [r.name for r in views.rows]) for n in views.notes)
     items.append(Items(title="What holds for the whole", statements=notes))
     return Section(anchor="sets", title="All sets", items=tuple(items),
                    lead=f"{len(views.ids)} sets read in four ways: what each says, and which is for what.")
@@ -43,7 +43,7 @@ def _views_table(views: SetViews) -> Table:
             r.name, fixed(r.prior_cov, 2), number(r.scatter_mean), fixed(r.scatter_cov, 3), fixed(r.resolution, 2),
             number(r.pooled_mean), fixed(r.pooled_cov, 3), number(r.joint_mean), fixed(r.joint_cov, 3), number(r.mean),
             fixed(r.mean_cov, 3), fixed(r.tau, 3), interval, fixed(r.population_cov, 3),
-            f"{r.sentence[0].upper()}{r.sentence[1:]}." if np.isfinite(r.tau) else "",
+            sentence(r.sentence, (r.name,)) if np.isfinite(r.tau) else "",
         ))  # fmt: skip
     return Table(caption="The same sets in four views", columns=columns, rows=tuple(rows),
                  note=f"Weights: {views.settings['weights']}. Scatter between sets: median, over the mean; its "
@@ -82,7 +82,8 @@ def information_section(run: Run) -> Section | None:
         return None
     found = read_information(path)
     items: list[object] = [_information_table(found, run.jacket)]
-    items.append(Items(title="Recommended", statements=tuple(f"{t[0].upper()}{t[1:]}." for t in recommendation(found))))
+    names = [r.name for r in found.rows]
+    items.append(Items(title="Recommended", statements=tuple(map(sentence, recommendation(found)))))
     directions = tuple((fixed(d.bits, 2), fixed(d.contraction, 2), d.text) for d in found.directions)
     items.append(Table(
         caption="Directions that the data inform, in prior deviations", rows=directions, width="half",
@@ -90,10 +91,10 @@ def information_section(run: Run) -> Section | None:
         note=f"All parameters together: {found.total_bits:.1f} bits."))
     if found.pairs:
         items.append(Items(title="Parameters that compensate one another",
-                           statements=tuple(f"{p.sentence[0].upper()}{p.sentence[1:]}." for p in found.pairs)))
+                           statements=tuple(sentence(p.sentence, (p.first, p.second)) for p in found.pairs)))
     if found.check is not None:
         items.append(Items(title="Did the prior expect these data?",
-                           statements=tuple(f"{t[0].upper()}{t[1:]}." for t in found.check.sentences)))
+                           statements=tuple(sentence(t, names) for t in found.check.sentences)))
     return Section(anchor="information", title="Information", items=tuple(items),
                    lead="What the data can tell of each parameter, and which to update.")
 

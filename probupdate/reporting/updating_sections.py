@@ -19,6 +19,7 @@ from probupdate.reporting.elements import (
     number,
     percent,
     plural,
+    sentence,
 )
 from probupdate.reporting.style import MAP
 from probupdate.reporting.values import Run
@@ -62,9 +63,9 @@ def update_section(run: Run) -> Section:
         level = "good" if scheme.converged else "warning"
         steps = plural(len(scheme.theta) - 1, "iteration")
         text = f"{scheme_name(scheme)}: {scheme.status} ({steps}, alpha {scheme.alpha:g})."
-        items.append(Notice(level=level, text=text[0].upper() + text[1:]))
+        items.append(Notice(level=level, text=sentence(text)))
     fit = fit_sentence(update)
-    items.append(Notice(level="good" if fits(update) else "warning", text=f"{fit[0].upper()}{fit[1:]}."))
+    items.append(Notice(level="good" if fits(update) else "warning", text=sentence(fit)))
     if update.left_out:
         items.append(Items(title="Left out of the update", statements=tuple(f"{t}." for t in update.left_out)))
     pile = _pile_head_table(run)

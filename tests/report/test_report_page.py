@@ -11,7 +11,7 @@ import pytest
 
 from probupdate.parameters import Parameters
 from probupdate.reporting import compose, figures
-from probupdate.reporting.elements import Column, Table, fixed, number, percent
+from probupdate.reporting.elements import Column, Table, fixed, number, percent, sentence
 
 SECTIONS = ("verdict", "measured", "identified", "selected", "modes", "update", "posterior", "comparison", "diagnosis",
             "provenance")
@@ -141,6 +141,15 @@ def test_soil_factors_are_explained_where_they_are_shown(page):
 )
 def test_numbers_are_shown_with_sensible_digits(value, text):
     assert number(value) == text
+
+
+@pytest.mark.parametrize(("text", "names", "said"), [
+    ("k_t and k_j compensate", (), "k_t and k_j compensate."), ("the data tell little", (), "The data tell little."),
+    ("py scatters", ("py",), "py scatters."), ("py scatters", (), "Py scatters."), ("LJF is told.", (), "LJF is told."),
+    ("is it so?", (), "Is it so?"), ("9 of 9 agree", (), "9 of 9 agree."), ("tz: known", ("tz",), "tz: known."),
+])
+def test_names_keep_their_letters_at_the_start_of_a_sentence(text, names, said):
+    assert sentence(text, names) == said
 
 
 def test_percent_and_fixed():

@@ -10,6 +10,8 @@ import h5py
 import numpy as np
 import pytest
 
+from probupdate.campaign.checking import check
+from probupdate.campaign.reading import read_campaign
 from probupdate.comparison import write_comparison
 from probupdate.errors import InputError
 from probupdate.estimators.posterior_file import write_posterior
@@ -17,7 +19,7 @@ from probupdate.estimators.update_file import write_update
 from probupdate.modes import read_modes, write_modes
 from probupdate.progress import silent
 from probupdate.reporting import report
-from probupdate.reporting.run_files import PARTS, read_run
+from probupdate.reporting.run_files import PARTS, _said, read_run
 from probupdate.structure.load import load_model, reference_model
 
 SHARED = Path(__file__).resolve().parents[3] / "shared"
@@ -139,6 +141,28 @@ def test_findings_of_a_check_are_shown(own):
     put(own, "check.json", "[]")
     with pytest.raises(InputError, match=r"check\.json: cannot be read"):
         read_run(own, silent)
+
+
+@pytest.mark.parametrize(("content", "words"), [
+    ({"campaign": "July"}, "is of the campaign 'July', not of 'June'"),
+    ({"channels": [{"channel": "M-1"}]}, r"other channels \(M-1\)"),
+    ({"blocks": [{"id": "2020-01-01T00:00Z"}]}, "2020-01-01T00:00Z is no block of this campaign"),
+])
+def test_a_check_of_another_campaign_is_refused(own, content, words):
+    put(own, "check.json", json.dumps({"findings": ["a sensor is flat"], **content}))
+    with pytest.raises(InputError, match=words):
+        read_run(own, silent)
+
+
+def test_a_check_of_this_campaign_is_taken(own):
+    found = check(read_campaign((own / "campaign").resolve()))
+    found.write(own / "check.json")
+    assert read_run(own, silent).campaign.findings == found.findings
+
+
+def test_settings_within_settings_are_rows_of_their_own():
+    told = dict(_said("moves", {"jump": 0.25, "names": ["a", "b"], "deep": {"n": 3}}))
+    assert told == {"moves, jump": "0.25", "moves, names": "a, b", "moves, deep, n": "3"}
 
 
 def test_numbers_of_different_problems_are_told_apart(own, full_run):
