@@ -273,12 +273,13 @@ def mend(
 
 def left_at(
     blocks: Blocks, watched: Watched, known: np.ndarray, sensors: Sequence[Sensor], course: Course, found: Found
-) -> float:
-    """The largest score, over its threshold, that blocks still have along one course."""
+) -> tuple[float, float]:
+    """The largest score over its threshold that blocks still have along one course: of frequencies, of sensors."""
     seen = watch(blocks, watched.effects, sensors, known, stated=watched.stated)
     nuisance = np.column_stack([np.ones(len(blocks)), seen.picture.turning, known])
     scores = score(make_contrasts(seen.weight, nuisance, [course], blocks.hours), seen.series, seen.pools)
-    return float(np.max(np.abs(scores.z[:, 0]) / found.threshold))
+    over = np.abs(scores.z[:, 0]) / found.threshold
+    return float(np.max(over[: seen.n_frequency])), float(np.max(over[seen.n_frequency :], initial=0.0))
 
 
 def moved_frequencies(watched: Watched, scores: Scores, column: int) -> tuple[dict, ...]:
@@ -375,7 +376,10 @@ def _sensor(
         row = int(np.argmax(fit))
         effect = seen.effects[row - seen.n_frequency]
         then, size, std = mend(now, seen, known, sensors, row, course)
-        left = left_at(then, watched, known, sensors, course, found)
+        of_frequencies, left = left_at(then, watched, known, sensors, course, found)
+        if of_frequencies > 1:
+            # what no sensor does
+            return None
         if left > 1:
             other = _as_a_whole(now, watched, known, sensors, course, found, whole, seen, fit)
             if other is not None and other[0] < left:
@@ -420,13 +424,13 @@ def _explained(seen: Watched, known: np.ndarray, course: Course) -> tuple[np.nda
 
 def _as_a_whole(now, watched, known, sensors, course, found, whole, seen, fit):
     """(what is left, effect, mended blocks) of the exchanged or reversed channels that explain most."""
-    strong = {seen.effects[k - seen.n_frequency].location for k in np.argsort(-fit)[:12]
+    strong = {seen.effects[k - seen.n_frequency].location for k in np.argsort(-fit)[:8]
               if seen.effects[k - seen.n_frequency].cause == "sensor gain"}  # fmt: skip
     tried = []
     for effect in whole:
         if all(name in strong for name in effect.location.split(" and ")):
             then = mended(now, effect, effect.discrete[0] * course.value)
-            tried.append((left_at(then, watched, known, sensors, course, found), effect, then))
+            tried.append((max(left_at(then, watched, known, sensors, course, found)), effect, then))
     return min(tried, key=lambda t: t[0]) if tried else None
 
 
