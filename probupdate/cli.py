@@ -134,7 +134,7 @@ def run_update(a: argparse.Namespace, progress: Progress) -> None:
 
     result = probupdate.update(
         a.model, a.modes, parameters=a.parameters, set_id=a.set, weights=weights_option(a), alpha=a.alpha,
-        frequencies=a.frequencies, shapes=a.shapes, method=a.method,
+        frequencies=a.frequencies, shapes=a.shapes, method=a.method, discrepancy=a.discrepancy,
         iterations=a.iterations, progress=progress)
     result.write(a.out)
     say(result.summary)
@@ -146,7 +146,7 @@ def run_sample(a: argparse.Namespace, progress: Progress) -> None:
 
     result = probupdate.sample(
         a.model, a.modes, a.out, parameters=a.parameters, set_id=a.set, weights=weights_option(a), seed=a.seed,
-        frequencies=a.frequencies, shapes=a.shapes, ensembles=a.ensembles,
+        frequencies=a.frequencies, shapes=a.shapes, ensembles=a.ensembles, discrepancy=a.discrepancy,
         target_ess=a.ess, max_steps=a.max_steps, progress=progress)
     say(result.summary)
     say(f"wrote {a.out}")
@@ -166,7 +166,8 @@ def run_sets(a: argparse.Namespace, progress: Progress) -> None:
 
     result = probupdate.sets(
         a.model, a.modes, parameters=a.parameters, weights=weights_option(a), frequencies=a.frequencies,
-        shapes=a.shapes, correlated=a.correlated, spread=a.spread, seed=a.seed, progress=progress)
+        shapes=a.shapes, discrepancy=a.discrepancy, correlated=a.correlated, spread=a.spread, seed=a.seed,
+        progress=progress)
     result.write(a.out)
     say(result.summary)
     say(f"wrote {a.out}")
@@ -177,7 +178,8 @@ def run_inform(a: argparse.Namespace, progress: Progress) -> None:
 
     result = probupdate.inform(
         a.model, a.modes, parameters=a.parameters, set_id=a.set, weights=weights_option(a), frequencies=a.frequencies,
-        shapes=a.shapes, every=a.every, posterior=a.posterior, seed=a.seed, progress=progress)
+        shapes=a.shapes, discrepancy=a.discrepancy, every=a.every, at=a.at, posterior=a.posterior, seed=a.seed,
+        progress=progress)
     result.write(a.out)
     say(result.summary)
     say(f"wrote {a.out}")
@@ -188,7 +190,7 @@ def run_diagnose(a: argparse.Namespace, progress: Progress) -> None:
 
     result = probupdate.diagnose(
         a.model, a.modes, campaign=a.campaign, parameters=a.parameters, seed=a.seed, out=a.out, groups=a.groups,
-        progress=progress)
+        extend=not a.no_extend, progress=progress)
     for path in result.write(a.out):
         say(f"wrote {path}")
     say(result.summary)
@@ -232,6 +234,15 @@ def alpha_option(text: str) -> float | str:
         return positive(float)(text)
     except ValueError:
         raise argparse.ArgumentTypeError(f"{text} is neither a number nor l-curve, discrepancy, evidence") from None
+
+
+def discrepancy_option(text: str) -> float | str:
+    if text == "auto":
+        return text
+    try:
+        return positive(float)(text)
+    except (ValueError, argparse.ArgumentTypeError):
+        raise argparse.ArgumentTypeError(f"{text} is neither a share above zero nor auto") from None
 
 
 class _Parser(argparse.ArgumentParser):
@@ -278,6 +289,9 @@ def build_parser() -> argparse.ArgumentParser:
                        "one MAC each, or not at all")
         weights.add_argument("--frequency-cov", type=positive(float), nargs="+", metavar="COV",
                              help="CoV of each frequency instead, tenfold for shapes")
+        p.add_argument("--discrepancy", type=discrepancy_option, default=0.0, metavar="SHARE",
+                       help="what the model may miss of every frequency, such as 0.005, and ten times that of shapes, "
+                       "added to the deviations; 'auto' takes as much as the misfit at the maximum tells (default 0)")
 
     p = verb("demo", run_demo, "the whole job on a virtual campaign, ending with OUT/report.html")
     p.add_argument("out", metavar="OUT", help="directory to write; an interrupted demo goes on where it stopped")
@@ -372,6 +386,8 @@ def build_parser() -> argparse.ArgumentParser:
     p = verb("inform", run_inform, "which parameters the data inform, which compensate one another, which to update")
     on_modes(p)
     p.add_argument("--every", action="store_true", help="all rows of a model.toml, those with update = false too")
+    p.add_argument("--at", choices=("initial", "map"), default="initial", help="where slopes are taken: the initial "
+                   "parameters (default) or the maximum of the posterior; over a wide prior they differ")
     p.add_argument("--posterior", help="posterior.nc: adds what was sampled")
     p.add_argument("--out", required=True, help="information.json")
     seeded(p)
@@ -382,7 +398,9 @@ def build_parser() -> argparse.ArgumentParser:
     p.add_argument("--modes", required=True, help="modes.json of `identify`: a set a block")
     p.add_argument("--campaign", help="campaign directory: where the sensors are; its raw records are tested too")
     p.add_argument("--groups", help="TOML file of named groups of a model's parameters, [name] parameter = change")
-    p.add_argument("--out", required=True, help="diagnosis.json")
+    p.add_argument("--no-extend", action="store_true",
+                   help="leave out the gain on held-out blocks and the model and data with the findings in them")
+    p.add_argument("--out", required=True, help="diagnosis.json; files with the findings in them go beside it")
     seeded(p)
 
     p = verb("figures", run_figures, "an identification's figures as files: poles, stabilisation, maps, conditions")

@@ -107,10 +107,11 @@ class Information:
 
 
 def information(
-    problem: Problem, *, theta: np.ndarray | None = None, posterior: Posterior | None = None
+    problem: Problem, *, theta: np.ndarray | None = None, place: str = "", posterior: Posterior | None = None
 ) -> Information:
     """Of a problem at theta (default: the initial parameters; the data's deviations and modes count, not their values).
 
+    All of it but the CoV is of slopes there, and slopes change over a wide prior: `place` says where that is, in words.
     `posterior` adds what was sampled; it may be of some of the parameters only.
     """
     parameters = problem.parameters
@@ -128,7 +129,7 @@ def information(
     slope, mode, relative = _slopes(problem, response, sensitivity, point)
     rows = []
     for k, p in enumerate(parameters):
-        cov = p.std / abs(point[k]) if point[k] else float("nan")
+        cov = p.std / abs(p.initial) if p.initial else float("nan")
         role = LEAVE if signal[k] < SILENT else UPDATE if width[k] <= KEEPS else CARRY
         sampled = _sampled(posterior, p) if posterior is not None else (float("nan"), float("nan"))
         rows.append(ParameterInformation(
@@ -141,6 +142,7 @@ def information(
     zero = [p.name for p, r in zip(parameters, relative, strict=True) if not r]
     settings = {
         "set": problem.set_id, "weights": problem.weights.description,
+        "evaluated at": place or ("the initial parameters" if theta is None else "the parameters given"),
         "uncertainty metric": f"CoV of the prior from {', '.join(f'{x:g}' for x in UNCERTAINTY_FROM)} on",
         "sensitivity metric": "largest change of ln f for one of ln theta, from "
         f"{', '.join(f'{x:g}' for x in SENSITIVITY_FROM)} on"

@@ -193,10 +193,9 @@ def _refuse_ambiguous(modal_set, groups, criterion, visible, name, frequency_hz)
     score = np.nan_to_num(criterion[rows], nan=-1.0)
     column = assign(score)
     best = score[np.arange(len(rows)), column].sum()
-    start = 0
-    for group in groups:
-        here = slice(start, start + len(group.measured))
-        start = here.stop
+    ends = np.cumsum([len(group.measured) for group in groups])
+    places = [slice(end - len(group.measured), end) for group, end in zip(groups, ends, strict=True)]
+    for group, here in zip(groups, places, strict=True):
         for i in group.computed:
             # a mode that hardly moves the channels has a shape there by chance, one far off in frequency is another's
             away = np.min(np.abs(np.log(frequency_hz[:, None] / modal_set.frequency_hz[list(group.measured)])), axis=1)
@@ -204,7 +203,8 @@ def _refuse_ambiguous(modal_set, groups, criterion, visible, name, frequency_hz)
             trial[:, column] = score[:, column]
             trial[here, i] = -1.0
             other = assign(trial)
-            changed = max(1, int(np.sum(other != column)))
+            # which member of a group has which of its modes is no difference
+            changed = max(1, sum(len(set(other[g]) - set(column[g])) for g in places))
             loss = (best - trial[np.arange(len(rows)), other].sum()) / changed
             new = sorted(set(other[here]) - set(group.computed))
             if loss < CLEAR and new:

@@ -41,6 +41,10 @@ class Weights:
     the file's shape deviations are used where it has them; else, or where it has none, sigma of a component is
     shape_factor times the frequency's CoV times the largest component. With `covariance` all of these give way to the
     set's own deviations (ModalSet.deviation), joint over frequencies and shapes of all modes, plus independent floors.
+
+    discrepancy: what the model itself may miss at its best parameters, a share of every frequency, shape_factor times
+    that of the largest component of shapes; independent, added in squares to whatever the above give. `discrepancy_by`
+    says where it comes from (`estimators.discrepancy`).
     """
 
     frequency_cov: tuple[float, ...] | None = None
@@ -51,6 +55,8 @@ class Weights:
     frequency_floor: float = FREQUENCY_FLOOR
     frequencies: str = "hz"
     shapes: str = "plane"
+    discrepancy: float = 0.0
+    discrepancy_by: str = "as stated"
 
     def __post_init__(self):
         for name, value, known in (("frequencies", self.frequencies, FREQUENCIES), ("shapes", self.shapes, SHAPES)):
@@ -60,6 +66,9 @@ class Weights:
             value = getattr(self, name)
             if not (np.isfinite(value) and value > 0):
                 raise InputError(name, f"{value} is not above zero", "give a share, such as 0.02")
+        if not (np.isfinite(self.discrepancy) and self.discrepancy >= 0):
+            raise InputError("discrepancy", f"{self.discrepancy} is no share from 0 on",
+                             "give what the model may miss of a frequency, such as 0.005")  # fmt: skip
         if self.covariance and self.frequency_cov is not None:
             raise InputError("weights", "frequency CoVs are given and a full covariance is asked for", "choose one")
         if self.covariance and self.shapes == "mac":
@@ -81,7 +90,19 @@ class Weights:
             )
         else:
             text = f"frequencies: CoV {', '.join(f'{c:g}' for c in self.frequency_cov)}; shape components: {rule}"
+        if self.discrepancy:
+            text += (
+                f"; model discrepancy of {100 * self.discrepancy:.3g} % of each frequency and "
+                f"{100 * self.shape_factor * self.discrepancy:.3g} % of the largest component added in squares "
+                f"({self.discrepancy_by})"
+            )
         return f"{text}; {self.compared}"
+
+    @property
+    def floors(self) -> tuple[float, float]:
+        """Independent deviations beside a covariance: of frequencies (relative) and of shapes (of the largest)."""
+        return (float(np.hypot(self.frequency_floor, self.discrepancy)),
+                float(np.hypot(self.shape_floor, self.shape_factor * self.discrepancy)))  # fmt: skip
 
     @property
     def compared(self) -> str:
@@ -218,13 +239,13 @@ def joint_root(groups: tuple[ResponseGroup, ...], weights: Weights) -> np.ndarra
     pick, changes, floor = [], [], []
     for g in groups:
         changes.append(g.changes[: g.size])
-        floor.append(weights.frequency_floor * (np.ones(g.size) if g.frequencies == "log" else g.frequency_hz))
+        floor.append(weights.floors[0] * (np.ones(g.size) if g.frequencies == "log" else g.frequency_hz))
     for g in groups:
         if g.shapes != "none":
             across = np.kron(np.eye(g.size), g.complement.T)
             pick.append(across)
             changes.append(across @ g.changes[g.size :])
-            floor.append(np.full(len(across), weights.shape_floor))
+            floor.append(np.full(len(across), weights.floors[1]))
     changes, floor = np.vstack(changes), np.concatenate(floor)
     factor = linalg.cholesky(changes @ changes.T + np.diag(floor**2), lower=True)
     return linalg.solve_triangular(factor, linalg.block_diag(np.eye(n_frequency), *pick), lower=True)
@@ -264,12 +285,14 @@ def response_group(modal_set: ModalSet, members: list[int], rows, weights: Weigh
         spread = np.sqrt(np.sum(changes**2, axis=1))
         k, n = len(members), len(basis)
         own = frequency if weights.frequencies == "log" else 1.0
-        std = np.hypot(spread[:k] * own, weights.frequency_floor * frequency)
-        sigma = np.sqrt(np.mean(spread[k:].reshape(k, n) ** 2, axis=0) + weights.shape_floor**2)
+        std = np.hypot(spread[:k] * own, weights.floors[0] * frequency)
+        sigma = np.sqrt(np.mean(spread[k:].reshape(k, n) ** 2, axis=0) + weights.floors[1] ** 2)
         return ResponseGroup(frequency_std_hz=frozen_array(std), basis=frozen_array(basis),
                              shape_std=frozen_array(sigma), changes=frozen_array(changes), **common)  # fmt: skip
     std = _frequency_std(modal_set, members, weights, labels)
     sigma = _shape_std(given, to_basis, weights, weights.shape_factor * float(np.mean(std / frequency)))
+    std = np.hypot(std, weights.discrepancy * frequency)
+    sigma = np.hypot(sigma, weights.shape_factor * weights.discrepancy)
     if weights.shapes == "mac":
         # k - sum of squared cosines is |Q - P Q|^2 of an orthonormal basis Q: over its expectation, one datum
         size = np.linalg.norm(basis[:, 0])

@@ -72,6 +72,10 @@ def open_model(
     return load_model(model_path(model), parameters=parameters, sensors=sensors, nacelle_angle_deg=nacelle_angle_deg)
 
 
+# where `inform` takes slopes
+PLACES = {"initial": "the initial parameters", "map": "the maximum of the posterior"}
+
+
 @dataclass(frozen=True, eq=False)
 class _Surroundings:
     """The model as it stood while a set was measured: a turbine's rotor and nacelle look where they did then."""
@@ -269,6 +273,17 @@ def _weights(
     return Weights(frequency_cov=tuple(float(w) for w in weights), shape_std=False, **compared)
 
 
+def _told_discrepancy(weights: Weights, discrepancy: float | str, model: Model, data, set_id, progress) -> Weights:
+    """With a share of the responses that the model may miss, stated or 'auto': estimated of the set to be updated."""
+    if discrepancy != "auto":
+        if isinstance(discrepancy, str):
+            raise InputError("discrepancy", f"'{discrepancy}' is unknown", "give a share such as 0.005, or auto")
+        return replace(weights, discrepancy=float(discrepancy)) if discrepancy else weights
+    from probupdate.estimators.discrepancy import estimate_discrepancy
+
+    return estimate_discrepancy(model, data, weights=weights, set_id=set_id, progress=progress)
+
+
 def _modal_data(modes: str | Path | ModalData, set_id: str | None) -> ModalData:
     """Sets of which at least one mode was identified; the others cannot be updated."""
     data = modes if isinstance(modes, ModalData) else read_modes(modes)
@@ -291,6 +306,7 @@ def update(
     weights: str | tuple[float, ...] | Weights = "measured",
     frequencies: str = "hz",
     shapes: str = "plane",
+    discrepancy: float | str = 0.0,
     alpha: float | str = 1.0,
     method: str = "gauss-newton",
     iterations: int = 50,
@@ -299,13 +315,15 @@ def update(
     """The sensitivity-based Tikhonov update (Eq. 4-7) in both readings, the MAP, and the same for every set.
 
     `frequencies` ("hz", "log") and `shapes` ("plane", "components", "mac", "none") choose the responses; `alpha` is a
-    number or one of "l-curve", "discrepancy", "evidence"; `method` solves the anchored reading.
+    number or one of "l-curve", "discrepancy", "evidence"; `method` solves the anchored reading. `discrepancy`: share of
+    every frequency that the model may miss, ten times that of shapes, added to the deviations; 'auto' estimates it.
     """
     data = _modal_data(modes, set_id)
     model_at, modal_set = _Surroundings(model, parameters, str(modes)), data.set(set_id)
+    chosen = _weights(weights, data, frequencies=frequencies, shapes=shapes)
     record = deterministic_update(
         model_at(modal_set), data, set_id=set_id, alpha=alpha, iterations=iterations, method=method,
-        weights=_weights(weights, data, frequencies=frequencies, shapes=shapes),
+        weights=_told_discrepancy(chosen, discrepancy, model_at(modal_set), data, set_id, progress),
         model_at=model_at, progress=progress,
     )
     return replace(record, settings=record.settings | model_at.setting(modal_set))
@@ -321,6 +339,7 @@ def sample(
     weights: str | tuple[float, ...] | Weights = "measured",
     frequencies: str = "hz",
     shapes: str = "plane",
+    discrepancy: float | str = 0.0,
     seed: int = 1,
     target_ess: int = 1000,
     max_steps: int = 20000,
@@ -334,10 +353,11 @@ def sample(
     out = Path(out)
     settings = SamplerSettings(seed=seed, target_ess=target_ess, max_steps=max_steps, ensembles=ensembles)
     model_at, modal_set = _Surroundings(model, parameters, str(modes)), data.set(set_id)
+    chosen = _weights(weights, data, frequencies=frequencies, shapes=shapes)
     posterior = sample_posterior(
         model_at(modal_set), data, out.with_name(out.name + ".chain"), set_id=set_id,
-        weights=_weights(weights, data, frequencies=frequencies, shapes=shapes), settings=settings, executor=executor,
-        progress=progress,
+        weights=_told_discrepancy(chosen, discrepancy, model_at(modal_set), data, set_id, progress),
+        settings=settings, executor=executor, progress=progress,
     )
     posterior = replace(posterior, record=posterior.record | model_at.setting(modal_set))
     write_posterior(posterior, out)
@@ -370,6 +390,7 @@ def sets(
     weights: str | tuple[float, ...] | Weights = "measured",
     frequencies: str = "hz",
     shapes: str = "plane",
+    discrepancy: float | str = 0.0,
     correlated: bool = False,
     spread: float = 0.25,
     seed: int = 1,
@@ -381,8 +402,10 @@ def sets(
 
     data = _modal_data(modes, None)
     model_at = _Surroundings(model, parameters, str(modes))
+    chosen = _weights(weights, data, frequencies=frequencies, shapes=shapes)
     return view_sets(
-        model_at(data.set()), data, weights=_weights(weights, data, frequencies=frequencies, shapes=shapes),
+        model_at(data.set()), data,
+        weights=_told_discrepancy(chosen, discrepancy, model_at(data.set()), data, None, progress),
         model_at=model_at, correlated=correlated, spread=spread, seed=seed, progress=progress,
     )
 
@@ -396,24 +419,32 @@ def inform(
     weights: str | tuple[float, ...] | Weights = "measured",
     frequencies: str = "hz",
     shapes: str = "plane",
+    discrepancy: float | str = 0.0,
     every: bool = False,
+    at: str = "initial",
     posterior: str | Path | Posterior | None = None,
     seed: int = 1,
     progress: Progress = silent,
 ) -> Information:
     """Which parameters the data inform and how much, which compensate one another, whether the prior expected the data.
 
-    `every`: all rows of a model.toml, those with update = false too. `posterior`: adds what was sampled."""
+    `every`: all rows of a model.toml, those with update = false too. `posterior`: adds what was sampled. `at`: where
+    slopes are taken, 'initial' (before anything is measured) or 'map' (the maximum of this set's posterior)."""
     from probupdate.estimators.predictive import predictive_check
     from probupdate.estimators.updating import find_maximum
     from probupdate.information import information
     from probupdate.structure.parameter_table import every_parameter
 
+    if at not in PLACES:
+        raise InputError("at", f"'{at}' is unknown", f"choose from {', '.join(PLACES)}")
     data = _modal_data(modes, set_id)
     model_at, modal_set = _Surroundings(model, parameters, str(modes)), data.set(set_id)
     chosen = _weights(weights, data, frequencies=frequencies, shapes=shapes)
+    chosen = _told_discrepancy(chosen, discrepancy, model_at(modal_set), data, set_id, progress)
     problem = build_problem(model_at(modal_set), data, set_id=set_id, weights=chosen)
-    check = predictive_check(problem, find_maximum(problem, [problem.parameters.initial]), seed=seed)
+    maximum = find_maximum(problem, [problem.parameters.initial])
+    check = predictive_check(problem, maximum, seed=seed)
+    found = dict(zip(problem.parameters.names, maximum.theta, strict=True))
     if every:
         if not model_at.turns:
             raise InputError(str(model), "has no parameters beside the updated ones", "leave --every out")
@@ -421,7 +452,9 @@ def inform(
                            nacelle_angle_deg=model_at.angle_deg(modal_set))  # fmt: skip
         problem = build_problem(whole, data, set_id=set_id, weights=chosen)
     drawn = posterior if posterior is None or isinstance(posterior, Posterior) else read_posterior(posterior)
-    return replace(information(problem, posterior=drawn), check=check)
+    whole = problem.parameters
+    point = whole.initial if at == "initial" else [found.get(p.name, p.initial) for p in whole]
+    return replace(information(problem, theta=point, place=PLACES[at], posterior=drawn), check=check)
 
 
 def diagnose(

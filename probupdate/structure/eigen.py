@@ -122,7 +122,7 @@ def mode_derivatives(K, M, value, phi, dK_phi, dM_phi, clusters):
             cluster_of[j] = tuple(cluster)
     d_value = np.empty((n_mode, dK_phi.shape[2]))
     d_phi = np.empty((n, n_mode, dK_phi.shape[2]))
-    full = _is_full(K)
+    full = n < DENSE_BELOW or _is_full(K)
     if full:
         K, M = _array(K), _array(M)
     for j in range(n_mode):

@@ -91,8 +91,12 @@ def place_of_truth(
 ) -> Place:
     draws, log_likelihood, weight, k = _mixture(problem, pool, rng, top)
     by, effective = "weights", _effective(weight)
+    if top is None and (k > TRUSTED_K or effective < WANTED):
+        # from around the maximum the mixture mostly finds a posterior that the prior's draws hardly hit
+        top = maximum_a_posteriori(problem, [problem.parameters.initial])
+        draws, log_likelihood, weight, k = _mixture(problem, pool, rng, top)
+        effective = _effective(weight)
     if k > TRUSTED_K or effective < WANTED:
-        top = maximum_a_posteriori(problem, [problem.parameters.initial]) if top is None else top
         outline, _ = fit_surrogate(problem, top, rng)
         with tempfile.TemporaryDirectory() as folder:
             chain = sample(problem, outline, folder, SamplerSettings(seed=seed, **CHAIN))

@@ -1,0 +1,70 @@
+"""How much the model misses at its best parameters: the share of every response that the stated deviations leave out.
+
+Deviations of a measurement do not hold what the model itself gets wrong. Where they alone are stated, and are small,
+the misfit at the maximum is far beyond what they expect, and the posterior is sharp about a wrong place (Kennedy &
+O'Hagan 2001, Bayesian calibration of computer models). The simplest remedy, one relative deviation for all responses
+(`Weights.discrepancy`), is estimated here by moments: so that the misfit at the maximum is what it expects.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from scipy import optimize
+
+from probupdate.errors import InputError
+from probupdate.estimators.laplace import Laplace, maximum_a_posteriori
+from probupdate.estimators.tikhonov import update
+from probupdate.model import Model
+from probupdate.modes import ModalData
+from probupdate.problem import Problem, Weights, build_problem
+from probupdate.progress import Progress, silent
+
+# shares that are looked through; beyond the last the model and the data have nothing to do with one another
+LEAST, MOST = 1e-5, 0.2
+# relative: one set of modes tells it to about 1 / sqrt(2 n)
+ACCURACY = 0.01
+
+
+def expected_misfit(problem: Problem, laplace: Laplace) -> float:
+    """Of the data at the maximum, where responses are linear: effective responses less the parameters they decide."""
+    return problem.n_effective - float(np.sum(laplace.resolution))
+
+
+def estimate_discrepancy(
+    model: Model,
+    data: ModalData,
+    *,
+    weights: Weights,
+    set_id: str | None = None,
+    clusters: list[tuple[int, ...]] | None = None,
+    progress: Progress = silent,
+) -> Weights:
+    """The weights with the discrepancy at which the misfit at the maximum is `expected_misfit`; 0 where it is no more
+    without. Raises InputError where no share below MOST explains the misfit."""
+    excess: dict[float, float] = {}
+    problem = build_problem(model, data, set_id=set_id, weights=replace(weights, discrepancy=0.0), clusters=clusters)
+    start = update(problem, penalty="prior").theta[-1]
+
+    def beyond(share: float) -> float:
+        nonlocal start
+        if share not in excess:
+            progress("model discrepancy", len(excess), len(excess) + 1)
+            chosen = replace(weights, discrepancy=share)
+            problem = build_problem(model, data, set_id=set_id, weights=chosen, clusters=clusters)
+            laplace = maximum_a_posteriori(problem, [start])
+            start = laplace.theta
+            excess[share] = laplace.misfit / expected_misfit(problem, laplace) - 1
+        return excess[share]
+
+    words = "estimated so that the misfit at the maximum is what is expected"
+    if beyond(0.0) <= 0:
+        return replace(weights, discrepancy=0.0)
+    if beyond(MOST) > 0:
+        raise InputError(f"set {problem.set_id}", f"even a model discrepancy of {100 * MOST:g} % of every frequency "
+                         "does not explain the misfit", "check pairing, channels and units")  # fmt: skip
+    if beyond(LEAST) <= 0:
+        return replace(weights, discrepancy=LEAST, discrepancy_by=words)
+    found = optimize.brentq(lambda s: beyond(float(np.exp(s))), np.log(LEAST), np.log(MOST), xtol=ACCURACY)
+    return replace(weights, discrepancy=float(np.exp(found)), discrepancy_by=words)
