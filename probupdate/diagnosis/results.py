@@ -71,6 +71,7 @@ class Diagnosis:
     notes: tuple[str, ...]
     parameters: tuple[dict, ...]
     extended_model: str | None = None
+    extension: dict = field(default_factory=dict)
     splits: tuple[str, ...] = ()
     details: dict = field(default_factory=dict)
 
@@ -100,6 +101,7 @@ class Diagnosis:
         lines += [f"not used: {note}" for note in self.notes]
         if self.extended_model:
             lines.append(f"the model with what was found: {self.extended_model}")
+        lines += [f"  {s}" for s in self.extension.get("statements", ())]
         return "\n".join(lines)
 
     def content(self) -> dict:
@@ -121,6 +123,7 @@ class Diagnosis:
                 for f in self.findings
             ],
             "extended_model": self.extended_model,
+            "extension": _plain_tree(self.extension),
             "threshold": _plain(self.threshold),
             "adequacy_p": _plain(self.adequacy_p),
             "splits": list(self.splits),

@@ -10,6 +10,7 @@ from probupdate.campaign.reading import Campaign
 from probupdate.diagnosis.campaign_tests import campaign_tests, rate_finding, with_true_rate
 from probupdate.diagnosis.catalogue import Effect
 from probupdate.diagnosis.diagnose import examine
+from probupdate.diagnosis.extension import extend as extend_model
 from probupdate.diagnosis.gain import gains
 from probupdate.diagnosis.prepare import Prepared, prepare
 from probupdate.diagnosis.residuals import residuals
@@ -40,8 +41,9 @@ def diagnose_files(
 ) -> Diagnosis:
     """`model`: a file, or one made ready by `prepare` for many records; None: measurement and surroundings only.
     `campaign`: its raw records are tested too, and say where the sensors are if `sensors` does not. `groups`: name ->
-    {parameter: change}, or a TOML file of them. `effects`, `rows`: a user's own; see `prepare`. `extend`: measure what each finding gains on
-    held-out blocks and write the extended model beside `out`, diagnosis.json's place.
+    {parameter: change}, or a TOML file of them. `effects`, `rows`: a user's own; see `prepare`. `extend`: measure what
+    each finding gains on held-out blocks, put the findings into model and data, written beside `out` (diagnosis.json's
+    place), and run both estimators again.
     """
     tests = campaign_tests(campaign, progress=progress) if campaign is not None else []
     wrong_rate = rate_finding(tests)
@@ -55,7 +57,7 @@ def diagnose_files(
     if isinstance(groups, str | Path):
         groups = _read_groups(groups)
     if isinstance(model, Prepared):
-        return _with_tests(_whole(model, data, seed, progress, extend=extend), tests, wrong_rate)
+        return _with_tests(_whole(model, data, seed, progress, extended=extend, out=out), tests, wrong_rate)
     if not isinstance(model, Path):
         raise InputError("diagnose", "a model that is a Python function has no matrices to put effects into",
                          "export its matrices as model.npz")  # fmt: skip
@@ -63,7 +65,7 @@ def diagnose_files(
     placed = sensors if model.suffix == ".toml" else None
     prepared = prepare(model, parameters=own, sensors=placed, groups=groups, effects=effects, rows=rows,
                        progress=progress)  # fmt: skip
-    return _with_tests(_whole(prepared, data, seed, progress, extend=extend), tests, wrong_rate)
+    return _with_tests(_whole(prepared, data, seed, progress, extended=extend, out=out), tests, wrong_rate)
 
 
 def _refuse_without_model(**given) -> None:
@@ -83,12 +85,16 @@ def _with_tests(found: Diagnosis, tests: Sequence[dict], wrong_rate: Finding | N
                    findings=(wrong_rate, *found.findings), notes=(*found.notes, note))  # fmt: skip
 
 
-def _whole(prepared: Prepared, data: ModalData, seed: int, progress: Progress, *, extend: bool) -> Diagnosis:
+def _whole(
+    prepared: Prepared, data: ModalData, seed: int, progress: Progress, *, extended: bool, out: str | Path | None
+) -> Diagnosis:
     """The diagnosis with what remains before and after its findings, for the report."""
     outcome = examine(prepared, data, seed=seed, progress=progress)
     found = outcome.diagnosis
-    if extend and found.findings:
+    if extended and found.findings:
         found = _with_gains(found, gains(prepared, outcome, progress=progress))
+        more = extend_model(prepared, outcome, data, out, progress=progress)
+        found = replace(found, extended_model=more.model, extension=more.content)
     return replace(found, splits=found.splits or splits(outcome),
                    details={**found.details, "residuals": residuals(outcome, prepared.sensors)})  # fmt: skip
 

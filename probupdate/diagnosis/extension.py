@@ -1,0 +1,304 @@
+"""The model with the findings in it: files to go on with, both estimators run again, and whether they are identified.
+
+Structural and environmental findings become parameters of the model's file, neutral at first, with the catalogue's
+prior. Findings of the measurement are taken out of the modal sets: no sensor table can say "from the tenth on". The
+estimators are given the mean of the blocks in which all findings act and the nacelle looked one way, with the
+deviations of that mean and of model form.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from probupdate.diagnosis.diagnose import Outcome
+from probupdate.diagnosis.field import observed
+from probupdate.diagnosis.fitting import Fit, Named, Setting, local_at, local_std
+from probupdate.diagnosis.prepare import Prepared
+from probupdate.diagnosis.results import Diagnosis
+from probupdate.diagnosis.turbine_effects import TurbineEffect
+from probupdate.estimators.updating import deterministic_update
+from probupdate.modes import ModalData, ModalDeviation, ModalSet, write_modes
+from probupdate.parameters import Parameter
+from probupdate.progress import Progress, silent
+from probupdate.structure.affine import AffineModel
+from probupdate.structure.extend import Effect as ModelEffect
+from probupdate.structure.extend import extended_model, write_extended
+from probupdate.structure.load import load_model
+
+# a parameter is told by the data if its deviation falls below this share of its prior's, and if no other goes with it
+IDENTIFIED, TOO_ALIKE = 0.5, 0.95
+# a parameter's way to or from its prior that is worth a word, in prior deviations
+NOTABLE = 0.3
+
+
+@dataclass(frozen=True, kw_only=True)
+class Extension:
+    """`model`, `modes`, `mean`: names of the files written beside diagnosis.json (None: not needed, or no place given);
+    content: plain numbers for diagnosis.json."""
+
+    model: str | None
+    content: dict
+
+
+def extend(
+    prepared: Prepared, outcome: Outcome, data: ModalData, out: str | Path | None = None, *,
+    progress: Progress = silent,
+) -> Extension:  # fmt: skip
+    """Put the findings of a diagnosis into model and data. `out`: diagnosis.json's place; the files go beside it as
+    <its stem>.model.toml, <its stem>.modes.json (sets corrected for what the sensors did), <its stem>.mean.json (the
+    mean that the estimators were given, for `probupdate sample`)."""
+    setting, fitted = outcome.setting, outcome.fitted
+    rows = [described(r, n) for n in fitted.named for r in prepared.rows if n.effect is r.effect]
+    seen = [n for n in fitted.named if n.effect.observe is not None]
+    files: dict[str, str | None] = {"model": None, "modes": None, "mean": None}
+    mean, n_block = mean_set(setting, fitted)
+    averaged = ModalData(channels=setting.blocks.channels, sets=(mean,), labels=setting.blocks.labels)
+    if out is not None:
+        out = Path(out)
+        out.parent.mkdir(parents=True, exist_ok=True)
+        places = {"mean": out.with_name(f"{out.stem}.mean.json")}
+        write_modes(averaged, places["mean"])
+        if rows:
+            places["model"] = write_extended(prepared.path, rows, out.with_name(f"{out.stem}.model.toml"))
+        if seen:
+            places["modes"] = out.with_name(f"{out.stem}.modes.json")
+            write_modes(corrected(setting, data, seen), places["modes"])
+        files |= {key: path.name for key, path in places.items()}
+    progress("updating with the findings", 0, 2)
+    sides = []
+    for number, (effects, fit) in enumerate((((), outcome.null), (rows, fitted))):
+        angle = float(mean.environment["nacelle_angle_deg"])
+        given = averaged if number else replace(averaged, sets=(mean_set(setting, fit, like=fitted)[0],))
+        sides.append(updated(_model(prepared, effects, angle), given))
+        progress("updating with the findings", number + 1, 2)
+    content = {
+        "files": files,
+        "added": [_added(prepared, setting, n) for n in fitted.named],
+        "mean_of_blocks": n_block,
+        "before": sides[0],
+        "after": sides[1],
+        "joint": identified(setting, fitted),
+    }
+    content["statements"] = statements(outcome.diagnosis, content)
+    return Extension(model=files["model"], content=content)
+
+
+def described(row: TurbineEffect, named: Named) -> ModelEffect:
+    """The row's parameter, its course told in its description."""
+    course, size = named.course, f"{named.size:.4g} {row.effect.unit.removeprefix('-')}".strip()
+    how = {
+        "constant": f"{size} all through the record it was found in",
+        "step": f"{size} from block {course.at + 1} of the record on",
+        "ramp": f"{size} at the end of the record, growing evenly",
+        "covariate": f"{size}{course.unit} of {course.column} about its mean {course.centre:.4g}",
+    }[course.kind]
+    return replace(row.model, location=f"{row.model.location}; diagnosed as {how}")
+
+
+def _added(prepared: Prepared, setting: Setting, named: Named) -> dict:
+    """What became of one finding."""
+    effect = named.effect
+    told = {"cause": effect.cause, "location": effect.location, "size": named.size, "course": named.course.name}
+    row = next((r for r in prepared.rows if r.effect is effect), None)
+    if row is not None:
+        return told | {"as": "parameter", "parameter": row.model.name}
+    if effect.observe is not None:
+        return told | {"as": "correction of the modal sets"}
+    names = [name for name, _ in effect.increments]
+    return told | {"as": "the model's own parameter, whose prior is doubted", "parameter": ", ".join(names)}
+
+
+def _model(prepared: Prepared, effects: Sequence[ModelEffect], angle_deg: float) -> AffineModel:
+    if prepared.description is None:
+        return load_model(prepared.path, parameters=prepared.prior)
+    return extended_model(prepared.path, effects, parameters=prepared.prior, sensors=prepared.sensors,
+                          nacelle_angle_deg=angle_deg)  # fmt: skip
+
+
+# Modal sets --------------------------------------------------------------------------------------------------------
+
+
+def corrections(n_channel: int, named: Sequence[Named], values: Sequence[float], frequency_hz: float):
+    """A (n_channel, n_channel) that sensors with these effects make of shapes near a frequency, and what they add to
+    ln f; `values` of the effects' courses."""
+    A, shift = np.eye(n_channel, dtype=complex), 0.0
+    for n, value in zip(named, values, strict=True):
+        if value:
+            A, more = n.effect.observe(A, frequency_hz, n.size * value)
+            shift += more
+    return A, shift
+
+
+def corrected(setting: Setting, data: ModalData, named: Sequence[Named]) -> ModalData:
+    """The sets that the diagnosis used, without what it found the sensors to do."""
+    blocks = setting.blocks
+    rows = [data.channels.index(c) for c in blocks.channels]
+    known = {s.id: s for s in data.sets}
+    sets = []
+    for b, name in enumerate(blocks.ids):
+        s = known[name]
+        shape, std = np.array(s.shape), np.array(s.shape_std)
+        frequency, frequency_std = np.array(s.frequency_hz), np.array(s.frequency_std_hz)
+        changes = None if s.deviation is None else np.array(s.deviation.shape)
+        for j in np.flatnonzero(np.isfinite(frequency)):
+            A, shift = corrections(len(rows), named, [n.course.value[b] for n in named], float(frequency[j]))
+            undo = np.linalg.inv(A)
+            # a channel that was not measured stays so, and takes along only those that were mixed with it
+            shape[rows, j] = _applied(undo, shape[rows, j])
+            std[rows, j] = np.sqrt(_applied(np.abs(undo) ** 2, std[rows, j] ** 2).real)
+            if changes is not None:
+                changes[rows, j] = np.column_stack([_applied(undo, c) for c in changes[rows, j].T])
+            frequency[j] *= np.exp(-shift)
+            frequency_std[j] *= np.exp(-shift)
+        deviation = s.deviation
+        if deviation is not None:
+            deviation = ModalDeviation(ln_frequency=deviation.ln_frequency, damping_ratio=deviation.damping_ratio,
+                                       shape=changes)  # fmt: skip
+        sets.append(replace(s, shape=shape, shape_std=std, frequency_hz=frequency, frequency_std_hz=frequency_std,
+                            deviation=deviation))  # fmt: skip
+    chosen = data.reference_set if data.reference_set in blocks.ids else None
+    return replace(data, sets=tuple(sets), reference_set=chosen)
+
+
+def _applied(A: np.ndarray, x: np.ndarray) -> np.ndarray:
+    """A x, NaN only where an entry that counts is NaN."""
+    lost = np.isnan(x)
+    result = A @ np.where(lost, 0.0, x)
+    return np.where((np.abs(A) > 1e-12)[:, lost].any(axis=1), np.nan, result)
+
+
+def mean_set(setting: Setting, fitted: Fit, *, like: Fit | None = None) -> tuple[ModalSet, int]:
+    """Mean modes of the blocks after every step of `like` (default: of the fit itself) and where the nacelle mostly
+    looked then, without what sensors were found to do; and their number. Deviations are those of the mean and, beside
+    them, the floor of model form. Covariates are at their mean in the record."""
+    blocks, design = setting.blocks, fitted.design
+    later = np.ones(len(blocks), bool)
+    for n in (like or fitted).named:
+        if n.course.kind == "step":
+            later &= np.asarray(n.course.value) > 0.5
+    centres, bin_of = setting.bins
+    usable = later & np.all([w > 0 for w in design.noise.weight], axis=0)
+    usable = usable if usable.any() else later
+    usual = int(np.argmax(np.bincount(bin_of[usable], minlength=len(centres))))
+    chosen = later & (bin_of == usual)
+    exact = [n for n in fitted.named if n.exact]
+    local, _ = local_at(setting.field, fitted.theta, exact, np.ones(len(exact)))
+    seen = [n for n in fitted.named if n.effect.observe is not None]
+    n_channel, n_mode = len(blocks.channels), len(blocks.labels)
+    frequency, frequency_std = np.full(n_mode, np.nan), np.full(n_mode, np.nan)
+    shape, std = np.full((n_channel, n_mode), np.nan, complex), np.full((n_channel, n_mode), np.nan)
+    references = setting.field.references(local, float(centres[usual]))
+    for q, group in enumerate(blocks.groups):
+        weight = np.where(chosen, design.noise.weight[q], 0.0)
+        if not weight.any():
+            continue
+        k, members = len(group), list(group)
+        n_log = 1 if k == 1 else 3
+        mean = weight @ fitted.departures[q] / weight.sum()
+        variance = design.noise.covariance[q] / weight.sum() + np.diag(setting.floor[q] ** 2)
+        near = float(np.exp(np.trace(references[q].tensor) / k))
+        expected = observed(references[q], [(n.effect, n.size) for n in seen])
+        A, shift = corrections(n_channel, seen, np.ones(len(seen)), near)
+        size = np.max(np.abs(expected.shape), axis=0)
+        parts = mean[n_log:].reshape(2, k, n_channel)
+        told = np.linalg.solve(A, expected.shape + (parts[0] + 1j * parts[1]).T * size)
+        value, V = np.linalg.eigh(expected.tensor - shift * np.eye(k) + _tensor(mean[:n_log]))
+        slope = V.T**2 if k == 1 else np.column_stack([V[0] ** 2, V[1] ** 2, np.sqrt(2) * V[0] * V[1]])
+        frequency[members] = np.exp(value)
+        frequency_std[members] = np.exp(value) * np.sqrt(
+            np.einsum("ia,ab,ib->i", slope, variance[:n_log, :n_log], slope))
+        shape[:, members] = told @ V
+        own = np.diag(variance)[n_log : n_log + k * n_channel].reshape(k, n_channel).T * size**2
+        std[:, members] = np.sqrt(own @ V**2)
+    return ModalSet(
+        id=f"mean of {int(chosen.sum())} blocks from {blocks.ids[int(np.flatnonzero(chosen)[0])]} on",
+        frequency_hz=frequency, shape=shape, damping_ratio=np.full(n_mode, np.nan), frequency_std_hz=frequency_std,
+        shape_std=std, environment={"nacelle_angle_deg": float((centres[usual] + 180.0) % 360.0 - 180.0)},
+    ), int(chosen.sum())  # fmt: skip
+
+
+def _tensor(numbers: np.ndarray) -> np.ndarray:
+    if numbers.size == 1:
+        return numbers[:, None]
+    a, b, c = numbers[0], numbers[1], numbers[2] / np.sqrt(2)
+    return np.array([[a, c], [c, b]])
+
+
+# What it tells -----------------------------------------------------------------------------------------------------
+
+
+def updated(model: AffineModel, data: ModalData) -> dict:
+    """Both estimators on one set: the anchored Tikhonov update, and the maximum of the posterior with its deviations by
+    Laplace's method."""
+    record = deterministic_update(model, data)
+    scheme = record.scheme("prior")
+    std = np.sqrt(np.diag(record.map_covariance))
+    correlation = record.map_covariance / np.outer(std, std)
+    names = record.parameters.names
+    return {
+        "misfit": record.map_misfit, "effective_responses": record.n_effective, "settled": bool(scheme.converged),
+        "parameters": [
+            {"name": p.name, "prior": p.initial, "prior_std": p.std, "deterministic": float(scheme.theta[-1][k]),
+             "map": float(record.map_theta[k]), "std": float(std[k]), "pushed": pushed(p, float(record.map_theta[k])),
+             "at_bound": bool(record.map_at_bound[k])}
+            for k, p in enumerate(record.parameters)
+        ],
+        "too_alike": _too_alike(names, correlation),
+    }  # fmt: skip
+
+
+def pushed(p: Parameter, value: float) -> float:
+    """How many deviations of its prior a parameter stands from its prior's centre."""
+    if p.prior == "lognormal":
+        return float(np.log(value / p.initial) / p.log_std)
+    return float((value - p.initial) / p.std)
+
+
+def _too_alike(names: Sequence[str], correlation: np.ndarray) -> list[dict]:
+    return [{"first": names[i], "second": names[j], "correlation": float(correlation[i, j])}
+            for i in range(len(names)) for j in range(i) if abs(correlation[i, j]) > TOO_ALIKE]  # fmt: skip
+
+
+def identified(setting: Setting, fitted: Fit) -> dict:
+    """The same from the whole record: of each finding its deviation over its slab, and pairs that go together."""
+    design, n_own = fitted.design, len(setting.updated)
+    free = [n for n in fitted.named if not n.effect.discrete]
+    rows = [*range(n_own), *range(design.nuisance_std.size, design.n_common)]
+    covariance = design.unknowns_cov(rows)
+    std = np.sqrt(np.diag(covariance))
+    prior = [local_std(setting.prior, i, fitted.theta[k]) for i, k in enumerate(setting.updated)]
+    share = std / np.concatenate([prior, [design.prior_std[r] for r in rows[n_own:]]])
+    names = (*setting.prior.names, *(n.effect.name for n in free))
+    return {
+        "findings": [{"name": n.effect.name, "share_of_prior_std": float(s), "identified": bool(s < IDENTIFIED)}
+                     for n, s in zip(free, share[n_own:], strict=True)],
+        "too_alike": _too_alike(names, covariance / np.outer(std, std)),
+    }  # fmt: skip
+
+
+def statements(found: Diagnosis, content: dict) -> list[str]:
+    """What the extension shows, in words."""
+    said = []
+    if found.verdict == "ambiguous":
+        said.append("the verdict is ambiguous: the model is extended with the most probable cause")
+    for row in content["joint"]["findings"]:
+        kept = "" if row["identified"] else ", which is not enough to tell its size"
+        said.append(f"{row['name']}: known to {100 * row['share_of_prior_std']:.0f} % of its prior's deviation{kept}")
+    for pair in (*content["joint"]["too_alike"], *content["after"]["too_alike"]):
+        said.append(f"{pair['first']} and {pair['second']} are told only together "
+                    f"(correlation {pair['correlation']:.2f})")  # fmt: skip
+    told = {p["name"]: p["pushed"] for p in content["after"]["parameters"]}
+    before = {p["name"]: p["pushed"] for p in content["before"]["parameters"]}
+    size = [np.sqrt(np.mean([side[name] ** 2 for name in before])) for side in (before, told)]
+    back = [n for n in before if abs(before[n]) - abs(told[n]) > NOTABLE]
+    away = [n for n in before if abs(told[n]) - abs(before[n]) > NOTABLE]
+    direction = "back towards" if size[1] < size[0] - 0.05 else "away from" if size[1] > size[0] + 0.05 else "neither"
+    where = "the other parameters move neither towards nor from their prior" if direction == "neither" else (
+        f"the other parameters move {direction} their prior")
+    said.append(f"{where}: {size[0]:.2f} prior deviations from it before, {size[1]:.2f} after (root mean square)"
+                + (f"; back: {', '.join(back)}" if back else "") + (f"; away: {', '.join(away)}" if away else ""))
+    return said

@@ -1,0 +1,135 @@
+"""The model and the data with findings in them: files that load, sets that are corrected, estimators run again."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import probupdate
+from probupdate.diagnosis.catalogue import Delay, Effect, Gain, Rate, Turn
+from probupdate.diagnosis.courses import Course, step_course
+from probupdate.diagnosis.diagnose import examine
+from probupdate.diagnosis.extension import corrected, corrections, described, extend, mean_set
+from probupdate.diagnosis.fitting import Named
+from probupdate.diagnosis.prepare import prepare
+from probupdate.diagnosis.turbine_effects import turbine_effects
+from probupdate.modes import mac, read_modes
+from probupdate.structure.description import read_description
+from probupdate.structure.extend import extended_model, write_extended
+from probupdate.structure.load import load_model, reference_model
+
+
+@pytest.fixture(scope="module")
+def prepared(frame_file):
+    return prepare(frame_file)
+
+
+def named(observe, size, course):
+    return Named(effect=Effect(kind="measurement", cause="test", location="", unit="-", tolerance=0.0, slab=1.0,
+                               observe=observe), course=course, size=size)  # fmt: skip
+
+
+def test_corrected_sets_are_those_without_the_sensors_faults(prepared, record):
+    """A late logger, a turned sensor, a gain from the tenth block on and a fast clock, put in by the observations and
+    taken out again."""
+    from probupdate.diagnosis.diagnose import settle
+
+    true = record(1)
+    setting, _ = settle(prepared, true)
+    n = len(true.sets)
+    constant = Course(kind="constant", value=np.ones(n))
+    faults = (named(Gain(3), 0.2, step_course(n, 10)), named(Turn(((4, 5),)), 12.0, constant),
+              named(Delay((0, 1)), 8.0, constant), named(Rate(), 0.01, constant))  # fmt: skip
+    sets = []
+    for b, s in enumerate(true.sets):
+        shape, frequency = np.array(s.shape), np.array(s.frequency_hz)
+        for j in range(len(frequency)):
+            shape[3, j] *= 1.2 if b >= 10 else 1.0
+            c, d = np.cos(np.radians(12.0)), np.sin(np.radians(12.0))
+            shape[4, j], shape[5, j] = c * shape[4, j] + d * shape[5, j], c * shape[5, j] - d * shape[4, j]
+            late = Delay((0,))(np.ones((1, 1)), frequency[j] / 1.01, 8.0)[0][0, 0]
+            assert abs(abs(np.angle(late)) - 2 * np.pi * frequency[j] / 1.01 * 8e-3) < 1e-9
+            shape[[0, 1], j] *= late
+        sets.append(replace(s, shape=shape, frequency_hz=frequency / 1.01))
+    found = corrected(setting, replace(true, sets=tuple(sets)), faults)
+    for was, now in zip(true.sets, found.sets, strict=True):
+        np.testing.assert_allclose(now.frequency_hz, was.frequency_hz, rtol=1e-12)
+        np.testing.assert_allclose(now.shape, was.shape, atol=1e-12)
+
+
+def test_deviations_are_corrected_as_the_shapes_are():
+    A, shift = corrections(4, [named(Gain(2), 0.25, None)], [1.0], 1.0)
+    assert shift == 0.0 and A[2, 2] == 1.25 and np.allclose(np.delete(np.diag(A), 2), 1.0)
+    assert corrections(4, [named(Gain(2), 0.25, None)], [0.0], 1.0)[0][2, 2] == 1.0
+
+
+def test_mean_of_blocks_is_that_of_frequencies_and_shapes(prepared, record):
+    """Against plain means of the blocks: pairs of this frame have their axes in x and y."""
+    outcome = examine(prepared, record(4, storey=2, factor=0.9, from_block=20))
+    found, n = mean_set(outcome.setting, outcome.fitted)
+    later = outcome.setting.blocks.taken(np.arange(20, 40))
+    assert n == 20
+    plain = later.frequency_hz.mean(axis=0)
+    # pairs 1.5 % apart are mixed with the noise of shapes: a mean of ordered frequencies is off by less than that of
+    # twenty blocks of 0.1 %
+    np.testing.assert_allclose(found.frequency_hz, plain, rtol=3e-3 / np.sqrt(20))
+    floor = outcome.setting.floor[0][0]
+    assert np.all(found.frequency_std_hz > floor * plain) and np.all(found.frequency_std_hz < 2 * floor * plain)
+    one = later.shape[0]
+    assert np.min(np.diag(mac(one, found.shape))) > 0.999
+
+
+def test_a_wrong_gain_is_taken_out_and_the_parameters_move_back(prepared, record, tmp_path):
+    data = record(6, gain=("y4", 1.15))
+    out = tmp_path / "run" / "diagnosis.json"
+    found = probupdate.diagnose(prepared, data, out=out)
+    content = json.loads(found.write(out)[0].read_text())
+    assert content["extended_model"] is None and content["extension"]["files"]["model"] is None
+    again = read_modes(out.with_name(content["extension"]["files"]["modes"]))
+    ratio = again.sets[0].shape[data.channels.index("y4")] / data.sets[0].shape[data.channels.index("y4")]
+    (added,) = content["extension"]["added"]
+    np.testing.assert_allclose(ratio, 1 / (1 + added["size"]), rtol=1e-9)
+    assert abs(added["size"] - content["findings"][0]["size"]) < 0.3 * content["findings"][0]["size_std"]
+    untouched = [k for k, c in enumerate(data.channels) if c != "y4"]
+    np.testing.assert_array_equal(again.sets[0].shape[untouched], data.sets[0].shape[untouched])
+    before, after = (content["extension"][side] for side in ("before", "after"))
+    # fifteen deviations of one per cent on one row of four shapes
+    assert after["misfit"] < before["misfit"] - 10
+    assert content["extension"]["joint"]["findings"][0]["identified"] is True
+    # the mean's file is what an update or a chain starts from
+    mean = read_modes(out.with_name(content["extension"]["files"]["mean"]))
+    record_of_it = probupdate.update(prepared.path, mean)
+    assert record_of_it.map_misfit == pytest.approx(after["misfit"], rel=1e-3)
+
+
+def test_left_out_on_request(prepared, record, tmp_path):
+    found = probupdate.diagnose(prepared, record(6, gain=("y4", 1.15)), extend=False, out=tmp_path / "d.json")
+    assert found.findings[0].gain == {} and found.extension == {} and not list(tmp_path.iterdir())
+
+
+def test_an_extended_turbine_is_the_old_one_until_its_parameter_moves(tmp_path):
+    """The file with a finding in it loads; at its neutral value its modes are the original's, at the diagnosed size
+    those of the model the size was fitted in."""
+    path = reference_model("updated")
+    row = next(r for r in turbine_effects(read_description(path)) if r.model.name == "brace_BC_2")
+    told = described(row, Named(effect=row.effect, course=step_course(40, 20), size=-0.6))
+    model = load_model(write_extended(path, [told], tmp_path / "diagnosis.model.toml"))
+    assert model.parameters.names[-1] == "brace_BC_2"
+    assert "block 21" in next(p.description for p in model.parameters if p.name == "brace_BC_2")
+    theta = np.array(model.parameters.initial)
+    plain = load_model(path)
+    original = plain.solve(plain.parameters.initial, 5).frequency_hz
+    np.testing.assert_allclose(model.solve(theta, 5).frequency_hz, original, rtol=1e-9)
+    theta[-1] = row.model.neutral - 0.6
+    fitted_in = extended_model(path, [row.model])
+    np.testing.assert_allclose(model.solve(theta, 5).frequency_hz, fitted_in.solve(theta, 5).frequency_hz, rtol=1e-9)
+    assert model.solve(theta, 5).frequency_hz[2] < original[2] * 0.999
+
+
+def test_findings_of_parameters_leave_the_model_as_it_is(prepared, record):
+    data = record(4, storey=2, factor=0.9, from_block=20)
+    told = extend(prepared, examine(prepared, data), data)
+    assert told.model is None
+    (added,) = told.content["added"]
+    assert added["parameter"] == "k3" and "doubted" in added["as"]
