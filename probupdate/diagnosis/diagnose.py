@@ -28,6 +28,7 @@ from probupdate.diagnosis.linear import Design
 from probupdate.diagnosis.noise import estimate_noise
 from probupdate.diagnosis.prepare import Prepared
 from probupdate.diagnosis.results import Alternative, Diagnosis, Finding, Limit
+from probupdate.diagnosis.step_time import sharpened
 from probupdate.errors import ConvergenceError
 from probupdate.modes import ModalData
 from probupdate.progress import Progress, silent
@@ -220,6 +221,8 @@ def refit(setting: Setting, base: Fit, found: Search, candidate: int) -> Rival |
     """The model with one more effect, fitted anew; None where that does not settle."""
     j, c = setting.which[candidate]
     effect, course = setting.effects[j], setting.courses[c]
+    if course.kind == "step":
+        course = sharpened(setting, base, j, course)
     extra = Named(effect=effect, course=course, size=effect.discrete[0] if effect.discrete else 0.0)
     if not effect.discrete:
         extra = replace(extra, size=float(np.clip(found.size[candidate], *np.multiply(0.6, extra.bounds))))
@@ -375,7 +378,7 @@ def _finding(setting: Setting, found: Search, rivals: list[Rival]) -> Finding:
     """The most probable of the rivals; those that are not excluded stand beside it."""
     best = rivals[0]
     j, c = setting.which[best.candidate]
-    effect, course = setting.effects[j], setting.courses[c]
+    effect, course = setting.effects[j], best.fitted.named[-1].course
     # evidence counts by what the best fit leaves, as in quasi-likelihood
     left, directions = span_left(setting, best.fitted, c)
     dispersion = max(left / directions, 1.0)
