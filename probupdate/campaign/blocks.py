@@ -90,7 +90,8 @@ def read_block(
         with h5py.File(file.path, "r", rdcc_nbytes=CHUNK_CACHE_BYTES) as opened:
             first, source = _placing(file, start, campaign.sampling_rate_hz)
             n = round(length.total_seconds() * campaign.sampling_rate_hz)
-            pieces.append((first, _rows(opened, file.path, source, source + n - first)))
+            rows = _rows(opened, file.path, source, source + n - first)
+            pieces.append((first, rows[:, campaign.columns] if campaign.left_out else rows))
     return _assemble(campaign, start, length, pieces)
 
 

@@ -34,7 +34,7 @@ USES = {
     "power_kw": "turbine states (idling, below rated, rated)",
     "rotor_speed_rpm": "harmonics told from modes; idling confirmed",
     "pitch_deg": "criterion 'no pitching'",
-    "nacelle_heading_deg": "fore-aft and side-side told apart as the nacelle turns; criterion 'no yawing'",
+    "nacelle_heading_deg": "fore-aft and side-side told apart as the nacelle turns; how far it turned within a block",
     "yaw_rate_degps": "criterion 'no yawing'",
     "wind_speed_mps": "wind and state over time (Fig. 4)",
     "water_level_m": "frequency against water level",
@@ -212,11 +212,15 @@ def _scada_findings(campaign: Campaign) -> list[str]:
 
 
 def _uses(campaign: Campaign, head: pd.DataFrame, table: pd.DataFrame) -> tuple[str, ...]:
-    good = head["excluded"] == ""
-    uses = [f"identify {int(good.sum())} blocks"] if good.any() else []
-    lost = table[table["longest_gap_s"] > 0].groupby("id")["channel"].agg(tuple)
-    alone = Counter(c[0] for c in lost if len(c) == 1)
-    uses += [f"identify {n} more without {channel}" for channel, n in alone.most_common(3)]
+    # as identification takes them: no long gap and no channel without any signal
+    spoilt = table[(table["longest_gap_s"] > 0) | table["flat"]]
+    good = (head["excluded"] == "") & ~head["id"].isin(spoilt["id"][spoilt["flat"]])
+    uses = [f"identify {int(good.sum())} blocks"]
+    alone = Counter(c[0] for c in spoilt.groupby("id")["channel"].agg(tuple) if len(c) == 1)
+    uses += [f'identify {n} more without {channel}: write leave_out = ["{channel}"] into campaign.toml'
+             for channel, n in alone.most_common(3)]  # fmt: skip
+    if campaign.left_out:
+        uses.append(f"{', '.join(campaign.left_out)} left out, as campaign.toml says")
     states = Counter(head["state"][good])
     if campaign.scada is not None:
         uses.append("states of these: " + ", ".join(f"{n} {name}" for name, n in states.most_common()))

@@ -122,8 +122,8 @@ def _beside(table: pd.DataFrame, sensors: Sequence[Sensor]) -> list[str]:
         if len(like) >= 2 and rms[sensor.channel] > 0 and rms[like].median() > 0:
             ratio = rms[sensor.channel] / rms[like].median()
             if not 1 / SCALE_FACTOR < ratio < SCALE_FACTOR:
-                found.append(f"{sensor.channel} moves {ratio:.3g} times as much as channels beside it: wrong unit or "
-                             f"scale?{unit_hint(ratio).replace(',', ' It is', 1)}")
+                found.append(f"suspect: {sensor.channel} moves {ratio:.3g} times as much as channels beside it: wrong "
+                             f"unit or scale?{unit_hint(ratio).replace(',', ' It is', 1)}")
     return found
 
 
@@ -147,7 +147,7 @@ def mounting_findings(compared: Sequence[Compared], mentioned: Sequence[str]) ->
             continue
         named |= set(channels)
         sentence = _sentence(kind, channels, [s for _, s in cases])
-        if kind == mounting.SCALED and any(m.startswith(f"{channels[0]} moves") for m in mentioned):
+        if kind == mounting.SCALED and any(m.startswith(f"suspect: {channels[0]} moves") for m in mentioned):
             continue
         where = f"in {len(numbers)} of {len(compared)} blocks compared"
         if len(numbers) < 0.75 * len(compared):

@@ -28,7 +28,8 @@ HIGHEST_RATE_HZ = 1e5
 # what one block may take in memory, at eight bytes a sample; reading and checking hold a few copies of it
 LARGEST_BLOCK_BYTES = 128 * 2**20
 CAMPAIGN_KEYS = (
-    "name", "sampling_rate_hz", "block_minutes", "water_depth_m", "rated_power_kw", "x_axis_heading_deg", "sensor",
+    "name", "sampling_rate_hz", "block_minutes", "water_depth_m", "rated_power_kw", "x_axis_heading_deg", "leave_out",
+    "sensor",
 )  # fmt: skip
 SENSOR_KEYS = ("channel", "level", "position_m", "direction", "quantity", "unit")
 
@@ -47,7 +48,8 @@ class Campaign:
     """What was measured and where it lies; `files` ordered by start, `scada` indexed by UTC time or None.
 
     rated_power_kw tells idling from operation; None: the highest power recorded stands for it. x_axis_heading_deg:
-    the compass heading (clockwise) of the model's x axis; 0 unless campaign.toml gives it.
+    the compass heading (clockwise) of the model's x axis; 0 unless campaign.toml gives it. columns: where the sensors'
+    samples are in the files; left_out: channels of the files that campaign.toml says not to use.
     """
 
     path: Path
@@ -60,6 +62,8 @@ class Campaign:
     x_axis_heading_deg: float
     files: tuple[RecordFile, ...]
     scada: pd.DataFrame | None
+    columns: tuple[int, ...]
+    left_out: tuple[str, ...] = ()
 
     @property
     def channels(self) -> tuple[str, ...]:
@@ -115,10 +119,12 @@ def read_campaign(path: str | Path) -> Campaign:
     where = path / "campaign.toml"
     head = read_head(where)
     raw, scada = head.raw, path / "scada.csv"
+    left_out = _left_out(where, raw, head.channels)
+    columns = tuple(k for k, c in enumerate(head.channels) if c not in left_out)
     return Campaign(
         path=path,
         name=str(raw.get("name", path.name)),
-        sensors=head.sensors,
+        sensors=tuple(head.sensors[k] for k in columns),
         sampling_rate_hz=head.sampling_rate_hz,
         block_minutes=head.block_minutes,
         water_depth_m=_positive(where, raw, "water_depth_m") if "water_depth_m" in raw else None,
@@ -126,7 +132,22 @@ def read_campaign(path: str | Path) -> Campaign:
         x_axis_heading_deg=_heading(where, raw),
         files=_record_files(path / "acceleration", head.sampling_rate_hz, len(head.sensors)),
         scada=read_scada(scada) if scada.exists() else None,
+        columns=columns,
+        left_out=left_out,
     )
+
+
+def _left_out(where: Path, raw: Mapping, channels: tuple[str, ...]) -> tuple[str, ...]:
+    """Channels that are in the files but not to be used, such as dead ones."""
+    names = raw.get("leave_out", [])
+    if not isinstance(names, list) or not all(isinstance(n, str) for n in names):
+        raise InputError(f"{where}, leave_out", f"{names!r} is no list of channels", 'write such as ["T90-x"]')
+    for name in names:
+        if name not in channels:
+            raise InputError(f"{where}, leave_out", f"'{name}' is no channel", nearest(name, channels))
+    if len(set(names)) > len(channels) - 2:
+        raise InputError(f"{where}, leave_out", "leaves fewer than two channels", "leave out fewer")
+    return tuple(c for c in channels if c in names)
 
 
 def refuse_absurd(where: Path | str, rate_hz: float, block_minutes: float, n_channel: int) -> None:

@@ -49,9 +49,11 @@ class Selection:
                 for mode, rows in self.scatter.groupby("mode", sort=False)}  # fmt: skip
 
     def write(self, out: str | Path) -> list[Path]:
-        """nine.json, and selection.csv and selection.cov.csv beside it."""
+        """nine.json, and selection.csv and selection.cov.csv beside it, as a report finds them; a selection of another
+        name has that before its tables', so that two in one folder do not take one another's place."""
         out = Path(out)
-        table, scatter = out.with_name("selection.csv"), out.with_name("selection.cov.csv")
+        own = "" if out.name == "nine.json" else f"{out.stem}."
+        table, scatter = out.with_name(f"{own}selection.csv"), out.with_name(f"{own}selection.cov.csv")
         out.parent.mkdir(parents=True, exist_ok=True)
         write_modes(self.data, out)
         self.table.to_csv(table, index=False, float_format="%.6g", lineterminator="\n")

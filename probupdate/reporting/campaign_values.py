@@ -26,6 +26,8 @@ def campaign_values(folder: Path, check: Path | None = None) -> CampaignValues:
         f"{campaign.block_minutes:g} minutes"))
     if campaign.water_depth_m is not None:
         facts.append(("water depth", f"{campaign.water_depth_m:g} m"))
+    if campaign.left_out:
+        facts.append(("channels left out", ", ".join(campaign.left_out)))
     scada, rule = None, ""
     if campaign.scada is not None:
         scada, rule = scada_values(campaign)

@@ -4,9 +4,12 @@ import json
 
 import numpy as np
 import pandas as pd
+import pytest
 
+from probupdate.campaign.blocks import blocks
 from probupdate.campaign.checking import check
 from probupdate.campaign.reading import read_campaign
+from probupdate.errors import InputError
 
 
 def four_channels(head: str) -> str:
@@ -53,6 +56,43 @@ def test_everything_that_was_put_in_is_found(campaign_folder, head, tmp_path):
     path = result.write(tmp_path / "check.json")
     content = json.loads(path.read_text())
     assert content["findings"] == list(result.findings) and len(content["channels"]) == 4
+
+
+def test_a_dead_channel_costs_no_blocks_once_it_is_left_out(campaign_folder, head):
+    data = noise()
+    data[:, 1] = 0.25  # a-y never moves
+    text = four_channels(head)
+    folder = campaign_folder([(0, data)], head=text, scada=conditions())
+    before = check(read_campaign(folder))
+    # what identification would refuse is not promised
+    assert before.uses[0] == "identify 0 blocks"
+    assert before.uses[1] == 'identify 2 more without a-y: write leave_out = ["a-y"] into campaign.toml'
+    (folder / "campaign.toml").write_text('leave_out = ["a-y"]\n' + text)
+    campaign = read_campaign(folder)
+    assert campaign.channels == ("a-x", "b-x", "c-x") and campaign.left_out == ("a-y",)
+    after = check(campaign)
+    assert after.findings == () and after.uses[0] == "identify 2 blocks"
+    assert "a-y left out, as campaign.toml says" in after.uses
+    block = next(blocks(campaign))
+    assert block.data == pytest.approx(data[: len(block.data)][:, [0, 2, 3]].astype(np.float32))
+
+
+@pytest.mark.parametrize(("value", "words"), [
+    ('"a-y"', "is no list of channels"), ('["a_y"]', "'a_y' is no channel; did you mean 'a-y'"),
+    ('["a-x", "a-y", "b-x"]', "leaves fewer than two"),
+])
+def test_a_mistaken_leave_out_is_one_line(campaign_folder, head, value, words):
+    folder = campaign_folder([(0, noise())], head=f"leave_out = {value}\n" + four_channels(head))
+    with pytest.raises(InputError, match=words):
+        read_campaign(folder)
+
+
+def test_a_wrong_unit_beside_its_like_is_a_suspicion(campaign_folder, head):
+    data = noise()
+    data[:, 3] *= 1000
+    found = check(read_campaign(campaign_folder([(0, data)], head=four_channels(head), scada=conditions()))).findings
+    assert [f for f in found if "c-x" in f and "wrong unit" in f] and all(
+        f.startswith("suspect: ") for f in found if "wrong unit" in f)
 
 
 def test_a_storm_of_impacts_is_no_spike(campaign_folder, head):

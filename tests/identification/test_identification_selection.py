@@ -148,6 +148,9 @@ def test_the_files_are_written(jacket, tmp_path):
     result = select(data(sets))
     files = result.write(tmp_path / "nine.json")
     assert [f.name for f in files] == ["nine.json", "selection.csv", "selection.cov.csv"]
+    # another one beside it takes nobody's place
+    other = [f.name for f in result.write(tmp_path / "calm.json")]
+    assert other == ["calm.json", "calm.selection.csv", "calm.selection.cov.csv"]
     assert read_modes(files[0]).reference_set == result.data.reference_set
     table = pd.read_csv(files[1])
     assert list(table["criterion"].fillna("")) == ["", "pitching", ""]
