@@ -11,6 +11,8 @@ SHARES = (
     "tower stiffness", "leg not flooded", "flooded braces", "sensor gain", "sampling rate",
     "lateral soil softens with amplitude", "axial soil softens with amplitude",
 )  # fmt: skip
+# causes that are there or not: a limit of their size says nothing but that they would be seen
+DISCRETE = ("swapped channels", "sensor polarity")
 COURSE_WORDS = {
     "constant": "all through the record", "ramp": "growing over the record (size at its end)",
     "water_level_m": "with the water level", "air_temperature_c": "with the air temperature",
@@ -139,6 +141,7 @@ def best_limits(content: Mapping, count: int) -> list[Mapping]:
     best: dict[str, Mapping] = {}
     for x in content.get("limits", ()):
         known = x.get("limit") is not None and x.get("share_left") is not None and x.get("course") == "constant"
+        known = known and x["cause"] not in DISCRETE
         if known and (x["cause"] not in best or abs(x["limit"]) < abs(best[x["cause"]]["limit"])):
             best[x["cause"]] = x
     return sorted(best.values(), key=lambda x: (-x["share_left"], x["cause"]))[:count]

@@ -48,6 +48,10 @@ class BlockSettings:
             raise InputError("target rate", f"{self.target_rate_hz} Hz is not positive", "give one, such as 5")
 
 
+# a block's note on the rotor's harmonics begins with one of these
+TAKEN_OUT, STAY = "harmonics taken out: ", "harmonics stay: "
+
+
 @dataclass(frozen=True, eq=False, kw_only=True)
 class BlockPoles:
     """What is kept of a block. poles: those of the chosen order; others: of the other orders, ascending; both empty
@@ -164,8 +168,8 @@ def _prepared(
         return record, ()
     cleaned = without_harmonics(record, settings.target_rate_hz, rotor_rpm or (np.nan, np.nan))
     if not cleaned.followed:
-        return record, (f"harmonics stay: {cleaned.reason}",)
-    return cleaned.record, (f"harmonics taken out: {', '.join(f'{n}P' for n in cleaned.removed)}",)
+        return record, (f"{STAY}{cleaned.reason}",)
+    return cleaned.record, (f"{TAKEN_OUT}{', '.join(f'{n}P' for n in cleaned.removed)}",)
 
 
 def _identified(record: np.ndarray, block: Block, settings: BlockSettings, sub_records: int) -> IdentifiedRecord:

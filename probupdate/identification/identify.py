@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import re
 import tempfile
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from contextlib import nullcontext
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -17,12 +18,19 @@ from probupdate.campaign.scada import StateRule, block_conditions, with_rated_po
 from probupdate.errors import InputError
 from probupdate.identification import classification as rules
 from probupdate.identification import tracking
-from probupdate.identification.block_poles import BlockDeviations, BlockPoles, BlockSettings, common_quantity
+from probupdate.identification.block_poles import (
+    STAY,
+    TAKEN_OUT,
+    BlockDeviations,
+    BlockPoles,
+    BlockSettings,
+    common_quantity,
+)
 from probupdate.identification.block_store import BlockStore
 from probupdate.identification.classification import ClassifierSettings, Likeness
 from probupdate.identification.reference import ReferenceModes, turned
 from probupdate.identification.tracking import Choice, JudgedPoles, Tracked
-from probupdate.identification.unlabelled import unlabelled_modes
+from probupdate.identification.unlabelled import only, unlabelled_modes
 from probupdate.modes import ModalData, ModalDeviation, ModalSet, unit_largest, write_modes
 from probupdate.progress import Progress, silent
 
@@ -99,9 +107,27 @@ def identify(
         blocks = BlockStore(folder, campaign, settings.of_blocks)
         blocks.fill(jobs=jobs, progress=progress)
         if reference is None:
-            reference = unlabelled_modes((blocks.read(t) for t in blocks.starts), classifier=settings.classifier)
+            return _numbered(blocks, campaign, settings=settings, state_rule=state_rule, jobs=jobs, progress=progress)
         return classified(
             blocks, campaign, reference, settings=settings, state_rule=state_rule, jobs=jobs, progress=progress)
+
+
+def _numbered(blocks: BlockStore, campaign: Campaign, *, settings: SSISettings, state_rule, **how) -> Identification:
+    """Modes without a model: what comes back and does not move with the rotor, and is found when it is looked for."""
+    rule = state_rule or StateRule(rated_power_kw=campaign.rated_power_kw)
+    rule = with_rated_power(rule, campaign.scada)
+    reference, said = unlabelled_modes(
+        (blocks.read(t) for t in blocks.starts), classifier=settings.classifier,
+        bands_of=lambda block: rules.rotor_bands(_environment(block, campaign, rule), settings.classifier))
+    while True:
+        found = classified(blocks, campaign, reference, settings=settings, state_rule=state_rule, **how)
+        seen = np.isfinite([s.frequency_hz for s in found.data.sets]).any(axis=0)
+        if seen.all() or not seen.any():
+            break
+        said = (*said, *(f"{f:.3f} Hz comes back but is found in no block as a mode: left out"
+                         for f in reference.frequency_hz[~seen]))  # fmt: skip
+        reference = only(reference, np.flatnonzero(seen))
+    return replace(found, notes=(*said, *found.notes), summary="\n".join([found.summary, *said]))
 
 
 def classified(
@@ -255,6 +281,9 @@ def _environment(block: BlockPoles, campaign: Campaign, rule: StateRule) -> dict
         conditions["nacelle_angle_deg"] = (fore_aft_deg(conditions, campaign) + 180.0) % 360.0 - 180.0
     if block.excluded:
         conditions["excluded"] = block.excluded
+    told = [note for note in block.notes if note.startswith((TAKEN_OUT, STAY))]
+    if told:
+        conditions["harmonics"] = told[0]
     return conditions
 
 
@@ -315,6 +344,28 @@ def _summary(found: list[BlockPoles], data: ModalData, poles: pd.DataFrame, camp
         lines.append(f"fore-aft is where the nacelle looks; the model's x axis lies at {axis}")
     else:
         lines.append("no nacelle heading in SCADA: fore-aft is the model's x axis")
+    lines += harmonics_removed(note for block in found for note in block.notes)
+    lined = int((poles["criterion"] == "harmonic").sum()) if "criterion" in poles else 0
+    if lined:
+        lines.append(f"{lined} poles follow the rotor's speed and count as its lines")
     if campaign.scada is None or "rotor_speed_rpm" not in campaign.scada:
         lines.append("no rotor speed in SCADA: harmonics were not looked for, and may be among the modes")
     return "\n".join(lines)
+
+
+def harmonics_removed(notes: Iterable[str]) -> list[str]:
+    """What --harmonics remove did, by the blocks' notes: which multiples were taken out in how many blocks, and why
+    they stayed in others."""
+    taken, stayed, used = Counter(), Counter(), 0
+    for note in notes:
+        if note.startswith(TAKEN_OUT):
+            used += 1
+            taken.update(note.removeprefix(TAKEN_OUT).split(", "))
+        elif note.startswith(STAY):
+            # numbers differ from block to block, the reason does not
+            stayed[re.sub(r"[:(].*", "", note.removeprefix(STAY)).strip()] += 1
+    if not taken and not stayed:
+        return []
+    lines = [f"harmonics taken out in {used} of {used + sum(stayed.values())} blocks"
+             + (": " + ", ".join(f"{name} in {n}" for name, n in sorted(taken.items())) if taken else "")]
+    return [*lines, *(f"harmonics stay in {n} blocks: {reason}" for reason, n in stayed.most_common())]

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 import numpy as np
 
 from probupdate.errors import InputError
 from probupdate.identification.block_poles import BlockPoles
-from probupdate.identification.classification import ClassifierSettings
+from probupdate.identification.classification import ClassifierSettings, within
 from probupdate.identification.reference import ReferenceModes
 from probupdate.modes import frozen_array, mac, rotate_to_real, subspace_mac
 
@@ -20,6 +20,9 @@ TWIN_FREQUENCY, TWIN_MAC = 0.01, 0.90
 SAME_FREQUENCY, SAME_MAC = 0.04, 0.50
 # two modes closer than this are told by their plane, and a third that lies in it is one of them turned
 CLOSE, IN_PLANE = 0.05, 0.90
+# what comes back is a line of the rotor if so large a share of its members lies where multiples of the rotor's speed
+# were in those blocks, and its own frequency lies there in at most so large a share of all blocks
+FOLLOWS, BY_CHANCE = 0.9, 0.7
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -44,6 +47,7 @@ class _Cluster:
     frequency_hz: list[float]
     shape: list[np.ndarray]
     block: list[int]
+    in_band: list[bool]
 
     @property
     def centre_hz(self) -> float:
@@ -56,22 +60,28 @@ class _Cluster:
 
 
 def unlabelled_modes(
-    blocks: Iterable[BlockPoles], *, classifier: ClassifierSettings, settings: UnlabelledSettings | None = None
-) -> ReferenceModes:
-    """Modes '1', '2', ... ascending in frequency, from blocks in the order of time; close ones stand as pairs.
+    blocks: Iterable[BlockPoles], *, classifier: ClassifierSettings, settings: UnlabelledSettings | None = None,
+    bands_of: Callable[[BlockPoles], np.ndarray] | None = None,
+) -> tuple[ReferenceModes, tuple[str, ...]]:
+    """Modes '1', '2', ... ascending in frequency, from blocks in the order of time; close ones stand as pairs. And what
+    is to be said of the rotor's lines among them.
 
-    What the rotor's multiples leave in every block looks like a mode, and is not told from one here. Raises InputError
+    bands_of: (n_harmonic, 2) Hz that multiples of the rotor's speed swept in a block. What moves with them is left out;
+    where the rotor hardly changes its speed a line cannot be told from a mode, and this is said. Raises InputError
     where nothing comes back.
     """
     settings = settings or UnlabelledSettings()
     clusters: list[_Cluster] = []
-    used = 0
+    swept: list[np.ndarray] = []
     for block in blocks:
         if block.poles is None:
             continue
+        bands = np.zeros((0, 2)) if bands_of is None else bands_of(block)
         for frequency, shape in block_modes(block, classifier, settings.least_orders):
-            _join(clusters, frequency, shape, used)
-        used += 1
+            _join(clusters, frequency, shape, len(swept), bool(within(np.array([frequency]), bands)[0]))
+        swept.append(bands)
+    used = len(swept)
+    clusters, said = _without_lines(clusters, swept, max(settings.least_blocks * used, 1))
     kept = sorted((c for c in clusters if len(set(c.block)) >= max(settings.least_blocks * used, 1)),
                   key=lambda c: -len(c.block))  # fmt: skip
     kept = sorted(_without_turned(kept)[: settings.most], key=lambda c: c.centre_hz)
@@ -80,10 +90,43 @@ def unlabelled_modes(
                          f"{used} blocks", "give a model, other orders, or a rate that holds the modes")
     frequency = np.array([c.centre_hz for c in kept])
     shape = rotate_to_real(np.column_stack([c.direction for c in kept])).real
-    return ReferenceModes(
-        labels=tuple(str(k + 1) for k in range(len(kept))), frequency_hz=frozen_array(frequency),
-        shape=frozen_array(shape / np.abs(shape).max(axis=0)), pairs=_pairs(frequency),
-    )
+    return _numbered(frequency, shape / np.abs(shape).max(axis=0)), said
+
+
+def _numbered(frequency: np.ndarray, shape: np.ndarray) -> ReferenceModes:
+    return ReferenceModes(labels=tuple(str(k + 1) for k in range(len(frequency))), frequency_hz=frozen_array(frequency),
+                          shape=frozen_array(shape), pairs=_pairs(frequency))  # fmt: skip
+
+
+def only(modes: ReferenceModes, chosen: np.ndarray) -> ReferenceModes:
+    """The modes numbered `chosen`, numbered anew."""
+    return _numbered(modes.frequency_hz[chosen], modes.shape[:, chosen])
+
+
+def _without_lines(
+    clusters: list[_Cluster], swept: list[np.ndarray], least: float
+) -> tuple[list[_Cluster], tuple[str, ...]]:
+    """Clusters that do not move with the rotor, and sentences on those that do, or may."""
+    kept, lines, doubted = [], [], []
+    known = [bands for bands in swept if len(bands)]
+    for cluster in clusters:
+        told = [inside for inside, block in zip(cluster.in_band, cluster.block, strict=True) if len(swept[block])]
+        if not told or np.mean(told) < FOLLOWS:
+            kept.append(cluster)
+            continue
+        centre = np.array([cluster.centre_hz])
+        chance = np.mean([within(centre, bands)[0] for bands in known])
+        often = len(set(cluster.block)) >= least
+        if chance <= BY_CHANCE:
+            lines += [cluster] if often else []
+        else:
+            kept.append(cluster)
+            doubted += [cluster] if often else []
+    said = []
+    for found, words in ((lines, "moves with the rotor's speed and is no mode: left out"),
+                         (doubted, "lies at a multiple of the rotor's speed, which hardly varies: it may be its line")):
+        said += [f"{cluster.centre_hz:.3f} Hz {words}" for cluster in sorted(found, key=lambda c: c.centre_hz)]
+    return kept, tuple(said)
 
 
 def block_modes(
@@ -111,7 +154,7 @@ def block_modes(
     return found
 
 
-def _join(clusters: list[_Cluster], frequency: float, shape: np.ndarray, block: int) -> None:
+def _join(clusters: list[_Cluster], frequency: float, shape: np.ndarray, block: int, in_band: bool) -> None:
     """To the most similar cluster that has none of this block yet, or to a new one."""
     best, similar = None, SAME_MAC
     for cluster in clusters:
@@ -121,11 +164,12 @@ def _join(clusters: list[_Cluster], frequency: float, shape: np.ndarray, block: 
         if value >= similar:
             best, similar = cluster, value
     if best is None:
-        best = _Cluster(frequency_hz=[], shape=[], block=[])
+        best = _Cluster(frequency_hz=[], shape=[], block=[], in_band=[])
         clusters.append(best)
     best.frequency_hz.append(frequency)
     best.shape.append(shape)
     best.block.append(block)
+    best.in_band.append(in_band)
 
 
 def _without_turned(clusters: list[_Cluster]) -> list[_Cluster]:

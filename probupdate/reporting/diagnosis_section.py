@@ -268,7 +268,8 @@ def chosen_limits(limits: Sequence[Mapping], most: int = MOST_LIMITS) -> list[Ma
 
 
 def _limits(content: Mapping) -> list[object]:
-    static = [x for x in content["limits"] if x["course"] == "constant"]
+    discrete = [x for x in content["limits"] if x["cause"] in wording.DISCRETE and x["course"] == "constant"]
+    static = [x for x in content["limits"] if x["course"] == "constant" and x["cause"] not in wording.DISCRETE]
     along = [x for x in content["limits"] if x["course"] not in ("constant", "step", "ramp")]
     reached = chosen_limits([*static, *along])
     unreached = sorted({wording.name_of(x) for x in static if not x.get("limit")})
@@ -286,4 +287,9 @@ def _limits(content: Mapping) -> list[object]:
         items.append(Notice(level="plain", text=(
             f"{plural(len(unreached), 'candidate')} would not be seen as a constant at any size they can have, among "
             f"them {'; '.join(unreached[:6])}.")))
+    if discrete:
+        hidden = [wording.name_of(x) for x in discrete if not x.get("limit")]
+        text = f"{plural(len(discrete), 'exchanged or reversed channel')} tested for"
+        items.append(Notice(level="plain", text=f"{text}: each would be seen." if not hidden else
+                            f"{text}; {len(hidden)} would not be seen, among them {'; '.join(hidden[:6])}."))  # fmt: skip
     return items

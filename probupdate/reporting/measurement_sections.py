@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 
+from probupdate.identification.identify import harmonics_removed
 from probupdate.matching import close_clusters
 from probupdate.modes import ModalData, plane_mac
 from probupdate.reporting import figures, paper_tables
@@ -20,6 +21,7 @@ from probupdate.reporting.elements import (
     Table,
     fixed,
     percent,
+    sentence,
 )
 from probupdate.reporting.identification_pictures import (
     block_of,
@@ -127,6 +129,9 @@ def identification_section(run: Run) -> Section:
     else:
         items += _frequency_tables(run)
         items += _judged_pictures(run)
+        said = harmonics_removed(str(s.environment.get("harmonics", "")) for s in run.modes.sets)
+        if said:
+            items.append(Items(title="The rotor's harmonics", statements=tuple(map(sentence, said))))
     return Section(anchor="identified", title="Identification", items=tuple(items),
                    lead="Every pole of every block, and what was taken for a mode of the structure.")
 

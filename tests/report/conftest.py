@@ -261,7 +261,8 @@ def made_up_diagnosis(sensors, *, verdict: str = "named") -> dict:
             ("structural", "nacelle mass", "nacelle", "constant", 9.1e3, "kg"),
             ("structural", "leg stiffness lost", "leg A, bay 1", "constant", None, "-"),
             ("environmental", "wetted length", "all members", "water_level_m", 0.5, "m per m"),
-            ("measurement", "sensor gain", channels[0], "constant", 0.067, "-"))
+            ("measurement", "sensor gain", channels[0], "constant", 0.067, "-"),
+            ("measurement", "swapped channels", "a and b", "constant", 0.01, "-"))
     ]  # fmt: skip
     shown = {
         "states": ["before", "after"], "n_block": N_BLOCK,

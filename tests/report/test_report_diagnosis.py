@@ -26,7 +26,8 @@ def section_text(run) -> str:
                "diagnosis.model", "log score better by 41.2 ± 6.0")),
     ("ambiguous", ("which of several, is open", "telling joints from braces", "0.19")),
     ("unexplained", ("no listed cause explains", "Do not read the updated parameters", "scour, leg A")),
-    ("none", ("Nothing beyond tolerances was found", "below the limits", "1 candidate would not be seen")),
+    ("none", ("Nothing beyond tolerances was found", "below the limits", "1 candidate would not be seen",
+              "1 exchanged or reversed channel tested for: each would be seen.")),
 ])
 def test_every_verdict_says_what_to_do(full_run, diagnosis_of, unfigured, verdict, words):
     text = section_text(replace(full_run, diagnosis=diagnosis_of(verdict)))
