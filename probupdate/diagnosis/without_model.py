@@ -10,6 +10,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy import stats
 from scipy.special import logsumexp
 
 from probupdate.diagnosis.along_record import Contrasts, Scores, draw_slow, make_contrasts, outliers, score
@@ -31,6 +32,8 @@ MOST_CHANGES, MOST_AT_ONCE = 6, 3
 N_BOOTSTRAP, N_AGAIN = 400, 20
 # number of the series in which all groups are taken together; in a pair's four, that of the mean of its two
 ALL, MEAN = -1, 3
+# effects that explain nearly as much (share of the best one's) are tried, at most so many
+ALIKE, MOST_TRIED = 0.8, 3
 # numbers drawn at a time
 PORTION = 3_000_000
 # column -> (cause, location, check) in the catalogue's words
@@ -174,7 +177,7 @@ def search(
     threshold, p = np.full(len(z), np.inf), []
     for rows, drawn in zip(watched.classes, maxima, strict=True):
         if len(rows):
-            threshold[rows] = np.quantile(drawn, 1 - false_alarm)
+            threshold[rows] = stats.gumbel_r.ppf(1 - false_alarm, *stats.gumbel_r.fit(drawn))
             p.append(tail(drawn, float(np.max(np.abs(z[rows])))))
     return Found(contrasts=contrasts, scores=scores, z=z, threshold=frozen_array(threshold),
                  p_value=min(1.0, min(p) * FALSE_ALARM / false_alarm))  # fmt: skip
@@ -230,11 +233,12 @@ def _maxima(watched, contrasts, allowed, scores, z, courses, nuisance, seed) -> 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Change:
     """One thing that changes along the record: its finding (None: no cause is known without a model), the course, and
-    the numbers of the frequencies that went with it."""
+    the numbers of the frequencies that went with it. What stays within a sensor's tolerance is no finding."""
 
     finding: Finding | None
     course: Course
     moved: tuple[dict, ...]
+    within_tolerance: bool = False
 
 
 def _finer(blocks: Blocks, watched: Watched, known: np.ndarray, row: int, course: Course) -> Course:
@@ -370,16 +374,30 @@ def _sensor(
     if course.kind != "step":
         return None
     changes, now = [], blocks
-    for _ in range(MOST_AT_ONCE):
+    for number in range(MOST_AT_ONCE):
         seen = watch(now, watched.effects, sensors, known, stated=watched.stated, course=course.value)
-        fit, scores = _explained(seen, known, course)
-        row = int(np.argmax(fit))
-        effect = seen.effects[row - seen.n_frequency]
-        then, size, std = mend(now, seen, known, sensors, row, course)
-        of_frequencies, left = left_at(then, watched, known, sensors, course, found)
-        if of_frequencies > 1:
-            # what no sensor does
+        fit, scores = _explained(seen, known, course, found)
+        if not number:
+            # by what was before the step, its time is told better
+            finer = _finer(now, seen, known, int(np.argmax(fit)), course)
+            if finer.at != course.at:
+                course = finer
+                seen = watch(now, watched.effects, sensors, known, stated=watched.stated, course=course.value)
+                fit, scores = _explained(seen, known, course, found)
+        tried = []
+        for row in np.argsort(-fit)[:MOST_TRIED]:
+            if fit[row] <= ALIKE * fit.max() or (tried and tried[0][0] <= 1):
+                break
+            then, size, std = mend(now, seen, known, sensors, int(row), course)
+            of_frequencies, left = left_at(then, watched, known, sensors, course, found)
+            # what is left of frequencies no sensor does
+            if of_frequencies <= 1:
+                tried.append((left, int(row), then, size, std))
+                tried.sort(key=lambda t: t[0])
+        if not tried:
             return None
+        left, row, then, size, std = tried[0]
+        effect = seen.effects[row - seen.n_frequency]
         if left > 1:
             other = _as_a_whole(now, watched, known, sensors, course, found, whole, seen, fit)
             if other is not None and other[0] < left:
@@ -387,13 +405,13 @@ def _sensor(
                 size, std = effect.discrete[0], 0.0
         # all at the scatter that is usual for sensors
         usual = max(1.0, float(np.median(scores.noise[seen.classes[1], 0])))
-        rivals = [k for k in seen.classes[1] if fit[k] > 0.25 * fit[row]]
+        rivals = [k for k in seen.classes[1] if fit[k] > 0.25 * fit[row] and k not in [t[1] for t in tried[1:]]]
         gain = (fit[rivals] - fit[row]) / usual
         probability = dict(zip(rivals, np.exp(gain - logsumexp(gain)), strict=True))
         if effect is not seen.effects[row - seen.n_frequency]:
             probability = {row: 1.0}
         others = sorted((k for k in probability if k != row and probability[k] > 1e-3), key=lambda k: -probability[k])
-        changes.append(Change(finding=Finding(
+        changes.append(Change(within_tolerance=abs(size) <= effect.tolerance, finding=Finding(
             kind=effect.kind, cause=effect.cause, location=effect.location, size=size, size_std=std, unit=effect.unit,
             course=course.name, course_start=blocks.ids[course.at], z=float(scores.z[row, 0]),
             posterior_probability=float(probability[row]),
@@ -407,8 +425,8 @@ def _sensor(
     return None
 
 
-def _explained(seen: Watched, known: np.ndarray, course: Course) -> tuple[np.ndarray, Scores]:
-    """(n_series,) by how much each effect of sensors would better the fit (half a chi-square), all at the scatter that
+def _explained(seen: Watched, known: np.ndarray, course: Course, found: Found) -> tuple[np.ndarray, Scores]:
+    """(n_series,), zero for those whose own score is not beyond chance where others' are: by how much each effect of sensors would better the fit (half a chi-square), all at the scatter that
     was estimated for a block: that of the series itself counts what other effects do to it."""
     nuisance = np.column_stack([np.ones(len(seen.blocks)), seen.picture.turning, known])
     contrasts = make_contrasts(seen.weight, nuisance, [course], seen.blocks.hours)
@@ -418,6 +436,8 @@ def _explained(seen: Watched, known: np.ndarray, course: Course) -> tuple[np.nda
     for k in np.flatnonzero(can):
         effect = seen.effects[k - seen.n_frequency]
         can[k] = effect.lower < 0 if scores.size[k, 0] < 0 else effect.upper > 0
+    strong = can & (np.abs(scores.z[:, 0]) > found.threshold)
+    can = strong if strong.any() else can
     variance = np.where(can, contrasts.white_var[:, 0], 1.0)
     return np.where(can, 0.5 * scores.size[:, 0] ** 2 / variance, 0.0), scores
 
@@ -485,7 +505,7 @@ def diagnose_without_model(
         known = np.column_stack([known, change.course.value])
     progress("diagnosing", MOST_CHANGES + 1, MOST_CHANGES + 1)
     steady = _steady(blocks, placed, rows, whole, share, seed) if placed else None
-    findings = [c.finding for c in changes if c.finding is not None]
+    findings = [c.finding for c in changes if c.finding is not None and not c.within_tolerance]
     limits, p_value, notes = list(_limits(*first, courses)), first[1].p_value, list(blocks.notes)
     if steady is not None:
         findings += steady.findings
@@ -501,6 +521,8 @@ def diagnose_without_model(
     details = {"without_model": True, "changes": [_told(blocks, c) for c in unexplained],
                "constant_shapes_over_threshold": 0.0 if steady is None else steady.unexplained,
                "measurement": [dict(m) for m in campaign_check or ()]}  # fmt: skip
+    notes += [f"{c.finding.cause}, {c.finding.location} changes by {c.finding.size:.2g} {c.finding.unit} at "
+              f"{c.finding.course_start}: within its tolerance, taken out" for c in changes if c.within_tolerance]
     notes += _notes(blocks, placed, unexplained, steady)
     return Diagnosis(
         verdict=verdict, p_value=p_value, findings=tuple(findings), limits=tuple(limits),
@@ -590,6 +612,7 @@ def _limits(watched: Watched, found: Found, courses: Sequence[Course]) -> tuple[
                                 unit=f"% of frequency{courses[c].unit}", share_left=1.0, z=float(found.z[k, c])))
             continue
         effect = watched.effects[k - watched.n_frequency]
+        size = max(size, effect.tolerance)
         reachable = size <= max(-effect.lower, effect.upper)
         limits.append(Limit(kind=effect.kind, cause=effect.cause, location=effect.location, course=name,
                             limit=float(size) if reachable else np.inf, unit=effect.unit + courses[c].unit,

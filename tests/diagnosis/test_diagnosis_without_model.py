@@ -29,8 +29,8 @@ STEP = {"course": "step", "at_hour": 330.0}
 
 
 def test_nothing_changes_in_the_frame_and_nothing_is_said(record):
-    """Ten records at a level of 3 %: three alarms would come by chance in three of a thousand tries."""
-    answers = [diagnose_without_model(record(seed)) for seed in range(1, 11)]
+    """Six records at a level of 3 %: three alarms would come by chance in five of ten thousand tries."""
+    answers = [diagnose_without_model(record(seed)) for seed in range(1, 7)]
     assert sum(a.verdict != "none" for a in answers) <= 2
     found = next(a for a in answers if a.verdict == "none")
     assert not found.findings and found.p_value > 0.03
@@ -38,7 +38,7 @@ def test_nothing_changes_in_the_frame_and_nothing_is_said(record):
     assert any("model" in note for note in found.notes)
 
 
-@pytest.mark.parametrize("seed", [21, 22])
+@pytest.mark.parametrize("seed", [21, pytest.param(22, marks=pytest.mark.long)])
 def test_nothing_hidden_in_the_turbine_nothing_named(seed):
     found = diagnose_without_model(*turbine(seed))
     assert found.verdict == "none" and not found.findings
