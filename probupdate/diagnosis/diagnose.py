@@ -270,7 +270,8 @@ def adequacy(setting: Setting, fitted: Fit, found: Search) -> tuple[float, dict[
     design, n_draw = fitted.design, len(found.drawn)
     u = np.vstack([found.u[None], found.heavier * found.drawn])
     parts = {}
-    usable = design.share_left > 1e-3
+    # exchanged cables of any two sensors would span every shape
+    usable = (design.share_left > 1e-3) & np.array([not setting.effects[j].discrete for j, _ in setting.which])
     for c, course in enumerate(setting.courses):
         rows = np.flatnonzero((setting.which[:, 1] == c) & usable)
         if len(rows) < 5:
@@ -342,7 +343,7 @@ def examine(prepared: Prepared, data: ModalData, *, seed: int = 1, progress: Pro
     if verdict == "unexplained":
         details["nearest"] = [f"{f.cause}, {f.location}" for f in findings]
     diagnosis = Diagnosis(
-        verdict=verdict, p_value=min(first.p_value, fits) if not findings else first.p_value, findings=named,
+        verdict=verdict, p_value=min(1.0, 2 * min(first.p_value, fits)) if not findings else first.p_value, findings=named,
         limits=_limits(setting, first, null), threshold=first.threshold, adequacy_p=fits, notes=setting.blocks.notes,
         parameters=tuple(_parameters(setting, null, fitted)), details=details,
     )  # fmt: skip
@@ -352,7 +353,8 @@ def examine(prepared: Prepared, data: ModalData, *, seed: int = 1, progress: Pro
 def span_left(setting: Setting, fitted: Fit, course: int) -> tuple[float, int]:
     """Sum of squares of what remains in the directions the catalogue spans with one course, and their number."""
     design = fitted.design
-    rows = np.flatnonzero((setting.which[:, 1] == course) & (design.share_left > 1e-3))
+    single = np.array([bool(setting.effects[j].discrete) for j, _ in setting.which])
+    rows = np.flatnonzero((setting.which[:, 1] == course) & (design.share_left > 1e-3) & ~single)
     value, turn = np.linalg.eigh(design.likeness(rows))
     kept = value > SPAN * value[-1]
     z = design.scores(fitted.centred)[rows] / np.sqrt(design.information[rows])

@@ -174,36 +174,44 @@ def local_at(
 def design_at(
     setting: Setting, theta: np.ndarray, named: Sequence[Named], noise: Noise, before: Design | None = None
 ) -> Design:
-    """Fingerprints at theta and the named effects, those of steps taken half-way. With the design of a point nearby
-    (`before`), only those of the updated parameters are computed anew."""
+    """Fingerprints at theta and the named effects, a bin of blocks for each nacelle angle before and after each step: an
+    error of a few per cent that changes sign with the step would look like the step, which is known better than that.
+    With the design of a point nearby (`before`), only those of the updated parameters are computed anew."""
     field, blocks = setting.field, setting.blocks
     names = field.parameters.names
-    centres, bin_of = setting.bins
+    centres, angle_of = setting.bins
     exact = [n for n in named if n.exact]
-    local, seen = local_at(field, theta, exact, [float(np.mean(n.course.value)) for n in exact])
+    levels = np.column_stack([*(n.course.value for n in exact), angle_of])
+    bins, bin_of = np.unique(levels, axis=0, return_inverse=True)
+    bin_of = bin_of.ravel()
     own = [Effect(kind="structural", cause="parameter", location=names[k], unit="", tolerance=0.0, slab=1.0,
                   parameter=names[k]) for k in setting.updated]  # fmt: skip
     catalogue = own if before is not None else [*own, *setting.effects]
     columns = list(setting.updated) if before is not None else list(range(len(names)))
     chosen = tuple(names[k] for k in columns)
-    slopes = local.slopes(columns)
     table = [[] for _ in blocks.groups]
-    for angle in centres:
-        references, tensors, shapes = field.slopes(local, angle, slopes)
+    last = None
+    for level in bins:
+        if last is None or np.any(level[:-1] != last):
+            last = level[:-1]
+            local, seen = local_at(field, theta, exact, last)
+            slopes = local.slopes(columns)
+        references, tensors, shapes = field.slopes(local, centres[int(level[-1])], slopes)
         for q, (reference, tensor, shape) in enumerate(zip(references, tensors, shapes, strict=True)):
             table[q].append(effect_fingerprints(
                 catalogue, chosen, observed(reference, seen), tensor, _seen_change(reference, shape, seen)))
     prints = [np.array(t) for t in table]
     n_own = len(own)
     if before is not None:
-        nuisance = tuple(np.concatenate([p, old[:, :, n_own:]], axis=2)
+        same = before.bin_of[np.unique(bin_of, return_index=True)[1]]
+        nuisance = tuple(np.concatenate([p, old[same][:, :, n_own:]], axis=2)
                          for p, old in zip(prints, before.nuisance, strict=True))  # fmt: skip
-        effect = before.effect
+        effect = tuple(e[same] for e in before.effect)
     else:
         tolerated = [n_own + j for j in setting.tolerated]
         nuisance = tuple(
             np.concatenate([p[:, :, :n_own], p[:, :, tolerated],
-                            np.broadcast_to(form, (len(centres), *form.shape))], axis=2)
+                            np.broadcast_to(form, (len(bins), *form.shape))], axis=2)
             for p, form in zip(prints, setting.form, strict=True)
         )  # fmt: skip
         effect = tuple(p[:, :, n_own:] for p in prints)
@@ -308,6 +316,7 @@ def fit(
         longest = float(np.max(np.abs(np.concatenate([move, relative])), initial=0.0))
         # what still swings between two points after a dozen steps is held back
         share = min(1.0, LONGEST / max(longest, 1e-12)) * (1.0 if number < 12 else 0.5)
+        whole = share
         for _ in range(HALVINGS):
             fresh, sizes_there = _moved(setting, theta, named, share * move * scale, share * change)
             tried, used = _departures(setting, fresh, sizes_there)
@@ -315,10 +324,14 @@ def fit(
             if after <= before + FLAT:
                 break
             share *= 0.5
+        else:
+            # no step along this line is better than none: rounding is what remains
+            whole = share
         known = np.sqrt(np.diag(design.unknowns_cov(held)))
         moved = np.abs(fresh[updated] - theta[updated])
         grown = [abs(sizes_there[k].size - named[k].size) for k in free]
-        step = float(np.max(np.concatenate([moved, grown]) / known, initial=0.0))
+        # a step that had to be shortened is not a small one
+        step = float(np.max(np.concatenate([moved, grown]) / known, initial=0.0)) * whole / share
         theta, named, departures = fresh, sizes_there, tried
     raise ConvergenceError(
         f"the fit of {setting.field.small.name} to the blocks did not settle in {most_steps} steps (last {step:.2g} "
