@@ -40,7 +40,8 @@ class Regression:
     intercept_std at their means. n rows used, n_outlier left out as outliers, n_missing for want of a covariate.
     explained: share of the weighted scatter that the covariates take away; noise_factor: the noise over the stated
     deviations (its size where none are stated); slow_std, slow_hours: of the slow error. residual (n_row,) of all rows,
-    NaN where not used. notes: what was left out and what tells the same.
+    NaN where not used. joint: pairs that tell the same, with p of both together. notes: what was left out and what
+    tells the same.
     """
 
     response: str
@@ -61,6 +62,7 @@ class Regression:
     slow_std: float
     slow_hours: float
     residual: np.ndarray
+    joint: tuple[tuple[tuple[str, str], float], ...]
     notes: tuple[str, ...]
 
 
@@ -106,12 +108,7 @@ def regress(
     error = np.sqrt(np.diag(fit.covariance))
     p_value = 2 * stats.t.sf(np.abs(fit.coefficient / error), rows.sum() - table.shape[1])
     inflation = _inflation(table[rows, 1:])
-    for k, name in enumerate(names):
-        if inflation[k] >= COLLINEAR:
-            other = np.corrcoef(table[rows, 1:].T)[k] * (np.arange(len(names)) != k)
-            twin = names[int(np.argmax(np.abs(other)))]
-            notes.append(f"{name} and {twin} tell the same (correlation {other[names.index(twin)]:.2f}, variance "
-                         f"inflation {inflation[k]:.0f}): their coefficients are known as a sum only")
+    joint = _together(names, table[rows, 1:], inflation, fit, int(rows.sum()) - table.shape[1], notes)
     return Regression(
         response=response, names=tuple(names), coefficient=frozen_array(fit.coefficient[1:]),
         std_error=frozen_array(error[1:]), p_value=frozen_array(p_value[1:]), inflation=frozen_array(inflation),
@@ -120,8 +117,31 @@ def regress(
         n_missing=int(there.sum() - known.sum()), explained=_explained(value[rows], residual[rows], noise[rows]),
         noise_factor=float(fit.scale if std is not None else fit.scale * np.median(noise[rows])),
         slow_std=float(fit.scale * fit.ratio), slow_hours=float(fit.hours),
-        residual=frozen_array(residual), notes=tuple(notes),
+        residual=frozen_array(residual), joint=joint, notes=tuple(notes),
     )  # fmt: skip
+
+
+def _together(
+    names: Sequence[str], table: np.ndarray, inflation: np.ndarray, fit: _Fit, free: int, notes: list[str]
+) -> tuple[tuple[tuple[str, str], float], ...]:
+    """Pairs of covariates that tell the same, each once, with p of the two together (Wald's F): either alone may seem
+    to count for nothing where both do."""
+    joint: dict[tuple[str, str], float] = {}
+    for k in np.flatnonzero(inflation >= COLLINEAR):
+        other = np.corrcoef(table.T)[k] * (np.arange(len(names)) != k)
+        twin = int(np.argmax(np.abs(other)))
+        first, second = sorted((int(k), twin))
+        pair = (names[first], names[second])
+        if pair in joint:
+            continue
+        both = [1 + first, 1 + second]
+        coefficient = fit.coefficient[both]
+        statistic = float(coefficient @ np.linalg.solve(fit.covariance[np.ix_(both, both)], coefficient)) / 2
+        joint[pair] = float(stats.f.sf(statistic, 2, free))
+        notes.append(f"{pair[0]} and {pair[1]} tell the same (correlation {other[twin]:.2f}, variance inflation "
+                     f"{inflation[k]:.0f}): each coefficient alone is hardly known, the two together count with p = "
+                     f"{joint[pair]:.2g}")  # fmt: skip
+    return tuple(joint.items())
 
 
 def _usable(covariates, there, notes) -> tuple[list[str], list[np.ndarray]]:
@@ -273,6 +293,9 @@ class ModalRegression:
             for fit in fits:
                 clear = [f"{name} {c:+.2g} +- {e:.1g}" for name, c, e, p in
                          zip(fit.names, fit.coefficient, fit.std_error, fit.p_value, strict=True) if p < 0.01]
+                seen = {name for name, p in zip(fit.names, fit.p_value, strict=True) if p < 0.01}
+                clear += [f"{' or '.join(pair)} (together p = {p:.1g})" for pair, p in fit.joint
+                          if p < 0.01 and not seen & set(pair)]
                 lines.append(f"{label}, {fit.response}: {', '.join(clear) or 'follows none clearly'} ({fit.n} blocks, "
                              f"{100 * fit.explained:.0f} % explained)")
         return "\n".join([*lines, *self.notes])

@@ -290,6 +290,7 @@ def _limits(content: Mapping) -> list[object]:
     if discrete:
         hidden = [wording.name_of(x) for x in discrete if not x.get("limit")]
         text = f"{plural(len(discrete), 'exchanged or reversed channel')} tested for"
-        items.append(Notice(level="plain", text=f"{text}: each would be seen." if not hidden else
-                            f"{text}; {len(hidden)} would not be seen, among them {'; '.join(hidden[:6])}."))  # fmt: skip
+        rest = f"; {len(hidden)} would not be seen, among them {'; '.join(hidden[:6])}." if hidden else \
+            ": each would be seen."
+        items.append(Notice(level="plain", text=text + rest))
     return items

@@ -92,6 +92,23 @@ def test_what_is_missing_constant_or_the_same_is_said():
     assert fit.coefficient[1] + fit.coefficient[2] == pytest.approx(0.0005, abs=0.0003)
 
 
+def test_twins_are_said_once_and_tested_together():
+    """What either of two covariates may have done, both together did: alone neither is clear."""
+    time, x, value, std = case(6, n=300)
+    rng = np.random.default_rng(6)
+    twins = {"level": x["level"], "temperature": x["temperature"],
+             "twin": x["temperature"] + 0.3 * rng.standard_normal(len(time))}  # fmt: skip
+    # 0.0015 a degree over 3 degrees, beside a slow error of 0.002 that lasts half a day
+    fit = regress("ln f", value + 0.001 * (x["temperature"] - 15), time, twins, std)
+    ((pair, p),) = fit.joint
+    assert pair == ("temperature", "twin") and p < 1e-3
+    assert sum("tell the same" in note for note in fit.notes) == 1
+    # of an effect that is not there the two together say so too
+    none = regress("ln f", value - 0.0005 * (x["temperature"] - 15), time, twins, std)
+    assert none.joint[0][1] > 1e-3
+
+
+
 def test_too_few_blocks_and_times_that_do_not_rise_are_refused():
     time, x, value, std = case(3)
     with pytest.raises(InputError, match="9 blocks with the mode and all of level, temperature for 3 coefficients"):
