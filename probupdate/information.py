@@ -7,7 +7,7 @@ bits; the directions the data inform; parameters that do each other's work; a re
 from __future__ import annotations
 
 import json
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +15,7 @@ import numpy as np
 from probupdate.errors import InputError
 from probupdate.estimators.posterior_file import Posterior
 from probupdate.estimators.predictive import PredictiveCheck, ResponseCheck, bits_gained
+from probupdate.json_rows import from_row, row_of
 from probupdate.modes import frozen_array
 from probupdate.problem import Problem
 
@@ -286,11 +287,11 @@ def write_information(found: Information, path: str | Path) -> Path:
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
     content = {
-        "format": FORMAT, "rows": [_plain(r) for r in found.rows], "fisher": found.fisher.tolist(),
-        "directions": [_plain(d) for d in found.directions], "pairs": [_plain(p) for p in found.pairs],
+        "format": FORMAT, "rows": [row_of(r) for r in found.rows], "fisher": found.fisher.tolist(),
+        "directions": [row_of(d) for d in found.directions], "pairs": [row_of(p) for p in found.pairs],
         "total_bits": found.total_bits, "cost": found.cost, "settings": found.settings,
-        "check": None if found.check is None else _plain(found.check) | {
-            "responses": [_plain(r) for r in found.check.responses]},
+        "check": None if found.check is None else row_of(found.check) | {
+            "responses": [row_of(r) for r in found.check.responses]},
     }  # fmt: skip
     part = path.with_suffix(".part")
     part.write_text(json.dumps(content, indent=1, allow_nan=False), encoding="utf-8")
@@ -298,18 +299,9 @@ def write_information(found: Information, path: str | Path) -> Path:
     return path
 
 
-def _plain(row) -> dict:
-    return {k: None if isinstance(v, float) and not np.isfinite(v) else v for k, v in asdict(row).items()}
-
-
-def _table(kind, row: dict):
-    values = {k: float("nan") if v is None else tuple(v) if isinstance(v, list) else v for k, v in row.items()}
-    return kind(**values)
-
-
 def read_information(path: str | Path) -> Information:
     """Read information.json; raises InputError where it is none."""
-    path, again = Path(path), "write it with `probupdate information`"
+    path, again = Path(path), "write it with `probupdate inform`"
     if not path.is_file():
         raise InputError(str(path), "no such file", again)
     try:
@@ -317,11 +309,11 @@ def read_information(path: str | Path) -> Information:
         if c.pop("format") != FORMAT:
             raise InputError(str(path), "is of another version's format", again)
         return Information(
-            rows=tuple(_table(ParameterInformation, r) for r in c["rows"]), fisher=frozen_array(c["fisher"]),
-            directions=tuple(_table(Direction, d) for d in c["directions"]),
-            pairs=tuple(_table(Compensation, p) for p in c["pairs"]), total_bits=c["total_bits"], cost=c["cost"],
-            settings=c["settings"], check=None if c["check"] is None else _table(PredictiveCheck, c["check"] | {
-                "responses": [_table(ResponseCheck, r) for r in c["check"]["responses"]]}),
+            rows=tuple(from_row(ParameterInformation, r) for r in c["rows"]), fisher=frozen_array(c["fisher"]),
+            directions=tuple(from_row(Direction, d) for d in c["directions"]),
+            pairs=tuple(from_row(Compensation, p) for p in c["pairs"]), total_bits=c["total_bits"], cost=c["cost"],
+            settings=c["settings"], check=None if c["check"] is None else from_row(PredictiveCheck, c["check"] | {
+                "responses": [from_row(ResponseCheck, r) for r in c["check"]["responses"]]}),
         )
     except (json.JSONDecodeError, UnicodeDecodeError, KeyError, TypeError, AttributeError, ValueError) as error:
         raise InputError(str(path), f"is no information.json ({type(error).__name__}: {error})", again) from None

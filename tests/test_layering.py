@@ -11,7 +11,8 @@ PACKAGE = Path(__file__).resolve().parents[1] / "probupdate"
 
 # name -> floor; a module may import a lower floor, its own package, and what PEERS names
 FLOOR = {
-    "errors": 0, "progress": 0, "processes": 0.05, "deviation_file": 0.05, "parameters": 0.1, "modes": 0.1,
+    "errors": 0, "progress": 0, "processes": 0.05, "deviation_file": 0.05, "json_rows": 0.05,
+    "parameters": 0.1, "modes": 0.1,
     "model": 0.2, "mode_labels": 0.2,
     "structure": 1, "campaign": 1, "virtual": 1,
     "identification": 2,

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import json
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from probupdate.errors import InputError
 from probupdate.estimators.predictive import LeftOut
+from probupdate.json_rows import from_row, row_of
 from probupdate.modes import frozen_array
 
 FORMAT = 1
@@ -165,8 +166,8 @@ def write_views(views: SetViews, path: str | Path) -> Path:
     scores = {"score": {k: v.tolist() for k, v in views.scores.score.items()},
               "pareto_k": _nulls(views.scores.pareto_k.tolist()), "refitted": views.scores.refitted.tolist()}
     content = {
-        "format": FORMAT, "ids": list(views.ids), "rows": [_table(r) for r in views.rows],
-        "modes": [_table(m) for m in views.modes], "scores": scores, "converged": views.converged,
+        "format": FORMAT, "ids": list(views.ids), "rows": [row_of(r) for r in views.rows],
+        "modes": [row_of(m) for m in views.modes], "scores": scores, "converged": views.converged,
         "verdict": views.verdict, "linear_share": views.linear_share.tolist(),
         "correlation": None if views.correlation is None else views.correlation.tolist(), "notes": list(views.notes),
         "advice": views.advice, "settings": views.settings,
@@ -177,16 +178,8 @@ def write_views(views: SetViews, path: str | Path) -> Path:
     return path
 
 
-def _table(row) -> dict:
-    return {k: None if isinstance(v, float) and not np.isfinite(v) else v for k, v in asdict(row).items()}
-
-
 def _nulls(values: list[float]) -> list[float | None]:
     return [v if np.isfinite(v) else None for v in values]
-
-
-def _read_table(kind, table: dict):
-    return kind(**{k: float("nan") if v is None else v for k, v in table.items()})
 
 
 def read_views(path: str | Path) -> SetViews:
@@ -203,8 +196,8 @@ def read_views(path: str | Path) -> SetViews:
         left_out = LeftOut(ids=ids, score={name: frozen_array(v) for name, v in scores["score"].items()},
                            pareto_k=frozen_array(k), refitted=frozen_array(scores["refitted"], bool))
         views = SetViews(
-            ids=ids, rows=tuple(_read_table(SetsRow, r) for r in c["rows"]),
-            modes=tuple(_read_table(ModeScatter, m) for m in c["modes"]), scores=left_out, converged=c["converged"],
+            ids=ids, rows=tuple(from_row(SetsRow, r) for r in c["rows"]),
+            modes=tuple(from_row(ModeScatter, m) for m in c["modes"]), scores=left_out, converged=c["converged"],
             verdict=c["verdict"], linear_share=frozen_array(c["linear_share"]),
             correlation=None if c["correlation"] is None else frozen_array(c["correlation"]), notes=tuple(c["notes"]),
             advice=c["advice"], settings=c["settings"],
