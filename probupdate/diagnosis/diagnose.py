@@ -343,7 +343,8 @@ def examine(prepared: Prepared, data: ModalData, *, seed: int = 1, progress: Pro
     if verdict == "unexplained":
         details["nearest"] = [f"{f.cause}, {f.location}" for f in findings]
     diagnosis = Diagnosis(
-        verdict=verdict, p_value=min(1.0, 2 * min(first.p_value, fits)) if not findings else first.p_value, findings=named,
+        verdict=verdict, findings=named,
+        p_value=min(1.0, 2 * min(first.p_value, fits)) if not findings else first.p_value,
         limits=_limits(setting, first, null), threshold=first.threshold, adequacy_p=fits, notes=setting.blocks.notes,
         parameters=tuple(_parameters(setting, null, fitted)), details=details,
     )  # fmt: skip

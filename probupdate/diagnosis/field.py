@@ -54,7 +54,7 @@ class Field:
 
     def references(self, local: LocalModel, angle_deg: float) -> tuple[Reference, ...]:
         """Expected modes of every group."""
-        modes = local.solve(angle_deg)
+        modes = local.solve(angle_deg, self.small.n_search)
         shape, groups = self._members(local, modes)
         return tuple(
             self._reference(modes, shape, members, axes)[0] for members, axes in zip(groups, self.axes, strict=True)
@@ -73,12 +73,12 @@ class Field:
     ) -> tuple[tuple[Reference, ...], tuple[np.ndarray, ...], tuple[np.ndarray, ...]]:
         """References, and for every group the change of the tensor (k, k, n_param) and of the shapes (n_channel, k,
         n_param) in the group's axes with each parameter of `slopes` (see LocalModel.slopes)."""
-        modes = local.solve(angle_deg)
+        modes, turned = local.solve(angle_deg), local.turned(slopes, angle_deg)
         shape, groups = self._members(local, modes)
         references, tensors, shapes = [], [], []
         for members, axes in zip(groups, self.axes, strict=True):
             reference, turn = self._reference(modes, shape, members, axes)
-            coupling, d_shape = local.derivatives(slopes, angle_deg, modes, members)
+            coupling, d_shape = local.derivatives(turned, modes, members)
             value = (2 * np.pi * modes.frequency_hz[list(members)]) ** 2
             gap = value[:, None] - value[None, :]
             near = np.abs(gap) < 1e-9 * value[:, None]

@@ -26,12 +26,15 @@ from probupdate.parameters import Parameters
 ANGLE_DEG, BIN_DEG = 1.0, 10.0
 # a fit has settled when no parameter moves by more, in posterior deviations
 SETTLED, MOST_STEPS = 0.1, 40
-# changes of -2 ln posterior that do not matter
-FLAT = 0.2
+# changes of -2 ln posterior that do not matter: absolute, and of the whole. The fingerprints are derivatives of the
+# expected modes alone; where much is left over, departures from them change a little otherwise, and the point at which
+# the linear equations settle is not quite the least one
+FLAT, FLAT_SHARE = 0.2, 1e-3
 # a step is no longer than so many prior deviations at once
 LONGEST, HALVINGS = 1.0, 6
-# fingerprints of tolerances and effects are computed anew every so many steps on the way
-REFRESH = 6
+# fingerprints of tolerances and effects are computed anew every so many steps on the way, those of the updated
+# parameters after every step longer than this, in posterior deviations
+REFRESH, FAR = 6, 1.0
 # columns in whose own unit an effect's slab is given
 NATURAL = ("water_level_m", "air_temperature_c", "thrust_share")
 # relative error of an effect's fingerprint, response by response: between this model and the virtual turbine, whose
@@ -174,8 +177,8 @@ def local_at(
 def design_at(
     setting: Setting, theta: np.ndarray, named: Sequence[Named], noise: Noise, before: Design | None = None
 ) -> Design:
-    """Fingerprints at theta and the named effects, a bin of blocks for each nacelle angle before and after each step: an
-    error of a few per cent that changes sign with the step would look like the step, which is known better than that.
+    """Fingerprints at theta and the named effects, a bin of blocks for each angle before and after each step: an error
+    of a few per cent that changes sign with the step looks like the step, which is known better than that.
     With the design of a point nearby (`before`), only those of the updated parameters are computed anew."""
     field, blocks = setting.field, setting.blocks
     names = field.parameters.names
@@ -297,7 +300,10 @@ def fit(
                                    stated_covariance(setting, theta, named))
         settled = step < SETTLED
         anew = settled or number % REFRESH == (0 if base is None else REFRESH - 1)
-        design = design_at(setting, theta, named, noise, None if anew else design)
+        if anew or step > FAR:
+            design = design_at(setting, theta, named, noise, None if anew else design)
+        else:
+            design = replace(design, noise=noise)
         departures = _kept(departures, noise)
         centred = centred_departures(setting, design, theta, named, departures)
         if settled:
@@ -321,7 +327,7 @@ def fit(
             fresh, sizes_there = _moved(setting, theta, named, share * move * scale, share * change)
             tried, used = _departures(setting, fresh, sizes_there)
             after = design.misfit(_kept(tried, noise), held) + penalty(setting, fresh, sizes_there)
-            if after <= before + FLAT:
+            if after <= before + FLAT + FLAT_SHARE * abs(before):
                 break
             share *= 0.5
         else:

@@ -9,7 +9,7 @@ points that took no part in it.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy import linalg, sparse
@@ -22,6 +22,8 @@ from probupdate.structure.eigen import lowest_modes, mode_derivatives
 
 # angles that determine a trigonometric polynomial of second degree
 TURNS_DEG = tuple(72.0 * k for k in range(5))
+# models at single parameter values that are kept
+N_KNOWN = 6
 # modes a snapshot holds beyond those looked for: modes may trade places
 SPARE = 1
 # the highest of the modes looked through are there to be told from others, and may be less exact
@@ -34,9 +36,13 @@ TOLERANCE = 1e-3
 CUTS = (3e-2, 1e-2, 3e-3, 3e-4)
 
 
+# for stiffness and mass: what does not turn (n, r, r), and by parameter what does
+Slopes = list[tuple[np.ndarray, dict[int, np.ndarray]]]
+
+
 @dataclass(frozen=True, eq=False, kw_only=True)
 class SmallModes:
-    """All modes of the basis at one point: frequency_hz (r,), vectors (r, r) of unit modal mass."""
+    """Modes of the basis at one point: frequency_hz (n,), vectors (r, n) of unit modal mass."""
 
     frequency_hz: np.ndarray
     vectors: np.ndarray
@@ -62,10 +68,19 @@ class SmallModel:
     n_search: int
     frequency_error: float
     fingerprint: str
+    known: dict[bytes, LocalModel] = field(default_factory=dict, repr=False)
 
     def at(self, theta: np.ndarray) -> LocalModel:
-        """The model at theta (n_param,)."""
+        """The model at theta (n_param,); the last few are kept."""
         theta = np.array(theta, float)
+        key = theta.tobytes()
+        if key not in self.known:
+            if len(self.known) >= N_KNOWN:
+                self.known.pop(next(iter(self.known)))
+            self.known[key] = self._at(theta)
+        return self.known[key]
+
+    def _at(self, theta: np.ndarray) -> LocalModel:
         cK, cM = self.coefficients(theta)
         waves = []
         for weight, fixed, turning in ((cK, self.stiffness, self.turning_stiffness),
@@ -87,11 +102,14 @@ class LocalModel:
     stiffness: np.ndarray
     mass: np.ndarray
 
-    def solve(self, angle_deg: float = 0.0) -> SmallModes:
-        """All modes of the basis with the nacelle at that angle."""
+    def solve(self, angle_deg: float = 0.0, count: int | None = None) -> SmallModes:
+        """The lowest `count` or all modes of the basis with the nacelle at that angle."""
         wave = _harmonics(angle_deg)
+        size = self.stiffness.shape[1]
+        lowest = None if count is None or 4 * count > size else (0, count - 1)
         try:
-            value, vectors = linalg.eigh(np.tensordot(wave, self.stiffness, 1), np.tensordot(wave, self.mass, 1))
+            value, vectors = linalg.eigh(np.tensordot(wave, self.stiffness, 1), np.tensordot(wave, self.mass, 1),
+                                         subset_by_index=lowest)
         except linalg.LinAlgError as error:
             raise ConvergenceError(f"{self.small.name}: no modes on the small basis ({error})", self.theta) from None
         return SmallModes(frequency_hz=np.sqrt(np.maximum(value, 0)) / (2 * np.pi), vectors=vectors)
@@ -100,7 +118,7 @@ class LocalModel:
         """(n_channel, count) of the lowest modes."""
         return self.small.at_channels @ modes.vectors[:, :count]
 
-    def slopes(self, columns: Sequence[int]) -> list[tuple[np.ndarray, dict[int, np.ndarray]]]:
+    def slopes(self, columns: Sequence[int]) -> Slopes:
         """For stiffness and mass: derivatives with the parameters `columns` that do not turn (n, r, r), and by number
         the harmonics (5, r, r) of those that do."""
         small, columns = self.small, list(columns)
@@ -120,21 +138,24 @@ class LocalModel:
             result.append((still, waves))
         return result
 
+    def turned(self, slopes: Slopes, angle_deg: float) -> Slopes:
+        """`slopes` at one angle: what turns, summed over its harmonics."""
+        wave = _harmonics(angle_deg)
+        return [(still, {p: np.tensordot(wave, own, 1) for p, own in waves.items()}) for still, waves in slopes]
+
     def derivatives(
-        self, slopes: list[tuple[np.ndarray, dict[int, np.ndarray]]], angle_deg: float, modes: SmallModes,
-        members: Sequence[int],
-    ) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
+        self, turned: Slopes, modes: SmallModes, members: Sequence[int]
+    ) -> tuple[np.ndarray, np.ndarray]:
         """For one cluster of modes, ascending: d(Phi^T K Phi - lambda Phi^T M Phi) (k, k, n_param) between its members,
         lambda the mean of the two, and d shape (n_channel, k, n_param) without their rotation into each other; for the
-        parameters of `slopes`."""
+        parameters of `turned`."""
         members = list(members)
         phi, own = modes.vectors, modes.vectors[:, members]
-        wave = _harmonics(angle_deg)
         parts = []
-        for still, waves in slopes:
+        for still, waves in turned:
             product = still @ own
             for p, turning in waves.items():
-                product[p] += np.tensordot(wave, turning, 1) @ own
+                product[p] += turning @ own
             parts.append(phi.T @ product)
         dK, dM = parts
         value = (2 * np.pi * modes.frequency_hz) ** 2
@@ -188,16 +209,22 @@ def small_model(
     energy, turn = np.linalg.eigh(snapshots.T @ (sums[0].K(first.parameters.initial) @ snapshots))
     for cut in CUTS:
         kept = energy > cut
-        small = _project(models, snapshots @ (turn[:, kept] / np.sqrt(energy[kept])), n_mode)
+        basis = snapshots @ (turn[:, kept] / np.sqrt(energy[kept]))
         error = max(
-            float(np.max(np.abs(small.at(check[k]).solve(TURNS_DEG[k % len(models)]).frequency_hz[:sure] / f - 1)))
+            float(np.max(np.abs(_projected_frequencies(sums[k % len(models)], check[k], basis, sure) / f - 1)))
             for k, f in zip(numbers, exact, strict=True)
         )
         if error <= TOLERANCE:
-            return replace(small, frequency_error=error)
+            return replace(_project(models, basis, n_mode), frequency_error=error)
     raise ConvergenceError(
         f"{first.name}: the small basis of {kept.sum()} vectors misses frequencies by {error:.1e} where {TOLERANCE:g} "
         "is needed", error)  # fmt: skip
+
+
+def _projected_frequencies(one: _Sum, theta: np.ndarray, basis: np.ndarray, count: int) -> np.ndarray:
+    K, M = (basis.T @ (matrix @ basis) for matrix in one.both(theta))
+    value = linalg.eigh(K, M, eigvals_only=True, subset_by_index=(0, count - 1))
+    return np.sqrt(np.maximum(value, 0)) / (2 * np.pi)
 
 
 class _Sum:
