@@ -82,8 +82,10 @@ class Diagnosis:
         content = self.content()
         lines = [f"verdict: {self.verdict}", wording.verdict_words(content)]
         for f in content["findings"]:
-            lines.append(f"  {wording.finding_words(f)}; z = {f['z']:.1f}, "
-                         f"probability {f['posterior_probability']:.2f}")  # fmt: skip
+            told = (("z =", f["z"], ".1f"), ("probability", f["posterior_probability"], ".2f"))
+            lines.append("; ".join([f"  {wording.finding_words(f)}",
+                                    ", ".join(f"{word} {value:{form}}" for word, value, form in told
+                                              if value is not None)]))  # fmt: skip
             told = (("or", wording.alternatives_words(f)), ("to confirm", f["check"]), ("gain", wording.gain_words(f)))
             lines += [f"    {word}: {text}" for word, text in told if text]
         lines += [f"  to split them: {s}" for s in self.splits]
@@ -98,7 +100,7 @@ class Diagnosis:
             count = sum(x["limit"] is not None for x in content["limits"])
             lines.append(f"seen best, each cause at its best place ({count} limits in the file and the report):")
             lines += [f"  {wording.limit_words(x)}" for x in limits]
-        lines += [f"not used: {note}" for note in self.notes]
+        lines += [f"note: {note}" for note in self.notes]
         if self.extended_model:
             lines.append(f"the model with what was found: {self.extended_model}")
         lines += [f"  {s}" for s in self.extension.get("statements", ())]

@@ -71,16 +71,19 @@ def verdict_words(content: Mapping) -> str:
     """One sentence: what was found, or not, and what it means."""
     verdict, findings = content["verdict"], content["findings"]
     p = probability_words(content.get("p_value"))
+    with_model = bool(content.get("parameters"))
+    parted = "Model and measurement disagree" if with_model else "The record departs from what is normal"
     if verdict == "none":
         return f"Nothing was found beyond tolerances and chance ({p}); effects below the limits would not be seen."
     if verdict == "unexplained":
-        return (f"Model and measurement disagree beyond tolerances and chance ({p}), and no listed cause explains it: "
-                "numbers from an update of this model carry an unknown error.")  # fmt: skip
+        rest = "and not all of it has a listed cause" if findings else "and no listed cause explains it"
+        meaning = ": numbers from an update of this model carry an unknown error" if with_model else ""
+        return f"{parted} beyond tolerances and chance ({p}), {rest}{meaning}."
     count = {1: "one effect", 2: "two effects", 3: "three effects"}.get(len(findings), f"{len(findings)} effects")
     if verdict == "ambiguous":
-        return f"Model and measurement disagree ({p}) by {count}; for what, several causes look alike."
+        return f"{parted} ({p}) by {count}; for what, several causes look alike."
     sure = "whose cause is as good as sure" if len(findings) == 1 else "the cause of each as good as sure"
-    return f"Model and measurement disagree ({p}) by {count}, {sure}."
+    return f"{parted} ({p}) by {count}, {sure}."
 
 
 def adequacy_words(content: Mapping) -> str:

@@ -52,9 +52,10 @@ def diagnosis_section(run: Run) -> Section | None:
     items += _measurement(content, shown)
     items += _limits(content)
     if content["notes"]:
-        items.append(Items(title="What this diagnosis did not use", statements=tuple(map(sentence, content["notes"]))))
+        items.append(Items(title="Notes", statements=tuple(map(sentence, content["notes"]))))
     level = "good" if content["verdict"] == "none" else "warning"
-    return Section(anchor="diagnosis", title="What the model gets wrong", items=tuple(items),
+    title = "What the model gets wrong" if content["parameters"] else "What is wrong in the record"
+    return Section(anchor="diagnosis", title=title, items=tuple(items),
                    headline=HEADLINES[content["verdict"]], level=level, lead=wording.verdict_words(content))
 
 
@@ -88,11 +89,11 @@ def _actions(content: Mapping) -> list[object]:
             statements.append(f"{wording.name_of(f)}: {check}.")
     statements += [sentence(s) for s in content.get("splits", ())]
     nearest = content["details"].get("nearest")
-    if content["verdict"] == "unexplained":
+    if content["verdict"] == "unexplained" and content["parameters"]:
         statements.append("Do not read the updated parameters as properties of the structure: find what is missing in "
                           "the model first. The maps below show where model and measurement part.")
-        if nearest:
-            statements.append(f"Nearest in the catalogue, but not enough: {'; '.join(nearest)}.")
+    if content["verdict"] == "unexplained" and nearest:
+        statements.append(f"Nearest in the catalogue, but not enough: {'; '.join(nearest)}.")
     if content.get("extended_model"):
         statements.append(f"Update and sample again with {content['extended_model']}, which has the findings in it.")
     if content["verdict"] == "none":
