@@ -57,9 +57,12 @@ def main() -> int:
     laplace = maximum_a_posteriori(problem, [problem.parameters.initial])
     prepared = approach(problem, laplace, a.seed)
     say(f"preparation (maximum, outline, reduced basis, surfaces): {time.process_time() - begun:.1f} s of processor")
-    say(f"outline's share {prepared.notes['outline']:.2f}, surfaces' error in ln p {prepared.notes['emulator']:.2f}")
+    surfaces = "no surfaces" if prepared.emulator is None else f"surfaces' error in ln p {prepared.emulator.error:.2f}"
+    say(f"outline's share {prepared.notes['outline']:.2f}, {surfaces}")
     rates = {}
-    for name, emulator in (("all moves", prepared.emulator), ("without surfaces", None)):
+    # surfaces are made only where the outline serves badly
+    with_surfaces = [] if prepared.emulator is None else [("all moves", prepared.emulator)]
+    for name, emulator in [*with_surfaces, ("without surfaces", None)]:
         with tempfile.TemporaryDirectory() as folder:
             begun = time.process_time()
             chain = sample(prepared.problem, prepared.surrogate, folder, SamplerSettings(seed=a.seed, target_ess=a.ess),
@@ -81,7 +84,7 @@ def main() -> int:
     rates["stretch"] = ess.min() / seconds
     say(f"emcee's stretch move, {n_walker} walkers, {a.plain_steps} steps: {seconds:.1f} s, worst effective size "
         f"{ess.min():.0f}: {rates['stretch']:.1f} a second, {ess.min() / (a.plain_steps * n_walker):.4f} an evaluation")
-    for name in ("all moves", "without surfaces"):
+    for name in list(rates)[:-1]:
         say(f"{name} over stretch: {rates[name] / rates['stretch']:.1f}")
     return 0
 

@@ -106,11 +106,11 @@ SLOPE = np.array([[0.05, 0.02], [0.10, -0.04], [0.02, 0.20], [0.30, 0.10], [-0.2
 
 
 def mixed_problem():
-    three = np.column_stack([SLOPE, np.zeros(5)])
+    three = linear_model(slope=np.column_stack([SLOPE, np.zeros(5)]))
     model = linear_model(MIXED, slope=SLOPE)
 
     def function(theta):
-        return linear_model(slope=three).function(np.append(theta, -1.0))
+        return three.function(np.append(theta, -1.0))
 
     data = linear_data(LINEAR_HZ + np.array([0.02, 0.05, -0.04, 0.1, -0.25]), cov=0.02)
     return build_problem(replace(model, function=function), data)
@@ -119,7 +119,7 @@ def mixed_problem():
 def test_posterior_against_quadrature(tmp_path):
     """Means, deviations and 5 and 95 % points of a posterior with a lognormal and two cut priors."""
     problem = mixed_problem()
-    chain = sample(problem, outlined(problem), tmp_path / "chain", SamplerSettings(target_ess=3000))
+    chain = sample(problem, outlined(problem), tmp_path / "chain", SamplerSettings(target_ess=1500))
     assert chain.converged, chain.verdict
     node, weight = np.polynomial.legendre.leggauss(120)
     axes = [0.5 * (p.upper + p.lower) + 0.5 * (p.upper - p.lower) * node for p in MIXED]
@@ -142,7 +142,7 @@ def test_posterior_against_quadrature(tmp_path):
 def test_a_gaussian_posterior_has_its_closed_form_covariance(tmp_path):
     problem = linear_problem(LINEAR_HZ + np.array([0.03, -0.06, 0.10, 0.15, -0.30]))
     top = maximum_a_posteriori(problem, [problem.parameters.initial])
-    chain = sample(problem, outlined(problem), tmp_path / "chain", SamplerSettings(target_ess=4000))
+    chain = sample(problem, outlined(problem), tmp_path / "chain", SamplerSettings(target_ess=2000))
     assert chain.converged, chain.verdict
     white = np.linalg.solve(np.linalg.cholesky(top.covariance), (chain.draws - top.theta).T)
     ess = chain.ess.min()

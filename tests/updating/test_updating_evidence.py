@@ -29,10 +29,10 @@ SLOPE = np.array([[0.05, 0.02, 0], [0.10, -0.04, 0], [0.02, 0.20, 0], [0.30, 0.1
 
 
 def two_parameters(parameters=CUT):
-    model = linear_model(parameters, slope=SLOPE[:, :2])
+    model, three = linear_model(parameters, slope=SLOPE[:, :2]), linear_model(slope=SLOPE)
 
     def function(theta):
-        return linear_model(slope=SLOPE).function(np.append(theta, -1.0))
+        return three.function(np.append(theta, -1.0))
 
     return build_problem(replace(model, function=function),
                          linear_data(LINEAR_HZ + np.array([0.02, 0.05, -0.04, 0.1, -0.25]), cov=0.02))  # fmt: skip
