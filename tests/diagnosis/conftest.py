@@ -77,3 +77,14 @@ def record():
         return ModalData(channels=CHANNELS, sets=tuple(sets))
 
     return make
+
+
+@pytest.fixture(scope="session")
+def stepped(frame_file, record):
+    """(prepared, data, outcome): the third storey loosens by a tenth from block 18 on, which no step of the search's
+    grid is."""
+    from probupdate.diagnosis.diagnose import examine
+    from probupdate.diagnosis.prepare import prepare
+
+    prepared, data = prepare(frame_file), record(4, storey=2, factor=0.9, from_block=18)
+    return prepared, data, examine(prepared, data)

@@ -9,7 +9,7 @@ import pytest
 import probupdate
 from probupdate.diagnosis.catalogue import Delay, Effect, Gain, Rate, Turn
 from probupdate.diagnosis.courses import Course, step_course
-from probupdate.diagnosis.diagnose import examine
+from probupdate.diagnosis.diagnose import settle
 from probupdate.diagnosis.extension import corrected, corrections, described, extend, mean_set
 from probupdate.diagnosis.fitting import Named
 from probupdate.diagnosis.prepare import prepare
@@ -33,8 +33,6 @@ def named(observe, size, course):
 def test_corrected_sets_are_those_without_the_sensors_faults(prepared, record):
     """A late logger, a turned sensor, a gain from the tenth block on and a fast clock, put in by the observations and
     taken out again."""
-    from probupdate.diagnosis.diagnose import settle
-
     true = record(1)
     setting, _ = settle(prepared, true)
     n = len(true.sets)
@@ -64,16 +62,16 @@ def test_deviations_are_corrected_as_the_shapes_are():
     assert corrections(4, [named(Gain(2), 0.25, None)], [0.0], 1.0)[0][2, 2] == 1.0
 
 
-def test_mean_of_blocks_is_that_of_frequencies_and_shapes(prepared, record):
+def test_mean_of_blocks_is_that_of_frequencies_and_shapes(stepped):
     """Against plain means of the blocks: pairs of this frame have their axes in x and y."""
-    outcome = examine(prepared, record(4, storey=2, factor=0.9, from_block=20))
+    outcome = stepped[2]
     found, n = mean_set(outcome.setting, outcome.fitted)
-    later = outcome.setting.blocks.taken(np.arange(20, 40))
-    assert n == 20
+    later = outcome.setting.blocks.taken(np.arange(18, 40))
+    assert n == 22
     plain = later.frequency_hz.mean(axis=0)
     # pairs 1.5 % apart are mixed with the noise of shapes: a mean of ordered frequencies is off by less than that of
-    # twenty blocks of 0.1 %
-    np.testing.assert_allclose(found.frequency_hz, plain, rtol=3e-3 / np.sqrt(20))
+    # twenty-two blocks of 0.1 %
+    np.testing.assert_allclose(found.frequency_hz, plain, rtol=3e-3 / np.sqrt(22))
     floor = outcome.setting.floor[0][0]
     assert np.all(found.frequency_std_hz > floor * plain) and np.all(found.frequency_std_hz < 2 * floor * plain)
     one = later.shape[0]
@@ -81,7 +79,7 @@ def test_mean_of_blocks_is_that_of_frequencies_and_shapes(prepared, record):
 
 
 def test_a_wrong_gain_is_taken_out_and_the_parameters_move_back(prepared, record, tmp_path):
-    data = record(6, gain=("y4", 1.15))
+    data = record(8, gain=("y4", 1.15))
     out = tmp_path / "run" / "diagnosis.json"
     found = probupdate.diagnose(prepared, data, out=out)
     content = json.loads(found.write(out)[0].read_text())
@@ -104,7 +102,7 @@ def test_a_wrong_gain_is_taken_out_and_the_parameters_move_back(prepared, record
 
 
 def test_left_out_on_request(prepared, record, tmp_path):
-    found = probupdate.diagnose(prepared, record(6, gain=("y4", 1.15)), extend=False, out=tmp_path / "d.json")
+    found = probupdate.diagnose(prepared, record(8, gain=("y4", 1.15)), extend=False, out=tmp_path / "d.json")
     assert found.findings[0].gain == {} and found.extension == {} and not list(tmp_path.iterdir())
 
 
@@ -127,9 +125,16 @@ def test_an_extended_turbine_is_the_old_one_until_its_parameter_moves(tmp_path):
     assert model.solve(theta, 5).frequency_hz[2] < original[2] * 0.999
 
 
-def test_findings_of_parameters_leave_the_model_as_it_is(prepared, record):
-    data = record(4, storey=2, factor=0.9, from_block=20)
-    told = extend(prepared, examine(prepared, data), data)
+def test_findings_of_parameters_leave_the_model_as_it_is(stepped):
+    prepared, data, outcome = stepped
+    told = extend(prepared, outcome, data)
     assert told.model is None
     (added,) = told.content["added"]
     assert added["parameter"] == "k3" and "doubted" in added["as"]
+
+
+def test_a_step_between_the_grids_blocks_is_found_to_the_block(stepped):
+    setting, fitted = stepped[2].setting, stepped[2].fitted
+    assert 18 not in {c.at for c in setting.courses if c.kind == "step"}
+    (one,) = fitted.named
+    assert one.course.at == 18 and stepped[2].diagnosis.findings[0].course_start == setting.blocks.ids[18]

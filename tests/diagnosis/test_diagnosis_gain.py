@@ -1,21 +1,17 @@
 """The gain on held-out blocks: densities written out, its size, its calibration, and that a wrong effect has none."""
 
-import json
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from scipy import stats
 
-import probupdate
 from probupdate.diagnosis import gain
 from probupdate.diagnosis.courses import Course, step_course
-from probupdate.diagnosis.diagnose import examine
 from probupdate.diagnosis.fitting import departures_at, fit
 from probupdate.diagnosis.linear import Design
 from probupdate.diagnosis.noise import Noise
 from probupdate.diagnosis.prediction import columns, course_factors, crps, predict
-from probupdate.diagnosis.prepare import prepare
 
 N_BLOCK, N_EFFECT, N_NUISANCE = 60, 3, 3
 SIZES = (5, 4)
@@ -139,14 +135,14 @@ def test_gain_of_a_true_step_is_about_half_its_squared_snr(snr):
 
 
 def test_a_wrong_effect_gains_nothing():
-    """Thirty records with nothing wrong: an effect taken in all the same is significant at most at the rate of its two
+    """Twenty records with nothing wrong: an effect taken in all the same is significant at most at the rate of its two
     errors."""
     plain, rng = make_design(), np.random.default_rng(11)
     extended = make_design(named=((0, step_course(N_BLOCK, 20), 1.0),))
-    found = [gain.contest((plain, y), (extended, y)) for y in (plain.simulate(rng) for _ in range(30))]
+    found = [gain.contest((plain, y), (extended, y)) for y in (plain.simulate(rng) for _ in range(20))]
     # an effect that is not there costs, or gains by chance as much as its own error
     assert np.mean([c.elpd for c in found]) < 0.5
-    # 2.3 % each: four and more of thirty would be p = 0.005
+    # 2.3 % each: four and more of twenty would be p = 0.001
     assert sum(c.significant for c in found) < 4
 
 
@@ -202,23 +198,22 @@ def test_error_of_a_sum_counts_correlation():
         assert stated == pytest.approx(np.sqrt(variance), rel=0.1)
 
 
-def test_a_finding_carries_its_gain(frame_file, record):
+def test_a_finding_carries_its_gain(stepped):
     """A storey that loosens by a tenth: what it gains, in the keys that outside readers rely on."""
-    found = probupdate.diagnose(prepare(frame_file), record(4, storey=2, factor=0.9, from_block=20))
-    (one,) = found.findings
-    told = json.loads(json.dumps(found.content()))["findings"][0]["gain"]
+    prepared, data, outcome = stepped
+    (told,) = gain.gains(prepared, outcome)
     assert told["significant"] is True and told["heldout_elpd"] > 4 * told["heldout_elpd_se"] > 0
     # 10 % of one of five storeys moves frequencies by about 1 %; blocks are good to 0.1 %
     assert told["max_frequency_error_after"] < 0.002 < 0.004 < told["max_frequency_error_before"]
     assert told["crps_frequency_after"] < told["crps_frequency_before"] and told["min_mac_after"] > 0.999
-    assert {s["level"] for s in told["heldout_sensors"]} == set(record(4).channels)
+    assert {s["level"] for s in told["heldout_sensors"]} == set(data.channels)
     assert told["fatigue"] == {} and set(told["parameter_shifts"]) == {"k1", "k2", "k3", "k4", "k5"}
-    assert "predicted better" in one.gain["statement"]
+    assert "predicted better" in told["statement"]
 
 
-def test_refitted_predictions_are_those_of_the_linear_way(frame_file, record):
+def test_refitted_predictions_are_those_of_the_linear_way(stepped):
     """The plain way: the model fitted anew to the other blocks alone; frequencies of a held-out stretch."""
-    outcome = examine(prepare(frame_file), record(4, storey=2, factor=0.9, from_block=20))
+    outcome = stepped[2]
     setting, fitted = outcome.setting, outcome.fitted
     held = gain.stretches(len(setting.blocks)) == 3
     linear = predict(gain.with_noise(fitted.design, fitted.design.noise), fitted.centred, held)
