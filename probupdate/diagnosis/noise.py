@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy import stats
 
 from probupdate.modes import frozen_array
 
@@ -39,9 +40,8 @@ def estimate_noise(
     """
     covariances, precisions, weights = [], [], []
     for q, (y, ok) in enumerate(zip(departures, used, strict=True)):
-        weight = np.where(ok, relative_std[:, q] ** -2.0, 0.0)
-        if np.ptp(relative_std[:, q]) == 0:
-            weight = _state_weights(y, ok, states)
+        trust = _trust(y, ok, relative_std[:, q])
+        weight = np.where(ok, relative_std[:, q] ** (-2.0 * trust), 0.0) if trust else _state_weights(y, ok, states)
         rows = np.flatnonzero(weight > 0)
         before, after = rows[:-1], rows[1:]
         scale = np.sqrt(1 / weight[before] + 1 / weight[after])
@@ -63,6 +63,26 @@ def estimate_noise(
         precisions.append(frozen_array(np.linalg.inv(covariance)))
         weights.append(frozen_array(weight))
     return Noise(covariance=tuple(covariances), precision=tuple(precisions), weight=tuple(weights))
+
+
+def _trust(y: np.ndarray, ok: np.ndarray, relative_std: np.ndarray) -> float:
+    """How far stated deviations foretell the scatter of blocks: slope of its logarithm on theirs, less its standard
+    error, between 0 and 1.
+
+    A deviation estimated from few parts of one block is itself off by a fifth; weights made of it would call the noise
+    of what they favour too small.
+    """
+    rows = np.flatnonzero(ok)
+    difference = y[rows[1:]] - y[rows[:-1]]
+    typical = np.median(difference**2, axis=0) / 0.455
+    # a step is one large difference; it counts as a large one, not as itself
+    share = np.mean(np.minimum(difference**2 / np.where(typical > 0, typical, 1.0), 9.0), axis=1)
+    stated = np.log(0.5 * (relative_std[rows[1:]] ** 2 + relative_std[rows[:-1]] ** 2))
+    known = share > 0
+    if known.sum() < FEWEST_OF_STATE or np.ptp(stated[known]) == 0:
+        return 0.0
+    found = stats.linregress(stated[known], np.log(share[known]))
+    return float(np.clip(found.slope - found.stderr, 0.0, 1.0))
 
 
 def _state_weights(y: np.ndarray, ok: np.ndarray, states: np.ndarray) -> np.ndarray:
