@@ -19,6 +19,8 @@ from probupdate.modes import Sensor
 
 # what is free may be so many times the largest component
 FREE = 10.0
+# how far the axes of a pair, found by a vote of the levels, may be turned and sheared
+SHEAR = 0.1
 # lack of symmetry between x and y, share of a level's motion: the rotor's inertias, legs and soil that differ
 ASYMMETRY = 0.05
 # bends beside a rigid level's motion (legs towards and from one another), share of the largest component
@@ -138,7 +140,7 @@ def _unknowns(s: Shapes, tolerated: Sequence[tuple[Effect, float]]) -> tuple[np.
         square = s.upright and k == 2
         # how a pair's shapes are turned and sheared (not by how much they move), and every shape's phase
         for shear in _SHEARS if k == 2 else ():
-            add(q, shape @ shear + 0j, FREE)
+            add(q, shape @ shear + 0j, SHEAR)
         for i in range(k):
             for j in range(k):
                 add(q, 1j * np.outer(shape[:, i], np.eye(k)[j]), FREE)
@@ -276,7 +278,7 @@ def _rivals(now: Shapes, tolerated, effects, whole, threshold) -> tuple[list[Men
     t = _test(now, tolerated, effects)
     usable = _usable(t)
     z = np.where(usable, t.u / np.sqrt(np.maximum(t.v, 1e-300)), 0.0)
-    order = [int(k) for k in np.argsort(-np.abs(z))[:12] if abs(z[k]) > 0.5 * np.max(np.abs(z))]
+    order = [int(k) for k in np.argsort(-np.abs(z))[:6] if abs(z[k]) > 0.5 * np.max(np.abs(z))]
     near = {effects[k].location for k in np.argsort(-np.abs(z))[:8]}
     tried = []
     for effect in [*(effects[k] for k in order), *(e for e in whole if set(e.location.split(" and ")) <= near)]:

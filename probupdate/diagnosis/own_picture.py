@@ -21,6 +21,8 @@ from probupdate.modes import Sensor, frozen_array
 SECTOR_DEG = 15.0
 # harmonics of the nacelle's angle are kept where they move by this share of the strongest; blocks asked for each
 TURNING_SHARE, BLOCKS_A_COLUMN = 0.03, 6
+# cosine from which two levels are said to move alike
+AGREEING = 0.97
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -95,7 +97,8 @@ def own_axes(blocks: Blocks, q: int, sensors: Sequence[Sensor]) -> np.ndarray:
     if len(members) == 2:
         turn = _to_axes(blocks.channels, sensors, plane)
         plane = plane if turn is None else plane @ turn
-    return frozen_array(plane / np.take_along_axis(plane, np.argmax(np.abs(plane), axis=0)[None], axis=0))
+    # signs stay: the largest component may be a reversed sensor's
+    return frozen_array(plane / np.max(np.abs(plane), axis=0))
 
 
 def _to_axes(channels, sensors: Sequence[Sensor], plane: np.ndarray) -> np.ndarray | None:
@@ -112,10 +115,15 @@ def _to_axes(channels, sensors: Sequence[Sensor], plane: np.ndarray) -> np.ndarr
     for there in levels.values():
         direction = np.array([s.direction[:2] for s in there])
         if np.linalg.matrix_rank(direction, tol=0.3) == 2:
-            motions.append((np.linalg.pinv(direction) @ plane[[row[s.channel] for s in there]]).ravel())
+            moved = (np.linalg.pinv(direction) @ plane[[row[s.channel] for s in there]]).ravel()
+            # every level has one vote, however far it moves
+            motions.append(moved / np.linalg.norm(moved))
     if not motions:
         return None
-    common = np.linalg.svd(np.array(motions))[2][0].reshape(2, 2)
+    # one that is reversed, or near a node, is not asked: the largest number of levels that agree decides
+    alike = np.abs(np.array(motions) @ np.array(motions).T) > AGREEING
+    agreed = np.array(motions)[alike[np.argmax(alike.sum(axis=1))]]
+    common = np.linalg.svd(agreed)[2][0].reshape(2, 2)
     return None if np.linalg.cond(common) > 20 else np.linalg.inv(common)
 
 

@@ -88,24 +88,38 @@ def test_constant_gain_on_a_rigid_level_is_named():
     assert one.size == pytest.approx(-0.2, abs=4 * one.size_std)
 
 
-def test_an_effect_of_ones_own_needs_a_function_and_a_row(record):
-    """Crosstalk from y5 into x3, which is in no catalogue, from the middle of the record on."""
+def crosstalk(shape, frequency_hz, size):
+    """y5 is heard in x3, which is in no catalogue."""
+    seen = np.array(shape, complex)
+    seen[4] += size * shape[9]
+    return seen, 0.0
 
-    def crosstalk(shape, frequency_hz, size):
-        seen = np.array(shape, complex)
-        seen[4] += size * shape[9]
-        return seen, 0.0
 
+CROSSTALK = Effect(kind="measurement", cause="crosstalk", location="y5 into x3", unit="-", tolerance=0.0, slab=0.1,
+                   observe=crosstalk, step_of_size=1e-3, courses=("constant", "step"))  # fmt: skip
+
+
+@pytest.fixture
+def with_crosstalk(record):
+    """From the middle of the record on."""
     data = record(6)
-    sets = tuple(s if k < 18 else replace(s, shape=crosstalk(s.shape, 0.0, 0.12)[0]) for k, s in enumerate(data.sets))
-    own = Effect(kind="measurement", cause="crosstalk", location="y5 into x3", unit="-", tolerance=0.0, slab=0.1,
-                 observe=crosstalk, step_of_size=1e-3, courses=("step",))  # fmt: skip
-    found = diagnose_without_model(replace(data, sets=sets), effects=[own])
+    return replace(data, sets=tuple(s if k < 18 else replace(s, shape=crosstalk(s.shape, 0.0, 0.12)[0])
+                                    for k, s in enumerate(data.sets)))  # fmt: skip
+
+
+def test_an_effect_of_ones_own_needs_a_function_and_a_row(with_crosstalk):
+    found = diagnose_without_model(with_crosstalk, effects=[CROSSTALK])
     (one,) = found.findings
     assert (found.verdict, one.cause, one.location) == ("named", "crosstalk", "y5 into x3")
     assert one.size == pytest.approx(0.12, abs=4 * one.size_std + 0.003)
     # without the row there is no name for it
-    assert diagnose_without_model(replace(data, sets=sets)).verdict == "unexplained"
+    assert diagnose_without_model(with_crosstalk).verdict == "unexplained"
+
+
+def test_the_same_row_beside_a_model(frame_file, with_crosstalk):
+    found = probupdate.diagnose(frame_file, with_crosstalk, effects=[CROSSTALK], extend=False)
+    assert ("crosstalk", "y5 into x3") == (found.findings[0].cause, found.findings[0].location)
+    assert found.findings[0].size == pytest.approx(0.12, abs=4 * found.findings[0].size_std)
 
 
 def test_the_command_takes_modes_alone(record, tmp_path, capsys):
