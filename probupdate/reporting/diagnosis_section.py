@@ -39,11 +39,14 @@ def diagnosis_section(run: Run) -> Section | None:
         return None
     shown = content["details"].get("residuals")
     items: list[object] = [_tiles(content), *_actions(content)]
+    if content["notes"]:
+        items.append(Items(title="Notes", statements=tuple(map(sentence, content["notes"]))))
     if content["findings"]:
         items.append(_findings_table(content["findings"]))
         items.append(_picture(
             figures.causes(content["findings"]), "causes", "Of every finding its cause (filled) and what else could be "
             "meant (hatched), by evidence of each refitted as it is, discounted by what models cannot be trusted to."))
+    items += _changes(content["details"].get("changes"))
     items += gain_items(content["findings"])
     items += extension_items(content.get("extension"))
     if shown:
@@ -51,12 +54,16 @@ def diagnosis_section(run: Run) -> Section | None:
     items += _pushed(content, shown)
     items += _measurement(content, shown)
     items += _limits(content)
-    if content["notes"]:
-        items.append(Items(title="Notes", statements=tuple(map(sentence, content["notes"]))))
     level = "good" if content["verdict"] == "none" else "warning"
     title = "What the model gets wrong" if content["parameters"] else "What is wrong in the record"
     return Section(anchor="diagnosis", title=title, items=tuple(items),
-                   headline=HEADLINES[content["verdict"]], level=level, lead=wording.verdict_words(content))
+                   headline=_headline(content), level=level, lead=wording.verdict_words(content))
+
+
+def _headline(content: Mapping) -> str:
+    if content["verdict"] == "unexplained" and content["findings"]:
+        return "Something is wrong, and not all of it has a name"
+    return HEADLINES[content["verdict"]]
 
 
 def _picture(figure, name: str, caption: str, width: str = "full") -> Picture:
@@ -115,6 +122,17 @@ def _findings_table(findings: Sequence[Mapping]) -> Table:
     return Table(caption="Findings, in the order in which they were taken in", columns=columns, rows=rows,
                  note="A size is what goes beyond the drawing or data sheet; its deviation counts tolerances and what "
                  "else is normal. z: the score at which it was found.")
+
+
+def _changes(changes: object) -> list[object]:
+    """What changed along the record, where no model was there to say what it means: a table a change."""
+    items: list[object] = []
+    for change in changes if isinstance(changes, list) else ():
+        words = wording.course_words(str(change.get("course", "")), str(change.get("since", "")))
+        for key, value in change.items():
+            if isinstance(value, list) and value:
+                items += row_table(f"What changed {words}: {key.replace('_', ' ')}", value)
+    return items
 
 
 # What remains -------------------------------------------------------------------------------------------------------

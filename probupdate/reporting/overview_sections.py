@@ -8,6 +8,7 @@ from probupdate.comparison import BLIND, STRONG
 from probupdate.diagnosis.wording import finding_words, verdict_words
 from probupdate.estimators.update_file import UpdateRecord, fit_sentence
 from probupdate.reporting import figures
+from probupdate.reporting.diagnosis_tables import typeset
 from probupdate.reporting.elements import (
     Column,
     Items,
@@ -234,7 +235,7 @@ def alarming(run: Run) -> list[str]:
         said.append(posterior.verdict)
     if run.diagnosis is not None and run.diagnosis["verdict"] != "none":
         named = "; ".join(finding_words(f) for f in run.diagnosis["findings"])
-        said.append(f"The diagnosis: {verdict_words(run.diagnosis)}{f' Found: {named}.' if named else ''}")
+        said.append(typeset(f"{verdict_words(run.diagnosis)}{f' Found: {named}.' if named else ''}"))
     if update is not None:
         said += _far_off(update)
         said += _pinned(run)

@@ -52,15 +52,19 @@ def test_what_is_left_along_a_covariate_is_an_alarm(full_run, diagnosis_of, unfi
 
 def test_the_verdict_of_the_page_mentions_a_finding_before_its_numbers(full_run, diagnosis_of):
     assert any("joints loosened" in t for t in alarming(full_run))
-    assert not any("diagnosis" in t for t in alarming(replace(full_run, diagnosis=diagnosis_of("none"))))
+    assert not any("disagree" in t for t in alarming(replace(full_run, diagnosis=diagnosis_of("none"))))
 
 
 def test_a_diagnosis_without_a_model_has_no_residuals_and_stands(full_run, diagnosis_of, unfigured):
     content = diagnosis_of("named")
     content |= {"parameters": [], "limits": [], "adequacy_p": None,
-                "details": {"measurement": [{"test": "clock of T90", "p": 0.3, "wrong": False}]}}  # fmt: skip
+                "details": {"measurement": [{"test": "clock of T90", "p": 0.3, "wrong": False}],
+                            "changes": [{"course": "step", "since": "2020-01-05T00:00Z", "frequencies": [
+                                {"mode": "T1", "change_percent": -0.79, "std_percent": 0.04, "z": -20.0}]}]}}
     text = section_text(replace(full_run, diagnosis=content, model=None))
     assert "Tests of the raw records" in text and "clock of T90" in text and "no" in text
+    assert "What changed from 2020-01-05T00:00Z on: frequencies" in text and "−0.790" in text
+    assert "What is wrong in the record" in text and "The record departs" in text
     assert diagnosis_section(replace(full_run, diagnosis=None)) is None
 
 
