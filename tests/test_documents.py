@@ -103,7 +103,7 @@ def test_files_of_a_run_and_keys_of_its_head_are_named():
 
 
 def test_the_python_example_runs_and_its_posterior_is_that_of_quadrature(tmp_path, monkeypatch, capsys):
-    (code,) = blocks("README.md", "python")
+    (code,) = [b for b in blocks("README.md", "python") if "sample(" in b]
     monkeypatch.chdir(tmp_path)
     names: dict = {"__name__": "example"}
     exec(compile(code, "README.md", "exec"), names)
@@ -177,3 +177,11 @@ def test_packaged_files_are_all_shipped():
 
 def test_the_versions_agree():
     assert f"## {probupdate.__version__} " in text("CHANGELOG.md")
+
+
+def test_an_effect_of_ones_own_is_made_as_the_readme_says():
+    (code,) = [b for b in blocks("README.md", "python") if "crosstalk" in b]
+    made = {}
+    exec(code, made)
+    assert made["own"].kind == "measurement" and made["platform"].effect.parameter == made["platform"].model.name
+    assert dict(made["lower"].increments) == {"k1": 1.0, "k2": 1.0}
