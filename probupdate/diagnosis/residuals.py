@@ -152,21 +152,30 @@ def _bands(r: Remainder, references: Sequence[Reference]) -> dict:
     free = [free_directions(ref, 1 if len(ref.tensor) == 1 else 3) for ref in references]
     mean, covariance = r.means
     keep = linalg.block_diag(*free)
-    root = np.linalg.cholesky(keep.T @ covariance @ keep)
-    white = linalg.solve_triangular(root, keep.T @ mean, lower=True)
+    white = whitened(keep.T @ covariance @ keep, keep.T @ mean)
     single = []
     for q, part in enumerate(free):
         weight = r.design.noise.weight[q]
         rows = np.flatnonzero(weight > 0)
         about = (r.left[q][rows] - r.mean_share(q) @ r.left[q]) @ part
-        factor = np.linalg.cholesky(part.T @ r.design.noise.covariance[q] @ part)
+        own = part.T @ r.design.noise.covariance[q] @ part
         # a block is part of the mean that was taken off
         size = np.sqrt(1 / weight[rows] - 1 / weight.sum())
-        single.append((linalg.solve_triangular(factor, about.T, lower=True) / size).ravel())
+        single.append((whitened(own, about.T) / size).ravel())
     return {
         "means": _shares(white) | {"p": _two(stats.chi2.sf(float(white @ white), white.size))},
         "blocks": _shares(np.concatenate(single)),
     }
+
+
+def whitened(covariance: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """Values (n, ...) along the covariance's own directions, over their deviations; directions that rounding alone
+    fills are left out. Each is scaled by its own deviation first, as frequencies and shapes are powers of ten apart."""
+    std = np.sqrt(np.diag(covariance))
+    scaled = values / std.reshape(-1, *[1] * (values.ndim - 1))
+    value, turn = np.linalg.eigh(covariance / np.outer(std, std))
+    kept = value > 1e-9 * value[-1]
+    return (turn[:, kept] / np.sqrt(value[kept])).T @ scaled
 
 
 def _shares(white: np.ndarray) -> dict:

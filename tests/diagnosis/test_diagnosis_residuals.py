@@ -15,7 +15,7 @@ from probupdate.diagnosis.linear import Design
 from probupdate.diagnosis.noise import Noise
 from probupdate.diagnosis.prepare import prepare
 from probupdate.diagnosis.remainder import Remainder, free_directions, slope_share
-from probupdate.diagnosis.residuals import residuals
+from probupdate.diagnosis.residuals import residuals, whitened
 from probupdate.diagnosis.splitting import needed_z
 from probupdate.modes import Sensor
 from probupdate.reporting import figures, report
@@ -115,6 +115,14 @@ def test_directions_that_an_alignment_takes_away_are_left_out():
     flat = projected.T.ravel()
     row = np.concatenate([np.zeros(3), flat.real, flat.imag])
     assert np.linalg.norm(row - free @ (free.T @ row)) < 1e-4 * np.linalg.norm(row)
+
+
+def test_whitening_leaves_out_what_rounding_fills():
+    rng = np.random.default_rng(6)
+    columns = rng.standard_normal((5, 3)) * np.array([[1e-3], [1.0], [10.0], [1.0], [1e-2]])
+    drawn = columns @ rng.standard_normal((3, 20000))
+    white = whitened(columns @ columns.T, drawn)
+    assert white.shape == (3, 20000) and np.cov(white) == pytest.approx(np.eye(3), abs=0.05)
 
 
 @pytest.fixture(scope="module")
