@@ -1,32 +1,38 @@
 """A month in which the tide moves the wetted length, one joint loosens half-way and one gain is wrong: what is found.
 
-python studies/discovery/run.py OUT [--seed 7]
+python studies/discovery/run.py OUT [--seed 7] [--hidden one-joint|face]
 
-Writes OUT/modes.json (the month's modal sets), OUT/diagnosis.json and OUT/story.json: what the plain update makes of
-the month, what the diagnosis names, how the blocks of the last week are predicted before and after.
+Writes OUT/modes.json (the month's modal sets), OUT/diagnosis.json with the files that go with it (extended model,
+corrected sets, their mean), OUT/story.json (what the plain update makes of the month, what the diagnosis names, what
+each finding gains, the truth) and two pictures.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
+import time
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
-from probupdate.diagnosis.diagnose import diagnose
+from probupdate.diagnosis.diagnose import Outcome, examine
+from probupdate.diagnosis.extension import extend
+from probupdate.diagnosis.gain import gains
 from probupdate.diagnosis.prepare import prepare
 from probupdate.modes import write_modes
 from probupdate.structure.load import reference_model
 from probupdate.virtual.modal_blocks import simulate_modes
 
 HALF_WAY_H = 360.0
-HIDDEN = (
-    {"kind": "wetted_length", "gain": 1.0},
-    {"kind": "joint_stiffness", "bay": 2, "face": "BC", "leg": "C", "end": "top", "factor": 0.05, "course": "step",
-     "at_hour": HALF_WAY_H},
-    {"kind": "sensor_gain", "channel": "T66-x", "factor": 0.85},
-)  # fmt: skip
+STEP = {"course": "step", "at_hour": HALF_WAY_H}
+JOINTS = {
+    "one-joint": {"kind": "joint_stiffness", "bay": 2, "face": "BC", "leg": "C", "end": "top", "factor": 0.05, **STEP},
+    "face": {"kind": "joint_stiffness", "bay": 2, "face": "BC", "leg": "all", "end": "all", "factor": 0.3, **STEP},
+}
+TIDE, GAIN = {"kind": "wetted_length", "gain": 1.0}, {"kind": "sensor_gain", "channel": "T66-x", "factor": 0.85}
+HIDDEN = (TIDE, JOINTS["one-joint"], GAIN)
 WORDS = (
     ("wetted length", "all members"), ("joints loosened", "face BC, bay 2"), ("sensor gain", "T66-x"),
 )
@@ -44,29 +50,101 @@ def share_of_scatter(run, plain) -> list[float]:
     return (moved / own).tolist()
 
 
+def pushes(extension: dict, truth: dict[str, float]) -> dict[str, tuple[float, float, float]]:
+    """Parameter -> prior deviations from the prior's centre: most probable values of the plain update and of that with
+    the findings, and the truth."""
+    after = {p["name"]: p for p in extension["after"]["parameters"]}
+    return {p["name"]: (p["pushed"], after[p["name"]]["pushed"], (truth[p["name"]] - p["prior"]) / p["prior_std"])
+            for p in extension["before"]["parameters"] if p["name"] in truth}  # fmt: skip
+
+
+def draw_month(outcome: Outcome, path: Path) -> None:
+    """What is left of the frequencies over the month, before and after the findings."""
+    import matplotlib.pyplot as plt
+
+    blocks = outcome.setting.blocks
+    figure, axes = plt.subplots(2, 2, figsize=(9, 4.6), sharex=True, sharey="row", layout="constrained")
+    single = next(q for q, group in enumerate(blocks.groups) if len(group) == 1)
+    last = len(blocks.groups) - 1
+    swing = [np.ptp(outcome.null.departures[last][:, i]) for i in (0, 1)]
+    chosen = [(single, 0, blocks.group_name(single)), (last, int(np.argmax(swing)), blocks.group_name(last))]
+    for column, (fit, word) in enumerate(((outcome.null, "model as it is"), (outcome.fitted, "with the findings"))):
+        for row, (q, i, name) in enumerate(chosen):
+            measured = fit.design.noise.weight[q] > 0
+            left = 100 * fit.departures[q][measured, i]
+            axes[row, column].plot(blocks.hours[measured] / 24, left, ".", ms=3, color="#30507a")
+            axes[row, column].axhline(0, color="0.6", lw=0.8)
+            axes[row, column].axvline(HALF_WAY_H / 24, color="#b03030", lw=1, ls="--")
+            axes[row, 0].set_ylabel(f"{name}: measured less\ncomputed ln f, %")
+        axes[0, column].set_title(word, fontsize=10)
+        axes[1, column].set_xlabel("day of the record")
+    figure.savefig(path, dpi=110)
+    plt.close(figure)
+
+
+def draw_gain(causes: list[str], told: list[dict], pushed: dict[str, tuple], path: Path) -> None:
+    """How far parameters were pushed, and how well the motion at a level is foretold without its sensors."""
+    import matplotlib.pyplot as plt
+
+    figure, (left, right) = plt.subplots(1, 2, figsize=(9, 3.6), layout="constrained")
+    place = np.arange(len(pushed))
+    for side, colour, word in ((0, "#c08040", "plain update"), (1, "#30507a", "with the findings")):
+        left.barh(place + 0.2 - 0.4 * side, [v[side] for v in pushed.values()], 0.4, color=colour, label=word)
+    left.set_yticks(place, list(pushed))
+    left.invert_yaxis()
+    left.plot([v[2] for v in pushed.values()], place, "k|", ms=12, label="truth")
+    left.axvline(0, color="0.4", lw=0.8)
+    left.set_xlabel("pushed from the prior's centre, prior deviations")
+    left.legend(fontsize=8)
+    levels = [s["level"] for s in told[0]["heldout_sensors"]]
+    steps = [[s["rms_error_before"] for s in told[0]["heldout_sensors"]],
+             *[[s["rms_error_after"] for s in g["heldout_sensors"]] for g in told]]  # fmt: skip
+    words = ["plain update", *(f"+ {cause}" for cause in causes)]
+    width = 0.8 / len(steps)
+    for k, (values, word) in enumerate(zip(steps, words, strict=True)):
+        right.bar(np.arange(len(levels)) + k * width, 100 * np.array(values), width, label=word)
+    right.set_xticks(np.arange(len(levels)) + 0.4 - width / 2, levels, fontsize=8)
+    right.set_ylabel("error of motion foretold without\nthe level's sensors, % of largest")
+    right.legend(fontsize=8)
+    figure.savefig(path, dpi=110)
+    plt.close(figure)
+
+
 def main() -> None:
     parser = argparse.ArgumentParser()
     parser.add_argument("out", type=Path)
     parser.add_argument("--seed", type=int, default=7)
+    parser.add_argument("--hidden", choices=tuple(JOINTS), default="one-joint")
     a = parser.parse_args()
     a.out.mkdir(parents=True, exist_ok=True)
-    run, plain = month(a.seed), month(a.seed, ())
+    hidden = (TIDE, JOINTS[a.hidden], GAIN)
+    run, plain = month(a.seed, hidden), month(a.seed, ())
     write_modes(run.data, a.out / "modes.json")
-    found = diagnose(prepare(reference_model("updated")), run.data, seed=a.seed)
+    prepared = prepare(reference_model("updated"))
+    begun = time.process_time()
+    outcome = examine(prepared, run.data, seed=a.seed)
+    spent = time.process_time() - begun
+    # what was taken in is followed to its gain even where something remains and the verdict is "unexplained"
+    told = list(gains(prepared, outcome))
+    more = extend(prepared, outcome, run.data, a.out / "diagnosis.json")
+    found = outcome.diagnosis
+    findings = tuple(replace(f, gain=g) for f, g in zip(found.findings, told, strict=False))
+    found = replace(found, findings=findings, extended_model=more.model, extension=more.content)
     found.write(a.out / "diagnosis.json")
-    named = [(f.cause, f.location) for f in found.findings]
+    truth = {k: float(v) for k, v in run.truth.parameters.items()}
+    taken = [(n.effect.cause, n.effect.location) for n in outcome.fitted.named]
     story = {
-        "blocks": len(run.data.sets),
-        "hidden": list(HIDDEN),
+        "blocks": len(run.data.sets), "hidden": list(hidden), "cpu_s": spent,
         "moved_in_deviations": dict(zip(run.data.labels, share_of_scatter(run, plain), strict=True)),
-        "verdict": found.verdict,
-        "p_value": found.p_value,
-        "findings": found.content()["findings"],
-        "found": {f"{cause}, {where}": (cause, where) in named for cause, where in WORDS},
-        "plain_update": found.content()["parameters"],
-        "truth": {k: float(v) for k, v in run.truth.parameters.items()},
-    }
+        "verdict": found.verdict, "p_value": found.p_value, "adequacy_p": found.adequacy_p,
+        "taken_in": [{"cause": n.effect.cause, "location": n.effect.location, "course": n.course.name,
+                      "block": n.course.at, "size": n.size} for n in outcome.fitted.named],
+        "found": {f"{cause}, {where}": (cause, where) in taken for cause, where in WORDS},
+        "gains": told, "extension": more.content, "truth": truth,
+    }  # fmt: skip
     (a.out / "story.json").write_text(json.dumps(story, indent=1) + "\n")
+    draw_month(outcome, a.out / "month.png")
+    draw_gain([cause for cause, _ in taken], told, pushes(more.content, truth), a.out / "gain.png")
     print(found)
 
 
