@@ -33,8 +33,8 @@ from probupdate.errors import ConvergenceError
 from probupdate.modes import ModalData
 from probupdate.progress import Progress, silent
 
-# false alarms of the whole search, and effects taken in one after the other
-FALSE_ALARM, MOST_EFFECTS = 0.05, 3
+# false alarms of the whole first search, and of each one after a finding; effects taken in one after the other
+FALSE_ALARM, FALSE_NEXT, MOST_EFFECTS = 0.05, 0.01, 3
 # a limit is the size found in so many of a hundred records: normal quantile of 0.9
 POWER = 1.2815515655446004
 N_BOOTSTRAP = 400
@@ -42,10 +42,15 @@ N_BOOTSTRAP = 400
 N_AGAIN = 30
 # candidates whose z correlates by more with the best one's may be meant instead, and are refitted; at most so many
 ALIKE, MOST_RIVALS = 0.7, 6
+# unless their scores are below this share of the best and so much log evidence behind
+NEAR, BEHIND = 0.85, 12.0
 # a cause is named from this probability among its rivals; a remainder as unlikely as this is not explained
 SURE, ADEQUATE = 0.95, 0.01
 # a size that may only be one value is meant where the linear estimate lies within these multiples of it
 MEANT = (0.3, 2.5)
+# directions among which the error of a fingerprint is shared out
+DIRECTIONS = 4
+NOT_SETTLED = "the fit did not settle: what remains is too much for the model to follow"
 # directions of the catalogue's span that are tested for a remainder, by their share of the largest
 SPAN = 1e-2
 # departures of a model of beams that nothing listed explains: ln f, its cross term in a pair, share of a shape's
@@ -146,7 +151,7 @@ def search(
     maxima = maxima * heavier
     largest = float(np.max(np.where(can(z), np.abs(z), 0.0)))
     return Search(z=z, size=np.where(usable, u / np.where(usable, v, 1.0), 0.0), size_std=std, allowed=can(z),
-                  usable=usable, threshold=float(np.quantile(maxima, 1 - FALSE_ALARM)),
+                  usable=usable, threshold=float(np.quantile(maxima, 1 - (FALSE_NEXT if fitted.named else FALSE_ALARM))),
                   p_value=tail(maxima, largest), maxima=maxima, heavier=heavier, u=u, drawn=drawn)  # fmt: skip
 
 
@@ -249,19 +254,25 @@ def log_evidence(setting: Setting, fitted: Fit) -> float:
     return float(-0.5 * misfit + design.log_volume)
 
 
+def undecided(z: float) -> float:
+    """What log evidence between rivals is divided by: the error of a fingerprint of z deviations lies along a few
+    directions, and between two rivals is one of them."""
+    return 1 + (FINGERPRINT * z) ** 2 / DIRECTIONS
+
+
 def rivals_of(setting: Setting, fitted: Fit, found: Search, best: int) -> list[int]:
     """The candidates that might be meant instead of the best: alike after what is normal has taken its part, the best
     course of each effect, the highest scores first."""
-    order = np.argsort(-found.statistic)[:60]
-    order = order[found.statistic[order] > 0.5 * found.statistic[best]]
+    order = np.argsort(-found.statistic, kind="stable")
+    _, first = np.unique(setting.which[order, 0], return_index=True)
+    order = order[np.sort(first)]
+    z, strongest = found.statistic[order], found.statistic[best]
+    behind = 0.5 * (strongest**2 - z**2) / undecided(strongest)
+    # a strong effect is not linear: scores that are not far apart may change places
+    order = order[(z > NEAR * strongest) | (behind < BEHIND)]
+    order = order[found.statistic[order] > 0.5 * strongest]
     likeness = np.abs(fitted.design.likeness(order)[list(order).index(best)])
-    chosen, seen = [], set()
-    for k, r in zip(order, likeness, strict=True):
-        j = int(setting.which[k, 0])
-        if j not in seen and (k == best or r > ALIKE):
-            seen.add(j)
-            chosen.append(int(k))
-    return chosen[:MOST_RIVALS]
+    return [int(k) for k, r in zip(order, likeness, strict=True) if k == best or r > ALIKE][:MOST_RIVALS]
 
 
 def adequacy(setting: Setting, fitted: Fit, found: Search) -> tuple[float, dict[str, float]]:
@@ -332,7 +343,8 @@ def examine(prepared: Prepared, data: ModalData, *, seed: int = 1, progress: Pro
     fits, remaining = adequacy(setting, fitted, found)
     progress("diagnosing", MOST_EFFECTS + 1, MOST_EFFECTS + 1)
     left_over = found.statistic[best] > found.threshold
-    if fits < ADEQUATE or left_over:
+    settled = np.isfinite(fitted.last_step)
+    if fits < ADEQUATE or left_over or not settled:
         verdict = "unexplained"
     elif not findings:
         verdict = "none"
@@ -345,7 +357,8 @@ def examine(prepared: Prepared, data: ModalData, *, seed: int = 1, progress: Pro
     diagnosis = Diagnosis(
         verdict=verdict, findings=named,
         p_value=min(1.0, 2 * min(first.p_value, fits)) if not findings else first.p_value,
-        limits=_limits(setting, first, null), threshold=first.threshold, adequacy_p=fits, notes=setting.blocks.notes,
+        limits=_limits(setting, first, null), threshold=first.threshold, adequacy_p=fits,
+        notes=setting.blocks.notes if settled else (*setting.blocks.notes, NOT_SETTLED),
         parameters=tuple(_parameters(setting, null, fitted)), details=details,
     )  # fmt: skip
     return Outcome(diagnosis=diagnosis, setting=setting, null=null, fitted=fitted, first=first, last=found)
@@ -382,9 +395,10 @@ def _finding(setting: Setting, found: Search, rivals: list[Rival]) -> Finding:
     best = rivals[0]
     j, c = setting.which[best.candidate]
     effect, course = setting.effects[j], best.fitted.named[-1].course
-    # evidence counts by what the best fit leaves, as in quasi-likelihood
+    # evidence counts by what the best fit leaves, as in quasi-likelihood, and by what theory does not know of so
+    # strong a fingerprint
     left, directions = span_left(setting, best.fitted, c)
-    dispersion = max(left / directions, 1.0)
+    dispersion = max(left / directions, undecided(found.z[best.candidate]))
     weight = np.exp((np.array([r.log_evidence for r in rivals]) - best.log_evidence) / dispersion)
     probability = weight / weight.sum()
     alternatives = tuple(

@@ -29,7 +29,7 @@ SETTLED, MOST_STEPS = 0.1, 40
 # changes of -2 ln posterior that do not matter: absolute, and of the whole. The fingerprints are derivatives of the
 # expected modes alone; where much is left over, departures from them change a little otherwise, and the point at which
 # the linear equations settle is not quite the least one
-FLAT, FLAT_SHARE = 0.2, 1e-3
+FLAT, FLAT_SHARE = 0.2, 0.03
 # a step is no longer than so many prior deviations at once
 LONGEST, HALVINGS = 1.0, 6
 # fingerprints of tolerances and effects are computed anew every so many steps on the way, those of the updated
@@ -331,9 +331,11 @@ def fit(
                 break
             share *= 0.5
         else:
-            # no step along this line is better than none: rounding is what remains
-            whole = share
-        known = np.sqrt(np.diag(design.unknowns_cov(held)))
+            # no step along this line is better than none
+            return _ended(setting, theta, named, noise, departures, number)
+        # what is left beyond the noise makes the posterior wider
+        told = sum(int(np.count_nonzero(w)) * y.shape[1] for w, y in zip(noise.weight, tried, strict=True))
+        known = np.sqrt(np.diag(design.unknowns_cov(held)) * max(1.0, after / told))
         moved = np.abs(fresh[updated] - theta[updated])
         grown = [abs(sizes_there[k].size - named[k].size) for k in free]
         # a step that had to be shortened is not a small one
@@ -342,6 +344,13 @@ def fit(
     raise ConvergenceError(
         f"the fit of {setting.field.small.name} to the blocks did not settle in {most_steps} steps (last {step:.2g} "
         "posterior deviations): the measured modes may not be this model's", theta)  # fmt: skip
+
+
+def _ended(setting: Setting, theta: np.ndarray, named: tuple[Named, ...], noise: Noise, departures, number: int) -> Fit:
+    """The fit where it stopped without having settled: `last_step` is infinite."""
+    design = design_at(setting, theta, named, noise)
+    return Fit(theta=theta, named=named, departures=departures, design=design, steps=number, last_step=np.inf,
+               centred=centred_departures(setting, design, theta, named, departures))  # fmt: skip
 
 
 def stated_covariance(
