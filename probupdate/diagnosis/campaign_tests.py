@@ -37,7 +37,8 @@ MOST_BLOCKS = 48
 CAUSES = (
     ("flipped", "sensor polarity"), ("swapped", "swapped channels"), ("turned by", "sensor rotation"),
     ("clock of", "clock offset"), ("true sampling rate", "sampling rate"), ("looks dead", "dead channel"),
-    ("wrong unit or scale", "sensor gain"), ("gravity", "unit of all channels"), ("the top moves", "unit of all channels"),
+    ("wrong unit or scale", "sensor gain"), ("gravity", "unit of all channels"),
+    ("the top moves", "unit of all channels"),
 )  # fmt: skip
 
 

@@ -1,4 +1,4 @@
-"""Constant errors of sensors by the mean shapes alone: a level is rigid, a slender square structure bends alike to x, y.
+"""Constant errors of sensors by the mean shapes alone: levels are rigid, square structures bend alike to x and y.
 
 A close pair of an upright structure moves each level to x in one of its shapes and to y, by as much, in the other; a
 rigid level moves and tilts; modes are real up to a phase. What tolerances and lack of symmetry allow is a Gaussian

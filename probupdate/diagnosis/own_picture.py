@@ -220,7 +220,7 @@ def untied(noise: Noise, sizes: Sequence[int]) -> Noise:
 
 
 def mended(blocks: Blocks, effect: Effect, size: np.ndarray) -> Blocks:
-    """The blocks as sensors without `effect` had seen them; size (n_block,). An effect of sensors is linear in shapes."""
+    """The blocks as sensors without `effect` had seen them; size (n_block,). Such effects are linear in shapes."""
     shape, frequency = np.array(blocks.shape), np.array(blocks.frequency_hz)
     centre = np.nanmedian(frequency, axis=0)
     n_channel = shape.shape[1]

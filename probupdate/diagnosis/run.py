@@ -71,7 +71,7 @@ def diagnose_files(
 def _refuse_without_model(**given) -> None:
     for name, value in given.items():
         if value:
-            raise InputError("diagnose", f"{name} are given, but no model they belong to", "give --model, or leave it out")
+            raise InputError("diagnose", f"{name} are given, but no model they belong to", "give --model, or leave it")
 
 
 def _with_tests(found: Diagnosis, tests: Sequence[dict], wrong_rate: Finding | None) -> Diagnosis:
@@ -79,8 +79,8 @@ def _with_tests(found: Diagnosis, tests: Sequence[dict], wrong_rate: Finding | N
     details = {**found.details, "measurement": list(tests)} if tests else found.details
     if wrong_rate is None:
         return replace(found, details=details)
-    note = (f"rotor lines: the records' clock runs fast by {100 * wrong_rate.size:+.2g} %; all frequencies were corrected "
-            "by that before anything else was tested")  # fmt: skip
+    note = (f"rotor lines: the records' clock runs fast by {100 * wrong_rate.size:+.2g} %; all frequencies were "
+            "corrected by that before anything else was tested")  # fmt: skip
     return replace(found, verdict="named" if found.verdict == "none" else found.verdict, details=details,
                    findings=(wrong_rate, *found.findings), notes=(*found.notes, note))  # fmt: skip
 

@@ -13,7 +13,8 @@ from pathlib import Path
 
 import numpy as np
 
-CHANNELS = (*(f"TP-{leg}-{axis}" for leg in "ABCD" for axis in "xy"), *(f"T{z}-{a}" for z in (18, 66, 90) for a in "xy"))
+CHANNELS = (*(f"TP-{leg}-{axis}" for leg in "ABCD" for axis in "xy"),
+            *(f"T{z}-{a}" for z in (18, 66, 90) for a in "xy"))
 LEVELS = {"TP": "all of TP", "tower bottom": "T18", "tower top": "T90"}
 STEEL_PER_DEGC = -3.6e-4
 N_NULL, N_EACH = 40, 6
@@ -142,7 +143,8 @@ def table(path: Path) -> str:
     lines = ["| hidden | n | outcome |", "|---|---|---|"]
     for kind, some in kinds.items():
         told = [outcome(r) for r in some]
-        lines.append(f"| {kind} | {len(some)} | " + ", ".join(f"{told.count(o)} {o}" for o in dict.fromkeys(told)) + " |")
+        counts = ", ".join(f"{told.count(o)} {o}" for o in dict.fromkeys(told))
+        lines.append(f"| {kind} | {len(some)} | {counts} |")
     return "\n".join(lines)
 
 
