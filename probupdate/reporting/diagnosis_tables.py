@@ -53,7 +53,10 @@ def _measure_words(key: str) -> str:
 
 
 def _measure(key: str, value: float) -> str:
-    return percent(value, 2) if "frequency_error" in key else number(value)
+    if "frequency_error" in key:
+        return percent(value, 2)
+    # MACs differ in their last digits
+    return fixed(value, 4) if key.endswith("mac") else number(value)
 
 
 def _fatigue(told: Sequence) -> list[object]:
@@ -123,6 +126,8 @@ def row_table(caption: str, rows: Sequence) -> list[object]:
 def _cell(value: object) -> str:
     if isinstance(value, bool):
         return "yes" if value else "no"
-    if isinstance(value, int | float):
-        return number(float(value))
+    if isinstance(value, int):
+        return str(value)
+    if isinstance(value, float):
+        return number(value)
     return value if isinstance(value, str) else MISSING

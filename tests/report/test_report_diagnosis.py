@@ -70,10 +70,12 @@ def test_a_diagnosis_without_a_model_has_no_residuals_and_stands(full_run, diagn
 
 def test_an_extension_is_shown_whatever_it_holds(full_run, diagnosis_of, unfigured):
     content = diagnosis_of("named") | {"extension": {
-        "identifiable": True, "width": 0.31, "parameters": [{"name": "joint_AB_2", "mean": 0.4, "std": 0.03}],
+        "identifiable": True, "width": 0.31, "mean_of_blocks": 20,
+        "parameters": [{"name": "joint_AB_2", "mean": 0.4, "std": 0.03}],
         "remarks": ["k_t moves back to its prior"], "more": {"chi_square": 12.0}}}  # fmt: skip
     text = section_text(replace(full_run, diagnosis=content))
-    for word in ("The model with what was found", "yes", "joint_AB_2", "k_t moves back to its prior.", "chi square"):
+    for word in ("The model with what was found", "yes", "joint_AB_2", "k_t moves back to its prior.", "chi square",
+                 ">20<"):
         assert word in text
 
 
@@ -97,7 +99,7 @@ def test_a_measured_gain_is_shown_with_sensors_and_fatigue(full_run, diagnosis_o
             {"level": "TP", "channels": ["a"], "rms_error_before": 0.04, "rms_error_after": 0.02}],
         "fatigue": {"per": "tower-top motion", "slopes": [3, 5], "leg": {"most_stressed": spot}}}  # fmt: skip
     text = section_text(replace(full_run, diagnosis=content))
-    for word in ("0.997", "4.00", "leg A, bay 1", "damage ratio, m = 3", "2.25", "Per tower-top motion.", "2.10"):
+    for word in ("0.9970", "4.00", "leg A, bay 1", "damage ratio, m = 3", "2.25", "Per tower-top motion.", "2.10"):
         assert word in text, word
 
 
