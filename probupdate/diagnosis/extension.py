@@ -20,6 +20,7 @@ from probupdate.diagnosis.fitting import Fit, Named, Setting, local_at, local_st
 from probupdate.diagnosis.prepare import Prepared
 from probupdate.diagnosis.results import Diagnosis
 from probupdate.diagnosis.turbine_effects import TurbineEffect
+from probupdate.errors import ConvergenceError, InputError
 from probupdate.estimators.updating import deterministic_update
 from probupdate.modes import ModalData, ModalDeviation, ModalSet, write_modes
 from probupdate.parameters import Parameter
@@ -73,7 +74,11 @@ def extend(
     for number, (effects, fit) in enumerate((((), outcome.null), (rows, fitted))):
         angle = float(mean.environment["nacelle_angle_deg"])
         given = averaged if number else replace(averaged, sets=(mean_set(setting, fit, like=fitted)[0],))
-        sides.append(updated(_model(prepared, effects, angle), given))
+        try:
+            sides.append(updated(_model(prepared, effects, angle), given))
+        except (ConvergenceError, InputError) as error:
+            # the findings stand without it: what the estimators refuse is a result
+            sides.append({"refused": str(error), "parameters": [], "too_alike": []})
         progress("updating with the findings", number + 1, 2)
     content = {
         "files": files,
@@ -291,6 +296,9 @@ def statements(found: Diagnosis, content: dict) -> list[str]:
     for pair in (*content["joint"]["too_alike"], *content["after"]["too_alike"]):
         said.append(f"{pair['first']} and {pair['second']} are told only together "
                     f"(correlation {pair['correlation']:.2f})")  # fmt: skip
+    for side, words in (("before", "as it is"), ("after", "with the findings")):
+        if "refused" in content[side]:
+            return [*said, f"the model {words} was not updated: {content[side]['refused']}"]
     told = {p["name"]: p["pushed"] for p in content["after"]["parameters"]}
     before = {p["name"]: p["pushed"] for p in content["before"]["parameters"]}
     size = [np.sqrt(np.mean([side[name] ** 2 for name in before])) for side in (before, told)]

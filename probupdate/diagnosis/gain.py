@@ -31,6 +31,7 @@ from probupdate.diagnosis.prediction import (
 )
 from probupdate.diagnosis.prepare import Prepared
 from probupdate.diagnosis.stress_ratio import fatigue_change
+from probupdate.errors import ConvergenceError
 from probupdate.modes import Sensor
 from probupdate.progress import Progress, silent
 
@@ -129,11 +130,14 @@ def batch_error(series: np.ndarray) -> float:
     return float(np.sqrt(number * np.var(sums, ddof=1)))
 
 
-def stages(setting: Setting, null: Fit, fitted: Fit) -> list[Fit]:
-    """Fits with none, the first, the first two ... of the effects found."""
-    between = []
+def stages(setting: Setting, null: Fit, fitted: Fit) -> list[Fit | None]:
+    """Fits with none, the first, the first two ... of the effects found; None where one does not settle."""
+    between: list[Fit | None] = []
     for k in range(1, len(fitted.named)):
-        between.append(fit(setting, fitted.theta, fitted.named[:k]))
+        try:
+            between.append(fit(setting, fitted.theta, fitted.named[:k]))
+        except ConvergenceError:
+            between.append(None)
     return [null, *between, fitted] if fitted.named else [null]
 
 
@@ -174,15 +178,19 @@ def gains(prepared: Prepared, outcome: Outcome, *, progress: Progress = silent) 
     noise = outcome.null.design.noise
     levels = levels_of(setting.blocks.channels, prepared.sensors)
     progress("held-out blocks", 0, len(fits))
-    sensors = [held_out_sensors(setting, fits[0], noise, levels)]
+    sensors = [None if f is None else held_out_sensors(setting, f, noise, levels) for f in fits]
     result = []
     for number, (old, new) in enumerate(pairwise(fits), start=1):
+        if old is None or new is None:
+            result.append({"statement": "gain not measured: the model with the effects up to this one alone does not "
+                           "settle"})  # fmt: skip
+            continue
         told = measures(setting, old, new, noise=noise)
-        sensors.append(held_out_sensors(setting, new, noise, levels))
+        before, after = sensors[number - 1], sensors[number]
         told["heldout_sensors"] = [
-            {"level": level, "channels": list(own), "rms_error_before": sensors[-2][level][0],
-             "rms_error_after": sensors[-1][level][0], "max_error_before": sensors[-2][level][1],
-             "max_error_after": sensors[-1][level][1]}
+            {"level": level, "channels": list(own), "rms_error_before": before[level][0],
+             "rms_error_after": after[level][0], "max_error_before": before[level][1],
+             "max_error_after": after[level][1]}
             for level, own in levels.items()
         ]  # fmt: skip
         told["parameter_shifts"] = _shifts(setting, old, new)
