@@ -102,7 +102,7 @@ def _whole(
 def _with_gains(found: Diagnosis, told: Sequence[dict]) -> Diagnosis:
     findings = tuple(replace(f, gain=gain) for f, gain in zip(found.findings, told, strict=True))
     notes = tuple(f"{f.cause}, {f.location}: {f.gain['statement']}; the verdict stands on the whole record alone"
-                  for f in findings if not f.gain["significant"])  # fmt: skip
+                  for f in findings if not f.gain.get("significant", False))  # fmt: skip
     return replace(found, findings=findings, notes=(*found.notes, *notes))
 
 
