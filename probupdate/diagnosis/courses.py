@@ -10,7 +10,7 @@ from probupdate.diagnosis.blocks import Blocks
 from probupdate.modes import frozen_array
 
 # times of a step that are tried; finer ones are found in the refit
-N_STEP = 24
+N_STEP = 16
 # blocks that must lie on either side of a step
 MARGIN = 4
 

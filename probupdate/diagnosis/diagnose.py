@@ -144,7 +144,8 @@ def search(
     scale = np.where(usable, std, 0.0)
     z = u * scale
     can = _possible(setting, scale)
-    drawn = design.draw(np.random.default_rng([seed, 21]), n_draw)
+    rng = np.random.default_rng([seed, 21])
+    drawn = design.draw(rng, n_draw) * np.sqrt(noise_scale(design, rng, n_draw))[:, None]
     maxima = np.max(np.where(can(drawn * scale), np.abs(drawn * scale), 0.0), axis=1)
     if heavier is None:
         heavier = estimated_noise_factor(setting, design, float(np.mean(maxima)), can, usable, seed=seed)
@@ -153,6 +154,18 @@ def search(
     return Search(z=z, size=np.where(usable, u / np.where(usable, v, 1.0), 0.0), size_std=std, allowed=can(z),
                   usable=usable, threshold=float(np.quantile(maxima, 1 - (FALSE_NEXT if fitted.named else FALSE_ALARM))),
                   p_value=tail(maxima, largest), maxima=maxima, heavier=heavier, u=u, drawn=drawn)  # fmt: skip
+
+
+def noise_scale(design: Design, rng: np.random.Generator, n: int) -> np.ndarray:
+    """(n,) by how much the true variance of the noise may exceed that told from the blocks' differences: each of these
+    tells as many independent numbers as its correlations leave."""
+    degrees = []
+    for covariance, weight in zip(design.noise.covariance, design.noise.weight, strict=True):
+        std = np.sqrt(np.diag(covariance))
+        independent = len(std) ** 2 / np.sum((covariance / np.outer(std, std)) ** 2)
+        degrees.append(max(1, np.count_nonzero(weight) - 1) * independent)
+    told = float(np.mean(degrees))
+    return told / rng.chisquare(told, n)
 
 
 def _taken(setting: Setting, named: Sequence[Named]) -> np.ndarray:
