@@ -81,8 +81,7 @@ def record():
 
 @pytest.fixture(scope="session")
 def stepped(frame_file, record):
-    """(prepared, data, outcome): the third storey loosens by a tenth from block 18 on, which no step of the search's
-    grid is."""
+    """(prepared, data, outcome): the third storey loosens by a tenth from block 18 on."""
     from probupdate.diagnosis.diagnose import examine
     from probupdate.diagnosis.prepare import prepare
 

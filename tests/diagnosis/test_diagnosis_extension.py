@@ -13,6 +13,7 @@ from probupdate.diagnosis.diagnose import settle
 from probupdate.diagnosis.extension import corrected, corrections, described, extend, mean_set
 from probupdate.diagnosis.fitting import Named
 from probupdate.diagnosis.prepare import prepare
+from probupdate.diagnosis.step_time import sharpened
 from probupdate.diagnosis.turbine_effects import turbine_effects
 from probupdate.modes import mac, read_modes
 from probupdate.structure.description import read_description
@@ -134,7 +135,10 @@ def test_findings_of_parameters_leave_the_model_as_it_is(stepped):
 
 
 def test_a_step_between_the_grids_blocks_is_found_to_the_block(stepped):
-    setting, fitted = stepped[2].setting, stepped[2].fitted
-    assert 18 not in {c.at for c in setting.courses if c.kind == "step"}
-    (one,) = fitted.named
-    assert one.course.at == 18 and stepped[2].diagnosis.findings[0].course_start == setting.blocks.ids[18]
+    outcome = stepped[2]
+    setting = outcome.setting
+    (one,) = outcome.fitted.named
+    assert one.course.at == 18 and outcome.diagnosis.findings[0].course_start == setting.blocks.ids[18]
+    # from the block before it, whatever the grid holds
+    effect = next(j for j, e in enumerate(setting.effects) if e is one.effect)
+    assert sharpened(setting, outcome.null, effect, step_course(len(setting.blocks), 17)).at == 18
