@@ -23,8 +23,10 @@ $(VENV)/test: $(VENV)/core requirements-test.lock
 demo: $(VENV)/core
 	$(BIN)/probupdate demo $(OUT)
 
+# MARK chooses tests by their markers, as pytest's -m
+MARK ?= not long
 test: $(VENV)/test
-	$(BIN)/python -m pytest -n $(JOBS) --dist loadfile
+	$(BIN)/python -m pytest -n $(JOBS) --dist loadfile -m "$(MARK)"
 
 # the locks name no index; run this with uv at hand after a change of pyproject.toml
 lock:

@@ -151,11 +151,9 @@ def gather(data: ModalData) -> Blocks:
     # what turned a shape turns its deviations
     turn = np.exp(1j * np.angle(np.nansum(shape * raw.conj(), axis=1)))
     deviations = tuple(_deviation(s, kept, kept_channels, t) for s, t in zip(sets, turn, strict=True))
-    groups = tuple(tuple(sorted(c)) for c in close_clusters(np.nanmedian(frequency, axis=0)))
-    too_many = [g for g in groups if len(g) > 2]
-    if too_many:
-        raise InputError("modes", f"{len(too_many[0])} modes lie within 10 % of each other",
-                         "leave out those that belong to single members")  # fmt: skip
+    middle = np.nanmedian(frequency, axis=0)
+    groups = tuple(tuple(sorted(part)) for c in close_clusters(middle)
+                   for part in pairs_of(c, middle, tuple(labels[j] for j in kept)))  # fmt: skip
     angle = np.array([_number(s.environment.get("nacelle_angle_deg", 0.0)) for s in sets])
     if np.any(np.isnan(angle)):
         notes.append("some sets do not tell where the nacelle looked: taken as in the model")
@@ -168,6 +166,21 @@ def gather(data: ModalData) -> Blocks:
         relative_std=frozen_array(_relative_std(sets, kept, kept_channels, groups)), deviations=deviations,
         notes=tuple(notes),
     )  # fmt: skip
+
+
+def pairs_of(cluster: tuple[int, ...], frequency_hz: np.ndarray, labels: tuple[str, ...]) -> list[tuple[int, ...]]:
+    """A run of close modes as pairs and single modes: torsion, where labels tell it, stands by itself, as it mixes with
+    bending only where it nearly meets it; a run that is still too long is cut where its modes are farthest apart."""
+    if len(cluster) <= 2:
+        return [tuple(cluster)]
+    torsion = [j for j in cluster if labels[j].startswith("T")]
+    rest = tuple(j for j in cluster if j not in torsion)
+    if torsion and rest:
+        return [*((j,) for j in torsion), *pairs_of(rest, frequency_hz, labels)]
+    ascending = sorted(cluster, key=lambda j: frequency_hz[j])
+    cut = 1 + int(np.argmax(np.diff(np.log(frequency_hz[ascending]))))
+    return [*pairs_of(tuple(ascending[:cut]), frequency_hz, labels),
+            *pairs_of(tuple(ascending[cut:]), frequency_hz, labels)]  # fmt: skip
 
 
 def _deviation(modal_set, kept, channels, turn) -> BlockDeviation | None:

@@ -47,7 +47,9 @@ NEAR, BEHIND = 0.85, 12.0
 # a cause is named from this probability among its rivals; a remainder as unlikely as this is not explained
 SURE, ADEQUATE = 0.95, 0.01
 # a size that may only be one value is meant where the linear estimate lies within these multiples of it
-MEANT = (0.3, 2.5)
+MEANT = (0.1, 5.0)
+# scores from which a rival's own noise is told
+GROSS = 20.0
 # directions among which the error of a fingerprint is shared out
 DIRECTIONS = 4
 NOT_SETTLED = "the fit did not settle: what remains is too much for the model to follow"
@@ -169,13 +171,9 @@ def noise_scale(design: Design, rng: np.random.Generator, n: int) -> np.ndarray:
 
 
 def _taken(setting: Setting, named: Sequence[Named]) -> np.ndarray:
-    """(n_candidate,) bool: effects that were found already with such a course."""
-    result = np.zeros(len(setting.which), bool)
-    for n in named:
-        same = np.array([setting.effects[j] is n.effect and setting.courses[c].kind == n.course.kind
-                         for j, c in setting.which])  # fmt: skip
-        result |= same
-    return result
+    """(n_candidate,) bool: effects that were found already, whatever their course."""
+    found = [j for j, e in enumerate(setting.effects) if any(n.effect is e for n in named)]
+    return np.isin(setting.which[:, 0], found)
 
 
 def _possible(setting: Setting, scale: np.ndarray):
@@ -245,7 +243,9 @@ def refit(setting: Setting, base: Fit, found: Search, candidate: int) -> Rival |
     if not effect.discrete:
         extra = replace(extra, size=float(np.clip(found.size[candidate], *np.multiply(0.6, extra.bounds))))
     try:
-        fitted = fit(setting, base.theta, (*base.named, extra), base=base)
+        # what is grossly wrong makes the noise of the fit without it wrong too
+        known = base if found.statistic.max() < GROSS else None
+        fitted = fit(setting, base.theta, (*base.named, extra), base=known)
     except ConvergenceError:
         return None
     size_std = 0.0
@@ -264,7 +264,7 @@ def log_evidence(setting: Setting, fitted: Fit) -> float:
     design = fitted.design
     held = [*range(len(setting.updated)), *range(design.nuisance_std.size, design.n_common)]
     misfit = design.misfit(fitted.departures, held) + penalty(setting, fitted.theta, fitted.named)
-    return float(-0.5 * misfit + design.log_volume)
+    return float(-0.5 * misfit + design.log_volume + design.log_noise)
 
 
 def undecided(z: float) -> float:

@@ -236,6 +236,15 @@ class Design:
         """ln of the unknowns' posterior volume over that of their prior."""
         return float(-np.sum(np.log(np.diag(self._factor[0]))))
 
+    @cached_property
+    def log_noise(self) -> float:
+        """ln of the noise's density at its centre, but for powers of 2 pi."""
+        total = 0.0
+        for covariance, weight in zip(self.noise.covariance, self.noise.weight, strict=True):
+            used = weight[weight > 0]
+            total += len(used) * np.linalg.slogdet(covariance)[1] - len(covariance) * np.sum(np.log(used))
+        return float(-0.5 * total)
+
     def unknowns_cov(self, rows: Sequence[int]) -> np.ndarray:
         """Covariance (n, n) of the unknowns numbered `rows`, given the data."""
         rows = np.asarray(rows, int)

@@ -61,8 +61,10 @@ def dense(design):
     for course, spread in design.doubted:
         for q, m in enumerate(SIZES):
             for r in range(m):
-                columns.append(stacked(lambda p, b, q=q, r=r, c=course, s=spread: c.value[b] * (np.arange(SIZES[p]) == r)
-                                       * float(p == q) * s[q][design.bin_of[b], r]))
+                def one(p, b, q=q, r=r, c=course, s=spread):
+                    return c.value[b] * (np.arange(SIZES[p]) == r) * float(p == q) * s[q][design.bin_of[b], r]
+
+                columns.append(stacked(one))
     low_rank = np.column_stack(columns)
     V += low_rank @ low_rank.T
     X = []
@@ -98,6 +100,8 @@ def test_misfit_is_that_of_the_written_out_covariance(design):
          for q, m in enumerate(SIZES)]  # fmt: skip
     flat = stacked(lambda q, b: y[q][b])
     assert design.misfit(y, []) == pytest.approx(flat @ np.linalg.solve(V, flat), rel=1e-8)
+    told = -2 * (design.log_volume + design.log_noise)
+    assert told == pytest.approx(np.linalg.slogdet(V)[1], rel=1e-8)
     noise_alone = sum(
         float(np.sum(np.linalg.slogdet(design.noise.covariance[q])[1] - m * np.log(w[w > 0])))
         for q, (m, w) in enumerate(zip(SIZES, design.noise.weight, strict=True))

@@ -118,7 +118,7 @@ def test_an_effect_of_ones_own_needs_a_function_and_a_row(with_crosstalk):
 
 def test_the_same_row_beside_a_model(frame_file, with_crosstalk):
     found = probupdate.diagnose(frame_file, with_crosstalk, effects=[CROSSTALK], extend=False)
-    assert ("crosstalk", "y5 into x3") == (found.findings[0].cause, found.findings[0].location)
+    assert (found.findings[0].cause, found.findings[0].location) == ("crosstalk", "y5 into x3")
     assert found.findings[0].size == pytest.approx(0.12, abs=4 * found.findings[0].size_std)
 
 
