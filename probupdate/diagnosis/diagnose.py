@@ -155,7 +155,8 @@ def search(
     largest = float(np.max(np.where(can(z), np.abs(z), 0.0)))
     alarms = FALSE_NEXT if fitted.named else FALSE_ALARM
     return Search(z=z, size=np.where(usable, u / np.where(usable, v, 1.0), 0.0), size_std=std, allowed=can(z),
-                  usable=usable, threshold=float(np.quantile(maxima, 1 - alarms)), p_value=tail(maxima, largest), maxima=maxima, heavier=heavier, u=u, drawn=drawn)  # fmt: skip
+                  usable=usable, threshold=float(np.quantile(maxima, 1 - alarms)), p_value=tail(maxima, largest),
+                  maxima=maxima, heavier=heavier, u=u, drawn=drawn)  # fmt: skip
 
 
 def noise_scale(design: Design, rng: np.random.Generator, n: int) -> np.ndarray:
