@@ -11,7 +11,7 @@ from scipy import stats
 from probupdate.diagnosis.blocks import Blocks, gather
 from probupdate.diagnosis.catalogue import Effect
 from probupdate.diagnosis.courses import Course, make_courses
-from probupdate.diagnosis.departures import labels_of, n_response
+from probupdate.diagnosis.departures import n_response
 from probupdate.diagnosis.field import build_field
 from probupdate.diagnosis.fitting import (
     FINGERPRINT,
@@ -352,8 +352,7 @@ def examine(prepared: Prepared, data: ModalData, *, seed: int = 1, progress: Pro
         if not kept:
             break
         findings.append(_finding(setting, found, kept))
-        # what a strong effect does to the shapes changes how they scatter
-        fitted = fit(setting, kept[0].fitted.theta, kept[0].fitted.named)
+        fitted = _anew(setting, kept[0].fitted)
     fits, remaining = adequacy(setting, fitted, found)
     progress("diagnosing", MOST_EFFECTS + 1, MOST_EFFECTS + 1)
     left_over = found.statistic[best] > found.threshold
@@ -365,7 +364,7 @@ def examine(prepared: Prepared, data: ModalData, *, seed: int = 1, progress: Pro
     else:
         verdict = "ambiguous" if any(f.posterior_probability < SURE for f in findings) else "named"
     named = () if verdict == "unexplained" else tuple(findings)
-    details = {"adequacy": remaining, "residual": residual_map(setting, fitted)}
+    details = {"adequacy": remaining}
     if verdict == "unexplained":
         details["nearest"] = [f"{f.cause}, {f.location}" for f in findings]
     diagnosis = Diagnosis(
@@ -378,6 +377,15 @@ def examine(prepared: Prepared, data: ModalData, *, seed: int = 1, progress: Pro
     return Outcome(diagnosis=diagnosis, setting=setting, null=null, fitted=fitted, first=first, last=found)
 
 
+def _anew(setting: Setting, chosen: Fit) -> Fit:
+    """The same with its own noise, as what a strong effect does to the shapes changes how they scatter; where that does
+    not settle, the fit as it ended, marked as such."""
+    try:
+        return fit(setting, chosen.theta, chosen.named)
+    except ConvergenceError:
+        return replace(chosen, last_step=np.inf)
+
+
 def span_left(setting: Setting, fitted: Fit, course: int) -> tuple[float, int]:
     """Sum of squares of what remains in the directions the catalogue spans with one course, and their number."""
     design = fitted.design
@@ -387,21 +395,6 @@ def span_left(setting: Setting, fitted: Fit, course: int) -> tuple[float, int]:
     kept = value > SPAN * value[-1]
     z = design.scores(fitted.centred)[rows] / np.sqrt(design.information[rows])
     return float(np.sum(((turn[:, kept] / np.sqrt(value[kept])).T @ z) ** 2)), int(kept.sum())
-
-
-def residual_map(setting: Setting, fitted: Fit) -> list[dict]:
-    """Per group what remains on average, the largest first: response and how many deviations of what is normal."""
-    design, blocks = fitted.design, setting.blocks
-    rows = []
-    for q, y in enumerate(fitted.centred):
-        weight = design.noise.weight[q]
-        mean = weight @ y / weight.sum()
-        spread = np.sqrt(np.mean((design.nuisance[q] * design.nuisance_std) ** 2, axis=0).sum(axis=1)
-                         + design.floor[q] ** 2 + np.diag(design.noise.covariance[q]) / weight.sum())  # fmt: skip
-        names = labels_of(blocks.group_name(q), len(blocks.groups[q]), blocks.channels)
-        rows += [{"response": n, "departure": float(m), "deviations": float(m / s)}
-                 for n, m, s in zip(names, mean, spread, strict=True)]  # fmt: skip
-    return sorted(rows, key=lambda r: -abs(r["deviations"]))[:30]
 
 
 def _finding(setting: Setting, found: Search, rivals: list[Rival]) -> Finding:

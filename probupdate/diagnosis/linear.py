@@ -288,11 +288,8 @@ class Design:
             result.append(np.where(weight[:, None] > 0, y + noise * scale[:, None], 0.0))
         return tuple(result)
 
-    def draw(self, rng: np.random.Generator, n: int, memory: Sequence[float] | None = None) -> np.ndarray:
-        """u (n, n_candidate) of n records with nothing wrong: unknowns and noise drawn anew.
-
-        memory: per group, the correlation of successive blocks' noise.
-        """
+    def draw(self, rng: np.random.Generator, n: int) -> np.ndarray:
+        """u (n, n_candidate) of n records with nothing wrong: unknowns and noise drawn anew."""
         B, solved, _, _ = self._system
         roots = [np.linalg.cholesky(c) for c in self.noise.covariance]
         n_block = len(self.bin_of)
@@ -304,8 +301,6 @@ class Design:
             departures = []
             for q, root in enumerate(roots):
                 white = rng.standard_normal((size, n_block, root.shape[0]))
-                if memory is not None and memory[q] > 0:
-                    white = _remembering(white, memory[q])
                 scale = np.where(self.noise.weight[q] > 0, 1 / np.sqrt(np.maximum(self.noise.weight[q], 1e-12)), 0)
                 departures.append(white @ root.T * scale[None, :, None])
             sums = self._sums(departures)
@@ -313,13 +308,3 @@ class Design:
             right = self._right(sums) + unknown @ self._information
             result.append(self._raw(sums) + unknown @ B.T - right @ solved.T)
         return frozen_array(np.concatenate(result))
-
-
-def _remembering(white: np.ndarray, rho: float) -> np.ndarray:
-    """A first-order autoregression of unit variance along the second axis."""
-    from scipy.signal import lfilter
-
-    start = white[:, :1]
-    rest = np.sqrt(1 - rho**2) * white[:, 1:]
-    series = np.concatenate([start, rest], axis=1)
-    return lfilter([1.0], [1.0, -rho], series, axis=1)

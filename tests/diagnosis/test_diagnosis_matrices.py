@@ -46,6 +46,23 @@ def test_mass_of_a_storey_that_is_in_no_catalogue_is_not_named(prepared, record)
     assert found.verdict in ("unexplained", "none", "ambiguous")
 
 
+def test_a_fit_that_does_not_settle_is_unexplained_and_costs_nothing_found(prepared, record, monkeypatch):
+    from probupdate.diagnosis import diagnose as module
+    from probupdate.errors import ConvergenceError
+
+    whole = module.fit
+
+    def unsettled(setting, theta, named=(), **how):
+        if named and not how:
+            raise ConvergenceError("did not settle", theta)
+        return whole(setting, theta, named, **how)
+
+    monkeypatch.setattr(module, "fit", unsettled)
+    found = module.diagnose(prepared, record(5, gain=("y4", 1.12)))
+    assert found.verdict == "unexplained" and found.details["nearest"] == ["sensor gain, y4"]
+    assert any("did not settle" in note for note in found.notes)
+
+
 def test_same_seed_same_numbers_and_a_file_as_agreed(prepared, record, tmp_path):
     data = record(4, storey=2, factor=0.9, from_block=20)
     first, again = (probupdate.diagnose(prepared, data, seed=7).content() for _ in range(2))
