@@ -52,6 +52,7 @@ MEANT = (0.1, 5.0)
 GROSS = 20.0
 # directions among which the error of a fingerprint is shared out
 DIRECTIONS = 4
+CHANCE = "chance alone"
 NOT_SETTLED = "the fit did not settle: what remains is too much for the model to follow"
 # directions of the catalogue's span that are tested for a remainder, by their share of the largest
 SPAN = 1e-2
@@ -274,6 +275,15 @@ def undecided(z: float) -> float:
     return 1 + (FINGERPRINT * z) ** 2 / DIRECTIONS
 
 
+def chance(p_value: float) -> float:
+    """Least probability that a search found nothing but chance, with even odds before: the bound -e p ln p on the Bayes
+    factor (Sellke, Bayarri & Berger 2001)."""
+    if p_value <= 0:
+        return 0.0
+    bound = -np.e * p_value * np.log(p_value) if p_value < 1 / np.e else 1.0
+    return float(bound / (1 + bound))
+
+
 def rivals_of(setting: Setting, fitted: Fit, found: Search, best: int) -> list[int]:
     """The candidates that might be meant instead of the best: alike after what is normal has taken its part, the best
     course of each effect, the highest scores first."""
@@ -407,12 +417,16 @@ def _finding(setting: Setting, found: Search, rivals: list[Rival]) -> Finding:
     left, directions = span_left(setting, best.fitted, c)
     dispersion = max(left / directions, undecided(found.z[best.candidate]))
     weight = np.exp((np.array([r.log_evidence for r in rivals]) - best.log_evidence) / dispersion)
-    probability = weight / weight.sum()
+    # nothing but chance is a rival too
+    none = chance(found.p_value)
+    probability = (1 - none) * weight / weight.sum()
     alternatives = tuple(
         Alternative(cause=other.cause, location=other.location, posterior_probability=float(p))
         for r, p in zip(rivals[1:], probability[1:], strict=True)
         for other in [setting.effects[setting.which[r.candidate, 0]]] if p > 1e-3
     )  # fmt: skip
+    if none > 1e-3:
+        alternatives = (*alternatives, Alternative(cause=CHANCE, location="", posterior_probability=none))
     start = setting.blocks.ids[course.at] if course.kind == "step" else ""
     return Finding(
         kind=effect.kind, cause=effect.cause, location=effect.location, size=best.size, size_std=best.size_std,

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from probupdate.diagnosis.courses import Course, step_course
+from probupdate.diagnosis.diagnose import chance
 from probupdate.diagnosis.linear import Design
 from probupdate.diagnosis.noise import Noise, estimate_noise
 
@@ -119,6 +120,12 @@ def test_draws_have_the_covariance_of_the_scores(design):
     # an entry of a sample covariance of n unit normals has deviation at most sqrt(2 / n); 78 of them, 4.5 deviations
     assert np.max(np.abs(found - information / np.outer(size, size))) < 4.5 * np.sqrt(2 / n)
     assert np.max(np.abs(drawn.mean(axis=0) / size)) < 4.5 / np.sqrt(n)
+
+
+def test_chance_keeps_a_share_at_the_threshold_and_none_far_beyond_it():
+    # Sellke, Bayarri & Berger 2001, table 1: p = .05, .01, .001 leave at least .289, .111 and .0184
+    assert [chance(p) for p in (0.05, 0.01, 0.001)] == pytest.approx([0.289, 0.111, 0.0184], abs=1e-3)
+    assert chance(0.9) == 0.5 and chance(1e-30) < 1e-25
 
 
 def test_noise_is_not_blown_up_by_a_step_or_a_stray_block():
