@@ -381,10 +381,19 @@ def examine(prepared: Prepared, data: ModalData, *, seed: int = 1, progress: Pro
         verdict=verdict, findings=named,
         p_value=min(1.0, 2 * min(first.p_value, fits)) if not findings else first.p_value,
         limits=_limits(setting, first, null), threshold=first.threshold, adequacy_p=fits,
-        notes=setting.blocks.notes if settled else (*setting.blocks.notes, NOT_SETTLED),
+        notes=(*setting.blocks.notes, *_pinned(fitted), *([] if settled else [NOT_SETTLED])),
         parameters=tuple(_parameters(setting, null, fitted)), details=details,
     )  # fmt: skip
     return Outcome(diagnosis=diagnosis, setting=setting, null=null, fitted=fitted, first=first, last=found)
+
+
+def _pinned(fitted: Fit) -> list[str]:
+    """What to say of sizes that stand at an end of what their row allows."""
+    return [
+        f"the size of {n.effect.name} stands at an end of what its row allows ({n.bounds[0]:.3g} to {n.bounds[1]:.3g} "
+        f"{n.effect.unit}{n.course.unit}): its interval is not to be trusted, a larger size may be meant"
+        for n in fitted.named if not n.effect.discrete and np.isclose(n.size, n.bounds, rtol=1e-3).any()
+    ]
 
 
 def _anew(setting: Setting, chosen: Fit) -> Fit:

@@ -20,6 +20,8 @@ CHANNELS = (*(f"TP-{leg}-{axis}" for leg in LEGS for axis in "xyz"),
 DAYS, HOURS = 30.0, 720.0
 FAMILIES = {"null": 200, "single": 200, "outside": 50, "pair": 40, "twin": 40, "below": 40}
 STEEL_PER_DEGC = -3.6e-4
+# 6.4 m by 25.5 mm of steel at the tower's foot: what turns a flexibility into the simulator's length of tower
+FOOT_EI_GNM2 = 210.0 * np.pi / 8 * 6.3745**3 * 0.0255
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -141,7 +143,7 @@ KINDS = (
          low=0.03, high=0.2, courses=("constant", "ramp")),
     Kind(virtual="leg_water", cause="leg not flooded", place=_leg(), size="fraction", low=-0.5, high=-1.0),
     Kind(virtual="flange_flexibility", cause="tower flange flexibility", place=_fixed({"station": 1}, "tower at 18 m"),
-         size="equivalent_length_m", low=0.5, high=8.0),
+         size="equivalent_length_m", low=1e-3, high=0.02, convert=lambda size: size * FOOT_EI_GNM2),
     Kind(virtual="rna_mass", cause="nacelle mass", place=_fixed({}, "nacelle"), size="mass_kg", low=5e3, high=6e4),
     Kind(virtual="rna_offset", cause="RNA centre of mass", place=_axis, size="offset_m", low=0.3, high=1.5,
          courses=("constant",)),
