@@ -171,7 +171,9 @@ def _environment(d: Description) -> Iterator[TurbineEffect]:
     yield _row("water", "water_level", "wetted length", "all members", low=-6.0, high=6.0, tolerance=0.0, slab=1.0,
                courses=("water_level_m",), unit="m", fingerprint="second bending falls with the water level",
                check="tide gauge against the second bending", **env)
-    yield _row("warm", "temperature", "temperature of the steel", "all members", low=-80.0, high=80.0, tolerance=0.0,
+    # steel under water has the sea's temperature, which hardly moves within a month
+    dry = {"level_m": (d.site.water_level_m, d.tower.station[-1].z_m)}
+    yield _row("warm", "temperature", "temperature of the steel", "above the water", on=dry, low=-80.0, high=80.0, tolerance=0.0,
                slab=1.5, settings={"relative_per_degc": STEEL_PER_DEGC}, courses=("air_temperature_c",), unit="degC",
                fingerprint="all frequencies fall with temperature", check="steel temperature sensors", **env)
     yield _row("thrust", "thrust", "rotor thrust", "hub", low=-5e6, high=5e6, tolerance=0.0, slab=5e5,

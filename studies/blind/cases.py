@@ -156,7 +156,7 @@ KINDS = (
          high=1.5e5),
     Kind(virtual="wetted_length", cause="wetted length", place=_fixed({}, "all members"), size="gain", low=0.3,
          high=2.0, courses=("own",), klass="environmental"),
-    Kind(virtual="steel_temperature", cause="temperature of the steel", place=_fixed({}, "all members"),
+    Kind(virtual="steel_temperature", cause="temperature of the steel", place=_fixed({}, "above the water"),
          size="per_kelvin", low=0.5, high=4.0, convert=lambda size: size * STEEL_PER_DEGC, courses=("own",),
          klass="environmental"),
     Kind(virtual="soil_softening", cause="lateral soil softens with amplitude", place=_fixed({}, "all legs"),
