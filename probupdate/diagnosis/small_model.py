@@ -36,7 +36,7 @@ N_POINT, N_VERIFY = 36, 6
 # relative frequency error the basis may have far from where it was built: a third of what model form leaves
 TOLERANCE = 1e-3
 # energy of a direction, as a share of one mode's, below which it is left out of the basis; tried one after the other
-CUTS = (3e-2, 1e-2, 3e-3, 3e-4)
+CUTS = (3e-2, 1e-2, 3e-3, 2e-3, 1e-3, 3e-4)
 
 
 # for stiffness and mass: what does not turn (n, r, r), and by parameter what does

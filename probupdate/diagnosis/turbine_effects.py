@@ -2,7 +2,7 @@
 
 A missing neighbour is named falsely, so that every place has its row. Tolerances are what drawings, fabrication
 standards and site reports allow: plate and wall 1 %, soil of one leg 10 % of its springs (uniform), scour 0.1 m, RNA
-mass 1 % and its centre 0.1 m.
+mass 1 % and its centre 0.1 m. Slabs are what an engineer would call a notable case of each; bounds what may exist.
 """
 
 from __future__ import annotations
@@ -14,12 +14,16 @@ from itertools import pairwise
 import numpy as np
 
 from probupdate.diagnosis.catalogue import Effect
+from probupdate.structure.beam import Tube
 from probupdate.structure.description import Description
 from probupdate.structure.effects import KINDS
 from probupdate.structure.extend import Effect as ModelEffect
+from probupdate.structure.joints import joint_law
 
 # (1 - E(T)/E) per degree: steel loses about 0.036 % of its modulus per degree at room temperature
 STEEL_PER_DEGC = -3.6e-4
+# first collective flap of a 5-MW rotor's blades (Jonkman et al. 2009, table 9-1); edit it for another rotor
+FLAP_HZ = 0.7
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -30,9 +34,11 @@ class TurbineEffect:
     model: ModelEffect
 
 
-def turbine_effects(d: Description) -> tuple[TurbineEffect, ...]:
-    """Every row for this turbine."""
-    return (*_jacket(d), *_connections(d), *_soil(d), *_masses(d), *_environment(d))
+def turbine_effects(d: Description, *, single_members: bool = False) -> tuple[TurbineEffect, ...]:
+    """Every row for this turbine; with single_members also those of single braces and of a brace's joints at one leg,
+    which a record tells apart from their face's only where it is long."""
+    rows = [*_jacket(d), *_connections(d), *_soil(d), *_water(d), *_masses(d), *_environment(d)]
+    return (*rows, *(_single(d) if single_members else ()))
 
 
 def _row(name, kind, cause, location, *, low, high, tolerance, slab, on=None, settings=None,
@@ -47,56 +53,87 @@ def _row(name, kind, cause, location, *, low, high, tolerance, slab, on=None, se
     return TurbineEffect(effect=effect, model=model)
 
 
-def _faces(d: Description) -> list[str]:
+def _faces(d: Description) -> dict[str, tuple[str, str]]:
     names = d.jacket.leg_names
-    return [a + b for a, b in zip(names, (*names[1:], names[0]), strict=True)]
+    return {a + b: (a, b) for a, b in zip(names, (*names[1:], names[0]), strict=True)}
+
+
+def _bays(d: Description) -> range:
+    return range(1, len(d.jacket.bay) + 1)
+
+
+# a braced face works by the braces' axial stiffness; their bending would only bring in modes of single members
+def _brace(name: str, location: str, on: dict) -> TurbineEffect:
+    return _row(name, "stiffness", "brace stiffness lost", location, on=on, settings={"motion": "axial"}, low=-0.98,
+                high=0.0, tolerance=0.01, slab=0.5, fingerprint="torsion falls, FA and SS couple",
+                check="inspect the braces and their nodes")  # fmt: skip
+
+
+def _joint(name: str, location: str, on: dict) -> TurbineEffect:
+    return _row(name, "joint", "joints loosened", location, on=on, low=-0.98, high=0.0, tolerance=0.1, slab=0.5,
+                fingerprint="as the braces there, weaker", check="inspect the weld toes of these nodes")
 
 
 def _jacket(d: Description) -> Iterator[TurbineEffect]:
-    bays = range(1, len(d.jacket.bay) + 1)
-    # a braced face works by the braces' axial stiffness; their bending would only bring in modes of single members
-    for bay in bays:
+    for bay in _bays(d):
         for face in _faces(d):
-            yield _row(f"brace_{face}_{bay}", "stiffness", "brace stiffness lost", f"face {face}, bay {bay}",
-                       on={"group": "brace", "face": face, "bay": bay}, settings={"motion": "axial"},
-                       low=-0.98, high=0.0, tolerance=0.01, slab=0.5,
-                       fingerprint="torsion falls, FA and SS couple", check="inspect the braces and their nodes")
-    for bay in bays:
-        for face in _faces(d):
-            yield _row(f"joint_{face}_{bay}", "joint", "joints loosened", f"face {face}, bay {bay}",
-                       on={"face": face, "bay": bay}, low=-0.98, high=0.0, tolerance=0.1, slab=0.5,
-                       fingerprint="as the braces there, weaker", check="inspect the weld toes of these nodes")
-    for bay in bays:
+            yield _brace(f"brace_{face}_{bay}", f"face {face}, bay {bay}", {"group": "brace", "face": face, "bay": bay})
+    if joint_law(d.jacket.joints.law) is not None:
+        for bay in _bays(d):
+            for face in _faces(d):
+                yield _joint(f"joint_{face}_{bay}", f"face {face}, bay {bay}", {"face": face, "bay": bay})
+    for bay in _bays(d):
         for leg in d.jacket.leg_names:
             yield _row(f"leg_{leg}_{bay}", "stiffness", "leg stiffness lost", f"leg {leg}, bay {bay}",
                        on={"group": "leg", "leg": leg, "bay": bay}, low=-0.9, high=0.0, tolerance=0.01, slab=0.3,
                        fingerprint="bending of the jacket towards one diagonal", check="inspect the leg: cracks, dents")
-    for bay in bays:
-        if d.jacket.bay[bay - 1].bottom_m >= d.site.water_level_m:
-            continue
-        yield _row(f"flood_brace_{bay}", "flooding", "flooded braces", f"bay {bay}", on={"group": "brace", "bay": bay},
-                   low=0.0, high=1.0, tolerance=0.0, slab=0.5, fingerprint="second bending falls",
-                   check="flooded-member detection by ultrasound")
-    if d.jacket.flooded:
-        for leg in d.jacket.leg_names:
-            yield _row(f"flood_leg_{leg}", "flooding", "leg not flooded", f"leg {leg}",
-                       on={"group": "leg", "leg": leg}, low=-1.0, high=0.0, tolerance=0.0, slab=0.5,
-                       fingerprint="second bending rises, one side", check="flooded-member detection by ultrasound")
-    yield _row("corrosion_all", "corrosion", "corrosion", "legs and braces in the splash zone", low=0.0, high=0.008,
-               on={"level_m": (d.corrosion.bottom_m, d.corrosion.top_m)}, tolerance=5e-4, slab=2e-3,
-               courses=("constant",), fingerprint="jacket stiffness and mass at the water line",
-               check="measure wall thickness")
+
+
+def _single(d: Description) -> Iterator[TurbineEffect]:
+    for bay in _bays(d):
+        for face, legs in _faces(d).items():
+            for first, second in (legs, legs[::-1]):
+                part = f"brace {first}{second}-{bay}"
+                yield _brace(f"brace_{first}{second}_{bay}_alone", f"{part}, face {face}, bay {bay}", {"part": part})
+                if joint_law(d.jacket.joints.law) is None:
+                    continue
+                for leg in legs:
+                    yield _joint(f"joint_{first}{second}_{bay}_at_{leg}",
+                                 f"{part} at leg {leg}, face {face}, bay {bay}", {"part": part, "leg": leg})  # fmt: skip
+
+
+def _three_diameters(d: Description, diameter_m: float, thickness_m: float) -> tuple[float, float]:
+    """Flexibility of three diameters of a tube in bending, rad/(GN m), and along its axis, m/GN: a connection as soft
+    as that is noticed."""
+    tube = Tube(diameter_m=diameter_m, thickness_m=thickness_m)
+    length = 1e9 * 3 * diameter_m / d.steel.youngs_modulus_pa
+    return length / tube.second_moment({}), length / tube.area({})
 
 
 def _connections(d: Description) -> Iterator[TurbineEffect]:
-    foot = d.tower.station[0].z_m
-    yield _row("hinge_flange", "hinge", "tower flange flexibility", f"tower at {foot:g} m", settings={"at_m": foot},
-               on={"group": "tower"}, low=0.0, high=0.1, tolerance=2e-4, slab=5e-3, courses=("constant", "step"),
-               fingerprint="slope jumps at the tower's foot", check="bolt forces, gap measurement at the flange")
-    for leg in d.jacket.leg_names:
-        yield _row(f"hinge_pile_{leg}", "hinge", "grout flexibility", f"pile head {leg}",
-                   settings={"at_m": d.jacket.bottom.z_m + 1.0}, on={"group": "leg", "leg": leg}, low=0.0, high=10.0,
-                   tolerance=0.01, slab=0.5, fingerprint="as softer soil of one leg", check="inspect the grout seal")
+    for group in ("strut", "tie"):
+        for leg in d.jacket.leg_names:
+            yield _row(f"{group}_{leg}", "stiffness", "transition-piece flexibility", f"{group} {leg}",
+                       on={"group": group, "leg": leg}, low=-0.95, high=1.0, tolerance=0.01, slab=0.3,
+                       fingerprint="second bending falls, one side", check="inspect the transition piece's welds")
+    yield _row("column", "stiffness", "transition-piece flexibility", "column", on={"group": "column"}, low=-0.95,
+               high=1.0, tolerance=0.01, slab=0.3, fingerprint="slope jumps at the transition piece",
+               check="inspect the column's welds")
+    for number, station in enumerate(d.tower.station[:-1]):
+        soft, _ = _three_diameters(d, station.diameter_m, station.thickness_m)
+        yield _row(f"hinge_{station.z_m:g}".replace(".", "_"), "hinge", "tower flange flexibility",
+                   f"tower at {station.z_m:g} m", settings={"at_m": station.z_m}, on={"group": "tower"}, low=0.0,
+                   high=5 * soft, tolerance=0.01 * soft, slab=0.25 * soft,
+                   fingerprint=f"slope jumps at the tower's {'flange' if number else 'foot'}",
+                   check="bolt forces, gap measurement at the flange")  # fmt: skip
+    head = d.jacket.bottom.z_m
+    soft, long = _three_diameters(d, d.jacket.leg.diameter_m, d.jacket.leg.thickness_m)
+    for kind, name, words, scale in (("hinge", "hinge_pile", "grout flexibility in bending", soft),
+                                     ("slip", "slip_pile", "grout flexibility along the pile", long)):  # fmt: skip
+        for leg in d.jacket.leg_names:
+            yield _row(f"{name}_{leg}", kind, words, f"pile head {leg}", settings={"at_m": head},
+                       on={"group": "pile", "leg": leg}, low=0.0, high=20 * scale, tolerance=0.02 * scale, slab=scale,
+                       fingerprint="as softer soil of one leg", check="inspect the grout seal")  # fmt: skip
 
 
 def _soil(d: Description) -> Iterator[TurbineEffect]:
@@ -107,7 +144,7 @@ def _soil(d: Description) -> Iterator[TurbineEffect]:
         yield _row(f"scour_{leg}", "scour", "scour", f"leg {leg}", on={"leg": leg}, low=0.0, high=6.0, tolerance=0.1,
                    slab=1.5, courses=("constant", "step", "ramp"), fingerprint="second bending falls, one side",
                    check="bathymetric survey")
-    for curve, word in (("py", "lateral"), ("tz", "axial")):
+    for curve, word in (("py", "lateral"), ("tz", "axial"), ("qw", "pile tip's")):
         for leg in d.jacket.leg_names:
             yield _row(f"soil_{curve}_{leg}", "soil", f"{word} soil stiffness", f"leg {leg}", on={"leg": leg},
                        settings={"curve": curve}, low=-0.95, high=3.0, tolerance=0.06, slab=0.5,
@@ -119,15 +156,44 @@ def _tube_mass(d: Description, diameter: float, wall: float, length: float) -> f
     return d.steel.density_kgpm3 * np.pi * (diameter - wall) * wall * length
 
 
-def _masses(d: Description) -> Iterator[TurbineEffect]:
-    growth_high = 0.3
-    grown = d.values["mg"]
-    yield _row("growth_all", "growth", "marine growth", "all members", low=-grown, high=growth_high, tolerance=0.005,
-               slab=0.05, courses=("constant", "ramp"), fingerprint="second bending falls", check="ROV survey")
+def _water(d: Description) -> Iterator[TurbineEffect]:
+    """What the sea brings: growth, corrosion, water inside."""
+    growth = {"high": 0.3, "tolerance": 0.005, "slab": 0.05, "courses": ("constant", "ramp"),
+              "check": "ROV survey"}  # fmt: skip
+    yield _row("growth_all", "growth", "marine growth", "all members", low=-d.values["mg"],
+               fingerprint="second bending falls", **growth)
+    # less than assumed on a leg, in a bay and everywhere at once would be less than none
     for leg in d.jacket.leg_names:
-        yield _row(f"growth_{leg}", "growth", "marine growth", f"leg {leg}", on={"group": "leg", "leg": leg},
-                   low=-grown, high=growth_high, tolerance=0.005, slab=0.05, courses=("constant", "ramp"),
-                   fingerprint="second bending falls, one side", check="ROV survey")
+        yield _row(f"growth_{leg}", "growth", "marine growth", f"leg {leg}", low=0.0,
+                   on={"group": "leg", "leg": leg}, fingerprint="second bending falls, one side", **growth)
+    band = (d.corrosion.bottom_m, d.corrosion.top_m)
+    corroded = {"low": 0.0, "high": 0.008, "tolerance": 5e-4, "slab": 2e-3, "courses": ("constant",),
+                "check": "measure wall thickness"}  # fmt: skip
+    yield _row("corrosion_all", "corrosion", "corrosion", "legs and braces in the splash zone", on={"level_m": band},
+               fingerprint="jacket stiffness and mass at the water line", **corroded)
+    for leg in d.jacket.leg_names:
+        yield _row(f"corrosion_{leg}", "corrosion", "corrosion", f"leg {leg}",
+                   on={"group": "leg", "leg": leg, "level_m": band}, fingerprint="as a crack of that leg, small",
+                   **corroded)  # fmt: skip
+    flooded = {"tolerance": 0.0, "slab": 0.5, "check": "flooded-member detection by ultrasound"}
+    for bay in _bays(d):
+        if d.jacket.bay[bay - 1].bottom_m >= d.site.water_level_m:
+            continue
+        yield _row(f"growth_bay_{bay}", "growth", "marine growth", f"bay {bay}", low=0.0,
+                   on={"level_m": (d.jacket.bay[bay - 1].bottom_m, d.jacket.bay[bay - 1].top_m)},
+                   fingerprint="second bending falls", **growth)  # fmt: skip
+        for face in _faces(d):
+            yield _row(f"flood_brace_{face}_{bay}", "flooding", "flooded braces", f"face {face}, bay {bay}",
+                       on={"group": "brace", "face": face, "bay": bay}, low=0.0, high=1.0,
+                       fingerprint="second bending falls", **flooded)  # fmt: skip
+    if d.jacket.flooded:
+        for leg in d.jacket.leg_names:
+            yield _row(f"flood_leg_{leg}", "flooding", "leg not flooded", f"leg {leg}",
+                       on={"group": "leg", "leg": leg}, low=-1.0, high=0.0,
+                       fingerprint="second bending rises, one side", **flooded)  # fmt: skip
+
+
+def _masses(d: Description) -> Iterator[TurbineEffect]:
     heaviest = max(d.rna, key=lambda b: b.mass_kg)
     yield _row("rna_mass", "mass", "nacelle mass", heaviest.name, on={"body": heaviest.name},
                low=-0.3 * heaviest.mass_kg, high=0.5 * heaviest.mass_kg, tolerance=0.01 * heaviest.mass_kg,
@@ -164,6 +230,11 @@ def _masses(d: Description) -> Iterator[TurbineEffect]:
     yield _row("tp_mass", "mass", "transition-piece mass", "column", on={"group": "column"}, low=-0.5 * own,
                high=3.0 * own, tolerance=0.03 * own, slab=0.5 * own, courses=("constant", "step"),
                fingerprint="second bending falls", check="weight report of the transition piece")
+    if any(body.name == "hub" for body in d.rna):
+        yield _row("blades", "oscillator", "blade coupling", "rotor, fore-aft", on={"body": "hub"}, low=0.0, high=0.6,
+                   settings={"axis": "x", "frequency_hz": FLAP_HZ}, tolerance=0.01, slab=0.1, courses=("constant",),
+                   fingerprint="fore-aft alone, shape at the top",
+                   check="the blades' flapwise frequency, edge sensors")
 
 
 def _environment(d: Description) -> Iterator[TurbineEffect]:
@@ -179,6 +250,12 @@ def _environment(d: Description) -> Iterator[TurbineEffect]:
     yield _row("thrust", "thrust", "rotor thrust", "hub", low=-5e6, high=5e6, tolerance=0.0, slab=5e5,
                courses=("thrust_share",), fingerprint="first bending falls with thrust", check="tower bending strain",
                **env)
+    yield _row("weight", "weight", "P-delta of the weight", "all members", tolerance=0.0, slab=0.5,
+               courses=("constant",), low=-1.0 if d.mesh.geometric_stiffness else 0.0, high=2.0, fingerprint="first bending falls",
+               check="whether the model's mesh.geometric_stiffness is on", **env)
+    yield _row("ice_tower", "mass", "icing", "tower", on={"group": "tower"}, low=0.0, high=4e4, tolerance=0.0,
+               slab=5e3, courses=("step", "frost_degc"), fingerprint="first and second bending fall while it freezes",
+               check="ice detector, inspection", **env)
     yield _row("ice", "mass", "icing", "rotor", on={"body": "hub"}, low=0.0, high=4e4, tolerance=0.0, slab=5e3,
                courses=("step", "frost_degc"), fingerprint="first bending and torsion fall while it freezes",
                check="ice detector, power curve", **env)

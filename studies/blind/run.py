@@ -75,11 +75,12 @@ def ablate(name: str) -> None:
 
 
 def run_case(case: Case) -> dict:
-    from probupdate.diagnosis.diagnose import diagnose
+    from probupdate.diagnosis.diagnose import examine
 
     begun = time.process_time()
     record = simulated(case)
-    found = diagnose(prepared(), record.data, seed=1)
+    outcome = examine(prepared(), record.data, seed=1)
+    found = outcome.diagnosis
     return {
         "id": case.id, "family": case.family, "seed": case.seed, "hidden": list(case.truth.get("effect", ())),
         "effects": list(case.effects), "verdict": found.verdict, "p_value": found.p_value,
@@ -89,6 +90,9 @@ def run_case(case: Case) -> dict:
              "z": f.z, "alternatives": [[a.cause, a.location] for a in f.alternatives]}
             for f in found.findings
         ],
+        # what was taken in where the verdict is "unexplained": the names an analysis without that verdict would give
+        "taken_in": [[n.effect.cause, n.effect.location] for n in outcome.fitted.named],
+        "notes": list(found.notes), "left_over": float(outcome.last.statistic.max() / outcome.last.threshold),
         "limits": {f"{x.cause} | {x.location} | {x.course}": x.limit for x in found.limits},
         "cpu_s": time.process_time() - begun,
     }  # fmt: skip

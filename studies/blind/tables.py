@@ -75,14 +75,16 @@ def summary(lines: list[dict]) -> str:
     out.append(rate("size within its 90 % interval",
                     sum(abs(abs(f["size"]) - abs(e["size"])) < 1.645 * f["size_std"] for f, e in sized), len(sized)))
     outside = by.get("outside", [])
-    out.append(rate("outside the catalogue: no name", sum(x["verdict"] not in ("named",) for x in outside),
-                    len(outside)))  # fmt: skip
+    out.append(rate("outside the catalogue: no name", sum(x["verdict"] != "named" for x in outside), len(outside)))
+    out.append(rate("  the same without the adequacy test", sum(not x["taken_in"] for x in outside), len(outside)))
     pair = by.get("pair", [])
     both = [x for x in pair if all(any(in_set(f, e) for f in x["findings"]) for e in x["effects"])]
     out.append(rate("pairs: both in the named sets", len(both), len(pair)))
     twin = [x for x in by.get("twin", []) if x["verdict"] != "none"]
     held = [x for x in twin if any(in_set(f, x["effects"][0]) for f in x["findings"])]
     out.append(rate("detected twins: the true one in the set", len(held), len(twin)))
+    out.append(rate("detected twins: ambiguous, unexplained or the true one", sum(
+        x["verdict"] != "named" or is_named(x["findings"][0], x["effects"][0]) for x in twin), len(twin)))
     below = by.get("below", [])
     out.append(rate("below the limit: none, or the right name", sum(
         x["verdict"] == "none" or any(in_set(f, x["effects"][0]) for f in x["findings"]) for x in below), len(below)))

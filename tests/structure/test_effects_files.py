@@ -9,11 +9,11 @@ import pytest
 from effects_turbine import SAMPLES, entry, model, sample, with_effects
 from small_turbine import SENSORS
 
+from probupdate.diagnosis.turbine_effects import turbine_effects
 from probupdate.errors import InputError
 from probupdate.modes import Sensor
 from probupdate.parameters import Parameter, Parameters
-from probupdate.structure.description import parse_description
-from probupdate.structure.effect_catalogue import described_catalogue, effect_catalogue
+from probupdate.structure.description import parse_description, read_description
 from probupdate.structure.effects import KINDS
 from probupdate.structure.extend import Effect, extended_model, extended_text, parameter_text, write_extended
 from probupdate.structure.load import load_model, reference_model
@@ -211,7 +211,8 @@ def test_kinds_have_a_meaning_and_do_not_clash_with_keys():
 
 @pytest.fixture(scope="module")
 def catalogue():
-    return described_catalogue(parse_description(with_effects([sample("scour")]), "m"), single_members=True)
+    d = parse_description(with_effects([sample("scour")]), "m")
+    return tuple(row.model for row in turbine_effects(d, single_members=True))
 
 
 def test_the_catalogue_covers_every_leg_face_bay_and_kind(catalogue):
@@ -220,11 +221,13 @@ def test_the_catalogue_covers_every_leg_face_bay_and_kind(catalogue):
     # the factor on added mass is a row of Table 2 and no effect of its own
     assert {effect.kind for effect in catalogue} == set(KINDS) - {"added_mass"}
     for leg in "ABCD":
-        for cause in ("scour", "lateral soil", "axial soil", "pile tip", "marine growth", "corrosion", "leg crack",
-                      "grout flexibility", "leg not flooded"):  # fmt: skip
+        for cause in ("scour", "lateral soil stiffness", "axial soil stiffness", "pile tip's soil stiffness",
+                      "marine growth", "corrosion", "leg stiffness lost", "grout flexibility in bending",
+                      "grout flexibility along the pile", "transition-piece flexibility",
+                      "leg not flooded"):  # fmt: skip
             assert any(e.cause == cause and e.on.get("leg") == leg for e in catalogue), (cause, leg)
     for face in ("AB", "BC", "CD", "DA"):
-        for cause in ("brace loss or crack", "joint loosening", "flooded braces"):
+        for cause in ("brace stiffness lost", "joints loosened", "flooded braces"):
             assert any(e.cause == cause and e.on.get("face") == face and e.on["bay"] == 1 for e in catalogue)
     assert all(effect.lower <= effect.neutral <= effect.upper and effect.location for effect in catalogue)
     assert all(effect.prior == "normal" or effect.neutral > 0 for effect in catalogue)
@@ -248,7 +251,7 @@ def test_every_effect_of_the_catalogue_shows_at_the_channels(catalogue):
 def test_the_reference_turbine_s_catalogue_is_accepted_as_a_file(tmp_path):
     for state in ("design", "as_built", "updated"):
         path = reference_model(state)
-        effects = effect_catalogue(path)
+        effects = [row.model for row in turbine_effects(read_description(path))]
         assert len(effects) > 130
         text = extended_text(path, effects)
         assert len(tomllib.loads(text)["parameter"]) == 17 + len(effects)
