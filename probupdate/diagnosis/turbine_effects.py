@@ -98,8 +98,8 @@ def _single(d: Description) -> Iterator[TurbineEffect]:
                 if joint_law(d.jacket.joints.law) is None:
                     continue
                 for leg in legs:
-                    yield _joint(f"joint_{first}{second}_{bay}_at_{leg}",
-                                 f"{part} at leg {leg}, face {face}, bay {bay}", {"part": part, "leg": leg})  # fmt: skip
+                    where = f"{part} at leg {leg}, face {face}, bay {bay}"
+                    yield _joint(f"joint_{first}{second}_{bay}_at_{leg}", where, {"part": part, "leg": leg})
 
 
 def _three_diameters(d: Description, diameter_m: float, thickness_m: float) -> tuple[float, float]:
@@ -203,7 +203,7 @@ def _masses(d: Description) -> Iterator[TurbineEffect]:
         yield _row(f"rna_{axis}", "centre_of_mass", "RNA centre of mass", f"along the nacelle's {axis}",
                    settings={"axis": axis}, low=-3.0, high=3.0, tolerance=0.1, slab=0.5, courses=("constant",),
                    fingerprint="torsion couples with bending", check="weighing protocol of the nacelle")
-    # the rotor's plane has most of it; what turns with the rotor is told in many ways, so that one range serves all axes
+    # what turns with the rotor is told in many ways, so that one range serves all axes
     most = max(sum(body.inertia_kgm2[k] for body in d.rna) for k in range(3))
     for axis, k in zip("xyz", range(3), strict=True):
         inertia = sum(body.inertia_kgm2[k] for body in d.rna) + 1e6
@@ -251,8 +251,8 @@ def _environment(d: Description) -> Iterator[TurbineEffect]:
                courses=("thrust_share",), fingerprint="first bending falls with thrust", check="tower bending strain",
                **env)
     yield _row("weight", "weight", "P-delta of the weight", "all members", tolerance=0.0, slab=0.5,
-               courses=("constant",), low=-1.0 if d.mesh.geometric_stiffness else 0.0, high=2.0, fingerprint="first bending falls",
-               check="whether the model's mesh.geometric_stiffness is on", **env)
+               courses=("constant",), low=-1.0 if d.mesh.geometric_stiffness else 0.0, high=2.0,
+               fingerprint="first bending falls", check="whether the model's mesh.geometric_stiffness is on", **env)
     yield _row("ice_tower", "mass", "icing", "tower", on={"group": "tower"}, low=0.0, high=4e4, tolerance=0.0,
                slab=5e3, courses=("step", "frost_degc"), fingerprint="first and second bending fall while it freezes",
                check="ice detector, inspection", **env)
