@@ -245,7 +245,8 @@ def _environment(d: Description) -> Iterator[TurbineEffect]:
     # steel under water has the sea's temperature, which hardly moves within a month
     dry = {"level_m": (d.site.water_level_m, d.tower.station[-1].z_m)}
     yield _row("warm", "temperature", "temperature of the steel", "above the water", on=dry, low=-80.0, high=80.0,
-               tolerance=0.0, slab=1.5, settings={"relative_per_degc": STEEL_PER_DEGC}, courses=("air_temperature_c",), unit="degC",
+               tolerance=0.0, slab=1.5, settings={"relative_per_degc": STEEL_PER_DEGC},
+               courses=("air_temperature_c",), unit="degC",
                fingerprint="all frequencies fall with temperature", check="steel temperature sensors", **env)
     yield _row("thrust", "thrust", "rotor thrust", "hub", low=-5e6, high=5e6, tolerance=0.0, slab=5e5,
                courses=("thrust_share",), fingerprint="first bending falls with thrust", check="tower bending strain",
