@@ -15,8 +15,8 @@ import numpy as np
 from probupdate.modes import frozen_array
 
 # a measured pair whose shapes are nearer to each other than this (smallest singular value of the unit shapes' frame)
-# does not tell its tensor
-INDEPENDENCE = 0.35
+# does not tell its tensor: what the noise does to it grows with the square of one over this
+INDEPENDENCE = 0.5
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -17,19 +17,23 @@ from probupdate.diagnosis.courses import Course
 from probupdate.diagnosis.departures import Reference, departure, n_response
 from probupdate.diagnosis.field import Field, effect_fingerprints, observed
 from probupdate.diagnosis.linear import Design
-from probupdate.diagnosis.noise import Noise, estimate_noise
+from probupdate.diagnosis.noise import Noise, estimate_noise, shrunk
 from probupdate.diagnosis.small_model import LocalModel
 from probupdate.errors import ConvergenceError
 from probupdate.parameters import Parameters
 
-# references are computed at every angle that differs by this, fingerprints at every one that differs by BIN_DEG
-ANGLE_DEG, BIN_DEG = 1.0, 10.0
+# references are computed at every angle that differs by this; fingerprints at every NODE_DEG, and between these by
+# straight lines for every one that differs by BIN_DEG: what rotor and nacelle do to the torsion's small components at
+# the tower turns with the heading, and is many times the noise
+ANGLE_DEG, BIN_DEG, NODE_DEG = 1.0, 2.0, 10.0
 # a fit has settled when no parameter moves by more, in posterior deviations
 SETTLED, MOST_STEPS = 0.1, 40
-# changes of -2 ln posterior that do not matter: absolute, and of the whole. The fingerprints are derivatives of the
-# expected modes alone; where much is left over, departures from them change a little otherwise, and the point at which
-# the linear equations settle is not quite the least one
-FLAT, FLAT_SHARE = 0.2, 0.03
+# steps after which the noise is kept
+WARM = 3
+# a change of -2 ln posterior that does not matter, and the share of it that the linear equations may still promise at
+# the least value: fingerprints are derivatives of the expected modes alone, and where much is left over the departures
+# from them change a little otherwise
+FLAT, FLAT_SHARE = 0.1, 0.03
 # a step is no longer than so many prior deviations at once
 LONGEST, HALVINGS = 1.0, 6
 # fingerprints of tolerances and effects are computed anew every so many steps on the way, those of the updated
@@ -181,7 +185,7 @@ def design_at(
     """Fingerprints at theta and the named effects, a bin of blocks for each angle before and after each step: an error
     of a few per cent that changes sign with the step looks like the step, which is known better than that.
     With the design of a point nearby (`before`), only those of the updated parameters are computed anew."""
-    field, blocks = setting.field, setting.blocks
+    field = setting.field
     names = field.parameters.names
     centres, angle_of = setting.bins
     exact = [n for n in named if n.exact]
@@ -193,18 +197,14 @@ def design_at(
     catalogue = own if before is not None else [*own, *setting.effects]
     columns = list(setting.updated) if before is not None else list(range(len(names)))
     chosen = tuple(names[k] for k in columns)
-    table = [[] for _ in blocks.groups]
-    last = None
-    for level in bins:
-        if last is None or np.any(level[:-1] != last):
-            last = level[:-1]
-            local, seen = local_at(field, theta, exact, last)
-            slopes = local.slopes(columns)
-        references, tensors, shapes = field.slopes(local, centres[int(level[-1])], slopes)
-        for q, (reference, tensor, shape) in enumerate(zip(references, tensors, shapes, strict=True)):
-            table[q].append(effect_fingerprints(
-                catalogue, chosen, observed(reference, seen), tensor, _seen_change(reference, shape, seen)))
-    prints = [np.array(t) for t in table]
+    states, state_of = np.unique(bins[:, :-1], axis=0, return_inverse=True)
+    prints = [np.empty((len(bins), len(floor), len(catalogue))) for floor in setting.floor]
+    for number, state in enumerate(states):
+        there = np.flatnonzero(state_of.ravel() == number)
+        local, seen = local_at(field, theta, exact, state)
+        at = fingerprints_at(field, local, catalogue, chosen, centres[bins[there, -1].astype(int)], seen)
+        for whole, part in zip(prints, at, strict=True):
+            whole[there] = part
     n_own = len(own)
     if before is not None:
         same = before.bin_of[np.unique(bin_of, return_index=True)[1]]
@@ -229,6 +229,32 @@ def design_at(
         doubted=tuple((n.course, tuple(_doubt(setting, q, FINGERPRINT * n.size * e[:, :, _number(setting, n)])
                                        for q, e in enumerate(effect))) for n in named),
     )  # fmt: skip
+
+
+def fingerprints_at(
+    field: Field, local: LocalModel, effects: Sequence[Effect], names: tuple[str, ...], angles_deg: np.ndarray,
+    seen: Sequence[tuple[Effect, float]] = (),
+) -> list[np.ndarray]:
+    """Per group (n_angle, n_response, n_effect): fingerprints at nodes of NODE_DEG, straight lines between them.
+    `names`: the parameters that the effects move."""
+    place = np.asarray(angles_deg) / NODE_DEG
+    before = np.floor(place).astype(int)
+    share = place - before
+    n_node = round(360 / NODE_DEG)
+    needed = np.unique(np.concatenate([before, before[share > 0] + 1]) % n_node)
+    slopes = local.slopes([field.parameters.names.index(name) for name in names])
+    table: list[dict[int, np.ndarray]] = [{} for _ in field.axes]
+    for node in needed:
+        found = field.slopes(local, node * NODE_DEG, slopes)
+        for rows, reference, tensor, shape in zip(table, *found, strict=True):
+            rows[node] = effect_fingerprints(
+                effects, names, observed(reference, seen), tensor, _seen_change(reference, shape, seen))
+    result = []
+    for rows in table:
+        low = np.array([rows[k % n_node] for k in before])
+        high = np.array([rows[(k + (s > 0)) % n_node] for k, s in zip(before, share, strict=True)])
+        result.append(low + share[:, None, None] * (high - low))
+    return result
 
 
 def _doubt(setting: Setting, group: int, amount: np.ndarray) -> np.ndarray:
@@ -271,12 +297,27 @@ def centred_departures(
     setting: Setting, design: Design, theta: np.ndarray, named: Sequence[Named], departures
 ) -> tuple[np.ndarray, ...]:
     """Departures less what the prior's centre would make: of mean zero when nothing is wrong."""
+    made = design.expected(_prior_centre(setting, design, theta, named))
+    return tuple(np.where(w[:, None] > 0, y - m, 0.0) for y, m, w in
+                 zip(departures, made, design.noise.weight, strict=True))  # fmt: skip
+
+
+def _prior_centre(setting: Setting, design: Design, theta: np.ndarray, named: Sequence[Named]) -> np.ndarray:
+    """Where the unknowns' prior is centred, as departures from theta and the sizes."""
     unknowns = np.zeros(design.n_unknown)
     unknowns[: len(setting.updated)] = prior_shift(setting, theta)
     # sizes have their prior about zero: what they make is taken back to there
     unknowns[design.nuisance_std.size : design.n_common] = [-n.size for n in named if not n.effect.discrete]
-    return tuple(np.where(w[:, None] > 0, y - m, 0.0) for y, m, w in
-                 zip(departures, design.expected(unknowns), design.noise.weight, strict=True))  # fmt: skip
+    return unknowns
+
+
+def _left(setting: Setting, design: Design, theta: np.ndarray, named: Sequence[Named], departures):
+    """Departures less what the unknowns make of them at their most probable. Tolerances of rotor and nacelle turn with
+    the heading: they differ from block to block, and in the torsion's small components at the tower many times more
+    than the noise does, which differences of blocks would else be taken for."""
+    solved = design.unknowns(centred_departures(setting, design, theta, named, departures))
+    made = design.expected(_prior_centre(setting, design, theta, named) + solved)
+    return tuple(y - m for y, m in zip(departures, made, strict=True))
 
 
 def fit(
@@ -295,10 +336,16 @@ def fit(
     if base is not None:
         noise, design = base.design.noise, base.design
     departures, used = _departures(setting, theta, named)
+    renewed = base is not None
     for number in range(most_steps):
-        if number < 3 and base is None:
-            noise = estimate_noise(departures, used, sizes, setting.blocks.relative_std, setting.blocks.states(),
+        # far from where the fit ends the noise is not what it is there
+        again = not renewed and number > WARM and step < SETTLED
+        if (number < WARM and base is None) or again:
+            left = departures if design is None else _left(setting, design, theta, named, departures)
+            noise = estimate_noise(left, used, sizes, setting.blocks.relative_std, setting.blocks.states(),
                                    stated_covariance(setting, theta, named))
+        if again:
+            renewed, step = True, np.inf
         settled = step < SETTLED
         anew = settled or number % REFRESH == (0 if base is None else REFRESH - 1)
         if anew or step > FAR:
@@ -319,21 +366,27 @@ def fit(
         change[free] = solved[n_all : design.n_common] - np.array([named[k].size for k in free])
         held = [*range(n_own), *range(n_all, design.n_common)]
         before = design.misfit(departures, held) + penalty(setting, theta, named)
+        # what the linear equations promise
+        promised = before - design.misfit(centred, [])
+        if promised < FLAT:
+            step = 0.0
+            continue
         relative = [d / n.slab for d, n in zip(change, named, strict=True)]
         longest = float(np.max(np.abs(np.concatenate([move, relative])), initial=0.0))
-        # what still swings between two points after a dozen steps is held back
-        share = min(1.0, LONGEST / max(longest, 1e-12)) * (1.0 if number < 12 else 0.5)
-        whole = share
+        whole = share = min(1.0, LONGEST / max(longest, 1e-12))
         for _ in range(HALVINGS):
             fresh, sizes_there = _moved(setting, theta, named, share * move * scale, share * change)
-            tried, used = _departures(setting, fresh, sizes_there)
+            tried, used_there = _departures(setting, fresh, sizes_there)
             after = design.misfit(_kept(tried, noise), held) + penalty(setting, fresh, sizes_there)
-            if after <= before + FLAT + FLAT_SHARE * abs(before):
+            if after < before:
                 break
             share *= 0.5
         else:
-            # no step along this line is better than none
-            return _ended(setting, theta, named, noise, departures, number)
+            if promised > max(1.0, FLAT_SHARE * before):
+                return _ended(setting, theta, named, noise, departures, number)
+            # the least value along this line
+            step = 0.0
+            continue
         # what is left beyond the noise makes the posterior wider
         told = sum(int(np.count_nonzero(w)) * y.shape[1] for w, y in zip(noise.weight, tried, strict=True))
         known = np.sqrt(np.diag(design.unknowns_cov(held)) * max(1.0, after / told))
@@ -341,7 +394,7 @@ def fit(
         grown = [abs(sizes_there[k].size - named[k].size) for k in free]
         # a step that had to be shortened is not a small one
         step = float(np.max(np.concatenate([moved, grown]) / known, initial=0.0)) * whole / share
-        theta, named, departures = fresh, sizes_there, tried
+        theta, named, departures, used = fresh, sizes_there, tried, used_there
     raise ConvergenceError(
         f"the fit of {setting.field.small.name} to the blocks did not settle in {most_steps} steps (last {step:.2g} "
         "posterior deviations): the measured modes may not be this model's", theta)  # fmt: skip
@@ -369,7 +422,7 @@ def stated_covariance(
     references = [[observed(r, seen) for r in setting.field.references(local, angle)] for angle in centres]
     result = []
     for q, group in enumerate(blocks.groups):
-        members, total, number = list(group), 0.0, 0
+        members, rows, number = list(group), [], 0
         for k in known:
             d, weight = blocks.deviations[k], blocks.relative_std[k, q] ** -2.0
             ln_f, shape = d.ln_frequency[members], d.shape[:, members]
@@ -384,8 +437,12 @@ def stated_covariance(
             ]  # fmt: skip
             if sides[0][1].all() and sides[1][1].all():
                 columns = (sides[0][0] - sides[1][0]) / (2 * h)
-                total, number = total + weight * columns.T @ columns, number + 1
-        result.append(total / number if number >= len(blocks) / 3 else None)
+                rows.append(np.sqrt(weight) * columns)
+                number += 1
+        # each block's deviations come from few parts of it: inverted as they are, they would call small what is least
+        # known, and fingerprints lean on that
+        told = shrunk(np.concatenate(rows)) * sum(map(len, rows)) / number if number >= len(blocks) / 3 else None
+        result.append(told)
     return result
 
 
@@ -428,15 +485,10 @@ def _without_linear(setting, theta, named, departures):
         return departures
     result = [np.array(y) for y in departures]
     centres, bin_of = setting.bins
-    every = setting.field.parameters.names
     names = tuple(dict.fromkeys(name for n in linear for name, _ in n.effect.increments))
     local = setting.field.small.at(theta)
-    slopes = local.slopes([every.index(name) for name in names])
-    for g, angle in enumerate(centres):
-        references, tensors, shapes = setting.field.slopes(local, angle, slopes)
-        there = bin_of == g
-        for q in range(len(result)):
-            prints = effect_fingerprints([n.effect for n in linear], names, references[q], tensors[q], shapes[q])
-            for k, n in enumerate(linear):
-                result[q][there] -= n.size * n.course.value[there, None] * prints[:, k]
+    for made, y in zip(fingerprints_at(setting.field, local, [n.effect for n in linear], names, centres), result,
+                       strict=True):  # fmt: skip
+        for k, n in enumerate(linear):
+            y -= n.size * n.course.value[:, None] * made[bin_of][:, :, k]
     return tuple(result)

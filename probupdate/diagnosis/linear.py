@@ -289,12 +289,13 @@ class Design:
         return tuple(result)
 
     def draw(self, rng: np.random.Generator, n: int) -> np.ndarray:
-        """u (n, n_candidate) of n records with nothing wrong: unknowns and noise drawn anew."""
+        """u (n, n_candidate) of n records with nothing wrong: unknowns, noise and its scale drawn anew."""
         B, solved, _, _ = self._system
         roots = [np.linalg.cholesky(c) for c in self.noise.covariance]
         n_block = len(self.bin_of)
         total = n_block * sum(f.size for f in self.floor)
         portion = max(1, min(n, PORTION // total))
+        scales = self.noise.scales(rng, n)
         result = []
         for start in range(0, n, portion):
             size = min(portion, n - start)
@@ -302,7 +303,8 @@ class Design:
             for q, root in enumerate(roots):
                 white = rng.standard_normal((size, n_block, root.shape[0]))
                 scale = np.where(self.noise.weight[q] > 0, 1 / np.sqrt(np.maximum(self.noise.weight[q], 1e-12)), 0)
-                departures.append(white @ root.T * scale[None, :, None])
+                own = scales[q][start : start + size, None, :] if scales else 1.0
+                departures.append(white @ root.T * scale[None, :, None] * own)
             sums = self._sums(departures)
             unknown = rng.standard_normal((size, self.n_unknown)) * self.prior_std
             right = self._right(sums) + unknown @ self._information

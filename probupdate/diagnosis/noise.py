@@ -19,11 +19,24 @@ SMALLEST_LOG, SMALLEST_SHAPE = 2e-4, 5e-4
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Noise:
     """Of each group: covariance (n_response, n_response) of a block of weight one, its inverse, weight (n_block,) with
-    zero where the group was not measured."""
+    zero where the group was not measured; `degrees` of freedom (n_response,) from which the scale of each response was
+    told, empty where it is known."""
 
     covariance: tuple[np.ndarray, ...]
     precision: tuple[np.ndarray, ...]
     weight: tuple[np.ndarray, ...]
+    degrees: tuple[np.ndarray, ...] = ()
+
+    def scales(self, rng: np.random.Generator, n: int) -> list[np.ndarray]:
+        """Per group (n, n_response) by how much deviations may truly be larger: one factor for all responses whose
+        scale was told together."""
+        result = []
+        for own in self.degrees:
+            factor = np.ones((n, len(own)))
+            for told in np.unique(own):
+                factor[:, own == told] = np.sqrt(told / rng.chisquare(told, n))[:, None]
+            result.append(factor)
+        return result
 
 
 def estimate_noise(
@@ -38,7 +51,7 @@ def estimate_noise(
     the identification states a joint covariance (`stated`, of a typical block), that one's pattern is taken instead,
     and the differences give its scale only, one for ln f and one for shapes.
     """
-    covariances, precisions, weights = [], [], []
+    covariances, precisions, weights, degrees = [], [], [], []
     for q, (y, ok) in enumerate(zip(departures, used, strict=True)):
         trust = _trust(y, ok, relative_std[:, q])
         weight = np.where(ok, relative_std[:, q] ** (-2.0 * trust), 0.0) if trust else _state_weights(y, ok, states)
@@ -55,14 +68,27 @@ def estimate_noise(
         if stated is not None and stated[q] is not None:
             covariance = _scaled(stated[q], difference, n_log)
         else:
-            covariance = _shrunk(difference)
+            covariance = shrunk(difference)
         least = np.full(y.shape[1], SMALLEST_SHAPE)
         least[:n_log] = SMALLEST_LOG
         covariance = covariance + np.diag(least**2)
         covariances.append(frozen_array(covariance))
         precisions.append(frozen_array(np.linalg.inv(covariance)))
         weights.append(frozen_array(weight))
-    return Noise(covariance=tuple(covariances), precision=tuple(precisions), weight=tuple(weights))
+        degrees.append(_degrees(covariance, len(difference), n_log))
+    return Noise(covariance=tuple(covariances), precision=tuple(precisions), weight=tuple(weights),
+                 degrees=tuple(degrees))  # fmt: skip
+
+
+def _degrees(covariance: np.ndarray, n_difference: int, n_log: int) -> np.ndarray:
+    """(n_response,) degrees of freedom of the scales of ln f and of shapes. Neighbouring differences share a block, so
+    that three tell what two independent ones would; responses tell as much as their correlations leave."""
+    result = np.empty(len(covariance))
+    std = np.sqrt(np.diag(covariance))
+    for part in (slice(0, n_log), slice(n_log, None)):
+        r = covariance[part, part] / np.outer(std[part], std[part])
+        result[part] = max(1.0, 2 / 3 * n_difference) * len(r) ** 2 / np.sum(r**2)
+    return frozen_array(result)
 
 
 def _trust(y: np.ndarray, ok: np.ndarray, relative_std: np.ndarray) -> float:
@@ -112,7 +138,7 @@ def _scaled(pattern: np.ndarray, sample: np.ndarray, n_log: int) -> np.ndarray:
     return pattern * np.outer(scale, scale)
 
 
-def _shrunk(sample: np.ndarray) -> np.ndarray:
+def shrunk(sample: np.ndarray) -> np.ndarray:
     """Covariance (m, m) of rows of mean zero, correlations shrunk by Schaefer & Strimmer's intensity."""
     n = len(sample)
     std = np.sqrt(np.mean(sample**2, axis=0))
