@@ -53,13 +53,19 @@ def _stack(tensor: np.ndarray, shape: np.ndarray, size: np.ndarray) -> np.ndarra
     return np.concatenate([tensor_numbers(tensor), flat.real, flat.imag], axis=-1)
 
 
+def _inverse(shape: np.ndarray) -> np.ndarray:
+    """Pseudo-inverse (..., k, n_channel) of (..., n_channel, k) with columns far from alike."""
+    own = np.swapaxes(shape, -1, -2).conj()
+    return np.linalg.solve(own @ shape, own)
+
+
 def departure(frequency_hz: np.ndarray, shape: np.ndarray, reference: Reference) -> tuple[np.ndarray, np.ndarray]:
     """Of n blocks, frequency_hz (n, k) and complex shape (n, n_channel, k) -> (n, n_response) and independent (n,)
     bool: False where the pair's shapes are too alike."""
     k = frequency_hz.shape[1]
     target = reference.shape
     size = np.max(np.abs(target), axis=0)
-    in_plane = np.linalg.pinv(target) @ shape
+    in_plane = _inverse(target) @ shape
     log = np.log(frequency_hz)
     independent = np.ones(len(shape), bool)
     if k == 1:
@@ -72,7 +78,9 @@ def departure(frequency_hz: np.ndarray, shape: np.ndarray, reference: Reference)
         independent = singular[:, -1] > INDEPENDENCE
         turn = left @ right
         tensor = np.einsum("nik,nk,njk->nij", turn, log, turn)
-    projected = shape @ (np.linalg.pinv(shape) @ target)
+    # what is not told is not looked at; it may have no inverse
+    shape = np.where(independent[:, None, None], shape, target)
+    projected = shape @ (_inverse(shape) @ target)
     return _stack(tensor - reference.tensor, projected - target, size), independent
 
 

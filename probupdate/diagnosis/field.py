@@ -76,9 +76,9 @@ class Field:
         modes, turned = local.solve(angle_deg), local.turned(slopes, angle_deg)
         shape, groups = self._members(local, modes)
         references, tensors, shapes = [], [], []
-        for members, axes in zip(groups, self.axes, strict=True):
+        changes = local.derivatives(turned, modes, groups)
+        for members, axes, (coupling, d_shape) in zip(groups, self.axes, changes, strict=True):
             reference, turn = self._reference(modes, shape, members, axes)
-            coupling, d_shape = local.derivatives(turned, modes, members)
             value = (2 * np.pi * modes.frequency_hz[list(members)]) ** 2
             gap = value[:, None] - value[None, :]
             near = np.abs(gap) < 1e-9 * value[:, None]
@@ -94,12 +94,18 @@ class Field:
 
 def observed(reference: Reference, effects: Sequence[tuple[Effect, float]]) -> Reference:
     """The reference as sensors with these effects and sizes see it."""
+    if not effects:
+        return reference
     shape, shift = np.array(reference.shape, complex), 0.0
-    frequency = float(np.exp(np.trace(reference.tensor) / reference.tensor.shape[0]))
+    frequency = _frequency_hz(reference)
     for effect, size in effects:
         shape, more = effect.observe(shape, frequency, size)
         shift += more
     return Reference(tensor=reference.tensor + shift * np.eye(len(reference.tensor)), shape=shape)
+
+
+def _frequency_hz(reference: Reference) -> float:
+    return float(np.exp(np.trace(reference.tensor) / reference.tensor.shape[0]))
 
 
 def effect_fingerprints(
@@ -110,6 +116,7 @@ def effect_fingerprints(
     d_tensor = np.zeros((k, k, len(effects)))
     d_shape = np.zeros((*reference.shape.shape, len(effects)), complex)
     column = {name: j for j, name in enumerate(names)}
+    seen, frequency = np.array(reference.shape, complex), _frequency_hz(reference)
     for j, effect in enumerate(effects):
         if effect.observe is None:
             for name, amount in effect.increments:
@@ -117,9 +124,9 @@ def effect_fingerprints(
                 d_shape[:, :, j] += amount * shape[:, :, column[name]]
             continue
         h = effect.step_of_size
-        up, down = (observed(reference, [(effect, sign * h)]) for sign in (1, -1))
-        d_tensor[:, :, j] = (up.tensor - down.tensor) / (2 * h)
-        d_shape[:, :, j] = (up.shape - down.shape) / (2 * h)
+        (up, more), (down, less) = (effect.observe(seen, frequency, sign * h) for sign in (1, -1))
+        d_tensor[:, :, j] = (more - less) / (2 * h) * np.eye(k)
+        d_shape[:, :, j] = (up - down) / (2 * h)
     return fingerprint(reference, d_tensor, d_shape)
 
 

@@ -332,7 +332,7 @@ def fit(
     theta, named = np.array(theta, float), tuple(named)
     sizes = tuple(len(g) for g in setting.blocks.groups)
     updated = list(setting.updated)
-    step, noise, design = np.inf, None, None
+    step, noise, design, stated = np.inf, None, None, None
     if base is not None:
         noise, design = base.design.noise, base.design
     departures, used = _departures(setting, theta, named)
@@ -342,8 +342,9 @@ def fit(
         again = not renewed and number > WARM and step < SETTLED
         if (number < WARM and base is None) or again:
             left = departures if design is None else _left(setting, design, theta, named, departures)
-            noise = estimate_noise(left, used, sizes, setting.blocks.relative_std, setting.blocks.states(),
-                                   stated_covariance(setting, theta, named))
+            if number == 0 or again:
+                stated = stated_covariance(setting, theta, named)
+            noise = estimate_noise(left, used, sizes, setting.blocks.relative_std, setting.blocks.states(), stated)
         if again:
             renewed, step = True, np.inf
         settled = step < SETTLED

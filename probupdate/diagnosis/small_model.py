@@ -156,32 +156,37 @@ class LocalModel:
         return [(still, {p: np.tensordot(wave, own, 1) for p, own in waves.items()}) for still, waves in slopes]
 
     def derivatives(
-        self, turned: Slopes, modes: SmallModes, members: Sequence[int]
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """For one cluster of modes, ascending: d(Phi^T K Phi - lambda Phi^T M Phi) (k, k, n_param) between its members,
-        lambda the mean of the two, and d shape (n_channel, k, n_param) without their rotation into each other; for the
-        parameters of `turned`."""
-        members = list(members)
-        phi, own = modes.vectors, modes.vectors[:, members]
+        self, turned: Slopes, modes: SmallModes, clusters: Sequence[Sequence[int]]
+    ) -> list[tuple[np.ndarray, np.ndarray]]:
+        """For each cluster of modes, ascending: d(Phi^T K Phi - lambda Phi^T M Phi) (k, k, n_param) between its
+        members, lambda the mean of the two, and d shape (n_channel, k, n_param) without their rotation into each other;
+        for the parameters of `turned`."""
+        phi = modes.vectors
+        every = [i for members in clusters for i in members]
         parts = []
         for still, waves in turned:
-            product = still @ own
+            # the matrices are read once for all clusters: reading them is what costs
+            product = still @ phi[:, every]
             for p, turning in waves.items():
-                product[p] += turning @ own
+                product[p] += turning @ phi[:, every]
             parts.append(phi.T @ product)
-        dK, dM = parts
         value = (2 * np.pi * modes.frequency_hz) ** 2
-        own_value = value[members]
-        outside = np.ones(len(value), bool)
-        outside[members] = False
-        share = np.zeros((len(value), len(members)))
-        share[outside] = 1.0 / (own_value[None, :] - value[outside, None])
-        amount = (dK - own_value * dM) * share
-        amount[:, members] = -0.5 * dM[:, members]
-        d_shape = (self.small.at_channels @ phi) @ amount
-        mean = 0.5 * (own_value[:, None] + own_value[None, :])
-        coupling = dK[:, members] - mean * dM[:, members]
-        return coupling.transpose(1, 2, 0), d_shape.transpose(1, 2, 0)
+        at_channels = self.small.at_channels @ phi
+        result, start = [], 0
+        for members in map(list, clusters):
+            dK, dM = (part[:, :, start : start + len(members)] for part in parts)
+            start += len(members)
+            own_value = value[members]
+            outside = np.ones(len(value), bool)
+            outside[members] = False
+            share = np.zeros((len(value), len(members)))
+            share[outside] = 1.0 / (own_value[None, :] - value[outside, None])
+            amount = (dK - own_value * dM) * share
+            amount[:, members] = -0.5 * dM[:, members]
+            mean = 0.5 * (own_value[:, None] + own_value[None, :])
+            coupling = dK[:, members] - mean * dM[:, members]
+            result.append((coupling.transpose(1, 2, 0), (at_channels @ amount).transpose(1, 2, 0)))
+        return result
 
 
 def _harmonics(angle_deg: float) -> np.ndarray:

@@ -74,7 +74,7 @@ def test_one_basis_serves_every_nacelle_angle():
     np.testing.assert_allclose(modes.frequency_hz[:5], exact.frequency_hz, rtol=1e-4)
     slopes = local.slopes(range(len(p)))
     for members in ((0, 1), (2,), (3, 4)):
-        coupling, change = local.derivatives(local.turned(slopes, 37.0), modes, members)
+        ((coupling, change),) = local.derivatives(local.turned(slopes, 37.0), modes, [members])
         own = list(members)
         slope = np.array([coupling[i, i] / (8 * np.pi**2 * modes.frequency_hz[j]) for i, j in enumerate(own)])
         # what a prior deviation does, to a hundredth of a per cent of the frequency: noise of a block is 0.2 %
