@@ -17,7 +17,7 @@ from probupdate.diagnosis.courses import Course
 from probupdate.diagnosis.departures import Reference, departure, n_response
 from probupdate.diagnosis.field import Field, effect_fingerprints, observed
 from probupdate.diagnosis.linear import Design
-from probupdate.diagnosis.noise import Noise, estimate_noise, shrunk
+from probupdate.diagnosis.noise import Noise, estimate_noise, factored
 from probupdate.diagnosis.small_model import LocalModel
 from probupdate.errors import ConvergenceError
 from probupdate.parameters import Parameters
@@ -440,9 +440,8 @@ def stated_covariance(
                 columns = (sides[0][0] - sides[1][0]) / (2 * h)
                 rows.append(np.sqrt(weight) * columns)
                 number += 1
-        # each block's deviations come from few parts of it: inverted as they are, they would call small what is least
-        # known, and fingerprints lean on that
-        told = shrunk(np.concatenate(rows)) * sum(map(len, rows)) / number if number >= len(blocks) / 3 else None
+        # each block's deviations come from few parts of it
+        told = factored(np.concatenate(rows)) * sum(map(len, rows)) / number if number >= len(blocks) / 3 else None
         result.append(told)
     return result
 

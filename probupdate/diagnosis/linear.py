@@ -23,6 +23,8 @@ from probupdate.modes import frozen_array
 
 # draws are made in portions of so many numbers
 PORTION = 4_000_000
+# blocks that a group must have on either side of a step to tell it
+FEWEST_BEYOND = 3
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -62,6 +64,10 @@ class Design:
         for weight in self.noise.weight:
             centred = values - (values @ weight / weight.sum())[:, None]
             centred = np.where([[c.kind == "constant"] for c in self.courses], values, centred)
+            # one or two blocks of a group beyond a step, one of them gone wrong, are no step of that group
+            beyond = (values * (weight > 0)).sum(axis=1)
+            few = np.minimum(beyond, np.count_nonzero(weight) - beyond) < FEWEST_BEYOND
+            centred[few & [c.kind == "step" for c in self.courses]] = 0.0
             result.append(np.concatenate([centred, known]))
         return tuple(result)
 

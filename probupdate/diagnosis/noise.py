@@ -12,6 +12,8 @@ from probupdate.modes import frozen_array
 
 # blocks of a turbine state from which its own scatter is told
 FEWEST_OF_STATE = 10
+# share of a response's variance that is its own at least, and steps in which factors settle
+LEAST_OWN, MOST_FACTORINGS = 1e-3, 200
 # no identification is believed to repeat better than this: ln f, share of the largest component
 SMALLEST_LOG, SMALLEST_SHAPE = 2e-4, 5e-4
 
@@ -68,7 +70,7 @@ def estimate_noise(
         if stated is not None and stated[q] is not None:
             covariance = _scaled(stated[q], difference, n_log)
         else:
-            covariance = shrunk(difference)
+            covariance = _shrunk(difference)
         least = np.full(y.shape[1], SMALLEST_SHAPE)
         least[:n_log] = SMALLEST_LOG
         covariance = covariance + np.diag(least**2)
@@ -138,7 +140,32 @@ def _scaled(pattern: np.ndarray, sample: np.ndarray, n_log: int) -> np.ndarray:
     return pattern * np.outer(scale, scale)
 
 
-def shrunk(sample: np.ndarray) -> np.ndarray:
+def factored(sample: np.ndarray) -> np.ndarray:
+    """Covariance (m, m) of rows of mean zero as few common factors and a scatter of each response's own: modes mix in a
+    few directions, channels have their own noise. Maximum likelihood (Joereskog 1967); factors are those whose
+    eigenvalue noise alone would not reach (Marchenko & Pastur 1967).
+
+    A sample covariance of n rows, inverted as it is, makes small directions look n / (n - m) times too sure, and
+    fingerprints lean on these; one shrunk to its diagonal loses them where modes mix by more than channels scatter.
+    """
+    n, m = sample.shape
+    std = np.sqrt(np.mean(sample**2, axis=0))
+    std = np.where(std > 0, std, 1.0)
+    correlation = (sample / std).T @ (sample / std) / n
+    edge = (1 + np.sqrt(m / n)) ** 2
+    own = np.full(m, 0.5)
+    for _ in range(MOST_FACTORINGS):
+        scale = np.sqrt(own)
+        value, turn = np.linalg.eigh(correlation / np.outer(scale, scale))
+        common = value > edge
+        loading = scale[:, None] * turn[:, common] * np.sqrt(value[common] - 1)
+        before, own = own, np.maximum(1 - np.sum(loading**2, axis=1), LEAST_OWN)
+        if np.max(np.abs(np.log(own / before))) < 1e-3:
+            break
+    return (loading @ loading.T + np.diag(own)) * np.outer(std, std)
+
+
+def _shrunk(sample: np.ndarray) -> np.ndarray:
     """Covariance (m, m) of rows of mean zero, correlations shrunk by Schaefer & Strimmer's intensity."""
     n = len(sample)
     std = np.sqrt(np.mean(sample**2, axis=0))
