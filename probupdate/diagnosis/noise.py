@@ -14,6 +14,8 @@ from probupdate.modes import frozen_array
 FEWEST_OF_STATE = 10
 # share of a response's variance that is its own at least, and steps in which factors settle
 LEAST_OWN, MOST_FACTORINGS = 1e-3, 200
+# deviations of chi-square beyond which a block that is far from both its neighbours counts less
+WRONG = 4.0
 # no identification is believed to repeat better than this: ln f, share of the largest component
 SMALLEST_LOG, SMALLEST_SHAPE = 2e-4, 5e-4
 
@@ -74,12 +76,34 @@ def estimate_noise(
         least = np.full(y.shape[1], SMALLEST_SHAPE)
         least[:n_log] = SMALLEST_LOG
         covariance = covariance + np.diag(least**2)
+        weight = weight / _beside(y, weight, np.linalg.inv(covariance))
         covariances.append(frozen_array(covariance))
         precisions.append(frozen_array(np.linalg.inv(covariance)))
         weights.append(frozen_array(weight))
         degrees.append(_degrees(covariance, len(difference), n_log))
     return Noise(covariance=tuple(covariances), precision=tuple(precisions), weight=tuple(weights),
                  degrees=tuple(degrees))  # fmt: skip
+
+
+def _beside(y: np.ndarray, weight: np.ndarray, precision: np.ndarray) -> np.ndarray:
+    """(n_block,) by how much the variance of single blocks exceeds what all scatter by, one where it does not: a block
+    far from both its neighbours went wrong, one far from one of them stands at a step."""
+    rows, m = np.flatnonzero(weight > 0), len(precision)
+    result = np.ones(len(weight))
+    if len(rows) < 4:
+        return result
+
+    def apart(a, b):
+        d = (y[a] - y[b]) / np.sqrt(1 / weight[a] + 1 / weight[b])[:, None]
+        return np.einsum("ni,ij,nj->n", d, precision, d) / m
+
+    near = np.arange(len(rows))
+    before, after = np.where(near > 0, near - 1, 2), np.where(near < near[-1], near + 1, near[-1] - 2)
+    excess = np.minimum(apart(rows, rows[before]), apart(rows, rows[after]))
+    # of two blocks one is wrong: half of the difference's variance would be the other's
+    far = excess > 1 + WRONG * np.sqrt(2 / m)
+    result[rows[far]] = np.maximum(1.0, 2 * excess[far] - 1)
+    return result
 
 
 def _degrees(covariance: np.ndarray, n_difference: int, n_log: int) -> np.ndarray:
