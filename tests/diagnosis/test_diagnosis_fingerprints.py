@@ -6,11 +6,14 @@ import pytest
 from probupdate.diagnosis.blocks import gather
 from probupdate.diagnosis.catalogue import measurement_effects
 from probupdate.diagnosis.departures import departure
+from probupdate.diagnosis.diagnose import settle
 from probupdate.diagnosis.field import build_field, effect_fingerprints
+from probupdate.diagnosis.fitting import fingerprints_at
 from probupdate.diagnosis.prepare import prepare
 from probupdate.diagnosis.small_model import TURNS_DEG, small_model
 from probupdate.modes import Sensor
 from probupdate.structure.load import load_model, reference_model
+from probupdate.virtual.modal_blocks import simulate_modes
 
 # what an identification may have turned the shapes of a pair by, each along its own phase and size
 SCRAMBLE = np.array([0.3 + 0.5j, -1.2j])
@@ -82,3 +85,22 @@ def test_one_basis_serves_every_nacelle_angle():
         sign = np.sign(np.sum(local.shapes(modes, 5)[:, own] * exact.shape[:, own], axis=0))
         apart = np.abs(change * sign[:, None] - exact.shape_derivative[:, own]) * p.std
         assert np.max(apart) < 2e-3 * np.max(np.abs(exact.shape[:, own]))
+
+
+def test_fingerprints_between_the_nodes_are_those_of_the_angle_itself():
+    """Straight lines over 10 degrees miss an effect that turns with the heading by a hundredth (10 degrees in radians,
+    squared, over eight; four times that for what turns twice as fast)."""
+    record = simulate_modes(truth={}, seed=3, days=2.0, n_block=12).data
+    setting, theta = settle(prepare(reference_model("updated")), record)
+    local = setting.field.small.at(theta)
+    names = setting.field.parameters.names
+    angles = np.array([14.0, 187.0, 355.0, 358.0])
+    lines = fingerprints_at(setting.field, local, setting.effects, names, angles)
+    slopes = local.slopes(range(len(names)))
+    for k, angle in enumerate(angles):
+        exact = setting.field.slopes(local, angle, slopes)
+        for q, (reference, tensor, shape) in enumerate(zip(*exact, strict=True)):
+            own = effect_fingerprints(setting.effects, names, reference, tensor, shape)
+            length = np.abs(lines[q]).max(axis=(0, 1))
+            seen = length > 1e-9 * np.median(length[length > 0])
+            assert np.all(np.abs(lines[q][k] - own).max(axis=0)[seen] < 0.02 * length[seen])

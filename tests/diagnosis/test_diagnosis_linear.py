@@ -1,5 +1,7 @@
 """The scores of all candidates against the same test with the covariance written out."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -139,3 +141,22 @@ def test_noise_is_not_blown_up_by_a_step_or_a_stray_block():
     ratio = np.diag(noise.covariance[0]) / np.diag(clean.covariance[0])
     # the clipped differences are four out of 59
     assert np.all((ratio > 0.7) & (ratio < 1.4))
+
+
+def test_a_group_with_two_blocks_beyond_a_step_does_not_tell_of_it(design):
+    """One of two blocks gone wrong is no step: the other group alone tells of it."""
+    late = replace(design, courses=(*design.courses[:1], step_course(N_BLOCK, N_BLOCK - 4), *design.courses[2:]))
+    weight = design.noise.weight[1].copy()
+    weight[N_BLOCK - 4 : N_BLOCK - 2] = 0.0
+    few = replace(late, noise=replace(design.noise, weight=(design.noise.weight[0], weight)))
+    rng = np.random.default_rng(4)
+    y = [rng.standard_normal((N_BLOCK, m)) * (w[:, None] > 0) for m, w in zip(SIZES, few.noise.weight, strict=True)]
+    changed = [y[0], y[1].copy()]
+    changed[1][N_BLOCK - 1] += 5.0
+    steps = few.which[:, 1] == 1
+    alone = few._raw(few._sums(changed)) - few._raw(few._sums(y))
+    assert np.all(alone[steps] == 0) and np.all(alone[few.which[:, 1] == 0] != 0)
+    # with three it does
+    weight[N_BLOCK - 3] = 1.0
+    told = replace(late, noise=replace(design.noise, weight=(design.noise.weight[0], weight)))
+    assert np.all((told._raw(told._sums(changed)) - told._raw(told._sums(y)))[steps] != 0)

@@ -74,3 +74,31 @@ def test_the_threshold_is_where_the_tail_has_its_share(share):
     assert limit == pytest.approx(exact, abs=0.25)
     values = np.sort(np.append(maxima, [4.0, 4.5, 5.5]))
     assert np.all(np.diff([tail(maxima, v) for v in values]) <= 0)
+
+
+def record(rng, n=40, m=37):
+    pattern = np.diag(np.full(m, 1e-4))
+    return rng.standard_normal((n, m)) * 1e-2, pattern
+
+
+def noise_of(y, pattern):
+    n = len(y)
+    return estimate_noise((y,), (np.ones(n, bool),), (1,), np.ones((n, 1)), np.full(n, ""), [pattern])
+
+
+@pytest.mark.parametrize("at", [0, 1, 20, 39])
+def test_a_block_gone_wrong_counts_less_and_its_neighbours_as_before(at):
+    y, pattern = record(np.random.default_rng(8))
+    y[at] *= 3.0
+    weight = noise_of(y, pattern).weight[0]
+    # nine times the variance: told from one block of 37 responses, and as the difference to a neighbour
+    assert 9 / 1.6 < 1 / weight[at] < 9 * 1.6
+    assert np.all(np.delete(weight, at) == 1.0)
+
+
+def test_blocks_at_a_step_and_blocks_of_a_quiet_record_count_whole():
+    for seed in range(30):
+        y, pattern = record(np.random.default_rng(seed))
+        assert np.all(noise_of(y, pattern).weight[0] == 1.0)
+        y[25:] += 0.04
+        assert np.all(noise_of(y, pattern).weight[0] == 1.0)
