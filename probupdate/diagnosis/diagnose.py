@@ -237,7 +237,7 @@ class Rival:
 
 
 def refit(setting: Setting, base: Fit, found: Search, candidate: int) -> Rival | None:
-    """The model with one more effect, fitted anew; None where that does not settle."""
+    """The model with one more effect, fitted anew; None where that does not settle or leaves nothing of it."""
     j, c = setting.which[candidate]
     effect, course = setting.effects[j], setting.courses[c]
     if course.kind == "step":
@@ -250,6 +250,9 @@ def refit(setting: Setting, base: Fit, found: Search, candidate: int) -> Rival |
         known = base if found.statistic.max() < GROSS else None
         fitted = fit(setting, base.theta, (*base.named, extra), base=known)
     except ConvergenceError:
+        return None
+    if not effect.discrete and abs(fitted.named[-1].size) < 1e-6 * fitted.named[-1].slab:
+        # it cannot be on the side that the score asked for
         return None
     size_std = 0.0
     if not effect.discrete:

@@ -36,6 +36,8 @@ WARM = 3
 FLAT, FLAT_SHARE = 0.1, 0.03
 # a step is no longer than so many prior deviations at once
 LONGEST, HALVINGS = 1.0, 6
+# steps that may go uphill
+MOST_LEAPS = 8
 # fingerprints of tolerances and effects are computed anew every so many steps on the way, those of the updated
 # parameters after every step longer than this, in posterior deviations
 REFRESH, FAR = 6, 1.0
@@ -336,7 +338,7 @@ def fit(
     if base is not None:
         noise, design = base.design.noise, base.design
     departures, used = _departures(setting, theta, named)
-    renewed = base is not None
+    renewed, leaps = base is not None, 0
     for number in range(most_steps):
         # far from where the fit ends the noise is not what it is there
         again = not renewed and number > WARM and step < SETTLED
@@ -374,6 +376,7 @@ def fit(
             continue
         relative = [d / n.slab for d, n in zip(change, named, strict=True)]
         longest = float(np.max(np.abs(np.concatenate([move, relative])), initial=0.0))
+        told = sum(int(np.count_nonzero(w)) * y.shape[1] for w, y in zip(noise.weight, departures, strict=True))
         whole = share = min(1.0, LONGEST / max(longest, 1e-12))
         for _ in range(HALVINGS):
             fresh, sizes_there = _moved(setting, theta, named, share * move * scale, share * change)
@@ -383,13 +386,18 @@ def fit(
                 break
             share *= 0.5
         else:
-            if promised > max(1.0, FLAT_SHARE * before):
+            if promised <= max(1.0, FLAT_SHARE * before):
+                # the least value along this line
+                step = 0.0
+                continue
+            if leaps == MOST_LEAPS:
                 return _ended(setting, theta, named, noise, departures, number)
-            # the least value along this line
-            step = 0.0
-            continue
+            # noise and fingerprints are others farther on: over the hill, as the equations say
+            leaps, share = leaps + 1, whole
+            fresh, sizes_there = _moved(setting, theta, named, share * move * scale, share * change)
+            tried, used_there = _departures(setting, fresh, sizes_there)
+            after = before
         # what is left beyond the noise makes the posterior wider
-        told = sum(int(np.count_nonzero(w)) * y.shape[1] for w, y in zip(noise.weight, tried, strict=True))
         known = np.sqrt(np.diag(design.unknowns_cov(held)) * max(1.0, after / told))
         moved = np.abs(fresh[updated] - theta[updated])
         grown = [abs(sizes_there[k].size - named[k].size) for k in free]

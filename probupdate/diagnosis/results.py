@@ -92,7 +92,7 @@ class Diagnosis:
         nearest = self.details.get("nearest")
         if nearest:
             lines.append(f"  nearest in the catalogue, but not enough: {'; '.join(nearest)}")
-        lines.append(f"threshold |z| = {self.threshold:.1f} for the whole catalogue (5 % false alarms); "
+        lines.append(f"threshold |z| = {self.threshold:.1f} for the whole catalogue (below 5 % of false alarms); "
                      f"{wording.adequacy_words(content) or 'what remains was not tested'}")  # fmt: skip
         lines += [f"pushed: {s}" for s in wording.pushed_words(content)]
         limits = wording.best_limits(content, 5)

@@ -1,18 +1,19 @@
-"""Effects hidden in an independent virtual turbine: found, and named with their place and size.
+"""Effects hidden in an independent virtual turbine: found, named with place and size, and silence where nothing is.
 
 The turbine has other elements, mesh, soil law and joints than the model, parameters from the prior and tolerances of
-its own. Twenty-four half hours of three days; hundreds of such cases are run in studies/blind.
+its own; 48 half hours of a month. Hundreds of such cases are run in studies/blind.
 """
 
 import pytest
 
 import probupdate
+from probupdate.diagnosis.diagnose import CHANCE
 from probupdate.diagnosis.prepare import prepare
 from probupdate.structure.load import reference_model
 from probupdate.virtual.modal_blocks import simulate_modes
 
 pytestmark = pytest.mark.hidden
-HALF_WAY_H = 36.0
+STEP = {"course": "step", "at_hour": 360.0}
 
 
 @pytest.fixture(scope="module")
@@ -21,49 +22,84 @@ def prepared():
 
 
 def found_in(prepared, seed, *effects):
-    run = simulate_modes(truth={"parameters_from": "prior", "effect": list(effects)}, seed=seed, days=3.0, n_block=24)
+    run = simulate_modes(truth={"parameters_from": "prior", "effect": list(effects)}, seed=seed, days=30.0, n_block=48)
     return probupdate.diagnose(prepared, run.data, seed=1)
 
 
 def names(finding):
     """Every cause and place that the finding may mean."""
-    return {(finding.cause, finding.location), *((a.cause, a.location) for a in finding.alternatives)}
+    others = {(a.cause, a.location) for a in finding.alternatives if a.cause != CHANCE}
+    return {(finding.cause, finding.location), *others}
 
 
-@pytest.mark.parametrize("seed", [41, 42])
-def test_nothing_hidden_in_the_turbine_nothing_named(prepared, seed):
-    found = found_in(prepared, seed)
-    assert found.verdict == "none" and not found.findings
-    # scour of all legs is excluded only above some depth, and that is said
-    assert any(x.cause == "scour" for x in found.limits)
+def test_nothing_hidden_in_the_turbine_nothing_found(prepared):
+    verdicts = [found_in(prepared, seed).verdict for seed in range(401, 411)]
+    # at 5 % each, three or more of ten come up once in 87 times
+    assert verdicts.count("none") >= 8, verdicts
 
 
+# hidden, cause, location, size (None: the virtual turbine's own unit), how much of the same kind tolerances add
 HIDDEN = (
-    (43, {"kind": "sensor_gain", "channel": "T66-x", "factor": 1.25}, "sensor gain", "T66-x", 0.25, 0.02),
-    (44, {"kind": "sensor_rotation", "channel": "TP-C-x", "angle_deg": 14.0}, "sensor rotation", "TP-C about z", 14.0,
-     1.0),
-    (45, {"kind": "sensor_gain", "channel": "TP-A-x", "factor": -1.0}, "sensor polarity", "TP-A-x", -2.0, 0.0),
-    (46, {"kind": "sensor_swap", "channel": "T66-x", "other": "T66-y", "swapped": 1.0}, "swapped channels",
-     "T66-x and T66-y", 1.0, 0.0),
-    (47, {"kind": "wetted_length", "gain": 2.0}, "wetted length", "all members", 2.0, 0.0),
-    (48, {"kind": "rna_mass", "mass_kg": 2e4, "course": "step", "at_hour": HALF_WAY_H}, "nacelle mass", "nacelle", 2e4,
+    (411, {"kind": "rna_offset", "axis": "x", "offset_m": 1.2}, "RNA centre of mass", "along the nacelle's x", 1.2,
+     0.1),
+    (412, {"kind": "rna_mass", "mass_kg": 2.5e4, **STEP}, "nacelle mass", "nacelle", 2.5e4, 0.0),
+    (413, {"kind": "leg_stiffness", "leg": "C", "bay": 3, "factor": 0.6, **STEP}, "leg stiffness lost",
+     "leg C, bay 3", -0.4, 0.0),
+    (414, {"kind": "scour", "leg": "B", "depth_m": 3.0, **STEP}, "scour", "leg B", 3.0, 0.0),
+    (415, {"kind": "wetted_length", "gain": 1.8}, "wetted length", "all members", 1.8, 0.0),
+    (416, {"kind": "steel_temperature", "per_kelvin": -1.44e-3}, "temperature of the steel", "above the water", 4.0,
      0.0),
-)
+    (417, {"kind": "soil_softening", "per_unit": 0.4}, "lateral soil softens with amplitude", "all legs", None, 0.0),
+    (418, {"kind": "sensor_gain", "channel": "T66-x", "factor": 1.25}, "sensor gain", "T66-x", 0.25, 0.01),
+    (419, {"kind": "sensor_rotation", "channel": "TP-C-x", "angle_deg": 14.0}, "sensor rotation", "TP-C about z", 14.0,
+     1.0),
+    (420, {"kind": "sensor_gain", "channel": "TP-A-x", "factor": -1.0}, "sensor polarity", "TP-A-x", -2.0, 0.0),
+    (421, {"kind": "sensor_swap", "channel": "T66-x", "other": "T66-y", "swapped": 1.0}, "swapped channels",
+     "T66-x and T66-y", 1.0, 0.0),
+    (422, {"kind": "low_pass", "level": "TP", "time_constant_s": 0.02}, "low-pass filter", "all of TP", 20.0, 0.0),
+)  # fmt: skip
 
 
-def test_hidden_effects_are_named_with_place_and_size_and_none_is_taken_for_another(prepared):
-    right = 0
+def test_hidden_effects_are_named_with_place_and_size(prepared):
+    right, told = 0, []
     for seed, hidden, cause, location, size, tolerance in HIDDEN:
         found = found_in(prepared, seed, hidden)
-        assert found.verdict != "none", f"{cause}, {location} is not seen"
-        if found.verdict == "unexplained":
+        first = found.findings[0] if found.findings else None
+        told.append((cause, location, found.verdict, first and (first.cause, first.location, first.size)))
+        if first is None or (cause, location) not in names(first):
             continue
-        first = found.findings[0]
-        assert (cause, location) in names(first), f"{cause}, {location} is taken for {first.cause}, {first.location}"
         right += 1
-        if (first.cause, first.location) == (cause, location):
-            # the turbine's own tolerance of the same kind beside the stated deviation
-            assert first.size == pytest.approx(size, abs=3 * first.size_std + 2 * tolerance + 1e-9)
-    # of six, each wanted in 95 of 100, fewer than four would come up once in 450 times; records of 24 half hours tell
-    # their noise less well than those of 48 in the blind study
-    assert right >= 4
+        if size is not None and (first.cause, first.location) == (cause, location):
+            assert first.size == pytest.approx(size, abs=3 * first.size_std + 3 * tolerance + 1e-9), told[-1]
+    # of twelve, each wanted in 95 of 100, fewer than ten come up once in 50 times
+    assert right >= 10, told
+
+
+def test_two_effects_at_once_are_both_named(prepared):
+    wet, late = {"kind": "wetted_length", "gain": 1.8}, {"kind": "clock_offset", "level": "tower top", "offset_s": 0.03}
+    gain = {"kind": "sensor_gain", "channel": "T90-y", "factor": 0.85, **STEP}
+    mass = {"kind": "rna_mass", "mass_kg": 2.5e4, **STEP}
+    for seed, hidden, wanted in (
+        (431, (gain, wet), {("sensor gain", "T90-y"), ("wetted length", "all members")}),
+        (432, (late, mass), {("clock offset", "T90"), ("nacelle mass", "nacelle")}),
+    ):
+        found = found_in(prepared, seed, *hidden)
+        told = set().union(*(names(f) for f in found.findings))
+        assert wanted <= told, (found.verdict, told)
+
+
+def test_twins_are_ambiguous(prepared):
+    for seed, hidden, wanted in (
+        (441, {"kind": "icing", "mass_kg": 1.5e4, **STEP}, {("icing", "rotor"), ("nacelle mass", "nacelle")}),
+        (442, {"kind": "brace_stiffness", "face": "BC", "bay": 2, "factor": 0.5, **STEP},
+         {("brace stiffness lost", "face BC, bay 2"), ("joints loosened", "face BC, bay 2")}),
+    ):  # fmt: skip
+        found = found_in(prepared, seed, hidden)
+        assert found.verdict == "ambiguous" and wanted <= names(found.findings[0]), (found.verdict, found.findings)
+
+
+def test_what_no_list_holds_is_not_named(prepared):
+    damper = {"kind": "tuned_mass", "z_m": 62.0, "direction_deg": 30.0, "frequency_hz": 1.7, "mass_kg": 6e3}
+    crossed = {"kind": "crosstalk", "channel": "T66-x", "other": "TP-B-y", "share": 0.4}
+    for seed, hidden in ((451, damper), (452, crossed)):
+        assert found_in(prepared, seed, hidden).verdict != "named"
