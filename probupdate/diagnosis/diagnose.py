@@ -300,7 +300,9 @@ def rivals_of(setting: Setting, fitted: Fit, found: Search, best: int) -> list[i
     order = order[(z > NEAR * strongest) | (behind < BEHIND)]
     order = order[found.statistic[order] > 0.5 * strongest]
     likeness = np.abs(fitted.design.likeness(order)[list(order).index(best)])
-    return [int(k) for k, r in zip(order, likeness, strict=True) if k == best or r > ALIKE][:MOST_RIVALS]
+    # what is grossly wrong is nowhere near linear: its score alone counts, not how alike small ones would be
+    high = (strongest > GROSS) & (found.statistic[order] > NEAR * strongest)
+    return [int(k) for k, r, h in zip(order, likeness, high, strict=True) if k == best or r > ALIKE or h][:MOST_RIVALS]
 
 
 def adequacy(setting: Setting, fitted: Fit, found: Search) -> tuple[float, dict[str, float]]:

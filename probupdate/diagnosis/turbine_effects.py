@@ -22,6 +22,9 @@ from probupdate.structure.joints import joint_law
 
 # (1 - E(T)/E) per degree: steel loses about 0.036 % of its modulus per degree at room temperature
 STEEL_PER_DEGC = -3.6e-4
+# inertia of a kg of ice over that of a kg of the rotor: 1 where ice lies as the blades' own mass; 4.8 where it grows to
+# mid-span and is even from there (GL 2010: radius of gyration 0.66 R; rotor of Jonkman et al. 2009: 0.30 R)
+ICE_OUTWARD = 3.0
 # first collective flap of a 5-MW rotor's blades (Jonkman et al. 2009, table 9-1); edit it for another rotor
 FLAP_HZ = 0.7
 
@@ -237,6 +240,12 @@ def _masses(d: Description) -> Iterator[TurbineEffect]:
                    check="the blades' flapwise frequency, edge sensors")
 
 
+def _ice_inertia(d: Description) -> tuple[float, ...]:
+    """m2 about the hub's axes per kg of ice on the blades."""
+    hub = next(body for body in d.rna if body.name == "hub")
+    return tuple(ICE_OUTWARD * inertia / hub.mass_kg for inertia in hub.inertia_kgm2)
+
+
 def _environment(d: Description) -> Iterator[TurbineEffect]:
     env = {"group": "environmental"}
     yield _row("water", "water_level", "wetted length", "all members", low=-6.0, high=6.0, tolerance=0.0, slab=1.0,
@@ -257,9 +266,9 @@ def _environment(d: Description) -> Iterator[TurbineEffect]:
     yield _row("ice_tower", "mass", "icing", "tower", on={"group": "tower"}, low=0.0, high=4e4, tolerance=0.0,
                slab=5e3, courses=("step", "frost_degc"), fingerprint="first and second bending fall while it freezes",
                check="ice detector, inspection", **env)
-    yield _row("ice", "mass", "icing", "rotor", on={"body": "hub"}, low=0.0, high=4e4, tolerance=0.0, slab=5e3,
-               courses=("step", "frost_degc"), fingerprint="first bending and torsion fall while it freezes",
-               check="ice detector, power curve", **env)
+    yield _row("ice", "mass", "icing", "rotor", on={"body": "hub"}, settings={"inertia_per_kg_m2": _ice_inertia(d)},
+               low=0.0, high=4e4, tolerance=0.0, slab=5e3, courses=("step", "frost_degc"),
+               fingerprint="first bending and torsion fall while it freezes", check="ice detector, power curve", **env)
     for curve, word in (("py", "lateral"), ("tz", "axial")):
         yield _row(f"soft_{curve}", "soil", f"{word} soil softens with amplitude", "all legs",
                    settings={"curve": curve}, low=-0.95, high=3.0, tolerance=0.0, slab=0.3,
