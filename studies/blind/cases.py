@@ -20,7 +20,7 @@ CHANNELS = (*(f"TP-{leg}-{axis}" for leg in LEGS for axis in "xyz"),
 DAYS, HOURS = 30.0, 720.0
 FAMILIES = {"null": 200, "single": 200, "outside": 50, "pair": 40, "twin": 40, "below": 40}
 STEEL_PER_DEGC = -3.6e-4
-# 6.4 m by 25.5 mm of steel at the tower's foot, times k_t: what turns a flexibility into the simulator's length of tower
+# 6.4 m by 25.5 mm of steel at the tower's foot, times k_t: what makes a length of tower of a flexibility
 FOOT_EI_GNM2 = 1.83 * 210.0 * np.pi / 8 * 6.3745**3 * 0.0255
 
 

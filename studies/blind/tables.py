@@ -71,7 +71,9 @@ def summary(lines: list[dict]) -> str:
                                                              for x in found if x["findings"]), len(found)))  # fmt: skip
     out.append(rate("verdict 'named' and right", sum(is_named(x["findings"][0], x["effects"][0]) for x in sure),
                     len(sure)))  # fmt: skip
-    sized = [(x["findings"][0], x["effects"][0]) for x in sure if is_named(x["findings"][0], x["effects"][0])]
+    # a cause that goes by several names has sizes in several units
+    sized = [(x["findings"][0], x["effects"][0]) for x in found if x["findings"] and not x["effects"][0]["also"]
+             and is_named(x["findings"][0], x["effects"][0]) and x["findings"][0]["size_std"] > 0]
     out.append(rate("size within its 90 % interval",
                     sum(abs(abs(f["size"]) - abs(e["size"])) < 1.645 * f["size_std"] for f, e in sized), len(sized)))
     outside = by.get("outside", [])
