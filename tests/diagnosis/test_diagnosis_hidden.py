@@ -1,8 +1,8 @@
 """Effects hidden in an independent virtual turbine: found, named with place and size, and silence where nothing is.
 
 The turbine has other elements, mesh, soil law and joints than the model, parameters from the prior and tolerances of
-its own; 48 half hours of a month. Half of the cases are marked long, as each takes up to half a minute; hundreds are
-run in studies/blind.
+its own; 48 half hours of a month. Most cases are marked long, as each takes up to two minutes; hundreds are run in
+studies/blind.
 """
 
 import pytest
@@ -64,9 +64,9 @@ HIDDEN = (
 )  # fmt: skip
 
 
-# each is wanted in 95 of 100: fewer than five of six come up once in 31 times, fewer than ten of twelve once in 50
+# each is wanted in 95 of 100: fewer than two of three come up once in 138 times, fewer than ten of twelve once in 50
 @pytest.mark.parametrize(("seeds", "least"), [
-    ((412, 415, 416, 418, 421, 422), 5), pytest.param(range(411, 423), 10, marks=pytest.mark.long, id="all"),
+    ((415, 416, 422), 2), pytest.param(range(411, 423), 10, marks=pytest.mark.long, id="all"),
 ])  # fmt: skip
 def test_hidden_effects_are_named_with_place_and_size(prepared, seeds, least):
     right, told = 0, []
@@ -89,7 +89,8 @@ MASS = {"kind": "rna_mass", "mass_kg": 2.5e4, **STEP}
 
 
 @pytest.mark.parametrize(("seed", "hidden", "wanted"), [
-    (431, (GAIN, WET), {("sensor gain", "T90-y"), ("wetted length", "all members")}),
+    pytest.param(431, (GAIN, WET), {("sensor gain", "T90-y"), ("wetted length", "all members")},
+                 marks=pytest.mark.long),
     pytest.param(432, (LATE, MASS), {("clock offset", "T90"), ("nacelle mass", "nacelle")}, marks=pytest.mark.long),
 ])  # fmt: skip
 def test_two_effects_at_once_are_both_named(prepared, seed, hidden, wanted):
@@ -115,7 +116,8 @@ def test_twins_are_ambiguous(prepared, seed, hidden, wanted):
 @pytest.mark.parametrize(("seed", "hidden"), [
     pytest.param(451, {"kind": "tuned_mass", "z_m": 62.0, "direction_deg": 30.0, "frequency_hz": 1.7, "mass_kg": 6e3},
                  marks=pytest.mark.long),
-    (452, {"kind": "crosstalk", "channel": "T66-x", "other": "TP-B-y", "share": 0.4}),
+    pytest.param(452, {"kind": "crosstalk", "channel": "T66-x", "other": "TP-B-y", "share": 0.4},
+                 marks=pytest.mark.long),
 ])  # fmt: skip
 def test_what_no_list_holds_is_not_named(prepared, seed, hidden):
     assert found_in(prepared, seed, hidden).verdict != "named"
