@@ -8,7 +8,6 @@ import os
 import sys
 import tempfile
 import time
-import traceback
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import NoReturn
@@ -472,14 +471,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 1
     except (IsADirectoryError, NotADirectoryError, FileNotFoundError, FileExistsError, PermissionError) as error:
         if error.filename is None:
-            traceback.print_exc()
-            return 1
+            raise
         sys.stderr.write(f"probupdate {a.verb}: {error.filename}: {error.strerror}; check the path\n")
         return 2
-    except Exception:
-        # not foreseen: a defect of this program, so the trace is what its authors need
-        traceback.print_exc()
-        return 1
+    # what is not foreseen is a defect of this program: it rises with its trace, and Python exits with 1
     return 0
 
 

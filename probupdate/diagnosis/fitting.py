@@ -377,14 +377,11 @@ def fit(
         relative = [d / n.slab for d, n in zip(change, named, strict=True)]
         longest = float(np.max(np.abs(np.concatenate([move, relative])), initial=0.0))
         told = sum(int(np.count_nonzero(w)) * y.shape[1] for w, y in zip(noise.weight, departures, strict=True))
-        whole = share = min(1.0, LONGEST / max(longest, 1e-12))
-        for _ in range(HALVINGS):
-            fresh, sizes_there = _moved(setting, theta, named, share * move * scale, share * change)
-            tried, used_there = _departures(setting, fresh, sizes_there)
-            after = design.misfit(_kept(tried, noise), held) + penalty(setting, fresh, sizes_there)
-            if after < before:
+        whole = min(1.0, LONGEST / max(longest, 1e-12))
+        for share in whole * 0.5 ** np.arange(HALVINGS):
+            trial = _trial(setting, design, theta, named, share * move * scale, share * change, held)
+            if trial.misfit < before:
                 break
-            share *= 0.5
         else:
             if promised <= max(1.0, FLAT_SHARE * before):
                 # the least value along this line
@@ -394,19 +391,35 @@ def fit(
                 return _ended(setting, theta, named, noise, departures, number)
             # noise and fingerprints are others farther on: over the hill, as the equations say
             leaps, share = leaps + 1, whole
-            fresh, sizes_there = _moved(setting, theta, named, share * move * scale, share * change)
-            tried, used_there = _departures(setting, fresh, sizes_there)
-            after = before
+            trial = _trial(setting, design, theta, named, share * move * scale, share * change, held)
         # what is left beyond the noise makes the posterior wider
-        known = np.sqrt(np.diag(design.unknowns_cov(held)) * max(1.0, after / told))
-        moved = np.abs(fresh[updated] - theta[updated])
-        grown = [abs(sizes_there[k].size - named[k].size) for k in free]
+        known = np.sqrt(np.diag(design.unknowns_cov(held)) * max(1.0, trial.misfit / told))
+        moved = np.abs(trial.theta[updated] - theta[updated])
+        grown = [abs(trial.named[k].size - named[k].size) for k in free]
         # a step that had to be shortened is not a small one
         step = float(np.max(np.concatenate([moved, grown]) / known, initial=0.0)) * whole / share
-        theta, named, departures, used = fresh, sizes_there, tried, used_there
+        theta, named, departures, used = trial.theta, trial.named, trial.departures, trial.used
     raise ConvergenceError(
         f"the fit of {setting.field.small.name} to the blocks did not settle in {most_steps} steps (last {step:.2g} "
         "posterior deviations): the measured modes may not be this model's", theta)  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _Trial:
+    """Where a step leads: departures there, which blocks tell, and -2 ln posterior with the design it was made with."""
+
+    theta: np.ndarray
+    named: tuple[Named, ...]
+    departures: tuple[np.ndarray, ...]
+    used: tuple[np.ndarray, ...]
+    misfit: float
+
+
+def _trial(setting: Setting, design: Design, theta, named, move: np.ndarray, change: np.ndarray, held) -> _Trial:
+    theta, named = _moved(setting, theta, named, move, change)
+    departures, used = _departures(setting, theta, named)
+    misfit = design.misfit(_kept(departures, design.noise), held) + penalty(setting, theta, named)
+    return _Trial(theta=theta, named=named, departures=departures, used=used, misfit=misfit)
 
 
 def _ended(setting: Setting, theta: np.ndarray, named: tuple[Named, ...], noise: Noise, departures, number: int) -> Fit:

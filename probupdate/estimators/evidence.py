@@ -154,13 +154,16 @@ def _importance(log_weight: np.ndarray) -> tuple[float, float]:
 
 def pareto_shape(log_weight: np.ndarray) -> float:
     """k of the generalised Pareto distribution of the largest weights, min(20 %, 3 sqrt(n)) of them: the estimator of
-    Zhang & Stephens (2009), drawn to 0.5 as if by ten more weights (Vehtari, Simpson, Gelman, Yao & Gabry 2024)."""
+    Zhang & Stephens (2009), drawn to 0.5 as if by ten more weights (Vehtari, Simpson, Gelman, Yao & Gabry 2024).
+    Infinite, which nobody trusts, where fewer than five would tell."""
     n = log_weight.size
     n_tail = int(np.ceil(min(0.2 * n, 3 * np.sqrt(n))))
+    if n_tail < 5:
+        return np.inf
     ordered = np.sort(log_weight - log_weight.max())
     threshold = np.exp(ordered[-n_tail - 1])
     tail = np.exp(ordered[-n_tail:]) - threshold
-    if n_tail < 5 or tail[-1] <= 0 or tail[0] == tail[-1]:
+    if tail[-1] <= 0 or tail[0] == tail[-1]:
         return 0.0
     n_grid = 30 + int(np.sqrt(n_tail))
     quarter = tail[int(n_tail / 4 + 0.5) - 1]

@@ -80,7 +80,7 @@ def write_headless_csv(raw, data):
 
 
 def write_parquet(raw, data):
-    pytest.importorskip("pyarrow")
+    pytest.importorskip("pyarrow", reason="pyarrow, which reads Parquet, is not installed")
     table(data, stamps(len(data))).to_parquet(raw / "r.parquet")
     return 'files = "*.parquet"\ntime = "when"' + COLUMNS
 

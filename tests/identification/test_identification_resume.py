@@ -3,7 +3,6 @@
 import io
 import json
 import os
-import pickle
 import random
 import signal
 import subprocess
@@ -22,6 +21,7 @@ from probupdate.errors import InputError
 from probupdate.identification.identify import SSISettings, identify
 from probupdate.identification.reference import ReferenceModes
 from probupdate.processes import completed
+from probupdate.structure.load import REFERENCE_STATES, reference_model
 
 # six channels at two tower levels and one leg: enough for five modes, and quick
 ROWS = [0, 1, 14, 15, 16, 17]
@@ -254,5 +254,7 @@ def test_damage_and_strangers_are_named(filled, rough, tmp_path):
 def test_a_mistake_in_a_process_comes_back_in_one_line():
     with pytest.raises(InputError, match="jobs: 0 is no number of processes"):
         list(completed(int, [("1",)], jobs=0))
-    error = pickle.loads(pickle.dumps(InputError("first", "is wrong", "mend it")))
-    assert str(error) == "first: is wrong; mend it" and error.remedy == "mend it"
+    # raised in another process, it arrives whole
+    with pytest.raises(InputError, match="state 'sunk' is unknown") as here:
+        list(completed(reference_model, [("sunk",)] * 2, jobs=2, least=1))
+    assert here.value.remedy == "choose from " + ", ".join(REFERENCE_STATES)

@@ -1,13 +1,13 @@
 """The turbine's matrices as a whole: sums, scaling, masses, symmetry, channels, fingerprint, parameters."""
 
 import copy
-import pickle
 
 import numpy as np
 import pytest
 from scipy import linalg
 from small_turbine import small_turbine
 
+from probupdate.processes import completed
 from probupdate.structure.assembly import assemble
 from probupdate.structure.beam import Tube
 from probupdate.structure.channels import attach
@@ -301,7 +301,8 @@ def test_fingerprint_changes_with_priors_names_and_layout(raw, small):
 
 
 def test_same_file_same_numbers_and_pools_may_take_the_model(raw, small):
-    again = pickle.loads(pickle.dumps(model(raw)))
+    # there and back again, as pools take it
+    again, _ = completed(copy.copy, [(model(raw),)] * 2, jobs=2, least=1)
     theta = small.parameters.initial
     assert np.array_equal(again.solve(theta, 6).frequency_hz, small.solve(theta, 6).frequency_hz)
     assert np.array_equal(again.solve(theta, 6).shape, small.solve(theta, 6).shape)

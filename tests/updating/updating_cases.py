@@ -126,3 +126,16 @@ def linear_data(frequencies: np.ndarray, *, cov: float = 0.01) -> ModalData:
 
 def linear_problem(frequency, parameters: Parameters = LINEAR_PARAMETERS, **options) -> Problem:
     return build_problem(linear_model(parameters, **options), linear_data(frequency))
+
+
+def arviz_psislw():
+    """ArviZ's Pareto-smoothed weights of log ratios: (log weights, k), wherever this generation keeps them."""
+    try:
+        from arviz_stats.base import array_stats
+    except ImportError:
+        # before 1.0
+        from arviz import psislw
+
+        return psislw
+    # of a log-likelihood there, whose ratios are its inverses
+    return lambda log_ratio: array_stats.psislw(-log_ratio)
