@@ -4,7 +4,7 @@ The posterior is weighted draws from several sources at once, weighed by the mix
 heuristic of Veach & Guibas 1995, the deterministic mixture of Owen & Zhou 2000): a pool of prior draws that is solved
 once for all replicates, a Student t around the Laplace approximation where that is at hand, and Student t distributions
 fitted to the weighted draws so far, in ln theta. The pool bounds the weights: nothing inside the prior is missed. Where
-ROUNDS of these do not reach WANTED effective draws with a Pareto k that can be trusted, the product's chain serves.
+these do not reach WANTED effective draws with a Pareto k that can be trusted, the product's chain serves.
 """
 
 from __future__ import annotations
@@ -29,6 +29,7 @@ N_POOL = 10_000
 # pool rows whose frequencies alone miss by this much more than the best row's weigh nothing: their shapes are not asked
 MISSED = 24.0
 DRAWS, ROUNDS, WANTED = 500, 5, 250
+MORE_DRAWS, MORE_ROUNDS = 2000, 8  # where these do not do: sharp data's posteriors bend
 DEGREES = 5.0  # of the Student t distributions
 SPREAD = 1.2  # times the covariance of the weighted draws
 CHAIN = {"target_ess": 300, "max_steps": 3000}
@@ -122,16 +123,18 @@ def _mixture(problem: Problem, pool: Pool, rng, top: Laplace | None):
     known = problem.with_model(_Solved(problem.parameters, solved))
     value = known.log_likelihood(theta)
     sources = [(len(pool.theta), pool.log_density)]
-    for number in range(ROUNDS + 1):
+    last = ROUNDS + MORE_ROUNDS
+    for number in range(last + 1):
         log_prior = problem.parameters.log_density(theta)
         mixture = np.logaddexp.reduce([np.log(n) + density(theta) for n, density in sources])
         log_weight = value + log_prior - mixture
         weight = np.exp(log_weight - log_weight.max())
         k = pareto_shape(log_weight)
-        if (k <= TRUSTED_K and _effective(weight) >= WANTED) or number == ROUNDS:
+        if (k <= TRUSTED_K and _effective(weight) >= WANTED) or number == last:
             return theta, value, weight, k
+        n = DRAWS if number < ROUNDS else MORE_DRAWS
         if number == 0 and top is not None:
-            fresh, density = _student(top.theta, top.covariance, rng, problem.parameters, logarithms=False)
+            fresh, density = _student(top.theta, top.covariance, rng, problem.parameters, n, logarithms=False)
         else:
             # few draws carry the first rounds' weight: tempered, so that the fit has a width
             soft = weight ** (1.0 if _effective(weight) > 50 else 0.3)
@@ -139,8 +142,8 @@ def _mixture(problem: Problem, pool: Pool, rng, top: Laplace | None):
             u = np.log(theta)
             centre = soft @ u
             spread = (u - centre).T @ (soft[:, None] * (u - centre))
-            fresh, density = _student(centre, SPREAD * spread, rng, problem.parameters, logarithms=True)
-        sources.append((DRAWS, density))
+            fresh, density = _student(centre, SPREAD * spread, rng, problem.parameters, n, logarithms=True)
+        sources.append((n, density))
         theta = np.vstack([theta, fresh])
         value = np.concatenate([value, problem.log_likelihood(fresh)]) if len(fresh) else value
 
@@ -153,13 +156,13 @@ def _likely(problem: Problem, pool: Pool) -> np.ndarray:
     return np.flatnonzero(missed < missed.min() + MISSED)
 
 
-def _student(centre, covariance, rng, parameters, *, logarithms: bool):
-    """DRAWS draws of a Student t, those inside the bounds, and its density over theta."""
+def _student(centre, covariance, rng, parameters, n: int, *, logarithms: bool):
+    """n draws of a Student t, those inside the bounds, and its density over theta."""
     # in units of its deviations, as masses in kg stand beside factors
     scale = np.sqrt(np.diag(covariance))
     correlation = covariance / np.outer(scale, scale) + 1e-6 * np.eye(len(scale))
     shape = stats.multivariate_t(np.zeros(len(scale)), correlation, df=DEGREES)
-    drawn = centre + scale * shape.rvs(DRAWS, random_state=rng)
+    drawn = centre + scale * shape.rvs(n, random_state=rng)
 
     def log_density(theta):
         u = np.log(theta) if logarithms else theta
