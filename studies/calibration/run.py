@@ -16,7 +16,7 @@ import time
 from pathlib import Path
 
 import numpy as np
-from chain import NOISES, PRIORS, STRUCTURES, Bench, make_bench, measure
+from chain import NOISES, PRIORS, RECORDED, STRUCTURES, Bench, make_bench, measure
 from posterior import Pool, gaussian_rank, make_pool, nine_sets, place_of_truth, printed_interval
 
 from probupdate.errors import ProbupdateError
@@ -37,7 +37,7 @@ def replicate(bench: Bench, pool: Pool, case: str, number: int) -> dict:
     line = {"case": case, "number": number, "names": list(full.parameters.names), "theta": theta.tolist()}
     begun = time.perf_counter()
     try:
-        nine = noise != "record" and number % NINE_EVERY == 0
+        nine = noise not in RECORDED and number % NINE_EVERY == 0
         with tempfile.TemporaryDirectory() as folder:
             measured = measure(bench, theta, structure, noise, rng, 9 if nine else 1, Path(folder) / "campaign")
         problem = build_problem(full, measured.data, set_id=measured.data.sets[0].id, weights=measured.weights)
@@ -86,7 +86,7 @@ def main() -> int:
         words = case.split("-")
         groups = (STRUCTURES, NOISES, PRIORS)
         if len(words) != 3 or any(w not in group for w, group in zip(words, groups, strict=True)) or \
-                words[:2] == ["own", "record"]:
+                words[0] == "own" and words[1] in RECORDED:
             sys.stderr.write(f"{case}: choose from {STRUCTURES} - {NOISES} - {PRIORS}; a record is the turbine's\n")
             return 2
     a.out.mkdir(parents=True, exist_ok=True)
