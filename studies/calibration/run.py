@@ -86,7 +86,7 @@ def main() -> int:
         words = case.split("-")
         groups = (STRUCTURES, NOISES, PRIORS)
         if len(words) != 3 or any(w not in group for w, group in zip(words, groups, strict=True)) or \
-                words[0] == "own" and words[1] in RECORDED:
+                (words[0] == "own" and words[1] in RECORDED):
             sys.stderr.write(f"{case}: choose from {STRUCTURES} - {NOISES} - {PRIORS}; a record is the turbine's\n")
             return 2
     a.out.mkdir(parents=True, exist_ok=True)
