@@ -269,8 +269,8 @@ def _environment(d: Description) -> Iterator[TurbineEffect]:
     yield _row("ice", "mass", "icing", "rotor", on={"body": "hub"}, settings={"inertia_per_kg_m2": _ice_inertia(d)},
                low=0.0, high=4e4, tolerance=0.0, slab=5e3, courses=("step", "frost_degc"),
                fingerprint="first bending and torsion fall while it freezes", check="ice detector, power curve", **env)
-    for curve, word in (("py", "lateral"), ("tz", "axial")):
-        yield _row(f"soft_{curve}", "soil", f"{word} soil softens with amplitude", "all legs",
+    for curve, where in (("all", "all legs"), ("py", "all legs, lateral"), ("tz", "all legs, axial")):
+        yield _row(f"soft_{curve}", "soil", "soil softens with amplitude", where,
                    settings={"curve": curve}, low=-0.95, high=3.0, tolerance=0.0, slab=0.3,
                    courses=("rms_mps2", "wave_height_m"), fingerprint="second bending falls in storms, not with thrust",
                    check="storms of equal wind, other sea", **env)

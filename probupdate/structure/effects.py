@@ -52,7 +52,7 @@ class EffectKeys(Table):
     kind: str | None = None
     on: On = On()
     motion: Literal["all", "axial", "bending", "in plane", "out of plane"] | None = None
-    curve: Literal["py", "tz", "qw"] | None = None
+    curve: Literal["all", "py", "tz", "qw"] | None = None
     at_m: Number | None = None
     axis: Literal["x", "y", "z"] | None = None
     relative_per_degc: Number | None = None
@@ -101,7 +101,7 @@ KINDS: Mapping[str, Kind] = MappingProxyType({
     ),
     "soil": Kind(
         neutral=1.0, unit="-", lowest=0.0, above=True, keys=("leg", "level_m"), groups=("pile",), needs=("curve",),
-        meaning="factor on the stiffness of the soil's p-y, t-z or q-z springs",
+        meaning="factor on the stiffness of the soil's p-y, t-z or q-z springs, or of all",
     ),
     "scour": Kind(
         neutral=0.0, unit="m", lowest=-np.inf, keys=("leg",), groups=("pile",),
@@ -199,7 +199,7 @@ class Effects:
         return [p for p in self._entries if p.kind == kind]
 
     def at(self, kind: str, place: Place, **settings) -> tuple[str, ...]:
-        """Names of the parameters of a kind that act at a place; settings narrow them, `motion` "all" fits any."""
+        """Names of the parameters of a kind that act at a place; settings narrow them, "all" fits any."""
         chosen = [p for p in self.of(kind) if all(self._answers(p, *item) for item in settings.items())]
         return tuple(p.name for p in chosen if self.acts(p, place))
 
@@ -250,7 +250,7 @@ class Effects:
     @staticmethod
     def _answers(p, key: str, value) -> bool:
         own = getattr(p, key)
-        return own == value or (key == "motion" and own in (None, "all"))
+        return own == value or own == "all" or (key == "motion" and own is None)
 
 
 def check_effect(p, key: str, d: Description) -> Iterator[Mistake]:

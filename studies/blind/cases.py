@@ -39,7 +39,6 @@ class Kind:
     convert: Callable[[float], float] = float
     courses: tuple[str, ...] = ("constant", "step")
     klass: str = "structural"
-    also: tuple[str, ...] = ()  # causes that say the same
 
 
 def _left(size: float) -> float:
@@ -159,9 +158,8 @@ KINDS = (
     Kind(virtual="steel_temperature", cause="temperature of the steel", place=_fixed({}, "above the water"),
          size="per_kelvin", low=0.5, high=4.0, convert=lambda size: size * STEEL_PER_DEGC, courses=("own",),
          klass="environmental"),
-    Kind(virtual="soil_softening", cause="lateral soil softens with amplitude", place=_fixed({}, "all legs"),
-         size="per_unit", low=0.05, high=0.4, courses=("own",), klass="environmental",
-         also=("axial soil softens with amplitude",)),
+    Kind(virtual="soil_softening", cause="soil softens with amplitude", place=_fixed({}, "all legs"),
+         size="per_unit", low=0.05, high=0.4, courses=("own",), klass="environmental"),
     Kind(virtual="icing", cause="icing", place=_fixed({}, "rotor"), size="mass_kg", low=3e3, high=2e4,
          courses=("step",), klass="environmental"),
     Kind(virtual="sensor_gain", cause="sensor gain", place=_channel, size="factor", low=0.03, high=0.4, convert=_left,
@@ -246,7 +244,7 @@ def draw_effect(rng: np.random.Generator, kind: Kind, limits: Mapping | None = N
         told |= {"course": "step", "at_hour": hour}
     elif course == "ramp":
         told |= {"course": "ramp", "from_hour": 0.0, "to_hour": HOURS}
-    words = {"class": kind.klass, "cause": kind.cause, "also": list(kind.also), "location": location,
+    words = {"class": kind.klass, "cause": kind.cause, "location": location,
              "course": course, "size": size}  # fmt: skip
     return told, words
 

@@ -27,15 +27,13 @@ def rate(name: str, hits: int, n: int) -> str:
 
 
 def is_named(finding: dict, effect: dict) -> bool:
-    return finding["cause"] in (effect["cause"], *effect["also"]) and finding["location"] == effect["location"]
+    return finding["cause"] == effect["cause"] and finding["location"] == effect["location"]
 
 
 def in_set(finding: dict, effect: dict) -> bool:
     """Named, or among the alternatives that an ambiguous finding lists."""
     return is_named(finding, effect) or any(
-        cause in (effect["cause"], *effect["also"]) and where == effect["location"]
-        for cause, where in finding["alternatives"]
-    )
+        cause == effect["cause"] and where == effect["location"] for cause, where in finding["alternatives"])
 
 
 def course_of(effect: dict, stated: dict[str, float]) -> str | None:
@@ -71,8 +69,7 @@ def summary(lines: list[dict]) -> str:
                                                              for x in found if x["findings"]), len(found)))  # fmt: skip
     out.append(rate("verdict 'named' and right", sum(is_named(x["findings"][0], x["effects"][0]) for x in sure),
                     len(sure)))  # fmt: skip
-    # a cause that goes by several names has sizes in several units
-    sized = [(x["findings"][0], x["effects"][0]) for x in found if x["findings"] and not x["effects"][0]["also"]
+    sized = [(x["findings"][0], x["effects"][0]) for x in found if x["findings"]
              and is_named(x["findings"][0], x["effects"][0]) and x["findings"][0]["size_std"] > 0]
     out.append(rate("size within its 90 % interval",
                     sum(abs(abs(f["size"]) - abs(e["size"])) < 1.645 * f["size_std"] for f, e in sized), len(sized)))

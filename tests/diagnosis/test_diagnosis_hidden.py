@@ -53,7 +53,7 @@ HIDDEN = (
     (415, {"kind": "wetted_length", "gain": 1.8}, "wetted length", "all members", 1.8, 0.0),
     (416, {"kind": "steel_temperature", "per_kelvin": -1.44e-3}, "temperature of the steel", "above the water", 4.0,
      0.0),
-    (417, {"kind": "soil_softening", "per_unit": 0.4}, "lateral soil softens with amplitude", "all legs", None, 0.0),
+    (417, {"kind": "soil_softening", "per_unit": 0.4}, "soil softens with amplitude", "all legs", None, 0.0),
     (418, {"kind": "sensor_gain", "channel": "T66-x", "factor": 1.25}, "sensor gain", "T66-x", 0.25, 0.01),
     (419, {"kind": "sensor_rotation", "channel": "TP-C-x", "angle_deg": 14.0}, "sensor rotation", "TP-C about z", 14.0,
      1.0),

@@ -131,7 +131,7 @@ def test_limits_drawn_are_of_every_kind_and_cause_first():
     (0.101, 0.013, "-", "sensor gain", "+10.1 +- 1.3 %"), (1.0, 0.0, "-", "swapped channels", "+1"),
     (2.87e6, 4e5, "kg m2", "RNA inertia", "+2.87e+06 +- 4e+05 kg m2"),
     (0.21, 0.02, "-", "parameter", "+0.210 +- 0.020"),
-    (0.098, 0.01, "- per m", "lateral soil softens with amplitude", "+9.8 +- 1.0 % per m"),
+    (0.098, 0.01, "- per m", "soil softens with amplitude", "+9.8 +- 1.0 % per m"),
     (None, None, "m", "scour", "of unknown size"),
 ])
 def test_sizes_are_told_with_their_deviation_and_unit(value, std, unit, cause, text):

@@ -20,6 +20,7 @@ SAMPLES = {
     "slip": ("slip", {"group": "pile", "leg": "B"}, {"at_m": -19.0}, 5.0, (0.0, 99.0)),
     "soil_py": ("soil", {"leg": "A"}, {"curve": "py"}, 3.0, (0.1, 9.0)),
     "soil_tz": ("soil", {"level_m": [-30.0, -20.0]}, {"curve": "tz"}, 0.3, (0.1, 9.0)),
+    "soil": ("soil", {"leg": "B"}, {"curve": "all"}, 0.4, (0.1, 9.0)),
     "soil_qw": ("soil", {"leg": "C"}, {"curve": "qw"}, 4.0, (0.1, 9.0)),
     "scour": ("scour", {}, {}, 0.9, (0.0, 4.0)),
     "scour_B": ("scour", {"leg": "B"}, {}, 1.3, (-0.7, 4.0)),

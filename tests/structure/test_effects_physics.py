@@ -45,6 +45,7 @@ def each_leg(kind, settings=None, on=None, bounds=(0.0, 9.0)):
         (each_leg("soil", {"curve": "py"}, bounds=(0.1, 9.0)), 4.0, {"py": 0.25}),
         (each_leg("soil", {"curve": "tz"}, bounds=(0.1, 9.0)), 2.0, {"tz": 0.5}),
         (each_leg("soil", {"curve": "qw"}, bounds=(0.1, 9.0)), 0.5, {"qw": 2.0}),
+        ([entry("e", "soil", None, {"curve": "all"}, (0.1, 9.0))], 4.0, {"py": 0.25, "tz": 0.25, "qw": 0.25}),
         ([entry("e", "growth", bounds=(0.0, 0.3))], 0.05, {"mg": 0.11}),
         ([entry(g, "growth", {"group": g}, bounds=(0.0, 0.3)) for g in ("leg", "brace", "pile")], 0.05, {"mg": 0.11}),
         ([entry("e", "added_mass", bounds=(0.0, 3.0))], 1.5, {"a_m": 1.5}),
