@@ -26,7 +26,8 @@ TARGET_ESS = 400
 
 @dataclass(frozen=True, kw_only=True)
 class Demonstration:
-    """folder holds campaign/, modes.json, nine.json, update.json, posterior.nc, compare.json and report.html."""
+    """folder holds campaign/, modes.json, nine.json, update.json, posterior.nc, compare.json, diagnosis.json and
+    report.html."""
 
     folder: Path
     seconds: float
@@ -41,7 +42,7 @@ def demo(
     progress: Progress = silent,
     say: Callable[[str], None] = lambda text: None,
 ) -> Demonstration:
-    """Simulate, identify, select, update, sample, compare, report. `say` is told what each step found.
+    """Simulate, identify, select, update, sample, diagnose, compare, report. `say` is told what each step found.
 
     The virtual turbine is built by a formulation of its own (finer mesh, other element and soil law, drawn
     tolerances), in the reference turbine's updated state, and measured; the model starts as built.
@@ -79,6 +80,13 @@ def demo(
                              progress=progress)  # fmt: skip
         say(drawn.summary)
         state.finish("sample")
+    if not state.done("diagnose"):
+        # asked of all blocks, with the model as it was before any update: nothing is hidden in this campaign
+        diagnosis = verbs.diagnose(model, modes, campaign=campaign, seed=seed, out=out / "diagnosis.json",
+                                   progress=progress)  # fmt: skip
+        diagnosis.write(out / "diagnosis.json")
+        say(diagnosis.summary)
+        state.finish("diagnose")
     compared = verbs.compare(files["update"], files["posterior"], model=model)
     compared.write(files["compare"])
     page = write_report(out, out / "report.html", progress=progress)

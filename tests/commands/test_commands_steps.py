@@ -216,7 +216,7 @@ def test_a_demonstration_started_again_repeats_no_finished_step(tmp_path, monkey
 
         return run
 
-    for name in ("simulate", "identify", "select", "update", "sample", "compare"):
+    for name in ("simulate", "identify", "select", "update", "sample", "diagnose", "compare"):
         monkeypatch.setattr(demonstration.verbs, name, step(name))
     monkeypatch.setattr(demonstration, "write_report", lambda run, out, progress: Path(out))
     out = tmp_path / "demo"
@@ -225,7 +225,7 @@ def test_a_demonstration_started_again_repeats_no_finished_step(tmp_path, monkey
     assert done == ["simulate", "identify", "select", "update"]
     broken.clear()
     probupdate.demo(out, seed=3)
-    assert done == ["simulate", "identify", "select", "update", "sample", "compare"]
+    assert done == ["simulate", "identify", "select", "update", "sample", "diagnose", "compare"]
     with pytest.raises(InputError, match="whose seed is"):
         probupdate.demo(out, seed=4)
 
@@ -248,6 +248,8 @@ def test_the_demonstration_against_its_truth(tmp_path):
     rows = json.loads((out / "compare.json").read_text())["rows"]
     known = [r for r in rows if r["identified"] == "strongly identified" and r["name"] in truth]
     off = [abs(truth[r["name"]] - r["mean"]) / r["std"] for r in known]
+    # nothing is hidden in this campaign
+    assert json.loads((out / "diagnosis.json").read_text())["verdict"] == "none"
     assert known and np.mean(np.array(off) < 3) >= 0.75, dict(zip([r["name"] for r in known], off, strict=True))
 
 
