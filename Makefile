@@ -23,10 +23,10 @@ $(VENV)/test: $(VENV)/core requirements-test.lock
 demo: $(VENV)/core
 	$(BIN)/probupdate demo $(OUT)
 
-# MARK chooses tests by their markers, as pytest's -m
+# MARK chooses tests by their markers, as pytest's -m; files with few long tests are not left to the end
 MARK ?= not long
 test: $(VENV)/test
-	$(BIN)/python -m pytest -n $(JOBS) --dist loadfile -m "$(MARK)"
+	$(BIN)/python -m pytest -n $(JOBS) --dist loadfile --no-loadscope-reorder -m "$(MARK)"
 
 # the locks name no index; run this with uv at hand after a change of pyproject.toml
 lock:

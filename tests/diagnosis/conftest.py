@@ -87,3 +87,12 @@ def stepped(frame_file, record):
 
     prepared, data = prepare(frame_file), record(4, storey=2, factor=0.9, from_block=18)
     return prepared, data, examine(prepared, data)
+
+
+@pytest.fixture(scope="session")
+def turbine():
+    """The reference turbine as updated, made ready for a diagnosis."""
+    from probupdate.diagnosis.prepare import prepare
+    from probupdate.structure.load import reference_model
+
+    return prepare(reference_model("updated"))
