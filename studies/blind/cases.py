@@ -12,6 +12,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+# growth ends where the model means it to: a size is of the same stretch
+GROWTH_TOP_M = -2.0
 LEGS, FACES, BAYS = "ABCD", ("AB", "BC", "CD", "DA"), (1, 2, 3, 4)
 STATIONS_M = (18.0, 42.0, 66.0, 90.0)
 LEVELS = {"TP": "all of TP", "tower bottom": "T18", "tower 2/3": "T66", "tower top": "T90"}
@@ -71,7 +73,7 @@ def _leg(prefix: str = "leg"):
 def _leg_or_all(word: str):
     def place(rng):
         leg = str(rng.choice([*LEGS, "all"]))
-        return {"leg": leg}, word if leg == "all" else f"leg {leg}"
+        return {"leg": leg, "top_m": GROWTH_TOP_M}, word if leg == "all" else f"leg {leg}"
 
     return place
 
