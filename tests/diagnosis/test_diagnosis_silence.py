@@ -1,6 +1,6 @@
 """An independent virtual turbine in which nothing is hidden, or what has no name of its own: silence, or several names.
 
-Most cases are marked long, as each takes up to a minute; hundreds are run in studies/blind.
+Hundreds more are run in studies/blind.
 """
 
 import pytest
@@ -9,13 +9,10 @@ from hidden_turbine import STEP, found_in, names
 pytestmark = pytest.mark.hidden
 
 
-# at 5 % each, two or more of five come up once in 44 times, three or more of ten once in 87
-@pytest.mark.parametrize(("seeds", "most"), [
-    (range(401, 406), 1), pytest.param(range(401, 411), 2, marks=pytest.mark.long, id="all"),
-])  # fmt: skip
-def test_nothing_hidden_in_the_turbine_nothing_found(turbine, seeds, most):
-    verdicts = [found_in(turbine, seed).verdict for seed in seeds]
-    assert len(seeds) - verdicts.count("none") <= most, verdicts
+def test_nothing_hidden_in_the_turbine_nothing_found(turbine):
+    verdicts = [found_in(turbine, seed).verdict for seed in range(401, 411)]
+    # at 5 % each, three or more of ten come up once in 87 times
+    assert 10 - verdicts.count("none") <= 2, verdicts
 
 
 SLIPPING = {"kind": "soil_stiffness", "leg": "A", "direction": "axial", "factor": 0.4, **STEP}
@@ -23,8 +20,7 @@ SLOW = {"kind": "low_pass", "level": "tower top", "time_constant_s": 0.016}
 
 
 @pytest.mark.parametrize(("seed", "hidden", "wanted"), [
-    pytest.param(441, SLIPPING, {("axial soil stiffness", "leg A"),
-                                 ("grout flexibility along the pile", "pile head A")}, marks=pytest.mark.long),
+    (441, SLIPPING, {("axial soil stiffness", "leg A"), ("grout flexibility along the pile", "pile head A")}),
     (442, SLOW, {("low-pass filter", "T90"), ("clock offset", "T90")}),
 ])  # fmt: skip
 def test_twins_are_ambiguous(turbine, seed, hidden, wanted):
@@ -33,10 +29,8 @@ def test_twins_are_ambiguous(turbine, seed, hidden, wanted):
 
 
 @pytest.mark.parametrize(("seed", "hidden"), [
-    pytest.param(451, {"kind": "tuned_mass", "z_m": 62.0, "direction_deg": 30.0, "frequency_hz": 1.7, "mass_kg": 6e3},
-                 marks=pytest.mark.long),
-    pytest.param(452, {"kind": "crosstalk", "channel": "T66-x", "other": "TP-B-y", "share": 0.4},
-                 marks=pytest.mark.long),
+    (451, {"kind": "tuned_mass", "z_m": 62.0, "direction_deg": 30.0, "frequency_hz": 1.7, "mass_kg": 6e3}),
+    (452, {"kind": "crosstalk", "channel": "T66-x", "other": "TP-B-y", "share": 0.4}),
 ])  # fmt: skip
 def test_what_no_list_holds_is_not_named(turbine, seed, hidden):
     assert found_in(turbine, seed, hidden).verdict != "named"
