@@ -96,6 +96,13 @@ def test_a_misfit_beyond_three_deviations_of_chi_square_is_said(update, misfit, 
     assert fits or f"{np.sqrt(misfit / 40):.1f} times the stated deviations" in sentence
 
 
+def test_sharp_deviations_that_fit_leave_the_models_error_out(update):
+    fine = replace(update, map_misfit=40.0, n_effective=40)
+    assert "--discrepancy" not in fit_sentence(fine)
+    sharp = replace(fine, measured_std_hz=0.001 * LINEAR_HZ)
+    assert "fits the data within" in fit_sentence(sharp) and "--discrepancy" in fit_sentence(sharp)
+
+
 # broken files
 
 
