@@ -70,10 +70,10 @@ def _leg(prefix: str = "leg"):
     return place
 
 
-def _leg_or_all(word: str):
+def _leg_or_all(word: str, **told):
     def place(rng):
         leg = str(rng.choice([*LEGS, "all"]))
-        return {"leg": leg, "top_m": GROWTH_TOP_M}, word if leg == "all" else f"leg {leg}"
+        return {"leg": leg, **told}, word if leg == "all" else f"leg {leg}"
 
     return place
 
@@ -140,8 +140,8 @@ KINDS = (
          high=-0.8, convert=_left),
     Kind(virtual="soil_stiffness", cause="axial soil stiffness", place=_soil("axial"), size="factor", low=-0.3,
          high=-0.8, convert=_left),
-    Kind(virtual="marine_growth", cause="marine growth", place=_leg_or_all("all members"), size="thickness_m",
-         low=0.03, high=0.2, courses=("constant", "ramp")),
+    Kind(virtual="marine_growth", cause="marine growth", place=_leg_or_all("all members", top_m=GROWTH_TOP_M),
+         size="thickness_m", low=0.03, high=0.2, courses=("constant", "ramp")),
     Kind(virtual="leg_water", cause="leg not flooded", place=_leg(), size="fraction", low=-0.5, high=-1.0),
     Kind(virtual="flange_flexibility", cause="tower flange flexibility", place=_fixed({"station": 1}, "tower at 18 m"),
          size="equivalent_length_m", low=1e-3, high=0.02, convert=lambda size: size * FOOT_EI_GNM2),
