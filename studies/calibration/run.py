@@ -16,10 +16,10 @@ import time
 from pathlib import Path
 
 import numpy as np
-from chain import NOISES, PRIORS, RECORDED, STRUCTURES, Bench, make_bench, measure
+from chain import CARRIED, NOISES, PRIORS, RECORDED, STRUCTURES, Bench, make_bench, measure
 from posterior import Pool, gaussian_rank, make_pool, nine_sets, place_of_truth, printed_interval
 
-from probupdate.errors import ProbupdateError
+from probupdate.errors import InputError, ProbupdateError
 from probupdate.estimators.laplace import Laplace, maximum_a_posteriori
 from probupdate.problem import Problem, build_problem
 
@@ -42,6 +42,8 @@ def replicate(bench: Bench, pool: Pool, case: str, number: int) -> dict:
             measured = measure(bench, theta, structure, noise, rng, 9 if nine else 1, Path(folder) / "campaign")
         problem = build_problem(full, measured.data, set_id=measured.data.sets[0].id, weights=measured.weights)
         line["left_out"] = list(problem.matching.left_out)
+        if max(problem.matching.computed) >= CARRIED:
+            raise InputError("structure", "one of its modes pairs with one that the basis does not carry", "draw another")
         problem, top = problem.with_model(fast), None
         if noise != "paper" or number % MAXIMUM_EVERY == 0:
             top = maximum_a_posteriori(problem, [full.parameters.initial])
