@@ -43,7 +43,7 @@ def replicate(bench: Bench, pool: Pool, case: str, number: int) -> dict:
         problem = build_problem(full, measured.data, set_id=measured.data.sets[0].id, weights=measured.weights)
         line["left_out"] = list(problem.matching.left_out)
         if max(problem.matching.computed) >= CARRIED:
-            raise InputError("structure", "one of its modes pairs with one that the basis does not carry", "draw another")
+            raise InputError("structure", "one of its modes pairs with one beyond the basis", "draw another")
         problem, top = problem.with_model(fast), None
         if noise != "paper" or number % MAXIMUM_EVERY == 0:
             top = maximum_a_posteriori(problem, [full.parameters.initial])
