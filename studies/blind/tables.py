@@ -46,6 +46,9 @@ def course_of(effect: dict, stated: dict[str, float]) -> str | None:
 
 def above_limit(line: dict, effect: dict) -> bool:
     """Whether the diagnosis of this very record states that it would find an effect of this size."""
+    if "limits" not in line:
+        # measured.jsonl keeps the answer for the hundreds of limits
+        return effect["above_stated_limit"]
     key = course_of(effect, line["limits"])
     limit = line["limits"].get(key) if key else None
     return limit is not None and np.isfinite(limit) and abs(effect["size"]) >= abs(limit)
