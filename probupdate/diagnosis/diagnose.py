@@ -237,7 +237,7 @@ class Rival:
 
 
 def refit(setting: Setting, base: Fit, found: Search, candidate: int) -> Rival | None:
-    """The model with one more effect, fitted anew; None where that does not settle or leaves nothing of it."""
+    """The model with one more effect, fitted anew; None where it has no modes or nothing is left of the effect."""
     j, c = setting.which[candidate]
     effect, course = setting.effects[j], setting.courses[c]
     if course.kind == "step":
@@ -372,8 +372,7 @@ def examine(prepared: Prepared, data: ModalData, *, seed: int = 1, progress: Pro
     fits, remaining = adequacy(setting, fitted, found)
     progress("diagnosing", MOST_EFFECTS + 1, MOST_EFFECTS + 1)
     left_over = found.statistic[best] > found.threshold
-    settled = np.isfinite(fitted.last_step)
-    if fits < ADEQUATE or left_over or not settled:
+    if fits < ADEQUATE or left_over or not fitted.settled:
         verdict = "unexplained"
     elif not findings:
         verdict = "none"
@@ -387,7 +386,7 @@ def examine(prepared: Prepared, data: ModalData, *, seed: int = 1, progress: Pro
         verdict=verdict, findings=named,
         p_value=min(1.0, 2 * min(first.p_value, fits)) if not findings else first.p_value,
         limits=_limits(setting, first, null), threshold=first.threshold, adequacy_p=fits,
-        notes=(*setting.blocks.notes, *_pinned(fitted), *([] if settled else [NOT_SETTLED])),
+        notes=(*setting.blocks.notes, *_pinned(fitted), *([] if fitted.settled else [NOT_SETTLED])),
         parameters=tuple(_parameters(setting, null, fitted)), details=details,
     )  # fmt: skip
     return Outcome(diagnosis=diagnosis, setting=setting, null=null, fitted=fitted, first=first, last=found)
@@ -403,8 +402,8 @@ def _pinned(fitted: Fit) -> list[str]:
 
 
 def _anew(setting: Setting, chosen: Fit) -> Fit:
-    """The same with its own noise, as what a strong effect does to the shapes changes how they scatter; where that does
-    not settle, the fit as it ended, marked as such."""
+    """The same with its own noise, as what a strong effect does to the shapes changes how they scatter; where the model
+    then has no modes, the fit as it was, marked as not settled."""
     try:
         return fit(setting, chosen.theta, chosen.named)
     except ConvergenceError:

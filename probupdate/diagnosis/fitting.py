@@ -19,7 +19,6 @@ from probupdate.diagnosis.field import Field, effect_fingerprints, observed
 from probupdate.diagnosis.linear import Design
 from probupdate.diagnosis.noise import Noise, estimate_noise, factored
 from probupdate.diagnosis.small_model import LocalModel
-from probupdate.errors import ConvergenceError
 from probupdate.parameters import Parameters
 
 # references are computed at every angle that differs by this; fingerprints at every NODE_DEG, and between these by
@@ -125,7 +124,7 @@ class Setting:
 class Fit:
     """theta (n_param of the extended model,), named effects with their sizes, departures per group (n_block,
     n_response) from what they predict (zero where not measured), and the design there. `steps` of the iteration,
-    `last_step` in prior deviations."""
+    `last_step` in posterior deviations, infinite where it stopped without having settled."""
 
     theta: np.ndarray
     named: tuple[Named, ...]
@@ -134,6 +133,10 @@ class Fit:
     design: Design
     steps: int
     last_step: float
+
+    @property
+    def settled(self) -> bool:
+        return bool(np.isfinite(self.last_step))
 
 
 def departures_at(
@@ -323,13 +326,13 @@ def _left(setting: Setting, design: Design, theta: np.ndarray, named: Sequence[N
 
 
 def fit(
-    setting: Setting, theta: np.ndarray, named: Sequence[Named] = (), *, base: Fit | None = None,
-    most_steps: int = MOST_STEPS,
+    setting: Setting, theta: np.ndarray, named: Sequence[Named] = (), *, base: Fit | None = None
 ) -> Fit:
     """Gauss-Newton to the most probable parameters and sizes, with all tolerances and model form marginalised. `base`:
     a fit of the same record without one of the effects, whose noise is kept.
 
-    Raises ConvergenceError where it does not settle: a fit that has not converged looks like an effect.
+    Where it does not settle the fit says so (`settled`), as one that has not converged looks like an effect. Raises
+    ConvergenceError where the model has no modes.
     """
     theta, named = np.array(theta, float), tuple(named)
     sizes = tuple(len(g) for g in setting.blocks.groups)
@@ -339,7 +342,7 @@ def fit(
         noise, design = base.design.noise, base.design
     departures, used = _departures(setting, theta, named)
     renewed, leaps = base is not None, 0
-    for number in range(most_steps):
+    for number in range(MOST_STEPS):
         # far from where the fit ends the noise is not what it is there
         again = not renewed and number > WARM and step < SETTLED
         if (number < WARM and base is None) or again:
@@ -399,9 +402,7 @@ def fit(
         # a step that had to be shortened is not a small one
         step = float(np.max(np.concatenate([moved, grown]) / known, initial=0.0)) * whole / share
         theta, named, departures, used = trial.theta, trial.named, trial.departures, trial.used
-    raise ConvergenceError(
-        f"the fit of {setting.field.small.name} to the blocks did not settle in {most_steps} steps (last {step:.2g} "
-        "posterior deviations): the measured modes may not be this model's", theta)  # fmt: skip
+    return _ended(setting, theta, named, noise, departures, MOST_STEPS)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -423,8 +424,8 @@ def _trial(setting: Setting, design: Design, theta, named, move: np.ndarray, cha
 
 
 def _ended(setting: Setting, theta: np.ndarray, named: tuple[Named, ...], noise: Noise, departures, number: int) -> Fit:
-    """The fit where it stopped without having settled: `last_step` is infinite."""
-    design = design_at(setting, theta, named, noise)
+    """The fit where it stopped without having settled."""
+    design, departures = design_at(setting, theta, named, noise), _kept(departures, noise)
     return Fit(theta=theta, named=named, departures=departures, design=design, steps=number, last_step=np.inf,
                centred=centred_departures(setting, design, theta, named, departures))  # fmt: skip
 

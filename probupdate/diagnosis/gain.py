@@ -135,9 +135,10 @@ def stages(setting: Setting, null: Fit, fitted: Fit) -> list[Fit | None]:
     between: list[Fit | None] = []
     for k in range(1, len(fitted.named)):
         try:
-            between.append(fit(setting, fitted.theta, fitted.named[:k]))
+            one = fit(setting, fitted.theta, fitted.named[:k])
         except ConvergenceError:
-            between.append(None)
+            one = None
+        between.append(one if one is not None and one.settled else None)
     return [null, *between, fitted] if fitted.named else [null]
 
 
