@@ -99,6 +99,5 @@ def fingerprint(reference: Reference, tensor_change: np.ndarray, shape_change: n
     target = reference.shape
     size = np.max(np.abs(target), axis=0)
     tensor = tensor_change + tensor_turning(target, shape_change, reference.tensor)
-    inside = np.linalg.pinv(target)
-    outside = shape_change - np.einsum("ck,kd,djn->cjn", target, inside, shape_change)
+    outside = shape_change - np.tensordot(target @ np.linalg.pinv(target), shape_change, 1)
     return frozen_array(_stack(tensor.transpose(2, 0, 1), outside.transpose(2, 0, 1), size).T)

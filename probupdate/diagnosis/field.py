@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -113,21 +114,28 @@ def effect_fingerprints(
 ) -> np.ndarray:
     """Departure per unit size of every effect (n_response, n_effect) for one group at one angle."""
     k = len(reference.tensor)
-    d_tensor = np.zeros((k, k, len(effects)))
-    d_shape = np.zeros((*reference.shape.shape, len(effects)), complex)
-    column = {name: j for j, name in enumerate(names)}
+    amounts = _increments(tuple(effects), names)
+    d_tensor, d_shape = tensor @ amounts, (shape @ amounts).astype(complex)
     seen, frequency = np.array(reference.shape, complex), _frequency_hz(reference)
     for j, effect in enumerate(effects):
         if effect.observe is None:
-            for name, amount in effect.increments:
-                d_tensor[:, :, j] += amount * tensor[:, :, column[name]]
-                d_shape[:, :, j] += amount * shape[:, :, column[name]]
             continue
         h = effect.step_of_size
         (up, more), (down, less) = (effect.observe(seen, frequency, sign * h) for sign in (1, -1))
         d_tensor[:, :, j] = (more - less) / (2 * h) * np.eye(k)
         d_shape[:, :, j] = (up - down) / (2 * h)
     return fingerprint(reference, d_tensor, d_shape)
+
+
+@lru_cache(maxsize=8)
+def _increments(effects: tuple[Effect, ...], names: tuple[str, ...]) -> np.ndarray:
+    """How much of each parameter a unit of each effect is (n_param, n_effect)."""
+    column = {name: k for k, name in enumerate(names)}
+    amounts = np.zeros((len(names), len(effects)))
+    for j, effect in enumerate(effects):
+        for name, amount in effect.increments if effect.observe is None else ():
+            amounts[column[name], j] += amount
+    return amounts
 
 
 def build_field(small: SmallModel, blocks: Blocks, theta: np.ndarray) -> Field:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -97,19 +98,46 @@ class Coefficients:
     stiffness_terms: tuple[tuple[tuple[int, int | None], ...], ...]
     mass_terms: tuple[tuple[tuple[int, int | None], ...], ...]
 
+    @cached_property
+    def _plan(self) -> tuple[list[tuple[int, list[int] | None]], list[list[np.ndarray]]]:
+        """Which components of which table are needed, in the order in which they are put side by side (a one behind
+        them); and of stiffness and mass per factor where it stands for every term."""
+        both = (self.stiffness_terms, self.mass_terms)
+        needed: dict[int, set] = {}
+        for table, component in (pair for terms in both for term in terms for pair in term):
+            needed.setdefault(table, set()).add(component)
+        columns, place = [], {}
+        for table, components in needed.items():
+            ordered = None if components == {None} else sorted(components)
+            columns.append((table, ordered))
+            for component in ordered or [None]:
+                place[table, component] = len(place)
+        factors = []
+        for terms in both:
+            depth = max(map(len, terms), default=0)
+            padded = [[place[pair] for pair in term] + [len(place)] * (depth - len(term)) for term in terms]
+            factors.append(list(np.array(padded, int).reshape(len(terms), depth).T))
+        return columns, factors
+
     def __call__(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         theta = np.asarray(theta)
         values = dict(self.fixed) | {name: theta[..., k] for k, name in enumerate(self.names)}
-        evaluated = [table(values) for table in self.tables]
+        columns, factors = self._plan
+        lead = theta.shape[:-1]
+        used = [np.ones((*lead, 0), dtype=np.result_type(theta.dtype, float))]
+        for table, components in columns:
+            found = np.asarray(self.tables[table](values))
+            found = found[..., None] if components is None else found[..., components]
+            used.append(np.broadcast_to(found, (*lead, found.shape[-1])))
+        side_by_side = np.concatenate([*used, np.ones((*lead, 1))], axis=-1)
 
-        def weights(terms):
-            result = np.ones((*theta.shape[:-1], len(terms)), dtype=np.result_type(theta.dtype, float))
-            for k, term in enumerate(terms):
-                for table, component in term:
-                    result[..., k] *= evaluated[table] if component is None else evaluated[table][..., component]
+        def weights(terms, places):
+            result = np.ones((*lead, len(terms)), dtype=side_by_side.dtype)
+            for place in places:
+                result *= side_by_side[..., place]
             return result
 
-        return weights(self.stiffness_terms), weights(self.mass_terms)
+        return weights(self.stiffness_terms, factors[0]), weights(self.mass_terms, factors[1])
 
 
 class TermCollector:
