@@ -11,7 +11,7 @@ import numpy as np
 from probupdate.diagnosis.blocks import Blocks
 from probupdate.diagnosis.catalogue import Effect
 from probupdate.diagnosis.departures import Reference, fingerprint
-from probupdate.diagnosis.small_model import LocalModel, SmallModel, SmallModes
+from probupdate.diagnosis.small_model import LocalModel, Slopes, SmallModel, SmallModes
 from probupdate.errors import InputError
 from probupdate.matching import assign
 from probupdate.modes import frozen_array
@@ -70,27 +70,33 @@ class Field:
         return Reference(tensor=turn.T @ np.diag(log) @ turn, shape=own @ turn), turn
 
     def slopes(
-        self, local: LocalModel, angle_deg: float, slopes: list
-    ) -> tuple[tuple[Reference, ...], tuple[np.ndarray, ...], tuple[np.ndarray, ...]]:
-        """References, and for every group the change of the tensor (k, k, n_param) and of the shapes (n_channel, k,
-        n_param) in the group's axes with each parameter of `slopes` (see LocalModel.slopes)."""
-        modes, turned = local.solve(angle_deg), local.turned(slopes, angle_deg)
-        shape, groups = self._members(local, modes)
-        references, tensors, shapes = [], [], []
-        changes = local.derivatives(turned, modes, groups)
-        for members, axes, (coupling, d_shape) in zip(groups, self.axes, changes, strict=True):
-            reference, turn = self._reference(modes, shape, members, axes)
-            value = (2 * np.pi * modes.frequency_hz[list(members)]) ** 2
-            gap = value[:, None] - value[None, :]
-            near = np.abs(gap) < 1e-9 * value[:, None]
-            log = 0.5 * np.log(value)
-            divided = np.where(
-                near, 0.5 / value[:, None], (log[:, None] - log[None, :]) / np.where(near, 1.0, gap)
-            )
-            references.append(reference)
-            tensors.append(np.einsum("ia,ijp,jb->abp", turn, coupling * divided[:, :, None], turn))
-            shapes.append(np.einsum("cjp,jk->ckp", d_shape[self.rows], turn))
-        return tuple(references), tuple(tensors), tuple(shapes)
+        self, local: LocalModel, angles_deg: Sequence[float], slopes: Slopes
+    ) -> list[list[tuple[Reference, np.ndarray, np.ndarray]]]:
+        """At every angle for every group its reference, and the change of the tensor (k, k, n_param) and of the shapes
+        (n_channel, k, n_param) in the group's axes with each parameter of `slopes` (see LocalModel.slopes)."""
+        places, own_shapes = [], []
+        for angle in angles_deg:
+            modes = local.solve(angle)
+            shape, groups = self._members(local, modes)
+            places.append((angle, modes, groups))
+            own_shapes.append(shape)
+        result = []
+        for (_, modes, groups), shape, changes in zip(places, own_shapes, local.derivatives(slopes, places),
+                                                      strict=True):  # fmt: skip
+            here = []
+            for members, axes, (coupling, d_shape) in zip(groups, self.axes, changes, strict=True):
+                reference, turn = self._reference(modes, shape, members, axes)
+                value = (2 * np.pi * modes.frequency_hz[list(members)]) ** 2
+                gap = value[:, None] - value[None, :]
+                near = np.abs(gap) < 1e-9 * value[:, None]
+                log = 0.5 * np.log(value)
+                divided = np.where(
+                    near, 0.5 / value[:, None], (log[:, None] - log[None, :]) / np.where(near, 1.0, gap)
+                )
+                here.append((reference, np.einsum("ia,ijp,jb->abp", turn, coupling * divided[:, :, None], turn),
+                             np.einsum("cjp,jk->ckp", d_shape[self.rows], turn)))  # fmt: skip
+            result.append(here)
+        return result
 
 
 def observed(reference: Reference, effects: Sequence[tuple[Effect, float]]) -> Reference:

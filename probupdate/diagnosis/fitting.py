@@ -249,9 +249,8 @@ def fingerprints_at(
     needed = np.unique(np.concatenate([before, before[share > 0] + 1]) % n_node)
     slopes = local.slopes([field.parameters.names.index(name) for name in names])
     table: list[dict[int, np.ndarray]] = [{} for _ in field.axes]
-    for node in needed:
-        found = field.slopes(local, node * NODE_DEG, slopes)
-        for rows, reference, tensor, shape in zip(table, *found, strict=True):
+    for node, found in zip(needed, field.slopes(local, needed * NODE_DEG, slopes), strict=True):
+        for rows, (reference, tensor, shape) in zip(table, found, strict=True):
             rows[node] = effect_fingerprints(
                 effects, names, observed(reference, seen), tensor, _seen_change(reference, shape, seen))
     result = []

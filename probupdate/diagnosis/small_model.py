@@ -138,40 +138,40 @@ class LocalModel:
         result = []
         for weight, fixed, turning in ((np.imag(cK) / 1e-30, small.stiffness, small.turning_stiffness),
                                        (np.imag(cM) / 1e-30, small.mass, small.turning_mass)):  # fmt: skip
-            still = np.zeros((len(columns), *fixed.shape[1:]))
+            still = sparse.csr_array(weight) @ fixed.reshape(len(fixed), -1)
             waves = {}
             for p, own in enumerate(weight):
-                moved = np.flatnonzero(own)
-                if len(moved):
-                    still[p] = np.tensordot(own[moved], fixed[moved], 1)
-                turned = [own[t] * turning[t] for t in moved if t in turning]
+                turned = [own[t] * part for t, part in turning.items() if own[t]]
                 if turned:
                     waves[p] = sum(turned)
-            result.append((still, waves))
+            result.append((still.reshape(len(columns), *fixed.shape[1:]), waves))
         return result
 
-    def turned(self, slopes: Slopes, angle_deg: float) -> Slopes:
-        """`slopes` at one angle: what turns, summed over its harmonics."""
-        wave = _harmonics(angle_deg)
-        return [(still, {p: np.tensordot(wave, own, 1) for p, own in waves.items()}) for still, waves in slopes]
-
     def derivatives(
-        self, turned: Slopes, modes: SmallModes, clusters: Sequence[Sequence[int]]
-    ) -> list[tuple[np.ndarray, np.ndarray]]:
-        """For each cluster of modes, ascending: d(Phi^T K Phi - lambda Phi^T M Phi) (k, k, n_param) between its
-        members, lambda the mean of the two, and d shape (n_channel, k, n_param) without their rotation into each other;
-        for the parameters of `turned`."""
-        phi = modes.vectors
-        every = [i for members in clusters for i in members]
-        parts = []
-        for still, waves in turned:
-            # the matrices are read once for all clusters: reading them is what costs
-            product = still @ phi[:, every]
-            for p, turning in waves.items():
-                product[p] += turning @ phi[:, every]
-            parts.append(phi.T @ product)
+        self, slopes: Slopes, places: Sequence[tuple[float, SmallModes, Sequence[Sequence[int]]]]
+    ) -> list[list[tuple[np.ndarray, np.ndarray]]]:
+        """At every place (nacelle's angle in degrees, modes there, clusters of them, ascending) for each cluster:
+        d(Phi^T K Phi - lambda Phi^T M Phi) (k, k, n_param) between its members, lambda the mean of the two, and d shape
+        (n_channel, k, n_param) without their rotation into each other; for the parameters of `slopes`."""
+        wanted = [modes.vectors[:, [i for own in clusters for i in own]] for _, modes, clusters in places]
+        ends = np.cumsum([0, *(phi.shape[1] for phi in wanted)])
+        # the matrices are read once for all places: reading them is what costs
+        products = [still @ np.hstack(wanted) for still, _ in slopes]
+        result = []
+        for number, (angle_deg, modes, clusters) in enumerate(places):
+            wave, parts = _harmonics(angle_deg), []
+            for (_, waves), product in zip(slopes, products, strict=True):
+                own = product[:, :, ends[number] : ends[number + 1]]
+                for p, turning in waves.items():
+                    own[p] += np.tensordot(wave, turning, 1) @ wanted[number]
+                parts.append(modes.vectors.T @ own)
+            result.append(self._changes(parts, modes, clusters))
+        return result
+
+    def _changes(self, parts, modes: SmallModes, clusters) -> list[tuple[np.ndarray, np.ndarray]]:
+        """`derivatives` at one place from Phi^T dK Phi and Phi^T dM Phi (n_param, r, all members)."""
         value = (2 * np.pi * modes.frequency_hz) ** 2
-        at_channels = self.small.at_channels @ phi
+        at_channels = self.small.at_channels @ modes.vectors
         result, start = [], 0
         for members in map(list, clusters):
             dK, dM = (part[:, :, start : start + len(members)] for part in parts)

@@ -47,9 +47,10 @@ def test_fingerprints_are_the_differences_of_identified_modes(prepared, record):
     )
     effects = (*prepared.effects, *measurement_effects(blocks.channels, sensors))
     local = small.at(theta)
-    references, tensors, shapes = field.slopes(local, 0.0, local.slopes(range(theta.size)))
+    (here,) = field.slopes(local, [0.0], local.slopes(range(theta.size)))
+    references = [reference for reference, _, _ in here]
     for q in range(2):
-        found = effect_fingerprints(effects, small.parameters.names, references[q], tensors[q], shapes[q])
+        found = effect_fingerprints(effects, small.parameters.names, *here[q])
         for j, effect in enumerate(effects):
             h, sides = 1e-4 if effect.observe is None else effect.step_of_size, []
             for sign in (1, -1):
@@ -77,7 +78,7 @@ def test_one_basis_serves_every_nacelle_angle():
     np.testing.assert_allclose(modes.frequency_hz[:5], exact.frequency_hz, rtol=1e-4)
     slopes = local.slopes(range(len(p)))
     for members in ((0, 1), (2,), (3, 4)):
-        ((coupling, change),) = local.derivatives(local.turned(slopes, 37.0), modes, [members])
+        (((coupling, change),),) = local.derivatives(slopes, [(37.0, modes, [members])])
         own = list(members)
         slope = np.array([coupling[i, i] / (8 * np.pi**2 * modes.frequency_hz[j]) for i, j in enumerate(own)])
         # what a prior deviation does, to a hundredth of a per cent of the frequency: noise of a block is 0.2 %
@@ -97,9 +98,8 @@ def test_fingerprints_between_the_nodes_are_those_of_the_angle_itself():
     angles = np.array([14.0, 187.0, 355.0, 358.0])
     lines = fingerprints_at(setting.field, local, setting.effects, names, angles)
     slopes = local.slopes(range(len(names)))
-    for k, angle in enumerate(angles):
-        exact = setting.field.slopes(local, angle, slopes)
-        for q, (reference, tensor, shape) in enumerate(zip(*exact, strict=True)):
+    for k, exact in enumerate(setting.field.slopes(local, angles, slopes)):
+        for q, (reference, tensor, shape) in enumerate(exact):
             own = effect_fingerprints(setting.effects, names, reference, tensor, shape)
             length = np.abs(lines[q]).max(axis=(0, 1))
             seen = length > 1e-9 * np.median(length[length > 0])
