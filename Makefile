@@ -32,7 +32,7 @@ test: $(VENV)/test
 lock:
 	uv lock
 	uv export --frozen --no-emit-project --quiet -o requirements.lock
-	uv export --frozen --no-emit-project --quiet --extra test --extra peers -o requirements-test.lock
+	uv export --frozen --no-emit-project --quiet --extra test --extra peers --extra parquet -o requirements-test.lock
 	rm uv.lock
 	sed -i '1,2d' requirements.lock requirements-test.lock
 	! grep -n http requirements.lock requirements-test.lock

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import zipfile
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -20,6 +21,8 @@ from probupdate.errors import InputError
 PIECE = 200_000
 # a v5 variable is unpacked whole; three copies of this stay below 1 GiB
 LARGEST_V5 = 300 * 2**20
+# kinds of v5 variables that are read
+NUMBERS = ("double", "single", "int8", "int16", "int32", "int64", "uint8", "uint16", "uint32", "uint64")
 Pieces = Iterator[tuple[np.ndarray | None, np.ndarray]]
 
 
@@ -238,20 +241,29 @@ def _mat(path: Path, d: Description) -> Pieces:
         yield from _mat73(path, d)
         return
     from scipy.io import loadmat, whosmat
+
+    with _unreadable(path):
+        listed = whosmat(path)
+    numbers = {name: int(np.prod(shape)) for name, shape, kind in listed if kind in NUMBERS}
+    size = 8 * sum(numbers.values())
+    if size > LARGEST_V5:
+        raise InputError(str(path), f"is a .mat v5 file, read whole, of {size / 2**20:.0f} MB",
+                         "save it with -v7.3, or in parts")
+    with _unreadable(path):
+        found = loadmat(path, variable_names=list(numbers))
+    yield from _from_arrays(_in_memory(path, {n: found[n] for n in numbers}), d)
+
+
+@contextmanager
+def _unreadable(path: Path) -> Iterator[None]:
+    """What scipy says of a damaged .mat v5 file, as the user's error."""
     from scipy.io.matlab import MatReadError
 
     try:
-        listed = {name: kind for name, _, kind in whosmat(path)}
-        wanted = [n for n in listed if listed[n] in ("double", "single", "int8", "int16", "int32", "int64", "uint8",
-                                                     "uint16", "uint32", "uint64")]
-        size = sum(8 * int(np.prod(shape)) for name, shape, _ in whosmat(path) if name in wanted)
-        if size > LARGEST_V5:
-            raise InputError(str(path), f"is a .mat v5 file, read whole, of {size / 2**20:.0f} MB",
-                             "save it with -v7.3, or in parts")
-        found = loadmat(path, variable_names=wanted)
+        yield
     except (MatReadError, ValueError, TypeError, NotImplementedError, OSError) as error:
-        raise InputError(str(path), f"cannot be read as .mat ({str(error).splitlines()[0]})", "save it again") from None
-    yield from _from_arrays(_in_memory(path, {n: found[n] for n in wanted}), d)
+        told = str(error).splitlines()[0]
+        raise InputError(str(path), f"cannot be read as .mat ({told})", "save it again") from error
 
 
 def _mat73(path: Path, d: Description) -> Pieces:

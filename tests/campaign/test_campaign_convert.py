@@ -1,6 +1,6 @@
 """Every format gives the samples that were put in, at their times; what would have to be guessed is refused."""
 
-import os
+import io
 import subprocess
 import sys
 import zipfile
@@ -241,14 +241,15 @@ def test_mistakes_of_the_description_have_their_line(job, text, problem):
 def test_nothing_is_executed_and_no_link_leads_out(job, tmp_path):
     raw, campaign = job('files = "*.npy"\nstart = "2019-06-03T10:00:00Z"\n')
 
-    class Trap:
-        def __reduce__(self):
-            return os.mkdir, (str(tmp_path / "sprung"),)
-
-    np.save(raw / "r.npy", np.array([Trap()], dtype=object), allow_pickle=True)
+    # an array of objects as numpy lays it down, whose one object would make a folder if it were ever loaded
+    head, body = io.BytesIO(), f"cos\nmkdir\n(V{tmp_path / 'sprung'}\ntR.".encode()
+    np.lib.format.write_array_header_1_0(head, {"descr": "|O", "fortran_order": False, "shape": (1,)})
+    trap = head.getvalue() + body
+    (raw / "r.npy").write_bytes(trap)
     with pytest.raises(InputError, match="is no array of numbers"):
         convert(raw, campaign)
-    np.savez(raw / "r.npz", data=np.array([Trap()], dtype=object))
+    with zipfile.ZipFile(raw / "r.npz", "w") as file:
+        file.writestr("data.npy", trap)
     job('files = "*.npz"\nstart = "2019-06-03T10:00:00Z"\n')
     with pytest.raises(InputError, match="holds object"):
         convert(raw, campaign)

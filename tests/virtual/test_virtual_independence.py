@@ -4,16 +4,13 @@ import numpy as np
 import pytest
 
 from probupdate.modes import mac, subspace_mac
+from probupdate.structure import load
 from probupdate.virtual import dynamics, frame, truth, turbine_file
-
-load = pytest.importorskip("probupdate.structure.load", reason="the model that is updated is not there")
 
 
 @pytest.mark.parametrize("state", ["design", "as_built", "updated"])
 def test_same_drawing_near_and_not_equal(state):
     path = turbine_file.reference_file().with_name(f"{state}.toml")
-    if not path.is_file():
-        pytest.skip(f"{path.name} is not packaged")
     file = turbine_file.read_turbine(path)
     given = truth.Given(
         parameters={}, parameters_from="initial", tolerance_scale=0.0, operation={}, effects=()
