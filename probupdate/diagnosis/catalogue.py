@@ -22,6 +22,8 @@ KINDS = ("structural", "environmental", "measurement")
 COURSES = ("constant", "step", "ramp")
 # what calibration papers and mounting allow
 GAIN_TOLERANCE, ROTATION_TOLERANCE_DEG, FRAME_TOLERANCE_DEG = 0.01, 1.0, 1.0
+# a factor less one: units mistaken (m/s2 for g) are a factor of 9.8 either way, a wrong range of volts one of 2 to 10
+GAIN_RANGE = (-0.98, 20.0)
 # loggers on one network time agree to this
 CLOCK_TOLERANCE_S, RATE_TOLERANCE = 1e-4, 1e-5
 
@@ -161,7 +163,7 @@ def measurement_effects(channels: Sequence[str], sensors: Sequence[Sensor] = ())
     row = {name: k for k, name in enumerate(channels)}
     effects = [
         Effect(kind="measurement", cause="sensor gain", location=c, unit="-", tolerance=GAIN_TOLERANCE, slab=0.1,
-               lower=-0.9, upper=3.0, observe=Gain(row[c]), step_of_size=1e-3,
+               lower=GAIN_RANGE[0], upper=GAIN_RANGE[1], observe=Gain(row[c]), step_of_size=1e-3,
                fingerprint="one channel too large or small, every mode alike; frequencies untouched",
                check="calibrate the channel, or compare its standard deviation with its neighbours'")
         for c in channels

@@ -84,6 +84,13 @@ def departure(frequency_hz: np.ndarray, shape: np.ndarray, reference: Reference)
     return _stack(tensor - reference.tensor, projected - target, size), independent
 
 
+def log_scales(shape: np.ndarray, reference: Reference) -> np.ndarray:
+    """ln |d departure / d shape| of each block (n,) for shapes (n, n_channel, k), per real number of one channel."""
+    onto = _inverse(shape) @ reference.shape
+    size = np.max(np.abs(reference.shape), axis=0)
+    return np.log(np.abs(np.linalg.det(onto))) - np.sum(np.log(size))
+
+
 def tensor_turning(target: np.ndarray, change: np.ndarray, tensor: np.ndarray) -> np.ndarray:
     """How the axes that sensors see turn with a shape change (n_channel, k, n) shifts the tensor -> (k, k, n)."""
     if target.shape[1] == 1:

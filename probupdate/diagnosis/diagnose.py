@@ -20,6 +20,7 @@ from probupdate.diagnosis.fitting import (
     Setting,
     fit,
     local_std,
+    log_scale,
     penalty,
     prior_shift,
     stated_covariance,
@@ -254,15 +255,24 @@ def refit(setting: Setting, base: Fit, found: Search, candidate: int) -> Rival |
     if not effect.discrete and abs(fitted.named[-1].size) < 1e-6 * fitted.named[-1].slab:
         # it cannot be on the side that the score asked for
         return None
-    size_std = 0.0
-    if not effect.discrete:
-        own = float(fitted.design.unknowns_cov([fitted.design.n_common - 1])[0, 0])
-        # what the fingerprint's length is not known better than
-        size_std = float(np.hypot(np.sqrt(own), FINGERPRINT * fitted.named[-1].size))
+    size_std = sizes_std(fitted)[-1]
     # an effect that can be on one side only has half of its slab
     sides = np.log(2.0) if len(effect.signs) == 1 and not effect.discrete else 0.0
+    # each with its own noise: told in units of its own expected shapes
+    units = log_scale(setting, fitted) if known is None else 0.0
     return Rival(candidate=candidate, fitted=fitted, size=fitted.named[-1].size, size_std=size_std,
-                 log_evidence=log_evidence(setting, fitted) + sides)  # fmt: skip
+                 log_evidence=log_evidence(setting, fitted) + sides + units)  # fmt: skip
+
+
+def sizes_std(fitted: Fit) -> list[float]:
+    """Deviation of the size of each named effect, zero where it has one size only."""
+    design, result = fitted.design, []
+    free = iter(range(design.nuisance_std.size, design.n_common))
+    for n in fitted.named:
+        own = 0.0 if n.effect.discrete else float(design.unknowns_cov([next(free)])[0, 0])
+        # what the fingerprint's length is not known better than
+        result.append(0.0 if n.effect.discrete else float(np.hypot(np.sqrt(own), FINGERPRINT * n.size)))
+    return result
 
 
 def log_evidence(setting: Setting, fitted: Fit) -> float:
@@ -369,6 +379,9 @@ def examine(prepared: Prepared, data: ModalData, *, seed: int = 1, progress: Pro
             break
         findings.append(_finding(setting, found, kept))
         fitted = _anew(setting, kept[0].fitted)
+    # with all of them in place
+    findings = [replace(f, size=n.size, size_std=std)
+                for f, n, std in zip(findings, fitted.named, sizes_std(fitted), strict=True)]  # fmt: skip
     fits, remaining = adequacy(setting, fitted, found)
     progress("diagnosing", MOST_EFFECTS + 1, MOST_EFFECTS + 1)
     left_over = found.statistic[best] > found.threshold

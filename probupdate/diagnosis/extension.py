@@ -276,7 +276,7 @@ def identified(setting: Setting, fitted: Fit) -> dict:
     covariance = design.unknowns_cov(rows)
     std = np.sqrt(np.diag(covariance))
     prior = [local_std(setting.prior, i, fitted.theta[k]) for i, k in enumerate(setting.updated)]
-    share = std / np.concatenate([prior, [design.prior_std[r] for r in rows[n_own:]]])
+    share = std / np.concatenate([prior, [n.slab for n in free]])
     names = (*setting.prior.names, *(n.effect.name for n in free))
     return {
         "findings": [{"name": n.effect.name, "share_of_prior_std": float(s), "identified": bool(s < IDENTIFIED)}

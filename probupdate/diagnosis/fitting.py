@@ -6,7 +6,7 @@ covariates enter through their fingerprint.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -14,7 +14,7 @@ import numpy as np
 from probupdate.diagnosis.blocks import Blocks
 from probupdate.diagnosis.catalogue import Effect
 from probupdate.diagnosis.courses import Course
-from probupdate.diagnosis.departures import Reference, departure, n_response
+from probupdate.diagnosis.departures import Reference, departure, log_scales, n_response
 from probupdate.diagnosis.field import Field, effect_fingerprints, observed
 from probupdate.diagnosis.linear import Design
 from probupdate.diagnosis.noise import Noise, estimate_noise, factored
@@ -65,6 +65,12 @@ class Named:
     @property
     def slab(self) -> float:
         return self.effect.slab / self.scale
+
+    @property
+    def prior_std(self) -> float:
+        """Of the normal prior that stands for the size's own: normal of deviation `slab` within it, beyond it as one
+        over the size. A normal one would draw a gain wrong by a factor of two a fifth back."""
+        return max(self.slab, abs(self.size))
 
     @property
     def bounds(self) -> tuple[float, float]:
@@ -143,21 +149,11 @@ def departures_at(
     setting: Setting, theta: np.ndarray, named: Sequence[Named]
 ) -> tuple[tuple[np.ndarray, ...], tuple[np.ndarray, ...]]:
     """Per group departures (n_block, n_response) and which blocks tell (n_block,)."""
-    blocks, field = setting.blocks, setting.field
-    exact = [n for n in named if n.exact]
-    levels = np.column_stack([*(n.course.value for n in exact), setting.angles])
-    found, place = np.unique(levels, axis=0, return_inverse=True)
-    place = place.ravel()
+    blocks = setting.blocks
     n_channel = len(blocks.channels)
     result = [np.zeros((len(blocks), n_response(len(g), n_channel))) for g in blocks.groups]
     used = [np.array(blocks.present[:, q]) for q in range(len(blocks.groups))]
-    before, local, seen = None, None, []
-    for number, level in enumerate(found):
-        there = np.flatnonzero(place == number)
-        if before is None or np.any(level[:-1] != before):
-            before = level[:-1]
-            local, seen = local_at(field, theta, exact, before)
-        references = [observed(r, seen) for r in field.references(local, level[-1])]
+    for there, references in _expected(setting, theta, named):
         for q, group in enumerate(blocks.groups):
             rows = there[blocks.present[there, q]]
             if len(rows):
@@ -167,6 +163,37 @@ def departures_at(
                 result[q][rows] = np.where(independent[:, None], y, 0.0)
                 used[q][rows] &= independent
     return tuple(result), tuple(used)
+
+
+def log_scale(setting: Setting, fitted: Fit) -> float:
+    """ln of how much larger departures are than changes of the measured shapes, over all that counts: what a density of
+    departures is multiplied by to be one of the measured shapes. A shape that is expected wrongly is projected to a
+    shorter one, and its scatter with it, which by itself would look like a better fit."""
+    blocks, total = setting.blocks, 0.0
+    for there, references in _expected(setting, fitted.theta, fitted.named):
+        for q, group in enumerate(blocks.groups):
+            rows = there[fitted.design.noise.weight[q][there] > 0]
+            if len(rows):
+                scale = log_scales(blocks.shape[rows][:, :, list(group)], references[q])
+                total += 2 * len(blocks.channels) * float(scale.sum())
+    return total
+
+
+def _expected(
+    setting: Setting, theta: np.ndarray, named: Sequence[Named]
+) -> Iterator[tuple[np.ndarray, list[Reference]]]:
+    """Numbers of blocks with one nacelle's angle and one state of the named effects, and what each group's modes then
+    are as the sensors see them."""
+    exact = [n for n in named if n.exact]
+    levels = np.column_stack([*(n.course.value for n in exact), setting.angles])
+    found, place = np.unique(levels, axis=0, return_inverse=True)
+    place = place.ravel()
+    before, local, seen = None, None, []
+    for number, level in enumerate(found):
+        if before is None or np.any(level[:-1] != before):
+            before = level[:-1]
+            local, seen = local_at(setting.field, theta, exact, before)
+        yield np.flatnonzero(place == number), [observed(r, seen) for r in setting.field.references(local, level[-1])]
 
 
 def local_at(
@@ -230,7 +257,7 @@ def design_at(
     return Design(
         bin_of=bin_of, nuisance=nuisance, nuisance_std=std, floor=setting.floor, effect=effect,
         courses=setting.courses, which=setting.which, noise=noise,
-        named=tuple((_number(setting, n), n.course, n.slab) for n in named if not n.effect.discrete),
+        named=tuple((_number(setting, n), n.course, n.prior_std) for n in named if not n.effect.discrete),
         doubted=tuple((n.course, tuple(_doubt(setting, q, FINGERPRINT * n.size * e[:, :, _number(setting, n)])
                                        for q, e in enumerate(effect))) for n in named),
     )  # fmt: skip
@@ -376,7 +403,7 @@ def fit(
         if promised < FLAT:
             step = 0.0
             continue
-        relative = [d / n.slab for d, n in zip(change, named, strict=True)]
+        relative = [d / n.prior_std for d, n in zip(change, named, strict=True)]
         longest = float(np.max(np.abs(np.concatenate([move, relative])), initial=0.0))
         told = sum(int(np.count_nonzero(w)) * y.shape[1] for w, y in zip(noise.weight, departures, strict=True))
         whole = min(1.0, LONGEST / max(longest, 1e-12))
@@ -477,8 +504,8 @@ def _kept(departures, noise: Noise):
 
 
 def penalty(setting: Setting, theta: np.ndarray, named: Sequence[Named]) -> float:
-    """-2 ln prior of parameters and sizes, but for constants."""
-    total = sum((n.size / n.slab) ** 2 for n in named if not n.effect.discrete)
+    """-2 ln prior of parameters and sizes, but for constants and the width of what stands for a size's prior."""
+    total = sum((n.size / n.prior_std) ** 2 for n in named if not n.effect.discrete)
     for p, k in zip(setting.prior, setting.updated, strict=True):
         normal = p.prior == "normal"
         total += ((theta[k] - p.initial) / p.std if normal else np.log(theta[k] / p.initial) / p.log_std) ** 2

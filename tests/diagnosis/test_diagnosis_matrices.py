@@ -1,11 +1,13 @@
 """Whole diagnoses of a model made of matrices: what is hidden is named, what is not there is not."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 import probupdate
+from probupdate.diagnosis.diagnose import NOT_SETTLED, examine, refit
 from probupdate.diagnosis.prepare import prepare
 from probupdate.errors import InputError
 
@@ -61,6 +63,33 @@ def test_a_fit_that_does_not_settle_is_unexplained_and_costs_nothing_found(prepa
     found = module.diagnose(prepared, record(5, gain=("y4", 1.12)))
     assert found.verdict == "unexplained" and found.details["nearest"] == ["sensor gain, y4"]
     assert any("did not settle" in note for note in found.notes)
+
+
+def test_a_fit_that_runs_out_of_steps_is_unexplained_and_not_an_error(prepared, record, monkeypatch):
+    from probupdate.diagnosis import fitting
+
+    monkeypatch.setattr(fitting, "MOST_STEPS", 1)
+    outcome = examine(prepared, record(5, gain=("y4", 1.12)))
+    assert not outcome.fitted.settled and outcome.fitted.steps == 1
+    assert outcome.diagnosis.verdict == "unexplained" and not outcome.diagnosis.findings
+    assert NOT_SETTLED in outcome.diagnosis.notes
+
+
+def test_a_size_at_the_end_of_what_its_row_allows_is_said(prepared, record):
+    found = probupdate.diagnose(prepared, record(5, gain=("y4", 6.0)))
+    (note,) = [note for note in found.notes if "stands at an end" in note]
+    assert note.startswith("the size of sensor gain, y4") and "-0.9 to 3" in note
+
+
+def test_an_effect_that_can_be_on_the_other_side_only_is_no_rival(prepared, record):
+    outcome = examine(prepared, record(5, gain=("y4", 1.12)))
+    setting = outcome.setting
+    (j,) = [j for j, e in enumerate(setting.effects) if (e.cause, e.location) == ("sensor gain", "y4")]
+    (candidate,) = [k for k, (i, c) in enumerate(setting.which) if i == j and setting.courses[c].kind == "constant"]
+    assert refit(setting, outcome.null, outcome.first, candidate).size == pytest.approx(0.12, abs=0.05)
+    lossy = replace(setting.effects[j], upper=0.0)
+    only = replace(setting, effects=(*setting.effects[:j], lossy, *setting.effects[j + 1 :]))
+    assert refit(only, outcome.null, outcome.first, candidate) is None
 
 
 def test_same_seed_same_numbers_and_a_file_as_agreed(prepared, record, tmp_path):
