@@ -1,0 +1,69 @@
+"""How far the model's fingerprints are those of the virtual turbine: effects at their true size, put into the model.
+
+python studies/blind/fingerprints.py [--each 3]
+
+A line for each effect: length of what it does to the modes in deviations of a block's noise and model form, the share
+of it that is left when the model has the effect at its true size, and the share left at the factor on the size that
+leaves least.
+"""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import sys
+from pathlib import Path
+
+import numpy as np
+
+sys.path.insert(0, str(Path(__file__).resolve().parent))
+from cases import KINDS, draw_effect
+from run import prepared
+
+from probupdate.diagnosis.diagnose import settle
+from probupdate.diagnosis.fitting import Named, departures_at, stated_covariance
+from probupdate.virtual.modal_blocks import simulate_modes
+
+BASE = {"seed": 5, "days": 3.0, "n_block": 8, "states": ("idling",), "missing_share": 0.0, "scatter": 0.0}
+FACTORS = (0.6, 0.7, 0.8, 0.9, 0.95, 1.0, 1.05, 1.1, 1.2, 1.3, 1.5)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--each", type=int, default=3, help="draws of place and size of every kind")
+    each = parser.parse_args().each
+    model = prepared()
+    before = simulate_modes(truth={}, **BASE)
+    setting, theta = settle(model, before.data)
+    noisy, _ = settle(model, simulate_modes(truth={}, **BASE | {"scatter": 1.0, "days": 30.0, "n_block": 40}).data)
+    root = [np.linalg.inv(np.linalg.cholesky(c + 0.1 * np.diag(f**2)))
+            for c, f in zip(stated_covariance(noisy, theta), noisy.floor, strict=True)]  # fmt: skip
+
+    def shift(own, named=()) -> np.ndarray:
+        """What lies between a record and the plain one, in deviations."""
+        found, plain = departures_at(own, theta, named)[0], departures_at(setting, theta, ())[0]
+        return np.concatenate([W @ np.mean(b - a, axis=0) for W, a, b in zip(root, plain, found, strict=True)])
+
+    rng, shares = np.random.default_rng(3), []
+    for kind in KINDS:
+        if kind.klass == "environmental" or "constant" not in kind.courses:
+            continue
+        for _ in range(each):
+            told, words = draw_effect(rng, kind)
+            told = {k: v for k, v in told.items() if k not in ("course", "at_hour", "from_hour", "to_hour")}
+            (effect,) = [e for e in setting.effects if (e.cause, e.location) == (kind.cause, words["location"])]
+            record = simulate_modes(truth={"effect": [told]}, **BASE)
+            own = dataclasses.replace(settle(model, record.data)[0], field=setting.field)
+            length = np.linalg.norm(shift(own))
+            left = {f: np.linalg.norm(shift(own, (Named(effect=effect, course=setting.courses[0],
+                                                        size=f * words["size"]),))) for f in FACTORS}  # fmt: skip
+            best = min(left, key=left.get)
+            shares.append(left[1.0] / length)
+            print(f"{kind.cause:26s}{words['location']:24s}{words['size']:10.3g} length {length:8.1f} "
+                  f"left {shares[-1]:.3f}, {left[best] / length:.3f} at {best:g} of the size", flush=True)  # fmt: skip
+    half, most = np.quantile(shares, [0.5, 0.9])
+    print(f"{len(shares)} effects: half below {half:.3f}, nine of ten below {most:.3f}, all below {max(shares):.3f}")
+
+
+if __name__ == "__main__":
+    main()
