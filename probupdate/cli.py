@@ -400,7 +400,7 @@ def build_parser() -> argparse.ArgumentParser:
     p.add_argument("--no-extend", action="store_true",
                    help="leave out the gain on held-out blocks and the model and data with the findings in them")
     p.add_argument("--no-sampler", action="store_true", help="leave out the posterior with the findings by emcee "
-                   "(a minute for a turbine); the command that samples it is said instead")
+                   "(40 s for a turbine); the command that samples it is said instead")
     p.add_argument("--out", required=True, help="diagnosis.json; files with the findings in them go beside it")
     seeded(p)
 
