@@ -189,7 +189,7 @@ def run_diagnose(a: argparse.Namespace, progress: Progress) -> None:
 
     result = probupdate.diagnose(
         a.model, a.modes, campaign=a.campaign, parameters=a.parameters, seed=a.seed, out=a.out, groups=a.groups,
-        extend=not a.no_extend, progress=progress)
+        extend=not a.no_extend, sampler=not a.no_sampler, progress=progress)
     for path in result.write(a.out):
         say(f"wrote {path}")
     say(result.summary)
@@ -399,6 +399,8 @@ def build_parser() -> argparse.ArgumentParser:
     p.add_argument("--groups", help="TOML file of named groups of a model's parameters, [name] parameter = change")
     p.add_argument("--no-extend", action="store_true",
                    help="leave out the gain on held-out blocks and the model and data with the findings in them")
+    p.add_argument("--no-sampler", action="store_true", help="leave out the posterior with the findings by emcee "
+                   "(40 s for a turbine); the command that samples it is said instead")
     p.add_argument("--out", required=True, help="diagnosis.json; files with the findings in them go beside it")
     seeded(p)
 

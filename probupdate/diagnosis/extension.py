@@ -1,26 +1,30 @@
-"""The model with the findings in it: files to go on with, both estimators run again, and whether they are identified.
+"""The model with the findings in it: files to go on with, the estimators run again, and whether they are identified.
 
 Structural and environmental findings become parameters of the model's file, neutral at first, with the catalogue's
-prior. Findings of the measurement are taken out of the modal sets: no sensor table can say "from the tenth on". The
-estimators are given the mean of the blocks in which all findings act and the nacelle looked one way, with the
-deviations of that mean and of model form.
+prior; so does a group of a model's parameters. Findings of the measurement are taken out of the modal sets: no sensor
+table can say "from the tenth on". The estimators (the Tikhonov update and the maximum of the posterior, and where it is
+asked for the sampler) are given the mean of the blocks in which all findings act and the nacelle looked one way, with
+the deviations of that mean and of model form.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import tempfile
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from probupdate.diagnosis.diagnose import Outcome
+from probupdate.diagnosis.extension_sampling import not_sampled, sampled, sampler_statements, sampling_command
 from probupdate.diagnosis.field import observed
 from probupdate.diagnosis.fitting import Fit, Named, Setting, local_at, local_std
 from probupdate.diagnosis.prepare import Prepared
 from probupdate.diagnosis.results import Diagnosis
 from probupdate.diagnosis.turbine_effects import TurbineEffect
 from probupdate.errors import ConvergenceError, InputError
+from probupdate.estimators.ensemble import SamplerSettings
 from probupdate.estimators.updating import deterministic_update
 from probupdate.modes import ModalData, ModalDeviation, ModalSet, write_modes
 from probupdate.parameters import Parameter
@@ -28,6 +32,7 @@ from probupdate.progress import Progress, silent
 from probupdate.structure.affine import AffineModel
 from probupdate.structure.extend import Effect as ModelEffect
 from probupdate.structure.extend import extended_model, write_extended
+from probupdate.structure.extend_matrices import Group, group_parameter, write_grouped
 from probupdate.structure.load import load_model
 
 # a parameter is told by the data if its deviation falls below this share of its prior's, and if no other goes with it
@@ -38,8 +43,8 @@ NOTABLE = 0.3
 
 @dataclass(frozen=True, kw_only=True)
 class Extension:
-    """`model`, `modes`, `mean`: names of the files written beside diagnosis.json (None: not needed, or no place given);
-    content: plain numbers for diagnosis.json."""
+    """`model`: name of the file written beside diagnosis.json (None: not needed, or no place given); content: plain
+    numbers for diagnosis.json, its `files` the names of all that were written."""
 
     model: str | None
     content: dict
@@ -47,81 +52,153 @@ class Extension:
 
 def extend(
     prepared: Prepared, outcome: Outcome, data: ModalData, out: str | Path | None = None, *,
-    progress: Progress = silent,
+    sampler: SamplerSettings | None = None, progress: Progress = silent,
 ) -> Extension:  # fmt: skip
     """Put the findings of a diagnosis into model and data. `out`: diagnosis.json's place; the files go beside it as
-    <its stem>.model.toml, <its stem>.modes.json (sets corrected for what the sensors did), <its stem>.mean.json (the
-    mean that the estimators were given, for `probupdate sample`)."""
+    <its stem>.model.toml (and .model.npz of a model of matrices with a group), <its stem>.modes.json (sets corrected
+    for what the sensors did), <its stem>.mean.json (the mean that the estimators were given) and
+    <its stem>.posterior.nc. `sampler` None: the posterior is not sampled, and the content says so."""
     setting, fitted = outcome.setting, outcome.fitted
-    rows = [described(r, n) for n in fitted.named for r in prepared.rows if n.effect is r.effect]
+    added = _Added.of(prepared, fitted)
     seen = [n for n in fitted.named if n.effect.observe is not None]
-    files: dict[str, str | None] = {"model": None, "modes": None, "mean": None}
+    files: dict[str, str | None] = {"model": None, "modes": None, "mean": None, "posterior": None}
     mean, n_block = mean_set(setting, fitted)
     averaged = ModalData(channels=setting.blocks.channels, sets=(mean,), labels=setting.blocks.labels)
+    unwritten = ""
     if out is not None:
         out = Path(out)
         out.parent.mkdir(parents=True, exist_ok=True)
         places = {"mean": out.with_name(f"{out.stem}.mean.json")}
         write_modes(averaged, places["mean"])
-        if rows:
-            places["model"] = write_extended(prepared.path, rows, out.with_name(f"{out.stem}.model.toml"))
+        if added:
+            try:
+                places["model"] = added.write(prepared, out.with_name(f"{out.stem}.model.toml"))
+            except InputError as error:
+                # minutes of work are not lost for a file that stands in its own way
+                unwritten = str(error)
         if seen:
             places["modes"] = out.with_name(f"{out.stem}.modes.json")
             write_modes(corrected(setting, data, seen), places["modes"])
         files |= {key: path.name for key, path in places.items()}
+    angle = float(mean.environment["nacelle_angle_deg"])
     progress("updating with the findings", 0, 2)
-    sides = []
-    for number, (effects, fit) in enumerate((((), outcome.null), (rows, fitted))):
-        angle = float(mean.environment["nacelle_angle_deg"])
-        given = averaged if number else replace(averaged, sets=(mean_set(setting, fit, like=fitted)[0],))
-        try:
-            sides.append(updated(_model(prepared, effects, angle), given))
-        except (ConvergenceError, InputError) as error:
-            # the findings stand without it: what the estimators refuse is a result
-            sides.append({"refused": str(error), "parameters": [], "too_alike": []})
-        progress("updating with the findings", number + 1, 2)
+    alone = replace(averaged, sets=(mean_set(setting, outcome.null, like=fitted)[0],))
+    before, _ = _updated_if_possible(lambda: _Added().model(prepared, angle), alone)
+    progress("updating with the findings", 1, 2)
+    after, model = _updated_if_possible(lambda: added.model(prepared, angle), averaged)
+    progress("updating with the findings", 2, 2)
+    command, place = "", None
+    if out is not None:
+        place = out.with_name(f"{out.stem}.posterior.nc")
+        command = sampling_command(places.get("model", prepared.path), places["mean"], place,
+                                   1 if sampler is None else sampler.seed)  # fmt: skip
+    if sampler is None:
+        chain = not_sampled(command, reason="this was not asked for")
+    elif model is None:
+        chain = not_sampled(command, refused="the model with them was not updated")
+    else:
+        chain = sampled(model, averaged, sampler, place, command, progress)
+        if place is not None and "refused" not in chain:
+            files["posterior"] = place.name
     content = {
         "files": files,
-        "added": [_added(prepared, setting, n) for n in fitted.named],
+        "added": [_told_added(prepared, added, n) for n in fitted.named],
         "mean_of_blocks": n_block,
-        "before": sides[0],
-        "after": sides[1],
+        "before": before,
+        "after": after,
+        "sampler": chain,
         "joint": identified(setting, fitted),
     }
     content["statements"] = statements(outcome.diagnosis, content)
+    if unwritten:
+        content["statements"].append(f"no model file was written: {unwritten}")
     return Extension(model=files["model"], content=content)
+
+
+def _updated_if_possible(opened: Callable[[], AffineModel], data: ModalData) -> tuple[dict, AffineModel | None]:
+    """What the estimators find, and the model; without it where they refuse, which is a result: the findings stand."""
+    try:
+        model = opened()
+        return updated(model, data), model
+    except (ConvergenceError, InputError) as error:
+        return {"refused": str(error), "parameters": [], "too_alike": []}, None
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Added:
+    """What the model gets for the findings: effects of a turbine, or groups of the parameters of a model of matrices,
+    each with its name in the file."""
+
+    effects: tuple[ModelEffect, ...] = ()
+    groups: tuple[tuple[Named, Group], ...] = ()
+
+    @classmethod
+    def of(cls, prepared: Prepared, fitted: Fit) -> _Added:
+        rows = tuple(described(r, n) for n in fitted.named for r in prepared.rows if n.effect is r.effect)
+        if prepared.description is not None:
+            return cls(effects=rows)
+        groups, taken = [], list(prepared.prior.names)
+        for n in fitted.named:
+            if n.effect.parts:
+                e = n.effect
+                name = group_parameter(e.location or e.cause, taken)
+                taken.append(name)
+                members = ", ".join(f"{change:+g} {member}" for member, change in e.parts)
+                groups.append((n, Group(name=name, parts=dict(e.parts), std=e.slab, lower=e.lower, upper=e.upper,
+                                        unit=e.unit, description=f"{e.cause}: {e.location} ({members} for one); "
+                                        f"diagnosed as {_course_words(n)}")))  # fmt: skip
+        return cls(groups=tuple(groups))
+
+    def __bool__(self) -> bool:
+        return bool(self.effects or self.groups)
+
+    def name_of(self, named: Named) -> str | None:
+        """The new parameter of a finding that is a group."""
+        return next((group.name for n, group in self.groups if n is named), None)
+
+    def write(self, prepared: Prepared, out: Path) -> Path:
+        if self.groups:
+            return write_grouped(prepared.path, prepared.prior, [group for _, group in self.groups], out)
+        return write_extended(prepared.path, self.effects, out)
+
+    def model(self, prepared: Prepared, angle_deg: float) -> AffineModel:
+        if self.groups:
+            # its matrices are those of the file that is written, whether a place for it was given or not
+            with tempfile.TemporaryDirectory() as folder:
+                return load_model(self.write(prepared, Path(folder) / "extended.toml"))
+        if prepared.description is None:
+            return load_model(prepared.path, parameters=prepared.prior)
+        return extended_model(prepared.path, self.effects, parameters=prepared.prior, sensors=prepared.sensors,
+                              nacelle_angle_deg=angle_deg)  # fmt: skip
 
 
 def described(row: TurbineEffect, named: Named) -> ModelEffect:
     """The row's parameter, its course told in its description."""
-    course, size = named.course, f"{named.size:.4g} {row.effect.unit.removeprefix('-')}".strip()
-    how = {
+    return replace(row.model, location=f"{row.model.location}; diagnosed as {_course_words(named)}")
+
+
+def _course_words(named: Named) -> str:
+    course, size = named.course, f"{named.size:.4g} {named.effect.unit.removeprefix('-')}".strip()
+    return {
         "constant": f"{size} all through the record it was found in",
         "step": f"{size} from block {course.at + 1} of the record on",
         "ramp": f"{size} at the end of the record, growing evenly",
         "covariate": f"{size}{course.unit} of {course.column} about its mean {course.centre:.4g}",
     }[course.kind]
-    return replace(row.model, location=f"{row.model.location}; diagnosed as {how}")
 
 
-def _added(prepared: Prepared, setting: Setting, named: Named) -> dict:
+def _told_added(prepared: Prepared, added: _Added, named: Named) -> dict:
     """What became of one finding."""
     effect = named.effect
     told = {"cause": effect.cause, "location": effect.location, "size": named.size, "course": named.course.name}
     row = next((r for r in prepared.rows if r.effect is effect), None)
-    if row is not None:
-        return told | {"as": "parameter", "parameter": row.model.name}
+    name = row.model.name if row is not None else added.name_of(named)
+    if name is not None:
+        return told | {"as": "parameter", "parameter": name}
     if effect.observe is not None:
         return told | {"as": "correction of the modal sets"}
     names = [name for name, _ in effect.increments]
     return told | {"as": "the model's own parameter, whose prior is doubted", "parameter": ", ".join(names)}
-
-
-def _model(prepared: Prepared, effects: Sequence[ModelEffect], angle_deg: float) -> AffineModel:
-    if prepared.description is None:
-        return load_model(prepared.path, parameters=prepared.prior)
-    return extended_model(prepared.path, effects, parameters=prepared.prior, sensors=prepared.sensors,
-                          nacelle_angle_deg=angle_deg)  # fmt: skip
 
 
 # Modal sets --------------------------------------------------------------------------------------------------------
@@ -237,7 +314,7 @@ def _tensor(numbers: np.ndarray) -> np.ndarray:
 
 
 def updated(model: AffineModel, data: ModalData) -> dict:
-    """Both estimators on one set: the anchored Tikhonov update, and the maximum of the posterior with its deviations by
+    """Two estimators on one set: the anchored Tikhonov update, and the maximum of the posterior with its deviations by
     Laplace's method."""
     record = deterministic_update(model, data)
     scheme = record.scheme("prior")
@@ -298,7 +375,8 @@ def statements(found: Diagnosis, content: dict) -> list[str]:
                     f"(correlation {pair['correlation']:.2f})")  # fmt: skip
     for side, words in (("before", "as it is"), ("after", "with the findings")):
         if "refused" in content[side]:
-            return [*said, f"the model {words} was not updated: {content[side]['refused']}"]
+            refused = f"the model {words} was not updated: {content[side]['refused']}"
+            return [*said, refused, *sampler_statements(content["sampler"], content["after"]["parameters"])]
     told = {p["name"]: p["pushed"] for p in content["after"]["parameters"]}
     before = {p["name"]: p["pushed"] for p in content["before"]["parameters"]}
     size = [np.sqrt(np.mean([side[name] ** 2 for name in before])) for side in (before, told)]
@@ -309,4 +387,4 @@ def statements(found: Diagnosis, content: dict) -> list[str]:
         f"the other parameters move {direction} their prior")
     said.append(f"{where}: {size[0]:.2f} prior deviations from it before, {size[1]:.2f} after (root mean square)"
                 + (f"; back: {', '.join(back)}" if back else "") + (f"; away: {', '.join(away)}" if away else ""))
-    return said
+    return said + sampler_statements(content["sampler"], content["after"]["parameters"])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 from probupdate.campaign.reading import Campaign
@@ -11,6 +12,7 @@ from probupdate.diagnosis.campaign_tests import campaign_tests, rate_finding, wi
 from probupdate.diagnosis.catalogue import Effect
 from probupdate.diagnosis.diagnose import examine
 from probupdate.diagnosis.extension import extend as extend_model
+from probupdate.diagnosis.extension_sampling import bounded
 from probupdate.diagnosis.gain import gains
 from probupdate.diagnosis.prepare import Prepared, prepare
 from probupdate.diagnosis.residuals import residuals
@@ -19,6 +21,7 @@ from probupdate.diagnosis.splitting import splits
 from probupdate.diagnosis.turbine_effects import TurbineEffect
 from probupdate.diagnosis.without_model import diagnose_without_model
 from probupdate.errors import InputError
+from probupdate.estimators.ensemble import SamplerSettings
 from probupdate.modes import ModalData, Sensor
 from probupdate.progress import Progress, silent
 from probupdate.structure.parameter_table import read_parameters, read_toml
@@ -35,6 +38,7 @@ def diagnose_files(
     effects: Sequence[Effect] = (),
     rows: Sequence[TurbineEffect] = (),
     extend: bool = True,
+    sampler: SamplerSettings | bool = True,
     seed: int = 1,
     out: str | Path | None = None,
     progress: Progress = silent,
@@ -43,7 +47,7 @@ def diagnose_files(
     `campaign`: its raw records are tested too, and say where the sensors are if `sensors` does not. `groups`: name ->
     {parameter: change}, or a TOML file of them. `effects`, `rows`: a user's own; see `prepare`. `extend`: measure what
     each finding gains on held-out blocks, put the findings into model and data, written beside `out` (diagnosis.json's
-    place), and run both estimators again.
+    place), and run the estimators again; `sampler`: emcee too, with these settings (True: a bounded run with `seed`).
     """
     tests = campaign_tests(campaign, progress=progress) if campaign is not None else []
     wrong_rate = rate_finding(tests)
@@ -56,8 +60,9 @@ def diagnose_files(
         return _with_tests(found, tests, wrong_rate)
     if isinstance(groups, str | Path):
         groups = _read_groups(groups)
+    whole = partial(_whole, data=data, seed=seed, extended=extend, sampler=sampler, out=out, progress=progress)
     if isinstance(model, Prepared):
-        return _with_tests(_whole(model, data, seed, progress, extended=extend, out=out), tests, wrong_rate)
+        return _with_tests(whole(model), tests, wrong_rate)
     if not isinstance(model, Path):
         raise InputError("diagnose", "a model that is a Python function has no matrices to put effects into",
                          "export its matrices as model.npz")  # fmt: skip
@@ -65,7 +70,7 @@ def diagnose_files(
     placed = sensors if model.suffix == ".toml" else None
     prepared = prepare(model, parameters=own, sensors=placed, groups=groups, effects=effects, rows=rows,
                        progress=progress)  # fmt: skip
-    return _with_tests(_whole(prepared, data, seed, progress, extended=extend, out=out), tests, wrong_rate)
+    return _with_tests(whole(prepared), tests, wrong_rate)
 
 
 def _refuse_without_model(**given) -> None:
@@ -86,14 +91,17 @@ def _with_tests(found: Diagnosis, tests: Sequence[dict], wrong_rate: Finding | N
 
 
 def _whole(
-    prepared: Prepared, data: ModalData, seed: int, progress: Progress, *, extended: bool, out: str | Path | None
-) -> Diagnosis:
+    prepared: Prepared, *, data: ModalData, seed: int, extended: bool, sampler: SamplerSettings | bool,
+    out: str | Path | None, progress: Progress,
+) -> Diagnosis:  # fmt: skip
     """The diagnosis with what remains before and after its findings, for the report."""
     outcome = examine(prepared, data, seed=seed, progress=progress)
     found = outcome.diagnosis
     if extended and found.findings:
         found = _with_gains(found, gains(prepared, outcome, progress=progress))
-        more = extend_model(prepared, outcome, data, out, progress=progress)
+        if sampler is True:
+            sampler = bounded(seed, turbine=prepared.description is not None)
+        more = extend_model(prepared, outcome, data, out, sampler=sampler or None, progress=progress)
         found = replace(found, extended_model=more.model, extension=more.content)
     return replace(found, splits=found.splits or splits(outcome),
                    details={**found.details, "residuals": residuals(outcome, prepared.sensors)})  # fmt: skip

@@ -308,8 +308,10 @@ def _judge(rounds: list[list[Segment]], parameters, settings: SamplerSettings) -
     first = int(BURN_IN * n_step)
     kept = theta[first:]
     r_hat, ess = effective_size(kept)
-    # tol=0: emcee only warns of short chains; the criterion below is judged here
-    tau = emcee.autocorr.integrated_time(kept, tol=0, has_walkers=True)
+    # tol=0: emcee only warns of short chains; the criterion below is judged here, and a walker that never moved has no
+    # autocorrelation: its time is NaN, which no criterion passes
+    with np.errstate(invalid="ignore"):
+        tau = emcee.autocorr.integrated_time(kept, tol=0, has_walkers=True)
     times = len(kept) / float(np.max(tau))
     checks = (
         (float(np.max(r_hat)) < R_HAT_LIMIT, f"R-hat {np.max(r_hat):.4f} ({parameters.names[int(np.argmax(r_hat))]}), "

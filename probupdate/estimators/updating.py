@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from concurrent.futures import Executor
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -197,7 +197,10 @@ def approach(problem: Problem, laplace: Laplace, seed: int, progress: Progress =
     lower, upper = np.maximum(lower, parameters.lower), np.minimum(upper, parameters.upper)
     options = {"n_mode": problem.matching.n_mode, "seed": seed, "progress": progress}
     coarse = reduce_basis(model, frequency_tolerance=BOX_TOLERANCE, n_verify=N_COARSE, box=(lower, upper), **options)
-    surrogate, share = fit_surrogate(problem.with_model(coarse), laplace, rng, progress)
+    # the first outlines of a sharp posterior reach far out of the box: the basis answers there too, worse, as nothing
+    # but the outline depends on it; the full model took a minute for what the next round corrects
+    everywhere = replace(coarse, lower=np.full_like(lower, -np.inf), upper=np.full_like(upper, np.inf))
+    surrogate, share = fit_surrogate(problem.with_model(everywhere), laplace, rng, progress)
     points = surrogate.draw(N_REGION, rng)
     box = np.minimum(lower, points.min(axis=0)), np.maximum(upper, points.max(axis=0))
     reduced = reduce_basis(model, frequency_tolerance=FREQUENCY_TOLERANCE, points=points, box=box, **options)
@@ -245,8 +248,11 @@ def sample_posterior(
     log_posterior = chain.log_posterior[chain.first :]
     # numbers of their own, so that a chain's length changes none of the others
     checked_laplace = check_laplace(fast, laplace, np.random.default_rng([settings.seed, 4]), progress)
-    evidence = estimate_evidence(fast, Proposal(outline=prepared.surrogate), kept, log_posterior,
-                                 np.random.default_rng([settings.seed, 5]), progress)  # fmt: skip
+    # what a chain that has not converged says of it is not stated, and takes thousands of evaluations
+    evidence = None
+    if chain.converged:
+        evidence = estimate_evidence(fast, Proposal(outline=prepared.surrogate), kept, log_posterior,
+                                     np.random.default_rng([settings.seed, 5]), progress)  # fmt: skip
     thin = max(1, int(np.ceil(kept.shape[0] * kept.shape[1] / MAX_DRAWS)))
     kept, log_posterior = kept[::thin], log_posterior[::thin]
     rng = np.random.default_rng([settings.seed, 3])
@@ -261,7 +267,7 @@ def sample_posterior(
     )
     edge = float(np.mean(predicted.computed.max(axis=1) == problem.matching.n_mode - 1))
     unstated = "ln evidence is not stated, as the chain has not converged"
-    statements = [checked_laplace.sentence, evidence.sentence if chain.converged else unstated]
+    statements = [checked_laplace.sentence, unstated if evidence is None else evidence.sentence]
     record = prepared.notes | {
         "set_id": problem.set_id, "weights": problem.weights.description, "seed": settings.seed,
         "walkers": kept.shape[1], "steps": chain.theta.shape[0], "thinned by": thin,
@@ -272,7 +278,8 @@ def sample_posterior(
         f"log-likelihood within {misfit_error:.1e}",
         "map": laplace.theta.tolist(), "n_effective": problem.n_effective, "model": model.name,
         "median misfit": float(np.median(problem.misfit(predicted.response))),
-        "worst mac": float(np.min(predicted.mac)), "evidence": asdict(evidence), "laplace": asdict(checked_laplace),
+        "worst mac": float(np.min(predicted.mac)), "laplace": asdict(checked_laplace),
+        **({} if evidence is None else {"evidence": asdict(evidence)}),
         "ensembles": settings.ensembles, "projected gradient at the map": laplace.projected_gradient,
         "statements": statements, "notes": _notes(problem, laplace, edge, misfit_error),
     }  # fmt: skip

@@ -7,7 +7,7 @@ import re
 from collections.abc import Mapping, Sequence
 
 from probupdate.diagnosis import wording
-from probupdate.reporting.elements import MISSING, Column, Items, Table, fixed, number, percent
+from probupdate.reporting.elements import MISSING, Column, Items, Notice, Table, fixed, number, percent
 
 
 def sentence(text: str) -> str:
@@ -83,13 +83,49 @@ def _fatigue(told: Sequence) -> list[object]:
 
 
 def extension_items(table: object) -> list[object]:
-    """The model with the findings in it: what it says first, then its numbers."""
+    """The model with the findings in it: what it says first, then what the estimators make of it side by side, then its
+    numbers."""
     if not isinstance(table, Mapping):
         return []
     said = table.get("statements")
-    first = [Items(title="The model with what was found", statements=tuple(map(sentence, said)))] if said else []
-    return [*first, *plain_table("The model with what was found", {k: v for k, v in table.items()
-                                                                    if k != "statements"})]  # fmt: skip
+    title = "The model with what was found"
+    first = [Items(title=title, statements=tuple(map(sentence, said)))] if said else []
+    rest = {k: v for k, v in table.items() if k != "statements"}
+    beside = _estimators_table(rest.get("after"), rest.get("sampler"))
+    if beside:
+        # what stands beside the others need not be told alone
+        rest["sampler"] = {k: v for k, v in rest["sampler"].items() if k != "parameters"}
+    return [*first, *beside, *plain_table(title, rest)]
+
+
+def _estimators_table(updated: object, sampler: object) -> list[object]:
+    """Deterministic update, maximum with Laplace's deviations and emcee of every parameter; nothing without a chain."""
+    if not (isinstance(updated, Mapping) and isinstance(sampler, Mapping) and sampler.get("parameters")):
+        return []
+    drawn = {p["name"]: p for p in sampler["parameters"]}
+    rows = []
+    for p in updated.get("parameters", ()):
+        d = drawn.get(p["name"], {})
+        rows.append((p["name"], _with_deviation(p.get("prior"), p.get("prior_std")), number(p["deterministic"]),
+                     _with_deviation(p["map"], p["std"]), _with_deviation(d.get("mean"), d.get("std")),
+                     *(number(d.get(q)) for q in ("q05", "q50", "q95")), fixed(d.get("r_hat"), 3),
+                     fixed(d.get("effective_draws"), 0)))  # fmt: skip
+    columns = (Column(name="parameter", number=False), Column(name="prior"), Column(name="deterministic"),
+               Column(name="MAP with Laplace's deviation"), Column(name="emcee, mean with deviation"),
+               Column(name="5 %"), Column(name="50 %"), Column(name="95 %"), Column(name="R-hat", unit="-"),
+               Column(name="effective draws"))  # fmt: skip
+    how = (f"{sampler['draws']} draws, acceptance {fixed(sampler['acceptance'], 2)}; asked for "
+           f"{sampler['effective_draws_asked']} effective draws in at most {sampler['steps_at_most']} steps. ")
+    items: list[object] = [Table(caption="The estimators with the findings in the model", columns=columns,
+                                 rows=tuple(rows), note=typeset(how + sampler["verdict"]))]  # fmt: skip
+    if not sampler["converged"]:
+        items.append(Notice(level="warning", text="The chain has not converged: its means and intervals are "
+                            "provisional."))  # fmt: skip
+    return items
+
+
+def _with_deviation(value: float | None, std: float | None) -> str:
+    return MISSING if value is None else f"{number(value)} ± {number(std)}"
 
 
 def plain_table(caption: str, table: object) -> list[object]:

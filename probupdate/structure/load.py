@@ -103,6 +103,15 @@ def _matrix_model(path: Path, raw: dict, parameters: Parameters | None) -> Affin
     for key in raw:
         if key not in allowed:
             raise InputError(f"{path}: {key}", "is not a key of a model of matrices", nearest(key, allowed))
+    file = _named_file(path, raw)
+    if parameters is None:
+        if "parameter" not in raw:
+            raise InputError(f"{path}: parameter", "there is none", "list at least one [[parameter]]")
+        parameters = updated_parameters(raw["parameter"], str(path), raw.get("correlation"))
+    return load_matrices(file, parameters, name=raw.get("name"))
+
+
+def _named_file(path: Path, raw: dict) -> Path:
     table = raw["matrices"]
     if not isinstance(table, dict) or set(table) != {"file"} or not isinstance(table["file"], str):
         raise InputError(f"{path}: matrices", "is not a table with the one key 'file'", 'write file = "model.npz"')
@@ -110,11 +119,19 @@ def _matrix_model(path: Path, raw: dict, parameters: Parameters | None) -> Affin
     file = (folder / table["file"]).resolve()
     if not file.is_relative_to(folder):
         raise InputError(f"{path}: matrices.file", f"'{table['file']}' leaves the model's folder", "put it beside")
-    if parameters is None:
-        if "parameter" not in raw:
-            raise InputError(f"{path}: parameter", "there is none", "list at least one [[parameter]]")
-        parameters = updated_parameters(raw["parameter"], str(path), raw.get("correlation"))
-    return load_matrices(file, parameters, name=raw.get("name"))
+    return file
+
+
+def matrices_file(path: str | Path) -> tuple[Path, str]:
+    """The .npz file of a model of matrices, and the model's name; raises InputError for a turbine's model.toml."""
+    path = Path(path)
+    if path.suffix == ".npz":
+        return path, path.stem
+    raw = read_toml(path)
+    if "matrices" not in raw:
+        raise InputError(str(path), "is no model of matrices", "give model.npz, or a model.toml with [matrices]")
+    file = _named_file(path, raw)
+    return file, str(raw.get("name") or file.stem)
 
 
 def turbine_model(

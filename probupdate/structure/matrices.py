@@ -39,14 +39,14 @@ class LinearCoefficients:
 def load_matrices(path: str | Path, parameters: Parameters, *, name: str | None = None) -> AffineModel:
     """Read `model.npz` (interfaces.md, form 3); every mistake names the file and the key."""
     path = Path(path)
-    content = _read_archive(path)
+    content = read_archive(path)
     stiffness, mass, stiffness_order, mass_order = [], [], [], []
     for kind, matrices, order in (("K", stiffness, stiffness_order), ("M", mass, mass_order)):
-        matrices.append(_matrix(path, content, f"{kind}0", None if kind == "K" else stiffness[0].shape[0]))
+        matrices.append(matrix_of(path, content, f"{kind}0", None if kind == "K" else stiffness[0].shape[0]))
         for k, parameter in enumerate(parameters.names):
             key = f"{kind}_{parameter}"
             if key in content or f"{key}_data" in content:
-                matrices.append(_matrix(path, content, key, stiffness[0].shape[0]))
+                matrices.append(matrix_of(path, content, key, stiffness[0].shape[0]))
                 order.append(k)
     used = {parameters.names[k] for k in (*stiffness_order, *mass_order)}
     for parameter in parameters.names:
@@ -72,7 +72,8 @@ def load_matrices(path: str | Path, parameters: Parameters, *, name: str | None 
     )
 
 
-def _read_archive(path: Path) -> dict[str, np.ndarray]:
+def read_archive(path: Path) -> dict[str, np.ndarray]:
+    """The arrays of an .npz file by name; no objects."""
     try:
         # opened here: numpy leaves the file open where it turns out to be no archive
         with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
@@ -87,7 +88,8 @@ def _read_archive(path: Path) -> dict[str, np.ndarray]:
         ) from None
 
 
-def _matrix(path: Path, content: Mapping, key: str, n: int | None) -> sparse.csc_array:
+def matrix_of(path: Path, content: Mapping, key: str, n: int | None = None) -> sparse.csc_array:
+    """The symmetric matrix (n, n) that an archive holds under a key, dense or in CSR parts."""
     where = f"{path}, {key}"
     if key in content:
         raw = content[key]

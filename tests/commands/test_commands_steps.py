@@ -36,6 +36,7 @@ OPTIONS = {
     "demo": {"--seed"}, "simulate": {"--model", "--days", "--truth", "--seed"}, "check": set(),
     "identify": {"--model", "--out"}, "select": {"--scada", "--out"}, "update": {"--model", "--modes", "--out"},
     "sample": {"--model", "--modes", "--out", "--seed"}, "compare": {"--out", "--model"}, "report": {"--out"},
+    "diagnose": {"--model", "--modes", "--campaign", "--groups", "--no-extend", "--no-sampler", "--out", "--seed"},
 }  # fmt: skip
 
 
@@ -47,6 +48,19 @@ def test_every_command_has_its_options_its_help_and_its_function(verb, capsys):
     found = set(re.findall(r"--[a-z-]+", capsys.readouterr().out))
     assert found >= OPTIONS[verb] | {"--help"}
     assert callable(getattr(probupdate, verb))
+
+
+@pytest.mark.parametrize(("typed", "sampler"), [([], True), (["--no-sampler"], False)])
+def test_diagnose_samples_unless_it_is_told_not_to(typed, sampler, monkeypatch, tmp_path):
+    given = {}
+
+    def diagnose(model, modes, **options):
+        given.update(options)
+        raise InputError("modes", "are not asked", "stop here")
+
+    monkeypatch.setattr(probupdate, "diagnose", diagnose)
+    assert main(["diagnose", "--modes", "modes.json", "--out", str(tmp_path / "d.json"), "--seed", "4", *typed]) == 2
+    assert given["sampler"] is sampler and given["extend"] is True and given["seed"] == 4
 
 
 def test_import_stays_light():

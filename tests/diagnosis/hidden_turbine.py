@@ -10,7 +10,7 @@ STEP = {"course": "step", "at_hour": 360.0}
 
 def found_in(turbine, seed, *effects):
     run = simulate_modes(truth={"parameters_from": "prior", "effect": list(effects)}, seed=seed, days=30.0, n_block=48)
-    return probupdate.diagnose(turbine, run.data, seed=1)
+    return probupdate.diagnose(turbine, run.data, seed=1, sampler=False)
 
 
 def names(finding):

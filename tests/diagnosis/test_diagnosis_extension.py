@@ -7,14 +7,18 @@ import numpy as np
 import pytest
 
 import probupdate
+from probupdate.diagnosis import extension_sampling
 from probupdate.diagnosis.catalogue import Delay, Effect, Gain, Rate, Turn
 from probupdate.diagnosis.courses import Course, step_course
-from probupdate.diagnosis.diagnose import settle
+from probupdate.diagnosis.diagnose import examine, settle
 from probupdate.diagnosis.extension import corrected, corrections, described, extend, mean_set
 from probupdate.diagnosis.fitting import Named
 from probupdate.diagnosis.prepare import prepare
 from probupdate.diagnosis.step_time import sharpened
 from probupdate.diagnosis.turbine_effects import turbine_effects
+from probupdate.errors import ConvergenceError
+from probupdate.estimators.ensemble import SamplerSettings
+from probupdate.estimators.posterior_file import read_posterior
 from probupdate.modes import mac, read_modes
 from probupdate.structure.description import read_description
 from probupdate.structure.extend import extended_model, write_extended
@@ -82,7 +86,7 @@ def test_mean_of_blocks_is_that_of_frequencies_and_shapes(stepped):
 def test_a_wrong_gain_is_taken_out_and_the_parameters_move_back(prepared, record, tmp_path):
     data = record(8, gain=("y4", 1.15))
     out = tmp_path / "run" / "diagnosis.json"
-    found = probupdate.diagnose(prepared, data, out=out)
+    found = probupdate.diagnose(prepared, data, out=out, sampler=False)
     content = json.loads(found.write(out)[0].read_text())
     assert content["extended_model"] is None and content["extension"]["files"]["model"] is None
     again = read_modes(out.with_name(content["extension"]["files"]["modes"]))
@@ -100,6 +104,10 @@ def test_a_wrong_gain_is_taken_out_and_the_parameters_move_back(prepared, record
     mean = read_modes(out.with_name(content["extension"]["files"]["mean"]))
     record_of_it = probupdate.update(prepared.path, mean)
     assert record_of_it.map_misfit == pytest.approx(after["misfit"], rel=1e-3)
+    # the sampler was left out, and it says so
+    assert content["extension"]["sampler"]["asked"] is False and content["extension"]["files"]["posterior"] is None
+    command = f"probupdate sample --model {prepared.path} --modes {out.with_name('diagnosis.mean.json')}"
+    assert any("was not asked for" in s and command in s for s in content["extension"]["statements"])
 
 
 def test_left_out_on_request(prepared, record, tmp_path):
@@ -142,3 +150,129 @@ def test_a_step_between_the_grids_blocks_is_found_to_the_block(stepped):
     # from the block before it, whatever the grid holds
     effect = next(j for j, e in enumerate(setting.effects) if e is one.effect)
     assert sharpened(setting, outcome.null, effect, step_course(len(setting.blocks), 17)).at == 18
+
+
+# The posterior with the findings ------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def grouped(frame_file, record, tmp_path_factory):
+    """(prepared, data, outcome, extension, out): the two lowest storeys loosen by a tenth from block 18 on, and their
+    group is a candidate; sampled until it has converged."""
+    prepared = prepare(frame_file, groups={"lower storeys": {"k1": 0.1, "k2": 0.1}})
+    data = record(4, storey=slice(0, 2), factor=0.9, from_block=18)
+    outcome = examine(prepared, data)
+    out = tmp_path_factory.mktemp("grouped") / "diagnosis.json"
+    told = extend(prepared, outcome, data, out, sampler=SamplerSettings(seed=3, target_ess=400, max_steps=3000))
+    return prepared, data, outcome, told, out
+
+
+def test_a_group_that_is_found_becomes_a_parameter_of_a_model_of_matrices(grouped):
+    prepared, _, outcome, told, out = grouped
+    (one,) = outcome.fitted.named
+    (added,) = told.content["added"]
+    assert (added["as"], added["parameter"], told.model) == ("parameter", "lower_storeys", "diagnosis.model.toml")
+    model = load_model(out.with_name(told.model))
+    plain = load_model(prepared.path)
+    assert "block 19" in model.parameters.items[-1].description
+    assert model.parameters.items[-1].std == one.effect.slab
+    theta = plain.parameters.initial
+    moved = np.array(theta)
+    moved[:2] += 0.1 * one.size
+    np.testing.assert_allclose(model.solve([*theta, one.size], 4).frequency_hz, plain.solve(moved, 4).frequency_hz,
+                               rtol=1e-12)  # fmt: skip
+    np.testing.assert_allclose(model.solve([*theta, 0.0], 4).frequency_hz, plain.solve(theta, 4).frequency_hz,
+                               rtol=1e-12)  # fmt: skip
+    # what its members were pushed by is its own now
+    before, after = ({p["name"]: p for p in told.content[side]["parameters"]} for side in ("before", "after"))
+    assert all(before[n]["pushed"] < -1.5 and abs(after[n]["pushed"]) < 0.5 for n in ("k1", "k2"))
+    assert abs(after["lower_storeys"]["map"] - one.size) < after["lower_storeys"]["std"]
+
+
+def test_the_files_are_read_by_update_and_sample_with_the_same_numbers(grouped, tmp_path):
+    """The chain is that of `probupdate sample` on the files with the same settings."""
+    *_, told, out = grouped
+    model, mean = (out.with_name(told.content["files"][key]) for key in ("model", "mean"))
+    after = told.content["after"]["parameters"]
+    again = probupdate.update(model, mean)
+    np.testing.assert_allclose(again.map_theta, [p["map"] for p in after], rtol=1e-4, atol=1e-5)
+    asked = told.content["sampler"]
+    drawn = probupdate.sample(model, mean, tmp_path / "posterior.nc", seed=3, target_ess=400, max_steps=400)
+    kept = read_posterior(out.with_name(told.content["files"]["posterior"]))
+    assert kept.names == drawn.names and kept.fingerprint == drawn.fingerprint
+    assert asked["draws"] == len(kept.draws)
+    np.testing.assert_allclose([p["mean"] for p in asked["parameters"]], kept.draws.mean(axis=0), rtol=1e-12)
+    # a fifth of the steps of each is left out: a short chain and a long one share those from 20 to 80 % of the short
+    short, long = drawn.record["steps"], kept.record["steps"]
+    start = int(0.2 * long) - int(0.2 * short)
+    same = drawn.theta.shape[1] - start
+    assert same > 40 and short <= long
+    np.testing.assert_array_equal(kept.theta[:, :same], drawn.theta[:, start:])
+
+
+def test_the_chain_is_laplaces_where_that_is_close(grouped):
+    """Nearly Gaussian: means and deviations to three errors of the chain, and a tenth of a deviation for what bends."""
+    told = grouped[3].content
+    chain = told["sampler"]
+    assert chain["converged"] and chain["verdict"].startswith("Converged")
+    assert (chain["seed"], chain["effective_draws_asked"], chain["steps_at_most"]) == (3, 400, 3000)
+    assert 0.1 < chain["acceptance"] < 0.9
+    laplace = {p["name"]: p for p in told["after"]["parameters"]}
+    assert set(laplace) == {p["name"] for p in chain["parameters"]}
+    for p in chain["parameters"]:
+        own, error = laplace[p["name"]], 1 / np.sqrt(p["effective_draws"])
+        assert p["effective_draws"] >= 400 and p["r_hat"] < 1.01
+        assert abs(p["mean"] - own["map"]) < (0.1 + 3 * error) * own["std"]
+        assert abs(np.log(p["std"] / own["std"])) < 0.1 + 3 * error / np.sqrt(2)
+        width = p["q95"] - p["q05"]
+        # 3.29 deviations; a quantile at 5 % is known to 2.1 errors of a mean
+        assert p["q05"] < p["q50"] < p["q95"] and abs(width / p["std"] - 3.29) < 0.1 + 3 * 2.1 * np.sqrt(2) * error
+    words = told["statements"]
+    assert any("asked for 400 effective draws in at most 3000 steps" in s for s in words)
+    assert any("approximation agree" in s for s in words) and not any("not converged" in s for s in words)
+
+
+def test_a_chain_that_stops_too_early_says_so(grouped):
+    prepared, data, outcome, *_ = grouped
+    one, same = (extend(prepared, outcome, data, sampler=SamplerSettings(seed=5, target_ess=10**6, max_steps=200))
+                 for _ in range(2))  # fmt: skip
+    assert one.content["sampler"] == same.content["sampler"]
+    assert one.content["sampler"]["converged"] is False and one.content["files"]["posterior"] is None
+    assert any("wanted 1000000" in s for s in one.content["statements"])
+    assert any(s.startswith("the chain has not converged") for s in one.content["statements"])
+
+
+@pytest.mark.parametrize(("error", "words"), [
+    (ConvergenceError("a basis of 240 vectors is not enough"), "240 vectors"),
+    (ValueError("Probability function returned NaN"), "ValueError: Probability"),
+])
+def test_a_sampler_that_fails_leaves_the_findings(grouped, monkeypatch, tmp_path, error, words):
+    def fails(*_, **__):
+        raise error
+
+    monkeypatch.setattr(extension_sampling, "sample_posterior", fails)
+    prepared, data, outcome, before, _ = grouped
+    told = extend(prepared, outcome, data, tmp_path / "d.json", sampler=SamplerSettings())
+    assert told.content["after"] == before.content["after"] and told.model == "d.model.toml"
+    assert words in told.content["sampler"]["refused"] and told.content["files"]["posterior"] is None
+    assert any("gave no posterior" in s and words in s for s in told.content["statements"])
+    assert not (tmp_path / "d.posterior.nc").exists()
+
+
+def test_where_the_chain_and_laplace_part_is_said_with_how_much():
+    chain = {"asked": True, "converged": True, "command": "", "draws": 4000, "walkers": 10, "acceptance": 0.4,
+             "effective_draws_asked": 200, "steps_at_most": 400, "verdict": "Converged.", "laplace_check": "close",
+             "parameters": [
+                 {"name": "near", "mean": 1.04, "std": 0.1, "effective_draws": 400.0},
+                 {"name": "shifted", "mean": 1.2, "std": 0.1, "effective_draws": 400.0},
+                 {"name": "wide", "mean": 1.0, "std": 0.2, "effective_draws": 400.0},
+                 # a shift of 0.8 deviations is no more than nine effective draws may show
+                 {"name": "few", "mean": 1.08, "std": 0.1, "effective_draws": 9.0},
+                 {"name": "stuck", "mean": 1.0, "std": 0.0, "effective_draws": float("nan")}]}  # fmt: skip
+    laplace = [{"name": p["name"], "map": 1.0, "std": 0.1} for p in chain["parameters"]]
+    said = extension_sampling.sampler_statements(chain, laplace)[2:]
+    assert said == [
+        "shifted: sampled, its mean 1.2 is 2.0 deviations above the maximum 1",
+        "wide: sampled, its deviation 0.2 is 2.00 times Laplace's 0.1",
+        "stuck: the chain tells nothing of it, as its walkers did not move",
+    ]

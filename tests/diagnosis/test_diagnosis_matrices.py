@@ -10,6 +10,10 @@ import probupdate
 from probupdate.diagnosis.diagnose import NOT_SETTLED, examine, refit
 from probupdate.diagnosis.prepare import prepare
 from probupdate.errors import InputError
+from probupdate.estimators.ensemble import SamplerSettings
+
+# a chain of one segment: same seed, same numbers, converged or not
+QUICK = SamplerSettings(seed=7, target_ess=50, max_steps=200)
 
 
 @pytest.fixture(scope="module")
@@ -25,7 +29,7 @@ def test_nothing_hidden_nothing_named(prepared, record, seed):
 
 
 def test_a_storey_that_loosens_half_way_is_named_with_its_size_and_time(prepared, record):
-    found = probupdate.diagnose(prepared, record(4, storey=2, factor=0.9, from_block=20))
+    found = probupdate.diagnose(prepared, record(4, storey=2, factor=0.9, from_block=20), sampler=False)
     assert found.verdict == "named"
     (one,) = found.findings
     assert (one.cause, one.location, one.course) == ("parameter", "k3", "step")
@@ -35,7 +39,7 @@ def test_a_storey_that_loosens_half_way_is_named_with_its_size_and_time(prepared
 
 
 def test_a_wrong_gain_is_named_with_its_channel(prepared, record):
-    found = probupdate.diagnose(prepared, record(5, gain=("y4", 1.12)))
+    found = probupdate.diagnose(prepared, record(5, gain=("y4", 1.12)), sampler=False)
     assert found.verdict == "named" and [f.kind for f in found.findings] == ["measurement"]
     (one,) = found.findings
     assert (one.cause, one.location) == ("sensor gain", "y4")
@@ -44,7 +48,7 @@ def test_a_wrong_gain_is_named_with_its_channel(prepared, record):
 
 
 def test_mass_of_a_storey_that_is_in_no_catalogue_is_not_named(prepared, record):
-    found = probupdate.diagnose(prepared, record(6, mass=(4, 1.6)))
+    found = probupdate.diagnose(prepared, record(6, mass=(4, 1.6)), sampler=False)
     assert found.verdict in ("unexplained", "none", "ambiguous")
 
 
@@ -107,9 +111,9 @@ def test_an_effect_that_can_be_on_the_other_side_only_is_no_rival(prepared, reco
 
 def test_same_seed_same_numbers_and_a_file_as_agreed(prepared, record, tmp_path):
     data = record(4, storey=2, factor=0.9, from_block=20)
-    first, again = (probupdate.diagnose(prepared, data, seed=7).content() for _ in range(2))
+    first, again = (probupdate.diagnose(prepared, data, seed=7, sampler=QUICK).content() for _ in range(2))
     assert first == again
-    (path,) = probupdate.diagnose(prepared, data, seed=7).write(tmp_path / "diagnosis.json")
+    (path,) = probupdate.diagnose(prepared, data, seed=7, sampler=QUICK).write(tmp_path / "diagnosis.json")
     content = json.loads(path.read_text())
     assert content["verdict"] in ("named", "ambiguous", "unexplained", "none")
     for finding in content["findings"]:

@@ -79,6 +79,47 @@ def test_an_extension_is_shown_whatever_it_holds(full_run, diagnosis_of, unfigur
         assert word in text
 
 
+def extension_with(**sampler):
+    """An extension of one parameter, its chain as given."""
+    return {"files": {"posterior": "diagnosis.posterior.nc"}, "after": {"misfit": 3.0, "parameters": [
+        {"name": "joint_AB_2", "prior": 1.0, "prior_std": 0.3, "deterministic": 0.412, "map": 0.413, "std": 0.051}]},
+        "sampler": sampler, "statements": ["the posterior with the findings, in words"]}  # fmt: skip
+
+
+CHAIN = {"asked": True, "effective_draws_asked": 200, "steps_at_most": 400, "seed": 1, "converged": True,
+         "verdict": "Converged: R-hat 1.0050 (joint_AB_2); 400 steps.", "draws": 7680, "walkers": 24, "steps": 400,
+         "acceptance": 0.51, "command": "probupdate sample --model m", "parameters": [
+             {"name": "joint_AB_2", "mean": 0.437, "std": 0.063, "q05": 0.341, "q50": 0.431, "q95": 0.559,
+              "r_hat": 1.005, "effective_draws": 812.0}]}  # fmt: skip
+
+
+def test_the_estimators_stand_side_by_side(full_run, diagnosis_of, unfigured):
+    content = diagnosis_of("named") | {"extension": extension_with(**CHAIN)}
+    text = section_text(replace(full_run, diagnosis=content))
+    for word in ("The estimators with the findings in the model", "0.412", "0.413 ± 0.0510", "0.437 ± 0.0630", "0.341",
+                 "0.559", "1.005", ">812<", "7680 draws", "asked for 200 effective draws in at most 400 steps",
+                 "Converged: R-hat 1.0050"):
+        assert word in text, word
+    assert "provisional" not in text
+    # told beside the others, and not once more alone
+    assert text.count("0.437") == 1
+
+
+def test_a_chain_that_has_not_converged_is_a_warning(full_run, diagnosis_of, unfigured):
+    told = CHAIN | {"converged": False, "verdict": "NOT converged: R-hat 1.2 (joint_AB_2), wanted below 1.01."}
+    text = section_text(replace(full_run, diagnosis=diagnosis_of("named") | {"extension": extension_with(**told)}))
+    assert "The chain has not converged: its means and intervals are provisional." in text
+    assert "NOT converged: R-hat 1.2" in text
+
+
+def test_an_extension_without_a_chain_has_no_such_table(full_run, diagnosis_of, unfigured):
+    told = {"asked": False, "reason": "this was not asked for", "command": "probupdate sample --model m",
+            "parameters": []}  # fmt: skip
+    text = section_text(replace(full_run, diagnosis=diagnosis_of("named") | {"extension": extension_with(**told)}))
+    assert "side by side" not in text and "The estimators with" not in text
+    assert "this was not asked for" in text and "probupdate sample --model m" in text
+
+
 @pytest.mark.parametrize(("mistake", "words"), [
     ("{", "cannot be read"), ("[]", "has no 'verdict'"),
     (lambda c: c | {"verdict": "perhaps"}, "'perhaps' is none of named, ambiguous"),

@@ -1,0 +1,118 @@
+"""The posterior of the model with the findings, by the sampler of `probupdate sample` in a bounded number of steps, and
+where it parts from Laplace's approximation."""
+
+from __future__ import annotations
+
+import shlex
+import tempfile
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+
+from probupdate.errors import ProbupdateError
+from probupdate.estimators.ensemble import SamplerSettings
+from probupdate.estimators.posterior_file import Posterior, write_posterior
+from probupdate.estimators.updating import sample_posterior
+from probupdate.modes import ModalData
+from probupdate.progress import Progress
+from probupdate.structure.affine import AffineModel
+
+# effective draws asked for (a mean is then known to 7 % of a deviation, a deviation to 5 %), and the steps after which
+# the chain stops and says how far it came. A turbine's takes many minutes to converge: after 200 steps (40 s) three of
+# the reference turbine had 49 to 80 effective draws of their worst parameter, after 400 (a quarter more time) 63 to 82.
+# A model of matrices has most often few parameters and rows
+EFFECTIVE_DRAWS, STEPS_OF_TURBINE, STEPS_OF_MATRICES = 200, 200, 1000
+# differences that are said: of the mean from the maximum in deviations, and of a deviation by its ratio; beyond so many
+# standard errors of the chain in either case
+APART, WIDER, ERRORS = 0.5, 1.25, 3.0
+QUANTILES = (5, 50, 95)
+
+
+def bounded(seed: int, *, turbine: bool) -> SamplerSettings:
+    """What a diagnosis asks of the sampler unless told otherwise."""
+    return SamplerSettings(seed=seed, target_ess=EFFECTIVE_DRAWS,
+                           max_steps=STEPS_OF_TURBINE if turbine else STEPS_OF_MATRICES)  # fmt: skip
+
+
+def not_sampled(command: str, **why: str) -> dict:
+    """The content without a chain: `refused` or `reason`, and how to get one."""
+    return {"asked": "refused" in why, **why, "command": command, "parameters": []}
+
+
+def sampled(
+    model: AffineModel, data: ModalData, settings: SamplerSettings, out: Path | None, command: str, progress: Progress
+) -> dict:
+    """The chain's numbers for diagnosis.json, its file written to `out`; where the sampler refuses or fails, why."""
+    try:
+        with tempfile.TemporaryDirectory() as folder:
+            # a chain kept beside the file would be another problem's once the record changes
+            posterior = sample_posterior(model, data, Path(folder) / "chain", settings=settings, progress=progress)
+        if out is not None:
+            write_posterior(posterior, out)
+    except ProbupdateError as error:
+        return not_sampled(command, refused=str(error))
+    except (ValueError, ArithmeticError, OSError) as error:
+        # the findings stand without it, whatever ails the chain
+        return not_sampled(command, refused=f"{type(error).__name__}: {error}")
+    return _told(posterior, settings) | {"command": command}
+
+
+def _told(posterior: Posterior, settings: SamplerSettings) -> dict:
+    draws, record = posterior.draws, posterior.record
+    quantiles = np.percentile(draws, QUANTILES, axis=0)
+    return {
+        "asked": True, "effective_draws_asked": settings.target_ess, "steps_at_most": settings.max_steps,
+        "seed": int(settings.seed), "converged": bool(posterior.converged), "verdict": posterior.verdict,
+        "draws": len(draws), "walkers": int(record["walkers"]), "steps": int(record["steps"]),
+        "acceptance": float(record["acceptance"]), "laplace_check": record["statements"][0],
+        "parameters": [
+            {"name": name, "mean": float(draws[:, k].mean()), "std": float(draws[:, k].std(ddof=1)),
+             **{f"q{q:02d}": float(quantiles[i, k]) for i, q in enumerate(QUANTILES)},
+             "r_hat": float(posterior.r_hat[k]), "effective_draws": float(posterior.ess[k])}
+            for k, name in enumerate(posterior.names)
+        ],
+    }  # fmt: skip
+
+
+def sampling_command(model: Path, mean: Path, posterior: Path, seed: int) -> str:
+    """What is typed to sample the same problem until it converges."""
+    model, mean, posterior = (shlex.quote(str(place)) for place in (model, mean, posterior))
+    return f"probupdate sample --model {model} --modes {mean} --out {posterior} --seed {seed}"
+
+
+def sampler_statements(told: Mapping, laplace: list[dict]) -> list[str]:
+    """What the chain shows beside Laplace's approximation (`laplace`: its rows with name, map, std), in words."""
+    how = f": {told['command']}" if told["command"] else "; with a place for the files, `probupdate sample` reads them"
+    if "refused" in told:
+        return [f"the sampler gave no posterior with the findings ({told['refused']}); the findings stand without it"]
+    if not told["asked"]:
+        return [f"the posterior with the findings was not sampled, as {told['reason']}{how}"]
+    said = [f"emcee with the findings: {told['draws']} draws of {told['walkers']} walkers, acceptance "
+            f"{told['acceptance']:.2f}; asked for {told['effective_draws_asked']} effective draws in at most "
+            f"{told['steps_at_most']} steps. {told['verdict']}"]  # fmt: skip
+    if not told["converged"]:
+        said.append(f"the chain has not converged: take its means and intervals as provisional, and go on until it "
+                    f"has{how}")  # fmt: skip
+    said.append(told["laplace_check"])
+    rows = {p["name"]: p for p in laplace}
+    apart = [words for p in told["parameters"] if (words := _apart(p, rows[p["name"]]))]
+    said += apart or ["sampler and Laplace's approximation agree: no mean differs by more than "
+                      f"{APART:g} deviations, none of these by more than a factor of {WIDER:g}, beyond the chain's own "
+                      "error"]  # fmt: skip
+    return said
+
+
+def _apart(p: Mapping, laplace: Mapping) -> str:
+    """Where the chain parts from Laplace by more than its own error, by how much; else nothing."""
+    effective = p["effective_draws"]
+    if not (np.isfinite(effective) and effective > 1 and p["std"] > 0):
+        return f"{p['name']}: the chain tells nothing of it, as its walkers did not move"
+    shift, ratio = (p["mean"] - laplace["map"]) / p["std"], p["std"] / laplace["std"]
+    words = []
+    if abs(shift) > max(APART, ERRORS / np.sqrt(effective)):
+        words.append(f"its mean {p['mean']:.4g} is {abs(shift):.1f} deviations {'above' if shift > 0 else 'below'} the "
+                     f"maximum {laplace['map']:.4g}")  # fmt: skip
+    if abs(np.log(ratio)) > max(np.log(WIDER), ERRORS / np.sqrt(2 * effective)):
+        words.append(f"its deviation {p['std']:.3g} is {ratio:.2f} times Laplace's {laplace['std']:.3g}")
+    return f"{p['name']}: sampled, {' and '.join(words)}" if words else ""
