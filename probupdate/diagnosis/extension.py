@@ -16,7 +16,7 @@ from pathlib import Path
 
 import numpy as np
 
-from probupdate.diagnosis.diagnose import Outcome
+from probupdate.diagnosis.diagnose import Outcome, sizes_std
 from probupdate.diagnosis.extension_sampling import not_sampled, sampled, sampler_statements, sampling_command
 from probupdate.diagnosis.field import observed
 from probupdate.diagnosis.fitting import Fit, Named, Setting, local_at, local_std
@@ -39,6 +39,8 @@ from probupdate.structure.load import load_model
 IDENTIFIED, TOO_ALIKE = 0.5, 0.95
 # a parameter's way to or from its prior that is worth a word, in prior deviations
 NOTABLE = 0.3
+# deviations between the size that was found and the one an update of the mean gives, beyond which it is said
+APART = 2.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -102,7 +104,8 @@ def extend(
             files["posterior"] = place.name
     content = {
         "files": files,
-        "added": [_told_added(prepared, added, n) for n in fitted.named],
+        "added": [_told_added(prepared, added, n) | {"size_std": std}
+                  for n, std in zip(fitted.named, sizes_std(fitted), strict=True)],
         "mean_of_blocks": n_block,
         "before": before,
         "after": after,
@@ -387,4 +390,21 @@ def statements(found: Diagnosis, content: dict) -> list[str]:
         f"the other parameters move {direction} their prior")
     said.append(f"{where}: {size[0]:.2f} prior deviations from it before, {size[1]:.2f} after (root mean square)"
                 + (f"; back: {', '.join(back)}" if back else "") + (f"; away: {', '.join(away)}" if away else ""))
+    said += size_statements(content["added"], content["after"]["parameters"])
     return said + sampler_statements(content["sampler"], content["after"]["parameters"])
+
+
+def size_statements(added: Sequence[dict], parameters: Sequence[dict]) -> list[str]:
+    """Where the update of the mean gives a finding another size than the whole record did."""
+    rows, said = {p["name"]: p for p in parameters}, []
+    for one in added:
+        row = rows.get(one.get("parameter"))
+        if one["as"] != "parameter" or row is None or one["course"] not in ("constant", "step"):
+            continue
+        size = row["map"] - row["prior"]
+        if abs(size - one["size"]) > APART * np.hypot(row["std"], one["size_std"]):
+            why = ("the record tells it as a change, the mean after it only as one more share of an absolute value"
+                   if one["course"] == "step" else "the mean lacks the tolerances that the diagnosis allows for")
+            said.append(f"{row['name']}: found as {one['size']:.4g} +- {one['size_std']:.2g}, but {size:.4g} +- "
+                        f"{row['std']:.2g} by the update of the mean: {why}; take the found one")
+    return said

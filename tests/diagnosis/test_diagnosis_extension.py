@@ -11,7 +11,7 @@ from probupdate.diagnosis import extension_sampling
 from probupdate.diagnosis.catalogue import Delay, Effect, Gain, Rate, Turn
 from probupdate.diagnosis.courses import Course, step_course
 from probupdate.diagnosis.diagnose import examine, settle
-from probupdate.diagnosis.extension import corrected, corrections, described, extend, mean_set
+from probupdate.diagnosis.extension import corrected, corrections, described, extend, mean_set, size_statements
 from probupdate.diagnosis.fitting import Named
 from probupdate.diagnosis.prepare import prepare
 from probupdate.diagnosis.step_time import sharpened
@@ -276,3 +276,13 @@ def test_where_the_chain_and_laplace_part_is_said_with_how_much():
         "wide: sampled, its deviation 0.2 is 2.00 times Laplace's 0.1",
         "stuck: the chain tells nothing of it, as its walkers did not move",
     ]
+
+
+def test_a_size_that_the_mean_tells_otherwise_is_said_with_both():
+    row = {"name": "mass", "prior": 0.0, "map": 5726.0, "std": 5133.0}
+    one = {"as": "parameter", "parameter": "mass", "course": "step", "size": 24513.0, "size_std": 2569.0}
+    (words,) = size_statements([one], [row])
+    assert "2.451e+04 +- 2.6e+03" in words and "5726 +- 5.1e+03" in words and "as a change" in words
+    assert not size_statements([one | {"size": 12000.0}], [row])
+    assert not size_statements([one | {"course": "ramp"}], [row])
+    assert not size_statements([one | {"as": "other"}], [row])
