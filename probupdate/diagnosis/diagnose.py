@@ -252,16 +252,55 @@ def refit(setting: Setting, base: Fit, found: Search, candidate: int) -> Rival |
         fitted = fit(setting, base.theta, (*base.named, extra), base=known)
     except ConvergenceError:
         return None
-    if not effect.discrete and abs(fitted.named[-1].size) < 1e-6 * fitted.named[-1].slab:
+    return _rival(setting, candidate, fitted, own_noise=known is None)
+
+
+def _rival(setting: Setting, candidate: int, fitted: Fit, *, own_noise: bool) -> Rival | None:
+    """What a fit with the candidate as its last effect tells of it; None where nothing is left of the effect."""
+    extra = fitted.named[-1]
+    if not extra.effect.discrete and abs(extra.size) < 1e-6 * extra.slab:
         # it cannot be on the side that the score asked for
         return None
-    size_std = sizes_std(fitted)[-1]
     # an effect that can be on one side only has half of its slab
-    sides = np.log(2.0) if len(effect.signs) == 1 and not effect.discrete else 0.0
+    sides = np.log(2.0) if len(extra.effect.signs) == 1 and not extra.effect.discrete else 0.0
     # each with its own noise: told in units of its own expected shapes
-    units = log_scale(setting, fitted) if known is None else 0.0
-    return Rival(candidate=candidate, fitted=fitted, size=fitted.named[-1].size, size_std=size_std,
+    units = log_scale(setting, fitted) if own_noise else 0.0
+    return Rival(candidate=candidate, fitted=fitted, size=extra.size, size_std=sizes_std(fitted)[-1],
                  log_evidence=log_evidence(setting, fitted) + sides + units)  # fmt: skip
+
+
+def beside_the_last(
+    setting: Setting, fitted: Fit, searches: Sequence[Search], rivals: Sequence[Sequence[Rival]],
+    findings: Sequence[Finding],
+) -> tuple[Fit, list[Sequence[Rival]], list[Finding]]:  # fmt: skip
+    """Every earlier finding's rivals once more, now that the last effect is known too; one that is then more probable
+    takes its place. So the evidence is that of pairs, not of the first choice alone."""
+    rivals, findings = list(rivals), list(findings)
+    for i, (found, own) in enumerate(zip(searches[:-1], rivals[:-1], strict=True)):
+        others = (*fitted.named[:i], *fitted.named[i + 1 :])
+        apart = [r for r in own if all(r.fitted.named[-1].effect is not n.effect for n in others)]
+        if len(apart) < 2:
+            continue
+        tried = []
+        for r in apart:
+            # what was chosen, as it is by now
+            extra = fitted.named[i] if r is own[0] else r.fitted.named[-1]
+            try:
+                again = fit(setting, fitted.theta, (*others, extra), base=fitted)
+            except ConvergenceError:
+                continue
+            tried.append(_rival(setting, r.candidate, again, own_noise=False))
+        kept = sorted((r for r in tried if r is not None), key=lambda r: -r.log_evidence)
+        if not kept:
+            continue
+        if kept[0].candidate != own[0].candidate:
+            named = (*others[:i], kept[0].fitted.named[-1], *others[i:])
+            try:
+                fitted = fit(setting, kept[0].fitted.theta, named)
+            except ConvergenceError:
+                continue
+        rivals[i], findings[i] = kept, finding(setting, found, kept)
+    return fitted, rivals, findings
 
 
 def sizes_std(fitted: Fit) -> list[float]:
@@ -366,6 +405,7 @@ def examine(prepared: Prepared, data: ModalData, *, seed: int = 1, progress: Pro
     fitted = fit(setting, theta)
     null, first = fitted, None
     findings: list[Finding] = []
+    searches, rivals = [], []
     for number in range(MOST_EFFECTS + 1):
         progress("diagnosing", number, MOST_EFFECTS + 1)
         found = search(setting, fitted, seed=seed, heavier=first.heavier if first else None)
@@ -377,8 +417,11 @@ def examine(prepared: Prepared, data: ModalData, *, seed: int = 1, progress: Pro
         kept = sorted((r for r in tried if r is not None), key=lambda r: -r.log_evidence)
         if not kept:
             break
-        findings.append(_finding(setting, found, kept))
+        findings.append(finding(setting, found, kept))
+        searches.append(found)
+        rivals.append(kept)
         fitted = _anew(setting, kept[0].fitted)
+        fitted, rivals, findings = beside_the_last(setting, fitted, searches, rivals, findings)
     # with all of them in place
     findings = [replace(f, size=n.size, size_std=std)
                 for f, n, std in zip(findings, fitted.named, sizes_std(fitted), strict=True)]  # fmt: skip
@@ -434,7 +477,7 @@ def span_left(setting: Setting, fitted: Fit, course: int) -> tuple[float, int]:
     return float(np.sum(((turn[:, kept] / np.sqrt(value[kept])).T @ z) ** 2)), int(kept.sum())
 
 
-def _finding(setting: Setting, found: Search, rivals: list[Rival]) -> Finding:
+def finding(setting: Setting, found: Search, rivals: list[Rival]) -> Finding:
     """The most probable of the rivals; those that are not excluded stand beside it."""
     best = rivals[0]
     j, c = setting.which[best.candidate]

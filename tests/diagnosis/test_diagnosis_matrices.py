@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import probupdate
-from probupdate.diagnosis.diagnose import NOT_SETTLED, examine, refit
+from probupdate.diagnosis.diagnose import NOT_SETTLED, beside_the_last, examine, finding, refit, search
 from probupdate.diagnosis.prepare import prepare
 from probupdate.errors import InputError
 from probupdate.estimators.ensemble import SamplerSettings
@@ -109,6 +109,32 @@ def test_an_effect_that_can_be_on_the_other_side_only_is_no_rival(prepared, reco
     assert refit(only, outcome.null, outcome.first, candidate) is None
 
 
+def test_a_first_choice_that_the_second_finding_makes_worse_gives_way(prepared, record):
+    """Two effects; the first search's second best is put where the best was, as if it had looked better alone."""
+    outcome = examine(prepared, record(4, storey=2, factor=0.9, from_block=20, gain=("y4", 1.12)))
+    setting, first = outcome.setting, outcome.first
+    assert {f.location for f in outcome.diagnosis.findings} == {"k3", "y4"}
+
+    def chosen(base, found, location):
+        (j,) = [j for j, e in enumerate(setting.effects) if e.location == location and e.cause in (
+            "parameter", "sensor gain")]
+        rows = np.flatnonzero(setting.which[:, 0] == j)
+        return refit(setting, base, found, int(rows[np.argmax(found.statistic[rows])]))
+
+    wrong, right = chosen(outcome.null, first, "k4"), chosen(outcome.null, first, "k3")
+    second = search(setting, wrong.fitted, seed=1)
+    gain = chosen(wrong.fitted, second, "y4")
+    findings = [finding(setting, first, [wrong, right]), finding(setting, second, [gain])]
+    fitted, rivals, findings = beside_the_last(
+        setting, gain.fitted, [first, second], [[wrong, right], [gain]], findings)
+    assert [f.location for f in findings] == ["k3", "y4"] and [n.effect.location for n in fitted.named] == ["k3", "y4"]
+    assert rivals[0][0].candidate == right.candidate
+    assert findings[0].size == pytest.approx(-0.1, abs=0.03)
+    # what stays is not touched
+    again, _, same = beside_the_last(setting, fitted, [first, second], rivals, findings)
+    assert again is fitted and [f.location for f in same] == ["k3", "y4"]
+
+
 def test_same_seed_same_numbers_and_a_file_as_agreed(prepared, record, tmp_path):
     data = record(4, storey=2, factor=0.9, from_block=20)
     first, again = (probupdate.diagnose(prepared, data, seed=7, sampler=QUICK).content() for _ in range(2))
@@ -116,9 +142,9 @@ def test_same_seed_same_numbers_and_a_file_as_agreed(prepared, record, tmp_path)
     (path,) = probupdate.diagnose(prepared, data, seed=7, sampler=QUICK).write(tmp_path / "diagnosis.json")
     content = json.loads(path.read_text())
     assert content["verdict"] in ("named", "ambiguous", "unexplained", "none")
-    for finding in content["findings"]:
+    for one in content["findings"]:
         assert {"kind", "cause", "location", "size", "size_std", "unit", "posterior_probability", "alternatives",
-                "gain"} <= set(finding)  # fmt: skip
+                "gain"} <= set(one)  # fmt: skip
 
 
 def test_a_handful_of_sets_is_refused(prepared, record):
