@@ -20,12 +20,13 @@ GROUPS = ("posterior", "sample_stats", "log_likelihood", "prior", "observed_data
 
 def effective_size(theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """theta (n_step, n_walker, n_param) -> rank-normalised split R-hat and bulk effective size (n_param,), walkers
-    taken as chains (Vehtari et al. 2021)."""
+    taken as chains (Vehtari et al. 2021). Of walkers that never moved: infinite and zero."""
     import arviz
 
     chains = np.ascontiguousarray(theta.transpose(2, 1, 0))
-    r_hat = np.array([float(arviz.rhat(c)) for c in chains])
-    ess = np.array([float(arviz.ess(c)) for c in chains])
+    r_hat, ess = np.full(len(chains), np.inf), np.zeros(len(chains))
+    for k in np.flatnonzero(np.ptp(chains, axis=2).any(axis=1)):
+        r_hat[k], ess[k] = float(arviz.rhat(chains[k])), float(arviz.ess(chains[k]))
     return r_hat, ess
 
 

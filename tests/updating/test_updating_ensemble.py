@@ -87,6 +87,14 @@ def test_the_balance_test_can_fail():
     assert abs(values.mean() - COVARIANCE[2, 2]) > LIMIT * values.std() / np.sqrt(ess[0])
 
 
+def test_walkers_that_never_moved_tell_nothing_and_warn_of_nothing():
+    chain = np.random.default_rng(1).normal(size=(200, 8, 2))
+    chain[:, :, 1] = chain[0, :, 1]
+    r_hat, ess = effective_size(chain)
+    assert r_hat[0] < 1.05 and ess[0] > 500
+    assert r_hat[1] == np.inf and ess[1] == 0
+
+
 def test_shares_of_the_moves_add_up():
     shares = [share for _, share in moves(PARAMETERS, outline(COVARIANCE))]
     assert sum(shares) == pytest.approx(1.0) and min(shares) > 0.05
