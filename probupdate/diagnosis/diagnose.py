@@ -18,6 +18,7 @@ from probupdate.diagnosis.fitting import (
     Fit,
     Named,
     Setting,
+    fingerprints_at,
     fit,
     local_std,
     log_scale,
@@ -265,7 +266,7 @@ def _rival(setting: Setting, candidate: int, fitted: Fit, *, own_noise: bool) ->
     sides = np.log(2.0) if len(extra.effect.signs) == 1 and not extra.effect.discrete else 0.0
     # each with its own noise: told in units of its own expected shapes
     units = log_scale(setting, fitted) if own_noise else 0.0
-    return Rival(candidate=candidate, fitted=fitted, size=extra.size, size_std=sizes_std(fitted)[-1],
+    return Rival(candidate=candidate, fitted=fitted, size=extra.size, size_std=sizes_std(setting, fitted)[-1],
                  log_evidence=log_evidence(setting, fitted) + sides + units)  # fmt: skip
 
 
@@ -303,15 +304,50 @@ def beside_the_last(
     return fitted, rivals, findings
 
 
-def sizes_std(fitted: Fit) -> list[float]:
+def sizes_std(setting: Setting, fitted: Fit) -> list[float]:
     """Deviation of the size of each named effect, zero where it has one size only."""
     design, result = fitted.design, []
     free = iter(range(design.nuisance_std.size, design.n_common))
     for n in fitted.named:
-        own = 0.0 if n.effect.discrete else float(design.unknowns_cov([next(free)])[0, 0])
+        if n.effect.discrete:
+            result.append(0.0)
+            continue
+        own = float(design.unknowns_cov([next(free)])[0, 0])
         # what the fingerprint's length is not known better than
-        result.append(0.0 if n.effect.discrete else float(np.hypot(np.sqrt(own), FINGERPRINT * n.size)))
+        length = np.hypot(FINGERPRINT, 0.0 if n.exact else length_std(setting, fitted, n))
+        result.append(float(np.hypot(np.sqrt(own), length * n.size)))
     return result
+
+
+def length_std(setting: Setting, fitted: Fit, named: Named) -> float:
+    """Relative deviation of the length of a fingerprint that the parameters' own uncertainty makes, along itself: a
+    metre of water does as much as the added mass is large, and only the two together are measured. What enters the
+    reference as it is needs no such allowance, as the design is made with the effect in place."""
+    field, design = setting.field, fitted.design
+    if named.effect.observe is not None:
+        return 0.0
+    rows = range(len(setting.updated))
+    covariance = design.unknowns_cov(rows)
+    std = np.sqrt(np.diag(covariance))
+    names = tuple(name for name, _ in named.effect.increments)
+    angle = setting.bins[0][:1]
+
+    def fingerprint_at(theta) -> list[np.ndarray]:
+        local = field.small.at(np.clip(theta, field.parameters.lower, field.parameters.upper))
+        return [f[0, :, 0] for f in fingerprints_at(field, local, [named.effect], names, angle)]
+
+    def product(a, b) -> float:
+        return sum(float(x @ P @ y) for x, P, y in zip(a, design.noise.precision, b, strict=True))
+
+    here = fingerprint_at(fitted.theta)
+    change = []
+    for row, k in zip(rows, setting.updated, strict=True):
+        moved = fitted.theta.copy()
+        moved[k] += 0.1 * std[row]
+        there = fingerprint_at(moved)
+        change.append(10 * (product(there, here) / product(here, here) - 1))
+    change = np.array(change)
+    return float(np.sqrt(change @ (covariance / np.outer(std, std)) @ change))
 
 
 def log_evidence(setting: Setting, fitted: Fit) -> float:
@@ -424,7 +460,7 @@ def examine(prepared: Prepared, data: ModalData, *, seed: int = 1, progress: Pro
         fitted, rivals, findings = beside_the_last(setting, fitted, searches, rivals, findings)
     # with all of them in place
     findings = [replace(f, size=n.size, size_std=std)
-                for f, n, std in zip(findings, fitted.named, sizes_std(fitted), strict=True)]  # fmt: skip
+                for f, n, std in zip(findings, fitted.named, sizes_std(setting, fitted), strict=True)]  # fmt: skip
     fits, remaining = adequacy(setting, fitted, found)
     progress("diagnosing", MOST_EFFECTS + 1, MOST_EFFECTS + 1)
     left_over = found.statistic[best] > found.threshold

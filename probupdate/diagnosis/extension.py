@@ -105,7 +105,7 @@ def extend(
     content = {
         "files": files,
         "added": [_told_added(prepared, added, n) | {"size_std": std}
-                  for n, std in zip(fitted.named, sizes_std(fitted), strict=True)],
+                  for n, std in zip(fitted.named, sizes_std(setting, fitted), strict=True)],
         "mean_of_blocks": n_block,
         "before": before,
         "after": after,

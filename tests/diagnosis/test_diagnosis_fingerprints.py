@@ -6,9 +6,9 @@ import pytest
 from probupdate.diagnosis.blocks import gather
 from probupdate.diagnosis.catalogue import measurement_effects
 from probupdate.diagnosis.departures import departure
-from probupdate.diagnosis.diagnose import settle
+from probupdate.diagnosis.diagnose import length_std, settle
 from probupdate.diagnosis.field import build_field, effect_fingerprints
-from probupdate.diagnosis.fitting import fingerprints_at
+from probupdate.diagnosis.fitting import Named, fingerprints_at, fit
 from probupdate.diagnosis.prepare import prepare
 from probupdate.diagnosis.small_model import TURNS_DEG, small_model
 from probupdate.modes import Sensor
@@ -130,3 +130,27 @@ def test_fingerprints_between_the_nodes_are_those_of_the_angle_itself(turbine):
             seen = length * np.array([e.slab for e in setting.effects]) > 1e-6
             assert seen.sum() > 0.9 * len(seen)
             assert np.all(np.abs(lines[q][k] - own).max(axis=0)[seen] < 0.02 * length[seen])
+
+
+def test_a_fingerprints_length_is_as_uncertain_as_draws_of_the_parameters_make_it(turbine):
+    record = simulate_modes(truth={}, seed=4, days=10.0, n_block=30).data
+    setting, theta = settle(turbine, record)
+    fitted = fit(setting, theta)
+    (water,) = [e for e in setting.effects if e.cause == "wetted length"]
+    (course,) = [c for c in setting.courses if c.column == "water_level_m"]
+    told = length_std(setting, fitted, Named(effect=water, course=course, size=1.0))
+    names, rows = tuple(name for name, _ in water.increments), list(setting.updated)
+    field, rng, made = setting.field, np.random.default_rng(2), []
+    covariance = fitted.design.unknowns_cov(range(len(rows)))
+    for number in range(61):
+        theta = fitted.theta.copy()
+        if number:
+            # a tenth of the deviation, so that only what is of first order counts
+            theta[rows] += 0.1 * rng.multivariate_normal(np.zeros(len(rows)), covariance)
+        local = field.small.at(np.clip(theta, field.parameters.lower, field.parameters.upper))
+        made.append([f[0, :, 0] for f in fingerprints_at(field, local, [water], names, setting.bins[0][:1])])
+    precision = fitted.design.noise.precision
+    lengths = [sum(x @ P @ y for x, P, y in zip(own, precision, made[0], strict=True)) for own in made]
+    drawn = 10 * np.std(lengths[1:]) / lengths[0]
+    # sixty draws know a deviation to 9 %
+    assert told == pytest.approx(drawn, rel=0.3) and told > 0.05
