@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from probupdate.errors import InputError
+from probupdate.errors import InputError, parsing
 
 # name -> (number of axes, dtype in the file)
 DATASETS = {"ln_frequency": (2, np.float32), "damping_ratio": (2, np.float32), "shape": (3, np.complex64)}
@@ -49,15 +49,10 @@ def read_deviations(modes_file: Path, name: object) -> dict[str, dict[str, np.nd
     path = modes_file.with_name(name)
     if not path.is_file():
         raise InputError(where, f"{path} does not exist", "put it back beside the file, or take the key out")
-    found = {}
-    try:
-        with h5py.File(path, "r") as file:
-            for group in file.values():
-                found[str(group.attrs["id"])] = {key: _array(path, group, key) for key in DATASETS}
-    except (OSError, KeyError, AttributeError) as error:
-        raise InputError(str(path), f"no file of deviations ({error})", "make it again with `probupdate identify`") \
-            from None
-    return found
+    unread = parsing(str(path), "no file of deviations", "make it again with `probupdate identify`")
+    with unread, h5py.File(path, "r") as file:
+        return {str(group.attrs["id"]): {key: _array(path, group, key) for key in DATASETS}
+                for group in file.values()}  # fmt: skip
 
 
 def _array(path: Path, group, key: str) -> np.ndarray:

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+
 
 class ProbupdateError(Exception):
     """Anything this package raises on purpose. The command line turns it into exit code 1."""
@@ -30,3 +33,19 @@ class ConvergenceError(ProbupdateError):
     def __init__(self, message: str, estimate: object = None):
         self.estimate = estimate
         super().__init__(message)
+
+
+@contextmanager
+def parsing(where: str, problem: str, remedy: str) -> Iterator[None]:
+    """Around another library's reading of a file: whatever it raises on a damaged one becomes an InputError.
+
+    Parsers do not say what they raise, and it is of many kinds: for .mat alone zlib.error, IndexError and TypeError. So
+    every kind is meant here, and what stands inside is the library's call, not a computation.
+    """
+    try:
+        yield
+    except InputError:
+        raise
+    except Exception as error:
+        told = str(error).strip() or "no reason given"
+        raise InputError(where, f"{problem} ({type(error).__name__}: {told.splitlines()[0]})", remedy) from error

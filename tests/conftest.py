@@ -1,5 +1,5 @@
 import pytest
-from opensees_loader import load_opensees
+from peer_packages import opensees
 
 # what takes minutes and is of numbers, not of the language's version: .ci/run asks the default Python only
 NUMBERS = {"calibration", "diagnosis", "identification", "structure", "updating", "virtual"}
@@ -17,10 +17,7 @@ def pytest_collection_modifyitems(items):
 
 @pytest.fixture(scope="session")
 def opensees_module():
-    try:
-        return load_opensees()
-    except (ImportError, OSError) as error:
-        pytest.skip(f"OpenSees cannot be loaded: {error}")
+    return opensees()
 
 
 @pytest.fixture

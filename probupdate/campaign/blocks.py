@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 
 from probupdate.campaign.reading import Campaign, RecordFile, refuse_absurd
-from probupdate.errors import InputError
+from probupdate.errors import parsing
 from probupdate.modes import frozen_array
 
 # a straight line over a second is harmless to what happens below 2.5 Hz in half an hour; more is not repaired
@@ -97,11 +97,9 @@ def read_block(
 
 def _rows(opened, path: Path, first: int, last: int) -> np.ndarray:
     """Rows as they lie on disk; a file whose samples cannot be unpacked is named."""
-    try:
+    with parsing(str(path), f"samples {first} to {last} cannot be read",
+                 "the file is damaged: copy it again, or remove it"):  # fmt: skip
         return opened["data"][first:last]
-    except OSError as error:
-        raise InputError(str(path), f"samples {first} to {last} cannot be read ({error})",
-                         "the file is damaged: copy it again, or remove it") from None
 
 
 def _length(campaign: Campaign, minutes: float | None) -> pd.Timedelta:

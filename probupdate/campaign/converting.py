@@ -16,7 +16,7 @@ from probupdate.campaign.description import Description, read_description
 from probupdate.campaign.reading import CampaignHead, read_head
 from probupdate.campaign.sources import pieces
 from probupdate.campaign.timing import file_clock
-from probupdate.errors import InputError
+from probupdate.errors import InputError, parsing
 from probupdate.progress import Progress, silent
 
 # a file written holds at most so much time, so that no reader is asked for more and a kill loses little
@@ -156,8 +156,14 @@ def _one_source(path: Path, name: str, told: Description, head: CampaignHead, fo
     factor = np.array([told.factor[c] for c in head.channels])
     lost = 0
     for time, data in pieces(path, told):
-        data = data * factor if not told.lost else np.where(np.isin(data, told.lost), np.nan, data) * factor
-        lost += int(np.sum(~np.isfinite(data)))
+        if told.lost:
+            data = np.where(np.isin(data, told.lost), np.nan, data)
+        # what single precision does not hold is no acceleration: lost, and counted below
+        with np.errstate(over="ignore", invalid="ignore"):
+            data = (data * factor).astype(np.float32)
+        gone = ~np.isfinite(data)
+        data[gone] = np.nan
+        lost += int(np.sum(gone))
         for start, rows in clock.placed(time, data):
             writer.add(start, rows)
     outputs, spans, count = writer.close()
@@ -209,7 +215,8 @@ class _Writer:
         # two sources may start at one time: the key's head tells their files apart
         path = self.folder / f"{self.start.strftime('%Y%m%dT%H%M%S.%f')[:-3]}Z-{self.key[:6]}.h5"
         if path.exists():
-            with h5py.File(path, "r") as file:
+            unread = parsing(str(path), "is there already and cannot be read", "move it away")
+            with unread, h5py.File(path, "r") as file:
                 mine = "data" in file and file["data"].attrs.get("source_key") == self.key
             if not mine:
                 raise InputError(str(path), "is there already and came of something else", "move it away")

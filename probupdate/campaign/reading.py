@@ -12,7 +12,7 @@ import numpy as np
 import pandas as pd
 
 from probupdate.campaign.scada import read_scada
-from probupdate.errors import InputError
+from probupdate.errors import InputError, parsing
 from probupdate.modes import Sensor
 
 # unit -> factor to SI, by quantity; g is the standard gravity
@@ -231,11 +231,9 @@ def _record_files(folder: Path, rate_hz: float, n_channel: int) -> tuple[RecordF
         raise InputError(str(folder), "holds no .h5 file", "put the records there, or convert them")
     files = []
     for path in paths:
-        try:
-            with h5py.File(path, "r") as file:
-                files.append(_record_file(path, file, rate_hz, n_channel))
-        except OSError as error:
-            raise InputError(str(path), f"cannot be opened as HDF5 ({error})", "write it again or remove it") from None
+        unread = parsing(str(path), "cannot be opened as HDF5", "write it again or remove it")
+        with unread, h5py.File(path, "r") as file:
+            files.append(_record_file(path, file, rate_hz, n_channel))
     return tuple(sorted(files, key=lambda f: (f.start, f.path.name)))
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from probupdate.errors import InputError
+from probupdate.errors import InputError, parsing
 
 ROW_MINUTES = 10
 COLUMNS = (
@@ -39,12 +39,10 @@ def read_scada(path: str | Path) -> pd.DataFrame:
     Columns beyond the known ones stay. Raises InputError on a missing time column, a time or a number that is none.
     """
     path = Path(path)
-    try:
+    if not path.exists():
+        raise InputError(str(path), "no such file", "give the scada.csv of the campaign")
+    with parsing(str(path), "not a table", "write comma-separated columns with a head"):
         table = pd.read_csv(path)
-    except FileNotFoundError:
-        raise InputError(str(path), "no such file", "give the scada.csv of the campaign") from None
-    except (pd.errors.ParserError, pd.errors.EmptyDataError, UnicodeDecodeError) as error:
-        raise InputError(str(path), f"not a table ({error})", "write comma-separated columns with a head") from None
     if "time" not in table:
         raise InputError(str(path), "has no column 'time'", "add the start of each interval in UTC, ISO 8601")
     try:

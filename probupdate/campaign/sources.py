@@ -7,16 +7,16 @@ v5, which has no other way and is refused beyond LARGEST_V5. Nothing in a file i
 from __future__ import annotations
 
 import zipfile
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 
 from probupdate.campaign.description import Description
+from probupdate.campaign.mat_v5 import refuse_damaged
 from probupdate.campaign.reading import nearest
-from probupdate.errors import InputError
+from probupdate.errors import InputError, parsing
 
 PIECE = 200_000
 # a v5 variable is unpacked whole; three copies of this stay below 1 GiB
@@ -38,34 +38,44 @@ def pieces(path: Path, description: Description) -> Pieces:
     yield from reader(path, description)
 
 
+def _one_by_one(items: Iterable, *said: str) -> Iterator:
+    """The items of a library's reader, its errors as `parsing` says them, not those of whoever takes them."""
+    items = iter(items)
+    while True:
+        with parsing(*said):
+            item = next(items, None)
+        if item is None:
+            return
+        yield item
+
+
 # Tables -------------------------------------------------------------------------------------------------------------
 
 
 def _csv(path: Path, d: Description) -> Pieces:
-    try:
-        with pd.read_csv(
+    said = str(path), "is no table", "check separator, header and skip_rows in convert.toml"
+    with parsing(*said):
+        table = pd.read_csv(
             path, sep=d.separator, decimal=d.decimal, header=0 if d.header else None, skiprows=d.skip_rows,
             chunksize=PIECE, skipinitialspace=True, encoding="utf-8-sig",
-        ) as table:
-            for frame in table:
-                yield _from_frame(path, d, frame)
-    except (pd.errors.ParserError, pd.errors.EmptyDataError, UnicodeDecodeError) as error:
-        raise InputError(str(path), f"is no table ({str(error).splitlines()[0]})",
-                         "check separator, header and skip_rows in convert.toml") from None
+        )
+    with table:
+        for frame in _one_by_one(table, *said):
+            yield _from_frame(path, d, frame)
 
 
 def _parquet(path: Path, d: Description) -> Pieces:
     try:
-        from pyarrow import ArrowInvalid, parquet
+        from pyarrow import parquet
     except ImportError:
         raise InputError(str(path), "Parquet needs the package pyarrow, which is not installed",
                          "pip install probupdate[parquet], or save the table as CSV") from None
-    try:
-        with parquet.ParquetFile(path) as file:
-            for batch in file.iter_batches(batch_size=PIECE):
-                yield _from_frame(path, d, batch.to_pandas())
-    except (ArrowInvalid, OSError) as error:
-        raise InputError(str(path), f"cannot be read as Parquet ({error})", "write it again or remove it") from None
+    said = str(path), "cannot be read as Parquet", "write it again or remove it"
+    with parsing(*said):
+        opened = parquet.ParquetFile(path)
+    with opened as file:
+        for frame in _one_by_one((batch.to_pandas() for batch in file.iter_batches(batch_size=PIECE)), *said):
+            yield _from_frame(path, d, frame)
 
 
 def _from_frame(path: Path, d: Description, frame: pd.DataFrame) -> tuple[np.ndarray | None, np.ndarray]:
@@ -164,56 +174,60 @@ def _columns_of(array: np.ndarray, where: str) -> np.ndarray:
 
 
 def _in_memory(path: Path, found: dict[str, np.ndarray]) -> _Arrays:
-    table = {name: _columns_of(a, f"{path}, {name}") for name, a in found.items()}
-    return _Arrays(path, tuple(table), lambda name, a, b: np.asarray(table[name][a:b], float),
-                   lambda name: table[name].shape)
+    # looked at as they are asked for: what else a file holds does not matter
+    def table(name: str) -> np.ndarray:
+        return _columns_of(found[name], f"{path}, {name}")
+
+    return _Arrays(path, tuple(found), lambda name, a, b: np.asarray(table(name)[a:b], float),
+                   lambda name: table(name).shape)
 
 
 def _npy(path: Path, d: Description) -> Pieces:
-    try:
+    with parsing(str(path), "is no array of numbers", "save it by numpy.save, without objects"):
         array = np.load(path, mmap_mode="r", allow_pickle=False)
-    except (ValueError, OSError, EOFError) as error:
-        raise InputError(str(path), f"is no array of numbers ({str(error).splitlines()[0]})",
-                         "save it by numpy.save, without objects") from None
     found = {name: array[name] for name in array.dtype.names} if array.dtype.names else {"data": array}
     yield from _from_arrays(_in_memory(path, found), d)
 
 
 def _npz(path: Path, d: Description) -> Pieces:
     """Members are unpacked as they are read: a compressed array is walked through, not loaded."""
-    try:
-        with zipfile.ZipFile(path) as archive:
+    said = str(path), "is no archive of arrays", "save it by numpy.savez, without objects"
+    with parsing(*said):
+        opened = zipfile.ZipFile(path)
+    with opened as archive:
+        with parsing(*said):
             heads = {n.removesuffix(".npy"): _npy_head(archive, n) for n in archive.namelist() if n.endswith(".npy")}
-            streams: dict[str, tuple[int, object]] = {}
+        streams: dict[str, tuple[int, object]] = {}
 
-            def shape(name: str) -> tuple[int, int]:
-                size = heads[name][0]
-                if len(size) == 1 or (len(size) == 2 and size[0] == 1):
-                    return max(size), 1
-                return size[0], size[1]
+        def shape(name: str) -> tuple[int, int]:
+            size = heads[name][0]
+            if len(size) == 1 or (len(size) == 2 and size[0] == 1):
+                return max(size), 1
+            return size[0], size[1]
 
-            def rows(name: str, first: int, last: int) -> np.ndarray:
-                dtype, n_column = heads[name][1], shape(name)[1]
-                place, stream = streams.get(name, (-1, None))
+        def rows(name: str, first: int, last: int) -> np.ndarray:
+            dtype, n_column = heads[name][1], shape(name)[1]
+            place, stream = streams.get(name, (-1, None))
+            wanted = (last - first) * n_column * dtype.itemsize
+            with parsing(*said):
                 if place != first:
                     stream = archive.open(f"{name}.npy")
                     _skip_head(stream)
                     _discard(stream, first * n_column * dtype.itemsize)
-                content = stream.read((last - first) * n_column * dtype.itemsize)
-                streams[name] = (last, stream)
-                return np.frombuffer(content, dtype).reshape(-1, n_column).astype(float)
+                content = stream.read(wanted)
+            if len(content) != wanted:
+                raise InputError(f"{path}, {name}", "ends before the samples that its head promises", "save it again")
+            streams[name] = (last, stream)
+            return np.frombuffer(content, dtype).reshape(-1, n_column).astype(float)
 
-            for name, (size, dtype, fortran) in heads.items():
-                if dtype.kind not in "iuf" or not 1 <= len(size) <= 2:
-                    raise InputError(f"{path}, {name}", f"holds {dtype} of shape {size}", "save vectors or samples by "
-                                     "channels, of numbers")
-                if fortran and len(size) == 2 and min(size) > 1:
-                    raise InputError(f"{path}, {name}", "lies column by column (Fortran order)",
-                                     "save numpy.ascontiguousarray of it")
-            yield from _from_arrays(_Arrays(path, tuple(heads), rows, shape), d)
-    except (zipfile.BadZipFile, ValueError, OSError, EOFError) as error:
-        raise InputError(str(path), f"is no archive of arrays ({str(error).splitlines()[0]})",
-                         "save it by numpy.savez, without objects") from None
+        for name, (size, dtype, fortran) in heads.items():
+            if dtype.kind not in "iuf" or not 1 <= len(size) <= 2:
+                raise InputError(f"{path}, {name}", f"holds {dtype} of shape {size}", "save vectors or samples by "
+                                 "channels, of numbers")
+            if fortran and len(size) == 2 and min(size) > 1:
+                raise InputError(f"{path}, {name}", "lies column by column (Fortran order)",
+                                 "save numpy.ascontiguousarray of it")
+        yield from _from_arrays(_Arrays(path, tuple(heads), rows, shape), d)
 
 
 def _npy_head(archive: zipfile.ZipFile, name: str) -> tuple[tuple[int, ...], np.dtype, bool]:
@@ -242,46 +256,41 @@ def _mat(path: Path, d: Description) -> Pieces:
         return
     from scipy.io import loadmat, whosmat
 
-    with _unreadable(path):
+    refuse_damaged(path)
+    said = str(path), "cannot be read as .mat", "save it again"
+    with parsing(*said):
         listed = whosmat(path)
     numbers = {name: int(np.prod(shape)) for name, shape, kind in listed if kind in NUMBERS}
     size = 8 * sum(numbers.values())
     if size > LARGEST_V5:
         raise InputError(str(path), f"is a .mat v5 file, read whole, of {size / 2**20:.0f} MB",
                          "save it with -v7.3, or in parts")
-    with _unreadable(path):
+    with parsing(*said):
         found = loadmat(path, variable_names=list(numbers))
-    yield from _from_arrays(_in_memory(path, {n: found[n] for n in numbers}), d)
-
-
-@contextmanager
-def _unreadable(path: Path) -> Iterator[None]:
-    """What scipy says of a damaged .mat v5 file, as the user's error."""
-    from scipy.io.matlab import MatReadError
-
-    try:
-        yield
-    except (MatReadError, ValueError, TypeError, NotImplementedError, OSError) as error:
-        told = str(error).splitlines()[0]
-        raise InputError(str(path), f"cannot be read as .mat ({told})", "save it again") from error
+        arrays = {n: found[n] for n in numbers}
+    yield from _from_arrays(_in_memory(path, arrays), d)
 
 
 def _mat73(path: Path, d: Description) -> Pieces:
     import h5py
 
-    try:
-        with h5py.File(path, "r") as file:
-            names = tuple(n for n in file if isinstance(file[n], h5py.Dataset) and file[n].dtype.kind in "iuf"
-                          and 1 <= file[n].ndim <= 2)
+    said = str(path), "cannot be read as .mat v7.3", "save it again"
+    with parsing(*said):
+        opened = h5py.File(path, "r")
+    with opened as file:
+        with parsing(*said):
+            sizes = {n: file[n].shape for n in file if isinstance(n, str) and isinstance(file[n], h5py.Dataset)
+                     and file[n].dtype.kind in "iuf" and 1 <= file[n].ndim <= 2}  # fmt: skip
 
-            # MATLAB stores columns first: (n_channel, n_sample) on disk
-            def shape(name: str) -> tuple[int, int]:
-                size = file[name].shape
-                if len(size) == 1 or 1 in size:
-                    return max(size), 1
-                return size[1], size[0]
+        # MATLAB stores columns first: (n_channel, n_sample) on disk
+        def shape(name: str) -> tuple[int, int]:
+            size = sizes[name]
+            if len(size) == 1 or 1 in size:
+                return max(size), 1
+            return size[1], size[0]
 
-            def rows(name: str, first: int, last: int) -> np.ndarray:
+        def rows(name: str, first: int, last: int) -> np.ndarray:
+            with parsing(*said):
                 dataset = file[name]
                 if dataset.ndim == 1:
                     return np.asarray(dataset[first:last], float)[:, None]
@@ -289,6 +298,4 @@ def _mat73(path: Path, d: Description) -> Pieces:
                     return np.asarray(dataset[first:last], float)
                 return np.asarray(dataset[:, first:last], float).T
 
-            yield from _from_arrays(_Arrays(path, names, rows, shape), d)
-    except OSError as error:
-        raise InputError(str(path), f"cannot be read as .mat v7.3 ({error})", "save it again") from None
+        yield from _from_arrays(_Arrays(path, tuple(sizes), rows, shape), d)

@@ -19,6 +19,8 @@ RATE_TOLERANCE = 1e-3
 OFF = 0.75
 # deviation of the steps, in samples, from which it is said, and beyond which a source is refused
 UNEVEN_SAID, UNEVEN = 0.05, 0.3
+# seconds from 1970 that 64 bits of nanoseconds hold: 1678 to 2261
+MOST_S = 9.2e9
 
 
 def file_clock(path: Path, told: Description, rate_hz: float) -> Clock:
@@ -116,12 +118,18 @@ class Clock:
             if told.time_unit == "iso":
                 raise InputError(where, "holds numbers, and time_unit is not stated",
                                  f"add time_unit, one of {', '.join((*TIME_UNITS, *DAY_NUMBERS))}")
+            origin, unit, offset = 0.0, 86400.0, None
             if told.time_unit in DAY_NUMBERS:
-                seconds, offset = (value - DAY_NUMBERS[told.time_unit]) * 86400.0, None
+                origin = DAY_NUMBERS[told.time_unit]
             else:
-                seconds, offset = value * TIME_UNITS[told.time_unit], self.start
+                unit, offset = TIME_UNITS[told.time_unit], self.start
             if offset is None and told.zone is None:
                 raise InputError(where, "its time zone is not stated", f"add zone to {told.path}, such as \"UTC\"")
+            wrong = np.abs(value - origin + (0.0 if offset is None else offset.value / 1e9 / unit)) > MOST_S / unit
+            if wrong.any():
+                first = f"row {self._row(wrong)} has {value[wrong][0]:g}, which is in no century of ours"
+                raise InputError(where, first, "check time_unit, or drop the row")
+            seconds = (value - origin) * unit
             whole = np.floor(seconds)
             since = whole.astype(np.int64) * 10**9 + np.round((seconds - whole) * 1e9).astype(np.int64)
             if offset is not None:
@@ -138,6 +146,11 @@ class Clock:
         return self._to_utc(index, where)
 
     def _to_utc(self, index: pd.DatetimeIndex, where: str) -> np.ndarray:
+        try:
+            index = index.as_unit("ns")
+        except ValueError as error:
+            raise InputError(where, f"is in no century of ours ({str(error).splitlines()[0]})",
+                             "drop the row or mend its time") from None
         if index.tz is None:
             if self.told.zone is None:
                 raise InputError(where, "its time zone is not stated", f"add zone to {self.told.path}, such as \"UTC\"")
@@ -146,7 +159,7 @@ class Clock:
             except ValueError as error:
                 raise InputError(where, f"is no single moment in that zone ({str(error).splitlines()[0]})",
                                  "give times in UTC") from None
-        return index.tz_convert("UTC").as_unit("ns").asi8
+        return index.tz_convert("UTC").asi8
 
     def _row(self, wrong: np.ndarray) -> int:
         return self.first_row + int(np.argmax(wrong)) + 1

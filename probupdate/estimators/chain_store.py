@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-import zipfile
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,7 +11,7 @@ from pathlib import Path
 import emcee
 import numpy as np
 
-from probupdate.errors import InputError
+from probupdate.errors import InputError, parsing
 
 FORMAT = 2
 # what a user calls the parts of a problem whose hashes may differ
@@ -80,11 +79,9 @@ class ChainStore:
         path = self._path(number, ensemble)
         if not path.exists():
             return None
-        try:
+        with parsing(str(path), "is no segment of a chain",
+                     "delete it and those after it: the run goes on from the one before"):  # fmt: skip
             return _read_segment(path)
-        except (OSError, ValueError, KeyError, zipfile.BadZipFile) as error:
-            raise InputError(str(path), f"is no segment of a chain ({error})",
-                             "delete it and those after it: the run goes on from the one before") from None  # fmt: skip
 
 
 def _differences(found: dict, head: dict) -> list[str]:

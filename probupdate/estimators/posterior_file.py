@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from probupdate.errors import InputError
+from probupdate.errors import InputError, parsing
 from probupdate.modes import frozen_array
 
 # draws kept in the file, over all walkers: far more than any effective size wanted, and megabytes only
@@ -130,18 +130,13 @@ def read_posterior(path: str | Path) -> Posterior:
     path = Path(path)
     if not path.is_file():
         raise InputError(str(path), "no such file", "write it with `probupdate sample`")
-    try:
-        with warnings.catch_warnings():
-            # a file with unnamed dimensions is none of ours
-            warnings.filterwarnings("error", message="The 'phony_dims' kwarg", category=UserWarning)
-            data = arviz.from_netcdf(str(path))
-    except (OSError, ValueError, KeyError, TypeError, UserWarning) as error:
-        raise InputError(str(path), f"is no NetCDF file ({error})", "give a posterior.nc") from None
-    try:
+    with parsing(str(path), "is no NetCDF file", "give a posterior.nc"), warnings.catch_warnings():
+        # a file with unnamed dimensions is none of ours
+        warnings.filterwarnings("error", message="The 'phony_dims' kwarg", category=UserWarning)
+        data = arviz.from_netcdf(str(path))
+    # arrays are read as they are asked for
+    with parsing(str(path), "lacks something or is damaged", "write it again with `probupdate sample`"):
         return _from_groups(path, data)
-    except (KeyError, TypeError, ValueError) as error:
-        raise InputError(str(path), f"lacks something or is damaged ({type(error).__name__}: {error})",
-                         "write it again with `probupdate sample`") from None  # fmt: skip
 
 
 def _from_groups(path: Path, data) -> Posterior:

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import json
 import os
-import zipfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import asdict, replace
 from pathlib import Path
 
@@ -19,7 +19,7 @@ import pandas as pd
 from probupdate.campaign.blocks import block_files
 from probupdate.campaign.reading import Campaign, RecordFile
 from probupdate.campaign.scada import StateRule, block_conditions
-from probupdate.errors import InputError
+from probupdate.errors import InputError, parsing
 from probupdate.identification.block_poles import (
     BlockDeviations,
     BlockPoles,
@@ -216,23 +216,17 @@ def write_block_deviations(path: Path, found: BlockDeviations) -> None:
 
 
 def read_block_deviations(path: Path) -> BlockDeviations:
-    try:
-        with path.open("rb") as file, np.load(file, allow_pickle=False) as content:
-            return BlockDeviations(
-                key=tuple((int(a), int(b)) for a, b in content["key"]),
-                ln_frequency=frozen_array(content["ln_frequency"]),
-                damping_ratio=frozen_array(content["damping_ratio"]), shape=frozen_array(content["shape"], complex),
-            )
-    except (OSError, ValueError, KeyError, TypeError, zipfile.BadZipFile) as error:
-        raise _damaged(path, error) from None
+    with _opened(path) as content:
+        return BlockDeviations(
+            key=tuple((int(a), int(b)) for a, b in content["key"]),
+            ln_frequency=frozen_array(content["ln_frequency"]),
+            damping_ratio=frozen_array(content["damping_ratio"]), shape=frozen_array(content["shape"], complex),
+        )
 
 
 def _stored_keys(path: Path) -> set[tuple[int, int]]:
-    try:
-        with path.open("rb") as file, np.load(file, allow_pickle=False) as content:
-            return {(int(a), int(b)) for a, b in content["key"]}
-    except (OSError, ValueError, KeyError, TypeError, zipfile.BadZipFile) as error:
-        raise _damaged(path, error) from None
+    with _opened(path) as content:
+        return {(int(a), int(b)) for a, b in content["key"]}
 
 
 def write_block_poles(path: Path, block: BlockPoles, origin: list[str]) -> None:
@@ -256,19 +250,16 @@ def write_block_poles(path: Path, block: BlockPoles, origin: list[str]) -> None:
 
 
 def read_block_poles(path: Path) -> BlockPoles:
-    try:
-        with path.open("rb") as file, np.load(file, allow_pickle=False) as content:
-            head = _head_of(content)
-            every = _split(content)
-            return BlockPoles(
-                id=head["id"], start=pd.Timestamp(head["start"]), minutes=head["minutes"], quantity=head["quantity"],
-                excluded=head["excluded"], notes=tuple(head["notes"]),
-                rms=np.nan if head["rms"] is None else head["rms"],
-                poles=every[0] if every else None, others=tuple(every[1:]),
-                line_hz=frozen_array(content["line_hz"]), spectrum=frozen_array(content["spectrum"]),
-            )
-    except (OSError, ValueError, KeyError, TypeError, zipfile.BadZipFile) as error:
-        raise _damaged(path, error) from None
+    with _opened(path) as content:
+        head = _head_of(content)
+        every = _split(content)
+        return BlockPoles(
+            id=head["id"], start=pd.Timestamp(head["start"]), minutes=head["minutes"], quantity=head["quantity"],
+            excluded=head["excluded"], notes=tuple(head["notes"]),
+            rms=np.nan if head["rms"] is None else head["rms"],
+            poles=every[0] if every else None, others=tuple(every[1:]),
+            line_hz=frozen_array(content["line_hz"]), spectrum=frozen_array(content["spectrum"]),
+        )
 
 
 def _split(content: Mapping) -> list[Poles]:
@@ -290,15 +281,16 @@ def _head_of(content: Mapping) -> dict:
 
 
 def _read_sources(path: Path) -> list[str]:
-    try:
-        with path.open("rb") as file, np.load(file, allow_pickle=False) as content:
-            return list(_head_of(content)["sources"])
-    except (OSError, ValueError, KeyError, TypeError, zipfile.BadZipFile) as error:
-        raise _damaged(path, error) from None
+    with _opened(path) as content:
+        return list(_head_of(content)["sources"])
 
 
-def _damaged(path: Path, error: Exception) -> InputError:
-    return InputError(str(path), f"is no identified block ({error})", "delete it: it is identified again")
+@contextmanager
+def _opened(path: Path) -> Iterator[Mapping]:
+    """The arrays of one block's file; what is missing in them is said like what cannot be read."""
+    unread = parsing(str(path), "is no identified block", "delete it: it is identified again")
+    with unread, path.open("rb") as file, np.load(file, allow_pickle=False) as content:
+        yield content
 
 
 def _read_head(path: Path) -> dict:

@@ -15,7 +15,7 @@ import pandas as pd
 from probupdate import __version__
 from probupdate.comparison import Comparison, read_comparison
 from probupdate.diagnosis.results import read_diagnosis
-from probupdate.errors import InputError
+from probupdate.errors import InputError, parsing
 from probupdate.estimators.posterior_file import Posterior, read_posterior
 from probupdate.estimators.update_file import UpdateRecord, read_update
 from probupdate.model import Model
@@ -138,10 +138,8 @@ def _title(folder: Path, head: Mapping, places: Mapping[str, Path], model: Model
 
 
 def read_table(path: Path, needed: tuple[str, ...], time: str | None = None) -> pd.DataFrame:
-    try:
+    with parsing(str(path), "not a table", "write it again, or remove it"):
         table = pd.read_csv(path, keep_default_na=True)
-    except (pd.errors.ParserError, pd.errors.EmptyDataError, UnicodeDecodeError) as error:
-        raise InputError(str(path), f"not a table ({error})", "write it again, or remove it") from None
     for column in needed:
         if column not in table:
             raise InputError(str(path), f"has no column '{column}'", "write it again, or remove it")

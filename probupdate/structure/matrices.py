@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 from scipy import sparse
 
-from probupdate.errors import InputError
+from probupdate.errors import InputError, parsing
 from probupdate.model import Wireframe
 from probupdate.modes import frozen_array
 from probupdate.parameters import Parameters
@@ -74,18 +74,16 @@ def load_matrices(path: str | Path, parameters: Parameters, *, name: str | None 
 
 def read_archive(path: Path) -> dict[str, np.ndarray]:
     """The arrays of an .npz file by name; no objects."""
-    try:
-        # opened here: numpy leaves the file open where it turns out to be no archive
-        with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
-            return {key: archive[key] for key in archive.files}
-    except FileNotFoundError:
-        raise InputError(str(path), "no such file", "check the path") from None
-    except (ValueError, OSError, EOFError, zipfile.BadZipFile, AttributeError, TypeError) as error:
-        # numpy takes whatever is no archive for a pickle and advises to load it as one
-        reason = "" if "pickle" in str(error) else f" ({getattr(error, 'strerror', None) or error})"
-        raise InputError(
-            str(path), f"not a plain .npz archive{reason}", "write it with numpy.savez, without objects"
-        ) from None
+    remedy = "write it with numpy.savez, without objects"
+    if not path.exists():
+        raise InputError(str(path), "no such file", "check the path")
+    # numpy takes whatever is no archive for a pickle and advises to load it as one
+    if path.is_file() and not zipfile.is_zipfile(path):
+        raise InputError(str(path), "not a plain .npz archive", remedy)
+    # opened here: numpy leaves the file open where it turns out to be no archive
+    unread = parsing(str(path), "not a plain .npz archive", remedy)
+    with unread, path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
+        return {key: archive[key] for key in archive.files}
 
 
 def matrix_of(path: Path, content: Mapping, key: str, n: int | None = None) -> sparse.csc_array:

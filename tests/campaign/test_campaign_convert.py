@@ -1,18 +1,22 @@
 """Every format gives the samples that were put in, at their times; what would have to be guessed is refused."""
 
 import io
+import shutil
 import subprocess
 import sys
 import zipfile
+from pathlib import Path
 
 import h5py
 import numpy as np
 import pandas as pd
 import pytest
 import scipy.io
+from peer_packages import peer
 
 from probupdate.campaign.blocks import blocks
 from probupdate.campaign.converting import convert
+from probupdate.campaign.mat_v5 import refuse_damaged
 from probupdate.campaign.reading import read_campaign
 from probupdate.errors import InputError
 
@@ -80,13 +84,23 @@ def write_headless_csv(raw, data):
 
 
 def write_parquet(raw, data):
-    pytest.importorskip("pyarrow", reason="pyarrow, which reads Parquet, is not installed")
+    peer("pyarrow")
     table(data, stamps(len(data))).to_parquet(raw / "r.parquet")
     return 'files = "*.parquet"\ntime = "when"' + COLUMNS
 
 
 def write_v5(raw, data):
     scipy.io.savemat(raw / "r.mat", {"acc": data, "t": np.arange(len(data)) / RATE, "note": "text"})
+    return 'files = "*.mat"\ntime = "t"\ntime_unit = "s"\nstart = "2019-06-03T10:00:00Z"\ndata = "acc"\n'
+
+
+def write_v5_packed(raw, data):
+    scipy.io.savemat(raw / "r.mat", {"acc": data, "t": np.arange(len(data)) / RATE}, do_compression=True)
+    return 'files = "*.mat"\ntime = "t"\ntime_unit = "s"\nstart = "2019-06-03T10:00:00Z"\ndata = "acc"\n'
+
+
+def write_v4(raw, data):
+    scipy.io.savemat(raw / "r.mat", {"acc": data, "t": np.arange(len(data)) / RATE}, format="4")
     return 'files = "*.mat"\ntime = "t"\ntime_unit = "s"\nstart = "2019-06-03T10:00:00Z"\ndata = "acc"\n'
 
 
@@ -115,8 +129,8 @@ def write_npz(raw, data):
     return 'files = "*.npz"\ntime = "when"\ntime_unit = "ms"\nzone = "UTC"' + COLUMNS
 
 
-WRITERS = (write_csv, write_german_csv, write_headless_csv, write_parquet, write_v5, write_v5_days, write_v73,
-           write_npy, write_npz)
+WRITERS = (write_csv, write_german_csv, write_headless_csv, write_parquet, write_v4, write_v5, write_v5_packed,
+           write_v5_days, write_v73, write_npy, write_npz)
 
 
 @pytest.mark.parametrize("write", WRITERS, ids=lambda w: w.__name__[6:])
@@ -134,6 +148,94 @@ def test_every_format_gives_what_was_put_in(job, write, monkeypatch):
     assert result.samples == 6000 and "1 files written" in result.summary
     (block,) = blocks(read_campaign(campaign))
     assert block.excluded == "" and block.data[:, 0] == pytest.approx(data[:, 0], rel=1e-6)
+
+
+def damaged(whole: bytes, rng, number: int) -> bytes:
+    """Cut off; single bytes changed, anywhere or near the head; a piece zeroed or taken out."""
+    content = bytearray(whole)
+    if number % 4 == 0:
+        del content[rng.integers(len(content)):]
+    elif number % 4 == 3:
+        first, length = rng.integers(len(content)), rng.integers(1, 200)
+        content[first : first + length] = b"" if rng.random() < 0.5 else bytes(length)
+    else:
+        reach = len(content) if number % 4 == 1 else min(len(content), 600)
+        for place in rng.integers(reach, size=rng.integers(1, 20)):
+            content[place] = rng.integers(256)
+    return bytes(content)
+
+
+@pytest.mark.parametrize("write", WRITERS, ids=lambda w: w.__name__[6:])
+def test_a_damaged_file_is_read_or_named(job, write):
+    """Never another error, nor the end of the process; every warning is an error here (pyproject.toml)."""
+    raw, campaign = job("")
+    job(write(raw, noise(300)))
+    (path,) = raw.iterdir()
+    whole, rng, refused = path.read_bytes(), np.random.default_rng(3), 0
+    for number in range(60):
+        path.write_bytes(damaged(whole, rng, number))
+        try:
+            convert(raw, campaign)
+        except InputError as error:
+            assert path.name in str(error)
+            refused += 1
+        shutil.rmtree(campaign / "acceleration", ignore_errors=True)
+    # a file cut off is hardly ever whole
+    assert refused >= 10
+
+
+def test_a_type_of_values_that_mat_v5_has_not_is_refused_before_scipy_looks_it_up(job):
+    raw, campaign = job("")
+    job(write_v5(raw, noise(300)))
+    content = bytearray((raw / "r.mat").read_bytes())
+    values = content.index(noise(300)[:, 0].tobytes()) - 8
+    assert content[values] == 9  # miDOUBLE
+    content[values] = 200
+    (raw / "r.mat").write_bytes(content)
+    with pytest.raises(InputError, match=f"damaged at byte {values}"):
+        convert(raw, campaign)
+
+
+def test_files_of_matlab_are_not_taken_for_damaged():
+    """Those that scipy keeps for its own tests: written by MATLAB 5 to 9.4 on six systems, and a few spoilt ones."""
+    spoilt = {"corrupted_zlib_checksum.mat", "corrupted_zlib_data.mat", "malformed1.mat"}
+    files = sorted((Path(scipy.io.__file__).parent / "matlab" / "tests" / "data").glob("*.mat"))
+    if not files:
+        pytest.skip("this scipy came without its tests' files")
+    refused = set()
+    for path in files:
+        try:
+            refuse_damaged(path)
+        except InputError:
+            refused.add(path.name)
+    assert len(files) > 80 and refused - {p.name for p in files if h5py.is_hdf5(p)} == spoilt
+
+
+def test_what_else_a_mat_file_holds_does_not_matter(job):
+    raw, campaign = job("")
+    job(write_v5(raw, noise(300)))
+    scipy.io.savemat(raw / "r.mat", {"acc": noise(300), "t": np.arange(300) / RATE, "cube": np.zeros((2, 2, 2)),
+                                     "poles": np.array([1j, 2.0])})  # fmt: skip
+    assert convert(raw, campaign).samples == 300
+
+
+def test_values_beyond_single_precision_are_lost_and_told(job):
+    raw, campaign = job("")
+    data = noise(300)
+    data[7, 0], data[9, 1] = 1e300, np.inf
+    job(write_npy(raw, data))
+    assert "2 values are lost" in convert(raw, campaign).summary
+    ((_, found),) = records(campaign)
+    assert np.isnan(found[7, 0]) and np.isnan(found[9, 1]) and np.isnan(found).sum() == 2
+
+
+@pytest.mark.parametrize("second", [1e12, -1e300])
+def test_times_of_no_century_are_refused(job, second):
+    raw, campaign = job("")
+    job(write_v5(raw, noise(300)))
+    scipy.io.savemat(raw / "r.mat", {"acc": noise(300), "t": np.append(np.arange(299) / RATE, second)})
+    with pytest.raises(InputError, match=r"r\.mat, time: row 300 .*century"):
+        convert(raw, campaign)
 
 
 def test_gaps_become_nan_or_another_file_and_are_told(job):

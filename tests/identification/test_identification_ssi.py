@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from peer_packages import peer
 
 from probupdate.errors import InputError
 from probupdate.identification.preprocessing import resampled
@@ -106,7 +107,7 @@ def poles_of(state: np.ndarray, output: np.ndarray) -> tuple[np.ndarray, np.ndar
 def test_pyoma2_gives_the_same_poles(jacket):
     """Its realisation of the same matrix to rounding; its own matrix, whose sums run over a common window (60 of 9000
     samples fewer), within a third of the estimate's own scatter."""
-    ssi = pytest.importorskip("pyoma2.functions.ssi", reason="pyOMA2, a peer to compare with, is not installed")
+    ssi = peer("pyoma2.functions.ssi")
     data = jacket.record(9000, seed=4)
     found, _ = identify_poles(data, RATE, order=ORDER, block_rows=BLOCK_ROWS)
     toeplitz = block_toeplitz(direct_covariances(data, 2 * BLOCK_ROWS - 1), BLOCK_ROWS)

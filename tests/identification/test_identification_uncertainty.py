@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from peer_packages import peer
 
 from probupdate.errors import InputError
 from probupdate.identification.record import identify_record
@@ -45,12 +46,6 @@ def test_deviations_are_finite_differences_of_the_identification(data, reference
             assert np.all(np.abs(found.shape[:, :, j] - shape) < 1e-4 * np.abs(shape).max(axis=0))
 
 
-def pyoma2():
-    # importing it switches numpy's warnings off for good
-    with np.errstate():
-        return pytest.importorskip("pyoma2.functions.ssi", reason="pyOMA2, a peer to compare with, is not installed")
-
-
 def peer_deviations(ssi, toeplitz, deviation, block_rows, order):
     """(f, zeta, std f, std zeta) of its poles at `order`, ascending in f, from that matrix and those columns."""
     with np.errstate():
@@ -66,7 +61,7 @@ def test_pyoma2_gives_the_same_deviations(jacket):
     """The same block Toeplitz matrix and the same columns of deviations, at step 1: to rounding, which its inverses
     of (H^T H / s^2 - I) enlarge. Then its own matrices, with sums over common windows of 8941 of the 9000 samples in
     30 parts of 298: the same estimates within a third of a deviation, deviations within their own 13 % twice."""
-    ssi = pyoma2()
+    ssi = peer("pyoma2.functions.ssi")
     data = jacket.record(9000, seed=4)[:, [0, 1, 4, 12, 13]]
     block_rows, order = 12, 10
     record = identify_record(data, RATE, order=order, block_rows=block_rows, sub_records=30)

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from peer_packages import peer
 from scipy import stats
 from updating_cases import (
     CHAIN_PARAMETERS,
@@ -146,7 +147,7 @@ def test_laplace_is_told_to_be_wrong_where_it_is():
 
 @pytest.mark.long
 def test_evidence_against_nested_sampling(tmp_path):
-    dynesty = pytest.importorskip("dynesty", reason="dynesty, a peer to compare with, is not installed")
+    dynesty = peer("dynesty")
     problem = chain_problem(noise=0.004)
     parameters = problem.parameters
     nested = dynesty.NestedSampler(
