@@ -14,6 +14,8 @@ from probupdate.modes import ModalSet, frozen_array, mac, rotate_to_real, subspa
 # measured modes whose frequencies differ by less than this share of their mean are compared as a plane: within it the
 # single shapes turn into each other with the noise
 PAIR_GAP = 0.10
+# shapes of close modes whose least direction is less than this of the largest span no plane
+NO_PLANE = 1e-3
 # below this criterion a computed mode is not taken for a measured one
 MIN_MAC = 0.50
 # a pairing stands where every other one is worse by at least this MAC for each mode that would change its partner
@@ -108,8 +110,9 @@ def match(
 
     `solution` holds more modes than were measured; `rows` its rows for the measured channels. `clusters` fixes which
     measured modes are compared as planes (default: by frequency, `close_clusters`). Raises InputError where no mode
-    can be used, where the set is not this model's, where a mode has two computed ones to choose from, and where only
-    one of a close pair was measured. `refuse` False: the last three are no error, for a picture of a poor model.
+    can be used, where the set is not this model's, where a mode has two computed ones to choose from, where close modes
+    have one shape, and where only one of a close pair was measured. `refuse` False: all but the first are no error, for
+    a picture of a poor model.
     """
     name = labels or tuple(f"mode {j + 1}" for j in range(modal_set.frequency_hz.size))
     given = clusters
@@ -138,6 +141,8 @@ def match(
         if len(members) == 1:
             criterion[members] = mac(measured[:, members], computed)
         else:
+            if refuse:
+                _refuse_equal_shapes(modal_set.id, [name[j] for j in cluster], measured[:, members])
             criterion[members] = subspace_mac(computed, measured[:, members])
     pairs = assign(criterion[used]) if used else np.zeros(0, int)
     partner = dict(zip(used, pairs, strict=True))
@@ -172,6 +177,18 @@ def match(
         groups=tuple(groups), criterion=frozen_array(criterion), left_out=tuple(left_out),
         n_mode=min(highest + 1 + SPARE, computed.shape[1]),
     )  # fmt: skip
+
+
+def _refuse_equal_shapes(set_id: str, names: list[str], shape: np.ndarray) -> None:
+    """The second direction of a plane that is none would be rounding's, and so would be what it is paired with."""
+    known = shape[np.all(np.isfinite(shape), axis=1)]
+    if len(known) < len(names):
+        return
+    largest = np.max(np.abs(known), axis=0)
+    singular = np.linalg.svd(known / np.where(largest > 0, largest, 1.0), compute_uv=False)
+    if np.all(largest > 0) and singular[-1] < NO_PLANE * singular[0]:
+        raise InputError(f"set {set_id}, {' and '.join(names)}", "their shapes are the same: they span no plane",
+                         "check that the modes are two different ones")  # fmt: skip
 
 
 def _refuse_another_structure(set_id, criterion, partner, name) -> None:

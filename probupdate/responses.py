@@ -252,7 +252,7 @@ def joint_root(groups: tuple[ResponseGroup, ...], weights: Weights) -> np.ndarra
 
 
 def response_group(modal_set: ModalSet, members: list[int], rows, weights: Weights, labels) -> ResponseGroup:
-    """The measured side of these modes; raises InputError where a deviation is missing or shapes span no plane."""
+    """The measured side of modes that `matching.match` grouped; raises InputError where a deviation is missing."""
     where = f"set {modal_set.id}, {' and '.join(labels[j] for j in members)}"
     frequency = modal_set.frequency_hz[members]
     turned = rotate_to_real(modal_set.shape[:, members])
@@ -270,9 +270,6 @@ def response_group(modal_set: ModalSet, members: list[int], rows, weights: Weigh
         sign = np.sign(shape[np.argmax(np.abs(shape))])
         basis, to_basis = shape / largest * sign, np.diag(sign)
     else:
-        if singular[-1] < 1e-3 * singular[0]:
-            raise InputError(where, "their shapes are the same: they span no plane",
-                             "check that the modes are two different ones")  # fmt: skip
         size = np.max(np.linalg.norm(u, axis=1))
         basis, to_basis = u / size, v.T / singular / size
     common = dict(

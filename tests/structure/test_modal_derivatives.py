@@ -155,7 +155,12 @@ def test_degenerate_frame_turns_as_a_plane():
     for k in range(3):
         d_frequency, d_shape = difference(model, theta, k, 1e-4, exact.shape, ((0, 1),))
         assert exact.frequency_derivative[:2, k] == pytest.approx(d_frequency[:2], rel=1e-6)
-        assert exact.shape_derivative[:, :2, k] == pytest.approx(d_shape[:, :2], abs=1e-5 * np.abs(d_shape).max())
+        # which two shapes the solver takes in the plane is chance, and so how the two ways turn them along
+        shape, gap = exact.shape[:, :2], exact.shape_derivative[:, :2, k] - d_shape[:, :2]
+        turn = np.linalg.lstsq(shape, gap, rcond=None)[0]
+        limit = 1e-5 * np.abs(d_shape).max()
+        assert np.abs(gap - shape @ turn).max() < limit
+        assert np.abs(shape @ (turn + turn.T)).max() < limit
 
 
 def _pair(model, j):
