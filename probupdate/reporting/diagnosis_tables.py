@@ -147,6 +147,8 @@ def plain_table(caption: str, table: object) -> list[object]:
 
 
 def row_table(caption: str, rows: Sequence) -> list[object]:
+    if not rows:
+        return []
     if all(isinstance(r, str) for r in rows):
         return [Items(title=caption, statements=tuple(map(sentence, rows)))]
     rows = [r for r in rows if isinstance(r, Mapping)]
