@@ -54,12 +54,13 @@ class Extension:
 
 def extend(
     prepared: Prepared, outcome: Outcome, data: ModalData, out: str | Path | None = None, *,
-    sampler: SamplerSettings | None = None, progress: Progress = silent,
+    sampler: SamplerSettings | None = None, parameters_file: str | Path | None = None, progress: Progress = silent,
 ) -> Extension:  # fmt: skip
     """Put the findings of a diagnosis into model and data. `out`: diagnosis.json's place; the files go beside it as
     <its stem>.model.toml (and .model.npz of a model of matrices with a group), <its stem>.modes.json (sets corrected
     for what the sensors did), <its stem>.mean.json (the mean that the estimators were given) and
-    <its stem>.posterior.nc. `sampler` None: the posterior is not sampled, and the content says so."""
+    <its stem>.posterior.nc. `sampler` None: the posterior is not sampled, and the content says so. `parameters_file`:
+    the one beside a model of matrices, for the command that is told."""
     setting, fitted = outcome.setting, outcome.fitted
     added = _Added.of(prepared, fitted)
     seen = [n for n in fitted.named if n.effect.observe is not None]
@@ -93,7 +94,8 @@ def extend(
     if out is not None:
         place = out.with_name(f"{out.stem}.posterior.nc")
         command = sampling_command(places.get("model", prepared.path), places["mean"], place,
-                                   1 if sampler is None else sampler.seed)  # fmt: skip
+                                   1 if sampler is None else sampler.seed,
+                                   parameters=None if "model" in places else parameters_file)  # fmt: skip
     if sampler is None:
         chain = not_sampled(command, reason="this was not asked for")
     elif model is None:

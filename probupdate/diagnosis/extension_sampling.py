@@ -75,10 +75,13 @@ def _told(posterior: Posterior, settings: SamplerSettings) -> dict:
     }  # fmt: skip
 
 
-def sampling_command(model: Path, mean: Path, posterior: Path, seed: int) -> str:
+def sampling_command(
+    model: Path, mean: Path, posterior: Path, seed: int, *, parameters: str | Path | None = None
+) -> str:
     """What is typed to sample the same problem until it converges."""
-    model, mean, posterior = (shlex.quote(str(place)) for place in (model, mean, posterior))
-    return f"probupdate sample --model {model} --modes {mean} --out {posterior} --seed {seed}"
+    given = {"model": model, "parameters": parameters, "modes": mean, "out": posterior}
+    places = " ".join(f"--{name} {shlex.quote(str(place))}" for name, place in given.items() if place is not None)
+    return f"probupdate sample {places} --seed {seed}"
 
 
 def sampler_statements(told: Mapping, laplace: list[dict]) -> list[str]:

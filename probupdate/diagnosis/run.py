@@ -60,7 +60,8 @@ def diagnose_files(
         return _with_tests(found, tests, wrong_rate)
     if isinstance(groups, str | Path):
         groups = _read_groups(groups)
-    whole = partial(_whole, data=data, seed=seed, extended=extend, sampler=sampler, out=out, progress=progress)
+    whole = partial(_whole, data=data, seed=seed, extended=extend, sampler=sampler, parameters_file=parameters, out=out,
+                    progress=progress)  # fmt: skip
     if isinstance(model, Prepared):
         return _with_tests(whole(model), tests, wrong_rate)
     if not isinstance(model, Path):
@@ -92,7 +93,7 @@ def _with_tests(found: Diagnosis, tests: Sequence[dict], wrong_rate: Finding | N
 
 def _whole(
     prepared: Prepared, *, data: ModalData, seed: int, extended: bool, sampler: SamplerSettings | bool,
-    out: str | Path | None, progress: Progress,
+    parameters_file: str | Path | None, out: str | Path | None, progress: Progress,
 ) -> Diagnosis:  # fmt: skip
     """The diagnosis with what remains before and after its findings, for the report."""
     outcome = examine(prepared, data, seed=seed, progress=progress)
@@ -101,7 +102,8 @@ def _whole(
         found = _with_gains(found, gains(prepared, outcome, progress=progress))
         if sampler is True:
             sampler = bounded(seed, turbine=prepared.description is not None)
-        more = extend_model(prepared, outcome, data, out, sampler=sampler or None, progress=progress)
+        more = extend_model(prepared, outcome, data, out, sampler=sampler or None, parameters_file=parameters_file,
+                            progress=progress)  # fmt: skip
         found = replace(found, extended_model=more.model, extension=more.content)
     return replace(found, splits=found.splits or splits(outcome),
                    details={**found.details, "residuals": residuals(outcome, prepared.sensors)})  # fmt: skip

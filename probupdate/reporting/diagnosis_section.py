@@ -253,7 +253,7 @@ def _measurement(content: Mapping, shown: Mapping | None) -> list[object]:
     told = content["details"].get("measurement")
     if isinstance(told, list) and told:
         said = [r for r in told if isinstance(r, Mapping) and isinstance(r.get("statement"), str)]
-        for suspected, title in ((True, "Suspected in the raw records"), (False, "Tested in the raw records, no fault")):
+        for suspected, title in ((True, "Suspected in the raw records"), (False, "Raw records without a fault")):
             here = tuple(sentence(r["statement"]) for r in said if r.get("suspected", True) is suspected)
             if here:
                 items.append(Items(title=title, statements=here, level="warning" if suspected else "plain"))

@@ -1,12 +1,15 @@
 """The model and the data with findings in them: files that load, sets that are corrected, estimators run again."""
 
 import json
+import shlex
+import shutil
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 import probupdate
+from probupdate.cli import main
 from probupdate.diagnosis import extension_sampling
 from probupdate.diagnosis.catalogue import Delay, Effect, Gain, Rate, Turn
 from probupdate.diagnosis.courses import Course, step_course
@@ -108,6 +111,18 @@ def test_a_wrong_gain_is_taken_out_and_the_parameters_move_back(prepared, record
     assert content["extension"]["sampler"]["asked"] is False and content["extension"]["files"]["posterior"] is None
     command = f"probupdate sample --model {prepared.path} --modes {out.with_name('diagnosis.mean.json')}"
     assert any("was not asked for" in s and command in s for s in content["extension"]["statements"])
+
+
+def test_the_command_that_is_told_runs_where_the_parameters_lie_elsewhere(frame_file, record, tmp_path):
+    model, parameters = tmp_path / "a model" / "frame.npz", tmp_path / "priors.toml"
+    model.parent.mkdir()
+    shutil.copy(frame_file, model)
+    shutil.copy(frame_file.with_suffix(".toml"), parameters)
+    found = probupdate.diagnose(model, record(8, gain=("y4", 1.15)), parameters=parameters, sampler=False,
+                                out=tmp_path / "d.json")
+    program, *arguments = shlex.split(found.extension["sampler"]["command"])
+    assert program == "probupdate" and main([*arguments, "--ess", "50", "--max-steps", "100"]) == 0
+    assert (tmp_path / "d.posterior.nc").is_file()
 
 
 def test_left_out_on_request(prepared, record, tmp_path):

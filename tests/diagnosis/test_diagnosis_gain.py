@@ -235,6 +235,6 @@ def test_predictions_of_a_model_fitted_to_the_other_blocks_are_those_of_the_line
             # what is predicted: frequencies seen there less what is left of them
             known = seen[q][held].mean(axis=0)[:3] - fitted.departures[q][held].mean(axis=0)[:3]
             difference = (refitted.residual[q] - linear.residual[q]).mean(axis=0)[:3]
-            # the two linearise at places that differ by `known`: a tenth of it, and a fiftieth of what the mean of eight
-            # blocks of 0.1 % is known to
+            # the two linearise at places that differ by `known`: a tenth of it, and a fiftieth of what the mean of
+            # eight blocks of 0.1 % is known to
             assert np.max(np.abs(difference)) < 0.1 * np.abs(known).max() + 0.02 * 1e-3 / np.sqrt(8)
