@@ -144,13 +144,15 @@ def match(
             if refuse:
                 _refuse_equal_shapes(modal_set.id, [name[j] for j in cluster], measured[:, members])
             criterion[members] = subspace_mac(computed, measured[:, members])
-    pairs = assign(criterion[used]) if used else np.zeros(0, int)
+    visible = np.linalg.norm(computed, axis=0)
+    score = _near_enough(criterion, modal_set.frequency_hz, solution.frequency_hz, visible)
+    pairs = assign(score[used]) if used else np.zeros(0, int)
     partner = dict(zip(used, pairs, strict=True))
     groups = []
     for cluster in clusters:
         found = sorted(int(partner[j]) for j in cluster)
         # a computed member may be the better half of a plane: the worst of the members decides
-        kept = [j for j in cluster if criterion[j, partner[j]] >= min_mac]
+        kept = [j for j in cluster if score[j, partner[j]] >= min_mac]
         if len(kept) < len(cluster):
             worst = min(cluster, key=lambda j: criterion[j, partner[j]])
             names = " and ".join(name[j] for j in cluster)
@@ -160,9 +162,8 @@ def match(
             )
             continue
         groups.append(ModeGroup(measured=cluster, computed=tuple(found)))
-    visible = np.linalg.norm(computed, axis=0)
     if refuse and sum(len(group.measured) for group in groups) >= 0.5 * len(used):
-        _refuse_ambiguous(modal_set, groups, criterion, visible, name, solution.frequency_hz)
+        _refuse_ambiguous(modal_set, groups, score, visible, name, solution.frequency_hz)
     if refuse and partner:
         _refuse_another_structure(modal_set.id, criterion, partner, name)
     if not groups:
@@ -177,6 +178,19 @@ def match(
         groups=tuple(groups), criterion=frozen_array(criterion), left_out=tuple(left_out),
         n_mode=min(highest + 1 + SPARE, computed.shape[1]),
     )  # fmt: skip
+
+
+def _near_enough(criterion, measured_hz, computed_hz, visible) -> np.ndarray:
+    """The criterion, -1 where another computed mode is about as alike and much nearer in frequency: on few levels a
+    mode of thrice the frequency may have the shape by a hundredth better."""
+    score = np.nan_to_num(criterion, nan=-1.0)
+    away = np.abs(np.log(computed_hz[None, :] / measured_hz[:, None]))
+    for j in np.flatnonzero(np.isfinite(measured_hz)):
+        alike = score[j][None, :] > score[j][:, None] - CLEAR
+        nearer = away[j][None, :] + APART < away[j][:, None]
+        seen = visible[None, :] >= SEEN * visible[:, None]
+        score[j, np.any(alike & nearer & seen, axis=1)] = -1.0
+    return score
 
 
 def _refuse_equal_shapes(set_id: str, names: list[str], shape: np.ndarray) -> None:
@@ -204,10 +218,10 @@ def _refuse_another_structure(set_id, criterion, partner, name) -> None:
         )
 
 
-def _refuse_ambiguous(modal_set, groups, criterion, visible, name, frequency_hz) -> None:
+def _refuse_ambiguous(modal_set, groups, score, visible, name, frequency_hz) -> None:
     """Every group keeps its computed modes if any other choice costs at least CLEAR a mode in summed MACs."""
     rows = [j for group in groups for j in group.measured]
-    score = np.nan_to_num(criterion[rows], nan=-1.0)
+    score = score[rows]
     column = assign(score)
     best = score[np.arange(len(rows)), column].sum()
     ends = np.cumsum([len(group.measured) for group in groups])
@@ -225,9 +239,9 @@ def _refuse_ambiguous(modal_set, groups, criterion, visible, name, frequency_hz)
             loss = (best - trial[np.arange(len(rows)), other].sum()) / changed
             new = sorted(set(other[here]) - set(group.computed))
             if loss < CLEAR and new:
-                j, k = group.measured[0], int(new[0])
+                row, k = here.start, int(new[0])
                 names = " and ".join(name[m] for m in group.measured)
-                found = " and ".join(f"mode {m + 1} at {frequency_hz[m]:.4g} Hz with MAC {criterion[j, m]:.2f}"
+                found = " and ".join(f"mode {m + 1} at {frequency_hz[m]:.4g} Hz with MAC {score[row, m]:.2f}"
                                      for m in (i, k))  # fmt: skip
                 raise InputError(
                     f"set {modal_set.id}, {names}", f"two computed modes are about as alike, {found}",

@@ -211,6 +211,20 @@ def test_a_like_shape_far_off_in_frequency_is_no_alternative():
     assert found.criterion[0, 4] > 0.9 and found.computed == (0, 1)
 
 
+def test_a_mode_that_is_a_little_more_alike_but_far_off_does_not_take_its_place():
+    """A torsion whose shape a mode of thrice the frequency has by 0.01 better, on these channels."""
+    axes = np.eye(len(CHANNELS))
+    own = np.sqrt(0.98) * axes[2] + np.sqrt(0.02) * axes[3]
+    shape = np.column_stack([axes[0], axes[1], own, axes[5], np.sqrt(0.99) * axes[2] + np.sqrt(0.01) * axes[4]])
+    solution = ModalSolution(theta=CHAIN_TRUTH, frequency_hz=np.array([0.3, 0.31, 1.34, 2.0, 4.3]), shape=shape)
+    measured = modal_set([0.3, 0.31, 1.32], axes[:, :3])
+    assert match(measured, solution, ROWS).computed == (0, 1, 2)
+    # as near as the other one, it is what it was: no choice is right
+    solution = ModalSolution(theta=CHAIN_TRUTH, frequency_hz=np.array([0.3, 0.31, 1.34, 1.6, 1.7]), shape=shape)
+    with pytest.raises(InputError, match="about as alike"):
+        match(measured, solution, ROWS)
+
+
 def test_a_mode_of_a_pair_measured_alone_is_refused():
     exact = solution_at()
     frequency, shape = np.array(exact.frequency_hz[:4]), np.array(exact.shape[:, :4])
