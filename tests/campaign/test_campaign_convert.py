@@ -12,6 +12,7 @@ import numpy as np
 import pandas as pd
 import pytest
 import scipy.io
+from damage import damaged
 from peer_packages import peer
 
 from probupdate.campaign.blocks import blocks
@@ -148,21 +149,6 @@ def test_every_format_gives_what_was_put_in(job, write, monkeypatch):
     assert result.samples == 6000 and "1 files written" in result.summary
     (block,) = blocks(read_campaign(campaign))
     assert block.excluded == "" and block.data[:, 0] == pytest.approx(data[:, 0], rel=1e-6)
-
-
-def damaged(whole: bytes, rng, number: int) -> bytes:
-    """Cut off; single bytes changed, anywhere or near the head; a piece zeroed or taken out."""
-    content = bytearray(whole)
-    if number % 4 == 0:
-        del content[rng.integers(len(content)):]
-    elif number % 4 == 3:
-        first, length = rng.integers(len(content)), rng.integers(1, 200)
-        content[first : first + length] = b"" if rng.random() < 0.5 else bytes(length)
-    else:
-        reach = len(content) if number % 4 == 1 else min(len(content), 600)
-        for place in rng.integers(reach, size=rng.integers(1, 20)):
-            content[place] = rng.integers(256)
-    return bytes(content)
 
 
 @pytest.mark.parametrize("write", WRITERS, ids=lambda w: w.__name__[6:])

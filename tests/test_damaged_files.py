@@ -1,0 +1,91 @@
+"""Every file that a step reads, damaged: it is read, or one error names it; never another error or a warning."""
+
+import numpy as np
+import pandas as pd
+import pytest
+from damage import damaged
+
+from probupdate.deviation_file import read_deviations, write_deviations
+from probupdate.errors import InputError, parsing
+from probupdate.estimators.posterior_file import Posterior, read_posterior, write_posterior
+from probupdate.identification.block_poles import BlockDeviations, BlockPoles
+from probupdate.identification.block_store import (
+    read_block_deviations,
+    read_block_poles,
+    write_block_deviations,
+    write_block_poles,
+)
+from probupdate.identification.ssi import Poles
+from probupdate.modes import ModalDeviation
+from probupdate.structure.load import load_model
+
+RNG = np.random.default_rng(4)
+SHAPE = RNG.standard_normal((6, 3)) + 1j * RNG.standard_normal((6, 3))
+
+
+def block_poles(folder):
+    poles = Poles(order=8, frequency_hz=np.array([0.3, 0.31, 1.3]), damping_ratio=np.full(3, 0.01), shape=SHAPE)
+    write_block_poles(folder / "b.npz", BlockPoles(
+        id="b", start=pd.Timestamp("2020-01-01T00:00Z"), minutes=30.0, quantity="acceleration", excluded="", notes=(),
+        rms=0.01, poles=poles, others=(poles,), line_hz=np.linspace(0, 5, 40), spectrum=np.ones(40)), [])  # fmt: skip
+    return folder / "b.npz", read_block_poles
+
+
+def block_deviations(folder):
+    write_block_deviations(folder / "b.npz", BlockDeviations(
+        key=((8, 0), (8, 1)), ln_frequency=np.ones((2, 20)), damping_ratio=np.ones((2, 20)),
+        shape=np.ones((2, 6, 20), complex)))  # fmt: skip
+    return folder / "b.npz", read_block_deviations
+
+
+def deviations(folder):
+    one = ModalDeviation(ln_frequency=np.ones((3, 20)), damping_ratio=np.ones((3, 20)),
+                         shape=np.ones((6, 3, 20), complex))  # fmt: skip
+    name = write_deviations({"one": one, "a/b": one}, folder / "modes.json")
+    return folder / name, lambda path: read_deviations(folder / "modes.json", name)
+
+
+def matrices(folder):
+    K = np.diag(np.full(6, 2.0)) - np.diag(np.ones(5), 1) - np.diag(np.ones(5), -1)
+    np.savez(folder / "model.npz", K0=0 * K, M0=np.eye(6), K_k=100 * K, channel=np.array(list("abcdef")),
+             channel_dof=np.arange(6))  # fmt: skip
+    (folder / "model.toml").write_text('[[parameter]]\nname = "k"\nunit = "-"\ninitial = 1.0\ncov = 0.1\n')
+    return folder / "model.npz", load_model
+
+
+def posterior(folder):
+    draws, one = RNG.standard_normal((4, 50, 2)), np.ones(1)
+    found = Posterior(
+        names=("k_t", "py"), theta=draws, log_likelihood=np.zeros((4, 50)), log_posterior=np.zeros((4, 50)),
+        prior=draws[0], response_labels=("f",), measured=one, std=one, predicted=np.ones((3, 1)),
+        frequency_hz=np.ones((3, 1)), mode_labels=("FA1",), r_hat=np.ones(2), ess=np.ones(2), converged=True,
+        verdict="converged", fingerprint="")  # fmt: skip
+    return write_posterior(found, folder / "posterior.nc"), read_posterior
+
+
+@pytest.mark.parametrize("make", [block_poles, block_deviations, deviations, matrices, posterior])
+def test_a_damaged_file_is_read_or_named(make, tmp_path):
+    path, read = make(tmp_path)
+    read(path)
+    whole, rng, refused = path.read_bytes(), np.random.default_rng(5), 0
+    for number in range(60):
+        path.write_bytes(damaged(whole, rng, number, head=3000))
+        try:
+            read(path)
+        except InputError as error:
+            assert path.name in str(error) and len(str(error).splitlines()) == 1
+            refused += 1
+    # one cut off is hardly ever whole
+    assert refused >= 10
+
+
+def test_an_error_without_words_is_told_by_its_kind():
+    said = r"^a\.mat: is none \(ValueError: no reason given\); save it again$"
+    with pytest.raises(InputError, match=said) as error, parsing("a.mat", "is none", "save it again"):
+        raise ValueError
+    assert isinstance(error.value.__cause__, ValueError)
+
+
+def test_an_error_of_ours_keeps_its_words():
+    with pytest.raises(InputError, match="mine"), parsing("a.mat", "is none", "save it again"):
+        raise InputError("mine", "is wrong", "mend it")
