@@ -15,7 +15,7 @@ from scipy.special import logsumexp
 from probupdate.diagnosis.along_record import Scores, make_contrasts, score
 from probupdate.diagnosis.blocks import Blocks, gather
 from probupdate.diagnosis.catalogue import Effect, measurement_effects
-from probupdate.diagnosis.courses import MARGIN, Course, make_courses, step_course
+from probupdate.diagnosis.courses import MARGIN, N_STEP, Course, make_courses, step_course
 from probupdate.diagnosis.diagnose import POWER, SURE, with_derived
 from probupdate.diagnosis.level_shapes import judge_levels, mean_shapes
 from probupdate.diagnosis.own_picture import look, mended
@@ -67,16 +67,38 @@ class Change:
 
 
 def _finer(blocks: Blocks, watched: Watched, known: np.ndarray, row: int, course: Course) -> Course:
-    """The step's block found among all those near."""
+    """The step's block found among all, by least squares: scores do not serve, as each course has a noise of its own,
+    which a step at a wrong place may make small."""
     if course.kind != "step":
         return course
     n = len(blocks)
-    reach = max(n // 20, 3)
-    near = range(max(MARGIN, course.at - reach), min(n - MARGIN, course.at + reach) + 1)
-    steps = [step_course(n, at) for at in near]
+    steps = [step_course(n, at) for at in range(MARGIN, n - MARGIN + 1)]
     nuisance = np.column_stack([np.ones(n), watched.picture.turning, known])
-    z = score(make_contrasts(watched.weight[[row]], nuisance, steps, blocks.hours), watched.series[[row]], [[0]]).z
-    return steps[int(np.argmax(np.abs(z[0])))] if np.any(z) else course
+    contrasts = make_contrasts(watched.weight[[row]], nuisance, steps, blocks.hours)
+    size = score(contrasts, watched.series[[row]], [[0]]).size[0]
+    taken = np.where(contrasts.usable[0], size**2 / np.where(contrasts.usable[0], contrasts.white_var[0], 1.0), 0.0)
+    return steps[int(np.argmax(taken))] if np.any(taken) else course
+
+
+def _apart(blocks: Blocks, sensors: Sequence[Sensor]) -> float:
+    """By how much the blocks' modes depart from their own mean ones in all (sum of squares)."""
+    return sum(float(np.sum(y**2)) for y in look(blocks, sensors).departures)
+
+
+def _whole_from(blocks: Blocks, sensors: Sequence[Sensor], effect: Effect, course: Course) -> tuple[float, Course]:
+    """What an effect that is there or not leaves at least when it is taken out from some block on, and that course: of
+    a coarse grid, then of the blocks near. A channel reversed half of the time has no mean, and its scores are at wrong
+    times."""
+    n = len(blocks)
+
+    def left(at: int) -> float:
+        return _apart(mended(blocks, effect, effect.discrete[0] * step_course(n, at).value), sensors)
+
+    grid = np.unique(np.linspace(MARGIN, n - MARGIN, N_STEP).astype(int))
+    middle = min({*map(int, grid), course.at}, key=left)
+    reach = -(-(n - 2 * MARGIN) // N_STEP)
+    best = min(range(max(MARGIN, middle - reach), min(n - MARGIN, middle + reach) + 1), key=left)
+    return left(best), step_course(n, best)
 
 
 def mend(
@@ -224,9 +246,9 @@ def _sensor(
         left, row, then, size, std = tried[0]
         effect = seen.effects[row - seen.n_frequency]
         if left > 1:
-            other = _as_a_whole(now, watched, known, sensors, course, found, whole, seen, fit)
+            other = _as_a_whole(now, watched, known, sensors, course, found, whole, seen, fit, once=not number)
             if other is not None and other[0] < left:
-                left, effect, then = other
+                left, effect, then, course = other
                 size, std = effect.discrete[0], 0.0
         # all at the scatter that is usual for sensors
         usual = max(1.0, float(np.median(scores.noise[seen.classes[1], 0])))
@@ -268,16 +290,26 @@ def _explained(seen: Watched, known: np.ndarray, course: Course, found: Found) -
     return np.where(can, 0.5 * scores.size[:, 0] ** 2 / variance, 0.0), scores
 
 
-def _as_a_whole(now, watched, known, sensors, course, found, whole, seen, fit):
-    """(what is left, effect, mended blocks) of the exchanged or reversed channels that explain most."""
+def _as_a_whole(now, watched, known, sensors, course, found, whole, seen, fit, *, once: bool):
+    """(what is left over its threshold, effect, mended blocks, course) of the exchanged or reversed channels that leave
+    least of all departures; the course's time is theirs where nothing else was taken out along it (`once`)."""
     strong = {seen.effects[k - seen.n_frequency].location for k in np.argsort(-fit)[:8]
               if seen.effects[k - seen.n_frequency].cause == "sensor gain"}  # fmt: skip
     tried = []
     for effect in whole:
-        if all(name in strong for name in effect.location.split(" and ")):
-            then = mended(now, effect, effect.discrete[0] * course.value)
-            tried.append((max(left_at(then, watched, known, sensors, course, found)), effect, then))
-    return min(tried, key=lambda t: t[0]) if tried else None
+        names = effect.location.split(" and ")
+        # pairs are many: those of channels whose gains explain much
+        if len(names) == 1 or all(name in strong for name in names):
+            plain = _apart(mended(now, effect, effect.discrete[0] * course.value), sensors)
+            tried.append((*(_whole_from(now, sensors, effect, course) if once else (plain, course)), effect))
+    if not tried:
+        return None
+    least, own, effect = min(tried, key=lambda t: t[0])
+    if least >= _apart(now, sensors):
+        return None
+    then = mended(now, effect, effect.discrete[0] * own.value)
+    left = max(max(left_at(then, watched, known, sensors, one, found)) for one in (course, own))
+    return left, effect, then, own
 
 
 def surroundings_columns(blocks: Blocks) -> tuple[str, ...]:

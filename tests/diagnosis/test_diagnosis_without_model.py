@@ -5,6 +5,7 @@ import json
 from dataclasses import replace
 
 import numpy as np
+import pandas as pd
 import pytest
 
 import probupdate
@@ -79,6 +80,19 @@ def test_a_gain_that_changes_is_named_with_its_channel():
     (one,) = found.findings
     assert found.verdict == "named" and (one.kind, one.cause, one.location) == ("measurement", "sensor gain", "T90-x")
     assert one.size == pytest.approx(0.08, abs=4 * one.size_std) and one.size_std < 0.01
+
+
+@pytest.mark.parametrize("channel", ["TP-B-y", "T90-y"])
+def test_a_channel_reversed_half_way_is_named_with_its_time(channel):
+    """Over the whole record it has no mean, and at the tower's top the pairs' axes turn with it."""
+    data, sensors = turbine(27, {"kind": "sensor_gain", "channel": channel, "factor": -1.0, "course": "step",
+                                 "at_hour": 360.0})  # fmt: skip
+    found = diagnose_without_model(data, sensors)
+    (one,) = found.findings
+    assert (found.verdict, one.cause, one.location, one.size) == ("named", "sensor polarity", channel, -2.0)
+    first = next(s.id for s in data.sets if pd.Timestamp(s.id) >= pd.Timestamp(data.sets[0].id[:8] + "01T00:00:00Z")
+                 + pd.Timedelta(hours=360))  # fmt: skip
+    assert one.course_start == first
 
 
 def test_constant_gain_on_a_rigid_level_is_named():
