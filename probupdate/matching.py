@@ -145,14 +145,14 @@ def match(
                 _refuse_equal_shapes(modal_set.id, [name[j] for j in cluster], measured[:, members])
             criterion[members] = subspace_mac(computed, measured[:, members])
     visible = np.linalg.norm(computed, axis=0)
-    score = _near_enough(criterion, modal_set.frequency_hz, solution.frequency_hz, visible)
-    pairs = assign(score[used]) if used else np.zeros(0, int)
-    partner = dict(zip(used, pairs, strict=True))
+    pairs = assign(criterion[used]) if used else np.zeros(0, int)
+    partner = _nearer(dict(zip(used, map(int, pairs), strict=True)), criterion, modal_set.frequency_hz,
+                      solution.frequency_hz, visible)  # fmt: skip
     groups = []
     for cluster in clusters:
         found = sorted(int(partner[j]) for j in cluster)
         # a computed member may be the better half of a plane: the worst of the members decides
-        kept = [j for j in cluster if score[j, partner[j]] >= min_mac]
+        kept = [j for j in cluster if criterion[j, partner[j]] >= min_mac]
         if len(kept) < len(cluster):
             worst = min(cluster, key=lambda j: criterion[j, partner[j]])
             names = " and ".join(name[j] for j in cluster)
@@ -163,7 +163,7 @@ def match(
             continue
         groups.append(ModeGroup(measured=cluster, computed=tuple(found)))
     if refuse and sum(len(group.measured) for group in groups) >= 0.5 * len(used):
-        _refuse_ambiguous(modal_set, groups, score, visible, name, solution.frequency_hz)
+        _refuse_ambiguous(modal_set, groups, partner, criterion, visible, name, solution.frequency_hz)
     if refuse and partner:
         _refuse_another_structure(modal_set.id, criterion, partner, name)
     if not groups:
@@ -180,17 +180,17 @@ def match(
     )  # fmt: skip
 
 
-def _near_enough(criterion, measured_hz, computed_hz, visible) -> np.ndarray:
-    """The criterion, -1 where another computed mode is about as alike and much nearer in frequency: on few levels a
-    mode of thrice the frequency may have the shape by a hundredth better."""
-    score = np.nan_to_num(criterion, nan=-1.0)
+def _nearer(partner, criterion, measured_hz, computed_hz, visible) -> dict[int, int]:
+    """The partners (measured -> computed mode), a free mode instead of one that is about as alike and much farther off
+    in frequency: on few levels a mode of thrice the frequency may have the shape by a hundredth better."""
     away = np.abs(np.log(computed_hz[None, :] / measured_hz[:, None]))
-    for j in np.flatnonzero(np.isfinite(measured_hz)):
-        alike = score[j][None, :] > score[j][:, None] - CLEAR
-        nearer = away[j][None, :] + APART < away[j][:, None]
-        seen = visible[None, :] >= SEEN * visible[:, None]
-        score[j, np.any(alike & nearer & seen, axis=1)] = -1.0
-    return score
+    result = dict(partner)
+    for j, i in partner.items():
+        free = [k for k in range(len(computed_hz)) if k not in result.values() and visible[k] >= SEEN * visible[i]
+                and criterion[j, k] > criterion[j, i] - CLEAR and away[j, k] + APART < away[j, i]]  # fmt: skip
+        if free:
+            result[j] = min(free, key=lambda k: away[j, k])
+    return result
 
 
 def _refuse_equal_shapes(set_id: str, names: list[str], shape: np.ndarray) -> None:
@@ -218,11 +218,11 @@ def _refuse_another_structure(set_id, criterion, partner, name) -> None:
         )
 
 
-def _refuse_ambiguous(modal_set, groups, score, visible, name, frequency_hz) -> None:
+def _refuse_ambiguous(modal_set, groups, partner, criterion, visible, name, frequency_hz) -> None:
     """Every group keeps its computed modes if any other choice costs at least CLEAR a mode in summed MACs."""
     rows = [j for group in groups for j in group.measured]
-    score = score[rows]
-    column = assign(score)
+    score = np.nan_to_num(criterion[rows], nan=-1.0)
+    column = np.array([partner[j] for j in rows], int)
     best = score[np.arange(len(rows)), column].sum()
     ends = np.cumsum([len(group.measured) for group in groups])
     places = [slice(end - len(group.measured), end) for group, end in zip(groups, ends, strict=True)]

@@ -219,6 +219,21 @@ def test_a_mode_that_is_a_little_more_alike_but_far_off_does_not_take_its_place(
     solution = ModalSolution(theta=CHAIN_TRUTH, frequency_hz=np.array([0.3, 0.31, 1.34, 2.0, 4.3]), shape=shape)
     measured = modal_set([0.3, 0.31, 1.32], axes[:, :3])
     assert match(measured, solution, ROWS).computed == (0, 1, 2)
+    # a nearer one that is another measured mode's own is not taken from it
+    beside = np.cos(np.radians(20.3)) * axes[0] + np.sin(np.radians(20.3)) * axes[1]
+    stiff = ModalSolution(theta=CHAIN_TRUTH, frequency_hz=np.array([1.05, 1.5, 2.6, 5.0]),
+                          shape=np.column_stack([beside, axes[0], axes[2], axes[3]]))  # fmt: skip
+    crossed = modal_set([1.0, 1.2, 2.5], np.column_stack([axes[0], beside, axes[2]]))
+    with pytest.raises(InputError, match="about as alike"):
+        match(crossed, stiff, ROWS, clusters=[(0,), (1,), (2,)])
+
+    def at(degrees):
+        return np.cos(np.radians(degrees)) * axes[0] + np.sin(np.radians(degrees)) * axes[1]
+
+    stiffer = ModalSolution(theta=CHAIN_TRUTH, frequency_hz=np.array([1.05, 1.5, 3.75, 5.0]),
+                            shape=np.column_stack([at(-22.5), at(13), axes[2], axes[3]]))  # fmt: skip
+    clear = modal_set([0.7, 1.0, 2.5], np.column_stack([at(-36), at(0), axes[2]]))
+    assert match(clear, stiffer, ROWS, clusters=[(0,), (1,), (2,)]).computed == (0, 1, 2)
     # as near as the other one, it is what it was: no choice is right
     solution = ModalSolution(theta=CHAIN_TRUTH, frequency_hz=np.array([0.3, 0.31, 1.34, 1.6, 1.7]), shape=shape)
     with pytest.raises(InputError, match="about as alike"):
