@@ -40,11 +40,12 @@ def parsing(where: str, problem: str, remedy: str) -> Iterator[None]:
     """Around another library's reading of a file: whatever it raises on a damaged one becomes an InputError.
 
     Parsers do not say what they raise, and it is of many kinds: for .mat alone zlib.error, IndexError and TypeError. So
-    every kind is meant here, and what stands inside is the library's call, not a computation.
+    every kind is meant here, but for those that only a defect of a program raises. What stands inside is the library's
+    call and the taking apart of what it gives, not a computation.
     """
     try:
         yield
-    except InputError:
+    except (InputError, NameError, AssertionError, ImportError):
         raise
     except Exception as error:
         told = str(error).strip() or "no reason given"

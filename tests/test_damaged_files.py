@@ -1,4 +1,4 @@
-"""Every file that a step reads, damaged: it is read, or one error names it; never another error or a warning."""
+"""Files that steps hand on, damaged: each is read, or one error names it; never another error or a warning."""
 
 import numpy as np
 import pandas as pd
@@ -84,6 +84,12 @@ def test_an_error_without_words_is_told_by_its_kind():
     with pytest.raises(InputError, match=said) as error, parsing("a.mat", "is none", "save it again"):
         raise ValueError
     assert isinstance(error.value.__cause__, ValueError)
+
+
+@pytest.mark.parametrize("kind", [NameError, AssertionError, ImportError])
+def test_a_defect_of_the_program_is_not_the_files(kind):
+    with pytest.raises(kind), parsing("a.mat", "is none", "save it again"):
+        raise kind("ours")
 
 
 def test_an_error_of_ours_keeps_its_words():

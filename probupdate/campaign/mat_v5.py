@@ -57,7 +57,8 @@ def _refuse_unknown_values(path: Path, file: BinaryIO, order: str, end: int) -> 
     while file.tell() < end:
         start = file.tell()
         kind, length, content = _tag(path, file, order)
-        if content + length > end or (number >= BEFORE_VALUES and of_numbers and kind not in NUMBER_TYPES):
+        unknown = number >= BEFORE_VALUES and of_numbers and kind not in NUMBER_TYPES
+        if content + length > end or unknown or (number == 0 and length < 4):
             raise _damaged(path, start)
         if number == 0:
             file.seek(content)

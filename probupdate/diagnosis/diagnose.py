@@ -270,6 +270,13 @@ def _rival(setting: Setting, candidate: int, fitted: Fit, *, own_noise: bool) ->
                  log_evidence=log_evidence(setting, fitted) + sides + units)  # fmt: skip
 
 
+def _ranked(tried: Sequence[Rival | None]) -> list[Rival]:
+    """By evidence, the most probable first; where any fit has settled, those that have not are worth nothing."""
+    there = [r for r in tried if r is not None]
+    settled = [r for r in there if r.fitted.settled]
+    return sorted(settled or there, key=lambda r: -r.log_evidence)
+
+
 def beside_the_last(
     setting: Setting, fitted: Fit, searches: Sequence[Search], rivals: Sequence[Sequence[Rival]],
     findings: Sequence[Finding],
@@ -291,7 +298,7 @@ def beside_the_last(
             except ConvergenceError:
                 continue
             tried.append(_rival(setting, r.candidate, again, own_noise=False))
-        kept = sorted((r for r in tried if r is not None), key=lambda r: -r.log_evidence)
+        kept = _ranked(tried)
         if not kept:
             continue
         if kept[0].candidate != own[0].candidate:
@@ -305,17 +312,17 @@ def beside_the_last(
 
 
 def sizes_std(setting: Setting, fitted: Fit) -> list[float]:
-    """Deviation of the size of each named effect, zero where it has one size only."""
+    """Deviation of the size of each named effect, zero where it has one size only; with what a fit stopped short by."""
     design, result = fitted.design, []
     free = iter(range(design.nuisance_std.size, design.n_common))
-    for n in fitted.named:
+    for n, short in zip(fitted.named, fitted.short, strict=True):
         if n.effect.discrete:
             result.append(0.0)
             continue
         own = float(design.unknowns_cov([next(free)])[0, 0])
         # what the fingerprint's length is not known better than
         length = np.hypot(FINGERPRINT, 0.0 if n.exact else length_std(setting, fitted, n))
-        result.append(float(np.hypot(np.sqrt(own), length * n.size)))
+        result.append(float(np.sqrt(own + (length * n.size) ** 2 + short**2)))
     return result
 
 
@@ -450,7 +457,7 @@ def examine(prepared: Prepared, data: ModalData, *, seed: int = 1, progress: Pro
         if found.statistic[best] <= found.threshold or number == MOST_EFFECTS:
             break
         tried = [refit(setting, fitted, found, k) for k in rivals_of(setting, fitted, found, best)]
-        kept = sorted((r for r in tried if r is not None), key=lambda r: -r.log_evidence)
+        kept = _ranked(tried)
         if not kept:
             break
         findings.append(finding(setting, found, kept))
@@ -478,7 +485,8 @@ def examine(prepared: Prepared, data: ModalData, *, seed: int = 1, progress: Pro
         verdict=verdict, findings=named,
         p_value=min(1.0, 2 * min(first.p_value, fits)) if not findings else first.p_value,
         limits=_limits(setting, first, null), threshold=first.threshold, adequacy_p=fits,
-        notes=(*setting.blocks.notes, *_pinned(fitted), *([] if fitted.settled else [NOT_SETTLED])),
+        notes=(*setting.blocks.notes, *_pinned(fitted), *_short(setting, fitted),
+               *([] if fitted.settled else [NOT_SETTLED])),
         parameters=tuple(_parameters(setting, null, fitted)), details=details,
     )  # fmt: skip
     return Outcome(diagnosis=diagnosis, setting=setting, null=null, fitted=fitted, first=first, last=found)
@@ -491,6 +499,14 @@ def _pinned(fitted: Fit) -> list[str]:
         f"{n.effect.unit}{n.course.unit}): its interval is not to be trusted, a larger size may be meant"
         for n in fitted.named if not n.effect.discrete and np.isclose(n.size, n.bounds, rtol=1e-3).any()
     ]
+
+
+def _short(setting: Setting, fitted: Fit) -> list[str]:
+    """Sizes that the fit left short of where its equations point, by a deviation that counts."""
+    return [f"{n.effect.name}: the fit of its size leads no farther down, though its equations would by {short:.2g} "
+            f"{n.effect.unit}; the interval counts it"
+            for n, short, std in zip(fitted.named, fitted.short, sizes_std(setting, fitted), strict=True)
+            if short > 0.5 * std > 0]  # fmt: skip
 
 
 def _anew(setting: Setting, chosen: Fit) -> Fit:

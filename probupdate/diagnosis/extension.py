@@ -1,10 +1,10 @@
 """The model with the findings in it: files to go on with, the estimators run again, and whether they are identified.
 
 Structural and environmental findings become parameters of the model's file, neutral at first, with the catalogue's
-prior; so does a group of a model's parameters. Findings of the measurement are taken out of the modal sets: no sensor
-table can say "from the tenth on". The estimators (the Tikhonov update and the maximum of the posterior, and where it is
-asked for the sampler) are given the mean of the blocks in which all findings act and the nacelle looked one way, with
-the deviations of that mean and of model form.
+prior; so does a group of the parameters of a model of matrices. Findings of the measurement are taken out of the modal
+sets: no sensor table can say "from the tenth on". The estimators (the Tikhonov update and the maximum of the posterior,
+and where it is asked for the sampler) are given the mean of the blocks in which all findings act and the nacelle looked
+one way, with the deviations of that mean and of model form.
 """
 
 from __future__ import annotations
@@ -54,13 +54,14 @@ class Extension:
 
 def extend(
     prepared: Prepared, outcome: Outcome, data: ModalData, out: str | Path | None = None, *,
-    sampler: SamplerSettings | None = None, parameters_file: str | Path | None = None, progress: Progress = silent,
+    sampler: SamplerSettings | None = None, parameters_file: str | Path | None = None, seed: int = 1,
+    progress: Progress = silent,
 ) -> Extension:  # fmt: skip
     """Put the findings of a diagnosis into model and data. `out`: diagnosis.json's place; the files go beside it as
     <its stem>.model.toml (and .model.npz of a model of matrices with a group), <its stem>.modes.json (sets corrected
     for what the sensors did), <its stem>.mean.json (the mean that the estimators were given) and
-    <its stem>.posterior.nc. `sampler` None: the posterior is not sampled, and the content says so. `parameters_file`:
-    the one beside a model of matrices, for the command that is told."""
+    <its stem>.posterior.nc. `sampler` None: the posterior is not sampled, and the content says so. `parameters_file`
+    (where the model's parameters came from, if from another file) and `seed` are for the command that is told."""
     setting, fitted = outcome.setting, outcome.fitted
     added = _Added.of(prepared, fitted)
     seen = [n for n in fitted.named if n.effect.observe is not None]
@@ -91,11 +92,14 @@ def extend(
     after, model = _updated_if_possible(lambda: added.model(prepared, angle), averaged)
     progress("updating with the findings", 2, 2)
     command, place = "", None
+    foreign = prepared.description is not None and "model" in places and parameters_file is not None
     if out is not None:
         place = out.with_name(f"{out.stem}.posterior.nc")
-        command = sampling_command(places.get("model", prepared.path), places["mean"], place,
-                                   1 if sampler is None else sampler.seed,
-                                   parameters=None if "model" in places else parameters_file)  # fmt: skip
+        # a command that would sample another problem is none
+        if not unwritten and not foreign:
+            command = sampling_command(places.get("model", prepared.path), places["mean"], place,
+                                       seed if sampler is None else sampler.seed,
+                                       parameters=None if "model" in places else parameters_file)  # fmt: skip
     if sampler is None:
         chain = not_sampled(command, reason="this was not asked for")
     elif model is None:
@@ -117,6 +121,10 @@ def extend(
     content["statements"] = statements(outcome.diagnosis, content)
     if unwritten:
         content["statements"].append(f"no model file was written: {unwritten}")
+    if foreign:
+        content["statements"].append(f"{files['model']} has the parameters of {prepared.path}, not those of "
+                                     f"{parameters_file}, with which the findings were made: put these in before it is "
+                                     "used")  # fmt: skip
     return Extension(model=files["model"], content=content)
 
 
@@ -351,14 +359,14 @@ def _too_alike(names: Sequence[str], correlation: np.ndarray) -> list[dict]:
 
 
 def identified(setting: Setting, fitted: Fit) -> dict:
-    """The same from the whole record: of each finding its deviation over its slab, and pairs that go together."""
+    """The same from the whole record: of each finding its deviation over its prior's, and pairs that go together."""
     design, n_own = fitted.design, len(setting.updated)
     free = [n for n in fitted.named if not n.effect.discrete]
     rows = [*range(n_own), *range(design.nuisance_std.size, design.n_common)]
     covariance = design.unknowns_cov(rows)
     std = np.sqrt(np.diag(covariance))
     prior = [local_std(setting.prior, i, fitted.theta[k]) for i, k in enumerate(setting.updated)]
-    share = std / np.concatenate([prior, [n.slab for n in free]])
+    share = std / np.concatenate([prior, [n.prior_std for n in free]])
     names = (*setting.prior.names, *(n.effect.name for n in free))
     return {
         "findings": [{"name": n.effect.name, "share_of_prior_std": float(s), "identified": bool(s < IDENTIFIED)}

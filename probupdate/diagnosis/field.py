@@ -116,21 +116,34 @@ def _frequency_hz(reference: Reference) -> float:
 
 
 def effect_fingerprints(
-    effects: Sequence[Effect], names: tuple[str, ...], reference: Reference, tensor: np.ndarray, shape: np.ndarray
+    effects: Sequence[Effect], names: tuple[str, ...], reference: Reference, tensor: np.ndarray, shape: np.ndarray,
+    seen: Sequence[tuple[Effect, float]] = (),
 ) -> np.ndarray:
-    """Departure per unit size of every effect (n_response, n_effect) for one group at one angle."""
-    k = len(reference.tensor)
+    """Departure per unit size of every effect (n_response, n_effect) for one group at one angle, where the sensors have
+    the effects `seen` already, with their sizes: of these the size changes, any other comes on top. tensor (k, k,
+    n_param) and shape (n_channel, k, n_param) are the changes of the plain reference with the parameters `names`."""
     amounts = _increments(tuple(effects), names)
-    d_tensor, d_shape = tensor @ amounts, (shape @ amounts).astype(complex)
-    seen, frequency = np.array(reference.shape, complex), _frequency_hz(reference)
+    d_tensor, d_shape = tensor @ amounts, (_seen_change(reference, shape, seen) @ amounts).astype(complex)
     for j, effect in enumerate(effects):
         if effect.observe is None:
             continue
-        h = effect.step_of_size
-        (up, more), (down, less) = (effect.observe(seen, frequency, sign * h) for sign in (1, -1))
-        d_tensor[:, :, j] = (more - less) / (2 * h) * np.eye(k)
-        d_shape[:, :, j] = (up - down) / (2 * h)
-    return fingerprint(reference, d_tensor, d_shape)
+        h, there = effect.step_of_size, any(e is effect for e, _ in seen)
+        # a gain on top of a gain of ten does ten times what a larger one does
+        up, down = (
+            observed(reference, [(e, size + d * (e is effect)) for e, size in seen] if there else [*seen, (effect, d)])
+            for d in (h, -h)
+        )
+        d_tensor[:, :, j] = (up.tensor - down.tensor) / (2 * h)
+        d_shape[:, :, j] = (up.shape - down.shape) / (2 * h)
+    return fingerprint(observed(reference, seen), d_tensor, d_shape)
+
+
+def _seen_change(reference: Reference, shape: np.ndarray, seen: Sequence[tuple[Effect, float]]) -> np.ndarray:
+    """Changes of shape (n_channel, k, n) as sensors with these effects see them; all observations are linear."""
+    if not seen:
+        return shape
+    flat = Reference(tensor=reference.tensor, shape=shape.reshape(shape.shape[0], -1))
+    return observed(flat, seen).shape.reshape(shape.shape)
 
 
 @lru_cache(maxsize=8)

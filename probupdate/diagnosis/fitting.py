@@ -130,7 +130,8 @@ class Setting:
 class Fit:
     """theta (n_param of the extended model,), named effects with their sizes, departures per group (n_block,
     n_response) from what they predict (zero where not measured), and the design there. `steps` of the iteration,
-    `last_step` in posterior deviations, infinite where it stopped without having settled."""
+    `last_step` in posterior deviations, infinite where it stopped without having settled. `short` (n_named,): how much
+    farther the linear equations would take each size where the fit itself led no farther down, else zero."""
 
     theta: np.ndarray
     named: tuple[Named, ...]
@@ -139,6 +140,7 @@ class Fit:
     design: Design
     steps: int
     last_step: float
+    short: np.ndarray
 
     @property
     def settled(self) -> bool:
@@ -278,8 +280,7 @@ def fingerprints_at(
     table: list[dict[int, np.ndarray]] = [{} for _ in field.axes]
     for node, found in zip(needed, field.slopes(local, needed * NODE_DEG, slopes), strict=True):
         for rows, (reference, tensor, shape) in zip(table, found, strict=True):
-            rows[node] = effect_fingerprints(
-                effects, names, observed(reference, seen), tensor, _seen_change(reference, shape, seen))
+            rows[node] = effect_fingerprints(effects, names, reference, tensor, shape, seen)
     result = []
     for rows in table:
         low = np.array([rows[k % n_node] for k in before])
@@ -300,14 +301,6 @@ def _doubt(setting: Setting, group: int, amount: np.ndarray) -> np.ndarray:
         own = amount[:, part] ** 2
         result[:, part] = np.sqrt(0.5 * own + 0.5 * own.mean(axis=1, keepdims=True))
     return np.maximum(result, 1e-9)
-
-
-def _seen_change(reference: Reference, shape: np.ndarray, seen) -> np.ndarray:
-    """Changes of shape (n_channel, k, n) as sensors with these effects see them; all observations are linear."""
-    if not seen:
-        return shape
-    flat = Reference(tensor=reference.tensor, shape=shape.reshape(shape.shape[0], -1))
-    return observed(flat, seen).shape.reshape(shape.shape)
 
 
 def local_std(prior: Parameters, number: int, value: float) -> float:
@@ -367,10 +360,10 @@ def fit(
     if base is not None:
         noise, design = base.design.noise, base.design
     departures, used = _departures(setting, theta, named)
-    renewed, leaps = base is not None, 0
+    renewed, leaps, stalled = base is not None, 0, False
     for number in range(MOST_STEPS):
         # far from where the fit ends the noise is not what it is there
-        again = not renewed and number > WARM and step < SETTLED
+        again = not renewed and step < SETTLED
         if (number < WARM and base is None) or again:
             left = departures if design is None else _left(setting, design, theta, named, departures)
             if number == 0 or again:
@@ -386,12 +379,15 @@ def fit(
             design = replace(design, noise=noise)
         departures = _kept(departures, noise)
         centred = centred_departures(setting, design, theta, named, departures)
-        if settled:
-            return Fit(theta=theta, named=named, departures=departures, centred=centred, design=design, steps=number,
-                       last_step=step)  # fmt: skip
         solved = design.unknowns(centred)
         n_own, n_all = len(updated), design.nuisance_std.size
         free = [k for k, n in enumerate(named) if not n.effect.discrete]
+        if settled:
+            short = np.zeros(len(named))
+            if stalled:
+                short[free] = np.abs(solved[n_all : design.n_common] - [named[k].size for k in free])
+            return Fit(theta=theta, named=named, departures=departures, centred=centred, design=design, steps=number,
+                       last_step=step, short=short)  # fmt: skip
         scale = np.array([local_std(setting.prior, i, theta[k]) for i, k in enumerate(updated)])
         move = (prior_shift(setting, theta) + solved[:n_own]) / scale
         change = np.zeros(len(named))
@@ -414,13 +410,14 @@ def fit(
         else:
             if promised <= max(1.0, FLAT_SHARE * before):
                 # the least value along this line
-                step = 0.0
+                step, stalled = 0.0, promised > 1.0
                 continue
             if leaps == MOST_LEAPS:
                 return _ended(setting, theta, named, noise, departures, number)
             # noise and fingerprints are others farther on: over the hill, as the equations say
             leaps, share = leaps + 1, whole
             trial = _trial(setting, design, theta, named, share * move * scale, share * change, held)
+        stalled = False
         # what is left beyond the noise makes the posterior wider
         known = np.sqrt(np.diag(design.unknowns_cov(held)) * max(1.0, trial.misfit / told))
         moved = np.abs(trial.theta[updated] - theta[updated])
@@ -453,6 +450,7 @@ def _ended(setting: Setting, theta: np.ndarray, named: tuple[Named, ...], noise:
     """The fit where it stopped without having settled."""
     design, departures = design_at(setting, theta, named, noise), _kept(departures, noise)
     return Fit(theta=theta, named=named, departures=departures, design=design, steps=number, last_step=np.inf,
+               short=np.zeros(len(named)),
                centred=centred_departures(setting, design, theta, named, departures))  # fmt: skip
 
 

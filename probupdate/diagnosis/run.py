@@ -103,7 +103,7 @@ def _whole(
         if sampler is True:
             sampler = bounded(seed, turbine=prepared.description is not None)
         more = extend_model(prepared, outcome, data, out, sampler=sampler or None, parameters_file=parameters_file,
-                            progress=progress)  # fmt: skip
+                            seed=seed, progress=progress)  # fmt: skip
         found = replace(found, extended_model=more.model, extension=more.content)
     return replace(found, splits=found.splits or splits(outcome),
                    details={**found.details, "residuals": residuals(outcome, prepared.sensors)})  # fmt: skip

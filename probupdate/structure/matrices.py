@@ -77,13 +77,14 @@ def read_archive(path: Path) -> dict[str, np.ndarray]:
     remedy = "write it with numpy.savez, without objects"
     if not path.exists():
         raise InputError(str(path), "no such file", "check the path")
-    # numpy takes whatever is no archive for a pickle and advises to load it as one
-    if path.is_file() and not zipfile.is_zipfile(path):
-        raise InputError(str(path), "not a plain .npz archive", remedy)
     # opened here: numpy leaves the file open where it turns out to be no archive
-    unread = parsing(str(path), "not a plain .npz archive", remedy)
-    with unread, path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
-        return {key: archive[key] for key in archive.files}
+    with parsing(str(path), "not a plain .npz archive", remedy), path.open("rb") as file:
+        # numpy takes whatever is no archive for a pickle and advises to load it as one
+        if not zipfile.is_zipfile(file):
+            raise InputError(str(path), "not a plain .npz archive", remedy)
+        file.seek(0)
+        with np.load(file, allow_pickle=False) as archive:
+            return {key: archive[key] for key in archive.files}
 
 
 def matrix_of(path: Path, content: Mapping, key: str, n: int | None = None) -> sparse.csc_array:

@@ -2,6 +2,7 @@
 
 import io
 import shutil
+import struct
 import subprocess
 import sys
 import zipfile
@@ -179,6 +180,12 @@ def test_a_type_of_values_that_mat_v5_has_not_is_refused_before_scipy_looks_it_u
     content[values] = 200
     (raw / "r.mat").write_bytes(content)
     with pytest.raises(InputError, match=f"damaged at byte {values}"):
+        convert(raw, campaign)
+    # an array that ends before it says of what class it is
+    job(write_v5(raw, noise(300)))
+    whole = (raw / "r.mat").read_bytes()
+    (raw / "r.mat").write_bytes(whole + struct.pack("<IIII", 14, 8, 6, 0))
+    with pytest.raises(InputError, match=f"damaged at byte {len(whole) + 8}"):
         convert(raw, campaign)
 
 

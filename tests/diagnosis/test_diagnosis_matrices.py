@@ -7,7 +7,19 @@ import numpy as np
 import pytest
 
 import probupdate
-from probupdate.diagnosis.diagnose import NOT_SETTLED, beside_the_last, examine, finding, refit, search
+from probupdate.diagnosis.departures import departure
+from probupdate.diagnosis.diagnose import (
+    NOT_SETTLED,
+    beside_the_last,
+    examine,
+    finding,
+    refit,
+    search,
+    settle,
+    sizes_std,
+)
+from probupdate.diagnosis.field import effect_fingerprints, observed
+from probupdate.diagnosis.fitting import Named, fit, local_at
 from probupdate.diagnosis.prepare import prepare
 from probupdate.errors import InputError
 from probupdate.estimators.ensemble import SamplerSettings
@@ -91,11 +103,44 @@ def test_a_gain_that_is_grossly_wrong_is_named_and_not_taken_for_a_reversed_chan
     assert found.verdict == "named"
     (one,) = found.findings
     assert (one.cause, one.location) == ("sensor gain", channel)
-    # a tenth of a fingerprint is not known, and of shapes that are mostly this channel it is little more than a sign
-    if factor <= 3:
-        assert one.size == pytest.approx(factor - 1, abs=3 * one.size_std)
-    else:
-        assert one.size > 2
+    assert one.size == pytest.approx(factor - 1, abs=3 * one.size_std)
+    # a tenth of a fingerprint is not known; beyond that a gain is known well
+    assert one.size_std < 0.15 * abs(factor - 1)
+    (known,) = found.extension["joint"]["findings"]
+    assert known["identified"] and known["share_of_prior_std"] < 0.1
+
+
+@pytest.mark.parametrize("factor", [0.5, 2.0, 9.81])
+def test_a_fit_ends_where_it_ends_from_wherever_it_starts(prepared, record, factor):
+    setting, theta = settle(prepared, record(7, gain=("y2", factor)))
+    (gain,) = [e for e in setting.effects if (e.cause, e.location) == ("sensor gain", "y2")]
+    constant = next(c for c in setting.courses if c.kind == "constant")
+    for share in (0.6, 1.0, 1.5):
+        fitted = fit(setting, theta, (Named(effect=gain, course=constant, size=share * (factor - 1)),))
+        (std,) = sizes_std(setting, fitted)
+        assert fitted.settled and fitted.named[0].size == pytest.approx(factor - 1, abs=1.5 * std)
+
+
+@pytest.mark.parametrize("factor", [0.1, 0.5, 2.0, 9.81])
+def test_a_gain_that_is_there_already_changes_by_its_size_and_not_on_top_of_itself(prepared, record, factor):
+    """Against departures of modes that are measured with a little more of it, and with another channel's on top."""
+    setting, theta = settle(prepared, record(1))
+    local, _ = local_at(setting.field, theta, (), ())
+    own, other = (next(e for e in setting.effects if (e.cause, e.location) == ("sensor gain", c)) for c in ("y2", "x3"))
+    seen, h = [(own, factor - 1)], 1e-4
+    for reference in setting.field.references(local, 0.0):
+        k, expected = len(reference.tensor), observed(reference, seen)
+        value, turn = np.linalg.eigh(reference.tensor)
+
+        def departs(effects, reference=reference, expected=expected, value=value, turn=turn):
+            measured = observed(reference, effects).shape @ turn
+            return departure(np.exp(value)[None], measured[None], expected)[0][0]
+
+        none = np.zeros((k, k, 0)), np.zeros((*reference.shape.shape, 0))
+        prints = effect_fingerprints([own, other], (), reference, *none, seen)
+        for column, more in enumerate((lambda d: [(own, factor - 1 + d)], lambda d: [*seen, (other, d)])):
+            plain = (departs(more(h)) - departs(more(-h))) / (2 * h)
+            np.testing.assert_allclose(prints[:, column], plain, atol=1e-5 * np.abs(plain).max() + 1e-9)
 
 
 def test_an_effect_that_can_be_on_the_other_side_only_is_no_rival(prepared, record):
