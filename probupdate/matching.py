@@ -29,6 +29,8 @@ APART = 0.3
 # where fewer than half of the measured modes have this MAC with any computed one, the set is taken for another
 # structure's, or its channels for swapped
 OWN_MAC = 0.60
+# frequencies that differ by a common factor beyond this are taken for given in another unit: no model is so wrong
+OTHER_UNIT = 3.0
 # computed modes beyond the highest matched one that every evaluation carries: the highest measured mode may trade its
 # place with the next one and is followed; a note is made where draws use the last
 SPARE = 1
@@ -110,9 +112,9 @@ def match(
 
     `solution` holds more modes than were measured; `rows` its rows for the measured channels. `clusters` fixes which
     measured modes are compared as planes (default: by frequency, `close_clusters`). Raises InputError where no mode
-    can be used, where the set is not this model's, where a mode has two computed ones to choose from, where close modes
-    have one shape, and where only one of a close pair was measured. `refuse` False: all but the first are no error, for
-    a picture of a poor model.
+    can be used, where the set is not this model's, where frequencies are in another unit, where a mode has two computed
+    ones to choose from, where close modes have one shape, and where only one of a close pair was measured. `refuse`
+    False: all but the first are no error, for a picture of a poor model.
     """
     name = labels or tuple(f"mode {j + 1}" for j in range(modal_set.frequency_hz.size))
     given = clusters
@@ -146,8 +148,10 @@ def match(
             criterion[members] = subspace_mac(computed, measured[:, members])
     visible = np.linalg.norm(computed, axis=0)
     pairs = assign(criterion[used]) if used else np.zeros(0, int)
-    partner = _nearer(dict(zip(used, map(int, pairs), strict=True)), criterion, modal_set.frequency_hz,
-                      solution.frequency_hz, visible)  # fmt: skip
+    partner = dict(zip(used, map(int, pairs), strict=True))
+    if refuse and len(partner) > 1:
+        _refuse_another_unit(modal_set, solution.frequency_hz, partner, criterion)
+    partner = _nearer(partner, criterion, modal_set.frequency_hz, solution.frequency_hz, visible)
     groups = []
     for cluster in clusters:
         found = sorted(int(partner[j]) for j in cluster)
@@ -215,6 +219,16 @@ def _refuse_another_structure(set_id, criterion, partner, name) -> None:
             f"set {set_id}",
             f"its modes are not this model's: the best MACs are {listed}, and half of them should reach {OWN_MAC:.2f}",
             "check the order, names and signs of the channels, and that the model is of this structure",
+        )
+
+
+def _refuse_another_unit(modal_set, computed_hz, partner, criterion) -> None:
+    ratios = [modal_set.frequency_hz[j] / computed_hz[i] for j, i in partner.items() if criterion[j, i] >= OWN_MAC]
+    ratio = float(np.median(ratios)) if ratios else 1.0
+    if max(ratio, 1 / ratio) > OTHER_UNIT:
+        raise InputError(
+            f"set {modal_set.id}", f"its frequencies are {ratio:.3g} times (median) those of modes of like shape",
+            "give Hz (rad/s are 6.28 times as many), or check the model's units",
         )
 
 

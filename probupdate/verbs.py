@@ -226,7 +226,9 @@ def _has_geometry(model) -> bool:
     if not isinstance(model, str | Path):
         return False
     path = model_path(model)
-    return path.suffix == ".toml" and "[matrices]" not in path.read_text(encoding="utf-8") if path.is_file() else True
+    # what cannot be read is told by whoever reads it
+    return not path.is_file() or (
+        path.suffix == ".toml" and "[matrices]" not in path.read_text(encoding="utf-8", errors="replace"))
 
 
 def select(
@@ -472,9 +474,12 @@ def diagnose(
     `model` None: measurement and surroundings only. `campaign` tells where the sensors are, and its raw records are
     tested too. `options`: see `diagnosis.run.diagnose_files` (own effects, groups of parameters).
     """
+    from probupdate.diagnosis.blocks import gather
     from probupdate.diagnosis.run import diagnose_files
 
     data = modes if isinstance(modes, ModalData) else read_modes(modes)
+    # before a minute of preparation is spent on them
+    gather(data, "modes" if isinstance(modes, ModalData) else str(modes))
     records = read_campaign(campaign) if campaign else None
     path = model_path(model) if isinstance(model, str | Path) else model
     return diagnose_files(path, data, campaign=records, parameters=parameters, seed=seed, progress=progress, **options)

@@ -48,8 +48,10 @@ def read_scada(path: str | Path) -> pd.DataFrame:
     try:
         time = pd.to_datetime(table["time"], utc=True, format="ISO8601")
     except (ValueError, TypeError) as error:
-        raise InputError(f"{path}, time", f"not a time ({str(error).splitlines()[0]})",
-                         "write ISO 8601, UTC; a row may have more cells than the head") from None  # fmt: skip
+        wrong = pd.to_datetime(table["time"], utc=True, format="ISO8601", errors="coerce").isna()
+        row = int(np.argmax(wrong))
+        raise InputError(f"{path}, row {row + 2}, time", f"'{table['time'].iloc[row]}' is no time",
+                         "write ISO 8601, UTC; a row may have more cells than the head") from error  # fmt: skip
     # blocks may start between the units that the file is written in
     time = time.dt.as_unit("ns")
     if time.isna().any():
@@ -57,7 +59,9 @@ def read_scada(path: str | Path) -> pd.DataFrame:
     table = table.drop(columns="time").set_index(pd.DatetimeIndex(time, name="time")).sort_index(kind="stable")
     for column in table:
         if column.startswith(COLUMNS) and not pd.api.types.is_numeric_dtype(table[column]):
-            raise InputError(f"{path}, {column}", "holds text among its numbers", "leave a cell empty where unknown")
+            wrong = (pd.to_numeric(table[column], errors="coerce").isna() & table[column].notna()).to_numpy()
+            raise InputError(f"{path}, {column}", f"'{table[column].iloc[int(np.argmax(wrong))]}' is no number",
+                             "mend it, or leave the cell empty where it is unknown")  # fmt: skip
     return table[~table.index.duplicated()]
 
 

@@ -105,8 +105,8 @@ def hours_of(ids: tuple[str, ...]) -> np.ndarray | None:
     return (times - times.min()) / np.timedelta64(1, "h")
 
 
-def gather(data: ModalData) -> Blocks:
-    """The usable blocks of modes.json in the order of time; raises InputError where too few are left."""
+def gather(data: ModalData, where: str = "modes") -> Blocks:
+    """The usable blocks of modes.json in the order of time; raises InputError, naming `where`, if too few are left."""
     notes = []
     sets = [s for s in data.sets if np.any(s.measured)]
     turning = [s for s in sets if _number(s.environment.get("nacelle_heading_deg_range", 0.0)) > YAW_RANGE_DEG]
@@ -115,8 +115,9 @@ def gather(data: ModalData) -> Blocks:
         sets = [s for s in sets if not any(s is t for t in turning)]
     if len(sets) < FEWEST:
         raise InputError(
-            "modes", f"{len(sets)} usable sets", f"give at least {FEWEST}: the scatter between them is the noise that "
-            "effects are tested against")  # fmt: skip
+            where, f"has {len(sets)} usable sets of {len(data.sets)}" + (
+                f"; in {len(turning)} the nacelle turned by more than {YAW_RANGE_DEG:g} deg" if turning else ""),
+            f"give at least {FEWEST}: the scatter between them is the noise that effects are tested against")
     hours = hours_of(tuple(s.id for s in sets))
     if hours is None:
         notes.append("the sets' ids are no times: they are taken as an hour apart, in the file's order")
@@ -144,7 +145,7 @@ def gather(data: ModalData) -> Blocks:
         names = [labels[j] for j in range(data.n_mode) if j not in kept]
         notes.append(f"{', '.join(names)} left out: found with every channel in fewer than a fifth of the blocks")
     if not len(kept):
-        raise InputError("modes", "no mode is found with every channel in a fifth of the blocks",
+        raise InputError(where, "no mode is found with every channel in a fifth of the blocks",
                          "leave out channels that are mostly missing")  # fmt: skip
     frequency, shape = frequency[:, kept], shape[:, :, kept]
     raw, shape = shape, np.array([rotate_to_real(s) for s in shape])

@@ -135,6 +135,9 @@ def pushed_words(content: Mapping) -> list[str]:
             else:
                 text += f", and still by {after:+.1f} with the findings taken in"
         sentences.append(text)
+    if sentences and not content["findings"]:
+        sentences.append("no effect of the catalogue explains the record better than these values do: either their "
+                         "priors are too narrow, or they take in what no row of it describes")
     return sentences
 
 

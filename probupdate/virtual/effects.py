@@ -206,6 +206,16 @@ def _check_course(where: str, course: str, entry: Mapping, kind: EffectKind) -> 
         raise InputError(where, "the ramp ends before it starts", "give from_hour below to_hour")
 
 
+def refuse_late(effects: Sequence[Mapping], hours: float, where: str) -> None:
+    """Raises InputError for an effect that begins when the record has ended."""
+    for number, effect in enumerate(effects, start=1):
+        told = {**EFFECTS[effect["kind"]].course, **effect}
+        key = {"step": "at_hour", "ramp": "from_hour"}.get(told["course"])
+        if key and told[key] >= hours:
+            raise InputError(f"{where}, effect {number} ({effect['kind']}), {key}",
+                             f"{told[key]:g} lies behind the record's end at {hours:g} h", "give less, or more days")
+
+
 def amounts(effects: Sequence[Mapping], hour: np.ndarray, covariate: Mapping[str, np.ndarray]) -> np.ndarray:
     """How much of each effect there is: (n_time, n_effect) at hours after the start, covariates (n_time,) by name."""
     hour = np.asarray(hour, float)

@@ -19,7 +19,7 @@ from probupdate.modes import ModalData, ModalSet, Sensor, frozen_array
 from probupdate.virtual import observation, operation
 from probupdate.virtual.conditions import AMPLITUDE, expected_rms_mps2, slot_amounts
 from probupdate.virtual.dynamics import AERO_DAMPING, N_MODE
-from probupdate.virtual.effects import EFFECTS, Departures
+from probupdate.virtual.effects import EFFECTS, Departures, refuse_late
 from probupdate.virtual.frame import build_structure
 from probupdate.virtual.modal_noise import SCATTER, identified
 from probupdate.virtual.observation import rotation
@@ -78,6 +78,7 @@ def simulate_modes(
             raise InputError("states", f"'{state}' is unknown", f"choose from {', '.join(operation.STATES)}")
     streams = np.random.SeedSequence(seed, spawn_key=(0,)).spawn(5)
     drawn = draw_truth(given, file, np.random.default_rng(streams[0]), N_MODE)
+    refuse_late(drawn.effects, 24 * days, "truth" if truth is None or isinstance(truth, Mapping) else str(truth))
     plan = operation.make_plan(max(round(days * 144), 3), given.operation, np.random.default_rng(streams[1]))
     block = _choose(plan, states, n_block)
     slots = block[:, None] * operation.SLOTS_PER_BLOCK + np.arange(operation.SLOTS_PER_BLOCK)

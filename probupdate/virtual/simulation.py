@@ -18,6 +18,7 @@ from probupdate.processes import completed
 from probupdate.progress import Progress, silent
 from probupdate.virtual import campaign_files, losses, operation
 from probupdate.virtual.dynamics import N_MODE, HeadingModes
+from probupdate.virtual.effects import refuse_late
 from probupdate.virtual.hours import RATE_HZ, Turbine, hour_of_data, make_turbine
 from probupdate.virtual.observation import rotation
 from probupdate.virtual.scada import scada_table
@@ -158,6 +159,7 @@ def _draw(recipe: _Recipe) -> _Drawn:
     file = read_turbine(recipe.model)
     given = read_given(recipe.truth, file)
     drawn = draw_truth(given, file, np.random.default_rng(recipe.stream(0)), N_MODE)
+    refuse_late(drawn.effects, recipe.n_slot / 6, "truth" if recipe.truth is None else recipe.truth)
     plan = operation.make_plan(recipe.n_slot, given.operation, np.random.default_rng(recipe.stream(1)))
     channels = tuple(s.channel for s in file.sensors)
     gaps = losses.draw_gaps(plan, channels, given.operation, np.random.default_rng(recipe.stream(2)))

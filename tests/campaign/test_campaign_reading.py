@@ -115,9 +115,9 @@ def test_scada_is_sorted_and_its_mistakes_named(tmp_path):
     assert list(table["power_kw"]) == [1, 2] and str(table.index.tz) == "UTC"
     for text, problem in (
         ("date,power_kw\n1,2\n", "has no column 'time'"),
-        ("time,power_kw\nyesterday,2\n", "not a time"),
+        ("time,power_kw\n2019-06-03T10:00:00Z,1\nyesterday,2\n", "row 3, time: 'yesterday' is no time"),
         ("time,power_kw\n,2\n", "row 2: has no time"),
-        ("time,power_kw\n2019-06-03T10:00:00Z,much\n", "power_kw: holds text"),
+        ("time,power_kw\n2019-06-03T10:00:00Z,much\n", "power_kw: 'much' is no number"),
         ("", "not a table"),
     ):
         path.write_text(text)

@@ -50,6 +50,15 @@ def test_every_command_has_its_options_its_help_and_its_function(verb, capsys):
     assert callable(getattr(probupdate, verb))
 
 
+def test_a_model_file_that_is_no_text_is_one_line(tmp_path):
+    (tmp_path / "model.toml").write_bytes(b"\xff\xfe\x00bad")
+    content = {"channels": ["a", "b"], "sets": [{"id": "one", "frequency_hz": [1.0], "damping_ratio": [0.01],
+               "shape_re": [[1.0, 0.5]], "shape_im": [[0.0, 0.0]]}]}  # fmt: skip
+    (tmp_path / "modes.json").write_text(json.dumps(content))
+    with pytest.raises(InputError, match=r"model\.toml: not TOML"):
+        probupdate.update(tmp_path / "model.toml", tmp_path / "modes.json")
+
+
 @pytest.mark.parametrize(("typed", "sampler"), [([], True), (["--no-sampler"], False)])
 def test_diagnose_samples_unless_it_is_told_not_to(typed, sampler, monkeypatch, tmp_path):
     given = {}

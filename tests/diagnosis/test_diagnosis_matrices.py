@@ -194,8 +194,9 @@ def test_same_seed_same_numbers_and_a_file_as_agreed(prepared, record, tmp_path)
 
 def test_a_handful_of_sets_is_refused(prepared, record):
     data = record(1)
-    few = type(data)(channels=data.channels, sets=data.sets[:5])
-    with pytest.raises(InputError, match="5 usable sets"):
+    turning = [replace(s, environment={**s.environment, "nacelle_heading_deg_range": 9.0}) for s in data.sets[5:9]]
+    few = type(data)(channels=data.channels, sets=(*data.sets[:5], *turning))
+    with pytest.raises(InputError, match="5 usable sets of 9; in 4 the nacelle turned"):
         probupdate.diagnose(prepared, few)
 
 

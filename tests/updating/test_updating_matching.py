@@ -276,6 +276,13 @@ def test_modes_of_shuffled_channels_are_refused_with_their_macs(seed):
     assert "check the order, names and signs of the channels" in str(error.value)
 
 
+@pytest.mark.parametrize("factor", [2 * np.pi, 1 / 60])
+def test_frequencies_in_another_unit_are_refused(factor):
+    exact = solution_at()
+    with pytest.raises(InputError, match=r"times .median. those of modes of like shape; give Hz"):
+        match(modal_set(factor * exact.frequency_hz[:4], exact.shape[:, :4]), exact, ROWS)
+
+
 def test_groups_whose_best_modes_are_their_own_are_paired_as_by_the_assignment():
     """The quick choice and the assignment problem, where groups do and do not ask for the same modes."""
     problem = chain_problem()
