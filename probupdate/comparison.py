@@ -85,7 +85,8 @@ class Comparison:
                 f"{r.name:<{width}} {prior:>16} {r.step:>10.4g} {r.anchored:>10.4g} {r.map:>10.4g} {r.mean:>10.4g} "
                 f"{r.cov:>7.3f} {r.contraction:>6.2f} {r.resolution:>5.2f}  {'; '.join((r.identified, *r.flags))}"
             )
-        lines.append("width: posterior over prior deviation; R: share of the MAP that the data decide (resolution)")
+        lines.append("width: posterior over prior deviation, both within the bounds (+- above); R: share of the MAP "
+                     "that the data decide (resolution)")
         return "\n".join([*lines, *self.notes])
 
     def write(self, path: str | Path) -> Path:
@@ -100,7 +101,7 @@ def compare(update: UpdateRecord, posterior: Posterior, derived: Mapping[str, ob
     if update.fingerprint != posterior.fingerprint:
         differ = "other parameters" if update.parameters.names != posterior.names else "another model, set or weights"
         raise InputError(
-            "compare", f"the posterior does not fit the update: it is of {differ}",
+            "the posterior", f"does not fit the update: it is of {differ}",
             "run `update` and `sample` with the same --model, --modes, --set and weights",
         )
     draws = posterior.draws

@@ -185,7 +185,8 @@ class ModalData:
         for s in self.sets:
             if s.id == wanted:
                 return s
-        raise InputError(f"set {wanted}", "there is none of that id", f"the first is {self.sets[0].id}")
+        ids = ", ".join(s.id for s in self.sets[:9]) + (", ..." if len(self.sets) > 9 else "")
+        raise InputError(f"set {wanted}", "there is none of that id", f"there are {ids}")
 
 
 def _numbers(where: str, value, shape: tuple[int, ...], key: str) -> np.ndarray:

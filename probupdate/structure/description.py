@@ -216,7 +216,8 @@ def parse_description(raw: dict, where: str) -> Description:
 
 
 def _first(mistakes: list[Mistake], where: str) -> InputError:
-    key, problem, remedy = mistakes[0]
+    # a key that is missing may be there misspelt, which says more
+    key, problem, remedy = min(mistakes, key=lambda m: m[1].startswith("is missing"))
     rest = len(mistakes) - 1
     more = f" ({rest} more mistake{'s' if rest > 1 else ''} in this file)" if rest else ""
     return InputError(f"{where}: {key}" if key else where, problem, remedy + more)
