@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import warnings
 from collections.abc import Mapping
+from contextlib import closing
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -138,8 +139,9 @@ def read_posterior(path: str | Path) -> Posterior:
         # a file with unnamed dimensions is none of ours
         warnings.filterwarnings("error", message="The 'phony_dims' kwarg", category=UserWarning)
         data = arviz.from_netcdf(str(path))
-    # arrays are read as they are asked for
-    with parsing(str(path), "lacks something or is damaged", "write it again with `probupdate sample`"):
+    # arrays are read as they are asked for, in one generation of ArviZ from a file that would else stay open
+    with (parsing(str(path), "lacks something or is damaged", "write it again with `probupdate sample`"),
+          closing(data)):  # fmt: skip
         return _from_groups(path, data)
 
 

@@ -338,7 +338,7 @@ def test_spoilt_campaign_files(tmp_path, refused, name, spoil):
 def test_scada_with_a_time_that_is_none(tmp_path, refused):
     folder = write_campaign(tmp_path / "campaign", blocks=1)
     (folder / "scada.csv").write_text("time,power_kw\nyesterday,1\n")
-    assert "scada.csv, time" in refused("check", folder)
+    assert "scada.csv, row 2, time" in refused("check", folder)
 
 
 def test_data_that_is_all_nan_is_found_not_refused(tmp_path, capsys):
