@@ -68,11 +68,11 @@ def extend(
     files: dict[str, str | None] = {"model": None, "modes": None, "mean": None, "posterior": None}
     mean, n_block = mean_set(setting, fitted)
     averaged = ModalData(channels=setting.blocks.channels, sets=(mean,), labels=setting.blocks.labels)
-    unwritten = ""
+    unwritten, places = "", {}
     if out is not None:
         out = Path(out)
         out.parent.mkdir(parents=True, exist_ok=True)
-        places = {"mean": out.with_name(f"{out.stem}.mean.json")}
+        places["mean"] = out.with_name(f"{out.stem}.mean.json")
         write_modes(averaged, places["mean"])
         if added:
             try:
