@@ -485,7 +485,7 @@ def examine(prepared: Prepared, data: ModalData, *, seed: int = 1, progress: Pro
         verdict=verdict, findings=named,
         p_value=min(1.0, 2 * min(first.p_value, fits)) if not findings else first.p_value,
         limits=_limits(setting, first, null), threshold=first.threshold, adequacy_p=fits,
-        notes=(*setting.blocks.notes, *_pinned(fitted), *_short(setting, fitted),
+        notes=(*setting.blocks.notes, *_pinned(fitted), *_short(fitted, [f.size_std for f in findings]),
                *([] if fitted.settled else [NOT_SETTLED])),
         parameters=tuple(_parameters(setting, null, fitted)), details=details,
     )  # fmt: skip
@@ -501,11 +501,11 @@ def _pinned(fitted: Fit) -> list[str]:
     ]
 
 
-def _short(setting: Setting, fitted: Fit) -> list[str]:
+def _short(fitted: Fit, sizes_std: Sequence[float]) -> list[str]:
     """Sizes that the fit left short of where its equations point, by a deviation that counts."""
     return [f"{n.effect.name}: the fit of its size leads no farther down, though its equations would by {short:.2g} "
             f"{n.effect.unit}; the interval counts it"
-            for n, short, std in zip(fitted.named, fitted.short, sizes_std(setting, fitted), strict=True)
+            for n, short, std in zip(fitted.named, fitted.short, sizes_std, strict=True)
             if short > 0.5 * std > 0]  # fmt: skip
 
 

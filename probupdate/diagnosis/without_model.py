@@ -8,11 +8,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 from scipy.special import logsumexp
 
-from probupdate.diagnosis.along_record import Scores, make_contrasts, score
+from probupdate.diagnosis.along_record import LEFT, Scores, make_contrasts, score
 from probupdate.diagnosis.blocks import Blocks, gather
 from probupdate.diagnosis.catalogue import Effect, measurement_effects
 from probupdate.diagnosis.courses import MARGIN, N_STEP, Course, make_courses, step_course
@@ -72,12 +73,16 @@ def _finer(blocks: Blocks, watched: Watched, known: np.ndarray, row: int, course
     if course.kind != "step":
         return course
     n = len(blocks)
-    steps = [step_course(n, at) for at in range(MARGIN, n - MARGIN + 1)]
-    nuisance = np.column_stack([np.ones(n), watched.picture.turning, known])
-    contrasts = make_contrasts(watched.weight[[row]], nuisance, steps, blocks.hours)
-    size = score(contrasts, watched.series[[row]], [[0]]).size[0]
-    taken = np.where(contrasts.usable[0], size**2 / np.where(contrasts.usable[0], contrasts.white_var[0], 1.0), 0.0)
-    return steps[int(np.argmax(taken))] if np.any(taken) else course
+    at = np.arange(MARGIN, n - MARGIN + 1)
+    root = np.sqrt(watched.weight[row])
+    nuisance = root[:, None] * np.column_stack([np.ones(n), watched.picture.turning, known])
+    both = root[:, None] * np.column_stack([watched.series[row], np.arange(n)[:, None] >= at])
+    rest = both - nuisance @ np.linalg.lstsq(nuisance, both, rcond=None)[0]
+    own = np.sum(rest[:, 1:] ** 2, axis=0)
+    # what offset and turning explain nearly is no step that could be told
+    usable = own > LEFT * np.sum((both - root[:, None] * (root @ both / (root @ root)))[:, 1:] ** 2, axis=0)
+    taken = np.where(usable, (rest[:, 0] @ rest[:, 1:]) ** 2 / np.where(usable, own, 1.0), 0.0)
+    return step_course(n, int(at[np.argmax(taken)])) if np.any(taken) else course
 
 
 def _apart(blocks: Blocks, sensors: Sequence[Sensor]) -> float:
@@ -85,20 +90,25 @@ def _apart(blocks: Blocks, sensors: Sequence[Sensor]) -> float:
     return sum(float(np.sum(y**2)) for y in look(blocks, sensors).departures)
 
 
-def _whole_from(blocks: Blocks, sensors: Sequence[Sensor], effect: Effect, course: Course) -> tuple[float, Course]:
-    """What an effect that is there or not leaves at least when it is taken out from some block on, and that course: of
-    a coarse grid, then of the blocks near. A channel reversed half of the time has no mean, and its scores are at wrong
-    times."""
+def _left_from(blocks: Blocks, sensors: Sequence[Sensor], effect: Effect, at: int) -> float:
+    """What an effect that is there or not leaves of all departures when it is taken out from one block on."""
+    return _apart(mended(blocks, effect, effect.discrete[0] * step_course(len(blocks), at).value), sensors)
+
+
+def _sharper(blocks: Blocks, sensors: Sequence[Sensor], effect: Effect, at: int) -> int:
+    """The block from which it leaves least, by halved steps from one of a coarse grid."""
     n = len(blocks)
-
-    def left(at: int) -> float:
-        return _apart(mended(blocks, effect, effect.discrete[0] * step_course(n, at).value), sensors)
-
-    grid = np.unique(np.linspace(MARGIN, n - MARGIN, N_STEP).astype(int))
-    middle = min({*map(int, grid), course.at}, key=left)
-    reach = -(-(n - 2 * MARGIN) // N_STEP)
-    best = min(range(max(MARGIN, middle - reach), min(n - MARGIN, middle + reach) + 1), key=left)
-    return left(best), step_course(n, best)
+    left = cache(lambda k: _left_from(blocks, sensors, effect, k))
+    step = -(-(n - 2 * MARGIN) // N_STEP)
+    while True:
+        at = min((k for k in (at, at - step, at + step) if MARGIN <= k <= n - MARGIN), key=left)
+        if step == 1:
+            break
+        step = -(-step // 2)
+    # the last step once more, as long as it leads on
+    while (best := min((k for k in (at, at - 1, at + 1) if MARGIN <= k <= n - MARGIN), key=left)) != at:
+        at = best
+    return at
 
 
 def mend(
@@ -295,18 +305,20 @@ def _as_a_whole(now, watched, known, sensors, course, found, whole, seen, fit, *
     least of all departures; the course's time is theirs where nothing else was taken out along it (`once`)."""
     strong = {seen.effects[k - seen.n_frequency].location for k in np.argsort(-fit)[:8]
               if seen.effects[k - seen.n_frequency].cause == "sensor gain"}  # fmt: skip
-    tried = []
+    n, tried = len(now), []
+    # a channel reversed half of the time has no mean, and its scores are at wrong times: a coarse grid of them is asked
+    grid = {course.at, *map(int, np.linspace(MARGIN, n - MARGIN, N_STEP))} if once else {course.at}
     for effect in whole:
         names = effect.location.split(" and ")
         # pairs are many: those of channels whose gains explain much
         if len(names) == 1 or all(name in strong for name in names):
-            plain = _apart(mended(now, effect, effect.discrete[0] * course.value), sensors)
-            tried.append((*(_whole_from(now, sensors, effect, course) if once else (plain, course)), effect))
+            tried += [(_left_from(now, sensors, effect, at), at, effect) for at in grid]
     if not tried:
         return None
-    least, own, effect = min(tried, key=lambda t: t[0])
+    least, at, effect = min(tried, key=lambda t: t[:2])
     if least >= _apart(now, sensors):
         return None
+    own = step_course(n, _sharper(now, sensors, effect, at)) if once else course
     then = mended(now, effect, effect.discrete[0] * own.value)
     left = max(max(left_at(then, watched, known, sensors, one, found)) for one in (course, own))
     return left, effect, then, own
