@@ -82,7 +82,9 @@ def _finer(blocks: Blocks, watched: Watched, known: np.ndarray, row: int, course
     # what offset and turning explain nearly is no step that could be told
     usable = own > LEFT * np.sum((both - root[:, None] * (root @ both / (root @ root)))[:, 1:] ** 2, axis=0)
     taken = np.where(usable, (rest[:, 0] @ rest[:, 1:]) ** 2 / np.where(usable, own, 1.0), 0.0)
-    return step_course(n, int(at[np.argmax(taken)])) if np.any(taken) else course
+    # of times between which the series is not measured the last: the first block that shows it
+    best = np.flatnonzero(taken > (1 - 1e-9) * taken.max())
+    return step_course(n, int(at[best[-1]])) if np.any(taken) else course
 
 
 def _apart(blocks: Blocks, sensors: Sequence[Sensor]) -> float:
