@@ -155,4 +155,4 @@ def best_limits(content: Mapping, count: int) -> list[Mapping]:
 
 def limit_words(limit: Mapping) -> str:
     size = amount(abs(limit["limit"]), None, limit["unit"], limit["cause"]).lstrip("+")
-    return f"{name_of(limit)}, {course_words(limit['course'])}: above {size} is excluded, less is not"
+    return f"{name_of(limit)}, {course_words(limit['course'])}: {size} and more would be seen nine times in ten"

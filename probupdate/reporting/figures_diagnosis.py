@@ -326,8 +326,8 @@ def detection_limits(limits: Sequence[Mapping], steps: Mapping[tuple[str, str], 
         axes.grid(axis="y", visible=False)
         axes.minorticks_off()
         axes.xaxis.set_major_formatter(lambda value, _: f"{value:g}")
-        label_axes(axes, "above this is excluded, less is not [each bar's own unit, shares as numbers]", "candidate",
-                   kind)
+        label_axes(axes, "seen nine times in ten from this size on [each bar's own unit, shares as numbers]",
+                   "candidate", kind)
     return figure
 
 

@@ -46,6 +46,8 @@ POLE_WORDS = {
     "duplicate": "is second best for its mode", "mac": "has the shape of no mode",
     "cluster": "lies far from its mode's other poles", "complexity": "has a shape far from real",
     "frequency": "lies too far from its mode of the model",
+    "other order": "stands for a mode that a pole of another order was taken for",
+    "unstable": "stands for a mode, with too few orders beside it", "uncertain": "has too large a deviation",
 }
 
 

@@ -5,6 +5,7 @@ import pandas as pd
 import pytest
 
 from probupdate.errors import InputError
+from probupdate.identification import classification
 from probupdate.identification.block_poles import BlockPoles
 from probupdate.identification.block_store import write_block_poles
 from probupdate.identification.ssi import Poles
@@ -18,6 +19,7 @@ from probupdate.reporting.identification_pictures import (
     stabilisation_drawing,
     write_figures,
 )
+from probupdate.reporting.measurement_sections import POLE_WORDS
 
 LABELS = ("FA1", "SS1", "T1")
 TRUE = np.array([0.32, 0.33, 1.3])
@@ -134,3 +136,9 @@ def test_nothing_identified_draws_nothing():
     empty = ModalSet(id="a", frequency_hz=[np.nan], shape=np.full((2, 1), np.nan), damping_ratio=[np.nan],
                      frequency_std_hz=[np.nan], shape_std=np.full((2, 1), np.nan))
     assert list(drawings(ModalData(channels=("a", "b"), sets=(empty,)))) == []
+
+
+def test_every_criterion_of_a_pole_is_put_in_words():
+    """The table of what became of every pole leaves no cell empty."""
+    names = {value for name, value in vars(classification).items() if name.isupper() and isinstance(value, str)}
+    assert {"kept", "other order", "unstable"} <= names == set(POLE_WORDS)
