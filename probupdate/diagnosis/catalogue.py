@@ -76,6 +76,11 @@ class Effect:
         return ((self.parameter, 1.0),) if self.parameter else self.parts
 
     @property
+    def stage(self) -> int:
+        """Where on the way of a signal an effect on it happens: mounting, sensor, cable, logger."""
+        return next((k for k, laws in enumerate(SIGNAL_PATH) if isinstance(self.observe, laws)), 1)
+
+    @property
     def signs(self) -> tuple[int, ...]:
         """Directions in which the size may depart."""
         return tuple(s for s, end in ((-1, self.lower), (1, self.upper)) if end != 0.0)
@@ -155,6 +160,10 @@ class Rate:
 
     def __call__(self, shape, frequency_hz, size):
         return np.array(shape, complex), -np.log1p(size)
+
+
+# in the order in which a signal passes them; a sensor turned before its sign is exchanged is not one turned after it
+SIGNAL_PATH = ((Turn,), (Gain,), (Swap,), (Delay, LowPass, Rate))
 
 
 def measurement_effects(channels: Sequence[str], sensors: Sequence[Sensor] = ()) -> tuple[Effect, ...]:

@@ -21,7 +21,8 @@ INDEPENDENCE = 0.5
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Reference:
-    """Expected modes of one group: tensor (k, k) of ln f in the axes of `shape` (n_channel, k), possibly complex."""
+    """Expected modes of one group: tensor (k, k) of ln f in the axes of `shape` (n_channel, k), possibly complex; of n
+    blocks with n in front."""
 
     tensor: np.ndarray
     shape: np.ndarray
@@ -61,10 +62,10 @@ def _inverse(shape: np.ndarray) -> np.ndarray:
 
 def departure(frequency_hz: np.ndarray, shape: np.ndarray, reference: Reference) -> tuple[np.ndarray, np.ndarray]:
     """Of n blocks, frequency_hz (n, k) and complex shape (n, n_channel, k) -> (n, n_response) and independent (n,)
-    bool: False where the pair's shapes are too alike."""
+    bool: False where the pair's shapes are too alike. One reference for all blocks, or one each."""
     k = frequency_hz.shape[1]
     target = reference.shape
-    size = np.max(np.abs(target), axis=0)
+    size = np.max(np.abs(target), axis=-2, keepdims=True)
     in_plane = _inverse(target) @ shape
     log = np.log(frequency_hz)
     independent = np.ones(len(shape), bool)
@@ -87,8 +88,8 @@ def departure(frequency_hz: np.ndarray, shape: np.ndarray, reference: Reference)
 def log_scales(shape: np.ndarray, reference: Reference) -> np.ndarray:
     """ln |d departure / d shape| of each block (n,) for shapes (n, n_channel, k), per real number of one channel."""
     onto = _inverse(shape) @ reference.shape
-    size = np.max(np.abs(reference.shape), axis=0)
-    return np.log(np.abs(np.linalg.det(onto))) - np.sum(np.log(size))
+    size = np.max(np.abs(reference.shape), axis=-2)
+    return np.log(np.abs(np.linalg.det(onto))) - np.sum(np.log(size), axis=-1)
 
 
 def tensor_turning(target: np.ndarray, change: np.ndarray, tensor: np.ndarray) -> np.ndarray:

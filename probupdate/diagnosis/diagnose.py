@@ -26,11 +26,12 @@ from probupdate.diagnosis.fitting import (
     prior_shift,
     stated_covariance,
 )
+from probupdate.diagnosis.gross import Tried, tried_whole
 from probupdate.diagnosis.linear import Design
 from probupdate.diagnosis.noise import estimate_noise
 from probupdate.diagnosis.prepare import Prepared
 from probupdate.diagnosis.results import Alternative, Diagnosis, Finding, Limit
-from probupdate.diagnosis.step_time import sharpened
+from probupdate.diagnosis.step_time import sharpened, sharpened_again
 from probupdate.errors import ConvergenceError
 from probupdate.modes import ModalData
 from probupdate.progress import Progress, silent
@@ -53,6 +54,8 @@ SURE, ADEQUATE = 0.95, 0.01
 MEANT = (0.1, 5.0)
 # scores from which a rival's own noise is told
 GROSS = 20.0
+# of what is gross, candidates that explain less than this share of what the best one does are not refitted
+GROSS_SHARE = 0.5
 # directions among which the error of a fingerprint is shared out
 DIRECTIONS = 4
 CHANCE = "chance alone"
@@ -60,6 +63,8 @@ NOT_SETTLED = "the fit did not settle: what remains is too much for the model to
 # the pattern of the noise is known to about a tenth of a variance (few columns, states that differ: 0.89 to 1.12 in
 # records whose noise was known), which sums of many squares see though no single score does
 PATTERN = 1.05
+# contrasts of neighbouring blocks that tell it for a record
+N_CONTRAST = 8
 # directions of the catalogue's span that are tested for a remainder, by their share of the largest
 SPAN = 1e-2
 # departures of a model of beams that nothing listed explains: ln f, its cross term in a pair, share of a shape's
@@ -238,8 +243,11 @@ class Rival:
     log_evidence: float
 
 
-def refit(setting: Setting, base: Fit, found: Search, candidate: int) -> Rival | None:
-    """The model with one more effect, fitted anew; None where it has no modes or nothing is left of the effect."""
+def refit(
+    setting: Setting, base: Fit, found: Search, candidate: int, tried: Tried | None = None
+) -> Rival | None:
+    """The model with one more effect, fitted anew; None where it has no modes or nothing is left of the effect.
+    `tried`: where to begin with what is gross."""
     j, c = setting.which[candidate]
     effect, course = setting.effects[j], setting.courses[c]
     if course.kind == "step":
@@ -247,10 +255,14 @@ def refit(setting: Setting, base: Fit, found: Search, candidate: int) -> Rival |
     extra = Named(effect=effect, course=course, size=effect.discrete[0] if effect.discrete else 0.0)
     if not effect.discrete:
         extra = replace(extra, size=float(np.clip(found.size[candidate], *np.multiply(0.6, extra.bounds))))
+    theta = base.theta
+    if tried is not None:
+        # the parameters of the fit without it were bent to follow it
+        extra, theta = replace(extra, size=tried.size), np.array(setting.field.parameters.initial)
     try:
         # what is grossly wrong makes the noise of the fit without it wrong too
         known = base if found.statistic.max() < GROSS else None
-        fitted = fit(setting, base.theta, (*base.named, extra), base=known)
+        fitted = fit(setting, theta, (*base.named, extra), base=known)
     except ConvergenceError:
         return None
     return _rival(setting, candidate, fitted, own_noise=known is None)
@@ -265,16 +277,19 @@ def _rival(setting: Setting, candidate: int, fitted: Fit, *, own_noise: bool) ->
     # an effect that can be on one side only has half of its slab
     sides = np.log(2.0) if len(extra.effect.signs) == 1 and not extra.effect.discrete else 0.0
     # each with its own noise: told in units of its own expected shapes
-    units = log_scale(setting, fitted) if own_noise else 0.0
+    units = log_scale(setting, fitted.theta, fitted.named, fitted.design.noise) if own_noise else 0.0
     return Rival(candidate=candidate, fitted=fitted, size=extra.size, size_std=sizes_std(setting, fitted)[-1],
                  log_evidence=log_evidence(setting, fitted) + sides + units)  # fmt: skip
 
 
-def _ranked(tried: Sequence[Rival | None]) -> list[Rival]:
-    """By evidence, the most probable first; where any fit has settled, those that have not are worth nothing."""
+def _ranked(setting: Setting, tried: Sequence[Rival | None]) -> list[Rival]:
+    """By evidence, the most probable first, each effect with its best course; where any fit has settled, those that
+    have not are worth nothing."""
     there = [r for r in tried if r is not None]
     settled = [r for r in there if r.fitted.settled]
-    return sorted(settled or there, key=lambda r: -r.log_evidence)
+    order = sorted(settled or there, key=lambda r: -r.log_evidence)
+    first = {int(setting.which[r.candidate, 0]): r for r in reversed(order)}
+    return [r for r in order if first[int(setting.which[r.candidate, 0])] is r]
 
 
 def beside_the_last(
@@ -298,7 +313,7 @@ def beside_the_last(
             except ConvergenceError:
                 continue
             tried.append(_rival(setting, r.candidate, again, own_noise=False))
-        kept = _ranked(tried)
+        kept = _ranked(setting, tried)
         if not kept:
             continue
         if kept[0].candidate != own[0].candidate:
@@ -397,23 +412,33 @@ def rivals_of(setting: Setting, fitted: Fit, found: Search, best: int) -> list[i
     return [int(k) for k, r, h in zip(order, likeness, high, strict=True) if k == best or r > ALIKE or h][:MOST_RIVALS]
 
 
+def meant(setting: Setting, fitted: Fit, found: Search, best: int) -> list[tuple[int, Tried | None]]:
+    """The candidates to refit; of what is gross with where its fit begins."""
+    if found.statistic[best] < GROSS:
+        return [(k, None) for k in rivals_of(setting, fitted, found, best)]
+    tried = tried_whole(setting, fitted.named, ~_taken(setting, fitted.named))
+    least = GROSS_SHARE * tried[0].gain
+    result = [(t.candidate, t) for t in tried if t.whole and t.gain > least][:MOST_RIVALS]
+    if any(t.gain > least for t in tried if not t.whole):
+        known = [k for k, _ in result]
+        result += [(k, None) for k in rivals_of(setting, fitted, found, best) if k not in known]
+    return result
+
+
 def adequacy(setting: Setting, fitted: Fit, found: Search) -> tuple[float, dict[str, float]]:
     """p of what remains, in the directions that the catalogue spans: constants together, and each course along the
     record; the smallest of them against its own bootstrap distribution."""
     design, n_draw = fitted.design, len(found.drawn)
-    u = np.vstack([found.u[None], PATTERN * found.heavier * found.drawn])
+    own = found.heavier * np.sqrt(neighbours_dispersion(setting, design, fitted.centred))
     parts = {}
-    # exchanged cables of any two sensors would span every shape
-    usable = (design.share_left > 1e-3) & np.array([not setting.effects[j].discrete for j, _ in setting.which])
+    usable = _spanning(setting, design)
     for c, course in enumerate(setting.courses):
         rows = np.flatnonzero((setting.which[:, 1] == c) & usable)
         if len(rows) < 5:
             continue
-        size = np.sqrt(design.information[rows])
-        value, turn = np.linalg.eigh(design.likeness(rows))
-        kept = value > SPAN * value[-1]
-        z = (u[:, rows] / size) @ (turn[:, kept] / np.sqrt(value[kept]))
-        parts[f"{course.name} {course.at}".strip()] = np.sum(z**2, axis=1)
+        wider = PATTERN * found.heavier if course.kind == "constant" else own
+        u = np.vstack([found.u[None, rows], wider * found.drawn[:, rows]])
+        parts[f"{course.name} {course.at}".strip()] = np.sum((u @ _whitening(design, rows)) ** 2, axis=1)
     names = list(parts)
     values = np.array([parts[n] for n in names])
     # rank of each record's statistic among the drawn ones -> p, then the smallest over the courses
@@ -421,6 +446,41 @@ def adequacy(setting: Setting, fitted: Fit, found: Search) -> tuple[float, dict[
     smallest = rank.min(axis=0)
     p = float((1 + np.sum(smallest[1:] <= smallest[0])) / (n_draw + 1))
     return p, {n: float(r) for n, r in zip(names, rank[:, 0], strict=True)}
+
+
+def _spanning(setting: Setting, design: Design) -> np.ndarray:
+    """(n_candidate,) bool: what spans the directions of the remainder; exchanged cables of any two sensors would span
+    every shape."""
+    return (design.share_left > 1e-3) & np.array([not setting.effects[j].discrete for j, _ in design.which])
+
+
+def _whitening(design: Design, rows: np.ndarray) -> np.ndarray:
+    """(n_row, n_direction): u of these candidates -> independent standard normal numbers when nothing is wrong."""
+    value, turn = np.linalg.eigh(design.likeness(rows))
+    kept = value > SPAN * value[-1]
+    return turn[:, kept] / np.sqrt(value[kept]) / np.sqrt(design.information[rows])[:, None]
+
+
+def neighbours_dispersion(setting: Setting, design: Design, centred: Sequence[np.ndarray]) -> float:
+    """Mean square, at least one, of what the directions that the catalogue spans show between neighbouring blocks, with
+    signs drawn for each pair: one where the pattern of this record's noise is known, and hardly touched by whatever
+    lasts for longer than a block."""
+    n, rng = len(design.bin_of), np.random.default_rng(29)
+    contrasts = []
+    for _ in range(N_CONTRAST):
+        value = np.zeros(n)
+        value[: n // 2 * 2] = (rng.choice([-1.0, 1.0], n // 2)[:, None] * [1.0, -1.0]).ravel()
+        contrasts.append(Course(kind="covariate", value=value, column="neighbours"))
+    n_effect = design.effect[0].shape[2]
+    which = np.array([(j, c + 1) for c in range(N_CONTRAST) for j in range(n_effect)])
+    between = replace(design, courses=(setting.courses[0], *contrasts), which=which)
+    u, usable, squares, count = between.scores(centred), _spanning(setting, between), 0.0, 0
+    for c in range(N_CONTRAST):
+        rows = np.flatnonzero((which[:, 1] == c + 1) & usable)
+        if len(rows):
+            z = u[rows] @ _whitening(between, rows)
+            squares, count = squares + float(z @ z), count + len(z)
+    return max(1.0, squares / count) if count else PATTERN**2
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -456,8 +516,8 @@ def examine(prepared: Prepared, data: ModalData, *, seed: int = 1, progress: Pro
         best = int(np.argmax(found.statistic))
         if found.statistic[best] <= found.threshold or number == MOST_EFFECTS:
             break
-        tried = [refit(setting, fitted, found, k) for k in rivals_of(setting, fitted, found, best)]
-        kept = _ranked(tried)
+        tried = [refit(setting, fitted, found, k, whole) for k, whole in meant(setting, fitted, found, best)]
+        kept = _ranked(setting, tried)
         if not kept:
             break
         findings.append(finding(setting, found, kept))
@@ -510,10 +570,13 @@ def _short(fitted: Fit, sizes_std: Sequence[float]) -> list[str]:
 
 
 def _anew(setting: Setting, chosen: Fit) -> Fit:
-    """The same with its own noise, as what a strong effect does to the shapes changes how they scatter; where the model
-    then has no modes, the fit as it was, marked as not settled."""
+    """The same with its own noise, as what a strong effect does to the shapes changes how they scatter, and with the
+    times of its steps told anew; where the model then has no modes, the fit as it was, marked as not settled."""
     try:
-        return fit(setting, chosen.theta, chosen.named)
+        fitted = fit(setting, chosen.theta, chosen.named)
+        named = sharpened_again(setting, fitted)
+        same = all(np.array_equal(a.course.value, b.course.value) for a, b in zip(named, fitted.named, strict=True))
+        return fitted if same else fit(setting, fitted.theta, named)
     except ConvergenceError:
         return replace(chosen, last_step=np.inf)
 
@@ -521,12 +584,9 @@ def _anew(setting: Setting, chosen: Fit) -> Fit:
 def span_left(setting: Setting, fitted: Fit, course: int) -> tuple[float, int]:
     """Sum of squares of what remains in the directions the catalogue spans with one course, and their number."""
     design = fitted.design
-    single = np.array([bool(setting.effects[j].discrete) for j, _ in setting.which])
-    rows = np.flatnonzero((setting.which[:, 1] == course) & (design.share_left > 1e-3) & ~single)
-    value, turn = np.linalg.eigh(design.likeness(rows))
-    kept = value > SPAN * value[-1]
-    z = design.scores(fitted.centred)[rows] / np.sqrt(design.information[rows])
-    return float(np.sum(((turn[:, kept] / np.sqrt(value[kept])).T @ z) ** 2)), int(kept.sum())
+    rows = np.flatnonzero((setting.which[:, 1] == course) & _spanning(setting, design))
+    z = design.scores(fitted.centred)[rows] @ _whitening(design, rows)
+    return float(z @ z), len(z)
 
 
 def finding(setting: Setting, found: Search, rivals: list[Rival]) -> Finding:

@@ -221,7 +221,7 @@ def corrections(n_channel: int, named: Sequence[Named], values: Sequence[float],
     """A (n_channel, n_channel) that sensors with these effects make of shapes near a frequency, and what they add to
     ln f; `values` of the effects' courses."""
     A, shift = np.eye(n_channel, dtype=complex), 0.0
-    for n, value in zip(named, values, strict=True):
+    for n, value in sorted(zip(named, values, strict=True), key=lambda pair: pair[0].effect.stage):
         if value:
             A, more = n.effect.observe(A, frequency_hz, n.size * value)
             shift += more

@@ -100,12 +100,12 @@ class Field:
 
 
 def observed(reference: Reference, effects: Sequence[tuple[Effect, float]]) -> Reference:
-    """The reference as sensors with these effects and sizes see it."""
+    """The reference as sensors with these effects and sizes see it, each where it stands on the way of a signal."""
     if not effects:
         return reference
     shape, shift = np.array(reference.shape, complex), 0.0
     frequency = _frequency_hz(reference)
-    for effect, size in effects:
+    for effect, size in sorted(effects, key=lambda e: e[0].stage):
         shape, more = effect.observe(shape, frequency, size)
         shift += more
     return Reference(tensor=reference.tensor + shift * np.eye(len(reference.tensor)), shape=shape)
@@ -120,7 +120,7 @@ def effect_fingerprints(
     seen: Sequence[tuple[Effect, float]] = (),
 ) -> np.ndarray:
     """Departure per unit size of every effect (n_response, n_effect) for one group at one angle, where the sensors have
-    the effects `seen` already, with their sizes: of these the size changes, any other comes on top. tensor (k, k,
+    the effects `seen` already, with their sizes: of these the size changes, any other is one more. tensor (k, k,
     n_param) and shape (n_channel, k, n_param) are the changes of the plain reference with the parameters `names`."""
     amounts = _increments(tuple(effects), names)
     d_tensor, d_shape = tensor @ amounts, (_seen_change(reference, shape, seen) @ amounts).astype(complex)

@@ -6,7 +6,7 @@ covariates enter through their fingerprint.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -19,6 +19,7 @@ from probupdate.diagnosis.field import Field, effect_fingerprints, observed
 from probupdate.diagnosis.linear import Design
 from probupdate.diagnosis.noise import Noise, estimate_noise, factored
 from probupdate.diagnosis.small_model import LocalModel
+from probupdate.errors import ConvergenceError
 from probupdate.parameters import Parameters
 
 # references are computed at every angle that differs by this; fingerprints at every NODE_DEG, and between these by
@@ -27,6 +28,8 @@ from probupdate.parameters import Parameters
 ANGLE_DEG, BIN_DEG, NODE_DEG = 1.0, 2.0, 10.0
 # a fit has settled when no parameter moves by more, in posterior deviations
 SETTLED, MOST_STEPS = 0.1, 40
+# blocks that must tell a group of modes for its noise to be told
+FEWEST = 2
 # steps after which the noise is kept
 WARM = 3
 # a change of -2 ln posterior that does not matter, and the share of it that the linear equations may still promise at
@@ -148,60 +151,86 @@ class Fit:
 
 
 def departures_at(
-    setting: Setting, theta: np.ndarray, named: Sequence[Named]
+    setting: Setting, theta: np.ndarray, named: Sequence[Named], plain: PlainReferences | None = None
 ) -> tuple[tuple[np.ndarray, ...], tuple[np.ndarray, ...]]:
-    """Per group departures (n_block, n_response) and which blocks tell (n_block,)."""
+    """Per group departures (n_block, n_response) and which blocks tell (n_block,). `plain`: what the model was asked
+    for before, kept between calls."""
     blocks = setting.blocks
     n_channel = len(blocks.channels)
     result = [np.zeros((len(blocks), n_response(len(g), n_channel))) for g in blocks.groups]
     used = [np.array(blocks.present[:, q]) for q in range(len(blocks.groups))]
-    for there, references in _expected(setting, theta, named):
-        for q, group in enumerate(blocks.groups):
-            rows = there[blocks.present[there, q]]
-            if len(rows):
-                members = list(group)
-                y, independent = departure(
-                    blocks.frequency_hz[rows][:, members], blocks.shape[rows][:, :, members], references[q])
-                result[q][rows] = np.where(independent[:, None], y, 0.0)
-                used[q][rows] &= independent
+    expected = _expected(setting, theta, named, plain or PlainReferences(setting.field))
+    for q, (group, reference) in enumerate(zip(blocks.groups, expected, strict=True)):
+        rows, members = np.flatnonzero(blocks.present[:, q]), list(group)
+        if len(rows):
+            y, independent = departure(
+                blocks.frequency_hz[rows][:, members], blocks.shape[rows][:, :, members], _of_blocks(reference, rows))
+            result[q][rows] = np.where(independent[:, None], y, 0.0)
+            used[q][rows] &= independent
     return tuple(result), tuple(used)
 
 
-def log_scale(setting: Setting, fitted: Fit) -> float:
+def log_scale(
+    setting: Setting, theta: np.ndarray, named: Sequence[Named], noise: Noise, plain: PlainReferences | None = None
+) -> float:
     """ln of how much larger departures are than changes of the measured shapes, over all that counts: what a density of
     departures is multiplied by to be one of the measured shapes. A shape that is expected wrongly is projected to a
     shorter one, and its scatter with it, which by itself would look like a better fit."""
     blocks, total = setting.blocks, 0.0
-    for there, references in _expected(setting, fitted.theta, fitted.named):
-        for q, group in enumerate(blocks.groups):
-            rows = there[fitted.design.noise.weight[q][there] > 0]
-            if len(rows):
-                scale = log_scales(blocks.shape[rows][:, :, list(group)], references[q])
-                total += 2 * len(blocks.channels) * float(scale.sum())
+    expected = _expected(setting, theta, named, plain or PlainReferences(setting.field))
+    for group, reference, weight in zip(blocks.groups, expected, noise.weight, strict=True):
+        rows = np.flatnonzero(weight > 0)
+        scale = log_scales(blocks.shape[rows][:, :, list(group)], _of_blocks(reference, rows))
+        total += 2 * len(blocks.channels) * float(scale.sum())
     return total
 
 
+class PlainReferences:
+    """Expected modes of every group by parameters and angle, before sensors see them, each computed once."""
+
+    def __init__(self, field: Field):
+        self._field, self._local, self._known = field, {}, {}
+
+    def __call__(self, theta: np.ndarray, angle_deg: float) -> tuple[Reference, ...]:
+        state = theta.tobytes()
+        if (state, angle_deg) not in self._known:
+            if state not in self._local:
+                self._local[state] = self._field.small.at(theta)
+            self._known[state, angle_deg] = self._field.references(self._local[state], angle_deg)
+        return self._known[state, angle_deg]
+
+
 def _expected(
-    setting: Setting, theta: np.ndarray, named: Sequence[Named]
-) -> Iterator[tuple[np.ndarray, list[Reference]]]:
-    """Numbers of blocks with one nacelle's angle and one state of the named effects, and what each group's modes then
-    are as the sensors see them."""
+    setting: Setting, theta: np.ndarray, named: Sequence[Named], plain: PlainReferences
+) -> list[Reference]:
+    """What each group's modes are in every block, as the sensors see them."""
     exact = [n for n in named if n.exact]
     levels = np.column_stack([*(n.course.value for n in exact), setting.angles])
     found, place = np.unique(levels, axis=0, return_inverse=True)
     place = place.ravel()
-    before, local, seen = None, None, []
-    for number, level in enumerate(found):
-        if before is None or np.any(level[:-1] != before):
-            before = level[:-1]
-            local, seen = local_at(setting.field, theta, exact, before)
-        yield np.flatnonzero(place == number), [observed(r, seen) for r in setting.field.references(local, level[-1])]
+    seen_there = []
+    for level in found:
+        moved, seen = _state(setting.field, theta, exact, level[:-1])
+        seen_there.append([observed(r, seen) for r in plain(moved, level[-1])])
+    return [Reference(tensor=np.array([r[q].tensor for r in seen_there])[place],
+                      shape=np.array([r[q].shape for r in seen_there])[place])
+            for q in range(len(setting.blocks.groups))]  # fmt: skip
+
+
+def _of_blocks(reference: Reference, rows: np.ndarray) -> Reference:
+    return Reference(tensor=reference.tensor[rows], shape=reference.shape[rows])
 
 
 def local_at(
     field: Field, theta: np.ndarray, named: Sequence[Named], values: Sequence[float]
 ) -> tuple[LocalModel, list[tuple[Effect, float]]]:
     """The model with the named effects where their courses have these values, and what the sensors then do."""
+    moved, seen = _state(field, theta, named, values)
+    return field.small.at(moved), seen
+
+
+def _state(field: Field, theta: np.ndarray, named: Sequence[Named], values: Sequence[float]):
+    """Parameters with the named effects where their courses have these values, and what the sensors then do."""
     moved = np.array(theta)
     names = field.parameters.names
     seen = []
@@ -210,7 +239,7 @@ def local_at(
             moved[names.index(name)] += n.size * value * amount
         if n.effect.observe is not None and value:
             seen.append((n.effect, n.size * value))
-    return field.small.at(np.clip(moved, field.parameters.lower, field.parameters.upper)), seen
+    return np.clip(moved, field.parameters.lower, field.parameters.upper), seen
 
 
 def design_at(
@@ -354,7 +383,6 @@ def fit(
     ConvergenceError where the model has no modes.
     """
     theta, named = np.array(theta, float), tuple(named)
-    sizes = tuple(len(g) for g in setting.blocks.groups)
     updated = list(setting.updated)
     step, noise, design, stated = np.inf, None, None, None
     if base is not None:
@@ -368,7 +396,9 @@ def fit(
             left = departures if design is None else _left(setting, design, theta, named, departures)
             if number == 0 or again:
                 stated = stated_covariance(setting, theta, named)
-            noise = estimate_noise(left, used, sizes, setting.blocks.relative_std, setting.blocks.states(), stated)
+            if min(np.count_nonzero(ok) for ok in used) < FEWEST:
+                raise ConvergenceError("what is expected there leaves no two independent shapes of a pair of modes")
+            noise = noise_of(setting, stated, left, used)
         if again:
             renewed, step = True, np.inf
         settled = step < SETTLED
@@ -377,7 +407,7 @@ def fit(
             design = design_at(setting, theta, named, noise, None if anew else design)
         else:
             design = replace(design, noise=noise)
-        departures = _kept(departures, noise)
+        departures = kept(departures, noise)
         centred = centred_departures(setting, design, theta, named, departures)
         solved = design.unknowns(centred)
         n_own, n_all = len(updated), design.nuisance_std.size
@@ -442,13 +472,13 @@ class _Trial:
 def _trial(setting: Setting, design: Design, theta, named, move: np.ndarray, change: np.ndarray, held) -> _Trial:
     theta, named = _moved(setting, theta, named, move, change)
     departures, used = _departures(setting, theta, named)
-    misfit = design.misfit(_kept(departures, design.noise), held) + penalty(setting, theta, named)
+    misfit = design.misfit(kept(departures, design.noise), held) + penalty(setting, theta, named)
     return _Trial(theta=theta, named=named, departures=departures, used=used, misfit=misfit)
 
 
 def _ended(setting: Setting, theta: np.ndarray, named: tuple[Named, ...], noise: Noise, departures, number: int) -> Fit:
     """The fit where it stopped without having settled."""
-    design, departures = design_at(setting, theta, named, noise), _kept(departures, noise)
+    design, departures = design_at(setting, theta, named, noise), kept(departures, noise)
     return Fit(theta=theta, named=named, departures=departures, design=design, steps=number, last_step=np.inf,
                short=np.zeros(len(named)),
                centred=centred_departures(setting, design, theta, named, departures))  # fmt: skip
@@ -497,7 +527,14 @@ def _departures(setting: Setting, theta: np.ndarray, named: Sequence[Named]):
     return _without_linear(setting, theta, named, departures), used
 
 
-def _kept(departures, noise: Noise):
+def noise_of(setting: Setting, stated, departures: Sequence[np.ndarray], used: Sequence[np.ndarray]) -> Noise:
+    """From departures of which blocks tell, with the pattern that the identification states."""
+    blocks = setting.blocks
+    sizes = tuple(len(g) for g in blocks.groups)
+    return estimate_noise(tuple(departures), tuple(used), sizes, blocks.relative_std, blocks.states(), stated)
+
+
+def kept(departures, noise: Noise):
     return tuple(np.where(w[:, None] > 0, y, 0.0) for y, w in zip(departures, noise.weight, strict=True))
 
 

@@ -232,7 +232,7 @@ class Design:
         right = self._right(self._sums(departures))
         free = np.setdiff1d(np.arange(self.n_unknown), np.asarray(held, int))
         right = self.prior_std[free] * right[free]
-        solved = linalg.cho_solve(self._scaled_factor(free), right)
+        solved = linalg.cho_solve(self._scaled_factor(free) if len(held) else self._factor, right)
         total = sum(float(np.einsum("n,nm,mk,nk->", w, y, P, y, optimize=True)) for w, y, P in
                     zip(self.noise.weight, departures, self.noise.precision, strict=True))  # fmt: skip
         return total - float(right @ solved)

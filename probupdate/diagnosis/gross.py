@@ -1,0 +1,113 @@
+"""What is grossly wrong with the sensors, tried at its own size.
+
+A frame turned by twenty degrees or two exchanged channels are nowhere near linear: the fit without them bends its
+parameters to follow, and the scores there favour whatever is left. Sensors see all modes alike, so that a size costs no
+new modes and every one can be tried; everything else that is unknown follows to first order.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from probupdate.diagnosis.catalogue import Effect
+from probupdate.diagnosis.fitting import (
+    Named,
+    PlainReferences,
+    Setting,
+    centred_departures,
+    departures_at,
+    design_at,
+    kept,
+    log_scale,
+    noise_of,
+    stated_covariance,
+)
+from probupdate.diagnosis.linear import Design
+from probupdate.diagnosis.noise import Noise
+
+# of an effect's deviation: a gain of 20, half a turn
+DOUBLINGS = 7
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Tried:
+    """A candidate with the size that explains most, and by how much it lowers -2 ln posterior with the scale of all
+    noise as the record then asks for. `whole`: at that size itself, not to first order."""
+
+    candidate: int
+    size: float
+    gain: float
+    whole: bool
+
+
+def sizes_of(effect: Effect) -> list[float]:
+    """What is tried: the only size, or one, two, four ... of the effect's deviations either way within its bounds."""
+    if effect.discrete:
+        return list(effect.discrete)
+    steps = effect.slab * 2.0 ** np.arange(DOUBLINGS + 1)
+    return [float(s) for s in (*-steps[::-1], *steps) if effect.lower <= s <= effect.upper]
+
+
+def tried_whole(setting: Setting, named: Sequence[Named], candidates: np.ndarray) -> list[Tried]:
+    """The `candidates` (bool) beside what is named already, each effect's best course of every kind, the most telling
+    first. All where the prior expects the parameters, as those of a fit were bent to follow what is wrong."""
+    theta, plain = np.array(setting.field.parameters.initial), PlainReferences(setting.field)
+    departures, used = departures_at(setting, theta, named, plain)
+    noise = noise_of(setting, stated_covariance(setting, theta, named), departures, used)
+    design = design_at(setting, theta, named, noise)
+    departures = kept(departures, noise)
+    centred = centred_departures(setting, design, theta, named, departures)
+    centre = [y - c for y, c in zip(departures, centred, strict=True)]
+    told = _told(setting, noise, used)
+
+    def surprise(tried: Sequence[Named]) -> float:
+        """-2 ln posterior, but for a constant, in units of the measured shapes."""
+        left, still = departures_at(setting, theta, tried, plain)
+        misfit = design.misfit(tuple(y - c for y, c in zip(kept(left, noise), centre, strict=True)), [])
+        # a pair that no longer tells its departures is no better explained
+        share = _told(setting, noise, still) / told
+        return told * np.log(misfit / share) - 2 * log_scale(setting, theta, tried, noise, plain) if share else np.inf
+
+    misfit, before = design.misfit(centred, []), surprise(named)
+    size, lower = _linear(setting, design, centred)
+    linear = told * (np.log(misfit) - np.log(np.maximum(misfit - lower, 1e-9 * misfit)))
+    result = []
+    for rows in _by_effect_and_kind(setting, candidates):
+        k = rows[np.argmax(lower[rows])]
+        effect, course = setting.effects[setting.which[k, 0]], setting.courses[setting.which[k, 1]]
+        if effect.observe is None or course.kind not in ("constant", "step"):
+            result.append(Tried(candidate=k, size=float(size[k]), gain=float(linear[k]), whole=False))
+            continue
+        gains = {s: before - surprise((*named, Named(effect=effect, course=course, size=s))) for s in sizes_of(effect)}
+        best = max(gains, key=gains.get)
+        result.append(Tried(candidate=k, size=best, gain=float(gains[best]), whole=True))
+    return sorted(result, key=lambda t: -t.gain)
+
+
+def _told(setting: Setting, noise: Noise, used: Sequence[np.ndarray]) -> int:
+    """Numbers that the blocks give."""
+    return sum(int(np.count_nonzero(ok & (w > 0))) * f.size
+               for ok, w, f in zip(used, noise.weight, setting.floor, strict=True))  # fmt: skip
+
+
+def _by_effect_and_kind(setting: Setting, candidates: np.ndarray) -> list[list[int]]:
+    """Numbers of the candidates that are the same effect with the same kind of course."""
+    groups: dict[tuple[int, str], list[int]] = {}
+    for k in np.flatnonzero(candidates):
+        j, c = setting.which[k]
+        groups.setdefault((int(j), setting.courses[c].kind), []).append(int(k))
+    return list(groups.values())
+
+
+def _linear(setting: Setting, design: Design, centred: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+    """To first order the size of every candidate that explains most within its bounds, and how much less misfit."""
+    u, v = design.scores(centred), design.information
+    usable = design.share_left > 1e-3
+    free = np.where(usable, u / np.where(usable, v, 1.0), 0.0)
+    bounds = np.array([Named(effect=setting.effects[j], course=setting.courses[c], size=0.0).bounds
+                       for j, c in setting.which])  # fmt: skip
+    size = np.clip(free, *bounds.T)
+    return size, np.where(usable, v * (free**2 - (size - free) ** 2), 0.0)
