@@ -60,6 +60,7 @@ GROSS_SHARE = 0.5
 DIRECTIONS = 4
 CHANCE = "chance alone"
 NOT_SETTLED = "the fit did not settle: what remains is too much for the model to follow"
+ALIKE_SHAPES = "the measured shapes are as good as one where the model expects two, so that they tell nothing"
 # the pattern of the noise is known to about a tenth of a variance (few columns, states that differ: 0.89 to 1.12 in
 # records whose noise was known), which sums of many squares see though no single score does
 PATTERN = 1.05
@@ -531,7 +532,8 @@ def examine(prepared: Prepared, data: ModalData, *, seed: int = 1, progress: Pro
     fits, remaining = adequacy(setting, fitted, found)
     progress("diagnosing", MOST_EFFECTS + 1, MOST_EFFECTS + 1)
     left_over = found.statistic[best] > found.threshold
-    if fits < ADEQUATE or left_over or not fitted.settled:
+    silent = _silent(fitted)
+    if fits < ADEQUATE or left_over or silent or not fitted.settled:
         verdict = "unexplained"
     elif not findings:
         verdict = "none"
@@ -546,10 +548,16 @@ def examine(prepared: Prepared, data: ModalData, *, seed: int = 1, progress: Pro
         p_value=min(1.0, 2 * min(first.p_value, fits)) if not findings else first.p_value,
         limits=_limits(setting, first, null), threshold=first.threshold, adequacy_p=fits,
         notes=(*setting.blocks.notes, *_pinned(fitted), *_short(fitted, [f.size_std for f in findings]),
-               *([] if fitted.settled else [NOT_SETTLED])),
+               *([] if fitted.settled else [NOT_SETTLED]),
+               *(f"modes {setting.blocks.group_name(q)}: {ALIKE_SHAPES}" for q in silent)),
         parameters=tuple(_parameters(setting, null, fitted)), details=details,
     )  # fmt: skip
     return Outcome(diagnosis=diagnosis, setting=setting, null=null, fitted=fitted, first=first, last=found)
+
+
+def _silent(fitted: Fit) -> list[int]:
+    """Groups of which no block tells anything at the fit."""
+    return [q for q, weight in enumerate(fitted.design.noise.weight) if not weight.any()]
 
 
 def _pinned(fitted: Fit) -> list[str]:

@@ -19,7 +19,6 @@ from probupdate.diagnosis.field import Field, effect_fingerprints, observed
 from probupdate.diagnosis.linear import Design
 from probupdate.diagnosis.noise import Noise, estimate_noise, factored
 from probupdate.diagnosis.small_model import LocalModel
-from probupdate.errors import ConvergenceError
 from probupdate.parameters import Parameters
 
 # references are computed at every angle that differs by this; fingerprints at every NODE_DEG, and between these by
@@ -28,8 +27,6 @@ from probupdate.parameters import Parameters
 ANGLE_DEG, BIN_DEG, NODE_DEG = 1.0, 2.0, 10.0
 # a fit has settled when no parameter moves by more, in posterior deviations
 SETTLED, MOST_STEPS = 0.1, 40
-# blocks that must tell a group of modes for its noise to be told
-FEWEST = 2
 # steps after which the noise is kept
 WARM = 3
 # a change of -2 ln posterior that does not matter, and the share of it that the linear equations may still promise at
@@ -396,8 +393,6 @@ def fit(
             left = departures if design is None else _left(setting, design, theta, named, departures)
             if number == 0 or again:
                 stated = stated_covariance(setting, theta, named)
-            if min(np.count_nonzero(ok) for ok in used) < FEWEST:
-                raise ConvergenceError("what is expected there leaves no two independent shapes of a pair of modes")
             noise = noise_of(setting, stated, left, used)
         if again:
             renewed, step = True, np.inf

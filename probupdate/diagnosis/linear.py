@@ -62,7 +62,7 @@ class Design:
                           *(course.value for course, _ in self.doubted)])  # fmt: skip
         result = []
         for weight in self.noise.weight:
-            centred = values - (values @ weight / weight.sum())[:, None]
+            centred = values - (values @ weight / max(weight.sum(), 1e-300))[:, None]
             centred = np.where([[c.kind == "constant"] for c in self.courses], values, centred)
             # one or two blocks of a group beyond a step, one of them gone wrong, are no step of that group
             beyond = (values * (weight > 0)).sum(axis=1)

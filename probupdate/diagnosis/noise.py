@@ -10,6 +10,8 @@ from scipy import stats
 
 from probupdate.modes import frozen_array
 
+# blocks that must tell a group of modes for its scatter to be told
+FEWEST = 2
 # blocks of a turbine state from which its own scatter is told
 FEWEST_OF_STATE = 10
 # share of a response's variance that is its own at least, and steps in which factors settle
@@ -57,6 +59,13 @@ def estimate_noise(
     """
     covariances, precisions, weights, degrees = [], [], [], []
     for q, (y, ok) in enumerate(zip(departures, used, strict=True)):
+        if np.count_nonzero(ok) < FEWEST:
+            # a group that tells nothing
+            covariances.append(frozen_array(np.eye(y.shape[1])))
+            precisions.append(covariances[-1])
+            weights.append(frozen_array(np.zeros(len(y))))
+            degrees.append(frozen_array(np.ones(y.shape[1])))
+            continue
         trust = _trust(y, ok, relative_std[:, q])
         weight = np.where(ok, relative_std[:, q] ** (-2.0 * trust), 0.0) if trust else _state_weights(y, ok, states)
         rows = np.flatnonzero(weight > 0)

@@ -91,7 +91,7 @@ class Remainder:
 
     def mean_share(self, q: int) -> np.ndarray:
         weight = self.design.noise.weight[q]
-        return weight / weight.sum()
+        return weight / max(weight.sum(), 1e-12)
 
     @cached_property
     def means(self) -> tuple[np.ndarray, np.ndarray]:
@@ -120,7 +120,7 @@ def remainder(fitted: Fit, n_own: int) -> Remainder:
 def slope_share(r: Remainder, q: int, value: np.ndarray) -> np.ndarray:
     """Shares (n_block,) of blocks whose sum is the slope of a response on `value`."""
     weight = r.design.noise.weight[q]
-    centred = value - (weight @ value) / weight.sum()
+    centred = value - (weight @ value) / max(weight.sum(), 1e-12)
     size = float(weight @ centred**2)
     return weight * centred / size if size > 0 else np.zeros_like(weight)
 
@@ -129,7 +129,7 @@ def portion_share(r: Remainder, q: int, chosen: np.ndarray) -> np.ndarray | None
     """Shares whose sum is the mean over the chosen blocks less that over all; None where none of them was measured."""
     weight = r.design.noise.weight[q]
     own = np.where(chosen, weight, 0.0)
-    return own / own.sum() - weight / weight.sum() if own.sum() > 0 else None
+    return own / own.sum() - weight / max(weight.sum(), 1e-12) if own.sum() > 0 else None
 
 
 def free_directions(reference: Reference, n_log: int) -> np.ndarray:

@@ -150,11 +150,15 @@ def _bands(r: Remainder, references: Sequence[Reference]) -> dict:
     """Shares of independent directions within the bands that hold 50 and 90 % of them when nothing is wrong: of the
     means over the record, and of single blocks about them."""
     free = [free_directions(ref, 1 if len(ref.tensor) == 1 else 3) for ref in references]
+    # a group of which no block tells has no directions
+    free = [part if w.any() else part[:, :0] for part, w in zip(free, r.design.noise.weight, strict=True)]
     mean, covariance = r.means
     keep = linalg.block_diag(*free)
     white = whitened(keep.T @ covariance @ keep, keep.T @ mean)
     single = []
     for q, part in enumerate(free):
+        if not part.size:
+            continue
         weight = r.design.noise.weight[q]
         rows = np.flatnonzero(weight > 0)
         about = (r.left[q][rows] - r.mean_share(q) @ r.left[q]) @ part

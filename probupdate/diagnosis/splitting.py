@@ -78,10 +78,10 @@ def places_of_difference(setting: Setting, design: Design, best: int, rival: int
     prints, noise, columns, names = [], [], [], []
     for q, group in enumerate(blocks.groups):
         weight = design.noise.weight[q]
-        share = np.bincount(design.bin_of, weight, design.n_bin) / weight.sum()
+        share = np.bincount(design.bin_of, weight, design.n_bin) / max(weight.sum(), 1e-12)
         prints.append(np.einsum("g,gmk->mk", share, design.effect[q][:, :, [j, i]]))
         columns.append(np.einsum("g,gmk->mk", share, design.nuisance[q]) * design.nuisance_std)
-        own = design.noise.covariance[q] / weight.sum()
+        own = design.noise.covariance[q] / max(weight.sum(), 1e-12)
         # what runs along the record is free of every offset
         noise.append(own + np.diag(design.floor[q] ** 2) if course.kind == "constant" else own)
         names += labels_of(blocks.group_name(q), len(group), blocks.channels)

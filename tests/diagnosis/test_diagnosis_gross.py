@@ -1,0 +1,144 @@
+"""What is grossly wrong with sensors: found whatever a fit without it makes of it, in the order a signal takes."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import probupdate
+from probupdate.diagnosis.catalogue import Effect, measurement_effects
+from probupdate.diagnosis.departures import Reference
+from probupdate.diagnosis.diagnose import ALIKE_SHAPES, examine, neighbours_dispersion, settle
+from probupdate.diagnosis.extension import corrections
+from probupdate.diagnosis.field import observed
+from probupdate.diagnosis.fitting import Named
+from probupdate.diagnosis.gross import sizes_of, tried_whole
+from probupdate.diagnosis.prepare import prepare
+from probupdate.modes import Sensor
+
+SENSORS = tuple(
+    Sensor(channel=f"top-{axis}", position_m=np.array([0.0, 0.0, 10.0]), direction=np.eye(3)[k], level="top")
+    for k, axis in enumerate("xyz")
+)
+
+
+def of_sensors(data, change):
+    """The record as these sensors' signals were: `change` of the shapes (n_channel, n_mode) of a set."""
+    return replace(data, sets=tuple(replace(s, shape=change(np.array(s.shape))) for s in data.sets))
+
+
+def exchanged(shape, first, second):
+    shape[[first, second]] = shape[[second, first]]
+    return shape
+
+
+@pytest.fixture(scope="module")
+def prepared(frame_file):
+    return prepare(frame_file)
+
+
+@pytest.mark.parametrize(("first", "second"), [("y1", "x5"), ("x4", "x5"), ("x2", "y2")])
+def test_exchanged_channels_are_named(prepared, record, first, second):
+    data = record(11)
+    rows = [data.channels.index(c) for c in (first, second)]
+    found = probupdate.diagnose(prepared, of_sensors(data, lambda s: exchanged(s, *rows)), sampler=False)
+    assert found.verdict == "named"
+    (one,) = found.findings
+    assert (one.cause, one.location, one.course) == ("swapped channels", f"{first} and {second}", "constant")
+
+
+def test_a_pair_measured_as_one_shape_is_unexplained_and_said(prepared, record):
+    """An identification that gives both modes of a pair the same shape."""
+
+    def change(shape):
+        shape[:, 1] = shape[:, 0]
+        return shape
+
+    found = probupdate.diagnose(prepared, of_sensors(record(14), change), sampler=False)
+    assert found.verdict == "unexplained" and not found.findings
+    assert any(ALIKE_SHAPES in note for note in found.notes)
+
+
+def test_a_reversed_channel_beside_a_wrong_gain_and_a_storey_that_loosens(prepared, record):
+    data = record(12, storey=2, factor=0.85, from_block=22)
+    row, other = data.channels.index("x3"), data.channels.index("y5")
+
+    def change(shape):
+        shape[row] *= -1
+        shape[other] *= 1.4
+        return shape
+
+    found = probupdate.diagnose(prepared, of_sensors(data, change), sampler=False)
+    assert found.verdict == "named"
+    assert {(f.cause, f.location) for f in found.findings} == {
+        ("sensor polarity", "x3"), ("sensor gain", "y5"), ("parameter", "k3")}  # fmt: skip
+
+
+def test_of_all_sizes_tried_the_true_one_explains_most(prepared, record):
+    data = record(13)
+    row = data.channels.index("y4")
+
+    def change(shape):
+        shape[row] *= 3.0
+        return shape
+
+    setting, _ = settle(prepared, of_sensors(data, change))
+    best = tried_whole(setting, (), np.ones(len(setting.which), bool))[0]
+    effect = setting.effects[setting.which[best.candidate, 0]]
+    assert (effect.cause, effect.location) == ("sensor gain", "y4") and best.whole
+    # of 0.1 times powers of two, the size itself is 2
+    assert best.size == pytest.approx(1.6)
+
+
+def test_sizes_tried_lie_within_the_bounds_and_reach_them():
+    known = dict(kind="measurement", cause="a", location="b", unit="-", tolerance=0.0, observe=lambda s, f, x: (s, 0.0))
+    only = Effect(**known, slab=2.0, lower=-2.0, upper=0.0, discrete=(-2.0,))
+    assert sizes_of(only) == [-2.0]
+    gain = Effect(**known, slab=0.1, lower=-0.98, upper=20.0)
+    np.testing.assert_allclose(sizes_of(gain), [-0.8, -0.4, -0.2, -0.1, 0.1, 0.2, 0.4, 0.8, 1.6, 3.2, 6.4, 12.8])
+    free = Effect(**known, slab=1.0)
+    assert sizes_of(free) == sorted(sizes_of(free)) and np.isfinite(sizes_of(free)).all()
+
+
+def test_a_sensor_turned_and_reversed_is_seen_in_the_order_of_its_signal():
+    """The mounting first, then the sensor's sign, then its cable, whatever was found first."""
+    effects = {(e.cause, e.location): e for e in measurement_effects([s.channel for s in SENSORS], SENSORS)}
+    turn, reverse = effects["sensor rotation", "top about z"], effects["sensor polarity", "top-x"]
+    swap = effects["swapped channels", "top-x and top-z"]
+    shape = np.random.default_rng(3).standard_normal((3, 2)) + 0j
+    c, s = np.cos(np.radians(30)), np.sin(np.radians(30))
+    turned = np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]])
+    sign, cable = np.diag([-1.0, 1.0, 1.0]), np.eye(3)[[2, 1, 0]]
+    named = [(reverse, -2.0), (swap, 1.0), (turn, 30.0)]
+    reference = Reference(tensor=np.diag([0.1, 0.2]), shape=shape)
+    for order in (named, named[::-1]):
+        np.testing.assert_allclose(observed(reference, order).shape, cable @ sign @ turned @ shape, atol=1e-14)
+        found = [Named(effect=e, course=None, size=size) for e, size in order]
+        A, shift = corrections(3, found, np.ones(3), 1.0)
+        np.testing.assert_allclose(A, cable @ sign @ turned, atol=1e-14)
+        assert shift == 0.0
+
+
+def test_a_step_within_a_block_is_told_so(prepared, record):
+    """A block of which the last half has the effect is neither before nor after."""
+    data = record(4, storey=2, factor=0.7, from_block=19)
+    half = record(4, storey=2, factor=0.85, from_block=18).sets[18]
+    sets = (*data.sets[:18], half, *data.sets[19:])
+    outcome = examine(prepared, replace(data, sets=sets))
+    assert outcome.diagnosis.verdict == "named"
+    (one,) = outcome.fitted.named
+    # the third storey, half of whose loss that block has
+    assert one.effect.location == "k3"
+    assert one.course.value[17] == 0.0 and one.course.value[19] == 1.0 and 0.2 <= one.course.value[18] <= 0.8
+
+
+@pytest.mark.parametrize("factor", [1.0, 1.3])
+def test_neighbouring_blocks_tell_how_well_the_noise_is_known(stepped, factor):
+    """Of records drawn from the design itself, and with noise of `factor` times the variance."""
+    outcome = stepped[2]
+    design, rng = outcome.null.design, np.random.default_rng(8)
+    noise = replace(design.noise, covariance=tuple(factor * c for c in design.noise.covariance))
+    drawn = replace(design, noise=noise)
+    told = [neighbours_dispersion(outcome.setting, design, drawn.simulate(rng)) for _ in range(12)]
+    # what is below one counts as one; eight contrasts of some twenty directions each
+    assert np.mean(told) == pytest.approx(factor, abs=0.08)
