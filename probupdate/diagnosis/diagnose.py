@@ -12,17 +12,15 @@ from probupdate.diagnosis.blocks import Blocks, gather
 from probupdate.diagnosis.catalogue import Effect
 from probupdate.diagnosis.courses import Course, make_courses
 from probupdate.diagnosis.departures import n_response
+from probupdate.diagnosis.evidence import Rival, ranked, rival_of, sizes_std
 from probupdate.diagnosis.field import build_field
 from probupdate.diagnosis.fitting import (
     FINGERPRINT,
     Fit,
     Named,
     Setting,
-    fingerprints_at,
     fit,
     local_std,
-    log_scale,
-    penalty,
     prior_shift,
     stated_covariance,
 )
@@ -232,18 +230,6 @@ def exceeded(maxima: np.ndarray, share: float) -> float:
     return float(max(stats.gumbel_r.isf(share, location, scale), np.sort(maxima)[-10]))
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Rival:
-    """A candidate refitted as it is, within its bounds: fit, size with deviation, log evidence (Laplace) but for a
-    constant that all rivals share."""
-
-    candidate: int
-    fitted: Fit
-    size: float
-    size_std: float
-    log_evidence: float
-
-
 def refit(
     setting: Setting, base: Fit, found: Search, candidate: int, tried: Tried | None = None
 ) -> Rival | None:
@@ -266,31 +252,7 @@ def refit(
         fitted = fit(setting, theta, (*base.named, extra), base=known)
     except ConvergenceError:
         return None
-    return _rival(setting, candidate, fitted, own_noise=known is None)
-
-
-def _rival(setting: Setting, candidate: int, fitted: Fit, *, own_noise: bool) -> Rival | None:
-    """What a fit with the candidate as its last effect tells of it; None where nothing is left of the effect."""
-    extra = fitted.named[-1]
-    if not extra.effect.discrete and abs(extra.size) < 1e-6 * extra.slab:
-        # it cannot be on the side that the score asked for
-        return None
-    # an effect that can be on one side only has half of its slab
-    sides = np.log(2.0) if len(extra.effect.signs) == 1 and not extra.effect.discrete else 0.0
-    # each with its own noise: told in units of its own expected shapes
-    units = log_scale(setting, fitted.theta, fitted.named, fitted.design.noise) if own_noise else 0.0
-    return Rival(candidate=candidate, fitted=fitted, size=extra.size, size_std=sizes_std(setting, fitted)[-1],
-                 log_evidence=log_evidence(setting, fitted) + sides + units)  # fmt: skip
-
-
-def _ranked(setting: Setting, tried: Sequence[Rival | None]) -> list[Rival]:
-    """By evidence, the most probable first, each effect with its best course; where any fit has settled, those that
-    have not are worth nothing."""
-    there = [r for r in tried if r is not None]
-    settled = [r for r in there if r.fitted.settled]
-    order = sorted(settled or there, key=lambda r: -r.log_evidence)
-    first = {int(setting.which[r.candidate, 0]): r for r in reversed(order)}
-    return [r for r in order if first[int(setting.which[r.candidate, 0])] is r]
+    return rival_of(setting, candidate, fitted, own_noise=known is None)
 
 
 def beside_the_last(
@@ -313,8 +275,8 @@ def beside_the_last(
                 again = fit(setting, fitted.theta, (*others, extra), base=fitted)
             except ConvergenceError:
                 continue
-            tried.append(_rival(setting, r.candidate, again, own_noise=False))
-        kept = _ranked(setting, tried)
+            tried.append(rival_of(setting, r.candidate, again, own_noise=False))
+        kept = ranked(setting, tried)
         if not kept:
             continue
         if kept[0].candidate != own[0].candidate:
@@ -325,60 +287,6 @@ def beside_the_last(
                 continue
         rivals[i], findings[i] = kept, finding(setting, found, kept)
     return fitted, rivals, findings
-
-
-def sizes_std(setting: Setting, fitted: Fit) -> list[float]:
-    """Deviation of the size of each named effect, zero where it has one size only; with what a fit stopped short by."""
-    design, result = fitted.design, []
-    free = iter(range(design.nuisance_std.size, design.n_common))
-    for n, short in zip(fitted.named, fitted.short, strict=True):
-        if n.effect.discrete:
-            result.append(0.0)
-            continue
-        own = float(design.unknowns_cov([next(free)])[0, 0])
-        # what the fingerprint's length is not known better than
-        length = np.hypot(FINGERPRINT, 0.0 if n.exact else length_std(setting, fitted, n))
-        result.append(float(np.sqrt(own + (length * n.size) ** 2 + short**2)))
-    return result
-
-
-def length_std(setting: Setting, fitted: Fit, named: Named) -> float:
-    """Relative deviation of the length of a fingerprint that the parameters' own uncertainty makes, along itself: a
-    metre of water does as much as the added mass is large, and only the two together are measured. What enters the
-    reference as it is needs no such allowance, as the design is made with the effect in place."""
-    field, design = setting.field, fitted.design
-    if named.effect.observe is not None:
-        return 0.0
-    rows = range(len(setting.updated))
-    covariance = design.unknowns_cov(rows)
-    std = np.sqrt(np.diag(covariance))
-    names = tuple(name for name, _ in named.effect.increments)
-    angle = setting.bins[0][:1]
-
-    def fingerprint_at(theta) -> list[np.ndarray]:
-        local = field.small.at(np.clip(theta, field.parameters.lower, field.parameters.upper))
-        return [f[0, :, 0] for f in fingerprints_at(field, local, [named.effect], names, angle)]
-
-    def product(a, b) -> float:
-        return sum(float(x @ P @ y) for x, P, y in zip(a, design.noise.precision, b, strict=True))
-
-    here = fingerprint_at(fitted.theta)
-    change = []
-    for row, k in zip(rows, setting.updated, strict=True):
-        moved = fitted.theta.copy()
-        moved[k] += 0.1 * std[row]
-        there = fingerprint_at(moved)
-        change.append(10 * (product(there, here) / product(here, here) - 1))
-    change = np.array(change)
-    return float(np.sqrt(change @ (covariance / np.outer(std, std)) @ change))
-
-
-def log_evidence(setting: Setting, fitted: Fit) -> float:
-    """ln p(blocks | model with the named effects) by Laplace's method, but for a constant of the record."""
-    design = fitted.design
-    held = [*range(len(setting.updated)), *range(design.nuisance_std.size, design.n_common)]
-    misfit = design.misfit(fitted.departures, held) + penalty(setting, fitted.theta, fitted.named)
-    return float(-0.5 * misfit + design.log_volume + design.log_noise)
 
 
 def undecided(z: float) -> float:
@@ -518,7 +426,7 @@ def examine(prepared: Prepared, data: ModalData, *, seed: int = 1, progress: Pro
         if found.statistic[best] <= found.threshold or number == MOST_EFFECTS:
             break
         tried = [refit(setting, fitted, found, k, whole) for k, whole in meant(setting, fitted, found, best)]
-        kept = _ranked(setting, tried)
+        kept = ranked(setting, tried)
         if not kept:
             break
         findings.append(finding(setting, found, kept))

@@ -16,7 +16,8 @@ from pathlib import Path
 
 import numpy as np
 
-from probupdate.diagnosis.diagnose import Outcome, sizes_std
+from probupdate.diagnosis.diagnose import Outcome
+from probupdate.diagnosis.evidence import sizes_std
 from probupdate.diagnosis.extension_sampling import not_sampled, sampled, sampler_statements, sampling_command
 from probupdate.diagnosis.field import observed
 from probupdate.diagnosis.fitting import Fit, Named, Setting, local_at, local_std

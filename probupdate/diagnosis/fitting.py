@@ -384,7 +384,7 @@ def fit(
     step, noise, design, stated = np.inf, None, None, None
     if base is not None:
         noise, design = base.design.noise, base.design
-    departures, used = _departures(setting, theta, named)
+    departures, used = all_departures(setting, theta, named)
     renewed, leaps, stalled = base is not None, 0, False
     for number in range(MOST_STEPS):
         # far from where the fit ends the noise is not what it is there
@@ -466,7 +466,7 @@ class _Trial:
 
 def _trial(setting: Setting, design: Design, theta, named, move: np.ndarray, change: np.ndarray, held) -> _Trial:
     theta, named = _moved(setting, theta, named, move, change)
-    departures, used = _departures(setting, theta, named)
+    departures, used = all_departures(setting, theta, named)
     misfit = design.misfit(kept(departures, design.noise), held) + penalty(setting, theta, named)
     return _Trial(theta=theta, named=named, departures=departures, used=used, misfit=misfit)
 
@@ -517,7 +517,8 @@ def stated_covariance(
     return result
 
 
-def _departures(setting: Setting, theta: np.ndarray, named: Sequence[Named]):
+def all_departures(setting: Setting, theta: np.ndarray, named: Sequence[Named]):
+    """`departures_at` less what ramps and covariates make."""
     departures, used = departures_at(setting, theta, named)
     return _without_linear(setting, theta, named, departures), used
 

@@ -6,7 +6,8 @@ import pytest
 from probupdate.diagnosis.blocks import gather
 from probupdate.diagnosis.catalogue import measurement_effects
 from probupdate.diagnosis.departures import departure
-from probupdate.diagnosis.diagnose import length_std, settle
+from probupdate.diagnosis.diagnose import settle
+from probupdate.diagnosis.evidence import length_std
 from probupdate.diagnosis.field import build_field, effect_fingerprints
 from probupdate.diagnosis.fitting import Named, fingerprints_at, fit
 from probupdate.diagnosis.prepare import prepare

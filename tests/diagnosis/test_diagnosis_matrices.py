@@ -16,8 +16,8 @@ from probupdate.diagnosis.diagnose import (
     refit,
     search,
     settle,
-    sizes_std,
 )
+from probupdate.diagnosis.evidence import sizes_std
 from probupdate.diagnosis.field import effect_fingerprints, observed
 from probupdate.diagnosis.fitting import Named, fit, local_at
 from probupdate.diagnosis.prepare import prepare
