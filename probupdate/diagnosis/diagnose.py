@@ -440,8 +440,9 @@ def examine(prepared: Prepared, data: ModalData, *, seed: int = 1, progress: Pro
     fits, remaining = adequacy(setting, fitted, found)
     progress("diagnosing", MOST_EFFECTS + 1, MOST_EFFECTS + 1)
     left_over = found.statistic[best] > found.threshold
-    silent = _silent(fitted)
-    if fits < ADEQUATE or left_over or silent or not fitted.settled:
+    silent, pinned = _silent(fitted), _pinned(fitted)
+    # one cause may be at its end, as a brace that is gone; two at once are what something else is bent into
+    if fits < ADEQUATE or left_over or silent or len(pinned) > 1 or not fitted.settled:
         verdict = "unexplained"
     elif not findings:
         verdict = "none"
@@ -455,7 +456,7 @@ def examine(prepared: Prepared, data: ModalData, *, seed: int = 1, progress: Pro
         verdict=verdict, findings=named,
         p_value=min(1.0, 2 * min(first.p_value, fits)) if not findings else first.p_value,
         limits=_limits(setting, first, null), threshold=first.threshold, adequacy_p=fits,
-        notes=(*setting.blocks.notes, *_pinned(fitted), *_short(fitted, [f.size_std for f in findings]),
+        notes=(*setting.blocks.notes, *pinned, *_short(fitted, [f.size_std for f in findings]),
                *([] if fitted.settled else [NOT_SETTLED]),
                *(f"modes {setting.blocks.group_name(q)}: {ALIKE_SHAPES}" for q in silent)),
         parameters=tuple(_parameters(setting, null, fitted)), details=details,

@@ -59,6 +59,18 @@ def test_a_pair_measured_as_one_shape_is_unexplained_and_said(prepared, record):
     assert any(ALIKE_SHAPES in note for note in found.notes)
 
 
+def test_two_causes_at_the_end_of_what_they_can_be_are_no_explanation(prepared, record, monkeypatch):
+    """Two storeys that lose more than their rows allow, against the same with rows that allow it."""
+    both = record(15, storey=1, factor=0.75, from_block=0), record(15, storey=3, factor=0.75, from_block=20)
+    sets = tuple(a if k < 20 else b for k, (a, b) in enumerate(zip(*(r.sets for r in both), strict=True)))
+    data = replace(both[0], sets=sets)
+    narrow = tuple(replace(e, lower=max(e.lower, -0.1), upper=min(e.upper, 0.1)) if e.cause == "parameter" else e
+                   for e in prepared.effects)  # fmt: skip
+    tight = examine(replace(prepared, effects=narrow), data).diagnosis
+    at_end = [note for note in tight.notes if "stands at an end" in note]
+    assert len(at_end) > 1 and tight.verdict == "unexplained"
+
+
 def test_a_reversed_channel_beside_a_wrong_gain_and_a_storey_that_loosens(prepared, record):
     data = record(12, storey=2, factor=0.85, from_block=22)
     row, other = data.channels.index("x3"), data.channels.index("y5")

@@ -17,7 +17,7 @@ from probupdate.diagnosis.diagnose import (
     search,
     settle,
 )
-from probupdate.diagnosis.evidence import sizes_std
+from probupdate.diagnosis.evidence import ranked, rival_of, sizes_std
 from probupdate.diagnosis.field import effect_fingerprints, observed
 from probupdate.diagnosis.fitting import Named, fit, local_at
 from probupdate.diagnosis.prepare import prepare
@@ -203,3 +203,28 @@ def test_a_handful_of_sets_is_refused(prepared, record):
 def test_a_group_of_an_unknown_parameter_is_refused(frame_file):
     with pytest.raises(InputError, match="k9"):
         prepare(frame_file, groups={"lost": {"k9": 0.1}})
+
+
+def test_rivals_are_compared_about_the_same_parameters(prepared, record):
+    """What a fit's own parameters do to evidence says nothing about its effect: the same effect twice, fitted elsewhere
+    and with another evidence of its own, is as probable; and what differs is the misfit about the same point."""
+    setting, theta = settle(prepared, record(4, storey=2, factor=0.9, from_block=18))
+    effects = {(e.cause, e.location): j for j, e in enumerate(setting.effects)}
+    step = next(k for k, c in enumerate(setting.courses) if c.kind == "step" and c.at == 18)
+
+    def candidate(*name):
+        j = effects[name]
+        (k,) = np.flatnonzero((setting.which == (j, step)).all(axis=1))
+        return int(k), Named(effect=setting.effects[j], course=setting.courses[step], size=-0.05)
+
+    (k3, loose), (k4, other) = candidate("parameter", "k3"), candidate("parameter", "k4")
+    fitted = fit(setting, theta, (loose,))
+    own = rival_of(setting, k3, fitted, own_noise=False)
+    moved = replace(fitted, theta=fitted.theta * (1 + 0.01 * np.eye(len(theta))[0]))
+    again = replace(own, candidate=k4, fitted=moved, log_evidence=own.log_evidence - 15.0)
+    first, second = ranked(setting, [own, again])
+    assert second.log_evidence == pytest.approx(first.log_evidence, abs=1e-6)
+    # a real rival stays behind by what it leaves
+    worse = rival_of(setting, k4, fit(setting, theta, (other,), base=fitted), own_noise=False)
+    near = replace(worse, log_evidence=own.log_evidence - 1.0)
+    assert ranked(setting, [own, near])[1].log_evidence < own.log_evidence - 10
