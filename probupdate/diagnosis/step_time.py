@@ -46,7 +46,8 @@ def sharpened_again(setting: Setting, fitted: Fit) -> tuple[Named, ...]:
 
         # where two leave the same the one that is there
         best = min([n.course, *_between_neighbours(setting, n.course)], key=left)
-        within = min(_within_a_block(best), key=left)
+        # what has one size only has no share of it
+        within = best if n.effect.discrete else min(_within_a_block(best), key=left)
         named[i] = replace(n, course=within if left(within) < left(best) - WITHIN else best)
     return tuple(named)
 

@@ -154,3 +154,16 @@ def test_neighbouring_blocks_tell_how_well_the_noise_is_known(stepped, factor):
     told = [neighbours_dispersion(outcome.setting, design, drawn.simulate(rng)) for _ in range(12)]
     # what is below one counts as one; eight contrasts of some twenty directions each
     assert np.mean(told) == pytest.approx(factor, abs=0.08)
+
+
+def test_a_channel_reversed_within_a_block_is_reversed_before_or_after_it(prepared, record):
+    """Half a reversal would leave nothing of the channel, and no way back to what it measured."""
+    data = record(16)
+    row = data.channels.index("y3")
+    signs = np.ones((len(data.sets), len(data.channels), 1))
+    signs[20, row], signs[21:, row] = 0.3, -1.0
+    sets = tuple(replace(s, shape=sign * s.shape) for s, sign in zip(data.sets, signs, strict=True))
+    outcome = examine(prepared, replace(data, sets=sets))
+    reversed_there = [n for n in outcome.fitted.named if n.effect.cause == "sensor polarity"]
+    assert [n.effect.location for n in reversed_there] == ["y3"]
+    assert set(reversed_there[0].course.value) == {0.0, 1.0} and reversed_there[0].course.at in (20, 21)
