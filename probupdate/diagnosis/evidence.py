@@ -85,9 +85,17 @@ def _compared(setting: Setting, order: list[Rival]) -> list[Rival]:
         if best.log_evidence - rival.log_evidence < CLOSE:
             apart = [about(r.fitted.theta, rival) - about(r.fitted.theta, best) for r in (best, rival)]
             sides = _sides(rival.fitted.named[-1]) - _sides(best.fitted.named[-1])
-            rival = replace(rival, log_evidence=best.log_evidence + float(np.mean(apart)) + sides)
+            promised = only_promised(setting, rival.fitted) - only_promised(setting, best.fitted)
+            rival = replace(rival, log_evidence=best.log_evidence + float(np.mean(apart)) + sides - promised)
         result.append(rival)
     return sorted(result, key=lambda r: -r.log_evidence)
+
+
+def only_promised(setting: Setting, fitted: Fit) -> float:
+    """ln evidence that the linear equations promise at a fit and that the model does not keep, where it stalled."""
+    design = fitted.design
+    linear = -0.5 * design.misfit(fitted.centred, []) + design.log_volume + design.log_noise
+    return max(0.0, float(linear) - log_evidence(setting, fitted))
 
 
 def sizes_std(setting: Setting, fitted: Fit) -> list[float]:

@@ -17,9 +17,17 @@ from probupdate.diagnosis.diagnose import (
     search,
     settle,
 )
-from probupdate.diagnosis.evidence import ranked, rival_of, sizes_std
+from probupdate.diagnosis.evidence import only_promised, ranked, rival_of, sizes_std
 from probupdate.diagnosis.field import effect_fingerprints, observed
-from probupdate.diagnosis.fitting import Named, fit, local_at
+from probupdate.diagnosis.fitting import (
+    Named,
+    all_departures,
+    centred_departures,
+    design_at,
+    fit,
+    kept,
+    local_at,
+)
 from probupdate.diagnosis.prepare import prepare
 from probupdate.errors import InputError
 from probupdate.estimators.ensemble import SamplerSettings
@@ -206,8 +214,8 @@ def test_a_group_of_an_unknown_parameter_is_refused(frame_file):
 
 
 def test_rivals_are_compared_about_the_same_parameters(prepared, record):
-    """What a fit's own parameters do to evidence says nothing about its effect: the same effect twice, fitted elsewhere
-    and with another evidence of its own, is as probable; and what differs is the misfit about the same point."""
+    """What a fit's own parameters do to evidence says nothing about its effect: the same effect twice, the second
+    with another evidence of its own, is as probable; and what differs is the misfit about the same point."""
     setting, theta = settle(prepared, record(4, storey=2, factor=0.9, from_block=18))
     effects = {(e.cause, e.location): j for j, e in enumerate(setting.effects)}
     step = next(k for k, c in enumerate(setting.courses) if c.kind == "step" and c.at == 18)
@@ -220,11 +228,26 @@ def test_rivals_are_compared_about_the_same_parameters(prepared, record):
     (k3, loose), (k4, other) = candidate("parameter", "k3"), candidate("parameter", "k4")
     fitted = fit(setting, theta, (loose,))
     own = rival_of(setting, k3, fitted, own_noise=False)
-    moved = replace(fitted, theta=fitted.theta * (1 + 0.01 * np.eye(len(theta))[0]))
-    again = replace(own, candidate=k4, fitted=moved, log_evidence=own.log_evidence - 15.0)
+    again = replace(own, candidate=k4, log_evidence=own.log_evidence - 15.0)
     first, second = ranked(setting, [own, again])
     assert second.log_evidence == pytest.approx(first.log_evidence, abs=1e-6)
     # a real rival stays behind by what it leaves
     worse = rival_of(setting, k4, fit(setting, theta, (other,), base=fitted), own_noise=False)
     near = replace(worse, log_evidence=own.log_evidence - 1.0)
     assert ranked(setting, [own, near])[1].log_evidence < own.log_evidence - 10
+
+
+def test_what_a_stalled_fit_only_promises_is_no_evidence(prepared, record):
+    setting, theta = settle(prepared, record(4, storey=2, factor=0.9, from_block=18))
+    effect = next(e for e in setting.effects if (e.cause, e.location) == ("parameter", "k3"))
+    course = next(c for c in setting.courses if c.kind == "step" and c.at == 18)
+    fitted = fit(setting, theta, (Named(effect=effect, course=course, size=-0.1),))
+    at_rest = only_promised(setting, fitted)
+    (std,) = np.sqrt(np.diag(fitted.design.unknowns_cov([fitted.design.nuisance_std.size])))
+    short = (replace(fitted.named[0], size=fitted.named[0].size + 5 * std),)
+    y = kept(all_departures(setting, fitted.theta, short)[0], fitted.design.noise)
+    design = design_at(setting, fitted.theta, short, fitted.design.noise)
+    stalled = replace(fitted, named=short, departures=y, design=design,
+                      centred=centred_departures(setting, design, fitted.theta, short, y))  # fmt: skip
+    # five deviations of the size, whatever the parameters make up for; a fifth for what is not linear
+    assert at_rest >= 0 and only_promised(setting, stalled) - at_rest > 0.8 * 0.5 * 5**2
