@@ -13,10 +13,8 @@ from probupdate.diagnosis.fitting import (
     Named,
     Setting,
     all_departures,
-    centred_departures,
-    design_at,
     fingerprints_at,
-    kept,
+    linearised,
     log_scale,
     penalty,
 )
@@ -155,8 +153,6 @@ def log_evidence(setting: Setting, fitted: Fit) -> float:
 def marginal_evidence(setting: Setting, theta: np.ndarray, named: Sequence[Named], noise: Noise) -> float:
     """ln p(blocks | named effects near their sizes) with all parameters to first order about theta, in units of the
     measured shapes, but for a constant of record and noise."""
-    design = design_at(setting, theta, named, noise)
-    departures = kept(all_departures(setting, theta, named)[0], noise)
-    centred = centred_departures(setting, design, theta, named, departures)
+    design, _, centred = linearised(setting, theta, named, noise, all_departures(setting, theta, named)[0])
     units = log_scale(setting, theta, named, noise)
     return float(-0.5 * design.misfit(centred, []) + design.log_volume + design.log_noise + units)

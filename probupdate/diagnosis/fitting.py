@@ -473,10 +473,18 @@ def _trial(setting: Setting, design: Design, theta, named, move: np.ndarray, cha
 
 def _ended(setting: Setting, theta: np.ndarray, named: tuple[Named, ...], noise: Noise, departures, number: int) -> Fit:
     """The fit where it stopped without having settled."""
-    design, departures = design_at(setting, theta, named, noise), kept(departures, noise)
+    design, departures, centred = linearised(setting, theta, named, noise, departures)
     return Fit(theta=theta, named=named, departures=departures, design=design, steps=number, last_step=np.inf,
-               short=np.zeros(len(named)),
-               centred=centred_departures(setting, design, theta, named, departures))  # fmt: skip
+               short=np.zeros(len(named)), centred=centred)  # fmt: skip
+
+
+def linearised(
+    setting: Setting, theta: np.ndarray, named: Sequence[Named], noise: Noise, departures: Sequence[np.ndarray]
+) -> tuple[Design, tuple[np.ndarray, ...], tuple[np.ndarray, ...]]:
+    """The design at theta and the named effects, with departures from there as far as they count and less what the
+    prior's centre makes."""
+    design, departures = design_at(setting, theta, named, noise), kept(departures, noise)
+    return design, departures, centred_departures(setting, design, theta, named, departures)
 
 
 def stated_covariance(
@@ -517,10 +525,24 @@ def stated_covariance(
     return result
 
 
+class DeparturesBeside:
+    """Departures at one theta with other effects and sizes in the reference than those of `named`, whose ramps and
+    covariates are taken off as they are there; what the model is asked for is kept between calls."""
+
+    def __init__(self, setting: Setting, theta: np.ndarray, named: Sequence[Named]):
+        self.plain = PlainReferences(setting.field)
+        self._setting, self._theta = setting, theta
+        nothing = [np.zeros((len(setting.blocks), floor.size)) for floor in setting.floor]
+        self._along = _without_linear(setting, theta, named, nothing)
+
+    def __call__(self, named: Sequence[Named]) -> tuple[tuple[np.ndarray, ...], tuple[np.ndarray, ...]]:
+        departures, used = departures_at(self._setting, self._theta, named, self.plain)
+        return tuple(y + a for y, a in zip(departures, self._along, strict=True)), used
+
+
 def all_departures(setting: Setting, theta: np.ndarray, named: Sequence[Named]):
     """`departures_at` less what ramps and covariates make."""
-    departures, used = departures_at(setting, theta, named)
-    return _without_linear(setting, theta, named, departures), used
+    return DeparturesBeside(setting, theta, named)(named)
 
 
 def noise_of(setting: Setting, stated, departures: Sequence[np.ndarray], used: Sequence[np.ndarray]) -> Noise:

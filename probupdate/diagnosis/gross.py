@@ -14,13 +14,11 @@ import numpy as np
 
 from probupdate.diagnosis.catalogue import Effect
 from probupdate.diagnosis.fitting import (
+    DeparturesBeside,
     Named,
-    PlainReferences,
     Setting,
-    centred_departures,
-    departures_at,
-    design_at,
     kept,
+    linearised,
     log_scale,
     noise_of,
     stated_covariance,
@@ -54,22 +52,22 @@ def sizes_of(effect: Effect) -> list[float]:
 def tried_whole(setting: Setting, named: Sequence[Named], candidates: np.ndarray) -> list[Tried]:
     """The `candidates` (bool) beside what is named already, each effect's best course of every kind, the most telling
     first. All where the prior expects the parameters, as those of a fit were bent to follow what is wrong."""
-    theta, plain = np.array(setting.field.parameters.initial), PlainReferences(setting.field)
-    departures, used = departures_at(setting, theta, named, plain)
+    theta = np.array(setting.field.parameters.initial)
+    beside = DeparturesBeside(setting, theta, named)
+    departures, used = beside(named)
     noise = noise_of(setting, stated_covariance(setting, theta, named), departures, used)
-    design = design_at(setting, theta, named, noise)
-    departures = kept(departures, noise)
-    centred = centred_departures(setting, design, theta, named, departures)
+    design, departures, centred = linearised(setting, theta, named, noise, departures)
     centre = [y - c for y, c in zip(departures, centred, strict=True)]
     told = _told(setting, noise, used)
 
     def surprise(tried: Sequence[Named]) -> float:
         """-2 ln posterior, but for a constant, in units of the measured shapes."""
-        left, still = departures_at(setting, theta, tried, plain)
+        left, still = beside(tried)
         misfit = design.misfit(tuple(y - c for y, c in zip(kept(left, noise), centre, strict=True)), [])
         # a pair that no longer tells its departures is no better explained
         share = _told(setting, noise, still) / told
-        return told * np.log(misfit / share) - 2 * log_scale(setting, theta, tried, noise, plain) if share else np.inf
+        units = log_scale(setting, theta, tried, noise, beside.plain)
+        return told * np.log(misfit / share) - 2 * units if share else np.inf
 
     misfit, before = design.misfit(centred, []), surprise(named)
     size, lower = _linear(setting, design, centred)

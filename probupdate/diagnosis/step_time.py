@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from probupdate.diagnosis.courses import MARGIN, Course, step_course
-from probupdate.diagnosis.fitting import Fit, Named, PlainReferences, Setting, departures_at, kept
+from probupdate.diagnosis.fitting import DeparturesBeside, Fit, Named, Setting, kept
 from probupdate.modes import frozen_array
 
 # shares of a block that a step may have left; by how much -2 ln posterior must be lower for it to be within one
@@ -28,10 +28,7 @@ def sharpened(setting: Setting, fitted: Fit, effect: int, course: Course) -> Cou
 def sharpened_again(setting: Setting, fitted: Fit) -> tuple[Named, ...]:
     """The fit's named effects, each step at the time that leaves least, where need be within a block: where another
     effect was still unknown the scores may have been misled."""
-    named, plain = list(fitted.named), PlainReferences(setting.field)
-    # what ramps and covariates make stays as it is in the fit
-    without, _ = departures_at(setting, fitted.theta, named, plain)
-    along = [d - w for d, w in zip(fitted.departures, kept(without, fitted.design.noise), strict=True)]
+    named, beside = list(fitted.named), DeparturesBeside(setting, fitted.theta, fitted.named)
     n_own, n_all = len(setting.updated), fitted.design.nuisance_std.size
     held = [*range(n_own), *range(n_all, fitted.design.n_common)]
     for i, n in enumerate(named):
@@ -39,10 +36,8 @@ def sharpened_again(setting: Setting, fitted: Fit) -> tuple[Named, ...]:
             continue
 
         def left(course: Course, n=n, i=i) -> float:
-            there, _ = departures_at(
-                setting, fitted.theta, [*named[:i], replace(n, course=course), *named[i + 1 :]], plain)
-            y = tuple(a + b for a, b in zip(kept(there, fitted.design.noise), along, strict=True))
-            return fitted.design.misfit(y, held)
+            there, _ = beside([*named[:i], replace(n, course=course), *named[i + 1 :]])
+            return fitted.design.misfit(kept(there, fitted.design.noise), held)
 
         # where two leave the same the one that is there
         best = min([n.course, *_between_neighbours(setting, n.course)], key=left)

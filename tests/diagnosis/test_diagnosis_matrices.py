@@ -22,10 +22,8 @@ from probupdate.diagnosis.field import effect_fingerprints, observed
 from probupdate.diagnosis.fitting import (
     Named,
     all_departures,
-    centred_departures,
-    design_at,
     fit,
-    kept,
+    linearised,
     local_at,
 )
 from probupdate.diagnosis.prepare import prepare
@@ -245,9 +243,8 @@ def test_what_a_stalled_fit_only_promises_is_no_evidence(prepared, record):
     at_rest = only_promised(setting, fitted)
     (std,) = np.sqrt(np.diag(fitted.design.unknowns_cov([fitted.design.nuisance_std.size])))
     short = (replace(fitted.named[0], size=fitted.named[0].size + 5 * std),)
-    y = kept(all_departures(setting, fitted.theta, short)[0], fitted.design.noise)
-    design = design_at(setting, fitted.theta, short, fitted.design.noise)
-    stalled = replace(fitted, named=short, departures=y, design=design,
-                      centred=centred_departures(setting, design, fitted.theta, short, y))  # fmt: skip
+    design, departures, centred = linearised(
+        setting, fitted.theta, short, fitted.design.noise, all_departures(setting, fitted.theta, short)[0])
+    stalled = replace(fitted, named=short, departures=departures, design=design, centred=centred)
     # five deviations of the size, whatever the parameters make up for; a fifth for what is not linear
     assert at_rest >= 0 and only_promised(setting, stalled) - at_rest > 0.8 * 0.5 * 5**2
