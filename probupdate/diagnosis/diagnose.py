@@ -326,9 +326,9 @@ def meant(setting: Setting, fitted: Fit, found: Search, best: int) -> list[tuple
     if found.statistic[best] < GROSS:
         return [(k, None) for k in rivals_of(setting, fitted, found, best)]
     tried = tried_whole(setting, fitted.named, ~_taken(setting, fitted.named))
-    least = GROSS_SHARE * tried[0].gain
+    least = GROSS_SHARE * max(tried[0].gain, 0.0)
     result = [(t.candidate, t) for t in tried if t.whole and t.gain > least][:MOST_RIVALS]
-    if any(t.gain > least for t in tried if not t.whole):
+    if not result or any(t.gain > least for t in tried if not t.whole):
         known = [k for k, _ in result]
         result += [(k, None) for k in rivals_of(setting, fitted, found, best) if k not in known]
     return result
