@@ -145,8 +145,8 @@ def length_std(setting: Setting, fitted: Fit, named: Named) -> float:
 def log_evidence(setting: Setting, fitted: Fit) -> float:
     """ln p(blocks | model with the named effects) by Laplace's method, but for a constant of the record."""
     design = fitted.design
-    held = [*range(len(setting.updated)), *range(design.nuisance_std.size, design.n_common)]
-    misfit = design.misfit(fitted.departures, held) + penalty(setting, fitted.theta, fitted.named)
+    misfit = design.misfit(fitted.departures, design.held(len(setting.updated)))
+    misfit += penalty(setting, fitted.theta, fitted.named)
     return float(-0.5 * misfit + design.log_volume + design.log_noise)
 
 

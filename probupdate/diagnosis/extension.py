@@ -363,7 +363,7 @@ def identified(setting: Setting, fitted: Fit) -> dict:
     """The same from the whole record: of each finding its deviation over its prior's, and pairs that go together."""
     design, n_own = fitted.design, len(setting.updated)
     free = [n for n in fitted.named if not n.effect.discrete]
-    rows = [*range(n_own), *range(design.nuisance_std.size, design.n_common)]
+    rows = design.held(n_own)
     covariance = design.unknowns_cov(rows)
     std = np.sqrt(np.diag(covariance))
     prior = [local_std(setting.prior, i, fitted.theta[k]) for i, k in enumerate(setting.updated)]

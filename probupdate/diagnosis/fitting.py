@@ -417,7 +417,7 @@ def fit(
         move = (prior_shift(setting, theta) + solved[:n_own]) / scale
         change = np.zeros(len(named))
         change[free] = solved[n_all : design.n_common] - np.array([named[k].size for k in free])
-        held = [*range(n_own), *range(n_all, design.n_common)]
+        held = design.held(n_own)
         before = design.misfit(departures, held) + penalty(setting, theta, named)
         # what the linear equations promise
         promised = before - design.misfit(centred, [])

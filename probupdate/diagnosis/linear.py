@@ -100,6 +100,10 @@ class Design:
         """Unknowns that all groups share: c and the sizes of named effects."""
         return self.nuisance_std.size + len(self.named)
 
+    def held(self, n_own: int) -> list[int]:
+        """Numbers of the unknowns that a fit chooses: the first n_own parameters and the sizes of named effects."""
+        return [*range(n_own), *range(self.nuisance_std.size, self.n_common)]
+
     @property
     def n_unknown(self) -> int:
         return self.n_common + (1 + len(self.doubted)) * sum(f.size for f in self.floor)

@@ -113,7 +113,7 @@ class Remainder:
 def remainder(fitted: Fit, n_own: int) -> Remainder:
     """Of a fit with n_own updated parameters."""
     design = fitted.design
-    held = np.array([*range(n_own), *range(design.nuisance_std.size, design.n_common)])
+    held = np.array(design.held(n_own))
     return Remainder(design=design, left=fitted.departures, held=held, held_cov=design.unknowns_cov(held))
 
 

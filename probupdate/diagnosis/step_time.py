@@ -29,8 +29,7 @@ def sharpened_again(setting: Setting, fitted: Fit) -> tuple[Named, ...]:
     """The fit's named effects, each step at the time that leaves least, where need be within a block: where another
     effect was still unknown the scores may have been misled."""
     named, beside = list(fitted.named), DeparturesBeside(setting, fitted.theta, fitted.named)
-    n_own, n_all = len(setting.updated), fitted.design.nuisance_std.size
-    held = [*range(n_own), *range(n_all, fitted.design.n_common)]
+    held = fitted.design.held(len(setting.updated))
     for i, n in enumerate(named):
         if n.course.kind != "step":
             continue
