@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -211,3 +211,22 @@ def _relative_std(sets, kept, channels, groups) -> np.ndarray:
         if parts:
             result[:, q] = np.clip(np.mean(np.concatenate(parts, axis=1), axis=1), 1 / 3, 3.0)
     return result
+
+
+def with_derived(blocks: Blocks) -> Blocks:
+    """Adds to every block's environment what follows from it: share of rated thrust, degrees of frost."""
+    environment = []
+    power = np.array([e.get("power_kw", np.nan) for e in blocks.environment], float)
+    wind = np.array([e.get("wind_speed_mps", np.nan) for e in blocks.environment], float)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        thrust = np.maximum(power, 0) / np.maximum(wind, 1.0)
+    highest = np.nanmax(thrust) if np.isfinite(thrust).any() else np.nan
+    for k, old in enumerate(blocks.environment):
+        new = dict(old)
+        if highest > 0 and np.isfinite(thrust[k]):
+            new["thrust_share"] = float(thrust[k] / highest)
+        air = old.get("air_temperature_c")
+        if isinstance(air, int | float):
+            new["frost_degc"] = max(0.0, -float(air))
+        environment.append(new)
+    return replace(blocks, environment=tuple(environment))

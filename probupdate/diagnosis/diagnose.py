@@ -6,50 +6,30 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy import stats
 
-from probupdate.diagnosis.blocks import Blocks, gather
-from probupdate.diagnosis.catalogue import Effect
-from probupdate.diagnosis.courses import Course, make_courses
-from probupdate.diagnosis.departures import n_response
+from probupdate.diagnosis.adequacy import adequacy, span_left
 from probupdate.diagnosis.evidence import Rival, ranked, rival_of, sizes_std
-from probupdate.diagnosis.field import build_field
-from probupdate.diagnosis.fitting import (
-    FINGERPRINT,
-    Fit,
-    Named,
-    Setting,
-    fit,
-    local_std,
-    prior_shift,
-    stated_covariance,
-)
+from probupdate.diagnosis.fitting import FINGERPRINT, Fit, fit
 from probupdate.diagnosis.gross import Tried, tried_whole
-from probupdate.diagnosis.linear import Design
-from probupdate.diagnosis.noise import estimate_noise
 from probupdate.diagnosis.prepare import Prepared
 from probupdate.diagnosis.results import Alternative, Diagnosis, Finding, Limit
+from probupdate.diagnosis.search import Search, chance, search, taken
+from probupdate.diagnosis.setting import Named, Setting, local_std, prior_shift, settle
 from probupdate.diagnosis.step_time import sharpened, sharpened_again
 from probupdate.errors import ConvergenceError
 from probupdate.modes import ModalData
 from probupdate.progress import Progress, silent
 
-# false alarms of the whole first search, and of each one after a finding; effects taken in one after the other. With
-# the test of the remainder, and what a noise that was itself estimated leaves, a diagnosis stays below 5 %
-FALSE_ALARM, FALSE_NEXT, MOST_EFFECTS = 0.02, 0.01, 3
+# effects taken in one after the other
+MOST_EFFECTS = 3
 # a limit is the size found in so many of a hundred records: normal quantile of 0.9
 POWER = 1.2815515655446004
-N_BOOTSTRAP = 400
-# records whose noise is estimated anew
-N_AGAIN = 30
 # candidates whose z correlates by more with the best one's may be meant instead, and are refitted; at most so many
 ALIKE, MOST_RIVALS = 0.7, 6
 # unless their scores are below this share of the best and so much log evidence behind
 NEAR, BEHIND = 0.85, 12.0
 # a cause is named from this probability among its rivals; a remainder as unlikely as this is not explained
 SURE, ADEQUATE = 0.95, 0.01
-# a size that may only be one value is meant where the linear estimate lies within these multiples of it
-MEANT = (0.1, 5.0)
 # scores from which a rival's own noise is told
 GROSS = 20.0
 # of what is gross, candidates that explain less than this share of what the best one does are not refitted
@@ -59,175 +39,6 @@ DIRECTIONS = 4
 CHANCE = "chance alone"
 NOT_SETTLED = "the fit did not settle: what remains is too much for the model to follow"
 ALIKE_SHAPES = "the measured shapes are as good as one where the model expects two, so that they tell nothing"
-# the pattern of the noise is known to about a tenth of a variance (few columns, states that differ: 0.89 to 1.12 in
-# records whose noise was known), which sums of many squares see though no single score does
-PATTERN = 1.05
-# contrasts of neighbouring blocks that tell it for a record
-N_CONTRAST = 8
-# directions of the catalogue's span that are tested for a remainder, by their share of the largest
-SPAN = 1e-2
-# departures of a model of beams that nothing listed explains: ln f, its cross term in a pair, share of a shape's
-# largest component, phase in rad
-FLOOR_LOG, FLOOR_CROSS, FLOOR_SHAPE, FLOOR_PHASE = 3e-3, 2e-3, 1e-2, 1e-2
-
-
-def settle(prepared: Prepared, data: ModalData) -> tuple[Setting, np.ndarray]:
-    """The setting of a diagnosis and the parameters it starts from."""
-    blocks = gather(data)
-    theta = np.array(prepared.small.parameters.initial)
-    field = build_field(prepared.small, blocks, theta)
-    effects = prepared.effects
-    courses = make_courses(with_derived(blocks), _columns(effects))
-    which = _candidates(effects, courses)
-    n_channel = len(blocks.channels)
-    floor = tuple(_floor(len(g), n_channel) for g in blocks.groups)
-    form = tuple(np.zeros((n_response(len(g), n_channel), 0)) for g in blocks.groups)
-    return Setting(field=field, blocks=blocks, effects=effects, updated=prepared.updated, prior=prepared.prior,
-                   courses=courses, which=which, form=form, floor=floor), theta  # fmt: skip
-
-
-def with_derived(blocks: Blocks) -> Blocks:
-    """Adds to every block's environment what follows from it: share of rated thrust, degrees of frost."""
-    environment = []
-    power = np.array([e.get("power_kw", np.nan) for e in blocks.environment], float)
-    wind = np.array([e.get("wind_speed_mps", np.nan) for e in blocks.environment], float)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        thrust = np.maximum(power, 0) / np.maximum(wind, 1.0)
-    highest = np.nanmax(thrust) if np.isfinite(thrust).any() else np.nan
-    for k, old in enumerate(blocks.environment):
-        new = dict(old)
-        if highest > 0 and np.isfinite(thrust[k]):
-            new["thrust_share"] = float(thrust[k] / highest)
-        air = old.get("air_temperature_c")
-        if isinstance(air, int | float):
-            new["frost_degc"] = max(0.0, -float(air))
-        environment.append(new)
-    return replace(blocks, environment=tuple(environment))
-
-
-def _columns(effects: Sequence[Effect]) -> tuple[str, ...]:
-    known = ("constant", "step", "ramp")
-    return tuple(dict.fromkeys(c for e in effects for c in e.courses if c not in known))
-
-
-def _candidates(effects: Sequence[Effect], courses: Sequence[Course]) -> np.ndarray:
-    return np.array([(j, c) for j, e in enumerate(effects) for c, course in enumerate(courses)
-                     if course.name in e.courses])  # fmt: skip
-
-
-def _floor(k: int, n_channel: int) -> np.ndarray:
-    logs = [FLOOR_LOG] if k == 1 else [FLOOR_LOG, FLOOR_LOG, FLOOR_CROSS]
-    return np.array([*logs, *[FLOOR_SHAPE] * (k * n_channel), *[FLOOR_PHASE] * (k * n_channel)])
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Search:
-    """Scores of all candidates at a fit: z signed, the size that fits best and its deviation; `allowed` bool where that
-    size lies on a side the effect can be on; threshold and p of the largest |z| by bootstrap, whose maxima were taken
-    `heavier` times as large because the noise itself was estimated; u of the record and of the drawn ones (n_draw,
-    n_candidate)."""
-
-    z: np.ndarray
-    size: np.ndarray
-    size_std: np.ndarray
-    allowed: np.ndarray
-    usable: np.ndarray
-    threshold: float
-    p_value: float
-    maxima: np.ndarray
-    heavier: float
-    u: np.ndarray
-    drawn: np.ndarray
-
-    @property
-    def statistic(self) -> np.ndarray:
-        """|z| where the candidate can be what it says, else 0."""
-        return np.where(self.allowed & self.usable, np.abs(self.z), 0.0)
-
-
-def search(
-    setting: Setting, fitted: Fit, *, seed: int, heavier: float | None = None, n_draw: int = N_BOOTSTRAP
-) -> Search:
-    """Score every candidate at the fit and calibrate the largest. `heavier`: that of an earlier search of the same
-    record, found anew if None."""
-    design = fitted.design
-    u, v = design.scores(fitted.centred), design.information
-    usable = (design.share_left > 1e-3) & ~_taken(setting, fitted.named)
-    std = np.where(usable, 1 / np.sqrt(np.where(usable, v, 1.0)), np.inf)
-    scale = np.where(usable, std, 0.0)
-    z = u * scale
-    can = _possible(setting, scale)
-    rng = np.random.default_rng([seed, 21])
-    drawn = design.draw(rng, n_draw)
-    maxima = np.max(np.where(can(drawn * scale), np.abs(drawn * scale), 0.0), axis=1)
-    if heavier is None:
-        heavier = estimated_noise_factor(setting, design, float(np.mean(maxima)), can, usable, seed=seed)
-    maxima = maxima * heavier
-    largest = float(np.max(np.where(can(z), np.abs(z), 0.0)))
-    alarms = FALSE_NEXT if fitted.named else FALSE_ALARM
-    return Search(z=z, size=np.where(usable, u / np.where(usable, v, 1.0), 0.0), size_std=std, allowed=can(z),
-                  usable=usable, threshold=exceeded(maxima, alarms), p_value=tail(maxima, largest),
-                  maxima=maxima, heavier=heavier, u=u, drawn=drawn)  # fmt: skip
-
-
-def _taken(setting: Setting, named: Sequence[Named]) -> np.ndarray:
-    """(n_candidate,) bool: effects that were found already, whatever their course."""
-    found = [j for j, e in enumerate(setting.effects) if any(n.effect is e for n in named)]
-    return np.isin(setting.which[:, 0], found)
-
-
-def _possible(setting: Setting, scale: np.ndarray):
-    """z (..., n_candidate) -> bool: whether the size that fits best, z times `scale`, is one the effect can have."""
-    effects = [setting.effects[j] for j, _ in setting.which]
-    lower, upper = np.array([e.lower for e in effects]), np.array([e.upper for e in effects])
-    # what begins in the record begins from neutral; a covariate's sense is not known beforehand
-    both = np.array([setting.courses[c].kind == "covariate" for _, c in setting.which])
-    only = np.array([e.discrete[0] if e.discrete else np.nan for e in effects])
-    single = np.isfinite(only)
-
-    def can(z: np.ndarray) -> np.ndarray:
-        sided = np.where(z > 0, both | (upper > 0), both | (lower < 0))
-        share = z * scale / np.where(single, only, 1.0)
-        return (scale > 0) & np.where(single, (share > MEANT[0]) & (share < MEANT[1]), sided)
-
-    return can
-
-
-def estimated_noise_factor(setting: Setting, design: Design, typical: float, can, usable, *, seed: int) -> float:
-    """How much larger the largest |z| of a record with nothing wrong is when its noise is estimated from that record,
-    as it was here; 1 where the identification states the noise's pattern and only its scale was estimated."""
-    if all(c is not None for c in stated_covariance(setting, np.array(setting.field.parameters.initial))):
-        return 1.0
-    rng = np.random.default_rng([seed, 23])
-    sizes = tuple(len(g) for g in setting.blocks.groups)
-    weights = np.column_stack(design.noise.weight)
-    relative = 1 / np.sqrt(np.maximum(weights, 1e-12))
-    maxima = []
-    for _ in range(N_AGAIN):
-        y = design.simulate(rng)
-        left = tuple(a - b for a, b in zip(y, design.expected(design.unknowns(y)), strict=True))
-        noise = estimate_noise(left, tuple(weights.T > 0), sizes, relative, np.full(len(weights), ""))
-        again = replace(design, noise=noise)
-        z = np.where(usable, again.scores(y) / np.sqrt(np.maximum(again.information, 1e-300)), 0.0)
-        maxima.append(np.max(np.where(can(z), np.abs(z), 0.0)))
-    return max(1.0, float(np.mean(maxima)) / typical)
-
-
-def tail(maxima: np.ndarray, value: float) -> float:
-    """P(max >= value): the share of draws, or where few of them are as large a Gumbel distribution of all."""
-    above = int(np.sum(maxima >= value))
-    if above >= 10:
-        return (above + 1) / (len(maxima) + 1)
-    location, scale = stats.gumbel_r.fit(maxima)
-    return float(min(stats.gumbel_r.sf(value, location, scale), 11 / (len(maxima) + 1)))
-
-
-def exceeded(maxima: np.ndarray, share: float) -> float:
-    """The value above which `tail` is less than `share`."""
-    if share * (len(maxima) + 1) > 11:
-        return float(np.quantile(maxima, 1 - share))
-    location, scale = stats.gumbel_r.fit(maxima)
-    return float(max(stats.gumbel_r.isf(share, location, scale), np.sort(maxima)[-10]))
 
 
 def refit(
@@ -295,15 +106,6 @@ def undecided(z: float) -> float:
     return 1 + (FINGERPRINT * z) ** 2 / DIRECTIONS
 
 
-def chance(p_value: float) -> float:
-    """Least probability that a search found nothing but chance, with even odds before: the bound -e p ln p on the Bayes
-    factor (Sellke, Bayarri & Berger 2001)."""
-    if p_value <= 0:
-        return 0.0
-    bound = -np.e * p_value * np.log(p_value) if p_value < 1 / np.e else 1.0
-    return float(bound / (1 + bound))
-
-
 def rivals_of(setting: Setting, fitted: Fit, found: Search, best: int) -> list[int]:
     """The candidates that might be meant instead of the best: alike after what is normal has taken its part, the best
     course of each effect, the highest scores first."""
@@ -325,71 +127,13 @@ def meant(setting: Setting, fitted: Fit, found: Search, best: int) -> list[tuple
     """The candidates to refit; of what is gross with where its fit begins."""
     if found.statistic[best] < GROSS:
         return [(k, None) for k in rivals_of(setting, fitted, found, best)]
-    tried = tried_whole(setting, fitted.named, ~_taken(setting, fitted.named))
+    tried = tried_whole(setting, fitted.named, ~taken(setting, fitted.named))
     least = GROSS_SHARE * max(tried[0].gain, 0.0)
     result = [(t.candidate, t) for t in tried if t.whole and t.gain > least][:MOST_RIVALS]
     if not result or any(t.gain > least for t in tried if not t.whole):
         known = [k for k, _ in result]
         result += [(k, None) for k in rivals_of(setting, fitted, found, best) if k not in known]
     return result
-
-
-def adequacy(setting: Setting, fitted: Fit, found: Search) -> tuple[float, dict[str, float]]:
-    """p of what remains, in the directions that the catalogue spans: constants together, and each course along the
-    record; the smallest of them against its own bootstrap distribution."""
-    design, n_draw = fitted.design, len(found.drawn)
-    own = found.heavier * np.sqrt(neighbours_dispersion(setting, design, fitted.centred))
-    parts = {}
-    usable = _spanning(setting, design)
-    for c, course in enumerate(setting.courses):
-        rows = np.flatnonzero((setting.which[:, 1] == c) & usable)
-        if len(rows) < 5:
-            continue
-        wider = PATTERN * found.heavier if course.kind == "constant" else own
-        u = np.vstack([found.u[None, rows], wider * found.drawn[:, rows]])
-        parts[f"{course.name} {course.at}".strip()] = np.sum((u @ _whitening(design, rows)) ** 2, axis=1)
-    names = list(parts)
-    values = np.array([parts[n] for n in names])
-    # rank of each record's statistic among the drawn ones -> p, then the smallest over the courses
-    rank = (values[:, :, None] <= values[:, None, 1:]).sum(axis=2) / n_draw
-    smallest = rank.min(axis=0)
-    p = float((1 + np.sum(smallest[1:] <= smallest[0])) / (n_draw + 1))
-    return p, {n: float(r) for n, r in zip(names, rank[:, 0], strict=True)}
-
-
-def _spanning(setting: Setting, design: Design) -> np.ndarray:
-    """(n_candidate,) bool: what spans the directions of the remainder; exchanged cables of any two sensors would span
-    every shape."""
-    return (design.share_left > 1e-3) & np.array([not setting.effects[j].discrete for j, _ in design.which])
-
-
-def _whitening(design: Design, rows: np.ndarray) -> np.ndarray:
-    """(n_row, n_direction): u of these candidates -> independent standard normal numbers when nothing is wrong."""
-    value, turn = np.linalg.eigh(design.likeness(rows))
-    kept = value > SPAN * value[-1]
-    return turn[:, kept] / np.sqrt(value[kept]) / np.sqrt(design.information[rows])[:, None]
-
-
-def neighbours_dispersion(setting: Setting, design: Design, centred: Sequence[np.ndarray]) -> float:
-    """Mean square, at least one, of what the directions that the catalogue spans show between neighbouring blocks, with
-    signs drawn for each pair: one where the pattern of this record's noise is known, and hardly touched by whatever
-    lasts for longer than a block."""
-    n, rng = len(design.bin_of), np.random.default_rng(29)
-    contrasts = []
-    for _ in range(N_CONTRAST):
-        value = np.zeros(n)
-        value[: n // 2 * 2] = (rng.choice([-1.0, 1.0], n // 2)[:, None] * [1.0, -1.0]).ravel()
-        contrasts.append(Course(kind="covariate", value=value, column="neighbours"))
-    n_effect = design.effect[0].shape[2]
-    which = np.array([(j, c + 1) for c in range(N_CONTRAST) for j in range(n_effect)])
-    between = replace(design, courses=(setting.courses[0], *contrasts), which=which)
-    u, usable, squares, count = between.scores(centred), _spanning(setting, between), 0.0, 0
-    for c in range(N_CONTRAST):
-        rows = np.flatnonzero((which[:, 1] == c + 1) & usable)
-        if len(rows):
-            z = u[rows] @ _whitening(between, rows)
-            squares, count = squares + float(z @ z), count + len(z)
-    return max(1.0, squares / count) if count else PATTERN**2
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -496,14 +240,6 @@ def _anew(setting: Setting, chosen: Fit) -> Fit:
         return fitted if same else fit(setting, fitted.theta, named)
     except ConvergenceError:
         return replace(chosen, last_step=np.inf)
-
-
-def span_left(setting: Setting, fitted: Fit, course: int) -> tuple[float, int]:
-    """Sum of squares of what remains in the directions the catalogue spans with one course, and their number."""
-    design = fitted.design
-    rows = np.flatnonzero((setting.which[:, 1] == course) & _spanning(setting, design))
-    z = design.scores(fitted.centred)[rows] @ _whitening(design, rows)
-    return float(z @ z), len(z)
 
 
 def finding(setting: Setting, found: Search, rivals: list[Rival]) -> Finding:

@@ -7,18 +7,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from probupdate.diagnosis.fitting import (
-    FINGERPRINT,
-    Fit,
-    Named,
-    Setting,
-    all_departures,
-    fingerprints_at,
-    linearised,
-    log_scale,
-    penalty,
-)
+from probupdate.diagnosis.expected import all_departures, fingerprints_at, log_scale
+from probupdate.diagnosis.fitting import FINGERPRINT, Fit, linearised, penalty
 from probupdate.diagnosis.noise import Noise
+from probupdate.diagnosis.setting import Named, Setting
 
 # ln evidence within which rivals are compared about the same parameters
 CLOSE = 40.0

@@ -18,11 +18,13 @@ import numpy as np
 
 from probupdate.diagnosis.diagnose import Outcome
 from probupdate.diagnosis.evidence import sizes_std
+from probupdate.diagnosis.expected import local_at
 from probupdate.diagnosis.extension_sampling import not_sampled, sampled, sampler_statements, sampling_command
 from probupdate.diagnosis.field import observed
-from probupdate.diagnosis.fitting import Fit, Named, Setting, local_at, local_std
+from probupdate.diagnosis.fitting import Fit
 from probupdate.diagnosis.prepare import Prepared
 from probupdate.diagnosis.results import Diagnosis
+from probupdate.diagnosis.setting import Named, Setting, local_std
 from probupdate.diagnosis.turbine_effects import TurbineEffect
 from probupdate.errors import ConvergenceError, InputError
 from probupdate.estimators.ensemble import SamplerSettings

@@ -1,8 +1,4 @@
-"""The model with what has been named so far, fitted to the blocks: departures, fingerprints there, and the best values.
-
-Steps and constants enter the reference as they are, so that strong effects are no matter of first order; ramps and
-covariates enter through their fingerprint.
-"""
+"""The model with what has been named so far, fitted to the blocks: the design there, and the best values."""
 
 from __future__ import annotations
 
@@ -11,20 +7,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from probupdate.diagnosis.blocks import Blocks
 from probupdate.diagnosis.catalogue import Effect
-from probupdate.diagnosis.courses import Course
-from probupdate.diagnosis.departures import Reference, departure, log_scales, n_response
-from probupdate.diagnosis.field import Field, effect_fingerprints, observed
+from probupdate.diagnosis.expected import all_departures, fingerprints_at, local_at, stated_covariance
 from probupdate.diagnosis.linear import Design
-from probupdate.diagnosis.noise import Noise, estimate_noise, factored
-from probupdate.diagnosis.small_model import LocalModel
-from probupdate.parameters import Parameters
+from probupdate.diagnosis.noise import Noise, estimate_noise
+from probupdate.diagnosis.setting import Named, Setting, local_std, prior_shift
 
-# references are computed at every angle that differs by this; fingerprints at every NODE_DEG, and between these by
-# straight lines for every one that differs by BIN_DEG: what rotor and nacelle do to the torsion's small components at
-# the tower turns with the heading, and is many times the noise
-ANGLE_DEG, BIN_DEG, NODE_DEG = 1.0, 2.0, 10.0
 # a fit has settled when no parameter moves by more, in posterior deviations
 SETTLED, MOST_STEPS = 0.1, 40
 # steps after which the noise is kept
@@ -40,90 +28,10 @@ MOST_LEAPS = 8
 # fingerprints of tolerances and effects are computed anew every so many steps on the way, those of the updated
 # parameters after every step longer than this, in posterior deviations
 REFRESH, FAR = 6, 1.0
-# columns in whose own unit an effect's slab is given
-NATURAL = ("water_level_m", "air_temperature_c", "thrust_share")
 # relative error of an effect's fingerprint, response by response: between this model and the virtual turbine, whose
 # elements, mesh, soil and joints follow other theories, half of 66 effects at their true size left less than 8 % of
 # their length, nine of ten less than 13 % (studies/blind/fingerprints.py)
 FINGERPRINT = 0.1
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Named:
-    """An effect taken into the reference with its course and size."""
-
-    effect: Effect
-    course: Course
-    size: float
-
-    @property
-    def scale(self) -> float:
-        """What the effect's slab is divided by along this course: a slab is per unit of a column that means something
-        by itself (metres of water, degrees, share of the thrust), else over the column's whole range."""
-        return per_range(self.course)
-
-    @property
-    def slab(self) -> float:
-        return self.effect.slab / self.scale
-
-    @property
-    def prior_std(self) -> float:
-        """Of the normal prior that stands for the size's own: normal of deviation `slab` within it, beyond it as one
-        over the size. A normal one would draw a gain wrong by a factor of two a fifth back."""
-        return max(self.slab, abs(self.size))
-
-    @property
-    def bounds(self) -> tuple[float, float]:
-        """Sizes with which the effect stays within its bounds wherever the course goes, on either side of a covariate's
-        mean."""
-        if self.course.kind != "covariate":
-            return self.effect.lower, self.effect.upper
-        reach = float(np.max(np.abs(self.course.value)))
-        return -max(-self.effect.lower, self.effect.upper) / reach, max(-self.effect.lower, self.effect.upper) / reach
-
-    @property
-    def exact(self) -> bool:
-        """Whether the reference holds it as it is; else through its fingerprint."""
-        return self.course.kind in ("constant", "step")
-
-
-def per_range(course: Course) -> float:
-    if course.kind != "covariate" or course.column in NATURAL:
-        return 1.0
-    return float(np.ptp(course.value))
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Setting:
-    """What a diagnosis works with: model field, blocks, catalogue, the updated parameters among the model's, columns
-    of model form per group (n_response, n_form) with deviation one, floors per group (n_response,)."""
-
-    field: Field
-    blocks: Blocks
-    effects: tuple[Effect, ...]
-    updated: tuple[int, ...]
-    prior: Parameters
-    courses: tuple[Course, ...]
-    which: np.ndarray
-    form: tuple[np.ndarray, ...]
-    floor: tuple[np.ndarray, ...]
-
-    @property
-    def angles(self) -> np.ndarray:
-        return np.round(self.blocks.angle_deg / ANGLE_DEG) * ANGLE_DEG
-
-    @property
-    def bins(self) -> tuple[np.ndarray, np.ndarray]:
-        """Centre angle of each bin, and each block's bin."""
-        key = np.round(self.blocks.angle_deg / BIN_DEG).astype(int) % round(360 / BIN_DEG)
-        found, place = np.unique(key, return_inverse=True)
-        return found * BIN_DEG, place
-
-    @property
-    def tolerated(self) -> tuple[int, ...]:
-        """Effects with a tolerance, each a nuisance of its own; updated parameters already are one."""
-        own = {self.field.parameters.names[k] for k in self.updated}
-        return tuple(j for j, e in enumerate(self.effects) if e.tolerance > 0 and e.parameter not in own)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -145,98 +53,6 @@ class Fit:
     @property
     def settled(self) -> bool:
         return bool(np.isfinite(self.last_step))
-
-
-def departures_at(
-    setting: Setting, theta: np.ndarray, named: Sequence[Named], plain: PlainReferences | None = None
-) -> tuple[tuple[np.ndarray, ...], tuple[np.ndarray, ...]]:
-    """Per group departures (n_block, n_response) and which blocks tell (n_block,). `plain`: what the model was asked
-    for before, kept between calls."""
-    blocks = setting.blocks
-    n_channel = len(blocks.channels)
-    result = [np.zeros((len(blocks), n_response(len(g), n_channel))) for g in blocks.groups]
-    used = [np.array(blocks.present[:, q]) for q in range(len(blocks.groups))]
-    expected = _expected(setting, theta, named, plain or PlainReferences(setting.field))
-    for q, (group, reference) in enumerate(zip(blocks.groups, expected, strict=True)):
-        rows, members = np.flatnonzero(blocks.present[:, q]), list(group)
-        if len(rows):
-            y, independent = departure(
-                blocks.frequency_hz[rows][:, members], blocks.shape[rows][:, :, members], _of_blocks(reference, rows))
-            result[q][rows] = np.where(independent[:, None], y, 0.0)
-            used[q][rows] &= independent
-    return tuple(result), tuple(used)
-
-
-def log_scale(
-    setting: Setting, theta: np.ndarray, named: Sequence[Named], noise: Noise, plain: PlainReferences | None = None
-) -> float:
-    """ln of how much larger departures are than changes of the measured shapes, over all that counts: what a density of
-    departures is multiplied by to be one of the measured shapes. A shape that is expected wrongly is projected to a
-    shorter one, and its scatter with it, which by itself would look like a better fit."""
-    blocks, total = setting.blocks, 0.0
-    expected = _expected(setting, theta, named, plain or PlainReferences(setting.field))
-    for group, reference, weight in zip(blocks.groups, expected, noise.weight, strict=True):
-        rows = np.flatnonzero(weight > 0)
-        scale = log_scales(blocks.shape[rows][:, :, list(group)], _of_blocks(reference, rows))
-        total += 2 * len(blocks.channels) * float(scale.sum())
-    return total
-
-
-class PlainReferences:
-    """Expected modes of every group by parameters and angle, before sensors see them, each computed once."""
-
-    def __init__(self, field: Field):
-        self._field, self._local, self._known = field, {}, {}
-
-    def __call__(self, theta: np.ndarray, angle_deg: float) -> tuple[Reference, ...]:
-        state = theta.tobytes()
-        if (state, angle_deg) not in self._known:
-            if state not in self._local:
-                self._local[state] = self._field.small.at(theta)
-            self._known[state, angle_deg] = self._field.references(self._local[state], angle_deg)
-        return self._known[state, angle_deg]
-
-
-def _expected(
-    setting: Setting, theta: np.ndarray, named: Sequence[Named], plain: PlainReferences
-) -> list[Reference]:
-    """What each group's modes are in every block, as the sensors see them."""
-    exact = [n for n in named if n.exact]
-    levels = np.column_stack([*(n.course.value for n in exact), setting.angles])
-    found, place = np.unique(levels, axis=0, return_inverse=True)
-    place = place.ravel()
-    seen_there = []
-    for level in found:
-        moved, seen = _state(setting.field, theta, exact, level[:-1])
-        seen_there.append([observed(r, seen) for r in plain(moved, level[-1])])
-    return [Reference(tensor=np.array([r[q].tensor for r in seen_there])[place],
-                      shape=np.array([r[q].shape for r in seen_there])[place])
-            for q in range(len(setting.blocks.groups))]  # fmt: skip
-
-
-def _of_blocks(reference: Reference, rows: np.ndarray) -> Reference:
-    return Reference(tensor=reference.tensor[rows], shape=reference.shape[rows])
-
-
-def local_at(
-    field: Field, theta: np.ndarray, named: Sequence[Named], values: Sequence[float]
-) -> tuple[LocalModel, list[tuple[Effect, float]]]:
-    """The model with the named effects where their courses have these values, and what the sensors then do."""
-    moved, seen = _state(field, theta, named, values)
-    return field.small.at(moved), seen
-
-
-def _state(field: Field, theta: np.ndarray, named: Sequence[Named], values: Sequence[float]):
-    """Parameters with the named effects where their courses have these values, and what the sensors then do."""
-    moved = np.array(theta)
-    names = field.parameters.names
-    seen = []
-    for n, value in zip(named, values, strict=True):
-        for name, amount in n.effect.increments:
-            moved[names.index(name)] += n.size * value * amount
-        if n.effect.observe is not None and value:
-            seen.append((n.effect, n.size * value))
-    return np.clip(moved, field.parameters.lower, field.parameters.upper), seen
 
 
 def design_at(
@@ -291,30 +107,6 @@ def design_at(
     )  # fmt: skip
 
 
-def fingerprints_at(
-    field: Field, local: LocalModel, effects: Sequence[Effect], names: tuple[str, ...], angles_deg: np.ndarray,
-    seen: Sequence[tuple[Effect, float]] = (),
-) -> list[np.ndarray]:
-    """Per group (n_angle, n_response, n_effect): fingerprints at nodes of NODE_DEG, straight lines between them.
-    `names`: the parameters that the effects move."""
-    place = np.asarray(angles_deg) / NODE_DEG
-    before = np.floor(place).astype(int)
-    share = place - before
-    n_node = round(360 / NODE_DEG)
-    needed = np.unique(np.concatenate([before, before[share > 0] + 1]) % n_node)
-    slopes = local.slopes([field.parameters.names.index(name) for name in names])
-    table: list[dict[int, np.ndarray]] = [{} for _ in field.axes]
-    for node, found in zip(needed, field.slopes(local, needed * NODE_DEG, slopes), strict=True):
-        for rows, (reference, tensor, shape) in zip(table, found, strict=True):
-            rows[node] = effect_fingerprints(effects, names, reference, tensor, shape, seen)
-    result = []
-    for rows in table:
-        low = np.array([rows[k % n_node] for k in before])
-        high = np.array([rows[(k + (s > 0)) % n_node] for k, s in zip(before, share, strict=True)])
-        result.append(low + share[:, None, None] * (high - low))
-    return result
-
-
 def _doubt(setting: Setting, group: int, amount: np.ndarray) -> np.ndarray:
     """Deviations (n_bin, n_response) of a fingerprint whose error has the size `amount`: half of the variance where it
     is, half spread over the responses of its kind (logarithms of frequencies, real parts and phases of each shape)."""
@@ -327,20 +119,6 @@ def _doubt(setting: Setting, group: int, amount: np.ndarray) -> np.ndarray:
         own = amount[:, part] ** 2
         result[:, part] = np.sqrt(0.5 * own + 0.5 * own.mean(axis=1, keepdims=True))
     return np.maximum(result, 1e-9)
-
-
-def local_std(prior: Parameters, number: int, value: float) -> float:
-    """The prior's deviation at `value`: of a lognormal in proportion to it."""
-    p = prior.items[number]
-    return p.std if p.prior == "normal" else p.log_std * value
-
-
-def prior_shift(setting: Setting, theta: np.ndarray) -> np.ndarray:
-    """How far the prior's centre lies from theta, to first order there (n_updated,)."""
-    shift = []
-    for p, k in zip(setting.prior, setting.updated, strict=True):
-        shift.append(p.initial - theta[k] if p.prior == "normal" else theta[k] * np.log(p.initial / theta[k]))
-    return np.array(shift)
 
 
 def centred_departures(
@@ -487,64 +265,6 @@ def linearised(
     return design, departures, centred_departures(setting, design, theta, named, departures)
 
 
-def stated_covariance(
-    setting: Setting, theta: np.ndarray, named: Sequence[Named] = ()
-) -> list[np.ndarray | None]:
-    """Per group the mean over blocks of what the identification says its responses' covariance is, None without;
-    named effects at their mean."""
-    blocks = setting.blocks
-    known = [k for k, d in enumerate(blocks.deviations) if d is not None]
-    if len(known) < len(blocks) / 2:
-        return [None] * len(blocks.groups)
-    exact = [n for n in named if n.exact]
-    local, seen = local_at(setting.field, theta, exact, [float(np.mean(n.course.value)) for n in exact])
-    centres, bin_of = setting.bins
-    references = [[observed(r, seen) for r in setting.field.references(local, angle)] for angle in centres]
-    result = []
-    for q, group in enumerate(blocks.groups):
-        members, rows, number = list(group), [], 0
-        for k in known:
-            d, weight = blocks.deviations[k], blocks.relative_std[k, q] ** -2.0
-            ln_f, shape = d.ln_frequency[members], d.shape[:, members]
-            if not blocks.present[k, q] or not (np.all(np.isfinite(ln_f)) and np.all(np.isfinite(shape))):
-                continue
-            sizes = np.max(np.abs(shape), axis=(0, 1))
-            h = 1e-4 / max(float(np.max(np.abs(ln_f))), float(np.max(sizes)), 1e-12)
-            sides = [
-                departure(blocks.frequency_hz[k, members] * np.exp(s * h * ln_f.T),
-                          blocks.shape[k][:, members] + s * h * shape.transpose(2, 0, 1), references[bin_of[k]][q])
-                for s in (1, -1)
-            ]  # fmt: skip
-            if sides[0][1].all() and sides[1][1].all():
-                columns = (sides[0][0] - sides[1][0]) / (2 * h)
-                rows.append(np.sqrt(weight) * columns)
-                number += 1
-        # each block's deviations come from few parts of it
-        told = factored(np.concatenate(rows)) * sum(map(len, rows)) / number if number >= len(blocks) / 3 else None
-        result.append(told)
-    return result
-
-
-class DeparturesBeside:
-    """Departures at one theta with other effects and sizes in the reference than those of `named`, whose ramps and
-    covariates are taken off as they are there; what the model is asked for is kept between calls."""
-
-    def __init__(self, setting: Setting, theta: np.ndarray, named: Sequence[Named]):
-        self.plain = PlainReferences(setting.field)
-        self._setting, self._theta = setting, theta
-        nothing = [np.zeros((len(setting.blocks), floor.size)) for floor in setting.floor]
-        self._along = _without_linear(setting, theta, named, nothing)
-
-    def __call__(self, named: Sequence[Named]) -> tuple[tuple[np.ndarray, ...], tuple[np.ndarray, ...]]:
-        departures, used = departures_at(self._setting, self._theta, named, self.plain)
-        return tuple(y + a for y, a in zip(departures, self._along, strict=True)), used
-
-
-def all_departures(setting: Setting, theta: np.ndarray, named: Sequence[Named]):
-    """`departures_at` less what ramps and covariates make."""
-    return DeparturesBeside(setting, theta, named)(named)
-
-
 def noise_of(setting: Setting, stated, departures: Sequence[np.ndarray], used: Sequence[np.ndarray]) -> Noise:
     """From departures of which blocks tell, with the pattern that the identification states."""
     blocks = setting.blocks
@@ -577,19 +297,3 @@ def _moved(setting: Setting, theta: np.ndarray, named: Sequence[Named], move: np
 
 def _number(setting: Setting, named: Named) -> int:
     return next(j for j, e in enumerate(setting.effects) if e is named.effect)
-
-
-def _without_linear(setting, theta, named, departures):
-    """Takes off what ramps and covariates make, by the fingerprints at theta without them."""
-    linear = [n for n in named if not n.exact]
-    if not linear:
-        return departures
-    result = [np.array(y) for y in departures]
-    centres, bin_of = setting.bins
-    names = tuple(dict.fromkeys(name for n in linear for name, _ in n.effect.increments))
-    local = setting.field.small.at(theta)
-    for made, y in zip(fingerprints_at(setting.field, local, [n.effect for n in linear], names, centres), result,
-                       strict=True):  # fmt: skip
-        for k, n in enumerate(linear):
-            y -= n.size * n.course.value[:, None] * made[bin_of][:, :, k]
-    return tuple(result)

@@ -16,7 +16,8 @@ import numpy as np
 from scipy import linalg
 
 from probupdate.diagnosis.diagnose import Outcome
-from probupdate.diagnosis.fitting import Fit, Named, Setting, fit, local_at, local_std
+from probupdate.diagnosis.expected import local_at
+from probupdate.diagnosis.fitting import Fit, fit
 from probupdate.diagnosis.linear import Design
 from probupdate.diagnosis.noise import Noise
 from probupdate.diagnosis.prediction import (
@@ -30,6 +31,7 @@ from probupdate.diagnosis.prediction import (
     transient,
 )
 from probupdate.diagnosis.prepare import Prepared
+from probupdate.diagnosis.setting import Named, Setting, local_std
 from probupdate.diagnosis.stress_ratio import fatigue_change
 from probupdate.errors import ConvergenceError
 from probupdate.modes import Sensor

@@ -13,18 +13,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from probupdate.diagnosis.catalogue import Effect
-from probupdate.diagnosis.fitting import (
-    DeparturesBeside,
-    Named,
-    Setting,
-    kept,
-    linearised,
-    log_scale,
-    noise_of,
-    stated_covariance,
-)
+from probupdate.diagnosis.expected import DeparturesBeside, log_scale, stated_covariance
+from probupdate.diagnosis.fitting import kept, linearised, noise_of
 from probupdate.diagnosis.linear import Design
 from probupdate.diagnosis.noise import Noise
+from probupdate.diagnosis.setting import Named, Setting
 
 # of an effect's deviation: a gain of 20, half a turn
 DOUBLINGS = 7

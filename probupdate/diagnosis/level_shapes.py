@@ -14,7 +14,8 @@ import numpy as np
 
 from probupdate.diagnosis.catalogue import GAIN_TOLERANCE, ROTATION_TOLERANCE_DEG, Effect
 from probupdate.diagnosis.departures import Reference
-from probupdate.diagnosis.diagnose import FLOOR_PHASE, FLOOR_SHAPE, POWER
+from probupdate.diagnosis.diagnose import POWER
+from probupdate.diagnosis.setting import FLOOR_PHASE, FLOOR_SHAPE
 from probupdate.modes import Sensor
 
 # what is free may be so many times the largest component

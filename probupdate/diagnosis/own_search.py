@@ -12,7 +12,6 @@ from probupdate.diagnosis.along_record import Contrasts, Scores, draw_slow, make
 from probupdate.diagnosis.blocks import Blocks
 from probupdate.diagnosis.catalogue import Effect
 from probupdate.diagnosis.courses import Course
-from probupdate.diagnosis.diagnose import tail
 from probupdate.diagnosis.noise import Noise, estimate_noise
 from probupdate.diagnosis.own_picture import (
     Picture,
@@ -23,6 +22,7 @@ from probupdate.diagnosis.own_picture import (
     stated_patterns,
     untied,
 )
+from probupdate.diagnosis.search import tail
 from probupdate.modes import Sensor, frozen_array
 
 # of the whole search; below 5 %, as a bootstrap of so many records knows its own quantiles to a few tenths

@@ -16,8 +16,9 @@ import numpy as np
 from scipy import linalg, stats
 
 from probupdate.diagnosis.departures import Reference
-from probupdate.diagnosis.fitting import Fit, Setting, local_std, prior_shift
+from probupdate.diagnosis.fitting import Fit
 from probupdate.diagnosis.linear import Design
+from probupdate.diagnosis.setting import Setting, local_std, prior_shift
 
 # of the parameters' joint test: directions that the data inform less, as a share of the prior's variance, are left out
 INFORMED = 0.05

@@ -9,9 +9,11 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import linalg, stats
 
+from probupdate.diagnosis.blocks import with_derived
 from probupdate.diagnosis.departures import Reference, labels_of
-from probupdate.diagnosis.diagnose import Outcome, Search, with_derived
-from probupdate.diagnosis.fitting import Fit, Setting, local_at
+from probupdate.diagnosis.diagnose import Outcome
+from probupdate.diagnosis.expected import local_at
+from probupdate.diagnosis.fitting import Fit
 from probupdate.diagnosis.remainder import (
     Remainder,
     block_sizes,
@@ -21,6 +23,8 @@ from probupdate.diagnosis.remainder import (
     remainder,
     slope_share,
 )
+from probupdate.diagnosis.search import Search
+from probupdate.diagnosis.setting import Setting
 from probupdate.modes import Sensor
 
 # a series over time has at most so many points, all series together so many numbers

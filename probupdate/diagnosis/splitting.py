@@ -7,9 +7,9 @@ from scipy import linalg
 
 from probupdate.diagnosis.departures import labels_of
 from probupdate.diagnosis.diagnose import SURE, Outcome
-from probupdate.diagnosis.fitting import Setting
 from probupdate.diagnosis.linear import Design
 from probupdate.diagnosis.results import Finding
+from probupdate.diagnosis.setting import Setting
 
 # alternatives less probable than this are not looked into; at most so many
 PROBABLE, MOST = 0.02, 3

@@ -7,7 +7,9 @@ from dataclasses import replace
 import numpy as np
 
 from probupdate.diagnosis.courses import MARGIN, Course, step_course
-from probupdate.diagnosis.fitting import DeparturesBeside, Fit, Named, Setting, kept
+from probupdate.diagnosis.expected import DeparturesBeside
+from probupdate.diagnosis.fitting import Fit, kept
+from probupdate.diagnosis.setting import Named, Setting
 from probupdate.modes import frozen_array
 
 # shares of a block that a step may have left; by how much -2 ln posterior must be lower for it to be within one

@@ -12,8 +12,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from probupdate.diagnosis.fitting import Fit, Named, Setting
+from probupdate.diagnosis.fitting import Fit
 from probupdate.diagnosis.prepare import Prepared
+from probupdate.diagnosis.setting import Named, Setting
 from probupdate.modes import Sensor, frozen_array
 from probupdate.structure import beam as beams
 from probupdate.structure.assembly import assemble, beam_stiffness, node_dofs

@@ -14,10 +14,10 @@ import numpy as np
 from scipy.special import logsumexp
 
 from probupdate.diagnosis.along_record import LEFT, Scores, make_contrasts, score
-from probupdate.diagnosis.blocks import Blocks, gather
+from probupdate.diagnosis.blocks import Blocks, gather, with_derived
 from probupdate.diagnosis.catalogue import Effect, measurement_effects
 from probupdate.diagnosis.courses import MARGIN, N_STEP, Course, make_courses, step_course
-from probupdate.diagnosis.diagnose import POWER, SURE, with_derived
+from probupdate.diagnosis.diagnose import POWER, SURE
 from probupdate.diagnosis.level_shapes import judge_levels, mean_shapes
 from probupdate.diagnosis.own_picture import look, mended
 from probupdate.diagnosis.own_search import (

@@ -20,8 +20,8 @@ sys.path.insert(0, str(Path(__file__).resolve().parent))
 from cases import KINDS, draw_effect
 from run import prepared
 
-from probupdate.diagnosis.diagnose import settle
-from probupdate.diagnosis.fitting import Named, departures_at, stated_covariance
+from probupdate.diagnosis.expected import departures_at, stated_covariance
+from probupdate.diagnosis.setting import Named, settle
 from probupdate.virtual.modal_blocks import simulate_modes
 
 BASE = {"seed": 5, "days": 3.0, "n_block": 8, "states": ("idling",), "missing_share": 0.0, "scatter": 0.0}

@@ -54,9 +54,10 @@ def prepared():
 def ablate(name: str) -> None:
     """Take one safeguard out of the diagnosis, for this process: the study shows what it is for."""
     import probupdate.diagnosis.diagnose as module
+    from probupdate.diagnosis import setting as settings
 
     if name == "no-floor":
-        module.FLOOR_LOG = module.FLOOR_CROSS = module.FLOOR_SHAPE = module.FLOOR_PHASE = 1e-6
+        settings.FLOOR_LOG = settings.FLOOR_CROSS = settings.FLOOR_SHAPE = settings.FLOOR_PHASE = 1e-6
     elif name == "unconverged":
         whole = module.fit
 

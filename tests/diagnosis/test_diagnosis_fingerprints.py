@@ -6,11 +6,12 @@ import pytest
 from probupdate.diagnosis.blocks import gather
 from probupdate.diagnosis.catalogue import measurement_effects
 from probupdate.diagnosis.departures import departure
-from probupdate.diagnosis.diagnose import settle
 from probupdate.diagnosis.evidence import length_std
+from probupdate.diagnosis.expected import fingerprints_at
 from probupdate.diagnosis.field import build_field, effect_fingerprints
-from probupdate.diagnosis.fitting import Named, fingerprints_at, fit
+from probupdate.diagnosis.fitting import fit
 from probupdate.diagnosis.prepare import prepare
+from probupdate.diagnosis.setting import Named, settle
 from probupdate.diagnosis.small_model import TURNS_DEG, small_model
 from probupdate.modes import Sensor
 from probupdate.structure.extend import extended_model

@@ -8,7 +8,8 @@ from scipy import stats
 
 from probupdate.diagnosis import gain
 from probupdate.diagnosis.courses import Course, step_course
-from probupdate.diagnosis.fitting import centred_departures, departures_at, design_at, fit
+from probupdate.diagnosis.expected import departures_at
+from probupdate.diagnosis.fitting import centred_departures, design_at, fit
 from probupdate.diagnosis.linear import Design
 from probupdate.diagnosis.noise import Noise
 from probupdate.diagnosis.prediction import columns, course_factors, crps, predict

@@ -6,14 +6,15 @@ import numpy as np
 import pytest
 
 import probupdate
+from probupdate.diagnosis.adequacy import neighbours_dispersion
 from probupdate.diagnosis.catalogue import Effect, measurement_effects
 from probupdate.diagnosis.departures import Reference
-from probupdate.diagnosis.diagnose import ALIKE_SHAPES, examine, neighbours_dispersion, settle
+from probupdate.diagnosis.diagnose import ALIKE_SHAPES, examine
 from probupdate.diagnosis.extension import corrections
 from probupdate.diagnosis.field import observed
-from probupdate.diagnosis.fitting import Named
 from probupdate.diagnosis.gross import sizes_of, tried_whole
 from probupdate.diagnosis.prepare import prepare
+from probupdate.diagnosis.setting import Named, settle
 from probupdate.modes import Sensor
 
 SENSORS = tuple(

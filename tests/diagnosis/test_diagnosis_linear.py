@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from probupdate.diagnosis.courses import Course, step_course
-from probupdate.diagnosis.diagnose import chance
 from probupdate.diagnosis.linear import Design
 from probupdate.diagnosis.noise import Noise, estimate_noise
+from probupdate.diagnosis.search import chance
 
 N_BLOCK, N_EFFECT, N_NUISANCE = 12, 4, 3
 SIZES = (5, 4)

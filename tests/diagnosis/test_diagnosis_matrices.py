@@ -8,25 +8,14 @@ import pytest
 
 import probupdate
 from probupdate.diagnosis.departures import departure
-from probupdate.diagnosis.diagnose import (
-    NOT_SETTLED,
-    beside_the_last,
-    examine,
-    finding,
-    refit,
-    search,
-    settle,
-)
+from probupdate.diagnosis.diagnose import NOT_SETTLED, beside_the_last, examine, finding, refit
 from probupdate.diagnosis.evidence import only_promised, ranked, rival_of, sizes_std
+from probupdate.diagnosis.expected import all_departures, local_at
 from probupdate.diagnosis.field import effect_fingerprints, observed
-from probupdate.diagnosis.fitting import (
-    Named,
-    all_departures,
-    fit,
-    linearised,
-    local_at,
-)
+from probupdate.diagnosis.fitting import fit, linearised
 from probupdate.diagnosis.prepare import prepare
+from probupdate.diagnosis.search import search
+from probupdate.diagnosis.setting import Named, settle
 from probupdate.errors import InputError
 from probupdate.estimators.ensemble import SamplerSettings
 

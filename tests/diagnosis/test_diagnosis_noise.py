@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from probupdate.diagnosis.diagnose import exceeded, tail
 from probupdate.diagnosis.noise import Noise, estimate_noise, factored
+from probupdate.diagnosis.search import exceeded, tail
 
 
 @pytest.mark.parametrize("mixing", [0.0, 0.3, 1.0, 8.0])

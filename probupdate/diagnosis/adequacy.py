@@ -1,0 +1,88 @@
+"""The test of the remainder: is what the fit leaves more than noise, in directions that some effect could take?"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from probupdate.diagnosis.courses import Course
+from probupdate.diagnosis.fitting import Fit
+from probupdate.diagnosis.linear import Design
+from probupdate.diagnosis.search import Search
+from probupdate.diagnosis.setting import Setting
+
+# the pattern of the noise is known to about a tenth of a variance (few columns, states that differ: 0.89 to 1.12 in
+# records whose noise was known), which sums of many squares see though no single score does
+PATTERN = 1.05
+# contrasts of neighbouring blocks that tell it for a record
+N_CONTRAST = 8
+# directions of the catalogue's span that are tested for a remainder, by their share of the largest
+SPAN = 1e-2
+
+
+def adequacy(setting: Setting, fitted: Fit, found: Search) -> tuple[float, dict[str, float]]:
+    """p of what remains, in the directions that the catalogue spans: constants together, and each course along the
+    record; the smallest of them against its own bootstrap distribution."""
+    design, n_draw = fitted.design, len(found.drawn)
+    own = found.heavier * np.sqrt(neighbours_dispersion(setting, design, fitted.centred))
+    parts = {}
+    usable = _spanning(setting, design)
+    for c, course in enumerate(setting.courses):
+        rows = np.flatnonzero((setting.which[:, 1] == c) & usable)
+        if len(rows) < 5:
+            continue
+        wider = PATTERN * found.heavier if course.kind == "constant" else own
+        u = np.vstack([found.u[None, rows], wider * found.drawn[:, rows]])
+        parts[f"{course.name} {course.at}".strip()] = np.sum((u @ _whitening(design, rows)) ** 2, axis=1)
+    names = list(parts)
+    values = np.array([parts[n] for n in names])
+    # rank of each record's statistic among the drawn ones -> p, then the smallest over the courses
+    rank = (values[:, :, None] <= values[:, None, 1:]).sum(axis=2) / n_draw
+    smallest = rank.min(axis=0)
+    p = float((1 + np.sum(smallest[1:] <= smallest[0])) / (n_draw + 1))
+    return p, {n: float(r) for n, r in zip(names, rank[:, 0], strict=True)}
+
+
+def span_left(setting: Setting, fitted: Fit, course: int) -> tuple[float, int]:
+    """Sum of squares of what remains in the directions the catalogue spans with one course, and their number."""
+    design = fitted.design
+    rows = np.flatnonzero((setting.which[:, 1] == course) & _spanning(setting, design))
+    z = design.scores(fitted.centred)[rows] @ _whitening(design, rows)
+    return float(z @ z), len(z)
+
+
+def _spanning(setting: Setting, design: Design) -> np.ndarray:
+    """(n_candidate,) bool: what spans the directions of the remainder; exchanged cables of any two sensors would span
+    every shape."""
+    return (design.share_left > 1e-3) & np.array([not setting.effects[j].discrete for j, _ in design.which])
+
+
+def _whitening(design: Design, rows: np.ndarray) -> np.ndarray:
+    """(n_row, n_direction): u of these candidates -> independent standard normal numbers when nothing is wrong."""
+    value, turn = np.linalg.eigh(design.likeness(rows))
+    kept = value > SPAN * value[-1]
+    return turn[:, kept] / np.sqrt(value[kept]) / np.sqrt(design.information[rows])[:, None]
+
+
+def neighbours_dispersion(setting: Setting, design: Design, centred: Sequence[np.ndarray]) -> float:
+    """Mean square, at least one, of what the directions that the catalogue spans show between neighbouring blocks, with
+    signs drawn for each pair: one where the pattern of this record's noise is known, and hardly touched by whatever
+    lasts for longer than a block."""
+    n, rng = len(design.bin_of), np.random.default_rng(29)
+    contrasts = []
+    for _ in range(N_CONTRAST):
+        value = np.zeros(n)
+        value[: n // 2 * 2] = (rng.choice([-1.0, 1.0], n // 2)[:, None] * [1.0, -1.0]).ravel()
+        contrasts.append(Course(kind="covariate", value=value, column="neighbours"))
+    n_effect = design.effect[0].shape[2]
+    which = np.array([(j, c + 1) for c in range(N_CONTRAST) for j in range(n_effect)])
+    between = replace(design, courses=(setting.courses[0], *contrasts), which=which)
+    u, usable, squares, count = between.scores(centred), _spanning(setting, between), 0.0, 0
+    for c in range(N_CONTRAST):
+        rows = np.flatnonzero((which[:, 1] == c + 1) & usable)
+        if len(rows):
+            z = u[rows] @ _whitening(between, rows)
+            squares, count = squares + float(z @ z), count + len(z)
+    return max(1.0, squares / count) if count else PATTERN**2

@@ -1,0 +1,148 @@
+"""What a diagnosis works with, made ready once: blocks, catalogue, courses, what is updated, and effects with sizes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from probupdate.diagnosis.blocks import Blocks, gather, with_derived
+from probupdate.diagnosis.catalogue import Effect
+from probupdate.diagnosis.courses import Course, make_courses
+from probupdate.diagnosis.departures import n_response
+from probupdate.diagnosis.field import Field, build_field
+from probupdate.diagnosis.prepare import Prepared
+from probupdate.modes import ModalData
+from probupdate.parameters import Parameters
+
+# references are computed at every angle that differs by this, fingerprints for every one that differs by BIN_DEG: what
+# rotor and nacelle do to the torsion's small components at the tower turns with the heading, many times the noise
+ANGLE_DEG, BIN_DEG = 1.0, 2.0
+# columns in whose own unit an effect's slab is given
+NATURAL = ("water_level_m", "air_temperature_c", "thrust_share")
+# departures of a model of beams that nothing listed explains: ln f, its cross term in a pair, share of a shape's
+# largest component, phase in rad
+FLOOR_LOG, FLOOR_CROSS, FLOOR_SHAPE, FLOOR_PHASE = 3e-3, 2e-3, 1e-2, 1e-2
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Named:
+    """An effect taken into the reference with its course and size."""
+
+    effect: Effect
+    course: Course
+    size: float
+
+    @property
+    def scale(self) -> float:
+        """What the effect's slab is divided by along this course: a slab is per unit of a column that means something
+        by itself (metres of water, degrees, share of the thrust), else over the column's whole range."""
+        return per_range(self.course)
+
+    @property
+    def slab(self) -> float:
+        return self.effect.slab / self.scale
+
+    @property
+    def prior_std(self) -> float:
+        """Of the normal prior that stands for the size's own: normal of deviation `slab` within it, beyond it as one
+        over the size. A normal one would draw a gain wrong by a factor of two a fifth back."""
+        return max(self.slab, abs(self.size))
+
+    @property
+    def bounds(self) -> tuple[float, float]:
+        """Sizes with which the effect stays within its bounds wherever the course goes, on either side of a covariate's
+        mean."""
+        if self.course.kind != "covariate":
+            return self.effect.lower, self.effect.upper
+        reach = float(np.max(np.abs(self.course.value)))
+        return -max(-self.effect.lower, self.effect.upper) / reach, max(-self.effect.lower, self.effect.upper) / reach
+
+    @property
+    def exact(self) -> bool:
+        """Whether the reference holds it as it is; else through its fingerprint."""
+        return self.course.kind in ("constant", "step")
+
+
+def per_range(course: Course) -> float:
+    if course.kind != "covariate" or course.column in NATURAL:
+        return 1.0
+    return float(np.ptp(course.value))
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Setting:
+    """What a diagnosis works with: model field, blocks, catalogue, the updated parameters among the model's, columns
+    of model form per group (n_response, n_form) with deviation one, floors per group (n_response,)."""
+
+    field: Field
+    blocks: Blocks
+    effects: tuple[Effect, ...]
+    updated: tuple[int, ...]
+    prior: Parameters
+    courses: tuple[Course, ...]
+    which: np.ndarray
+    form: tuple[np.ndarray, ...]
+    floor: tuple[np.ndarray, ...]
+
+    @property
+    def angles(self) -> np.ndarray:
+        return np.round(self.blocks.angle_deg / ANGLE_DEG) * ANGLE_DEG
+
+    @property
+    def bins(self) -> tuple[np.ndarray, np.ndarray]:
+        """Centre angle of each bin, and each block's bin."""
+        key = np.round(self.blocks.angle_deg / BIN_DEG).astype(int) % round(360 / BIN_DEG)
+        found, place = np.unique(key, return_inverse=True)
+        return found * BIN_DEG, place
+
+    @property
+    def tolerated(self) -> tuple[int, ...]:
+        """Effects with a tolerance, each a nuisance of its own; updated parameters already are one."""
+        own = {self.field.parameters.names[k] for k in self.updated}
+        return tuple(j for j, e in enumerate(self.effects) if e.tolerance > 0 and e.parameter not in own)
+
+
+def settle(prepared: Prepared, data: ModalData) -> tuple[Setting, np.ndarray]:
+    """The setting of a diagnosis and the parameters it starts from."""
+    blocks = gather(data)
+    theta = np.array(prepared.small.parameters.initial)
+    field = build_field(prepared.small, blocks, theta)
+    effects = prepared.effects
+    courses = make_courses(with_derived(blocks), _columns(effects))
+    which = _candidates(effects, courses)
+    n_channel = len(blocks.channels)
+    floor = tuple(_floor(len(g), n_channel) for g in blocks.groups)
+    form = tuple(np.zeros((n_response(len(g), n_channel), 0)) for g in blocks.groups)
+    return Setting(field=field, blocks=blocks, effects=effects, updated=prepared.updated, prior=prepared.prior,
+                   courses=courses, which=which, form=form, floor=floor), theta  # fmt: skip
+
+
+def _columns(effects: Sequence[Effect]) -> tuple[str, ...]:
+    known = ("constant", "step", "ramp")
+    return tuple(dict.fromkeys(c for e in effects for c in e.courses if c not in known))
+
+
+def _candidates(effects: Sequence[Effect], courses: Sequence[Course]) -> np.ndarray:
+    return np.array([(j, c) for j, e in enumerate(effects) for c, course in enumerate(courses)
+                     if course.name in e.courses])  # fmt: skip
+
+
+def _floor(k: int, n_channel: int) -> np.ndarray:
+    logs = [FLOOR_LOG] if k == 1 else [FLOOR_LOG, FLOOR_LOG, FLOOR_CROSS]
+    return np.array([*logs, *[FLOOR_SHAPE] * (k * n_channel), *[FLOOR_PHASE] * (k * n_channel)])
+
+
+def local_std(prior: Parameters, number: int, value: float) -> float:
+    """The prior's deviation at `value`: of a lognormal in proportion to it."""
+    p = prior.items[number]
+    return p.std if p.prior == "normal" else p.log_std * value
+
+
+def prior_shift(setting: Setting, theta: np.ndarray) -> np.ndarray:
+    """How far the prior's centre lies from theta, to first order there (n_updated,)."""
+    shift = []
+    for p, k in zip(setting.prior, setting.updated, strict=True):
+        shift.append(p.initial - theta[k] if p.prior == "normal" else theta[k] * np.log(p.initial / theta[k]))
+    return np.array(shift)
