@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from itertools import combinations
 
 import numpy as np
@@ -75,7 +76,7 @@ class Effect:
         """Model parameters that move, with how much for a size of one."""
         return ((self.parameter, 1.0),) if self.parameter else self.parts
 
-    @property
+    @cached_property
     def stage(self) -> int:
         """Where on the way of a signal an effect on it happens: mounting, sensor, cable, logger."""
         return next((k for k, laws in enumerate(SIGNAL_PATH) if isinstance(self.observe, laws)), 1)

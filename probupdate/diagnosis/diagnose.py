@@ -169,8 +169,7 @@ def examine(prepared: Prepared, data: ModalData, *, seed: int = 1, progress: Pro
         best = int(np.argmax(found.statistic))
         if found.statistic[best] <= found.threshold or number == MOST_EFFECTS:
             break
-        tried = [refit(setting, fitted, found, k, whole) for k, whole in meant(setting, fitted, found, best)]
-        kept = ranked(setting, tried)
+        kept = _refitted(setting, fitted, found, best)
         if not kept:
             break
         findings.append(finding(setting, found, kept))
@@ -206,6 +205,18 @@ def examine(prepared: Prepared, data: ModalData, *, seed: int = 1, progress: Pro
         parameters=tuple(_parameters(setting, null, fitted)), details=details,
     )  # fmt: skip
     return Outcome(diagnosis=diagnosis, setting=setting, null=null, fitted=fitted, first=first, last=found)
+
+
+def _refitted(setting: Setting, fitted: Fit, found: Search, best: int) -> list[Rival]:
+    """What may be meant, refitted, the most probable first; where no fit leads from what is gross at its own size, what
+    the scores choose, from the fit without it."""
+    chosen = meant(setting, fitted, found, best)
+    kept = ranked(setting, [refit(setting, fitted, found, k, whole) for k, whole in chosen])
+    if kept or all(whole is None for _, whole in chosen):
+        return kept
+    from_the_fit = {k for k, whole in chosen if whole is None}
+    rest = [k for k in rivals_of(setting, fitted, found, best) if k not in from_the_fit]
+    return ranked(setting, [refit(setting, fitted, found, k) for k in rest])
 
 
 def _silent(fitted: Fit) -> list[int]:

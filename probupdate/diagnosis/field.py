@@ -108,7 +108,8 @@ def observed(reference: Reference, effects: Sequence[tuple[Effect, float]]) -> R
     for effect, size in sorted(effects, key=lambda e: e[0].stage):
         shape, more = effect.observe(shape, frequency, size)
         shift += more
-    return Reference(tensor=reference.tensor + shift * np.eye(len(reference.tensor)), shape=shape)
+    tensor = reference.tensor + shift * np.eye(len(reference.tensor)) if shift else reference.tensor
+    return Reference(tensor=tensor, shape=shape)
 
 
 def _frequency_hz(reference: Reference) -> float:

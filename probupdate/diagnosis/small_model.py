@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 from scipy import linalg, sparse
@@ -92,11 +92,13 @@ class SmallModel:
         waves = []
         for weight, fixed, turning in ((cK, self.stiffness, self.turning_stiffness),
                                        (cM, self.mass, self.turning_mass)):  # fmt: skip
-            still = _square(weight @ fixed)
+            # of the terms that effects bring most have no weight: neither read nor added
+            still = _square((sparse.csr_array(weight[None]) @ fixed)[0])
             wave = np.zeros((5, *still.shape))
             wave[0] = still
             for term, part in turning.items():
-                wave += weight[term] * part
+                if weight[term]:
+                    wave += weight[term] * part
             waves.append(wave)
         return LocalModel(small=self, theta=theta, stiffness=waves[0], mass=waves[1])
 
@@ -201,11 +203,16 @@ class LocalModel:
 
 def _square(packed: np.ndarray) -> np.ndarray:
     """Symmetric matrices (..., r, r) of upper triangles (..., r (r + 1) / 2)."""
-    r = math.isqrt(2 * packed.shape[-1])
+    return np.take(packed, _places(math.isqrt(2 * packed.shape[-1])), axis=-1)
+
+
+@lru_cache(maxsize=8)
+def _places(r: int) -> np.ndarray:
+    """Where each entry (r, r) of a symmetric matrix stands in its packed upper triangle."""
+    result = np.empty((r, r), int)
     rows, columns = np.triu_indices(r)
-    result = np.empty((*packed.shape[:-1], r, r))
-    result[..., rows, columns] = packed
-    result[..., columns, rows] = packed
+    result[rows, columns] = result[columns, rows] = np.arange(len(rows))
+    result.setflags(write=False)
     return result
 
 

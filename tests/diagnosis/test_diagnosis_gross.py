@@ -168,3 +168,18 @@ def test_a_channel_reversed_within_a_block_is_reversed_before_or_after_it(prepar
     reversed_there = [n for n in outcome.fitted.named if n.effect.cause == "sensor polarity"]
     assert [n.effect.location for n in reversed_there] == ["y3"]
     assert set(reversed_there[0].course.value) == {0.0, 1.0} and reversed_there[0].course.at in (20, 21)
+
+
+def test_where_no_fit_leads_from_what_is_gross_the_scores_choose(prepared, record, monkeypatch):
+    from probupdate.diagnosis import diagnose as module
+
+    whole, at_its_size = module.refit, []
+
+    def lost(setting, base, found, candidate, tried=None):
+        at_its_size.append(tried is not None)
+        return None if tried is not None else whole(setting, base, found, candidate)
+
+    monkeypatch.setattr(module, "refit", lost)
+    outcome = examine(prepared, record(7, gain=("y2", 9.81)))
+    assert at_its_size[0] and not at_its_size[-1]
+    assert "sensor gain, y2" in [n.effect.name for n in outcome.fitted.named]
