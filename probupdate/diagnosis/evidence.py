@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy import special
 
 from probupdate.diagnosis.expected import all_departures, fingerprints_at, log_scale
 from probupdate.diagnosis.fitting import FINGERPRINT, Fit, linearised, penalty
+from probupdate.diagnosis.linear import Design
 from probupdate.diagnosis.noise import Noise
 from probupdate.diagnosis.setting import Named, Setting
 
+# errors of fingerprints that are as probable before, in FINGERPRINT
+DOUBTS = (0.2, 0.5, 1.0, 2.0)
 # ln evidence within which rivals are compared about the same parameters
 CLOSE = 40.0
 
@@ -56,9 +60,9 @@ def ranked(setting: Setting, tried: Sequence[Rival | None]) -> list[Rival]:
 
 
 def _compared(setting: Setting, order: list[Rival]) -> list[Rival]:
-    """Rivals close to the best with their evidence relative to its, each pair about the same parameters: about those of
-    the one and about those of the other, averaged. Fingerprints of all that is marginalised differ from one fit's
-    parameters to the next, which alone moves evidence by ten and more, of both alike."""
+    """Rivals close to the best with their evidence relative to its, each pair about the parameters of both fits,
+    whichever is the better for each. Fingerprints of all that is marginalised differ from one fit's parameters to the
+    next, which alone moves evidence by ten and more, of both alike; and far from its own fit neither is linear."""
     if not order:
         return order
     best, known = order[0], {}
@@ -73,19 +77,19 @@ def _compared(setting: Setting, order: list[Rival]) -> list[Rival]:
     result = [best]
     for rival in order[1:]:
         if best.log_evidence - rival.log_evidence < CLOSE:
-            apart = [about(r.fitted.theta, rival) - about(r.fitted.theta, best) for r in (best, rival)]
+            places = best.fitted.theta, rival.fitted.theta
+            apart = max(about(p, rival) for p in places) - max(about(p, best) for p in places)
             sides = _sides(rival.fitted.named[-1]) - _sides(best.fitted.named[-1])
             promised = only_promised(setting, rival.fitted) - only_promised(setting, best.fitted)
-            rival = replace(rival, log_evidence=best.log_evidence + float(np.mean(apart)) + sides - promised)
+            rival = replace(rival, log_evidence=best.log_evidence + apart + sides - promised)
         result.append(rival)
     return sorted(result, key=lambda r: -r.log_evidence)
 
 
 def only_promised(setting: Setting, fitted: Fit) -> float:
     """ln evidence that the linear equations promise at a fit and that the model does not keep, where it stalled."""
-    design = fitted.design
-    linear = -0.5 * design.misfit(fitted.centred, []) + design.log_volume + design.log_noise
-    return max(0.0, float(linear) - log_evidence(setting, fitted))
+    linear = _linear_evidence(fitted.design, fitted.centred)
+    return max(0.0, linear - _evidence_at(setting, fitted, fitted.design))
 
 
 def sizes_std(setting: Setting, fitted: Fit) -> list[float]:
@@ -136,10 +140,7 @@ def length_std(setting: Setting, fitted: Fit, named: Named) -> float:
 
 def log_evidence(setting: Setting, fitted: Fit) -> float:
     """ln p(blocks | model with the named effects) by Laplace's method, but for a constant of the record."""
-    design = fitted.design
-    misfit = design.misfit(fitted.departures, design.held(len(setting.updated)))
-    misfit += penalty(setting, fitted.theta, fitted.named)
-    return float(-0.5 * misfit + design.log_volume + design.log_noise)
+    return _over_doubts(fitted.design, lambda design: _evidence_at(setting, fitted, design))
 
 
 def marginal_evidence(setting: Setting, theta: np.ndarray, named: Sequence[Named], noise: Noise) -> float:
@@ -147,4 +148,23 @@ def marginal_evidence(setting: Setting, theta: np.ndarray, named: Sequence[Named
     measured shapes, but for a constant of record and noise."""
     design, _, centred = linearised(setting, theta, named, noise, all_departures(setting, theta, named)[0])
     units = log_scale(setting, theta, named, noise)
-    return float(-0.5 * design.misfit(centred, []) + design.log_volume + design.log_noise + units)
+    return _over_doubts(design, lambda design: _linear_evidence(design, centred)) + units
+
+
+def _evidence_at(setting: Setting, fitted: Fit, design: Design) -> float:
+    misfit = design.misfit(fitted.departures, design.held(len(setting.updated)))
+    misfit += penalty(setting, fitted.theta, fitted.named)
+    return float(-0.5 * misfit + design.log_volume + design.log_noise)
+
+
+def _linear_evidence(design: Design, centred: Sequence[np.ndarray]) -> float:
+    return float(-0.5 * design.misfit(centred, []) + design.log_volume + design.log_noise)
+
+
+def _over_doubts(design: Design, evidence: Callable[[Design], float]) -> float:
+    """Mean over how well fingerprints may be known: with one doubt for all, what changes much is held against the long
+    fingerprint that explains it to a hundredth, and a short one that explains it less well wins."""
+    if not design.doubted:
+        return evidence(design)
+    each = [evidence(replace(design, doubt=share)) for share in DOUBTS]
+    return float(special.logsumexp(each) - np.log(len(each)))

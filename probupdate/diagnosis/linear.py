@@ -35,7 +35,8 @@ class Design:
     n_nuisance) with nuisance_std (n_nuisance,); floor per group (n_response,) deviations of the offsets; effect per
     group (n_bin, n_response, n_effect). Candidates are pairs (effect, course): which (n_candidate, 2). `named`: effects
     already found, as (effect, its course, deviation of its size); their sizes are unknowns like c. `doubted`: courses
-    of effects already found, each with the deviations per group (n_bin, n_response) of their fingerprint times size.
+    of effects already found, each with the deviations per group (n_bin, n_response) of their fingerprint times size,
+    all of which are multiplied by `doubt`.
     """
 
     bin_of: np.ndarray
@@ -48,6 +49,7 @@ class Design:
     noise: Noise
     named: tuple[tuple[int, Course, float], ...] = ()
     doubted: tuple[tuple[Course, tuple[np.ndarray, ...]], ...] = ()
+    doubt: float = 1.0
 
     @property
     def n_bin(self) -> int:
@@ -110,7 +112,7 @@ class Design:
 
     @cached_property
     def prior_std(self) -> np.ndarray:
-        doubts = [np.ones(f.size) for _ in self.doubted for f in self.floor]
+        doubts = [np.full(f.size, self.doubt) for _ in self.doubted for f in self.floor]
         return np.concatenate([self.nuisance_std, [std for _, _, std in self.named], *self.floor, *doubts])
 
     @cached_property
