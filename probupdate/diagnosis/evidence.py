@@ -88,7 +88,7 @@ def _compared(setting: Setting, order: list[Rival]) -> list[Rival]:
 
 def only_promised(setting: Setting, fitted: Fit) -> float:
     """ln evidence that the linear equations promise at a fit and that the model does not keep, where it stalled."""
-    linear = _linear_evidence(fitted.design, fitted.centred)
+    linear = linear_evidence(fitted.design, fitted.centred)
     return max(0.0, linear - _evidence_at(setting, fitted, fitted.design))
 
 
@@ -140,7 +140,7 @@ def length_std(setting: Setting, fitted: Fit, named: Named) -> float:
 
 def log_evidence(setting: Setting, fitted: Fit) -> float:
     """ln p(blocks | model with the named effects) by Laplace's method, but for a constant of the record."""
-    return _over_doubts(fitted.design, lambda design: _evidence_at(setting, fitted, design))
+    return over_doubts(fitted.design, lambda design: _evidence_at(setting, fitted, design))
 
 
 def marginal_evidence(setting: Setting, theta: np.ndarray, named: Sequence[Named], noise: Noise) -> float:
@@ -148,7 +148,7 @@ def marginal_evidence(setting: Setting, theta: np.ndarray, named: Sequence[Named
     measured shapes, but for a constant of record and noise."""
     design, _, centred = linearised(setting, theta, named, noise, all_departures(setting, theta, named)[0])
     units = log_scale(setting, theta, named, noise)
-    return _over_doubts(design, lambda design: _linear_evidence(design, centred)) + units
+    return over_doubts(design, lambda design: linear_evidence(design, centred)) + units
 
 
 def _evidence_at(setting: Setting, fitted: Fit, design: Design) -> float:
@@ -157,11 +157,12 @@ def _evidence_at(setting: Setting, fitted: Fit, design: Design) -> float:
     return float(-0.5 * misfit + design.log_volume + design.log_noise)
 
 
-def _linear_evidence(design: Design, centred: Sequence[np.ndarray]) -> float:
+def linear_evidence(design: Design, centred: Sequence[np.ndarray]) -> float:
+    """ln density of departures under a design, but for powers of 2 pi."""
     return float(-0.5 * design.misfit(centred, []) + design.log_volume + design.log_noise)
 
 
-def _over_doubts(design: Design, evidence: Callable[[Design], float]) -> float:
+def over_doubts(design: Design, evidence: Callable[[Design], float]) -> float:
     """Mean over how well fingerprints may be known: with one doubt for all, what changes much is held against the long
     fingerprint that explains it to a hundredth, and a short one that explains it less well wins."""
     if not design.doubted:

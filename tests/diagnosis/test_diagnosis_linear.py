@@ -4,8 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy import stats
 
 from probupdate.diagnosis.courses import Course, step_course
+from probupdate.diagnosis.evidence import DOUBTS, linear_evidence, over_doubts
 from probupdate.diagnosis.linear import Design
 from probupdate.diagnosis.noise import Noise, estimate_noise
 from probupdate.diagnosis.search import chance
@@ -65,7 +67,8 @@ def dense(design):
         for q, m in enumerate(SIZES):
             for r in range(m):
                 def one(p, b, q=q, r=r, c=course, s=spread):
-                    return c.value[b] * (np.arange(SIZES[p]) == r) * float(p == q) * s[q][design.bin_of[b], r]
+                    here = (np.arange(SIZES[p]) == r) * float(p == q)
+                    return design.doubt * c.value[b] * here * s[q][design.bin_of[b], r]
 
                 columns.append(stacked(one))
     low_rank = np.column_stack(columns)
@@ -97,7 +100,9 @@ def test_scores_information_and_likeness_are_those_of_the_written_out_covariance
     np.testing.assert_allclose(design.likeness(rows), information / np.outer(size, size), atol=1e-8)
 
 
-def test_misfit_is_that_of_the_written_out_covariance(design):
+@pytest.mark.parametrize("doubt", [1.0, 0.2])
+def test_misfit_is_that_of_the_written_out_covariance(design, doubt):
+    design = replace(design, doubt=doubt)
     _, V, stacked = dense(design)
     y = [np.random.default_rng(5).standard_normal((N_BLOCK, m)) * (design.noise.weight[q][:, None] > 0)
          for q, m in enumerate(SIZES)]  # fmt: skip
@@ -110,6 +115,38 @@ def test_misfit_is_that_of_the_written_out_covariance(design):
         for q, (m, w) in enumerate(zip(SIZES, design.noise.weight, strict=True))
     )  # fmt: skip
     assert -2 * design.log_volume == pytest.approx(np.linalg.slogdet(V)[1] - noise_alone, rel=1e-8)
+
+
+def test_evidence_is_the_mean_density_over_how_well_fingerprints_are_known(design):
+    """Against scipy's normal density with the covariance written out for each doubt."""
+    rng = np.random.default_rng(6)
+    y = [rng.standard_normal((N_BLOCK, m)) * (design.noise.weight[q][:, None] > 0) for q, m in enumerate(SIZES)]
+    densities = []
+    for doubt in DOUBTS:
+        _, V, stacked = dense(replace(design, doubt=doubt))
+        densities.append(stats.multivariate_normal.logpdf(stacked(lambda q, b: y[q][b]), cov=V))
+    powers = 0.5 * len(V) * np.log(2 * np.pi)
+    told = over_doubts(design, lambda d: linear_evidence(d, y))
+    assert told == pytest.approx(np.log(np.mean(np.exp(densities))) + powers, abs=1e-8)
+    # nothing found, nothing to doubt
+    plain = replace(design, doubted=())
+    assert over_doubts(plain, lambda d: linear_evidence(d, y)) == linear_evidence(plain, y)
+
+
+def test_a_long_fingerprint_that_fits_is_not_held_against_a_short_one_that_does_not(design):
+    """Twenty times as long a fingerprint that the record follows to a hundredth, and one that leaves three deviations:
+    a doubt of a tenth of its length alone would choose the second."""
+    long = tuple(20 * e[:, :, 1] for e in design.effect)
+    step = design.doubted[0][0]
+    plain = replace(design, named=(), doubted=())
+    doubted = replace(plain, doubted=((step, tuple(0.1 * np.abs(e) for e in long)),))
+    nothing_left = [np.zeros((N_BLOCK, m)) for m in SIZES]
+    other = [np.zeros((N_BLOCK, m)) for m in SIZES]
+    other[0][0] = 1.0
+    other[0] *= np.sqrt(3**2 / plain.misfit(other, []))
+    behind = linear_evidence(plain, other)
+    assert linear_evidence(doubted, nothing_left) < behind
+    assert over_doubts(doubted, lambda d: linear_evidence(d, nothing_left)) > behind
 
 
 def test_draws_have_the_covariance_of_the_scores(design):
