@@ -10,6 +10,8 @@ from pathlib import Path
 import numpy as np
 from scipy import stats
 
+# a cause is named from this probability
+SURE = 0.95
 # the simulator's size is per unit of its own amplitude, the catalogue's per m/s2
 OWN_UNIT = ("soil softens with amplitude",)
 
@@ -57,6 +59,11 @@ def above_limit(line: dict, effect: dict) -> bool:
     return limit is not None and np.isfinite(limit) and abs(effect["size"]) >= abs(limit)
 
 
+def told(effect: dict) -> bool | None:
+    """Whether the effect can be told from its nearest rival as surely as a name asks for; None: not known."""
+    return None if effect.get("apart") is None else bool(effect["apart"] >= np.log(SURE / (1 - SURE)))
+
+
 def summary(lines: list[dict]) -> str:
     failed = [x for x in lines if "failed" in x]
     lines = [x for x in lines if "failed" not in x]
@@ -69,10 +76,15 @@ def summary(lines: list[dict]) -> str:
     found = [x for x in single if x["verdict"] != "none"]
     sure = [x for x in found if x["verdict"] == "named"]
     out.append(rate("singles above the stated limit detected", sum(x["verdict"] != "none" for x in seen), len(seen)))
-    out.append(rate("detected singles named rightly", sum(is_named(x["findings"][0], x["effects"][0])
-                                                          for x in found if x["findings"]), len(found)))  # fmt: skip
-    out.append(rate("detected singles in the named set", sum(in_set(x["findings"][0], x["effects"][0])
-                                                             for x in found if x["findings"]), len(found)))  # fmt: skip
+    first = {x["id"] for x in found if x["findings"] and is_named(x["findings"][0], x["effects"][0])}
+    held = {x["id"] for x in found if x["findings"] and in_set(x["findings"][0], x["effects"][0])}
+    out.append(rate("detected singles: right cause and place first", len(first), len(found)))
+    out.append(rate("detected singles: in the named set", len(held), len(found)))
+    # told_apart.py has been there
+    for words, ids in (("that can be told from the nearest rival", {x["id"] for x in found if told(x["effects"][0])}),
+                       ("that cannot", {x["id"] for x in found if told(x["effects"][0]) is False})):
+        out.append(rate(f"detected singles {words}: right first", len(first & ids), len(ids)))
+        out.append(rate(f"detected singles {words}: in the named set", len(held & ids), len(ids)))
     out.append(rate("verdict 'named' and right", sum(is_named(x["findings"][0], x["effects"][0]) for x in sure),
                     len(sure)))  # fmt: skip
     sized = [(x["findings"][0], x["effects"][0]) for x in found if x["findings"]
@@ -86,9 +98,12 @@ def summary(lines: list[dict]) -> str:
     pair = by.get("pair", [])
     both = [x for x in pair if all(any(in_set(f, e) for f in x["findings"]) for e in x["effects"])]
     out.append(rate("pairs: both in the named sets", len(both), len(pair)))
+    seen = [x["id"] for x in pair if all(above_limit(x, e) for e in x["effects"])]
+    out.append(rate("pairs above both limits: both in the named sets",
+                    sum(x["id"] in seen for x in both), len(seen)))  # fmt: skip
     twin = [x for x in by.get("twin", []) if x["verdict"] != "none"]
-    held = [x for x in twin if any(in_set(f, x["effects"][0]) for f in x["findings"])]
-    out.append(rate("detected twins: the true one in the set", len(held), len(twin)))
+    within = [x for x in twin if any(in_set(f, x["effects"][0]) for f in x["findings"])]
+    out.append(rate("detected twins: the true one in the set", len(within), len(twin)))
     out.append(rate("detected twins: ambiguous, unexplained or the true one", sum(
         x["verdict"] != "named" or is_named(x["findings"][0], x["effects"][0]) for x in twin), len(twin)))
     below = by.get("below", [])

@@ -84,3 +84,18 @@ def test_answers_are_judged_by_cause_and_place(tables):
     text = tables.summary([line, {**line, "verdict": "none", "findings": []}])
     assert "| singles above the stated limit detected | 1 of 2 | 50.0 % |" in text
     assert "scour" in tables.confusion([line])
+
+
+def test_what_cannot_be_told_apart_is_counted_by_itself(tables):
+    """ln(0.95 / 0.05) = 2.944 between two rows is what a name asks for."""
+    effect = {"cause": "scour", "location": "leg B", "course": "step", "size": 1.0, "above_stated_limit": True}
+    right = {"cause": "scour", "location": "leg B", "alternatives": [], "size": 1.1, "size_std": 0.1}
+    wrong = {**right, "cause": "lateral soil stiffness", "alternatives": [["scour", "leg B"]]}
+    line = {"family": "single", "hidden": [{"kind": "scour"}], "verdict": "ambiguous", "cpu_s": 1.0}
+    lines = [{**line, "id": "a", "effects": [{**effect, "apart": 2.95}], "findings": [right]},
+             {**line, "id": "b", "effects": [{**effect, "apart": 2.93}], "findings": [wrong]},
+             {**line, "id": "c", "effects": [{**effect, "apart": 0.0}], "findings": []}]  # fmt: skip
+    text = tables.summary(lines)
+    assert "| detected singles: right cause and place first | 1 of 3 |" in text
+    assert "that can be told from the nearest rival: right first | 1 of 1 |" in text
+    assert "that cannot: right first | 0 of 2 |" in text and "that cannot: in the named set | 1 of 2 |" in text
