@@ -3,7 +3,7 @@
 A single mode gives ln f and its shape, scaled by one complex number to the reference. A close pair gives the tensor
 R diag(ln f) R^T in the reference's fixed axes (it is smooth where the two frequencies meet, the single modes are not)
 and its two shapes combined linearly to the reference's plane. Shape components are shares of each reference shape's
-largest one; real parts first, then imaginary parts.
+largest one (Reference.size); real parts first, then imaginary parts.
 """
 
 from __future__ import annotations
@@ -22,10 +22,25 @@ INDEPENDENCE = 0.5
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Reference:
     """Expected modes of one group: tensor (k, k) of ln f in the axes of `shape` (n_channel, k), possibly complex; of n
-    blocks with n in front."""
+    blocks with n in front. `peak` (k,): largest component over length that the group's shapes are taken to have, None
+    for this shape's own."""
 
     tensor: np.ndarray
     shape: np.ndarray
+    peak: np.ndarray | None = None
+
+    @property
+    def size(self) -> np.ndarray:
+        """(k,) what departures of the shape are shares of: its largest component, at a fixed ratio to its length. The
+        component itself changes with the parameters by some per cent of the others, and all scatter would with it."""
+        if self.peak is None:
+            return np.max(np.abs(self.shape), axis=-2)
+        return self.peak * np.linalg.norm(self.shape, axis=-2)
+
+
+def peak_of(shape: np.ndarray) -> np.ndarray:
+    """(k,) largest component over length of shapes (n_channel, k)."""
+    return np.max(np.abs(shape), axis=0) / np.linalg.norm(shape, axis=0)
 
 
 def n_response(k: int, n_channel: int) -> int:
@@ -65,7 +80,7 @@ def departure(frequency_hz: np.ndarray, shape: np.ndarray, reference: Reference)
     bool: False where the pair's shapes are too alike. One reference for all blocks, or one each."""
     k = frequency_hz.shape[1]
     target = reference.shape
-    size = np.max(np.abs(target), axis=-2, keepdims=True)
+    size = reference.size[..., None, :]
     in_plane = _inverse(target) @ shape
     log = np.log(frequency_hz)
     independent = np.ones(len(shape), bool)
@@ -88,8 +103,7 @@ def departure(frequency_hz: np.ndarray, shape: np.ndarray, reference: Reference)
 def log_scales(shape: np.ndarray, reference: Reference) -> np.ndarray:
     """ln |d departure / d shape| of each block (n,) for shapes (n, n_channel, k), per real number of one channel."""
     onto = _inverse(shape) @ reference.shape
-    size = np.max(np.abs(reference.shape), axis=-2)
-    return np.log(np.abs(np.linalg.det(onto))) - np.sum(np.log(size), axis=-1)
+    return np.log(np.abs(np.linalg.det(onto))) - np.sum(np.log(reference.size), axis=-1)
 
 
 def tensor_turning(target: np.ndarray, change: np.ndarray, tensor: np.ndarray) -> np.ndarray:
@@ -105,7 +119,6 @@ def fingerprint(reference: Reference, tensor_change: np.ndarray, shape_change: n
     """First-order departure (n_response, n) for changes of the tensor (k, k, n) in the reference's axes and of the
     shapes (n_channel, k, n), both without regard to what the alignment takes away."""
     target = reference.shape
-    size = np.max(np.abs(target), axis=0)
     tensor = tensor_change + tensor_turning(target, shape_change, reference.tensor)
     outside = shape_change - np.tensordot(target @ np.linalg.pinv(target), shape_change, 1)
-    return frozen_array(_stack(tensor.transpose(2, 0, 1), outside.transpose(2, 0, 1), size).T)
+    return frozen_array(_stack(tensor.transpose(2, 0, 1), outside.transpose(2, 0, 1), reference.size).T)

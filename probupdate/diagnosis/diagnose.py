@@ -63,7 +63,7 @@ def refit(
         fitted = fit(setting, theta, (*base.named, extra), base=known)
     except ConvergenceError:
         return None
-    return rival_of(setting, candidate, fitted, own_noise=known is None)
+    return rival_of(setting, candidate, fitted)
 
 
 def beside_the_last(
@@ -86,7 +86,7 @@ def beside_the_last(
                 again = fit(setting, fitted.theta, (*others, extra), base=fitted)
             except ConvergenceError:
                 continue
-            tried.append(rival_of(setting, r.candidate, again, own_noise=False))
+            tried.append(rival_of(setting, r.candidate, again))
         kept = ranked(setting, tried)
         if not kept:
             continue

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import special
 
-from probupdate.diagnosis.expected import all_departures, fingerprints_at, log_scale
+from probupdate.diagnosis.expected import all_departures, fingerprints_at
 from probupdate.diagnosis.fitting import FINGERPRINT, Fit, linearised, penalty
 from probupdate.diagnosis.linear import Design
 from probupdate.diagnosis.noise import Noise
@@ -32,16 +32,14 @@ class Rival:
     log_evidence: float
 
 
-def rival_of(setting: Setting, candidate: int, fitted: Fit, *, own_noise: bool) -> Rival | None:
+def rival_of(setting: Setting, candidate: int, fitted: Fit) -> Rival | None:
     """What a fit with the candidate as its last effect tells of it; None where nothing is left of the effect."""
     extra = fitted.named[-1]
     if not extra.effect.discrete and abs(extra.size) < 1e-6 * extra.slab:
         # it cannot be on the side that the score asked for
         return None
-    # each with its own noise: told in units of its own expected shapes
-    units = log_scale(setting, fitted.theta, fitted.named, fitted.design.noise) if own_noise else 0.0
     return Rival(candidate=candidate, fitted=fitted, size=extra.size, size_std=sizes_std(setting, fitted)[-1],
-                 log_evidence=log_evidence(setting, fitted) + _sides(extra) + units)  # fmt: skip
+                 log_evidence=log_evidence(setting, fitted) + _sides(extra))  # fmt: skip
 
 
 def _sides(named: Named) -> float:
@@ -139,16 +137,17 @@ def length_std(setting: Setting, fitted: Fit, named: Named) -> float:
 
 
 def log_evidence(setting: Setting, fitted: Fit) -> float:
-    """ln p(blocks | model with the named effects) by Laplace's method, but for a constant of the record."""
-    return over_doubts(fitted.design, lambda design: _evidence_at(setting, fitted, design))
+    """ln p(blocks | model with the named effects) by Laplace's method, in units of the measured shapes, but for a
+    constant of the record."""
+    return over_doubts(fitted.design, lambda design: _evidence_at(setting, fitted, design)) + fitted.units
 
 
 def marginal_evidence(setting: Setting, theta: np.ndarray, named: Sequence[Named], noise: Noise) -> float:
     """ln p(blocks | named effects near their sizes) with all parameters to first order about theta, in units of the
     measured shapes, but for a constant of record and noise."""
-    design, _, centred = linearised(setting, theta, named, noise, all_departures(setting, theta, named)[0])
-    units = log_scale(setting, theta, named, noise)
-    return over_doubts(design, lambda design: linear_evidence(design, centred)) + units
+    there = all_departures(setting, theta, named)
+    design, _, centred = linearised(setting, theta, named, noise, there.y)
+    return over_doubts(design, lambda design: linear_evidence(design, centred)) + there.units(noise)
 
 
 def _evidence_at(setting: Setting, fitted: Fit, design: Design) -> float:

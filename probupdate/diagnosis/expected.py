@@ -7,6 +7,7 @@ covariates enter through their fingerprint.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -21,39 +22,45 @@ from probupdate.diagnosis.small_model import LocalModel
 NODE_DEG = 10.0
 
 
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Departures:
+    """Of all blocks from what is expected, per group: y (n_block, n_response), zero where nothing is told; used
+    (n_block,), which blocks tell; log_scale (n_block,), ln |dy / d shape| of each real number of a shape, zero where
+    nothing is told."""
+
+    y: tuple[np.ndarray, ...]
+    used: tuple[np.ndarray, ...]
+    log_scale: tuple[np.ndarray, ...]
+    n_channel: int
+
+    def units(self, noise: Noise) -> float:
+        """ln of how much larger departures are than changes of the measured shapes, over all that counts: what a
+        density of departures is multiplied by to be one of the measured shapes. A shape that is expected wrongly is
+        projected to a shorter one, and its scatter with it, which by itself would look like a better fit."""
+        return 2 * self.n_channel * sum(float(s[w > 0].sum()) for s, w in
+                                        zip(self.log_scale, noise.weight, strict=True))  # fmt: skip
+
+
 def departures_at(
     setting: Setting, theta: np.ndarray, named: Sequence[Named], plain: PlainReferences | None = None
-) -> tuple[tuple[np.ndarray, ...], tuple[np.ndarray, ...]]:
-    """Per group departures (n_block, n_response) and which blocks tell (n_block,). `plain`: what the model was asked
-    for before, kept between calls."""
+) -> Departures:
+    """Departures from the model with constants and steps in it. `plain`: what the model was asked for before, kept
+    between calls."""
     blocks = setting.blocks
     n_channel = len(blocks.channels)
     result = [np.zeros((len(blocks), n_response(len(g), n_channel))) for g in blocks.groups]
     used = [np.array(blocks.present[:, q]) for q in range(len(blocks.groups))]
+    scale = [np.zeros(len(blocks)) for _ in blocks.groups]
     expected = _expected(setting, theta, named, plain or PlainReferences(setting.field))
     for q, (group, reference) in enumerate(zip(blocks.groups, expected, strict=True)):
         rows, members = np.flatnonzero(blocks.present[:, q]), list(group)
         if len(rows):
-            y, independent = departure(
-                blocks.frequency_hz[rows][:, members], blocks.shape[rows][:, :, members], _of_blocks(reference, rows))
+            shape, own = blocks.shape[rows][:, :, members], _of_blocks(reference, rows)
+            y, independent = departure(blocks.frequency_hz[rows][:, members], shape, own)
             result[q][rows] = np.where(independent[:, None], y, 0.0)
             used[q][rows] &= independent
-    return tuple(result), tuple(used)
-
-
-def log_scale(
-    setting: Setting, theta: np.ndarray, named: Sequence[Named], noise: Noise, plain: PlainReferences | None = None
-) -> float:
-    """ln of how much larger departures are than changes of the measured shapes, over all that counts: what a density of
-    departures is multiplied by to be one of the measured shapes. A shape that is expected wrongly is projected to a
-    shorter one, and its scatter with it, which by itself would look like a better fit."""
-    blocks, total = setting.blocks, 0.0
-    expected = _expected(setting, theta, named, plain or PlainReferences(setting.field))
-    for group, reference, weight in zip(blocks.groups, expected, noise.weight, strict=True):
-        rows = np.flatnonzero(weight > 0)
-        scale = log_scales(blocks.shape[rows][:, :, list(group)], _of_blocks(reference, rows))
-        total += 2 * len(blocks.channels) * float(scale.sum())
-    return total
+            scale[q][rows[independent]] = log_scales(shape[independent], _of_blocks(own, independent))
+    return Departures(y=tuple(result), used=tuple(used), log_scale=tuple(scale), n_channel=n_channel)
 
 
 class PlainReferences:
@@ -84,12 +91,12 @@ def _expected(
         moved, seen = _state(setting.field, theta, exact, level[:-1])
         seen_there.append([observed(r, seen) for r in plain(moved, level[-1])])
     return [Reference(tensor=np.array([r[q].tensor for r in seen_there])[place],
-                      shape=np.array([r[q].shape for r in seen_there])[place])
+                      shape=np.array([r[q].shape for r in seen_there])[place], peak=seen_there[0][q].peak)
             for q in range(len(setting.blocks.groups))]  # fmt: skip
 
 
 def _of_blocks(reference: Reference, rows: np.ndarray) -> Reference:
-    return Reference(tensor=reference.tensor[rows], shape=reference.shape[rows])
+    return Reference(tensor=reference.tensor[rows], shape=reference.shape[rows], peak=reference.peak)
 
 
 def local_at(
@@ -142,17 +149,16 @@ class DeparturesBeside:
     covariates are taken off as they are there; what the model is asked for is kept between calls."""
 
     def __init__(self, setting: Setting, theta: np.ndarray, named: Sequence[Named]):
-        self.plain = PlainReferences(setting.field)
-        self._setting, self._theta = setting, theta
+        self._setting, self._theta, self._plain = setting, theta, PlainReferences(setting.field)
         nothing = [np.zeros((len(setting.blocks), floor.size)) for floor in setting.floor]
         self._along = _without_linear(setting, theta, named, nothing)
 
-    def __call__(self, named: Sequence[Named]) -> tuple[tuple[np.ndarray, ...], tuple[np.ndarray, ...]]:
-        departures, used = departures_at(self._setting, self._theta, named, self.plain)
-        return tuple(y + a for y, a in zip(departures, self._along, strict=True)), used
+    def __call__(self, named: Sequence[Named]) -> Departures:
+        found = departures_at(self._setting, self._theta, named, self._plain)
+        return replace(found, y=tuple(y + a for y, a in zip(found.y, self._along, strict=True)))
 
 
-def all_departures(setting: Setting, theta: np.ndarray, named: Sequence[Named]):
+def all_departures(setting: Setting, theta: np.ndarray, named: Sequence[Named]) -> Departures:
     """`departures_at` less what ramps and covariates make."""
     return DeparturesBeside(setting, theta, named)(named)
 

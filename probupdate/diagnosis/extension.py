@@ -301,7 +301,7 @@ def mean_set(setting: Setting, fitted: Fit, *, like: Fit | None = None) -> tuple
         near = float(np.exp(np.trace(references[q].tensor) / k))
         expected = observed(references[q], [(n.effect, n.size) for n in seen])
         A, shift = corrections(n_channel, seen, np.ones(len(seen)), near)
-        size = np.max(np.abs(expected.shape), axis=0)
+        size = expected.size
         parts = mean[n_log:].reshape(2, k, n_channel)
         told = np.linalg.solve(A, expected.shape + (parts[0] + 1j * parts[1]).T * size)
         value, V = np.linalg.eigh(expected.tensor - shift * np.eye(k) + _tensor(mean[:n_log]))

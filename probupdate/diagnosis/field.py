@@ -10,7 +10,7 @@ import numpy as np
 
 from probupdate.diagnosis.blocks import Blocks
 from probupdate.diagnosis.catalogue import Effect
-from probupdate.diagnosis.departures import Reference, fingerprint
+from probupdate.diagnosis.departures import Reference, fingerprint, peak_of
 from probupdate.diagnosis.small_model import LocalModel, Slopes, SmallModel, SmallModes
 from probupdate.errors import InputError
 from probupdate.matching import assign
@@ -67,7 +67,7 @@ class Field:
         left, _, right = np.linalg.svd(own.T @ axes)
         turn = left @ right
         log = np.log(modes.frequency_hz[list(members)])
-        return Reference(tensor=turn.T @ np.diag(log) @ turn, shape=own @ turn), turn
+        return Reference(tensor=turn.T @ np.diag(log) @ turn, shape=own @ turn, peak=peak_of(axes)), turn
 
     def slopes(
         self, local: LocalModel, angles_deg: Sequence[float], slopes: Slopes
@@ -109,7 +109,7 @@ def observed(reference: Reference, effects: Sequence[tuple[Effect, float]]) -> R
         shape, more = effect.observe(shape, frequency, size)
         shift += more
     tensor = reference.tensor + shift * np.eye(len(reference.tensor)) if shift else reference.tensor
-    return Reference(tensor=tensor, shape=shape)
+    return Reference(tensor=tensor, shape=shape, peak=reference.peak)
 
 
 def _frequency_hz(reference: Reference) -> float:

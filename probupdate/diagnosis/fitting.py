@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from probupdate.diagnosis.catalogue import Effect
-from probupdate.diagnosis.expected import all_departures, fingerprints_at, local_at, stated_covariance
+from probupdate.diagnosis.expected import Departures, all_departures, fingerprints_at, local_at, stated_covariance
 from probupdate.diagnosis.linear import Design
 from probupdate.diagnosis.noise import Noise, estimate_noise
 from probupdate.diagnosis.setting import Named, Setting, local_std, prior_shift
@@ -39,7 +39,8 @@ class Fit:
     """theta (n_param of the extended model,), named effects with their sizes, departures per group (n_block,
     n_response) from what they predict (zero where not measured), and the design there. `steps` of the iteration,
     `last_step` in posterior deviations, infinite where it stopped without having settled. `short` (n_named,): how much
-    farther the linear equations would take each size where the fit itself led no farther down, else zero."""
+    farther the linear equations would take each size where the fit itself led no farther down, else zero. `units`: ln
+    of how much larger departures are there than changes of the measured shapes."""
 
     theta: np.ndarray
     named: tuple[Named, ...]
@@ -49,6 +50,7 @@ class Fit:
     steps: int
     last_step: float
     short: np.ndarray
+    units: float
 
     @property
     def settled(self) -> bool:
@@ -162,16 +164,16 @@ def fit(
     step, noise, design, stated = np.inf, None, None, None
     if base is not None:
         noise, design = base.design.noise, base.design
-    departures, used = all_departures(setting, theta, named)
+    here = all_departures(setting, theta, named)
     renewed, leaps, stalled = base is not None, 0, False
     for number in range(MOST_STEPS):
         # far from where the fit ends the noise is not what it is there
         again = not renewed and step < SETTLED
         if (number < WARM and base is None) or again:
-            left = departures if design is None else _left(setting, design, theta, named, departures)
+            left = here.y if design is None else _left(setting, design, theta, named, here.y)
             if number == 0 or again:
                 stated = stated_covariance(setting, theta, named)
-            noise = noise_of(setting, stated, left, used)
+            noise = noise_of(setting, stated, left, here.used)
         if again:
             renewed, step = True, np.inf
         settled = step < SETTLED
@@ -180,7 +182,7 @@ def fit(
             design = design_at(setting, theta, named, noise, None if anew else design)
         else:
             design = replace(design, noise=noise)
-        departures = kept(departures, noise)
+        departures = kept(here.y, noise)
         centred = centred_departures(setting, design, theta, named, departures)
         solved = design.unknowns(centred)
         n_own, n_all = len(updated), design.nuisance_std.size
@@ -190,7 +192,7 @@ def fit(
             if stalled:
                 short[free] = np.abs(solved[n_all : design.n_common] - [named[k].size for k in free])
             return Fit(theta=theta, named=named, departures=departures, centred=centred, design=design, steps=number,
-                       last_step=step, short=short)  # fmt: skip
+                       last_step=step, short=short, units=here.units(noise))  # fmt: skip
         scale = np.array([local_std(setting.prior, i, theta[k]) for i, k in enumerate(updated)])
         move = (prior_shift(setting, theta) + solved[:n_own]) / scale
         change = np.zeros(len(named))
@@ -208,7 +210,8 @@ def fit(
         whole = min(1.0, LONGEST / max(longest, 1e-12))
         for share in whole * 0.5 ** np.arange(HALVINGS):
             trial = _trial(setting, design, theta, named, share * move * scale, share * change, held)
-            if trial.misfit < before:
+            # shapes expected wrongly are projected to shorter ones: the density is that of the measured shapes
+            if trial.misfit - 2 * trial.there.units(noise) < before - 2 * here.units(noise):
                 break
         else:
             if promised <= max(1.0, FLAT_SHARE * before):
@@ -216,7 +219,7 @@ def fit(
                 step, stalled = 0.0, promised > 1.0
                 continue
             if leaps == MOST_LEAPS:
-                return _ended(setting, theta, named, noise, departures, number)
+                return _ended(setting, theta, named, noise, here, number)
             # noise and fingerprints are others farther on: over the hill, as the equations say
             leaps, share = leaps + 1, whole
             trial = _trial(setting, design, theta, named, share * move * scale, share * change, held)
@@ -227,33 +230,34 @@ def fit(
         grown = [abs(trial.named[k].size - named[k].size) for k in free]
         # a step that had to be shortened is not a small one
         step = float(np.max(np.concatenate([moved, grown]) / known, initial=0.0)) * whole / share
-        theta, named, departures, used = trial.theta, trial.named, trial.departures, trial.used
-    return _ended(setting, theta, named, noise, departures, MOST_STEPS)
+        theta, named, here = trial.theta, trial.named, trial.there
+    return _ended(setting, theta, named, noise, here, MOST_STEPS)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class _Trial:
-    """Where a step leads: departures there, which blocks tell, and -2 ln posterior with the design it was made with."""
+    """Where a step leads, and -2 ln posterior in units of the departures, with the design it was made with."""
 
     theta: np.ndarray
     named: tuple[Named, ...]
-    departures: tuple[np.ndarray, ...]
-    used: tuple[np.ndarray, ...]
+    there: Departures
     misfit: float
 
 
 def _trial(setting: Setting, design: Design, theta, named, move: np.ndarray, change: np.ndarray, held) -> _Trial:
     theta, named = _moved(setting, theta, named, move, change)
-    departures, used = all_departures(setting, theta, named)
-    misfit = design.misfit(kept(departures, design.noise), held) + penalty(setting, theta, named)
-    return _Trial(theta=theta, named=named, departures=departures, used=used, misfit=misfit)
+    there = all_departures(setting, theta, named)
+    misfit = design.misfit(kept(there.y, design.noise), held) + penalty(setting, theta, named)
+    return _Trial(theta=theta, named=named, there=there, misfit=misfit)
 
 
-def _ended(setting: Setting, theta: np.ndarray, named: tuple[Named, ...], noise: Noise, departures, number: int) -> Fit:
+def _ended(
+    setting: Setting, theta: np.ndarray, named: tuple[Named, ...], noise: Noise, here: Departures, number: int
+) -> Fit:
     """The fit where it stopped without having settled."""
-    design, departures, centred = linearised(setting, theta, named, noise, departures)
+    design, departures, centred = linearised(setting, theta, named, noise, here.y)
     return Fit(theta=theta, named=named, departures=departures, design=design, steps=number, last_step=np.inf,
-               short=np.zeros(len(named)), centred=centred)  # fmt: skip
+               short=np.zeros(len(named)), centred=centred, units=here.units(noise))  # fmt: skip
 
 
 def linearised(

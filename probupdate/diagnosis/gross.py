@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from probupdate.diagnosis.catalogue import Effect
-from probupdate.diagnosis.expected import DeparturesBeside, log_scale, stated_covariance
+from probupdate.diagnosis.expected import DeparturesBeside, stated_covariance
 from probupdate.diagnosis.fitting import kept, linearised, noise_of
 from probupdate.diagnosis.linear import Design
 from probupdate.diagnosis.noise import Noise
@@ -47,20 +47,19 @@ def tried_whole(setting: Setting, named: Sequence[Named], candidates: np.ndarray
     first. All where the prior expects the parameters, as those of a fit were bent to follow what is wrong."""
     theta = np.array(setting.field.parameters.initial)
     beside = DeparturesBeside(setting, theta, named)
-    departures, used = beside(named)
-    noise = noise_of(setting, stated_covariance(setting, theta, named), departures, used)
-    design, departures, centred = linearised(setting, theta, named, noise, departures)
+    here = beside(named)
+    noise = noise_of(setting, stated_covariance(setting, theta, named), here.y, here.used)
+    design, departures, centred = linearised(setting, theta, named, noise, here.y)
     centre = [y - c for y, c in zip(departures, centred, strict=True)]
-    told = _told(setting, noise, used)
+    told = _told(setting, noise, here.used)
 
     def surprise(tried: Sequence[Named]) -> float:
         """-2 ln posterior, but for a constant, in units of the measured shapes."""
-        left, still = beside(tried)
-        misfit = design.misfit(tuple(y - c for y, c in zip(kept(left, noise), centre, strict=True)), [])
+        left = beside(tried)
+        misfit = design.misfit(tuple(y - c for y, c in zip(kept(left.y, noise), centre, strict=True)), [])
         # a pair that no longer tells its departures is no better explained
-        share = _told(setting, noise, still) / told
-        units = log_scale(setting, theta, tried, noise, beside.plain)
-        return told * np.log(misfit / share) - 2 * units if share else np.inf
+        share = _told(setting, noise, left.used) / told
+        return told * np.log(misfit / share) - 2 * left.units(noise) if share else np.inf
 
     misfit, before = design.misfit(centred, []), surprise(named)
     size, lower = _linear(setting, design, centred)

@@ -31,14 +31,14 @@ def sharpened_again(setting: Setting, fitted: Fit) -> tuple[Named, ...]:
     """The fit's named effects, each step at the time that leaves least, where need be within a block: where another
     effect was still unknown the scores may have been misled."""
     named, beside = list(fitted.named), DeparturesBeside(setting, fitted.theta, fitted.named)
-    held = fitted.design.held(len(setting.updated))
+    held, noise = fitted.design.held(len(setting.updated)), fitted.design.noise
     for i, n in enumerate(named):
         if n.course.kind != "step":
             continue
 
         def left(course: Course, n=n, i=i) -> float:
-            there, _ = beside([*named[:i], replace(n, course=course), *named[i + 1 :]])
-            return fitted.design.misfit(kept(there, fitted.design.noise), held)
+            there = beside([*named[:i], replace(n, course=course), *named[i + 1 :]])
+            return fitted.design.misfit(kept(there.y, noise), held) - 2 * there.units(noise)
 
         # where two leave the same the one that is there
         best = min([n.course, *_between_neighbours(setting, n.course)], key=left)

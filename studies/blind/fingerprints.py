@@ -41,7 +41,7 @@ def main() -> None:
 
     def shift(own, named=()) -> np.ndarray:
         """What lies between a record and the plain one, in deviations."""
-        found, plain = departures_at(own, theta, named)[0], departures_at(setting, theta, ())[0]
+        found, plain = departures_at(own, theta, named).y, departures_at(setting, theta, ()).y
         return np.concatenate([W @ np.mean(b - a, axis=0) for W, a, b in zip(root, plain, found, strict=True)])
 
     rng, shares = np.random.default_rng(3), []

@@ -214,12 +214,12 @@ def test_rivals_are_compared_about_the_same_parameters(prepared, record):
 
     (k3, loose), (k4, other) = candidate("parameter", "k3"), candidate("parameter", "k4")
     fitted = fit(setting, theta, (loose,))
-    own = rival_of(setting, k3, fitted, own_noise=False)
+    own = rival_of(setting, k3, fitted)
     again = replace(own, candidate=k4, log_evidence=own.log_evidence - 15.0)
     first, second = ranked(setting, [own, again])
     assert second.log_evidence == pytest.approx(first.log_evidence, abs=1e-6)
     # a real rival stays behind by what it leaves
-    worse = rival_of(setting, k4, fit(setting, theta, (other,), base=fitted), own_noise=False)
+    worse = rival_of(setting, k4, fit(setting, theta, (other,), base=fitted))
     near = replace(worse, log_evidence=own.log_evidence - 1.0)
     assert ranked(setting, [own, near])[1].log_evidence < own.log_evidence - 10
 
@@ -233,7 +233,7 @@ def test_what_a_stalled_fit_only_promises_is_no_evidence(prepared, record):
     (std,) = np.sqrt(np.diag(fitted.design.unknowns_cov([fitted.design.nuisance_std.size])))
     short = (replace(fitted.named[0], size=fitted.named[0].size + 5 * std),)
     design, departures, centred = linearised(
-        setting, fitted.theta, short, fitted.design.noise, all_departures(setting, fitted.theta, short)[0])
+        setting, fitted.theta, short, fitted.design.noise, all_departures(setting, fitted.theta, short).y)
     stalled = replace(fitted, named=short, departures=departures, design=design, centred=centred)
     # five deviations of the size, whatever the parameters make up for; a fifth for what is not linear
     assert at_rest >= 0 and only_promised(setting, stalled) - at_rest > 0.8 * 0.5 * 5**2
