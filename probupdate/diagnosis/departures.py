@@ -101,7 +101,8 @@ def departure(frequency_hz: np.ndarray, shape: np.ndarray, reference: Reference)
 
 
 def log_scales(shape: np.ndarray, reference: Reference) -> np.ndarray:
-    """ln |d departure / d shape| of each block (n,) for shapes (n, n_channel, k), per real number of one channel."""
+    """ln |d departure / d shape| of each block (n,) for shapes (n, n_channel, k), of each of the 2 (n_channel - k) real
+    numbers that a shape has outside the plane."""
     onto = _inverse(shape) @ reference.shape
     return np.log(np.abs(np.linalg.det(onto))) - np.sum(np.log(reference.size), axis=-1)
 

@@ -25,20 +25,20 @@ NODE_DEG = 10.0
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Departures:
     """Of all blocks from what is expected, per group: y (n_block, n_response), zero where nothing is told; used
-    (n_block,), which blocks tell; log_scale (n_block,), ln |dy / d shape| of each real number of a shape, zero where
-    nothing is told."""
+    (n_block,), which blocks tell; log_scale (n_block,), ln |dy / d shape| of each real number of the shapes outside the
+    group's plane, zero where nothing is told; n_outside, how many such numbers a shape has."""
 
     y: tuple[np.ndarray, ...]
     used: tuple[np.ndarray, ...]
     log_scale: tuple[np.ndarray, ...]
-    n_channel: int
+    n_outside: tuple[int, ...]
 
     def units(self, noise: Noise) -> float:
         """ln of how much larger departures are than changes of the measured shapes, over all that counts: what a
         density of departures is multiplied by to be one of the measured shapes. A shape that is expected wrongly is
         projected to a shorter one, and its scatter with it, which by itself would look like a better fit."""
-        return 2 * self.n_channel * sum(float(s[w > 0].sum()) for s, w in
-                                        zip(self.log_scale, noise.weight, strict=True))  # fmt: skip
+        return sum(n * float(s[w > 0].sum()) for n, s, w in
+                   zip(self.n_outside, self.log_scale, noise.weight, strict=True))  # fmt: skip
 
 
 def departures_at(
@@ -60,7 +60,8 @@ def departures_at(
             result[q][rows] = np.where(independent[:, None], y, 0.0)
             used[q][rows] &= independent
             scale[q][rows[independent]] = log_scales(shape[independent], _of_blocks(own, independent))
-    return Departures(y=tuple(result), used=tuple(used), log_scale=tuple(scale), n_channel=n_channel)
+    return Departures(y=tuple(result), used=tuple(used), log_scale=tuple(scale),
+                      n_outside=tuple(2 * (n_channel - len(g)) for g in blocks.groups))  # fmt: skip
 
 
 class PlainReferences:
