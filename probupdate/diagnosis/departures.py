@@ -1,9 +1,10 @@
-"""Departures of measured modes from a reference: frequencies, the tensor of a close pair, aligned complex shapes.
+"""Numbers of modes, measured or expected: frequencies, the tensor of a close pair, aligned complex shapes.
 
-A single mode gives ln f and its shape, scaled by one complex number to the reference. A close pair gives the tensor
-R diag(ln f) R^T in the reference's fixed axes (it is smooth where the two frequencies meet, the single modes are not)
-and its two shapes combined linearly to the reference's plane. Shape components are shares of each reference shape's
-largest one (Reference.size); real parts first, then imaginary parts.
+A single mode gives ln f and its shape, scaled by one complex number. A close pair gives the tensor R diag(ln f) R^T in
+fixed axes (it is smooth where the two frequencies meet, the single modes are not) and its two shapes combined linearly.
+Shapes are told from fixed shapes of the group's own, its axes: S (A^+ S)^-1 - A is what lies outside their plane, as
+shares of each axis's largest component, real parts first, then imaginary parts. A departure is the difference of
+measured and expected numbers, so that neither rescales the other's scatter.
 """
 
 from __future__ import annotations
@@ -22,25 +23,10 @@ INDEPENDENCE = 0.5
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Reference:
     """Expected modes of one group: tensor (k, k) of ln f in the axes of `shape` (n_channel, k), possibly complex; of n
-    blocks with n in front. `peak` (k,): largest component over length that the group's shapes are taken to have, None
-    for this shape's own."""
+    blocks with n in front."""
 
     tensor: np.ndarray
     shape: np.ndarray
-    peak: np.ndarray | None = None
-
-    @property
-    def size(self) -> np.ndarray:
-        """(k,) what departures of the shape are shares of: its largest component, at a fixed ratio to its length. The
-        component itself changes with the parameters by some per cent of the others, and all scatter would with it."""
-        if self.peak is None:
-            return np.max(np.abs(self.shape), axis=-2)
-        return self.peak * np.linalg.norm(self.shape, axis=-2)
-
-
-def peak_of(shape: np.ndarray) -> np.ndarray:
-    """(k,) largest component over length of shapes (n_channel, k)."""
-    return np.max(np.abs(shape), axis=0) / np.linalg.norm(shape, axis=0)
 
 
 def n_response(k: int, n_channel: int) -> int:
@@ -63,63 +49,77 @@ def tensor_numbers(tensor: np.ndarray) -> np.ndarray:
 
 
 def _stack(tensor: np.ndarray, shape: np.ndarray, size: np.ndarray) -> np.ndarray:
-    """tensor (..., k, k) and complex shape departures (..., n_channel, k) over the largest components (k,)."""
+    """tensor (..., k, k) and complex shape parts (..., n_channel, k) over the largest components (k,)."""
     scaled = np.swapaxes(shape / size, -1, -2)
     flat = scaled.reshape(*scaled.shape[:-2], -1)
     return np.concatenate([tensor_numbers(tensor), flat.real, flat.imag], axis=-1)
 
 
 def _inverse(shape: np.ndarray) -> np.ndarray:
-    """Pseudo-inverse (..., k, n_channel) of (..., n_channel, k) with columns far from alike."""
-    own = np.swapaxes(shape, -1, -2).conj()
-    return np.linalg.solve(own @ shape, own)
+    """Pseudo-inverse (k, n_channel) of (n_channel, k) with columns far from alike."""
+    return np.linalg.solve(shape.T.conj() @ shape, shape.T.conj())
 
 
-def departure(frequency_hz: np.ndarray, shape: np.ndarray, reference: Reference) -> tuple[np.ndarray, np.ndarray]:
-    """Of n blocks, frequency_hz (n, k) and complex shape (n, n_channel, k) -> (n, n_response) and independent (n,)
-    bool: False where the pair's shapes are too alike. One reference for all blocks, or one each."""
+def numbers_of_modes(frequency_hz: np.ndarray, shape: np.ndarray, axes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Of n blocks, frequency_hz (n, k) and complex shape (n, n_channel, k) with the group's axes (n_channel, k) -> (n,
+    n_response) and independent (n,) bool: False where the pair's shapes are too alike to tell anything, zero there."""
     k = frequency_hz.shape[1]
-    target = reference.shape
-    size = reference.size[..., None, :]
-    in_plane = _inverse(target) @ shape
+    in_plane = _inverse(axes) @ shape
     log = np.log(frequency_hz)
     independent = np.ones(len(shape), bool)
     if k == 1:
         tensor = log[:, :, None]
     else:
-        # each measured shape's direction in the plane, along its own main phase
+        # each shape's direction in the plane, along its own main phase
         turned = in_plane * np.exp(-0.5j * np.angle(np.sum(in_plane**2, axis=1)))[:, None, :]
-        axes = turned.real / np.linalg.norm(turned.real, axis=1, keepdims=True)
-        left, singular, right = np.linalg.svd(axes)
+        directions = turned.real / np.linalg.norm(turned.real, axis=1, keepdims=True)
+        left, singular, right = np.linalg.svd(directions)
         independent = singular[:, -1] > INDEPENDENCE
         turn = left @ right
         tensor = np.einsum("nik,nk,njk->nij", turn, log, turn)
     # what is not told is not looked at; it may have no inverse
-    shape = np.where(independent[:, None, None], shape, target)
-    projected = shape @ (_inverse(shape) @ target)
-    return _stack(tensor - reference.tensor, projected - target, size), independent
+    in_plane = np.where(independent[:, None, None], in_plane, np.eye(k))
+    aligned = np.swapaxes(np.linalg.solve(np.swapaxes(in_plane, 1, 2), np.swapaxes(shape, 1, 2)), 1, 2)
+    result = _stack(tensor, aligned - axes, np.max(np.abs(axes), axis=0))
+    return np.where(independent[:, None], result, 0.0), independent
 
 
-def log_scales(shape: np.ndarray, reference: Reference) -> np.ndarray:
-    """ln |d departure / d shape| of each block (n,) for shapes (n, n_channel, k), of each of the 2 (n_channel - k) real
-    numbers that a shape has outside the plane."""
-    onto = _inverse(shape) @ reference.shape
-    return np.log(np.abs(np.linalg.det(onto))) - np.sum(np.log(reference.size), axis=-1)
+def numbers_of(reference: Reference, axes: np.ndarray) -> np.ndarray:
+    """(n, n_response) of n blocks' expected modes."""
+    value, turn = np.linalg.eigh(reference.tensor)
+    return numbers_of_modes(np.exp(value), reference.shape @ turn, axes)[0]
 
 
-def tensor_turning(target: np.ndarray, change: np.ndarray, tensor: np.ndarray) -> np.ndarray:
-    """How the axes that sensors see turn with a shape change (n_channel, k, n) shifts the tensor -> (k, k, n)."""
-    if target.shape[1] == 1:
-        return np.zeros((1, 1, change.shape[2]))
-    seen = np.einsum("kc,cjn->kjn", np.linalg.pinv(target), change).real
-    spin = 0.5 * (seen - seen.transpose(1, 0, 2))
-    return np.einsum("ijn,jk->ikn", spin, tensor) - np.einsum("ij,jkn->ikn", tensor, spin)
+def modes_with(numbers: np.ndarray, axes: np.ndarray) -> Reference:
+    """The inverse, of one block's numbers (n_response,)."""
+    k = axes.shape[1]
+    n_log = 1 if k == 1 else 3
+    tensor = np.array([[numbers[0]]]) if k == 1 else np.array(
+        [[numbers[0], np.sqrt(0.5) * numbers[2]], [np.sqrt(0.5) * numbers[2], numbers[1]]])
+    real, imaginary = np.split(numbers[n_log:], 2)
+    size = np.max(np.abs(axes), axis=0)
+    return Reference(tensor=tensor, shape=axes + (real + 1j * imaginary).reshape(k, -1).T * size)
 
 
-def fingerprint(reference: Reference, tensor_change: np.ndarray, shape_change: np.ndarray) -> np.ndarray:
-    """First-order departure (n_response, n) for changes of the tensor (k, k, n) in the reference's axes and of the
-    shapes (n_channel, k, n), both without regard to what the alignment takes away."""
-    target = reference.shape
-    tensor = tensor_change + tensor_turning(target, shape_change, reference.tensor)
-    outside = shape_change - np.tensordot(target @ np.linalg.pinv(target), shape_change, 1)
-    return frozen_array(_stack(tensor.transpose(2, 0, 1), outside.transpose(2, 0, 1), reference.size).T)
+def fingerprint(
+    reference: Reference, tensor_change: np.ndarray, shape_change: np.ndarray, axes: np.ndarray
+) -> np.ndarray:
+    """First-order change of the numbers (n_response, n) with changes of the tensor (k, k, n) in the reference's own
+    axes and of its shapes (n_channel, k, n), both without regard to what the alignment takes away."""
+    onto = _inverse(axes)
+    in_plane = onto @ reference.shape
+    back = np.linalg.inv(in_plane)
+    turning = np.einsum("kc,cjn,ji->kin", onto, shape_change, back)
+    aligned = np.einsum("cjn,ji->cin", shape_change, back)
+    outside = aligned - np.einsum("cj,jin->cin", reference.shape @ back, turning)
+    if in_plane.shape[0] == 1:
+        tensor = tensor_change
+    else:
+        left, _, right = np.linalg.svd(in_plane.real / np.linalg.norm(in_plane.real, axis=0))
+        turn = left @ right
+        spin = 0.5 * (turning - turning.transpose(1, 0, 2)).real
+        here = turn @ reference.tensor @ turn.T
+        tensor = np.einsum("ia,abn,jb->ijn", turn, tensor_change, turn)
+        tensor = tensor + np.einsum("ijn,jk->ikn", spin, here) - np.einsum("ij,jkn->ikn", here, spin)
+    size = np.max(np.abs(axes), axis=0)
+    return frozen_array(_stack(tensor.transpose(2, 0, 1), outside.transpose(2, 0, 1), size).T)

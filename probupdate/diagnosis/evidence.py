@@ -137,17 +137,15 @@ def length_std(setting: Setting, fitted: Fit, named: Named) -> float:
 
 
 def log_evidence(setting: Setting, fitted: Fit) -> float:
-    """ln p(blocks | model with the named effects) by Laplace's method, in units of the measured shapes, but for a
-    constant of the record."""
-    return over_doubts(fitted.design, lambda design: _evidence_at(setting, fitted, design)) + fitted.units
+    """ln p(blocks | model with the named effects) by Laplace's method, but for a constant of the record."""
+    return over_doubts(fitted.design, lambda design: _evidence_at(setting, fitted, design))
 
 
 def marginal_evidence(setting: Setting, theta: np.ndarray, named: Sequence[Named], noise: Noise) -> float:
-    """ln p(blocks | named effects near their sizes) with all parameters to first order about theta, in units of the
-    measured shapes, but for a constant of record and noise."""
-    there = all_departures(setting, theta, named)
-    design, _, centred = linearised(setting, theta, named, noise, there.y)
-    return over_doubts(design, lambda design: linear_evidence(design, centred)) + there.units(noise)
+    """ln p(blocks | named effects near their sizes) with all parameters to first order about theta, but for a constant
+    of record and noise."""
+    design, _, centred = linearised(setting, theta, named, noise, all_departures(setting, theta, named))
+    return over_doubts(design, lambda design: linear_evidence(design, centred))
 
 
 def _evidence_at(setting: Setting, fitted: Fit, design: Design) -> float:

@@ -7,14 +7,12 @@ covariates enter through their fingerprint.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
 
 import numpy as np
 
 from probupdate.diagnosis.catalogue import Effect
-from probupdate.diagnosis.departures import Reference, departure, log_scales, n_response
+from probupdate.diagnosis.departures import Reference, numbers_of
 from probupdate.diagnosis.field import Field, effect_fingerprints, observed
-from probupdate.diagnosis.noise import Noise, factored
 from probupdate.diagnosis.setting import Named, Setting
 from probupdate.diagnosis.small_model import LocalModel
 
@@ -22,46 +20,14 @@ from probupdate.diagnosis.small_model import LocalModel
 NODE_DEG = 10.0
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Departures:
-    """Of all blocks from what is expected, per group: y (n_block, n_response), zero where nothing is told; used
-    (n_block,), which blocks tell; log_scale (n_block,), ln |dy / d shape| of each real number of the shapes outside the
-    group's plane, zero where nothing is told; n_outside, how many such numbers a shape has."""
-
-    y: tuple[np.ndarray, ...]
-    used: tuple[np.ndarray, ...]
-    log_scale: tuple[np.ndarray, ...]
-    n_outside: tuple[int, ...]
-
-    def units(self, noise: Noise) -> float:
-        """ln of how much larger departures are than changes of the measured shapes, over all that counts: what a
-        density of departures is multiplied by to be one of the measured shapes. A shape that is expected wrongly is
-        projected to a shorter one, and its scatter with it, which by itself would look like a better fit."""
-        return sum(n * float(s[w > 0].sum()) for n, s, w in
-                   zip(self.n_outside, self.log_scale, noise.weight, strict=True))  # fmt: skip
-
-
 def departures_at(
     setting: Setting, theta: np.ndarray, named: Sequence[Named], plain: PlainReferences | None = None
-) -> Departures:
-    """Departures from the model with constants and steps in it. `plain`: what the model was asked for before, kept
-    between calls."""
-    blocks = setting.blocks
-    n_channel = len(blocks.channels)
-    result = [np.zeros((len(blocks), n_response(len(g), n_channel))) for g in blocks.groups]
-    used = [np.array(blocks.present[:, q]) for q in range(len(blocks.groups))]
-    scale = [np.zeros(len(blocks)) for _ in blocks.groups]
+) -> tuple[np.ndarray, ...]:
+    """Per group departures (n_block, n_response) of the measured numbers from the model's with constants and steps in
+    it, zero where nothing is told. `plain`: what the model was asked for before, kept between calls."""
     expected = _expected(setting, theta, named, plain or PlainReferences(setting.field))
-    for q, (group, reference) in enumerate(zip(blocks.groups, expected, strict=True)):
-        rows, members = np.flatnonzero(blocks.present[:, q]), list(group)
-        if len(rows):
-            shape, own = blocks.shape[rows][:, :, members], _of_blocks(reference, rows)
-            y, independent = departure(blocks.frequency_hz[rows][:, members], shape, own)
-            result[q][rows] = np.where(independent[:, None], y, 0.0)
-            used[q][rows] &= independent
-            scale[q][rows[independent]] = log_scales(shape[independent], _of_blocks(own, independent))
-    return Departures(y=tuple(result), used=tuple(used), log_scale=tuple(scale),
-                      n_outside=tuple(2 * (n_channel - len(g)) for g in blocks.groups))  # fmt: skip
+    return tuple(np.where(used[:, None], y - there, 0.0) for y, used, there in
+                 zip(*setting.measured, expected, strict=True))  # fmt: skip
 
 
 class PlainReferences:
@@ -81,8 +47,8 @@ class PlainReferences:
 
 def _expected(
     setting: Setting, theta: np.ndarray, named: Sequence[Named], plain: PlainReferences
-) -> list[Reference]:
-    """What each group's modes are in every block, as the sensors see them."""
+) -> list[np.ndarray]:
+    """Per group the numbers of the expected modes in every block (n_block, n_response), as the sensors see them."""
     exact = [n for n in named if n.exact]
     levels = np.column_stack([*(n.course.value for n in exact), setting.angles])
     found, place = np.unique(levels, axis=0, return_inverse=True)
@@ -91,13 +57,12 @@ def _expected(
     for level in found:
         moved, seen = _state(setting.field, theta, exact, level[:-1])
         seen_there.append([observed(r, seen) for r in plain(moved, level[-1])])
-    return [Reference(tensor=np.array([r[q].tensor for r in seen_there])[place],
-                      shape=np.array([r[q].shape for r in seen_there])[place], peak=seen_there[0][q].peak)
-            for q in range(len(setting.blocks.groups))]  # fmt: skip
-
-
-def _of_blocks(reference: Reference, rows: np.ndarray) -> Reference:
-    return Reference(tensor=reference.tensor[rows], shape=reference.shape[rows], peak=reference.peak)
+    result = []
+    for q, axes in enumerate(setting.field.own):
+        own = Reference(tensor=np.array([r[q].tensor for r in seen_there]),
+                        shape=np.array([r[q].shape for r in seen_there]))  # fmt: skip
+        result.append(numbers_of(own, axes)[place])
+    return result
 
 
 def local_at(
@@ -135,8 +100,8 @@ def fingerprints_at(
     slopes = local.slopes([field.parameters.names.index(name) for name in names])
     table: list[dict[int, np.ndarray]] = [{} for _ in field.axes]
     for node, found in zip(needed, field.slopes(local, needed * NODE_DEG, slopes), strict=True):
-        for rows, (reference, tensor, shape) in zip(table, found, strict=True):
-            rows[node] = effect_fingerprints(effects, names, reference, tensor, shape, seen)
+        for rows, axes, (reference, tensor, shape) in zip(table, field.own, found, strict=True):
+            rows[node] = effect_fingerprints(effects, names, reference, tensor, shape, axes, seen)
     result = []
     for rows in table:
         low = np.array([rows[k % n_node] for k in before])
@@ -154,12 +119,12 @@ class DeparturesBeside:
         nothing = [np.zeros((len(setting.blocks), floor.size)) for floor in setting.floor]
         self._along = _without_linear(setting, theta, named, nothing)
 
-    def __call__(self, named: Sequence[Named]) -> Departures:
+    def __call__(self, named: Sequence[Named]) -> tuple[np.ndarray, ...]:
         found = departures_at(self._setting, self._theta, named, self._plain)
-        return replace(found, y=tuple(y + a for y, a in zip(found.y, self._along, strict=True)))
+        return tuple(y + a for y, a in zip(found, self._along, strict=True))
 
 
-def all_departures(setting: Setting, theta: np.ndarray, named: Sequence[Named]) -> Departures:
+def all_departures(setting: Setting, theta: np.ndarray, named: Sequence[Named]) -> tuple[np.ndarray, ...]:
     """`departures_at` less what ramps and covariates make."""
     return DeparturesBeside(setting, theta, named)(named)
 
@@ -178,41 +143,3 @@ def _without_linear(setting, theta, named, departures):
         for k, n in enumerate(linear):
             y -= n.size * n.course.value[:, None] * made[bin_of][:, :, k]
     return tuple(result)
-
-
-def stated_covariance(
-    setting: Setting, theta: np.ndarray, named: Sequence[Named] = ()
-) -> list[np.ndarray | None]:
-    """Per group the mean over blocks of what the identification says its responses' covariance is, None without;
-    named effects at their mean."""
-    blocks = setting.blocks
-    known = [k for k, d in enumerate(blocks.deviations) if d is not None]
-    if len(known) < len(blocks) / 2:
-        return [None] * len(blocks.groups)
-    exact = [n for n in named if n.exact]
-    local, seen = local_at(setting.field, theta, exact, [float(np.mean(n.course.value)) for n in exact])
-    centres, bin_of = setting.bins
-    references = [[observed(r, seen) for r in setting.field.references(local, angle)] for angle in centres]
-    result = []
-    for q, group in enumerate(blocks.groups):
-        members, rows, number = list(group), [], 0
-        for k in known:
-            d, weight = blocks.deviations[k], blocks.relative_std[k, q] ** -2.0
-            ln_f, shape = d.ln_frequency[members], d.shape[:, members]
-            if not blocks.present[k, q] or not (np.all(np.isfinite(ln_f)) and np.all(np.isfinite(shape))):
-                continue
-            sizes = np.max(np.abs(shape), axis=(0, 1))
-            h = 1e-4 / max(float(np.max(np.abs(ln_f))), float(np.max(sizes)), 1e-12)
-            sides = [
-                departure(blocks.frequency_hz[k, members] * np.exp(s * h * ln_f.T),
-                          blocks.shape[k][:, members] + s * h * shape.transpose(2, 0, 1), references[bin_of[k]][q])
-                for s in (1, -1)
-            ]  # fmt: skip
-            if sides[0][1].all() and sides[1][1].all():
-                columns = (sides[0][0] - sides[1][0]) / (2 * h)
-                rows.append(np.sqrt(weight) * columns)
-                number += 1
-        # each block's deviations come from few parts of it
-        told = factored(np.concatenate(rows)) * sum(map(len, rows)) / number if number >= len(blocks) / 3 else None
-        result.append(told)
-    return result

@@ -16,6 +16,7 @@ from pathlib import Path
 
 import numpy as np
 
+from probupdate.diagnosis.departures import Reference, modes_with, numbers_of
 from probupdate.diagnosis.diagnose import Outcome
 from probupdate.diagnosis.evidence import sizes_std
 from probupdate.diagnosis.expected import local_at
@@ -301,10 +302,11 @@ def mean_set(setting: Setting, fitted: Fit, *, like: Fit | None = None) -> tuple
         near = float(np.exp(np.trace(references[q].tensor) / k))
         expected = observed(references[q], [(n.effect, n.size) for n in seen])
         A, shift = corrections(n_channel, seen, np.ones(len(seen)), near)
-        size = expected.size
-        parts = mean[n_log:].reshape(2, k, n_channel)
-        told = np.linalg.solve(A, expected.shape + (parts[0] + 1j * parts[1]).T * size)
-        value, V = np.linalg.eigh(expected.tensor - shift * np.eye(k) + _tensor(mean[:n_log]))
+        axes = setting.field.own[q]
+        there = Reference(tensor=expected.tensor[None], shape=expected.shape[None])
+        measured = modes_with(numbers_of(there, axes)[0] + mean, axes)
+        told, size = np.linalg.solve(A, measured.shape), np.max(np.abs(axes), axis=0)
+        value, V = np.linalg.eigh(measured.tensor - shift * np.eye(k))
         slope = V.T**2 if k == 1 else np.column_stack([V[0] ** 2, V[1] ** 2, np.sqrt(2) * V[0] * V[1]])
         frequency[members] = np.exp(value)
         frequency_std[members] = np.exp(value) * np.sqrt(
@@ -317,13 +319,6 @@ def mean_set(setting: Setting, fitted: Fit, *, like: Fit | None = None) -> tuple
         frequency_hz=frequency, shape=shape, damping_ratio=np.full(n_mode, np.nan), frequency_std_hz=frequency_std,
         shape_std=std, environment={"nacelle_angle_deg": float((centres[usual] + 180.0) % 360.0 - 180.0)},
     ), int(chosen.sum())  # fmt: skip
-
-
-def _tensor(numbers: np.ndarray) -> np.ndarray:
-    if numbers.size == 1:
-        return numbers[:, None]
-    a, b, c = numbers[0], numbers[1], numbers[2] / np.sqrt(2)
-    return np.array([[a, c], [c, b]])
 
 
 # What it tells -----------------------------------------------------------------------------------------------------

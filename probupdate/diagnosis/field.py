@@ -10,7 +10,7 @@ import numpy as np
 
 from probupdate.diagnosis.blocks import Blocks
 from probupdate.diagnosis.catalogue import Effect
-from probupdate.diagnosis.departures import Reference, fingerprint, peak_of
+from probupdate.diagnosis.departures import Reference, fingerprint
 from probupdate.diagnosis.small_model import LocalModel, Slopes, SmallModel, SmallModes
 from probupdate.errors import InputError
 from probupdate.matching import assign
@@ -23,13 +23,15 @@ CLOSENESS = 0.2
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Field:
     """rows of the model's channels that were measured; groups with their measured planes (n_channel, k) and ln f;
-    axes (n_channel, k) of each group, which all references share."""
+    axes (n_channel, k) of each group, which all references share, and `own` (n_channel, k), shapes of the measured
+    plane along these, from which all are told."""
 
     small: SmallModel
     rows: np.ndarray
     planes: tuple[np.ndarray, ...]
     log_frequency: tuple[np.ndarray, ...]
     axes: tuple[np.ndarray, ...]
+    own: tuple[np.ndarray, ...]
 
     @property
     def parameters(self):
@@ -67,7 +69,7 @@ class Field:
         left, _, right = np.linalg.svd(own.T @ axes)
         turn = left @ right
         log = np.log(modes.frequency_hz[list(members)])
-        return Reference(tensor=turn.T @ np.diag(log) @ turn, shape=own @ turn, peak=peak_of(axes)), turn
+        return Reference(tensor=turn.T @ np.diag(log) @ turn, shape=own @ turn), turn
 
     def slopes(
         self, local: LocalModel, angles_deg: Sequence[float], slopes: Slopes
@@ -109,7 +111,7 @@ def observed(reference: Reference, effects: Sequence[tuple[Effect, float]]) -> R
         shape, more = effect.observe(shape, frequency, size)
         shift += more
     tensor = reference.tensor + shift * np.eye(len(reference.tensor)) if shift else reference.tensor
-    return Reference(tensor=tensor, shape=shape, peak=reference.peak)
+    return Reference(tensor=tensor, shape=shape)
 
 
 def _frequency_hz(reference: Reference) -> float:
@@ -118,11 +120,12 @@ def _frequency_hz(reference: Reference) -> float:
 
 def effect_fingerprints(
     effects: Sequence[Effect], names: tuple[str, ...], reference: Reference, tensor: np.ndarray, shape: np.ndarray,
-    seen: Sequence[tuple[Effect, float]] = (),
+    axes: np.ndarray, seen: Sequence[tuple[Effect, float]] = (),
 ) -> np.ndarray:
-    """Departure per unit size of every effect (n_response, n_effect) for one group at one angle, where the sensors have
-    the effects `seen` already, with their sizes: of these the size changes, any other is one more. tensor (k, k,
-    n_param) and shape (n_channel, k, n_param) are the changes of the plain reference with the parameters `names`."""
+    """Departure per unit size of every effect (n_response, n_effect) for one group, told from `axes` (n_channel, k), at
+    one angle, where the sensors have the effects `seen` already, with their sizes: of these the size changes, any other
+    is one more. tensor (k, k, n_param) and shape (n_channel, k, n_param) are the changes of the plain reference with
+    the parameters `names`."""
     amounts = _increments(tuple(effects), names)
     d_tensor, d_shape = tensor @ amounts, (_seen_change(reference, shape, seen) @ amounts).astype(complex)
     for j, effect in enumerate(effects):
@@ -136,7 +139,7 @@ def effect_fingerprints(
         )
         d_tensor[:, :, j] = (up.tensor - down.tensor) / (2 * h)
         d_shape[:, :, j] = (up.shape - down.shape) / (2 * h)
-    return fingerprint(observed(reference, seen), d_tensor, d_shape)
+    return fingerprint(observed(reference, seen), d_tensor, d_shape, axes)
 
 
 def _seen_change(reference: Reference, shape: np.ndarray, seen: Sequence[tuple[Effect, float]]) -> np.ndarray:
@@ -173,8 +176,16 @@ def build_field(small: SmallModel, blocks: Blocks, theta: np.ndarray) -> Field:
         projector = np.einsum("nck,ndk->cd", basis, basis.conj()).real
         planes.append(np.linalg.eigh(projector)[1][:, -len(members):])
         logs.append(np.median(np.log(blocks.frequency_hz[there][:, members]), axis=0))
-    start = Field(small=small, rows=rows, planes=tuple(planes), log_frequency=tuple(logs), axes=())
+    start = Field(small=small, rows=rows, planes=tuple(planes), log_frequency=tuple(logs), axes=(), own=())
     local = small.at(theta)
     shape, groups = start._members(local, local.solve())
     axes = tuple(frozen_array(shape[:, list(members)]) for members in groups)
-    return Field(small=small, rows=rows, planes=tuple(planes), log_frequency=tuple(logs), axes=axes)
+    own = tuple(_along(plane, there) for plane, there in zip(planes, axes, strict=True))
+    return Field(small=small, rows=rows, planes=tuple(planes), log_frequency=tuple(logs), axes=axes, own=own)
+
+
+def _along(plane: np.ndarray, axes: np.ndarray) -> np.ndarray:
+    """Shapes (n_channel, k) of an orthonormal plane along the axes, as far as it allows, largest component 1."""
+    left, _, right = np.linalg.svd(plane.T @ (axes / np.linalg.norm(axes, axis=0)))
+    turned = plane @ (left @ right)
+    return frozen_array(turned / np.max(np.abs(turned), axis=0))

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from probupdate.diagnosis.catalogue import Effect
-from probupdate.diagnosis.expected import Departures, all_departures, fingerprints_at, local_at, stated_covariance
+from probupdate.diagnosis.expected import all_departures, fingerprints_at, local_at
 from probupdate.diagnosis.linear import Design
 from probupdate.diagnosis.noise import Noise, estimate_noise
 from probupdate.diagnosis.setting import Named, Setting, local_std, prior_shift
@@ -39,8 +39,7 @@ class Fit:
     """theta (n_param of the extended model,), named effects with their sizes, departures per group (n_block,
     n_response) from what they predict (zero where not measured), and the design there. `steps` of the iteration,
     `last_step` in posterior deviations, infinite where it stopped without having settled. `short` (n_named,): how much
-    farther the linear equations would take each size where the fit itself led no farther down, else zero. `units`: ln
-    of how much larger departures are there than changes of the measured shapes."""
+    farther the linear equations would take each size where the fit itself led no farther down, else zero."""
 
     theta: np.ndarray
     named: tuple[Named, ...]
@@ -50,7 +49,6 @@ class Fit:
     steps: int
     last_step: float
     short: np.ndarray
-    units: float
 
     @property
     def settled(self) -> bool:
@@ -161,7 +159,7 @@ def fit(
     """
     theta, named = np.array(theta, float), tuple(named)
     updated = list(setting.updated)
-    step, noise, design, stated = np.inf, None, None, None
+    step, noise, design = np.inf, None, None
     if base is not None:
         noise, design = base.design.noise, base.design
     here = all_departures(setting, theta, named)
@@ -170,10 +168,7 @@ def fit(
         # far from where the fit ends the noise is not what it is there
         again = not renewed and step < SETTLED
         if (number < WARM and base is None) or again:
-            left = here.y if design is None else _left(setting, design, theta, named, here.y)
-            if number == 0 or again:
-                stated = stated_covariance(setting, theta, named)
-            noise = noise_of(setting, stated, left, here.used)
+            noise = noise_of(setting, here if design is None else _left(setting, design, theta, named, here))
         if again:
             renewed, step = True, np.inf
         settled = step < SETTLED
@@ -182,7 +177,7 @@ def fit(
             design = design_at(setting, theta, named, noise, None if anew else design)
         else:
             design = replace(design, noise=noise)
-        departures = kept(here.y, noise)
+        departures = kept(here, noise)
         centred = centred_departures(setting, design, theta, named, departures)
         solved = design.unknowns(centred)
         n_own, n_all = len(updated), design.nuisance_std.size
@@ -192,7 +187,7 @@ def fit(
             if stalled:
                 short[free] = np.abs(solved[n_all : design.n_common] - [named[k].size for k in free])
             return Fit(theta=theta, named=named, departures=departures, centred=centred, design=design, steps=number,
-                       last_step=step, short=short, units=here.units(noise))  # fmt: skip
+                       last_step=step, short=short)  # fmt: skip
         scale = np.array([local_std(setting.prior, i, theta[k]) for i, k in enumerate(updated)])
         move = (prior_shift(setting, theta) + solved[:n_own]) / scale
         change = np.zeros(len(named))
@@ -210,8 +205,7 @@ def fit(
         whole = min(1.0, LONGEST / max(longest, 1e-12))
         for share in whole * 0.5 ** np.arange(HALVINGS):
             trial = _trial(setting, design, theta, named, share * move * scale, share * change, held)
-            # shapes expected wrongly are projected to shorter ones: the density is that of the measured shapes
-            if trial.misfit - 2 * trial.there.units(noise) < before - 2 * here.units(noise):
+            if trial.misfit < before:
                 break
         else:
             if promised <= max(1.0, FLAT_SHARE * before):
@@ -236,28 +230,28 @@ def fit(
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class _Trial:
-    """Where a step leads, and -2 ln posterior in units of the departures, with the design it was made with."""
+    """Where a step leads, departures there, and -2 ln posterior with the design it was made with."""
 
     theta: np.ndarray
     named: tuple[Named, ...]
-    there: Departures
+    there: tuple[np.ndarray, ...]
     misfit: float
 
 
 def _trial(setting: Setting, design: Design, theta, named, move: np.ndarray, change: np.ndarray, held) -> _Trial:
     theta, named = _moved(setting, theta, named, move, change)
     there = all_departures(setting, theta, named)
-    misfit = design.misfit(kept(there.y, design.noise), held) + penalty(setting, theta, named)
+    misfit = design.misfit(kept(there, design.noise), held) + penalty(setting, theta, named)
     return _Trial(theta=theta, named=named, there=there, misfit=misfit)
 
 
 def _ended(
-    setting: Setting, theta: np.ndarray, named: tuple[Named, ...], noise: Noise, here: Departures, number: int
+    setting: Setting, theta: np.ndarray, named: tuple[Named, ...], noise: Noise, here: Sequence[np.ndarray], number: int
 ) -> Fit:
     """The fit where it stopped without having settled."""
-    design, departures, centred = linearised(setting, theta, named, noise, here.y)
+    design, departures, centred = linearised(setting, theta, named, noise, here)
     return Fit(theta=theta, named=named, departures=departures, design=design, steps=number, last_step=np.inf,
-               short=np.zeros(len(named)), centred=centred, units=here.units(noise))  # fmt: skip
+               short=np.zeros(len(named)), centred=centred)  # fmt: skip
 
 
 def linearised(
@@ -269,11 +263,12 @@ def linearised(
     return design, departures, centred_departures(setting, design, theta, named, departures)
 
 
-def noise_of(setting: Setting, stated, departures: Sequence[np.ndarray], used: Sequence[np.ndarray]) -> Noise:
-    """From departures of which blocks tell, with the pattern that the identification states."""
+def noise_of(setting: Setting, departures: Sequence[np.ndarray]) -> Noise:
+    """From what departures leave, with the pattern that the identification states."""
     blocks = setting.blocks
     sizes = tuple(len(g) for g in blocks.groups)
-    return estimate_noise(tuple(departures), tuple(used), sizes, blocks.relative_std, blocks.states(), stated)
+    return estimate_noise(tuple(departures), setting.measured[1], sizes, blocks.relative_std, blocks.states(),
+                          setting.stated)  # fmt: skip
 
 
 def kept(departures, noise: Noise):

@@ -13,10 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from probupdate.diagnosis.catalogue import Effect
-from probupdate.diagnosis.expected import DeparturesBeside, stated_covariance
+from probupdate.diagnosis.expected import DeparturesBeside
 from probupdate.diagnosis.fitting import kept, linearised, noise_of
 from probupdate.diagnosis.linear import Design
-from probupdate.diagnosis.noise import Noise
 from probupdate.diagnosis.setting import Named, Setting
 
 # of an effect's deviation: a gain of 20, half a turn
@@ -48,18 +47,15 @@ def tried_whole(setting: Setting, named: Sequence[Named], candidates: np.ndarray
     theta = np.array(setting.field.parameters.initial)
     beside = DeparturesBeside(setting, theta, named)
     here = beside(named)
-    noise = noise_of(setting, stated_covariance(setting, theta, named), here.y, here.used)
-    design, departures, centred = linearised(setting, theta, named, noise, here.y)
+    noise = noise_of(setting, here)
+    design, departures, centred = linearised(setting, theta, named, noise, here)
     centre = [y - c for y, c in zip(departures, centred, strict=True)]
-    told = _told(setting, noise, here.used)
+    told = sum(int(np.count_nonzero(w > 0)) * f.size for w, f in zip(noise.weight, setting.floor, strict=True))
 
     def surprise(tried: Sequence[Named]) -> float:
-        """-2 ln posterior, but for a constant, in units of the measured shapes."""
-        left = beside(tried)
-        misfit = design.misfit(tuple(y - c for y, c in zip(kept(left.y, noise), centre, strict=True)), [])
-        # a pair that no longer tells its departures is no better explained
-        share = _told(setting, noise, left.used) / told
-        return told * np.log(misfit / share) - 2 * left.units(noise) if share else np.inf
+        """-2 ln posterior with the scale of all noise as it then must be, but for a constant."""
+        left = kept(beside(tried), noise)
+        return told * np.log(design.misfit(tuple(y - c for y, c in zip(left, centre, strict=True)), []))
 
     misfit, before = design.misfit(centred, []), surprise(named)
     size, lower = _linear(setting, design, centred)
@@ -75,12 +71,6 @@ def tried_whole(setting: Setting, named: Sequence[Named], candidates: np.ndarray
         best = max(gains, key=gains.get)
         result.append(Tried(candidate=k, size=best, gain=float(gains[best]), whole=True))
     return sorted(result, key=lambda t: -t.gain)
-
-
-def _told(setting: Setting, noise: Noise, used: Sequence[np.ndarray]) -> int:
-    """Numbers that the blocks give."""
-    return sum(int(np.count_nonzero(ok & (w > 0))) * f.size
-               for ok, w, f in zip(used, noise.weight, setting.floor, strict=True))  # fmt: skip
 
 
 def _by_effect_and_kind(setting: Setting, candidates: np.ndarray) -> list[list[int]]:

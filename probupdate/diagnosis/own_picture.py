@@ -13,7 +13,7 @@ import numpy as np
 
 from probupdate.diagnosis.blocks import Blocks
 from probupdate.diagnosis.catalogue import Effect
-from probupdate.diagnosis.departures import Reference, departure, n_response
+from probupdate.diagnosis.departures import Reference, modes_with, n_response, numbers_of_modes
 from probupdate.diagnosis.noise import Noise, estimate_noise
 from probupdate.modes import Sensor, frozen_array
 
@@ -52,8 +52,8 @@ def look(blocks: Blocks, sensors: Sequence[Sensor] = (), course: np.ndarray | No
     for q, group in enumerate(blocks.groups):
         there = np.flatnonzero(blocks.present[:, q])
         members = list(group)
-        target = Reference(tensor=np.zeros((len(members),) * 2), shape=axes[q])
-        y, independent = departure(blocks.frequency_hz[there][:, members], blocks.shape[there][:, :, members], target)
+        y, independent = numbers_of_modes(
+            blocks.frequency_hz[there][:, members], blocks.shape[there][:, :, members], axes[q])
         # a pair that is not told apart has shapes, but no tensor
         there, y = there[independent], y[independent]
         beside = np.zeros((len(there), 0)) if course is None else course[there, None]
@@ -65,9 +65,9 @@ def look(blocks: Blocks, sensors: Sequence[Sensor] = (), course: np.ndarray | No
         ok = np.zeros(len(blocks), bool)
         ok[there] = True
         used.append(frozen_array(ok, bool))
-        mean.append(_reference(slope[0], axes[q]))
+        mean.append(modes_with(slope[0], axes[q]))
         at = np.array([turning[sector_of == s].mean(axis=0) for s in range(len(names))]).reshape(len(names), -1)
-        expected.append([_reference(slope[0] + row @ slope[1 : 1 + len(row)], axes[q]) for row in at])
+        expected.append([modes_with(slope[0] + row @ slope[1 : 1 + len(row)], axes[q]) for row in at])
     return Picture(axes=axes, departures=tuple(departures), used=tuple(used), turning=turning,
                    sector_of=frozen_array(sector_of, int), expected=tuple(zip(*expected, strict=True)),
                    mean=tuple(mean))  # fmt: skip
@@ -127,31 +127,19 @@ def _to_axes(channels, sensors: Sequence[Sensor], plane: np.ndarray) -> np.ndarr
     return None if np.linalg.cond(common) > 20 else np.linalg.inv(common)
 
 
-def _reference(numbers: np.ndarray, axes: np.ndarray) -> Reference:
-    """The inverse of `departures.departure` for one block."""
-    k = axes.shape[1]
-    n_log = 1 if k == 1 else 3
-    tensor = np.array([[numbers[0]]]) if k == 1 else np.array(
-        [[numbers[0], np.sqrt(0.5) * numbers[2]], [np.sqrt(0.5) * numbers[2], numbers[1]]])
-    real, imaginary = np.split(numbers[n_log:], 2)
-    size = np.max(np.abs(axes), axis=0)
-    return Reference(tensor=tensor, shape=axes + (real + 1j * imaginary).reshape(k, -1).T * size)
-
-
 def fingerprints(effects: Sequence[Effect], picture: Picture) -> tuple[np.ndarray, ...]:
     """Per group (n_sector, n_response, n_effect): departure per unit of each effect of sensors."""
     result = []
     for q, axes in enumerate(picture.axes):
         k = axes.shape[1]
-        target = Reference(tensor=np.zeros((k, k)), shape=axes)
         table = np.zeros((len(picture.expected), n_response(k, len(axes)), len(effects)))
         for s, expected in enumerate(picture.expected):
             value, vector = np.linalg.eigh(expected[q].tensor)
             shape, frequency = expected[q].shape @ vector, np.exp(value)
             seen = [e.observe(shape, float(np.exp(np.mean(value))), sign * e.step_of_size)
                     for e in effects for sign in (1, -1)]  # fmt: skip
-            y, _ = departure(np.array([frequency * np.exp(shift) for _, shift in seen]),
-                             np.array([x for x, _ in seen]), target)  # fmt: skip
+            y, _ = numbers_of_modes(np.array([frequency * np.exp(shift) for _, shift in seen]),
+                                    np.array([x for x, _ in seen]), axes)  # fmt: skip
             step = np.array([e.step_of_size for e in effects])
             table[s] = ((y[0::2] - y[1::2]) / (2 * step[:, None])).T
         result.append(table)
@@ -163,8 +151,6 @@ def stated_patterns(blocks: Blocks, picture: Picture) -> list[np.ndarray | None]
     result: list[np.ndarray | None] = []
     for q, group in enumerate(blocks.groups):
         members, total, number = list(group), 0.0, 0
-        k = len(members)
-        target = Reference(tensor=np.zeros((k, k)), shape=picture.axes[q])
         for b in np.flatnonzero(picture.used[q]):
             d = blocks.deviations[b]
             if d is None:
@@ -175,8 +161,9 @@ def stated_patterns(blocks: Blocks, picture: Picture) -> list[np.ndarray | None]
                 continue
             h = 1e-4 / largest
             (up, sure), (down, sure_too) = (
-                departure(blocks.frequency_hz[b, members] * np.exp(s * h * ln_f.T),
-                          blocks.shape[b][:, members] + s * h * shape.transpose(2, 0, 1), target) for s in (1, -1)
+                numbers_of_modes(blocks.frequency_hz[b, members] * np.exp(s * h * ln_f.T),
+                                 blocks.shape[b][:, members] + s * h * shape.transpose(2, 0, 1), picture.axes[q])
+                for s in (1, -1)
             )  # fmt: skip
             if sure.all() and sure_too.all():
                 columns = (up - down) / (2 * h)

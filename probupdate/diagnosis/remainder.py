@@ -15,7 +15,6 @@ from functools import cached_property
 import numpy as np
 from scipy import linalg, stats
 
-from probupdate.diagnosis.departures import Reference
 from probupdate.diagnosis.fitting import Fit
 from probupdate.diagnosis.linear import Design
 from probupdate.diagnosis.setting import Setting, local_std, prior_shift
@@ -133,9 +132,9 @@ def portion_share(r: Remainder, q: int, chosen: np.ndarray) -> np.ndarray | None
     return own / own.sum() - weight / max(weight.sum(), 1e-12) if own.sum() > 0 else None
 
 
-def free_directions(reference: Reference, n_log: int) -> np.ndarray:
-    """(m, n) orthonormal: responses of a group less those that aligning the shapes takes away."""
-    shape = reference.shape
+def free_directions(shape: np.ndarray, n_log: int) -> np.ndarray:
+    """(m, n) orthonormal: responses of a group less those that aligning its shapes to `shape` (n_channel, k) takes
+    away."""
     n_channel, k = shape.shape
     m = n_log + 2 * n_channel * k
     taken = []

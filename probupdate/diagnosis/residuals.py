@@ -10,9 +10,8 @@ import numpy as np
 from scipy import linalg, stats
 
 from probupdate.diagnosis.blocks import with_derived
-from probupdate.diagnosis.departures import Reference, labels_of
+from probupdate.diagnosis.departures import labels_of
 from probupdate.diagnosis.diagnose import Outcome
-from probupdate.diagnosis.expected import local_at
 from probupdate.diagnosis.fitting import Fit
 from probupdate.diagnosis.remainder import (
     Remainder,
@@ -48,13 +47,12 @@ def residuals(outcome: Outcome, sensors: Sequence[Sensor] = ()) -> dict:
     after = remainder(outcome.fitted, n_own) if outcome.fitted is not outcome.null else None
     both = [before] if after is None else [before, after]
     words = _words(setting, sensors)
-    references = _references(setting, outcome.null)
     return {
         "states": ["before", "after"][: len(both)],
         "n_block": len(setting.blocks),
         "modes": _modes(both, words),
         "channels": _channels(both, setting),
-        "bands": [_bands(r, references) for r in both],
+        "bands": [_bands(r, setting) for r in both],
         "time": _time(both, setting, words) | {"sizes": [] if after is None else _sizes(outcome, after)},
         "covariates": _covariates(both, setting, words),
         "pushed": _pushed(setting, [outcome.null, outcome.fitted][: len(both)]),
@@ -144,16 +142,10 @@ def _channels(both: Sequence[Remainder], setting: Setting) -> list[dict]:
     return rows
 
 
-def _references(setting: Setting, fitted: Fit) -> tuple[Reference, ...]:
-    exact = [n for n in fitted.named if n.exact]
-    local, _ = local_at(setting.field, fitted.theta, exact, [float(np.mean(n.course.value)) for n in exact])
-    return setting.field.references(local, float(setting.bins[0][0]))
-
-
-def _bands(r: Remainder, references: Sequence[Reference]) -> dict:
+def _bands(r: Remainder, setting: Setting) -> dict:
     """Shares of independent directions within the bands that hold 50 and 90 % of them when nothing is wrong: of the
     means over the record, and of single blocks about them."""
-    free = [free_directions(ref, 1 if len(ref.tensor) == 1 else 3) for ref in references]
+    free = [free_directions(axes, 1 if axes.shape[1] == 1 else 3) for axes in setting.field.own]
     # a group of which no block tells has no directions
     free = [part if w.any() else part[:, :0] for part, w in zip(free, r.design.noise.weight, strict=True)]
     mean, covariance = r.means

@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import stats
 
-from probupdate.diagnosis.expected import stated_covariance
 from probupdate.diagnosis.fitting import Fit
 from probupdate.diagnosis.linear import Design
 from probupdate.diagnosis.noise import estimate_noise
@@ -100,7 +99,7 @@ def _possible(setting: Setting, scale: np.ndarray):
 def estimated_noise_factor(setting: Setting, design: Design, typical: float, can, usable, *, seed: int) -> float:
     """How much larger the largest |z| of a record with nothing wrong is when its noise is estimated from that record,
     as it was here; 1 where the identification states the noise's pattern and only its scale was estimated."""
-    if all(c is not None for c in stated_covariance(setting, np.array(setting.field.parameters.initial))):
+    if all(c is not None for c in setting.stated):
         return 1.0
     rng = np.random.default_rng([seed, 23])
     sizes = tuple(len(g) for g in setting.blocks.groups)

@@ -4,16 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from probupdate.diagnosis.blocks import Blocks, gather, with_derived
 from probupdate.diagnosis.catalogue import Effect
 from probupdate.diagnosis.courses import Course, make_courses
-from probupdate.diagnosis.departures import n_response
+from probupdate.diagnosis.departures import n_response, numbers_of_modes
 from probupdate.diagnosis.field import Field, build_field
+from probupdate.diagnosis.noise import factored
 from probupdate.diagnosis.prepare import Prepared
-from probupdate.modes import ModalData
+from probupdate.modes import ModalData, frozen_array
 from probupdate.parameters import Parameters
 
 # references are computed at every angle that differs by this, fingerprints for every one that differs by BIN_DEG: what
@@ -96,6 +98,52 @@ class Setting:
         key = np.round(self.blocks.angle_deg / BIN_DEG).astype(int) % round(360 / BIN_DEG)
         found, place = np.unique(key, return_inverse=True)
         return found * BIN_DEG, place
+
+    @cached_property
+    def measured(self) -> tuple[tuple[np.ndarray, ...], tuple[np.ndarray, ...]]:
+        """Per group the measured modes' numbers (n_block, n_response), zero where nothing is told, and which blocks
+        tell (n_block,)."""
+        numbers, used = [], []
+        for q, group in enumerate(self.blocks.groups):
+            rows, members = np.flatnonzero(self.blocks.present[:, q]), list(group)
+            y = np.zeros((len(self.blocks), self.floor[q].size))
+            tells = np.array(self.blocks.present[:, q])
+            if len(rows):
+                y[rows], tells[rows] = numbers_of_modes(
+                    self.blocks.frequency_hz[rows][:, members], self.blocks.shape[rows][:, :, members],
+                    self.field.own[q])
+            numbers.append(frozen_array(y))
+            used.append(frozen_array(tells, bool))
+        return tuple(numbers), tuple(used)
+
+    @cached_property
+    def stated(self) -> tuple[np.ndarray | None, ...]:
+        """Per group the mean over blocks of what the identification says its numbers' covariance is, None without."""
+        blocks = self.blocks
+        known = [k for k, d in enumerate(blocks.deviations) if d is not None]
+        if len(known) < len(blocks) / 2:
+            return tuple(None for _ in blocks.groups)
+        result = []
+        for q, group in enumerate(blocks.groups):
+            members, rows, number = list(group), [], 0
+            for k in known:
+                d, weight = blocks.deviations[k], blocks.relative_std[k, q] ** -2.0
+                ln_f, shape = d.ln_frequency[members], d.shape[:, members]
+                if not blocks.present[k, q] or not (np.all(np.isfinite(ln_f)) and np.all(np.isfinite(shape))):
+                    continue
+                largest = max(float(np.max(np.abs(ln_f))), float(np.max(np.abs(shape))), 1e-12)
+                (up, sure), (down, sure_too) = (
+                    numbers_of_modes(blocks.frequency_hz[k, members] * np.exp(h * ln_f.T),
+                                     blocks.shape[k][:, members] + h * shape.transpose(2, 0, 1), self.field.own[q])
+                    for h in (1e-4 / largest, -1e-4 / largest)
+                )  # fmt: skip
+                if sure.all() and sure_too.all():
+                    rows.append(np.sqrt(weight) * (up - down) * largest / 2e-4)
+                    number += 1
+            # each block's deviations come from few parts of it
+            result.append(factored(np.concatenate(rows)) * sum(map(len, rows)) / number
+                          if number >= len(blocks) / 3 else None)  # fmt: skip
+        return tuple(result)
 
     @property
     def tolerated(self) -> tuple[int, ...]:

@@ -38,7 +38,7 @@ def sharpened_again(setting: Setting, fitted: Fit) -> tuple[Named, ...]:
 
         def left(course: Course, n=n, i=i) -> float:
             there = beside([*named[:i], replace(n, course=course), *named[i + 1 :]])
-            return fitted.design.misfit(kept(there.y, noise), held) - 2 * there.units(noise)
+            return fitted.design.misfit(kept(there, noise), held)
 
         # where two leave the same the one that is there
         best = min([n.course, *_between_neighbours(setting, n.course)], key=left)

@@ -20,7 +20,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parent))
 from cases import KINDS, draw_effect
 from run import prepared
 
-from probupdate.diagnosis.expected import departures_at, stated_covariance
+from probupdate.diagnosis.expected import departures_at
 from probupdate.diagnosis.setting import Named, settle
 from probupdate.virtual.modal_blocks import simulate_modes
 
@@ -37,11 +37,11 @@ def main() -> None:
     setting, theta = settle(model, before.data)
     noisy, _ = settle(model, simulate_modes(truth={}, **BASE | {"scatter": 1.0, "days": 30.0, "n_block": 40}).data)
     root = [np.linalg.inv(np.linalg.cholesky(c + 0.1 * np.diag(f**2)))
-            for c, f in zip(stated_covariance(noisy, theta), noisy.floor, strict=True)]  # fmt: skip
+            for c, f in zip(noisy.stated, noisy.floor, strict=True)]  # fmt: skip
 
     def shift(own, named=()) -> np.ndarray:
         """What lies between a record and the plain one, in deviations."""
-        found, plain = departures_at(own, theta, named).y, departures_at(setting, theta, ()).y
+        found, plain = departures_at(own, theta, named), departures_at(setting, theta, ())
         return np.concatenate([W @ np.mean(b - a, axis=0) for W, a, b in zip(root, plain, found, strict=True)])
 
     rng, shares = np.random.default_rng(3), []

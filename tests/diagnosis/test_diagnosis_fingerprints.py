@@ -5,9 +5,9 @@ import pytest
 
 from probupdate.diagnosis.blocks import gather
 from probupdate.diagnosis.catalogue import measurement_effects
-from probupdate.diagnosis.departures import Reference, departure, log_scales, peak_of
+from probupdate.diagnosis.departures import numbers_of_modes
 from probupdate.diagnosis.evidence import length_std
-from probupdate.diagnosis.expected import departures_at, fingerprints_at
+from probupdate.diagnosis.expected import fingerprints_at
 from probupdate.diagnosis.field import build_field, effect_fingerprints
 from probupdate.diagnosis.fitting import fit
 from probupdate.diagnosis.prepare import prepare
@@ -51,9 +51,8 @@ def test_fingerprints_are_the_differences_of_identified_modes(prepared, record):
     effects = (*prepared.effects, *measurement_effects(blocks.channels, sensors))
     local = small.at(theta)
     (here,) = field.slopes(local, [0.0], local.slopes(range(theta.size)))
-    references = [reference for reference, _, _ in here]
     for q in range(2):
-        found = effect_fingerprints(effects, small.parameters.names, *here[q])
+        found = effect_fingerprints(effects, small.parameters.names, *here[q], field.own[q])
         for j, effect in enumerate(effects):
             h, sides = 1e-4 if effect.observe is None else effect.step_of_size, []
             for sign in (1, -1):
@@ -62,7 +61,7 @@ def test_fingerprints_are_the_differences_of_identified_modes(prepared, record):
                     moved[small.parameters.names.index(name)] += sign * h * amount
                 arguments = (effect, sign * h) if effect.observe else ()
                 f, shape = list(identified(small, field, moved, *arguments))[q]
-                sides.append(departure(f[None], shape[None], references[q])[0][0])
+                sides.append(numbers_of_modes(f[None], shape[None], field.own[q])[0][0])
             difference = (sides[0] - sides[1]) / (2 * h)
             # central differences of second order: their own error is h^2
             assert np.max(np.abs(difference - found[:, j])) < 1e-4 * max(1.0, np.max(np.abs(found[:, j]))), effect.name
@@ -126,7 +125,7 @@ def test_fingerprints_between_the_nodes_are_those_of_the_angle_itself(turbine):
     slopes = local.slopes(range(len(names)))
     for k, exact in enumerate(setting.field.slopes(local, angles, slopes)):
         for q, (reference, tensor, shape) in enumerate(exact):
-            own = effect_fingerprints(setting.effects, names, reference, tensor, shape)
+            own = effect_fingerprints(setting.effects, names, reference, tensor, shape, setting.field.own[q])
             length = np.abs(lines[q]).max(axis=(0, 1))
             # at its usual size it must do something that could be seen at all
             seen = length * np.array([e.slab for e in setting.effects]) > 1e-6
@@ -156,44 +155,3 @@ def test_a_fingerprints_length_is_as_uncertain_as_draws_of_the_parameters_make_i
     drawn = 10 * np.std(lengths[1:]) / lengths[0]
     # sixty draws know a deviation to 9 %
     assert told == pytest.approx(drawn, rel=0.3) and told > 0.05
-
-
-@pytest.mark.parametrize(("n_channel", "k", "tilt"), [(6, 1, 0.0), (6, 1, 0.3), (8, 2, 0.0), (18, 2, 0.3)])
-def test_units_of_departures_are_the_jacobian_written_out(n_channel, k, tilt):
-    """Singular values of d departure / d shape by central differences: 2 (n_channel - k) k of them, the rest zero, as
-    the group's own plane is aligned away. A tilt mixes the plane, of which the formula keeps the determinant."""
-    rng = np.random.default_rng(n_channel + k)
-    target = rng.standard_normal((n_channel, k))
-    length = np.linalg.norm(target, axis=0) / np.sqrt(n_channel)
-    measured = (target + tilt * length * rng.standard_normal(target.shape)) * 1.3 * np.exp(0.4j)
-    reference = Reference(tensor=np.diag(np.arange(k) * 0.1), shape=target.astype(complex), peak=np.full(k, 0.4))
-    n_log = 1 if k == 1 else 3
-
-    def of(numbers):
-        shape = (numbers[: target.size] + 1j * numbers[target.size :]).reshape(target.shape)
-        return departure(np.exp(np.arange(k) * 0.1)[None], shape[None], reference)[0][0, n_log:]
-
-    at, h = np.concatenate([measured.real.ravel(), measured.imag.ravel()]), 1e-6
-    jacobian = np.array([(of(at + h * e) - of(at - h * e)) / (2 * h) for e in np.eye(at.size)]).T
-    singular, outside = np.linalg.svd(jacobian, compute_uv=False), 2 * (n_channel - k)
-    told, rest = np.split(singular, [outside * k])
-    assert rest.max() < 1e-7 * told.min()
-    (each,) = log_scales(measured[None], reference)
-    # aligned: equal; else to the square of the angle, of each complex number within the plane
-    assert outside * each == pytest.approx(np.log(told).sum(), abs=1e-5 + 2 * tilt**2 * k**2)
-
-
-def test_scatter_is_not_rescaled_with_the_parameters(prepared, record):
-    """Departures from an upper storey a fifth softer scatter as those from the right one; as shares of the expected
-    shape's own largest component they would not, which a fit takes for misfit."""
-    setting, theta = settle(prepared, record(6))
-    moved = theta.copy()
-    moved[prepared.small.parameters.names.index("k4")] *= 0.8
-    here, there = departures_at(setting, theta, ()), departures_at(setting, moved, ())
-    plain, other = (setting.field.references(setting.field.small.at(t), 0.0) for t in (theta, moved))
-    apart, of_largest = [], []
-    for q in range(len(setting.blocks.groups)):
-        apart.append(np.mean(there.log_scale[q] - here.log_scale[q]))
-        ratio = [peak_of(r[q].shape) for r in (plain, other)]
-        of_largest.append(np.sum(np.log(ratio[1] / ratio[0])))
-    assert np.max(np.abs(apart)) < 0.2 * np.max(np.abs(of_largest))

@@ -231,7 +231,7 @@ def test_predictions_of_a_model_fitted_to_the_other_blocks_are_those_of_the_line
         assert not np.array_equal(again.theta, fitted.theta)
         named = (replace(one, size=again.named[0].size),)
         design = design_at(setting, again.theta, named, noise)
-        seen = departures_at(setting, again.theta, named).y
+        seen = departures_at(setting, again.theta, named)
         refitted = predict(gain.with_noise(design, noise),
                            centred_departures(setting, design, again.theta, named, seen), held)  # fmt: skip
         for q in range(len(seen)):

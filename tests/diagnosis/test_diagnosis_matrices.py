@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import probupdate
-from probupdate.diagnosis.departures import departure
+from probupdate.diagnosis.departures import numbers_of_modes
 from probupdate.diagnosis.diagnose import NOT_SETTLED, beside_the_last, examine, finding, refit
 from probupdate.diagnosis.evidence import only_promised, ranked, rival_of, sizes_std
 from probupdate.diagnosis.expected import all_departures, local_at
@@ -123,16 +123,16 @@ def test_a_gain_that_is_there_already_changes_by_its_size_and_not_on_top_of_itse
     local, _ = local_at(setting.field, theta, (), ())
     own, other = (next(e for e in setting.effects if (e.cause, e.location) == ("sensor gain", c)) for c in ("y2", "x3"))
     seen, h = [(own, factor - 1)], 1e-4
-    for reference in setting.field.references(local, 0.0):
-        k, expected = len(reference.tensor), observed(reference, seen)
+    for axes, reference in zip(setting.field.own, setting.field.references(local, 0.0), strict=True):
+        k = len(reference.tensor)
         value, turn = np.linalg.eigh(reference.tensor)
 
-        def departs(effects, reference=reference, expected=expected, value=value, turn=turn):
+        def departs(effects, reference=reference, axes=axes, value=value, turn=turn):
             measured = observed(reference, effects).shape @ turn
-            return departure(np.exp(value)[None], measured[None], expected)[0][0]
+            return numbers_of_modes(np.exp(value)[None], measured[None], axes)[0][0]
 
         none = np.zeros((k, k, 0)), np.zeros((*reference.shape.shape, 0))
-        prints = effect_fingerprints([own, other], (), reference, *none, seen)
+        prints = effect_fingerprints([own, other], (), reference, *none, axes, seen)
         for column, more in enumerate((lambda d: [(own, factor - 1 + d)], lambda d: [*seen, (other, d)])):
             plain = (departs(more(h)) - departs(more(-h))) / (2 * h)
             np.testing.assert_allclose(prints[:, column], plain, atol=1e-5 * np.abs(plain).max() + 1e-9)
@@ -233,7 +233,7 @@ def test_what_a_stalled_fit_only_promises_is_no_evidence(prepared, record):
     (std,) = np.sqrt(np.diag(fitted.design.unknowns_cov([fitted.design.nuisance_std.size])))
     short = (replace(fitted.named[0], size=fitted.named[0].size + 5 * std),)
     design, departures, centred = linearised(
-        setting, fitted.theta, short, fitted.design.noise, all_departures(setting, fitted.theta, short).y)
+        setting, fitted.theta, short, fitted.design.noise, all_departures(setting, fitted.theta, short))
     stalled = replace(fitted, named=short, departures=departures, design=design, centred=centred)
     # five deviations of the size, whatever the parameters make up for; a fifth for what is not linear
     assert at_rest >= 0 and only_promised(setting, stalled) - at_rest > 0.8 * 0.5 * 5**2
