@@ -5,11 +5,11 @@ import pytest
 
 from probupdate.diagnosis.blocks import gather
 from probupdate.diagnosis.catalogue import measurement_effects
-from probupdate.diagnosis.departures import numbers_of_modes
+from probupdate.diagnosis.departures import Reference, modes_with, numbers_of, numbers_of_modes
 from probupdate.diagnosis.evidence import length_std
-from probupdate.diagnosis.expected import fingerprints_at
+from probupdate.diagnosis.expected import all_departures, fingerprints_at
 from probupdate.diagnosis.field import build_field, effect_fingerprints
-from probupdate.diagnosis.fitting import fit
+from probupdate.diagnosis.fitting import fit, linearised, noise_of
 from probupdate.diagnosis.prepare import prepare
 from probupdate.diagnosis.setting import Named, settle
 from probupdate.diagnosis.small_model import TURNS_DEG, small_model
@@ -155,3 +155,55 @@ def test_a_fingerprints_length_is_as_uncertain_as_draws_of_the_parameters_make_i
     drawn = 10 * np.std(lengths[1:]) / lengths[0]
     # sixty draws know a deviation to 9 %
     assert told == pytest.approx(drawn, rel=0.3) and told > 0.05
+
+
+@pytest.mark.parametrize("k", [1, 2])
+def test_modes_and_their_numbers_tell_the_same(k):
+    rng = np.random.default_rng(k)
+    axes = rng.standard_normal((9, k))
+    axes = axes / np.abs(axes).max(axis=0)
+    shape = axes + 0.2 * (rng.standard_normal((9, k)) + 1j * rng.standard_normal((9, k)))
+    frequency = np.exp([0.3, 0.5][:k])
+    (numbers,), _ = numbers_of_modes(frequency[None], shape[None], axes)
+    # each mode's phase and size are the identification's own
+    (again,), _ = numbers_of_modes(frequency[None], shape[None] * SCRAMBLE[:k], axes)
+    np.testing.assert_allclose(again, numbers, atol=1e-12)
+    there = modes_with(numbers, axes)
+    value = np.linalg.eigvalsh(there.tensor)
+    np.testing.assert_allclose(np.exp(value), frequency, rtol=1e-12)
+    # the same plane, and in it the same shapes to the share that the pair is not perpendicular by
+    plane, _ = np.linalg.qr(there.shape)
+    np.testing.assert_allclose(plane @ (plane.conj().T @ shape), shape, atol=1e-12)
+    back = numbers_of(Reference(tensor=there.tensor[None], shape=there.shape[None]), axes)[0]
+    np.testing.assert_allclose(back, numbers, atol=1e-12)
+
+
+def test_what_a_pair_of_one_frequency_is_mixed_by_changes_nothing():
+    rng = np.random.default_rng(7)
+    axes = rng.standard_normal((9, 2))
+    shape = np.linalg.qr(axes + 0.1 * rng.standard_normal((9, 2)))[0].astype(complex)
+    angle = 0.7
+    mixed = shape @ np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+    numbers = numbers_of_modes(np.full((2, 2), 1.3), np.array([shape, mixed]), axes)[0]
+    np.testing.assert_allclose(numbers[1], numbers[0], atol=1e-12)
+
+
+def test_departures_far_from_the_model_change_as_the_design_says(prepared, record):
+    """Where half of a storey is amiss what is left over is large; its derivative with the parameters is still that of
+    the fingerprints, to the second order of the differences."""
+    setting, _ = settle(prepared, record(6, storey=3, factor=0.5))
+    theta = np.array([1.1, 0.9, 1.2, 1.0, 0.95])
+    noise = noise_of(setting, all_departures(setting, theta, ()))
+    design, departures, _ = linearised(setting, theta, (), noise, all_departures(setting, theta, ()))
+    assert max(np.abs(y).max() for y in departures) > 0.2
+    for number, k in enumerate(setting.updated):
+        sides = []
+        for h in (1e-4, -1e-4):
+            moved = theta.copy()
+            moved[k] += h
+            sides.append(all_departures(setting, moved, ()))
+        unknowns = np.zeros(design.n_unknown)
+        unknowns[number] = 1.0
+        for plus, minus, made, w in zip(*sides, design.expected(unknowns), noise.weight, strict=True):
+            change = ((plus - minus) / 2e-4)[w > 0]
+            np.testing.assert_allclose(change, -made[w > 0], atol=1e-4 * np.abs(made).max())
