@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+from scipy import stats
 
 from probupdate.diagnosis.courses import Course
 from probupdate.diagnosis.fitting import Fit
@@ -27,22 +28,21 @@ def adequacy(setting: Setting, fitted: Fit, found: Search) -> tuple[float, dict[
     record; the smallest of them against its own bootstrap distribution."""
     design, n_draw = fitted.design, len(found.drawn)
     own = found.heavier * np.sqrt(neighbours_dispersion(setting, design, fitted.centred))
-    parts = {}
+    names, rare = [], []
     usable = _spanning(setting, design)
     for c, course in enumerate(setting.courses):
         rows = np.flatnonzero((setting.which[:, 1] == c) & usable)
         if len(rows) < 5:
             continue
         wider = PATTERN * found.heavier if course.kind == "constant" else own
-        u = np.vstack([found.u[None, rows], wider * found.drawn[:, rows]])
-        parts[f"{course.name} {course.at}".strip()] = np.sum((u @ _whitening(design, rows)) ** 2, axis=1)
-    names = list(parts)
-    values = np.array([parts[n] for n in names])
-    # rank of each record's statistic among the drawn ones -> p, then the smallest over the courses
-    rank = (values[:, :, None] <= values[:, None, 1:]).sum(axis=2) / n_draw
-    smallest = rank.min(axis=0)
-    p = float((1 + np.sum(smallest[1:] <= smallest[0])) / (n_draw + 1))
-    return p, {n: float(r) for n, r in zip(names, rank[:, 0], strict=True)}
+        z = np.vstack([found.u[None, rows] / wider, found.drawn[:, rows]]) @ _whitening(design, rows)
+        names.append(f"{course.name} {course.at}".strip())
+        rare.append(stats.chi2.logsf(np.sum(z**2, axis=1), z.shape[1]))
+    # the rarest over the courses, of the record and of every drawn one alike: by ranks among the drawn ones, a record
+    # above all of them along any one course would be rarer than each of these can be
+    rarest = np.min(rare, axis=0)
+    p = float((1 + np.sum(rarest[1:] <= rarest[0])) / (n_draw + 1))
+    return p, {name: float(np.exp(values[0])) for name, values in zip(names, rare, strict=True)}
 
 
 def span_left(setting: Setting, fitted: Fit, course: int) -> tuple[float, int]:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import probupdate
-from probupdate.diagnosis.adequacy import neighbours_dispersion
+from probupdate.diagnosis.adequacy import adequacy, neighbours_dispersion
 from probupdate.diagnosis.catalogue import Effect, measurement_effects
 from probupdate.diagnosis.departures import Reference
 from probupdate.diagnosis.diagnose import ALIKE_SHAPES, examine
@@ -183,3 +183,18 @@ def test_where_no_fit_leads_from_what_is_gross_the_scores_choose(prepared, recor
     outcome = examine(prepared, record(7, gain=("y2", 9.81)))
     assert at_its_size[0] and not at_its_size[-1]
     assert "sensor gain, y2" in [n.effect.name for n in outcome.fitted.named]
+
+
+def test_the_remainder_of_records_with_nothing_wrong_is_uniform(prepared, record, monkeypatch):
+    """p of a thousand records drawn from the design: as many below every level as it says, as far as four hundred draws
+    tell a level (0.01 to 0.005)."""
+    outcome = examine(prepared, record(3))
+    monkeypatch.setattr("probupdate.diagnosis.adequacy.neighbours_dispersion", lambda *_: 1.0)
+    monkeypatch.setattr("probupdate.diagnosis.adequacy.PATTERN", 1.0)
+    found = replace(outcome.first, heavier=1.0)
+    n = 1000
+    p = np.array([adequacy(outcome.setting, outcome.null, replace(found, u=u))[0]
+                  for u in outcome.null.design.draw(np.random.default_rng(8), n)])  # fmt: skip
+    for level in (0.01, 0.02, 0.05, 0.2, 0.5):
+        spread = np.sqrt(level * (1 - level) * (1 / n + 1 / 400))
+        assert abs(np.mean(p <= level) - level) < 3.3 * spread, level
