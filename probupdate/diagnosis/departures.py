@@ -2,9 +2,9 @@
 
 A single mode gives ln f and its shape, scaled by one complex number. A close pair gives the tensor R diag(ln f) R^T in
 fixed axes (it is smooth where the two frequencies meet, the single modes are not) and its two shapes combined linearly.
-Shapes are told from fixed shapes of the group's own, its axes: S (A^+ S)^-1 - A is what lies outside their plane, as
-shares of each axis's largest component, real parts first, then imaginary parts. A departure is the difference of
-measured and expected numbers, so that neither rescales the other's scatter.
+Shapes are told from fixed shapes of the group's own, its axes (n_channel, k), real and with largest components of one:
+S (A^+ S)^-1 - A is what lies outside their plane, real parts first, then imaginary parts. A departure is the difference
+of measured and expected numbers, so that neither rescales the other's scatter.
 """
 
 from __future__ import annotations
@@ -48,10 +48,9 @@ def tensor_numbers(tensor: np.ndarray) -> np.ndarray:
     return np.stack([tensor[..., 0, 0], tensor[..., 1, 1], np.sqrt(0.5) * (tensor[..., 0, 1] + tensor[..., 1, 0])], -1)
 
 
-def _stack(tensor: np.ndarray, shape: np.ndarray, size: np.ndarray) -> np.ndarray:
-    """tensor (..., k, k) and complex shape parts (..., n_channel, k) over the largest components (k,)."""
-    scaled = np.swapaxes(shape / size, -1, -2)
-    flat = scaled.reshape(*scaled.shape[:-2], -1)
+def _stack(tensor: np.ndarray, shape: np.ndarray) -> np.ndarray:
+    """tensor (..., k, k) and complex shape parts (..., n_channel, k) as numbers."""
+    flat = np.swapaxes(shape, -1, -2).reshape(*shape.shape[:-2], -1)
     return np.concatenate([tensor_numbers(tensor), flat.real, flat.imag], axis=-1)
 
 
@@ -80,7 +79,7 @@ def numbers_of_modes(frequency_hz: np.ndarray, shape: np.ndarray, axes: np.ndarr
     # what is not told is not looked at; it may have no inverse
     in_plane = np.where(independent[:, None, None], in_plane, np.eye(k))
     aligned = np.swapaxes(np.linalg.solve(np.swapaxes(in_plane, 1, 2), np.swapaxes(shape, 1, 2)), 1, 2)
-    result = _stack(tensor, aligned - axes, np.max(np.abs(axes), axis=0))
+    result = _stack(tensor, aligned - axes)
     return np.where(independent[:, None], result, 0.0), independent
 
 
@@ -97,8 +96,7 @@ def modes_with(numbers: np.ndarray, axes: np.ndarray) -> Reference:
     tensor = np.array([[numbers[0]]]) if k == 1 else np.array(
         [[numbers[0], np.sqrt(0.5) * numbers[2]], [np.sqrt(0.5) * numbers[2], numbers[1]]])
     real, imaginary = np.split(numbers[n_log:], 2)
-    size = np.max(np.abs(axes), axis=0)
-    return Reference(tensor=tensor, shape=axes + (real + 1j * imaginary).reshape(k, -1).T * size)
+    return Reference(tensor=tensor, shape=axes + (real + 1j * imaginary).reshape(k, -1).T)
 
 
 def fingerprint(
@@ -121,5 +119,20 @@ def fingerprint(
         here = turn @ reference.tensor @ turn.T
         tensor = np.einsum("ia,abn,jb->ijn", turn, tensor_change, turn)
         tensor = tensor + np.einsum("ijn,jk->ikn", spin, here) - np.einsum("ij,jkn->ikn", here, spin)
-    size = np.max(np.abs(axes), axis=0)
-    return frozen_array(_stack(tensor.transpose(2, 0, 1), outside.transpose(2, 0, 1), size).T)
+    return frozen_array(_stack(tensor.transpose(2, 0, 1), outside.transpose(2, 0, 1)).T)
+
+
+def stated_columns(
+    frequency_hz: np.ndarray, shape: np.ndarray, d_log: np.ndarray, d_shape: np.ndarray, axes: np.ndarray
+) -> np.ndarray | None:
+    """What the identification's deviations of one block, d_log (k, n) of ln f and d_shape (n_channel, k, n), make of
+    its numbers (n, n_response); None where they are not known or the pair tells nothing."""
+    largest = max(np.max(np.abs(d_log), initial=0.0), np.max(np.abs(d_shape), initial=0.0))
+    if not (np.isfinite(largest) and largest > 0):
+        return None
+    h = 1e-4 / largest
+    (up, sure), (down, sure_too) = (
+        numbers_of_modes(frequency_hz * np.exp(s * d_log.T), shape + s * d_shape.transpose(2, 0, 1), axes)
+        for s in (h, -h)
+    )
+    return (up - down) / (2 * h) if sure.all() and sure_too.all() else None

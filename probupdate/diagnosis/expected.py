@@ -58,7 +58,7 @@ def _expected(
         moved, seen = _state(setting.field, theta, exact, level[:-1])
         seen_there.append([observed(r, seen) for r in plain(moved, level[-1])])
     result = []
-    for q, axes in enumerate(setting.field.own):
+    for q, axes in enumerate(setting.field.axes):
         own = Reference(tensor=np.array([r[q].tensor for r in seen_there]),
                         shape=np.array([r[q].shape for r in seen_there]))  # fmt: skip
         result.append(numbers_of(own, axes)[place])
@@ -100,7 +100,7 @@ def fingerprints_at(
     slopes = local.slopes([field.parameters.names.index(name) for name in names])
     table: list[dict[int, np.ndarray]] = [{} for _ in field.axes]
     for node, found in zip(needed, field.slopes(local, needed * NODE_DEG, slopes), strict=True):
-        for rows, axes, (reference, tensor, shape) in zip(table, field.own, found, strict=True):
+        for rows, axes, (reference, tensor, shape) in zip(table, field.axes, found, strict=True):
             rows[node] = effect_fingerprints(effects, names, reference, tensor, shape, axes, seen)
     result = []
     for rows in table:

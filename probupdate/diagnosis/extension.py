@@ -302,17 +302,17 @@ def mean_set(setting: Setting, fitted: Fit, *, like: Fit | None = None) -> tuple
         near = float(np.exp(np.trace(references[q].tensor) / k))
         expected = observed(references[q], [(n.effect, n.size) for n in seen])
         A, shift = corrections(n_channel, seen, np.ones(len(seen)), near)
-        axes = setting.field.own[q]
+        axes = setting.field.axes[q]
         there = Reference(tensor=expected.tensor[None], shape=expected.shape[None])
         measured = modes_with(numbers_of(there, axes)[0] + mean, axes)
-        told, size = np.linalg.solve(A, measured.shape), np.max(np.abs(axes), axis=0)
+        told = np.linalg.solve(A, measured.shape)
         value, V = np.linalg.eigh(measured.tensor - shift * np.eye(k))
         slope = V.T**2 if k == 1 else np.column_stack([V[0] ** 2, V[1] ** 2, np.sqrt(2) * V[0] * V[1]])
         frequency[members] = np.exp(value)
         frequency_std[members] = np.exp(value) * np.sqrt(
             np.einsum("ia,ab,ib->i", slope, variance[:n_log, :n_log], slope))
         shape[:, members] = told @ V
-        own = np.diag(variance)[n_log : n_log + k * n_channel].reshape(k, n_channel).T * size**2
+        own = np.diag(variance)[n_log : n_log + k * n_channel].reshape(k, n_channel).T
         std[:, members] = np.sqrt(own @ V**2)
     return ModalSet(
         id=f"mean of {int(chosen.sum())} blocks from {blocks.ids[int(np.flatnonzero(chosen)[0])]} on",

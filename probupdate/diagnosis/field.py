@@ -23,15 +23,14 @@ CLOSENESS = 0.2
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Field:
     """rows of the model's channels that were measured; groups with their measured planes (n_channel, k) and ln f;
-    axes (n_channel, k) of each group, which all references share, and `own` (n_channel, k), shapes of the measured
-    plane along these, from which all are told."""
+    axes (n_channel, k) of each group, shapes of the measured plane along the model's, from which measured and expected
+    ones are told."""
 
     small: SmallModel
     rows: np.ndarray
     planes: tuple[np.ndarray, ...]
     log_frequency: tuple[np.ndarray, ...]
     axes: tuple[np.ndarray, ...]
-    own: tuple[np.ndarray, ...]
 
     @property
     def parameters(self):
@@ -176,16 +175,15 @@ def build_field(small: SmallModel, blocks: Blocks, theta: np.ndarray) -> Field:
         projector = np.einsum("nck,ndk->cd", basis, basis.conj()).real
         planes.append(np.linalg.eigh(projector)[1][:, -len(members):])
         logs.append(np.median(np.log(blocks.frequency_hz[there][:, members]), axis=0))
-    start = Field(small=small, rows=rows, planes=tuple(planes), log_frequency=tuple(logs), axes=(), own=())
+    start = Field(small=small, rows=rows, planes=tuple(planes), log_frequency=tuple(logs), axes=())
     local = small.at(theta)
     shape, groups = start._members(local, local.solve())
-    axes = tuple(frozen_array(shape[:, list(members)]) for members in groups)
-    own = tuple(_along(plane, there) for plane, there in zip(planes, axes, strict=True))
-    return Field(small=small, rows=rows, planes=tuple(planes), log_frequency=tuple(logs), axes=axes, own=own)
+    axes = tuple(_along(plane, shape[:, list(members)]) for plane, members in zip(planes, groups, strict=True))
+    return Field(small=small, rows=rows, planes=tuple(planes), log_frequency=tuple(logs), axes=axes)
 
 
-def _along(plane: np.ndarray, axes: np.ndarray) -> np.ndarray:
-    """Shapes (n_channel, k) of an orthonormal plane along the axes, as far as it allows, largest component 1."""
-    left, _, right = np.linalg.svd(plane.T @ (axes / np.linalg.norm(axes, axis=0)))
+def _along(plane: np.ndarray, shape: np.ndarray) -> np.ndarray:
+    """Shapes (n_channel, k) of an orthonormal plane along these, as far as it allows, largest component 1."""
+    left, _, right = np.linalg.svd(plane.T @ (shape / np.linalg.norm(shape, axis=0)))
     turned = plane @ (left @ right)
     return frozen_array(turned / np.max(np.abs(turned), axis=0))

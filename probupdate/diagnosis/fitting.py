@@ -89,15 +89,10 @@ def design_at(
         effect = tuple(e[same] for e in before.effect)
     else:
         tolerated = [n_own + j for j in setting.tolerated]
-        nuisance = tuple(
-            np.concatenate([p[:, :, :n_own], p[:, :, tolerated],
-                            np.broadcast_to(form, (len(bins), *form.shape))], axis=2)
-            for p, form in zip(prints, setting.form, strict=True)
-        )  # fmt: skip
+        nuisance = tuple(p[:, :, [*range(n_own), *tolerated]] for p in prints)
         effect = tuple(p[:, :, n_own:] for p in prints)
     prior = [local_std(setting.prior, i, theta[k]) for i, k in enumerate(setting.updated)]
-    std = np.concatenate([prior, [setting.effects[j].tolerance for j in setting.tolerated],
-                          np.ones(setting.form[0].shape[1])])  # fmt: skip
+    std = np.array([*prior, *(setting.effects[j].tolerance for j in setting.tolerated)])
     return Design(
         bin_of=bin_of, nuisance=nuisance, nuisance_std=std, floor=setting.floor, effect=effect,
         courses=setting.courses, which=setting.which, noise=noise,

@@ -16,7 +16,6 @@ import numpy as np
 from scipy import linalg
 
 from probupdate.diagnosis.diagnose import Outcome
-from probupdate.diagnosis.expected import local_at
 from probupdate.diagnosis.fitting import Fit, fit
 from probupdate.diagnosis.linear import Design
 from probupdate.diagnosis.noise import Noise
@@ -79,7 +78,7 @@ def with_noise(design: Design, noise: Noise) -> Design:
 
 
 def contest(
-    before: tuple[Design, Sequence[np.ndarray]], after: tuple[Design, Sequence[np.ndarray]], *, n_form: int = 0,
+    before: tuple[Design, Sequence[np.ndarray]], after: tuple[Design, Sequence[np.ndarray]], *,
     n_fold: int = N_FOLD,
 ) -> Contest:  # fmt: skip
     """Two fits, each a design and its centred departures, on the same held-out blocks. Both are scored with the noise
@@ -97,7 +96,7 @@ def contest(
     n_block = len(before[0].bin_of)
     fold, every = stretches(n_block, n_fold), np.arange(n_block)
     designs = [with_noise(d, noise) for d, _ in (before, after)]
-    sides = [tuple(predict(d, y, fold == k, n_form=n_form) for k in range(fold.max() + 1))
+    sides = [tuple(predict(d, y, fold == k) for k in range(fold.max() + 1))
              for d, (_, y) in zip(designs, (before, after), strict=True)]  # fmt: skip
     residuals = [_joined(side) for side in sides]
     unknown = [np.mean([p.uncertain for p in side], axis=0) for side in sides]
@@ -150,10 +149,9 @@ def measures(
     """Plain numbers of one step from `old` to `new`, as in diagnosis.json: errors of frequencies are shares (of a pair
     the larger eigenvalue of its tensor's error), largest over modes and stretches of the mean over a stretch, and root
     mean square over single blocks; MAC likewise."""
-    n_form = setting.form[0].shape[1]
     n_fold = n_fold or how_many(len(setting.blocks), new.named)
     first = replace(old.design, noise=noise or old.design.noise)
-    found = contest((first, old.centred), (new.design, new.centred), n_form=n_form, n_fold=n_fold)
+    found = contest((first, old.centred), (new.design, new.centred), n_fold=n_fold)
     result = {
         "heldout_elpd": found.elpd,
         "heldout_elpd_se": found.elpd_se,
@@ -161,8 +159,7 @@ def measures(
         "heldout_stretches": len(found.before),
         "heldout_blocks": len(found.by_block),
     }
-    targets = _targets(setting, old)
-    sides = [_errors(setting, found.before, targets), _errors(setting, found.after, targets)]
+    sides = [_errors(setting, found.before), _errors(setting, found.after)]
     for key in sides[0]:
         if not key.startswith("_"):
             result |= {f"{key}_before": sides[0][key], f"{key}_after": sides[1][key]}
@@ -217,17 +214,7 @@ def statement(gain: dict) -> str:
     return f"no significant gain on held-out blocks: log score {size}"
 
 
-def _targets(setting: Setting, fitted: Fit) -> list[np.ndarray]:
-    """Per group the expected shapes (n_channel, k) over their largest components, where the nacelle mostly looks."""
-    exact = [n for n in fitted.named if n.exact]
-    local, _ = local_at(setting.field, fitted.theta, exact, [float(np.mean(n.course.value)) for n in exact])
-    centres, bin_of = setting.bins
-    usual = centres[np.argmax(np.bincount(bin_of))]
-    shapes = [np.asarray(r.shape).real for r in setting.field.references(local, usual)]
-    return [s / np.max(np.abs(s), axis=0) for s in shapes]
-
-
-def _errors(setting: Setting, predictions: Sequence[Prediction], targets: Sequence[np.ndarray]) -> dict:
+def _errors(setting: Setting, predictions: Sequence[Prediction]) -> dict:
     """Errors of all held-out blocks under one model."""
     n_channel = len(setting.blocks.channels)
     stretch_f, block_f, stretch_mac, block_mac = [], [], [], []
@@ -246,8 +233,8 @@ def _errors(setting: Setting, predictions: Sequence[Prediction], targets: Sequen
             mean = np.average(r[rows], axis=0, weights=w[rows])[None]
             stretch_f.append(_frequency_errors(mean[:, :n_log]))
             block_f.append(_frequency_errors(r[rows, :n_log]))
-            stretch_mac.append(_mac(mean[:, n_log:], targets[q], n_channel))
-            block_mac.append(_mac(r[rows, n_log:], targets[q], n_channel))
+            stretch_mac.append(_mac(mean[:, n_log:], setting.field.axes[q], n_channel))
+            block_mac.append(_mac(r[rows, n_log:], setting.field.axes[q], n_channel))
         scores_f.append(own_f)
         scores_s.append(own_s)
     by_block = {"_crps_frequency": np.concatenate(scores_f, axis=1), "_crps_shape": np.concatenate(scores_s, axis=1)}
@@ -274,19 +261,18 @@ def held_out_sensors(
     name -> (root mean square error over modes, channels and single blocks, the largest error of the mean over a
     stretch), in shares of each shape's largest component."""
     channels = setting.blocks.channels
-    targets = _targets(setting, fitted)
     fold = stretches(len(setting.blocks), n_fold)
     result = {}
     for name, own in levels.items():
         hidden = np.array([channels.index(c) for c in own])
         kept = np.setdiff1d(np.arange(len(channels)), hidden)
-        maps = [_hiding(t, kept, hidden) for t in targets]
+        maps = [_hiding(t, kept, hidden) for t in setting.field.axes]
         design = with_noise(fitted.design, noise)
         reduced = _mapped(design, [seen for seen, _ in maps])
         blocks = np.arange(len(setting.blocks))
         mean, _ = posterior(reduced, [y @ seen.T for y, (seen, _) in zip(fitted.centred, maps, strict=True)], blocks)
         told = np.zeros(design.n_unknown)
-        carried = np.flatnonzero(~transient(design, setting.form[0].shape[1]))
+        carried = np.flatnonzero(~transient(design))
         told[carried] = mean[carried]
         single, means = [], []
         for y, m, (_, out), w in zip(fitted.centred, design.expected(told), maps, noise.weight, strict=True):
@@ -302,12 +288,12 @@ def held_out_sensors(
 
 
 def _hiding(target: np.ndarray, kept: np.ndarray, hidden: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Two maps on the responses of a group with expected shapes `target` (n_channel, k): what is known without the
+    """Two maps on the responses of a group with shapes `target` (n_channel, k): what is known without the
     hidden channels (n_known, n_response), and the hidden channels' error when shapes are aligned by the kept ones
     (n_hidden 2 k, n_response)."""
     n_channel, k = target.shape
     n_log = 1 if k == 1 else 3
-    # of the kept channels only what lies across the expected shapes tells anything: size and turn are free
+    # of the kept channels only what lies across the group's shapes tells anything: size and turn are free
     across = np.linalg.svd(target[kept])[0][:, k:].T @ np.eye(n_channel)[kept]
     aligned = np.eye(n_channel)[hidden] - target[hidden] @ np.linalg.pinv(target[kept]) @ np.eye(n_channel)[kept]
     parts = 2 * k
@@ -346,7 +332,7 @@ def _frequency_errors(residual: np.ndarray) -> np.ndarray:
 
 
 def _mac(residual: np.ndarray, target: np.ndarray, n_channel: int) -> np.ndarray:
-    """MAC (n, k) of predicted shapes `target` (n_channel, k) and those off by `residual` (n, 2 k n_channel)."""
+    """MAC (n, k) of shapes `target` (n_channel, k) and those off by `residual` (n, 2 k n_channel)."""
     k = target.shape[1]
     parts = residual.reshape(len(residual), 2, k, n_channel)
     seen = target.T + parts[:, 0] + 1j * parts[:, 1]

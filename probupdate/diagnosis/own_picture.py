@@ -13,7 +13,7 @@ import numpy as np
 
 from probupdate.diagnosis.blocks import Blocks
 from probupdate.diagnosis.catalogue import Effect
-from probupdate.diagnosis.departures import Reference, modes_with, n_response, numbers_of_modes
+from probupdate.diagnosis.departures import Reference, modes_with, n_response, numbers_of_modes, stated_columns
 from probupdate.diagnosis.noise import Noise, estimate_noise
 from probupdate.modes import Sensor, frozen_array
 
@@ -155,18 +155,9 @@ def stated_patterns(blocks: Blocks, picture: Picture) -> list[np.ndarray | None]
             d = blocks.deviations[b]
             if d is None:
                 continue
-            ln_f, shape = d.ln_frequency[members], d.shape[:, members]
-            largest = max(np.max(np.abs(ln_f), initial=0.0), np.max(np.abs(shape), initial=0.0))
-            if not (np.isfinite(largest) and largest > 0):
-                continue
-            h = 1e-4 / largest
-            (up, sure), (down, sure_too) = (
-                numbers_of_modes(blocks.frequency_hz[b, members] * np.exp(s * h * ln_f.T),
-                                 blocks.shape[b][:, members] + s * h * shape.transpose(2, 0, 1), picture.axes[q])
-                for s in (1, -1)
-            )  # fmt: skip
-            if sure.all() and sure_too.all():
-                columns = (up - down) / (2 * h)
+            columns = stated_columns(blocks.frequency_hz[b, members], blocks.shape[b][:, members],
+                                     d.ln_frequency[members], d.shape[:, members], picture.axes[q])  # fmt: skip
+            if columns is not None:
                 total, number = total + columns.T @ columns, number + 1
         result.append(total / number if number > np.sum(picture.used[q]) / 2 else None)
     return result

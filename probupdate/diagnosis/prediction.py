@@ -101,12 +101,9 @@ def predicted(design: Design, blocks: np.ndarray, unknowns: np.ndarray) -> list[
     return [y[blocks] for y in design.expected(unknowns)]
 
 
-def transient(design: Design, n_form: int) -> np.ndarray:
-    """(n_unknown,) bool: columns of model form, offsets and doubts about fingerprints, not carried from training
-    to prediction."""
-    numbers = np.arange(design.n_unknown)
-    n_c = design.nuisance_std.size
-    return (numbers >= design.n_common) | ((numbers >= n_c - n_form) & (numbers < n_c))
+def transient(design: Design) -> np.ndarray:
+    """(n_unknown,) bool: offsets and doubts about fingerprints, not carried from training to prediction."""
+    return np.arange(design.n_unknown) >= design.n_common
 
 
 def posterior(
@@ -121,14 +118,12 @@ def posterior(
     return mean, linalg.cho_solve(factor, np.eye(design.n_unknown)) * np.outer(prior, prior)
 
 
-def predict(
-    design: Design, centred: Sequence[np.ndarray], held: np.ndarray, *, n_form: int = 0
-) -> Prediction:
+def predict(design: Design, centred: Sequence[np.ndarray], held: np.ndarray) -> Prediction:
     """Predict the blocks where `held` (n_block,) bool from all others; `centred` departures per group (n_block,
     n_response) of the fit to all."""
     rows = np.flatnonzero(held)
     mean, Q = posterior(design, centred, np.flatnonzero(~held))
-    left = transient(design, n_form)
+    left = transient(design)
     mean[left] = 0.0
     Q[np.ix_(left, left)] = np.diag(design.prior_std[left] ** 2)
 

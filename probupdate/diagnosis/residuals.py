@@ -145,7 +145,7 @@ def _channels(both: Sequence[Remainder], setting: Setting) -> list[dict]:
 def _bands(r: Remainder, setting: Setting) -> dict:
     """Shares of independent directions within the bands that hold 50 and 90 % of them when nothing is wrong: of the
     means over the record, and of single blocks about them."""
-    free = [free_directions(axes, 1 if axes.shape[1] == 1 else 3) for axes in setting.field.own]
+    free = [free_directions(axes, 1 if axes.shape[1] == 1 else 3) for axes in setting.field.axes]
     # a group of which no block tells has no directions
     free = [part if w.any() else part[:, :0] for part, w in zip(free, r.design.noise.weight, strict=True)]
     mean, covariance = r.means

@@ -11,7 +11,7 @@ import numpy as np
 from probupdate.diagnosis.blocks import Blocks, gather, with_derived
 from probupdate.diagnosis.catalogue import Effect
 from probupdate.diagnosis.courses import Course, make_courses
-from probupdate.diagnosis.departures import n_response, numbers_of_modes
+from probupdate.diagnosis.departures import numbers_of_modes, stated_columns
 from probupdate.diagnosis.field import Field, build_field
 from probupdate.diagnosis.noise import factored
 from probupdate.diagnosis.prepare import Prepared
@@ -75,8 +75,8 @@ def per_range(course: Course) -> float:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Setting:
-    """What a diagnosis works with: model field, blocks, catalogue, the updated parameters among the model's, columns
-    of model form per group (n_response, n_form) with deviation one, floors per group (n_response,)."""
+    """What a diagnosis works with: model field, blocks, catalogue, the updated parameters among the model's,
+    floors of model form per group (n_response,)."""
 
     field: Field
     blocks: Blocks
@@ -85,7 +85,6 @@ class Setting:
     prior: Parameters
     courses: tuple[Course, ...]
     which: np.ndarray
-    form: tuple[np.ndarray, ...]
     floor: tuple[np.ndarray, ...]
 
     @property
@@ -111,7 +110,7 @@ class Setting:
             if len(rows):
                 y[rows], tells[rows] = numbers_of_modes(
                     self.blocks.frequency_hz[rows][:, members], self.blocks.shape[rows][:, :, members],
-                    self.field.own[q])
+                    self.field.axes[q])
             numbers.append(frozen_array(y))
             used.append(frozen_array(tells, bool))
         return tuple(numbers), tuple(used)
@@ -124,25 +123,19 @@ class Setting:
         if len(known) < len(blocks) / 2:
             return tuple(None for _ in blocks.groups)
         result = []
-        for q, group in enumerate(blocks.groups):
-            members, rows, number = list(group), [], 0
+        for q, (group, axes) in enumerate(zip(blocks.groups, self.field.axes, strict=True)):
+            members, rows = list(group), []
             for k in known:
-                d, weight = blocks.deviations[k], blocks.relative_std[k, q] ** -2.0
-                ln_f, shape = d.ln_frequency[members], d.shape[:, members]
-                if not blocks.present[k, q] or not (np.all(np.isfinite(ln_f)) and np.all(np.isfinite(shape))):
+                if not blocks.present[k, q]:
                     continue
-                largest = max(float(np.max(np.abs(ln_f))), float(np.max(np.abs(shape))), 1e-12)
-                (up, sure), (down, sure_too) = (
-                    numbers_of_modes(blocks.frequency_hz[k, members] * np.exp(h * ln_f.T),
-                                     blocks.shape[k][:, members] + h * shape.transpose(2, 0, 1), self.field.own[q])
-                    for h in (1e-4 / largest, -1e-4 / largest)
-                )  # fmt: skip
-                if sure.all() and sure_too.all():
-                    rows.append(np.sqrt(weight) * (up - down) * largest / 2e-4)
-                    number += 1
+                d, weight = blocks.deviations[k], blocks.relative_std[k, q] ** -2.0
+                columns = stated_columns(blocks.frequency_hz[k, members], blocks.shape[k][:, members],
+                                         d.ln_frequency[members], d.shape[:, members], axes)  # fmt: skip
+                if columns is not None:
+                    rows.append(np.sqrt(weight) * columns)
             # each block's deviations come from few parts of it
-            result.append(factored(np.concatenate(rows)) * sum(map(len, rows)) / number
-                          if number >= len(blocks) / 3 else None)  # fmt: skip
+            result.append(factored(np.concatenate(rows)) * sum(map(len, rows)) / len(rows)
+                          if len(rows) >= len(blocks) / 3 else None)  # fmt: skip
         return tuple(result)
 
     @property
@@ -162,9 +155,8 @@ def settle(prepared: Prepared, data: ModalData) -> tuple[Setting, np.ndarray]:
     which = _candidates(effects, courses)
     n_channel = len(blocks.channels)
     floor = tuple(_floor(len(g), n_channel) for g in blocks.groups)
-    form = tuple(np.zeros((n_response(len(g), n_channel), 0)) for g in blocks.groups)
     return Setting(field=field, blocks=blocks, effects=effects, updated=prepared.updated, prior=prepared.prior,
-                   courses=courses, which=which, form=form, floor=floor), theta  # fmt: skip
+                   courses=courses, which=which, floor=floor), theta  # fmt: skip
 
 
 def _columns(effects: Sequence[Effect]) -> tuple[str, ...]:

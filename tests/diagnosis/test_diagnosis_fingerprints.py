@@ -52,7 +52,7 @@ def test_fingerprints_are_the_differences_of_identified_modes(prepared, record):
     local = small.at(theta)
     (here,) = field.slopes(local, [0.0], local.slopes(range(theta.size)))
     for q in range(2):
-        found = effect_fingerprints(effects, small.parameters.names, *here[q], field.own[q])
+        found = effect_fingerprints(effects, small.parameters.names, *here[q], field.axes[q])
         for j, effect in enumerate(effects):
             h, sides = 1e-4 if effect.observe is None else effect.step_of_size, []
             for sign in (1, -1):
@@ -61,7 +61,7 @@ def test_fingerprints_are_the_differences_of_identified_modes(prepared, record):
                     moved[small.parameters.names.index(name)] += sign * h * amount
                 arguments = (effect, sign * h) if effect.observe else ()
                 f, shape = list(identified(small, field, moved, *arguments))[q]
-                sides.append(numbers_of_modes(f[None], shape[None], field.own[q])[0][0])
+                sides.append(numbers_of_modes(f[None], shape[None], field.axes[q])[0][0])
             difference = (sides[0] - sides[1]) / (2 * h)
             # central differences of second order: their own error is h^2
             assert np.max(np.abs(difference - found[:, j])) < 1e-4 * max(1.0, np.max(np.abs(found[:, j]))), effect.name
@@ -125,7 +125,7 @@ def test_fingerprints_between_the_nodes_are_those_of_the_angle_itself(turbine):
     slopes = local.slopes(range(len(names)))
     for k, exact in enumerate(setting.field.slopes(local, angles, slopes)):
         for q, (reference, tensor, shape) in enumerate(exact):
-            own = effect_fingerprints(setting.effects, names, reference, tensor, shape, setting.field.own[q])
+            own = effect_fingerprints(setting.effects, names, reference, tensor, shape, setting.field.axes[q])
             length = np.abs(lines[q]).max(axis=(0, 1))
             # at its usual size it must do something that could be seen at all
             seen = length * np.array([e.slab for e in setting.effects]) > 1e-6

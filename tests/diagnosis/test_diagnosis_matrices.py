@@ -123,7 +123,7 @@ def test_a_gain_that_is_there_already_changes_by_its_size_and_not_on_top_of_itse
     local, _ = local_at(setting.field, theta, (), ())
     own, other = (next(e for e in setting.effects if (e.cause, e.location) == ("sensor gain", c)) for c in ("y2", "x3"))
     seen, h = [(own, factor - 1)], 1e-4
-    for axes, reference in zip(setting.field.own, setting.field.references(local, 0.0), strict=True):
+    for axes, reference in zip(setting.field.axes, setting.field.references(local, 0.0), strict=True):
         k = len(reference.tensor)
         value, turn = np.linalg.eigh(reference.tensor)
 
