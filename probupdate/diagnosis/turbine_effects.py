@@ -40,7 +40,7 @@ class TurbineEffect:
 def turbine_effects(d: Description, *, single_members: bool = False) -> tuple[TurbineEffect, ...]:
     """Every row for this turbine; with single_members also those of single braces and of a brace's joints at one leg,
     which a record tells apart from their face's only where it is long."""
-    rows = [*_jacket(d), *_connections(d), *_soil(d), *_water(d), *_masses(d), *_environment(d)]
+    rows = [*_theory(d), *_jacket(d), *_connections(d), *_soil(d), *_water(d), *_masses(d), *_environment(d)]
     return (*rows, *(_single(d) if single_members else ()))
 
 
@@ -111,6 +111,15 @@ def _three_diameters(d: Description, diameter_m: float, thickness_m: float) -> t
     tube = Tube(diameter_m=diameter_m, thickness_m=thickness_m)
     length = 1e9 * 3 * diameter_m / d.steel.youngs_modulus_pa
     return length / tube.second_moment({}), length / tube.area({})
+
+
+def _theory(d: Description) -> Iterator[TurbineEffect]:
+    """Bernoulli-Euler members do not give way in shear, real ones do: normal, and far from nothing where they are
+    stout. Without this row a month of sets sees a column or a tower's foot that is softer than the model."""
+    if d.mesh.theory == "bernoulli-euler":
+        yield _row("shear", "shear", "flexibility in shear", "all members", low=0.0, high=3.0, tolerance=1.0, slab=1.0,
+                   courses=("constant",), fingerprint="stout members give way: transition piece, tower's foot",
+                   check='mesh.theory = "timoshenko" in the model file')
 
 
 def _connections(d: Description) -> Iterator[TurbineEffect]:

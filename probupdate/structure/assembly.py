@@ -36,21 +36,47 @@ def node_dofs(*nodes: int) -> np.ndarray:
 
 
 @dataclass(frozen=True)
-class ShearPower:
-    """phi^power / (1 + phi)^order of a tube of given length; picklable."""
+class Shear:
+    """phi of a tube of given length, as far as it is counted: the whole of it (Timoshenko) or nothing, and the shares
+    of the parameters `extra`; picklable."""
 
     tube: beams.Tube
     length_m: float
     poisson_ratio: float
+    whole: bool
+    extra: tuple[str, ...] = ()
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        return (*self.tube.names, *self.extra)
+
+    def __call__(self, values: Values):
+        share = float(self.whole) + sum(values[name] for name in self.extra)
+        return share * self.tube.shear_flexibility(values, self.length_m, self.poisson_ratio)
+
+
+def _shear(beam: Beam, length_m: float, theory: str) -> Shear | None:
+    """None where the beam does not give way in shear."""
+    whole = theory == "timoshenko"
+    if not whole and not beam.shear:
+        return None
+    return Shear(beam.tube, round(length_m, 9), beam.poisson_ratio, whole, beam.shear)
+
+
+@dataclass(frozen=True)
+class ShearPower:
+    """phi^power / (1 + phi)^order; picklable."""
+
+    shear: Shear
     power: int
     order: int
 
     def __call__(self, values: Values):
-        phi = self.tube.shear_flexibility(values, self.length_m, self.poisson_ratio)
+        phi = self.shear(values)
         return phi**self.power / (1 + phi) ** self.order
 
     def coefficient(self) -> Coefficient:
-        return Coefficient(1.0, (Factor(key=("shear", self), names=self.tube.names, function=self),))
+        return Coefficient(1.0, (Factor(key=("shear", self), names=self.shear.names, function=self),))
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -64,7 +90,7 @@ class HingeSoftening:
 
     beam: Beam
     length_m: float
-    theory: str
+    shear: Shear | None
     power: int | None
 
     @property
@@ -72,7 +98,7 @@ class HingeSoftening:
         modulus = self.beam.stiffness * self.beam.bending * self.beam.axial
         inside = (name for factor in modulus.factors for name in factor.names)
         hinge = self.beam.hinge
-        return tuple(sorted({*inside, *self.beam.tube.names, *hinge.bending, *hinge.slip}))
+        return tuple(sorted({*inside, *self.beam.tube.names, *self.beam.shear, *hinge.bending, *hinge.slip}))
 
     def __call__(self, values: Values):
         return self._slip(values) if self.power is None else self._bending(values)
@@ -85,9 +111,7 @@ class HingeSoftening:
         return stiffness**2 * flexibility / self.length_m / (1 + flexibility * stiffness / self.length_m)
 
     def _bending(self, values: Values):
-        beam, phi = self.beam, 0.0
-        if self.theory == "timoshenko":
-            phi = beam.tube.shear_flexibility(values, self.length_m, beam.poisson_ratio)
+        beam, phi = self.beam, 0.0 if self.shear is None else self.shear(values)
         modulus = beam.youngs_modulus_pa * (beam.stiffness * beam.bending).value(values)
         bending = modulus * beam.tube.second_moment(values) / (1 + phi)
         flexibility = 1e-9 * sum(values[name] for name in beam.hinge.bending)
@@ -97,25 +121,26 @@ class HingeSoftening:
 def _hinge_stiffness(beam: Beam, length: float, matrices: Mapping[str, np.ndarray], theory: str):
     """Local matrices with their coefficients; the mass keeps the shapes of the unbroken beam, which the hinge changes
     inside this one element only."""
+    given = _shear(beam, length, theory)
     parts = [(None, matrices["axial"])] if beam.hinge.slip else []
     if beam.hinge.bending:
         rotations = np.array([4, 5]) + 6 * beam.hinge.end
         plain, shear = matrices["bending"][rotations], matrices["shear"][rotations]
         parts.append((0, plain.T @ plain))
-        if theory == "timoshenko":
+        if given is not None:
             parts += [(1, plain.T @ shear + shear.T @ plain), (2, shear.T @ shear)]
     for power, matrix in parts:
-        function = HingeSoftening(beam=beam, length_m=length, theory=theory, power=power)
+        function = HingeSoftening(beam=beam, length_m=length, shear=given, power=power)
         key = ("hinge", beam.part, beam.start, beam.end, power)
         yield matrix, Coefficient(-1.0, (Factor(key=key, names=function.names, function=function),))
 
 
 def _shear_series(beam: Beam, length_m: float, theory: str, order: int) -> list[Coefficient]:
-    """Coefficients of the powers of phi: one of value 1 for Bernoulli-Euler, order + 1 for Timoshenko."""
-    if theory == "bernoulli-euler":
+    """Coefficients of the powers of phi: one of value 1 without shear, else order + 1."""
+    shear = _shear(beam, length_m, theory)
+    if shear is None:
         return [Coefficient()]
-    length = round(length_m, 9)
-    return [ShearPower(beam.tube, length, beam.poisson_ratio, k, order).coefficient() for k in range(order + 1)]
+    return [ShearPower(shear, k, order).coefficient() for k in range(order + 1)]
 
 
 def beam_stiffness(beam: Beam, start: np.ndarray, end: np.ndarray, theory: str) -> Iterator[Contribution]:

@@ -86,6 +86,11 @@ KINDS: Mapping[str, Kind] = MappingProxyType({
         motions=("all", "axial", "bending"),
         meaning="factor on E and G of members; motion = \"axial\" or \"bending\" (with torsion) for one of them alone",
     ),
+    "shear": Kind(
+        neutral=0.0, unit="-", lowest=0.0, keys=MEMBER_KEYS, groups=GROUPS,
+        meaning="share of the members' flexibility in shear that is counted beyond what mesh.theory does (1: all that "
+                "Timoshenko's theory says, where mesh.theory is \"bernoulli-euler\")",
+    ),
     "joint": Kind(
         neutral=1.0, unit="-", lowest=0.0, keys=("leg", "face", "bay", "part"), groups=("brace",), may=("motion",),
         motions=("all", "axial", "in plane", "out of plane"),

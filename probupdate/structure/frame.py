@@ -63,7 +63,8 @@ class Hinge:
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Beam:
     """A straight uniform tube between two nodes. `stiffness` multiplies E and G, `axial` and `bending` (with torsion)
-    one of both stiffnesses more; `part` is the member's name."""
+    one of both stiffnesses more; `shear` names parameters, shares of the flexibility in shear that are counted beyond
+    what the theory does; `part` is the member's name."""
 
     start: int
     end: int
@@ -76,6 +77,7 @@ class Beam:
     stiffness: Coefficient = field(default_factory=Coefficient)
     axial: Coefficient = field(default_factory=Coefficient)
     bending: Coefficient = field(default_factory=Coefficient)
+    shear: tuple[str, ...] = ()
     hinge: Hinge | None = None
     carried: tuple[LineMass, ...] = ()
     springs: LineSpring | None = None

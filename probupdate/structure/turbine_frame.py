@@ -122,7 +122,7 @@ class _Mesh:
         self.beams.append(Beam(
             start=segment.start, end=segment.end, group=member.group, part=member.part, tube=tube,
             youngs_modulus_pa=steel.youngs_modulus_pa, poisson_ratio=steel.poisson_ratio,
-            density_kgpm3=steel.density_kgpm3,
+            density_kgpm3=steel.density_kgpm3, shear=self.effects.at("shear", place),
             stiffness=parameter(STIFFNESS[member.group]) * product(both) * self.warmth(place), **one, **kwargs,
         ))  # fmt: skip
 

@@ -12,6 +12,8 @@ SAMPLES = {
     "brace_axial": ("stiffness", {"part": "brace AB-1"}, {"motion": "axial"}, 0.4, (0.0, 2.0)),
     "leg_bending": ("stiffness", {"group": "leg", "leg": "C", "level_m": [-10.0, 2.0]}, {"motion": "bending"}, 0.5,
                     (0.1, 2.0)),
+    "shear": ("shear", {}, {}, 0.7, (0.0, 3.0)),
+    "shear_tower": ("shear", {"group": "tower", "level_m": [12.0, 30.0]}, {}, 1.4, (0.0, 3.0)),
     "joint": ("joint", {"leg": "A", "face": "DA"}, {}, 0.05, (0.0, 3.0)),
     "joint_in_plane": ("joint", {"bay": 1}, {"motion": "in plane"}, 0.3, (0.0, 3.0)),
     "flange": ("hinge", {"group": "tower"}, {"at_m": 12.0}, 0.3, (0.0, 9.0)),
