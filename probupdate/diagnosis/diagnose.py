@@ -36,6 +36,8 @@ GROSS = 20.0
 GROSS_SHARE = 0.5
 # directions among which the error of a fingerprint is shared out
 DIRECTIONS = 4
+# deviations from zero at which something within its tolerance is said
+TOLD = 3.0
 CHANCE = "chance alone"
 NOT_SETTLED = "the fit did not settle: what remains is too much for the model to follow"
 ALIKE_SHAPES = "the measured shapes are as good as one where the model expects two, so that they tell nothing"
@@ -199,7 +201,7 @@ def examine(prepared: Prepared, data: ModalData, *, seed: int = 1, progress: Pro
         verdict=verdict, findings=named,
         p_value=min(1.0, 2 * min(first.p_value, fits)) if not findings else first.p_value,
         limits=_limits(setting, first, null), threshold=first.threshold, adequacy_p=fits,
-        notes=(*setting.blocks.notes, *pinned, *_short(fitted, [f.size_std for f in findings]),
+        notes=(*setting.blocks.notes, *_told(setting, fitted), *pinned, *_short(fitted, [f.size_std for f in findings]),
                *([] if fitted.settled else [NOT_SETTLED]),
                *(f"modes {setting.blocks.group_name(q)}: {ALIKE_SHAPES}" for q in silent)),
         parameters=tuple(_parameters(setting, null, fitted)), details=details,
@@ -231,6 +233,22 @@ def _pinned(fitted: Fit) -> list[str]:
         f"{n.effect.unit}{n.course.unit}): its interval is not to be trusted, a larger size may be meant"
         for n in fitted.named if not n.effect.discrete and np.isclose(n.size, n.bounds, rtol=1e-3).any()
     ]
+
+
+def _told(setting: Setting, fitted: Fit) -> list[str]:
+    """What is within its tolerance, so no finding, and yet surely not nothing: structural rows that the record tells
+    TOLD deviations from zero, and better than twice as well as the tolerance did."""
+    chosen = [k for k, j in enumerate(setting.tolerated) if setting.effects[j].kind == "structural"]
+    rows = len(setting.updated) + np.array(chosen, int)
+    size = fitted.design.unknowns(fitted.centred)[rows]
+    std = np.sqrt(np.diag(fitted.design.unknowns_cov(rows)))
+    result = []
+    for k, value, own in zip(chosen, size, std, strict=True):
+        effect = setting.effects[setting.tolerated[k]]
+        if abs(value) > TOLD * own and own < 0.5 * effect.tolerance:
+            result.append(f"{effect.name}: {value:.3g} +- {own:.2g} {effect.unit}, within what is normal (tolerance "
+                          f"{effect.tolerance:.2g}) and so no finding, but the record tells it; {effect.check}")
+    return result
 
 
 def _short(fitted: Fit, sizes_std: Sequence[float]) -> list[str]:

@@ -33,13 +33,13 @@ SPARE = 1
 # the highest of the modes looked through are there to be told from others, and may be less exact
 UNSURE = 2
 # points spread over prior and effects, and others to verify on
-N_POINT, N_VERIFY = 36, 6
+N_POINT, N_VERIFY = 54, 6
 # relative frequency error the basis may have far from where it was built: a tenth of what model form leaves
 TOLERANCE = 3e-4
 # and the error of what one effect does to ln f, as a share of it or in all, that goes unseen beside a fingerprint's own
 N_CHANGE, CHANGE, UNSEEN = 16, 0.1, 1e-4
 # energy of a direction, as a share of one mode's, below which it is left out of the basis; tried one after the other
-CUTS = (1e-3, 3e-4, 1e-4)
+CUTS = (1e-3, 7e-4, 5e-4, 3e-4, 2e-4, 1.5e-4, 1e-4)
 
 
 # for stiffness and mass: what does not turn (n, r, r), and by parameter what does

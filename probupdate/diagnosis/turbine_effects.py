@@ -117,9 +117,11 @@ def _theory(d: Description) -> Iterator[TurbineEffect]:
     """Bernoulli-Euler members do not give way in shear, real ones do: normal, and far from nothing where they are
     stout. Without this row a month of sets sees a column or a tower's foot that is softer than the model."""
     if d.mesh.theory == "bernoulli-euler":
-        yield _row("shear", "shear", "flexibility in shear", "all members", low=0.0, high=3.0, tolerance=1.0, slab=1.0,
-                   courses=("constant",), fingerprint="stout members give way: transition piece, tower's foot",
-                   check='mesh.theory = "timoshenko" in the model file')
+        stout = {"level_m": (d.jacket.top.z_m, d.tower.station[-1].z_m)}
+        yield _row("shear", "shear", "flexibility in shear", "above the jacket", on=stout, low=0.0, high=3.0,
+                   tolerance=1.0, slab=1.0, courses=("constant",),
+                   fingerprint="stout members give way: transition piece, tower's foot",
+                   check='set mesh.theory = "timoshenko" in the model file and update again')
 
 
 def _connections(d: Description) -> Iterator[TurbineEffect]:
