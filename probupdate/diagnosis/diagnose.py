@@ -236,8 +236,8 @@ def _pinned(fitted: Fit) -> list[str]:
 
 
 def _told(setting: Setting, fitted: Fit) -> list[str]:
-    """What is within its tolerance, so no finding, and yet surely not nothing: structural rows that the record tells
-    TOLD deviations from zero, and better than twice as well as the tolerance did."""
+    """What is within its tolerance, so no finding, and yet surely there: structural rows of more than half their
+    tolerance, TOLD of their own deviations from zero."""
     chosen = [k for k, j in enumerate(setting.tolerated) if setting.effects[j].kind == "structural"]
     rows = len(setting.updated) + np.array(chosen, int)
     size = fitted.design.unknowns(fitted.centred)[rows]
@@ -245,7 +245,7 @@ def _told(setting: Setting, fitted: Fit) -> list[str]:
     result = []
     for k, value, own in zip(chosen, size, std, strict=True):
         effect = setting.effects[setting.tolerated[k]]
-        if abs(value) > TOLD * own and own < 0.5 * effect.tolerance:
+        if abs(value) > max(TOLD * own, 0.5 * effect.tolerance):
             result.append(f"{effect.name}: {value:.3g} +- {own:.2g} {effect.unit}, within what is normal (tolerance "
                           f"{effect.tolerance:.2g}) and so no finding, but the record tells it; {effect.check}")
     return result

@@ -16,10 +16,6 @@ from pathlib import Path
 
 import numpy as np
 
-sys.path.insert(0, str(Path(__file__).resolve().parent))
-from cases import make_case
-from run import prepared, simulated
-
 from probupdate.diagnosis.diagnose import undecided
 from probupdate.diagnosis.fitting import Fit, fit
 from probupdate.diagnosis.setting import Named, Setting, settle
@@ -58,6 +54,10 @@ def nearest(setting: Setting, fitted: Fit, effect: dict) -> tuple[str, float] | 
 
 
 def main() -> None:
+    sys.path.insert(0, str(Path(__file__).resolve().parent))
+    from cases import make_case
+    from run import prepared, simulated
+
     path = Path(sys.argv[1])
     lines = [json.loads(line) for line in path.read_text().splitlines()]
     setting, theta = settle(prepared(), simulated(make_case("null", 0)).data)

@@ -18,11 +18,11 @@ from pathlib import Path
 import numpy as np
 
 from probupdate.diagnosis.diagnose import Outcome, examine
-from probupdate.diagnosis.extension import extend
+from probupdate.diagnosis.extension import extend, updated
 from probupdate.diagnosis.gain import gains
 from probupdate.diagnosis.prepare import prepare
-from probupdate.modes import write_modes
-from probupdate.structure.load import reference_model
+from probupdate.modes import read_modes, write_modes
+from probupdate.structure.load import load_model, reference_model
 from probupdate.virtual.modal_blocks import simulate_modes
 
 HALF_WAY_H = 360.0
@@ -50,12 +50,19 @@ def share_of_scatter(run, plain) -> list[float]:
     return (moved / own).tolist()
 
 
-def pushes(extension: dict, truth: dict[str, float]) -> dict[str, tuple[float, float, float]]:
-    """Parameter -> prior deviations from the prior's centre: most probable values of the plain update and of that with
-    the findings, and the truth."""
-    after = {p["name"]: p for p in extension["after"]["parameters"]}
-    return {p["name"]: (p["pushed"], after[p["name"]]["pushed"], (truth[p["name"]] - p["prior"]) / p["prior_std"])
-            for p in extension["before"]["parameters"] if p["name"] in truth}  # fmt: skip
+def with_shear(out: Path) -> dict:
+    """The update with the findings once more, members giving way in shear as the diagnosis advises."""
+    text = (out / "diagnosis.model.toml").read_text(encoding="utf-8")
+    path = out / "shear.model.toml"
+    path.write_text(text.replace('theory = "bernoulli-euler"', 'theory = "timoshenko"'), encoding="utf-8")
+    return updated(load_model(path), read_modes(out / "diagnosis.mean.json"))
+
+
+def pushes(updates: list[dict], truth: dict[str, float]) -> dict[str, list[float]]:
+    """Parameter -> prior deviations from the prior's centre: most probable values of each update, and the truth."""
+    told = [{p["name"]: p["pushed"] for p in u["parameters"]} for u in updates]
+    return {p["name"]: [*(t[p["name"]] for t in told), (truth[p["name"]] - p["prior"]) / p["prior_std"]]
+            for p in updates[0]["parameters"] if p["name"] in truth}  # fmt: skip
 
 
 def draw_month(outcome: Outcome, path: Path) -> None:
@@ -82,17 +89,20 @@ def draw_month(outcome: Outcome, path: Path) -> None:
     plt.close(figure)
 
 
-def draw_gain(causes: list[str], told: list[dict], pushed: dict[str, tuple], path: Path) -> None:
+def draw_gain(causes: list[str], told: list[dict], pushed: dict[str, list[float]], path: Path) -> None:
     """How far parameters were pushed, and how well the motion at a level is foretold without its sensors."""
     import matplotlib.pyplot as plt
 
     figure, (left, right) = plt.subplots(1, 2, figsize=(9, 3.6), layout="constrained")
     place = np.arange(len(pushed))
-    for side, colour, word in ((0, "#c08040", "plain update"), (1, "#30507a", "with the findings")):
-        left.barh(place + 0.2 - 0.4 * side, [v[side] for v in pushed.values()], 0.4, color=colour, label=word)
+    sides = (("#c08040", "plain update"), ("#30507a", "with the findings"), ("#70a0c0", "and shear, as advised"))
+    thick = 0.8 / (len(next(iter(pushed.values()))) - 1)
+    for side, (colour, word) in enumerate(sides[: round(0.8 / thick)]):
+        left.barh(place - 0.4 + thick * (side + 0.5), [v[side] for v in pushed.values()], thick, color=colour,
+                  label=word)
     left.set_yticks(place, list(pushed))
     left.invert_yaxis()
-    left.plot([v[2] for v in pushed.values()], place, "k|", ms=12, label="truth")
+    left.plot([v[-1] for v in pushed.values()], place, "k|", ms=12, label="truth")
     left.axvline(0, color="0.4", lw=0.8)
     left.set_xlabel("pushed from the prior's centre, prior deviations")
     left.legend(fontsize=8)
@@ -131,6 +141,9 @@ def main() -> None:
     findings = tuple(replace(f, gain=g) for f, g in zip(found.findings, told, strict=False))
     found = replace(found, findings=findings, extended_model=more.model, extension=more.content)
     found.write(a.out / "diagnosis.json")
+    updates = [more.content["before"], more.content["after"]]
+    if any(note.startswith("flexibility in shear") for note in found.notes):
+        updates.append(with_shear(a.out))
     truth = {k: float(v) for k, v in run.truth.parameters.items()}
     taken = [(n.effect.cause, n.effect.location) for n in outcome.fitted.named]
     story = {
@@ -140,11 +153,11 @@ def main() -> None:
         "taken_in": [{"cause": n.effect.cause, "location": n.effect.location, "course": n.course.name,
                       "block": n.course.at, "size": n.size} for n in outcome.fitted.named],
         "found": {f"{cause}, {where}": (cause, where) in taken for cause, where in WORDS},
-        "gains": told, "extension": more.content, "truth": truth,
+        "gains": told, "extension": more.content, "with_shear": updates[2:], "notes": list(found.notes), "truth": truth,
     }  # fmt: skip
     (a.out / "story.json").write_text(json.dumps(story, indent=1) + "\n")
     draw_month(outcome, a.out / "month.png")
-    draw_gain([cause for cause, _ in taken], told, pushes(more.content, truth), a.out / "gain.png")
+    draw_gain([cause for cause, _ in taken], told, pushes(updates, truth), a.out / "gain.png")
     print(found)
 
 
