@@ -157,6 +157,9 @@ class Design:
     def _scaled_factor(self, chosen: np.ndarray):
         std = self.prior_std[chosen]
         information = self._information[np.ix_(chosen, chosen)] * np.outer(std, std)
+        # where two modes nearly meet, what tells them has no bound: sums are then rounded by more than a prior's one
+        rounding = len(chosen) * np.finfo(float).eps
+        information[np.diag_indices_from(information)] *= 1.0 + rounding
         information[np.diag_indices_from(information)] += 1.0
         return linalg.cho_factor(information, lower=True)
 

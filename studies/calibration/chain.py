@@ -76,9 +76,13 @@ def of_kind(parameters: Parameters, kind: str) -> Parameters:
     return Parameters(tuple(replace(p, prior=kind) for p in parameters), parameters.correlation)
 
 
-def make_bench(folder: Path, noise: str, seed: int = 0) -> Bench:
-    """The reference turbine as built; the basis covers both priors and is kept in `folder`."""
-    full = verbs.open_model(STATE)
+def make_bench(folder: Path, noise: str, theory: str = "bernoulli-euler", seed: int = 0) -> Bench:
+    """The reference turbine as built, its members of that theory; the basis covers both priors and is kept in
+    `folder`."""
+    own = folder / f"{theory}.toml"
+    text = reference_model(STATE).read_text(encoding="utf-8")
+    own.write_text(text.replace('theory = "bernoulli-euler"', f'theory = "{theory}"'), encoding="utf-8")
+    full = verbs.open_model(own)
     file = read_turbine(reference_model(STATE))
     ends = np.array([[p.distribution.ppf([EDGE, 1 - EDGE]) for p in of_kind(full.parameters, kind)]
                      for kind in PRIORS])  # fmt: skip
@@ -86,7 +90,7 @@ def make_bench(folder: Path, noise: str, seed: int = 0) -> Bench:
     rng = np.random.default_rng([seed, 7])
     points = np.clip(np.vstack([of_kind(full.parameters, kind).draw(rng, 200) for kind in PRIORS]), *box)
     tolerance = FREQUENCY_TOLERANCE[noise]
-    path = folder / f"basis.{tolerance:g}.{seed}.npz"
+    path = folder / f"basis.{theory}.{tolerance:g}.{seed}.npz"
     if not path.exists():
         found = reduce_basis(full, n_mode=CARRIED, box=box, points=points, seed=seed, frequency_tolerance=tolerance)
         family = np.empty(found.basis.shape[1], int)

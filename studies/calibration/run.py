@@ -2,8 +2,9 @@
 
     python studies/calibration/run.py OUT --case turbine-paper-normal --replicates 300 [--part 0 --parts 2]
 
-A case is structure-noise-prior (see `chain`). Several processes share a case by `--part`; `tables.py OUT` says what
-came out. Replicate k of a case has the same numbers whoever computes it, in whichever order.
+A case is structure-noise-prior (see `chain`); `--theory timoshenko` updates a model whose members give way in shear, as
+the virtual turbine's do, with the same draws (in a folder of its own). Several processes share a case by `--part`;
+`tables.py OUT` says what came out. Replicate k of a case has the same numbers whoever computes it, in whichever order.
 """
 
 from __future__ import annotations
@@ -81,6 +82,8 @@ def main() -> int:
     parser.add_argument("out", type=Path)
     parser.add_argument("--case", action="append", required=True, help="structure-noise-prior, may be repeated")
     parser.add_argument("--replicates", type=int, default=300)
+    parser.add_argument("--theory", choices=("bernoulli-euler", "timoshenko"), default="bernoulli-euler",
+                        help="of the members of the model that is updated")
     parser.add_argument("--part", type=int, default=0)
     parser.add_argument("--parts", type=int, default=1)
     a = parser.parse_args()
@@ -93,7 +96,7 @@ def main() -> int:
             return 2
     a.out.mkdir(parents=True, exist_ok=True)
     noises = {case: case.split("-")[1] for case in a.case}
-    shared = {noise: _shared(a.out, noise) for noise in set(noises.values())}
+    shared = {noise: _shared(a.out, noise, a.theory) for noise in set(noises.values())}
     # cases take turns, so that a run that is stopped has some of each
     for number in range(a.part, a.replicates, a.parts):
         for case in a.case:
@@ -109,8 +112,8 @@ def main() -> int:
     return 0
 
 
-def _shared(folder: Path, noise: str) -> tuple[Bench, Pool]:
-    bench = make_bench(folder, noise)
+def _shared(folder: Path, noise: str, theory: str) -> tuple[Bench, Pool]:
+    bench = make_bench(folder, noise, theory)
     # a sharp posterior has no use for draws of the prior
     return bench, make_pool(bench.reduced, **({} if noise == "paper" else {"n": 2000}))
 

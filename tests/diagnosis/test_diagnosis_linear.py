@@ -197,3 +197,21 @@ def test_a_group_with_two_blocks_beyond_a_step_does_not_tell_of_it(design):
     weight[N_BLOCK - 3] = 1.0
     told = replace(late, noise=replace(design.noise, weight=(design.noise.weight[0], weight)))
     assert np.all((told._raw(told._sums(changed)) - told._raw(told._sums(y)))[steps] != 0)
+
+
+def test_unknowns_that_change_shapes_without_bound_are_let_go_and_nothing_else(design):
+    """Where two modes nearly meet two tolerances may do the same 10^8 times over: scores are those of a record in which
+    what they do is not looked at."""
+    rng = np.random.default_rng(8)
+    wild = [rng.standard_normal((2, m, 1)) for m in SIZES]
+    almost = [1e8 * np.concatenate([w, w * (1 + 1e-12 * rng.standard_normal(w.shape))], axis=2) for w in wild]
+    both, one = (
+        replace(design, nuisance_std=np.array([*design.nuisance_std, *np.ones(n)]), nuisance=tuple(
+            np.concatenate([own, a[:, :, :n]], axis=2) for own, a in zip(design.nuisance, almost, strict=True)))
+        for n in (2, 1)
+    )  # fmt: skip
+    y = [rng.standard_normal((N_BLOCK, m)) for m in SIZES]
+    z = [d.scores(y) / np.sqrt(d.information) for d in (both, one)]
+    # twice the column is 1.4 times a column without bound
+    assert np.allclose(z[0], z[1], rtol=1e-4, atol=1e-4)
+    assert not np.allclose(z[0], design.scores(y) / np.sqrt(design.information), atol=1e-2)
