@@ -22,7 +22,7 @@ from probupdate.diagnosis.extension import extend, updated
 from probupdate.diagnosis.gain import gains
 from probupdate.diagnosis.prepare import prepare
 from probupdate.modes import read_modes, write_modes
-from probupdate.structure.load import load_model, reference_model
+from probupdate.structure.load import load_model, nacelle_angle_deg, reference_model
 from probupdate.virtual.modal_blocks import simulate_modes
 
 HALF_WAY_H = 360.0
@@ -51,11 +51,13 @@ def share_of_scatter(run, plain) -> list[float]:
 
 
 def with_shear(out: Path) -> dict:
-    """The update with the findings once more, members giving way in shear as the diagnosis advises."""
+    """The update with the findings once more, of a model whose members give way in shear as the structure's do."""
     text = (out / "diagnosis.model.toml").read_text(encoding="utf-8")
     path = out / "shear.model.toml"
     path.write_text(text.replace('theory = "bernoulli-euler"', 'theory = "timoshenko"'), encoding="utf-8")
-    return updated(load_model(path), read_modes(out / "diagnosis.mean.json"))
+    mean = read_modes(out / "diagnosis.mean.json")
+    angle = nacelle_angle_deg(mean.sets[0].environment, "diagnosis.mean.json")
+    return updated(load_model(path, nacelle_angle_deg=angle), mean)
 
 
 def pushes(updates: list[dict], truth: dict[str, float]) -> dict[str, list[float]]:
@@ -95,9 +97,9 @@ def draw_gain(causes: list[str], told: list[dict], pushed: dict[str, list[float]
 
     figure, (left, right) = plt.subplots(1, 2, figsize=(9, 3.6), layout="constrained")
     place = np.arange(len(pushed))
-    sides = (("#c08040", "plain update"), ("#30507a", "with the findings"), ("#70a0c0", "and shear, as advised"))
-    thick = 0.8 / (len(next(iter(pushed.values()))) - 1)
-    for side, (colour, word) in enumerate(sides[: round(0.8 / thick)]):
+    sides = (("#c08040", "plain update"), ("#30507a", "with the findings"), ("#70a0c0", "and flexible in shear"))
+    thick = 0.8 / len(sides)
+    for side, (colour, word) in enumerate(sides):
         left.barh(place - 0.4 + thick * (side + 0.5), [v[side] for v in pushed.values()], thick, color=colour,
                   label=word)
     left.set_yticks(place, list(pushed))
@@ -141,9 +143,7 @@ def main() -> None:
     findings = tuple(replace(f, gain=g) for f, g in zip(found.findings, told, strict=False))
     found = replace(found, findings=findings, extended_model=more.model, extension=more.content)
     found.write(a.out / "diagnosis.json")
-    updates = [more.content["before"], more.content["after"]]
-    if any(note.startswith("flexibility in shear") for note in found.notes):
-        updates.append(with_shear(a.out))
+    updates = [more.content["before"], more.content["after"], with_shear(a.out)]
     truth = {k: float(v) for k, v in run.truth.parameters.items()}
     taken = [(n.effect.cause, n.effect.location) for n in outcome.fitted.named]
     story = {
@@ -153,7 +153,7 @@ def main() -> None:
         "taken_in": [{"cause": n.effect.cause, "location": n.effect.location, "course": n.course.name,
                       "block": n.course.at, "size": n.size} for n in outcome.fitted.named],
         "found": {f"{cause}, {where}": (cause, where) in taken for cause, where in WORDS},
-        "gains": told, "extension": more.content, "with_shear": updates[2:], "notes": list(found.notes), "truth": truth,
+        "gains": told, "extension": more.content, "with_shear": updates[2], "notes": list(found.notes), "truth": truth,
     }  # fmt: skip
     (a.out / "story.json").write_text(json.dumps(story, indent=1) + "\n")
     draw_month(outcome, a.out / "month.png")
