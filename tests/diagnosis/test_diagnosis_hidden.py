@@ -65,6 +65,6 @@ MASS = {"kind": "rna_mass", "mass_kg": 2.5e4, **STEP}
     (432, (LATE, MASS), {("clock offset", "T90"), ("nacelle mass", "nacelle")}),
 ])  # fmt: skip
 def test_two_effects_at_once_are_both_named(turbine, seed, hidden, wanted):
-    found = found_in(turbine, seed, *hidden)
+    found = found_in(turbine, seed, *hidden, extend=True)
     told = set().union(*(names(f) for f in found.findings))
     assert wanted <= told, (found.verdict, told)
