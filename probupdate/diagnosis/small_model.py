@@ -32,7 +32,8 @@ N_CORE = 80
 SPARE = 1
 # the highest of the modes looked through are there to be told from others, and may be less exact
 UNSURE = 2
-# points spread over prior and effects, and others to verify on
+# points spread over prior and effects, and others to verify on; with so many the size of the basis hardly hangs on the
+# draw (four seeds: 199 to 214 vectors; with 36 points 189 to 272)
 N_POINT, N_VERIFY = 54, 6
 # relative frequency error the basis may have far from where it was built: a tenth of what model form leaves
 TOLERANCE = 3e-4

@@ -114,11 +114,11 @@ def _three_diameters(d: Description, diameter_m: float, thickness_m: float) -> t
 
 
 def _theory(d: Description) -> Iterator[TurbineEffect]:
-    """Bernoulli-Euler members do not give way in shear, real ones do: normal, and far from nothing where they are
+    """Bernoulli-Euler members do not deform in shear, real ones do: normal, and far from nothing where they are
     stout. Without this row a month of sets sees a column or a tower's foot that is softer than the model."""
     if d.mesh.theory == "bernoulli-euler":
         stout = {"level_m": (d.jacket.top.z_m, d.tower.station[-1].z_m)}
-        yield _row("shear", "shear", "flexibility in shear", "above the jacket", on=stout, low=0.0, high=3.0,
+        yield _row("shear", "shear", "shear deformation", "above the jacket", on=stout, low=0.0, high=3.0,
                    tolerance=1.0, slab=1.0, courses=("constant",),
                    fingerprint="stout members give way: transition piece, tower's foot",
                    check='set mesh.theory = "timoshenko" in the model file and update again')

@@ -121,16 +121,16 @@ class HingeSoftening:
 def _hinge_stiffness(beam: Beam, length: float, matrices: Mapping[str, np.ndarray], theory: str):
     """Local matrices with their coefficients; the mass keeps the shapes of the unbroken beam, which the hinge changes
     inside this one element only."""
-    given = _shear(beam, length, theory)
+    counted = _shear(beam, length, theory)
     parts = [(None, matrices["axial"])] if beam.hinge.slip else []
     if beam.hinge.bending:
         rotations = np.array([4, 5]) + 6 * beam.hinge.end
         plain, shear = matrices["bending"][rotations], matrices["shear"][rotations]
         parts.append((0, plain.T @ plain))
-        if given is not None:
+        if counted is not None:
             parts += [(1, plain.T @ shear + shear.T @ plain), (2, shear.T @ shear)]
     for power, matrix in parts:
-        function = HingeSoftening(beam=beam, length_m=length, shear=given, power=power)
+        function = HingeSoftening(beam=beam, length_m=length, shear=counted, power=power)
         key = ("hinge", beam.part, beam.start, beam.end, power)
         yield matrix, Coefficient(-1.0, (Factor(key=key, names=function.names, function=function),))
 
