@@ -115,6 +115,19 @@ class Swap:
 
 
 @dataclass(frozen=True)
+class Crosstalk:
+    """A channel's row, and that of which it shows the share `size` too."""
+
+    into: int
+    other: int
+
+    def __call__(self, shape, frequency_hz, size):
+        result = np.array(shape, complex)
+        result[self.into] += size * result[self.other]
+        return result, 0.0
+
+
+@dataclass(frozen=True)
 class Turn:
     """Sensors turned in the planes of pairs of their axes (first, second row), by `size` degrees."""
 
@@ -164,7 +177,7 @@ class Rate:
 
 
 # in the order in which a signal passes them; a sensor turned before its sign is exchanged is not one turned after it
-SIGNAL_PATH = ((Turn,), (Gain,), (Swap,), (Delay, LowPass, Rate))
+SIGNAL_PATH = ((Turn,), (Gain,), (Swap, Crosstalk), (Delay, LowPass, Rate))
 
 
 def measurement_effects(channels: Sequence[str], sensors: Sequence[Sensor] = ()) -> tuple[Effect, ...]:

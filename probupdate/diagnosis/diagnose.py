@@ -8,8 +8,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from probupdate.diagnosis.adequacy import adequacy, span_left
+from probupdate.diagnosis.crosstalk import beside_crosstalk
 from probupdate.diagnosis.evidence import Rival, ranked, rival_of, sizes_std
-from probupdate.diagnosis.fitting import FINGERPRINT, Fit, fit
+from probupdate.diagnosis.fitting import FINGERPRINT, Fit, design_at, fit
 from probupdate.diagnosis.gross import Tried, tried_whole
 from probupdate.diagnosis.prepare import Prepared
 from probupdate.diagnosis.results import Alternative, Diagnosis, Finding, Limit
@@ -171,7 +172,11 @@ def examine(prepared: Prepared, data: ModalData, *, seed: int = 1, progress: Pro
         best = int(np.argmax(found.statistic))
         if found.statistic[best] <= found.threshold or number == MOST_EFFECTS:
             break
-        kept = _refitted(setting, fitted, found, best)
+        n_before = len(setting.which)
+        setting, fitted, found = beside_crosstalk(setting, fitted, found, best, seed=seed)
+        if len(setting.which) > n_before:
+            null = replace(null, design=design_at(setting, null.theta, (), null.design.noise)) if findings else fitted
+        kept = _refitted(setting, fitted, found, best, range(n_before, len(setting.which)))
         if not kept:
             break
         findings.append(finding(setting, found, kept))
@@ -195,13 +200,15 @@ def examine(prepared: Prepared, data: ModalData, *, seed: int = 1, progress: Pro
         verdict = "ambiguous" if any(f.posterior_probability < SURE for f in findings) else "named"
     named = () if verdict == "unexplained" else tuple(findings)
     details = {"adequacy": remaining}
+    told = _told(setting, fitted)
     if verdict == "unexplained":
-        details["nearest"] = [f"{f.cause}, {f.location}" for f in findings]
+        # what a fit tells that does not follow the record is nothing to say
+        details["nearest"], told = [f"{f.cause}, {f.location}" for f in findings], []
     diagnosis = Diagnosis(
         verdict=verdict, findings=named,
         p_value=min(1.0, 2 * min(first.p_value, fits)) if not findings else first.p_value,
         limits=_limits(setting, first, null), threshold=first.threshold, adequacy_p=fits,
-        notes=(*setting.blocks.notes, *_told(setting, fitted), *pinned, *_short(fitted, [f.size_std for f in findings]),
+        notes=(*setting.blocks.notes, *told, *pinned, *_short(fitted, [f.size_std for f in findings]),
                *([] if fitted.settled else [NOT_SETTLED]),
                *(f"modes {setting.blocks.group_name(q)}: {ALIKE_SHAPES}" for q in silent)),
         parameters=tuple(_parameters(setting, null, fitted)), details=details,
@@ -209,10 +216,11 @@ def examine(prepared: Prepared, data: ModalData, *, seed: int = 1, progress: Pro
     return Outcome(diagnosis=diagnosis, setting=setting, null=null, fitted=fitted, first=first, last=found)
 
 
-def _refitted(setting: Setting, fitted: Fit, found: Search, best: int) -> list[Rival]:
-    """What may be meant, refitted, the most probable first; where no fit leads from what is gross at its own size, what
-    the scores choose, from the fit without it."""
+def _refitted(setting: Setting, fitted: Fit, found: Search, best: int, offered: Sequence[int]) -> list[Rival]:
+    """What may be meant and what is `offered` beside it, refitted, the most probable first; where no fit leads from
+    what is gross at its own size, what the scores choose, from the fit without it."""
     chosen = meant(setting, fitted, found, best)
+    chosen += [(k, None) for k in offered if all(k != other for other, _ in chosen)]
     kept = ranked(setting, [refit(setting, fitted, found, k, whole) for k, whole in chosen])
     if kept or all(whole is None for _, whole in chosen):
         return kept
@@ -301,7 +309,7 @@ def finding(setting: Setting, found: Search, rivals: list[Rival]) -> Finding:
 
 def _limits(setting: Setting, found: Search, fitted: Fit) -> tuple[Limit, ...]:
     best: dict[tuple[int, str], int] = {}
-    for k, (j, c) in enumerate(setting.which):
+    for k, (j, c) in enumerate(found.which):
         key = (int(j), setting.courses[c].name)
         if key not in best or found.size_std[k] < found.size_std[best[key]]:
             best[key] = k

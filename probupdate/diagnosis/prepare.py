@@ -30,17 +30,22 @@ N_MODE = 7
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Prepared:
     """`path` of the model's file; small: the model with its effects; prior and updated (numbers in the small model) of
-    the parameters an update would move; effects of structure, surroundings and sensors; `rows` of the catalogue that
-    have a parameter in the model."""
+    the parameters an update would move; effects of structure and surroundings; a user's `own`; `rows` of the catalogue
+    that have a parameter in the model. Effects of sensors are those of the channels a record has (`effects_on`)."""
 
     path: Path
     small: SmallModel
     prior: Parameters
     updated: tuple[int, ...]
     effects: tuple[Effect, ...]
+    own: tuple[Effect, ...]
     rows: tuple[TurbineEffect, ...]
     sensors: tuple[Sensor, ...]
     description: Description | None
+
+    def effects_on(self, channels: Sequence[str]) -> tuple[Effect, ...]:
+        """The whole catalogue for a record of these channels, in their order."""
+        return (*self.effects, *measurement_effects(channels, self.sensors), *self.own)
 
 
 def prepare(
@@ -55,7 +60,8 @@ def prepare(
 ) -> Prepared:
     """Read the model and put the whole catalogue into it.
 
-    `effects` are a user's own of sensors or of parameters the model has; `rows` a user's own with a parameter each.
+    `effects` are a user's own of sensors or of parameters the model has, `rows` a user's own with a parameter each;
+    what is `observe`d has a row for each channel of the record, in its order.
     `groups`: named combinations of a model's parameters, name -> {parameter: change for a size of one}.
     """
     path = Path(path)
@@ -82,19 +88,18 @@ def prepare(
         reach[k] = row.model.neutral + span
     small = small_model(models, n_mode=N_MODE, effects=moved, reach=reach)
     progress("preparing the model", len(TURNS_DEG) + 1, len(TURNS_DEG) + 1)
-    effects = (*parameter_effects(model.parameters), *(r.effect for r in catalogue),
-               *measurement_effects(first.channels, placed), *own)  # fmt: skip
-    return Prepared(path=path, small=small, prior=model.parameters, updated=updated, effects=effects, rows=catalogue,
-                    sensors=placed, description=description)  # fmt: skip
+    effects = (*parameter_effects(model.parameters), *(r.effect for r in catalogue))
+    return Prepared(path=path, small=small, prior=model.parameters, updated=updated, effects=effects, own=own,
+                    rows=catalogue, sensors=placed, description=description)  # fmt: skip
 
 
 def _prepare_matrices(path: Path, model: AffineModel, own: tuple[Effect, ...]) -> Prepared:
     n_mode = min(max(N_MODE, 20), model.n_available - 1)
     reach = np.column_stack([model.parameters.lower, model.parameters.upper])
     small = small_model([model], n_mode=n_mode, effects=(), reach=reach)
-    effects = (*parameter_effects(model.parameters), *measurement_effects(model.channels), *own)
     return Prepared(path=path, small=small, prior=model.parameters, updated=tuple(range(len(model.parameters))),
-                    effects=effects, rows=(), sensors=(), description=None)  # fmt: skip
+                    effects=parameter_effects(model.parameters), own=own, rows=(), sensors=(),
+                    description=None)  # fmt: skip
 
 
 def _group_effects(groups: Mapping[str, Mapping[str, float]], parameters: Parameters) -> tuple[Effect, ...]:

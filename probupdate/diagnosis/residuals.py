@@ -324,7 +324,7 @@ def _measurement(setting: Setting, first: Search) -> list[dict]:
     """The measurement's own tests at the fit of the model as it is: of each cause and course the place that stands out
     most, with the number that were tried."""
     groups: dict[tuple[str, str], list[int]] = {}
-    for k, (j, c) in enumerate(setting.which):
+    for k, (j, c) in enumerate(first.which):
         effect = setting.effects[j]
         if effect.kind == "measurement" and first.usable[k]:
             groups.setdefault((effect.cause, setting.courses[c].name), []).append(k)

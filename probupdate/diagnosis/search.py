@@ -25,11 +25,12 @@ MEANT = (0.1, 5.0)
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Search:
-    """Scores of all candidates at a fit: z signed, the size that fits best and its deviation; `allowed` bool where that
-    size lies on a side the effect can be on; threshold and p of the largest |z| by bootstrap, whose maxima were taken
-    `heavier` times as large because the noise itself was estimated; u of the record and of the drawn ones (n_draw,
-    n_candidate)."""
+    """Scores of all candidates, `which` (n_candidate, 2) effect and course, at a fit: z signed, the size that fits best
+    and its deviation; `allowed` bool where that size lies on a side the effect can be on; threshold and p of the
+    largest |z| by bootstrap, whose maxima were taken `heavier` times as large because the noise itself was estimated;
+    u of the record and of the drawn ones (n_draw, n_candidate)."""
 
+    which: np.ndarray
     z: np.ndarray
     size: np.ndarray
     size_std: np.ndarray
@@ -68,8 +69,8 @@ def search(
     maxima = maxima * heavier
     largest = float(np.max(np.where(can(z), np.abs(z), 0.0)))
     alarms = FALSE_NEXT if fitted.named else FALSE_ALARM
-    return Search(z=z, size=np.where(usable, u / np.where(usable, v, 1.0), 0.0), size_std=std, allowed=can(z),
-                  usable=usable, threshold=exceeded(maxima, alarms), p_value=tail(maxima, largest),
+    return Search(which=setting.which, z=z, size=np.where(usable, u / np.where(usable, v, 1.0), 0.0), size_std=std,
+                  allowed=can(z), usable=usable, threshold=exceeded(maxima, alarms), p_value=tail(maxima, largest),
                   maxima=maxima, heavier=heavier, u=u, drawn=drawn)  # fmt: skip
 
 

@@ -150,7 +150,7 @@ def settle(prepared: Prepared, data: ModalData) -> tuple[Setting, np.ndarray]:
     blocks = gather(data)
     theta = np.array(prepared.small.parameters.initial)
     field = build_field(prepared.small, blocks, theta)
-    effects = prepared.effects
+    effects = prepared.effects_on(blocks.channels)
     courses = make_courses(with_derived(blocks), _columns(effects))
     which = _candidates(effects, courses)
     n_channel = len(blocks.channels)
