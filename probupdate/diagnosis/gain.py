@@ -20,12 +20,15 @@ from probupdate.diagnosis.fitting import Fit, fit
 from probupdate.diagnosis.linear import Design
 from probupdate.diagnosis.noise import Noise
 from probupdate.diagnosis.prediction import (
+    Own,
     Prediction,
+    carried,
     cross,
     crps,
     log_density,
     posterior,
     predict,
+    predicted,
     solve_covariance,
     transient,
 )
@@ -86,7 +89,8 @@ def contest(
 
     All held-out blocks are scored together, each by its residual from a prediction that did not see it: what is not
     known of the model is common to all of them. Were it taken as new in every stretch, a constant departure would count
-    once for each stretch, and a step would pass for a new offset.
+    once for each stretch, and a step would pass for a new offset. By how much a prediction without a stretch differs
+    from one with it is that stretch's own.
 
     The standard error is the larger of two: that of the predictive distribution, sqrt(D^T C^-1 D) for predictions that
     differ by D, and that of batch means over successive blocks, which shows what unrest and memory of the blocks
@@ -96,24 +100,49 @@ def contest(
     n_block = len(before[0].bin_of)
     fold, every = stretches(n_block, n_fold), np.arange(n_block)
     designs = [with_noise(d, noise) for d, _ in (before, after)]
+    centred = [y for _, y in (before, after)]
     sides = [tuple(predict(d, y, fold == k) for k in range(fold.max() + 1))
-             for d, (_, y) in zip(designs, (before, after), strict=True)]  # fmt: skip
+             for d, y in zip(designs, centred, strict=True)]  # fmt: skip
     residuals = [_joined(side) for side in sides]
-    unknown = [np.mean([p.uncertain for p in side], axis=0) for side in sides]
-    densities = [log_density(d, every, Q, r)[0] for d, Q, r in zip(designs, unknown, residuals, strict=True)]
-    difference = [a - b for a, b in zip(*residuals, strict=True)]
-    w, _ = solve_covariance(designs[0], every, unknown[0], difference)
-    told = sum(np.sum(a * b, axis=1) for a, b in zip(w, difference, strict=True))
+    whole = [carried(d, y, every) for d, y in zip(designs, centred, strict=True)]
+    unknown, own = zip(*(_shared(d, Q, side) for d, (_, Q), side in zip(designs, whole, sides, strict=True)),
+                       strict=True)  # fmt: skip
+    densities = [log_density(d, every, Q, r, o)[0]
+                 for d, Q, r, o in zip(designs, unknown, residuals, own, strict=True)]  # fmt: skip
+    # by which predictions from the whole record differ: what varies between stretches is no difference of the models
+    left = [[np.where(w[:, None] > 0, a - m, 0.0) for a, m, w in
+             zip(y, predicted(d, every, mean), noise.weight, strict=True)]
+            for d, y, (mean, _) in zip(designs, centred, whole, strict=True)]  # fmt: skip
+    difference = [a - b for a, b in zip(*left, strict=True)]
+    told = solve_covariance(designs[0], every, unknown[0], difference, own[0])
     gained = densities[1] - densities[0]
-    common = cross(designs[1], every, w, weighted=False)
+    common = cross(designs[1], every, told.solved, weighted=False)
     variance = float(common @ unknown[1] @ common)
-    for a, covariance, weight in zip(w, noise.covariance, noise.weight, strict=True):
+    for places, covariance in own[1]:
+        there = cross(designs[1], places, [w[places] for w in told.solved], weighted=False)
+        variance += float(there @ covariance @ there)
+    for a, covariance, weight in zip(told.solved, noise.covariance, noise.weight, strict=True):
         measured = weight > 0
         squares = np.einsum("ni,ij,nj->n", a, covariance, a, optimize=True)
         variance += float(np.sum(squares[measured] / weight[measured]))
-    se = max(np.sqrt(variance), batch_error(gained - 0.5 * told))
+    se = max(np.sqrt(variance), batch_error(gained - 0.5 * told.shares))
     return Contest(elpd=float(gained.sum()), elpd_se=float(se), by_block=gained, before=sides[0], after=sides[1],
-                   snr=float(np.sqrt(max(float(told.sum()), 0.0))))  # fmt: skip
+                   snr=float(np.sqrt(max(float(told.shares.sum()), 0.0))))  # fmt: skip
+
+
+def _shared(design: Design, Q: np.ndarray, predictions: Sequence[Prediction]) -> tuple[np.ndarray, list[Own]]:
+    """Covariance of how all predictions depart and of how each does besides, such that a stretch departs as its own
+    prediction says and the mean over stretches as the whole record does, by Q: estimates from a part differ from that
+    of the whole by what the part knows less, and these differences nearly cancel. Remainders, which no prediction
+    carries, have no part in them."""
+    left = transient(design)
+    more = []
+    for p in predictions:
+        own = p.uncertain - Q
+        own[left], own[:, left] = 0.0, 0.0
+        more.append(own)
+    mean = np.sum(more, axis=0) / len(more) ** 2
+    return Q - mean, [(p.rows, own + mean) for p, own in zip(predictions, more, strict=True)]
 
 
 def _joined(predictions: Sequence[Prediction]) -> list[np.ndarray]:

@@ -118,14 +118,23 @@ def posterior(
     return mean, linalg.cho_solve(factor, np.eye(design.n_unknown)) * np.outer(prior, prior)
 
 
+def carried(
+    design: Design, centred: Sequence[np.ndarray], blocks: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """What `blocks` tell other blocks of the unknowns: mean, zero of what is `transient`, and covariance Q of how the
+    unknowns depart from it."""
+    mean, Q = posterior(design, centred, blocks)
+    left = transient(design)
+    mean[left] = 0.0
+    Q[np.ix_(left, left)] = np.diag(design.prior_std[left] ** 2)
+    return mean, Q
+
+
 def predict(design: Design, centred: Sequence[np.ndarray], held: np.ndarray) -> Prediction:
     """Predict the blocks where `held` (n_block,) bool from all others; `centred` departures per group (n_block,
     n_response) of the fit to all."""
     rows = np.flatnonzero(held)
-    mean, Q = posterior(design, centred, np.flatnonzero(~held))
-    left = transient(design)
-    mean[left] = 0.0
-    Q[np.ix_(left, left)] = np.diag(design.prior_std[left] ** 2)
+    mean, Q = carried(design, centred, np.flatnonzero(~held))
 
     weight = tuple(w[rows] for w in design.noise.weight)
     expected = predicted(design, rows, mean)
@@ -142,43 +151,76 @@ def predict(design: Design, centred: Sequence[np.ndarray], held: np.ndarray) -> 
 
 
 def log_density(
-    design: Design, rows: np.ndarray, Q: np.ndarray, residual: Sequence[np.ndarray]
+    design: Design, rows: np.ndarray, Q: np.ndarray, residual: Sequence[np.ndarray], own: Sequence[Own] = ()
 ) -> tuple[np.ndarray, float]:
-    """Joint log density of the residuals of blocks `rows`, N(0, X Q X^T + R), as shares (len(rows),) that add up to it,
-    and their squared distance."""
-    solved, log_determinant = solve_covariance(design, rows, Q, residual)
-    squares = sum(np.sum(r * s, axis=1) for r, s in zip(residual, solved, strict=True))
+    """Joint log density of the residuals of blocks `rows`, N(0, C) as in `solve_covariance`, as shares (len(rows),)
+    that add up to it, and their squared distance."""
+    found = solve_covariance(design, rows, Q, residual, own)
     weight = [w[rows] for w in design.noise.weight]
     numbers = sum((w > 0) * r.shape[1] for w, r in zip(weight, residual, strict=True))
-    density = -0.5 * (squares + numbers * np.log(2 * np.pi))
+    density = -0.5 * (found.shares + numbers * np.log(2 * np.pi))
     for w, covariance in zip(weight, design.noise.covariance, strict=True):
         measured = w > 0
         log_noise = np.linalg.slogdet(covariance)[1] - len(covariance) * np.log(np.where(measured, w, 1.0))
         density -= 0.5 * np.where(measured, log_noise, 0.0)
-    return density - 0.5 * log_determinant * numbers / max(numbers.sum(), 1), float(squares.sum())
+    return density - 0.5 * found.log_determinant * numbers / max(numbers.sum(), 1), float(found.shares.sum())
+
+
+# what departs in a stretch alone: places of its blocks among the rows, covariance (n_unknown, n_unknown) there
+Own = tuple[np.ndarray, np.ndarray]
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Solved:
+    """C^-1 y per group (len(rows), n_response); shares (len(rows),) that add up to y^T C^-1 y: of each block what the
+    unknowns' best values leave, and evenly what these values cost; logarithm of what the unknowns multiply the noise's
+    determinant with."""
+
+    solved: list[np.ndarray]
+    shares: np.ndarray
+    log_determinant: float
 
 
 def solve_covariance(
-    design: Design, rows: np.ndarray, Q: np.ndarray, y: Sequence[np.ndarray]
-) -> tuple[list[np.ndarray], float]:
-    """(X Q X^T + R)^-1 y per group, and the logarithm of what the unknowns multiply the noise's determinant with."""
-    root = _root(Q, design.prior_std)
-    inner = np.eye(root.shape[1]) + root.T @ gram(design, rows) @ root
+    design: Design, rows: np.ndarray, Q: np.ndarray, y: Sequence[np.ndarray], own: Sequence[Own] = ()
+) -> Solved:
+    """With C = X Q X^T + R, and in the blocks of every stretch of `own` its X Q_own X^T besides."""
+    everywhere = (np.arange(len(rows)), _root(Q, design.prior_std))
+    parts = [everywhere, *((places, _root(covariance, design.prior_std)) for places, covariance in own)]
+    grams = [gram(design, rows[places]) for places, _ in parts]
+    ends = np.cumsum([0, *(root.shape[1] for _, root in parts)])
+    inner, right = np.eye(ends[-1]), np.empty(ends[-1])
+    for k, ((places, root), G) in enumerate(zip(parts, grams, strict=True)):
+        here = slice(ends[k], ends[k + 1])
+        inner[here, here] += root.T @ G @ root
+        if k:
+            inner[: ends[1], here] = everywhere[1].T @ G @ root
+            inner[here, : ends[1]] = inner[: ends[1], here].T
+        right[here] = root.T @ cross(design, rows[places], [v[places] for v in y])
     factor = linalg.cho_factor(inner, lower=True)
-    z = root @ linalg.cho_solve(factor, root.T @ cross(design, rows, y))
-    moved = predicted(design, rows, z)
-    solved = []
+    solution = linalg.cho_solve(factor, right)
+    moved = [np.zeros_like(v) for v in y]
+    for k, (places, root) in enumerate(parts):
+        for m, made in zip(moved, predicted(design, rows[places], root @ solution[ends[k] : ends[k + 1]]), strict=True):
+            m[places] += made
+    solved, shares, common, numbers = [], np.zeros(len(rows)), 0.0, np.zeros(len(rows))
     for q, (r, m) in enumerate(zip(y, moved, strict=True)):
         w = design.noise.weight[q][rows][:, None]
         solved.append(w * ((r - m) @ design.noise.precision[q]))
-    return solved, float(2 * np.sum(np.log(np.diag(factor[0]))))
+        shares += np.sum((r - m) * solved[-1], axis=1)
+        common += float(np.sum(m * solved[-1]))
+        numbers += (w[:, 0] > 0) * r.shape[1]
+    return Solved(solved=solved, shares=shares + common * numbers / max(numbers.sum(), 1.0),
+                  log_determinant=float(2 * np.sum(np.log(np.diag(factor[0])))))  # fmt: skip
 
 
 def _root(Q: np.ndarray, size: np.ndarray) -> np.ndarray:
-    """L with L L^T = Q, by eigenvalues in units of `size`."""
+    """L (n, rank) with L L^T = Q, by eigenvalues in units of `size`."""
     scaled = Q / np.outer(size, size)
     value, turn = np.linalg.eigh(0.5 * (scaled + scaled.T))
-    return size[:, None] * turn * np.sqrt(np.maximum(value, 0.0))
+    # rounding of numbers of one
+    kept = value > 1e-12
+    return size[:, None] * turn[:, kept] * np.sqrt(value[kept])
 
 
 def _deviations(design: Design, rows: np.ndarray, Q: np.ndarray) -> list[np.ndarray]:

@@ -18,20 +18,20 @@ N_BLOCK, N_EFFECT, N_NUISANCE = 60, 3, 3
 SIZES = (5, 4)
 
 
-def make_design(seed=3, named=(), n_block=N_BLOCK, floor=0.3, doubted=()):
+def make_design(seed=3, named=(), n_block=N_BLOCK, floor=0.3, doubted=(), noise=1.0):
     rng = np.random.default_rng(seed)
     bin_of = rng.integers(0, 2, n_block)
-    covariances = [a @ a.T / m + np.eye(m) for m in SIZES for a in [rng.standard_normal((m, m))]]
+    covariances = [noise**2 * (a @ a.T / m + np.eye(m)) for m in SIZES for a in [rng.standard_normal((m, m))]]
     weights = [rng.uniform(0.5, 2.0, n_block) for _ in SIZES]
     weights[1][4] = 0.0
-    noise = Noise(covariance=tuple(covariances), precision=tuple(np.linalg.inv(c) for c in covariances),
+    noises = Noise(covariance=tuple(covariances), precision=tuple(np.linalg.inv(c) for c in covariances),
                   weight=tuple(weights))  # fmt: skip
     nuisance = tuple(rng.standard_normal((2, m, N_NUISANCE)) for m in SIZES)
     effect = tuple(rng.standard_normal((2, m, N_EFFECT)) for m in SIZES)
     return Design(
         bin_of=bin_of, nuisance=nuisance, nuisance_std=np.array([0.5, 1.0, 2.0]),
         floor=tuple(np.full(m, floor) for m in SIZES), effect=effect,
-        courses=(Course(kind="constant", value=np.ones(n_block)),), which=np.zeros((0, 2), int), noise=noise,
+        courses=(Course(kind="constant", value=np.ones(n_block)),), which=np.zeros((0, 2), int), noise=noises,
         named=tuple(named), doubted=tuple(doubted),
     )  # fmt: skip
 
@@ -133,6 +133,30 @@ def test_gain_of_a_true_step_is_about_half_its_squared_snr(snr):
     assert np.mean(np.array(gains) / np.array(errors)) == pytest.approx(snr / 2, abs=1.2 + 0.1 * snr)
     # the stated error is that of the scatter between records: chi-square of 7 degrees of freedom, 99.9 %
     assert 0.2 < np.std(gains, ddof=1) / np.mean(errors) < 1.9
+
+
+@pytest.mark.parametrize("noise", [1.0, 0.02])
+def test_gain_of_a_true_constant_is_about_half_its_squared_snr(noise):
+    """However small the noise is beside the offset that hides it: 0.02 is a hundredth of the departure. What a
+    prediction from four fifths of the record misses of the whole record's is then many times the noise."""
+    plain, snr = make_design(noise=noise), 8.0
+    course = Course(kind="constant", value=np.ones(N_BLOCK))
+    trial = make_design(named=((0, course, 1.0),), noise=noise)
+    size = snr * np.sqrt(1 / (1 / trial.unknowns_cov([N_NUISANCE])[0, 0] - 1.0))
+    extended, rng = make_design(named=((0, course, size),), noise=noise), np.random.default_rng(13)
+    found = []
+    for _ in range(12):
+        y = list(plain.simulate(rng))
+        for q in range(2):
+            shift = size * extended.effect[q][extended.bin_of, :, 0]
+            y[q] = np.where(extended.noise.weight[q][:, None] > 0, y[q] + shift, 0.0)
+        found.append(gain.contest((plain, y), (extended, y)))
+    gains, errors = np.array([c.elpd for c in found]), np.array([c.elpd_se for c in found])
+    assert abs(gains.mean() - snr**2 / 2) < 3.3 * snr / np.sqrt(12) + 0.1 * snr**2 / 2
+    # chi-square of 11 degrees of freedom, 99.9 %
+    assert 0.4 < np.std(gains, ddof=1) / errors.mean() < 1.7
+    # the larger of two, one of which is told by eight batches alone
+    assert np.median(errors) == pytest.approx(snr, rel=0.5)
 
 
 def test_a_wrong_effect_gains_nothing():

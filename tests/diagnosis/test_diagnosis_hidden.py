@@ -68,3 +68,13 @@ def test_two_effects_at_once_are_both_named(turbine, seed, hidden, wanted):
     found = found_in(turbine, seed, *hidden, extend=True)
     told = set().union(*(names(f) for f in found.findings))
     assert wanted <= told, (found.verdict, told)
+
+
+def test_a_crosstalk_is_told_from_what_it_looks_like(turbine):
+    """No row is searched for it; what stands out is grout that cracked. TP-B and TP-C move alike in y."""
+    hidden = {"kind": "crosstalk", "channel": "T66-x", "other": "TP-B-y", "share": 0.4}
+    found = found_in(turbine, 452, hidden)
+    (one,) = found.findings
+    assert ("crosstalk", "TP-B-y into T66-x") in names(one), (found.verdict, one)
+    assert {cause for cause, _ in names(one)} == {"crosstalk"}
+    assert one.size == pytest.approx(0.4, abs=3 * one.size_std) and one.size_std < 0.1

@@ -54,6 +54,16 @@ def test_a_wrong_gain_is_named_with_its_channel(prepared, record):
     assert one.size == pytest.approx(0.12, abs=3 * one.size_std) and one.size_std < 0.03
 
 
+@pytest.mark.parametrize("channels", [slice(None, None, -1), slice(2, None)], ids=["the other way round", "two fewer"])
+def test_a_record_s_channels_need_not_be_those_of_the_model(prepared, record, channels):
+    data = record(5, gain=("y4", 1.12))
+    sets = tuple(replace(s, shape=s.shape[channels], shape_std=s.shape_std[channels]) for s in data.sets)
+    found = probupdate.diagnose(prepared, replace(data, channels=data.channels[channels], sets=sets), sampler=False)
+    (one,) = found.findings
+    assert (found.verdict, one.cause, one.location) == ("named", "sensor gain", "y4")
+    assert one.size == pytest.approx(0.12, abs=3 * one.size_std)
+
+
 def test_mass_of_a_storey_that_is_in_no_catalogue_is_not_named(prepared, record):
     found = probupdate.diagnose(prepared, record(6, mass=(4, 1.6)), sampler=False)
     assert found.verdict in ("unexplained", "none", "ambiguous")
