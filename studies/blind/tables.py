@@ -64,6 +64,14 @@ def told(effect: dict) -> bool | None:
     return None if effect.get("apart") is None else bool(effect["apart"] >= np.log(SURE / (1 - SURE)))
 
 
+def own_name(line: dict, held=in_set) -> bool:
+    """Whether a hidden crosstalk was found as that one; nothing else of the family has a name."""
+    hidden = line["hidden"][0]
+    if hidden["kind"] != "crosstalk" or len(line["findings"]) != 1:
+        return False
+    return held(line["findings"][0], {"cause": "crosstalk", "location": f"{hidden['other']} into {hidden['channel']}"})
+
+
 def summary(lines: list[dict]) -> str:
     failed = [x for x in lines if "failed" in x]
     lines = [x for x in lines if "failed" not in x]
@@ -93,7 +101,11 @@ def summary(lines: list[dict]) -> str:
     out.append(rate("size within its 90 % interval",
                     sum(abs(abs(f["size"]) - abs(e["size"])) < 1.645 * f["size_std"] for f, e in sized), len(sized)))
     outside = by.get("outside", [])
-    out.append(rate("outside the catalogue: no name", sum(x["verdict"] != "named" for x in outside), len(outside)))
+    out.append(rate("outside the rows that are searched: no wrong name",
+                    sum(x["verdict"] != "named" or own_name(x, is_named) for x in outside), len(outside)))
+    own = [x for x in outside if own_name(x)]
+    out.append(rate("  of these called what they are (crosstalk)", len(own),
+                    sum(x["hidden"][0]["kind"] == "crosstalk" for x in outside)))
     out.append(rate("  the same without the adequacy test", sum(not x["taken_in"] for x in outside), len(outside)))
     pair = by.get("pair", [])
     both = [x for x in pair if all(any(in_set(f, e) for f in x["findings"]) for e in x["effects"])]
