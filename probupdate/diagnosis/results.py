@@ -40,7 +40,7 @@ class Finding:
     posterior_probability: float
     alternatives: tuple[Alternative, ...]
     check: str
-    gain: dict = field(default_factory=dict)
+    gain: dict = field(default_factory=dict, repr=False)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -60,20 +60,20 @@ class Limit:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Diagnosis:
-    """The whole answer. `cluster`: when ambiguous, the candidates that cannot be told apart. `threshold` of |z|."""
+    """The whole answer; `threshold` of |z| for the whole catalogue. `summary` is for people, `content` for files."""
 
     verdict: str
     p_value: float
     findings: tuple[Finding, ...]
-    limits: tuple[Limit, ...]
+    limits: tuple[Limit, ...] = field(repr=False)
     threshold: float
     adequacy_p: float
     notes: tuple[str, ...]
-    parameters: tuple[dict, ...]
+    parameters: tuple[dict, ...] = field(repr=False)
     extended_model: str | None = None
-    extension: dict = field(default_factory=dict)
+    extension: dict = field(default_factory=dict, repr=False)
     splits: tuple[str, ...] = ()
-    details: dict = field(default_factory=dict)
+    details: dict = field(default_factory=dict, repr=False)
 
     @property
     def summary(self) -> str:

@@ -158,7 +158,7 @@ def main() -> None:
     (a.out / "story.json").write_text(json.dumps(story, indent=1) + "\n")
     draw_month(outcome, a.out / "month.png")
     draw_gain([cause for cause, _ in taken], told, pushes(updates, truth), a.out / "gain.png")
-    print(found)
+    print(found.summary)
 
 
 if __name__ == "__main__":
