@@ -14,7 +14,7 @@ import numpy as np
 
 from probupdate.diagnosis.catalogue import Crosstalk, Effect, Swap, Turn
 from probupdate.diagnosis.fitting import Fit, design_at
-from probupdate.diagnosis.search import Search, search
+from probupdate.diagnosis.search import Search, search, tail
 from probupdate.diagnosis.setting import Setting
 
 # of all ordered pairs, how many are refitted
@@ -40,7 +40,7 @@ def beside_crosstalk(
 ) -> tuple[Setting, Fit, Search]:
     """Setting, fit and search with the crosstalks, constant or along the course of the `best` candidate, that explain
     most as last candidates: where the best is a turned sensor or exchanged cables, or they stand out clearly more than
-    it does. Threshold and p are what they were without them."""
+    it does. The threshold is what it was without them."""
     j, c = setting.which[best]
     known = {(e.cause, e.location) for e in setting.effects}
     rows = [e for e in crosstalk_effects(setting.blocks.channels) if (e.cause, e.location) not in known]
@@ -59,7 +59,9 @@ def beside_crosstalk(
     wider = _wider(setting, [rows[k] for k in strongest], courses[np.argmax(z[strongest], axis=1)][:, None])
     fitted = replace(fitted, design=design_at(wider, fitted.theta, fitted.named, fitted.design.noise))
     again = search(wider, fitted, seed=seed, heavier=found.heavier)
-    return wider, fitted, replace(again, threshold=found.threshold, p_value=found.p_value, maxima=found.maxima)
+    # of so many more candidates, in proportion
+    p = (1 + z.size / len(setting.which)) * tail(found.maxima, float(z.max()))
+    return wider, fitted, replace(again, threshold=found.threshold, p_value=min(found.p_value, p), maxima=found.maxima)
 
 
 def _wider(setting: Setting, rows: Sequence[Effect], courses: np.ndarray) -> Setting:
