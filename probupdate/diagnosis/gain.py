@@ -23,6 +23,7 @@ from probupdate.diagnosis.prediction import (
     Own,
     Prediction,
     carried,
+    covariance_root,
     cross,
     crps,
     log_density,
@@ -142,7 +143,9 @@ def _shared(design: Design, Q: np.ndarray, predictions: Sequence[Prediction]) ->
         own[left], own[:, left] = 0.0, 0.0
         more.append(own)
     mean = np.sum(more, axis=0) / len(more) ** 2
-    return Q - mean, [(p.rows, own + mean) for p, own in zip(predictions, more, strict=True)]
+    # what one stretch alone tells differs by more than the whole record leaves unknown
+    root = covariance_root(Q - mean, design.prior_std)
+    return root @ root.T, [(p.rows, own + mean) for p, own in zip(predictions, more, strict=True)]
 
 
 def _joined(predictions: Sequence[Prediction]) -> list[np.ndarray]:

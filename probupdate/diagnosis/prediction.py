@@ -185,8 +185,8 @@ def solve_covariance(
     design: Design, rows: np.ndarray, Q: np.ndarray, y: Sequence[np.ndarray], own: Sequence[Own] = ()
 ) -> Solved:
     """With C = X Q X^T + R, and in the blocks of every stretch of `own` its X Q_own X^T besides."""
-    everywhere = (np.arange(len(rows)), _root(Q, design.prior_std))
-    parts = [everywhere, *((places, _root(covariance, design.prior_std)) for places, covariance in own)]
+    everywhere = (np.arange(len(rows)), covariance_root(Q, design.prior_std))
+    parts = [everywhere, *((places, covariance_root(covariance, design.prior_std)) for places, covariance in own)]
     grams = [gram(design, rows[places]) for places, _ in parts]
     ends = np.cumsum([0, *(root.shape[1] for _, root in parts)])
     inner, right = np.eye(ends[-1]), np.empty(ends[-1])
@@ -214,7 +214,7 @@ def solve_covariance(
                   log_determinant=float(2 * np.sum(np.log(np.diag(factor[0])))))  # fmt: skip
 
 
-def _root(Q: np.ndarray, size: np.ndarray) -> np.ndarray:
+def covariance_root(Q: np.ndarray, size: np.ndarray) -> np.ndarray:
     """L (n, rank) with L L^T = Q, by eigenvalues in units of `size`."""
     scaled = Q / np.outer(size, size)
     value, turn = np.linalg.eigh(0.5 * (scaled + scaled.T))
