@@ -20,7 +20,9 @@ LEVELS = {"TP": "all of TP", "tower bottom": "T18", "tower 2/3": "T66", "tower t
 CHANNELS = (*(f"TP-{leg}-{axis}" for leg in LEGS for axis in "xyz"),
             *(f"T{z}-{axis}" for z in (18, 66, 90) for axis in "xy"))  # fmt: skip
 DAYS, HOURS = 30.0, 720.0
-FAMILIES = {"null": 200, "single": 200, "outside": 50, "pair": 40, "twin": 40, "below": 40}
+FAMILIES = {"null": 200, "single": 200, "outside": 50, "pair": 40, "twin": 40, "below": 40, "month": 40}
+# a family's place seeds its cases: a new one goes last
+STREAMS = ("below", "null", "outside", "pair", "single", "twin", "month")
 STEEL_PER_DEGC = -3.6e-4
 # 6.4 m by 25.5 mm of steel at the tower's foot, times k_t: what makes a length of tower of a flexibility
 FOOT_EI_GNM2 = 1.83 * 210.0 * np.pi / 8 * 6.3745**3 * 0.0255
@@ -260,7 +262,7 @@ def _draw(rng, limits, *, below: bool = False, kinds=KINDS):
 
 def make_case(family: str, number: int, limits: Mapping | None = None) -> Case:
     """The case of that number; the same for ever."""
-    rng = np.random.default_rng([sorted(FAMILIES).index(family), number])
+    rng = np.random.default_rng([STREAMS.index(family), number])
     seed = int(rng.integers(2**31))
     truth: dict = {"parameters_from": "prior"}
     options: dict = {"days": DAYS, "n_block": 48}
@@ -268,6 +270,9 @@ def make_case(family: str, number: int, limits: Mapping | None = None) -> Case:
     words: list = []
     if family == "null":
         _trap(number, rng, truth, options)
+    elif family == "month":
+        # nothing hidden, but so many sets that what the model's theory leaves out stands far above their scatter
+        options |= {"n_block": 400, "states": ["idling", "below rated", "rated"]}
     elif family in ("single", "below"):
         chosen = _draw(rng, limits, below=family == "below")
         told, words = [chosen[0]], [chosen[1]]

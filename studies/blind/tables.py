@@ -79,6 +79,9 @@ def summary(lines: list[dict]) -> str:
     out = ["| what | cases | rate | 95 % interval |", "|---|---|---|---|"]
     null = by.get("null", [])
     out.append(rate("false alarms on nulls", sum(x["verdict"] != "none" for x in null), len(null)))
+    month = by.get("month", [])
+    out.append(rate("false alarms on months of 400 sets in all states", sum(x["verdict"] != "none" for x in month),
+                    len(month)))  # fmt: skip
     single = by.get("single", [])
     seen = [x for x in single if above_limit(x, x["effects"][0])]
     found = [x for x in single if x["verdict"] != "none"]
