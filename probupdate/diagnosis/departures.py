@@ -10,6 +10,7 @@ of measured and expected numbers, so that neither rescales the other's scatter.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -27,6 +28,11 @@ class Reference:
 
     tensor: np.ndarray
     shape: np.ndarray
+
+    @cached_property
+    def frequency_hz(self) -> float:
+        """The group's, geometric mean of its modes'."""
+        return float(np.exp(np.trace(self.tensor) / self.tensor.shape[0]))
 
 
 def n_response(k: int, n_channel: int) -> int:

@@ -164,5 +164,5 @@ def over_doubts(design: Design, evidence: Callable[[Design], float]) -> float:
     fingerprint that explains it to a hundredth, and a short one that explains it less well wins."""
     if not design.doubted:
         return evidence(design)
-    each = [evidence(replace(design, doubt=share)) for share in DOUBTS]
+    each = [evidence(design.doubting(share)) for share in DOUBTS]
     return float(special.logsumexp(each) - np.log(len(each)))

@@ -105,16 +105,11 @@ def observed(reference: Reference, effects: Sequence[tuple[Effect, float]]) -> R
     if not effects:
         return reference
     shape, shift = np.array(reference.shape, complex), 0.0
-    frequency = _frequency_hz(reference)
     for effect, size in sorted(effects, key=lambda e: e[0].stage):
-        shape, more = effect.observe(shape, frequency, size)
+        shape, more = effect.observe(shape, reference.frequency_hz, size)
         shift += more
     tensor = reference.tensor + shift * np.eye(len(reference.tensor)) if shift else reference.tensor
     return Reference(tensor=tensor, shape=shape)
-
-
-def _frequency_hz(reference: Reference) -> float:
-    return float(np.exp(np.trace(reference.tensor) / reference.tensor.shape[0]))
 
 
 def effect_fingerprints(

@@ -11,7 +11,7 @@ that one's deviation. V is never formed: it is the noise plus what a few hundred
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -138,6 +138,12 @@ class Design:
         return tuple(result)
 
     @cached_property
+    def _by_course(self) -> tuple[list[tuple[int, np.ndarray, np.ndarray]], ...]:
+        """`_unknowns` per group, sorted: each course with the numbers of those that follow it and what they make."""
+        return tuple([(row, number[course == row], made[:, :, course == row]) for row in np.unique(course)]
+                     for number, course, made in self._unknowns)  # fmt: skip
+
+    @cached_property
     def _information(self) -> np.ndarray:
         """(n_unknown, n_unknown) of the unknowns, from the data alone."""
         information = np.zeros((self.n_unknown, self.n_unknown))
@@ -147,6 +153,13 @@ class Design:
                 total += self._times[q][g][np.ix_(course, course)] * (made[g].T @ (self.noise.precision[q] @ made[g]))
             information[np.ix_(number, number)] += total
         return information
+
+    def doubting(self, doubt: float) -> Design:
+        """The design with another `doubt`; what does not depend on it is not worked out again."""
+        other = replace(self, doubt=doubt)
+        for name in ("_aggregators", "_times", "_unknowns", "_by_course", "_information"):
+            vars(other)[name] = getattr(self, name)
+        return other
 
     @cached_property
     def _factor(self):
@@ -175,13 +188,11 @@ class Design:
         n_effect, n_course = self.effect[0].shape[2], len(self.courses)
         cross = np.zeros((n_course, n_effect, self.n_unknown))
         own = np.zeros((n_course, n_effect))
-        for q, (number, course, made) in enumerate(self._unknowns):
+        for q, sorted_unknowns in enumerate(self._by_course):
             weighted = self.noise.precision[q] @ self.effect[q]
-            shared = np.einsum("gme,gmu->geu", weighted, made, optimize=True)
-            for row in np.unique(course):
-                there = course == row
-                part = np.tensordot(self._times[q][:, :n_course, row], shared[:, :, there], (0, 0))
-                cross[:, :, number[there]] += part
+            for row, number, made in sorted_unknowns:
+                shared = np.einsum("gme,gmu->geu", weighted, made, optimize=True)
+                cross[:, :, number] += np.tensordot(self._times[q][:, :n_course, row], shared, (0, 0))
             alone = np.einsum("gme,gme->ge", weighted, self.effect[q])
             own += np.einsum("gcc,ge->ce", self._times[q][:, :n_course, :n_course], alone)
         effect, course = self.which.T
@@ -200,16 +211,20 @@ class Design:
         raw = self._system[2]
         return np.sqrt(np.where(raw > 0, self.information / np.where(raw > 0, raw, 1.0), 0.0))
 
-    def _sums(self, departures: Sequence[np.ndarray]) -> list[np.ndarray]:
-        """Per group (..., n_row, n_bin, n_response) of departures (..., n_block, n_response)."""
-        return [np.tensordot(A, y, axes=(2, -2)) if y.ndim == 2
-                else np.moveaxis(np.tensordot(A, y, axes=(2, 1)), 2, 0)
+    def _sums(self, departures: Sequence[np.ndarray], first: int = 0) -> list[np.ndarray]:
+        """Per group (..., n_row, n_bin, n_response) of departures (..., n_block, n_response), rows from `first` on."""
+        return [np.tensordot(A[first:], y, axes=(2, -2)) if y.ndim == 2
+                else np.moveaxis(np.tensordot(A[first:], y, axes=(2, 1)), 2, 0)
                 for A, y in zip(self._aggregators, departures, strict=True)]  # fmt: skip
+
+    def _known(self, sums: list[np.ndarray]) -> list[np.ndarray]:
+        """Of `_sums` the rows that unknowns follow, behind the candidates' courses."""
+        return [total[..., len(self.courses):, :, :] for total in sums]
 
     def scores(self, departures: Sequence[np.ndarray]) -> np.ndarray:
         """u (..., n_candidate) of departures per group (..., n_block, n_response), zero where not measured."""
         sums = self._sums(departures)
-        return self._raw(sums) - self._right(sums) @ self._system[1].T
+        return self._raw(sums) - self._right(self._known(sums)) @ self._system[1].T
 
     def _raw(self, sums: list[np.ndarray]) -> np.ndarray:
         """X^T R^-1 y (..., n_candidate), R the noise alone."""
@@ -221,24 +236,23 @@ class Design:
         effect, course = self.which.T
         return raw[..., course, effect]
 
-    def _right(self, sums: list[np.ndarray]) -> np.ndarray:
-        """U^T R^-1 y (..., n_unknown), U what the unknowns make."""
-        right = np.zeros((*sums[0].shape[:-3], self.n_unknown))
-        for q, (number, course, made) in enumerate(self._unknowns):
-            weighted = sums[q] @ self.noise.precision[q]
-            for row in np.unique(course):
-                there = course == row
-                right[..., number[there]] += np.einsum(
-                    "...gm,gmu->...u", weighted[..., row, :, :], made[:, :, there], optimize=True)
+    def _right(self, known: list[np.ndarray]) -> np.ndarray:
+        """U^T R^-1 y (..., n_unknown), U what the unknowns make; `known` from `_known`."""
+        right = np.zeros((*known[0].shape[:-3], self.n_unknown))
+        for q, sorted_unknowns in enumerate(self._by_course):
+            weighted = known[q] @ self.noise.precision[q]
+            for row, number, made in sorted_unknowns:
+                right[..., number] += np.einsum(
+                    "...gm,gmu->...u", weighted[..., row - len(self.courses), :, :], made, optimize=True)
         return right
 
     def unknowns(self, departures: Sequence[np.ndarray]) -> np.ndarray:
         """Most probable c, sizes, offsets and doubts (n_unknown,) when nothing else is wrong."""
-        return self._solve(self._right(self._sums(departures)))
+        return self._solve(self._right(self._sums(departures, len(self.courses))))
 
     def misfit(self, departures: Sequence[np.ndarray], held: Sequence[int]) -> float:
         """y^T V^-1 y with the unknowns `held` at zero, all others marginalised."""
-        right = self._right(self._sums(departures))
+        right = self._right(self._sums(departures, len(self.courses)))
         free = np.setdiff1d(np.arange(self.n_unknown), np.asarray(held, int))
         right = self.prior_std[free] * right[free]
         solved = linalg.cho_solve(self._scaled_factor(free) if len(held) else self._factor, right)
@@ -268,11 +282,10 @@ class Design:
     def expected(self, unknowns: np.ndarray) -> list[np.ndarray]:
         """Departures per group (n_block, n_response) that unknowns (n_unknown,) make."""
         result = []
-        for h, (number, course, made) in zip(self._course_values, self._unknowns, strict=True):
-            y = np.zeros((len(self.bin_of), made.shape[1]))
-            for row in np.unique(course):
-                there = course == row
-                y += h[row][:, None] * (made[:, :, there] @ unknowns[number[there]])[self.bin_of]
+        for h, floor, sorted_unknowns in zip(self._course_values, self.floor, self._by_course, strict=True):
+            y = np.zeros((len(self.bin_of), floor.size))
+            for row, number, made in sorted_unknowns:
+                y += h[row][:, None] * (made @ unknowns[number])[self.bin_of]
             result.append(y)
         return result
 
@@ -322,6 +335,6 @@ class Design:
                 departures.append(white @ root.T * scale[None, :, None] * own)
             sums = self._sums(departures)
             unknown = rng.standard_normal((size, self.n_unknown)) * self.prior_std
-            right = self._right(sums) + unknown @ self._information
+            right = self._right(self._known(sums)) + unknown @ self._information
             result.append(self._raw(sums) + unknown @ B.T - right @ solved.T)
         return frozen_array(np.concatenate(result))
