@@ -21,8 +21,8 @@ from probupdate.errors import ConvergenceError
 from probupdate.modes import ModalData
 from probupdate.progress import Progress, silent
 
-# effects taken in one after the other
-MOST_EFFECTS = 3
+# effects that are named together; rounds of taking one in, of which the next may show that it was none
+MOST_EFFECTS, MOST_ROUNDS = 3, 6
 # a limit is the size found in so many of a hundred records: normal quantile of 0.9
 POWER = 1.2815515655446004
 # candidates whose z correlates by more with the best one's may be meant instead, and are refitted; at most so many
@@ -37,8 +37,8 @@ GROSS = 20.0
 GROSS_SHARE = 0.5
 # directions among which the error of a fingerprint is shared out
 DIRECTIONS = 4
-# deviations from zero at which something within its tolerance is said
-TOLD = 3.0
+# deviations from zero at which something within its tolerance is said; within which nothing is left of a size
+TOLD, LEFT = 3.0, 2.0
 CHANCE = "chance alone"
 NOT_SETTLED = "the fit did not settle: what remains is too much for the model to follow"
 ALIKE_SHAPES = "the measured shapes are as good as one where the model expects two, so that they tell nothing"
@@ -103,6 +103,14 @@ def beside_the_last(
     return fitted, rivals, findings
 
 
+def still_there(setting: Setting, fitted: Fit) -> list[int]:
+    """Numbers of the named effects of which something is left: what was bent into a cause that is known by now is zero
+    beside it. The last one was only just found; an exchange is there or not."""
+    std = sizes_std(setting, fitted)
+    return [i for i, (n, s) in enumerate(zip(fitted.named, std, strict=True))
+            if n.effect.discrete or abs(n.size) > LEFT * s or i == len(std) - 1]  # fmt: skip
+
+
 def undecided(z: float) -> float:
     """What log evidence between rivals is divided by: the error of a fingerprint of z deviations lies along a few
     directions, and between two rivals is one of them."""
@@ -126,11 +134,15 @@ def rivals_of(setting: Setting, fitted: Fit, found: Search, best: int) -> list[i
     return [int(k) for k, r, h in zip(order, likeness, high, strict=True) if k == best or r > ALIKE or h][:MOST_RIVALS]
 
 
-def meant(setting: Setting, fitted: Fit, found: Search, best: int) -> list[tuple[int, Tried | None]]:
-    """The candidates to refit; of what is gross with where its fit begins."""
+def meant(
+    setting: Setting, fitted: Fit, found: Search, best: int, n_searched: int
+) -> list[tuple[int, Tried | None]]:
+    """The candidates to refit; of what is gross, one of the first `n_searched`, with where its fit begins: of those
+    offered beside them a share of another channel as large as the channel's own bends into anything."""
     if found.statistic[best] < GROSS:
         return [(k, None) for k in rivals_of(setting, fitted, found, best)]
-    tried = tried_whole(setting, fitted.named, ~taken(setting, fitted.named))
+    free = ~taken(setting, fitted.named) & (np.arange(len(setting.which)) < n_searched)
+    tried = tried_whole(setting, fitted.named, free)
     least = GROSS_SHARE * max(tried[0].gain, 0.0)
     result = [(t.candidate, t) for t in tried if t.whole and t.gain > least][:MOST_RIVALS]
     if not result or any(t.gain > least for t in tried if not t.whole):
@@ -165,18 +177,19 @@ def examine(prepared: Prepared, data: ModalData, *, seed: int = 1, progress: Pro
     null, first = fitted, None
     findings: list[Finding] = []
     searches, rivals = [], []
-    for number in range(MOST_EFFECTS + 1):
-        progress("diagnosing", number, MOST_EFFECTS + 1)
+    n_searched = len(setting.which)
+    for number in range(MOST_ROUNDS + 1):
+        progress("diagnosing", min(number, MOST_EFFECTS), MOST_EFFECTS + 1)
         found = search(setting, fitted, seed=seed, heavier=first.heavier if first else None)
         first = first or found
         best = int(np.argmax(found.statistic))
-        if found.statistic[best] <= found.threshold or number == MOST_EFFECTS:
+        if found.statistic[best] <= found.threshold or len(findings) == MOST_EFFECTS or number == MOST_ROUNDS:
             break
         n_before = len(setting.which)
         setting, fitted, found = beside_crosstalk(setting, fitted, found, best, seed=seed)
         if len(setting.which) > n_before:
             null = replace(null, design=design_at(setting, null.theta, (), null.design.noise)) if findings else fitted
-        kept = _refitted(setting, fitted, found, best, range(n_before, len(setting.which)))
+        kept = _refitted(setting, fitted, found, best, n_searched, range(n_before, len(setting.which)))
         if not kept:
             break
         findings.append(finding(setting, found, kept))
@@ -184,6 +197,10 @@ def examine(prepared: Prepared, data: ModalData, *, seed: int = 1, progress: Pro
         rivals.append(kept)
         fitted = _anew(setting, kept[0].fitted)
         fitted, rivals, findings = beside_the_last(setting, fitted, searches, rivals, findings)
+        there = still_there(setting, fitted)
+        if len(there) < len(findings):
+            fitted = _anew(setting, replace(fitted, named=tuple(fitted.named[i] for i in there)))
+            searches, rivals, findings = ([x[i] for i in there] for x in (searches, rivals, findings))
     # with all of them in place
     findings = [replace(f, size=n.size, size_std=std)
                 for f, n, std in zip(findings, fitted.named, sizes_std(setting, fitted), strict=True)]  # fmt: skip
@@ -216,17 +233,20 @@ def examine(prepared: Prepared, data: ModalData, *, seed: int = 1, progress: Pro
     return Outcome(diagnosis=diagnosis, setting=setting, null=null, fitted=fitted, first=first, last=found)
 
 
-def _refitted(setting: Setting, fitted: Fit, found: Search, best: int, offered: Sequence[int]) -> list[Rival]:
+def _refitted(
+    setting: Setting, fitted: Fit, found: Search, best: int, n_searched: int, offered: Sequence[int]
+) -> list[Rival]:
     """What may be meant and what is `offered` beside it, refitted, the most probable first; where no fit leads from
     what is gross at its own size, what the scores choose, from the fit without it."""
-    chosen = meant(setting, fitted, found, best)
-    chosen += [(k, None) for k in offered if all(k != other for other, _ in chosen)]
-    kept = ranked(setting, [refit(setting, fitted, found, k, whole) for k, whole in chosen])
-    if kept or all(whole is None for _, whole in chosen):
-        return kept
+    chosen = meant(setting, fitted, found, best, n_searched)
+    tried = [refit(setting, fitted, found, k, whole) for k, whole in chosen]
     from_the_fit = {k for k, whole in chosen if whole is None}
-    rest = [k for k in rivals_of(setting, fitted, found, best) if k not in from_the_fit]
-    return ranked(setting, [refit(setting, fitted, found, k) for k in rest])
+    if len(from_the_fit) < len(chosen) and all(r is None for r in tried):
+        rest = [k for k in rivals_of(setting, fitted, found, best) if k not in from_the_fit]
+        from_the_fit |= set(rest)
+        tried += [refit(setting, fitted, found, k) for k in rest]
+    tried += [refit(setting, fitted, found, k) for k in offered if k not in from_the_fit]
+    return ranked(setting, tried)
 
 
 def _silent(fitted: Fit) -> list[int]:
