@@ -11,7 +11,7 @@ from probupdate.diagnosis.adequacy import adequacy, span_left
 from probupdate.diagnosis.crosstalk import beside_crosstalk
 from probupdate.diagnosis.evidence import Rival, ranked, rival_of, sizes_std
 from probupdate.diagnosis.fitting import FINGERPRINT, Fit, design_at, fit
-from probupdate.diagnosis.gross import Tried, tried_whole
+from probupdate.diagnosis.gross import Tried, tried_together, tried_whole
 from probupdate.diagnosis.prepare import Prepared
 from probupdate.diagnosis.results import Alternative, Diagnosis, Finding, Limit
 from probupdate.diagnosis.search import Search, chance, search, taken
@@ -136,19 +136,22 @@ def rivals_of(setting: Setting, fitted: Fit, found: Search, best: int) -> list[i
 
 def meant(
     setting: Setting, fitted: Fit, found: Search, best: int, n_searched: int
-) -> list[tuple[int, Tried | None]]:
+) -> tuple[list[tuple[int, Tried | None]], bool]:
     """The candidates to refit; of what is gross, one of the first `n_searched`, with where its fit begins: of those
-    offered beside them a share of another channel as large as the channel's own bends into anything."""
+    offered beside them a share of another channel as large as the channel's own bends into anything. Whether they
+    stand in the order in which they explain the record beside another one that is not found yet."""
     if found.statistic[best] < GROSS:
-        return [(k, None) for k in rivals_of(setting, fitted, found, best)]
+        return [(k, None) for k in rivals_of(setting, fitted, found, best)], False
     free = ~taken(setting, fitted.named) & (np.arange(len(setting.which)) < n_searched)
     tried = tried_whole(setting, fitted.named, free)
+    together = tried_together(setting, fitted.named, free, tried) if tried[0].whole else []
+    tried = together or tried
     least = GROSS_SHARE * max(tried[0].gain, 0.0)
     result = [(t.candidate, t) for t in tried if t.whole and t.gain > least][:MOST_RIVALS]
-    if not result or any(t.gain > least for t in tried if not t.whole):
+    if not together and (not result or any(t.gain > least for t in tried if not t.whole)):
         known = [k for k, _ in result]
         result += [(k, None) for k in rivals_of(setting, fitted, found, best) if k not in known]
-    return result
+    return result, bool(together)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -238,15 +241,22 @@ def _refitted(
 ) -> list[Rival]:
     """What may be meant and what is `offered` beside it, refitted, the most probable first; where no fit leads from
     what is gross at its own size, what the scores choose, from the fit without it."""
-    chosen = meant(setting, fitted, found, best, n_searched)
+    chosen, together = meant(setting, fitted, found, best, n_searched)
     tried = [refit(setting, fitted, found, k, whole) for k, whole in chosen]
     from_the_fit = {k for k, whole in chosen if whole is None}
     if len(from_the_fit) < len(chosen) and all(r is None for r in tried):
         rest = [k for k in rivals_of(setting, fitted, found, best) if k not in from_the_fit]
         from_the_fit |= set(rest)
         tried += [refit(setting, fitted, found, k) for k in rest]
-    tried += [refit(setting, fitted, found, k) for k in offered if k not in from_the_fit]
-    return ranked(setting, tried)
+    elif together:
+        # alone none is probable: told again beside the next one
+        return [r for r in tried if r is not None]
+    kept = ranked(setting, tried)
+    beside = [refit(setting, fitted, found, k) for k in offered if k not in from_the_fit]
+    if kept and not kept[0].fitted.settled:
+        # that one has settled is worth nothing where it explains less than what has not
+        beside = [r for r in beside if r is not None and r.log_evidence > kept[0].log_evidence]
+    return ranked(setting, [*tried, *beside])
 
 
 def _silent(fitted: Fit) -> list[int]:
@@ -308,7 +318,8 @@ def finding(setting: Setting, found: Search, rivals: list[Rival]) -> Finding:
     # strong a fingerprint
     left, directions = span_left(setting, best.fitted, c)
     dispersion = max(left / directions, undecided(found.z[best.candidate]))
-    weight = np.exp((np.array([r.log_evidence for r in rivals]) - best.log_evidence) / dispersion)
+    evidence = np.array([r.log_evidence for r in rivals])
+    weight = np.exp((evidence - evidence.max()) / dispersion)
     # nothing but chance is a rival too
     none = chance(found.p_value)
     probability = (1 - none) * weight / weight.sum()

@@ -20,6 +20,8 @@ from probupdate.diagnosis.setting import Named, Setting
 
 # of an effect's deviation: a gain of 20, half a turn
 DOUBLINGS = 7
+# of -2 ln posterior that another one explains beside the best, for both to be told together; turns taken at that
+ANOTHER, MOST_TURNS = 400.0, 6
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -71,6 +73,31 @@ def tried_whole(setting: Setting, named: Sequence[Named], candidates: np.ndarray
         best = max(gains, key=gains.get)
         result.append(Tried(candidate=k, size=best, gain=float(gains[best]), whole=True))
     return sorted(result, key=lambda t: -t.gain)
+
+
+def tried_together(
+    setting: Setting, named: Sequence[Named], candidates: np.ndarray, alone: Sequence[Tried]
+) -> list[Tried]:
+    """The candidates once more, beside one that is as gross: of two faults each hides the other, and what explains most
+    `alone` may be neither. The best and the best beside it by turns until neither changes; empty where the first one
+    stays."""
+    first, result = alone[0], []
+    for _ in range(MOST_TURNS):
+        beside = _beside(setting, named, candidates, first)
+        if not beside or not beside[0].whole or beside[0].gain < ANOTHER:
+            break
+        again = _beside(setting, named, candidates, beside[0])
+        if not again[0].whole or setting.which[again[0].candidate, 0] == setting.which[first.candidate, 0]:
+            break
+        first, result = again[0], again
+    return result
+
+
+def _beside(setting: Setting, named: Sequence[Named], candidates: np.ndarray, one: Tried) -> list[Tried]:
+    """`tried_whole` with one of them at its size named too."""
+    j, c = setting.which[one.candidate]
+    known = Named(effect=setting.effects[j], course=setting.courses[c], size=one.size)
+    return tried_whole(setting, (*named, known), candidates & (setting.which[:, 0] != j))
 
 
 def _by_effect_and_kind(setting: Setting, candidates: np.ndarray) -> list[list[int]]:

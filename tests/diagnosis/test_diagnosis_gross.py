@@ -9,9 +9,10 @@ import probupdate
 from probupdate.diagnosis.adequacy import adequacy, neighbours_dispersion
 from probupdate.diagnosis.catalogue import Effect, measurement_effects
 from probupdate.diagnosis.departures import Reference
-from probupdate.diagnosis.diagnose import ALIKE_SHAPES, examine
+from probupdate.diagnosis.diagnose import ALIKE_SHAPES, examine, still_there
 from probupdate.diagnosis.extension import corrections
 from probupdate.diagnosis.field import observed
+from probupdate.diagnosis.fitting import fit
 from probupdate.diagnosis.gross import sizes_of, tried_whole
 from probupdate.diagnosis.prepare import prepare
 from probupdate.diagnosis.setting import Named, settle
@@ -85,6 +86,46 @@ def test_a_reversed_channel_beside_a_wrong_gain_and_a_storey_that_loosens(prepar
     assert found.verdict == "named"
     assert {(f.cause, f.location) for f in found.findings} == {
         ("sensor polarity", "x3"), ("sensor gain", "y5"), ("parameter", "k3")}  # fmt: skip
+
+
+@pytest.mark.parametrize(("seed", "reverse", "first", "second"), [
+    (100, "y5", "x4", "y4"),  # alone, another exchange explains more than either
+    (102, "x4", "x5", "y5"),  # a gain that the first fit is bent into, and of which nothing is left at the end
+    (112, "y1", "x1", "y4"),  # a share of another channel is the only one whose fit settles at first
+])  # fmt: skip
+def test_a_reversed_channel_beside_exchanged_ones(prepared, record, seed, reverse, first, second):
+    """Each hides the other from a search of one cause after the other."""
+    data = record(seed)
+    rows = [data.channels.index(c) for c in (first, second)]
+
+    def change(shape):
+        shape = exchanged(shape, *rows)
+        shape[data.channels.index(reverse)] *= -1
+        return shape
+
+    found = probupdate.diagnose(prepared, of_sensors(data, change), sampler=False)
+    assert found.verdict in ("named", "ambiguous")
+    assert {(f.cause, f.location) for f in found.findings} == {
+        ("sensor polarity", reverse), ("swapped channels", f"{first} and {second}")}  # fmt: skip
+
+
+def test_of_a_cause_that_another_explains_nothing_is_left(prepared, record):
+    """A gain of a channel that is right, beside one that is not; and both where both are there."""
+    data = record(17)
+    right, wrong = data.channels.index("x2"), data.channels.index("y4")
+    for factor, expected in ((1.0, [1]), (0.8, [0, 1])):
+
+        def change(shape, factor=factor):
+            shape[wrong] *= 1.3
+            shape[right] *= factor
+            return shape
+
+        setting, theta = settle(prepared, of_sensors(data, change))
+        effects = {(e.cause, e.location): e for e in setting.effects}
+        named = [Named(effect=effects["sensor gain", channel], course=setting.courses[0], size=0.1)
+                 for channel in ("x2", "y4")]  # fmt: skip
+        fitted = fit(setting, theta, named)
+        assert fitted.settled and still_there(setting, fitted) == expected
 
 
 def test_of_all_sizes_tried_the_true_one_explains_most(prepared, record):
