@@ -9,7 +9,7 @@ import numpy as np
 
 from probupdate.diagnosis.adequacy import adequacy, span_left
 from probupdate.diagnosis.crosstalk import beside_crosstalk
-from probupdate.diagnosis.evidence import Rival, ranked, rival_of, sizes_std
+from probupdate.diagnosis.evidence import Rival, log_evidence, ranked, rival_of, sizes_std
 from probupdate.diagnosis.fitting import FINGERPRINT, Fit, design_at, fit
 from probupdate.diagnosis.gross import Tried, tried_together, tried_whole
 from probupdate.diagnosis.prepare import Prepared
@@ -105,10 +105,19 @@ def beside_the_last(
 
 def still_there(setting: Setting, fitted: Fit) -> list[int]:
     """Numbers of the named effects of which something is left: what was bent into a cause that is known by now is zero
-    beside it. The last one was only just found; an exchange is there or not."""
+    beside it, or of one size only and the record is more probable without it. The last one was only just found."""
     std = sizes_std(setting, fitted)
-    return [i for i, (n, s) in enumerate(zip(fitted.named, std, strict=True))
-            if n.effect.discrete or abs(n.size) > LEFT * s or i == len(std) - 1]  # fmt: skip
+    there = [i for i, (n, s) in enumerate(zip(fitted.named, std, strict=True))
+             if n.effect.discrete or abs(n.size) > LEFT * s or i == len(std) - 1]  # fmt: skip
+    for i in [i for i in there[:-1] if fitted.named[i].effect.discrete]:
+        rest = [k for k in there if k != i]
+        try:
+            without = fit(setting, fitted.theta, [fitted.named[k] for k in rest])
+        except ConvergenceError:
+            continue
+        if without.settled and log_evidence(setting, without) > log_evidence(setting, fitted):
+            there = rest
+    return there
 
 
 def undecided(z: float) -> float:

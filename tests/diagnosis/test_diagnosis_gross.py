@@ -109,6 +109,20 @@ def test_a_reversed_channel_beside_exchanged_ones(prepared, record, seed, revers
         ("sensor polarity", reverse), ("swapped channels", f"{first} and {second}")}  # fmt: skip
 
 
+def test_an_exchange_that_was_none_is_given_up(prepared, record):
+    """Two reversed channels side by side: the scores of a fit bent to follow them lead to an exchange of others."""
+    data = record(200)
+    rows = [data.channels.index(c) for c in ("x2", "x3")]
+
+    def change(shape):
+        shape[rows] *= -1
+        return shape
+
+    found = probupdate.diagnose(prepared, of_sensors(data, change), sampler=False)
+    assert found.verdict in ("named", "ambiguous")
+    assert {(f.cause, f.location) for f in found.findings} == {("sensor polarity", "x2"), ("sensor polarity", "x3")}
+
+
 def test_of_a_cause_that_another_explains_nothing_is_left(prepared, record):
     """A gain of a channel that is right, beside one that is not; and both where both are there."""
     data = record(17)
