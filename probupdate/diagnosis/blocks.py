@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -14,14 +14,16 @@ from probupdate.modes import ModalData, frozen_array, rotate_to_real
 
 # a block in which the nacelle turned by more has no one set of modes
 YAW_RANGE_DEG = 2.0
-# a channel missing in more of the blocks is left out, not the blocks
-CHANNEL_SHARE = 0.5
 # a mode found in a smaller share of the blocks is left out
 MODE_SHARE = 0.2
 # a mode this far off its median (in ln f) was taken for another one
 STRAY = 0.15
 # fewer blocks tell nothing of their own scatter
 FEWEST = 8
+# a covariate known in a smaller share of the blocks is none
+KNOWN_SHARE = 0.9
+# neighbours nearer to each other (in ln f) are copies, computed or rounded: identification scatters by 1e-4 and more
+SCATTER = 1e-9
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -67,9 +69,20 @@ class Blocks:
         """(n_block,) of a number in the environment; None unless nearly every block tells it and it varies."""
         values = np.array([_number(e.get(name)) for e in self.environment])
         known = np.isfinite(values)
-        if known.mean() < 0.9 or np.std(values[known]) == 0:
+        if known.mean() < KNOWN_SHARE or np.std(values[known]) == 0:
             return None
         return np.where(known, values, np.mean(values[known]))
+
+    def little_known(self, columns: Sequence[str]) -> list[str]:
+        """What to say of those that only a part of the blocks tells."""
+        shares = {name: np.mean([np.isfinite(_number(e.get(name))) for e in self.environment]) for name in columns}
+        return [f"{name} is told in {share:.0%} of the blocks: nothing that follows it is looked for"
+                for name, share in shares.items() if 0 < share < KNOWN_SHARE]  # fmt: skip
+
+    @property
+    def headings_told(self) -> bool:
+        """Whether any block tells where the nacelle looked."""
+        return any(np.isfinite(_number(e.get("nacelle_angle_deg"))) for e in self.environment)
 
     def states(self) -> np.ndarray:
         """(n_block,) text, empty where none is told."""
@@ -131,12 +144,25 @@ def gather(data: ModalData, where: str = "modes") -> Blocks:
     if stray.any():
         notes.append(f"{int(stray.sum())} modes left out, more than {100 * STRAY:.0f} % off their median frequency")
         frequency = np.where(stray, np.nan, frequency)
+    with np.errstate(invalid="ignore"):
+        steps = np.abs(np.diff(np.log(frequency), axis=0))
+    if np.isfinite(steps).any() and np.nanmedian(steps) < SCATTER:
+        raise InputError(where, "most sets have the frequencies of the set before them: copied, computed or rounded",
+                         "give sets that were identified one by one, with all digits: their scatter is the noise that "
+                         "effects are tested against")  # fmt: skip
     found = np.isfinite(frequency) & np.any(np.isfinite(shape), axis=1)
-    seen = np.isfinite(shape).any(axis=2)[found.any(axis=1)].mean(axis=0)
-    kept_channels = np.flatnonzero(seen >= CHANNEL_SHARE)
-    if len(kept_channels) < len(seen):
-        left = [c for c, s in zip(data.channels, seen, strict=True) if s < CHANNEL_SHARE]
-        notes.append(f"{', '.join(left)} left out: missing in more than half of the blocks")
+    seen = np.isfinite(shape).any(axis=2)[found.any(axis=1)]
+    if not seen.any():
+        raise InputError(where, "no set tells a shape",
+                         "give shapes: frequencies alone tell no cause from another")  # fmt: skip
+    kept_channels = _most_told(seen)
+    left = [f"{c} (there in {m:.0%} of the blocks)" for k, (c, m) in
+            enumerate(zip(data.channels, seen.mean(axis=0), strict=True)) if k not in kept_channels]  # fmt: skip
+    if left:
+        notes.append(f"left out, so that the blocks without them count: {', '.join(left)}")
+    short = int(np.sum(~seen[:, kept_channels].all(axis=1)))
+    if short:
+        notes.append(f"{short} of {len(seen)} blocks left out, in which one channel or another is missing")
     shape = shape[:, kept_channels]
     complete = np.isfinite(frequency) & np.all(np.isfinite(shape), axis=1)
     labels = data.labels or tuple(f"mode {j + 1}" for j in range(data.n_mode))
@@ -155,10 +181,11 @@ def gather(data: ModalData, where: str = "modes") -> Blocks:
     middle = np.nanmedian(frequency, axis=0)
     groups = tuple(tuple(sorted(part)) for c in close_clusters(middle)
                    for part in pairs_of(c, middle, tuple(labels[j] for j in kept)))  # fmt: skip
-    angle = np.array([_number(s.environment.get("nacelle_angle_deg", 0.0)) for s in sets])
-    if np.any(np.isnan(angle)):
-        notes.append("some sets do not tell where the nacelle looked: taken as in the model")
-        angle = np.nan_to_num(angle)
+    angle = np.array([_number(s.environment.get("nacelle_angle_deg")) for s in sets])
+    unknown = int(np.sum(np.isnan(angle)))
+    if 0 < unknown < len(sets):
+        notes.append(f"{unknown} sets do not tell where the nacelle looked: taken as in the model")
+    angle = np.nan_to_num(angle)
     return Blocks(
         ids=tuple(s.id for s in sets), hours=frozen_array(hours),
         channels=tuple(data.channels[k] for k in kept_channels), labels=tuple(labels[j] for j in kept), groups=groups,
@@ -167,6 +194,18 @@ def gather(data: ModalData, where: str = "modes") -> Blocks:
         relative_std=frozen_array(_relative_std(sets, kept, kept_channels, groups)), deviations=deviations,
         notes=tuple(notes),
     )  # fmt: skip
+
+
+def _most_told(seen: np.ndarray) -> np.ndarray:
+    """Numbers of the channels with which most numbers are left, of `seen` (n_block, n_channel) bool: a block counts
+    with all of them only. One after the other, as long as what is left grows."""
+    kept = np.arange(seen.shape[1])[seen.any(axis=0)]
+    while len(kept) > 1:
+        size = [np.sum(seen[:, np.delete(kept, k)].all(axis=1)) * (len(kept) - 1) for k in range(len(kept))]
+        if max(size) <= np.sum(seen[:, kept].all(axis=1)) * len(kept):
+            break
+        kept = np.delete(kept, int(np.argmax(size)))
+    return kept
 
 
 def pairs_of(cluster: tuple[int, ...], frequency_hz: np.ndarray, labels: tuple[str, ...]) -> list[tuple[int, ...]]:
@@ -216,8 +255,8 @@ def _relative_std(sets, kept, channels, groups) -> np.ndarray:
 def with_derived(blocks: Blocks) -> Blocks:
     """Adds to every block's environment what follows from it: share of rated thrust, degrees of frost."""
     environment = []
-    power = np.array([e.get("power_kw", np.nan) for e in blocks.environment], float)
-    wind = np.array([e.get("wind_speed_mps", np.nan) for e in blocks.environment], float)
+    power = np.array([_number(e.get("power_kw")) for e in blocks.environment])
+    wind = np.array([_number(e.get("wind_speed_mps")) for e in blocks.environment])
     with np.errstate(invalid="ignore", divide="ignore"):
         thrust = np.maximum(power, 0) / np.maximum(wind, 1.0)
     highest = np.nanmax(thrust) if np.isfinite(thrust).any() else np.nan

@@ -67,12 +67,16 @@ def _inverse(shape: np.ndarray) -> np.ndarray:
 
 def numbers_of_modes(frequency_hz: np.ndarray, shape: np.ndarray, axes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Of n blocks, frequency_hz (n, k) and complex shape (n, n_channel, k) with the group's axes (n_channel, k) -> (n,
-    n_response) and independent (n,) bool: False where the pair's shapes are too alike to tell anything, zero there."""
+    n_response) and independent (n,) bool: False where the pair's shapes are too alike to tell anything, or a single one
+    lies across its axis; zero there."""
     k = frequency_hz.shape[1]
     in_plane = _inverse(axes) @ shape
     log = np.log(frequency_hz)
     independent = np.ones(len(shape), bool)
     if k == 1:
+        # a shape across the axis, scaled to it, would be as large as one over what is along it
+        along = np.abs(in_plane[:, 0, 0]) * np.linalg.norm(axes)
+        independent = along > INDEPENDENCE * np.linalg.norm(shape[:, :, 0], axis=1)
         tensor = log[:, :, None]
     else:
         # each shape's direction in the plane, along its own main phase

@@ -106,9 +106,7 @@ def beside_the_last(
 def still_there(setting: Setting, fitted: Fit) -> list[int]:
     """Numbers of the named effects of which something is left: what was bent into a cause that is known by now is zero
     beside it, or of one size only and the record is more probable without it. The last one was only just found."""
-    std = sizes_std(setting, fitted)
-    there = [i for i, (n, s) in enumerate(zip(fitted.named, std, strict=True))
-             if n.effect.discrete or abs(n.size) > LEFT * s or i == len(std) - 1]  # fmt: skip
+    there = sorted({*_told_from_zero(setting, fitted), len(fitted.named) - 1})
     for i in [i for i in there[:-1] if fitted.named[i].effect.discrete]:
         rest = [k for k in there if k != i]
         try:
@@ -118,6 +116,11 @@ def still_there(setting: Setting, fitted: Fit) -> list[int]:
         if without.settled and log_evidence(setting, without) > log_evidence(setting, fitted):
             there = rest
     return there
+
+
+def _told_from_zero(setting: Setting, fitted: Fit) -> list[int]:
+    return [i for i, (n, std) in enumerate(zip(fitted.named, sizes_std(setting, fitted), strict=True))
+            if n.effect.discrete or abs(n.size) > LEFT * std]  # fmt: skip
 
 
 def undecided(z: float) -> float:
@@ -220,8 +223,10 @@ def examine(prepared: Prepared, data: ModalData, *, seed: int = 1, progress: Pro
     progress("diagnosing", MOST_EFFECTS + 1, MOST_EFFECTS + 1)
     left_over = found.statistic[best] > found.threshold
     silent, pinned = _silent(fitted), _pinned(fitted)
-    # one cause may be at its end, as a brace that is gone; two at once are what something else is bent into
-    if fits < ADEQUATE or left_over or silent or len(pinned) > 1 or not fitted.settled:
+    # one cause may be at its end, as a brace that is gone; two at once are what something else is bent into, and so is
+    # one that is told no better than zero there
+    bent = len(pinned) > 1 or (pinned and len(_told_from_zero(setting, fitted)) < len(findings))
+    if fits < ADEQUATE or left_over or silent or bent or not fitted.settled:
         verdict = "unexplained"
     elif not findings:
         verdict = "none"

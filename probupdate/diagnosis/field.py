@@ -161,7 +161,10 @@ def build_field(small: SmallModel, blocks: Blocks, theta: np.ndarray) -> Field:
     if missing:
         raise InputError(f"channel {missing[0]}", f"is in the measured modes but not in the model {small.name}",
                          "name the model's channels as the data's")  # fmt: skip
-    rows = np.array([small.channels.index(c) for c in blocks.channels])
+    rows, measured = np.array([small.channels.index(c) for c in blocks.channels]), sum(map(len, blocks.groups))
+    if measured > small.n_search:
+        raise InputError("modes", f"holds {measured} modes where {small.n_search} of the model {small.name} are known",
+                         "leave out the highest modes, or give matrices of more degrees of freedom")  # fmt: skip
     planes, logs = [], []
     for q, group in enumerate(blocks.groups):
         there = np.flatnonzero(blocks.present[:, q])

@@ -94,7 +94,7 @@ def prepare(
 
 
 def _prepare_matrices(path: Path, model: AffineModel, own: tuple[Effect, ...]) -> Prepared:
-    n_mode = min(max(N_MODE, 20), model.n_available - 1)
+    n_mode = min(max(N_MODE, 20), model.n_available)
     reach = np.column_stack([model.parameters.lower, model.parameters.upper])
     small = small_model([model], n_mode=n_mode, effects=(), reach=reach)
     return Prepared(path=path, small=small, prior=model.parameters, updated=tuple(range(len(model.parameters))),
@@ -108,7 +108,7 @@ def _group_effects(groups: Mapping[str, Mapping[str, float]], parameters: Parame
         for parameter in parts:
             parameters.index(parameter)
         # a size of one moves every member by its amount; a deviation of the prior is what is normal
-        allowed = min(parameters.std[parameters.index(n)] / abs(a) for n, a in parts.items() if a) if parts else 0.0
+        allowed = min((parameters.std[parameters.index(n)] / abs(a) for n, a in parts.items() if a), default=0.0)
         if not allowed:
             raise InputError(f"group {name}", "moves no parameter", "give a change for at least one")
         result.append(Effect(kind="structural", cause="group of parameters", location=name, unit="-", tolerance=0.0,

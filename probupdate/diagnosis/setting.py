@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -151,7 +151,13 @@ def settle(prepared: Prepared, data: ModalData) -> tuple[Setting, np.ndarray]:
     theta = np.array(prepared.small.parameters.initial)
     field = build_field(prepared.small, blocks, theta)
     effects = prepared.effects_on(blocks.channels)
-    courses = make_courses(with_derived(blocks), _columns(effects))
+    told, columns = with_derived(blocks), _columns(effects)
+    courses = make_courses(told, columns)
+    notes = [*blocks.notes, *told.little_known(columns)]
+    if prepared.small.turns and not blocks.headings_told:
+        notes.append("no set tells where the nacelle looked (nacelle_angle_deg): taken as in the model; where it "
+                     "looked elsewhere, what turning it does to the modes is taken for something else")
+    blocks = replace(blocks, notes=tuple(notes))
     which = _candidates(effects, courses)
     n_channel = len(blocks.channels)
     floor = tuple(_floor(len(g), n_channel) for g in blocks.groups)

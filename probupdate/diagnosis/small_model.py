@@ -78,6 +78,11 @@ class SmallModel:
     fingerprint: str
     known: dict[bytes, LocalModel] = field(default_factory=dict, repr=False)
 
+    @property
+    def turns(self) -> bool:
+        """Whether the nacelle's angle changes anything."""
+        return bool(self.turning_stiffness or self.turning_mass)
+
     def at(self, theta: np.ndarray) -> LocalModel:
         """The model at theta (n_param,); the last few are kept."""
         theta = np.array(theta, float)

@@ -106,7 +106,7 @@ class PileMoments:
 
     def __call__(self, values: Values):
         moments = getattr(self.springs, self.kind)(np.asarray(total(self.scour, values)))
-        return moments.reshape(*moments.shape[:-2], -1)
+        return moments.reshape(*moments.shape[:-2], moments.shape[-2] * moments.shape[-1])
 
     def coefficients(self, n_element: int, n_order: int) -> list[list[Coefficient]]:
         """By element and order."""

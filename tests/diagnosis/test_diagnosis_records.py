@@ -1,0 +1,99 @@
+"""Records that are not whole: what is missing costs what it must and no more, and is said."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import probupdate
+from probupdate.diagnosis.blocks import gather, with_derived
+from probupdate.diagnosis.departures import numbers_of_modes
+from probupdate.diagnosis.prepare import prepare
+from probupdate.errors import InputError
+
+
+@pytest.fixture(scope="module")
+def prepared(frame_file):
+    return prepare(frame_file)
+
+
+def without(data, lost):
+    """The record with `lost` (n_set, n_channel) bool not measured."""
+    return replace(data, sets=tuple(
+        replace(s, shape=np.where(gone[:, None], np.nan, s.shape)) for s, gone in zip(data.sets, lost, strict=True)))
+
+
+def test_a_channel_that_ends_early_takes_no_set_with_it(prepared, record):
+    """A step in the last third, where a channel of no interest is missing."""
+    data = record(4, storey=2, factor=0.9, from_block=30)
+    lost = np.zeros((len(data.sets), len(data.channels)), bool)
+    lost[26:, data.channels.index("y1")] = True
+    found = probupdate.diagnose(prepared, without(data, lost), sampler=False)
+    (one,) = found.findings
+    assert (found.verdict, one.cause, one.location, one.course) == ("named", "parameter", "k3", "step")
+    assert any("y1 (there in" in note for note in found.notes)
+
+
+def test_numbers_missing_here_and_there_take_their_blocks_and_it_is_said(record):
+    data = record(5)
+    lost = np.zeros((len(data.sets), len(data.channels)), bool)
+    for k, block in enumerate(range(0, len(data.sets), 4)):
+        lost[block, k % len(data.channels)] = True
+    blocks = gather(without(data, lost))
+    assert blocks.channels == data.channels
+    assert any(f"{int(lost.any(axis=1).sum())} of {len(data.sets)} blocks left out" in note for note in blocks.notes)
+
+
+def test_channels_are_left_out_as_long_as_more_numbers_are_kept(record):
+    """Against all subsets of three channels that are missing in parts."""
+    data, rng = record(6), np.random.default_rng(2)
+    n_set, n_channel = len(data.sets), len(data.channels)
+    for share in (0.05, 0.3, 0.6):
+        lost = np.zeros((n_set, n_channel), bool)
+        lost[:, :3] = rng.random((n_set, 3)) < share
+        kept = gather(without(data, lost)).channels
+        told = {subset: np.sum(~lost[:, list(subset)].any(axis=1)) * len(subset)
+                for bits in range(8)
+                for subset in [tuple(k for k in range(n_channel) if k > 2 or bits >> k & 1)]}  # fmt: skip
+        assert told[tuple(data.channels.index(c) for c in kept)] == max(told.values())
+
+
+@pytest.mark.parametrize(("change", "words"), [
+    (lambda data: replace(data, sets=tuple(replace(s, shape=np.full_like(s.shape, np.nan)) for s in data.sets)),
+     "no set tells a shape"),
+    (lambda data: replace(data, sets=tuple(replace(s, frequency_hz=data.sets[0].frequency_hz) for s in data.sets)),
+     "copied, computed or rounded"),
+])  # fmt: skip
+def test_what_tells_no_cause_is_refused(prepared, record, change, words):
+    with pytest.raises(InputError, match=words):
+        probupdate.diagnose(prepared, change(record(7)), sampler=False)
+
+
+def test_a_covariate_told_in_a_part_of_the_record_is_missed_aloud(frame_file, record):
+    from probupdate.diagnosis.catalogue import Effect
+    from probupdate.diagnosis.setting import settle
+
+    prepared = prepare(frame_file)
+    own = Effect(kind="environmental", cause="tide", location="all", unit="-", tolerance=0.0, slab=0.1,
+                 parts=(("k1", 1.0),), courses=("water_level_m",))  # fmt: skip
+    prepared = replace(prepared, effects=(*prepared.effects, own))
+    data = record(8)
+    for known, said in ((len(data.sets), False), (len(data.sets) // 2, True)):
+        sets = tuple(s if k < known else replace(s, environment={}) for k, s in enumerate(data.sets))
+        notes = settle(prepared, replace(data, sets=sets))[0].blocks.notes
+        assert any("water_level_m is told in" in note for note in notes) is said
+
+
+def test_surroundings_that_are_words_are_not_numbers(record):
+    data = record(9)
+    sets = tuple(replace(s, environment={"power_kw": "n/a", "wind_speed_mps": "calm"}) for s in data.sets)
+    assert with_derived(gather(replace(data, sets=sets))).covariate("thrust_share") is None
+
+
+def test_a_single_shape_across_its_axis_tells_nothing():
+    """Scaled to its axis it would be as large as one over what lies along it."""
+    axes = np.array([[1.0], [0.0], [0.0]])
+    shape = np.array([[[np.cos(a)], [np.sin(a)], [0.0]] for a in np.radians([0.0, 50.0, 70.0, 89.99])], complex)
+    numbers, told = numbers_of_modes(np.full((4, 1), 0.3), shape, axes)
+    assert told.tolist() == [True, True, False, False]
+    assert np.all(numbers[2:] == 0) and numbers[1, 2] == pytest.approx(np.tan(np.radians(50.0)))
