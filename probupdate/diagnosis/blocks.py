@@ -67,7 +67,7 @@ class Blocks:
 
     def covariate(self, name: str) -> np.ndarray | None:
         """(n_block,) of a number in the environment; None unless nearly every block tells it and it varies."""
-        values = np.array([_number(e.get(name)) for e in self.environment])
+        values = self.numbers(name)
         known = np.isfinite(values)
         if known.mean() < KNOWN_SHARE or np.std(values[known]) == 0:
             return None
@@ -75,14 +75,18 @@ class Blocks:
 
     def little_known(self, columns: Sequence[str]) -> list[str]:
         """What to say of those that only a part of the blocks tells."""
-        shares = {name: np.mean([np.isfinite(_number(e.get(name))) for e in self.environment]) for name in columns}
+        shares = {name: np.mean(np.isfinite(self.numbers(name))) for name in columns}
         return [f"{name} is told in {share:.0%} of the blocks: nothing that follows it is looked for"
                 for name, share in shares.items() if 0 < share < KNOWN_SHARE]  # fmt: skip
 
     @property
     def headings_told(self) -> bool:
         """Whether any block tells where the nacelle looked."""
-        return any(np.isfinite(_number(e.get("nacelle_angle_deg"))) for e in self.environment)
+        return bool(np.isfinite(self.numbers("nacelle_angle_deg")).any())
+
+    def numbers(self, name: str) -> np.ndarray:
+        """(n_block,) of the environment, NaN where it tells none."""
+        return np.array([_number(e.get(name)) for e in self.environment])
 
     def states(self) -> np.ndarray:
         """(n_block,) text, empty where none is told."""
@@ -255,8 +259,7 @@ def _relative_std(sets, kept, channels, groups) -> np.ndarray:
 def with_derived(blocks: Blocks) -> Blocks:
     """Adds to every block's environment what follows from it: share of rated thrust, degrees of frost."""
     environment = []
-    power = np.array([_number(e.get("power_kw")) for e in blocks.environment])
-    wind = np.array([_number(e.get("wind_speed_mps")) for e in blocks.environment])
+    power, wind = blocks.numbers("power_kw"), blocks.numbers("wind_speed_mps")
     with np.errstate(invalid="ignore", divide="ignore"):
         thrust = np.maximum(power, 0) / np.maximum(wind, 1.0)
     highest = np.nanmax(thrust) if np.isfinite(thrust).any() else np.nan

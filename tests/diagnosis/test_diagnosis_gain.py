@@ -107,6 +107,12 @@ def test_held_out_blocks_are_where_they_are_expected_when_nothing_is_wrong():
     assert stats.kstest(u, "uniform").pvalue > 1e-3
 
 
+def shifted(design, course, rng):
+    """A record of the design in which its first effect has the size `course` (n_block,)."""
+    return [np.where(w[:, None] > 0, y + course[:, None] * effect[design.bin_of, :, 0], 0.0)
+            for y, effect, w in zip(design.simulate(rng), design.effect, design.noise.weight, strict=True)]  # fmt: skip
+
+
 @pytest.mark.parametrize("snr", [6.0, 12.0])
 def test_gain_of_a_true_step_is_about_half_its_squared_snr(snr):
     """log score: d^2 / 2 +- d for an effect of SNR d, d told by the design alone."""
@@ -119,10 +125,7 @@ def test_gain_of_a_true_step_is_about_half_its_squared_snr(snr):
     extended = make_design(named=((0, course, size),))
     gains, errors = [], []
     for _ in range(8):
-        y = list(plain.simulate(rng))
-        for q in range(2):
-            shift = size * course.value[:, None] * extended.effect[q][extended.bin_of, :, 0]
-            y[q] = np.where(extended.noise.weight[q][:, None] > 0, y[q] + shift, 0.0)
+        y = shifted(plain, size * course.value, rng)
         found = gain.contest((plain, y), (extended, y))
         gains.append(found.elpd)
         errors.append(found.elpd_se)
@@ -140,16 +143,13 @@ def test_gain_of_a_true_constant_is_about_half_its_squared_snr(noise):
     """However small the noise is beside the offset that hides it: 0.02 is a hundredth of the departure. What a
     prediction from four fifths of the record misses of the whole record's is then many times the noise."""
     plain, snr = make_design(noise=noise), 8.0
-    course = Course(kind="constant", value=np.ones(N_BLOCK))
-    trial = make_design(named=((0, course, 1.0),), noise=noise)
+    constant = Course(kind="constant", value=np.ones(N_BLOCK))
+    trial = make_design(named=((0, constant, 1.0),), noise=noise)
     size = snr * np.sqrt(1 / (1 / trial.unknowns_cov([N_NUISANCE])[0, 0] - 1.0))
-    extended, rng = make_design(named=((0, course, size),), noise=noise), np.random.default_rng(13)
+    extended, rng = make_design(named=((0, constant, size),), noise=noise), np.random.default_rng(13)
     found = []
     for _ in range(12):
-        y = list(plain.simulate(rng))
-        for q in range(2):
-            shift = size * extended.effect[q][extended.bin_of, :, 0]
-            y[q] = np.where(extended.noise.weight[q][:, None] > 0, y[q] + shift, 0.0)
+        y = shifted(plain, size * constant.value, rng)
         found.append(gain.contest((plain, y), (extended, y)))
     gains, errors = np.array([c.elpd for c in found]), np.array([c.elpd_se for c in found])
     assert abs(gains.mean() - snr**2 / 2) < 3.3 * snr / np.sqrt(12) + 0.1 * snr**2 / 2
@@ -176,10 +176,7 @@ def test_gain_where_one_stretch_alone_tells_an_unknown():
     size = snr * np.sqrt(1 / (1 / trial.unknowns_cov([N_NUISANCE])[0, 0] - 1.0))
     extended, found = only_once(((0, constant, size),)), []
     for _ in range(12):
-        y = list(plain.simulate(rng))
-        for q in range(2):
-            shift = size * extended.effect[q][extended.bin_of, :, 0]
-            y[q] = np.where(extended.noise.weight[q][:, None] > 0, y[q] + shift, 0.0)
+        y = shifted(plain, size * constant.value, rng)
         found.append(gain.contest((plain, y), (extended, y)))
     fold, prior = gain.stretches(N_BLOCK), plain.prior_std
     shared, own = gain._shared(plain, carried(plain, y, np.arange(N_BLOCK))[1],
@@ -214,10 +211,7 @@ def test_error_of_a_constant_effect_counts_that_all_blocks_share_what_is_unknown
         n = len(plain.bin_of)
         course = Course(kind="constant", value=np.ones(n))
         extended = make_design(n_block=n, floor=0.5, named=((0, course, 2.0),))
-        y = list(plain.simulate(np.random.default_rng(12)))
-        for q in range(2):
-            shift = 1.5 * extended.effect[q][extended.bin_of, :, 0]
-            y[q] = np.where(extended.noise.weight[q][:, None] > 0, y[q] + shift, 0.0)
+        y = shifted(plain, 1.5 * course.value, np.random.default_rng(12))
         found = gain.contest((plain, y), (extended, y))
         ratio.append(found.elpd / found.elpd_se)
     # with independent blocks four times as many would double it

@@ -69,6 +69,13 @@ def test_what_tells_no_cause_is_refused(prepared, record, change, words):
         probupdate.diagnose(prepared, change(record(7)), sampler=False)
 
 
+def test_as_many_modes_as_the_matrices_have_and_no_more(prepared, record):
+    """Ten degrees of freedom: the eigensolver leaves two of them out."""
+    assert probupdate.diagnose(prepared, record(1, n_mode=8), sampler=False).verdict == "none"
+    with pytest.raises(InputError, match="holds 9 modes where 8"):
+        probupdate.diagnose(prepared, record(1, n_mode=9), sampler=False)
+
+
 def test_a_covariate_told_in_a_part_of_the_record_is_missed_aloud(frame_file, record):
     from probupdate.diagnosis.catalogue import Effect
     from probupdate.diagnosis.setting import settle
