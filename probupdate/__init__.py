@@ -1,15 +1,15 @@
 """Finite-element model updating of offshore wind jackets: deterministic update and posterior from one problem.
 
 The steps of the command line are functions here: simulate, convert, check, identify, select, regress, update, sample,
-compare, report, demo. They are loaded when first used, so that importing the package stays light.
+compare, report, demo, modes. They are loaded when first used, so that importing the package stays light.
 """
 
 __version__ = "0.1.0"
 
-_STEPS = ("check", "compare", "convert", "diagnose", "figures", "identify", "identify_setups", "inform", "open_model",
-          "regress", "report", "sample", "select", "sets", "simulate", "update")
+_STEPS = ("check", "compare", "convert", "diagnose", "figures", "identify", "identify_setups", "inform", "model_modes",
+          "open_model", "regress", "report", "sample", "select", "sets", "simulate", "update")
 
-__all__ = ["__version__", "demo", *_STEPS]
+__all__ = ["__version__", "demo", "modes", *_STEPS]
 
 
 def __getattr__(name: str):
@@ -17,6 +17,11 @@ def __getattr__(name: str):
         from probupdate.demonstration import demo
 
         return demo
+    if name == "modes":
+        # a module of that name is there too; it can be called (see its end)
+        import importlib
+
+        return importlib.import_module("probupdate.modes")
     if name in _STEPS:
         from probupdate import verbs
 

@@ -16,7 +16,7 @@ from probupdate import __version__
 from probupdate.errors import InputError, ProbupdateError
 from probupdate.progress import Progress
 
-MODEL_HELP = "model.toml, or model.npz with --parameters; 'design', 'as_built', 'updated' name the reference turbine"
+MODEL_HELP = "model.toml, a SubDyn .dat, or model.npz with --parameters; 'design', 'as_built', 'updated' name the reference turbine"
 
 
 @contextlib.contextmanager
@@ -71,6 +71,15 @@ def run_simulate(a: argparse.Namespace, progress: Progress) -> None:
 
     say(probupdate.simulate(
         a.out, model=a.model, days=a.days, truth=a.truth, seed=a.seed, jobs=a.jobs, progress=progress).summary)
+
+
+def run_modes(a: argparse.Namespace, progress: Progress) -> None:
+    import probupdate
+
+    result = probupdate.model_modes(a.model, a.count, parameters=a.parameters)
+    if a.out:
+        Path(a.out).write_text(result.text() + "\n", encoding="utf-8")
+    say(result.text() if a.json else result.summary)
 
 
 def run_check(a: argparse.Namespace, progress: Progress) -> None:
@@ -304,6 +313,13 @@ def build_parser() -> argparse.ArgumentParser:
     p.add_argument("--truth", help="truth.toml: parameters and effects to build in instead of drawing them")
     p.add_argument("--jobs", type=positive(int), default=1, help="processes (1); the bytes do not depend on it")
     seeded(p)
+
+    p = verb("modes", run_modes, "a model's own frequencies, labels and shapes, of every form of model")
+    p.add_argument("model", metavar="MODEL", help=MODEL_HELP)
+    p.add_argument("--parameters", help="parameters.toml of a model made of matrices")
+    p.add_argument("--count", type=positive(int), default=10, help="how many modes (10)")
+    p.add_argument("--json", action="store_true", help="one JSON object: frequency_hz, label, channel, shape, notes")
+    p.add_argument("--out", help="write that JSON to a file too")
 
     p = verb("convert", run_convert, "records of other programs (CSV, Parquet, .mat, .npy, .npz) into a campaign")
     p.add_argument("sources", metavar="SOURCES", help="folder of the files to convert")

@@ -7,10 +7,11 @@ from __future__ import annotations
 
 import difflib
 import json
+import sys
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from types import MappingProxyType
+from types import MappingProxyType, ModuleType
 
 import numpy as np
 from scipy import optimize
@@ -431,3 +432,15 @@ def pair_by_mac(criterion: np.ndarray) -> list[tuple[int, int]]:
     score = np.nan_to_num(criterion, nan=-1.0)
     rows, columns = optimize.linear_sum_assignment(-score)
     return [(int(i), int(j)) for i, j in zip(rows, columns, strict=True) if score[i, j] > -1]
+
+
+class _Step(ModuleType):
+    """`probupdate.modes` is this module and, under its name on the command line, the step `model_modes`."""
+
+    def __call__(self, model, count: int = 10, **options):
+        import probupdate
+
+        return probupdate.model_modes(model, count, **options)
+
+
+sys.modules[__name__].__class__ = _Step

@@ -117,7 +117,7 @@ class Parameters:
 
     Every method takes theta of shape (..., n). With a correlation the prior is the joint Gaussian (in theta, or
     in ln theta for the lognormal ones) cut at the bounds; its normalising constant is then left out and
-    `log_density` says so through `normalised`.
+    `log_density` says so through `normalised`. A model may have none: then it has modes and nothing to update.
     """
 
     items: tuple[Parameter, ...]
@@ -126,8 +126,6 @@ class Parameters:
     def __post_init__(self):
         names = [p.name for p in self.items]
         twice = sorted({n for n in names if names.count(n) > 1})
-        if not names:
-            raise InputError("parameters", "there are none", "list at least one [[parameter]]")
         if twice:
             raise InputError("parameters", f"{', '.join(twice)} listed twice", "keep one entry each")
         if self.correlation is not None:

@@ -13,6 +13,7 @@ from functools import cached_property
 
 import numpy as np
 
+from probupdate.errors import InputError
 from probupdate.matching import Matching, assign, channel_rows, match
 from probupdate.model import Model
 from probupdate.modes import ModalData, frozen_array
@@ -249,6 +250,8 @@ def build_problem(
     `weights` default to the deviations in the file. `clusters` fixes which modes are compared as planes, so that many
     sets are treated alike. Raises InputError where a deviation is missing or no mode can be matched.
     """
+    if not len(model.parameters):
+        raise InputError(model.name, "has no parameters to update", "list at least one [[parameter]] in its TOML")
     modal_set = data.set(set_id)
     weights = weights or Weights()
     rows = channel_rows(model, data.channels)

@@ -38,6 +38,8 @@ from probupdate.problem import Weights, build_problem, paper_weights
 from probupdate.progress import Progress, silent
 from probupdate.reporting import report as write_report
 from probupdate.structure.load import REFERENCE_STATES, load_model, nacelle_angle_deg, reference_model
+from probupdate.structure.own_modes import OwnModes, own_modes
+from probupdate.structure.subdyn_model import is_subdyn, turns_nacelle
 from probupdate.virtual.simulation import simulate
 
 if TYPE_CHECKING:
@@ -46,8 +48,8 @@ if TYPE_CHECKING:
     from probupdate.information import Information
     from probupdate.model import Model
 
-__all__ = ["check", "compare", "convert", "figures", "identify", "identify_setups", "inform", "open_model", "regress",
-           "report", "sample", "select", "sets", "simulate", "update"]
+__all__ = ["check", "compare", "convert", "figures", "identify", "identify_setups", "inform", "model_modes", "open_model",
+           "regress",            "report", "sample", "select", "sets", "simulate", "update"]
 
 # global modes looked for: first and second bending pairs and the torsion between them (the paper's first five)
 MODES_OF_INTEREST = ("FA1", "SS1", "T1", "FA2", "SS2")
@@ -90,7 +92,10 @@ class _Surroundings:
 
     @cached_property
     def turns(self) -> bool:
-        return _has_geometry(self.model)
+        if not _has_geometry(self.model):
+            return False
+        path = model_path(self.model)
+        return not path.is_file() or not is_subdyn(path) or turns_nacelle(path)
 
     def __call__(self, modal_set: ModalSet) -> Model:
         angle = self.angle_deg(modal_set)
@@ -122,6 +127,12 @@ def convert(
 ) -> Conversion:
     """Records of other programs (CSV, Parquet, MATLAB, NumPy) into a campaign's layout, as its convert.toml says."""
     return convert_files(sources, campaign, description=description, progress=progress)
+
+
+def model_modes(model, count: int = 10, *, parameters: str | Path | None = None) -> OwnModes:
+    """A model's own frequencies, labels and shapes; the command `modes`. `model`: a file in any form, a model, or a
+    function theta -> (frequency_hz, shape) with `parameters`."""
+    return own_modes(model_path(model) if isinstance(model, str | Path) else model, count, parameters=parameters)
 
 
 def modes_of_interest(model: Model, sensors: tuple[Sensor, ...], lowest: int | None = None) -> ReferenceModes:
@@ -227,7 +238,7 @@ def _has_geometry(model) -> bool:
         return False
     path = model_path(model)
     # what cannot be read is told by whoever reads it
-    return not path.is_file() or (
+    return not path.is_file() or path.suffix.lower() == ".dat" or (
         path.suffix == ".toml" and "[matrices]" not in path.read_text(encoding="utf-8", errors="replace"))
 
 

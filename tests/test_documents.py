@@ -17,6 +17,7 @@ from probupdate.problem import build_problem
 from probupdate.reporting.run_files import HEAD_KEYS, PARTS
 from probupdate.structure.load import REFERENCE_STATES, reference_model
 from probupdate.structure.parameter_table import KEYS, parameter_from_table
+from probupdate.structure.subdyn_model import ACTS, SubDynDescription
 
 ROOT = Path(__file__).resolve().parents[1]
 PAPERS = ("README.md", "DESIGN.md", "VALIDATION.md", "CHANGELOG.md")
@@ -79,8 +80,15 @@ def test_keys_of_the_campaign_are_those_that_are_read():
             assert name in text("README.md") or name == "m/s^2"
 
 
+def test_the_subdyn_example_is_a_description():
+    (block,) = (b for b in blocks("README.md", "toml") if "[subdyn]" in b)
+    described = SubDynDescription.model_validate(tomllib.loads(block))
+    assert described.parameter[0].acts in ACTS
+    assert all(re.search(rf"\b{act}\b", block) for act in ACTS)
+
+
 def test_the_parameter_is_one():
-    (block,) = (b for b in blocks("README.md", "toml") if "[[parameter]]" in b)
+    (block,) = (b for b in blocks("README.md", "toml") if "[[parameter]]" in b and "[subdyn]" not in b)
     (table,) = tomllib.loads(block)["parameter"]
     assert set(table) <= set(KEYS)
     assert parameter_from_table(table, "README").std == 1.0

@@ -24,6 +24,7 @@ from probupdate.structure.frame import Frame
 from probupdate.structure.matrices import load_matrices
 from probupdate.structure.parameter_table import read_parameters, updated_parameters
 from probupdate.structure.pile_head import pile_head_stiffness
+from probupdate.structure.subdyn_model import described_model, is_subdyn, subdyn_model, subdyn_sensors
 from probupdate.structure.turbine_frame import build_frame
 
 REFERENCE_STATES = ("design", "as_built", "updated")
@@ -48,7 +49,8 @@ def load_model(
     sensors: Sequence[Sensor] | None = None,
     nacelle_angle_deg: float = 0.0,
 ) -> AffineModel:
-    """`.toml`: a turbine by its geometry, or [matrices] beside its parameters; `.npz`: matrices.
+    """`.toml`: a turbine by its geometry, [matrices] beside its parameters, or [subdyn] with what to update of it;
+    `.npz`: matrices; `.dat`: a SubDyn file, without parameters.
 
     `parameters` replaces the updated ones of the file; for `.npz` it is needed unless `<name>.toml` or
     `parameters.toml` lies beside it. `sensors` replaces the model's own, so that it answers at any campaign's
@@ -62,14 +64,36 @@ def load_model(
     if path.suffix == ".npz":
         _refuse_sensors(path, sensors)
         return load_matrices(path, parameters or _beside(path))
+    if path.suffix.lower() == ".dat":
+        if parameters is not None:
+            raise InputError(str(path), "a SubDyn file alone has no parameters", "name groups and parameters in a TOML "
+                             "with [subdyn] file (README, OpenFAST models)")  # fmt: skip
+        return subdyn_model(path, sensors=sensors)
     if path.suffix != ".toml":
-        raise InputError(str(path), f"'{path.suffix}' is no form of model", "give a model.toml or a model.npz")
+        raise InputError(str(path), f"'{path.suffix}' is no form of model",
+                         "give a model.toml, a model.npz or a SubDyn .dat")  # fmt: skip
     raw = read_toml(path)
+    if "subdyn" in raw:
+        return described_model(raw, path, parameters=parameters, sensors=sensors, nacelle_angle_deg=nacelle_angle_deg)
     if "matrices" in raw:
         _refuse_sensors(path, sensors)
         return _matrix_model(path, raw, parameters)
     return turbine_model(parse_description(raw, str(path)), where=str(path), parameters=parameters, sensors=sensors,
                          nacelle_angle_deg=nacelle_angle_deg)  # fmt: skip
+
+
+def model_sensors(path: str | Path) -> tuple[Sensor, ...] | None:
+    """A model file's own channels with their places; () of a turbine without any; None where places are not known."""
+    path = Path(path)
+    if is_subdyn(path):
+        return subdyn_sensors(path)
+    if path.suffix != ".toml":
+        return None
+    raw = read_toml(path)
+    if "matrices" in raw:
+        return None
+    description = parse_description(raw, str(path))
+    return _own_sensors(description) if description.sensor else ()
 
 
 def nacelle_angle_deg(environment: Mapping[str, object], where: str) -> float:

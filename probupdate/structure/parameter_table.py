@@ -73,6 +73,9 @@ def updated_parameters(tables: Sequence[Mapping], where: str, correlation: Mappi
     items = tuple(
         parameter_from_table(t, f"{where}, parameter") for t in tables if t.get("update", True) is not False
     )
+    if not items:
+        raise InputError(f"{where}, parameter", "there are none to update", "list at least one [[parameter]] with "
+                         "update = true")  # fmt: skip
     return Parameters(items, correlation_matrix(items, correlation, where) if correlation else None)
 
 

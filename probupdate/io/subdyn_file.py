@@ -1,0 +1,531 @@
+"""SubDyn's input file (OpenFAST v3, v4 and v5) with its SSI files: read, changed, written, nothing lost.
+
+SubDyn reads by position; headings are free text there. So does this reader: it tells the layouts apart by what stands
+where, and every mistake names file and line. The text is kept line by line, changes replace words in it.
+Source of the layout: OpenFAST's SubDyn manual, section input files, and its reader's order (Apache-2.0).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from typing import NoReturn
+
+from probupdate.errors import InputError
+from probupdate.io.fortran_text import integer, logical, number, read_lines, replaced, unquoted, words, write_lines
+from probupdate.io.ssi_file import SsiFile, read_ssi, write_ssi
+
+JOINT_KINDS = {1: "cantilever", 2: "universal", 3: "revolute", 4: "ball"}
+MEMBER_KINDS = {"1": "circular", "1c": "circular", "1r": "rectangular", "-1": "rectangular", "2": "cable", "3": "rigid",
+                "4": "arbitrary", "5": "spring"}  # fmt: skip
+BEAMS = ("circular", "rectangular", "arbitrary")
+# the tables behind the members: kind -> numbers of columns, the name of the count
+SETS = {"circular": ((6,), "NPropSets"), "rectangular": ((7,), "NPropSets"), "arbitrary": ((10, 11), "NXPropSets"),
+        "cable": ((4, 5), "NCablePropSets"), "rigid": ((2,), "NRigidPropSets"), "spring": ((22,), "NSpringPropSets"),
+        "cosine": ((10,), "NCOSMs"), "mass": ((5, 11), "NCmass")}  # fmt: skip
+# how many of them a file has tells its layout
+ORDERS = {
+    4: ("circular", "arbitrary", "cosine", "mass"),
+    6: ("circular", "arbitrary", "cable", "rigid", "cosine", "mass"),
+    7: ("circular", "arbitrary", "cable", "rigid", "spring", "cosine", "mass"),
+    8: ("circular", "rectangular", "arbitrary", "cable", "rigid", "spring", "cosine", "mass"),
+}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Joint:
+    id: int
+    position_m: tuple[float, float, float]
+    kind: str
+    direction: tuple[float, float, float]
+    stiffness: float
+    line: int
+
+
+@dataclass(frozen=True, kw_only=True)
+class Reaction:
+    """`fixed` (6,): the directions held; `ssi` is the name of its soil file."""
+
+    joint: int
+    fixed: tuple[bool, ...]
+    ssi: str | None
+    line: int
+
+
+@dataclass(frozen=True, kw_only=True)
+class Interface:
+    joint: int
+    transition_piece: int
+    line: int
+
+
+@dataclass(frozen=True, kw_only=True)
+class Member:
+    """From joint to joint with a property set at either end; `spin_deg` about its own axis, or `cosine` an id."""
+
+    id: int
+    joints: tuple[int, int]
+    sets: tuple[int, int]
+    kind: str
+    spin_deg: float
+    cosine: int | None
+    line: int
+
+
+@dataclass(frozen=True, kw_only=True)
+class Row:
+    """A row of a table: its id (a joint's for concentrated masses) and the numbers behind it."""
+
+    id: int
+    values: tuple[float, ...]
+    line: int
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class SubDynFile:
+    """What a SubDyn input file says. Lines count from one. `sets`: kind -> property sets as rows; `settings`: name ->
+    word, for what stands above the joints; `layout`: v3, v4.0 (members by cosine matrices), v4.1 (with rectangular
+    sections and spin) or v5 (with transition pieces). `soil`: name -> SSI file. `notes`: what SubDyn takes otherwise
+    than it looks.
+    """
+
+    where: str
+    layout: str
+    settings: Mapping[str, str]
+    joints: tuple[Joint, ...]
+    reactions: tuple[Reaction, ...]
+    interfaces: tuple[Interface, ...]
+    members: tuple[Member, ...]
+    sets: Mapping[str, tuple[Row, ...]]
+    masses: tuple[Row, ...]
+    cosines: tuple[Row, ...]
+    soil: Mapping[str, SsiFile]
+    notes: tuple[str, ...]
+    lines: tuple[str, ...]
+
+    @property
+    def n_div(self) -> int:
+        return int(self.settings["NDiv"])
+
+    @property
+    def shear(self) -> bool:
+        """Timoshenko, not Euler-Bernoulli, beams."""
+        return self.settings["FEMMod"] == "3"
+
+    def set_of(self, member: Member, end: int = 0) -> Row:
+        """The property set at an end of a member."""
+        return self._rows[member.kind, member.sets[end]]
+
+    @cached_property
+    def _rows(self) -> dict[tuple[str, int], Row]:
+        return {(kind, row.id): row for kind, rows in self.sets.items() for row in rows}
+
+
+def read_subdyn(path: str | Path) -> SubDynFile:
+    """Read a SubDyn input file and the SSI files it names, which lie in its folder or below."""
+    path = Path(path)
+    return parse_subdyn(read_lines(path), str(path), lambda name, line: _read_soil(path, name, line))
+
+
+def _read_soil(path: Path, name: str, line: int) -> SsiFile:
+    folder = path.resolve().parent
+    # names may be written as on Windows
+    file = (folder / name.replace("\\", "/")).resolve()
+    if not file.is_relative_to(folder):
+        raise InputError(f"{path}, line {line}", f"the SSI file '{name}' leaves the input file's folder",
+                         "put it beside the input file, or below")  # fmt: skip
+    if not file.is_file():
+        raise InputError(f"{path}, line {line}", f"there is no SSI file '{name}'", "put it beside the input file")
+    return read_ssi(file, name)
+
+
+class _Reader:
+    """The lines one after another; errors name file and line."""
+
+    def __init__(self, lines: Sequence[str], where: str):
+        self.lines, self.where, self.at = lines, where, 0
+
+    def fail(self, problem: str, remedy: str, line: int | None = None) -> NoReturn:
+        raise InputError(f"{self.where}, line {line or self.at}", problem, remedy)
+
+    def line(self, what: str) -> str:
+        if self.at >= len(self.lines):
+            raise InputError(f"{self.where}, line {len(self.lines)}", f"the file ends where {what} is expected",
+                             "complete it; SubDyn's input has all its sections, empty ones too")  # fmt: skip
+        self.at += 1
+        return self.lines[self.at - 1]
+
+    def peek(self) -> str:
+        return self.lines[self.at] if self.at < len(self.lines) else ""
+
+    def heading(self, what: str) -> str:
+        text = self.line(f"the heading '{what}'")
+        found = words(text)
+        if found and number(found[0]) is not None:
+            self.fail(f"'{text.strip()[:40]}' stands where the heading '{what}' is expected",
+                      "check the count of the table above it")  # fmt: skip
+        return text
+
+    def word(self, name: str) -> str:
+        found = words(self.line(name))
+        if not found:
+            self.fail(f"{name} is missing", f"write '<value> {name}'")
+        return unquoted(found[0])
+
+    def whole(self, name: str, least: int | None = None) -> int:
+        word = self.word(name)
+        value = integer(word)
+        if value is None or (least is not None and value < least):
+            bound = "" if least is None else f" of at least {least}"
+            self.fail(f"{name} is '{word}', no whole number{bound}", f"write '<number> {name}'; check that no line "
+                      "above is missing or too many")  # fmt: skip
+        return value
+
+    def table(self, title: str, count: str, least: int = 0) -> list[tuple[int, list[str]]]:
+        """The rows (line, words) of a table behind its heading."""
+        n = self.whole(count, least)
+        counted = self.at
+        for what in ("names", "units"):
+            found = words(self.line(f"the columns' {what} of {title}"))
+            if len(found) > 1 and all(number(w) is not None for w in found):
+                self.fail(f"a row stands where the columns' {what} of {title} are expected", "put that line back")
+        rows = []
+        for k in range(n):
+            text = self.line(f"row {k + 1} of {n} of {title}")
+            found = words(text)
+            if not found or integer(found[0]) is None:
+                self.fail(f"row {k + 1} of {n} of {title} is expected, not '{text.strip()[:40]}'",
+                          f"check {count} in line {counted}")  # fmt: skip
+            rows.append((self.at, found))
+        return rows
+
+    def numbers(self, line: int, found: list[str], allowed: Sequence[int], title: str) -> list[float]:
+        """The leading numbers of a row, as many as the table has columns; words behind them are a comment."""
+        values = []
+        for word in found:
+            value = number(word)
+            if value is None:
+                break
+            values.append(value)
+        fitting = [n for n in allowed if len(values) >= n]
+        if not fitting or (len(values) > max(allowed) and len(allowed) > 1):
+            wanted = " or ".join(str(n) for n in allowed)
+            odd = f", the next is '{found[len(values)]}'" if len(values) < len(found) else ""
+            self.fail(f"{len(values)} numbers in a row of {title}{odd}, {wanted} expected", "complete the row", line)
+        return values[: max(fitting)]
+
+    def id(self, line: int, word: str, title: str) -> int:
+        value = integer(word)
+        if value is None or value < 1:
+            self.fail(f"'{word}' is no identity number in {title}", "write a whole number above zero", line)
+        return value
+
+
+def parse_subdyn(lines: Sequence[str], where: str, soil_of) -> SubDynFile:
+    """`soil_of(name, line)` gives an SSI file of that name."""
+    r, notes = _Reader(lines, where), []
+    settings, has_initial = _settings(r)
+    joints, old_joints = _joints(r)
+    r.heading("BASE REACTION JOINTS")
+    reactions = _reactions(r, notes)
+    r.heading("INTERFACE JOINTS")
+    interfaces, pieces = _interfaces(r, notes)
+    r.heading("MEMBERS")
+    member_rows = r.table("the members", "NMembers", 1)
+    tables, order = _sets(r)
+    spin = "rectangular" in order
+    layout = "v5" if has_initial or pieces else "v4.1" if spin else "v3" if len(order) < 7 or old_joints else "v4.0"
+    members = _members(r, member_rows, spin)
+    if r.at >= len(lines) or not any(words(line) for line in lines[r.at :]):
+        notes.append(f"{where}: ends before its OUTPUT section; SubDyn itself will not read it")
+    file = SubDynFile(
+        where=where, layout=layout, settings=settings, joints=joints, reactions=reactions, interfaces=interfaces,
+        members=members, sets={k: rows for k, rows in tables.items() if k not in ("cosine", "mass")},
+        masses=tables["mass"], cosines=tables["cosine"], soil={}, notes=(), lines=tuple(lines),
+    )  # fmt: skip
+    _check_references(r, file)
+    soil = {}
+    for reaction in reactions:
+        if reaction.ssi is not None and reaction.ssi not in soil:
+            soil[reaction.ssi] = soil_of(reaction.ssi, reaction.line)
+    notes += _soil_notes(where, reactions, soil)
+    return replace(file, soil=soil, notes=tuple(notes))
+
+
+def _settings(r: _Reader) -> tuple[dict[str, str], bool]:
+    for text in ("header line 1", "header line 2"):
+        r.line(text)
+    settings = {}
+    r.heading("SIMULATION CONTROL")
+    for name in ("Echo", "SDdeltaT", "IntMethod", "SttcSolve"):
+        settings[name] = r.word(name)
+    r.heading("FEA and CRAIG-BAMPTON PARAMETERS")
+    settings["FEMMod"] = str(r.whole("FEMMod"))
+    if settings["FEMMod"] not in ("1", "3"):
+        r.fail(f"FEMMod {settings['FEMMod']} is not built", "take 1 (Euler-Bernoulli) or 3 (Timoshenko), as SubDyn does")
+    settings["NDiv"] = str(r.whole("NDiv", 1))
+    n_modes = r.whole("Nmodes")
+    settings["Nmodes"] = str(n_modes)
+    ratios = words(r.line("JDampings"))
+    given = [w for w in ratios if number(w) is not None]
+    # as Fortran reads on where a line has too few numbers and nothing else
+    while len(given) == len(ratios) and len(given) < n_modes and words(r.peek()) and number(words(r.peek())[0]) is not None:
+        following = words(r.peek())
+        if len(following) > 1 and number(following[1]) is None and "guyan" in following[1].lower():
+            break
+        ratios = words(r.line("JDampings"))
+        given += [w for w in ratios if number(w) is not None]
+        if len(given) < n_modes and any(number(w) is None for w in ratios):
+            break
+    settings["JDampings"] = " ".join(given)
+    if words(r.peek()) and number(words(r.peek())[0]) is not None:
+        settings["GuyanDampMod"] = str(r.whole("GuyanDampMod"))
+        pair = [w for w in words(r.line("RayleighDamp")) if number(w) is not None][:2]
+        settings["RayleighDamp"] = " ".join(pair)
+        size = r.whole("GuyanDampSize", 0)
+        settings["GuyanDampSize"] = str(size)
+        for row in range(size):
+            found = words(r.line(f"row {row + 1} of the Guyan damping matrix"))
+            if len(found) < size or any(number(w) is None for w in found[:size]):
+                r.fail(f"row {row + 1} of the Guyan damping matrix has not {size} numbers", "complete it")
+            settings[f"GuyanDampMat{row + 1}"] = " ".join(found[:size])
+    r.heading("STRUCTURE JOINTS, or INITIAL RIGID-BODY POSITION")
+    following = words(r.peek())
+    if following and integer(following[0]) is not None and not (
+        len(following) >= 6 and all(number(w) is not None for w in following[:6])
+    ):
+        return settings, False
+    for what in ("names", "units"):
+        r.line(f"the {what} of the initial position")
+    found = words(r.line("the initial position"))
+    if len(found) < 6 or any(number(w) is None for w in found[:6]):
+        r.fail("the initial rigid-body position is not six numbers", "write six; for a file of v4 check that NJoints "
+               "stands below the heading of the joints")  # fmt: skip
+    settings["InitialPosition"] = " ".join(found[:6])
+    r.heading("STRUCTURE JOINTS")
+    return settings, True
+
+
+def _joints(r: _Reader) -> tuple[tuple[Joint, ...], bool]:
+    rows = r.table("the joints", "NJoints", 2)
+    joints, seen, old = [], {}, False
+    for line, found in rows:
+        values = r.numbers(line, found, (4, 9), "the joints")
+        old = old or len(values) == 4
+        values += [1.0, 0.0, 0.0, 0.0, 0.0][: 9 - len(values)]
+        id = r.id(line, found[0], "the joints")
+        if id in seen:
+            r.fail(f"joint {id} stands in line {seen[id]} already", "number each joint once", line)
+        seen[id] = line
+        kind = JOINT_KINDS.get(int(values[4]))
+        if kind is None or values[4] != int(values[4]):
+            r.fail(f"joint {id} is of type {values[4]:g}", "take 1 cantilever, 2 universal, 3 revolute, 4 ball", line)
+        if kind == "revolute" and not any(values[5:8]):
+            r.fail(f"joint {id} is revolute about no axis", "give JointDirX, JointDirY, JointDirZ", line)
+        if kind == "cantilever" and values[8] > 0:
+            r.fail(f"joint {id} is rigid and has a stiffness of {values[8]:g}", "write 0; SubDyn refuses it too", line)
+        joints.append(Joint(id=id, position_m=tuple(values[1:4]), kind=kind, direction=tuple(values[5:8]),
+                            stiffness=values[8], line=line))  # fmt: skip
+    return tuple(joints), old
+
+
+def _reactions(r: _Reader, notes: list[str]) -> tuple[Reaction, ...]:
+    result = []
+    for line, found in r.table("the base reaction joints", "NReact"):
+        id = r.id(line, found[0], "the base reaction joints")
+        flags = []
+        for word in found[1:7]:
+            flag = integer(word)
+            flag = int(logical(word)) if flag is None and logical(word) is not None else flag
+            if flag not in (0, 1):
+                r.fail(f"'{word}' is no flag of joint {id}", "write 1 (held) or 0 (free)", line)
+            flags.append(bool(flag))
+        if len(flags) not in (0, 6):
+            r.fail(f"{len(flags)} flags of joint {id}, 6 expected", "complete the row", line)
+        rest = found[7:8]
+        name = unquoted(rest[0]) if rest else ""
+        result.append(Reaction(joint=id, fixed=tuple(flags) or (True,) * 6, ssi=name or None, line=line))
+    seen = {}
+    for reaction in result:
+        if reaction.joint in seen:
+            r.fail(f"joint {reaction.joint} stands in line {seen[reaction.joint]} already", "keep one", reaction.line)
+        seen[reaction.joint] = reaction.line
+    return tuple(result)
+
+
+def _interfaces(r: _Reader, notes: list[str]) -> tuple[tuple[Interface, ...], bool]:
+    result, widths = [], set()
+    for line, found in r.table("the interface joints", "NInterf"):
+        values = r.numbers(line, found, (1, 2, 7, 8), "the interface joints")
+        widths.add(len(values))
+        id = r.id(line, found[0], "the interface joints")
+        with_piece = len(values) in (2, 8)
+        flags = values[2:] if with_piece else values[1:]
+        if not all(flags):
+            notes.append(f"{r.where}, line {line}: SubDyn wants every direction of an interface joint locked to the "
+                         "transition piece and will not read this row")  # fmt: skip
+        result.append(Interface(joint=id, transition_piece=int(values[1]) if with_piece else 1, line=line))
+    if len(widths & {2, 8}) and len(widths & {1, 7}):
+        r.fail("some interface joints name a transition piece and others do not", "give TPID in every row or in none",
+               result[-1].line)  # fmt: skip
+    return tuple(result), bool(widths & {2, 8})
+
+
+def _members(r: _Reader, rows, spin: bool) -> tuple[Member, ...]:
+    members, seen = [], {}
+    for line, found in rows:
+        if len(found) < 5:
+            r.fail(f"{len(found)} words in a row of the members, 7 expected", "complete the row", line)
+        id, *rest = (r.id(line, word, "the members") for word in found[:5])
+        if id in seen:
+            r.fail(f"member {id} stands in line {seen[id]} already", "number each member once", line)
+        seen[id] = line
+        kind = MEMBER_KINDS.get(unquoted(found[5]).lower() if len(found) > 5 else "1c")
+        if kind is None:
+            r.fail(f"member {id} is of type '{found[5]}'", "take 1c, 1r, 2 cable, 3 rigid, 4 arbitrary, 5 spring", line)
+        last = number(found[6]) if len(found) > 6 else -1.0
+        if last is None:
+            r.fail(f"the spin or cosine matrix of member {id} is '{found[6]}', no number", "write 0, or -1", line)
+        turned = kind in BEAMS and spin
+        if not turned and last != int(last):
+            r.fail(f"the cosine matrix of member {id} is {last:g}", "write its whole number, or -1", line)
+        if rest[0] == rest[1]:
+            r.fail(f"member {id} begins and ends at joint {rest[0]}", "mend its joints", line)
+        if kind not in ("circular", "rectangular") and rest[2] != rest[3]:
+            r.fail(f"member {id} ({kind}) has two property sets", "give it one at both ends, as SubDyn wants", line)
+        cosine = None if turned or kind in ("cable", "rigid") or last <= 0 else int(last)
+        members.append(Member(id=id, joints=(rest[0], rest[1]), sets=(rest[2], rest[3]), kind=kind, cosine=cosine,
+                              spin_deg=last if turned else 0.0, line=line))  # fmt: skip
+    return tuple(members)
+
+
+def _sets(r: _Reader) -> tuple[dict[str, tuple[Row, ...]], tuple[str, ...]]:
+    """The tables behind the members up to the OUTPUT section, which begins with a logical."""
+    found, titles = [], []
+    while r.at < len(r.lines):
+        start = r.at
+        heading = r.heading(f"table {len(found) + 1} behind the members")
+        following = words(r.peek())
+        if not following or integer(following[0]) is None:
+            r.at = start
+            break
+        titles.append(heading.upper())
+        found.append((r.at + 1, r.table(f"'{heading.strip(' -')[:40]}'", "the count of the table")))
+    order = ORDERS.get(len(found))
+    if len(found) == 7 and any("RECT" in title for title in titles):
+        order = tuple(kind for kind in ORDERS[8] if kind != "spring")
+    if order is None:
+        r.fail(f"{len(found)} tables between the members and the OUTPUT section, {', '.join(map(str, ORDERS))} expected "
+               "(circular, rectangular, arbitrary, cable, rigid, spring, cosine matrices, masses)",
+               "put back the missing one, with a count of 0 if it is empty")  # fmt: skip
+    tables = {kind: () for kind in SETS}
+    for kind, (_, rows) in zip(order, found, strict=True):
+        columns, result, seen = SETS[kind][0], [], {}
+        for line, row in rows:
+            values = r.numbers(line, row, columns, f"the {kind} table")
+            id = r.id(line, row[0], f"the {kind} table")
+            if kind != "mass" and id in seen:
+                r.fail(f"{kind} set {id} stands in line {seen[id]} already", "number each set once", line)
+            seen[id] = line
+            if kind == "mass":
+                values += [0.0] * (11 - len(values))
+            elif kind == "arbitrary" and len(values) == 10:
+                # older files have no torsion constant of its own
+                values.append(values[9])
+            result.append(Row(id=id, values=tuple(values[1:]), line=line))
+        tables[kind] = tuple(result)
+    return tables, order
+
+
+def _check_references(r: _Reader, file: SubDynFile) -> None:
+    joints = {joint.id: joint for joint in file.joints}
+    sets = {kind: {row.id: row for row in rows} for kind, rows in file.sets.items()}
+    cosines = {row.id for row in file.cosines}
+    for what, rows in (("reaction", file.reactions), ("interface", file.interfaces)):
+        for row in rows:
+            if row.joint not in joints:
+                r.fail(f"{what} joint {row.joint} is not among the joints", "mend its number", row.line)
+    used = set()
+    for member in file.members:
+        for joint in member.joints:
+            if joint not in joints:
+                r.fail(f"member {member.id} is at joint {joint}, which is not among the joints", "mend its number",
+                       member.line)  # fmt: skip
+            if member.kind == "rigid" and joints[joint].kind != "cantilever":
+                r.fail(f"the rigid link {member.id} is at joint {joint}, which is {joints[joint].kind}",
+                       "rigid links want rigid joints (type 1), in SubDyn too", member.line)  # fmt: skip
+        used |= set(member.joints)
+        for number_ in member.sets:
+            if number_ not in sets[member.kind]:
+                r.fail(f"member {member.id} wants {member.kind} property set {number_}, which is not in that table",
+                       "mend its property set or its type", member.line)  # fmt: skip
+        if member.cosine is not None and member.cosine not in cosines:
+            r.fail(f"member {member.id} wants cosine matrix {member.cosine}, which is not in the file",
+                   "mend its number, or write -1", member.line)  # fmt: skip
+        if member.kind in ("circular", "rectangular"):
+            one, two = (sets[member.kind][k].values for k in member.sets)
+            if one[:3] != two[:3]:
+                r.fail(f"the two ends of member {member.id} differ in E, G or density", "give them one material, as "
+                       "SubDyn wants", member.line)  # fmt: skip
+    for joint in file.joints:
+        if joint.id not in used:
+            r.fail(f"joint {joint.id} is at no member", "connect it or take it out", joint.line)
+    for row in file.masses:
+        if row.id not in joints:
+            r.fail(f"a concentrated mass is at joint {row.id}, which is not among the joints", "mend it", row.line)
+        if joints[row.id].kind != "cantilever":
+            r.fail(f"a concentrated mass is at joint {row.id}, which is {joints[row.id].kind}",
+                   "put it on a rigid joint (type 1), in SubDyn too", row.line)  # fmt: skip
+
+
+DIRECTIONS = ("x", "y", "z", "tx", "ty", "tz")
+
+
+def _soil_notes(where: str, reactions: Sequence[Reaction], soil: Mapping[str, SsiFile]) -> list[str]:
+    """What of the SSI files has no effect (openfast#1713), and what SubDyn makes of the rest."""
+    notes = []
+    fixed = [r for r in reactions if r.ssi and all(r.fixed)]
+    if fixed:
+        joints = ", ".join(str(r.joint) for r in fixed)
+        notes.append(f"{where}, line {fixed[0].line}: the SSI file of joint {joints} has no effect, as all six directions "
+                     "are held (flag 1); write 0 where the soil is to act")  # fmt: skip
+    for r in reactions:
+        if r.ssi and any(r.fixed) and not all(r.fixed):
+            held = [k for k in range(6) if r.fixed[k] and (soil[r.ssi].stiffness[k].any() or soil[r.ssi].mass[k].any())]
+            if held:
+                notes.append(f"{where}, line {r.line}: the terms of '{r.ssi}' in {', '.join(DIRECTIONS[k] for k in held)} "
+                             f"have no effect, as joint {r.joint} is held there")  # fmt: skip
+        if r.ssi is None and not any(r.fixed):
+            notes.append(f"{where}, line {r.line}: reaction joint {r.joint} is free and has no SSI file: nothing holds "
+                         "it")  # fmt: skip
+    for file in soil.values():
+        notes += file.notes
+        if not file.stiffness.any() and not file.mass.any():
+            notes.append(f"{where}: the SSI file '{file.name}' holds no term: it has no effect")
+    return notes
+
+
+def changed(file: SubDynFile, changes: Mapping[tuple[int, int], str], soil: Mapping[str, SsiFile] | None = None):
+    """The file with words replaced: (line from one, word from zero) -> new word; and other SSI files by name."""
+    by_line: dict[int, dict[int, str]] = {}
+    for (line, k), word in changes.items():
+        by_line.setdefault(line, {})[k] = word
+    lines = [replaced(text, by_line[at]) if at in by_line else text for at, text in enumerate(file.lines, 1)]
+    return reparsed(file, lines, soil)
+
+
+def reparsed(file: SubDynFile, lines: Sequence[str], soil: Mapping[str, SsiFile] | None = None) -> SubDynFile:
+    held = dict(file.soil) | dict(soil or {})
+    return parse_subdyn(lines, file.where, lambda name, line: held[name])
+
+
+def write_subdyn(file: SubDynFile, path: str | Path) -> Path:
+    """Write the file and, under their own names beside it, its SSI files."""
+    path = Path(path)
+    for name, soil in file.soil.items():
+        target = path.parent / name.replace("\\", "/")
+        target.parent.mkdir(parents=True, exist_ok=True)
+        write_ssi(soil, target)
+    return write_lines(path, file.lines)

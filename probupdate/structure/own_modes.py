@@ -1,0 +1,115 @@
+"""A model's own modes: frequencies, labels and shapes at its channels, for every form of model."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from probupdate.errors import InputError
+from probupdate.io.subdyn_file import read_subdyn
+from probupdate.mode_labels import mode_character
+from probupdate.model import Model
+from probupdate.modes import Sensor, frozen_array
+from probupdate.parameters import Parameters
+from probupdate.structure.functions import FunctionModel
+from probupdate.structure.load import load_model, model_sensors
+from probupdate.structure.parameter_table import read_parameters, read_toml
+from probupdate.structure.subdyn_model import beside, is_subdyn
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class OwnModes:
+    """frequency_hz (n_mode,) ascending at the initial parameters; labels FA1, SS1, T1, L1, ... where the model has
+    geometry, mode 1, ... elsewhere; shape (n_channel, n_mode), largest component 1. `notes`: what the model's files
+    hold that has no effect."""
+
+    model: str
+    frequency_hz: np.ndarray
+    labels: tuple[str, ...]
+    channels: tuple[str, ...]
+    shape: np.ndarray
+    notes: tuple[str, ...] = ()
+
+    def content(self) -> dict:
+        return {
+            "model": self.model, "frequency_hz": self.frequency_hz.tolist(), "label": list(self.labels),
+            "channel": list(self.channels), "shape": self.shape.tolist(), "notes": list(self.notes),
+        }  # fmt: skip
+
+    def text(self) -> str:
+        """One JSON object."""
+        return json.dumps(self.content())
+
+    @property
+    def summary(self) -> str:
+        rows = [f"{j:4d}  {f:12.6f} Hz  {label}" for j, (f, label) in
+                enumerate(zip(self.frequency_hz, self.labels, strict=True), 1)]  # fmt: skip
+        return "\n".join([self.model, *rows, *(f"note: {note}" for note in self.notes)])
+
+
+def own_modes(
+    model: str | Path | Model | Callable, count: int = 10, *, parameters: Parameters | str | Path | None = None
+) -> OwnModes:
+    """The lowest modes of a model at its initial parameters.
+
+    `model`: a file as `load_model` takes it, a model, or a function theta (n_param,) -> (frequency_hz, shape), which
+    needs `parameters`. Raises InputError where it has fewer modes than `count`, or cannot be read.
+    """
+    if count < 1:
+        raise InputError("count", f"{count} modes are asked for", "ask for one or more")
+    sensors, notes = None, ()
+    if isinstance(parameters, str | Path):
+        parameters = read_parameters(parameters)
+    if isinstance(model, str | Path):
+        path = Path(model)
+        sensors, notes = model_sensors(path), _notes(path)
+        opened = load_model(path, parameters=parameters, sensors=() if sensors == () else None)
+    elif hasattr(model, "solve"):
+        opened = model
+    else:
+        opened = _wrapped(model, parameters)
+    most = opened.n_available
+    if count > most:
+        raise InputError(opened.name, f"{count} modes are asked for, it has {most}", f"ask for at most {most} (--count)")
+    solution = opened.solve(opened.parameters.initial, count)
+    shape = solution.shape / np.where(np.abs(solution.shape).max(axis=0, initial=0) > 0,
+                                      np.abs(solution.shape).max(axis=0, initial=0), 1.0)  # fmt: skip
+    return OwnModes(
+        model=opened.name, frequency_hz=frozen_array(solution.frequency_hz), labels=_labels(opened, sensors, shape, count),
+        channels=opened.channels, shape=frozen_array(shape), notes=notes,
+    )  # fmt: skip
+
+
+def _wrapped(function, parameters: Parameters | None) -> FunctionModel:
+    if not callable(function):
+        raise InputError("model", f"a {type(function).__name__} is no model", "give a file, a model or a function")
+    if parameters is None:
+        raise InputError("model", "a function has no parameters of its own", "give them: parameters=Parameters(...)")
+    _, shape = function(np.array(parameters.initial))
+    channels = tuple(f"channel {k + 1}" for k in range(np.shape(shape)[0]))
+    return FunctionModel(name=getattr(function, "__name__", "function"), parameters=parameters, channels=channels,
+                         function=function, version="own modes")  # fmt: skip
+
+
+def _notes(path: Path) -> tuple[str, ...]:
+    if not is_subdyn(path):
+        return ()
+    if path.suffix == ".toml":
+        path = beside(path, read_toml(path)["subdyn"]["file"], "subdyn.file")
+    return read_subdyn(path).notes
+
+
+def _labels(model: Model, sensors, shape: np.ndarray, count: int) -> tuple[str, ...]:
+    """By the sensors where their places are known, by the whole structure where it has a picture."""
+    if sensors:
+        return mode_character(shape, sensors).labels
+    wire = model.wireframe(model.parameters.initial, count)
+    if wire is None or wire.displacement is None:
+        return tuple(f"mode {j + 1}" for j in range(count))
+    nodes = tuple(Sensor(channel=f"{k}{axis}", level="", position_m=place, direction=np.eye(3)[a])
+                  for k, place in enumerate(wire.node_m) for a, axis in enumerate("xyz"))  # fmt: skip
+    return mode_character(wire.displacement.reshape(-1, count), nodes).labels

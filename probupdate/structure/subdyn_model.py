@@ -1,0 +1,515 @@
+"""A SubDyn input file as a model: alone, or with a TOML that names groups in it and attaches parameters and sensors."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Literal
+
+import numpy as np
+from pydantic import Field, Strict, ValidationError
+from scipy import sparse
+
+from probupdate.errors import InputError
+from probupdate.io.subdyn_file import BEAMS, SubDynFile, read_subdyn
+from probupdate.model import Wireframe
+from probupdate.modes import Sensor, frozen_array
+from probupdate.parameters import Parameters
+from probupdate.structure import beam as beams
+from probupdate.structure.affine import AffineModel
+from probupdate.structure.parameter_table import KEYS, read_toml, updated_parameters
+from probupdate.structure.schema import Number, Table, Vector, nearest
+from probupdate.structure.subdyn_frame import (
+    SubDynFrame,
+    build_subdyn_frame,
+    cross_matrix,
+    mass_factors,
+    mass_units,
+    plain_matrices,
+    rigid_body_mass,
+    sizes_at,
+    stiffness_factors,
+    stiffness_units,
+    tube,
+)
+
+# raise it when the same files give other matrices
+FORMULATION = 1
+# how far from a member's surface a sensor may sit
+REACH_M = 2.0
+Whole = Annotated[int, Strict(), Field(ge=1)]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Act:
+    """What a parameter does: on which sort of group, in which unit, the value at which it leaves the file as it is."""
+
+    on: str
+    unit: str
+    neutral: float
+    text: str
+
+
+ACTS = {
+    "stiffness": Act(on="members", unit="-", neutral=1.0, text="factor on the stiffness (E and G) of members"),
+    "density": Act(on="members", unit="-", neutral=1.0, text="factor on the density of beams"),
+    "thickness": Act(on="members", unit="-", neutral=1.0, text="factor on the wall of circular beams, diameter kept"),
+    "wall_loss": Act(on="members", unit="m", neutral=0.0, text="wall lost outside of circular beams"),
+    "line_mass": Act(on="members", unit="kg/m", neutral=0.0, text="mass per metre that beams carry along"),
+    "mass": Act(on="masses", unit="-", neutral=1.0, text="factor on concentrated masses with their inertia"),
+    "added_mass": Act(on="joints", unit="kg", neutral=0.0, text="a mass more at each joint"),
+    "soil": Act(on="reactions", unit="-", neutral=1.0, text="factor on the whole soil stiffness"),
+    "soil_lateral": Act(on="reactions", unit="-", neutral=1.0, text="factor on its x, y, tx, ty terms"),
+    "soil_vertical": Act(on="reactions", unit="-", neutral=1.0, text="factor on its z term"),
+    "soil_torsional": Act(on="reactions", unit="-", neutral=1.0, text="factor on its tz term"),
+}
+# directions of each part of a soil matrix
+SOIL_PARTS = {"soil_lateral": (0, 1, 3, 4), "soil_vertical": (2,), "soil_torsional": (5,)}
+
+
+class GroupEntry(Table):
+    members: tuple[Whole, ...] = ()
+    property_sets: tuple[Whole, ...] = ()
+    kind: Literal["circular", "rectangular", "arbitrary", "cable", "rigid", "spring"] = "circular"
+    reactions: tuple[Whole, ...] = ()
+    masses: tuple[Whole, ...] = ()
+    joints: tuple[Whole, ...] = ()
+
+
+class SensorEntry(Table):
+    channel: str
+    level: str = ""
+    joint: Whole
+    position_m: Vector | None = None
+    direction: Vector
+    quantity: Literal["acceleration", "velocity", "displacement"] = "acceleration"
+    unit: str = "m/s2"
+
+
+class ParameterEntry(Table):
+    name: str
+    acts: str
+    on: str | tuple[str, ...]
+    unit: str = "-"
+    initial: Number
+    cov: Number | None = None
+    std: Number | None = None
+    lower: Annotated[float, Strict(), Field(allow_inf_nan=True)] = -np.inf
+    upper: Annotated[float, Strict(), Field(allow_inf_nan=True)] = np.inf
+    prior: Literal["normal", "lognormal"] = "normal"
+    update: Annotated[bool, Strict()] = True
+    description: str = ""
+
+    @property
+    def groups(self) -> tuple[str, ...]:
+        return (self.on,) if isinstance(self.on, str) else self.on
+
+
+class FileEntry(Table):
+    file: str
+    # joints whose masses turn with the nacelle
+    nacelle: tuple[Whole, ...] = ()
+
+
+class SubDynDescription(Table):
+    """model.toml of a SubDyn file."""
+
+    format: int = 1
+    name: str | None = None
+    subdyn: FileEntry
+    group: dict[str, GroupEntry] = {}
+    parameter: tuple[ParameterEntry, ...] = ()
+    correlation: dict[str, dict[str, Number]] = {}
+    sensor: tuple[SensorEntry, ...] = ()
+
+
+def read_description(raw: dict, path: Path) -> SubDynDescription:
+    try:
+        return SubDynDescription.model_validate(raw)
+    except ValidationError as error:
+        first, *rest = error.errors()
+        key = ".".join(str(step) for step in first["loc"])
+        more = f" ({len(rest)} more mistakes in this file)" if rest else ""
+        problem = "is no key here" if first["type"] == "extra_forbidden" else first["msg"]
+        raise InputError(f"{path}: {key}", problem, f"see README, OpenFAST models{more}") from None
+
+
+def beside(path: Path, name: str, key: str) -> Path:
+    """A file that a TOML names: in its folder or below."""
+    folder = path.resolve().parent
+    file = (folder / name).resolve()
+    if not file.is_relative_to(folder):
+        raise InputError(f"{path}: {key}", f"'{name}' leaves the model's folder", "put it beside")
+    return file
+
+
+def is_subdyn(path: Path) -> bool:
+    """Whether a model file is SubDyn's, or a TOML that names one."""
+    return path.suffix.lower() == ".dat" or (path.suffix == ".toml" and "subdyn" in read_toml(path))
+
+
+def subdyn_sensors(path: Path) -> tuple[Sensor, ...]:
+    """The channels the model of a file answers at: those of its TOML, or the motions of all joints."""
+    if path.suffix != ".toml":
+        return joint_sensors(read_subdyn(path))
+    description = read_description(read_toml(path), path)
+    return _own_sensors(read_subdyn(beside(path, description.subdyn.file, "subdyn.file")), description, path)
+
+
+def turns_nacelle(path: Path) -> bool:
+    """Whether masses of a SubDyn model turn with the nacelle."""
+    return path.suffix == ".toml" and bool(read_description(read_toml(path), path).subdyn.nacelle)
+
+
+def subdyn_model(path: Path, *, sensors: Sequence[Sensor] | None = None) -> AffineModel:
+    """A SubDyn file with nothing beside it: no parameters; channels are its joints' motions, or the sensors'."""
+    file = read_subdyn(path)
+    return _model(file, SubDynDescription(subdyn=FileEntry(file=path.name)), path, Parameters(()), sensors, 0.0)
+
+
+def described_model(
+    raw: dict, path: Path, *, parameters: Parameters | None = None, sensors: Sequence[Sensor] | None = None,
+    nacelle_angle_deg: float = 0.0,
+) -> AffineModel:  # fmt: skip
+    """The model of a TOML with [subdyn]; `parameters` and `sensors` replace its own."""
+    description = read_description(raw, path)
+    file = read_subdyn(beside(path, description.subdyn.file, "subdyn.file"))
+    if parameters is None:
+        tables = [{k: v for k, v in t.items() if k in KEYS} for t in raw.get("parameter", [])]
+        # a model may be opened for its modes alone
+        some = any(t.get("update", True) for t in tables)
+        parameters = updated_parameters(tables, str(path), raw.get("correlation")) if some else Parameters(())
+    return _model(file, description, path, parameters, sensors, nacelle_angle_deg)
+
+
+def _model(file, description: SubDynDescription, path: Path, parameters: Parameters, sensors, angle_deg: float):
+    frame = build_subdyn_frame(file)
+    targets = _targets(file, description, path)
+    values = {p.name: p.initial for p in description.parameter}
+    for name in parameters.names:
+        if name not in values:
+            raise InputError(f"{path}: parameter {name}", "the model has no such parameter", nearest(name, values))
+    _check_bounds(description, parameters, path)
+    fixed = {name: value for name, value in values.items() if name not in parameters.names}
+    terms = _terms(frame, description, targets, path, angle_deg)
+    chosen = tuple(sensors) if sensors is not None else _own_sensors(file, description, path)
+    joints = {s.channel: s.joint for s in description.sensor}
+    text = [FORMULATION, list(file.lines), {k: list(s.lines) for k, s in file.soil.items()}, angle_deg, fixed,
+            description.model_dump(mode="json", exclude={"parameter", "correlation", "sensor"}),
+            [p.model_dump(mode="json", include={"name", "acts", "on"}) for p in description.parameter],
+            [[s.channel, s.position_m.tolist(), s.direction.tolist()] for s in chosen]]  # fmt: skip
+    wire, wire_matrix = _wireframe(frame)
+    return AffineModel(
+        name=description.name or path.stem,
+        parameters=parameters,
+        channels=tuple(s.channel for s in chosen),
+        stiffness=tuple(terms["K"].values()),
+        mass=tuple(terms["M"].values()),
+        coefficients=Coefficients(parameters.names, tuple(terms["K"]), tuple(terms["M"]), tuple(fixed.items())),
+        channel_matrix=_channel_rows(frame, chosen, joints, path),
+        wire=wire,
+        wire_matrix=wire_matrix,
+        hash_key=hashlib.sha256(json.dumps(text, sort_keys=True).encode(errors="surrogateescape")).hexdigest(),
+    )
+
+
+# what a parameter acts on ---------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Targets:
+    """What acts where: (act, id) -> names of parameters."""
+
+    names: Mapping[tuple[str, int], tuple[str, ...]]
+
+    def __call__(self, act: str, id: int) -> tuple[str, ...]:
+        return self.names.get((act, id), ())
+
+
+def _targets(file: SubDynFile, description: SubDynDescription, path: Path) -> _Targets:
+    groups = {name: _group(file, name, entry, path) for name, entry in description.group.items()}
+    names: dict[tuple[str, int], tuple[str, ...]] = {}
+    seen = set()
+    for p in description.parameter:
+        where = f"{path}: parameter {p.name}"
+        if p.name in seen:
+            raise InputError(where, "is listed twice", "keep one")
+        seen.add(p.name)
+        if p.acts not in ACTS:
+            raise InputError(f"{where}, acts", f"'{p.acts}' is unknown", nearest(p.acts, ACTS))
+        act = ACTS[p.acts]
+        if p.unit != act.unit:
+            raise InputError(f"{where}, unit", f"is '{p.unit}', but {p.acts} is a {act.text} in {act.unit}",
+                             f"write unit = \"{act.unit}\" and values in it")  # fmt: skip
+        for group in p.groups:
+            if group not in groups:
+                raise InputError(f"{where}, on", f"there is no [group.{group}]", nearest(group, groups or {"(none)"}))
+            sort, ids = groups[group]
+            if sort != act.on:
+                raise InputError(f"{where}, on", f"[group.{group}] is one of {sort}, but {p.acts} acts on {act.on}",
+                                 f"name a group of {act.on}")  # fmt: skip
+            for id in ids:
+                _check_target(file, p.acts, id, where)
+                names[p.acts, id] = (*names.get((p.acts, id), ()), p.name)
+    return _Targets(names=names)
+
+
+def _group(file: SubDynFile, name: str, entry: GroupEntry, path: Path) -> tuple[str, tuple[int, ...]]:
+    """('members', 'reactions', 'masses' or 'joints', ids)."""
+    where = f"{path}: group.{name}"
+    given = [k for k in ("members", "property_sets", "reactions", "masses", "joints") if getattr(entry, k)]
+    if len(given) != 1:
+        raise InputError(where, f"names {' and '.join(given) or 'nothing'}",
+                         "name one of members, property_sets, reactions, masses, joints")  # fmt: skip
+    sort, wanted = given[0], getattr(entry, given[0])
+    known = {"members": [m.id for m in file.members], "property_sets": [r.id for r in file.sets[entry.kind]],
+             "reactions": [r.joint for r in file.reactions], "masses": [r.id for r in file.masses],
+             "joints": [j.id for j in file.joints]}[sort]  # fmt: skip
+    for id in wanted:
+        if id not in known:
+            raise InputError(f"{where}.{sort}", f"{id} is not in {file.where}", "mend the number")
+    if sort == "property_sets":
+        members = tuple(m.id for m in file.members if m.kind == entry.kind and set(m.sets) & set(wanted))
+        if not members:
+            raise InputError(f"{where}.{sort}", f"no member has these {entry.kind} sets", "mend them, or `kind`")
+        return "members", members
+    return sort, tuple(dict.fromkeys(wanted))
+
+
+def _check_target(file: SubDynFile, acts: str, id: int, where: str) -> None:
+    if acts in ("thickness", "wall_loss", "density", "line_mass", "stiffness"):
+        kind = next(m.kind for m in file.members if m.id == id)
+        fit = {"thickness": ("circular",), "wall_loss": ("circular",), "density": BEAMS, "line_mass": BEAMS,
+               "stiffness": (*BEAMS, "cable", "spring")}[acts]  # fmt: skip
+        if kind not in fit:
+            raise InputError(where, f"{acts} does not act on member {id}, which is {kind}", "take it out of the group")
+        if acts in ("thickness", "wall_loss") and kind == "circular":
+            member = next(m for m in file.members if m.id == id)
+            if any(file.set_of(member, end).values[4] == 0 for end in (0, 1)):
+                raise InputError(where, f"member {id} is solid and has no wall", "take it out of the group")
+    if acts.startswith("soil"):
+        reaction = next(r for r in file.reactions if r.joint == id)
+        if reaction.ssi is None or all(reaction.fixed):
+            raise InputError(where, f"the soil of joint {id} has no effect: " + (
+                "no SSI file" if reaction.ssi is None else "all its directions are held"),
+                "give joints with an SSI file and free directions")  # fmt: skip
+        if acts in SOIL_PARTS:
+            stiffness, inside = file.soil[reaction.ssi].stiffness, np.zeros((6, 6), bool)
+            for part in SOIL_PARTS.values():
+                inside[np.ix_(part, part)] = True
+            if np.abs(stiffness[~inside]).max() > 1e-6 * np.abs(stiffness).max():
+                raise InputError(where, f"the SSI file '{reaction.ssi}' couples its lateral, vertical and torsional "
+                                 "parts", "use acts = \"soil\"")  # fmt: skip
+
+
+def _check_bounds(description: SubDynDescription, parameters: Parameters, path: Path) -> None:
+    for p in parameters:
+        act = ACTS[next(e.acts for e in description.parameter if e.name == p.name)]
+        if p.lower < 0 or (act.neutral == 1.0 and p.lower == 0):
+            least = "above 0" if act.neutral == 1.0 else "of 0 or more"
+            raise InputError(f"{path}: parameter {p.name}", f"its lower bound is {p.lower:g}, but it is a {act.text}",
+                             f"give lower {least}")  # fmt: skip
+
+
+# K(theta), M(theta) ------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, kw_only=True)
+class Product:
+    """The product of parameters; 1 of none."""
+
+    names: tuple[str, ...] = ()
+
+    def __call__(self, values: Mapping):
+        result = 1.0
+        for name in self.names:
+            result = result * values[name]
+        return result
+
+
+@dataclass(frozen=True, kw_only=True)
+class TubePart:
+    """One factor of a circular beam whose wall is a parameter: number `index` of `stiffness_factors`, or of
+    `mass_factors` where `length_m` is None, times a product."""
+
+    tube: tuple[float, float, float, float, float]
+    thickness: tuple[str, ...]
+    wall_loss: tuple[str, ...]
+    times: Product
+    index: int
+    length_m: float | None = None
+    shear: bool = False
+
+    def __call__(self, values: Mapping):
+        e, g, density, diameter, wall = self.tube
+        loss = sum((values[name] for name in self.wall_loss), 0.0)
+        section = tube(e, g, density, diameter - 2 * loss, wall * Product(names=self.thickness)(values) - loss)
+        if self.length_m is None:
+            return self.times(values) * mass_factors(section)[self.index]
+        return self.times(values) * stiffness_factors(section, self.length_m, self.shear)[self.index]
+
+
+@dataclass(frozen=True)
+class Coefficients:
+    """theta (..., n_param) -> (..., n_stiffness), (..., n_mass); what is not updated stands at its value."""
+
+    names: tuple[str, ...]
+    stiffness: tuple[Product | TubePart, ...]
+    mass: tuple[Product | TubePart, ...]
+    fixed: tuple[tuple[str, float], ...]
+
+    def __call__(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        values = dict(self.fixed) | {name: theta[..., k] for k, name in enumerate(self.names)}
+        one = np.ones(theta.shape[:-1], theta.dtype)
+        return tuple(np.stack([one * f(values) for f in factors], axis=-1) for factors in (self.stiffness, self.mass))
+
+
+def _terms(frame: SubDynFrame, description, targets: _Targets, path: Path, angle_deg: float):
+    """'K' and 'M' -> {factor: reduced matrix}, the constant one first."""
+    parts: dict[str, dict] = {"K": {Product(): []}, "M": {Product(): []}}
+
+    def add(kind, factor, dofs, matrix):
+        parts[kind].setdefault(factor, []).append((dofs, matrix))
+
+    file = frame.file
+    for dofs, element in zip(frame.dofs, frame.elements, strict=True):
+        id, length = element.member.id, element.length_m
+        stiff, dense = (Product(names=targets(act, id)) for act in ("stiffness", "density"))
+        wall, loss = targets("thickness", id), targets("wall_loss", id)
+        if wall or loss:
+            material, sizes = sizes_at(file, element)
+            common = {"tube": (*material, *sizes), "thickness": wall, "wall_loss": loss}
+            for k, unit in enumerate(stiffness_units(length)):
+                factor = TubePart(times=stiff, index=k, length_m=round(length, 9), shear=file.shear, **common)
+                add("K", factor, dofs, element.to_global(unit))
+            for k, unit in enumerate(mass_units(length)):
+                add("M", TubePart(times=dense, index=k, **common), dofs, element.to_global(unit))
+        else:
+            stiffness, mass = plain_matrices(file, element)
+            add("K", stiff, dofs, stiffness)
+            add("M", dense, dofs, mass)
+        for name in targets("line_mass", id):
+            add("M", Product(names=(name,)), dofs, element.to_global(mass_units(length)[0]))
+    for reaction in file.reactions:
+        if reaction.ssi is None or all(reaction.fixed):
+            continue
+        dofs, soil = frame.node_dofs(frame.node_of[reaction.joint]), file.soil[reaction.ssi]
+        whole = targets("soil", reaction.joint)
+        rest = np.array(soil.stiffness)
+        for act, index in SOIL_PARTS.items():
+            own = targets(act, reaction.joint)
+            if own:
+                part = np.zeros((6, 6))
+                part[np.ix_(index, index)] = rest[np.ix_(index, index)]
+                rest -= part
+                add("K", Product(names=(*whole, *own)), dofs, part)
+        add("K", Product(names=whole), dofs, rest)
+        add("M", Product(), dofs, soil.mass)
+    angle = np.radians(angle_deg)
+    turn = np.kron(np.eye(2), [[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0], [0, 0, 1]])
+    for row in file.masses:
+        body = rigid_body_mass(row.values)
+        if row.id in description.subdyn.nacelle:
+            body = turn @ body @ turn.T
+        add("M", Product(names=targets("mass", row.id)), frame.node_dofs(frame.node_of[row.id]), body)
+    for joint in file.joints:
+        for name in targets("added_mass", joint.id):
+            add("M", Product(names=(name,)), frame.node_dofs(frame.node_of[joint.id])[:3], np.eye(3))
+    terms = {kind: {factor: frame.assembled(rows) for factor, rows in found.items()} for kind, found in parts.items()}
+    terms["K"][Product()] = sparse.csc_array(terms["K"][Product()] + frame.joint_springs)
+    for joint in description.subdyn.nacelle:
+        if joint not in {row.id for row in file.masses}:
+            raise InputError(f"{path}: subdyn.nacelle", f"there is no concentrated mass at joint {joint}", "mend it")
+    return terms
+
+
+# sensors and picture -----------------------------------------------------------------------------------------------
+
+
+def joint_sensors(file: SubDynFile) -> tuple[Sensor, ...]:
+    """The three displacements of every joint as channels J<id>x, J<id>y, J<id>z."""
+    return tuple(
+        Sensor(channel=f"J{joint.id}{axis}", level=f"{joint.position_m[2]:g} m", position_m=joint.position_m,
+               direction=np.eye(3)[k], quantity="displacement", unit="m")
+        for joint in file.joints for k, axis in enumerate("xyz")
+    )  # fmt: skip
+
+
+def _own_sensors(file: SubDynFile, description: SubDynDescription, path: Path) -> tuple[Sensor, ...]:
+    if not description.sensor:
+        return joint_sensors(file)
+    places = {joint.id: joint.position_m for joint in file.joints}
+    result = []
+    for entry in description.sensor:
+        if entry.joint not in places:
+            raise InputError(f"{path}: sensor {entry.channel}", f"joint {entry.joint} is not in {file.where}",
+                             "mend its number")  # fmt: skip
+        result.append(Sensor(channel=entry.channel, level=entry.level, direction=entry.direction, unit=entry.unit,
+                             position_m=entry.position_m or places[entry.joint], quantity=entry.quantity))  # fmt: skip
+    names = [s.channel for s in result]
+    twice = sorted({n for n in names if names.count(n) > 1})
+    if twice:
+        raise InputError(f"{path}: sensor {twice[0]}", "is listed twice", "keep one")
+    return tuple(result)
+
+
+def _channel_rows(frame: SubDynFrame, sensors: Sequence[Sensor], joints: Mapping[str, int], path: Path):
+    """(n_channel, n_free): a sensor follows its joint rigidly, or the nearest beam where no joint is named."""
+    rows = sparse.lil_array((len(sensors), frame.n_full))
+    places = {joint.position_m: joint for joint in frame.file.joints}
+    for number, sensor in enumerate(sensors):
+        joint = joints.get(sensor.channel)
+        at = places.get(tuple(float(x) for x in sensor.position_m))
+        if joint is None and at is not None:
+            joint = at.id
+        if joint is None:
+            dofs, motion = _on_beam(frame, sensor, path)
+        else:
+            node = frame.node_of[joint]
+            arm = sensor.position_m - frame.node_m[node]
+            dofs = frame.node_dofs(node)
+            if dofs[-1] < 0 and np.linalg.norm(arm) > 1e-6:
+                raise InputError(f"{path}: sensor {sensor.channel}", f"hangs beside joint {joint}, which turns",
+                                 "put it at the joint, or on another")  # fmt: skip
+            motion = np.hstack([np.eye(3), -cross_matrix(arm)])[:, dofs >= 0]
+            dofs = dofs[dofs >= 0]
+        for dof, value in zip(dofs, sensor.direction @ motion, strict=True):
+            rows[number, dof] += value
+    return sparse.csr_array(sparse.csr_array(rows) @ frame.reduction)
+
+
+def _on_beam(frame: SubDynFrame, sensor: Sensor, path: Path) -> tuple[np.ndarray, np.ndarray]:
+    best = None
+    for dofs, element in zip(frame.dofs, frame.elements, strict=True):
+        if element.member.kind not in BEAMS:
+            continue
+        start, end = (frame.node_m[n] for n in element.nodes)
+        span = end - start
+        xi = float(np.clip((sensor.position_m - start) @ span / (span @ span), 0.0, 1.0))
+        arm = sensor.position_m - (start + xi * span)
+        distance = float(np.linalg.norm(arm))
+        radius = 0.5 * sizes_at(frame.file, element)[1][0] if element.member.kind == "circular" else 0.0
+        gap = max(0.0, distance - radius)
+        if best is None or (gap, distance) < best[0]:
+            best = (gap, distance), dofs, element, xi, arm
+    if best is None or best[0][0] > REACH_M:
+        far = "no beam is there" if best is None else f"{best[0][0]:.1f} m from any beam (at most {REACH_M:.0f} m)"
+        raise InputError(f"{path}: sensor {sensor.channel}", far,
+                         "check position_m, or name its joint in the model's [[sensor]]")  # fmt: skip
+    _, dofs, element, xi, arm = best
+    turn = np.kron(np.eye(4), element.axes[:, [2, 0, 1]].T)
+    at_axis = turn[:6, :6].T @ beams.interpolation(xi, element.length_m) @ turn
+    return dofs, np.hstack([np.eye(3), -cross_matrix(arm)]) @ at_axis
+
+
+def _wireframe(frame: SubDynFrame) -> tuple[Wireframe, sparse.csr_array]:
+    lines = np.array([e.nodes for e in frame.elements])
+    n = len(frame.node_m)
+    dofs = frame.translation[:, :3].ravel()
+    pick = sparse.csr_array((np.ones(3 * n), (np.arange(3 * n), dofs)), shape=(3 * n, frame.n_full))
+    wire = Wireframe(node_m=frame.node_m, line=frozen_array(lines, int),
+                     line_group=tuple(e.member.kind for e in frame.elements))  # fmt: skip
+    return wire, sparse.csr_array(pick @ frame.reduction)

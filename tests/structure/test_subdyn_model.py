@@ -1,0 +1,412 @@
+"""SubDyn models: elements, joints, links and masses against theory and a second route; parameters; the `modes` verb."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.linalg import eigh
+from tests.subdyn_text import STEEL, subdyn
+
+import probupdate
+from probupdate.cli import main
+from probupdate.errors import InputError
+from probupdate.io.subdyn_file import read_subdyn
+from probupdate.modes import Sensor
+from probupdate.parameters import Parameter, Parameters
+from probupdate.structure.load import load_model
+from probupdate.structure.subdyn_frame import build_subdyn_frame, direction_cosines, plain_matrices, rigid_body_mass, tube
+from probupdate.structure.subdyn_frame import box as box_section
+
+OC4 = Path(__file__).resolve().parents[3] / "shared" / "reference" / "oc4"
+CLAMPED = "1 1 1 1 1 1 1"
+
+
+def written(folder, *args, **more):
+    path = folder / "structure.dat"
+    path.write_text(subdyn(*args, **more))
+    return path
+
+
+def frequencies(path, count=6):
+    return probupdate.model_modes(path, count).frequency_hz
+
+
+def manual_beam(section, length, shear):
+    """The stiffness and mass of SubDyn's manual, written out for u_x, u_y, u_z, r_x, r_y, r_z, axis along z."""
+    s, L = section, length
+    E, G, A, rho = s.e, s.g, s.area, s.density
+    kx = 12 * E * s.i_yy / (G * s.kappa_x * A * L**2) if shear else 0.0
+    ky = 12 * E * s.i_xx / (G * s.kappa_y * A * L**2) if shear else 0.0
+    K, M = np.zeros((12, 12)), np.zeros((12, 12))
+    for u, r, second, k, sign in ((0, 4, s.i_yy, kx, 1), (1, 3, s.i_xx, ky, -1)):
+        index = [u, r, u + 6, r + 6]
+        turn = np.diag([1, sign, 1, sign])
+        stiffness = E * second / (L**3 * (1 + k)) * np.array(
+            [[12, 6 * L, -12, 6 * L], [6 * L, (4 + k) * L**2, -6 * L, (2 - k) * L**2],
+             [-12, -6 * L, 12, -6 * L], [6 * L, (2 - k) * L**2, -6 * L, (4 + k) * L**2]])  # fmt: skip
+        mass = rho * A * L / 420 * np.array(
+            [[156, 22 * L, 54, -13 * L], [22 * L, 4 * L**2, 13 * L, -3 * L**2],
+             [54, 13 * L, 156, -22 * L], [-13 * L, -3 * L**2, -22 * L, 4 * L**2]])  # fmt: skip
+        rotary = rho * second / (30 * L) * np.array(
+            [[36, 3 * L, -36, 3 * L], [3 * L, 4 * L**2, -3 * L, -(L**2)],
+             [-36, -3 * L, 36, -3 * L], [3 * L, -(L**2), -3 * L, 4 * L**2]])  # fmt: skip
+        K[np.ix_(index, index)] += turn @ stiffness @ turn
+        M[np.ix_(index, index)] += turn @ (mass + rotary) @ turn
+    for u, stiffness, mass in ((2, E * A, rho * A), (5, G * s.torsion, rho * s.polar)):
+        K[np.ix_([u, u + 6], [u, u + 6])] = stiffness / L * np.array([[1, -1], [-1, 1]])
+        M[np.ix_([u, u + 6], [u, u + 6])] = mass * L / 6 * np.array([[2, 1], [1, 2]])
+    return K, M
+
+
+@pytest.mark.parametrize("fem", [1, 3])
+def test_an_inclined_beam_has_the_matrices_of_the_manual(tmp_path, fem):
+    values = "2.1e11 8.1e10 7850 0.3 0.15 0.1 0.02 0.03 0.06 0.04"
+    path = written(tmp_path, ["1 2 3", "3 5 9"], ["1 2 4 4 4 30"], [CLAMPED], fem=fem, arbitrary=[f"4 {values}"])
+    file = read_subdyn(path)
+    (element,) = build_subdyn_frame(file).elements
+    from probupdate.structure.subdyn_frame import arbitrary
+
+    K, M = manual_beam(arbitrary(*map(float, values.split())), 7.0, fem == 3)
+    turn = np.kron(np.eye(4), direction_cosines(np.array([1.0, 2, 3]), np.array([3.0, 5, 9]), 30.0))
+    stiffness, mass = plain_matrices(file, element)
+    np.testing.assert_allclose(stiffness, turn @ K @ turn.T, rtol=0, atol=1e-11 * np.abs(K).max())
+    np.testing.assert_allclose(mass, turn @ M @ turn.T, rtol=0, atol=1e-12 * np.abs(M).max())
+
+
+def test_sections_against_their_formulas():
+    solid = tube(2.1e11, 8.1e10, 7850, 0.5, 0.0)
+    assert solid.area == pytest.approx(np.pi * 0.0625) and solid.torsion == pytest.approx(np.pi * 0.5**4 / 32)
+    thin = tube(2.1e11, 2.1e11 / 2.6, 7850, 1.0, 1e-6)
+    # Steinboeck's limit for a thin tube, whatever nu: half of the area; Cowper's is 0.53
+    assert thin.kappa_x == pytest.approx(0.5, rel=1e-5)
+    square = box_section(2.1e11, 8.1e10, 7850, 0.4, 0.4, 0.01)
+    assert square.i_xx == pytest.approx((0.4**4 - 0.38**4) / 12) and square.i_xx == pytest.approx(square.i_yy)
+    assert square.torsion == pytest.approx(0.39**3 * 0.01)
+    assert box_section(2.1e11, 8.1e10, 7850, 0.2, 0.2, 0.0).torsion == pytest.approx(0.1406 * 0.2**4, rel=2e-3)
+
+
+def test_a_clamped_tower_with_a_tip_mass_has_its_textbook_frequencies(tmp_path):
+    # L 72, tube 6 x 0.04, tip 378 t: 0.545181 and 5.466367 Hz without rotary inertia (1 + cosh b cos b + ... = 0); its
+    # kinetic energy is that of 1.2 m (r / L)^2 = 0.435 t beside 478 t (Rayleigh, static shape): 4.55e-4 of f_1
+    path = written(tmp_path, ["0 0 0", "0 0 72"], ["1 2 1 1 1c 0"], [CLAMPED], div=12,
+                   circular=[f"1 {STEEL} 6.0 0.04"], mass=["2 378000 0 0 0"])  # fmt: skip
+    found = frequencies(path, 4)
+    assert found[0] == pytest.approx(0.545181 * (1 - 4.55e-4), rel=2e-5)
+    assert 0.98 * 5.466367 < found[2] < 5.466367
+
+
+def test_a_tapered_member_takes_sizes_averaged_between_the_ends_of_each_element(tmp_path):
+    tapered = written(tmp_path, ["0 0 0", "0 0 30"], ["1 2 1 2 1c 0"], [CLAMPED], div=3,
+                      circular=[f"1 {STEEL} 3.0 0.06", f"2 {STEEL} 1.5 0.03"])  # fmt: skip
+    whole = frequencies(tapered)
+    middles = [3.0 - 1.5 * k for k in (1 / 6, 0.5, 5 / 6)]
+    steps = written(tmp_path, ["0 0 0", "0 0 10", "0 0 20", "0 0 30"],
+                    [f"{k} {k + 1} {k} {k} 1c 0" for k in (1, 2, 3)], [CLAMPED],
+                    circular=[f"{k} {STEEL} {d} {d / 50}" for k, d in enumerate(middles, 1)])  # fmt: skip
+    np.testing.assert_allclose(frequencies(steps), whole, rtol=1e-9)
+
+
+def test_a_rigid_link_carries_an_offset_mass_as_its_inertia_says(tmp_path):
+    beam = [f"1 {STEEL} 2.0 0.03"]
+    linked = written(tmp_path, ["0 0 0", "0 0 20", "1 2 23"], ["1 2 1 1 1c 0", "2 3 9 9 3 0"], [CLAMPED], div=4,
+                     circular=beam, rigid=["9 0.0"], mass=["3 5e4 1e5 2e5 3e5 1e3 2e3 3e3 0.1 0.2 0.3"])  # fmt: skip
+    first = frequencies(linked)
+    offset = written(tmp_path, ["0 0 0", "0 0 20"], ["1 2 1 1 1c 0"], [CLAMPED], div=4, circular=beam,
+                     mass=["2 5e4 1e5 2e5 3e5 1e3 2e3 3e3 1.1 2.2 3.3"])  # fmt: skip
+    np.testing.assert_allclose(frequencies(offset), first, rtol=1e-8)
+
+
+def test_the_mass_matrix_of_an_offset_body_is_that_of_its_particles():
+    # a body of particles: its 6x6 matrix at the joint is the sum of theirs
+    rng = np.random.default_rng(1)
+    place, mass = rng.normal(size=(20, 3)), rng.uniform(1, 2, 20)
+    expected = np.zeros((6, 6))
+    for p, m in zip(place, mass, strict=True):
+        motion = np.hstack([np.eye(3), [[0, p[2], -p[1]], [-p[2], 0, p[0]], [p[1], -p[0], 0]]])
+        expected += m * motion.T @ motion
+    centre = mass @ place / mass.sum()
+    d = place - centre
+    inertia = np.einsum("i,ijk->jk", mass, (d**2).sum(1)[:, None, None] * np.eye(3) - d[:, :, None] * d[:, None, :])
+    j = [inertia[0, 0], inertia[1, 1], inertia[2, 2], inertia[0, 1], inertia[0, 2], inertia[1, 2]]
+    np.testing.assert_allclose(rigid_body_mass([mass.sum(), *j, *centre]), expected, rtol=1e-10, atol=1e-10)
+
+
+# pinned-pinned Euler-Bernoulli beam: f = pi / 2 sqrt(EI / (m L^4)); guided by ball joints at both ends
+@pytest.mark.parametrize("kind", ["4", "3 0 1 0", "2"])
+def test_joints_let_members_turn(tmp_path, kind):
+    joint = {"4": "4 0 0 0 0", "3 0 1 0": "3 0 1 0 0", "2": "2 0 0 0 0"}[kind]
+    # two ball joints would let the beam spin
+    top = joint.replace("4 0", "2 0", 1)
+    # two clamped stubs, a beam between them that turns at both joints: bending in the x-z plane as if simply supported
+    joints = ["0 0 -0.1", f"0 0 0 {joint}", f"0 0 10 {top}", "0 0 10.1"]
+    members = ["1 2 2 2 1c 0", "2 3 1 1 1c 0", "3 4 2 2 1c 0"]
+    path = written(tmp_path, joints, members, [CLAMPED, CLAMPED.replace("1", "4", 1)], div=8,
+                   circular=[f"1 {STEEL} 0.1 0.005", f"2 {STEEL} 0.5 0.1"])  # fmt: skip
+    section = tube(2.1e11, 8.076923e10, 7850, 0.1, 0.005)
+    simple = np.pi / 2 * np.sqrt(2.1e11 * section.i_xx / (7850 * section.area * 1e4))
+    found = frequencies(path, 6)
+    assert np.min(np.abs(found / simple - 1)) < 1e-3
+    if kind == "3 0 1 0":
+        # about x the revolute joint holds: clamped-clamped, 22.3733 / pi^2 times as high
+        assert np.min(np.abs(found / (simple * 22.3733 / np.pi**2) - 1)) < 2e-3
+    if kind == "2":
+        # the twist goes through a universal joint: no mode of free spinning
+        assert found[0] == pytest.approx(simple, rel=1e-3)
+
+
+def test_a_stiff_spring_in_a_joint_makes_it_rigid(tmp_path):
+    joints, members = ["0 0 0", "0 0 5 {}", "0 0 10"], ["1 2 1 1 1c 0", "2 3 1 1 1c 0"]
+    rigid = frequencies(written(tmp_path, [j.format("1 0 0 0 0") for j in joints], members, [CLAMPED],
+                                circular=[f"1 {STEEL} 0.5 0.01"]))  # fmt: skip
+    for kind in ("4 0 0 0 1e14", "3 1 0 0 1e14", "2 0 0 0 1e14"):
+        sprung = written(tmp_path, [j.format(kind) for j in joints], members, [CLAMPED], circular=[f"1 {STEEL} 0.5 0.01"])
+        np.testing.assert_allclose(frequencies(sprung), rigid, rtol=1e-5)
+
+
+def test_springs_cables_and_soil_are_where_they_are_said_to_be(tmp_path):
+    # a rigid mass on a spring element: sqrt(k / m)
+    stiffness = [4e6 if i == j else 0.0 for i in range(6) for j in range(i, 6)]
+    path = written(tmp_path, ["0 0 0", "0 0 0"], ["1 2 3 3 5 -1"], [CLAMPED], mass=["2 1e3 1e3 1e3 1e3"],
+                   spring=["3 " + " ".join(map(str, stiffness))])  # fmt: skip
+    np.testing.assert_allclose(frequencies(path, 4), np.sqrt(4e3) / (2 * np.pi), rtol=1e-9)
+    # the same stiffness as soil
+    (tmp_path / "soil.txt").write_text("\n".join(f"4e6 K{a}{a}" for a in ("x", "y", "z", "tx", "ty", "tz")))
+    path = written(tmp_path, ["0 0 0", "0 0 1"], ["1 2 9 9 3 0"], ["1 0 0 0 0 0 0 soil.txt"], rigid=["9 0.0"],
+                   mass=["1 1e3 1e3 1e3 1e3"])  # fmt: skip
+    np.testing.assert_allclose(frequencies(path, 4), np.sqrt(4e3) / (2 * np.pi), rtol=1e-9)
+    # a cable holds the top of a pendulum column: its axial stiffness EA / L0 with L0 = L / (1 + T0 / EA)
+    path = written(tmp_path, ["0 0 0", "0 0 1", "10 0 1"], ["1 2 1 1 1c 0", "2 3 5 5 2 -1"],
+                   [CLAMPED, CLAMPED.replace("1", "3", 1)], circular=["1 2.1e5 8e4 1e-3 0.1 0.01"],
+                   cable=["5 1e6 1e-9 1e5 0"], mass=["2 1e3 1e-6 1e-6 1e-6"])  # fmt: skip
+    assert np.min(np.abs(frequencies(path, 4) / (np.sqrt(1e6 / (10 / 1.1) / 1e3) / (2 * np.pi)) - 1)) < 1e-3
+
+
+def test_the_sparse_modes_are_those_of_the_dense_matrices(tmp_path):
+    # second route: the same matrices unreduced, constraints by a stiff penalty, all modes by LAPACK
+    path = written(tmp_path, ["0 0 0", "4 0 0", "2 1 9", "2 1 10"],
+                   ["1 3 1 1 1c 0", "2 3 1 1 1c 0", "3 4 9 9 3 0"], [CLAMPED, CLAMPED.replace("1", "2", 1)], div=2,
+                   circular=[f"1 {STEEL} 0.5 0.01"], rigid=["9 20.0"], mass=["4 500 10 20 30"])  # fmt: skip
+    frame = build_subdyn_frame(read_subdyn(path))
+    n = frame.n_full
+    K, M = np.zeros((n, n)), np.zeros((n, n))
+    for dofs, element in zip(frame.dofs, frame.elements, strict=True):
+        stiffness, mass = plain_matrices(frame.file, element)
+        K[np.ix_(dofs, dofs)] += stiffness
+        M[np.ix_(dofs, dofs)] += mass
+    dofs = frame.node_dofs(3)
+    M[np.ix_(dofs, dofs)] += rigid_body_mass(frame.file.masses[0].values)
+    motion = np.eye(6)
+    motion[0, 4], motion[1, 3] = 1.0, -1.0
+    tie = np.zeros((6, n))
+    tie[:, dofs], tie[:, frame.node_dofs(2)] = np.eye(6), -motion
+    K += 1e15 * tie.T @ tie
+    free = [d for d in range(n) if d not in {*frame.node_dofs(0), *frame.node_dofs(1)}]
+    value = eigh(K[np.ix_(free, free)], M[np.ix_(free, free)], eigvals_only=True)[:6]
+    np.testing.assert_allclose(frequencies(path), np.sqrt(value) / (2 * np.pi), rtol=1e-5)
+
+
+def test_mechanisms_and_wrong_geometry_are_refused_with_the_line(tmp_path):
+    cases = {
+        "no length": (["0 0 0", "0 0 0"], ["1 2 1 1 1c 0"], {}),
+        "m long": (["0 0 0", "0 0 1"], ["1 2 3 3 5 -1"], {"spring": ["3 " + "1 " * 21]}),
+        "universal joint 2 has 3": (["0 0 0", "0 0 1 2 0 0 0 0", "0 0 2", "1 0 2"],
+                                    ["1 2 1 1 1c 0", "2 3 1 1 1c 0", "2 4 1 1 1c 0"], {}),
+    }  # fmt: skip
+    for words, (joints, members, sets) in cases.items():
+        path = written(tmp_path, joints, members, [CLAMPED], **({"circular": [f"1 {STEEL} 0.5 0.01"]} | sets))
+        with pytest.raises(InputError, match=words) as error:
+            probupdate.model_modes(path, 2)
+        assert "structure.dat, line" in str(error.value)
+    loose = written(tmp_path, ["0 0 0", "0 0 9"], ["1 2 1 1 1c 0"], [], circular=[f"1 {STEEL} 0.5 0.01"])
+    with pytest.raises(InputError, match="mechanism"):
+        probupdate.model_modes(loose, 2)
+
+
+# parameters --------------------------------------------------------------------------------------------------------
+
+TOML = """
+name = "a frame"
+[subdyn]
+file = "structure.dat"
+nacelle = [4]
+[group.legs]
+property_sets = [1]
+[group.brace]
+members = [3]
+[group.soil]
+reactions = [1]
+[group.top]
+masses = [4]
+[group.deck]
+joints = [3]
+"""
+PARAMETERS = {
+    "stiffness": ("legs", "-", 1.1), "density": ("brace", "-", 1.2), "thickness": ("legs", "-", 0.9),
+    "wall_loss": ("brace", "m", 0.002), "line_mass": ("legs", "kg/m", 30.0), "mass": ("top", "-", 1.3),
+    "added_mass": ("deck", "kg", 2e3), "soil_lateral": ("soil", "-", 0.5), "soil_vertical": ("soil", "-", 2.0),
+}  # fmt: skip
+
+
+@pytest.fixture
+def framed(tmp_path):
+    (tmp_path / "soil.txt").write_text("1e8 Kxx\n1e8 Kyy\n2e8 Kzz\n1e9 Ktxtx\n1e9 Ktyty\n1e8 Ktztz\n-1e7 Kxty\n")
+    written(tmp_path, ["0 0 0", "4 0 0", "4 0 8", "0 0 8"], ["1 4 1 1 1c 0", "2 3 1 1 1c 0", "1 3 2 2 1c 0", "4 3 2 2 1c 0"],
+            ["1 0 0 0 0 0 0 soil.txt", "2 1 1 1 1 1 1"], div=2, fem=3,
+            circular=[f"1 {STEEL} 0.5 0.02", f"2 {STEEL} 0.3 0.01"], mass=["4 2e3 1e3 9e3 1e3 0 0 0 0.4 0 0"])  # fmt: skip
+    text = TOML
+    for acts, (group, unit, value) in PARAMETERS.items():
+        text += f'[[parameter]]\nname = "p_{acts}"\nacts = "{acts}"\non = "{group}"\nunit = "{unit}"\n'
+        text += f"initial = {value}\nstd = {0.1 * value}\nlower = {0.2 * value}\nupper = {5 * value}\n"
+    for channel, joint, direction in (("A", 4, "[1.0, 0.0, 0.0]"), ("B", 4, "[0.0, 1.0, 0.0]"), ("C", 3, "[0.0, 1.0, 0.0]")):
+        text += f'[[sensor]]\nchannel = "{channel}"\njoint = {joint}\ndirection = {direction}\n'
+    path = tmp_path / "model.toml"
+    path.write_text(text)
+    return path
+
+
+def edited(framed):
+    """The same values put into the file itself."""
+    folder = framed.parent / "edited"
+    folder.mkdir(exist_ok=True)
+    (folder / "soil.txt").write_text("0.5e8 Kxx\n0.5e8 Kyy\n4e8 Kzz\n5e8 Ktxtx\n5e8 Ktyty\n1e8 Ktztz\n-5e6 Kxty\n")
+    leg = "2.31e11 8.8846153e10"
+    area, lost = tube(1, 1, 1, 0.5, 0.018).area, tube(1, 1, 1, 0.3 - 0.004, 0.008).area
+    plain = tube(2.1e11, 8.076923e10, 7850, 0.3, 0.01)
+    # line mass as density would carry rotary inertia too: the legs get it as cables beside them, which have none
+    assert area > 0 and lost > 0 and plain.area > 0
+    written(folder, ["0 0 0", "4 0 0", "4 0 8", "0 0 8"],
+            ["1 4 1 1 1c 0", "2 3 1 1 1c 0", "1 3 3 3 1c 0", "4 3 2 2 1c 0"],
+            ["1 0 0 0 0 0 0 soil.txt", "2 1 1 1 1 1 1"], div=2, fem=3,
+            circular=[f"1 {leg} 7850 0.5 0.018", f"2 {STEEL} 0.3 0.01", "3 2.1e11 8.076923e10 9420 0.296 0.008"],
+            mass=["4 2.6e3 1.3e3 11.7e3 1.3e3 0 0 0 0.4 0 0", "3 2e3 0 0 0"])  # fmt: skip
+    return folder / "structure.dat"
+
+
+def test_parameters_give_what_the_edited_file_gives(framed):
+    model = load_model(framed)
+    theta = np.array(model.parameters.initial)
+    # the file cannot say a line mass without rotary inertia
+    theta[model.parameters.names.index("p_line_mass")] = 0.0
+    np.testing.assert_allclose(model.solve(theta, 6).frequency_hz, frequencies(edited(framed)), rtol=1e-7)
+    heavier = model.solve(model.parameters.initial, 6).frequency_hz
+    assert np.all(heavier < model.solve(theta, 6).frequency_hz)
+
+
+def test_derivatives_are_those_of_differences(framed):
+    model = load_model(framed)
+    theta = np.array(model.parameters.initial)
+    exact = model.solve(theta, 5, derivatives=True).frequency_derivative
+    for k in range(theta.size):
+        step = 1e-5 * theta[k] * np.eye(theta.size)[k]
+        slope = (model.solve(theta + step, 5).frequency_hz - model.solve(theta - step, 5).frequency_hz) / (2 * step[k])
+        np.testing.assert_allclose(exact[:, k], slope, rtol=2e-5, atol=2e-6 * np.abs(exact[:, k]).max())
+    many = model.solve_many(np.array([theta, 1.1 * theta]), 5).frequency_hz
+    np.testing.assert_allclose(many[0], model.solve(theta, 5).frequency_hz, rtol=1e-12)
+
+
+def test_sensors_follow_their_joint_or_the_nearest_beam(framed):
+    own = load_model(framed).solve(load_model(framed).parameters.initial, 4).shape
+    placed = (Sensor(channel="A", level="top", position_m=[0, 0, 8], direction=[1, 0, 0]),
+              Sensor(channel="new", level="half", position_m=[0.25, 0, 4], direction=[0, 1, 0]))  # fmt: skip
+    model = load_model(framed, sensors=placed)
+    assert model.channels == ("A", "new")
+    shape = model.solve(model.parameters.initial, 4).shape
+    np.testing.assert_allclose(shape[0], own[0], atol=1e-12)
+    far = (Sensor(channel="far", level="", position_m=[50, 0, 4], direction=[0, 1, 0]),)
+    with pytest.raises(InputError, match="far"):
+        load_model(framed, sensors=far)
+
+
+def test_the_nacelle_turns_where_it_is_named(framed):
+    model = load_model(framed)
+    straight, turned = (load_model(framed, nacelle_angle_deg=a).solve(model.parameters.initial, 4) for a in (0, 90))
+    assert np.abs(turned.frequency_hz / straight.frequency_hz - 1).max() > 1e-4
+    back = load_model(framed, nacelle_angle_deg=360.0).solve(model.parameters.initial, 4)
+    np.testing.assert_allclose(back.frequency_hz, straight.frequency_hz, rtol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "told"),
+    [
+        ('on = "legs"', 'on = "leg"', ["there is no [group.leg]", "did you mean 'legs'"]),
+        ('acts = "stiffness"', 'acts = "stifness"', ["'stifness' is unknown", "did you mean 'stiffness'"]),
+        ('acts = "mass"\non = "top"', 'acts = "mass"\non = "legs"', ["one of members", "acts on masses"]),
+        ('unit = "m"', 'unit = "mm"', ["unit", "in m"]),
+        ("members = [3]", "members = [33]", ["group.brace", "33"]),
+        ("members = [3]", "", ["group.brace", "names nothing"]),
+        ("reactions = [1]", "reactions = [2]", ["no effect"]),
+        ('file = "structure.dat"', 'file = "../structure.dat"', ["leaves the model's folder"]),
+        ("lower = 0.22000000000000003", "lower = -1.0", ["lower bound", "above 0"]),
+        ("nacelle = [4]", "nacelle = [2]", ["no concentrated mass at joint 2"]),
+        ('joint = 3', 'joint = 30', ["joint 30"]),
+        ('name = "a frame"', 'nam = "a frame"', ["nam"]),
+    ],
+)  # fmt: skip
+def test_mistakes_in_the_toml_are_named(framed, old, new, told):
+    text = framed.read_text()
+    assert old in text
+    framed.write_text(text.replace(old, new, 1))
+    with pytest.raises(InputError) as error:
+        load_model(framed)
+    assert "model.toml" in str(error.value)
+    for words in told:
+        assert words in str(error.value)
+
+
+# the verb ------------------------------------------------------------------------------------------------------------
+
+
+def test_modes_prints_one_json_object_for_every_form_of_model(framed, capsys):
+    for path in (framed, framed.with_name("structure.dat")):
+        assert main(["modes", str(path), "--count", "4", "--json"]) == 0
+        told = json.loads(capsys.readouterr().out)
+        assert len(told["frequency_hz"]) == len(told["label"]) == 4
+        assert np.shape(told["shape"]) == (len(told["channel"]), 4)
+        assert np.abs(told["shape"]).max() == 1.0
+    assert main(["modes", "as_built", "--count", "5"]) == 0
+    assert "FA1" in capsys.readouterr().out
+    np.savez(framed.with_name("matrices.npz"), K0=np.diag([1.0, 4.0, 9.0, 16.0]), M0=np.eye(4), K_a=np.diag([1.0, 0, 0, 0]),
+             channel=np.array(["x"]), channel_dof=np.array([0]))  # fmt: skip
+    framed.with_name("parameters.toml").write_text('[[parameter]]\nname = "a"\ninitial = 0.5\nstd = 0.1\n')
+    assert main(["modes", str(framed.with_name("matrices.npz")), "--count", "2", "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["frequency_hz"] == pytest.approx(np.sqrt([1.5, 4.0]) / (2 * np.pi)) and told["label"][0] == "mode 1"
+    one = Parameters((Parameter(name="k", unit="-", initial=2.0, std=0.1),))
+    called = probupdate.model_modes(lambda theta: (np.array([theta[0], 3.0]), np.eye(2)), 2, parameters=one)
+    assert called.frequency_hz.tolist() == [2.0, 3.0]
+
+
+def test_modes_refuses_what_is_no_model_in_one_line(tmp_path, capsys):
+    for name, text in (("none.dat", None), ("empty.dat", ""), ("table.csv", "1,2\n")):
+        if text is not None:
+            (tmp_path / name).write_text(text)
+        assert main(["modes", str(tmp_path / name), "--json"]) == 2
+        captured = capsys.readouterr()
+        assert captured.out == "" and name in captured.err and captured.err.count("\n") == 1
+
+
+def test_a_model_without_parameters_is_not_updated(framed, tmp_path, capsys):
+    modes = tmp_path / "modes.json"
+    modes.write_text(json.dumps({"channels": ["J4x", "J4y"], "sets": [{
+        "id": "a", "frequency_hz": [5.0], "damping_ratio": [0.01], "frequency_std_hz": [0.1],
+        "shape_re": [[1.0, 0.0]], "shape_std": [[0.1, 0.1]]}]}))  # fmt: skip
+    assert main(["update", "--model", str(framed.with_name("structure.dat")), "--modes", str(modes), "--out",
+                 str(tmp_path / "update.json")]) == 2  # fmt: skip
+    assert "no parameters to update" in capsys.readouterr().err
+
+
+@pytest.mark.skipif(not OC4.exists(), reason="the OC4 input files of ../shared/reference/oc4 are not here")
+@pytest.mark.parametrize(
+    ("name", "expected"),
+    [
+        # this project's own values, kept so that a change shows; SubDyn's own are compared outside this repository
+        ("OC4_Jacket_SD_Input", [2.755477, 2.755477, 5.004339, 5.413331]),
+        ("jk_fix_eb", [2.767504, 2.767504, 5.093112, 5.494798]),
+        ("jk_soil_eb", [1.897125, 1.899148, 3.364368, 4.500388]),
+        ("owt_fix_eb", [0.3178276, 0.3199424, 1.142163, 1.170266]),
+        ("owt_soil_eb", [0.3004183, 0.3021138, 0.9462863, 0.9648232]),
+    ],
+)
+def test_the_oc4_models_have_their_frequencies(name, expected):
+    np.testing.assert_allclose(frequencies(OC4 / f"{name}.dat", 4), expected, rtol=5e-7)
