@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -14,6 +14,7 @@ from pydantic import Field, Strict, ValidationError
 from scipy import sparse
 
 from probupdate.errors import InputError
+from probupdate.io.elastodyn_file import read_elastodyn
 from probupdate.io.subdyn_file import BEAMS, SubDynFile, read_subdyn
 from probupdate.model import Wireframe
 from probupdate.modes import Sensor, frozen_array
@@ -35,6 +36,7 @@ from probupdate.structure.subdyn_frame import (
     stiffness_units,
     tube,
 )
+from probupdate.structure.subdyn_tower import RotorNacelleEntry, TowerEntry, body_of, mounted, tables_of
 
 # raise it when the same files give other matrices
 FORMULATION = 1
@@ -82,7 +84,7 @@ class GroupEntry(Table):
 class SensorEntry(Table):
     channel: str
     level: str = ""
-    joint: Whole
+    joint: Whole | None = None
     position_m: Vector | None = None
     direction: Vector
     quantity: Literal["acceleration", "velocity", "displacement"] = "acceleration"
@@ -120,6 +122,8 @@ class SubDynDescription(Table):
     format: int = 1
     name: str | None = None
     subdyn: FileEntry
+    tower: TowerEntry | None = None
+    rotor_nacelle: RotorNacelleEntry | None = None
     group: dict[str, GroupEntry] = {}
     parameter: tuple[ParameterEntry, ...] = ()
     correlation: dict[str, dict[str, Number]] = {}
@@ -146,6 +150,33 @@ def beside(path: Path, name: str, key: str) -> Path:
     return file
 
 
+def with_tower(description: SubDynDescription, path: Path) -> tuple[SubDynFile, SubDynDescription]:
+    """The SubDyn file of a TOML with the tower it describes, whose groups are called tower and rotor_nacelle."""
+    file = read_subdyn(beside(path, description.subdyn.file, "subdyn.file"))
+    entry, body = description.tower, description.rotor_nacelle
+    if entry is None:
+        if body is not None:
+            raise InputError(f"{path}: rotor_nacelle", "there is no [tower] under it", "add one, or a concentrated mass to "
+                             "the SubDyn file")  # fmt: skip
+        return file, description
+    for name in ("tower", "rotor_nacelle"):
+        if name in description.group:
+            raise InputError(f"{path}: group.{name}", "is the name of what [tower] adds", "give the group another name")
+    if entry.elastodyn is not None:
+        read = read_elastodyn(beside(path, entry.elastodyn, "tower.elastodyn"))
+        tower, carried = read.tower, read.rotor_nacelle if body is None else body_of(body)
+    else:
+        foot = next((j.position_m[2] for j in file.joints if j.id == entry.joint), 0.0)
+        tower = tables_of(entry, foot, str(path))
+        if body is None:
+            raise InputError(f"{path}: rotor_nacelle", "is missing", "give mass_kg, centre_m and inertia_kgm2")
+        carried = body_of(body)
+    whole = mounted(file, entry, tower, carried, str(path))
+    groups = {"tower": GroupEntry(members=whole.members), "rotor_nacelle": GroupEntry(masses=(whole.mass,))}
+    nacelle = description.subdyn.model_copy(update={"nacelle": (*description.subdyn.nacelle, whole.mass)})
+    return whole.file, description.model_copy(update={"group": {**description.group, **groups}, "subdyn": nacelle})
+
+
 def is_subdyn(path: Path) -> bool:
     """Whether a model file is SubDyn's, or a TOML that names one."""
     return path.suffix.lower() == ".dat" or (path.suffix == ".toml" and "subdyn" in read_toml(path))
@@ -155,13 +186,15 @@ def subdyn_sensors(path: Path) -> tuple[Sensor, ...]:
     """The channels the model of a file answers at: those of its TOML, or the motions of all joints."""
     if path.suffix != ".toml":
         return joint_sensors(read_subdyn(path))
-    description = read_description(read_toml(path), path)
-    return _own_sensors(read_subdyn(beside(path, description.subdyn.file, "subdyn.file")), description, path)
+    return _own_sensors(*with_tower(read_description(read_toml(path), path), path), path)
 
 
 def turns_nacelle(path: Path) -> bool:
     """Whether masses of a SubDyn model turn with the nacelle."""
-    return path.suffix == ".toml" and bool(read_description(read_toml(path), path).subdyn.nacelle)
+    if path.suffix != ".toml":
+        return False
+    description = read_description(read_toml(path), path)
+    return bool(description.subdyn.nacelle) or description.tower is not None
 
 
 def subdyn_model(path: Path, *, sensors: Sequence[Sensor] | None = None) -> AffineModel:
@@ -175,8 +208,7 @@ def described_model(
     nacelle_angle_deg: float = 0.0,
 ) -> AffineModel:  # fmt: skip
     """The model of a TOML with [subdyn]; `parameters` and `sensors` replace its own."""
-    description = read_description(raw, path)
-    file = read_subdyn(beside(path, description.subdyn.file, "subdyn.file"))
+    file, description = with_tower(read_description(raw, path), path)
     if parameters is None:
         tables = [{k: v for k, v in t.items() if k in KEYS} for t in raw.get("parameter", [])]
         # a model may be opened for its modes alone
@@ -196,8 +228,8 @@ def _model(file, description: SubDynDescription, path: Path, parameters: Paramet
     fixed = {name: value for name, value in values.items() if name not in parameters.names}
     terms = _terms(frame, description, targets, path, angle_deg)
     chosen = tuple(sensors) if sensors is not None else _own_sensors(file, description, path)
-    joints = {s.channel: s.joint for s in description.sensor}
-    text = [FORMULATION, list(file.lines), {k: list(s.lines) for k, s in file.soil.items()}, angle_deg, fixed,
+    joints = {s.channel: s.joint for s in description.sensor if s.joint is not None}
+    text = [FORMULATION, list(file.lines), [asdict(row) for row in (*file.sets["arbitrary"], *file.masses)], {k: list(s.lines) for k, s in file.soil.items()}, angle_deg, fixed,
             description.model_dump(mode="json", exclude={"parameter", "correlation", "sensor"}),
             [p.model_dump(mode="json", include={"name", "acts", "on"}) for p in description.parameter],
             [[s.channel, s.position_m.tolist(), s.direction.tolist()] for s in chosen]]  # fmt: skip
@@ -444,7 +476,9 @@ def _own_sensors(file: SubDynFile, description: SubDynDescription, path: Path) -
     places = {joint.id: joint.position_m for joint in file.joints}
     result = []
     for entry in description.sensor:
-        if entry.joint not in places:
+        if entry.joint is None and entry.position_m is None:
+            raise InputError(f"{path}: sensor {entry.channel}", "has neither joint nor position_m", "give one of them")
+        if entry.joint is not None and entry.joint not in places:
             raise InputError(f"{path}: sensor {entry.channel}", f"joint {entry.joint} is not in {file.where}",
                              "mend its number")  # fmt: skip
         result.append(Sensor(channel=entry.channel, level=entry.level, direction=entry.direction, unit=entry.unit,

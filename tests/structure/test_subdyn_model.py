@@ -206,6 +206,39 @@ def test_the_sparse_modes_are_those_of_the_dense_matrices(tmp_path):
     np.testing.assert_allclose(frequencies(path), np.sqrt(value) / (2 * np.pi), rtol=1e-5)
 
 
+# SubDyn's own Full_frequencies of two cases of OpenFAST's r-test, as their SD.sum.yaml prints them (seven digits)
+
+
+def test_subdyns_own_frequencies_of_the_oc3_monopile(tmp_path):
+    # 5MW_OC3Mnpl_Linear: Timoshenko, three members in three elements each, clamped
+    path = written(tmp_path, ["0 0 -20.0001", "0 0 -10", "0 0 0", "0 0 10"],
+                   ["1 2 1 1 1c 0", "2 3 1 1 1c 0", "3 4 1 1 1c 0"], [CLAMPED], div=3, fem=3, interface=[4],
+                   circular=["1 2.1e11 8.08e10 8500 6.0 0.06"])  # fmt: skip
+    own = [6.072686, 6.072686, 25.72555, 28.32034, 28.32034, 41.47330, 58.59113, 58.59113, 77.96200, 83.40462]
+    np.testing.assert_allclose(frequencies(path, 10), own, rtol=2e-7)
+
+
+def test_subdyns_own_frequencies_with_a_rigid_link(tmp_path):
+    # SD_Rigid: a rigid link beside the middle one of three beams
+    path = written(tmp_path, ["0 0 0", "0 0 10", "0 0 20", "0 0 30"],
+                   ["1 2 1 1 1c 0", "2 3 1 1 1c 0", "3 4 1 1 1c 0", "2 3 1 1 3 0"], [CLAMPED], fem=3, interface=[4],
+                   circular=["1 2.1e11 8.0769e10 7850 1.0 0.05"], rigid=["1 0.0"])  # fmt: skip
+    own = [1.187525, 1.187525, 11.10164, 11.10164, 21.96484, 21.96484, 32.60645, 52.57639, 106.5510, 106.5510]
+    np.testing.assert_allclose(frequencies(path, 10), own, rtol=5e-7)
+
+
+def test_subdyns_own_frequencies_of_a_free_pendulum_with_a_sprung_revolute_joint(tmp_path):
+    # SD_PendulumDamp: Timoshenko, nothing held, so dense; six rigid motions come before
+    path = written(tmp_path, ["0 0 0", "0 0 -1 3 0 1 0 100", "0 0 -6"], ["1 2 1 1 1c 0", "2 3 1 1 1c 0"], [], fem=3,
+                   interface=[1], circular=["1 2.1e11 8.0769e10 7850 0.2 0.02"])  # fmt: skip
+    model = load_model(path)
+    K, M = (matrix.toarray() for matrix in model.matrices(np.zeros(0)))
+    value = eigh(K, M, eigvals_only=True)
+    own = [0.3810060, 35.30662, 51.01476, 117.7512, 170.4280, 285.4026, 380.1668, 460.1985, 1001.558, 1095.818, 1766.957]
+    np.testing.assert_allclose(np.sqrt(value[6:17]) / (2 * np.pi), own, rtol=2e-6)
+    assert np.abs(value[:6]).max() < 1e-9 * value[-1]
+
+
 def test_mechanisms_and_wrong_geometry_are_refused_with_the_line(tmp_path):
     cases = {
         "no length": (["0 0 0", "0 0 0"], ["1 2 1 1 1c 0"], {}),
@@ -352,6 +385,36 @@ def test_mistakes_in_the_toml_are_named(framed, old, new, told):
     assert "model.toml" in str(error.value)
     for words in told:
         assert words in str(error.value)
+
+
+def test_a_tower_from_tables_is_the_textbooks_and_has_its_groups(tmp_path):
+    written(tmp_path, ["0 0 0", "0 0 10"], ["1 2 9 9 3 0"], [CLAMPED.replace("1", "1", 1)], rigid=["9 0.0"])
+    section = tube(2.1e11, 8.076923e10, 7850, 6.0, 0.04)
+    columns = {"mass_kgpm": 7850 * section.area, "stiffness_fa_nm2": 2.1e11 * section.i_xx,
+               "stiffness_ss_nm2": 2.1e11 * section.i_xx}  # fmt: skip
+    text = 'name = "tower"\n[subdyn]\nfile = "structure.dat"\n[tower]\njoint = 2\ntop_m = 82.0\nelements = 12\n'
+    text += "fraction = [0.0, 1.0]\n" + "".join(f"{k} = [{v}, {v}]\n" for k, v in columns.items())
+    text += "youngs_modulus_pa = 2.1e11\nshear_modulus_pa = 8.076923e10\ndensity_kgpm3 = 7850.0\n"
+    body = "[rotor_nacelle]\nmass_kg = 378000.0\ncentre_m = [0.0, 0.0, 0.0]\ninertia_kgm2 = [0.0, 0.0, 0.0, 0.0, 0.0, 0.0]\n"
+    parameters = "".join(
+        f'[[parameter]]\nname = "{n}"\nacts = "{a}"\non = "{on}"\nunit = "-"\ninitial = 1.0\ncov = 0.1\nlower = 0.5\n'
+        for n, a, on in (("k_t", "stiffness", "tower"), ("m_h", "mass", "rotor_nacelle")))  # fmt: skip
+    path = tmp_path / "tower.toml"
+    path.write_text(text + body + parameters)
+    model = load_model(path)
+    first = model.solve(np.ones(2), 2, derivatives=True, clusters=((0, 1),))
+    assert first.frequency_hz[0] == pytest.approx(0.545181 * (1 - 4.55e-4), rel=2e-5)
+    # the sum rule: all stiffness is the tower's
+    np.testing.assert_allclose(first.frequency_derivative[:, 0] / first.frequency_hz, 0.5, rtol=1e-9)
+    for old, new, told in (("joint = 2", "joint = 7", "joint 7"), ("top_m = 82.0", "top_m = 5.0", "not above the foot"),
+                           ("fraction = [0.0, 1.0]", "fraction = [0.0, 0.9]", "does not rise"),
+                           ("fraction = [0.0, 1.0]\n", "", "has neither elastodyn")):  # fmt: skip
+        path.write_text((text + body).replace(old, new))
+        with pytest.raises(InputError, match=told):
+            load_model(path)
+    path.write_text(text)
+    with pytest.raises(InputError, match="rotor_nacelle"):
+        load_model(path)
 
 
 # the verb ------------------------------------------------------------------------------------------------------------

@@ -1,0 +1,171 @@
+"""OpenFAST's ElastoDyn file with its tower and blade files: what a model of the support structure takes from them."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from probupdate.errors import InputError
+from probupdate.io.fortran_text import number, read_lines, unquoted, words
+from probupdate.modes import frozen_array
+
+# keys a rigid rotor-nacelle assembly is made of
+NACELLE = ("NacMass", "NacCMxn", "NacCMyn", "NacCMzn", "NacYIner", "YawBrMass", "Twr2Shft", "OverHang", "ShftTilt",
+           "HubMass", "HubIner", "HubCM", "NumBl", "TipRad", "HubRad")  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Tower:
+    """From base to top, heights above ground or mean sea level in m; fraction (n,) of the height between, mass_kgpm,
+    stiffness_fa_nm2 and stiffness_ss_nm2 (n,) with the file's factors on them."""
+
+    base_m: float
+    top_m: float
+    fraction: np.ndarray
+    mass_kgpm: np.ndarray
+    stiffness_fa_nm2: np.ndarray
+    stiffness_ss_nm2: np.ndarray
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class RotorNacelle:
+    """A rigid body about the tower's top: mass in kg, centre (3,) in m from the top, inertia (3, 3) about the centre in
+    kg m2; x downwind, z up."""
+
+    mass_kg: float
+    centre_m: np.ndarray
+    inertia_kgm2: np.ndarray
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class ElastoDyn:
+    tower: Tower
+    rotor_nacelle: RotorNacelle
+
+
+class _Keys:
+    """Lines of 'value name - text'; every mistake names file and line."""
+
+    def __init__(self, path: Path):
+        self.path = path
+        self.lines = read_lines(path)
+        self.found = {}
+        for at, line in enumerate(self.lines, 1):
+            parts = words(line)
+            if len(parts) > 1:
+                self.found.setdefault(parts[1].lower(), (at, parts[0]))
+
+    def word(self, name: str) -> tuple[int, str]:
+        if name.lower() not in self.found:
+            raise InputError(str(self.path), f"{name} is missing", f"add a line '<value> {name}'")
+        return self.found[name.lower()]
+
+    def number(self, name: str, missing: float | None = None) -> float:
+        if missing is not None and name.lower() not in self.found:
+            return missing
+        at, word = self.word(name)
+        value = number(word)
+        if value is None:
+            raise InputError(f"{self.path}, line {at}", f"{name} is '{word}', no number", "write a number")
+        return value
+
+    def beside(self, name: str) -> Path:
+        at, word = self.word(name)
+        folder = self.path.resolve().parent
+        file = (folder / unquoted(word).replace("\\", "/")).resolve()
+        if not file.is_relative_to(folder):
+            raise InputError(f"{self.path}, line {at}", f"{name} '{unquoted(word)}' leaves the file's folder",
+                             "put it beside")  # fmt: skip
+        if not file.is_file():
+            raise InputError(f"{self.path}, line {at}", f"there is no file '{unquoted(word)}'", "put it beside")
+        return file
+
+    def table(self, count: str, first: str, columns: int) -> np.ndarray:
+        """The rows below the line of names that begins with `first`, leading `columns` numbers."""
+        n = int(self.number(count))
+        start = next((k for k, line in enumerate(self.lines) if line.split()[:1] == [first]), None)
+        if start is None:
+            raise InputError(str(self.path), f"no table begins with {first}", "check the file")
+        rows = []
+        for k in range(start + 2, start + 2 + n):
+            values = [number(w) for w in words(self.lines[k])] if k < len(self.lines) else []
+            if len(values) < columns or None in values[:columns]:
+                raise InputError(f"{self.path}, line {k + 1}", f"row {k - start - 1} of {n} ({count}) has not {columns} "
+                                 "numbers", "complete it, or mend the count")  # fmt: skip
+            rows.append(values[:columns])
+        table = np.array(rows)
+        if np.any(np.diff(table[:, 0]) <= 0) or abs(table[0, 0]) > 1e-6 or abs(table[-1, 0] - 1) > 1e-6:
+            raise InputError(f"{self.path}, line {start + 3}", f"{first} does not rise from 0 to 1", "mend the column")
+        return table
+
+
+def read_elastodyn(path: str | Path) -> ElastoDyn:
+    """Read an ElastoDyn file, its tower file and, for the rotor's mass, its blade files."""
+    keys = _Keys(Path(path))
+    return ElastoDyn(tower=_tower(keys), rotor_nacelle=_rotor_nacelle(keys))
+
+
+def _tower(keys: _Keys) -> Tower:
+    file = _Keys(keys.beside("TwrFile"))
+    table = file.table("NTwInpSt", "HtFract", 4)
+    factors = [file.number(name, 1.0) for name in ("AdjTwMa", "AdjFASt", "AdjSSSt")]
+    base, top = keys.number("TowerBsHt"), keys.number("TowerHt")
+    if not base < top:
+        raise InputError(str(keys.path), f"TowerHt {top:g} is not above TowerBsHt {base:g}", "mend them")
+    for k, name in enumerate(("TMassDen", "TwFAStif", "TwSSStif"), 1):
+        if np.any(table[:, k] <= 0):
+            raise InputError(str(file.path), f"{name} is not above zero everywhere", "mend the column")
+    mass, fore_aft, side_side = (frozen_array(table[:, k + 1] * factors[k]) for k in range(3))
+    return Tower(base_m=base, top_m=top, fraction=frozen_array(table[:, 0]), mass_kgpm=mass,
+                 stiffness_fa_nm2=fore_aft, stiffness_ss_nm2=side_side)  # fmt: skip
+
+
+def _rotor_nacelle(keys: _Keys) -> RotorNacelle:
+    """Nacelle, yaw bearing, hub and blades as particles, with the inertia the file states about its axes; the rotor
+    does not turn about its shaft, and what is on the fast shaft is left out."""
+    v = {name: keys.number(name) for name in NACELLE}
+    tilt = math.radians(v["ShftTilt"])
+    shaft, up = np.array([math.cos(tilt), 0.0, math.sin(tilt)]), np.array([-math.sin(tilt), 0.0, math.cos(tilt)])
+    apex = np.array([0.0, 0.0, v["Twr2Shft"]]) + v["OverHang"] * shaft
+    nacelle = np.array([v["NacCMxn"], v["NacCMyn"], v["NacCMzn"]])
+    points, masses = [nacelle, np.zeros(3), apex + v["HubCM"] * shaft], [v["NacMass"], v["YawBrMass"], v["HubMass"]]
+    own = v["HubIner"] * np.outer(shaft, shaft)
+    # about the yaw axis, so that what its mass has there comes off
+    own[2, 2] += max(0.0, v["NacYIner"] - v["NacMass"] * (nacelle[0] ** 2 + nacelle[1] ** 2))
+    count = int(v["NumBl"])
+    for blade in range(1, count + 1):
+        file = _Keys(keys.beside(f"BldFile{blade}" if f"bldfile{blade}" in keys.found else f"BldFile({blade})"))
+        table = file.table("NBlInpSt", "BlFract", 3) if _column(file, "StrcTwst") == 1 else file.table(
+            "NBlInpSt", "BlFract", 4)[:, [0, 1, 3]]
+        density = table[:, 2] * file.number("AdjBlMs", 1.0)
+        cone = math.radians(keys.number(f"PreCone({blade})"))
+        angle = 2 * math.pi * (blade - 1) / count
+        along = math.cos(cone) * (math.cos(angle) * up + math.sin(angle) * np.array([0.0, 1.0, 0.0]))
+        along = along + math.sin(cone) * shaft
+        length = v["TipRad"] - v["HubRad"]
+        # linear density between stations: Simpson's points carry mass and inertia exactly enough
+        for a, b, da, db in zip(table[:-1, 0], table[1:, 0], density[:-1], density[1:], strict=True):
+            for share, weight in ((0.0, 1 / 6), (0.5, 4 / 6), (1.0, 1 / 6)):
+                radius = v["HubRad"] + (a + share * (b - a)) * length
+                points.append(apex + radius * along)
+                masses.append(weight * (da + share * (db - da)) * (b - a) * length)
+        tip = keys.number(f"TipMass({blade})", 0.0)
+        points.append(apex + v["TipRad"] * along)
+        masses.append(tip)
+    points, masses = np.array(points), np.array(masses)
+    total = float(masses.sum())
+    if total <= 0:
+        raise InputError(str(keys.path), "rotor and nacelle have no mass", "check NacMass, HubMass and the blade files")
+    centre = masses @ points / total
+    d = points - centre
+    inertia = own + (masses * (d**2).sum(1)).sum() * np.eye(3) - np.einsum("i,ij,ik->jk", masses, d, d)
+    return RotorNacelle(mass_kg=total, centre_m=frozen_array(centre), inertia_kgm2=frozen_array(inertia))
+
+
+def _column(file: _Keys, name: str) -> int:
+    """Where a blade table has a column: older files have the pitch axis before the twist."""
+    header = next((line.split() for line in file.lines if line.split()[:1] == ["BlFract"]), [])
+    return header.index(name) if name in header else 1

@@ -1,0 +1,131 @@
+"""A tower with rotor and nacelle on a SubDyn structure: joints, beams and a mass more, from ElastoDyn or from tables."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Annotated
+
+import numpy as np
+from pydantic import Field, Strict
+
+from probupdate.errors import InputError
+from probupdate.io.elastodyn_file import RotorNacelle, Tower
+from probupdate.io.subdyn_file import Joint, Member, Row, SubDynFile
+from probupdate.structure.schema import Number, Positive, Table, Vector
+
+# how far the foot may be from the joint it stands on
+GAP_M = 0.01
+
+
+class TowerEntry(Table):
+    """[tower]: `elastodyn`, or fraction, mass_kgpm, stiffness_fa_nm2, stiffness_ss_nm2 and top_m. ElastoDyn states
+    bending only: area and torsion are those of a tube of the stated material with that mass and bending stiffness."""
+
+    joint: Annotated[int, Strict(), Field(ge=1)]
+    elastodyn: str | None = None
+    top_m: Number | None = None
+    fraction: tuple[Number, ...] = ()
+    mass_kgpm: tuple[Positive, ...] = ()
+    stiffness_fa_nm2: tuple[Positive, ...] = ()
+    stiffness_ss_nm2: tuple[Positive, ...] = ()
+    youngs_modulus_pa: Positive
+    shear_modulus_pa: Positive
+    density_kgpm3: Positive
+    elements: Annotated[int, Strict(), Field(ge=1, le=200)]
+
+
+class RotorNacelleEntry(Table):
+    """[rotor_nacelle]: a rigid body at the tower's top, where ElastoDyn does not give it; inertia Jxx, Jyy, Jzz, Jxy,
+    Jxz, Jyz about its centre."""
+
+    mass_kg: Positive
+    centre_m: Vector
+    inertia_kgm2: tuple[Number, Number, Number, Number, Number, Number]
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Mounted:
+    """The structure with its tower; the groups `tower` (members) and `rotor_nacelle` (masses) that come with it."""
+
+    file: SubDynFile
+    members: tuple[int, ...]
+    mass: int
+
+
+def tables_of(entry: TowerEntry, base_m: float, where: str) -> Tower:
+    """The tower of a TOML's own tables."""
+    columns = (entry.fraction, entry.mass_kgpm, entry.stiffness_fa_nm2, entry.stiffness_ss_nm2)
+    if entry.top_m is None or len({len(c) for c in columns}) != 1 or len(entry.fraction) < 2:
+        raise InputError(f"{where}: tower", "has neither elastodyn nor four columns of one length with top_m",
+                         "give elastodyn, or fraction, mass_kgpm, stiffness_fa_nm2, stiffness_ss_nm2 and top_m")  # fmt: skip
+    if np.any(np.diff(entry.fraction) <= 0) or entry.fraction[0] != 0 or entry.fraction[-1] != 1:
+        raise InputError(f"{where}: tower.fraction", "does not rise from 0 to 1", "mend it")
+    if entry.top_m <= base_m:
+        raise InputError(f"{where}: tower.top_m", f"{entry.top_m:g} is not above the foot, {base_m:g}", "mend it")
+    return Tower(base_m=base_m, top_m=entry.top_m, **{
+        name: np.array(getattr(entry, name)) for name in ("fraction", "mass_kgpm", "stiffness_fa_nm2", "stiffness_ss_nm2")})
+
+
+def body_of(entry: RotorNacelleEntry) -> RotorNacelle:
+    xx, yy, zz, xy, xz, yz = entry.inertia_kgm2
+    return RotorNacelle(mass_kg=entry.mass_kg, centre_m=np.array(entry.centre_m),
+                        inertia_kgm2=np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]))  # fmt: skip
+
+
+def mounted(file: SubDynFile, entry: TowerEntry, tower: Tower, body: RotorNacelle, where: str) -> Mounted:
+    """Put a tower of `entry.elements` uniform beams on a joint; numbers follow the file's highest ones."""
+    foot = next((j for j in file.joints if j.id == entry.joint), None)
+    if foot is None:
+        raise InputError(f"{where}: tower.joint", f"joint {entry.joint} is not in {file.where}", "mend its number")
+    if foot.kind != "cantilever":
+        raise InputError(f"{where}: tower.joint", f"joint {entry.joint} is {foot.kind}", "take a rigid joint")
+    if abs(foot.position_m[2] - tower.base_m) > GAP_M:
+        raise InputError(f"{where}: tower.joint", f"joint {entry.joint} is at z = {foot.position_m[2]:g} m and the tower's "
+                         f"base at {tower.base_m:g} m", "name the joint the tower stands on")  # fmt: skip
+    n, x, y = entry.elements, *foot.position_m[:2]
+    height = tower.top_m - tower.base_m
+    first = max(j.id for j in file.joints) + 1
+    joints = tuple(
+        Joint(id=first + k, position_m=(x, y, tower.base_m + height * (k + 1) / n), kind="cantilever",
+              direction=(0.0, 0.0, 0.0), stiffness=0.0, line=foot.line)
+        for k in range(n)
+    )  # fmt: skip
+    member, number = (max((r.id for r in rows), default=0) + 1 for rows in (file.members, file.sets["arbitrary"]))
+    ends = (foot.id, *(j.id for j in joints))
+    members = tuple(
+        Member(id=member + k, joints=(ends[k], ends[k + 1]), sets=(number + k, number + k), kind="arbitrary", spin_deg=0.0,
+               cosine=None, line=foot.line)
+        for k in range(n)
+    )  # fmt: skip
+    sets = tuple(Row(id=number + k, values=values, line=foot.line)
+                 for k, values in enumerate(_sections(entry, tower, n)))  # fmt: skip
+    inertia = body.inertia_kgm2
+    mass = Row(id=joints[-1].id, line=foot.line, values=(
+        body.mass_kg, inertia[0, 0], inertia[1, 1], inertia[2, 2], inertia[0, 1], inertia[0, 2], inertia[1, 2],
+        *(float(c) for c in body.centre_m)))  # fmt: skip
+    whole = replace(
+        file, joints=(*file.joints, *joints), members=(*file.members, *members), masses=(*file.masses, mass),
+        sets={**file.sets, "arbitrary": (*file.sets["arbitrary"], *sets)},
+    )  # fmt: skip
+    return Mounted(file=whole, members=tuple(m.id for m in members), mass=mass.id)
+
+
+def _sections(entry: TowerEntry, tower: Tower, n: int) -> Sequence[tuple[float, ...]]:
+    """Values of an arbitrary section for each element, properties averaged over it (linear between stations)."""
+    fine = np.linspace(0.0, 1.0, 32 * n + 1)
+    middle = 0.5 * (fine[:-1] + fine[1:])
+    result = []
+    columns = [np.interp(middle, tower.fraction, c).reshape(n, 32) for c in
+               (tower.mass_kgpm, tower.stiffness_fa_nm2, tower.stiffness_ss_nm2)]  # fmt: skip
+    # mass adds up along an element, flexibility too
+    mass, fore_aft, side_side = columns[0].mean(1), *(1 / (1 / c).mean(1) for c in columns[1:])
+    e, g = entry.youngs_modulus_pa, entry.shear_modulus_pa
+    for k in range(n):
+        area = mass[k] / entry.density_kgpm3
+        # about y_e bends x, fore-aft
+        i_yy, i_xx = fore_aft[k] / e, side_side[k] / e
+        # half of the area in shear, as of a thin tube
+        values = (e, g, entry.density_kgpm3, area, area / 2, area / 2, i_xx, i_yy, i_xx + i_yy, i_xx + i_yy)
+        result.append(tuple(float(v) for v in values))
+    return result
