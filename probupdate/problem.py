@@ -15,7 +15,8 @@ import numpy as np
 
 from probupdate.errors import InputError
 from probupdate.matching import Matching, assign, channel_rows, match
-from probupdate.model import Model
+from probupdate.model import ModalSolution, Model
+from probupdate.model_error import ResponseError, marginal_root
 from probupdate.modes import ModalData, frozen_array
 from probupdate.responses import ResponseGroup, Weights, joint_root, paper_weights, response_group
 
@@ -40,7 +41,11 @@ class Prediction:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Problem:
-    """Measured responses Lambda_S, their deviations, and the model that predicts them; see `build_problem`."""
+    """Measured responses Lambda_S, their covariance, and the model that predicts them; see `build_problem`.
+
+    The covariance W_Lambda^-1 holds identification, model discrepancy and, where `error` states them, the sources of
+    the model's error (`model_error`), which also have a mean: all estimators see the same Gaussian likelihood.
+    """
 
     model: Model
     set_id: str
@@ -48,6 +53,7 @@ class Problem:
     matching: Matching
     groups: tuple[ResponseGroup, ...]
     weights: Weights
+    error: ResponseError | None = None
 
     @property
     def parameters(self):
@@ -61,14 +67,57 @@ class Problem:
 
     @cached_property
     def std(self) -> np.ndarray:
-        """sigma of each response (n_response,); W_Lambda = diag(1 / sigma^2) unless `root` holds a full covariance."""
+        """sigma of each response (n_response,) without the model's error, but for a MAC, one datum, whose expectation
+        holds it."""
         parts = [g.frequency_response_std for g in self.groups] + [g.shape_response_std for g in self.groups]
-        return frozen_array(np.concatenate(parts))
+        std = np.concatenate(parts)
+        if self.error is not None:
+            for rows in self._mac_rows:
+                std[rows] = np.sqrt(std[rows] ** 2 + np.sum(self.error.factor[rows] ** 2))
+        return frozen_array(std)
 
     @cached_property
+    def _mac_rows(self) -> tuple[slice, ...]:
+        """The responses of each shape that counts as one MAC."""
+        found, start = [], self.n_frequency
+        for g in self.groups:
+            if g.shapes == "mac":
+                found.append(slice(start, start + g.shape_response.size))
+            start += g.shape_response.size
+        return tuple(found)
+
+    @cached_property
+    def noise_root(self) -> np.ndarray:
+        """R (n_effective or n_response, n_response) with R^T R the inverse covariance of identification and model
+        discrepancy alone."""
+        return frozen_array(joint_root(self.groups, self.weights) if self.weights.covariance else np.diag(1 / self.std))
+
+    @cached_property
+    def factor(self) -> np.ndarray:
+        """B (n_response, n_source) of the model's error in W_Lambda^-1 = C + B B^T; no columns where none is stated."""
+        if self.error is None:
+            return np.zeros((self.measured.size, 0))
+        factor = np.array(self.error.factor)
+        for rows in self._mac_rows:
+            factor[rows] = 0.0
+        return frozen_array(factor)
+
+    @cached_property
+    def _marginal(self) -> tuple[np.ndarray, float]:
+        root, log_det = marginal_root(self.noise_root, self.factor)
+        return frozen_array(root), log_det
+
+    @property
     def root(self) -> np.ndarray | None:
-        """R (n_effective, n_response) with W_Lambda = R^T R where deviations are joint; None where independent."""
-        return frozen_array(joint_root(self.groups, self.weights)) if self.weights.covariance else None
+        """R (n_effective, n_response) with W_Lambda = R^T R; None where responses are independent."""
+        if self.error is None:
+            return self.noise_root if self.weights.covariance else None
+        return self._marginal[0]
+
+    @cached_property
+    def mean(self) -> np.ndarray:
+        """m (n_response,): what the model is expected to miss of every response; part of `predict`."""
+        return np.zeros(self.measured.size) if self.error is None else self.error.mean
 
     def weighted(self, residual: np.ndarray) -> np.ndarray:
         """W_Lambda^(1/2) residual: (..., n_response) -> (..., n_response), or (..., n_effective) of a covariance."""
@@ -111,7 +160,7 @@ class Problem:
                 )
             start += k
         return Prediction(
-            response=np.concatenate(parts, axis=1), computed=computed, frequency_hz=frequency, mac=mac,
+            response=np.concatenate(parts, axis=1) + self.mean, computed=computed, frequency_hz=frequency, mac=mac,
             fallback=solved.fallback,
         )
 
@@ -139,21 +188,29 @@ class Problem:
         return computed, criterion
 
     def predict(self, theta: np.ndarray) -> np.ndarray:
-        """Lambda_M(theta) (n_response,)."""
+        """Lambda_M(theta) (n_response,), with what the model is expected to miss."""
         return self.predict_many(theta).response[0]
 
     def sensitivity(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Lambda_M (n_response,) and S (n_response, n_param), Eq. 5, exact, through the alignment of shapes."""
-        solution = self.model.solve(theta, self.matching.n_mode)
-        computed, _ = self._assign(solution.shape[None])
-        clusters, start = [], 0
-        for group in self.groups:
-            k = group.size
-            clusters.append(tuple(int(i) for i in computed[0, start : start + k]))
-            start += k
+        clusters = self._clusters(self.model.solve(theta, self.matching.n_mode).shape)
         solution = self.model.solve(
             theta, self.matching.n_mode, derivatives=True, clusters=tuple(c for c in clusters if len(c) > 1)
         )
+        response, slope = self._response_slope(solution, clusters)
+        return response + self.mean, slope
+
+    def _clusters(self, shape: np.ndarray) -> tuple[tuple[int, ...], ...]:
+        """The computed modes (n_channel, n_mode) of each group."""
+        computed, _ = self._assign(shape[None])
+        clusters, start = [], 0
+        for group in self.groups:
+            clusters.append(tuple(int(i) for i in computed[0, start : start + group.size]))
+            start += group.size
+        return tuple(clusters)
+
+    def _response_slope(self, solution: ModalSolution, clusters) -> tuple[np.ndarray, np.ndarray]:
+        """Responses (n_response,) and their derivatives (n_response, n) with respect to whatever the solution's are."""
         response = [solution.frequency_hz[list(c)] for c in clusters]
         slope = [solution.frequency_derivative[list(c)] for c in clusters]
         if self.weights.frequencies == "log":
@@ -169,6 +226,19 @@ class Problem:
             slope.append(group.aligned_derivative(shape, change).transpose(1, 0, 2).reshape(-1, change.shape[2]))
         return np.concatenate(response), np.concatenate(slope)
 
+    def with_error(self, theta: np.ndarray) -> Problem:
+        """The same problem with its model's sources of error marginalised, their effect taken at theta (n_param,)."""
+        unknown = getattr(self.model, "uncertainty", None)
+        if unknown is None or not unknown.sources:
+            return self
+        n_mode = self.matching.n_mode
+        clusters = self._clusters(self.model.solve(theta, n_mode).shape)
+        # modes above the measured ones are not asked for their derivatives
+        n_mode = min(n_mode, max(max(c) for c in clusters) + 1)
+        solution = unknown.changes(theta, n_mode, tuple(c for c in clusters if len(c) > 1))
+        _, slope = self._response_slope(solution, clusters)
+        return replace(self, error=ResponseError.of(unknown.sources, slope, theta))
+
     def misfit(self, response: np.ndarray) -> np.ndarray:
         """(Lambda_S - Lambda_M)^T W_Lambda (Lambda_S - Lambda_M), first term of Eq. 6; response (..., n_response)."""
         return np.sum(self.weighted(self.measured - response) ** 2, axis=-1)
@@ -176,12 +246,15 @@ class Problem:
     @cached_property
     def _log_constant(self) -> float:
         """ln of the Gaussian density of the responses where the misfit is zero; a MAC is one datum."""
-        if self.root is not None:
-            return float(0.5 * np.linalg.slogdet(self.root @ self.root.T)[1] - 0.5 * len(self.root) * np.log(2 * np.pi))
-        std = [g.frequency_response_std for g in self.groups]
-        std += [g.shape_response_std[:1] if g.shapes == "mac" else g.shape_response_std for g in self.groups]
-        std = np.concatenate(std)
-        return float(-np.sum(np.log(std)) - 0.5 * std.size * np.log(2 * np.pi))
+        added = 0.0 if self.error is None else -0.5 * self._marginal[1]
+        if self.weights.covariance:
+            root = self.noise_root
+            return float(0.5 * np.linalg.slogdet(root @ root.T)[1] - 0.5 * len(root) * np.log(2 * np.pi)) + added
+        counted = np.ones(self.std.size, bool)
+        for rows in self._mac_rows:
+            counted[rows.start + 1 : rows.stop] = False
+        std = self.std[counted]
+        return float(-np.sum(np.log(std)) - 0.5 * std.size * np.log(2 * np.pi)) + added
 
     def log_likelihood(self, theta: np.ndarray) -> np.ndarray:
         """ln p(Lambda_S | theta) (n,), Gaussian with W_Lambda as inverse covariance, constants kept."""
@@ -205,7 +278,7 @@ class Problem:
 
     def parts(self) -> dict[str, str]:
         """A hash of each part of the problem, by what a user would have changed."""
-        weights = [self.std] if self.root is None else [self.std, self.root]
+        weights = [self.std] if self.root is None else [self.std, self.root, self.mean]
         return {
             "model": self.model.fingerprint(),
             "prior": _hash(repr((tuple(self.parameters), None if self.parameters.correlation is None
@@ -261,6 +334,9 @@ def build_problem(
     matching = match(modal_set, solution, rows, labels=data.labels, clusters=clusters)
     labels = data.labels or tuple(f"mode {j + 1}" for j in range(data.n_mode))
     groups = tuple(response_group(modal_set, list(g.measured), rows, weights, labels) for g in matching.groups)
-    return Problem(
+    problem = Problem(
         model=model, set_id=modal_set.id, mode_labels=labels, matching=matching, groups=groups, weights=weights
     )
+    if not weights.tolerances:
+        return problem
+    return problem.with_error(model.parameters.initial if weights.at is None else np.array(weights.at))

@@ -45,6 +45,9 @@ class Weights:
     discrepancy: what the model itself may miss at its best parameters, a share of every frequency, shape_factor times
     that of the largest component of shapes; independent, added in squares to whatever the above give. `discrepancy_by`
     says where it comes from (`estimators.discrepancy`).
+
+    tolerances: the sources of error that the model itself states (`model_error`) are marginalised, their effect taken
+    at the parameters `at`, or at the initial ones.
     """
 
     frequency_cov: tuple[float, ...] | None = None
@@ -57,6 +60,8 @@ class Weights:
     shapes: str = "plane"
     discrepancy: float = 0.0
     discrepancy_by: str = "as stated"
+    tolerances: bool = False
+    at: tuple[float, ...] | None = None
 
     def __post_init__(self):
         for name, value, known in (("frequencies", self.frequencies, FREQUENCIES), ("shapes", self.shapes, SHAPES)):
@@ -96,6 +101,8 @@ class Weights:
                 f"{100 * self.shape_factor * self.discrepancy:.3g} % of the largest component added in squares "
                 f"({self.discrepancy_by})"
             )
+        if self.tolerances:
+            text += "; tolerances of structure, soil, rotor-nacelle assembly and sensors marginalised"
         return f"{text}; {self.compared}"
 
     @property

@@ -13,9 +13,9 @@ PACKAGE = Path(__file__).resolve().parents[1] / "probupdate"
 FLOOR = {
     "errors": 0, "progress": 0, "processes": 0.05, "deviation_file": 0.05, "json_rows": 0.05,
     "parameters": 0.1, "modes": 0.1,
-    "model": 0.2, "mode_labels": 0.2, "io": 0.3,
+    "model": 0.2, "model_error": 0.3, "mode_labels": 0.2, "io": 0.3,
     "structure": 1, "campaign": 1, "virtual": 1,
-    "identification": 2,
+    "effects": 2, "identification": 2,
     "matching": 2.9, "responses": 2.9, "problem": 3,
     "estimators": 4, "comparison": 5, "information": 5, "diagnosis": 6, "lifetime": 6, "reporting": 7, "verbs": 8,
     "demonstration": 8.5, "cli": 9,

@@ -12,7 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from probupdate.diagnosis.catalogue import Crosstalk, Effect, Swap, Turn
+from probupdate.effects.catalogue import Crosstalk, Effect, Swap, Turn
 from probupdate.diagnosis.fitting import Fit, design_at
 from probupdate.diagnosis.search import Search, search, tail
 from probupdate.diagnosis.setting import Setting

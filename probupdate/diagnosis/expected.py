@@ -10,7 +10,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from probupdate.diagnosis.catalogue import Effect
+from probupdate.effects.catalogue import Effect
 from probupdate.diagnosis.departures import Reference, numbers_of
 from probupdate.diagnosis.field import Field, effect_fingerprints, observed
 from probupdate.diagnosis.setting import Named, Setting

@@ -26,7 +26,7 @@ from probupdate.diagnosis.fitting import Fit
 from probupdate.diagnosis.prepare import Prepared
 from probupdate.diagnosis.results import Diagnosis
 from probupdate.diagnosis.setting import Named, Setting, local_std
-from probupdate.diagnosis.turbine_effects import TurbineEffect
+from probupdate.effects.turbine import TurbineEffect
 from probupdate.errors import ConvergenceError, InputError
 from probupdate.estimators.ensemble import SamplerSettings
 from probupdate.estimators.updating import deterministic_update

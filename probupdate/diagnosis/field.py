@@ -9,7 +9,7 @@ from functools import lru_cache
 import numpy as np
 
 from probupdate.diagnosis.blocks import Blocks
-from probupdate.diagnosis.catalogue import Effect
+from probupdate.effects.catalogue import Effect
 from probupdate.diagnosis.departures import Reference, fingerprint
 from probupdate.diagnosis.small_model import LocalModel, Slopes, SmallModel, SmallModes
 from probupdate.errors import InputError

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from probupdate.diagnosis.catalogue import Effect
+from probupdate.effects.catalogue import Effect
 from probupdate.diagnosis.expected import all_departures, fingerprints_at, local_at
 from probupdate.diagnosis.linear import Design
 from probupdate.diagnosis.noise import Noise, estimate_noise

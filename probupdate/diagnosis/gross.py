@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from probupdate.diagnosis.catalogue import Effect
+from probupdate.effects.catalogue import Effect
 from probupdate.diagnosis.expected import DeparturesBeside
 from probupdate.diagnosis.fitting import kept, linearised, noise_of
 from probupdate.diagnosis.linear import Design

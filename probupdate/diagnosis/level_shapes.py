@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from probupdate.diagnosis.catalogue import GAIN_TOLERANCE, ROTATION_TOLERANCE_DEG, Effect
+from probupdate.effects.catalogue import GAIN_TOLERANCE, ROTATION_TOLERANCE_DEG, Effect
 from probupdate.diagnosis.departures import Reference
 from probupdate.diagnosis.diagnose import POWER
 from probupdate.diagnosis.setting import FLOOR_PHASE, FLOOR_SHAPE

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from probupdate.diagnosis.blocks import Blocks
-from probupdate.diagnosis.catalogue import Effect
+from probupdate.effects.catalogue import Effect
 from probupdate.diagnosis.departures import Reference, modes_with, n_response, numbers_of_modes, stated_columns
 from probupdate.diagnosis.noise import Noise, estimate_noise
 from probupdate.modes import Sensor, frozen_array

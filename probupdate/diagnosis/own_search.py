@@ -10,7 +10,7 @@ from scipy import stats
 
 from probupdate.diagnosis.along_record import Contrasts, Scores, draw_slow, make_contrasts, outliers, score
 from probupdate.diagnosis.blocks import Blocks
-from probupdate.diagnosis.catalogue import Effect
+from probupdate.effects.catalogue import Effect
 from probupdate.diagnosis.courses import Course
 from probupdate.diagnosis.noise import Noise, estimate_noise
 from probupdate.diagnosis.own_picture import (

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from probupdate.campaign.reading import Campaign
 from probupdate.diagnosis.campaign_tests import campaign_tests, rate_finding, with_true_rate
-from probupdate.diagnosis.catalogue import Effect
+from probupdate.effects.catalogue import Effect
 from probupdate.diagnosis.diagnose import examine
 from probupdate.diagnosis.extension import extend as extend_model
 from probupdate.diagnosis.extension_sampling import bounded
@@ -18,7 +18,7 @@ from probupdate.diagnosis.prepare import Prepared, prepare
 from probupdate.diagnosis.residuals import residuals
 from probupdate.diagnosis.results import Diagnosis, Finding
 from probupdate.diagnosis.splitting import splits
-from probupdate.diagnosis.turbine_effects import TurbineEffect
+from probupdate.effects.turbine import TurbineEffect
 from probupdate.diagnosis.without_model import diagnose_without_model
 from probupdate.errors import InputError
 from probupdate.estimators.ensemble import SamplerSettings

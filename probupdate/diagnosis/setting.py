@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from probupdate.diagnosis.blocks import Blocks, gather, with_derived
-from probupdate.diagnosis.catalogue import Effect
+from probupdate.effects.catalogue import Effect
 from probupdate.diagnosis.courses import Course, make_courses
 from probupdate.diagnosis.departures import numbers_of_modes, stated_columns
 from probupdate.diagnosis.field import Field, build_field

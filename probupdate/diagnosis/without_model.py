@@ -15,7 +15,7 @@ from scipy.special import logsumexp
 
 from probupdate.diagnosis.along_record import LEFT, Scores, make_contrasts, score
 from probupdate.diagnosis.blocks import Blocks, gather, with_derived
-from probupdate.diagnosis.catalogue import Effect, measurement_effects
+from probupdate.effects.catalogue import Effect, measurement_effects
 from probupdate.diagnosis.courses import MARGIN, N_STEP, Course, make_courses, step_course
 from probupdate.diagnosis.diagnose import POWER, SURE
 from probupdate.diagnosis.level_shapes import judge_levels, mean_shapes

@@ -12,6 +12,7 @@ from scipy import sparse
 
 from probupdate.errors import InputError
 from probupdate.model import ManySolutions, ModalSolution, Wireframe
+from probupdate.model_error import ModelUncertainty
 from probupdate.modes import frozen_array
 from probupdate.parameters import Parameters
 from probupdate.structure.eigen import lowest_modes, mode_derivatives
@@ -30,7 +31,8 @@ class AffineModel:
     `coefficients` maps theta (..., n_param), real or complex, to (..., n_stiffness) and (..., n_mass) and must be
     analytic where it is used, as its derivatives are taken by complex steps. `channel_matrix` (n_channel, n_dof)
     picks the measured motion, `wire_matrix` (3 n_node, n_dof) that of the picture's nodes. `derived` holds named
-    scalars of theta, such as pile-head stiffness. `hash_key` stands for all that went into the matrices.
+    scalars of theta, such as pile-head stiffness. `hash_key` stands for all that went into the matrices. `uncertainty`:
+    what is not known of the model itself (`model_error`).
     """
 
     name: str
@@ -44,6 +46,7 @@ class AffineModel:
     wire: Wireframe | None = None
     wire_matrix: sparse.csr_array | None = None
     derived: Mapping[str, Callable[[np.ndarray], float]] = field(default_factory=dict)
+    uncertainty: ModelUncertainty | None = None
 
     @property
     def n_dof(self) -> int:

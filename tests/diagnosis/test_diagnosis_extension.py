@@ -11,14 +11,14 @@ import pytest
 import probupdate
 from probupdate.cli import main
 from probupdate.diagnosis import extension_sampling
-from probupdate.diagnosis.catalogue import Delay, Effect, Gain, Rate, Turn
+from probupdate.effects.catalogue import Delay, Effect, Gain, Rate, Turn
 from probupdate.diagnosis.courses import Course, step_course
 from probupdate.diagnosis.diagnose import examine
 from probupdate.diagnosis.extension import corrected, corrections, described, extend, mean_set, size_statements
 from probupdate.diagnosis.prepare import prepare
 from probupdate.diagnosis.setting import Named, settle
 from probupdate.diagnosis.step_time import sharpened
-from probupdate.diagnosis.turbine_effects import turbine_effects
+from probupdate.effects.turbine import turbine_effects
 from probupdate.errors import ConvergenceError
 from probupdate.estimators.ensemble import SamplerSettings
 from probupdate.estimators.posterior_file import read_posterior

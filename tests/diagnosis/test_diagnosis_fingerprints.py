@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from probupdate.diagnosis.blocks import gather
-from probupdate.diagnosis.catalogue import measurement_effects
+from probupdate.effects.catalogue import measurement_effects
 from probupdate.diagnosis.departures import Reference, modes_with, numbers_of, numbers_of_modes
 from probupdate.diagnosis.evidence import length_std
 from probupdate.diagnosis.expected import all_departures, fingerprints_at

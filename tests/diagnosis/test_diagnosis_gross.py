@@ -7,7 +7,7 @@ import pytest
 
 import probupdate
 from probupdate.diagnosis.adequacy import adequacy, neighbours_dispersion
-from probupdate.diagnosis.catalogue import Effect, measurement_effects
+from probupdate.effects.catalogue import Effect, measurement_effects
 from probupdate.diagnosis.departures import Reference
 from probupdate.diagnosis.diagnose import ALIKE_SHAPES, examine, still_there
 from probupdate.diagnosis.extension import corrections

@@ -77,7 +77,7 @@ def test_as_many_modes_as_the_matrices_have_and_no_more(prepared, record):
 
 
 def test_a_covariate_told_in_a_part_of_the_record_is_missed_aloud(frame_file, record):
-    from probupdate.diagnosis.catalogue import Effect
+    from probupdate.effects.catalogue import Effect
     from probupdate.diagnosis.setting import settle
 
     prepared = prepare(frame_file)

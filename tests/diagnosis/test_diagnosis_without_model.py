@@ -12,7 +12,7 @@ import probupdate
 from probupdate.cli import main
 from probupdate.diagnosis.along_record import make_contrasts, score
 from probupdate.diagnosis.campaign_tests import rate_finding, with_true_rate
-from probupdate.diagnosis.catalogue import Effect
+from probupdate.effects.catalogue import Effect
 from probupdate.diagnosis.courses import Course, step_course
 from probupdate.diagnosis.without_model import diagnose_without_model
 from probupdate.errors import InputError

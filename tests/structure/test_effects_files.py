@@ -9,7 +9,7 @@ import pytest
 from effects_turbine import SAMPLES, entry, model, sample, with_effects
 from small_turbine import SENSORS
 
-from probupdate.diagnosis.turbine_effects import turbine_effects
+from probupdate.effects.turbine import turbine_effects
 from probupdate.errors import InputError
 from probupdate.modes import Sensor
 from probupdate.parameters import Parameter, Parameters

@@ -13,7 +13,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from probupdate.diagnosis.catalogue import Effect
+from probupdate.effects.catalogue import Effect
 from probupdate.structure.beam import Tube
 from probupdate.structure.description import Description
 from probupdate.structure.effects import KINDS

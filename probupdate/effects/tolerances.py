@@ -1,0 +1,195 @@
+"""The sources of error of a model: what drawings, site reports and calibration papers leave open.
+
+Rows of the catalogue with a tolerance, and beside them what no row of one place holds: walls and weights that depart
+for all members of a group together, and the laws of the soil, on which accepted methods differ.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+
+from probupdate.effects.catalogue import Effect, measurement_effects
+from probupdate.effects.turbine import turbine_effects
+from probupdate.model import ModalSolution, Model
+from probupdate.model_error import ErrorSource
+from probupdate.modes import Sensor, frozen_array
+from probupdate.parameters import Parameters
+from probupdate.structure.affine import AffineModel
+from probupdate.structure.description import Description, read_description
+from probupdate.structure.extend import Effect as ModelEffect
+from probupdate.structure.extend import extended_model
+
+# mill and fabrication tolerance of a wall, common to the members of a group (EN 10029 allows a few per cent a plate)
+WALL = 0.01
+# Initial stiffness of p-y, t-z and q-z springs: API RP 2GEO against a hyperbolic p-y curve, Randolph & Wroth's t-z and
+# an elastic half space for one clay differ by 10 to 45 %; evenly, and from one part of the pile to the next.
+SOIL_LAW, SOIL_PROFILE = 0.2, 0.2
+SOIL_BANDS = 3
+# Bernoulli-Euler members leave shear out, which Timoshenko's theory has to within what shear coefficients differ by
+SHEAR, SHEAR_STD = 1.0, 0.2
+GROUP_OF_CAUSE = {
+    "scour": "soil", "lateral soil stiffness": "soil", "axial soil stiffness": "soil", "pile tip's soil stiffness": "soil",
+    "marine growth": "water and growth", "corrosion": "water and growth", "nacelle mass": "rotor-nacelle assembly",
+    "RNA centre of mass": "rotor-nacelle assembly", "RNA inertia": "rotor-nacelle assembly",
+    "shear deformation": "theory",
+}  # fmt: skip
+# a swinging mass of nothing is no quantity to be uncertain about
+LEFT_OUT = ("blade coupling",)
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Row:
+    source: ErrorSource
+    effect: ModelEffect
+
+
+def _common(d: Description) -> list[_Row]:
+    """What departs for many places at once."""
+    rows = []
+
+    def add(name, kind, description, group, std, check, on=None, settings=None, unit="-"):
+        effect = ModelEffect(name=name, kind=kind, on=on or {}, settings=settings or {}, std=std, lower=-np.inf,
+                             upper=np.inf)  # fmt: skip
+        effect = replace(effect, lower=effect.neutral - 3 * std, upper=effect.neutral + 3 * std)
+        source = ErrorSource(name=name, group=group, description=description, unit=unit, std=std, check=check)
+        rows.append(_Row(source=source, effect=effect))
+
+    for group in ("tower", "leg", "brace", "pile"):
+        add(f"tolerance_wall_{group}", "stiffness", f"{group} walls, all alike", "structure", WALL,
+            "wall thicknesses as measured", on={"group": group})
+    top, bottom = d.site.mudline_m, d.pile.tip_m
+    edges = np.linspace(top, bottom, SOIL_BANDS + 1)
+    for curve, word in (("py", "lateral"), ("tz", "axial"), ("qw", "tip")):
+        add(f"tolerance_law_{curve}", "soil", f"{word} soil law, initial stiffness", "soil", SOIL_LAW,
+            "pile load test or cone test with small-strain stiffness", settings={"curve": curve})
+        if curve == "qw":
+            continue
+        for number, (high, low) in enumerate(zip(edges[:-1], edges[1:], strict=True), 1):
+            add(f"tolerance_profile_{curve}_{number}", "soil",
+                f"{word} soil stiffness, {top - high:g} to {top - low:g} m deep", "soil", SOIL_PROFILE,
+                "cone test with small-strain stiffness", on={"level_m": (float(low), float(high))},
+                settings={"curve": curve})  # fmt: skip
+    return rows
+
+
+def turbine_rows(d: Description) -> list[_Row]:
+    """Every source of a turbine's model."""
+    rows = []
+    for row in turbine_effects(d):
+        e = row.effect
+        if not e.tolerance or e.cause in LEFT_OUT:
+            continue
+        shear = e.cause == "shear deformation"
+        source = ErrorSource(
+            name=row.model.name, group=GROUP_OF_CAUSE.get(e.cause, "structure"), description=e.name, unit=e.unit,
+            std=SHEAR_STD if shear else e.tolerance, mean=SHEAR if shear else 0.0, check=e.check,
+        )  # fmt: skip
+        rows.append(_Row(source=source, effect=row.model))
+    return rows + _common(d)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class SensorUncertainty:
+    """Gains and directions of the sensors; `model` answers at `channels`."""
+
+    model: Model
+    sensors: tuple[Sensor, ...] = ()
+
+    @cached_property
+    def _effects(self) -> tuple[Effect, ...]:
+        # what turns phases leaves real shapes as they are
+        return tuple(e for e in measurement_effects(self.model.channels, self.sensors)
+                     if e.tolerance and e.unit in ("-", "deg") and e.cause != "sampling rate")  # fmt: skip
+
+    @cached_property
+    def sources(self) -> tuple[ErrorSource, ...]:
+        return tuple(
+            ErrorSource(name=f"{e.cause}: {e.location}", group="sensors", description=e.name, unit=e.unit,
+                        std=e.tolerance, check=e.check)
+            for e in self._effects
+        )  # fmt: skip
+
+    def changes(self, theta, n_mode, clusters) -> ModalSolution:
+        return self.added_to(self.model.solve(theta, n_mode))
+
+    def added_to(self, solution: ModalSolution) -> ModalSolution:
+        """The same modes with derivatives with respect to the sensors' sources."""
+        n_mode = solution.frequency_hz.size
+        change = np.empty((*solution.shape.shape, len(self._effects)))
+        for k, e in enumerate(self._effects):
+            h = e.step_of_size
+            for j in range(n_mode):
+                shape, f = solution.shape[:, j : j + 1], float(solution.frequency_hz[j])
+                change[:, j, k] = (e.observe(shape, f, h)[0] - e.observe(shape, f, -h)[0]).real[:, 0] / (2 * h)
+        return replace(solution, frequency_derivative=np.zeros((n_mode, len(self._effects))), shape_derivative=change)
+
+    def fingerprint(self) -> str:
+        return _hash(self.sources)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class TurbineUncertainty:
+    """Tolerances of a model.toml's structure, soil, rotor-nacelle assembly and sensors: the model of the file with a
+    parameter for each, at one heading of the nacelle."""
+
+    path: Path
+    parameters: Parameters
+    sensors: tuple[Sensor, ...]
+    nacelle_angle_deg: float
+    description: Description = field(repr=False)
+
+    @classmethod
+    def of(cls, path: Path, model: AffineModel, sensors, nacelle_angle_deg: float) -> TurbineUncertainty:
+        description = read_description(path)
+        placed = sensors if sensors is not None else tuple(
+            Sensor(channel=s.channel, level=s.level, position_m=s.position_m, direction=s.direction,
+                   quantity=s.quantity, unit=s.unit) for s in description.sensor)  # fmt: skip
+        return cls(path=path, parameters=model.parameters, sensors=tuple(placed), nacelle_angle_deg=nacelle_angle_deg,
+                   description=description)  # fmt: skip
+
+    @cached_property
+    def _rows(self) -> tuple[_Row, ...]:
+        # a tolerance of what is updated is that parameter's own prior
+        return tuple(r for r in turbine_rows(self.description) if r.effect.name not in self.parameters.names)
+
+    @cached_property
+    def _extended(self) -> AffineModel:
+        return extended_model(self.path, [r.effect for r in self._rows], parameters=self.parameters,
+                              sensors=self.sensors, nacelle_angle_deg=self.nacelle_angle_deg)  # fmt: skip
+
+    @cached_property
+    def _of_sensors(self) -> SensorUncertainty:
+        return SensorUncertainty(model=self._extended, sensors=self.sensors)
+
+    @cached_property
+    def sources(self) -> tuple[ErrorSource, ...]:
+        return (*(r.source for r in self._rows), *self._of_sensors.sources)
+
+    def changes(self, theta, n_mode, clusters) -> ModalSolution:
+        names = self._extended.parameters.names
+        neutral = {r.effect.name: r.effect.neutral for r in self._rows}
+        own = dict(zip(self.parameters.names, theta, strict=True))
+        whole = np.array([own[n] if n in own else neutral[n] for n in names])
+        solution = self._extended.solve(whole, n_mode, derivatives=True, clusters=clusters)
+        picked = [names.index(r.effect.name) for r in self._rows]
+        sensors = self._of_sensors.added_to(solution)
+        return replace(
+            solution,
+            frequency_derivative=frozen_array(
+                np.hstack([solution.frequency_derivative[:, picked], sensors.frequency_derivative])),
+            shape_derivative=frozen_array(
+                np.concatenate([solution.shape_derivative[:, :, picked], sensors.shape_derivative], axis=2)),
+        )  # fmt: skip
+
+    def fingerprint(self) -> str:
+        return _hash(self.sources)
+
+
+def _hash(sources: Sequence[ErrorSource]) -> str:
+    return hashlib.sha256(repr(tuple(sources)).encode()).hexdigest()
