@@ -142,7 +142,7 @@ def run_update(a: argparse.Namespace, progress: Progress) -> None:
 
     result = probupdate.update(
         a.model, a.modes, parameters=a.parameters, set_id=a.set, weights=weights_option(a), alpha=a.alpha,
-        frequencies=a.frequencies, shapes=a.shapes, method=a.method, discrepancy=a.discrepancy,
+        frequencies=a.frequencies, shapes=a.shapes, method=a.method, discrepancy=a.discrepancy, tolerances=a.tolerances,
         iterations=a.iterations, progress=progress)
     result.write(a.out)
     say(result.summary)
@@ -155,6 +155,7 @@ def run_sample(a: argparse.Namespace, progress: Progress) -> None:
     result = probupdate.sample(
         a.model, a.modes, a.out, parameters=a.parameters, set_id=a.set, weights=weights_option(a), seed=a.seed,
         frequencies=a.frequencies, shapes=a.shapes, ensembles=a.ensembles, discrepancy=a.discrepancy,
+        tolerances=a.tolerances,
         target_ess=a.ess, max_steps=a.max_steps, progress=progress)
     say(result.summary)
     say(f"wrote {a.out}")
@@ -174,7 +175,8 @@ def run_sets(a: argparse.Namespace, progress: Progress) -> None:
 
     result = probupdate.sets(
         a.model, a.modes, parameters=a.parameters, weights=weights_option(a), frequencies=a.frequencies,
-        shapes=a.shapes, discrepancy=a.discrepancy, correlated=a.correlated, spread=a.spread, seed=a.seed,
+        shapes=a.shapes, discrepancy=a.discrepancy, tolerances=a.tolerances, correlated=a.correlated, spread=a.spread,
+        seed=a.seed,
         progress=progress)
     result.write(a.out)
     say(result.summary)
@@ -186,7 +188,8 @@ def run_inform(a: argparse.Namespace, progress: Progress) -> None:
 
     result = probupdate.inform(
         a.model, a.modes, parameters=a.parameters, set_id=a.set, weights=weights_option(a), frequencies=a.frequencies,
-        shapes=a.shapes, discrepancy=a.discrepancy, every=a.every, at=a.at, posterior=a.posterior, seed=a.seed,
+        shapes=a.shapes, discrepancy=a.discrepancy, tolerances=a.tolerances, every=a.every, at=a.at,
+        posterior=a.posterior, seed=a.seed,
         progress=progress)
     result.write(a.out)
     say(result.summary)
@@ -248,7 +251,7 @@ def discrepancy_option(text: str) -> float | str:
     if text == "auto":
         return text
     try:
-        return positive(float)(text)
+        return 0.0 if float(text) == 0 else positive(float)(text)
     except (ValueError, argparse.ArgumentTypeError):
         raise argparse.ArgumentTypeError(f"{text} is neither a share above zero nor auto") from None
 
@@ -297,9 +300,13 @@ def build_parser() -> argparse.ArgumentParser:
                        "one MAC each, or not at all")
         weights.add_argument("--frequency-cov", type=positive(float), nargs="+", metavar="COV",
                              help="CoV of each frequency instead, tenfold for shapes")
-        p.add_argument("--discrepancy", type=discrepancy_option, default=0.0, metavar="SHARE",
-                       help="what the model may miss of every frequency, such as 0.005, and ten times that of shapes, "
-                       "added to the deviations; 'auto' takes as much as the misfit at the maximum tells (default 0)")
+        p.add_argument("--discrepancy", type=discrepancy_option, metavar="SHARE",
+                       help="what the model may miss of every frequency, such as 0.005, and ten times that of shapes; "
+                       "'auto' (default with --weights measured or covariance, else 0) takes as much as the misfit at "
+                       "the maximum shows")
+        p.add_argument("--tolerances", action=argparse.BooleanOptionalAction, default=None,
+                       help="marginalise the tolerances of structure, soil, rotor-nacelle assembly and sensors "
+                       "(default with --weights measured or covariance)")
 
     p = verb("demo", run_demo, "the whole job on a virtual campaign, ending with OUT/report.html")
     p.add_argument("out", metavar="OUT", help="directory to write; an interrupted demo goes on where it stopped")

@@ -87,6 +87,12 @@ class Problem:
         return tuple(found)
 
     @cached_property
+    def discrepancy_std(self) -> np.ndarray:
+        """The part of each response's standard deviation (n_response,) that is the model's discrepancy."""
+        parts = [g.discrepancy_std for g in self.groups]
+        return frozen_array(np.concatenate([p[0] for p in parts] + [p[1] for p in parts]))
+
+    @cached_property
     def noise_root(self) -> np.ndarray:
         """R (n_effective or n_response, n_response) with R^T R the inverse covariance of identification and model
         discrepancy alone."""

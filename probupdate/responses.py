@@ -31,6 +31,8 @@ SHAPE_FACTOR = 10.0
 SHAPE_FLOOR = 0.02
 # the same for frequencies, where deviations come as a covariance: a few times what a model's mesh leaves
 FREQUENCY_FLOOR = 5e-4
+# and beside stated tolerances: two independent programs differ by this where theory, parameters and soil are the same
+FORM_FLOOR = 1.5e-3
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -135,7 +137,8 @@ class ResponseGroup:
     (n, k) and the deviation of its rows (n,), for the n rows of the model that were measured.
 
     `changes` (k + n k, n_column): the set's own first-order deviations of the k frequencies (as responses) and of the
-    basis, mode by mode; None where the deviations are independent.
+    basis, mode by mode; None where the deviations are independent. frequency_discrepancy_hz (k,), shape_discrepancy
+    (n,): the part of the standard deviations that is the model's discrepancy, not the measurement's.
     """
 
     frequency_hz: np.ndarray
@@ -146,6 +149,8 @@ class ResponseGroup:
     frequencies: str = "hz"
     shapes: str = "plane"
     changes: np.ndarray | None = None
+    frequency_discrepancy_hz: np.ndarray | None = None
+    shape_discrepancy: np.ndarray | None = None
 
     @property
     def size(self) -> int:
@@ -174,6 +179,13 @@ class ResponseGroup:
     @cached_property
     def shape_response_std(self) -> np.ndarray:
         return np.zeros(0) if self.shapes == "none" else np.tile(self.shape_std, self.size)
+
+    @cached_property
+    def discrepancy_std(self) -> tuple[np.ndarray, np.ndarray]:
+        """Of the frequencies' responses (k,) and of the shapes' (k n,), empty where shapes are not compared."""
+        scale = self.frequency_hz if self.frequencies == "log" else 1.0
+        shape = np.zeros(0) if self.shapes == "none" else np.tile(self.shape_discrepancy, self.size)
+        return self.frequency_discrepancy_hz / scale, shape
 
     @cached_property
     def scaled_basis(self) -> np.ndarray:
@@ -291,31 +303,41 @@ def response_group(modal_set: ModalSet, members: list[int], rows, weights: Weigh
         own = frequency if weights.frequencies == "log" else 1.0
         std = np.hypot(spread[:k] * own, weights.floors[0] * frequency)
         sigma = np.sqrt(np.mean(spread[k:].reshape(k, n) ** 2, axis=0) + weights.floors[1] ** 2)
-        return ResponseGroup(frequency_std_hz=frozen_array(std), basis=frozen_array(basis),
-                             shape_std=frozen_array(sigma), changes=frozen_array(changes), **common)  # fmt: skip
+        return ResponseGroup(
+            frequency_std_hz=frozen_array(std), basis=frozen_array(basis), shape_std=frozen_array(sigma),
+            changes=frozen_array(changes), frequency_discrepancy_hz=frozen_array(weights.floors[0] * frequency),
+            shape_discrepancy=frozen_array(np.full(n, weights.floors[1])), **common,
+        )
     std = _frequency_std(modal_set, members, weights, labels)
-    sigma = _shape_std(given, to_basis, weights, weights.shape_factor * float(np.mean(std / frequency)))
-    std = np.hypot(std, weights.discrepancy * frequency)
-    sigma = np.hypot(sigma, weights.shape_factor * weights.discrepancy)
+    sigma, below = _shape_std(given, to_basis, weights, weights.shape_factor * float(np.mean(std / frequency)))
+    # what no tolerance holds: of shapes it is within their floor
+    floor = weights.frequency_floor if weights.tolerances else 0.0
+    added = weights.shape_factor * weights.discrepancy
+    missed = np.hypot(weights.discrepancy, floor) * frequency, np.hypot(below, added)
+    std, sigma = np.hypot(std, missed[0]), np.hypot(sigma, added)
     if weights.shapes == "mac":
         # k - sum of squared cosines is |Q - P Q|^2 of an orthonormal basis Q: over its expectation, one datum
         size = np.linalg.norm(basis[:, 0])
         basis = basis / size
         left = 1 - np.sum(basis**2, axis=1)
-        expected = len(members) * float(np.sum(sigma**2 * left)) / size**2
-        sigma = np.full(len(basis), np.sqrt(expected))
-    return ResponseGroup(frequency_std_hz=frozen_array(std), basis=frozen_array(basis), shape_std=frozen_array(sigma),
-                         **common)  # fmt: skip
+        sigma, shape_missed = (np.full(len(basis), np.sqrt(len(members) * float(np.sum(s**2 * left)) / size**2))
+                               for s in (sigma, missed[1]))
+        missed = missed[0], shape_missed
+    return ResponseGroup(
+        frequency_std_hz=frozen_array(std), basis=frozen_array(basis), shape_std=frozen_array(sigma),
+        frequency_discrepancy_hz=frozen_array(missed[0]), shape_discrepancy=frozen_array(missed[1]), **common,
+    )
 
 
-def _shape_std(given: np.ndarray, to_basis: np.ndarray, weights: Weights, rule: float) -> np.ndarray:
-    """Deviation of each row of the basis (n,) from those of the shapes (n, k)."""
+def _shape_std(given: np.ndarray, to_basis: np.ndarray, weights: Weights, rule: float) -> tuple[np.ndarray, np.ndarray]:
+    """Standard deviation of each row of the basis (n,) from those of the shapes (n, k), and the part of it (n,) that
+    the floor adds to what was measured."""
     if not (weights.shape_std and np.any(np.isfinite(given))):
-        return np.full(len(given), rule)
+        return np.full(len(given), rule), np.zeros(len(given))
     # deviations of the shapes carried to the basis; one per row, so that a turned basis has the same
     variance = np.mean(given**2 @ to_basis**2, axis=1)
     sigma = np.where(np.isfinite(variance), np.sqrt(variance), rule)
-    return np.maximum(sigma, weights.shape_floor)
+    return np.maximum(sigma, weights.shape_floor), np.sqrt(np.maximum(weights.shape_floor**2 - sigma**2, 0.0))
 
 
 def _own_changes(modal_set: ModalSet, members, kept, factor, to_basis, weights: Weights, where: str) -> np.ndarray:

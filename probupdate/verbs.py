@@ -19,7 +19,9 @@ from probupdate.campaign.reading import read_campaign
 from probupdate.campaign.scada import StateRule, read_scada, row_states
 from probupdate.comparison import Comparison
 from probupdate.comparison import compare as compare_results
+from probupdate.effects.tolerances import SensorUncertainty, TurbineUncertainty
 from probupdate.errors import InputError
+from probupdate.estimators.discrepancy import state_model_error
 from probupdate.estimators.ensemble import SamplerSettings
 from probupdate.estimators.posterior_file import Posterior, read_posterior, write_posterior
 from probupdate.estimators.update_file import UpdateRecord, read_update
@@ -37,6 +39,7 @@ from probupdate.modes import ModalData, ModalSet, Sensor, read_modes
 from probupdate.problem import Weights, build_problem, paper_weights
 from probupdate.progress import Progress, silent
 from probupdate.reporting import report as write_report
+from probupdate.responses import FORM_FLOOR
 from probupdate.structure.load import REFERENCE_STATES, load_model, nacelle_angle_deg, reference_model
 from probupdate.structure.own_modes import OwnModes, own_modes
 from probupdate.structure.subdyn_model import is_subdyn, turns_nacelle
@@ -100,8 +103,19 @@ class _Surroundings:
     def __call__(self, modal_set: ModalSet) -> Model:
         angle = self.angle_deg(modal_set)
         if angle not in self._opened:
-            self._opened[angle] = open_model(self.model, self.parameters, nacelle_angle_deg=angle)
+            opened = open_model(self.model, self.parameters, nacelle_angle_deg=angle)
+            self._opened[angle] = self.with_uncertainty(opened, angle)
         return self._opened[angle]
+
+    def with_uncertainty(self, opened: Model, angle_deg: float) -> Model:
+        """The model with the sources of its error: a turbine's tolerances, and sensors' where there is no more to know."""
+        if getattr(opened, "uncertainty", self) is not None:
+            return opened
+        if self.turns:
+            known = TurbineUncertainty.of(model_path(self.model), opened, None, angle_deg)
+        else:
+            known = SensorUncertainty(model=opened)
+        return replace(opened, uncertainty=known)
 
     @cached_property
     def _opened(self) -> dict[float, Model]:
@@ -270,13 +284,22 @@ def regress(
 
 
 def _weights(
-    weights: str | tuple[float, ...] | Weights, data: ModalData, *, frequencies: str = "hz", shapes: str = "plane"
+    weights: str | tuple[float, ...] | Weights, data: ModalData, *, frequencies: str = "hz", shapes: str = "plane",
+    tolerances: bool | None = None,
 ) -> Weights:
-    """'measured', 'covariance', 'paper', or a CoV a mode; and what is compared (see `responses`)."""
+    """'measured', 'covariance', 'paper', or a CoV a mode; and what is compared (see `responses`).
+
+    tolerances None: marginalised with standard deviations that are the measurement's alone, not with the paper's or
+    stated ones, which are W_Lambda as it is.
+    """
     if isinstance(weights, Weights):
         return weights
-    compared = {"frequencies": frequencies, "shapes": shapes}
-    if weights in ("measured", "covariance"):
+    of_measurement = weights in ("measured", "covariance")
+    known = of_measurement if tolerances is None else tolerances
+    compared = {"frequencies": frequencies, "shapes": shapes, "tolerances": known}
+    if known:
+        compared["frequency_floor"] = FORM_FLOOR
+    if of_measurement:
         return Weights(covariance=weights == "covariance", **compared)
     if weights == "paper":
         return paper_weights(data.labels, data.set().frequency_hz, **compared)
@@ -286,15 +309,16 @@ def _weights(
     return Weights(frequency_cov=tuple(float(w) for w in weights), shape_std=False, **compared)
 
 
-def _told_discrepancy(weights: Weights, discrepancy: float | str, model: Model, data, set_id, progress) -> Weights:
-    """With a share of the responses that the model may miss, stated or 'auto': estimated of the set to be updated."""
-    if discrepancy != "auto":
-        if isinstance(discrepancy, str):
-            raise InputError("discrepancy", f"'{discrepancy}' is unknown", "give a share such as 0.005, or auto")
-        return replace(weights, discrepancy=float(discrepancy)) if discrepancy else weights
-    from probupdate.estimators.discrepancy import estimate_discrepancy
-
-    return estimate_discrepancy(model, data, weights=weights, set_id=set_id, progress=progress)
+def _likelihood(
+    weights: str | tuple[float, ...] | Weights, model: Model, data: ModalData, *, set_id: str | None,
+    frequencies: str, shapes: str, discrepancy: float | str | None, tolerances: bool | None, progress: Progress,
+) -> Weights:
+    """What is compared and all that is stated of its error: one value, the same for every estimator that is given these
+    arguments. discrepancy None: 'auto' with the measurement's own standard deviations, else none."""
+    chosen = _weights(weights, data, frequencies=frequencies, shapes=shapes, tolerances=tolerances)
+    if discrepancy is None:
+        discrepancy = "auto" if isinstance(weights, str) and weights in ("measured", "covariance") else 0.0
+    return state_model_error(model, data, weights=chosen, discrepancy=discrepancy, set_id=set_id, progress=progress)
 
 
 def _modal_data(modes: str | Path | ModalData, set_id: str | None) -> ModalData:
@@ -319,7 +343,8 @@ def update(
     weights: str | tuple[float, ...] | Weights = "measured",
     frequencies: str = "hz",
     shapes: str = "plane",
-    discrepancy: float | str = 0.0,
+    discrepancy: float | str | None = None,
+    tolerances: bool | None = None,
     alpha: float | str = 1.0,
     method: str = "gauss-newton",
     iterations: int = 50,
@@ -328,15 +353,17 @@ def update(
     """The sensitivity-based Tikhonov update (Eq. 4-7) in both readings, the MAP, and the same for every set.
 
     `frequencies` ("hz", "log") and `shapes` ("plane", "components", "mac", "none") choose the responses; `alpha` is a
-    number or one of "l-curve", "discrepancy", "evidence"; `method` solves the anchored reading. `discrepancy`: share of
-    every frequency that the model may miss, ten times that of shapes, added to the deviations; 'auto' estimates it.
+    number or one of "l-curve", "discrepancy", "evidence"; `method` solves the anchored reading. `tolerances` of
+    structure, soil, rotor-nacelle assembly and sensors are marginalised; `discrepancy`: share of every frequency that
+    the model may miss beside them, ten times that of shapes, or 'auto', as large as the misfit says. Both are on by
+    default where `weights` are the measurement's own, "measured" or "covariance".
     """
     data = _modal_data(modes, set_id)
     model_at, modal_set = _Surroundings(model, parameters, str(modes)), data.set(set_id)
-    chosen = _weights(weights, data, frequencies=frequencies, shapes=shapes)
+    chosen = _likelihood(weights, model_at(modal_set), data, set_id=set_id, frequencies=frequencies, shapes=shapes,
+                         discrepancy=discrepancy, tolerances=tolerances, progress=progress)  # fmt: skip
     record = deterministic_update(
-        model_at(modal_set), data, set_id=set_id, alpha=alpha, iterations=iterations, method=method,
-        weights=_told_discrepancy(chosen, discrepancy, model_at(modal_set), data, set_id, progress),
+        model_at(modal_set), data, set_id=set_id, alpha=alpha, iterations=iterations, method=method, weights=chosen,
         model_at=model_at, progress=progress,
     )
     return replace(record, settings=record.settings | model_at.setting(modal_set))
@@ -352,7 +379,8 @@ def sample(
     weights: str | tuple[float, ...] | Weights = "measured",
     frequencies: str = "hz",
     shapes: str = "plane",
-    discrepancy: float | str = 0.0,
+    discrepancy: float | str | None = None,
+    tolerances: bool | None = None,
     seed: int = 1,
     target_ess: int = 1000,
     max_steps: int = 20000,
@@ -366,10 +394,10 @@ def sample(
     out = Path(out)
     settings = SamplerSettings(seed=seed, target_ess=target_ess, max_steps=max_steps, ensembles=ensembles)
     model_at, modal_set = _Surroundings(model, parameters, str(modes)), data.set(set_id)
-    chosen = _weights(weights, data, frequencies=frequencies, shapes=shapes)
+    chosen = _likelihood(weights, model_at(modal_set), data, set_id=set_id, frequencies=frequencies, shapes=shapes,
+                         discrepancy=discrepancy, tolerances=tolerances, progress=progress)  # fmt: skip
     posterior = sample_posterior(
-        model_at(modal_set), data, out.with_name(out.name + ".chain"), set_id=set_id,
-        weights=_told_discrepancy(chosen, discrepancy, model_at(modal_set), data, set_id, progress),
+        model_at(modal_set), data, out.with_name(out.name + ".chain"), set_id=set_id, weights=chosen,
         settings=settings, executor=executor, progress=progress,
     )
     posterior = replace(posterior, record=posterior.record | model_at.setting(modal_set))
@@ -403,7 +431,8 @@ def sets(
     weights: str | tuple[float, ...] | Weights = "measured",
     frequencies: str = "hz",
     shapes: str = "plane",
-    discrepancy: float | str = 0.0,
+    discrepancy: float | str | None = None,
+    tolerances: bool | None = None,
     correlated: bool = False,
     spread: float = 0.25,
     seed: int = 1,
@@ -415,10 +444,10 @@ def sets(
 
     data = _modal_data(modes, None)
     model_at = _Surroundings(model, parameters, str(modes))
-    chosen = _weights(weights, data, frequencies=frequencies, shapes=shapes)
+    chosen = _likelihood(weights, model_at(data.set()), data, set_id=None, frequencies=frequencies, shapes=shapes,
+                         discrepancy=discrepancy, tolerances=tolerances, progress=progress)  # fmt: skip
     return view_sets(
-        model_at(data.set()), data,
-        weights=_told_discrepancy(chosen, discrepancy, model_at(data.set()), data, None, progress),
+        model_at(data.set()), data, weights=chosen,
         model_at=model_at, correlated=correlated, spread=spread, seed=seed, progress=progress,
     )
 
@@ -432,7 +461,8 @@ def inform(
     weights: str | tuple[float, ...] | Weights = "measured",
     frequencies: str = "hz",
     shapes: str = "plane",
-    discrepancy: float | str = 0.0,
+    discrepancy: float | str | None = None,
+    tolerances: bool | None = None,
     every: bool = False,
     at: str = "initial",
     posterior: str | Path | Posterior | None = None,
@@ -452,8 +482,8 @@ def inform(
         raise InputError("at", f"'{at}' is unknown", f"choose from {', '.join(PLACES)}")
     data = _modal_data(modes, set_id)
     model_at, modal_set = _Surroundings(model, parameters, str(modes)), data.set(set_id)
-    chosen = _weights(weights, data, frequencies=frequencies, shapes=shapes)
-    chosen = _told_discrepancy(chosen, discrepancy, model_at(modal_set), data, set_id, progress)
+    chosen = _likelihood(weights, model_at(modal_set), data, set_id=set_id, frequencies=frequencies, shapes=shapes,
+                         discrepancy=discrepancy, tolerances=tolerances, progress=progress)  # fmt: skip
     problem = build_problem(model_at(modal_set), data, set_id=set_id, weights=chosen)
     maximum = find_maximum(problem, [problem.parameters.initial])
     check = predictive_check(problem, maximum, seed=seed)
@@ -461,9 +491,10 @@ def inform(
     if every:
         if not model_at.turns:
             raise InputError(str(model), "has no parameters beside the updated ones", "leave --every out")
-        whole = load_model(model_path(model), parameters=every_parameter(model_path(model)),
-                           nacelle_angle_deg=model_at.angle_deg(modal_set))  # fmt: skip
-        problem = build_problem(whole, data, set_id=set_id, weights=chosen)
+        angle = model_at.angle_deg(modal_set)
+        whole = load_model(model_path(model), parameters=every_parameter(model_path(model)), nacelle_angle_deg=angle)
+        problem = build_problem(model_at.with_uncertainty(whole, angle), data, set_id=set_id,
+                                weights=replace(chosen, at=None))  # fmt: skip
     drawn = posterior if posterior is None or isinstance(posterior, Posterior) else read_posterior(posterior)
     whole = problem.parameters
     point = whole.initial if at == "initial" else [found.get(p.name, p.initial) for p in whole]

@@ -156,7 +156,8 @@ class TurbineUncertainty:
     @cached_property
     def _rows(self) -> tuple[_Row, ...]:
         # a tolerance of what is updated is that parameter's own prior
-        return tuple(r for r in turbine_rows(self.description) if r.effect.name not in self.parameters.names)
+        taken = {*self.parameters.names, *(p.name for p in self.description.parameter)}
+        return tuple(r for r in turbine_rows(self.description) if r.effect.name not in taken)
 
     @cached_property
     def _extended(self) -> AffineModel:

@@ -1,4 +1,5 @@
-"""How much the model misses at its best parameters: the share of every response that the stated deviations leave out.
+"""The model's own error, stated before a set is updated: sources linearised where its parameters will be, and how much
+the model misses at its best parameters.
 
 Deviations of a measurement do not hold what the model itself gets wrong. Where they alone are stated, and are small,
 the misfit at the maximum is far beyond what they expect, and the posterior is sharp about a wrong place (Kennedy &
@@ -21,6 +22,8 @@ from probupdate.modes import ModalData
 from probupdate.problem import Problem, Weights, build_problem
 from probupdate.progress import Progress, silent
 
+# to how many prior standard deviations the place is told at which the sources of error are linearised
+PLACE = 0.01
 # shares that are looked through; beyond the last the model and the data have nothing to do with one another
 LEAST, MOST = 1e-5, 0.2
 # relative: one set of modes tells it to about 1 / sqrt(2 n)
@@ -30,6 +33,40 @@ ACCURACY = 0.01
 def expected_misfit(problem: Problem, laplace: Laplace) -> float:
     """Of the data at the maximum, where responses are linear: effective responses less the parameters they decide."""
     return problem.n_effective - float(np.sum(laplace.resolution))
+
+
+def state_model_error(
+    model: Model,
+    data: ModalData,
+    *,
+    weights: Weights,
+    discrepancy: float | str = 0.0,
+    set_id: str | None = None,
+    progress: Progress = silent,
+) -> Weights:
+    """The weights with all that is stated of the model's error: `at`, where the effect of its sources is taken (the
+    maximum of this set's posterior, found twice), and the discrepancy, a share or 'auto'.
+
+    The result is plain numbers: every estimator that is given them sees the same likelihood.
+    """
+    chosen = weights
+    if isinstance(discrepancy, str):
+        if discrepancy != "auto":
+            raise InputError("discrepancy", f"'{discrepancy}' is unknown", "give a share such as 0.005, or auto")
+    elif discrepancy:
+        chosen = replace(weights, discrepancy=float(discrepancy))
+    if chosen.tolerances and getattr(model, "uncertainty", None) is not None:
+        for step in range(2):
+            progress("model error", step, 2)
+            problem = build_problem(model, data, set_id=set_id, weights=chosen)
+            start = update(problem, penalty="prior").theta[-1] if chosen.at is None else np.array(chosen.at)
+            found = maximum_a_posteriori(problem, [start]).theta
+            grid = PLACE * model.parameters.std
+            place = np.clip(np.round(found / grid) * grid, model.parameters.lower, model.parameters.upper)
+            chosen = replace(chosen, at=tuple(float(x) for x in place))
+    if discrepancy == "auto":
+        chosen = estimate_discrepancy(model, data, weights=chosen, set_id=set_id, progress=progress)
+    return chosen
 
 
 def estimate_discrepancy(

@@ -11,6 +11,7 @@ from scipy import linalg
 
 from probupdate.errors import InputError
 from probupdate.model import ManySolutions, ModalSolution, Wireframe
+from probupdate.model_error import ModelUncertainty
 from probupdate.modes import frozen_array, pair_by_mac
 from probupdate.modes import mac as modal_assurance
 from probupdate.parameters import Parameters
@@ -31,6 +32,7 @@ class FunctionModel:
     function: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
     version: str
     step: float = 1e-4
+    uncertainty: ModelUncertainty | None = None
 
     @property
     def n_available(self) -> int:

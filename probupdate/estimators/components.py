@@ -1,0 +1,172 @@
+"""What the variance of every parameter's estimate is made of, and what to measure next to narrow it.
+
+With responses linear about the maximum, the estimate is theta = P S^T W (y - g) + P W_Theta theta_0 with P the
+posterior's covariance and W = W_Lambda. Its error is the sum of independent parts: of identification, of the model's
+discrepancy, of each source of the model's error, and of what the prior has left. Their variances add up to P exactly,
+as P S^T W S P + P W_Theta P = P.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from probupdate.estimators.laplace import Laplace, prior_residual
+from probupdate.modes import frozen_array
+from probupdate.problem import Problem
+
+IDENTIFICATION, DISCREPANCY, PRIOR = "identification", "model discrepancy", "prior"
+# a measure that narrows no parameter by this share is not worth a line
+LEAST_GAIN = 0.02
+MOST_MEASURES = 12
+
+
+@dataclass(frozen=True, kw_only=True)
+class Measure:
+    """What one more measurement, or a better known quantity, would narrow: `what` to do, and by which share the
+    standard deviation of each parameter would fall, (n_param,)."""
+
+    what: str
+    gain: tuple[float, ...]
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class VarianceComponents:
+    """names of the components; std (n_component, n_param) of each in the parameters' estimate; their squares add up to
+    those of total (n_param,), the Gauss-Newton standard deviation at the maximum. sources: the same for every single
+    source of the model's error (n_source, n_param), with its `source_names`. measures: what to measure next, the most
+    useful first."""
+
+    parameters: tuple[str, ...]
+    names: tuple[str, ...]
+    std: np.ndarray
+    total: np.ndarray
+    source_names: tuple[str, ...]
+    source_std: np.ndarray
+    measures: tuple[Measure, ...]
+
+    def largest(self, parameter: int) -> str:
+        """The component that contributes most to a parameter."""
+        return self.names[int(np.argmax(self.std[:, parameter]))]
+
+
+def variance_components(problem: Problem, laplace: Laplace) -> VarianceComponents:
+    """Of one problem at the maximum of its posterior."""
+    _, sensitivity = problem.sensitivity(laplace.theta)
+    _, prior_slope = prior_residual(problem.parameters, laplace.theta)
+    whitened = _Whitened(problem.noise_root @ sensitivity, problem.noise_root @ problem.factor,
+                         prior_slope.T @ prior_slope)  # fmt: skip
+    P = whitened.covariance()
+    X, B, inner = whitened.slope, whitened.factor, whitened.inner()
+    # P X^T (I + B B^T)^-1: what a whitened response of one does to the estimate
+    gain = P @ (X.T - (X.T @ B) @ np.linalg.solve(inner, B.T))
+    of_sources = gain @ B
+    noise = problem.noise_root * problem.discrepancy_std
+    discrepancy = np.sum((gain @ noise) ** 2, axis=1)
+    identification = np.maximum(np.sum(gain**2, axis=1) - discrepancy, 0.0)
+    groups: dict[str, np.ndarray] = {}
+    sources = () if problem.error is None else problem.error.sources
+    for k, source in enumerate(sources):
+        groups[source.group] = groups.get(source.group, 0.0) + of_sources[:, k] ** 2
+    parts = {IDENTIFICATION: identification, DISCREPANCY: discrepancy, **groups,
+             PRIOR: np.sum((P @ prior_slope.T) ** 2, axis=1)}  # fmt: skip
+    return VarianceComponents(
+        parameters=problem.parameters.names, names=tuple(parts),
+        std=frozen_array(np.sqrt(np.array(list(parts.values())))), total=frozen_array(np.sqrt(np.diag(P))),
+        source_names=tuple(s.description for s in sources), source_std=frozen_array(np.abs(of_sources.T)),
+        measures=_ranked(problem, laplace, whitened),
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Whitened:
+    """slope X (n, n_param) and factor B (n, n_source) over the noise, and the prior's precision."""
+
+    slope: np.ndarray
+    factor: np.ndarray
+    prior: np.ndarray
+
+    def inner(self) -> np.ndarray:
+        return np.eye(self.factor.shape[1]) + self.factor.T @ self.factor
+
+    def covariance(self, left_out: np.ndarray | None = None) -> np.ndarray:
+        """P, with the sources of these columns known exactly."""
+        X, B = self.slope, self.factor
+        if left_out is not None:
+            B = np.delete(B, left_out, axis=1)
+        XB = X.T @ B
+        inner = np.eye(B.shape[1]) + B.T @ B
+        return np.linalg.inv(X.T @ X - XB @ np.linalg.solve(inner, XB.T) + self.prior)
+
+    def with_rows(self, slope: np.ndarray, factor: np.ndarray) -> _Whitened:
+        return _Whitened(np.vstack([self.slope, slope]), np.vstack([self.factor, factor]), self.prior)
+
+    def scaled(self, rows: np.ndarray, by: float) -> _Whitened:
+        """With the noise of some responses smaller by a factor; rows are of independent noise."""
+        scale = np.ones(len(self.slope))
+        scale[rows] = by
+        return _Whitened(self.slope * scale[:, None], self.factor * scale[:, None], self.prior)
+
+
+def _ranked(problem: Problem, laplace: Laplace, now: _Whitened) -> tuple[Measure, ...]:
+    before = np.sqrt(np.diag(now.covariance()))
+    found = []
+    for what, covariance in _candidates(problem, laplace, now):
+        gain = 1 - np.sqrt(np.diag(covariance)) / before
+        if gain.max() >= LEAST_GAIN:
+            found.append(Measure(what=what, gain=tuple(float(g) for g in gain)))
+    return tuple(sorted(found, key=lambda m: -max(m.gain))[:MOST_MEASURES])
+
+
+def _candidates(problem: Problem, laplace: Laplace, now: _Whitened) -> Iterator[tuple[str, np.ndarray]]:
+    sources = () if problem.error is None else problem.error.sources
+    checks: dict[tuple[str, str], list[int]] = {}
+    for k, source in enumerate(sources):
+        checks.setdefault((source.group, source.check), []).append(k)
+    for (group, check), columns in checks.items():
+        names = [sources[k].description for k in columns]
+        what = names[0] if len(names) == 1 else f"{group}: {len(names)} tolerances such as {names[0]}"
+        yield f"know exactly: {what} ({check})" if check else f"know exactly: {what}", now.covariance(np.array(columns))
+    if not problem.weights.covariance:
+        yield from _better(problem, now)
+    yield from _further_modes(problem, laplace, now)
+
+
+def _better(problem: Problem, now: _Whitened) -> Iterator[tuple[str, np.ndarray]]:
+    """A mode whose frequency, or shape, is identified to half its standard deviation."""
+    frequency, shape = 0, problem.n_frequency
+    variance, missed = problem.std**2, problem.discrepancy_std**2
+    for group in problem.groups:
+        names = " and ".join(problem.mode_labels[problem.used[frequency + k]] for k in range(group.size))
+        size = group.shape_response.size
+        for what, rows in (("frequency", np.arange(frequency, frequency + group.size)),
+                           ("shape", np.arange(shape, shape + size))):  # fmt: skip
+            if rows.size:
+                halved = (variance[rows] - missed[rows]) / 4 + missed[rows]
+                by = float(np.sqrt(np.mean(variance[rows]) / np.mean(halved)))
+                yield f"identify the {what} of {names} twice as exactly", now.scaled(rows, by).covariance()
+        frequency, shape = frequency + group.size, shape + size
+
+
+def _further_modes(problem: Problem, laplace: Laplace, now: _Whitened) -> Iterator[tuple[str, np.ndarray]]:
+    """The frequency of a mode of the model that the data do not have, as exactly as the median of those they have."""
+    n_mode = problem.matching.n_mode
+    solution = problem.model.solve(laplace.theta, n_mode, derivatives=True)
+    taken = {i for cluster in problem._clusters(solution.shape) for i in cluster}
+    highest = max(taken)
+    share = float(np.median([s / f for g in problem.groups for s, f in
+                             zip(g.frequency_std_hz, g.frequency_hz, strict=True)]))  # fmt: skip
+    unknown = getattr(problem.model, "uncertainty", None)
+    change = None
+    if problem.error is not None and unknown is not None:
+        change = unknown.changes(laplace.theta, min(n_mode, highest + 2), ()).frequency_derivative
+        change = change * np.array([s.std for s in problem.error.sources])
+    for i in range(min(n_mode, highest + 2)):
+        if i in taken:
+            continue
+        f = solution.frequency_hz[i]
+        factor = np.zeros((1, now.factor.shape[1])) if change is None else change[i : i + 1] / (share * f)
+        slope = solution.frequency_derivative[i : i + 1] / (share * f)
+        yield f"identify the model's mode at {f:.3g} Hz (its frequency)", now.with_rows(slope, factor).covariance()
