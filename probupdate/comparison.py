@@ -12,11 +12,12 @@ from scipy import stats
 
 from probupdate.errors import InputError
 from probupdate.estimators.posterior_file import Posterior
-from probupdate.estimators.update_file import BLIND_RESOLUTION, UpdateRecord, fit_sentence
+from probupdate.estimators.update_file import BLIND_RESOLUTION, UpdateRecord, fit_sentence, misses
 
 FORMAT = 1
 # posterior over prior deviation: below the first the data decide, above the second the parameter keeps its prior
 STRONG, BLIND = 0.5, 0.9
+KNOWN, PARTLY, PRIOR, BOUND = "strongly identified", "weakly identified", "keeps its prior", "at a bound"
 # estimates closer than this many posterior deviations are the same for any use of them
 CLOSE = 0.25
 # the anchored update and the maximum are two routes to one number
@@ -124,6 +125,19 @@ def compare(update: UpdateRecord, posterior: Posterior, derived: Mapping[str, ob
     )
 
 
+def identifiability(contraction: float, *, at_bound: bool, misses: bool) -> str:
+    """What the data say of a parameter, by its posterior's standard deviation over its prior's.
+
+    One at a bound is said to be there whatever its width: the bound, not the data, may be what makes it narrow. Where
+    the model misses the data beyond what is stated (`update_file.misses`), no width proves that a parameter is known.
+    """
+    if at_bound:
+        return BOUND
+    if contraction < STRONG:
+        return PARTLY if misses else KNOWN
+    return PARTLY if contraction <= BLIND else PRIOR
+
+
 def _cov(values: np.ndarray) -> float:
     """Deviation over |mean|, NaN where the mean is zero."""
     mean = float(np.mean(values))
@@ -152,15 +166,9 @@ def _row(
             flags.append(f"{name} ends at a bound")
     if abs(others[partner]) > HIGH_CORRELATION:
         flags.append(f"absorbed by {posterior.names[partner]}: correlation {others[partner]:+.2f}")
-    if update.map_at_bound[k]:
-        # whatever its width: the bound, not the data, may be what makes the posterior narrow
-        identified = "at a bound"
-    elif contraction < STRONG:
-        identified = "strongly identified"
-    elif contraction <= BLIND:
-        identified = "weakly identified"
-    else:
-        identified = "keeps its prior"
+    identified = identifiability(contraction, at_bound=bool(update.map_at_bound[k]), misses=misses(update))
+    if contraction < STRONG and identified == PARTLY:
+        flags.append("narrow only as far as the stated standard deviations hold, which the data exceed")
     sets = update.sets
     row = dict(
         name=parameter.name, unit=parameter.unit, prior_mean=prior_mean, prior_std=prior_std,
@@ -181,7 +189,7 @@ def _sentence(row: dict, parameter, update: UpdateRecord, partner: str, correlat
     """Why the estimates part, or that they do not."""
     name, std = row["name"], row["std"]
     parts = []
-    if row["identified"] == "keeps its prior":
+    if row["identified"] == PRIOR:
         parts.append(f"the data do not inform {name}: its posterior is {100 * row['contraction']:.0f} % as wide as its "
                      "prior")  # fmt: skip
     gap = abs(row["map_distance"])
@@ -189,7 +197,7 @@ def _sentence(row: dict, parameter, update: UpdateRecord, partner: str, correlat
     if gap > CLOSE:
         if any("pinned" in flag for flag in row["flags"]):
             reason = "the density is highest at the bound while its mass lies inside"
-        elif row["identified"] == "keeps its prior" and cut:
+        elif row["identified"] == PRIOR and cut:
             reason = (f"the bounds cut the prior, whose mean is {row['prior_mean']:.3g} for a mode of "
                       f"{parameter.initial:.3g}")  # fmt: skip
         elif abs(row["skewness"]) > 0.3:
@@ -242,7 +250,7 @@ def _notes(update: UpdateRecord, posterior: Posterior, rows: tuple[ComparisonRow
     pinned = [r.name for r in rows if any("pinned" in f for f in r.flags)]
     if pinned:
         notes.append(f"pinned at a bound at the MAP: {', '.join(pinned)}; their results hang on those bounds")
-    for kind in ("strongly identified", "weakly identified", "keeps its prior"):
+    for kind in (KNOWN, PARTLY, PRIOR):
         names = [r.name for r in rows if r.identified == kind]
         if names:
             notes.append(f"{kind}: {', '.join(names)}")

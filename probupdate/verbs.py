@@ -39,7 +39,7 @@ from probupdate.modes import ModalData, ModalSet, Sensor, read_modes
 from probupdate.problem import Weights, build_problem, paper_weights
 from probupdate.progress import Progress, silent
 from probupdate.reporting import report as write_report
-from probupdate.responses import FORM_FLOOR
+from probupdate.responses import FORM_FLOOR, FORM_SHAPE_FLOOR
 from probupdate.structure.load import REFERENCE_STATES, load_model, nacelle_angle_deg, reference_model
 from probupdate.structure.own_modes import OwnModes, own_modes
 from probupdate.structure.subdyn_model import is_subdyn, turns_nacelle
@@ -283,7 +283,7 @@ def regress(
     return regress_modes(read_modes(modes), covariates=covariates, state=state)
 
 
-def _weights(
+def stated_weights(
     weights: str | tuple[float, ...] | Weights, data: ModalData, *, frequencies: str = "hz", shapes: str = "plane",
     tolerances: bool | None = None,
 ) -> Weights:
@@ -298,7 +298,7 @@ def _weights(
     known = of_measurement if tolerances is None else tolerances
     compared = {"frequencies": frequencies, "shapes": shapes, "tolerances": known}
     if known:
-        compared["frequency_floor"] = FORM_FLOOR
+        compared |= {"frequency_floor": FORM_FLOOR, "shape_floor": FORM_SHAPE_FLOOR}
     if of_measurement:
         return Weights(covariance=weights == "covariance", **compared)
     if weights == "paper":
@@ -315,7 +315,7 @@ def _likelihood(
 ) -> Weights:
     """What is compared and all that is stated of its error: one value, the same for every estimator that is given these
     arguments. discrepancy None: 'auto' with the measurement's own standard deviations, else none."""
-    chosen = _weights(weights, data, frequencies=frequencies, shapes=shapes, tolerances=tolerances)
+    chosen = stated_weights(weights, data, frequencies=frequencies, shapes=shapes, tolerances=tolerances)
     if discrepancy is None:
         discrepancy = "auto" if isinstance(weights, str) and weights in ("measured", "covariance") else 0.0
     return state_model_error(model, data, weights=chosen, discrepancy=discrepancy, set_id=set_id, progress=progress)

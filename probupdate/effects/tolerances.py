@@ -22,6 +22,7 @@ from probupdate.modes import Sensor, frozen_array
 from probupdate.parameters import Parameters
 from probupdate.structure.affine import AffineModel
 from probupdate.structure.description import Description, read_description
+from probupdate.structure.effects import KINDS
 from probupdate.structure.extend import Effect as ModelEffect
 from probupdate.structure.extend import extended_model
 
@@ -29,18 +30,18 @@ from probupdate.structure.extend import extended_model
 WALL = 0.01
 # Initial stiffness of p-y, t-z and q-z springs: API RP 2GEO against a hyperbolic p-y curve, Randolph & Wroth's t-z and
 # an elastic half space for one clay differ by 10 to 45 %; evenly, and from one part of the pile to the next.
-SOIL_LAW, SOIL_PROFILE = 0.2, 0.2
+SOIL_LAW, SOIL_PROFILE = 0.3, 0.2
 SOIL_BANDS = 3
 # Bernoulli-Euler members leave shear out, which Timoshenko's theory has to within what shear coefficients differ by
 SHEAR, SHEAR_STD = 1.0, 0.2
 GROUP_OF_CAUSE = {
-    "scour": "soil", "lateral soil stiffness": "soil", "axial soil stiffness": "soil", "pile tip's soil stiffness": "soil",
+    "scour": "soil", "lateral soil stiffness": "soil", "axial soil stiffness": "soil",
+    "pile tip's soil stiffness": "soil",
     "marine growth": "water and growth", "corrosion": "water and growth", "nacelle mass": "rotor-nacelle assembly",
     "RNA centre of mass": "rotor-nacelle assembly", "RNA inertia": "rotor-nacelle assembly",
-    "shear deformation": "theory",
 }  # fmt: skip
-# a swinging mass of nothing is no quantity to be uncertain about
-LEFT_OUT = ("blade coupling",)
+# a swinging mass of nothing is no quantity to be uncertain about; shear has a row of its own, for all members
+LEFT_OUT = ("blade coupling", "shear deformation")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -53,13 +54,16 @@ def _common(d: Description) -> list[_Row]:
     """What departs for many places at once."""
     rows = []
 
-    def add(name, kind, description, group, std, check, on=None, settings=None, unit="-"):
-        effect = ModelEffect(name=name, kind=kind, on=on or {}, settings=settings or {}, std=std, lower=-np.inf,
-                             upper=np.inf)  # fmt: skip
-        effect = replace(effect, lower=effect.neutral - 3 * std, upper=effect.neutral + 3 * std)
-        source = ErrorSource(name=name, group=group, description=description, unit=unit, std=std, check=check)
+    def add(name, kind, description, group, std, check, on=None, settings=None, mean=0.0):
+        low = KINDS[kind].neutral - (0.0 if kind == "shear" else 3 * std)
+        effect = ModelEffect(name=name, kind=kind, on=on or {}, settings=settings or {}, std=std, lower=low,
+                             upper=KINDS[kind].neutral + 3 * std)  # fmt: skip
+        source = ErrorSource(name=name, group=group, description=description, unit="-", std=std, mean=mean, check=check)
         rows.append(_Row(source=source, effect=effect))
 
+    if d.mesh.theory == "bernoulli-euler":
+        add("tolerance_shear", "shear", "shear deformation of all members", "theory", SHEAR_STD,
+            'set mesh.theory = "timoshenko" in the model file', mean=SHEAR)  # fmt: skip
     for group in ("tower", "leg", "brace", "pile"):
         add(f"tolerance_wall_{group}", "stiffness", f"{group} walls, all alike", "structure", WALL,
             "wall thicknesses as measured", on={"group": group})
@@ -85,11 +89,8 @@ def turbine_rows(d: Description) -> list[_Row]:
         e = row.effect
         if not e.tolerance or e.cause in LEFT_OUT:
             continue
-        shear = e.cause == "shear deformation"
-        source = ErrorSource(
-            name=row.model.name, group=GROUP_OF_CAUSE.get(e.cause, "structure"), description=e.name, unit=e.unit,
-            std=SHEAR_STD if shear else e.tolerance, mean=SHEAR if shear else 0.0, check=e.check,
-        )  # fmt: skip
+        source = ErrorSource(name=row.model.name, group=GROUP_OF_CAUSE.get(e.cause, "structure"), description=e.name,
+                             unit=e.unit, std=e.tolerance, check=e.check)  # fmt: skip
         rows.append(_Row(source=source, effect=row.model))
     return rows + _common(d)
 

@@ -47,10 +47,6 @@ class VarianceComponents:
     source_std: np.ndarray
     measures: tuple[Measure, ...]
 
-    def largest(self, parameter: int) -> str:
-        """The component that contributes most to a parameter."""
-        return self.names[int(np.argmax(self.std[:, parameter]))]
-
 
 def variance_components(problem: Problem, laplace: Laplace) -> VarianceComponents:
     """Of one problem at the maximum of its posterior."""
@@ -78,6 +74,33 @@ def variance_components(problem: Problem, laplace: Laplace) -> VarianceComponent
         source_names=tuple(s.description for s in sources), source_std=frozen_array(np.abs(of_sources.T)),
         measures=_ranked(problem, laplace, whitened),
     )
+
+
+def misfit_by_response(problem: Problem, laplace: Laplace) -> tuple[tuple[str, ...], np.ndarray, np.ndarray]:
+    """Names of the responses (each frequency, each group's shapes), chi-square of each by its own marginal covariance
+    at the maximum, and what is expected of it; they do not add up where errors go together."""
+    residual = problem.measured - problem.predict(laplace.theta)
+    covariance = np.linalg.pinv(problem.noise_root.T @ problem.noise_root) + problem.factor @ problem.factor.T
+    names, chi_square, expected = [], [], []
+    frequency, shape = 0, problem.n_frequency
+    for group in problem.groups:
+        labels = [problem.mode_labels[problem.used[frequency + k]] for k in range(group.size)]
+        for k, label in enumerate(labels):
+            row = frequency + k
+            names.append(f"frequency of {label}")
+            chi_square.append(residual[row] ** 2 / covariance[row, row])
+            expected.append(1.0)
+        size = group.shape_response.size
+        if size:
+            rows = slice(shape, shape + size)
+            own = residual[rows]
+            names.append(f"shape of {' and '.join(labels)}")
+            mac = group.shapes == "mac"
+            chi_square.append(own @ own / problem.std[shape] ** 2 if mac else
+                              own @ np.linalg.pinv(covariance[rows, rows], hermitian=True) @ own)  # fmt: skip
+            expected.append(float(group.n_effective - group.size))
+        frequency, shape = frequency + group.size, shape + size
+    return tuple(names), np.array(chi_square), np.array(expected)
 
 
 @dataclass(frozen=True, eq=False)

@@ -19,6 +19,8 @@ BLIND_RESOLUTION = 0.1
 # CoV of frequencies below which a good fit says nothing of the model's own error: two theories of one turbine differ by
 # 0.5 to 1.2 % at equal parameters, and ten parameters took that in (studies/calibration)
 SHARP = 0.005
+# standard deviations of a chi-square variable beyond which a misfit is none of chance
+ACCUSED = 3.0
 SCHEME_NAMES = {"step": "Eq. 7 as printed (penalty on the step)", "prior": "anchored (penalty on the prior)"}
 
 
@@ -77,6 +79,28 @@ class AlphaRecord:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
+class ComponentsRecord:
+    """What the variance of the parameters' estimate is made of, std (n_component, n_param), and what to measure next,
+    gain (n_measure, n_param); misfit_share (n_group,): of the misfit at the maximum by group of responses. See
+    components.VarianceComponents."""
+
+    names: tuple[str, ...]
+    std: np.ndarray
+    source_names: tuple[str, ...]
+    source_std: np.ndarray
+    measures: tuple[str, ...]
+    gain: np.ndarray
+    responses: tuple[str, ...]
+    chi_square: np.ndarray
+    expected: np.ndarray
+
+    def accused(self) -> tuple[str, ...]:
+        """Responses whose chi-square is far beyond what is expected of them, the worst first."""
+        beyond = (self.chi_square - self.expected) / np.sqrt(2 * np.maximum(self.expected, 1.0))
+        return tuple(self.responses[k] for k in np.argsort(-beyond) if beyond[k] > ACCUSED)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
 class UpdateRecord:
     """What update.json holds; mode arrays (n_mode,) are in the data's order with NaN for modes not used.
 
@@ -114,6 +138,7 @@ class UpdateRecord:
     settings: Mapping[str, str] = field(default_factory=dict)
     map_gradient: float = float("nan")
     alpha_path: AlphaRecord | None = None
+    components: ComponentsRecord | None = None
 
     def scheme(self, key: str) -> SchemeRecord:
         return next(s for s in self.schemes if s.key == key)
@@ -149,6 +174,7 @@ def summary(record: UpdateRecord) -> str:
     if at:
         lines.append(f"pinned at a bound at the MAP: {', '.join(at)}")
     lines += _information(record)
+    lines += _components(record)
     lines += _alphas(record)
     for name, values in record.derived.items():
         lines.append(f"{name}: {values['initial']:.3g} -> {values['map']:.3g} N/m at the MAP")
@@ -185,23 +211,50 @@ def _alphas(record: UpdateRecord) -> list[str]:
     return lines + [f"no alpha by {rule}: {remark}" for rule, remark in path.remarks.items()]
 
 
+def misses(record: UpdateRecord) -> bool:
+    """Whether the misfit at the maximum is beyond what the stated covariance allows by chance."""
+    return record.map_misfit > record.n_effective + ACCUSED * np.sqrt(2 * record.n_effective)
+
+
 def fit_sentence(record: UpdateRecord) -> str:
-    """Whether the model at its best fits the data within the stated deviations."""
+    """Whether the model at its best fits the data within the stated standard deviations."""
     ratio = record.map_misfit / record.n_effective
     text = f"chi-square at the MAP {record.map_misfit:.4g} for {record.n_effective} effective responses"
-    # three deviations of a chi-square variable
-    if record.map_misfit > record.n_effective + 3 * np.sqrt(2 * record.n_effective):
-        return (f"{text}: the model misses the data by {np.sqrt(ratio):.1f} times the stated deviations; posterior "
-                "widths hold only as far as those deviations include the model's own error")  # fmt: skip
-    if record.map_misfit < record.n_effective - 3 * np.sqrt(2 * record.n_effective):
-        return (f"{text}: the fit is {1 / np.sqrt(ratio):.1f} times closer than the stated deviations expect; they are "
-                "too wide for these data or their errors go together, and posterior widths are too wide with them")
-    text = f"{text}: the model fits the data within the stated deviations"
+    if misses(record):
+        accused = () if record.components is None else record.components.accused()
+        where = f", most of all {', '.join(accused[:3])}" if accused else ""
+        return (f"{text}: the model misses the data by {np.sqrt(ratio):.1f} times the stated standard deviations"
+                f"{where}; no parameter counts as strongly identified until the model's error is stated: --discrepancy auto (the "
+                "default) or a share, or compare shapes with --shapes mac")  # fmt: skip
+    if record.map_misfit < record.n_effective - ACCUSED * np.sqrt(2 * record.n_effective):
+        return (f"{text}: the fit is {1 / np.sqrt(ratio):.1f} times closer than the stated standard deviations expect; "
+                "they are too wide for these data or their errors go together, and posterior widths are too wide with "
+                "them")  # fmt: skip
+    text = f"{text}: the model fits the data within the stated standard deviations"
     cov = float(np.nanmedian(record.measured_std_hz / record.measured_hz))
     if cov >= SHARP:
         return text
     return (f"{text}, {100 * cov:.2g} % of the frequencies (median); an error of the model itself that parameters took "
-            "in does not show in the fit, and posterior widths leave it out unless --discrepancy states it")
+            "in does not show in the fit, and posterior widths leave it out unless --tolerances or --discrepancy "
+            "states it")  # fmt: skip
+
+
+def _components(record: UpdateRecord) -> list[str]:
+    """Which part of every parameter's variance comes from where, and what to measure next."""
+    parts = record.components
+    if parts is None:
+        return []
+    share = parts.std**2 / np.sum(parts.std**2, axis=0)
+    rows = []
+    for k, p in enumerate(record.parameters):
+        order = [j for j in np.argsort(-share[:, k]) if share[j, k] >= 0.1][:3]
+        rows.append(f"{p.name}: {', '.join(f'{parts.names[j]} {100 * share[j, k]:.0f} %' for j in order)}")
+    lines = [f"variance of the estimates at the MAP from: {'; '.join(rows)}"]
+    for what, gain in list(zip(parts.measures, parts.gain, strict=True))[:3]:
+        best = [k for k in np.argsort(-gain)[:3] if gain[k] >= 0.02]
+        told = ", ".join(f"{record.parameters.names[k]} -{100 * gain[k]:.0f} %" for k in best)
+        lines.append(f"what to measure next: {what} (standard deviation of {told})")
+    return lines
 
 
 def _plain(value):
@@ -251,7 +304,7 @@ def write_update(record: UpdateRecord, path: str | Path) -> Path:
             content[name] = parameters_to_table(value)
         elif name == "schemes":
             content[name] = [{k: _plain(getattr(s, k)) for k in s.__dataclass_fields__} for s in value]
-        elif name in ("sets", "alpha_path"):
+        elif name in ("sets", "alpha_path", "components"):
             names = () if value is None else value.__dataclass_fields__
             content[name] = {k: _plain(getattr(value, k)) for k in names} or None
         else:
@@ -312,12 +365,20 @@ def _record(content: dict) -> UpdateRecord:
         arrays = ("alpha", "theta", "misfit", "penalty", "log_evidence")
         path = AlphaRecord(**(path | {k: _array(path[k]) for k in arrays} | {
             "chosen": {k: float("nan") if v is None else v for k, v in path["chosen"].items()}}))  # fmt: skip
+    parts = content.get("components")
+    if parts is not None:
+        arrays = ("std", "source_std", "gain", "chi_square", "expected")
+        n_param = len(content["parameters"]["items"])
+        shaped = {k: _array(parts[k]) for k in arrays}
+        shaped |= {k: shaped[k].reshape(-1, n_param) for k in ("std", "source_std", "gain")}
+        words = {k: tuple(str(x) for x in parts[k]) for k in ("names", "source_names", "measures", "responses")}
+        parts = ComponentsRecord(**(parts | shaped | words))
     gradient = content.get("map_gradient")
     arrays = ("measured_hz", "measured_std_hz", "initial_hz", "initial_mac", "computed_mode", "map_theta",
               "map_covariance", "map_resolution", "map_hz", "map_mac")  # fmt: skip
     return UpdateRecord(**(content | {k: _array(content[k]) for k in arrays} | {
         "parameters": parameters_from_table(content["parameters"]), "schemes": schemes, "sets": sets,
-        "alpha_path": path, "map_gradient": float("nan") if gradient is None else gradient,
+        "alpha_path": path, "components": parts, "map_gradient": float("nan") if gradient is None else gradient,
         "labels": tuple(content["labels"]), "pairs": tuple(tuple(p) for p in content["pairs"]),
         "left_out": tuple(content["left_out"]), "other_maxima": tuple(content["other_maxima"]),
         "derived": {k: {state: float("nan") if v is None else v for state, v in states.items()}
@@ -346,6 +407,11 @@ def _sizes(record: UpdateRecord):
         yield "alpha_path: theta", record.alpha_path.theta.shape, (n, n_param)
         for name in ("misfit", "penalty", "log_evidence"):
             yield f"alpha_path: {name}", getattr(record.alpha_path, name).shape, (n,)
+    if (parts := record.components) is not None:
+        for name, rows in (("std", parts.names), ("source_std", parts.source_names), ("gain", parts.measures)):
+            yield f"components: {name}", getattr(parts, name).shape, (len(rows), n_param)
+        for name in ("chi_square", "expected"):
+            yield f"components: {name}", getattr(parts, name).shape, (len(parts.responses),)
     if record.sets is not None:
         for name in ("theta_map", "theta_step", "variance", "resolution"):
             yield f"sets: {name}", getattr(record.sets, name).shape, (len(record.sets.ids), n_param)

@@ -11,6 +11,7 @@ import numpy as np
 
 from probupdate.errors import ConvergenceError, InputError
 from probupdate.estimators.alpha import alpha_path, choose
+from probupdate.estimators.components import misfit_by_response, variance_components
 from probupdate.estimators.emulator import Emulator, fit_emulator
 from probupdate.estimators.ensemble import BURN_IN, SamplerSettings, claim_folder, sample
 from probupdate.estimators.evidence import check_laplace, estimate_evidence
@@ -19,7 +20,14 @@ from probupdate.estimators.nine_sets import update_sets
 from probupdate.estimators.posterior_file import MAX_DRAWS, Posterior
 from probupdate.estimators.surrogate import Outline, Proposal, fit_surrogate
 from probupdate.estimators.tikhonov import TikhonovUpdate, update
-from probupdate.estimators.update_file import SCHEME_NAMES, AlphaRecord, ScatterRecord, SchemeRecord, UpdateRecord
+from probupdate.estimators.update_file import (
+    SCHEME_NAMES,
+    AlphaRecord,
+    ComponentsRecord,
+    ScatterRecord,
+    SchemeRecord,
+    UpdateRecord,
+)
 from probupdate.model import Model
 from probupdate.modes import ModalData, ModalSet, frozen_array
 from probupdate.problem import Problem, Weights, build_problem
@@ -128,6 +136,19 @@ def deterministic_update(
         map_gradient=laplace.projected_gradient,
         alpha_path=AlphaRecord(alpha=path.alpha, theta=path.theta, misfit=path.misfit, penalty=path.penalty,
                                log_evidence=path.log_evidence, chosen=path.chosen, remarks=path.remarks),
+        components=_components(problem, laplace),
+    )
+
+
+def _components(problem: Problem, laplace: Laplace) -> ComponentsRecord:
+    parts = variance_components(problem, laplace)
+    responses, chi_square, expected = misfit_by_response(problem, laplace)
+    n_param = len(parts.parameters)
+    return ComponentsRecord(
+        names=parts.names, std=parts.std, source_names=parts.source_names, source_std=parts.source_std,
+        measures=tuple(m.what for m in parts.measures),
+        gain=frozen_array(np.array([m.gain for m in parts.measures]).reshape(-1, n_param)),
+        responses=responses, chi_square=frozen_array(chi_square), expected=frozen_array(expected),
     )
 
 

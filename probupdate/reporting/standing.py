@@ -6,11 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from probupdate.comparison import BLIND, STRONG
+from probupdate.comparison import BOUND, KNOWN, PARTLY, PRIOR, identifiability
 from probupdate.estimators.posterior_file import Posterior
-from probupdate.estimators.update_file import UpdateRecord
+from probupdate.estimators.update_file import UpdateRecord, misses
 
-KNOWN, PARTLY, PRIOR, BOUND = "strongly identified", "weakly identified", "keeps its prior", "at a bound"
+__all__ = ["BOUND", "KNOWN", "PARTLY", "PRIOR", "Standing", "contraction", "names_of", "standings"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -41,8 +41,7 @@ def standings(update: UpdateRecord, posterior: Posterior | None) -> tuple[Standi
             low = abs(update.map_theta[k] - p.lower) <= abs(update.map_theta[k] - p.upper)
             kind, words = BOUND, f"at its {'lower' if low else 'upper'} bound"
         else:
-            kind = KNOWN if width < STRONG else PARTLY if width <= BLIND else PRIOR
-            words = kind
+            kind = words = identifiability(width, at_bound=False, misses=misses(update))
         found.append(Standing(name=p.name, kind=kind, words=words, width=float(width)))
     return tuple(found)
 

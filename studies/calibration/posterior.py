@@ -151,7 +151,9 @@ def _mixture(problem: Problem, pool: Pool, rng, top: Laplace | None):
 def _likely(problem: Problem, pool: Pool) -> np.ndarray:
     """Rows of the pool whose frequencies, taken in the modes' order, are not hopeless."""
     measured = np.concatenate([g.frequency_hz for g in problem.groups])
-    std = np.concatenate([g.frequency_std_hz for g in problem.groups])
+    variance = problem.std**2 + np.sum(problem.factor**2, axis=1)
+    std = np.sqrt(variance[: problem.n_frequency])
+    measured = measured - problem.mean[: problem.n_frequency]
     missed = np.sum(((pool.frequency_hz[:, problem.matching.computed] - measured) / std) ** 2, axis=1)
     return np.flatnonzero(missed < missed.min() + MISSED)
 

@@ -2,8 +2,8 @@
 
     python studies/calibration/run.py OUT --case turbine-paper-normal --replicates 300 [--part 0 --parts 2]
 
-A case is structure-noise-prior (see `chain`); `--theory timoshenko` updates a model whose members give way in shear, as
-the virtual turbine's do, with the same draws (in a folder of its own). Several processes share a case by `--part`;
+A case is structure-noise-prior (see `chain`); `--theory bernoulli-euler` updates a model whose members do not give way
+in shear, as the virtual turbine's do, with the same draws (in a folder of its own). Several processes share a case by `--part`;
 `tables.py OUT` says what came out. Replicate k of a case has the same numbers whoever computes it, in whichever order.
 """
 
@@ -22,7 +22,7 @@ from posterior import Pool, gaussian_rank, make_pool, nine_sets, place_of_truth,
 
 from probupdate.errors import InputError, ProbupdateError
 from probupdate.estimators.laplace import Laplace, maximum_a_posteriori
-from probupdate.problem import Problem, build_problem
+from probupdate.problem import Problem, Weights, build_problem
 
 # with the paper's noise every so many replicates have deterministic updates too; one in so many nine sets
 MAXIMUM_EVERY, NINE_EVERY = 5, 20
@@ -47,7 +47,11 @@ def replicate(bench: Bench, pool: Pool, case: str, number: int) -> dict:
             raise InputError("structure", "one of its modes pairs with one beyond the basis", "draw another")
         problem, top = problem.with_model(fast), None
         if noise != "paper" or number % MAXIMUM_EVERY == 0:
-            top = maximum_a_posteriori(problem, [full.parameters.initial])
+            start = full.parameters.initial if problem.weights.at is None else np.array(problem.weights.at)
+            top = maximum_a_posteriori(problem, [start])
+            line["discrepancy"] = problem.weights.discrepancy
+            if noise == "default":
+                line["stated_std"] = _stated_alone(full, measured, fast, top)
             line |= _deterministic(problem, top, theta)
         if nine:
             scatter = nine_sets(fast, full, measured, problem, top)
@@ -58,6 +62,12 @@ def replicate(bench: Bench, pool: Pool, case: str, number: int) -> dict:
         line["refused"] = f"{type(error).__name__}: {error}"
     line["seconds"] = round(time.perf_counter() - begun, 2)
     return line
+
+
+def _stated_alone(full, measured, fast, top: Laplace) -> list[float]:
+    """Gauss-Newton standard deviations where the measurement's own are all that is stated."""
+    alone = build_problem(full, measured.data, set_id=measured.data.sets[0].id, weights=Weights()).with_model(fast)
+    return np.sqrt(np.diag(maximum_a_posteriori(alone, [top.theta]).covariance)).tolist()
 
 
 def _deterministic(problem: Problem, top: Laplace, theta: np.ndarray) -> dict:
@@ -82,7 +92,7 @@ def main() -> int:
     parser.add_argument("out", type=Path)
     parser.add_argument("--case", action="append", required=True, help="structure-noise-prior, may be repeated")
     parser.add_argument("--replicates", type=int, default=300)
-    parser.add_argument("--theory", choices=("bernoulli-euler", "timoshenko"), default="bernoulli-euler",
+    parser.add_argument("--theory", choices=("bernoulli-euler", "timoshenko"), default="timoshenko",
                         help="of the members of the model that is updated")
     parser.add_argument("--part", type=int, default=0)
     parser.add_argument("--parts", type=int, default=1)

@@ -163,7 +163,7 @@ def test_parameters(building, refused, old, new, words):
     ("thickness_m = 0.038", "thickness_m = -0.038", ("jacket.leg.thickness_m", "-0.038")),
     ("thickness_m = 0.038", "thickness_m = 38.0", ("jacket.leg.thickness_m", "unit")),
     ("[steel]", '[steel]\ncolour = "grey"', ("steel.colour", "not a key")),
-    ("diameter_m = 1.295", "diameter_m = nan", ("jacket.leg.diameter_m", "finite")),
+    ("leg = { diameter_m = 1.3,", "leg = { diameter_m = nan,", ("jacket.leg.diameter_m", "finite")),
 ])  # fmt: skip
 def test_turbine(building, refused, old, new, words):
     text = reference_model("as_built").read_text(encoding="utf-8")

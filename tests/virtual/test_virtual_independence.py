@@ -20,9 +20,9 @@ def test_same_drawing_near_and_not_equal(state):
     model = load.load_model(path)
     found = model.solve(model.parameters.initial, 8)
     ratio = virtual.frequency_hz[:5] / found.frequency_hz[:5]
-    # shear in the tower, its foot and the struts costs 1 to 3 %, the soil law and lumping the rest
+    # both count shear; the soil law moves the second pair by half a per cent and more, mesh and lumped mass the rest
     assert np.all(np.abs(ratio - 1) < 0.06), ratio
-    assert np.all(np.abs(ratio - 1) > 1e-4), ratio
+    assert np.all(np.abs(ratio[3:] - 1) > 2e-3) and np.all(np.abs(ratio[:2] - 1) > 1e-4), ratio
     assert mac(virtual.nominal_shape[:, 2:3], found.shape[:, 2:3])[0, 0] > 0.95
     for pair in ([0, 1], [3, 4]):
         assert np.all(subspace_mac(virtual.nominal_shape[:, pair], found.shape[:, pair]) > 0.95)

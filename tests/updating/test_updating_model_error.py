@@ -1,0 +1,212 @@
+"""Sources of a model's error, marginalised: against the joint posterior with them as parameters, written out."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+from updating_cases import (
+    CHAIN_PARAMETERS,
+    CHAIN_TRUTH,
+    chain_model,
+    linear_data,
+    linear_model,
+    measured_chain,
+)
+
+from probupdate import verbs
+from probupdate.effects.tolerances import SensorUncertainty, TurbineUncertainty
+from probupdate.estimators.components import variance_components
+from probupdate.estimators.discrepancy import state_model_error
+from probupdate.estimators.laplace import maximum_a_posteriori
+from probupdate.estimators.tikhonov import update
+from probupdate.model_error import ErrorSource, marginal_root
+from probupdate.problem import Weights, build_problem
+from probupdate.structure.load import load_model, reference_model
+
+SHARP = Weights(frequency_cov=(0.01,) * 4, shape_std=False, shape_factor=1.0)
+FREQUENCIES = Weights(shapes="none", tolerances=True, frequency_floor=1e-9)
+
+
+@dataclass(frozen=True, eq=False)
+class Given:
+    """Changes of the frequencies in Hz per unit of each source, (n_mode, n_source)."""
+
+    model: object
+    slope: np.ndarray
+    std: tuple[float, ...]
+    mean: tuple[float, ...]
+
+    @property
+    def sources(self):
+        return tuple(ErrorSource(name=f"s{k}", group="structure", description=f"source {k}", unit="-", std=s, mean=m)
+                     for k, (s, m) in enumerate(zip(self.std, self.mean, strict=True)))  # fmt: skip
+
+    def changes(self, theta, n_mode, clusters):
+        solution = self.model.solve(theta, n_mode)
+        slope = np.zeros((n_mode, len(self.std)))
+        slope[: len(self.slope)] = self.slope[:n_mode]
+        still = np.zeros((*solution.shape.shape, len(self.std)))
+        return replace(solution, frequency_derivative=slope, shape_derivative=still)
+
+    def fingerprint(self):
+        return "given"
+
+
+@pytest.fixture(scope="module")
+def linear():
+    rng = np.random.default_rng(4)
+    model = linear_model()
+    slope = 0.2 * rng.standard_normal((5, 3))
+    known = replace(model, uncertainty=Given(model, slope, (0.1, 0.2, 0.3), (0.5, 0.0, -0.2)))
+    return build_problem(known, linear_data(np.array([1.03, 1.9, 4.1, 8.2, 15.8])), weights=FREQUENCIES), slope
+
+
+def test_the_marginal_likelihood_is_the_gaussian_written_out(linear):
+    problem, slope = linear
+    theta = problem.parameters.initial
+    B = slope * np.array([0.1, 0.2, 0.3])
+    covariance = np.diag(problem.std**2) + B @ B.T
+    residual = problem.measured - problem.model.solve(theta, 5).frequency_hz - slope @ [0.5, 0.0, -0.2]
+    expected = -0.5 * residual @ np.linalg.solve(covariance, residual)
+    expected -= 0.5 * np.linalg.slogdet(2 * np.pi * covariance)[1]
+    assert problem.log_likelihood(theta)[0] == pytest.approx(expected, abs=1e-9)
+
+
+def test_the_posterior_is_that_with_the_sources_as_parameters(linear):
+    """Of a linear model both are Gaussian: the joint one has the sources beside theta, and is marginalised by hand."""
+    problem, slope = linear
+    std = problem.std
+    S = problem.sensitivity(problem.parameters.initial)[1]
+    whole = np.hstack([S, slope]) / std[:, None]
+    prior = np.concatenate([problem.parameters.std, [0.1, 0.2, 0.3]])
+    start = np.concatenate([problem.parameters.initial, [0.5, 0.0, -0.2]])
+    plain = problem.model.solve(problem.parameters.initial, 5).frequency_hz
+    residual = (problem.measured - plain - slope @ [0.5, 0.0, -0.2]) / std
+    P = np.linalg.inv(whole.T @ whole + np.diag(prior**-2.0))
+    joint = start + P @ whole.T @ residual
+    top = maximum_a_posteriori(problem, [problem.parameters.initial])
+    assert top.theta == pytest.approx(joint[:3], abs=1e-7)
+    assert top.covariance == pytest.approx(P[:3, :3], rel=1e-8)
+    # Eq. 6 with W_Lambda the inverse of that covariance ends there too
+    assert update(problem, penalty="prior").theta[-1] == pytest.approx(joint[:3], abs=1e-6)
+
+
+def test_variance_components_add_up_and_a_source_known_exactly_is_one_left_out(linear):
+    problem, _ = linear
+    top = maximum_a_posteriori(problem, [problem.parameters.initial])
+    parts = variance_components(problem, top)
+    assert np.sum(parts.std**2, axis=0) == pytest.approx(parts.total**2, rel=1e-10)
+    assert parts.total == pytest.approx(np.sqrt(np.diag(top.covariance)), rel=1e-8)
+    assert np.sum(parts.source_std**2, axis=0) == pytest.approx(parts.std[parts.names.index("structure")] ** 2)
+    measure = next(m for m in parts.measures if m.what.startswith("know exactly"))
+    without = replace(problem, error=None)
+    alone = maximum_a_posteriori(without, [problem.parameters.initial])
+    fallen = 1 - np.sqrt(np.diag(alone.covariance) / np.diag(top.covariance))
+    assert measure.gain == pytest.approx(tuple(fallen), abs=1e-6)
+
+
+def test_marginal_root_against_the_dense_inverse():
+    rng = np.random.default_rng(2)
+    root, factor = rng.standard_normal((6, 6)), rng.standard_normal((6, 9))
+    found, log_det = marginal_root(root, factor)
+    C = np.linalg.inv(root.T @ root)
+    assert found.T @ found == pytest.approx(np.linalg.inv(C + factor @ factor.T), rel=1e-8)
+    assert log_det == pytest.approx(np.linalg.slogdet(C + factor @ factor.T)[1] - np.linalg.slogdet(C)[1])
+
+
+def test_gains_of_sensors_widen_what_shapes_tell():
+    model = chain_model()
+    known = replace(model, uncertainty=SensorUncertainty(model=model))
+    data = measured_chain(noise=0.002, seed=5)
+    plain, stated = (build_problem(m, data, weights=replace(SHARP, tolerances=t))
+                     for m, t in ((model, False), (known, True)))  # fmt: skip
+    assert len(stated.error.sources) == len(model.channels)
+    top = maximum_a_posteriori(plain, [CHAIN_TRUTH])
+    a, b = (np.linalg.inv(p.weighted(p.sensitivity(top.theta)[1].T) @ p.weighted(p.sensitivity(top.theta)[1].T).T
+                          + np.diag(CHAIN_PARAMETERS.std**-2.0)) for p in (plain, stated))  # fmt: skip
+    assert np.all(np.diag(b) >= np.diag(a) * (1 - 1e-9)) and np.max(np.diag(b) / np.diag(a)) > 1.01
+
+
+def test_the_response_to_a_gain_is_its_finite_difference():
+    """One channel reads a per mille more: the aligned responses move as the source says."""
+    model = chain_model()
+    known = replace(model, uncertainty=SensorUncertainty(model=model))
+    data = measured_chain(noise=0.002, seed=5)
+    problem = build_problem(known, data, weights=Weights(frequency_cov=(0.01,) * 4, shape_std=False, tolerances=True))
+    theta, row, h = problem.parameters.initial, 3, 1e-5
+    pick = model.channel_matrix.toarray()
+    ends = []
+    for sign in (1, -1):
+        moved = pick.copy()
+        moved[row] *= 1 + sign * h
+        other = replace(model, channel_matrix=type(model.channel_matrix)(moved))
+        ends.append(problem.with_model(other).predict(theta))
+    difference = (ends[0] - ends[1]) / (2 * h)
+    source = problem.error.sources[row]
+    assert source.description.endswith(model.channels[row])
+    rounding = 1e-6 * np.abs(difference).max()
+    assert problem.error.factor[:, row] / source.std == pytest.approx(difference, abs=rounding)
+
+
+@pytest.fixture(scope="module")
+def turbine():
+    path = reference_model("as_built")
+    model = load_model(path)
+    return replace(model, uncertainty=TurbineUncertainty.of(path, model, None, 0.0))
+
+
+def test_every_source_of_a_turbine_has_a_standard_deviation_and_a_group(turbine):
+    sources = turbine.uncertainty.sources
+    assert {s.group for s in sources} == {"structure", "soil", "rotor-nacelle assembly", "water and growth", "sensors"}
+    assert all(s.std > 0 for s in sources) and len({s.name for s in sources}) == len(sources)
+
+
+def test_tolerances_of_a_turbine_against_differences_of_the_file(turbine):
+    """The nacelle a per cent heavier, written into the file, moves ln f as its source says."""
+    from probupdate.structure.description import parse_description
+    from probupdate.structure.load import turbine_model
+    from probupdate.structure.parameter_table import read_toml
+
+    theta = turbine.parameters.initial
+    solution = turbine.uncertainty.changes(theta, 6, ((0, 1), (3, 4)))
+    column = next(k for k, s in enumerate(turbine.uncertainty.sources) if s.name == "rna_mass")
+    ends = []
+    for sign in (1, -1):
+        raw = read_toml(reference_model("as_built"))
+        raw["rna"][0]["mass_kg"] += sign * 1000.0
+        ends.append(turbine_model(parse_description(raw, "x"), where="x").solve(theta, 6).frequency_hz)
+    difference = (ends[0] - ends[1]) / 2000.0
+    error = solution.frequency_derivative[:, column] - difference
+    assert np.max(np.abs(error)) < 1e-3 * np.max(np.abs(difference))
+
+
+def test_bernoulli_euler_members_are_expected_to_be_stiff(tmp_path):
+    """The mean of the model's error is what Timoshenko's theory does to the frequencies."""
+    text = reference_model("as_built").read_text(encoding="utf-8")
+    path = tmp_path / "model.toml"
+    path.write_text(text.replace('theory = "timoshenko"', 'theory = "bernoulli-euler"'), encoding="utf-8")
+    euler, timoshenko = load_model(path), load_model(reference_model("as_built"))
+    known = TurbineUncertainty.of(path, euler, None, 0.0)
+    theta = euler.parameters.initial
+    change = known.changes(theta, 5, ((0, 1), (3, 4))).frequency_derivative @ np.array([s.mean for s in known.sources])
+    apart = timoshenko.solve(theta, 5).frequency_hz - euler.solve(theta, 5).frequency_hz
+    # to first order
+    assert change == pytest.approx(apart, rel=0.25) and np.all(change < 0)
+
+
+def test_stating_the_error_twice_gives_the_same_numbers():
+    model = chain_model()
+    known = replace(model, uncertainty=SensorUncertainty(model=model))
+    data = measured_chain(noise=0.01, seed=8)
+    weights = Weights(frequency_cov=(0.004,) * 4, shape_std=False, tolerances=True)
+    first, second = (state_model_error(known, data, weights=weights, discrepancy="auto") for _ in range(2))
+    assert first == second or first.at == second.at
+    a, b = (build_problem(known, data, weights=w).fingerprint() for w in (first, second))
+    assert a == b
+
+
+def test_the_papers_weights_stay_what_they_are():
+    data = measured_chain(noise=0.004, seed=3)
+    record = verbs.update(chain_model(), data, weights="paper")
+    assert "tolerances" not in record.settings["weights"] and "discrepancy" not in record.settings["weights"]
+    assert "tolerances" in verbs.update(chain_model(), data).settings["weights"]
