@@ -245,6 +245,13 @@ class Problem:
         _, slope = self._response_slope(solution, clusters)
         return replace(self, error=ResponseError.of(unknown.sources, slope, theta))
 
+    def noise_alone(self) -> Problem:
+        """The same problem with the covariance of identification and discrepancy alone, its mean kept: where sources
+        of error are common to several sets, they are marginalised over all of them together."""
+        if self.error is None:
+            return self
+        return replace(self, error=replace(self.error, factor=np.zeros_like(self.error.factor)))
+
     def misfit(self, response: np.ndarray) -> np.ndarray:
         """(Lambda_S - Lambda_M)^T W_Lambda (Lambda_S - Lambda_M), first term of Eq. 6; response (..., n_response)."""
         return np.sum(self.weighted(self.measured - response) ** 2, axis=-1)

@@ -109,10 +109,14 @@ class SetLikelihoods:
         spread = np.swapaxes(factor, 1, 2)[:, None] @ self.precision @ factor[:, None]
         return np.einsum("nkl,njk->njl", factor, b), np.linalg.cholesky(np.eye(mean.shape[1]) + spread)
 
+    def chosen(self, numbers: Sequence[int]) -> SetLikelihoods:
+        """Of some of the sets."""
+        pick = list(numbers)
+        return SetLikelihoods(ids=tuple(self.ids[j] for j in pick), centre=self.centre[pick], value=self.value[pick],
+                              gradient=self.gradient[pick], precision=self.precision[pick])  # fmt: skip
+
     def without(self, number: int) -> SetLikelihoods:
-        keep = np.arange(len(self.ids)) != number
-        return SetLikelihoods(ids=tuple(x for x, k in zip(self.ids, keep, strict=True) if k), centre=self.centre[keep],
-                              value=self.value[keep], gradient=self.gradient[keep], precision=self.precision[keep])
+        return self.chosen([j for j in range(len(self.ids)) if j != number])
 
 
 def linearise(problems: Sequence[Problem], theta: np.ndarray, coordinates: Coordinates) -> SetLikelihoods:

@@ -38,6 +38,7 @@ from probupdate.estimators.set_views_file import (
     advice,
     parameter_sentence,
 )
+from probupdate.estimators.shared_error import SharedError, shared_error
 from probupdate.estimators.surrogate import Outline, Proposal, TruncatedGaussian
 from probupdate.model import Model
 from probupdate.modes import ModalData, ModalSet, frozen_array
@@ -48,6 +49,8 @@ from probupdate.progress import Progress, silent
 # draws of posteriors of linearised sets, and how often their proposal is fitted to them again
 N_DRAW, ROUNDS = 8000, 4
 TRUSTED_K = 0.7
+# draws of the prior whose covariance stands for it where the shared error shifts the mean
+N_PRIOR = 20_000
 # draws of the population that the full model answers too, and of derived quantities
 N_CHECK, N_DERIVED = 40, 120
 # effective sizes of the population at the first linearisation and at the last
@@ -166,18 +169,23 @@ def view_sets(
     coordinates = coordinates_of(parameters)
     options = {"seed": seed, "correlated": correlated, "spread": spread, "progress": progress}
     centres = np.array([_inside(x.theta, parameters, coordinates) for x in maxima])
-    likelihoods = linearise(problems, centres, coordinates)
+    noise = [p.noise_alone() for p in problems]
+    likelihoods = linearise(noise, centres, coordinates)
     first = sample_population(likelihoods, parameters, coordinates, target_ess=FIRST_ESS, r_hat_limit=FIRST_R_HAT,
                               **options)  # fmt: skip
     # once more about where the population puts each set
     own = likelihoods.draw_own(first.mean[::20], first.factor[::20], rng).mean(axis=0)
     centres = np.array([_inside(x, parameters, coordinates) for x in coordinates.back(own)])
-    likelihoods = linearise(problems, centres, coordinates)
+    likelihoods, shared = linearise(noise, centres, coordinates), shared_error(problems, centres, coordinates)
     population = sample_population(likelihoods, parameters, coordinates, target_ess=LAST_ESS, **options)
-    alone = [joint_posterior(_one(likelihoods, j), parameters, coordinates, rng) for j in range(len(problems))]
-    joint = joint_posterior(likelihoods, parameters, coordinates, rng)
-    scores = _left_out(likelihoods, population, alone, joint, parameters, coordinates, rng, options)
-    share = _confirmed(problems, likelihoods, population, coordinates, parameters, rng)
+    every = range(len(problems))
+    alone = [joint_posterior(_common([j], likelihoods, shared), parameters, coordinates, rng) for j in every]
+    joint = joint_posterior(_common(every, likelihoods, shared), parameters, coordinates, rng)
+    scores = _left_out(likelihoods, shared, population, alone, joint, parameters, coordinates, rng, options)
+    share = _confirmed(noise, likelihoods, population, coordinates, parameters, rng)
+    if shared is not None:
+        drawn = coordinates.to(parameters.draw(rng, N_PRIOR))
+        population = shared.widened(population, np.linalg.inv(np.atleast_2d(np.cov(drawn.T))), rng)
     rows = _rows(parameters, coordinates, maxima, alone, joint, population, spread, rng)
     rows += _derived_rows(model, maxima, alone, joint, population, coordinates, parameters, rng)
     modes = tuple(mode_scatter(data))
@@ -203,20 +211,23 @@ def _inside(theta, parameters: Parameters, coordinates: Coordinates) -> np.ndarr
     return np.clip(theta, low, parameters.upper)
 
 
-def _one(likelihoods: SetLikelihoods, number: int) -> SetLikelihoods:
-    pick = [number]
-    return SetLikelihoods(ids=(likelihoods.ids[number],), centre=likelihoods.centre[pick],
-                          value=likelihoods.value[pick], gradient=likelihoods.gradient[pick],
-                          precision=likelihoods.precision[pick])  # fmt: skip
+def _common(keep, likelihoods: SetLikelihoods, shared: SharedError | None) -> SetLikelihoods:
+    """The likelihoods of these sets at one common theta, with the term of the sources of error that they share."""
+    pick = list(keep)
+    parts = [likelihoods.chosen(pick), *([] if shared is None else [shared.joint_term(pick)])]
+    joined = {name: frozen_array(np.concatenate([getattr(x, name) for x in parts]))
+              for name in ("centre", "value", "gradient", "precision")}  # fmt: skip
+    return SetLikelihoods(ids=tuple(name for x in parts for name in x.ids), **joined)
 
 
-def _left_out(likelihoods, population: Population, alone, joint, parameters, coordinates, rng, options) -> LeftOut:
+def _left_out(likelihoods, shared, population: Population, alone, joint, parameters, coordinates, rng, options) -> LeftOut:
     n = len(likelihoods.ids)
     one, many = np.empty(n), np.empty(n)
     k, refitted = np.empty(n), np.zeros(n, bool)
     for j in range(n):
         rest = likelihoods.without(j)
-        one[j] = joint.log_evidence - joint_posterior(rest, parameters, coordinates, rng).log_evidence
+        others = _common([k for k in range(n) if k != j], likelihoods, shared)
+        one[j] = joint.log_evidence - joint_posterior(others, parameters, coordinates, rng).log_evidence
         many[j], k[j] = population_left_out(population, j)
         if k[j] > TRUSTED_K and n > 2:
             again = sample_population(rest, parameters, coordinates, target_ess=FIRST_ESS, **options)

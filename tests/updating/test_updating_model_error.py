@@ -7,6 +7,7 @@ import pytest
 from updating_cases import (
     CHAIN_PARAMETERS,
     CHAIN_TRUTH,
+    LINEAR_HZ,
     chain_model,
     linear_data,
     linear_model,
@@ -17,7 +18,9 @@ from probupdate import verbs
 from probupdate.effects.tolerances import SensorUncertainty, TurbineUncertainty
 from probupdate.estimators.components import variance_components
 from probupdate.estimators.discrepancy import state_model_error
+from probupdate.estimators.hierarchical import Population, coordinates_of, linearise
 from probupdate.estimators.laplace import maximum_a_posteriori
+from probupdate.estimators.shared_error import shared_error
 from probupdate.estimators.tikhonov import update
 from probupdate.model_error import ErrorSource, marginal_root
 from probupdate.problem import Weights, build_problem
@@ -210,3 +213,58 @@ def test_the_papers_weights_stay_what_they_are():
     record = verbs.update(chain_model(), data, weights="paper")
     assert "tolerances" not in record.settings["weights"] and "discrepancy" not in record.settings["weights"]
     assert "tolerances" in verbs.update(chain_model(), data).settings["weights"]
+
+
+def test_an_error_that_sets_share_is_marginalised_over_all_of_them(linear):
+    """Four sets of a linear model with the same sources: one posterior for all against the dense joint Gaussian."""
+    problem, slope = linear
+    rng = np.random.default_rng(6)
+    frequencies = LINEAR_HZ * (1 + 0.01 * rng.standard_normal((4, 5)))
+    problems = [build_problem(problem.model, linear_data(row), weights=FREQUENCIES) for row in frequencies]
+    parameters = problem.parameters
+    coordinates = replace(coordinates_of(parameters), logarithmic=np.zeros(3, bool), scale=parameters.std)
+    centres = np.tile(parameters.initial, (4, 1))
+    noise = linearise([p.noise_alone() for p in problems], centres, coordinates)
+    term = shared_error(problems, centres, coordinates).joint_term(range(4))
+
+    S, B = problem.sensitivity(parameters.initial)[1], problem.factor
+    stacked, shared = np.tile(S, (4, 1)), np.tile(B, (4, 1))
+    covariance = np.diag(np.tile(problem.std**2, 4)) + shared @ shared.T
+    y = np.concatenate([p.measured for p in problems]) - np.tile(problem.predict(parameters.initial), 4)
+    for u in (parameters.initial, parameters.initial + [0.1, -0.2, 0.05]):
+        left = y - stacked @ (u - parameters.initial)
+        dense = -0.5 * left @ np.linalg.solve(covariance, left) - 0.5 * np.linalg.slogdet(2 * np.pi * covariance)[1]
+        assert noise.at(u[None]).sum() + term.at(u[None]).sum() == pytest.approx(dense, abs=1e-8)
+    # four sets narrow the noise and leave what they share
+    W, one = np.linalg.inv(covariance), np.linalg.inv(np.diag(problem.std**2) + B @ B.T)
+    together, alone = stacked.T @ W @ stacked, S.T @ one @ S
+    assert np.all(np.linalg.eigvalsh(together) < 4 * np.linalg.eigvalsh(alone) * (1 - 1e-6))
+
+
+def test_a_populations_mean_is_as_wide_as_the_shared_error_makes_it(linear):
+    """At no scatter between sets the mean's covariance is that of one posterior for all."""
+    problem, _ = linear
+    problems = [build_problem(problem.model, linear_data(LINEAR_HZ * (1 + 0.002 * k)), weights=FREQUENCIES)
+                for k in range(3)]  # fmt: skip
+    parameters = problem.parameters
+    coordinates = replace(coordinates_of(parameters), logarithmic=np.zeros(3, bool), scale=parameters.std)
+    centres = np.tile(parameters.initial, (3, 1))
+    noise = linearise([p.noise_alone() for p in problems], centres, coordinates)
+    prior = np.diag(parameters.std**-2.0)
+    K = noise.precision.sum(axis=0) + prior
+    rng = np.random.default_rng(9)
+    n = 40_000
+    mean = np.linalg.solve(K, noise.gradient.sum(axis=0)) + parameters.initial
+    drawn = mean + rng.standard_normal((n, 3)) @ np.linalg.cholesky(np.linalg.inv(K)).T
+    zero = np.full((n, 3), 1e-9)
+    population = Population(mean=drawn, tau=zero, factor=np.zeros((n, 3, 3)), log_likelihood=np.zeros((n, 3)), r_hat=1.0,
+                            ess=1e4, converged=True, verdict="")  # fmt: skip
+    shared = shared_error(problems, centres, coordinates)
+    widened = shared.widened(population, prior, rng).mean
+    term = shared.joint_term(range(3))
+    H = K + term.precision[0]
+    expected = parameters.initial + np.linalg.solve(H, noise.gradient.sum(axis=0) + term.gradient[0])
+    std = np.sqrt(np.diag(np.linalg.inv(H)))
+    # five standard errors of means and standard deviations of so many draws
+    assert widened.mean(axis=0) == pytest.approx(expected, abs=float(np.max(5 * std / np.sqrt(n))))
+    assert widened.std(axis=0) == pytest.approx(std, rel=5 / np.sqrt(2 * n))
