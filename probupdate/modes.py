@@ -8,8 +8,8 @@ from __future__ import annotations
 import difflib
 import json
 import sys
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
 from types import MappingProxyType, ModuleType
 
@@ -19,6 +19,8 @@ from scipy import optimize
 from probupdate.deviation_file import read_deviations, write_deviations
 from probupdate.errors import InputError
 
+# of modes.json: 2 has `mode_records`, one of each mode, and `model_only`; files of format 1, or without, have neither
+FORMAT = 2
 QUANTITIES = ("acceleration", "velocity", "displacement")
 
 
@@ -139,15 +141,76 @@ class ModalSet:
             given = getattr(self, name)
             object.__setattr__(self, name, frozen_array(np.where(np.isnan(given), value, given)))
 
+    def of_modes(self, columns: Sequence[int]) -> ModalSet:
+        """The same set with these modes alone; a column of -1 is a mode that was not measured."""
+        there = np.asarray(columns, int)
+
+        def taken(value, axis, dtype=float):
+            picked = np.array(np.take(value, np.maximum(there, 0), axis=axis), dtype)
+            index = [slice(None)] * picked.ndim
+            index[axis] = there < 0
+            picked[tuple(index)] = np.nan
+            return picked
+
+        deviation = self.deviation
+        if deviation is not None:
+            deviation = ModalDeviation(ln_frequency=taken(deviation.ln_frequency, 0), damping_ratio=taken(
+                deviation.damping_ratio, 0), shape=taken(deviation.shape, 1, complex))  # fmt: skip
+        return replace(
+            self, frequency_hz=taken(self.frequency_hz, 0), damping_ratio=taken(self.damping_ratio, 0),
+            frequency_std_hz=taken(self.frequency_std_hz, 0), damping_ratio_std=taken(self.damping_ratio_std, 0),
+            shape=taken(self.shape, 1, complex), shape_std=taken(self.shape_std, 1), deviation=deviation)
+
     @property
     def measured(self) -> np.ndarray:
         """(n_mode,) bool: modes with a frequency."""
         return np.isfinite(self.frequency_hz)
 
 
+@dataclass(frozen=True, kw_only=True)
+class ModeRecord:
+    """What an identification says of one mode of a campaign.
+
+    frequency_hz, frequency_std_hz, damping_ratio: mean, scatter and median over the `found` of `blocks` usable blocks
+    that have it; detection: turbine state -> (found, blocks). pair: compared by the plane with its mate. match: 'alike',
+    'unlike' or 'none', of the model that it was held against; '' without one. model_label, model_frequency_hz: its
+    counterpart there; mac: mean over the blocks of the MAC (of a pair, S2MAC to the measured plane), mac_std its
+    scatter, own_mac that of the single shapes; frequency_ratio, frequency_ratio_std: measured over the model's.
+    alternatives: (label, probability) of the modes of the model that it may be. NaN: not known.
+    """
+
+    label: str
+    frequency_hz: float = np.nan
+    frequency_std_hz: float = np.nan
+    damping_ratio: float = np.nan
+    found: int = 0
+    blocks: int = 0
+    detection: Mapping[str, tuple[int, int]] = field(default_factory=dict)
+    pair: bool = False
+    match: str = ""
+    model_label: str = ""
+    model_frequency_hz: float = np.nan
+    mac: float = np.nan
+    mac_std: float = np.nan
+    own_mac: float = np.nan
+    frequency_ratio: float = np.nan
+    frequency_ratio_std: float = np.nan
+    alternatives: tuple[tuple[str, float], ...] = ()
+
+
+@dataclass(frozen=True, kw_only=True)
+class ModelMode:
+    """A mode of the model that no measured one is; expected: whether the excitation should show it."""
+
+    label: str
+    frequency_hz: float
+    expected: bool
+
+
 @dataclass(frozen=True, eq=False, kw_only=True)
 class ModalData:
-    """What `modes.json` holds: channels, sets, and optionally the set an update should start from.
+    """What `modes.json` holds: channels, sets, and optionally the set an update should start from; of an identification
+    also a record a mode, and the modes of the model that it did not find.
 
     Column j is the same physical mode in every set; `labels` may name them (FA1, SS1, ...).
     """
@@ -156,6 +219,8 @@ class ModalData:
     sets: tuple[ModalSet, ...]
     labels: tuple[str, ...] = ()
     reference_set: str | None = None
+    records: tuple[ModeRecord, ...] = ()
+    model_only: tuple[ModelMode, ...] = ()
 
     def __post_init__(self):
         if not self.sets:
@@ -173,12 +238,21 @@ class ModalData:
             raise InputError("modal data", "two sets share one id", "give each set its own")
         if self.labels and len(self.labels) != n_mode:
             raise InputError("modal data", f"{len(self.labels)} labels for {n_mode} modes", "give one label a mode")
+        if self.records and len(self.records) != n_mode:
+            raise InputError("modal data", f"{len(self.records)} records for {n_mode} modes", "give one a mode")
         if self.reference_set is not None and self.reference_set not in ids:
             raise InputError("modal data", f"reference_set '{self.reference_set}' is no set's id", "name one of them")
 
     @property
     def n_mode(self) -> int:
         return self.sets[0].frequency_hz.size
+
+    def of_modes(self, columns: Sequence[int]) -> ModalData:
+        """The same sets with these modes alone, in this order."""
+        columns = [int(j) for j in columns]
+        return replace(self, sets=tuple(s.of_modes(columns) for s in self.sets),
+                       labels=tuple(self.labels[j] for j in columns) if self.labels else (),
+                       records=tuple(self.records[j] for j in columns) if self.records else ())  # fmt: skip
 
     def set(self, id: str | None = None) -> ModalSet:
         """The set of that id; without one the reference set, or the first."""
@@ -251,7 +325,11 @@ def read_modes(path: str | Path) -> ModalData:
         raise InputError(str(path), f"cannot be read ({error.strerror})", "name a modes.json") from None
     if not isinstance(content, dict) or not isinstance(content.get("sets"), list) or "channels" not in content:
         raise InputError(str(path), "'channels' or 'sets' is missing", "see modes.json in the README")
-    _refuse_misspelt(str(path), content, {"channels", "sets", "labels", "reference_set", "deviations"})
+    _refuse_misspelt(str(path), content, {"channels", "sets", "labels", "reference_set", "deviations", "format",
+                                          "mode_records", "model_only"})  # fmt: skip
+    if isinstance(content.get("format"), int) and content["format"] > FORMAT:
+        raise InputError(str(path), f"has the format {content['format']!r}; {FORMAT} is the newest known",
+                         "read it with the version that wrote it, or identify again")
     channels = _texts(path, content, "channels")
     if len(set(channels)) < len(channels):
         raise InputError(f"{path}, channels", "a channel is listed twice", "keep one")
@@ -297,7 +375,49 @@ def read_modes(path: str | Path) -> ModalData:
         sets=tuple(sets),
         labels=_texts(path, content, "labels"),
         reference_set=content.get("reference_set"),
+        records=_records(path, content, "mode_records", ModeRecord),
+        model_only=_records(path, content, "model_only", ModelMode),
     )
+
+
+def _records(path: Path, content: Mapping, key: str, kind: type) -> tuple:
+    """Plain values by the names of the record's fields; null is NaN; keys that are not known are other tools'."""
+    rows, found = content.get(key) or [], []
+    known = {f.name: f.type for f in fields(kind)}
+    if not isinstance(rows, list):
+        raise InputError(f"{path}, {key}", "is no list", "identify again, or leave the key out")
+    for number, row in enumerate(rows):
+        where = f"{path}, {key} {number + 1}"
+        if not isinstance(row, dict) or not isinstance(row.get("label"), str):
+            raise InputError(where, "is no table with a label", "identify again, or leave the key out")
+        _refuse_misspelt(where, row, set(known))
+        value = {}
+        for name in set(row) & set(known):
+            try:
+                value[name] = _plain(row[name], known[name])
+            except (TypeError, ValueError, AttributeError):
+                raise InputError(f"{where}, {name}", f"{row[name]!r} is not what belongs there",
+                                 "identify again, or leave the key out") from None
+        try:
+            found.append(kind(**value))
+        except TypeError:
+            raise InputError(where, f"lacks one of {', '.join(known)}", "identify again, or leave the key out") from None
+    return tuple(found)
+
+
+def _plain(value, kind: str):
+    """A JSON value as a field of that kind."""
+    if kind == "float":
+        return np.nan if value is None else float(value)
+    if kind == "int":
+        return int(value)
+    if kind.startswith("Mapping"):
+        return {str(state): (int(n), int(of)) for state, (n, of) in value.items()}
+    if kind.startswith("tuple"):
+        return tuple((str(name), float(share)) for name, share in value)
+    if (kind == "bool") != isinstance(value, bool) or (kind == "str") != isinstance(value, str):
+        raise ValueError
+    return value
 
 
 def _texts(path: Path, content: Mapping, key: str) -> tuple[str, ...]:
@@ -314,11 +434,15 @@ def _nulls(array: np.ndarray):
 
 def write_modes(data: ModalData, path: str | Path) -> None:
     """Write `modes.json`, and where a set has deviations `<stem>.deviations.h5` before it; `read_modes` inverts it."""
-    content: dict = {"channels": list(data.channels)}
+    content: dict = {"format": FORMAT, "channels": list(data.channels)}
     if data.labels:
         content["labels"] = list(data.labels)
     if data.reference_set is not None:
         content["reference_set"] = data.reference_set
+    for key, rows in (("mode_records", data.records), ("model_only", data.model_only)):
+        if rows:
+            content[key] = [{name: None if isinstance(x, float) and not np.isfinite(x) else x
+                             for name, x in asdict(row).items()} for row in rows]  # fmt: skip
     content["sets"] = [
         {
             "id": s.id,

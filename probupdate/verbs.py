@@ -152,6 +152,13 @@ def model_modes(model, count: int = 10, *, parameters: str | Path | None = None)
 def modes_of_interest(model: Model, sensors: tuple[Sensor, ...], lowest: int | None = None) -> ReferenceModes:
     """The model's first and second bending modes and its torsion, as seen by the sensors; or its `lowest` modes,
     whatever they are."""
+    return _model_modes(model, sensors, lowest)[0]
+
+
+def _model_modes(
+    model: Model, sensors: tuple[Sensor, ...], lowest: int | None = None
+) -> tuple[ReferenceModes, ReferenceModes | None]:
+    """The modes of interest, and the others that were computed to find them."""
     solution = model.solve(model.parameters.initial, max(SEARCH, lowest or 0))
     rows = [model.channels.index(s.channel) for s in sensors]
     shape = solution.shape[rows]
@@ -165,10 +172,16 @@ def modes_of_interest(model: Model, sensors: tuple[Sensor, ...], lowest: int | N
             f"({', '.join(character.labels)})", "check the sensors' positions and directions, or name how many of the "
             "lowest modes to look for (--lowest)",
         )  # fmt: skip
-    labels = tuple(character.labels[i] for i in chosen)
-    frequency = solution.frequency_hz[chosen]
-    pairs = close_pairs(frequency, labels)
-    return ReferenceModes(labels=labels, frequency_hz=frequency, shape=shape[:, chosen], pairs=pairs)
+    seen = np.linalg.norm(shape, axis=0) > 0
+    rest = [i for i in range(len(solution.frequency_hz)) if i not in chosen and seen[i]]
+    return tuple(_as_reference(solution.frequency_hz, shape, character.labels, some) if some else None
+                 for some in (chosen, rest))
+
+
+def _as_reference(frequency_hz, shape, labels, chosen: list[int]) -> ReferenceModes:
+    names = tuple(labels[i] for i in chosen)
+    return ReferenceModes(labels=names, frequency_hz=frequency_hz[chosen], shape=shape[:, chosen],
+                          pairs=close_pairs(frequency_hz[chosen], names))  # fmt: skip
 
 
 def identify(
@@ -200,10 +213,11 @@ def identify(
                          f"{opened.sampling_rate_hz:g} Hz")  # fmt: skip
     settings = SSISettings(order=order, block_rows=block_rows, harmonics=harmonics,
                            target_rate_hz=PAPER_HZ if rate_hz is None else rate_hz)
-    reference = None
+    reference, others = None, None
     if model is not None:
-        reference = _reference(campaign, opened.sensors, model, parameters, lowest, settings.target_rate_hz)
-    return identify_campaign(opened, reference, settings=settings, store=store, jobs=jobs, progress=progress)
+        reference, others = _reference(campaign, opened.sensors, model, parameters, lowest, settings.target_rate_hz)
+    return identify_campaign(opened, reference, others=others, settings=settings, store=store, jobs=jobs,
+                             progress=progress)
 
 
 def identify_setups(
@@ -226,7 +240,7 @@ def identify_setups(
     return merge_setups(setups)
 
 
-def _reference(campaign, sensors: tuple[Sensor, ...], model, parameters, lowest, rate_hz: float) -> ReferenceModes:
+def _reference(campaign, sensors: tuple[Sensor, ...], model, parameters, lowest, rate_hz: float):
     turbine = open_model(model, parameters, sensors if _has_geometry(model) else None)
     missing = [s.channel for s in sensors if s.channel not in turbine.channels]
     if missing:
@@ -234,7 +248,7 @@ def _reference(campaign, sensors: tuple[Sensor, ...], model, parameters, lowest,
             f"{campaign}: channel {missing[0]}", f"is not a channel of the model {turbine.name}",
             "name the model's channels as the campaign's",
         )
-    reference = modes_of_interest(turbine, sensors, lowest)
+    reference, others = _model_modes(turbine, sensors, lowest)
     highest = float(np.max(reference.frequency_hz))
     if rate_hz <= 2 * highest:
         raise InputError(
@@ -243,7 +257,7 @@ def _reference(campaign, sensors: tuple[Sensor, ...], model, parameters, lowest,
             f"{highest:.3g} Hz",
             f"give more than {2.5 * highest:.2g} Hz",
         )
-    return reference
+    return reference, others
 
 
 def _has_geometry(model) -> bool:

@@ -1,9 +1,9 @@
 """Which poles are modes of the structure, and which criterion removed each of the others.
 
 Two classifiers stand side by side. `paper_criteria`: MAC above 0.80 to a mode of the model, then complexity near the
-P-frequencies. `block_criteria` here and `tracking.track` after it: shapes of close pairs against the plane of the
-model's pair, harmonics by the rotor speed, deviations, agreement of the model orders, and frequencies followed over
-the campaign.
+P-frequencies. `block_criteria` here and `tracking.track` after it: against the modes that the campaign's own poles show
+(`physical`), shapes of close pairs against the plane of the pair, harmonics by the rotor speed, deviations, agreement of
+the model orders, and frequencies followed over the campaign.
 """
 
 from __future__ import annotations
@@ -30,6 +30,8 @@ HARMONIC, CLUSTER, DUPLICATE, UNSTABLE, OTHER_ORDER = (
 STABILITY_FLOOR, DAMPING_FLOOR, LEAST_DAMPING = 0.1, 0.01, 0.005
 # a pole's twin at another order: frequency within 1 %, MAC (of a pair: S2MAC to its plane) of at least 0.90
 TWIN_FREQUENCY, TWIN_MAC = 0.01, 0.90
+# a pole so far in ln f beyond the range of a mode's poles over the campaign is none of it
+RANGE_MARGIN = 0.05
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -113,9 +115,10 @@ def stacked(poles: Sequence[Poles] | Poles) -> PoleStack:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Likeness:
-    """Poles held against the model. best_mac, best_mode (n_pole,): to any single mode; similarity (n_pole, n_group):
-    S2MAC to a pair's plane, MAC to a single mode; mpc (n_pole,); stability (n_pole,): share of the other orders in
-    which a pole has a twin, 1 where there is one order only.
+    """Poles held against modes. best_mac, best_mode (n_pole,): to any single mode; similarity (n_pole, n_group):
+    S2MAC to a pair's plane, MAC to a single mode, 0 outside a mode's range where that is known; mpc (n_pole,);
+    stability (n_pole,): share of the other orders in which a pole has a twin, 1 where there is one order only; group
+    (n_pole,): the one each pole is most like, where ranges are known by shape and nearness in frequency.
     """
 
     best_mac: np.ndarray
@@ -123,11 +126,7 @@ class Likeness:
     similarity: np.ndarray
     mpc: np.ndarray
     stability: np.ndarray
-
-    @property
-    def group(self) -> np.ndarray:
-        """(n_pole,) the group each pole is most like."""
-        return np.argmax(self.similarity, axis=1)
+    group: np.ndarray
 
     def score(self, damping_ratio: np.ndarray) -> np.ndarray:
         """(n_pole,) how much speaks for each pole within its group: alike, stable over the orders, lightly damped.
@@ -146,13 +145,27 @@ def likeness(poles: PoleStack, reference: ReferenceModes, stability: np.ndarray 
         _plane_likeness(poles.shape, reference.shape[:, list(g)]) if len(g) > 1 else single[:, g[0]]
         for g in reference.groups
     ])
+    nearness = 1.0
+    if reference.range_hz is not None:
+        away = _outside(poles.frequency_hz, reference)
+        similarity = np.where(away <= RANGE_MARGIN, similarity, 0.0)
+        # with few channels several modes have one shape: then the nearest in frequency
+        nearness = np.exp(-0.5 * (away / RANGE_MARGIN) ** 2)
     if stability is None:
         stability = _stability(poles, similarity, np.array([len(g) > 1 for g in reference.groups]))
     return Likeness(
         best_mac=frozen_array(single.max(axis=1)), best_mode=frozen_array(single.argmax(axis=1), int),
         similarity=frozen_array(similarity), mpc=frozen_array(modal_phase_collinearity(poles.shape)),
-        stability=frozen_array(stability),
+        stability=frozen_array(stability), group=frozen_array(np.argmax(similarity * nearness, axis=1), int),
     )
+
+
+def _outside(frequency_hz: np.ndarray, reference: ReferenceModes) -> np.ndarray:
+    """(n_pole, n_group) distance in ln f of each pole from the range of each group."""
+    low, high = (np.log(np.array([ends(reference.range_hz[list(g), side]) for g in reference.groups]))
+                 for side, ends in ((0, np.min), (1, np.max)))  # fmt: skip
+    place = np.log(frequency_hz)[:, None]
+    return np.maximum(np.maximum(low - place, place - high), 0.0)
 
 
 def _plane_likeness(shape: np.ndarray, plane: np.ndarray) -> np.ndarray:
@@ -218,14 +231,18 @@ def block_criteria(
     group = found.group
     paired = np.array([len(g) > 1 for g in reference.groups])[group]
     similar = found.similarity[np.arange(len(group)), group]
-    ratio = poles.frequency_hz / np.array([reference.group_hz(g) for g in reference.groups])[group]
+    if reference.range_hz is None:
+        ratio = poles.frequency_hz / np.array([reference.group_hz(g) for g in reference.groups])[group]
+        elsewhere = (ratio < settings.frequency_window[0]) | (ratio > settings.frequency_window[1])
+    else:
+        elsewhere = _outside(poles.frequency_hz, reference)[np.arange(len(group)), group] > RANGE_MARGIN
     verdict = np.full(len(group), KEPT, dtype=object)
     # asked in this order: the first that fails gives its name, so the last written is the first asked
     for std, limit in ((ln_frequency_std, settings.frequency_std), (damping_std, settings.damping_std)):
         if std is not None:
             verdict[np.nan_to_num(np.asarray(std, float), nan=0.0) > limit] = UNCERTAIN
     verdict[~paired & (found.mpc < settings.collinearity)] = COMPLEXITY
-    verdict[(ratio < settings.frequency_window[0]) | (ratio > settings.frequency_window[1])] = FREQUENCY
+    verdict[elsewhere] = FREQUENCY
     verdict[(poles.damping_ratio <= settings.damping[0]) | (poles.damping_ratio >= settings.damping[1])] = DAMPING
     verdict[~(similar >= np.where(paired, settings.plane_mac, min(settings.mac, settings.weak_mac)))] = SHAPE
     return verdict

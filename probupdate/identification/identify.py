@@ -27,11 +27,20 @@ from probupdate.identification.block_poles import (
     common_quantity,
 )
 from probupdate.identification.block_store import BlockStore
-from probupdate.identification.classification import ClassifierSettings, Likeness
+from probupdate.identification.classification import ClassifierSettings, Likeness, PoleStack
+from probupdate.identification.counterparts import likenesses, mode_records, model_only, paired, sentences
+from probupdate.identification.physical import (
+    PersistenceSettings,
+    PhysicalModes,
+    block_candidates,
+    evenly,
+    gathered,
+    physical_modes,
+)
+from probupdate.identification.preprocessing import PASS_SHARE
 from probupdate.identification.reference import ReferenceModes, turned
 from probupdate.identification.tracking import Choice, JudgedPoles, Tracked
-from probupdate.identification.unlabelled import only, unlabelled_modes
-from probupdate.modes import ModalData, ModalDeviation, ModalSet, unit_largest, write_modes
+from probupdate.modes import ModalData, ModalDeviation, ModalSet, ModelMode, ModeRecord, unit_largest, write_modes
 from probupdate.progress import Progress, silent
 
 # the broad-band amplitude of a block goes by the unit of what was measured
@@ -54,12 +63,14 @@ class SSISettings(BlockSettings):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Identification:
-    """data: a modal set a block, NaN where a mode was not found; poles: every pole with its criterion.
+    """data: a modal set a block, NaN where a mode was not found, with a record of each mode: where it was found and what
+    it is in the model; poles: every pole with its criterion.
 
     poles has the columns time (UTC, start of the block), frequency_hz, damping_ratio, mpc, mac and mode (best single
-    MAC and that mode; for a kept pole the mode it was taken for), similarity (S2MAC to the pair's plane), stability,
-    criterion, paper_criterion, order; those of the chosen order, and those of other orders that stand for a mode.
-    centre_hz: label -> median frequency of the mode's path; tracked: the paths, one row an identified block.
+    MAC to the model's modes of interest and that mode; for a kept pole the mode it was taken for), similarity (to the
+    campaign's modes, S2MAC to a pair's plane), stability, criterion, paper_criterion, order; those of the chosen order,
+    and those of other orders that stand for a mode. centre_hz: label -> median frequency of the mode's path; tracked:
+    the paths of the campaign's modes, '' one that was left out, a row an identified block.
     """
 
     data: ModalData
@@ -86,96 +97,172 @@ def identify(
     campaign: Campaign,
     reference: ReferenceModes | None,
     *,
+    others: ReferenceModes | None = None,
     settings: SSISettings | None = None,
     state_rule: StateRule | None = None,
     store: str | Path | None = None,
     jobs: int = 1,
     progress: Progress = silent,
 ) -> Identification:
-    """Identify every block of the campaign by SSI-cov and tell its poles by the reference modes; without any, the poles
-    that come back over orders and blocks are the modes, and have numbers for names.
+    """Identify every block of the campaign by SSI-cov, find the modes that its poles come back at, whatever the model,
+    and name them by the model's: `reference` its modes of interest, each a column of the result, `others` more of them.
 
-    store: folder in which the poles of each block are kept as they are found; a run that was killed goes on there, and
-    another classifier or model takes the poles from there. None: they are kept while this runs. jobs: processes; the
-    modes are the same for any number. Then, from what is stored: clusters over the campaign, the choice in each block.
+    A mode without a counterpart among those of interest has a number; without a reference all have. store: folder in
+    which the poles of each block are kept as they are found; a run that was killed goes on there, and another model
+    takes the poles from there. None: they are kept while this runs. jobs: processes; the modes are the same for any
+    number. Raises InputError where no block can be used, and where nothing comes back.
     """
     settings = settings or SSISettings()
     if reference is not None and reference.shape.shape[0] != len(campaign.sensors):
         raise InputError("reference modes", f"have {reference.shape.shape[0]} channels, the campaign "
                          f"{len(campaign.sensors)}", "compute the model's shapes at the campaign's sensors")
+    rule = state_rule or StateRule(rated_power_kw=campaign.rated_power_kw)
+    rule = with_rated_power(rule, campaign.scada)
     with tempfile.TemporaryDirectory() if store is None else nullcontext(store) as folder:
         blocks = BlockStore(folder, campaign, settings.of_blocks)
         blocks.fill(jobs=jobs, progress=progress)
-        if reference is None:
-            return _numbered(blocks, campaign, settings=settings, state_rule=state_rule, jobs=jobs, progress=progress)
-        return classified(
-            blocks, campaign, reference, settings=settings, state_rule=state_rule, jobs=jobs, progress=progress)
+        found = physical_of(blocks, campaign, settings=settings, rule=rule, progress=progress)
+        return classified(blocks, campaign, found, reference, others=others, settings=settings, rule=rule, jobs=jobs,
+                          progress=progress)
 
 
-def _numbered(blocks: BlockStore, campaign: Campaign, *, settings: SSISettings, state_rule, **how) -> Identification:
-    """Modes without a model: what comes back and does not move with the rotor, and is found when it is looked for."""
-    rule = state_rule or StateRule(rated_power_kw=campaign.rated_power_kw)
-    rule = with_rated_power(rule, campaign.scada)
-    reference, said = unlabelled_modes(
-        (blocks.read(t) for t in blocks.starts), classifier=settings.classifier,
-        bands_of=lambda block: rules.rotor_bands(_environment(block, campaign, rule), settings.classifier))
-    while True:
-        found = classified(blocks, campaign, reference, settings=settings, state_rule=state_rule, **how)
-        seen = np.isfinite([s.frequency_hz for s in found.data.sets]).any(axis=0)
-        if seen.all() or not seen.any():
-            break
-        said = (*said, *(f"{f:.3f} Hz comes back but is found in no block as a mode: left out"
-                         for f in reference.frequency_hz[~seen]))  # fmt: skip
-        reference = only(reference, np.flatnonzero(seen))
-    return replace(found, notes=(*said, *found.notes), summary="\n".join([found.summary, *said]))
+def physical_of(
+    blocks: BlockStore, campaign: Campaign, *, settings: SSISettings, rule: StateRule, progress: Progress = silent,
+) -> PhysicalModes:
+    """The modes that stored poles come back at. Raises InputError where no block can be used."""
+    persistence = PersistenceSettings()
+    usable, states, reason = [], [], ""
+    for start in blocks.starts:
+        block = blocks.read(start)
+        if block.poles is None:
+            reason = reason or block.excluded
+            continue
+        usable.append(start)
+        states.append(str(_environment(block, campaign, rule).get("state", "unknown")))
+    if not usable:
+        raise InputError(str(campaign.path), f"none of {len(blocks.starts)} blocks can be used; the first: {reason}",
+                         "run `probupdate check` to see what is missing")
+    parts, bands, angles, waves, state = [], [], [], [], []
+    chosen = evenly(states)
+    for number, k in enumerate(chosen):
+        progress("finding modes", number, len(chosen))
+        block = blocks.read(usable[k])
+        environment = _environment(block, campaign, rule)
+        parts.append(block_candidates(_stack(block, settings), number, settings.classifier, persistence))
+        bands.append(rules.rotor_bands(environment, settings.classifier))
+        angles.append(environment.get("nacelle_angle_deg", np.nan))
+        period = environment.get("wave_period_s")
+        waves.append(1 / float(period) if period is not None and float(period) > 0 else np.nan)
+        state.append(states[k])
+    progress("finding modes", len(chosen), len(chosen))
+    return physical_modes(
+        gathered(parts), n_block=len(chosen), settings=persistence, state=state, bands=bands, wave_hz=waves,
+        angle_deg=angles, sensors=campaign.sensors, block_seconds=60 * campaign.block_minutes, where=str(campaign.path))
 
 
 def classified(
     blocks: BlockStore,
     campaign: Campaign,
-    reference: ReferenceModes,
+    physical: PhysicalModes,
+    reference: ReferenceModes | None,
     *,
     settings: SSISettings,
-    state_rule: StateRule | None = None,
+    rule: StateRule,
+    others: ReferenceModes | None = None,
     jobs: int = 1,
     progress: Progress = silent,
 ) -> Identification:
-    """The second pass: from stored poles to modes, and their deviations. Raises InputError where no block can be used.
-    """
-    rule = state_rule or StateRule(rated_power_kw=campaign.rated_power_kw)
-    rule = with_rated_power(rule, campaign.scada)
+    """The second pass: from stored poles to the modes that were found in them, their deviations, and their names."""
     found = []
     for number, start in enumerate(blocks.starts):
         progress("telling modes", number, len(blocks.starts))
-        found.append(_held_against(blocks.read(start), campaign, reference, settings, rule))
+        found.append(_held_against(blocks.read(start), campaign, physical.modes, reference, settings, rule))
     progress("telling modes", len(blocks.starts), len(blocks.starts))
     usable = [one for one in found if one.judged is not None]
-    if not usable:
-        raise InputError(str(campaign.path), f"none of {len(found)} blocks can be used; the first: "
-                         f"{found[0].block.excluded}", "run `probupdate check` to see what is missing")
     followed = tracking.track([one.judged for one in usable], settings.classifier)
     chosen = {one.block.start: choice for one, choice in zip(usable, followed.choices, strict=True)}
     if settings.sub_records:
         chosen |= _without_uncertain(blocks, usable, chosen, followed.centre_hz, settings.classifier, jobs, progress)
         followed = replace(followed, choices=tuple(chosen[one.block.start] for one in usable))
-    sets, tables = [], []
+    sets = []
     for one in found:
         choice = chosen.get(one.block.start)
         kept = blocks.read_deviations(one.block.start) if choice is not None and _wanted(one, choice) and \
             settings.sub_records else None
-        sets.append(_modal_set(one, choice, reference, kept))
-        if choice is not None:
-            tables.append(_pole_table(one, choice, settings.order))
-    data = ModalData(channels=campaign.channels, sets=tuple(sets), labels=reference.labels)
+        sets.append(_modal_set(one, choice, physical.modes, kept))
+    named = _named(sets, physical, reference, others, campaign, settings)
+    tables = [_pole_table(one, chosen[one.block.start], settings.order, named.names, reference) for one in usable]
+    sets = [_with_independence(s.of_modes(named.columns), one, chosen.get(one.block.start), named.names, physical.modes)
+            for s, one in zip(sets, found, strict=True)]
+    data = ModalData(channels=campaign.channels, sets=tuple(sets), labels=named.labels, records=named.records,
+                     model_only=named.model_only)  # fmt: skip
     poles = pd.concat(tables, ignore_index=True)
     remarks = [f"{b.id}: {text}" for b in (one.block for one in found) for text in (*b.notes, b.excluded) if text]
+    said = (*physical.notes, *named.notes)
+    centre = np.median(followed.centre_hz, axis=0)
     return Identification(
         data=data, poles=poles, settings=settings,
-        centre_hz=dict(zip(reference.labels, map(float, np.median(followed.centre_hz, axis=0)), strict=True)),
-        tracked=followed,
-        notes=tuple(remarks),
-        summary=_summary([one.block for one in found], data, poles, campaign, rule),
+        centre_hz={label: float(centre[k]) if k >= 0 else np.nan
+                   for label, k in zip(named.labels, named.columns, strict=True)},
+        tracked=replace(followed, labels=named.names),
+        notes=(*said, *remarks),
+        summary="\n".join([_summary([one.block for one in found], data, poles, campaign, rule), *said]),
     )
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _Named:
+    """names: of every physical mode, '' for one that is left out; columns: of the result, by place among the physical
+    modes, -1 for a mode of interest that was not found; labels and records of the columns."""
+
+    names: tuple[str, ...]
+    columns: tuple[int, ...]
+    labels: tuple[str, ...]
+    records: tuple[ModeRecord, ...]
+    model_only: tuple[ModelMode, ...]
+    notes: tuple[str, ...]
+
+
+def _named(
+    sets: list[ModalSet], physical: PhysicalModes, reference: ReferenceModes | None, others: ReferenceModes | None,
+    campaign: Campaign, settings: SSISettings,
+) -> _Named:
+    """The campaign's modes matched with the model's, once, and given their names."""
+    n_mode = len(physical.modes.labels)
+    measured = np.array([s.measured for s in sets])
+    seen = measured.sum(axis=0) >= min(2, int(measured.any(axis=1).sum())) if measured.any() else np.zeros(n_mode, bool)
+    notes = [f"{f:.4g} Hz comes back but is found as a mode in {int(n)} blocks: left out" for f, n, kept in
+             zip(physical.modes.frequency_hz, measured.sum(axis=0), seen, strict=True) if not kept]  # fmt: skip
+    partner, like, probability, model = {}, None, None, None
+    wanted: tuple[str, ...] = ()
+    if reference is not None:
+        model = reference if others is None else reference.joined(others)
+        wanted = reference.labels
+        turned_to = [turned(model, campaign.sensors, fore_aft_deg(s.environment, campaign)) for s in sets]
+        pairs = [pair for pair in physical.modes.pairs if seen[list(pair)].all()]
+        like = likenesses([s.of_modes(np.where(seen, np.arange(n_mode), -1)) for s in sets], pairs, turned_to)
+        partner, probability = paired(like)
+    label_of = {j: model.labels[i] for j, i in partner.items() if model.labels[i] in wanted}
+    place = {label: j for j, label in label_of.items()}
+    rest = [j for j in range(n_mode) if seen[j] and j not in label_of]
+    columns = (*(place.get(label, -1) for label in wanted), *rest)
+    numbers = tuple(str(len(wanted) + k + 1) for k in range(len(rest)))
+    labels = (*wanted, *numbers)
+    in_pair = {i for pair in physical.modes.pairs for i in pair}
+    of_column = {k: j for k, j in enumerate(columns) if j >= 0}
+    records = mode_records(
+        [s.of_modes(columns) for s in sets], labels, like=None if like is None else like.at(columns),
+        partner={k: partner[j] for k, j in of_column.items() if j in partner},
+        probability=None if probability is None else probability[list(columns)] * (np.array(columns) >= 0)[:, None],
+        model=model, in_pair={k for k, j in of_column.items() if j in in_pair}, settings=settings.classifier)
+    lacking: tuple[ModelMode, ...] = ()
+    if model is not None:
+        lacking = model_only(model, partner, [r.frequency_hz for r in records if r.found],
+                             PASS_SHARE * settings.target_rate_hz / 2, wanted)
+        notes += sentences(records, lacking, wanted)
+    name = dict(zip(columns, labels, strict=True))
+    return _Named(names=tuple(name.get(j, "") for j in range(n_mode)), columns=columns, labels=labels, records=records,
+                  model_only=lacking, notes=tuple(notes))
 
 
 def modal_data(identification: Identification) -> ModalData:
@@ -191,8 +278,9 @@ def fore_aft_deg(environment: Mapping, campaign: Campaign) -> float:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class _Found:
-    """A stored block and, unless it was excluded, its poles held against the model: `judged` with the model turned to
-    where the nacelle looked, `single` and `paper` as the paper has it, against the model as it is."""
+    """A stored block and, unless it was excluded, its poles held against the campaign's modes: `judged` with these
+    turned to where the nacelle looked; `single` and `paper` as the paper has it, against the model as it is (without a
+    model, against the campaign's modes)."""
 
     block: BlockPoles
     environment: dict
@@ -201,22 +289,27 @@ class _Found:
     paper: np.ndarray | None = None
 
 
+def _stack(block: BlockPoles, settings: SSISettings) -> PoleStack:
+    near = tuple(p for p in block.others if p.order >= settings.order - settings.below)
+    return rules.stacked((block.poles, *near))
+
+
 def _held_against(
-    block: BlockPoles, campaign: Campaign, reference: ReferenceModes, settings: SSISettings, rule: StateRule
+    block: BlockPoles, campaign: Campaign, modes: ReferenceModes, model: ReferenceModes | None, settings: SSISettings,
+    rule: StateRule,
 ) -> _Found:
     environment = _environment(block, campaign, rule)
     if block.poles is None:
         return _Found(block=block, environment=environment)
-    near = tuple(p for p in block.others if p.order >= settings.order - settings.below)
-    stack = rules.stacked((block.poles, *near))
-    here = turned(reference, campaign.sensors, fore_aft_deg(environment, campaign))
+    stack = _stack(block, settings)
+    here = turned(modes, campaign.sensors, fore_aft_deg(environment, campaign))
     like = rules.likeness(stack, here)
     bands = rules.rotor_bands(environment, settings.classifier)
     judged = JudgedPoles(
         id=block.id, poles=stack, likeness=like, bands=bands, reference=here,
         verdict=rules.block_criteria(stack, like, here, settings.classifier),
     )
-    single = rules.likeness(stack, reference, like.stability)
+    single = like if model is None else rules.likeness(stack, model, like.stability)
     paper = rules.paper_criteria(stack, single, bands, settings.classifier)
     return _Found(block=block, environment=environment, judged=judged, single=single, paper=paper)
 
@@ -293,27 +386,38 @@ def _modal_set(
     n_channel, n_mode = reference.shape.shape
     frequency, damping = np.full(n_mode, np.nan), np.full(n_mode, np.nan)
     shape = np.full((n_channel, n_mode), np.nan + 0j)
-    environment = dict(one.environment)
     if choice is not None:
         poles = one.judged.poles
         there = np.flatnonzero(choice.pole >= 0)
         taken = choice.pole[there]
         frequency[there], damping[there] = poles.frequency_hz[taken], poles.damping_ratio[taken]
         shape[:, there] = unit_largest(poles.shape[:, taken])
-        for g, group in enumerate(reference.groups):
-            if len(group) > 1:
-                name = "_".join(reference.labels[i] for i in group)
-                environment[f"independence_{name}"] = float(choice.independence[g])
     return ModalSet(id=one.block.id, frequency_hz=frequency, damping_ratio=damping, shape=shape,
                     frequency_std_hz=np.full(n_mode, np.nan), shape_std=np.full((n_channel, n_mode), np.nan),
-                    environment=environment, deviation=None if kept is None else _deviation(one, choice, kept))
+                    environment=one.environment, deviation=None if kept is None else _deviation(one, choice, kept))
 
 
-def _pole_table(one: _Found, choice: Choice, order: int) -> pd.DataFrame:
-    poles, like, labels = one.judged.poles, one.judged.likeness, one.judged.reference.labels
-    mode = np.array(labels, dtype=object)[one.single.best_mode]
+def _with_independence(
+    s: ModalSet, one: _Found, choice: Choice | None, names: tuple[str, ...], modes: ReferenceModes
+) -> ModalSet:
+    """How far the two poles of each pair are apart in their plane, under the names that the pair got."""
+    if choice is None:
+        return s
+    known = {}
+    for g, group in enumerate(modes.groups):
+        if len(group) > 1 and all(names[i] for i in group):
+            # fore-aft first, and numbers ascending
+            known["independence_" + "_".join(sorted(names[i] for i in group))] = float(choice.independence[g])
+    return replace(s, environment=dict(s.environment) | known)
+
+
+def _pole_table(
+    one: _Found, choice: Choice, order: int, names: tuple[str, ...], model: ReferenceModes | None
+) -> pd.DataFrame:
+    poles, like = one.judged.poles, one.judged.likeness
+    mode = np.array(names if model is None else model.labels, dtype=object)[one.single.best_mode]
     there = choice.pole >= 0
-    mode[choice.pole[there]] = np.array(labels, dtype=object)[there]
+    mode[choice.pole[there]] = np.array(names, dtype=object)[there]
     table = pd.DataFrame({
         "time": one.block.start, "frequency_hz": poles.frequency_hz, "damping_ratio": poles.damping_ratio,
         "mpc": like.mpc, "mac": one.single.best_mac, "mode": mode, "similarity": like.similarity.max(axis=1),

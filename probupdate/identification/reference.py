@@ -1,4 +1,4 @@
-"""The modes of a model that identified poles are held against, as plain arrays."""
+"""The modes that identified poles are held against, as plain arrays: a model's, or those the poles themselves show."""
 
 from __future__ import annotations
 
@@ -13,14 +13,17 @@ from probupdate.modes import Sensor, frozen_array
 @dataclass(frozen=True, eq=False, kw_only=True)
 class ReferenceModes:
     """Modes of interest: labels (FA1, SS1, ...), frequency_hz (n_mode,), shape (n_channel, n_mode) real, at the
-    campaign's channels and in its quantity's proportions. `pairs`: modes so close that only their plane is told by
-    the data; every other mode stands alone.
+    campaign's channels and in its quantity's proportions. `pairs`: modes so close that only their plane is identified
+    by the data; every other mode stands alone. turning: pairs (fore-aft, side-side) that turn with the nacelle; without,
+    those labelled FAk, SSk. range_hz (n_mode, 2): where each mode's poles lie over the campaign, where that is known.
     """
 
     labels: tuple[str, ...]
     frequency_hz: np.ndarray
     shape: np.ndarray
     pairs: tuple[tuple[int, int], ...] = ()
+    turning: tuple[tuple[int, int], ...] | None = None
+    range_hz: np.ndarray | None = None
 
     def __post_init__(self):
         frequency, shape = frozen_array(self.frequency_hz), frozen_array(self.shape)
@@ -38,6 +41,44 @@ class ReferenceModes:
                              "name each mode in one pair at most")
         object.__setattr__(self, "frequency_hz", frequency)
         object.__setattr__(self, "shape", shape)
+        if self.range_hz is not None:
+            span = frozen_array(self.range_hz)
+            if span.shape != (n_mode, 2) or not np.all((span[:, 0] > 0) & (span[:, 0] <= span[:, 1])):
+                raise InputError("reference modes", f"range_hz has shape {span.shape} or an empty range",
+                                 f"give ({n_mode}, 2), the lower end first")
+            object.__setattr__(self, "range_hz", span)
+        if self.turning is None:
+            object.__setattr__(self, "turning", tuple(named for pair in self.pairs if (named := self._named(pair))))
+
+    def _named(self, pair: tuple[int, int]) -> tuple[int, int] | None:
+        """(fore-aft, side-side) of a pair whose labels say so."""
+        names = [self.labels[i] for i in pair]
+        if {name[:2] for name in names} != {"FA", "SS"} or names[0][2:] != names[1][2:]:
+            return None
+        return pair if names[0].startswith("FA") else pair[::-1]
+
+    def only(self, chosen, labels: tuple[str, ...] | None = None, *, number: bool = False) -> ReferenceModes:
+        """The modes `chosen`, in that order; numbered anew, or with `labels`. A pair that loses a mode is none."""
+        chosen = [int(i) for i in chosen]
+        place = {old: new for new, old in enumerate(chosen)}
+
+        def moved(pairs):
+            return tuple((place[i], place[j]) for i, j in pairs if i in place and j in place)
+
+        names = tuple(str(k + 1) for k in range(len(chosen))) if number else tuple(self.labels[i] for i in chosen)
+        return ReferenceModes(
+            labels=labels or names, frequency_hz=self.frequency_hz[chosen], shape=self.shape[:, chosen],
+            pairs=tuple(sorted(tuple(sorted(pair)) for pair in moved(self.pairs))), turning=moved(self.turning),
+            range_hz=None if self.range_hz is None else self.range_hz[chosen])
+
+    def joined(self, others: ReferenceModes) -> ReferenceModes:
+        """These modes and after them the others."""
+        n = len(self.labels)
+        return ReferenceModes(
+            labels=(*self.labels, *others.labels), frequency_hz=np.concatenate([self.frequency_hz, others.frequency_hz]),
+            shape=np.concatenate([self.shape, others.shape], axis=1),
+            pairs=(*self.pairs, *((i + n, j + n) for i, j in others.pairs)),
+            turning=(*self.turning, *((i + n, j + n) for i, j in others.turning)))
 
     @property
     def groups(self) -> tuple[tuple[int, ...], ...]:
@@ -50,18 +91,14 @@ class ReferenceModes:
 
 
 def turned(reference: ReferenceModes, sensors: tuple[Sensor, ...], angle_deg: float) -> ReferenceModes:
-    """The reference with every pair FAk, SSk turned in its plane by angle_deg, counter-clockwise seen from above.
+    """The reference with every turning pair turned in its plane by angle_deg, counter-clockwise seen from above.
 
-    Fore-aft is where the nacelle looks: the model has it along x, a block at its heading. The plane stays the same;
-    only which direction in it is called fore-aft turns. Pairs of other names stay.
+    Fore-aft is where the nacelle looks: the reference has it along x, a block at its heading. The plane stays the same;
+    only which direction in it is called fore-aft turns.
     """
     shape = np.array(reference.shape)
     turn = np.radians(angle_deg)
-    for first, second in reference.pairs:
-        names = reference.labels[first], reference.labels[second]
-        if {name[:2] for name in names} != {"FA", "SS"} or names[0][2:] != names[1][2:]:
-            continue
-        i, j = (first, second) if names[0].startswith("FA") else (second, first)
+    for i, j in reference.turning:
         fore, side = horizontal(shape[:, i], sensors), horizontal(shape[:, j], sensors)
         # side-side is to turn counter-clockwise from fore-aft at the levels that move
         sign = np.sign(np.sum(fore[:, 0] * side[:, 1] - fore[:, 1] * side[:, 0])) or 1.0
@@ -69,6 +106,35 @@ def turned(reference: ReferenceModes, sensors: tuple[Sensor, ...], angle_deg: fl
         s = s * np.linalg.norm(a) / np.linalg.norm(s)
         shape[:, i], shape[:, j] = np.cos(turn) * a + np.sin(turn) * s, np.cos(turn) * s - np.sin(turn) * a
     return replace(reference, shape=shape)
+
+
+def along_axes(plane: np.ndarray, sensors: tuple[Sensor, ...]) -> np.ndarray | None:
+    """(n_channel, 2): of a plane (n_channel, 2) the shapes that move along x and along y; None where its motion is not
+    horizontal in two directions, or no level has sensors in both."""
+    motion = np.array([horizontal(column, sensors) for column in plane.T])  # (2, n_level, 2)
+    if motion.shape[1] == 0:
+        return None
+    along = [np.linalg.svd(motion[:, :, 1 - axis].T)[2][-1] for axis in range(2)]
+    axes = plane @ np.column_stack(along)
+    size = np.array([np.linalg.norm(horizontal(column, sensors), axis=0) for column in axes.T])  # (shape, axis)
+    across = np.array([size[0, 1], size[1, 0]]) / np.maximum(np.diag(size), 1e-300)
+    least = 0.3 * np.linalg.norm(axes, axis=0) * np.sqrt(motion.shape[1] / len(plane))
+    if np.any(across > 0.5) or np.any(np.diag(size) < least):
+        return None
+    # both with the sense of the largest horizontal motion along their axis, so that a quarter turn takes one to the other
+    for axis in range(2):
+        along_it = horizontal(axes[:, axis], sensors)[:, axis]
+        axes[:, axis] *= np.sign(along_it[np.argmax(np.abs(along_it))])
+    return axes / np.abs(axes).max(axis=0)
+
+
+def heading_of_motion(shape: np.ndarray, axes: np.ndarray, sensors: tuple[Sensor, ...]) -> np.ndarray:
+    """(n,) direction in rad, counter-clockwise from x and up to half a turn, of shapes (n_channel, n) in the plane of
+    `axes` (`along_axes`): the phase of the first harmonic of their real coordinates."""
+    size = np.linalg.norm(axes, axis=0)
+    inside = np.linalg.lstsq(axes / size, shape, rcond=None)[0]
+    inside = inside * np.exp(-0.5j * np.angle(np.sum(inside**2, axis=0)))
+    return np.arctan2(inside[1].real, inside[0].real)
 
 
 def horizontal(shape: np.ndarray, sensors: tuple[Sensor, ...]) -> np.ndarray:

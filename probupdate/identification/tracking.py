@@ -74,7 +74,7 @@ def track(blocks: Sequence[JudgedPoles], settings: ClassifierSettings) -> Tracke
     clear = [_votes(block, settings, swept=False) for block in blocks]
     every = [_votes(block, settings, swept=True) for block in blocks]
     for j in range(n_mode):
-        low, high = np.log(blocks[0].reference.frequency_hz[j] * np.array(settings.frequency_window))
+        low, high = _window(blocks[0].reference, j, settings)
         # a mode that lies where the rotor's multiples pass in nearly every block would else be lost
         hidden = sum(w[:, j].sum() for _, w in clear) < LEAST_CLEAR * sum(w[:, j].sum() for _, w in every)
         votes = every if hidden else clear
@@ -85,6 +85,15 @@ def track(blocks: Sequence[JudgedPoles], settings: ClassifierSettings) -> Tracke
                 support[k, j] = np.sum(w[np.abs(x - path[k]) <= settings.cluster, j])
     choices = tuple(choose(block, centre[k], settings) for k, block in enumerate(blocks))
     return Tracked(labels=labels, choices=choices, centre_hz=frozen_array(centre), support=frozen_array(support))
+
+
+def _window(reference: ReferenceModes, mode: int, settings: ClassifierSettings) -> tuple[float, float]:
+    """Where a mode's path may run, in ln f: over the range of its poles, or about its frequency in a model."""
+    if reference.range_hz is None:
+        low, high = np.log(reference.frequency_hz[mode] * np.array(settings.frequency_window))
+        return float(low), float(high)
+    low, high = np.log(reference.range_hz[mode])
+    return float(low) - rules.RANGE_MARGIN, float(high) + rules.RANGE_MARGIN
 
 
 def follow(

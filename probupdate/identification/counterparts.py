@@ -1,0 +1,168 @@
+"""Which mode of the model each of the campaign's modes may be, how alike the two are, and what has none on either side.
+
+The modes are found before; here they are named, once for the campaign. Every block says how alike its shapes are to the
+model's, turned to where the nacelle looked; a pair of modes is compared by its plane. Likeness of shape and nearness in
+frequency count as they scatter between a structure and a poor model of it, so that a torsion of MAC 0.65 at its
+frequency still has its name, and says that the model's is another.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import optimize
+
+from probupdate.identification.classification import ClassifierSettings
+from probupdate.identification.reference import ReferenceModes
+from probupdate.modes import ModalSet, ModelMode, ModeRecord, mac, subspace_mac
+
+# what a poor model may miss: standard deviations of 1 - MAC, and of ln f; a mode less alike than NO_MAC at its own
+# frequency is rather none of the model's
+MODEL_MAC, MODEL_FREQUENCY, NO_MAC = 0.15, 0.20, 0.35
+# how much being alike by itself, beside its plane, decides which of a pair is which
+OWN_SHAPE = 1.0
+# blocks that are compared at most, evenly over those that have the mode
+MOST_BLOCKS = 200
+# a mode of the model that moves the sensors by less than this share of what its others do need not be seen
+SEEN = 0.05
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Likenesses:
+    """Means over blocks: plane, own (n_mode, n_model) S2MAC to the plane of a measured or of the model's pair, the larger
+    (of single modes their MAC), and MAC; plane_std their scatter; ratio, ratio_std (n_mode, n_model) of measured over the model's frequency."""
+
+    plane: np.ndarray
+    plane_std: np.ndarray
+    own: np.ndarray
+    ratio: np.ndarray
+    ratio_std: np.ndarray
+
+    def at(self, rows: Sequence[int]) -> Likenesses:
+        """Those modes' rows; what -1 stands for is nobody's."""
+        rows = list(rows)
+        return Likenesses(plane=self.plane[rows], plane_std=self.plane_std[rows], own=self.own[rows],
+                          ratio=self.ratio[rows], ratio_std=self.ratio_std[rows])  # fmt: skip
+
+
+def likenesses(
+    sets: Sequence[ModalSet], pairs: Sequence[tuple[int, int]], turned_to: Sequence[ReferenceModes]
+) -> Likenesses:
+    """sets: the campaign's, a column a mode; turned_to: the model's modes as each block's nacelle has them."""
+    n_mode, n_model = sets[0].frequency_hz.size, len(turned_to[0].labels)
+    mate = {i: j for pair in pairs for i, j in (pair, pair[::-1])}
+    plane, plane_std, own, ratio, ratio_std = (np.full((n_mode, n_model), np.nan) for _ in range(5))
+    for j in range(n_mode):
+        there = [k for k, s in enumerate(sets) if s.measured[j]]
+        if not there:
+            continue
+        some = [there[int(k)] for k in np.unique(np.linspace(0, len(there) - 1, min(len(there), MOST_BLOCKS)).astype(int))]
+        values, single = [], []
+        for k in some:
+            shape, model = sets[k].shape, turned_to[k].shape
+            single.append(mac(shape[:, [j]], model)[0])
+            both = j in mate and sets[k].measured[mate[j]]
+            value = subspace_mac(model, shape[:, [j, mate[j]]]) if both else single[-1]
+            for pair in turned_to[k].pairs:
+                # of two modes of the model that turn into each other their plane
+                value[list(pair)] = np.maximum(value[list(pair)], subspace_mac(shape[:, j], model[:, list(pair)])[0])
+            values.append(value)
+        plane[j], own[j] = np.mean(values, axis=0), np.mean(single, axis=0)
+        plane_std[j] = np.std(values, axis=0, ddof=1) if len(values) > 1 else np.nan
+        f = np.array([sets[k].frequency_hz[j] for k in there])
+        ratio[j] = f.mean() / turned_to[0].frequency_hz
+        ratio_std[j] = f.std(ddof=1) / turned_to[0].frequency_hz if len(f) > 1 else np.nan
+    return Likenesses(plane=plane, plane_std=plane_std, own=own, ratio=ratio, ratio_std=ratio_std)
+
+
+def paired(like: Likenesses) -> tuple[dict[int, int], np.ndarray]:
+    """Mode -> mode of the model, one to one, and the probability (n_mode, n_model) that a mode is each; what is left to
+    one is that of none."""
+    weight = -0.5 * ((1 - like.plane) / MODEL_MAC) ** 2 - 0.5 * (np.log(like.ratio) / MODEL_FREQUENCY) ** 2
+    weight = weight + OWN_SHAPE * (like.own - 1)
+    none = -0.5 * ((1 - NO_MAC) / MODEL_MAC) ** 2
+    gain = np.nan_to_num(weight - none, nan=-np.inf)
+    odds = np.exp(np.minimum(gain, 500.0))
+    probability = odds / (1 + odds.sum(axis=1, keepdims=True))
+    score = np.where(gain > 0, gain, 0.0)
+    rows, columns = optimize.linear_sum_assignment(-score)
+    return {int(j): int(i) for j, i in zip(rows, columns, strict=True) if score[j, i] > 0}, probability
+
+
+def mode_records(
+    sets: Sequence[ModalSet], names: Sequence[str], *, like: Likenesses | None, partner: Mapping[int, int],
+    probability: np.ndarray | None, model: ReferenceModes | None, in_pair: set[int], settings: ClassifierSettings,
+) -> tuple[ModeRecord, ...]:
+    """What is known of every mode of the campaign: where it was found, and what it is in the model."""
+    usable = [s for s in sets if not s.environment.get("excluded")]
+    records = []
+    for j, name in enumerate(names):
+        here = [s for s in usable if s.measured[j]]
+        states = [str(s.environment.get("state", "unknown")) for s in usable]
+        detection = {state: (sum(s.measured[j] for s, t in zip(usable, states, strict=True) if t == state),
+                             states.count(state)) for state in sorted(set(states))}  # fmt: skip
+        f = np.array([s.frequency_hz[j] for s in here])
+        zeta = np.array([s.damping_ratio[j] for s in here])
+        found = {
+            "label": name, "frequency_hz": float(f.mean()) if len(f) else np.nan,
+            "frequency_std_hz": float(f.std(ddof=1)) if len(f) > 1 else np.nan,
+            "damping_ratio": float(np.median(zeta)) if len(f) else np.nan, "found": len(here), "blocks": len(usable),
+            "detection": {state: (int(n), int(of)) for state, (n, of) in detection.items()}, "pair": j in in_pair,
+        }
+        if model is not None:
+            i = partner.get(j)
+            likely = [] if probability is None else [int(k) for k in np.argsort(-probability[j]) if probability[j, k] > 0.01]
+            found["alternatives"] = tuple((model.labels[k], float(probability[j, k])) for k in likely[:3])
+            if i is None:
+                found["match"] = "none"
+            else:
+                limit = settings.plane_mac if j in in_pair else settings.mac
+                found |= {
+                    "match": "alike" if like.plane[j, i] >= limit else "unlike", "model_label": model.labels[i],
+                    "model_frequency_hz": float(model.frequency_hz[i]), "mac": float(like.plane[j, i]),
+                    "mac_std": float(like.plane_std[j, i]), "own_mac": float(like.own[j, i]),
+                    "frequency_ratio": float(like.ratio[j, i]), "frequency_ratio_std": float(like.ratio_std[j, i]),
+                }
+        records.append(ModeRecord(**found))
+    return tuple(records)
+
+
+def model_only(
+    model: ReferenceModes, partner: Mapping[int, int], found_hz: Sequence[float], highest_hz: float,
+    wanted: Sequence[str],
+) -> tuple[ModelMode, ...]:
+    """Modes of the model below `highest_hz` that no measured one is, and whether the excitation should show them: those
+    that move the sensors as others do and lie between modes that were found, so that the band was excited."""
+    size = np.linalg.norm(model.shape, axis=0)
+    result = []
+    for i, (label, f) in enumerate(zip(model.labels, model.frequency_hz, strict=True)):
+        if i in partner.values() or (f > highest_hz and label not in wanted):
+            continue
+        excited = len(found_hz) > 0 and min(found_hz) < f < max(found_hz) and f <= highest_hz
+        result.append(ModelMode(label=label, frequency_hz=float(f),
+                                expected=bool(excited and size[i] >= SEEN * np.median(size))))
+    return tuple(result)
+
+
+def sentences(records: Sequence[ModeRecord], lacking: Sequence[ModelMode], wanted: Sequence[str]) -> list[str]:
+    """What does not match, in words."""
+    lines = []
+    for one in records:
+        place = f"{one.label} at {one.frequency_hz:.4g} Hz, in {one.found} of {one.blocks} blocks,"
+        if one.match == "unlike" and one.found:
+            scatter = f" +- {one.mac_std:.2f}" if np.isfinite(one.mac_std) else ""
+            lines.append(
+                f"{place} looks unlike the model's {one.model_label} at {one.model_frequency_hz:.4g} Hz: MAC "
+                f"{one.mac:.2f}{scatter}; kept by that name, as nothing else of the model is nearer")
+        elif one.match == "none" and one.found:
+            lines.append(f"{place} has no counterpart in the model; kept as mode {one.label}")
+        elif one.match == "alike" and one.label != one.model_label and one.found:
+            lines.append(f"{place} is the model's {one.model_label} at {one.model_frequency_hz:.4g} Hz (MAC "
+                         f"{one.mac:.2f}); kept as mode {one.label}")  # fmt: skip
+    for one in lacking:
+        if one.expected or one.label in wanted:
+            why = "although the excitation should show it" if one.expected else "which the excitation may not show"
+            lines.append(f"the model's {one.label} at {one.frequency_hz:.4g} Hz is in no block, {why}")
+    return lines

@@ -1,0 +1,521 @@
+"""Physical modes of a campaign: poles that come back over model orders and blocks, clustered without any model.
+
+In a block, poles of all orders are gathered by average linkage in frequency and shape (`scipy.cluster.hierarchy`;
+Magalhaes, Cunha & Caetano 2009, Online automatic identification of the modal parameters of a long span arch bridge).
+Over the campaign, what was gathered is clustered by density (Ester, Kriegel, Sander & Xu 1996, DBSCAN): a mode is a
+place in frequency and shape that many blocks have something at, each counted by its share of the model orders. So a
+mode at few orders of every block is found as well as one at all orders of a few; the number of modes is not given. The
+shapes of a close pair turn in their plane with noise and with the nacelle, a chain that density follows: what such a
+cluster spans is the plane.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+from scipy import sparse
+from scipy.cluster.hierarchy import fcluster, linkage
+from scipy.spatial.distance import squareform
+
+from probupdate.errors import InputError
+from probupdate.identification.classification import ClassifierSettings, PoleStack, within
+from probupdate.identification.reference import ReferenceModes, along_axes, heading_of_motion
+from probupdate.modes import Sensor, frozen_array, mac, rotate_to_real, subspace_mac
+
+# one mode at several orders of a block: frequency within 1 % and MAC of 0.9, or a sum of shares of both
+TWIN_FREQUENCY, TWIN_MAC = 0.01, 0.90
+# one mode in several blocks: what scatter and a slow drift leave between neighbours
+NEAR_FREQUENCY, NEAR_MAC = 0.015, 0.80
+# the frequency of a structure moves by less than this between its 10 % and 90 % quantiles; waves and lines by more
+LARGEST_SPREAD = 0.15
+# and from one block to the next by less than this, or four times the Cramer-Rao bound
+LARGEST_JUMP = 0.01
+# clusters of one direction, or within one plane, closer than this in ln f may be one mode that moved, or turned; so far
+# about a strong mode lie poles of noise and of waves that have its shape
+SAME_MODE, DOUBLE = 0.10, 0.25
+# a cluster spans a plane if its second direction has this share of the squared shapes; what lies in the plane has MAC
+PLANE_SHARE, IN_PLANE = 0.12, 0.85
+# single modes closer than this, or than their half-power bandwidths, are compared as a plane
+CLOSE = 0.02
+# what comes back is a line of the rotor if so large a share of its members lies where multiples of the rotor's speed
+# were in those blocks, and its own frequency lies there in at most so large a share of all blocks
+FOLLOWS, BY_CHANCE = 0.9, 0.7
+# of waves is what lies so near in ln f to their peak and is damped by as much, as no idling structure is
+WAVE_WIDTH, WAVE_DAMPING = 0.15, 0.025
+# a candidate begins or continues a cluster where its neighbours have this share of what makes a mode
+CORE = 0.5
+# blocks that are clustered at most; more are taken evenly over the campaign, state by state
+MOST_BLOCKS = 720
+
+
+@dataclass(frozen=True, kw_only=True)
+class PersistenceSettings:
+    """When a cluster is a mode: its blocks' shares of model orders sum up to `weight` + `share` times the blocks, of
+    all blocks or of those of one turbine state that has at least `least_blocks`. One block alone asks half of its
+    orders; of a day's 48, ten blocks at half of the orders each do, or twenty at a quarter. least_share: of a block's
+    orders that count at all."""
+
+    weight: float = 0.40
+    share: float = 0.10
+    least_share: float = 0.12
+    least_blocks: int = 12
+
+    def __post_init__(self):
+        for name in ("weight", "share", "least_share"):
+            if not 0 < getattr(self, name) <= 1:
+                raise InputError(name, f"{getattr(self, name)} is not in (0, 1]", "give a share")
+
+    def needed(self, n_block: int) -> float:
+        return self.weight + self.share * n_block
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Candidates:
+    """What comes back over the orders of a block, or of many: block (n,) its number, ln_frequency, damping (n,), shape
+    (n_channel, n) of unit length, share (n,) of the block's orders."""
+
+    block: np.ndarray
+    ln_frequency: np.ndarray
+    damping: np.ndarray
+    shape: np.ndarray
+    share: np.ndarray
+
+    def at(self, rows: np.ndarray) -> Candidates:
+        return Candidates(block=self.block[rows], ln_frequency=self.ln_frequency[rows], damping=self.damping[rows],
+                          shape=self.shape[:, rows], share=self.share[rows])
+
+
+def block_candidates(
+    poles: PoleStack, number: int, classifier: ClassifierSettings, settings: PersistenceSettings
+) -> Candidates:
+    """One block's poles of all orders, gathered by average linkage; the distance is 1 for 1 % of frequency, or for a
+    MAC of 0.9."""
+    good = (poles.damping_ratio > classifier.damping[0]) & (poles.damping_ratio < classifier.damping[1])
+    good &= np.sum(np.abs(poles.shape) ** 2, axis=0) > 0
+    ln_frequency, damping = np.log(poles.frequency_hz[good]), poles.damping_ratio[good]
+    shape, order = poles.shape[:, good], poles.order[good]
+    shape = shape / np.linalg.norm(shape, axis=0)
+    if len(order) > 1:
+        distance = np.abs(ln_frequency[:, None] - ln_frequency) / TWIN_FREQUENCY
+        distance += (1 - np.abs(shape.conj().T @ shape) ** 2).clip(min=0) / (1 - TWIN_MAC)
+        np.fill_diagonal(distance, 0)
+        label = fcluster(linkage(squareform(distance, checks=False), "average"), 1.0, "distance")
+    else:
+        label = np.ones(len(order), int)
+    n_order, found = max(len(poles.orders), 1), []
+    for one in np.unique(label):
+        mine = np.flatnonzero(label == one)
+        share = len(set(order[mine])) / n_order
+        if share < settings.least_share:
+            continue
+        middle = np.median(ln_frequency[mine])
+        inner = mine[np.argmin(np.abs(ln_frequency[mine] - middle))] if len(mine) < 3 else None
+        direction = shape[:, inner] if inner is not None else _leading(shape[:, mine])
+        found.append((middle, np.median(damping[mine]), direction, share))
+    found = _without_doubles(found)
+    n = len(found)
+    return Candidates(
+        block=np.full(n, number), ln_frequency=np.array([f[0] for f in found]), damping=np.array([f[1] for f in found]),
+        shape=np.array([f[2] for f in found], complex).reshape(n, len(poles.shape)).T,
+        share=np.array([f[3] for f in found]),
+    )
+
+
+def _without_doubles(found: list[tuple]) -> list[tuple]:
+    """Without poles of noise that have a strong mode's direction, or lie in a pair's plane, beside it: at half of its
+    orders or fewer. The second bending of a turbine had nine of them a block, over a fifth of its frequency. Asked only
+    where there are channels enough that a direction is no chance."""
+    kept: list[tuple] = []
+    for one in sorted(found, key=lambda x: -x[3]):
+        strong = [x[2] for x in kept if x[3] >= 2 * one[3] and abs(x[0] - one[0]) <= DOUBLE][:2]
+        if not strong or len(one[2]) < len(strong) + 3 \
+                or subspace_mac(one[2], np.column_stack(strong))[0] < IN_PLANE:
+            kept.append(one)
+    return kept
+
+
+def gathered(parts: Sequence[Candidates]) -> Candidates:
+    return Candidates(
+        block=np.concatenate([p.block for p in parts]), share=np.concatenate([p.share for p in parts]),
+        ln_frequency=np.concatenate([p.ln_frequency for p in parts]), damping=np.concatenate([p.damping for p in parts]),
+        shape=np.concatenate([p.shape for p in parts], axis=1))
+
+
+def _leading(shape: np.ndarray, weight: np.ndarray | None = None) -> np.ndarray:
+    """(n_channel,) unit vector nearest to all columns; their signs and phases do not matter."""
+    return _directions(shape, weight)[0][:, 0]
+
+
+def _directions(shape: np.ndarray, weight: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
+    """Directions (n_channel, n), strongest first, and their shares (n,) of the squared columns."""
+    scaled = shape if weight is None else shape * np.sqrt(weight)
+    value, vector = np.linalg.eigh(scaled @ scaled.conj().T)
+    return vector[:, ::-1], value[::-1].clip(min=0) / max(value.sum(), 1e-300)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _Cluster:
+    """rows: its candidates; basis (n_channel, 1 or 2) real or complex directions; weight: sum of shares."""
+
+    rows: np.ndarray
+    basis: np.ndarray
+    ln_frequency: float
+    damping: float
+    weight: float
+
+    @property
+    def plane(self) -> bool:
+        return self.basis.shape[1] > 1
+
+
+def _clusters(c: Candidates, core: float) -> list[np.ndarray]:
+    """Rows of each density cluster: candidates with neighbours of at least the summed share `core`, connected; others
+    go with their heaviest neighbour of that kind, or nowhere."""
+    n = len(c.block)
+    if n == 0:
+        return []
+    rising = np.argsort(c.ln_frequency, kind="stable")
+    f, shape, share = c.ln_frequency[rising], c.shape[:, rising].astype(np.complex64), c.share[rising]
+    end = np.searchsorted(f, f + NEAR_FREQUENCY, side="right")
+    first, second = [], []
+    for k in range(0, n, 256):
+        rows, last = np.arange(k, min(k + 256, n)), end[min(k + 256, n) - 1]
+        alike = np.abs(shape[:, rows].conj().T @ shape[:, k:last]) ** 2 >= NEAR_MAC
+        columns = np.arange(k, last)
+        alike &= (columns > rows[:, None]) & (columns < end[rows][:, None])
+        i, j = np.nonzero(alike)
+        first.append(rows[i]), second.append(columns[j])
+    i, j = np.concatenate(first), np.concatenate(second)
+    density = share + np.bincount(i, share[j], n) + np.bincount(j, share[i], n)
+    dense = density >= core
+    both = dense[i] & dense[j]
+    graph = sparse.coo_matrix((np.ones(both.sum()), (i[both], j[both])), shape=(n, n))
+    label = np.where(dense, sparse.csgraph.connected_components(graph, directed=False)[1], -1)
+    best = np.full(n, -1.0)
+    for a, b in ((i, j), (j, i)):
+        edge = ~dense[a] & dense[b]
+        for x, y in zip(a[edge], b[edge], strict=True):
+            if density[y] > best[x]:
+                best[x], label[x] = density[y], label[y]
+    return [rising[np.flatnonzero(label == one)] for one in np.unique(label[label >= 0])]
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class PhysicalModes:
+    """modes: the persistent ones, '1', '2', ... ascending in frequency, pairs as planes, with their ranges; notes: what
+    was left out, or is doubted, and why. weight (n_mode,): summed shares of the orders over the blocks that were
+    clustered; damping_ratio (n_mode,): median."""
+
+    modes: ReferenceModes
+    weight: np.ndarray
+    damping_ratio: np.ndarray
+    notes: tuple[str, ...]
+
+    def only(self, chosen: np.ndarray) -> PhysicalModes:
+        """The modes numbered `chosen`, numbered anew."""
+        return replace(self, modes=self.modes.only(chosen, number=True), weight=frozen_array(self.weight[chosen]),
+                       damping_ratio=frozen_array(self.damping_ratio[chosen]))
+
+
+def physical_modes(
+    candidates: Candidates, *, n_block: int, settings: PersistenceSettings | None = None,
+    state: Sequence[str] | None = None, bands: Sequence[np.ndarray] | None = None,
+    wave_hz: Sequence[float] | None = None, angle_deg: Sequence[float] | None = None, sensors: tuple[Sensor, ...] = (),
+    block_seconds: float = 1800.0, where: str = "campaign",
+) -> PhysicalModes:
+    """Modes out of what comes back in `n_block` blocks.
+
+    state: the turbine's in each block, so that a mode of one state is found too; bands: (n_harmonic, 2) Hz that
+    multiples of the rotor's speed swept in each: what moves with them is left out; where the rotor hardly changes its
+    speed a line cannot be told from a mode, which is said. wave_hz: the waves' peak in each block, NaN where it was not
+    measured; what lies there, damped as a sea is, is left out. angle_deg: where the nacelle looked, counter-clockwise from
+    x; a pair of horizontal motions is then taken to turn with it. Raises InputError where nothing comes back.
+    """
+    settings = settings or PersistenceSettings()
+    notes: list[str] = []
+    state = list(state) if state is not None else [""] * n_block
+    bands = list(bands) if bands is not None else [np.zeros((0, 2))] * n_block
+    if len(candidates.block) == 0:
+        raise _nothing(where, n_block)
+    count = {name: state.count(name) for name in set(state) - {"mixed", "unknown", ""}}
+    count = {name: n for name, n in count.items() if n >= settings.least_blocks}
+    core = CORE * min(settings.needed(n) for n in [n_block, *count.values()])
+
+    def persistent(rows: np.ndarray) -> list[_Cluster]:
+        found = []
+        for mine in _clusters(candidates.at(rows), core):
+            inside = candidates.at(rows[mine])
+            weight = _block_weight(inside, n_block)
+            often = weight.sum() >= settings.needed(n_block) or any(
+                weight[[one == name for one in state]].sum() >= settings.needed(n) for name, n in count.items())
+            if often and np.count_nonzero(weight) >= min(2, n_block - 1) and _steady(inside, block_seconds):
+                found.append(_cluster(candidates, rows[mine], float(weight.sum())))
+        return found
+
+    swept, always = _swept(candidates, bands)
+    found = persistent(np.flatnonzero(~swept | always))
+    for cluster in sorted(persistent(np.flatnonzero(swept & ~always)), key=lambda x: x.ln_frequency):
+        if not any(abs(cluster.ln_frequency - one.ln_frequency) <= SAME_MODE for one in found):
+            notes.append(f"{np.exp(cluster.ln_frequency):.3f} Hz moves with the rotor's speed and is no mode: left out")
+    notes += [f"{np.exp(one.ln_frequency):.3f} Hz lies at a multiple of the rotor's speed, which hardly varies: it may "
+              "be its line" for one in sorted(found, key=lambda x: x.ln_frequency) if swept[one.rows].mean() > FOLLOWS]
+    waves = [one for one in found if _of_waves(candidates, one, wave_hz)]
+    notes += [f"{np.exp(one.ln_frequency):.3f} Hz lies at the waves' peak of its blocks, with {100 * one.damping:.1f} % of "
+              "damping: the sea's, left out" for one in waves]
+    groups, doubles = _grouped(candidates, [one for one in found if all(one is not x for x in waves)])
+    notes += [f"{np.exp(one.ln_frequency):.3f} Hz comes back with the shape of {np.exp(twin.ln_frequency):.3f} Hz, at "
+              "few of its blocks and orders: left out as its double" for one, twin in doubles]
+    if not groups:
+        raise _nothing(where, n_block)
+    angle = np.array(angle_deg, float) if angle_deg is not None else None
+    return _as_modes(candidates, groups, angle, sensors, tuple(notes))
+
+
+def _nothing(where: str, n_block: int) -> InputError:
+    return InputError(f"{where}, modes", f"no pole comes back over the model orders and the {n_block} blocks",
+                      "give another order, or a rate that holds the modes")  # fmt: skip
+
+
+def _block_weight(inside: Candidates, n_block: int) -> np.ndarray:
+    """(n_block,) share of the orders that have the cluster; parts of one mode in one block add up to 1 at most."""
+    return np.minimum(np.bincount(inside.block, inside.share, n_block), 1.0)
+
+
+def _cluster(c: Candidates, rows: np.ndarray, weight: float) -> _Cluster:
+    basis, share = _directions(c.shape[:, rows], c.share[rows])
+    dimension = 2 if len(share) > 1 and len(c.shape) > 2 and share[1] >= PLANE_SHARE else 1
+    return _Cluster(rows=rows, basis=basis[:, :dimension], ln_frequency=float(np.median(c.ln_frequency[rows])),
+                    damping=float(np.median(c.damping[rows])), weight=weight)
+
+
+def _steady(inside: Candidates, block_seconds: float) -> bool:
+    """Whether a cluster's frequency is one of a structure, which neither wanders far nor jumps from block to block, as a
+    wave's period does; asked of five blocks or more. What a record can tell at best is the Cramer-Rao bound."""
+    if np.ptp(np.quantile(inside.ln_frequency, [0.1, 0.9])) > LARGEST_SPREAD:
+        return False
+    blocks = np.unique(inside.block)
+    if len(blocks) < 5 or len(inside.shape) < 3:
+        return True
+    # of one direction: the two of a pair have each their own frequency
+    best = [mine[np.argmax(inside.share[mine])] for mine in (np.flatnonzero(inside.block == k) for k in blocks)]
+    steps = []
+    for a, b in pairwise(best):
+        alike = mac(inside.shape[:, [a]], inside.shape[:, inside.block == inside.block[b]])[0]
+        if alike.max() >= NEAR_MAC:
+            mate = np.flatnonzero(inside.block == inside.block[b])[np.argmax(alike)]
+            steps.append(inside.ln_frequency[mate] - inside.ln_frequency[a])
+    if len(steps) < 4:
+        return True
+    scatter = 1.4826 * np.median(np.abs(steps)) / np.sqrt(2)
+    bound = np.sqrt(np.median(inside.damping) / (4 * np.pi * np.exp(np.median(inside.ln_frequency)) * block_seconds))
+    return bool(scatter <= max(LARGEST_JUMP, 4 * bound))
+
+
+def _of_waves(c: Candidates, cluster: _Cluster, wave_hz: Sequence[float] | None) -> bool:
+    if wave_hz is None or cluster.damping < WAVE_DAMPING:
+        return False
+    peak = np.array(wave_hz, float)[c.block[cluster.rows]]
+    there = np.isfinite(peak) & (peak > 0)
+    away = np.abs(c.ln_frequency[cluster.rows][there] - np.log(peak[there]))
+    return bool(there.any() and np.mean(away <= WAVE_WIDTH) >= FOLLOWS)
+
+
+def _swept(c: Candidates, bands: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+    """(n,) bool: candidates where multiples of the rotor's speed were in their block; and those whose frequency these
+    sweep in nearly every block, so that being there says nothing."""
+    swept = np.array([bool(within(np.exp(x)[None], bands[k])[0]) if len(bands[k]) else False
+                      for x, k in zip(c.ln_frequency, c.block, strict=True)])
+    known = [b for b in bands if len(b)]
+    if not known:
+        return swept, swept
+    chance = np.mean([within(np.exp(c.ln_frequency), b) for b in known], axis=0)
+    return swept, chance > BY_CHANCE
+
+
+def _inside(a: _Cluster, plane: np.ndarray) -> bool:
+    return bool(subspace_mac(a.basis, plane).min() >= IN_PLANE)
+
+
+def _grouped(c: Candidates, clusters: list[_Cluster]) -> tuple[list[list[_Cluster]], list[tuple[_Cluster, _Cluster]]]:
+    """Clusters of one mode or one pair together, heaviest first: a mode that moved, a plane's directions; and those that
+    are doubles of a heavier one, with that one.
+
+    What has the direction of a heavier one, or lies in its plane, and half its weight at most is its double, from noise
+    or from waves; what shares hardly a block with it is the same mode before or after a change. Where channels are too
+    few for a direction to say anything, clusters stay apart.
+    """
+    groups: list[list[_Cluster]] = []
+    doubles: list[tuple[_Cluster, _Cluster]] = []
+    for one in sorted(_with_planes(c, clusters), key=lambda x: -x.weight):
+        home, twin = None, None
+        for group in groups:
+            first = group[0]
+            away = min(abs(one.ln_frequency - other.ln_frequency) for other in group)
+            known = len(one.basis) >= one.basis.shape[1] + first.basis.shape[1] + 2
+            if away > DOUBLE or not known or not _inside(one if first.plane else first, first.basis if first.plane
+                                                         else one.basis):  # fmt: skip
+                continue
+            if away <= SAME_MODE and (first.plane or one.plane or _apart_in_time(c, first, one)):
+                home = group
+                break
+            if one.weight < 0.5 * first.weight and not one.plane:
+                twin = first
+                break
+        if home is not None:
+            home.append(one)
+        elif twin is not None:
+            doubles.append((one, twin))
+        else:
+            groups.append([one])
+    return groups, doubles
+
+
+def _with_planes(c: Candidates, clusters: list[_Cluster]) -> list[_Cluster]:
+    """Three or more single directions of one plane close by, as of a pair at a few headings of the nacelle, as one
+    cluster with that plane."""
+    left = sorted(clusters, key=lambda x: -x.weight)
+    result = [one for one in left if one.plane]
+    left = [one for one in left if not one.plane]
+    while left:
+        first, *others = left
+        near = [x for x in others if abs(x.ln_frequency - first.ln_frequency) <= SAME_MODE]
+        members = [first]
+        for mate in near:
+            if mac(first.basis, mate.basis)[0, 0] >= 0.5 or len(first.basis) < 4:
+                continue
+            plane = np.column_stack([first.basis, mate.basis])
+            inside = [x for x in near if x is mate or _inside(x, plane)]
+            if len(inside) >= 2:
+                members += inside
+                break
+        if len(members) > 1:
+            rows = np.concatenate([one.rows for one in members])
+            joined = _cluster(c, rows, sum(one.weight for one in members))
+            result.append(replace(joined, basis=_directions(c.shape[:, rows], c.share[rows])[0][:, :2]))
+        else:
+            result.append(first)
+        left = [one for one in left if all(one is not x for x in members)]
+    return result
+
+
+def _apart_in_time(c: Candidates, heavy: _Cluster, light: _Cluster) -> bool:
+    first, second = set(c.block[heavy.rows].tolist()), set(c.block[light.rows].tolist())
+    return len(first & second) <= 0.2 * len(second)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _Mode:
+    """One mode to be: its candidates, a real direction (n_channel,) and the mate's number in a pair, -1 for none."""
+
+    rows: np.ndarray
+    shape: np.ndarray
+    mate: int = -1
+    turns: bool = False
+
+
+def _as_modes(
+    c: Candidates, groups: list[list[_Cluster]], angle: np.ndarray | None, sensors: tuple[Sensor, ...],
+    notes: tuple[str, ...],
+) -> PhysicalModes:
+    modes: list[_Mode] = []
+    for group in groups:
+        rows = np.concatenate([one.rows for one in group])
+        plane = next((one for one in group if one.plane), None)
+        if plane is None:
+            modes.append(_Mode(rows=rows, shape=_real(_leading(c.shape[:, rows], c.share[rows])[:, None])[:, 0]))
+            continue
+        basis = _real(_directions(c.shape[:, rows], c.share[rows])[0][:, :2])
+        turns = angle is not None and bool(np.isfinite(angle[c.block[rows]]).any())
+        axes = along_axes(basis, sensors) if turns else None
+        shapes, parts = (_by_nacelle(c, rows, axes, angle, sensors) if axes is not None
+                         else _by_frequency(c, rows, basis))
+        n = len(modes)
+        modes += [_Mode(rows=parts[k], shape=shapes[:, k], mate=n + 1 - k, turns=axes is not None) for k in range(2)]
+    return _numbered(c, modes, notes)
+
+
+def _real(shape: np.ndarray) -> np.ndarray:
+    real = rotate_to_real(shape).real
+    return real / np.linalg.norm(real, axis=0)
+
+
+def _by_nacelle(c, rows, axes, angle, sensors) -> tuple[np.ndarray, list[np.ndarray]]:
+    """A pair named by direction: fore-aft where the nacelle looked, side-side across; shapes for a nacelle along x."""
+    way = heading_of_motion(c.shape[:, rows], axes, sensors)
+    turn = np.nan_to_num(np.radians(angle[c.block[rows]]))
+    fore = np.abs(np.cos(way - turn)) >= np.abs(np.sin(way - turn))
+    parts = [rows[fore], rows[~fore]]
+    return axes, [part if len(part) else rows for part in parts]
+
+
+def _by_frequency(c: Candidates, rows: np.ndarray, basis: np.ndarray) -> tuple[np.ndarray, list[np.ndarray]]:
+    """A pair whose directions are fixed: the lower and the higher pole of blocks that have both show them."""
+    lower, higher = [], []
+    for k in np.unique(c.block[rows]):
+        here = rows[c.block[rows] == k]
+        if len(here) < 2:
+            continue
+        two = sorted(here[np.argsort(-c.share[here], kind="stable")[:2]], key=lambda x: c.ln_frequency[x])
+        if mac(c.shape[:, [two[0]]], c.shape[:, [two[1]]])[0, 0] < 0.5:
+            lower.append(two[0])
+            higher.append(two[1])
+    if lower:
+        shapes = np.column_stack([_real(_leading(c.shape[:, part])[:, None])[:, 0] for part in (lower, higher)])
+    if not lower or mac(shapes[:, :1], shapes[:, 1:])[0, 0] > 0.8:
+        shapes = basis
+    alike = mac(c.shape[:, rows], shapes)
+    first = alike[:, 0] >= alike[:, 1]
+    parts = [rows[first], rows[~first]]
+    return shapes, [part if len(part) else rows for part in parts]
+
+
+def _numbered(c: Candidates, modes: list[_Mode], notes: tuple[str, ...]) -> PhysicalModes:
+    middle = np.array([np.median(c.ln_frequency[m.rows]) for m in modes])
+    damping = np.array([np.median(c.damping[m.rows]) for m in modes])
+    rising = np.argsort(middle, kind="stable")
+    place = {int(old): new for new, old in enumerate(rising)}
+    pairs = {tuple(sorted((place[k], place[m.mate]))) for k, m in enumerate(modes) if m.mate >= 0}
+    turning = tuple((place[k], place[m.mate]) for k, m in enumerate(modes) if m.turns and m.mate > k)
+    frequency = np.exp(middle[rising])
+    shape = np.column_stack([modes[k].shape for k in rising])
+    pairs |= _close_singles(frequency, damping[rising], {i for pair in pairs for i in pair}, len(shape))
+    edges = np.array([np.quantile(c.ln_frequency[modes[k].rows], [0.02, 0.98]) for k in rising])
+    for i, j in pairs:
+        edges[[i, j]] = min(edges[i, 0], edges[j, 0]), max(edges[i, 1], edges[j, 1])
+    reference = ReferenceModes(
+        labels=tuple(str(k + 1) for k in range(len(modes))), frequency_hz=frequency,
+        shape=shape / np.abs(shape).max(axis=0), pairs=tuple(sorted(pairs)), turning=turning, range_hz=np.exp(edges))
+    weight = np.array([np.sum(c.share[modes[k].rows]) for k in rising])
+    return PhysicalModes(modes=reference, weight=frozen_array(weight), damping_ratio=frozen_array(damping[rising]),
+                         notes=notes)
+
+
+def _close_singles(frequency, damping, taken: set[int], n_channel: int) -> set[tuple[int, int]]:
+    """Neighbours so close that records turn them in their plane, closest first, each mode in one pair; two channels
+    have no plane to tell."""
+    if n_channel < 3:
+        return set()
+    gap, pairs = np.diff(np.log(frequency)), set()
+    for k in np.argsort(gap):
+        if gap[k] <= max(CLOSE, damping[k] + damping[k + 1]) and not {k, k + 1} & taken:
+            pairs.add((int(k), int(k) + 1))
+            taken |= {int(k), int(k) + 1}
+    return pairs
+
+
+def evenly(state: Sequence[str], most: int = MOST_BLOCKS) -> list[int]:
+    """Numbers of at most about `most` blocks, ascending, evenly over the campaign and each state by its share, but of
+    every state at least 48 where it has them."""
+    if len(state) <= most:
+        return list(range(len(state)))
+    chosen: list[int] = []
+    for name in dict.fromkeys(state):
+        mine = [k for k, one in enumerate(state) if one == name]
+        count = min(len(mine), max(48, round(most * len(mine) / len(state))))
+        chosen += [mine[int(i)] for i in np.linspace(0, len(mine) - 1, count)]
+    return sorted(set(chosen))
+
+

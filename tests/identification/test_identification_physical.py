@@ -1,0 +1,181 @@
+"""Modes out of made-up poles: what comes back is found, weak or turning; the rotor's, the sea's and doubles are not."""
+
+import numpy as np
+import pytest
+
+from probupdate.errors import InputError
+from probupdate.identification.block_poles import STAY, TAKEN_OUT
+from probupdate.identification.classification import ClassifierSettings, PoleStack
+from probupdate.identification.identify import harmonics_removed
+from probupdate.identification.physical import (
+    MOST_BLOCKS,
+    PersistenceSettings,
+    block_candidates,
+    evenly,
+    gathered,
+    physical_modes,
+)
+from probupdate.modes import mac, plane_mac
+
+MODES_HZ, N_BLOCK, ORDERS = (0.33, 1.25, 1.9), 30, (14, 16, 18, 20, 22)
+
+
+def stack(rng, rows, n_noise=4, orders=ORDERS) -> PoleStack:
+    """rows: (frequency, damping, shape (12,), orders) of what comes back, with a little noise; poles of noise anywhere,
+    of random shape, at one order each."""
+    order, frequency, damping, shape = [], [], [], []
+    for f, zeta, column, where in rows:
+        for n in where:
+            order.append(n)
+            frequency.append(f * (1 + 5e-4 * rng.standard_normal()))
+            damping.append(zeta)
+            shape.append(column + 0.02 * (rng.standard_normal(12) + 1j * rng.standard_normal(12)))
+    for _ in range(n_noise):
+        order.append(int(rng.choice(orders)))
+        frequency.append(np.exp(rng.uniform(np.log(0.1), np.log(2.4))))
+        damping.append(rng.uniform(0.005, 0.1))
+        shape.append(rng.standard_normal(12) + 1j * rng.standard_normal(12))
+    return PoleStack(order=np.array(order), frequency_hz=np.array(frequency), damping_ratio=np.array(damping),
+                     shape=np.array(shape).T)
+
+
+def found_in(stacks, **how):
+    parts = [block_candidates(one, k, ClassifierSettings(), PersistenceSettings()) for k, one in enumerate(stacks)]
+    return physical_modes(gathered(parts), n_block=len(stacks), **how)
+
+
+def plain(rng, extra=()):
+    rows = [(f * (1 + 2e-3 * rng.standard_normal()), 0.01, np.eye(12)[k], ORDERS) for k, f in enumerate(MODES_HZ)]
+    return stack(rng, [*rows, *extra])
+
+
+def swept(speeds_rpm):
+    return [np.outer([1, 3], [0.98 * rpm / 60, 1.02 * rpm / 60]) for rpm in speeds_rpm]
+
+
+def test_three_modes_among_noise_and_their_ranges():
+    rng = np.random.default_rng(1)
+    found = found_in([plain(rng) for _ in range(N_BLOCK)])
+    assert found.modes.labels == ("1", "2", "3") and found.notes == ()
+    # means of thirty draws of 0.2 %
+    assert found.modes.frequency_hz == pytest.approx(MODES_HZ, rel=2e-3)
+    assert np.all(found.modes.range_hz[:, 0] < MODES_HZ) and np.all(found.modes.range_hz[:, 1] > MODES_HZ)
+    assert np.diag(mac(found.modes.shape, np.eye(12)[:, :3])).min() > 0.99
+
+
+@pytest.mark.parametrize(("blocks", "orders"), [(range(N_BLOCK), (20,)), (range(0, N_BLOCK, 4), ORDERS)],
+                         ids=["at one order of five in every block", "at all orders of every fourth block"])
+def test_a_weak_or_seldom_excited_mode_is_found_by_all_blocks_together(blocks, orders):
+    rng = np.random.default_rng(2)
+    weak = (0.8, 0.01, np.eye(12)[5], orders)
+    found = found_in([plain(rng, [weak] if k in blocks else []) for k in range(N_BLOCK)])
+    assert found.modes.frequency_hz == pytest.approx([0.33, 0.8, 1.25, 1.9], rel=3e-3)
+
+
+def test_a_mode_of_one_turbine_state_is_found_by_its_state():
+    rng = np.random.default_rng(3)
+    state = ["rated" if k < 12 else "idling" for k in range(120)]
+    stacks = [plain(rng, [(0.8, 0.01, np.eye(12)[5], (18, 20))] if k < 12 else []) for k in range(120)]
+    assert len(found_in(stacks).modes.labels) == 3
+    assert len(found_in(stacks, state=state).modes.labels) == 4
+
+
+def test_noise_alone_is_no_mode():
+    rng = np.random.default_rng(4)
+    with pytest.raises(InputError, match="no pole comes back over the model orders and the 20 blocks"):
+        found_in([stack(rng, [], n_noise=30) for _ in range(20)])
+
+
+def test_a_close_pair_that_turns_with_every_block_is_one_plane():
+    """0.5 % apart and turned at random: the chain of directions is the plane, of two modes."""
+    rng = np.random.default_rng(5)
+    stacks = []
+    for _ in range(N_BLOCK):
+        a = rng.uniform(0, np.pi)
+        first, second = np.zeros(12), np.zeros(12)
+        first[:2], second[:2] = (np.cos(a), np.sin(a)), (-np.sin(a), np.cos(a))
+        stacks.append(stack(rng, [(0.330, 0.01, first, ORDERS), (0.3317, 0.012, second, ORDERS),
+                                  (1.25, 0.01, np.eye(12)[4], ORDERS)]))  # fmt: skip
+    found = found_in(stacks).modes
+    assert found.labels == ("1", "2", "3") and found.pairs == ((0, 1),)
+    assert plane_mac(found.shape[:, [0, 1]], np.eye(12)[:, :2]) > 0.99
+
+
+def test_a_step_of_five_percent_stays_one_mode():
+    rng = np.random.default_rng(6)
+    rows = [[(1.25 * (1 if k < 15 else 0.95), 0.01, np.eye(12)[4], ORDERS)] for k in range(N_BLOCK)]
+    found = found_in([stack(rng, row) for row in rows]).modes
+    assert found.labels == ("1",) and found.range_hz[0, 0] < 1.19 and found.range_hz[0, 1] > 1.249
+
+
+def test_what_has_a_strong_mode_s_shape_beside_it_is_its_double_and_said():
+    rng = np.random.default_rng(7)
+    stacks = [plain(rng, [(1.1, 0.02, np.eye(12)[1], (14, 16, 18))] if k % 3 == 0 else []) for k in range(N_BLOCK)]
+    found = found_in(stacks)
+    assert len(found.modes.labels) == 3
+    assert any(text.startswith("1.100 Hz comes back with the shape of 1.2") for text in found.notes)
+
+
+def test_what_the_sea_drives_is_left_out_and_said():
+    rng = np.random.default_rng(8)
+    stacks = [plain(rng, [(0.45, 0.05, np.eye(12)[5], ORDERS)]) for _ in range(4)]
+    assert len(found_in(stacks).modes.labels) == 4
+    found = found_in(stacks, wave_hz=[0.44] * 4)
+    assert len(found.modes.labels) == 3 and "0.450 Hz lies at the waves' peak" in found.notes[0]
+    # hardly damped it is no sea
+    light = [plain(rng, [(0.45, 0.01, np.eye(12)[5], ORDERS)]) for _ in range(4)]
+    assert len(found_in(light, wave_hz=[0.44] * 4).modes.labels) == 4
+
+
+def record(speeds_rpm, seed=1):
+    """Blocks with three modes and a line at 3P of each block's speed."""
+    rng = np.random.default_rng(seed)
+    return [plain(rng, [(3 * rpm / 60, 0.01, np.eye(12)[7], ORDERS)]) for rpm in speeds_rpm]
+
+
+def test_a_line_that_moves_with_the_rotor_is_left_out_and_said():
+    # each speed holds in a third of the blocks, enough for its line to pass for a mode
+    speeds = np.tile([8.0, 10.0, 12.0], N_BLOCK // 3)
+    assert len(found_in(record(speeds)).modes.labels) == 6
+    found = found_in(record(speeds), bands=swept(speeds))
+    assert found.modes.frequency_hz == pytest.approx(MODES_HZ, rel=3e-3)
+    assert [t.split()[0] for t in found.notes] == ["0.400", "0.500", "0.600"]
+    assert all("moves with the rotor's speed" in t for t in found.notes)
+
+
+def test_a_mode_that_the_rotor_crosses_now_and_then_stays():
+    # 3P passes 0.33 Hz at 6.6 rpm in a third of the blocks
+    speeds = np.where(np.arange(N_BLOCK) % 3 == 0, 6.6, 12.0)
+    rng = np.random.default_rng(5)
+    found = found_in([plain(rng) for _ in range(N_BLOCK)], bands=swept(speeds))
+    assert found.modes.frequency_hz == pytest.approx(MODES_HZ, rel=3e-3) and found.notes == ()
+
+
+def test_at_a_constant_speed_a_line_is_kept_and_doubted():
+    speeds = np.full(N_BLOCK, 12.0)
+    found = found_in(record(speeds), bands=swept(speeds))
+    assert len(found.modes.labels) == 4
+    (sentence,) = found.notes
+    assert sentence.startswith("0.600 Hz") and "may be its line" in sentence
+
+
+def test_months_are_thinned_out_evenly_and_rare_states_less():
+    state = ["idling"] * 1400 + ["rated"] * 40
+    chosen = evenly(state)
+    assert len(chosen) <= MOST_BLOCKS + 40 and sum(k >= 1400 for k in chosen) == 40
+    assert max(np.diff([k for k in chosen if k < 1400])) <= 3
+    assert evenly(state[:100]) == list(range(100))
+
+
+def test_settings_that_make_no_sense_are_refused():
+    with pytest.raises(InputError, match="share: 0 is not in"):
+        PersistenceSettings(share=0)
+
+
+def test_what_became_of_harmonics_is_counted():
+    notes = [f"{TAKEN_OUT}3P, 6P"] * 3 + [f"{TAKEN_OUT}3P"]
+    notes += [f"{STAY}the rotor stood or idled: {rpm} rpm" for rpm in (0.3, 1)]
+    assert harmonics_removed([*notes, "gaps of up to 1 s interpolated"]) == [
+        "harmonics taken out in 4 of 6 blocks: 3P in 4, 6P in 3",
+        "harmonics stay in 2 blocks: the rotor stood or idled"]  # fmt: skip
+    assert harmonics_removed(["gaps"]) == []
