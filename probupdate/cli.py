@@ -143,7 +143,7 @@ def run_update(a: argparse.Namespace, progress: Progress) -> None:
     result = probupdate.update(
         a.model, a.modes, parameters=a.parameters, set_id=a.set, weights=weights_option(a), alpha=a.alpha,
         frequencies=a.frequencies, shapes=a.shapes, method=a.method, discrepancy=a.discrepancy, tolerances=a.tolerances,
-        iterations=a.iterations, progress=progress)
+        iterations=a.iterations, every_mode=a.every_mode, progress=progress)
     result.write(a.out)
     say(result.summary)
     say(f"wrote {a.out}")
@@ -156,7 +156,7 @@ def run_sample(a: argparse.Namespace, progress: Progress) -> None:
         a.model, a.modes, a.out, parameters=a.parameters, set_id=a.set, weights=weights_option(a), seed=a.seed,
         frequencies=a.frequencies, shapes=a.shapes, ensembles=a.ensembles, discrepancy=a.discrepancy,
         tolerances=a.tolerances,
-        target_ess=a.ess, max_steps=a.max_steps, progress=progress)
+        target_ess=a.ess, max_steps=a.max_steps, every_mode=a.every_mode, progress=progress)
     say(result.summary)
     say(f"wrote {a.out}")
 
@@ -372,8 +372,13 @@ def build_parser() -> argparse.ArgumentParser:
     p.add_argument("--state", help="blocks of that turbine state only, such as idling")
     p.add_argument("--out", required=True, help="table as CSV")
 
+    def on_every_mode(p: argparse.ArgumentParser) -> None:
+        p.add_argument("--every-mode", action="store_true", help="take modes beyond those of interest too, where "
+                       "identification found them alike to the model's")
+
     p = verb("update", run_update, "the sensitivity-based Tikhonov update in both readings, for every set")
     on_modes(p)
+    on_every_mode(p)
     p.add_argument("--alpha", type=alpha_option, default=1.0,
                    help="regularisation coefficient of Eq. 6 (1), or the rule that chooses it: l-curve, discrepancy, "
                    "evidence")
@@ -384,6 +389,7 @@ def build_parser() -> argparse.ArgumentParser:
 
     p = verb("sample", run_sample, "the posterior of the same problem by emcee; resumes where it was stopped")
     on_modes(p)
+    on_every_mode(p)
     p.add_argument("--ess", type=positive(int), default=1000, help="effective draws of the worst parameter (1000)")
     p.add_argument("--ensembles", type=positive(int), default=1, help="independent ensembles, judged together (1)")
     p.add_argument("--max-steps", type=positive(int), default=20000, help="give up, and say so, after these (20000)")

@@ -172,8 +172,8 @@ class ModeRecord:
     """What an identification says of one mode of a campaign.
 
     frequency_hz, frequency_std_hz, damping_ratio: mean, scatter and median over the `found` of `blocks` usable blocks
-    that have it; detection: turbine state -> (found, blocks). pair: compared by the plane with its mate. match: 'alike',
-    'unlike' or 'none', of the model that it was held against; '' without one. model_label, model_frequency_hz: its
+    that have it; detection: turbine state -> (found, blocks). pair: compared by the plane with its mate. match:
+    'alike', 'unlike' or 'none', of the model that it was held against; '' without one. model_label, model_frequency_hz: its
     counterpart there; mac: mean over the blocks of the MAC (of a pair, S2MAC to the measured plane), mac_std its
     scatter, own_mac that of the single shapes; frequency_ratio, frequency_ratio_std: measured over the model's.
     alternatives: (label, probability) of the modes of the model that it may be. NaN: not known.
@@ -253,6 +253,14 @@ class ModalData:
         return replace(self, sets=tuple(s.of_modes(columns) for s in self.sets),
                        labels=tuple(self.labels[j] for j in columns) if self.labels else (),
                        records=tuple(self.records[j] for j in columns) if self.records else ())  # fmt: skip
+
+    def compared(self, every: bool = False) -> ModalData:
+        """The modes that are compared with a model: those of interest, by their names; with `every` also those that
+        have a number but look like another mode of the model. All, where no identification says what they are."""
+        if not any(r.match for r in self.records):
+            return self
+        kept = [j for j, r in enumerate(self.records) if not r.label.isdigit() or (every and r.match == "alike")]
+        return self if len(kept) in (0, self.n_mode) else self.of_modes(kept)
 
     def set(self, id: str | None = None) -> ModalSet:
         """The set of that id; without one the reference set, or the first."""
@@ -401,7 +409,8 @@ def _records(path: Path, content: Mapping, key: str, kind: type) -> tuple:
         try:
             found.append(kind(**value))
         except TypeError:
-            raise InputError(where, f"lacks one of {', '.join(known)}", "identify again, or leave the key out") from None
+            raise InputError(where, f"lacks one of {', '.join(known)}",
+                             "identify again, or leave the key out") from None
     return tuple(found)
 
 

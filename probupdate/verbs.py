@@ -24,7 +24,7 @@ from probupdate.errors import InputError
 from probupdate.estimators.discrepancy import state_model_error
 from probupdate.estimators.ensemble import SamplerSettings
 from probupdate.estimators.posterior_file import Posterior, read_posterior, write_posterior
-from probupdate.estimators.update_file import UpdateRecord, read_update
+from probupdate.estimators.update_file import UNLIKE, UpdateRecord, read_update
 from probupdate.estimators.updating import deterministic_update, sample_posterior
 from probupdate.identification.criteria import read_criteria
 from probupdate.identification.identify import Identification, SSISettings
@@ -335,17 +335,42 @@ def _likelihood(
     return state_model_error(model, data, weights=chosen, discrepancy=discrepancy, set_id=set_id, progress=progress)
 
 
-def _modal_data(modes: str | Path | ModalData, set_id: str | None) -> ModalData:
-    """Sets of which at least one mode was identified; the others cannot be updated."""
-    data = modes if isinstance(modes, ModalData) else read_modes(modes)
+def _modal_data(modes: str | Path | ModalData, set_id: str | None, every_mode: bool = False) -> ModalData:
+    """Sets of which at least one mode was identified, as the others cannot be updated; of their modes those that are
+    compared with a model."""
+    whole = modes if isinstance(modes, ModalData) else read_modes(modes)
+    data = whole.compared(every_mode)
     kept = tuple(s for s in data.sets if np.any(s.measured))
     if set_id is not None:
         data.set(set_id)
     if not kept:
-        where = "modes" if data is modes else str(modes)
+        where = "modes" if whole is modes else str(modes)
         raise InputError(where, "no set has an identified mode", "check the identification")
     reference = data.reference_set if any(s.id == data.reference_set for s in kept) else None
     return replace(data, sets=kept, reference_set=reference)
+
+
+def unmatched(modes: str | Path | ModalData, every_mode: bool = False) -> dict[str, tuple[str, ...]]:
+    """What the identification said of modes and model that do not match: sentences on measured modes that are 'left
+    out', and on those that are 'taken' although they look unlike the model's."""
+    whole = modes if isinstance(modes, ModalData) else read_modes(modes)
+    used = whole.compared(every_mode).labels
+    left, taken = [], []
+    for one in whole.records:
+        place = f"{one.label} ({one.frequency_hz:.4g} Hz, in {one.found} of {one.blocks} blocks)"
+        if not one.found or not one.match:
+            continue
+        if one.label in used and one.match == "unlike":
+            taken.append(f"{place}: MAC {one.mac:.2f} with the model's {one.model_label}, which it looks unlike; a "
+                         "parameter that bends that shape may be missing (probupdate diagnose)")  # fmt: skip
+        elif one.label not in used and one.match == "none":
+            left.append(f"{place}: no mode of the model is like it")
+        elif one.label not in used:
+            left.append(f"{place}: the model's {one.model_label} (MAC {one.mac:.2f}), not one of interest; "
+                        "--every-mode takes those that are alike")  # fmt: skip
+    left += [f"the model's {one.label} ({one.frequency_hz:.4g} Hz): in no block, although the excitation should show it"
+             for one in whole.model_only if one.expected]  # fmt: skip
+    return {"left out": tuple(left), "taken": tuple(taken)}
 
 
 def update(
@@ -362,6 +387,7 @@ def update(
     alpha: float | str = 1.0,
     method: str = "gauss-newton",
     iterations: int = 50,
+    every_mode: bool = False,
     progress: Progress = silent,
 ) -> UpdateRecord:
     """The sensitivity-based Tikhonov update (Eq. 4-7) in both readings, the MAP, and the same for every set.
@@ -371,8 +397,9 @@ def update(
     structure, soil, rotor-nacelle assembly and sensors are marginalised; `discrepancy`: share of every frequency that
     the model may miss beside them, ten times that of shapes, or 'auto', as large as the misfit says. Both are on by
     default where `weights` are the measurement's own, "measured" or "covariance".
+    every_mode: also modes that identification numbered, where they are alike to one of the model's.
     """
-    data = _modal_data(modes, set_id)
+    data = _modal_data(modes, set_id, every_mode)
     model_at, modal_set = _Surroundings(model, parameters, str(modes)), data.set(set_id)
     chosen = _likelihood(weights, model_at(modal_set), data, set_id=set_id, frequencies=frequencies, shapes=shapes,
                          discrepancy=discrepancy, tolerances=tolerances, progress=progress)  # fmt: skip
@@ -380,7 +407,11 @@ def update(
         model_at(modal_set), data, set_id=set_id, alpha=alpha, iterations=iterations, method=method, weights=chosen,
         model_at=model_at, progress=progress,
     )
-    return replace(record, settings=record.settings | model_at.setting(modal_set))
+    said = unmatched(modes, every_mode)
+    settings = record.settings | model_at.setting(modal_set)
+    if said["taken"]:
+        settings |= {UNLIKE: "; ".join(said["taken"])}
+    return replace(record, settings=settings, left_out=(*record.left_out, *said["left out"]))
 
 
 def sample(
@@ -399,12 +430,13 @@ def sample(
     target_ess: int = 1000,
     max_steps: int = 20000,
     ensembles: int = 1,
+    every_mode: bool = False,
     executor: Executor | None = None,
     progress: Progress = silent,
 ) -> Posterior:
     """Sample the posterior of the same problem into `out`; the chain is kept beside it (`<out>.chain/`) and goes on
     where it stopped. `executor` (concurrent.futures) runs several `ensembles` side by side, with the same numbers."""
-    data = _modal_data(modes, set_id)
+    data = _modal_data(modes, set_id, every_mode)
     out = Path(out)
     settings = SamplerSettings(seed=seed, target_ess=target_ess, max_steps=max_steps, ensembles=ensembles)
     model_at, modal_set = _Surroundings(model, parameters, str(modes)), data.set(set_id)
@@ -534,6 +566,7 @@ def diagnose(
     from probupdate.diagnosis.run import diagnose_files
 
     data = modes if isinstance(modes, ModalData) else read_modes(modes)
+    data = data if model is None else data.compared()
     # before a minute of preparation is spent on them
     gather(data, "modes" if isinstance(modes, ModalData) else str(modes))
     records = read_campaign(campaign) if campaign else None

@@ -24,6 +24,10 @@ ACCUSED = 3.0
 SCHEME_NAMES = {"step": "Eq. 7 as printed (penalty on the step)", "prior": "anchored (penalty on the prior)"}
 
 
+# the setting that names measured modes which were taken though they look unlike the model's
+UNLIKE = "modes unlike the model's"
+
+
 @dataclass(frozen=True, eq=False, kw_only=True)
 class SchemeRecord:
     """One reading of Eq. 7: theta (n_iteration + 1, n_param); objective: term -> (n_iteration + 1,);
@@ -178,6 +182,8 @@ def summary(record: UpdateRecord) -> str:
     lines += _alphas(record)
     for name, values in record.derived.items():
         lines.append(f"{name}: {values['initial']:.3g} -> {values['map']:.3g} N/m at the MAP")
+    if UNLIKE in record.settings:
+        lines.append(f"taken although unlike the model's: {record.settings[UNLIKE]}")
     lines += [f"left out: {text}" for text in record.left_out]
     if record.other_maxima:
         nearest = record.other_maxima[0]

@@ -2,8 +2,8 @@
 
 Two classifiers stand side by side. `paper_criteria`: MAC above 0.80 to a mode of the model, then complexity near the
 P-frequencies. `block_criteria` here and `tracking.track` after it: against the modes that the campaign's own poles show
-(`physical`), shapes of close pairs against the plane of the pair, harmonics by the rotor speed, deviations, agreement of
-the model orders, and frequencies followed over the campaign.
+(`physical`), shapes of close pairs against the plane of the pair, harmonics by the rotor speed, deviations, agreement
+of the model orders, and frequencies followed over the campaign.
 """
 
 from __future__ import annotations

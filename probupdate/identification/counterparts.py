@@ -31,8 +31,9 @@ SEEN = 0.05
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Likenesses:
-    """Means over blocks: plane, own (n_mode, n_model) S2MAC to the plane of a measured or of the model's pair, the larger
-    (of single modes their MAC), and MAC; plane_std their scatter; ratio, ratio_std (n_mode, n_model) of measured over the model's frequency."""
+    """Means over blocks: plane, own (n_mode, n_model) S2MAC to the plane of a measured or of the model's pair, the
+    larger (of single modes their MAC), and MAC; plane_std their scatter; ratio, ratio_std (n_mode, n_model) of measured
+    over the model's frequency."""
 
     plane: np.ndarray
     plane_std: np.ndarray
@@ -58,7 +59,8 @@ def likenesses(
         there = [k for k, s in enumerate(sets) if s.measured[j]]
         if not there:
             continue
-        some = [there[int(k)] for k in np.unique(np.linspace(0, len(there) - 1, min(len(there), MOST_BLOCKS)).astype(int))]
+        count = min(len(there), MOST_BLOCKS)
+        some = [there[int(k)] for k in np.linspace(0, len(there) - 1, count)]
         values, single = [], []
         for k in some:
             shape, model = sets[k].shape, turned_to[k].shape
@@ -113,7 +115,8 @@ def mode_records(
         }
         if model is not None:
             i = partner.get(j)
-            likely = [] if probability is None else [int(k) for k in np.argsort(-probability[j]) if probability[j, k] > 0.01]
+            likely = [] if probability is None else [
+                int(k) for k in np.argsort(-probability[j]) if probability[j, k] > 0.01]
             found["alternatives"] = tuple((model.labels[k], float(probability[j, k])) for k in likely[:3])
             if i is None:
                 found["match"] = "none"

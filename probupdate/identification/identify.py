@@ -63,8 +63,8 @@ class SSISettings(BlockSettings):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Identification:
-    """data: a modal set a block, NaN where a mode was not found, with a record of each mode: where it was found and what
-    it is in the model; poles: every pole with its criterion.
+    """data: a modal set a block, NaN where a mode was not found, with a record of each mode: where it was found and
+    what it is in the model; poles: every pole with its criterion.
 
     poles has the columns time (UTC, start of the block), frequency_hz, damping_ratio, mpc, mac and mode (best single
     MAC to the model's modes of interest and that mode; for a kept pole the mode it was taken for), similarity (to the

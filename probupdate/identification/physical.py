@@ -140,7 +140,8 @@ def _without_doubles(found: list[tuple]) -> list[tuple]:
 def gathered(parts: Sequence[Candidates]) -> Candidates:
     return Candidates(
         block=np.concatenate([p.block for p in parts]), share=np.concatenate([p.share for p in parts]),
-        ln_frequency=np.concatenate([p.ln_frequency for p in parts]), damping=np.concatenate([p.damping for p in parts]),
+        ln_frequency=np.concatenate([p.ln_frequency for p in parts]),
+        damping=np.concatenate([p.damping for p in parts]),
         shape=np.concatenate([p.shape for p in parts], axis=1))
 
 
@@ -231,8 +232,8 @@ def physical_modes(
     state: the turbine's in each block, so that a mode of one state is found too; bands: (n_harmonic, 2) Hz that
     multiples of the rotor's speed swept in each: what moves with them is left out; where the rotor hardly changes its
     speed a line cannot be told from a mode, which is said. wave_hz: the waves' peak in each block, NaN where it was not
-    measured; what lies there, damped as a sea is, is left out. angle_deg: where the nacelle looked, counter-clockwise from
-    x; a pair of horizontal motions is then taken to turn with it. Raises InputError where nothing comes back.
+    measured; what lies there, damped as a sea is, is left out. angle_deg: where the nacelle looked, counter-clockwise
+    from x; a pair of horizontal motions is then taken to turn with it. Raises InputError where nothing comes back.
     """
     settings = settings or PersistenceSettings()
     notes: list[str] = []
@@ -263,8 +264,8 @@ def physical_modes(
     notes += [f"{np.exp(one.ln_frequency):.3f} Hz lies at a multiple of the rotor's speed, which hardly varies: it may "
               "be its line" for one in sorted(found, key=lambda x: x.ln_frequency) if swept[one.rows].mean() > FOLLOWS]
     waves = [one for one in found if _of_waves(candidates, one, wave_hz)]
-    notes += [f"{np.exp(one.ln_frequency):.3f} Hz lies at the waves' peak of its blocks, with {100 * one.damping:.1f} % of "
-              "damping: the sea's, left out" for one in waves]
+    notes += [f"{np.exp(one.ln_frequency):.3f} Hz lies at the waves' peak of its blocks, with a damping of "
+              f"{100 * one.damping:.1f} %: the sea's, left out" for one in waves]
     groups, doubles = _grouped(candidates, [one for one in found if all(one is not x for x in waves)])
     notes += [f"{np.exp(one.ln_frequency):.3f} Hz comes back with the shape of {np.exp(twin.ln_frequency):.3f} Hz, at "
               "few of its blocks and orders: left out as its double" for one, twin in doubles]
@@ -292,8 +293,8 @@ def _cluster(c: Candidates, rows: np.ndarray, weight: float) -> _Cluster:
 
 
 def _steady(inside: Candidates, block_seconds: float) -> bool:
-    """Whether a cluster's frequency is one of a structure, which neither wanders far nor jumps from block to block, as a
-    wave's period does; asked of five blocks or more. What a record can tell at best is the Cramer-Rao bound."""
+    """Whether a cluster's frequency is one of a structure, which neither wanders far nor jumps from block to block, as
+    a wave's period does; asked of five blocks or more. What a record can tell at best is the Cramer-Rao bound."""
     if np.ptp(np.quantile(inside.ln_frequency, [0.1, 0.9])) > LARGEST_SPREAD:
         return False
     blocks = np.unique(inside.block)
@@ -340,8 +341,8 @@ def _inside(a: _Cluster, plane: np.ndarray) -> bool:
 
 
 def _grouped(c: Candidates, clusters: list[_Cluster]) -> tuple[list[list[_Cluster]], list[tuple[_Cluster, _Cluster]]]:
-    """Clusters of one mode or one pair together, heaviest first: a mode that moved, a plane's directions; and those that
-    are doubles of a heavier one, with that one.
+    """Clusters of one mode or one pair together, heaviest first: a mode that moved, a plane's directions; and those
+    that are doubles of a heavier one, with that one.
 
     What has the direction of a heavier one, or lies in its plane, and half its weight at most is its double, from noise
     or from waves; what shares hardly a block with it is the same mode before or after a change. Where channels are too

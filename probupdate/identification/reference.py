@@ -14,8 +14,8 @@ from probupdate.modes import Sensor, frozen_array
 class ReferenceModes:
     """Modes of interest: labels (FA1, SS1, ...), frequency_hz (n_mode,), shape (n_channel, n_mode) real, at the
     campaign's channels and in its quantity's proportions. `pairs`: modes so close that only their plane is identified
-    by the data; every other mode stands alone. turning: pairs (fore-aft, side-side) that turn with the nacelle; without,
-    those labelled FAk, SSk. range_hz (n_mode, 2): where each mode's poles lie over the campaign, where that is known.
+    by the data; every other mode stands alone. turning: pairs (fore-aft, side-side) that turn with the nacelle;
+    without, those labelled FAk, SSk. range_hz (n_mode, 2): where each mode's poles lie over the campaign, where known.
     """
 
     labels: tuple[str, ...]
@@ -75,7 +75,8 @@ class ReferenceModes:
         """These modes and after them the others."""
         n = len(self.labels)
         return ReferenceModes(
-            labels=(*self.labels, *others.labels), frequency_hz=np.concatenate([self.frequency_hz, others.frequency_hz]),
+            labels=(*self.labels, *others.labels),
+            frequency_hz=np.concatenate([self.frequency_hz, others.frequency_hz]),
             shape=np.concatenate([self.shape, others.shape], axis=1),
             pairs=(*self.pairs, *((i + n, j + n) for i, j in others.pairs)),
             turning=(*self.turning, *((i + n, j + n) for i, j in others.turning)))
@@ -121,7 +122,7 @@ def along_axes(plane: np.ndarray, sensors: tuple[Sensor, ...]) -> np.ndarray | N
     least = 0.3 * np.linalg.norm(axes, axis=0) * np.sqrt(motion.shape[1] / len(plane))
     if np.any(across > 0.5) or np.any(np.diag(size) < least):
         return None
-    # both with the sense of the largest horizontal motion along their axis, so that a quarter turn takes one to the other
+    # both with the sense of the largest horizontal motion along their axis: a quarter turn takes one to the other
     for axis in range(2):
         along_it = horizontal(axes[:, axis], sensors)[:, axis]
         axes[:, axis] *= np.sign(along_it[np.argmax(np.abs(along_it))])

@@ -107,7 +107,7 @@ def select(
     if deviations == CAMPAIGN:
         overall = scatter[scatter["state"] == "all"]["cov"].to_numpy()
         chosen = _with_campaign_scatter(chosen, sets, good, overall, pairs)
-    result = ModalData(channels=data.channels, sets=tuple(chosen), labels=data.labels, reference_set=sets[order[0]].id)
+    result = replace(data, sets=tuple(chosen), reference_set=sets[order[0]].id)
     table = pd.DataFrame({
         "id": [s.id for s in sets], "state": [str(s.environment.get("state", "unknown")) for s in sets],
         "criterion": [names[0] if names else "" for names in failed], "failed": ["; ".join(names) for names in failed],

@@ -18,6 +18,13 @@ from probupdate.reporting.viewer import ShapedModes
 N_PLAIN = 6
 
 
+def compared_modes(data: ModalData | None, update: UpdateRecord | None) -> ModalData | None:
+    """The measured modes that stand beside the model's: those of the update, or those that one would take."""
+    if data is None or update is None or not data.labels or not set(update.labels) <= set(data.labels):
+        return None if data is None else data.compared()
+    return data.of_modes([data.labels.index(label) for label in update.labels])
+
+
 def drawn_set(data: ModalData | None, update: UpdateRecord | None) -> ModalSet | None:
     """The set that was updated on, or, where it is not among these, the one an update would take."""
     if data is None:

@@ -9,7 +9,7 @@ import numpy as np
 from probupdate.modes import rotate_to_real
 from probupdate.reporting import figures
 from probupdate.reporting.elements import Notice, Picture, Section, Viewer
-from probupdate.reporting.model_values import drawn_set
+from probupdate.reporting.model_values import compared_modes, drawn_set
 from probupdate.reporting.values import Run
 from probupdate.reporting.viewer import align, viewer_data
 
@@ -28,7 +28,7 @@ def modes_section(run: Run) -> Section:
         text = "a model with geometry, so the modes cannot be drawn."
         return Section(anchor="modes", title=title, items=(Notice(level="missing", text=text),))
     sensors = run.campaign.sensors if run.campaign else ()
-    update, modes = run.update, run.nine or run.modes
+    update, modes = run.update, compared_modes(run.nine or run.modes, run.update)
     labels = run.model.labels
     measured_hz = measured_shape = None
     chosen = drawn_set(modes, update)
@@ -73,7 +73,7 @@ def _said(measured: bool, updated: bool) -> str:
 
 
 def _shapes_by_channel(run: Run) -> Picture | None:
-    data = run.nine or run.modes
+    data = compared_modes(run.nine or run.modes, run.update)
     chosen = drawn_set(data, run.update)
     if chosen is None or not chosen.measured.any():
         return None

@@ -22,7 +22,7 @@ from probupdate.model import Model
 from probupdate.modes import ModalData, ModalSet, read_modes
 from probupdate.progress import Progress
 from probupdate.reporting.campaign_values import campaign_values, truth_values
-from probupdate.reporting.model_values import drawn_set, model_values
+from probupdate.reporting.model_values import compared_modes, drawn_set, model_values
 from probupdate.reporting.paper_tables import is_the_jacket
 from probupdate.reporting.values import CampaignValues, Run
 
@@ -73,7 +73,7 @@ def read_run(folder: Path, progress: Progress) -> Run:
     posterior = read("posterior.nc", read_posterior)
     comparison = read("compare.json", read_comparison)
     diagnosis = read("diagnosis.json", read_diagnosis)
-    data = nine or modes
+    data = compared_modes(nine or modes, update)
     model = read("model", lambda path: _load_model(path, head, folder, campaign, drawn_set(data, update)))
     progress("reading the run", steps, steps)
     _refuse_strangers(folder, model, update, posterior, comparison)
