@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import errno
 import os
+import signal
 import sys
 import tempfile
 import time
@@ -13,7 +15,8 @@ from pathlib import Path
 from typing import NoReturn
 
 from probupdate import __version__
-from probupdate.errors import InputError, ProbupdateError
+from probupdate.errors import InputError, ProbupdateError, plain
+from probupdate.files import write_text
 from probupdate.progress import Progress
 
 MODEL_HELP = "model.toml, a SubDyn .dat, or model.npz with --parameters; 'design', 'as_built', 'updated' name the reference turbine"
@@ -53,8 +56,39 @@ def terminal_progress() -> Iterator[Progress]:
 
 def say(text: str) -> None:
     """Results go to standard output, progress and errors to standard error."""
-    sys.stdout.write(text.rstrip("\n") + "\n")
+    if sys.stdout is None:
+        return
+    # names out of files may hold what a terminal obeys, or what its encoding has not
+    text = plain(text.rstrip("\n"), keep="\n\t") + "\n"
+    encoding = sys.stdout.encoding or "utf-8"
+    sys.stdout.write(text.encode(encoding, "backslashreplace").decode(encoding))
     sys.stdout.flush()
+
+
+def complain(text: str) -> None:
+    """One line on standard error, if that is still there."""
+    with contextlib.suppress(OSError, AttributeError, ValueError):
+        sys.stderr.write(plain(text) + "\n")
+        sys.stderr.flush()
+
+
+@contextlib.contextmanager
+def ended_by_signals() -> Iterator[None]:
+    """SIGTERM ends a run as Ctrl-C does: temporary files are removed, processes ended."""
+
+    def end(number: int, frame: object) -> NoReturn:
+        raise KeyboardInterrupt
+
+    try:
+        before = signal.signal(signal.SIGTERM, end)
+    except ValueError:
+        # not in the main thread: whoever runs this there answers for signals
+        yield
+        return
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
 
 
 # One function a verb: arguments in, files out, a few lines said. ---------------------------------------------------
@@ -78,7 +112,7 @@ def run_modes(a: argparse.Namespace, progress: Progress) -> None:
 
     result = probupdate.model_modes(a.model, a.count, parameters=a.parameters)
     if a.out:
-        Path(a.out).write_text(result.text() + "\n", encoding="utf-8")
+        write_text(a.out, result.text() + "\n")
     say(result.text() if a.json else result.summary)
 
 
@@ -453,6 +487,13 @@ WRITE_FOLDERS = ("convert", "demo", "simulate", "figures")
 def refuse_unwritable(out: str, *, folder: bool) -> None:
     """Before hours of work, not after them: a result that cannot be written. Directories to it are made later."""
     path = Path(out)
+    try:
+        path.stat()
+    except (FileNotFoundError, NotADirectoryError):
+        pass
+    except (OSError, ValueError) as error:
+        raise InputError(out, f"is no usable name ({getattr(error, 'strerror', None) or error})",
+                         "name another place") from None
     if folder and path.exists() and not path.is_dir():
         raise InputError(out, "is a file where a directory is to be written", "name a directory")
     if not folder and path.is_dir():
@@ -469,14 +510,41 @@ def refuse_unwritable(out: str, *, folder: bool) -> None:
                          "name another place, or change its permissions") from None
 
 
+def _exists(path: Path) -> bool:
+    try:
+        return path.exists()
+    except (OSError, ValueError):
+        return False
+
+
 def refuse_overwriting(a: argparse.Namespace) -> None:
     """A result in the place of what it is made from would be the end of that."""
     given = [v for key, value in vars(a).items() if key not in ("out", "verb", "action")
              for v in (value if isinstance(value, list) else [value]) if isinstance(v, str)]
     target = Path(a.out).resolve()
     for text in given:
-        if Path(text).exists() and Path(text).resolve() == target:
+        if _exists(Path(text)) and Path(text).resolve() == target:
             raise InputError(a.out, "is read by this step and would be written over", "name another file")
+
+
+# errors of a path that a user named; others are the machine's
+OF_PATHS = {errno.EISDIR, errno.ENOTDIR, errno.ENOENT, errno.EEXIST, errno.EACCES, errno.EPERM, errno.ENAMETOOLONG,
+            errno.ELOOP, errno.EROFS}  # fmt: skip
+FULL = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG}
+
+
+def _os_words(error: OSError) -> str:
+    where = str(error.filename) if error.filename is not None else "a file or the output"
+    reason = error.strerror or str(error) or type(error).__name__
+    if error.errno in FULL:
+        return f"{where}: {reason}; make room or name another place; what was finished is kept"
+    return f"{where}: {reason}; check the path"
+
+
+def _drop_output() -> None:
+    """What is still buffered must not raise once more at exit."""
+    with contextlib.suppress(OSError, ValueError, AttributeError):
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -485,26 +553,29 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if a.out:
             refuse_unwritable(a.out, folder=a.verb in WRITE_FOLDERS)
             refuse_overwriting(a)
-        with terminal_progress() as progress:
+        with ended_by_signals(), terminal_progress() as progress:
             a.action(a, progress)
     except InputError as error:
-        sys.stderr.write(f"probupdate {a.verb}: {error}\n")
+        complain(f"probupdate {a.verb}: {error}")
         return 2
     except ProbupdateError as error:
-        sys.stderr.write(f"probupdate {a.verb}: {error}\n")
+        complain(f"probupdate {a.verb}: {error}")
         return 1
     except BrokenPipeError:
-        # whoever read the output has gone; what is still buffered must not raise once more at exit
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        # whoever read the output has gone
+        _drop_output()
         return 1
     except KeyboardInterrupt:
-        sys.stderr.write(f"probupdate {a.verb}: interrupted; what was finished is kept\n")
+        complain(f"probupdate {a.verb}: interrupted; what was finished is kept")
+        return 130
+    except OSError as error:
+        complain(f"probupdate {a.verb}: {_os_words(error)}")
+        _drop_output()
+        return 2 if error.errno in OF_PATHS else 1
+    except MemoryError:
+        complain(f"probupdate {a.verb}: out of memory; give less at a time, or a machine with more; what was finished "
+                 "is kept")
         return 1
-    except (IsADirectoryError, NotADirectoryError, FileNotFoundError, FileExistsError, PermissionError) as error:
-        if error.filename is None:
-            raise
-        sys.stderr.write(f"probupdate {a.verb}: {error.filename}: {error.strerror}; check the path\n")
-        return 2
     # what is not foreseen is a defect of this program: it rises with its trace, and Python exits with 1
     return 0
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -13,6 +12,7 @@ from scipy import stats
 from probupdate.errors import InputError
 from probupdate.estimators.posterior_file import Posterior
 from probupdate.estimators.update_file import BLIND_RESOLUTION, UpdateRecord, fit_sentence, misses
+from probupdate.files import read_json_table, write_json
 
 FORMAT = 1
 # posterior over prior deviation: below the first the data decide, above the second the parameter keeps its prior
@@ -275,17 +275,13 @@ def _notes(update: UpdateRecord, posterior: Posterior, rows: tuple[ComparisonRow
 
 def write_comparison(comparison: Comparison, path: str | Path) -> Path:
     path = Path(path)
-    path.parent.mkdir(parents=True, exist_ok=True)
     content = {
         "format": FORMAT, "names": list(comparison.names), "rows": [_nulls(asdict(r)) for r in comparison.rows],
         "correlation": comparison.correlation.tolist(),
         "derived": {k: _nulls(v) for k, v in comparison.derived.items()}, "notes": list(comparison.notes),
         "converged": comparison.converged, "settings": dict(comparison.settings),
     }  # fmt: skip
-    part = path.with_suffix(".part")
-    part.write_text(json.dumps(content, indent=1, allow_nan=False), encoding="utf-8")
-    part.replace(path)
-    return path
+    return write_json(path, content)
 
 
 def _nulls(table: Mapping) -> dict:
@@ -302,7 +298,7 @@ def read_comparison(path: str | Path) -> Comparison:
     if not path.is_file():
         raise InputError(str(path), "no such file", "write it with `probupdate compare`")
     try:
-        content = json.loads(path.read_text(encoding="utf-8"))
+        content = read_json_table(path, again)
         if content.pop("format") != FORMAT:
             raise InputError(str(path), "is of another version's format", again)
         found = Comparison(
@@ -311,7 +307,7 @@ def read_comparison(path: str | Path) -> Comparison:
             derived={k: _numbers(v) for k, v in content["derived"].items()}, notes=tuple(content["notes"]),
             converged=content["converged"], settings=content["settings"],
         )
-    except (json.JSONDecodeError, KeyError, TypeError, AttributeError, ValueError) as error:
+    except (KeyError, TypeError, AttributeError, ValueError) as error:
         raise InputError(str(path), f"is no compare.json ({type(error).__name__}: {error})", again) from None
     n = len(found.names)
     if tuple(r.name for r in found.rows) != found.names or found.correlation.shape != (n, n):

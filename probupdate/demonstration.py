@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import json
-import shutil
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -13,6 +11,7 @@ from pathlib import Path
 from probupdate import __version__, verbs
 from probupdate.errors import InputError
 from probupdate.estimators.ensemble import SamplerSettings
+from probupdate.files import read_json, write_bytes, write_json
 from probupdate.progress import Progress, silent
 from probupdate.reporting import report as write_report
 from probupdate.structure.load import reference_model
@@ -54,7 +53,7 @@ def demo(
     out.mkdir(parents=True, exist_ok=True)
     state = _State(out, {"seed": seed, "days": days, "version": __version__})
     campaign, model = out / "campaign", out / "model.toml"
-    shutil.copyfile(reference_model(START_STATE), model)
+    write_bytes(model, reference_model(START_STATE).read_bytes())
     modes, nine = out / "modes.json", out / "nine.json"
     files = {"update": out / "update.json", "posterior": out / "posterior.nc", "compare": out / "compare.json"}
     if not state.done("simulate"):
@@ -96,10 +95,7 @@ def demo(
 
 
 def _finished(path: Path) -> dict:
-    try:
-        found = json.loads(path.read_text(encoding="utf-8"))
-    except (json.JSONDecodeError, UnicodeDecodeError) as error:
-        raise InputError(str(path), f"not JSON ({error})", "give an empty directory, or delete this one") from None
+    found = read_json(path, "give an empty directory, or delete this one")
     if not isinstance(found, dict) or not isinstance(found.get("finished"), list):
         raise InputError(str(path), "is no demonstration's", "give an empty directory, or delete this one")
     return found
@@ -138,6 +134,4 @@ class _State:
         self._write()
 
     def _write(self) -> None:
-        part = self._path.with_suffix(".part")
-        part.write_text(json.dumps(self._content, indent=1), encoding="utf-8")
-        part.replace(self._path)
+        write_json(self._path, self._content)

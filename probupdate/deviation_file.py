@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from probupdate.errors import InputError, parsing
+from probupdate.files import whole
 
 # name -> (number of axes, dtype in the file)
 DATASETS = {"ln_frequency": (2, np.float32), "damping_ratio": (2, np.float32), "shape": (3, np.complex64)}
@@ -28,14 +29,12 @@ def write_deviations(deviations: Mapping[str, Any], modes_file: Path) -> str:
     import h5py
 
     path = modes_file.with_name(f"{modes_file.stem}.deviations.h5")
-    part = path.with_name(path.name + ".part")
-    with h5py.File(part, "w") as file:
+    with whole(path) as part, h5py.File(part, "w") as file:
         for set_id, deviation in deviations.items():
             group = file.create_group(_group_name(set_id))
             group.attrs["id"] = set_id
             for name, (_, dtype) in DATASETS.items():
                 group.create_dataset(name, data=np.asarray(getattr(deviation, name)).astype(dtype))
-    part.replace(path)
     return path.name
 
 

@@ -6,6 +6,10 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 
+# of one part of a message; a path may have some hundred characters
+LONGEST = 1200
+
+
 class ProbupdateError(Exception):
     """Anything this package raises on purpose. The command line turns it into exit code 1."""
 
@@ -19,12 +23,25 @@ class InputError(ProbupdateError):
 
     def __init__(self, where: str, problem: str, remedy: str):
         self.where, self.problem, self.remedy = where, problem, remedy
-        # what other packages say of a file may run over several lines
-        super().__init__(" ".join(f"{where}: {problem}; {remedy}".split()))
+        super().__init__(": ".join((_one_line(where), f"{_one_line(problem)}; {_one_line(remedy)}")))
 
     def __reduce__(self):
         # so that it comes whole out of another process
         return type(self), (self.where, self.problem, self.remedy)
+
+
+def _one_line(text: str) -> str:
+    """What other packages say of a file may run over several lines; values from files may be long or hold escapes that a
+    terminal obeys."""
+    text = str(text)
+    if len(text) > LONGEST:
+        text = f"{text[: LONGEST // 2]} [{len(text) - LONGEST} characters] {text[-LONGEST // 2:]}"
+    return plain(" ".join(text.split()))
+
+
+def plain(text: str, keep: str = "") -> str:
+    """Text without control characters: shown as escapes, so that a terminal does not obey them."""
+    return "".join(c if c.isprintable() or c in keep else c.encode("unicode_escape").decode() for c in text)
 
 
 class ConvergenceError(ProbupdateError):

@@ -6,7 +6,6 @@ bits; the directions the data inform; parameters that do each other's work; a re
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -15,6 +14,7 @@ import numpy as np
 from probupdate.errors import InputError
 from probupdate.estimators.posterior_file import Posterior
 from probupdate.estimators.predictive import PredictiveCheck, ResponseCheck, bits_gained
+from probupdate.files import read_json_table, write_json
 from probupdate.json_rows import from_row, row_of
 from probupdate.modes import frozen_array
 from probupdate.problem import Problem
@@ -285,7 +285,6 @@ def recommendation(found: Information) -> list[str]:
 
 def write_information(found: Information, path: str | Path) -> Path:
     path = Path(path)
-    path.parent.mkdir(parents=True, exist_ok=True)
     content = {
         "format": FORMAT, "rows": [row_of(r) for r in found.rows], "fisher": found.fisher.tolist(),
         "directions": [row_of(d) for d in found.directions], "pairs": [row_of(p) for p in found.pairs],
@@ -293,10 +292,7 @@ def write_information(found: Information, path: str | Path) -> Path:
         "check": None if found.check is None else row_of(found.check) | {
             "responses": [row_of(r) for r in found.check.responses]},
     }  # fmt: skip
-    part = path.with_suffix(".part")
-    part.write_text(json.dumps(content, indent=1, allow_nan=False), encoding="utf-8")
-    part.replace(path)
-    return path
+    return write_json(path, content)
 
 
 def read_information(path: str | Path) -> Information:
@@ -305,7 +301,7 @@ def read_information(path: str | Path) -> Information:
     if not path.is_file():
         raise InputError(str(path), "no such file", again)
     try:
-        c = json.loads(path.read_text(encoding="utf-8"))
+        c = read_json_table(path, again)
         if c.pop("format") != FORMAT:
             raise InputError(str(path), "is of another version's format", again)
         return Information(
@@ -315,5 +311,5 @@ def read_information(path: str | Path) -> Information:
             settings=c["settings"], check=None if c["check"] is None else from_row(PredictiveCheck, c["check"] | {
                 "responses": [from_row(ResponseCheck, r) for r in c["check"]["responses"]]}),
         )
-    except (json.JSONDecodeError, UnicodeDecodeError, KeyError, TypeError, AttributeError, ValueError) as error:
+    except (KeyError, TypeError, AttributeError, ValueError) as error:
         raise InputError(str(path), f"is no information.json ({type(error).__name__}: {error})", again) from None

@@ -6,7 +6,6 @@ Mode shapes are columns: (n_channel, n_mode). NaN marks a mode or a component th
 from __future__ import annotations
 
 import difflib
-import json
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields, replace
@@ -18,6 +17,7 @@ from scipy import optimize
 
 from probupdate.deviation_file import read_deviations, write_deviations
 from probupdate.errors import InputError
+from probupdate.files import read_json, write_json
 
 # of modes.json: 2 has `mode_records`, one of each mode, and `model_only`; files of format 1, or without, have neither
 FORMAT = 2
@@ -323,14 +323,7 @@ def _refuse_misspelt(where: str, table: Mapping, known: set[str]) -> None:
 def read_modes(path: str | Path) -> ModalData:
     """Read `modes.json` (interfaces: channels, sets; optional labels, reference_set)."""
     path = Path(path)
-    try:
-        content = json.loads(path.read_text())
-    except FileNotFoundError:
-        raise InputError(str(path), "no such file", "check the path, or run `probupdate identify` first") from None
-    except (json.JSONDecodeError, UnicodeDecodeError) as error:
-        raise InputError(str(path), f"not JSON ({error})", "mend the file at that place") from None
-    except OSError as error:
-        raise InputError(str(path), f"cannot be read ({error.strerror})", "name a modes.json") from None
+    content = read_json(path, absent="check the path, or run `probupdate identify` first", nan=True)
     if not isinstance(content, dict) or not isinstance(content.get("sets"), list) or "channels" not in content:
         raise InputError(str(path), "'channels' or 'sets' is missing", "see modes.json in the README")
     _refuse_misspelt(str(path), content, {"channels", "sets", "labels", "reference_set", "deviations", "format",
@@ -469,7 +462,7 @@ def write_modes(data: ModalData, path: str | Path) -> None:
     with_deviation = {s.id: s.deviation for s in data.sets if s.deviation is not None}
     if with_deviation:
         content["deviations"] = write_deviations(with_deviation, Path(path))
-    Path(path).write_text(json.dumps(content, indent=1))
+    write_json(path, content)
 
 
 # Criteria. Components that are NaN in either shape are left out of every one of them.

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import multiprocessing
 import os
+import signal
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
@@ -33,6 +34,7 @@ def completed(
         yield from (function(*task) for task in tasks)
         return
     context = multiprocessing.get_context("spawn")
+    others = {child.pid for child in multiprocessing.active_children()}
     running: set[Future] = set()
     with one_thread_each(), ProcessPoolExecutor(jobs, context, initializer=_end_with_parent) as pool:
         try:
@@ -49,6 +51,12 @@ def completed(
                 "a process ended by itself (out of memory, killed, or a script without `if __name__ == '__main__'`); "
                 "what was finished is kept: run again, or with one job"
             ) from None
+        except KeyboardInterrupt:
+            # nobody waits for what they are at: it is done again by the next run
+            for child in multiprocessing.active_children():
+                if child.pid not in others:
+                    child.terminate()
+            raise
         finally:
             for future in running:
                 future.cancel()
@@ -70,7 +78,9 @@ def one_thread_each() -> Iterator[None]:
 
 
 def _end_with_parent() -> None:
-    """A worker whose parent was killed would wait for work for ever: nothing else tells it."""
+    """A worker whose parent was killed would wait for work for ever: nothing else tells it. Ctrl-C goes to all of a
+    terminal's processes: the parent answers it and ends its workers."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
     parent = multiprocessing.parent_process()
     if parent is None:
         return

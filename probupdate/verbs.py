@@ -26,6 +26,7 @@ from probupdate.estimators.ensemble import SamplerSettings
 from probupdate.estimators.posterior_file import Posterior, read_posterior, write_posterior
 from probupdate.estimators.update_file import UNLIKE, UpdateRecord, read_update
 from probupdate.estimators.updating import deterministic_update, sample_posterior
+from probupdate.files import read_bytes
 from probupdate.identification.criteria import read_criteria
 from probupdate.identification.identify import Identification, SSISettings
 from probupdate.identification.identify import identify as identify_campaign
@@ -267,7 +268,7 @@ def _has_geometry(model) -> bool:
     path = model_path(model)
     # what cannot be read is told by whoever reads it
     return not path.is_file() or path.suffix.lower() == ".dat" or (
-        path.suffix == ".toml" and "[matrices]" not in path.read_text(encoding="utf-8", errors="replace"))
+        path.suffix == ".toml" and b"[matrices]" not in read_bytes(path))
 
 
 def select(

@@ -11,7 +11,7 @@ PACKAGE = Path(__file__).resolve().parents[1] / "probupdate"
 
 # name -> floor; a module may import a lower floor, its own package, and what PEERS names
 FLOOR = {
-    "errors": 0, "progress": 0, "processes": 0.05, "deviation_file": 0.05, "json_rows": 0.05,
+    "errors": 0, "progress": 0, "files": 0.02, "processes": 0.05, "deviation_file": 0.05, "json_rows": 0.05,
     "parameters": 0.1, "modes": 0.1,
     "model": 0.2, "model_error": 0.3, "mode_labels": 0.2, "io": 0.3,
     "structure": 1, "campaign": 1, "virtual": 1,
@@ -77,6 +77,46 @@ def test_arviz_is_imported_in_one_module_only():
             if any(name.split(".")[0] == "arviz" for name in names):
                 users.add(path.relative_to(PACKAGE).as_posix())
     assert users <= {"estimators/posterior_file.py"}
+
+
+# what writes or opens a file for writing; `files` alone may, so that every file is whole or as it was
+WRITING = {"write_text", "write_bytes", "to_csv", "savez", "savez_compressed", "save", "savefig", "to_netcdf", "to_parquet",
+           "copyfile", "copy", "move", "symlink_to", "touch", "savetxt", "tofile", "dump"}  # fmt: skip
+
+
+def writes(path: Path) -> list[str]:
+    """Calls in a module that write a file in its own place rather than under a temporary name of `files.whole`."""
+    found = []
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    parts = {item.optional_vars.id for node in ast.walk(tree) if isinstance(node, ast.With) for item in node.items
+             if isinstance(item.context_expr, ast.Call) and getattr(item.context_expr.func, "id", "") == "whole"}
+    for node in ast.walk(tree):
+        if not isinstance(node, ast.Call):
+            continue
+        name = node.func.attr if isinstance(node.func, ast.Attribute) else getattr(node.func, "id", "")
+        modes = [a.value for a in (*node.args, *(k.value for k in node.keywords if k.arg == "mode"))
+                 if isinstance(a, ast.Constant) and isinstance(a.value, str)]
+        inside = {n.id for a in node.args for n in ast.walk(a) if isinstance(n, ast.Name)} & (parts | {"stream"})
+        method = isinstance(node.func, ast.Attribute)
+        opens = name in ("open", "File") and any(set(m) & set("wax+") and len(m) <= 3 for m in modes)
+        of_array = name in ("copy", "save", "dump") and getattr(getattr(node.func, "value", None), "id", "") not in (
+            "shutil", "np", "json", "pickle")
+        if (opens or (method and name in WRITING and not of_array)) and not inside:
+            found.append(f"{path.relative_to(PACKAGE)}:{node.lineno} {name}")
+    return found
+
+
+def test_every_file_is_written_whole():
+    found = [text for path in MODULES if path != PACKAGE / "files.py" for text in writes(path)]
+    assert not found, f"write through probupdate.files, whole or not at all: {found}"
+
+
+def test_a_write_in_place_is_found(tmp_path, monkeypatch):
+    monkeypatch.setattr(sys.modules[__name__], "PACKAGE", tmp_path)
+    (tmp_path / "a.py").write_text(
+        "path.write_text('x')\nopen(p, 'w')\nframe.to_csv(out)\nnp.savez(out, a=1)\nh5py.File(out, 'w')\n"
+        "with whole(path) as part, h5py.File(part, 'w') as file:\n    pass\nopen(p)\nh5py.File(p, 'r')\na.copy()\n")
+    assert [text.split()[1] for text in writes(tmp_path / "a.py")] == ["write_text", "open", "to_csv", "savez", "File"]
 
 
 def test_import_of_the_package_stays_light():

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -27,6 +26,7 @@ from probupdate.campaign.rotor_lines import line_scores, rate_ratio
 from probupdate.campaign.samples import channel_table
 from probupdate.campaign.scada import COLUMNS, StateRule, block_conditions, with_rated_power
 from probupdate.campaign.spectra import cross_spectra, in_acceleration
+from probupdate.files import write_json, write_table
 from probupdate.progress import Progress, silent
 
 # what a column of SCADA is needed for
@@ -67,10 +67,8 @@ class CampaignCheck:
             "campaign": self.campaign, "findings": list(self.findings), "uses": list(self.uses),
             "blocks": self.blocks.to_dict("records"), "channels": _records(_per_channel(self.table)),
         }
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(json.dumps(content, indent=1, allow_nan=False))
-        self.table.to_csv(path.with_name(f"{path.stem}.channels.csv"), index=False, float_format="%.6g",
-                          lineterminator="\n")
+        write_json(path, content)
+        write_table(path.with_name(f"{path.stem}.channels.csv"), self.table)
         return path
 
 

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import json
-import os
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -17,6 +15,7 @@ from probupdate.campaign.reading import CampaignHead, read_head
 from probupdate.campaign.sources import pieces
 from probupdate.campaign.timing import file_clock
 from probupdate.errors import InputError, parsing
+from probupdate.files import read_json, remove_stale, whole, write_json
 from probupdate.progress import Progress, silent
 
 # a file written holds at most so much time, so that no reader is asked for more and a kill loses little
@@ -57,8 +56,7 @@ def convert(
     found = _found(sources, told)
     folder = campaign / "acceleration"
     folder.mkdir(exist_ok=True)
-    for rest in folder.glob("*.part"):
-        rest.unlink()
+    remove_stale(folder)
     record = _read_record(folder / RECORD)
     words = told.path.read_bytes() + repr((head.channels, head.sampling_rate_hz)).encode()
     written: list[Path] = []
@@ -122,9 +120,9 @@ def _read_record(path: Path) -> dict:
     if not path.exists():
         return {}
     try:
-        record = json.loads(path.read_text(encoding="utf-8"))
+        record = read_json(path)
         good = isinstance(record, dict) and all({"key", "files", "samples", "spans"} <= set(e) for e in record.values())
-    except (json.JSONDecodeError, UnicodeDecodeError, TypeError):
+    except (InputError, TypeError):
         good = False
     if not good:
         raise InputError(str(path), "is not what `convert` writes", "delete the folder's records and convert again")
@@ -132,9 +130,7 @@ def _read_record(path: Path) -> dict:
 
 
 def _write_record(path: Path, record: dict) -> None:
-    part = path.with_suffix(".part")
-    part.write_text(json.dumps(record, indent=1), encoding="utf-8")
-    os.replace(part, path)
+    write_json(path, record)
 
 
 def _overlaps(spans: list[tuple[pd.Timestamp, pd.Timestamp, str]]) -> list[str]:
@@ -220,13 +216,11 @@ class _Writer:
                 mine = "data" in file and file["data"].attrs.get("source_key") == self.key
             if not mine:
                 raise InputError(str(path), "is there already and came of something else", "move it away")
-        part = path.with_suffix(".part")
-        with h5py.File(part, "w") as file:
+        with whole(path) as part, h5py.File(part, "w") as file:
             data = file.create_dataset("data", data=np.concatenate(self.rows))
             data.attrs["start"] = self.start.isoformat().replace("+00:00", "Z")
             data.attrs["sampling_rate_hz"] = self.head.sampling_rate_hz
             data.attrs["source"], data.attrs["source_key"] = self.source, self.key
-        os.replace(part, path)
         self.files.append(path)
         self.spans.append((self.start, self.start + pd.Timedelta(seconds=self.size / self.head.sampling_rate_hz)))
         self.count += self.size

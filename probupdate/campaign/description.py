@@ -9,8 +9,9 @@ from dataclasses import dataclass
 from datetime import UTC, timedelta, timezone, tzinfo
 from pathlib import Path, PurePosixPath
 
-from probupdate.campaign.reading import nearest, read_toml
+from probupdate.campaign.reading import nearest
 from probupdate.errors import InputError
+from probupdate.files import read_toml
 
 DESCRIPTION_KEYS = (
     "files", "time", "time_unit", "zone", "start", "start_pattern", "start_format", "data", "columns", "factor",

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import difflib
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,6 +12,7 @@ import pandas as pd
 
 from probupdate.campaign.scada import read_scada
 from probupdate.errors import InputError, parsing
+from probupdate.files import read_toml
 from probupdate.modes import Sensor
 
 # unit -> factor to SI, by quantity; g is the standard gravity
@@ -97,7 +97,7 @@ class CampaignHead:
 def read_head(path: str | Path) -> CampaignHead:
     """Read campaign.toml. Raises InputError where a key, a unit or a number is not what the campaign's layout says."""
     path = Path(path)
-    raw = read_toml(path)
+    raw = read_toml(path, absent="write it, or give the folder that holds it")
     for key in raw:
         if key not in CAMPAIGN_KEYS:
             raise InputError(str(path), f"unknown key '{key}'", nearest(key, CAMPAIGN_KEYS))
@@ -166,15 +166,6 @@ def refuse_absurd(where: Path | str, rate_hz: float, block_minutes: float, n_cha
         longest = LARGEST_BLOCK_BYTES / (8 * n_channel * 60 * rate_hz)
         raise InputError(here, f"{block_minutes:g} minutes of {n_channel} channels at {rate_hz:g} Hz are "
                          f"{8e-6 * n_sample * n_channel:.0f} MB a block", f"give at most {longest:.3g} minutes")
-
-
-def read_toml(path: Path) -> dict:
-    try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        raise InputError(str(path), "no such file", "write it, or give the folder that holds it") from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise InputError(str(path), f"not TOML ({error})", "mend the file at that place") from None
 
 
 def _positive(where: Path, raw: dict, key: str) -> float:

@@ -12,6 +12,7 @@ import numpy as np
 
 from probupdate.diagnosis import wording
 from probupdate.errors import InputError
+from probupdate.files import read_json_table, write_text
 
 VERDICTS = ("named", "ambiguous", "unexplained", "none")
 
@@ -141,12 +142,10 @@ class Diagnosis:
 
     def write(self, out: str | Path) -> list[Path]:
         out = Path(out)
-        out.parent.mkdir(parents=True, exist_ok=True)
         # a line a table, not a line a number
         text = json.dumps(self.content(), indent=1, allow_nan=False)
         text = re.sub(r"\[[^\[\]{}\"]*\]", lambda found: re.sub(r"\s+", " ", found[0]), text)
-        out.write_text(text, encoding="utf-8")
-        return [out]
+        return [write_text(out, text)]
 
 
 # what a page of a diagnosis cannot do without
@@ -157,11 +156,9 @@ FINDING_KEYS = ("kind", "cause", "location", "size", "size_std", "unit", "poster
 def read_diagnosis(path: str | Path) -> dict:
     """The content of diagnosis.json; raises InputError where it is none."""
     path = Path(path)
-    try:
-        content = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, json.JSONDecodeError, UnicodeDecodeError) as error:
-        raise InputError(str(path), f"cannot be read ({error})", "write it with `probupdate diagnose`") from None
-    missing = [k for k in KEYS if not isinstance(content, dict) or k not in content]
+    again = "write it with `probupdate diagnose`"
+    content = read_json_table(path, again, absent=again)
+    missing = [k for k in KEYS if k not in content]
     if missing:
         raise InputError(str(path), f"has no '{missing[0]}'", "write it again with `probupdate diagnose`")
     if content["verdict"] not in VERDICTS:

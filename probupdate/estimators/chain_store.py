@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import json
-import os
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,6 +10,7 @@ import emcee
 import numpy as np
 
 from probupdate.errors import InputError, parsing
+from probupdate.files import archive, read_json_table, write_arrays, write_json
 
 FORMAT = 2
 # what a user calls the parts of a problem whose hashes may differ
@@ -49,8 +48,7 @@ class ChainStore:
                     "give another --out, or delete that folder to start anew",
                 )
         else:
-            folder.mkdir(parents=True, exist_ok=True)
-            _write_whole(path, lambda file: file.write(json.dumps(head, indent=1).encode()))
+            write_json(path, head)
 
     def _path(self, number: int, ensemble: int) -> Path:
         return self._folder / (f"segment-{number:05d}.npz" if ensemble == 0 else f"segment-{number:05d}-{ensemble}.npz")
@@ -65,7 +63,7 @@ class ChainStore:
         }  # fmt: skip
         if kind != "MT19937":
             raise InputError("random state", f"generator {kind} is not the one expected", "use emcee 3.1")
-        _write_whole(self._path(number, ensemble), lambda file: np.savez(file, **content))
+        write_arrays(self._path(number, ensemble), content)
 
     def read(self) -> list[list[Segment]]:
         """Rounds that all ensembles have finished, each with a segment per ensemble."""
@@ -79,9 +77,7 @@ class ChainStore:
         path = self._path(number, ensemble)
         if not path.exists():
             return None
-        with parsing(str(path), "is no segment of a chain",
-                     "delete it and those after it: the run goes on from the one before"):  # fmt: skip
-            return _read_segment(path)
+        return _read_segment(path)
 
 
 def _differences(found: dict, head: dict) -> list[str]:
@@ -106,17 +102,12 @@ def _text(value) -> str:
 
 
 def _read_head(path: Path) -> dict:
-    try:
-        found = json.loads(path.read_text(encoding="utf-8"))
-    except (json.JSONDecodeError, UnicodeDecodeError) as error:
-        raise InputError(str(path), f"is not JSON ({error})", "delete the chain's folder to start anew") from None
-    if not isinstance(found, dict):
-        raise InputError(str(path), "is no head of a chain", "delete the chain's folder to start anew")
-    return found
+    return read_json_table(path, "delete the chain's folder to start anew")
 
 
 def _read_segment(path: Path) -> Segment:
-    with np.load(path, allow_pickle=False) as content:
+    again = "delete it and those after it: the run goes on from the one before"
+    with archive(path, "is no segment of a chain", again) as content:
         position, has_gauss, evaluated, fallback = (int(x) for x in content["numbers"])
         cached, accepted = (float(x) for x in content["cached"])
         state = emcee.State(
@@ -128,12 +119,3 @@ def _read_segment(path: Path) -> Segment:
             evaluated=evaluated, fallback=fallback,
         )
 
-
-def _write_whole(path: Path, write) -> None:
-    """All of the file or none of it, whenever the process is killed."""
-    part = path.with_suffix(".part")
-    with part.open("wb") as file:
-        write(file)
-        file.flush()
-        os.fsync(file.fileno())
-    os.replace(part, path)

@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from probupdate.errors import InputError, parsing
+from probupdate.files import whole
 from probupdate.modes import frozen_array
 
 # draws kept in the file, over all walkers: far more than any effective size wanted, and megabytes only
@@ -87,7 +88,6 @@ def write_posterior(posterior: Posterior, path: str | Path) -> Path:
     import xarray
 
     path = Path(path)
-    path.parent.mkdir(parents=True, exist_ok=True)
 
     def by_name(theta: np.ndarray, dims) -> xarray.Dataset:
         return xarray.Dataset({name: (dims, theta[..., k]) for k, name in enumerate(posterior.names)})
@@ -114,13 +114,12 @@ def write_posterior(posterior: Posterior, path: str | Path) -> Path:
             "ess": posterior.ess.tolist(), "record": dict(posterior.record),
         })
     }  # fmt: skip
-    part = path.with_suffix(".part")
     # ArviZ 1 has no such class any more and warns whoever asks for it
-    if "InferenceData" in vars(arviz):
-        arviz.InferenceData(**groups).to_netcdf(str(part))
-    else:
-        xarray.DataTree.from_dict(groups).to_netcdf(str(part), engine="h5netcdf")
-    part.replace(path)
+    with whole(path) as part:
+        if "InferenceData" in vars(arviz):
+            arviz.InferenceData(**groups).to_netcdf(str(part))
+        else:
+            xarray.DataTree.from_dict(groups).to_netcdf(str(part), engine="h5netcdf")
     return path
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -10,6 +9,7 @@ import numpy as np
 
 from probupdate.errors import InputError
 from probupdate.estimators.predictive import LeftOut
+from probupdate.files import read_json_table, write_json
 from probupdate.json_rows import from_row, row_of
 from probupdate.modes import frozen_array
 
@@ -162,7 +162,6 @@ def _three(value: float) -> str:
 
 def write_views(views: SetViews, path: str | Path) -> Path:
     path = Path(path)
-    path.parent.mkdir(parents=True, exist_ok=True)
     scores = {"score": {k: v.tolist() for k, v in views.scores.score.items()},
               "pareto_k": _nulls(views.scores.pareto_k.tolist()), "refitted": views.scores.refitted.tolist()}
     content = {
@@ -172,10 +171,7 @@ def write_views(views: SetViews, path: str | Path) -> Path:
         "correlation": None if views.correlation is None else views.correlation.tolist(), "notes": list(views.notes),
         "advice": views.advice, "settings": views.settings,
     }  # fmt: skip
-    part = path.with_suffix(".part")
-    part.write_text(json.dumps(content, indent=1, allow_nan=False), encoding="utf-8")
-    part.replace(path)
-    return path
+    return write_json(path, content)
 
 
 def _nulls(values: list[float]) -> list[float | None]:
@@ -188,7 +184,7 @@ def read_views(path: str | Path) -> SetViews:
     if not path.is_file():
         raise InputError(str(path), "no such file", again)
     try:
-        c = json.loads(path.read_text(encoding="utf-8"))
+        c = read_json_table(path, again)
         if c.pop("format") != FORMAT:
             raise InputError(str(path), "is of another version's format", again)
         ids, scores = tuple(c["ids"]), c["scores"]
@@ -202,7 +198,7 @@ def read_views(path: str | Path) -> SetViews:
             correlation=None if c["correlation"] is None else frozen_array(c["correlation"]), notes=tuple(c["notes"]),
             advice=c["advice"], settings=c["settings"],
         )
-    except (json.JSONDecodeError, UnicodeDecodeError, KeyError, TypeError, AttributeError, ValueError) as error:
+    except (KeyError, TypeError, AttributeError, ValueError) as error:
         raise InputError(str(path), f"is no sets.json ({type(error).__name__}: {error})", again) from None
     if any(len(v) != len(ids) for v in (*left_out.score.values(), left_out.pareto_k, views.linear_share)):
         raise InputError(str(path), f"does not hold one score for each of its {len(ids)} sets", again)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -10,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from probupdate.errors import InputError
+from probupdate.files import read_json_table, write_json
 from probupdate.modes import frozen_array
 from probupdate.parameters import Parameter, Parameters
 
@@ -302,7 +302,6 @@ def parameters_from_table(table: Mapping) -> Parameters:
 
 def write_update(record: UpdateRecord, path: str | Path) -> Path:
     path = Path(path)
-    path.parent.mkdir(parents=True, exist_ok=True)
     content = {"format": FORMAT}
     for name in record.__dataclass_fields__:
         value = getattr(record, name)
@@ -315,10 +314,7 @@ def write_update(record: UpdateRecord, path: str | Path) -> Path:
             content[name] = {k: _plain(getattr(value, k)) for k in names} or None
         else:
             content[name] = _plain(value)
-    part = path.with_suffix(".part")
-    part.write_text(json.dumps(content, indent=1, allow_nan=False), encoding="utf-8")
-    part.replace(path)
-    return path
+    return write_json(path, content)
 
 
 def _array(value, dtype=float) -> np.ndarray:
@@ -334,10 +330,10 @@ def read_update(path: str | Path) -> UpdateRecord:
     if not path.is_file():
         raise InputError(str(path), "no such file", "write it with `probupdate update`")
     try:
-        content = json.loads(path.read_text(encoding="utf-8"))
+        content = read_json_table(path, "write it with `probupdate update`")
         form = content.pop("format")
         record = _record(content) if form == FORMAT else None
-    except (json.JSONDecodeError, KeyError, TypeError, AttributeError, ValueError) as error:
+    except (KeyError, TypeError, AttributeError, ValueError) as error:
         raise InputError(str(path), f"is no update.json ({type(error).__name__}: {error})",
                          "write it with `probupdate update`") from None  # fmt: skip
     except InputError as error:

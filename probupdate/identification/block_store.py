@@ -7,7 +7,6 @@ and what settings the blocks belong to; each block names the records it was made
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, replace
@@ -20,6 +19,7 @@ from probupdate.campaign.blocks import block_files
 from probupdate.campaign.reading import Campaign, RecordFile
 from probupdate.campaign.scada import StateRule, block_conditions
 from probupdate.errors import InputError, parsing
+from probupdate.files import PART, archive, read_json_table, remove_stale, write_arrays, write_json
 from probupdate.identification.block_poles import (
     BlockDeviations,
     BlockPoles,
@@ -37,6 +37,8 @@ FORMAT = 1
 HEAD = "store.json"
 # endings of a block's two files: its poles, and the deviations of some of them
 POLES, DEVIATIONS = ".poles.npz", ".deviations.npz"
+# unpacked arrays of one block
+LARGEST_BLOCK = 512 * 2**20
 ANEW = "give another --out, or delete that folder to start anew"
 
 
@@ -80,13 +82,11 @@ class BlockStore:
         path = self.folder / HEAD
         if path.exists():
             _refuse_other(self.folder, _read_head(path), head)
-            for part in self.folder.glob("*.part"):
-                part.unlink(missing_ok=True)
-        elif self.folder.exists() and (not self.folder.is_dir() or any(self.folder.iterdir())):
+            remove_stale(self.folder)
+        elif self.folder.exists() and (not self.folder.is_dir() or any(p.suffix != PART for p in self.folder.iterdir())):
             raise InputError(str(self.folder), "holds something else than identified blocks", ANEW)
         else:
-            self.folder.mkdir(parents=True, exist_ok=True)
-            write_whole(path, lambda file: file.write(json.dumps(head, indent=1).encode()))
+            write_json(path, head)
 
     @property
     def starts(self) -> tuple[pd.Timestamp, ...]:
@@ -160,6 +160,8 @@ class BlockStore:
         progress(what, done, total)
         for count, _ in enumerate(completed(function, tasks, jobs=jobs), 1):
             progress(what, done + count, total)
+        # the last of a killed run's processes may have gone since
+        remove_stale(self.folder)
 
     def read(self, start: pd.Timestamp) -> BlockPoles:
         return read_block_poles(self.folder / (_stem(start) + POLES))
@@ -212,7 +214,7 @@ def write_block_deviations(path: Path, found: BlockDeviations) -> None:
         "key": np.array(found.key, np.int32).reshape(-1, 2), "ln_frequency": found.ln_frequency.astype(np.float32),
         "damping_ratio": found.damping_ratio.astype(np.float32), "shape": found.shape.astype(np.complex64),
     }
-    write_whole(path, lambda file: np.savez(file, **content))
+    write_arrays(path, content)
 
 
 def read_block_deviations(path: Path) -> BlockDeviations:
@@ -246,7 +248,7 @@ def write_block_poles(path: Path, block: BlockPoles, origin: list[str]) -> None:
         "shape": np.concatenate([p.shape.T for p in every]).astype(np.complex64) if every else np.zeros((0, 0)),
         "line_hz": block.line_hz, "spectrum": block.spectrum.astype(np.float32),
     }
-    write_whole(path, lambda file: np.savez(file, **content))
+    write_arrays(path, content)
 
 
 def read_block_poles(path: Path) -> BlockPoles:
@@ -288,19 +290,12 @@ def _read_sources(path: Path) -> list[str]:
 @contextmanager
 def _opened(path: Path) -> Iterator[Mapping]:
     """The arrays of one block's file; what is missing in them is said like what cannot be read."""
-    unread = parsing(str(path), "is no identified block", "delete it: it is identified again")
-    with unread, path.open("rb") as file, np.load(file, allow_pickle=False) as content:
+    with archive(path, "is no identified block", "delete it: it is identified again", largest=LARGEST_BLOCK) as content:
         yield content
 
 
 def _read_head(path: Path) -> dict:
-    try:
-        found = json.loads(path.read_text(encoding="utf-8"))
-    except (json.JSONDecodeError, UnicodeDecodeError) as error:
-        raise InputError(str(path), f"is not JSON ({error})", ANEW) from None
-    if not isinstance(found, dict):
-        raise InputError(str(path), "is no head of identified blocks", ANEW)
-    return found
+    return read_json_table(path, ANEW)
 
 
 def _refuse_other(folder: Path, found: dict, head: dict) -> None:
@@ -325,12 +320,3 @@ def _other_channels(there: list, here: list) -> list[str]:
 def _short(value) -> str:
     return f"{value:g}" if isinstance(value, float) else str(value)
 
-
-def write_whole(path: Path, write) -> None:
-    """All of the file or none of it, whenever the process is killed."""
-    part = path.with_name(f"{path.name}.{os.getpid()}.part")
-    with part.open("wb") as file:
-        write(file)
-        file.flush()
-        os.fsync(file.fileno())
-    os.replace(part, path)

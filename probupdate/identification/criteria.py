@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import difflib
-import tomllib
 from collections.abc import Callable
 from dataclasses import dataclass, fields
 from pathlib import Path
@@ -12,6 +11,7 @@ import numpy as np
 
 from probupdate.campaign.scada import STATES
 from probupdate.errors import InputError
+from probupdate.files import read_toml
 from probupdate.modes import ModalSet
 
 # a criterion by its name: does the set pass?
@@ -60,12 +60,7 @@ class SelectionCriteria:
 def read_criteria(path: str | Path) -> SelectionCriteria:
     """A TOML file whose keys are those of `SelectionCriteria`; what it leaves out keeps its default."""
     path = Path(path)
-    try:
-        content = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise InputError(str(path), f"not TOML ({error})", "write lines such as pitch_range_deg = 2.0") from None
-    except OSError as error:
-        raise InputError(str(path), f"cannot be read ({error.strerror})", "name a file with criteria") from None
+    content = read_toml(path, "write lines such as pitch_range_deg = 2.0", absent="name a file with criteria")
     known = [field.name for field in fields(SelectionCriteria)]
     for key in content:
         if key not in known:

@@ -16,6 +16,7 @@ import pandas as pd
 from probupdate.campaign.reading import Campaign
 from probupdate.campaign.scada import StateRule, block_conditions, with_rated_power
 from probupdate.errors import InputError
+from probupdate.files import write_table
 from probupdate.identification import classification as rules
 from probupdate.identification import tracking
 from probupdate.identification.block_poles import (
@@ -85,10 +86,9 @@ class Identification:
         """modes.json, modes.deviations.h5 where there are deviations, and modes.poles.csv beside it."""
         out = Path(out)
         table = out.with_name(f"{out.stem}.poles.csv")
-        out.parent.mkdir(parents=True, exist_ok=True)
         write_modes(self.data, out)
         written = self.poles.assign(time=self.poles["time"].dt.strftime("%Y-%m-%dT%H:%M:%SZ"))
-        written.to_csv(table, index=False, float_format="%.6g", lineterminator="\n")
+        write_table(table, written)
         deviations = [out.with_name(f"{out.stem}.deviations.h5")] if any(s.deviation for s in self.data.sets) else []
         return [out, *deviations, table]
 

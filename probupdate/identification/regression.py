@@ -16,6 +16,7 @@ import pandas as pd
 from scipy import stats
 
 from probupdate.errors import InputError
+from probupdate.files import write_table
 from probupdate.modes import ModalData, frozen_array
 
 COVARIATES = ("wind_speed_mps", "rotor_speed_rpm", "air_temperature_c", "water_level_m", "rms_mps2")
@@ -301,10 +302,7 @@ class ModalRegression:
         return "\n".join([*lines, *self.notes])
 
     def write(self, out: str | Path) -> Path:
-        out = Path(out)
-        out.parent.mkdir(parents=True, exist_ok=True)
-        self.table.to_csv(out, index=False, float_format="%.6g", lineterminator="\n")
-        return out
+        return write_table(out, self.table)
 
 
 def regress_modes(

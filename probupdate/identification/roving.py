@@ -16,6 +16,7 @@ import pandas as pd
 from scipy import special
 
 from probupdate.errors import InputError
+from probupdate.files import write_table
 from probupdate.identification.uncertainty import scaled_deviation
 from probupdate.modes import (
     ModalData,
@@ -63,9 +64,8 @@ class Merged:
         """modes.json, modes.deviations.h5 and modes.setups.csv beside it."""
         out = Path(out)
         table = out.with_name(f"{out.stem}.setups.csv")
-        out.parent.mkdir(parents=True, exist_ok=True)
         write_modes(self.data, out)
-        self.table.to_csv(table, index=False, float_format="%.6g", lineterminator="\n")
+        write_table(table, self.table)
         deviations = [out.with_name(f"{out.stem}.deviations.h5")] if self.data.set().deviation else []
         return [out, *deviations, table]
 

@@ -10,6 +10,7 @@ import pandas as pd
 
 from probupdate.campaign.scada import StateRule, block_conditions, with_rated_power
 from probupdate.errors import InputError
+from probupdate.files import write_table
 from probupdate.identification.criteria import (
     SelectionCriteria,
     condition_tests,
@@ -54,10 +55,9 @@ class Selection:
         out = Path(out)
         own = "" if out.name == "nine.json" else f"{out.stem}."
         table, scatter = out.with_name(f"{own}selection.csv"), out.with_name(f"{own}selection.cov.csv")
-        out.parent.mkdir(parents=True, exist_ok=True)
         write_modes(self.data, out)
-        self.table.to_csv(table, index=False, float_format="%.6g", lineterminator="\n")
-        self.scatter.to_csv(scatter, index=False, float_format="%.6g", lineterminator="\n")
+        write_table(table, self.table)
+        write_table(scatter, self.scatter)
         return [out, table, scatter]
 
 

@@ -8,31 +8,25 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from probupdate.errors import InputError
+from probupdate.files import read_bytes, write_bytes
 
 # a quoted word, or what stands between blanks and commas
 WORD = re.compile(r"\"[^\"]*\"|'[^']*'|[^\s,\"']+")
+LARGEST = 64 * 2**20
 TRUE, FALSE = ("true", "t", ".true.", ".t."), ("false", "f", ".false.", ".f.")
 
 
 def read_lines(path: str | Path) -> tuple[str, ...]:
     """The lines of a text file without their ends; raises InputError where there is none."""
-    path = Path(path)
-    try:
-        # newline="": carriage returns are cut below, so that a lone form feed or the like does not count as a line
-        text = path.read_bytes().decode("utf-8", errors="surrogateescape")
-    except FileNotFoundError:
-        raise InputError(str(path), "no such file", "check the path") from None
-    except IsADirectoryError:
-        raise InputError(str(path), "is a directory", "name the file in it") from None
+    # bytes: carriage returns are cut below, so that a lone form feed or the like does not count as a line
+    text = read_bytes(path, largest=LARGEST).decode("utf-8", errors="surrogateescape")
     if "\0" in text:
         raise InputError(str(path), "is no text file", "give OpenFAST's input file")
     return tuple(line.rstrip("\r") for line in text.removesuffix("\n").split("\n"))
 
 
 def write_lines(path: str | Path, lines: Sequence[str]) -> Path:
-    path = Path(path)
-    path.write_bytes(("\n".join(lines) + "\n").encode("utf-8", errors="surrogateescape"))
-    return path
+    return write_bytes(path, ("\n".join(lines) + "\n").encode("utf-8", errors="surrogateescape"))
 
 
 def words(line: str) -> list[str]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from probupdate.files import write_text
 from probupdate.progress import Progress, silent
 
 if TYPE_CHECKING:
@@ -24,9 +25,7 @@ def report(run: str | Path, out: str | Path, *, progress: Progress = silent) -> 
 
     contents = read_run(Path(run), progress)
     out = Path(out)
-    out.parent.mkdir(parents=True, exist_ok=True)
-    out.write_text(compose(contents, progress), encoding="utf-8")
-    return out
+    return write_text(out, compose(contents, progress))
 
 
 def compose(run: Run, progress: Progress = silent) -> str:

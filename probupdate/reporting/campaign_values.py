@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -13,6 +12,7 @@ from probupdate.campaign.blocks import block_starts
 from probupdate.campaign.reading import Campaign, read_campaign
 from probupdate.campaign.scada import StateRule, row_states, with_rated_power
 from probupdate.errors import InputError
+from probupdate.files import read_json_table
 from probupdate.modes import ModalData
 from probupdate.reporting.values import CampaignValues
 
@@ -43,12 +43,12 @@ def _findings(path: Path, campaign: Campaign) -> tuple[str, ...]:
     """What `probupdate check` found; refused where it was another campaign that was checked."""
     again = "write it again with `probupdate check`, or remove it"
     try:
-        content = json.loads(path.read_text(encoding="utf-8"))
+        content = read_json_table(path, again)
         findings = tuple(str(text) for text in content["findings"])
         checked = str(content.get("campaign", campaign.name))
         channels = [str(row["channel"]) for row in content.get("channels", ())]
         blocks = [str(row["id"]) for row in content.get("blocks", ())]
-    except (json.JSONDecodeError, UnicodeDecodeError, KeyError, TypeError, AttributeError) as error:
+    except (KeyError, TypeError, AttributeError) as error:
         raise InputError(str(path), f"cannot be read ({error})", again) from None
     if checked != campaign.name:
         raise InputError(str(path), f"is of the campaign '{checked}', not of '{campaign.name}'", again)

@@ -11,6 +11,7 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from probupdate.errors import InputError
+from probupdate.files import write_text
 from probupdate.identification.block_poles import BlockPoles
 from probupdate.identification.block_store import stored_block
 from probupdate.identification.classification import ClassifierSettings, rotor_bands
@@ -226,5 +227,4 @@ def write_figures(
         save_figure(drawing.figure, path)
         captions.append(f"{path.name}: {drawing.caption}")
         written.append(path)
-    (out / "captions.txt").write_text("\n".join(captions) + "\n", encoding="utf-8")
-    return [*written, out / "captions.txt"]
+    return [*written, write_text(out / "captions.txt", "\n".join(captions) + "\n")]

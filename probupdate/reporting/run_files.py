@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import json
 import platform
 from collections.abc import Callable, Mapping
 from importlib import metadata
@@ -18,6 +17,7 @@ from probupdate.diagnosis.results import read_diagnosis
 from probupdate.errors import InputError, parsing
 from probupdate.estimators.posterior_file import Posterior, read_posterior
 from probupdate.estimators.update_file import UpdateRecord, read_update
+from probupdate.files import read_bytes, read_json_table, read_toml
 from probupdate.model import Model
 from probupdate.modes import ModalData, ModalSet, read_modes
 from probupdate.progress import Progress
@@ -42,6 +42,8 @@ PARTS = {
     "diagnosis.json": "the diagnosis (diagnosis.json)",
 }
 HEAD_KEYS = ("model", "parameters", "campaign", "modes", "seed", "version", "title")
+# for the page's list of what it was made from
+LARGEST_HASHED = 4 * 2**30
 MODEL_FILES = ("model.toml", "model.npz")
 POLE_COLUMNS = ("time", "frequency_hz", "mac", "mode", "criterion")
 SELECTION_COLUMNS = ("id", "criterion")
@@ -98,13 +100,7 @@ def _head(folder: Path) -> Mapping:
     path = folder / "run.json"
     if not path.exists():
         return {}
-    try:
-        head = json.loads(path.read_text(encoding="utf-8"))
-    except (json.JSONDecodeError, UnicodeDecodeError) as error:
-        raise InputError(str(path), f"not JSON ({error})", "mend the file at that place, or remove it") from None
-    if not isinstance(head, dict):
-        raise InputError(str(path), "is not a table", f"write {{...}} with some of {', '.join(HEAD_KEYS)}")
-    return head
+    return read_json_table(path, f"write {{...}} with some of {', '.join(HEAD_KEYS)}")
 
 
 def _places(folder: Path, head: Mapping) -> dict[str, Path]:
@@ -160,7 +156,6 @@ def _load_model(
     parameters = _named(folder, head, "parameters")
     if path.suffix == ".npz":
         return load_model(path, parameters=parameters)
-    from probupdate.structure.description import read_toml
 
     if "matrices" in read_toml(path):
         return load_model(path, parameters=parameters)
@@ -207,7 +202,7 @@ def _provenance(folder, places, head, model, update, posterior):
     held = [places["campaign"] / name for name in ("campaign.toml", "scada.csv")] if "campaign" in places else []
     for path in (*places.values(), *held):
         if path.is_file():
-            yield path.relative_to(folder).as_posix(), f"SHA-256 {hashlib.sha256(path.read_bytes()).hexdigest()[:16]}"
+            yield path.relative_to(folder).as_posix(), f"SHA-256 {hashlib.sha256(read_bytes(path, largest=LARGEST_HASHED)).hexdigest()[:16]}"
     if model is not None:
         yield "model", model.name
     if update is not None:

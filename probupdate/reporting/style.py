@@ -14,6 +14,8 @@ import matplotlib
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from probupdate.files import whole
+
 # widths in inches of figures across the page and of two side by side: letters come out equally large
 FULL_IN, HALF_IN = 7.6, 4.3
 
@@ -98,7 +100,9 @@ def save_figure(figure: Figure, path) -> None:
     # a PDF has a date where others have none to leave out
     key = {".svg": "Date", ".pdf": "CreationDate"}.get(path.suffix)
     with matplotlib.rc_context(_STYLE):
-        figure.savefig(path, dpi=160, facecolor="white", metadata=None if key is None else {key: None})
+        metadata = None if key is None else {key: None}
+        with whole(path) as part:
+            figure.savefig(part, format=path.suffix[1:], dpi=160, facecolor="white", metadata=metadata)
 
 
 def svg_text(figure: Figure, prefix: str) -> str:

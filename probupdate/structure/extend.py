@@ -12,6 +12,7 @@ import numpy as np
 from scipy import linalg
 
 from probupdate.errors import InputError
+from probupdate.files import read_text, write_text
 from probupdate.modes import Sensor
 from probupdate.parameters import Parameters
 from probupdate.structure.affine import AffineModel
@@ -113,16 +114,14 @@ def _with_effects(parameters: Parameters, description: Description, effects: Seq
 def extended_text(path: str | Path, effects: Sequence[Effect]) -> str:
     """The user's file as it is, with a [[parameter]] table per effect at its end."""
     extended_description(path, effects)
-    own = Path(path).read_text(encoding="utf-8")
+    own = read_text(path)
     own += "" if own.endswith("\n") else "\n"
     return own + "".join(f"\n{parameter_text(effect.table())}" for effect in effects)
 
 
 def write_extended(path: str | Path, effects: Sequence[Effect], out: str | Path) -> Path:
     """Write the extended model file to `out`; `load_model` reads it."""
-    out = Path(out)
-    out.write_text(extended_text(path, effects), encoding="utf-8")
-    return out
+    return write_text(out, extended_text(path, effects))
 
 
 def parameter_text(table: Mapping) -> str:

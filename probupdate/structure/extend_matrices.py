@@ -12,6 +12,7 @@ import numpy as np
 from scipy import sparse
 
 from probupdate.errors import InputError
+from probupdate.files import write_arrays, write_text
 from probupdate.parameters import Parameters
 from probupdate.structure.extend import parameter_text
 from probupdate.structure.load import matrices_file
@@ -78,11 +79,9 @@ def write_grouped(path: str | Path, parameters: Parameters, groups: Sequence[Gro
         description = group.description or f"{group.name}: {', '.join(f'{a:+g} {k}' for k, a in group.parts.items())}"
         tables.append({"name": called, "description": description, "unit": group.unit, "initial": 0.0,
                        "std": float(group.std), "lower": lower, "upper": upper, "prior": "normal", "update": True})
-    np.savez(target, **content)
+    write_arrays(target, content)
     text = f"name = {json.dumps(name)}\n\n[matrices]\nfile = {json.dumps(target.name)}\n\n"
-    out.write_text(text + "\n".join(parameter_text(t) for t in tables) + _correlation_text(parameters),
-                   encoding="utf-8")  # fmt: skip
-    return out
+    return write_text(out, text + "\n".join(parameter_text(t) for t in tables) + _correlation_text(parameters))
 
 
 def _summed(source: Path, content: Mapping, group: Group, called: str) -> dict[str, np.ndarray]:

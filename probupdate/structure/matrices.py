@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import zipfile
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,7 +10,8 @@ from pathlib import Path
 import numpy as np
 from scipy import sparse
 
-from probupdate.errors import InputError, parsing
+from probupdate.errors import InputError
+from probupdate.files import archive_arrays
 from probupdate.model import Wireframe
 from probupdate.modes import frozen_array
 from probupdate.parameters import Parameters
@@ -74,17 +74,7 @@ def load_matrices(path: str | Path, parameters: Parameters, *, name: str | None 
 
 def read_archive(path: Path) -> dict[str, np.ndarray]:
     """The arrays of an .npz file by name; no objects."""
-    remedy = "write it with numpy.savez, without objects"
-    if not path.exists():
-        raise InputError(str(path), "no such file", "check the path")
-    # opened here: numpy leaves the file open where it turns out to be no archive
-    with parsing(str(path), "not a plain .npz archive", remedy), path.open("rb") as file:
-        # numpy takes whatever is no archive for a pickle and advises to load it as one
-        if not zipfile.is_zipfile(file):
-            raise InputError(str(path), "not a plain .npz archive", remedy)
-        file.seek(0)
-        with np.load(file, allow_pickle=False) as archive:
-            return {key: archive[key] for key in archive.files}
+    return archive_arrays(path, "not a plain .npz archive", "write it with numpy.savez, without objects")
 
 
 def matrix_of(path: Path, content: Mapping, key: str, n: int | None = None) -> sparse.csc_array:

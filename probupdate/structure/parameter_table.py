@@ -3,30 +3,17 @@
 from __future__ import annotations
 
 import difflib
-import tomllib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 
 from probupdate.errors import InputError
+from probupdate.files import read_toml
 from probupdate.parameters import Parameter, Parameters
 
 KEYS = ("name", "unit", "initial", "cov", "std", "lower", "upper", "prior", "update", "description")
 NUMBERS = ("initial", "cov", "std", "lower", "upper")
-
-
-def read_toml(path: str | Path) -> dict:
-    """A TOML file as a dictionary; InputError where it is absent or broken."""
-    path = Path(path)
-    try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        raise InputError(str(path), "no such file", "check the path") from None
-    except IsADirectoryError:
-        raise InputError(str(path), "is a directory", "name the file in it") from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise InputError(str(path), f"not TOML ({error})", "mend the file at that place") from None
 
 
 def parameter_from_table(table: Mapping, where: str) -> Parameter:

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from probupdate.files import whole, write_text
 from probupdate.modes import Sensor
 
 
@@ -56,7 +57,7 @@ def write_campaign_toml(
             for s in sensors
         ],
     })  # fmt: skip
-    (folder / "campaign.toml").write_text(text, encoding="utf-8")
+    write_text(folder / "campaign.toml", text)
 
 
 def write_acceleration(path: Path, data: np.ndarray, start: np.datetime64, rate_hz: float) -> None:
@@ -66,9 +67,7 @@ def write_acceleration(path: Path, data: np.ndarray, start: np.datetime64, rate_
     """
     import h5py
 
-    part = path.with_suffix(".part")
-    with h5py.File(part, "w") as file:
+    with whole(path) as part, h5py.File(part, "w") as file:
         dataset = file.create_dataset("data", data=np.asarray(data, np.float32))
         dataset.attrs["start"] = f"{start.astype('datetime64[ms]')}Z"
         dataset.attrs["sampling_rate_hz"] = float(rate_hz)
-    part.replace(path)

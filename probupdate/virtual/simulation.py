@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from probupdate.errors import InputError
+from probupdate.files import read_text, write_table, write_text
 from probupdate.mode_labels import mode_character
 from probupdate.modes import Sensor
 from probupdate.processes import completed
@@ -109,7 +110,7 @@ def simulate(
     )  # fmt: skip
     table = told_heading(scada_table(plan, START, np.random.default_rng(recipe.stream(3))), turbine)
     lost_rows = {int(g.start_s // 600) for g in gaps if g.kind == losses.LOST_ROW}
-    table.drop(index=sorted(lost_rows)).to_csv(folder / "scada.csv", index=False, lineterminator="\n")
+    write_table(folder / "scada.csv", table.drop(index=sorted(lost_rows)), float_format=None)
 
     hours = [hour for hour in range(-(-n_slot // 6)) if hour not in missing]
     todo = [hour for hour in hours if not _hour_path(folder, hour).exists()]
@@ -205,11 +206,11 @@ def _claim(folder: Path, truth_text: str) -> None:
     path = folder / "truth.toml"
     if folder.exists() and not folder.is_dir():
         raise InputError(str(folder), "is a file", "name a folder")
-    same = path.is_file() and path.read_text(encoding="utf-8") == truth_text
+    same = path.is_file() and read_text(path) == truth_text
     if folder.exists() and any(folder.iterdir()) and not same:
         raise InputError(str(folder), "holds something else already", "name a new folder or empty this one")
     (folder / "acceleration").mkdir(parents=True, exist_ok=True)
-    path.write_text(truth_text, encoding="utf-8")
+    write_text(path, truth_text)
 
 
 def _rounded(array, digits: int = 8) -> list:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import difflib
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,6 +10,7 @@ from types import MappingProxyType
 
 import numpy as np
 
+from probupdate import files
 from probupdate.errors import InputError
 from probupdate.modes import Sensor
 from probupdate.parameters import Parameter
@@ -71,14 +71,7 @@ def reference_file() -> Path:
 
 def read_toml(path: Path, what: str) -> dict:
     """Parse a TOML file; every way in which that fails is one line."""
-    try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        raise InputError(str(path), f"no such {what}", "check the path") from None
-    except IsADirectoryError:
-        raise InputError(str(path), "is a directory", f"give the {what} itself") from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise InputError(str(path), f"not TOML ({error})", "mend the file at that place") from None
+    return files.read_toml(path, absent=f"give the {what} itself")
 
 
 def unknown_name(where: str, name: str, known) -> InputError:
