@@ -87,15 +87,13 @@ def matrix_of(path: Path, content: Mapping, key: str, n: int | None = None) -> s
         matrix = sparse.csc_array(_real(where, raw))
     elif all(key + part in content for part in SPARSE_PARTS):
         data, indices, indptr = (content[key + part] for part in SPARSE_PARTS)
-        size = n or len(indptr) - 1
-        if len(indptr) - 1 != size:
-            raise InputError(where, f"has {len(indptr) - 1} rows, K0 has {size}", "use one size for all")
-        if not all(np.issubdtype(part.dtype, np.integer) and part.ndim == 1 for part in (indices, indptr)):
-            raise InputError(where, "its _indices and _indptr are not whole numbers", "write CSR parts anew")
-        if len(indices) != len(data) or (len(indices) and not 0 <= indices.min() <= indices.max() < size):
-            raise InputError(where, "its _indices do not fit _data or the matrix size", "write CSR parts anew")
+        size = n or np.size(indptr) - 1
+        if np.size(indptr) - 1 != size:
+            raise InputError(where, f"has {np.size(indptr) - 1} rows, K0 has {size}", "use one size for all")
+        _refuse_structure(where, data, indices, indptr, size)
         try:
-            matrix = sparse.csc_array(sparse.csr_array((_real(where, data), indices, indptr), shape=(size, size)))
+            matrix = sparse.csc_array(sparse.csr_array(
+                (_real(where, data), indices.astype(np.int64), indptr.astype(np.int64)), shape=(size, size)))
         except ValueError as error:
             raise InputError(where, f"its CSR parts do not fit together ({error})", "write them anew") from None
     else:
@@ -108,6 +106,18 @@ def matrix_of(path: Path, content: Mapping, key: str, n: int | None = None) -> s
     if skew.nnz and skew.max() > ASYMMETRY_LIMIT * abs(matrix).max():
         raise InputError(where, f"is not symmetric (largest difference {skew.max():.3g})", "export the full matrix")
     return sparse.csc_array(0.5 * (matrix + matrix.T))
+
+
+def _refuse_structure(where: str, data: np.ndarray, indices: np.ndarray, indptr: np.ndarray, size: int) -> None:
+    """What scipy's compiled loops trust: they write where these numbers point."""
+    if data.ndim != 1 or not all(part.dtype.kind in "iu" and part.ndim == 1 for part in (indices, indptr)):
+        raise InputError(where, "its _data is no list of numbers, or _indices and _indptr of whole ones",
+                         "write CSR parts anew")
+    if len(indices) != len(data) or (len(indices) and not 0 <= indices.min() <= indices.max() < size):
+        raise InputError(where, "its _indices do not fit _data or the matrix size", "write CSR parts anew")
+    # compared, not subtracted: differences of unsigned numbers do not fall
+    if size < 1 or indptr[0] != 0 or indptr[-1] != len(data) or np.any(indptr[1:] < indptr[:-1]):
+        raise InputError(where, f"its _indptr does not rise from 0 to the {len(data)} entries", "write CSR parts anew")
 
 
 def _real(where: str, raw: np.ndarray) -> np.ndarray:

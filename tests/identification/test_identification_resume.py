@@ -248,7 +248,7 @@ def test_damage_and_strangers_are_named(filled, rough, tmp_path):
     run(filled, rough, out)
     assert block.read_bytes() == content
     (store / "store.json").write_text("{")
-    with pytest.raises(InputError, match=r"store\.json: is not JSON"):
+    with pytest.raises(InputError, match=r"store\.json: not JSON"):
         run(filled, rough, out)
     (store / "store.json").unlink()
     with pytest.raises(InputError, match="holds something else than identified blocks"):

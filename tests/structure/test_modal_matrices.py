@@ -1,12 +1,15 @@
 """Models given as matrices or as a function: reading, mistakes, the pedestrian bridge."""
 
 import json
+import zipfile
 from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy import sparse
 
 from probupdate.errors import InputError
+from probupdate.files import archive_arrays
 from probupdate.parameters import Parameter, Parameters
 from probupdate.structure.functions import FunctionModel
 from probupdate.structure.load import load_model
@@ -154,7 +157,7 @@ def test_files_that_hold_no_matrices(folder):
     with pytest.raises(InputError, match=r"gone\.npz: no such file"):
         load_model(folder / "gone.npz")
     np.savez(folder / "model.npz", **(chain() | {"K0": np.array([{}], dtype=object)}))
-    with pytest.raises(InputError, match=r"model\.npz: not a plain \.npz archive"):
+    with pytest.raises(InputError, match=r"model\.npz, K0\.npy: holds objects"):
         load_model(folder / "model.npz")
 
 
@@ -284,3 +287,52 @@ def test_functions_that_answer_wrongly(function, problem):
     with pytest.raises(InputError) as caught:
         function_model(function=function).solve(np.array([1.0, 1.0]), 2)
     assert str(caught.value).startswith("springs: ") and problem in str(caught.value)
+
+
+def csr_model(folder, **changed):
+    """model.npz with K0 in CSR parts of which some are changed."""
+    content = chain()
+    K0 = sparse.csr_array(content.pop("K0"))
+    parts = {"K0_data": K0.data, "K0_indices": K0.indices, "K0_indptr": K0.indptr} | changed
+    np.savez(folder / "model.npz", **(content | parts))
+    (folder / "model.toml").write_text(TABLE)
+    return folder / "model.npz"
+
+
+@pytest.mark.parametrize("name, change", [
+    ("indptr", lambda a: np.where(np.arange(len(a)) == 2, 1, a)),  # falls
+    ("indptr", lambda a: np.where(np.arange(len(a)) == len(a) - 1, a[-1] + 10, a)),  # beyond the entries
+    ("indptr", lambda a: a - 1),
+    ("indptr", lambda a: np.where(np.arange(len(a)) == 1, 2**40, a)),
+    ("indptr", lambda a: a[:, None]),
+    ("indptr", lambda a: a.astype(float)),
+    ("indices", lambda a: np.where(np.arange(len(a)) == 1, 99, a)),
+    ("indices", lambda a: np.where(np.arange(len(a)) == 1, -1, a)),
+    ("indices", lambda a: a[:-1]),
+    ("data", lambda a: a[:, None]),
+    ("data", lambda a: a[:-1]),
+    ("data", lambda a: np.where(np.arange(len(a)) == 1, np.nan, a)),
+])  # fmt: skip
+def test_csr_parts_that_do_not_fit_never_reach_scipy(tmp_path, name, change):
+    K0 = sparse.csr_array(chain()["K0"])
+    load_model(csr_model(tmp_path))
+    with pytest.raises(InputError, match=r"model\.npz, K0"):
+        load_model(csr_model(tmp_path, **{f"K0_{name}": change(getattr(K0, name))}))
+
+
+def test_an_archive_that_unpacks_to_more_than_memory_is_refused(tmp_path):
+    path = csr_model(tmp_path)
+    with zipfile.ZipFile(path, "a", zipfile.ZIP_DEFLATED) as archive, archive.open("K_k2.npy", "w") as stream:
+        np.lib.format.write_array_header_1_0(stream, {"descr": "<f8", "fortran_order": False, "shape": (2**20,)})
+        stream.write(bytes(2**23))
+    assert path.stat().st_size < 20_000
+    with pytest.raises(InputError, match=r"model\.npz: holds 8 MB unpacked, more than 4 MB"):
+        archive_arrays(path, "is no model", "write it anew", largest=2**22)
+
+
+def test_an_array_of_which_the_head_promises_more_than_there_is(tmp_path):
+    path = csr_model(tmp_path)
+    with zipfile.ZipFile(path, "a") as archive, archive.open("K_k2.npy", "w") as stream:
+        np.lib.format.write_array_header_1_0(stream, {"descr": "<f8", "fortran_order": False, "shape": (10**9,)})
+    with pytest.raises(InputError, match=r"K_k2\.npy: holds objects, or not as many numbers"):
+        load_model(path)
