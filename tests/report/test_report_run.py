@@ -137,7 +137,7 @@ def test_findings_of_a_check_are_shown(own):
     put(own, "check.json", json.dumps({"findings": ["TP-A-x is flat"]}))
     assert read_run(own, silent).campaign.findings == ("TP-A-x is flat",)
     put(own, "check.json", "[]")
-    with pytest.raises(InputError, match=r"check\.json: cannot be read"):
+    with pytest.raises(InputError, match=r"check\.json: is no JSON table"):
         read_run(own, silent)
 
 
@@ -181,7 +181,7 @@ def test_results_of_other_parameters_are_refused(own, full_run):
     ("name", "text", "message"),
     [
         ("run.json", "{", r"run\.json: not JSON"),
-        ("run.json", "[]", r"run\.json: is not a table"),
+        ("run.json", "[]", r"run\.json: is no JSON table"),
         ("run.json", '{"model": "../other/model.toml"}', "leaves the run directory"),
         ("run.json", '{"campaign": "June"}', "'June' does not exist"),
         ("modes.poles.csv", "time,frequency_hz\n", "has no column 'mac'"),

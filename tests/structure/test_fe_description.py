@@ -154,7 +154,7 @@ def test_files_that_are_no_model(tmp_path):
     with pytest.raises(InputError, match=r"broken\.toml: not TOML"):
         load_model(broken)
     with pytest.raises(InputError, match="is no form of model"):
-        load_model(tmp_path / "model.dat")
+        load_model(tmp_path / "model.inp")
     with pytest.raises(InputError, match="state 'worn' is unknown; choose from design, as_built, updated"):
         reference_model("worn")
 
