@@ -8,8 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from probupdate.errors import InputError, parsing
-from probupdate.files import whole
+from probupdate.errors import InputError
+from probupdate.files import inside, whole
+from probupdate.hdf5_file import open_hdf5
 
 # name -> (number of axes, dtype in the file)
 DATASETS = {"ln_frequency": (2, np.float32), "damping_ratio": (2, np.float32), "shape": (3, np.complex64)}
@@ -40,16 +41,15 @@ def write_deviations(deviations: Mapping[str, Any], modes_file: Path) -> str:
 
 def read_deviations(modes_file: Path, name: object) -> dict[str, dict[str, np.ndarray]]:
     """id -> the three arrays, of the file `name` in the folder of modes_file."""
-    import h5py
-
     where = f"{modes_file}, deviations"
     if not isinstance(name, str) or not name or Path(name).name != name or name in (".", ".."):
         raise InputError(where, f"{name!r} is no file name", "name a file in the same folder")
     path = modes_file.with_name(name)
-    if not path.is_file():
+    if "\0" in name or not path.exists():
         raise InputError(where, f"{path} does not exist", "put it back beside the file, or take the key out")
-    unread = parsing(str(path), "no file of deviations", "make it again with `probupdate identify`")
-    with unread, h5py.File(path, "r") as file:
+    inside(path, modes_file.parent)
+    again = "make it again with `probupdate identify`"
+    with open_hdf5(path, "no file of deviations", again, whole=True) as file:
         return {str(group.attrs["id"]): {key: _array(path, group, key) for key in DATASETS}
                 for group in file.values()}  # fmt: skip
 

@@ -11,6 +11,7 @@ import pandas as pd
 
 from probupdate.campaign.reading import Campaign, RecordFile, refuse_absurd
 from probupdate.errors import parsing
+from probupdate.hdf5_file import refuse_outside
 from probupdate.modes import frozen_array
 
 # a straight line over a second is harmless to what happens below 2.5 Hz in half an hour; more is not repaired
@@ -99,6 +100,7 @@ def _rows(opened, path: Path, first: int, last: int) -> np.ndarray:
     """Rows as they lie on disk; a file whose samples cannot be unpacked is named."""
     with parsing(str(path), f"samples {first} to {last} cannot be read",
                  "the file is damaged: copy it again, or remove it"):  # fmt: skip
+        refuse_outside(str(path), opened["data"], "copy the numbers into the file")
         return opened["data"][first:last]
 
 

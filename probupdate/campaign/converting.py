@@ -14,8 +14,9 @@ from probupdate.campaign.description import Description, read_description
 from probupdate.campaign.reading import CampaignHead, read_head
 from probupdate.campaign.sources import pieces
 from probupdate.campaign.timing import file_clock
-from probupdate.errors import InputError, parsing
+from probupdate.errors import InputError
 from probupdate.files import read_json, remove_stale, whole, write_json
+from probupdate.hdf5_file import open_hdf5
 from probupdate.progress import Progress, silent
 
 # a file written holds at most so much time, so that no reader is asked for more and a kill loses little
@@ -211,8 +212,7 @@ class _Writer:
         # two sources may start at one time: the key's head tells their files apart
         path = self.folder / f"{self.start.strftime('%Y%m%dT%H%M%S.%f')[:-3]}Z-{self.key[:6]}.h5"
         if path.exists():
-            unread = parsing(str(path), "is there already and cannot be read", "move it away")
-            with unread, h5py.File(path, "r") as file:
+            with open_hdf5(path, "is there already and cannot be read", "move it away") as file:
                 mine = "data" in file and file["data"].attrs.get("source_key") == self.key
             if not mine:
                 raise InputError(str(path), "is there already and came of something else", "move it away")

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from datetime import UTC, timedelta, timezone, tzinfo
 from pathlib import Path, PurePosixPath
 
+from probupdate.campaign.name_pattern import name_pattern
 from probupdate.campaign.reading import nearest
 from probupdate.errors import InputError
 from probupdate.files import read_toml
@@ -79,12 +80,7 @@ def read_description(path: str | Path, channels: tuple[str, ...]) -> Description
         known = ", ".join((*TIME_UNITS, *DAY_NUMBERS))
         raise InputError(f"{path}, time_unit", f"'{unit}' is unknown", f"use iso, {known}")
     if pattern is not None:
-        try:
-            groups = re.compile(pattern).groups
-        except re.error as error:
-            raise InputError(f"{path}, start_pattern", f"is no pattern ({error})", "see Python's re") from None
-        if groups != 1:
-            raise InputError(f"{path}, start_pattern", f"has {groups} groups", "put the time in one pair of brackets")
+        name_pattern(pattern, f"{path}, start_pattern")
     return Description(
         path=path, files=files, time=time, time_unit=unit, zone=_zone(path, raw), start=start, start_pattern=pattern,
         start_format=_text(path, raw, "start_format"), data=_text(path, raw, "data"),

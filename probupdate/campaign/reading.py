@@ -11,8 +11,9 @@ import numpy as np
 import pandas as pd
 
 from probupdate.campaign.scada import read_scada
-from probupdate.errors import InputError, parsing
-from probupdate.files import read_toml
+from probupdate.errors import InputError
+from probupdate.files import input_folder, inside, present, read_toml
+from probupdate.hdf5_file import open_hdf5
 from probupdate.modes import Sensor
 
 # unit -> factor to SI, by quantity; g is the standard gravity
@@ -113,10 +114,8 @@ def read_campaign(path: str | Path) -> Campaign:
 
     Raises InputError where a key, a unit or a file is not what the campaign's layout says.
     """
-    path = Path(path)
-    if not path.is_dir():
-        raise InputError(str(path), "is not a directory", "give the folder that holds campaign.toml")
-    where = path / "campaign.toml"
+    path = input_folder(path, remedy="give the folder that holds campaign.toml")
+    where = inside(path / "campaign.toml", path)
     head = read_head(where)
     raw, scada = head.raw, path / "scada.csv"
     left_out = _left_out(where, raw, head.channels)
@@ -131,7 +130,7 @@ def read_campaign(path: str | Path) -> Campaign:
         rated_power_kw=_positive(where, raw, "rated_power_kw") if "rated_power_kw" in raw else None,
         x_axis_heading_deg=_heading(where, raw),
         files=_record_files(path / "acceleration", head.sampling_rate_hz, len(head.sensors)),
-        scada=read_scada(scada) if scada.exists() else None,
+        scada=read_scada(inside(scada, path)) if present(scada) else None,
         columns=columns,
         left_out=left_out,
     )
@@ -215,15 +214,13 @@ def _sensors(where: Path, raw: dict) -> tuple[Sensor, ...]:
 
 
 def _record_files(folder: Path, rate_hz: float, n_channel: int) -> tuple[RecordFile, ...]:
-    import h5py
-
     paths = sorted(folder.glob("*.h5"))
     if not paths:
         raise InputError(str(folder), "holds no .h5 file", "put the records there, or convert them")
     files = []
     for path in paths:
-        unread = parsing(str(path), "cannot be opened as HDF5", "write it again or remove it")
-        with unread, h5py.File(path, "r") as file:
+        inside(path, folder.parent)
+        with open_hdf5(path, "cannot be opened as HDF5", "write it again or remove it") as file:
             files.append(_record_file(path, file, rate_hz, n_channel))
     return tuple(sorted(files, key=lambda f: (f.start, f.path.name)))
 

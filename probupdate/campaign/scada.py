@@ -10,6 +10,7 @@ import numpy as np
 import pandas as pd
 
 from probupdate.errors import InputError, parsing
+from probupdate.files import LARGEST_TEXT, input_file
 
 ROW_MINUTES = 10
 COLUMNS = (
@@ -38,11 +39,9 @@ def read_scada(path: str | Path) -> pd.DataFrame:
 
     Columns beyond the known ones stay. Raises InputError on a missing time column, a time or a number that is none.
     """
-    path = Path(path)
-    if not path.exists():
-        raise InputError(str(path), "no such file", "give the scada.csv of the campaign")
+    path = input_file(path, "give the scada.csv of the campaign", largest=LARGEST_TEXT)
     with parsing(str(path), "not a table", "write comma-separated columns with a head"):
-        table = pd.read_csv(path)
+        table = pd.read_csv(path, encoding="utf-8")
     if "time" not in table:
         raise InputError(str(path), "has no column 'time'", "add the start of each interval in UTC, ISO 8601")
     try:

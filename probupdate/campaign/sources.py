@@ -6,6 +6,7 @@ v5, which has no other way and is refused beyond LARGEST_V5. Nothing in a file i
 
 from __future__ import annotations
 
+import math
 import zipfile
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
@@ -17,8 +18,12 @@ from probupdate.campaign.description import Description
 from probupdate.campaign.mat_v5 import refuse_damaged
 from probupdate.campaign.reading import nearest
 from probupdate.errors import InputError, parsing
+from probupdate.files import input_file
+from probupdate.hdf5_file import open_hdf5
 
 PIECE = 200_000
+# all columns of one piece, as eight-byte numbers
+LARGEST_PIECE = 256 * 2**20
 # a v5 variable is unpacked whole; three copies of this stay below 1 GiB
 LARGEST_V5 = 300 * 2**20
 # kinds of v5 variables that are read
@@ -32,6 +37,7 @@ def pieces(path: Path, description: Description) -> Pieces:
         ".csv": _csv, ".txt": _csv, ".tsv": _csv, ".dat": _csv, ".parquet": _parquet, ".pq": _parquet, ".mat": _mat,
         ".npy": _npy, ".npz": _npz,
     }
+    path = input_file(path, "leave it out of `files`")
     reader = readers.get(path.suffix.lower())
     if reader is None:
         raise InputError(str(path), f"'{path.suffix}' is no known kind of file", f"use {', '.join(readers)}")
@@ -149,8 +155,10 @@ def _from_arrays(arrays: _Arrays, d: Description) -> Pieces:
                                  "all channels of a file need the same number")
     if time is not None and arrays.shape(_variable(path, arrays.names, time, "time"))[0] != n_row:
         raise InputError(f"{path}, {time}", f"has {arrays.shape(time)[0]} values for {n_row} samples", "give one each")
-    for first in range(0, n_row, PIECE):
-        last = min(first + PIECE, n_row)
+    wide = sum(arrays.shape(name)[1] for name, _ in take)
+    piece = max(min(PIECE, LARGEST_PIECE // (8 * max(wide, 1))), 1)
+    for first in range(0, n_row, piece):
+        last = min(first + piece, n_row)
         data = np.hstack([arrays.rows(name, first, last)[:, numbers] for name, numbers in take])
         yield (None if time is None else arrays.rows(time, first, last)[:, 0]), data
 
@@ -197,6 +205,10 @@ def _npz(path: Path, d: Description) -> Pieces:
     with opened as archive:
         with parsing(*said):
             heads = {n.removesuffix(".npy"): _npy_head(archive, n) for n in archive.namelist() if n.endswith(".npy")}
+            for n, (size, dtype, _) in heads.items():
+                held = archive.getinfo(f"{n}.npy").file_size
+                if not dtype.hasobject and not 0 <= held - dtype.itemsize * math.prod(map(int, size)) < 2**17:
+                    raise InputError(f"{path}, {n}", "does not hold as many numbers as its head says", "save it again")
         streams: dict[str, tuple[int, object]] = {}
 
         def shape(name: str) -> tuple[int, int]:
@@ -275,9 +287,7 @@ def _mat73(path: Path, d: Description) -> Pieces:
     import h5py
 
     said = str(path), "cannot be read as .mat v7.3", "save it again"
-    with parsing(*said):
-        opened = h5py.File(path, "r")
-    with opened as file:
+    with open_hdf5(*said) as file:
         with parsing(*said):
             sizes = {n: file[n].shape for n in file if isinstance(n, str) and isinstance(file[n], h5py.Dataset)
                      and file[n].dtype.kind in "iuf" and 1 <= file[n].ndim <= 2}  # fmt: skip

@@ -13,6 +13,7 @@ import numpy as np
 
 from probupdate.errors import InputError, parsing
 from probupdate.files import whole
+from probupdate.hdf5_file import refuse_unsafe
 from probupdate.modes import frozen_array
 
 # draws kept in the file, over all walkers: far more than any effective size wanted, and megabytes only
@@ -126,14 +127,9 @@ def write_posterior(posterior: Posterior, path: str | Path) -> Path:
 def read_posterior(path: str | Path) -> Posterior:
     """Read posterior.nc; raises InputError where a group is missing or it is not one of this program."""
     import arviz
-    import h5py
 
-    path = Path(path)
-    if not path.is_file():
-        raise InputError(str(path), "no such file", "write it with `probupdate sample`")
-    with parsing(str(path), "is no NetCDF file", "give a posterior.nc"), h5py.File(path, "r") as file:
-        # where something cannot be opened h5netcdf fails once more when it goes, on whoever's screen
-        file.visititems(lambda name, item: None)
+    # where something cannot be opened h5netcdf fails once more when it goes, on whoever's screen: looked through before
+    path = refuse_unsafe(path, "is no NetCDF file", "write it with `probupdate sample`", whole=True)
     with parsing(str(path), "is no NetCDF file", "give a posterior.nc"), warnings.catch_warnings():
         # a file with unnamed dimensions is none of ours
         warnings.filterwarnings("error", message="The 'phony_dims' kwarg", category=UserWarning)
