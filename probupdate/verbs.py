@@ -43,7 +43,7 @@ from probupdate.reporting import report as write_report
 from probupdate.responses import FORM_FLOOR, FORM_SHAPE_FLOOR
 from probupdate.structure.load import REFERENCE_STATES, load_model, nacelle_angle_deg, reference_model
 from probupdate.structure.own_modes import OwnModes, own_modes
-from probupdate.structure.subdyn_model import is_subdyn, turns_nacelle
+from probupdate.structure.subdyn_model import is_subdyn, subdyn_sensors, turns_nacelle
 from probupdate.virtual.simulation import simulate
 
 if TYPE_CHECKING:
@@ -112,7 +112,11 @@ class _Surroundings:
         """The model with the sources of its error: a turbine's tolerances, and sensors' where there is no more to know."""
         if getattr(opened, "uncertainty", self) is not None:
             return opened
-        if self.turns:
+        path = model_path(self.model) if isinstance(self.model, str | Path) else None
+        if path is not None and path.is_file() and is_subdyn(path):
+            # its TOML states no tolerances of the structure
+            known = SensorUncertainty(model=opened, sensors=subdyn_sensors(path))
+        elif self.turns:
             known = TurbineUncertainty.of(model_path(self.model), opened, None, angle_deg)
         else:
             known = SensorUncertainty(model=opened)
