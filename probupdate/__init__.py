@@ -1,12 +1,12 @@
 """Finite-element model updating of offshore wind jackets: deterministic update and posterior from one problem.
 
 The steps of the command line are functions here: simulate, convert, check, identify, select, regress, update, sample,
-compare, report, demo, modes. They are loaded when first used, so that importing the package stays light.
+compare, report, demo, modes, export. They are loaded when first used, so that importing the package stays light.
 """
 
 __version__ = "0.1.0"
 
-_STEPS = ("check", "compare", "convert", "diagnose", "figures", "identify", "identify_setups", "inform", "model_modes",
+_STEPS = ("check", "compare", "convert", "diagnose", "export", "figures", "identify", "identify_setups", "inform", "model_modes",
           "open_model", "regress", "report", "sample", "select", "sets", "simulate", "update")
 
 __all__ = ["__version__", "demo", "modes", *_STEPS]

@@ -116,6 +116,14 @@ def run_modes(a: argparse.Namespace, progress: Progress) -> None:
     say(result.text() if a.json else result.summary)
 
 
+def run_export(a: argparse.Namespace, progress: Progress) -> None:
+    import probupdate
+
+    say(probupdate.export(
+        a.run, a.out, to=a.to, draws=a.draws, superelement_modes=a.superelement_modes, accept=a.accept, seed=a.seed,
+        progress=progress).summary)
+
+
 def run_check(a: argparse.Namespace, progress: Progress) -> None:
     import probupdate
 
@@ -474,6 +482,17 @@ def build_parser() -> argparse.ArgumentParser:
     p.add_argument("--format", choices=("png", "svg", "pdf"), default="png")
     p.add_argument("--out", required=True, help="folder to write into")
 
+    p = verb("export", run_export, "what a lifetime-extension analysis takes: draws, joint distribution, models, "
+             "superelements, modes; each file read back and checked")
+    p.add_argument("run", metavar="RUN", help="directory with model.toml (or model.npz) and posterior.nc")
+    p.add_argument("--to", choices=("lifetime",), required=True)
+    p.add_argument("out", metavar="OUT", help="folder to write, new or empty")
+    p.add_argument("--draws", type=positive(int), default=100, help="how many equally weighted draws (100)")
+    p.add_argument("--superelement-modes", type=positive(int), default=10, help="Craig-Bampton modes (10)")
+    p.add_argument("--accept", action="store_true", help="export a run that did not converge or whose diagnosis is "
+                   "unexplained; every file says so")
+    seeded(p)
+
     p = verb("report", run_report, "one self-contained page of a run directory")
     p.add_argument("run", metavar="RUN")
     p.add_argument("--out", required=True)
@@ -481,7 +500,7 @@ def build_parser() -> argparse.ArgumentParser:
 
 
 # verbs whose result is a directory; the others write files
-WRITE_FOLDERS = ("convert", "demo", "simulate", "figures")
+WRITE_FOLDERS = ("convert", "demo", "simulate", "figures", "export")
 
 
 def refuse_unwritable(out: str, *, folder: bool) -> None:

@@ -40,6 +40,7 @@ from probupdate.modes import ModalData, ModalSet, Sensor, read_modes
 from probupdate.problem import Weights, build_problem, paper_weights
 from probupdate.progress import Progress, silent
 from probupdate.reporting import report as write_report
+from probupdate.reporting.run_files import PARTS, run_places
 from probupdate.responses import FORM_FLOOR, FORM_SHAPE_FLOOR
 from probupdate.structure.load import REFERENCE_STATES, load_model, nacelle_angle_deg, reference_model
 from probupdate.structure.own_modes import OwnModes, own_modes
@@ -50,9 +51,10 @@ if TYPE_CHECKING:
     from probupdate.diagnosis.results import Diagnosis
     from probupdate.estimators.set_views_file import SetViews
     from probupdate.information import Information
+    from probupdate.lifetime.export import Export
     from probupdate.model import Model
 
-__all__ = ["check", "compare", "convert", "figures", "identify", "identify_setups", "inform", "model_modes", "open_model",
+__all__ = ["check", "compare", "convert", "export", "figures", "identify", "identify_setups", "inform", "model_modes", "open_model",
            "regress",            "report", "sample", "select", "sets", "simulate", "update"]
 
 # global modes looked for: first and second bending pairs and the torsion between them (the paper's first five)
@@ -577,6 +579,32 @@ def diagnose(
     records = read_campaign(campaign) if campaign else None
     path = model_path(model) if isinstance(model, str | Path) else model
     return diagnose_files(path, data, campaign=records, parameters=parameters, seed=seed, progress=progress, **options)
+
+
+def export(
+    run: str | Path, out: str | Path, *, to: str = "lifetime", draws: int = 100, superelement_modes: int = 10,
+    accept: bool = False, seed: int = 1, progress: Progress = silent,
+) -> Export:  # fmt: skip
+    """What a lifetime-extension analysis takes of a run directory: draws, joint distribution, models, superelements and
+    modes, each read back and checked. A run that did not converge, or whose diagnosis is unexplained, needs `accept`."""
+    from probupdate.diagnosis.results import read_diagnosis
+    from probupdate.lifetime.export import export_lifetime
+
+    if to != "lifetime":
+        raise InputError("to", f"'{to}' is unknown", "choose lifetime")
+    folder = Path(run)
+    places = run_places(folder)
+    for name, remedy in (("model", "put model.toml or model.npz there"), ("posterior.nc", "run `probupdate sample`")):
+        if name not in places:
+            raise InputError(str(folder), f"has no {PARTS[name]}", remedy)
+    parameters = places.get("parameters")
+    found = read_diagnosis(places["diagnosis.json"]) if "diagnosis.json" in places else None
+    causes = () if found is None else tuple(f"{f['cause']} {f['location']}".strip() for f in found["findings"])
+    return export_lifetime(
+        read_posterior(places["posterior.nc"]), load_model(places["model"], parameters=parameters), places["model"],
+        Path(out), parameters_file=parameters, modes=read_modes(places["modes.json"]) if "modes.json" in places else None,
+        diagnosis=None if found is None else found["verdict"], findings=causes, n_draw=draws, n_mode=superelement_modes, accept=accept, seed=seed, source=places, progress=progress,
+    )  # fmt: skip
 
 
 @dataclass(frozen=True)

@@ -86,7 +86,7 @@ class Row:
 @dataclass(frozen=True, eq=False, kw_only=True)
 class SubDynFile:
     """What a SubDyn input file says. Lines count from one. `sets`: kind -> property sets as rows; `settings`: name ->
-    word, for what stands above the joints; `layout`: v3, v4.0 (members by cosine matrices), v4.1 (with rectangular
+    word, for what stands above the joints; `counts`: table behind the members -> line of its count; `layout`: v3, v4.0 (members by cosine matrices), v4.1 (with rectangular
     sections and spin) or v5 (with transition pieces). `soil`: name -> SSI file. `notes`: what SubDyn takes otherwise
     than it looks.
     """
@@ -104,6 +104,7 @@ class SubDynFile:
     soil: Mapping[str, SsiFile]
     notes: tuple[str, ...]
     lines: tuple[str, ...]
+    counts: Mapping[str, int]
 
     @property
     def n_div(self) -> int:
@@ -234,7 +235,8 @@ def parse_subdyn(lines: Sequence[str], where: str, soil_of) -> SubDynFile:
     interfaces, pieces = _interfaces(r, notes)
     r.heading("MEMBERS")
     member_rows = r.table("the members", "NMembers", 1)
-    tables, order = _sets(r)
+    tables, counts = _sets(r)
+    order = tuple(counts)
     spin = "rectangular" in order
     layout = "v5" if has_initial or pieces else "v4.1" if spin else "v3" if len(order) < 7 or old_joints else "v4.0"
     members = _members(r, member_rows, spin)
@@ -243,7 +245,7 @@ def parse_subdyn(lines: Sequence[str], where: str, soil_of) -> SubDynFile:
     file = SubDynFile(
         where=where, layout=layout, settings=settings, joints=joints, reactions=reactions, interfaces=interfaces,
         members=members, sets={k: rows for k, rows in tables.items() if k not in ("cosine", "mass")},
-        masses=tables["mass"], cosines=tables["cosine"], soil={}, notes=(), lines=tuple(lines),
+        masses=tables["mass"], cosines=tables["cosine"], soil={}, notes=(), lines=tuple(lines), counts=counts,
     )  # fmt: skip
     _check_references(r, file)
     soil = {}
@@ -401,8 +403,9 @@ def _members(r: _Reader, rows, spin: bool) -> tuple[Member, ...]:
     return tuple(members)
 
 
-def _sets(r: _Reader) -> tuple[dict[str, tuple[Row, ...]], tuple[str, ...]]:
-    """The tables behind the members up to the OUTPUT section, which begins with a logical."""
+def _sets(r: _Reader) -> tuple[dict[str, tuple[Row, ...]], dict[str, int]]:
+    """The tables behind the members up to the OUTPUT section, which begins with a logical; and, for those the file has,
+    the lines of their counts."""
     found, titles = [], []
     while r.at < len(r.lines):
         start = r.at
@@ -436,7 +439,7 @@ def _sets(r: _Reader) -> tuple[dict[str, tuple[Row, ...]], tuple[str, ...]]:
                 values.append(values[9])
             result.append(Row(id=id, values=tuple(values[1:]), line=line))
         tables[kind] = tuple(result)
-    return tables, order
+    return tables, {kind: line for kind, (line, _) in zip(order, found, strict=True)}
 
 
 def _check_references(r: _Reader, file: SubDynFile) -> None:

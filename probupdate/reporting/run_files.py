@@ -96,6 +96,15 @@ def read_run(folder: Path, progress: Progress) -> Run:
     )  # fmt: skip
 
 
+def run_places(folder: Path) -> dict[str, Path]:
+    """What of a run lies where: the keys of PARTS, and `parameters` where run.json names a file of them."""
+    if not folder.is_dir():
+        raise InputError(str(folder), "is not a directory", "give the directory that the steps wrote into")
+    head = _head(folder)
+    parameters = _named(folder, head, "parameters")
+    return _places(folder, head) | ({} if parameters is None else {"parameters": parameters})
+
+
 def _head(folder: Path) -> Mapping:
     path = folder / "run.json"
     if not path.exists():

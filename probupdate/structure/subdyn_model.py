@@ -219,7 +219,7 @@ def described_model(
 
 def _model(file, description: SubDynDescription, path: Path, parameters: Parameters, sensors, angle_deg: float):
     frame = build_subdyn_frame(file)
-    targets = _targets(file, description, path)
+    targets = targets_of(file, description, path)
     values = {p.name: p.initial for p in description.parameter}
     for name in parameters.names:
         if name not in values:
@@ -261,7 +261,7 @@ class _Targets:
         return self.names.get((act, id), ())
 
 
-def _targets(file: SubDynFile, description: SubDynDescription, path: Path) -> _Targets:
+def targets_of(file: SubDynFile, description: SubDynDescription, path: Path) -> _Targets:
     groups = {name: _group(file, name, entry, path) for name, entry in description.group.items()}
     names: dict[tuple[str, int], tuple[str, ...]] = {}
     seen = set()
@@ -456,6 +456,14 @@ def _terms(frame: SubDynFrame, description, targets: _Targets, path: Path, angle
         if joint not in {row.id for row in file.masses}:
             raise InputError(f"{path}: subdyn.nacelle", f"there is no concentrated mass at joint {joint}", "mend it")
     return terms
+
+
+def assembled_file(file: SubDynFile) -> tuple[SubDynFrame, sparse.csc_array, sparse.csc_array]:
+    """A SubDyn file's frame with its stiffness and mass, soil and masses in them."""
+    frame = build_subdyn_frame(file)
+    entry = SubDynDescription(subdyn=FileEntry(file=file.where))
+    terms = _terms(frame, entry, _Targets(names={}), Path(file.where), 0.0)
+    return frame, terms["K"][Product()], terms["M"][Product()]
 
 
 # sensors and picture -----------------------------------------------------------------------------------------------

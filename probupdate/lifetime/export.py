@@ -1,0 +1,426 @@
+"""What a lifetime-extension analysis takes of a run: draws, their joint distribution, models, superelements, modes.
+
+Every file says what the run's verdict is, and is read back and checked before the manifest is written, which comes last.
+"""
+
+from __future__ import annotations
+
+import csv
+import hashlib
+import io
+import json
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from probupdate import __version__
+from probupdate.errors import InputError
+from probupdate.estimators.posterior_file import Posterior
+from probupdate.io.fortran_text import read_lines, write_lines
+from probupdate.io.subdyn_file import SubDynFile, read_subdyn, write_subdyn
+from probupdate.lifetime.draws import Joint, equal_draws, joint_of
+from probupdate.lifetime.superelement import READ_BACK, superelement, write_superelement
+from probupdate.mode_labels import mode_character
+from probupdate.model import ModalSolution, Model
+from probupdate.modes import ModalData
+from probupdate.progress import Progress, silent
+from probupdate.structure.load import load_model, matrices_file, model_sensors
+from probupdate.structure.matrices import read_archive
+from probupdate.structure.parameter_table import read_toml
+from probupdate.structure.subdyn_model import beside, is_subdyn
+from probupdate.structure.subdyn_values import applied, unspeakable
+
+# draws of the joint distribution that is written, for its check against the posterior's
+RESAMPLED = 200_000
+# a SubDyn file at a draw; a name of its own, as the user's file may lie beside it
+AT_DRAW = "subdyn_at_draw.dat"
+CSV, JSON_TYPE = "text/csv", "application/json"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Standing:
+    """How far a run may be trusted: its sampler's verdict and its diagnosis (None: there is none) with what it found."""
+
+    converged: bool
+    sampler: str
+    diagnosis: str | None
+    findings: tuple[str, ...] = ()
+
+    @property
+    def refused(self) -> str:
+        """Why it needs to be accepted; empty where it does not."""
+        reasons = []
+        if not self.converged:
+            reasons.append("the sampler did not converge")
+        if self.diagnosis == "unexplained":
+            reasons.append("the diagnosis is unexplained: model and measurement disagree and no listed cause explains it")
+        return "; ".join(reasons)
+
+    @property
+    def remark(self) -> str:
+        """One line for every file."""
+        text = f"sampler: {'converged' if self.converged else 'NOT CONVERGED'}; diagnosis: {self.diagnosis or 'not made'}"
+        if self.findings:
+            # a run with them in its model is another run: that of the extended model
+            text += f" ({', '.join(self.findings)}: not in this model)"
+        return f"ACCEPTED ALTHOUGH {self.refused} ({text})" if self.refused else text
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Export:
+    """A written export: its folder, the files with their hashes, the standing, and what was left out and why."""
+
+    folder: Path
+    files: Mapping[str, str]
+    draws: np.ndarray
+    standing: Standing
+    left_out: tuple[str, ...]
+    truncation: float | None
+
+    @property
+    def summary(self) -> str:
+        lines = [f"{len(self.files)} files in {self.folder}, {len(self.draws)} draws; {self.standing.remark}"]
+        if self.truncation is not None:
+            lines.append(f"superelements: largest truncation error of the first pair {100 * self.truncation:.2g} %")
+        return "\n".join([*lines, *(f"left out: {text}" for text in self.left_out)])
+
+
+def export_lifetime(
+    posterior: Posterior, model: Model, path: Path, out: Path, *, parameters_file: Path | None = None,
+    modes: ModalData | None = None, diagnosis: str | None = None, findings: tuple[str, ...] = (), n_draw: int = 100, n_mode: int = 10,
+    accept: bool = False, seed: int = 1, source: Mapping[str, Path] | None = None, progress: Progress = silent,
+) -> Export:  # fmt: skip
+    """Write draws.csv, joint.json, models/NNN, superelements/NNN (SubDyn models), modes.csv and manifest.json to `out`.
+
+    `path`: the model's file; `diagnosis`, `findings`: verdict and causes of diagnosis.json; `n_mode`: Craig-Bampton modes; `source`: files of
+    the run, whose hashes are kept. Raises InputError where the run does not stand and `accept` is not given, where
+    posterior and model differ, or where what is read back is not what was written.
+    """
+    standing = Standing(converged=bool(posterior.converged), sampler=posterior.verdict, diagnosis=diagnosis,
+                        findings=findings)  # fmt: skip
+    if standing.refused and not accept:
+        raise InputError(str(out), f"this run is not fit to be exported: {standing.refused}",
+                         "sample longer, or find the cause; --accept exports it with that said in every file")  # fmt: skip
+    if tuple(posterior.names) != tuple(model.parameters.names):
+        raise InputError(str(path), f"has the parameters {', '.join(model.parameters.names)}, the posterior "
+                         f"{', '.join(posterior.names)}", "sample again with this model")  # fmt: skip
+    out = Path(out)
+    if out.exists() and any(out.iterdir()):
+        raise InputError(str(out), "holds something already", "name a new folder")
+    out.mkdir(parents=True, exist_ok=True)
+    rng = np.random.default_rng(seed)
+    draws = equal_draws(posterior.draws, n_draw, rng)
+    joint = joint_of(posterior.names, posterior.draws)
+    files = _Files(out, standing)
+    units = {p.name: p.unit for p in model.parameters}
+    files.table("draws.csv", [{"name": "draw", "unit": "-"}, *({"name": n, "unit": units[n]} for n in posterior.names)],
+                [[k + 1, *row] for k, row in enumerate(draws.tolist())])  # fmt: skip
+    _write_joint(files, joint, units, rng)
+    left_out: list[str] = []
+    solved = _models(files, model, path, parameters_file, draws, left_out, progress)
+    _modes(files, model, path, solved, modes, left_out, rng)
+    truncation = None
+    if is_subdyn(path) and not unspeakable(path):
+        truncation = _superelements(files, len(draws), n_mode, progress)
+    else:
+        left_out.append("superelements: they are made of a SubDyn file at each draw, and there is none")
+    left_out += ["fatigue.csv: stress transfer is not built", "reliability.csv: fatigue is not built"]
+    manifest = {
+        "format": 1, "kind": "probupdate lifetime export", "version": __version__, "verdict": standing.remark,
+        "accepted": bool(standing.refused), "converged": standing.converged, "sampler": standing.sampler,
+        "diagnosis": standing.diagnosis, "findings": list(standing.findings), "seed": int(seed), "draws": n_draw, "model": model.name,
+        "model_fingerprint": model.fingerprint(), "posterior_fingerprint": posterior.fingerprint,
+        "superelement_truncation_first_pair": truncation, "left_out": left_out,
+        "source": {name: _sha(p) for name, p in (source or {}).items() if p.is_file()}, "files": files.entries,
+    }  # fmt: skip
+    files.json("manifest.json", manifest, listed=False)
+    _verify(out)
+    return Export(folder=out, files={k: v["sha256"] for k, v in files.entries.items()}, draws=draws, standing=standing,
+                  left_out=tuple(left_out), truncation=truncation)  # fmt: skip
+
+
+def _sha(path: Path) -> str:
+    return hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+class _Files:
+    """Files of an export with what the manifest says of each."""
+
+    def __init__(self, folder: Path, standing: Standing):
+        self.folder, self.standing, self.entries = folder, standing, {}
+
+    def add(self, path: Path, what: str, units: str, schema: Mapping | None = None, **more) -> None:
+        entry = {"what": what, "units": units, "sha256": _sha(path), **more}
+        if schema is not None:
+            entry["schema"] = dict(schema)
+        self.entries[path.relative_to(self.folder).as_posix()] = entry
+
+    def table(self, name: str, columns: Sequence[Mapping], rows: Sequence[Sequence], what: str = "") -> None:
+        """A CSV with the verdict in its first line, behind #; read back and compared."""
+        text = io.StringIO()
+        writer = csv.writer(text, lineterminator="\n")
+        writer.writerow([c["name"] for c in columns])
+        writer.writerows([["" if v is None else repr(v) if isinstance(v, float) else v for v in row] for row in rows])
+        path = self.folder / name
+        path.write_text(f"# {self.standing.remark}\n{text.getvalue()}", encoding="utf-8")
+        held = read_table(path)
+        for k, column in enumerate(columns):
+            written = [row[k] for row in rows]
+            if held[column["name"]] != written:
+                raise InputError(str(path), f"column {column['name']} is not read back as it was written",
+                                 "check the disk it was written to")  # fmt: skip
+        types = {c["name"]: {"type": c.get("type", "number"), "description": f"unit {c['unit']}"} for c in columns}
+        schema = {"$schema": "https://json-schema.org/draft/2020-12/schema", "type": "array",
+                  "items": {"type": "object", "properties": types, "required": list(types)}}  # fmt: skip
+        self.add(path, what or f"{len(rows)} rows", "in the schema", schema, media_type=CSV)
+
+    def json(self, name: str, content: Mapping, schema: Mapping | None = None, listed: bool = True) -> None:
+        path = self.folder / name
+        path.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
+        if json.loads(path.read_text(encoding="utf-8")) != json.loads(json.dumps(content)):
+            raise InputError(str(path), "is not read back as it was written", "check the disk it was written to")
+        if listed:
+            self.add(path, "one object", "in the schema", schema, media_type=JSON_TYPE)
+
+
+def read_table(path: str | Path) -> dict[str, list]:
+    """A CSV of an export: column -> values, whole numbers, floats, texts, None where empty."""
+    with Path(path).open(encoding="utf-8", newline="") as file:
+        lines = [line for line in file if not line.startswith("#")]
+    rows = list(csv.reader(lines))
+
+    def value(text: str):
+        if text == "":
+            return None
+        if re.fullmatch(r"-?\d+", text):
+            return int(text)
+        try:
+            return float(text)
+        except ValueError:
+            return text
+
+    return {name: [value(row[k]) for row in rows[1:]] for k, name in enumerate(rows[0])}
+
+
+def _write_joint(files: _Files, joint: Joint, units: Mapping[str, str], rng) -> None:
+    again = joint.sample(RESAMPLED, np.random.default_rng(rng.integers(2**63)))
+    shift = float(np.max(np.abs(again.mean(axis=0) - joint.mean) / joint.std))
+    # 6 standard errors of the resampled mean, and the grid's own error in the tails
+    if not shift < 6 / np.sqrt(RESAMPLED) + 0.02:
+        raise InputError("joint.json", f"its marginals resampled miss the draws' mean by {shift:.2g} standard deviations",
+                         "sample longer: the draws have too heavy tails for their number")  # fmt: skip
+    content = {
+        "verdict": files.standing.remark, "kind": "nataf", "parameters": list(joint.names),
+        "unit": [units[n] for n in joint.names], "mean": joint.mean.tolist(), "std": joint.std.tolist(),
+        "level": joint.level.tolist(), "quantile": joint.quantile.T.tolist(),
+        "normal_correlation": joint.correlation.tolist(), "rank_correlation": joint.rank_correlation.tolist(),
+        "note": "theta_k = quantile_k(Phi(z_k)), linear between levels; z Gaussian with normal_correlation",
+    }  # fmt: skip
+    numbers = {"type": "array", "items": {"type": "number"}}
+    tables = {"type": "array", "items": numbers}
+    schema = {
+        "$schema": "https://json-schema.org/draft/2020-12/schema", "type": "object", "required": list(content),
+        "properties": {"verdict": {"type": "string"}, "kind": {"const": "nataf"}, "note": {"type": "string"},
+                       **{k: {"type": "array", "items": {"type": "string"}} for k in ("parameters", "unit")},
+                       **{k: numbers for k in ("mean", "std", "level")},
+                       **{k: tables for k in ("quantile", "normal_correlation", "rank_correlation")}},
+    }  # fmt: skip
+    files.json("joint.json", content, schema)
+
+
+def _models(files: _Files, model: Model, path: Path, parameters_file, draws, left_out, progress) -> list[ModalSolution]:
+    """models/NNN, each solved again from what was written; returns the modes of every draw."""
+    n = min(10, model.n_available)
+    solved = []
+    for k, theta in enumerate(draws):
+        progress("writing models", k, len(draws))
+        folder = files.folder / "models" / f"{k + 1:03d}"
+        folder.mkdir(parents=True)
+        solved.append(model.solve(theta, n))
+        expected = solved[-1].frequency_hz
+        written = _model_files(folder, path, parameters_file, dict(zip(model.parameters.names, theta, strict=True)),
+                               files.standing.remark, left_out if k == 0 else [])  # fmt: skip
+        for entry, opened in written.items():
+            if opened is not None:
+                found = opened.solve(opened.parameters.initial, n).frequency_hz
+                error = float(np.max(np.abs(found / expected - 1)))
+                if not error < READ_BACK:
+                    raise InputError(str(folder / entry), f"what was read back has frequencies that differ by {error:.1e}",
+                                     "report this: the model was not written as it is")  # fmt: skip
+            files.add(folder / entry, f"the model at draw {k + 1}", "SI", checked_to=READ_BACK if opened else None)
+    progress("writing models", len(draws), len(draws))
+    return solved
+
+
+def _model_files(folder: Path, path: Path, parameters_file, values, remark: str, left_out: list[str]) -> dict[str, Model]:
+    """Write a model at one draw; name of each file -> the model opened again from it, None where it is a part of one."""
+    if is_subdyn(path):
+        written: dict[str, Model | None] = {}
+        tower, odd = "tower" in read_toml(path), unspeakable(path)
+        if odd:
+            left_out.append(f"models as SubDyn files: they have no word for {', '.join(odd)}; see models/*/model.toml")
+        else:
+            file, above = applied(path, values, remark)
+            target = write_subdyn(_with_remark(file, remark), folder / AT_DRAW)
+            for name in file.soil:
+                written[name.replace("\\", "/")] = None
+            written[target.name] = None if tower else load_model(target)
+            if above:
+                left_out.append(f"{', '.join(above)} in models/*/{AT_DRAW}: they act on the tower; see model.toml")
+        if tower or not written:
+            written |= _toml_model(folder, path, values, remark)
+        return written
+    if path.suffix == ".npz":
+        _copy_archive(path, folder / "model.npz", remark)
+        own = parameters_file or next(p for p in (path.with_suffix(".toml"), path.with_name("parameters.toml")) if p.exists())
+        text = f"# {remark}\n" + with_initial(Path(own).read_text(encoding="utf-8"), values, str(own))
+        (folder / "parameters.toml").write_text(text, encoding="utf-8")
+        return {"parameters.toml": None, "model.npz": load_model(folder / "model.npz")}
+    return _toml_model(folder, path, values, remark)
+
+
+def _toml_model(folder: Path, path: Path, values, remark: str) -> dict[str, Model | None]:
+    """The user's TOML with the draw as initial values, and the files it names."""
+    raw, written = read_toml(path), {}
+    if "matrices" in raw:
+        source, _ = matrices_file(path)
+        written[raw["matrices"]["file"]] = None
+        _copy_archive(source, folder / raw["matrices"]["file"], remark)
+    if "subdyn" in raw:
+        file = read_subdyn(beside(path, raw["subdyn"]["file"], "subdyn.file"))
+        target = folder / raw["subdyn"]["file"]
+        target.parent.mkdir(parents=True, exist_ok=True)
+        lines = [f"{line} | {remark}" if k == 1 else line for k, line in enumerate(file.lines)]
+        write_subdyn(_with_remark(replace(file, lines=tuple(lines)), remark), target)
+        for name in (raw["subdyn"]["file"], *(str(Path(raw["subdyn"]["file"]).parent / s) for s in file.soil)):
+            written[Path(name.replace("\\", "/")).as_posix()] = None
+        if "elastodyn" in raw.get("tower", {}):
+            main = beside(path, raw["tower"]["elastodyn"], "tower.elastodyn")
+            for source in sorted(p for p in main.parent.iterdir() if p.is_file() and p.name in _named_in(main)):
+                written[source.name] = None
+                _copy_openfast(source, folder / source.name, remark)
+            written[raw["tower"]["elastodyn"]] = None
+            _copy_openfast(main, folder / raw["tower"]["elastodyn"], remark)
+    text = f"# {remark}\n" + with_initial(path.read_text(encoding="utf-8"), values, str(path))
+    (folder / "model.toml").write_text(text, encoding="utf-8")
+    return written | {"model.toml": load_model(folder / "model.toml")}
+
+
+def _named_in(main: Path) -> set[str]:
+    return set(re.findall(r'"([^"/\\]+)"', main.read_text(encoding="utf-8", errors="replace")))
+
+
+def _with_remark(file: SubDynFile, remark: str) -> SubDynFile:
+    """SSI files with the verdict in a comment."""
+    return replace(file, soil={k: replace(one, lines=(f"! {remark}", *one.lines)) for k, one in file.soil.items()})
+
+
+def _copy_archive(source: Path, target: Path, remark: str) -> None:
+    target.parent.mkdir(parents=True, exist_ok=True)
+    np.savez(target, **read_archive(source), remark=np.array(remark))
+
+
+def _copy_openfast(source: Path, target: Path, remark: str) -> None:
+    """OpenFAST's files have a line of free text, the second."""
+    target.parent.mkdir(parents=True, exist_ok=True)
+    write_lines(target, [f"{line} | {remark}" if k == 1 else line for k, line in enumerate(read_lines(source))])
+
+
+def with_initial(text: str, values: Mapping[str, float], where: str) -> str:
+    """A TOML text with `initial` of its [[parameter]] tables replaced; `cov` becomes the std it stood for, and bounds
+    that the value lies on stay. Raises InputError where a parameter's table is not found."""
+    tables = re.split(r"(?=^\[)", text, flags=re.M)
+    left = dict(values)
+    for k, table in enumerate(tables):
+        name = re.search(r'^name\s*=\s*["\']([^"\']+)["\']', table, flags=re.M)
+        if not table.startswith("[[parameter]]") or name is None or name[1] not in left:
+            continue
+        value, old = float(left.pop(name[1])), re.search(r"^initial\s*=\s*([^\s#]+)", table, flags=re.M)
+        cov = re.search(r"^cov\s*=\s*([^\s#]+)", table, flags=re.M)
+        table = re.sub(r"^initial\s*=\s*[^\s#]+", f"initial = {value!r}", table, count=1, flags=re.M)
+        if cov is not None:
+            std = float(cov[1]) * abs(float(old[1]))
+            table = re.sub(r"^cov\s*=\s*[^\s#]+", f"std = {std!r}", table, count=1, flags=re.M)
+        tables[k] = table
+    if left:
+        raise InputError(where, f"no [[parameter]] table of {', '.join(left)} was found", "write name = \"...\" on a line")
+    return "".join(tables)
+
+
+def _modes(files: _Files, model: Model, path: Path, solved, data: ModalData | None, left_out, rng) -> None:
+    """modes.csv: frequencies of every draw, named by their shapes; damping ratios as measured."""
+    sensors = model_sensors(path)
+    known = bool(sensors) and tuple(s.channel for s in sensors) == tuple(model.channels)
+    labels = [mode_character(one.shape, sensors).labels if known else
+              tuple(f"mode {j + 1}" for j in range(one.frequency_hz.size)) for one in solved]  # fmt: skip
+    # what every draw has
+    common = [label for label in labels[0] if all(label in own for own in labels)]
+    damping, told = {}, {}
+    if data is None or data.labels is None:
+        left_out.append("damping in modes.csv: no modes.json with labels lies in the run")
+    else:
+        for label in (one for one in common if one in data.labels):
+            found = np.array([s.damping_ratio[data.labels.index(label)] for s in data.sets], float)
+            found = found[np.isfinite(found) & (found > 0)]
+            if len(found) < 2:
+                continue
+            log = np.log(found)
+            told[label] = {"sets": len(found), "mean": float(found.mean()), "std": float(found.std(ddof=1))}
+            # the scatter of sets is mostly identification's; their median is known to the standard error of its mean
+            step = log.std(ddof=1) / np.sqrt(len(found))
+            damping[label] = np.exp(log.mean() + step * rng.standard_normal(len(solved)))
+    rows = [
+        [k + 1, j + 1, label, float(solved[k].frequency_hz[j]), float(damping[label][k]) if label in damping else None]
+        for k, own in enumerate(labels) for j, label in enumerate(own)
+    ]  # fmt: skip
+    columns = [{"name": "draw", "unit": "-"}, {"name": "mode", "unit": "-"},
+               {"name": "label", "unit": "-", "type": "string"}, {"name": "frequency_hz", "unit": "Hz"},
+               {"name": "damping_ratio", "unit": "-", "type": ["number", "null"]}]  # fmt: skip
+    files.table("modes.csv", columns, rows)
+    frequency = np.array([[one.frequency_hz[own.index(label)] for label in common]
+                          for one, own in zip(solved, labels, strict=True)])  # fmt: skip
+    both = np.column_stack([frequency, *damping.values()])
+    names = [f"frequency_hz {label}" for label in common] + [f"damping_ratio {label}" for label in damping]
+    numbers = {"type": "array", "items": {"type": "number"}}
+    content = {
+        "verdict": files.standing.remark, "name": names, "mean": both.mean(axis=0).tolist(),
+        "covariance": np.atleast_2d(np.cov(both, rowvar=False)).tolist() if len(both) > 1 else None,
+        "damping_measured": told,
+        "note": "frequencies of modes that every draw has; damping lognormal about the sets' geometric mean with its "
+                "standard error, independent of the parameters; damping_measured.std is the scatter of single sets",
+    }  # fmt: skip
+    files.json("modes_covariance.json", content, {
+        "$schema": "https://json-schema.org/draft/2020-12/schema", "type": "object", "required": list(content),
+        "properties": {"name": {"type": "array", "items": {"type": "string"}}, "mean": numbers,
+                       "covariance": {"type": ["array", "null"], "items": numbers}}})  # fmt: skip
+
+
+def _superelements(files: _Files, count: int, n_mode: int, progress: Progress) -> float:
+    """superelements/NNN.{guyan,cb}.{npz,dat}; returns the largest truncation error of the first two frequencies."""
+    folder = files.folder / "superelements"
+    folder.mkdir()
+    worst = 0.0
+    for k in range(count):
+        progress("writing superelements", k, count)
+        file = read_subdyn(files.folder / "models" / f"{k + 1:03d}" / AT_DRAW)
+        for name, modes in (("guyan", 0), ("cb", n_mode)):
+            one = superelement(file, n_mode=modes)
+            for written in write_superelement(one, folder, f"{k + 1:03d}.{name}", files.standing.remark):
+                files.add(written, f"{name} superelement of draw {k + 1} at {one.reference_m.tolist()} m, interface joints "
+                          f"{[i.joint for i in file.interfaces]}", "N, m, rad, kg, s", checked_to=READ_BACK,
+                          frequency_hz=one.frequency_hz.tolist(), truncation=one.truncation.tolist())  # fmt: skip
+            if modes:
+                worst = max(worst, float(one.truncation[:2].max()))
+    progress("writing superelements", count, count)
+    return worst
+
+
+def _verify(out: Path) -> None:
+    """The manifest's hashes against the disk."""
+    manifest = json.loads((out / "manifest.json").read_text(encoding="utf-8"))
+    for name, entry in manifest["files"].items():
+        if _sha(out / name) != entry["sha256"]:
+            raise InputError(str(out / name), "is not what the manifest says", "export again")

@@ -1,0 +1,178 @@
+"""Guyan and Craig-Bampton superelements of a SubDyn structure at its transition piece, as .npz and for OpenFAST's ExtPtfm.
+
+u_L = Phi_R u_TP + Phi_m q: static shapes of the interface's six rigid motions and the lowest modes with it held
+(Craig & Bampton 1968), as SubDyn reduces; damping is what the input file says (JDampings, GuyanDampMod).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from scipy import linalg, sparse
+from scipy.sparse import linalg as sparse_linalg
+
+from probupdate.errors import InputError
+from probupdate.io.fortran_text import number, read_lines
+from probupdate.io.subdyn_file import SubDynFile
+from probupdate.modes import frozen_array
+from probupdate.structure.eigen import lowest_modes
+from probupdate.structure.subdyn_frame import cross_matrix
+from probupdate.structure.subdyn_model import assembled_file
+
+# frequencies of what is read back and those written: text keeps 17 digits
+READ_BACK = 1e-6
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Superelement:
+    """stiffness, mass, damping (6 + n_mode, 6 + n_mode): surge, sway, heave, roll, pitch, yaw of the reference point in N,
+    m, rad, kg, then the modes with the interface held, at unit modal mass. recovery (n_joint, 6, 6 + n_mode): motion of
+    each joint (rotations of one that turns are NaN). frequency_hz (n,): with the interface free, of the superelement;
+    full_hz (n,): of the structure it stands for, so that their difference is the truncation error."""
+
+    reference_m: np.ndarray
+    stiffness: np.ndarray
+    mass: np.ndarray
+    damping: np.ndarray
+    recovery: np.ndarray
+    joints: tuple[int, ...]
+    frequency_hz: np.ndarray
+    full_hz: np.ndarray
+
+    @property
+    def truncation(self) -> np.ndarray:
+        """(n,) relative error of each frequency, not negative but for rounding."""
+        return self.frequency_hz / self.full_hz - 1
+
+
+def superelement(file: SubDynFile, *, n_mode: int, reference_m=None, compared: int = 6) -> Superelement:
+    """Reduce a structure to its interface joints, taken as rigidly fixed to the reference point (their mean where none is
+    given), and `n_mode` modes; 0 is Guyan's reduction. Raises InputError where there is no interface."""
+    if not file.interfaces:
+        raise InputError(file.where, "has no interface joints", "list them (NInterf): the superelement ends there")
+    frame, K, M = assembled_file(file)
+    nodes = [frame.node_of[i.joint] for i in file.interfaces]
+    if any(frame.translation[node, 3] < 0 for node in nodes):
+        raise InputError(file.where, "an interface joint turns", "take rigid joints (type 1)")
+    reference = np.mean(frame.node_m[nodes], axis=0) if reference_m is None else np.asarray(reference_m, float)
+    # rows of the interface in what is left after constraints, and their rigid motion with the reference point
+    rows = frame.reduction[np.concatenate([frame.translation[node] for node in nodes])]
+    rigid = np.vstack([np.block([[np.eye(3), -cross_matrix(frame.node_m[node] - reference)],
+                                 [np.zeros((3, 3)), np.eye(3)]]) for node in nodes])  # fmt: skip
+    boundary = np.unique(sparse.coo_array(rows).coords[1])
+    motion, left, *_ = np.linalg.lstsq(rows[:, boundary].toarray(), rigid, rcond=None)
+    if np.abs(rows[:, boundary] @ motion - rigid).max() > 1e-8 * max(1.0, np.abs(rigid).max()):
+        raise InputError(file.where, "the interface cannot move as a rigid body: a reaction holds it",
+                         "free the interface joints at the reactions")  # fmt: skip
+    inner = np.setdiff1d(np.arange(K.shape[0]), boundary)
+    KLL, MLL = (sparse.csc_array(X[inner][:, inner]) for X in (K, M))
+    if n_mode < 0 or n_mode >= len(inner) - 1:
+        raise InputError("modes", f"{n_mode} of {len(inner)} inner degrees of freedom", "ask for fewer")
+    load = (K[inner][:, boundary] @ motion)
+    guyan = -sparse_linalg.splu(sparse.csc_matrix(KLL)).solve(np.asarray(load))
+    value, shape = (np.zeros(0), np.zeros((len(inner), 0)))
+    if n_mode:
+        value, shape = lowest_modes(KLL, MLL, n_mode, file.where)
+    basis = np.zeros((K.shape[0], 6 + n_mode))
+    basis[boundary, :6], basis[inner, :6], basis[inner, 6:] = motion, guyan, shape
+    stiffness, mass = (_symmetric(basis.T @ (X @ basis)) for X in (K, M))
+    # what is zero and one by construction
+    stiffness[:6, 6:], stiffness[6:, :6], stiffness[6:, 6:] = 0.0, 0.0, np.diag(value)
+    mass[6:, 6:] = np.eye(n_mode)
+    full = np.sqrt(_positive(lowest_modes(K, M, min(compared, K.shape[0] - 2), file.where)[0])) / (2 * np.pi)
+    own = frequencies(stiffness, mass)[: len(full)]
+    node_dofs = frame.translation[: len(file.joints)]
+    recovery = np.full((len(file.joints), 6, 6 + n_mode), np.nan)
+    there = node_dofs >= 0
+    recovery[there] = frame.reduction[node_dofs[there]] @ basis
+    return Superelement(
+        reference_m=frozen_array(reference), stiffness=frozen_array(stiffness), mass=frozen_array(mass),
+        damping=frozen_array(_damping(file, stiffness, mass, np.sqrt(value))), recovery=frozen_array(recovery),
+        joints=tuple(j.id for j in file.joints), frequency_hz=frozen_array(own), full_hz=frozen_array(full[: len(own)]),
+    )  # fmt: skip
+
+
+def _symmetric(matrix: np.ndarray) -> np.ndarray:
+    return 0.5 * (matrix + matrix.T)
+
+
+def _positive(value: np.ndarray) -> np.ndarray:
+    return np.maximum(value, 0.0)
+
+
+def frequencies(stiffness: np.ndarray, mass: np.ndarray) -> np.ndarray:
+    """(n,) in Hz, ascending, of a superelement with its interface free."""
+    return np.sqrt(_positive(linalg.eigh(stiffness, mass, eigvals_only=True))) / (2 * np.pi)
+
+
+def _damping(file: SubDynFile, stiffness, mass, angular) -> np.ndarray:
+    damping = np.zeros_like(stiffness)
+    mode = int(float(file.settings.get("GuyanDampMod", "0")))
+    if mode == 1:
+        alpha, beta = (number(w) for w in file.settings["RayleighDamp"].split())
+        damping[:6, :6] = alpha * mass[:6, :6] + beta * stiffness[:6, :6]
+    elif mode == 2:
+        rows = [file.settings[f"GuyanDampMat{k + 1}"].split() for k in range(int(file.settings["GuyanDampSize"]))]
+        if len(rows) != 6:
+            raise InputError(file.where, f"its Guyan damping matrix is of size {len(rows)}", "give 6: one transition piece")
+        damping[:6, :6] = [[number(w) for w in row] for row in rows]
+    percent = [number(w) for w in file.settings.get("JDampings", "").split()] or [0.0]
+    ratio = np.array((percent + [percent[-1]] * len(angular))[: len(angular)]) / 100
+    damping[6:, 6:] = np.diag(2 * ratio * angular)
+    return damping
+
+
+def write_superelement(one: Superelement, folder: Path, name: str, remark: str) -> tuple[Path, Path]:
+    """<name>.npz with every array, and <name>.dat, the reduced file of ExtPtfm; both read back and their frequencies
+    compared."""
+    archive, text = folder / f"{name}.npz", folder / f"{name}.dat"
+    np.savez(archive, reference_m=one.reference_m, K=one.stiffness, M=one.mass, C=one.damping, recovery=one.recovery,
+             joint=np.array(one.joints), frequency_hz=one.frequency_hz, full_frequency_hz=one.full_hz,
+             remark=np.array(remark))  # fmt: skip
+    n = len(one.mass)
+    lines = ["!Comment", f"!Comment {remark}", f"!Dimension: {n}", "!Time increment in simulation: 0.05",
+             "!Total simulation time in file: 0", ""]  # fmt: skip
+    for title, matrix in (("Mass", one.mass), ("Damping", one.damping), ("Stiffness", one.stiffness)):
+        lines += [f"!{title} Matrix", f"!Dimension: {n}", *(" ".join(f"{v:.17e}" for v in row) for row in matrix), ""]
+    text.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    with np.load(archive, allow_pickle=False) as held:
+        _compare(archive, one, held["K"], held["M"])
+    read = read_extptfm(text)
+    _compare(text, one, read["Stiffness"], read["Mass"])
+    return archive, text
+
+
+def _compare(path: Path, one: Superelement, stiffness, mass) -> None:
+    found = frequencies(stiffness, mass)[: len(one.frequency_hz)]
+    # a free structure has motions of 0 Hz, which have no relative error
+    error = np.abs(found - one.frequency_hz) / np.maximum(one.frequency_hz, 1e-3)
+    if not error.max() < READ_BACK:
+        raise InputError(str(path), f"what was read back has frequencies that differ by {error.max():.1e}",
+                         "check the disk it was written to")  # fmt: skip
+
+
+def read_extptfm(path: str | Path) -> dict[str, np.ndarray]:
+    """Mass, Damping, Stiffness (n, n) of a reduced file of OpenFAST's ExtPtfm."""
+    lines, found, n, at = read_lines(path), {}, None, 0
+    while at < len(lines):
+        head = lines[at].strip().lower()
+        at += 1
+        if head.startswith("!dimension"):
+            n = int(head.split(":")[1])
+        title = next((t for t in ("Mass", "Damping", "Stiffness") if head.startswith(f"!{t.lower()}")), None)
+        if title is None:
+            continue
+        if at < len(lines) and lines[at].lower().startswith("!dimension"):
+            n = int(lines[at].split(":")[1])
+            at += 1
+        rows = [[number(w) for w in line.split()] for line in lines[at : at + (n or 0)]]
+        if n is None or len(rows) != n or any(len(r) != n or None in r for r in rows):
+            raise InputError(f"{path}, line {at + 1}", f"the {title} matrix is not {n} rows of {n} numbers", "mend it")
+        found[title] = np.array(rows)
+        at += n
+    missing = {"Mass", "Damping", "Stiffness"} - set(found)
+    if missing:
+        raise InputError(str(path), f"has no {', '.join(sorted(missing))} matrix", "give a reduced file of ExtPtfm")
+    return found

@@ -1,0 +1,138 @@
+"""Parameter values put into a SubDyn file itself: property sets, soil files and masses as they are at theta."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from math import prod
+from pathlib import Path
+
+import numpy as np
+
+from probupdate.errors import InputError
+from probupdate.io.fortran_text import replaced, words
+from probupdate.io.ssi_file import scaled_ssi
+from probupdate.io.subdyn_file import BEAMS, SubDynFile, read_subdyn, reparsed
+from probupdate.structure.parameter_table import read_toml
+from probupdate.structure.subdyn_model import SOIL_PARTS, beside, read_description, targets_of
+
+# what a SubDyn file has no word for
+UNSPEAKABLE = ("line_mass",)
+
+
+def unspeakable(path: Path) -> tuple[str, ...]:
+    """The parameters of a TOML with [subdyn] that its SubDyn file cannot express."""
+    return tuple(p.name for p in read_description(read_toml(path), path).parameter if p.acts in UNSPEAKABLE)
+
+
+def applied(path: Path, values: Mapping[str, float], remark: str = "") -> tuple[SubDynFile, tuple[str, ...]]:
+    """The SubDyn file of a TOML with [subdyn] as it is at the values of its parameters (those not named stand at their
+    initial value), and the names of parameters that act on its [tower] and so are not in it. `remark` goes into the
+    file's second line. Raises InputError for what SubDyn cannot say (`unspeakable`)."""
+    path = Path(path)
+    odd = unspeakable(path)
+    if odd:
+        raise InputError(f"{path}: parameter {odd[0]}", "acts in a way a SubDyn file has no word for", "take model.toml")
+    description = read_description(read_toml(path), path)
+    file = read_subdyn(beside(path, description.subdyn.file, "subdyn.file"))
+    own = tuple(p for p in description.parameter if not set(p.groups) & {"tower", "rotor_nacelle"}
+                or description.tower is None)  # fmt: skip
+    above = tuple(p.name for p in description.parameter if p not in own)
+    targets = targets_of(file, description.model_copy(update={"parameter": own}), path)
+    known = {p.name: p.initial for p in description.parameter} | {name: float(v) for name, v in values.items()}
+    edit = _Edit(file)
+
+    def factor(act: str, id: int) -> float:
+        return prod(known[name] for name in targets(act, id))
+
+    def total(act: str, id: int) -> float:
+        return sum(known[name] for name in targets(act, id))
+
+    for member in file.members:
+        if member.kind == "rigid":
+            continue
+        stiff, dense = factor("stiffness", member.id), factor("density", member.id)
+        wall, loss = factor("thickness", member.id), total("wall_loss", member.id)
+        for end in (0, 1):
+            old = file.set_of(member, end).values
+            if member.kind in BEAMS:
+                new = [old[0] * stiff, old[1] * stiff, old[2] * dense, *old[3:]]
+                if wall != 1 or loss:
+                    new[3:5] = [old[3] - 2 * loss, old[4] * wall - loss]
+            elif member.kind == "cable":
+                # the pretension with it, so that the rest length stays
+                new = [old[0] * stiff, old[1], old[2] * stiff, *old[3:]]
+            else:
+                new = [v * stiff for v in old]
+            edit.set_of(member, end, tuple(new))
+    for reaction in file.reactions:
+        if reaction.ssi is None or all(reaction.fixed):
+            continue
+        stiffness = np.array(file.soil[reaction.ssi].stiffness)
+        for act, index in SOIL_PARTS.items():
+            stiffness[np.ix_(index, index)] *= factor(act, reaction.joint)
+        edit.soil(reaction, stiffness * factor("soil", reaction.joint))
+    for row in file.masses:
+        edit.mass(row, factor("mass", row.id))
+    for joint in file.joints:
+        more = total("added_mass", joint.id)
+        if more:
+            edit.rows.setdefault("mass", []).append(f"{joint.id} {more!r} " + " ".join(["0.0"] * 9))
+    return edit.file(remark), above
+
+
+class _Edit:
+    """Words replaced and rows added, put into the text at the end."""
+
+    def __init__(self, file: SubDynFile):
+        self.source = file
+        self.words: dict[int, dict[int, str]] = {}
+        self.rows: dict[str, list[str]] = {}
+        self.soils = {}
+        self._sets: dict[tuple, int] = {}
+
+    def set_of(self, member, end: int, values: tuple[float, ...]) -> None:
+        row = self.source.set_of(member, end)
+        if values == row.values:
+            return
+        key = (member.kind, values)
+        if key not in self._sets:
+            used = [r.id for r in self.source.sets[member.kind]]
+            self._sets[key] = max(used) + 1 + sum(kind == member.kind for kind, _ in self._sets)
+            # older files have a column less
+            width = sum(1 for w in words(self.source.lines[row.line - 1])[1:]) if member.kind == "arbitrary" else len(values)
+            shown = values[: min(width, len(values))]
+            self.rows.setdefault(member.kind, []).append(" ".join([str(self._sets[key]), *(repr(float(v)) for v in shown)]))
+        self.words.setdefault(member.line, {})[3 + end] = str(self._sets[key])
+
+    def soil(self, reaction, stiffness: np.ndarray) -> None:
+        old = self.source.soil[reaction.ssi]
+        if np.array_equal(stiffness, old.stiffness):
+            return
+        place = Path(reaction.ssi.replace("\\", "/"))
+        name = place.with_name(f"{place.stem}_{reaction.joint}{place.suffix}").as_posix()
+        if name in self.source.soil:
+            name = place.with_name(f"{place.stem}_{reaction.joint}_new{place.suffix}").as_posix()
+        self.soils[name] = replace(scaled_ssi(old, stiffness, old.mass), name=name)
+        self.words.setdefault(reaction.line, {})[7] = f'"{name}"'
+
+    def mass(self, row, factor: float) -> None:
+        if factor == 1:
+            return
+        given = len(words(self.source.lines[row.line - 1]))
+        for k in range(1, min(given, 8)):
+            self.words.setdefault(row.line, {})[k] = repr(float(row.values[k - 1] * factor))
+
+    def file(self, remark: str) -> SubDynFile:
+        lines = [replaced(text, self.words[at]) if at in self.words else text
+                 for at, text in enumerate(self.source.lines, 1)]  # fmt: skip
+        if remark:
+            lines[1] = f"{lines[1]} | {remark}"
+        tables = {**self.source.sets, "mass": self.source.masses}
+        # from below, so that lines above keep their numbers
+        for kind in sorted(self.rows, key=lambda k: -self.source.counts[k]):
+            at, had = self.source.counts[kind], len(tables[kind])
+            lines[at - 1] = replaced(lines[at - 1], {0: str(had + len(self.rows[kind]))})
+            below = at + 2 + had
+            lines[below:below] = [f"  {row}" for row in self.rows[kind]]
+        return reparsed(self.source, lines, self.soils)

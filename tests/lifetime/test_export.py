@@ -1,0 +1,270 @@
+"""`export --to lifetime`: every file is there, holds what it says, and a run that does not stand is refused."""
+
+import hashlib
+import json
+
+import numpy as np
+import pytest
+from scipy import sparse, stats
+from tests.subdyn_text import STEEL, subdyn
+
+from probupdate.cli import main
+from probupdate.errors import InputError
+from probupdate.estimators.posterior_file import Posterior, write_posterior
+from probupdate.io.subdyn_file import read_subdyn
+from probupdate.lifetime.draws import equal_draws, joint_of
+from probupdate.lifetime.export import export_lifetime, read_table, with_initial
+from probupdate.lifetime.superelement import frequencies, read_extptfm, superelement
+from probupdate.modes import ModalData, ModalSet
+from probupdate.structure.load import load_model
+from probupdate.structure.subdyn_model import assembled_file
+from probupdate.structure.subdyn_values import applied
+
+TOML = """name = "a frame"
+[subdyn]
+file = "structure.dat"
+[group.legs]
+property_sets = [1]
+[group.brace]
+members = [3]
+[group.soil]
+reactions = [1]
+[group.top]
+masses = [4]
+[group.deck]
+joints = [3]
+"""
+ACTS = {"k": ("stiffness", "legs", "-", 1.0), "rho": ("density", "brace", "-", 1.0), "t": ("thickness", "legs", "-", 1.0),
+        "loss": ("wall_loss", "brace", "m", 0.002), "m": ("mass", "top", "-", 1.0), "dm": ("added_mass", "deck", "kg", 300.0),
+        "soil": ("soil_lateral", "soil", "-", 1.0)}  # fmt: skip
+
+
+@pytest.fixture
+def run(tmp_path):
+    """A run directory with a small frame's model and a made-up posterior."""
+    (tmp_path / "soil.txt").write_text("1e8 Kxx\n1e8 Kyy\n2e8 Kzz\n1e9 Ktxtx\n1e9 Ktyty\n1e8 Ktztz\n")
+    (tmp_path / "structure.dat").write_text(subdyn(
+        ["0 0 0", "4 0 0", "4 0 8", "0 0 8"], ["1 4 1 1 1c 0", "2 3 1 1 1c 0", "1 3 1 1 1c 0", "4 3 2 2 1c 0"],
+        ["1 0 0 0 0 0 0 soil.txt", "2 1 1 1 1 1 1"], interface=[3, 4], div=2,
+        circular=[f"1 {STEEL} 0.5 0.02", f"2 {STEEL} 0.3 0.01"], mass=["4 2e3 1e3 9e3 1e3 0 0 0 0.4 0 0"]))  # fmt: skip
+    text = TOML
+    for name, (acts, on, unit, value) in ACTS.items():
+        text += f'[[parameter]]\nname = "{name}"\nacts = "{acts}"\non = "{on}"\nunit = "{unit}"\ninitial = {value}\n'
+        text += f"cov = 0.1\nlower = {0.2 * value}\nupper = {5 * value}\n"
+    for channel, joint, direction in (("A", 4, "[1.0, 0.0, 0.0]"), ("B", 4, "[0.0, 1.0, 0.0]"), ("C", 3, "[0.0, 1.0, 0.0]")):
+        text += f'[[sensor]]\nchannel = "{channel}"\njoint = {joint}\ndirection = {direction}\n'
+    (tmp_path / "model.toml").write_text(text)
+    return tmp_path
+
+
+def posterior(model, *, converged=True, n=400) -> Posterior:
+    rng = np.random.default_rng(3)
+    width = len(model.parameters)
+    root = np.linalg.cholesky(0.5 * np.eye(width) + 0.5)
+    theta = model.parameters.initial * np.exp(0.05 * rng.standard_normal((4, n, width)) @ root.T)
+    return Posterior(
+        names=model.parameters.names, theta=theta, log_likelihood=np.zeros((4, n)), log_posterior=np.zeros((4, n)),
+        prior=theta[0, :10], response_labels=("f",), measured=np.ones(1), std=np.ones(1), predicted=np.ones((2, 1)),
+        frequency_hz=np.ones((2, 1)), mode_labels=("FA1",), r_hat=np.ones(width), ess=np.full(width, 400.0),
+        converged=converged, verdict="made up", fingerprint="none",
+    )  # fmt: skip
+
+
+def exported(run, out="out", **options):
+    model = load_model(run / "model.toml")
+    return export_lifetime(posterior(model), model, run / "model.toml", run / out, n_draw=3, n_mode=4, **options)
+
+
+def test_every_file_is_there_with_its_hash_and_the_verdict(run):
+    done = exported(run)
+    manifest = json.loads((done.folder / "manifest.json").read_text())
+    on_disk = {p.relative_to(done.folder).as_posix() for p in done.folder.rglob("*") if p.is_file()}
+    assert set(manifest["files"]) == on_disk - {"manifest.json"}
+    for name, entry in manifest["files"].items():
+        raw = (done.folder / name).read_bytes()
+        assert hashlib.sha256(raw).hexdigest() == entry["sha256"] and entry["units"]
+        if name.endswith(".npz"):
+            with np.load(done.folder / name) as held:
+                assert "converged" in str(held["remark"])
+        else:
+            assert b"sampler: converged; diagnosis: not made" in raw, name
+    assert any("fatigue" in text for text in manifest["left_out"])
+
+
+def test_models_hold_every_parameter_of_their_draw(run):
+    done = exported(run)
+    model = load_model(run / "model.toml")
+    table = read_table(done.folder / "draws.csv")
+    theta = np.column_stack([table[name] for name in model.parameters.names])
+    np.testing.assert_array_equal(theta, done.draws)
+    modes = read_table(done.folder / "modes.csv")
+    for k, row in enumerate(theta, 1):
+        written = load_model(done.folder / "models" / f"{k:03d}" / "subdyn_at_draw.dat")
+        expected = model.solve(row, 10).frequency_hz
+        np.testing.assert_allclose(written.solve(np.zeros(0), 10).frequency_hz, expected, rtol=1e-9)
+        np.testing.assert_allclose([f for d, f in zip(modes["draw"], modes["frequency_hz"], strict=True) if d == k], expected)
+    # values far from the initial ones are put in too
+    far = dict(zip(model.parameters.names, model.parameters.initial * [2, 3, 0.5, 2, 3, 4, 0.3], strict=True))
+    file, above = applied(run / "model.toml", far)
+    frame, K, M = assembled_file(file)
+    value = sparse.linalg.eigsh(K, k=5, M=M, sigma=0.0, return_eigenvectors=False)
+    own = model.solve(np.array(list(far.values())), 5).frequency_hz
+    np.testing.assert_allclose(np.sort(np.sqrt(value)) / (2 * np.pi), own, rtol=1e-8)
+    assert above == ()
+
+
+def test_what_subdyn_cannot_say_goes_out_as_toml(run):
+    text = (run / "model.toml").read_text()
+    (run / "model.toml").write_text(text.replace('acts = "density"\non = "brace"\nunit = "-"\ninitial = 1.0',
+                                                 'acts = "line_mass"\non = "brace"\nunit = "kg/m"\ninitial = 20.0')
+                                    .replace("lower = 0.2\nupper = 5.0", "lower = 0.2\nupper = 50.0"))  # fmt: skip
+    done = exported(run)
+    assert any("no word for rho" in t for t in done.left_out) and any("superelements" in t for t in done.left_out)
+    again = load_model(done.folder / "models" / "002" / "model.toml")
+    np.testing.assert_allclose(again.parameters.initial, done.draws[1], rtol=1e-15)
+    # the prior's width stays what it was
+    np.testing.assert_allclose(again.parameters.std, load_model(run / "model.toml").parameters.std, rtol=1e-12)
+
+
+@pytest.mark.parametrize("options", [{"diagnosis": "unexplained"}, {"converged": False}])
+def test_a_run_that_does_not_stand_needs_accept_and_says_so_in_every_file(run, options):
+    model = load_model(run / "model.toml")
+    drawn = posterior(model, converged=options.get("converged", True))
+    words = {"diagnosis": options.get("diagnosis"), "n_draw": 2, "n_mode": 2}
+    with pytest.raises(InputError, match="--accept"):
+        export_lifetime(drawn, model, run / "model.toml", run / "out", **words)
+    done = export_lifetime(drawn, model, run / "model.toml", run / "out", accept=True, **words)
+    for path in (p for p in done.folder.rglob("*") if p.is_file()):
+        if path.suffix == ".npz":
+            with np.load(path) as held:
+                assert "ACCEPTED ALTHOUGH" in str(held["remark"])
+        else:
+            assert "ACCEPTED ALTHOUGH" in path.read_text(), path
+
+
+def test_a_named_cause_is_said_to_be_outside_the_draws(run):
+    done = exported(run, diagnosis="named", findings=("parameter soil_63",))
+    assert "parameter soil_63: not in this model" in (done.folder / "draws.csv").read_text()
+
+
+def test_damping_is_that_of_the_sets(run):
+    labels = load_model(run / "model.toml")
+    done = exported(run, "first")
+    first = read_table(done.folder / "modes.csv")["label"][0]
+    sets = tuple(ModalSet(id=f"{k}", frequency_hz=np.ones(1), damping_ratio=np.array([z]), shape=np.ones((3, 1)),
+                          frequency_std_hz=np.ones(1), shape_std=np.ones((3, 1))) for k, z in enumerate((0.01, 0.012, 0.014)))
+    data = ModalData(channels=labels.channels, sets=sets, labels=(first,))
+    table = read_table(exported(run, "second", modes=data).folder / "modes.csv")
+    got = [z for z, label in zip(table["damping_ratio"], table["label"], strict=True) if label == first]
+    assert len(got) == 3 and all(0.008 < z < 0.018 for z in got)
+    assert all(z is None for z, label in zip(table["damping_ratio"], table["label"], strict=True) if label != first)
+
+
+# superelements -------------------------------------------------------------------------------------------------------
+
+
+def test_a_superelement_with_all_modes_is_the_structure_itself(run):
+    file = read_subdyn(run / "structure.dat")
+    # one interface joint: with all modes nothing is lost
+    alone = read_subdyn(run / "structure.dat")
+    text = "\n".join(alone.lines).replace("   2   N - number of them\nnames of columns\n(-) (-)\n  3 1 1 1 1 1 1 1\n",
+                                          "   1   N - number of them\nnames of columns\n(-) (-)\n")  # fmt: skip
+    (run / "one.dat").write_text(text)
+    one = read_subdyn(run / "one.dat")
+    assert [i.joint for i in one.interfaces] == [4] and len(file.interfaces) == 2
+    _, K, _ = assembled_file(one)
+    most = superelement(one, n_mode=K.shape[0] - 6 - 2, compared=5)
+    np.testing.assert_allclose(most.truncation, 0, atol=1e-6)
+    few = [superelement(one, n_mode=n, compared=5).truncation for n in (0, 2, 6)]
+    # Rayleigh-Ritz: frequencies come down to the structure's as modes are added
+    assert all(np.all(t > -1e-9) for t in few) and np.all(few[0] >= few[1] - 1e-9) and np.all(few[1] >= few[2] - 1e-9)
+
+
+def test_guyans_stiffness_is_the_static_one_and_recovery_follows_the_interface(run):
+    file = read_subdyn(run / "structure.dat")
+    one = superelement(file, n_mode=3, reference_m=[2.0, 0.0, 8.0])
+    frame, K, _ = assembled_file(file)
+    # unit motions of the reference point: recovered joints of the interface move rigidly with it
+    for joint in (3, 4):
+        arm = np.array(next(j.position_m for j in file.joints if j.id == joint)) - [2.0, 0.0, 8.0]
+        rigid = np.eye(6)
+        rigid[:3, 3:] = [[0, arm[2], -arm[1]], [-arm[2], 0, arm[0]], [arm[1], -arm[0], 0]]
+        np.testing.assert_allclose(one.recovery[one.joints.index(joint), :, :6], rigid, atol=1e-9)
+        np.testing.assert_allclose(one.recovery[one.joints.index(joint), :, 6:], 0, atol=1e-9)
+    # by a stiff tie and loads instead: the flexibility of the reference point is the inverse
+    rows = np.vstack([frame.reduction[frame.node_dofs(frame.node_of[j])].toarray() for j in (3, 4)])
+    motion = one.recovery[[one.joints.index(j) for j in (3, 4)], :, :6].reshape(12, 6)
+    gap = np.hstack([rows, -motion])
+    size = K.shape[0]
+    tied = np.zeros((size + 6,) * 2)
+    tied[:size, :size] = K.toarray()
+    tied += 1e14 * gap.T @ gap
+    flexibility = np.linalg.inv(tied)[size:, size:]
+    np.testing.assert_allclose(np.linalg.inv(one.stiffness[:6, :6]), flexibility, rtol=1e-3, atol=1e-4 * flexibility.max())
+
+
+def test_the_extptfm_file_is_what_the_archive_holds(run):
+    done = exported(run)
+    folder = done.folder / "superelements"
+    read = read_extptfm(folder / "001.cb.dat")
+    with np.load(folder / "001.cb.npz") as held:
+        np.testing.assert_array_equal(read["Mass"], held["M"])
+        np.testing.assert_array_equal(read["Stiffness"], held["K"])
+        np.testing.assert_array_equal(read["Damping"], held["C"])
+        # JDampings of the file: 1 % of critical in every mode
+        np.testing.assert_allclose(np.diag(held["C"])[6:], 0.02 * np.sqrt(np.diag(held["K"])[6:]))
+        assert held["recovery"].shape == (4, 6, 10)
+        np.testing.assert_allclose(frequencies(held["K"], held["M"])[: len(held["frequency_hz"])], held["frequency_hz"])
+    (folder / "broken.dat").write_text((folder / "001.cb.dat").read_text().replace("!Damping", "!Dampin"))
+    with pytest.raises(InputError, match="Damping"):
+        read_extptfm(folder / "broken.dat")
+
+
+# draws ---------------------------------------------------------------------------------------------------------------
+
+
+def test_the_joint_distribution_has_the_draws_marginals_and_dependence():
+    rng = np.random.default_rng(5)
+    z = rng.multivariate_normal([0, 0], [[1, -0.7], [-0.7, 1]], size=20000)
+    draws = np.column_stack([np.exp(0.4 * z[:, 0]), stats.norm.cdf(z[:, 1]) ** 2])
+    joint = joint_of(("a", "b"), draws)
+    # 20000 draws: a correlation's standard error is (1 - r^2) / sqrt(n) = 0.004
+    assert joint.correlation[0, 1] == pytest.approx(-0.7, abs=0.015)
+    again = joint.sample(20000, rng)
+    for k in range(2):
+        assert stats.ks_2samp(again[:, k], draws[:, k]).pvalue > 1e-3
+    assert stats.spearmanr(again).statistic == pytest.approx(stats.spearmanr(draws).statistic, abs=0.02)
+
+
+def test_equal_draws_are_the_posteriors_own_and_follow_the_seed():
+    draws = np.arange(50.0)[:, None]
+    one, two = (equal_draws(draws, 20, np.random.default_rng(1)) for _ in range(2))
+    np.testing.assert_array_equal(one, two)
+    assert len(set(one.ravel())) == 20
+    with pytest.raises(InputError, match="51 are asked for"):
+        equal_draws(draws, 51, np.random.default_rng(1))
+
+
+def test_initial_values_are_replaced_in_their_own_tables_only():
+    text = '[[parameter]]\nname = "a"\ninitial = 2.0 # as drawn\ncov = 0.1\n\n[[parameter]]\nname = "b"\ninitial = 3\nstd = 1\n'
+    new = with_initial(text, {"a": 4.0}, "model.toml")
+    assert "initial = 4.0 # as drawn\nstd = 0.2" in new and "initial = 3\nstd = 1" in new
+    with pytest.raises(InputError, match="no .*table of c"):
+        with_initial(text, {"c": 1.0}, "model.toml")
+
+
+# the command ---------------------------------------------------------------------------------------------------------
+
+
+def test_the_command_exports_a_run_directory(run, capsys):
+    model = load_model(run / "model.toml")
+    write_posterior(posterior(model), run / "posterior.nc")
+    words = ["export", str(run), "--to", "lifetime", str(run / "out"), "--draws", "2", "--superelement-modes", "3"]
+    assert main(words) == 0
+    assert "2 draws; sampler: converged; diagnosis: not made" in capsys.readouterr().out
+    assert main(words) == 2
+    assert "holds something already" in capsys.readouterr().err
+    assert main(["export", str(run), "--to", "lifetime", str(run / "many"), "--draws", "100000"]) == 2
+    (run / "posterior.nc").unlink()
+    assert main(["export", str(run), "--to", "lifetime", str(run / "no")]) == 2
+    assert "posterior.nc" in capsys.readouterr().err
