@@ -19,6 +19,7 @@ import numpy as np
 from probupdate import __version__
 from probupdate.errors import InputError
 from probupdate.estimators.posterior_file import Posterior
+from probupdate.files import read_bytes, read_json, read_text, write_arrays, write_json, write_text
 from probupdate.io.fortran_text import read_lines, write_lines
 from probupdate.io.subdyn_file import SubDynFile, read_subdyn, write_subdyn
 from probupdate.lifetime.draws import Joint, equal_draws, joint_of
@@ -143,7 +144,7 @@ def export_lifetime(
 
 
 def _sha(path: Path) -> str:
-    return hashlib.sha256(path.read_bytes()).hexdigest()
+    return hashlib.sha256(read_bytes(path)).hexdigest()
 
 
 class _Files:
@@ -165,7 +166,7 @@ class _Files:
         writer.writerow([c["name"] for c in columns])
         writer.writerows([["" if v is None else repr(v) if isinstance(v, float) else v for v in row] for row in rows])
         path = self.folder / name
-        path.write_text(f"# {self.standing.remark}\n{text.getvalue()}", encoding="utf-8")
+        write_text(path, f"# {self.standing.remark}\n{text.getvalue()}")
         held = read_table(path)
         for k, column in enumerate(columns):
             written = [row[k] for row in rows]
@@ -179,8 +180,8 @@ class _Files:
 
     def json(self, name: str, content: Mapping, schema: Mapping | None = None, listed: bool = True) -> None:
         path = self.folder / name
-        path.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
-        if json.loads(path.read_text(encoding="utf-8")) != json.loads(json.dumps(content)):
+        write_json(path, content)
+        if read_json(path) != json.loads(json.dumps(content)):
             raise InputError(str(path), "is not read back as it was written", "check the disk it was written to")
         if listed:
             self.add(path, "one object", "in the schema", schema, media_type=JSON_TYPE)
@@ -188,8 +189,7 @@ class _Files:
 
 def read_table(path: str | Path) -> dict[str, list]:
     """A CSV of an export: column -> values, whole numbers, floats, texts, None where empty."""
-    with Path(path).open(encoding="utf-8", newline="") as file:
-        lines = [line for line in file if not line.startswith("#")]
+    lines = [line for line in read_text(path).splitlines() if not line.startswith("#")]
     rows = list(csv.reader(lines))
 
     def value(text: str):
@@ -276,8 +276,8 @@ def _model_files(folder: Path, path: Path, parameters_file, values, remark: str,
     if path.suffix == ".npz":
         _copy_archive(path, folder / "model.npz", remark)
         own = parameters_file or next(p for p in (path.with_suffix(".toml"), path.with_name("parameters.toml")) if p.exists())
-        text = f"# {remark}\n" + with_initial(Path(own).read_text(encoding="utf-8"), values, str(own))
-        (folder / "parameters.toml").write_text(text, encoding="utf-8")
+        text = f"# {remark}\n" + with_initial(read_text(own), values, str(own))
+        write_text(folder / "parameters.toml", text)
         return {"parameters.toml": None, "model.npz": load_model(folder / "model.npz")}
     return _toml_model(folder, path, values, remark)
 
@@ -304,13 +304,13 @@ def _toml_model(folder: Path, path: Path, values, remark: str) -> dict[str, Mode
                 _copy_openfast(source, folder / source.name, remark)
             written[raw["tower"]["elastodyn"]] = None
             _copy_openfast(main, folder / raw["tower"]["elastodyn"], remark)
-    text = f"# {remark}\n" + with_initial(path.read_text(encoding="utf-8"), values, str(path))
-    (folder / "model.toml").write_text(text, encoding="utf-8")
+    text = f"# {remark}\n" + with_initial(read_text(path), values, str(path))
+    write_text(folder / "model.toml", text)
     return written | {"model.toml": load_model(folder / "model.toml")}
 
 
 def _named_in(main: Path) -> set[str]:
-    return set(re.findall(r'"([^"/\\]+)"', main.read_text(encoding="utf-8", errors="replace")))
+    return set(re.findall(r'"([^"/\\]+)"', "\n".join(read_lines(main))))
 
 
 def _with_remark(file: SubDynFile, remark: str) -> SubDynFile:
@@ -319,13 +319,11 @@ def _with_remark(file: SubDynFile, remark: str) -> SubDynFile:
 
 
 def _copy_archive(source: Path, target: Path, remark: str) -> None:
-    target.parent.mkdir(parents=True, exist_ok=True)
-    np.savez(target, **read_archive(source), remark=np.array(remark))
+    write_arrays(target, read_archive(source) | {"remark": np.array(remark)})
 
 
 def _copy_openfast(source: Path, target: Path, remark: str) -> None:
     """OpenFAST's files have a line of free text, the second."""
-    target.parent.mkdir(parents=True, exist_ok=True)
     write_lines(target, [f"{line} | {remark}" if k == 1 else line for k, line in enumerate(read_lines(source))])
 
 
@@ -420,7 +418,7 @@ def _superelements(files: _Files, count: int, n_mode: int, progress: Progress) -
 
 def _verify(out: Path) -> None:
     """The manifest's hashes against the disk."""
-    manifest = json.loads((out / "manifest.json").read_text(encoding="utf-8"))
+    manifest = read_json(out / "manifest.json")
     for name, entry in manifest["files"].items():
         if _sha(out / name) != entry["sha256"]:
             raise InputError(str(out / name), "is not what the manifest says", "export again")

@@ -14,6 +14,7 @@ from scipy import linalg, sparse
 from scipy.sparse import linalg as sparse_linalg
 
 from probupdate.errors import InputError
+from probupdate.files import archive_arrays, write_arrays, write_text
 from probupdate.io.fortran_text import number, read_lines
 from probupdate.io.subdyn_file import SubDynFile
 from probupdate.modes import frozen_array
@@ -128,17 +129,18 @@ def write_superelement(one: Superelement, folder: Path, name: str, remark: str) 
     """<name>.npz with every array, and <name>.dat, the reduced file of ExtPtfm; both read back and their frequencies
     compared."""
     archive, text = folder / f"{name}.npz", folder / f"{name}.dat"
-    np.savez(archive, reference_m=one.reference_m, K=one.stiffness, M=one.mass, C=one.damping, recovery=one.recovery,
-             joint=np.array(one.joints), frequency_hz=one.frequency_hz, full_frequency_hz=one.full_hz,
-             remark=np.array(remark))  # fmt: skip
+    write_arrays(archive, {
+        "reference_m": one.reference_m, "K": one.stiffness, "M": one.mass, "C": one.damping, "recovery": one.recovery,
+        "joint": np.array(one.joints), "frequency_hz": one.frequency_hz, "full_frequency_hz": one.full_hz,
+        "remark": np.array(remark)})  # fmt: skip
     n = len(one.mass)
     lines = ["!Comment", f"!Comment {remark}", f"!Dimension: {n}", "!Time increment in simulation: 0.05",
              "!Total simulation time in file: 0", ""]  # fmt: skip
     for title, matrix in (("Mass", one.mass), ("Damping", one.damping), ("Stiffness", one.stiffness)):
         lines += [f"!{title} Matrix", f"!Dimension: {n}", *(" ".join(f"{v:.17e}" for v in row) for row in matrix), ""]
-    text.write_text("\n".join(lines) + "\n", encoding="utf-8")
-    with np.load(archive, allow_pickle=False) as held:
-        _compare(archive, one, held["K"], held["M"])
+    write_text(text, "\n".join(lines) + "\n")
+    held = archive_arrays(archive, "is not read back", "check the disk it was written to")
+    _compare(archive, one, held["K"], held["M"])
     read = read_extptfm(text)
     _compare(text, one, read["Stiffness"], read["Mass"])
     return archive, text
