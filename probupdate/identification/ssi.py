@@ -14,8 +14,10 @@ from scipy import fft, linalg
 from probupdate.errors import InputError
 from probupdate.modes import frozen_array, mac
 
-# relative to the largest: below it a singular value from T T^T is rounding
-LEAST_SINGULAR = 1e-7
+# relative to the largest: below it a singular value is rounding; where there are any below SMALL, those below SPLIT are
+# found by themselves
+LEAST_SINGULAR, SMALL, SPLIT = 1e-7, 1e-5, 1e-3
+EPS = float(np.finfo(float).eps)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -165,19 +167,40 @@ def block_toeplitz(covariance: np.ndarray, block_rows: int) -> np.ndarray:
     return blocks.reshape(block_rows * covariance.shape[1], block_rows * covariance.shape[2])
 
 
-def left_singular(toeplitz: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
-    """The `count` leading singular values of T, descending, squared, and left singular vectors (rows, count).
+def left_singular(
+    toeplitz: np.ndarray, count: int, needed: int | None = None
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The `count` leading singular values of T, descending, squared, left singular vectors (rows, count), and the
+    rounding (count,) that the squares may hold.
 
-    From the eigenvalues of T T^T: a third of the work of a full decomposition, and singular values down to 1e-8 of
-    the largest are right, far below those of an order that is of use. A tall T is made square by a QR decomposition.
+    From the eigenvalues of T T^T: a third of the work of a full decomposition. Their rounding is that of the largest,
+    so that where the `needed` first ones (all) fall below 1e-5 of it, those below 1e-3 are found anew in the complement
+    of the vectors above: the same in two steps, each with a rounding of its own. A tall T is made square by a QR
+    decomposition.
     """
     tall = toeplitz.shape[0] > toeplitz.shape[1]
     q, square = np.linalg.qr(toeplitz) if tall else (None, toeplitz)
     size = len(square)
+    value, vector = _leading_of(square, count)
+    rounding = np.full(count, EPS * max(float(value[0]), 0.0))
+    last = (needed or count) - 1
+    if value[last] < SMALL**2 * value[0]:
+        above = int(np.sum(value > SPLIT**2 * value[0]))
+        complement = linalg.qr(vector[:, :above])[0][:, above:]
+        below, turned = _leading_of(complement.T @ square, min(count, size) - above)
+        value = np.concatenate([value[:above], below])
+        vector = np.concatenate([vector[:, :above], complement @ turned], axis=1)
+        # beside its own, T holds that of its largest elements
+        own = np.sqrt(np.maximum(below, 0.0) * value[0])
+        rounding = np.concatenate([rounding[:above], EPS * (max(float(below[0]), 0.0) + own)])
+    return value, q @ vector if tall else vector, rounding
+
+
+def _leading_of(matrix: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
+    size = len(matrix)
     some = None if count == size else [size - count, size - 1]
-    value, vector = linalg.eigh(square @ square.T, subset_by_index=some, overwrite_a=True)
-    value, vector = value[::-1], vector[:, ::-1]
-    return value, q @ vector if tall else vector
+    value, vector = linalg.eigh(matrix @ matrix.T, subset_by_index=some, overwrite_a=True)
+    return value[::-1], vector[:, ::-1]
 
 
 def factorise(covariance: np.ndarray, block_rows: int, order: int, sampling_rate_hz: float) -> Factorisation:
@@ -187,7 +210,7 @@ def factorise(covariance: np.ndarray, block_rows: int, order: int, sampling_rate
     if order > most:
         raise InputError("order", f"{order} is above {most}, what {block_rows} block rows allow",
                          "raise the block rows or lower the order")
-    value, vector = left_singular(block_toeplitz(covariance, block_rows), order)
+    value, vector, _ = left_singular(block_toeplitz(covariance, block_rows), order)
     singular = np.sqrt(np.maximum(value, 0))
     return Factorisation(
         n_channel=n_channel, sampling_rate_hz=sampling_rate_hz,

@@ -26,9 +26,9 @@ from probupdate.identification.ssi import (
 )
 from probupdate.modes import ModalDeviation
 
-# squared singular values come with rounding of eps times the largest; two that are told apart by less than so many of
-# those have no vectors of their own, and what depends on them has no derivative
-LEAST_GAP = 1e3 * np.finfo(float).eps
+# two squared singular values that differ by less than so many times their rounding have no vectors of their own, and
+# what depends on them has no derivative
+LEAST_GAP = 1e3
 
 
 def sub_record_covariances(
@@ -91,7 +91,8 @@ class ObservabilityDeviation:
     """Deviations of the leading left singular vectors of T, from which those of O follow for every order.
 
     outside (n, n_channel br, n_sub): the part of du_i outside the span of u_1..u_n, n the highest order; inside
-    (n, n, n_sub): u_l^T du_i at [i, l]. left (n_channel br, n): u; singular (n,); squared_next: s_(n + 1)^2.
+    (n, n, n_sub): u_l^T du_i at [i, l]. left (n_channel br, n): u; singular (n,); squared_next: s_(n + 1)^2; rounding
+    (n,): of the squared singular values.
     """
 
     outside: np.ndarray
@@ -99,6 +100,7 @@ class ObservabilityDeviation:
     left: np.ndarray
     singular: np.ndarray
     squared_next: float
+    rounding: np.ndarray
 
     @property
     def n_sub(self) -> int:
@@ -107,7 +109,7 @@ class ObservabilityDeviation:
     def known(self, order: int) -> bool:
         """False where the order parts two singular values that are equal but for rounding: O has no derivative."""
         following = np.append(self.singular**2, self.squared_next)[order]
-        return bool(self.singular[order - 1] ** 2 - following > LEAST_GAP * self.singular[0] ** 2)
+        return bool(self.singular[order - 1] ** 2 - following > LEAST_GAP * self.rounding[order - 1])
 
     def times(self, state: np.ndarray) -> np.ndarray:
         """dO X (n_column, n_channel br, n_sub) for real X (order, n_column), without the part in the span of O."""
@@ -136,7 +138,7 @@ def observability_deviation(
     singular = factorisation.singular_value[:n]
     u = factorisation.observability[:, :n] / np.sqrt(singular)
     toeplitz = block_toeplitz(covariance, block_rows)
-    squared, basis = left_singular(toeplitz, min(toeplitz.shape))
+    squared, basis, rounding = left_singular(toeplitz, min(toeplitz.shape), n)
     others, squared_others = basis[:, n:], squared[n:]
     v = toeplitz.T @ u / singular
     dt_v, dt_u = toeplitz_products(deviation, block_rows, v, u)
@@ -155,7 +157,7 @@ def observability_deviation(
     return ObservabilityDeviation(
         outside=np.ascontiguousarray(outside.reshape(size, n, n_sub).transpose(1, 0, 2)),
         inside=np.ascontiguousarray(inside.transpose(1, 0, 2)), left=u, singular=singular,
-        squared_next=float(squared_others[0]) if len(squared_others) else 0.0,
+        squared_next=float(squared_others[0]) if len(squared_others) else 0.0, rounding=rounding[:n],
     )
 
 

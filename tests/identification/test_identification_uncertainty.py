@@ -6,7 +6,14 @@ from peer_packages import peer
 
 from probupdate.errors import InputError
 from probupdate.identification.record import identify_record
-from probupdate.identification.ssi import block_toeplitz, factorise, output_covariances, poles, reference_projection
+from probupdate.identification.ssi import (
+    block_toeplitz,
+    factorise,
+    left_singular,
+    output_covariances,
+    poles,
+    reference_projection,
+)
 from probupdate.identification.uncertainty import (
     observability_deviation,
     scaled_deviation,
@@ -270,3 +277,18 @@ def test_an_order_between_equal_singular_values_has_no_deviations():
     factorisation = factorise(double, 5, 6, 1.0)
     changed = observability_deviation(double, both, factorisation, 5)
     assert [changed.known(n) for n in (1, 2, 3, 4)] == [False, True, False, True]
+
+
+def test_small_singular_values_are_those_of_a_full_decomposition():
+    """Down to 1e-9 of the largest, where T T^T alone holds nothing but rounding; vectors orthonormal, gaps known."""
+    rng = np.random.default_rng(3)
+    left, right = (np.linalg.qr(rng.standard_normal((60, 60)))[0] for _ in range(2))
+    size = 10 ** -np.linspace(0, 9, 60)
+    squared, vector, rounding = left_singular(left * size @ right.T, 60)
+    exact = np.linalg.svd(left * size @ right.T, compute_uv=False)
+    assert np.sqrt(squared[:55]) == pytest.approx(exact[:55], rel=1e-5)
+    assert np.abs(vector.T @ vector - np.eye(60)).max() < 1e-12
+    alike = np.abs(np.sum(vector[:, :50] * left[:, :50], axis=0))
+    assert alike.min() > 1 - 1e-6
+    gaps = -np.diff(squared)
+    assert np.all(gaps[:50] > 1e3 * rounding[:50]) and 1e-12 * squared[0] < 1e3 * rounding[0]
