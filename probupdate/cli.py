@@ -389,9 +389,10 @@ def build_parser() -> argparse.ArgumentParser:
     p.add_argument("--out", required=True, help="modes.json; the poles go beside it, and each block's as it is found "
                    "(OUT.blocks): a run that was stopped goes on there")
     p.add_argument("--jobs", type=positive(int), help="processes (default: one a core); the modes do not depend on it")
-    p.add_argument("--order", type=positive(int), default=20, help="model order (default 20, as the paper)")
-    p.add_argument("--block-rows", type=positive(int), default=30, help="block rows of the Toeplitz matrix (30)")
-    p.add_argument("--rate", type=positive(float), help="sampling rate after decimation in Hz (5 with a model)")
+    p.add_argument("--order", type=positive(int), help="model order (20 with a model, as the paper)")
+    p.add_argument("--block-rows", type=positive(int), help="block rows of the Toeplitz matrix (30 with a model)")
+    p.add_argument("--rate", type=positive(float), help="sampling rate after decimation in Hz (5 with a model; without, "
+                   "all three are proposed from the record and said)")
     p.add_argument("--harmonics", choices=("keep", "remove"), default="keep", help="remove: take the rotor's multiples "
                    "out of records in which its angle can be followed; each block says what was done")
 

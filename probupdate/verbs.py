@@ -15,7 +15,7 @@ from probupdate.campaign.checking import CampaignCheck
 from probupdate.campaign.checking import check as check_campaign
 from probupdate.campaign.converting import Conversion
 from probupdate.campaign.converting import convert as convert_files
-from probupdate.campaign.reading import read_campaign
+from probupdate.campaign.reading import Campaign, read_campaign
 from probupdate.campaign.scada import StateRule, read_scada, row_states
 from probupdate.comparison import Comparison
 from probupdate.comparison import compare as compare_results
@@ -30,11 +30,13 @@ from probupdate.files import read_bytes
 from probupdate.identification.criteria import read_criteria
 from probupdate.identification.identify import Identification, SSISettings
 from probupdate.identification.identify import identify as identify_campaign
+from probupdate.identification.proposal import propose
 from probupdate.identification.reference import ReferenceModes
 from probupdate.identification.regression import COVARIATES, ModalRegression, regress_modes
-from probupdate.identification.roving import Merged, Setup, merge_setups
+from probupdate.identification.roving import Merged
 from probupdate.identification.selection import CAMPAIGN, Selection
 from probupdate.identification.selection import select as select_sets
+from probupdate.identification.setups import identify_setups as identify_campaigns
 from probupdate.mode_labels import close_pairs, mode_character
 from probupdate.modes import ModalData, ModalSet, Sensor, read_modes
 from probupdate.problem import Weights, build_problem, paper_weights
@@ -197,41 +199,51 @@ def identify(
     *,
     parameters: str | Path | None = None,
     lowest: int | None = None,
-    order: int = 20,
-    block_rows: int = 30,
+    order: int | None = None,
+    block_rows: int | None = None,
     rate_hz: float | None = None,
     harmonics: str = "keep",
     store: str | Path | None = None,
     jobs: int = 1,
     progress: Progress = silent,
 ) -> Identification:
-    """Modes of every block by SSI-cov; poles are told apart by the model's modes at the campaign's sensors, its global
-    ones or, for structures of other kinds, its `lowest`. Without a model, poles that come back are numbered.
+    """Modes of every block by SSI-cov, found in the campaign's own poles; then named by the model's modes at its
+    sensors, the global ones or, for structures of other kinds, its `lowest`; others, and all without a model, have
+    numbers.
 
-    rate_hz: to which records are thinned out; 5 Hz, as the paper, where there is a model and its modes lie below.
+    rate_hz: to which records are thinned out; with a model 5 Hz, as the paper, and order 20 with 30 block rows; without
+    one all three are proposed from the record where they are not given, which the summary says.
     harmonics: 'remove' takes the rotor's out of records where its angle can be followed.
     store: folder in which the blocks' poles are kept, so that a killed run goes on (the command line keeps them beside
     its --out); jobs: processes. A script that asks for several needs `if __name__ == "__main__"`.
     """
     opened = read_campaign(campaign)
-    if model is None and rate_hz is None:
-        raise InputError("rate_hz", "is not given, and no model tells up to where modes are looked for",
-                         f"give at least twice the highest frequency of interest (--rate), at most "
-                         f"{opened.sampling_rate_hz:g} Hz")  # fmt: skip
-    settings = SSISettings(order=order, block_rows=block_rows, harmonics=harmonics,
-                           target_rate_hz=PAPER_HZ if rate_hz is None else rate_hz)
+    settings, said = _settings([opened], model, order=order, block_rows=block_rows, rate_hz=rate_hz, harmonics=harmonics)
     reference, others = None, None
     if model is not None:
         reference, others = _reference(campaign, opened.sensors, model, parameters, lowest, settings.target_rate_hz)
-    return identify_campaign(opened, reference, others=others, settings=settings, store=store, jobs=jobs,
-                             progress=progress)
+    found = identify_campaign(opened, reference, others=others, settings=settings, store=store, jobs=jobs,
+                              progress=progress)
+    return replace(found, notes=(*said, *found.notes), summary="\n".join([found.summary, *said]))
 
 
 def identify_setups(
-    campaigns: Sequence[str | Path], model=None, *, store: str | Path | None = None, **options
+    campaigns: Sequence[str | Path],
+    model=None,
+    *,
+    parameters: str | Path | None = None,
+    lowest: int | None = None,
+    order: int | None = None,
+    block_rows: int | None = None,
+    rate_hz: float | None = None,
+    harmonics: str = "keep",
+    store: str | Path | None = None,
+    jobs: int = 1,
+    progress: Progress = silent,
 ) -> Merged:
     """Several setups of one structure, a campaign folder each, with some channels in common (named alike, at one
-    place): each identified as by `identify` with these options, then merged into one set of all channels.
+    place): its modes out of all setups' poles, each setup's part of them merged into one set of all channels. Options
+    as of `identify`.
 
     store: folder below which each setup keeps its blocks, under its campaign folder's name.
     """
@@ -239,12 +251,31 @@ def identify_setups(
     names = [path.resolve().name for path in paths]
     if len(set(names)) < len(names):
         raise InputError("setups", "two campaign folders have one name", "name each folder by its setup")
-    setups = []
-    for path, name in zip(paths, names, strict=True):
-        kept = None if store is None else Path(store) / name
-        found = identify(path, model, store=kept, **options)
-        setups.append(Setup(name=name, sensors=read_campaign(path).sensors, data=found.data))
-    return merge_setups(setups)
+    opened = [read_campaign(path) for path in paths]
+    settings, said = _settings(opened, model, order=order, block_rows=block_rows, rate_hz=rate_hz, harmonics=harmonics)
+    reference, others, channels = None, None, ()
+    if model is not None:
+        sensors = tuple({s.channel: s for c in opened for s in c.sensors}.values())
+        channels = tuple(s.channel for s in sensors)
+        reference, others = _reference(paths[0], sensors, model, parameters, lowest, settings.target_rate_hz)
+    merged = identify_campaigns(opened, names, reference=reference, others=others, channels=channels,
+                                settings=settings, store=store, jobs=jobs, progress=progress)
+    return replace(merged, summary="\n".join([merged.summary, *said]))
+
+
+def _settings(
+    campaigns: Sequence[Campaign], model, *, order: int | None, block_rows: int | None, rate_hz: float | None,
+    harmonics: str,
+) -> tuple[SSISettings, list[str]]:
+    """What is given; the rest as the paper, where a model says which modes are looked for, or as the record proposes;
+    and what is to be said of that."""
+    given = {"order": order, "block_rows": block_rows, "target_rate_hz": rate_hz}
+    given = {name: value for name, value in given.items() if value is not None}
+    if model is not None or len(given) == 3:
+        return SSISettings(**{"target_rate_hz": PAPER_HZ} | given, harmonics=harmonics), []
+    found = propose(campaigns, rate_hz=rate_hz, block_rows=block_rows)
+    proposed = {"order": found.order, "block_rows": found.block_rows, "target_rate_hz": found.target_rate_hz}
+    return SSISettings(**proposed | given, harmonics=harmonics), [found.sentence]
 
 
 def _reference(campaign, sensors: tuple[Sensor, ...], model, parameters, lowest, rate_hz: float):

@@ -98,7 +98,7 @@ def identify_block(
 ) -> BlockPoles:
     """Read, convert, thin out and identify one block; `files` from `block_files`, rotor_rpm the lowest and highest
     rotor speed in it by SCADA, which removing harmonics needs."""
-    block, reason = _usable(campaign, start, files)
+    block, reason = usable_block(campaign, start, files)
     quantity = common_quantity(campaign.sensors)
     if reason:
         return _left_out(block, quantity, reason)
@@ -123,7 +123,7 @@ def identify_deviations(
     The record is read once more: only poles that stand for modes are worth the time, and which ones do is known when
     the whole campaign is.
     """
-    block, reason = _usable(campaign, start, files)
+    block, reason = usable_block(campaign, start, files)
     if reason:
         raise InputError(f"block {block.id}", f"cannot be used any more: {reason}", "do not change records meanwhile")
     record, _ = _prepared(block, campaign, settings, rotor_rpm)
@@ -152,7 +152,7 @@ def _same(before: Poles, index: int, now: Poles, where: str) -> int:
     return int(np.argmin(away))
 
 
-def _usable(campaign: Campaign, start: pd.Timestamp, files: tuple[RecordFile, ...]) -> tuple[Block, str]:
+def usable_block(campaign: Campaign, start: pd.Timestamp, files: tuple[RecordFile, ...]) -> tuple[Block, str]:
     """The block in one quantity, and why it cannot be used; empty where it can."""
     block = read_block(campaign, start, files)
     reason = block.excluded or _silent_channels(block, campaign.channels)

@@ -148,7 +148,7 @@ def physical_of(
         progress("finding modes", number, len(chosen))
         block = blocks.read(usable[k])
         environment = _environment(block, campaign, rule)
-        parts.append(block_candidates(_stack(block, settings), number, settings.classifier, persistence))
+        parts.append(block_candidates(pole_stack(block, settings), number, settings.classifier, persistence))
         bands.append(rules.rotor_bands(environment, settings.classifier))
         angles.append(environment.get("nacelle_angle_deg", np.nan))
         period = environment.get("wave_period_s")
@@ -157,7 +157,14 @@ def physical_of(
     progress("finding modes", len(chosen), len(chosen))
     return physical_modes(
         gathered(parts), n_block=len(chosen), settings=persistence, state=state, bands=bands, wave_hz=waves,
-        angle_deg=angles, sensors=campaign.sensors, block_seconds=60 * campaign.block_minutes, where=str(campaign.path))
+        angle_deg=angles, sensors=campaign.sensors, block_seconds=60 * campaign.block_minutes,
+        highest_hz=passed_hz(campaign, settings), where=str(campaign.path))
+
+
+def passed_hz(campaign: Campaign, settings: SSISettings) -> float:
+    """Up to where a record at the rate of identification is as it was measured."""
+    thinned = settings.target_rate_hz < campaign.sampling_rate_hz * (1 - 1e-9)
+    return (PASS_SHARE if thinned else 1.0) * settings.target_rate_hz / 2
 
 
 def classified(
@@ -169,10 +176,12 @@ def classified(
     settings: SSISettings,
     rule: StateRule,
     others: ReferenceModes | None = None,
+    every: bool = False,
     jobs: int = 1,
     progress: Progress = silent,
 ) -> Identification:
-    """The second pass: from stored poles to the modes that were found in them, their deviations, and their names."""
+    """The second pass: from stored poles to the modes that were found in them, their deviations, and their names.
+    every: a column for each, also for one that stands in no block (one setup of several)."""
     found = []
     for number, start in enumerate(blocks.starts):
         progress("telling modes", number, len(blocks.starts))
@@ -190,7 +199,7 @@ def classified(
         kept = blocks.read_deviations(one.block.start) if choice is not None and _wanted(one, choice) and \
             settings.sub_records else None
         sets.append(_modal_set(one, choice, physical.modes, kept))
-    named = _named(sets, physical, reference, others, campaign, settings)
+    named = _named(sets, physical, reference, others, campaign, settings, every)
     tables = [_pole_table(one, chosen[one.block.start], settings.order, named.names, reference) for one in usable]
     sets = [_with_independence(s.of_modes(named.columns), one, chosen.get(one.block.start), named.names, physical.modes)
             for s, one in zip(sets, found, strict=True)]
@@ -225,12 +234,13 @@ class _Named:
 
 def _named(
     sets: list[ModalSet], physical: PhysicalModes, reference: ReferenceModes | None, others: ReferenceModes | None,
-    campaign: Campaign, settings: SSISettings,
+    campaign: Campaign, settings: SSISettings, every: bool,
 ) -> _Named:
     """The campaign's modes matched with the model's, once, and given their names."""
     n_mode = len(physical.modes.labels)
     measured = np.array([s.measured for s in sets])
     seen = measured.sum(axis=0) >= min(2, int(measured.any(axis=1).sum())) if measured.any() else np.zeros(n_mode, bool)
+    seen = np.ones(n_mode, bool) if every else seen
     notes = [f"{f:.4g} Hz comes back but is found as a mode in {int(n)} blocks: left out" for f, n, kept in
              zip(physical.modes.frequency_hz, measured.sum(axis=0), seen, strict=True) if not kept]  # fmt: skip
     partner, like, probability, model = {}, None, None, None
@@ -258,7 +268,7 @@ def _named(
     lacking: tuple[ModelMode, ...] = ()
     if model is not None:
         lacking = model_only(model, partner, [r.frequency_hz for r in records if r.found],
-                             PASS_SHARE * settings.target_rate_hz / 2, wanted)
+                             passed_hz(campaign, settings), wanted)
         notes += sentences(records, lacking, wanted)
     name = dict(zip(columns, labels, strict=True))
     return _Named(names=tuple(name.get(j, "") for j in range(n_mode)), columns=columns, labels=labels, records=records,
@@ -289,7 +299,7 @@ class _Found:
     paper: np.ndarray | None = None
 
 
-def _stack(block: BlockPoles, settings: SSISettings) -> PoleStack:
+def pole_stack(block: BlockPoles, settings: SSISettings) -> PoleStack:
     near = tuple(p for p in block.others if p.order >= settings.order - settings.below)
     return rules.stacked((block.poles, *near))
 
@@ -301,7 +311,7 @@ def _held_against(
     environment = _environment(block, campaign, rule)
     if block.poles is None:
         return _Found(block=block, environment=environment)
-    stack = _stack(block, settings)
+    stack = pole_stack(block, settings)
     here = turned(modes, campaign.sensors, fore_aft_deg(environment, campaign))
     like = rules.likeness(stack, here)
     bands = rules.rotor_bands(environment, settings.classifier)

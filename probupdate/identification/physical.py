@@ -113,7 +113,7 @@ def block_candidates(
             continue
         middle = np.median(ln_frequency[mine])
         inner = mine[np.argmin(np.abs(ln_frequency[mine] - middle))] if len(mine) < 3 else None
-        direction = shape[:, inner] if inner is not None else _leading(shape[:, mine])
+        direction = shape[:, inner] if inner is not None else leading_direction(shape[:, mine])
         found.append((middle, np.median(damping[mine]), direction, share))
     found = _without_doubles(found)
     n = len(found)
@@ -145,7 +145,7 @@ def gathered(parts: Sequence[Candidates]) -> Candidates:
         shape=np.concatenate([p.shape for p in parts], axis=1))
 
 
-def _leading(shape: np.ndarray, weight: np.ndarray | None = None) -> np.ndarray:
+def leading_direction(shape: np.ndarray, weight: np.ndarray | None = None) -> np.ndarray:
     """(n_channel,) unit vector nearest to all columns; their signs and phases do not matter."""
     return _directions(shape, weight)[0][:, 0]
 
@@ -204,28 +204,52 @@ def _clusters(c: Candidates, core: float) -> list[np.ndarray]:
     return [rising[np.flatnonzero(label == one)] for one in np.unique(label[label >= 0])]
 
 
+def _two_modes(c: Candidates, rows: np.ndarray) -> list[np.ndarray]:
+    """A cluster as it is, or in two where its blocks have two poles at once of one direction, which few channels do not
+    distinguish: two modes that poles between them, of orders too low for both, have joined."""
+    inside = c.at(rows)
+    share = _directions(inside.shape, inside.share)[1]
+    if len(inside.shape) > 2 and share[1] >= PLANE_SHARE:
+        return [rows]
+    pairs, blocks = [], np.unique(inside.block)
+    for k in blocks:
+        strong = np.flatnonzero((inside.block == k) & (inside.share >= 0.25))
+        places = np.sort(inside.ln_frequency[strong[np.argsort(-inside.share[strong], kind="stable")[:2]]])
+        if len(places) == 2 and places[1] - places[0] > TWIN_FREQUENCY:
+            pairs.append(places)
+    if len(pairs) < max(2, 0.3 * len(blocks)):
+        return [rows]
+    low, high = np.median(pairs, axis=0)
+    if high - low <= TWIN_FREQUENCY:
+        return [rows]
+    below = inside.ln_frequency < 0.5 * (low + high)
+    return [*_two_modes(c, rows[below]), *_two_modes(c, rows[~below])]
+
+
 @dataclass(frozen=True, eq=False, kw_only=True)
 class PhysicalModes:
     """modes: the persistent ones, '1', '2', ... ascending in frequency, pairs as planes, with their ranges; notes: what
     was left out, or is doubted, and why. weight (n_mode,): summed shares of the orders over the blocks that were
-    clustered; damping_ratio (n_mode,): median."""
+    clustered; damping_ratio (n_mode,): median; rows: of each mode its candidates."""
 
     modes: ReferenceModes
     weight: np.ndarray
     damping_ratio: np.ndarray
     notes: tuple[str, ...]
+    rows: tuple[np.ndarray, ...] = ()
 
-    def only(self, chosen: np.ndarray) -> PhysicalModes:
+    def only(self, chosen: Sequence[int]) -> PhysicalModes:
         """The modes numbered `chosen`, numbered anew."""
+        chosen = [int(k) for k in chosen]
         return replace(self, modes=self.modes.only(chosen, number=True), weight=frozen_array(self.weight[chosen]),
-                       damping_ratio=frozen_array(self.damping_ratio[chosen]))
+                       damping_ratio=frozen_array(self.damping_ratio[chosen]), rows=tuple(self.rows[k] for k in chosen))
 
 
 def physical_modes(
     candidates: Candidates, *, n_block: int, settings: PersistenceSettings | None = None,
     state: Sequence[str] | None = None, bands: Sequence[np.ndarray] | None = None,
     wave_hz: Sequence[float] | None = None, angle_deg: Sequence[float] | None = None, sensors: tuple[Sensor, ...] = (),
-    block_seconds: float = 1800.0, where: str = "campaign",
+    block_seconds: float = 1800.0, highest_hz: float = np.inf, where: str = "campaign",
 ) -> PhysicalModes:
     """Modes out of what comes back in `n_block` blocks.
 
@@ -233,7 +257,8 @@ def physical_modes(
     multiples of the rotor's speed swept in each: what moves with them is left out; where the rotor hardly changes its
     speed a line cannot be told from a mode, which is said. wave_hz: the waves' peak in each block, NaN where it was not
     measured; what lies there, damped as a sea is, is left out. angle_deg: where the nacelle looked, counter-clockwise
-    from x; a pair of horizontal motions is then taken to turn with it. Raises InputError where nothing comes back.
+    from x; a pair of horizontal motions is then taken to turn with it. highest_hz: the end of the band that the
+    record's rate passes. Raises InputError where nothing comes back.
     """
     settings = settings or PersistenceSettings()
     notes: list[str] = []
@@ -247,7 +272,8 @@ def physical_modes(
 
     def persistent(rows: np.ndarray) -> list[_Cluster]:
         found = []
-        for mine in _clusters(candidates.at(rows), core):
+        clusters = _clusters(candidates.at(rows), core)
+        for mine in [part for one in clusters for part in _two_modes(candidates.at(rows), one)]:
             inside = candidates.at(rows[mine])
             weight = _block_weight(inside, n_block)
             often = weight.sum() >= settings.needed(n_block) or any(
@@ -266,7 +292,10 @@ def physical_modes(
     waves = [one for one in found if _of_waves(candidates, one, wave_hz)]
     notes += [f"{np.exp(one.ln_frequency):.3f} Hz lies at the waves' peak of its blocks, with a damping of "
               f"{100 * one.damping:.1f} %: the sea's, left out" for one in waves]
-    groups, doubles = _grouped(candidates, [one for one in found if all(one is not x for x in waves)])
+    above = [one for one in found if np.exp(one.ln_frequency) > highest_hz]
+    notes += [f"{np.exp(one.ln_frequency):.4g} Hz lies above the {highest_hz:.4g} Hz that the rate passes: left out; a "
+              "higher rate holds it" for one in above]
+    groups, doubles = _grouped(candidates, [one for one in found if all(one is not x for x in (*waves, *above))])
     notes += [f"{np.exp(one.ln_frequency):.3f} Hz comes back with the shape of {np.exp(twin.ln_frequency):.3f} Hz, at "
               "few of its blocks and orders: left out as its double" for one, twin in doubles]
     if not groups:
@@ -426,7 +455,7 @@ def _as_modes(
         rows = np.concatenate([one.rows for one in group])
         plane = next((one for one in group if one.plane), None)
         if plane is None:
-            modes.append(_Mode(rows=rows, shape=_real(_leading(c.shape[:, rows], c.share[rows])[:, None])[:, 0]))
+            modes.append(_Mode(rows=rows, shape=_real(leading_direction(c.shape[:, rows], c.share[rows])[:, None])[:, 0]))
             continue
         basis = _real(_directions(c.shape[:, rows], c.share[rows])[0][:, :2])
         turns = angle is not None and bool(np.isfinite(angle[c.block[rows]]).any())
@@ -464,7 +493,7 @@ def _by_frequency(c: Candidates, rows: np.ndarray, basis: np.ndarray) -> tuple[n
             lower.append(two[0])
             higher.append(two[1])
     if lower:
-        shapes = np.column_stack([_real(_leading(c.shape[:, part])[:, None])[:, 0] for part in (lower, higher)])
+        shapes = np.column_stack([_real(leading_direction(c.shape[:, part])[:, None])[:, 0] for part in (lower, higher)])
     if not lower or mac(shapes[:, :1], shapes[:, 1:])[0, 0] > 0.8:
         shapes = basis
     alike = mac(c.shape[:, rows], shapes)
@@ -491,7 +520,7 @@ def _numbered(c: Candidates, modes: list[_Mode], notes: tuple[str, ...]) -> Phys
         shape=shape / np.abs(shape).max(axis=0), pairs=tuple(sorted(pairs)), turning=turning, range_hz=np.exp(edges))
     weight = np.array([np.sum(c.share[modes[k].rows]) for k in rising])
     return PhysicalModes(modes=reference, weight=frozen_array(weight), damping_ratio=frozen_array(damping[rising]),
-                         notes=notes)
+                         notes=notes, rows=tuple(modes[k].rows for k in rising))
 
 
 def _close_singles(frequency, damping, taken: set[int], n_channel: int) -> set[tuple[int, int]]:

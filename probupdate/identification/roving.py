@@ -31,6 +31,8 @@ from probupdate.modes import (
 
 # without labels of a model: modes of two setups are one if they are this close and alike at the references
 SAME_FREQUENCY, SAME_MAC = 0.04, 0.80
+# a mode is one of the structure if so large a share of the setups have it, and two
+LEAST_SETUPS = 1 / 3
 # references that hold two modes of an unresolved pair in proportions closer than this cannot tell them apart
 LARGEST_CONDITION = 30.0
 # references whose motion in a mode is known worse than this give no scale
@@ -84,9 +86,11 @@ class _Mean:
     count: np.ndarray
 
 
-def merge_setups(setups: Sequence[Setup]) -> Merged:
-    """One modal set of all channels. Modes go by label where the setups have the same ones from a model; numbers are
-    matched by frequency and by the shapes at the references.
+def merge_setups(setups: Sequence[Setup], *, same_modes: bool = False) -> Merged:
+    """One modal set of all channels. Modes go by label where the setups have the same ones from a model, or
+    `same_modes` says that column j is one mode in all; else they are matched by frequency and by the shapes at the
+    references. A mode stays if at least two setups and a third of them have it; the others are said, and their
+    channels are NaN in it.
 
     Frequencies and dampings are means weighted by inverse variances; where setups disagree by more than their
     deviations, the stated deviation is widened by the Birge ratio, and said. Raises InputError without common
@@ -97,14 +101,14 @@ def merge_setups(setups: Sequence[Setup]) -> Merged:
         raise InputError("setups", f"{len(setups)} cannot be merged", "give two or more")
     references = _references(setups)
     means = [_mean(setup) for setup in setups]
-    labels, columns = _common_modes(setups, means, references)
+    labels, columns = _common_modes(setups, means, references, same_modes)
     if not labels:
         raise InputError("setups", "have no mode in common", "check the frequencies and the references")
     means = [_of_modes(mean, column) for mean, column in zip(means, columns, strict=True)]
     rows = [[s.data.channels.index(c) for c in references] for s in setups]
     channels = tuple(dict.fromkeys([*references, *(c for s in setups for c in s.data.channels)]))
     known = {sensor.channel: sensor for s in setups for sensor in s.sensors}
-    shape, d_shape, misfit = _joined_shapes(setups, means, rows, channels, references)
+    shape, d_shape, misfit, noise = _joined_shapes(setups, means, rows, channels, references)
     parts = [m.d_ln_frequency.shape[1] for m in means]
     ln_frequency, d_ln_frequency, spread, p_value = _weighted([m.ln_frequency for m in means],
                                                               [m.d_ln_frequency for m in means], parts)
@@ -123,19 +127,27 @@ def merge_setups(setups: Sequence[Setup]) -> Merged:
          "frequency_std_hz": float(np.exp(mean.ln_frequency[j]) * np.linalg.norm(mean.d_ln_frequency[j])),
          "misfit": float(misfit[k][j]), "p_value": float(p_value[j])}
         for j, label in enumerate(labels) for k, (setup, mean) in enumerate(zip(setups, means, strict=True))
+        if np.isfinite(mean.ln_frequency[j])
     ])  # fmt: skip
     return Merged(
         data=ModalData(channels=channels, sets=(modal,), labels=labels), sensors=tuple(known[c] for c in channels),
-        references=references, table=table, summary=_summary(setups, modal, labels, references, misfit, p_value),
+        references=references, table=table,
+        summary=_summary(setups, means, modal, labels, references, misfit, noise, p_value),
     )
 
 
 def _references(setups: Sequence[Setup]) -> tuple[str, ...]:
-    common = [c for c in setups[0].data.channels if all(c in s.data.channels for s in setups)]
+    return common_channels([(s.name, tuple(x for x in s.sensors if x.channel in s.data.channels)) for s in setups])
+
+
+def common_channels(setups: Sequence[tuple[str, tuple[Sensor, ...]]]) -> tuple[str, ...]:
+    """The channels that all setups (name, sensors) have. Raises InputError where there is none, or where channels of
+    one name sit at different places."""
+    places = [{sensor.channel: sensor for sensor in sensors} for _, sensors in setups]
+    common = [c for c in places[0] if all(c in place for place in places)]
     if not common:
         raise InputError("setups", "have no channel in common", "name the references alike in every campaign.toml")
-    places = [{sensor.channel: sensor for sensor in s.sensors} for s in setups]
-    for channel in {c for s in setups for c in s.data.channels}:
+    for channel in sorted({c for place in places for c in place}):
         here = [place[channel] for place in places if channel in place]
         for other in here[1:]:
             moved = float(np.linalg.norm(other.position_m - here[0].position_m))
@@ -176,7 +188,8 @@ def _mean(setup: Setup) -> _Mean:
     for group in _groups(value, damping):
         some = [k for k, s in enumerate(sets) if np.isfinite(s.deviation.shape[:, group]).all()]
         if not some:
-            value[group] = np.nan
+            # its frequency stays: other setups may know the shape
+            shape[:, group], d_shape[:, group] = np.nan, np.nan
             continue
         best = min(some, key=lambda k: np.linalg.norm(sets[k].deviation.shape[:, group]))
         gathered = np.zeros((n_channel, len(group)), complex)
@@ -217,32 +230,53 @@ def scaled_to(
     return shape @ factor, np.einsum("ikc,kl->ilc", deviation, factor) + np.einsum("ik,klc->ilc", shape, d_factor)
 
 
-def _common_modes(setups, means: list[_Mean], references) -> tuple[tuple[str, ...], list[list[int]]]:
-    """Labels, and for each setup the column of each."""
+def _common_modes(
+    setups, means: list[_Mean], references, same_modes: bool
+) -> tuple[tuple[str, ...], list[list[int]]]:
+    """Labels, and for each setup the column of each, -1 where it does not have the mode."""
     first = setups[0].data
     there = [np.isfinite(m.ln_frequency) for m in means]
-    if all(s.data.labels == first.labels for s in setups) and not all(t.isdigit() for t in first.labels):
-        kept = [j for j in range(first.n_mode) if all(t[j] for t in there)]
-        return tuple(first.labels[j] for j in kept), [kept] * len(setups)
+    least = max(2, int(np.ceil(LEAST_SETUPS * len(setups))))
+    named = all(s.data.labels == first.labels for s in setups) and not all(t.isdigit() for t in first.labels)
+    if same_modes or named:
+        kept = [j for j in range(first.n_mode) if sum(bool(t[j]) for t in there) >= least]
+        labels = tuple(first.labels[j] for j in kept) if named else tuple(str(k + 1) for k in range(len(kept)))
+        return labels, [[j if t[j] else -1 for j in kept] for t in there]
     rows = [[s.data.channels.index(c) for c in references] for s in setups]
-    columns = [[int(j) for j in np.flatnonzero(there[0])]]
-    for mean, row, known in zip(means[1:], rows[1:], there[1:], strict=True):
-        criterion = mac(means[0].shape[rows[0]], mean.shape[row])
-        away = np.abs(mean.ln_frequency - means[0].ln_frequency[:, None])
-        criterion = np.where((away <= SAME_FREQUENCY) & (criterion >= SAME_MAC), criterion, np.nan)
-        pairs = dict(pair_by_mac(criterion))
-        columns.append([pairs[j] if j in pairs and known[pairs[j]] else -1 for j in columns[0]])
-    kept = [k for k in range(len(columns[0])) if all(c[k] >= 0 for c in columns)]
-    columns = [[c[k] for k in kept] for c in columns]
-    return tuple(str(k + 1) for k in range(len(kept))), columns
+    # setups with most modes first; each mode is held against those of the setups before that have it best
+    modes: list[dict[int, int]] = []
+    for k in sorted(range(len(setups)), key=lambda k: -int(there[k].sum())):
+        criterion = np.full((len(modes), len(there[k])), np.nan)
+        for m, known in enumerate(modes):
+            for other, column in known.items():
+                alike = mac(means[other].shape[np.ix_(rows[other], [column])], means[k].shape[rows[k]])[0]
+                away = np.abs(means[k].ln_frequency - means[other].ln_frequency[column])
+                # of two about as alike the nearer
+                value = np.where((away <= SAME_FREQUENCY) & (alike >= SAME_MAC), alike - away / SAME_FREQUENCY, np.nan)
+                criterion[m] = np.fmax(criterion[m], value + 1)
+        pairs = dict(pair_by_mac(criterion)) if modes else {}
+        for m, column in pairs.items():
+            modes[m][k] = column
+        modes += [{k: int(j)} for j in np.flatnonzero(there[k]) if int(j) not in pairs.values()]
+    modes = [m for m in modes if len(m) >= least]
+    modes.sort(key=lambda m: np.mean([means[k].ln_frequency[j] for k, j in m.items()]))
+    columns = [[m.get(k, -1) for m in modes] for k in range(len(setups))]
+    return tuple(str(k + 1) for k in range(len(modes))), columns
 
 
 def _of_modes(mean: _Mean, columns: list[int]) -> _Mean:
-    return _Mean(
-        ln_frequency=mean.ln_frequency[columns], damping=mean.damping[columns], shape=mean.shape[:, columns],
-        d_ln_frequency=mean.d_ln_frequency[columns], d_damping=mean.d_damping[columns],
-        d_shape=mean.d_shape[:, columns], count=mean.count[columns],
-    )
+    there = np.array(columns, int)
+
+    def taken(value: np.ndarray, axis: int = 0) -> np.ndarray:
+        picked = np.array(np.take(value, np.maximum(there, 0), axis=axis))
+        index: list = [slice(None)] * picked.ndim
+        index[axis] = there < 0
+        picked[tuple(index)] = 0 if picked.dtype.kind == "i" else np.nan
+        return picked
+
+    return _Mean(ln_frequency=taken(mean.ln_frequency), damping=taken(mean.damping), shape=taken(mean.shape, 1),
+                 d_ln_frequency=taken(mean.d_ln_frequency), d_damping=taken(mean.d_damping),
+                 d_shape=taken(mean.d_shape, 1), count=taken(mean.count))  # fmt: skip
 
 
 def _groups(ln_frequency: np.ndarray, damping: np.ndarray) -> list[list[int]]:
@@ -259,20 +293,26 @@ def _groups(ln_frequency: np.ndarray, damping: np.ndarray) -> list[list[int]]:
 
 
 def _joined_shapes(setups, means: list[_Mean], rows, channels, references):
-    """Shape (n_channel, n_mode) of all channels, its deviation over the columns of all setups, and the misfit at the
-    references of each setup and mode (n_setup, n_mode); NaN for modes in which the references hardly move."""
+    """Shape (n_channel, n_mode) of all channels, its deviation over the columns of all setups, the misfit at the
+    references of each setup and mode (n_setup, n_mode), NaN where a setup gives no shape, and how well each setup's
+    references know the mode (n_setup, n_mode), relative. NaN: channels of setups without the mode, or in which the
+    references hardly move."""
     n_mode, widths = len(means[0].ln_frequency), [m.d_ln_frequency.shape[1] for m in means]
     place, total = np.cumsum([0, *widths]), sum(widths)
-    shape, misfit = np.full((len(channels), n_mode), np.nan + 0j), np.zeros((len(means), n_mode))
-    d_shape = np.zeros((len(channels), n_mode, total), complex)
-    middle = (np.mean([m.ln_frequency for m in means], axis=0), np.mean([m.damping for m in means], axis=0))
+    shape = np.full((len(channels), n_mode), np.nan + 0j)
+    misfit, known = np.full((len(means), n_mode), np.nan), np.full((len(means), n_mode), np.nan)
+    d_shape = np.full((len(channels), n_mode, total), np.nan + 0j)
+    middle = (np.nanmean([m.ln_frequency for m in means], axis=0), np.nanmean([m.damping for m in means], axis=0))
     for group in _groups(*middle):
-        noise = [np.linalg.norm(m.d_shape[np.ix_(r, group)]) / np.linalg.norm(m.shape[np.ix_(r, group)])
-                 for m, r in zip(means, rows, strict=True)]
+        noise = np.full(len(means), np.inf)
+        for k, (m, r) in enumerate(zip(means, rows, strict=True)):
+            size = np.linalg.norm(m.shape[np.ix_(r, group)])
+            if np.isfinite(m.shape[:, group]).all() and np.isfinite(m.d_shape[:, group]).all() and size > 0:
+                noise[k] = np.linalg.norm(m.d_shape[np.ix_(r, group)]) / size
+        known[:, group] = noise[:, None]
         base = int(np.argmin(noise))
-        if not max(noise) <= LARGEST_DEVIATION:
-            misfit[:, group] = np.nan
-            d_shape[:, group] = np.nan
+        told_by = np.flatnonzero(noise <= LARGEST_DEVIATION)
+        if not len(told_by):
             continue
         target = means[base].shape[np.ix_(rows[base], group)]
         if np.linalg.cond(target / np.linalg.norm(target, axis=0)) > LARGEST_CONDITION:
@@ -282,7 +322,8 @@ def _joined_shapes(setups, means: list[_Mean], rows, channels, references):
         value = np.zeros((len(channels), len(group)), complex)
         d_value = np.zeros((len(channels), len(group), total), complex)
         weights = np.zeros(len(channels))
-        for k, (setup, mean) in enumerate(zip(setups, means, strict=True)):
+        for k in told_by:
+            setup, mean = setups[k], means[k]
             d_own = np.zeros((*mean.shape[:, group].shape, total), complex)
             d_own[:, :, place[k]: place[k + 1]] = mean.d_shape[:, group]
             d_target = np.zeros((len(references), len(group), total), complex)
@@ -295,37 +336,53 @@ def _joined_shapes(setups, means: list[_Mean], rows, channels, references):
             value[index] += weight * scaled
             d_value[index] += weight * d_scaled
             weights[index] += weight
-        shape[:, group] = value / weights[:, None]
-        d_shape[:, group] = d_value / weights[:, None, None]
-    told = np.isfinite(shape[0])
-    d_shape[:, told] = scaled_deviation(shape[:, told], d_shape[:, told])
-    shape[:, told] = unit_largest(shape[:, told])
-    return shape, d_shape, misfit
+        reached = np.flatnonzero(weights > 0)
+        shape[np.ix_(reached, group)] = value[reached] / weights[reached, None]
+        d_shape[np.ix_(reached, group)] = d_value[reached] / weights[reached, None, None]
+    for j in range(n_mode):
+        told = np.flatnonzero(np.isfinite(shape[:, j]))
+        if len(told):
+            d_shape[told, j] = scaled_deviation(shape[told, j][:, None], d_shape[told, j][:, None])[:, 0]
+            shape[told, j] = unit_largest(shape[told, j][:, None])[:, 0]
+    return shape, d_shape, misfit, known
 
 
 def _weighted(values: list[np.ndarray], deviations: list[np.ndarray], widths: list[int]):
-    """Mean by inverse variances with its deviation over all columns, the Birge ratio (1 or more) and the p-value."""
+    """Mean by inverse variances with its deviation over all columns, the Birge ratio (1 or more) and the p-value; of the
+    values that are there, with their deviation."""
+    value = np.array(values)
     variance = np.array([np.sum(d**2, axis=1) for d in deviations])
-    weight = 1 / variance / np.sum(1 / variance, axis=0)
-    mean = np.sum(weight * np.array(values), axis=0)
+    there = np.isfinite(value) & np.isfinite(variance) & (variance > 0)
+    inverse = np.where(there, 1 / np.where(there, variance, 1.0), 0.0)
+    weight = inverse / inverse.sum(axis=0)
+    mean = np.sum(weight * np.where(there, value, 0.0), axis=0)
     place = np.cumsum([0, *widths])
     joint = np.zeros((len(mean), place[-1]))
     for k, d in enumerate(deviations):
-        joint[:, place[k]: place[k + 1]] = weight[k][:, None] * d
-    chi2 = np.sum((np.array(values) - mean) ** 2 / variance, axis=0)
-    freedom = len(values) - 1
-    return mean, joint, np.maximum(np.sqrt(chi2 / freedom), 1.0), special.chdtrc(freedom, chi2)
+        joint[:, place[k]: place[k + 1]] = weight[k][:, None] * np.where(there[k][:, None], d, 0.0)
+    chi2 = np.sum(inverse * (np.where(there, value, 0.0) - mean) ** 2, axis=0)
+    freedom = there.sum(axis=0) - 1
+    several = np.maximum(freedom, 1)
+    birge = np.where(freedom > 0, np.maximum(np.sqrt(chi2 / several), 1.0), 1.0)
+    return mean, joint, birge, np.where(freedom > 0, special.chdtrc(several, chi2), 1.0)
 
 
-def _summary(setups, modal: ModalSet, labels, references, misfit, p_value) -> str:
+def _summary(setups, means, modal: ModalSet, labels, references, misfit, noise, p_value) -> str:
     lines = [f"{len(setups)} setups merged on {', '.join(references)}: {modal.shape.shape[0]} channels, "
              f"{len(labels)} modes"]
     for j, label in enumerate(labels):
         text = f"{label}: {modal.frequency_hz[j]:.4g} Hz, deviation {modal.frequency_std_hz[j]:.2g} Hz; "
-        if np.isfinite(misfit[0, j]):
-            text += f"scaling leaves {100 * misfit[:, j].max():.2g} % of the references' motion in the worst setup"
+        if np.isfinite(misfit[:, j]).any():
+            worst = np.nanmax(misfit[:, j])
+            text += f"scaling leaves {100 * worst:.2g} % of the references' motion in the worst setup"
         else:
             text += "the references hardly move in it: no shape"
+        without = [s.name for s, m in zip(setups, means, strict=True) if not np.isfinite(m.ln_frequency[j])]
+        vague = [s.name for k, s in enumerate(setups) if s.name not in without and not np.isfinite(misfit[k, j])]
+        if without:
+            text += f"; not found in {', '.join(without)}"
+        if vague and np.isfinite(misfit[:, j]).any():
+            text += f"; no shape from {', '.join(vague)}, whose references do not know it well enough"
         if p_value[j] < LEAST_P_VALUE:
             text += f"; the setups' frequencies disagree (p {p_value[j]:.2g}): the deviation was widened"
         lines.append(text)

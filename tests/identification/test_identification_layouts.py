@@ -5,9 +5,11 @@ import numpy as np
 import pytest
 from scipy import signal
 
+import probupdate
 from probupdate.campaign.reading import read_campaign
 from probupdate.errors import InputError
 from probupdate.identification.identify import SSISettings, identify
+from probupdate.identification.proposal import propose
 from probupdate.modes import mac, plane_mac
 
 
@@ -115,3 +117,26 @@ def test_nothing_that_comes_back_is_said(tmp_path):
                      "acceleration")  # fmt: skip
     with pytest.raises(InputError, match="no pole comes back over the model orders and the 1 blocks"):
         identify(campaign, None, settings=SSISettings(order=8, block_rows=10, target_rate_hz=10.0, sub_records=0))
+
+
+def test_without_a_model_rate_order_and_rows_are_proposed_from_the_record(tmp_path):
+    """The bridge above at 200 Hz: its highest mode, 58.8 Hz, sets the rate; what is given stands; of noise alone nothing
+    is proposed."""
+    mass, stiffness, places = bridge_deck()
+    record, frequency, _ = response(mass, stiffness, 0.012, 200.0, 24000, seed=3, quantity="velocity")
+    campaign = write(tmp_path, record, places, 200.0, 2, "velocity")
+    found = propose([campaign])
+    held = frequency[frequency < 0.45 * 200]
+    # a peak may lie anywhere in its half-power bandwidth, and on a line 0.14 Hz wide
+    assert np.all(np.abs(found.peaks_hz - held) < 0.012 * held + 0.07) and found.above_hz == ()
+    assert found.target_rate_hz == 200.0 and found.order == 22 and 20 <= found.block_rows <= 60
+    low = propose([campaign], rate_hz=50.0)
+    assert low.target_rate_hz == 50.0 and len(low.peaks_hz) == np.sum(frequency < 25)
+    assert found.sentence.startswith("settings proposed from the record: rate 200 Hz, order 22")
+    result = probupdate.identify(tmp_path, rate_hz=80.0, store=tmp_path / "blocks")
+    assert "settings proposed from the record: rate 80 Hz" in result.summary
+    rng = np.random.default_rng(1)
+    (tmp_path / "noise").mkdir()
+    noise = write(tmp_path / "noise", rng.standard_normal((24000, 7)), places, 200.0, 2, "acceleration")
+    with pytest.raises(InputError, match="no peak stands out of the spectra"):
+        propose([noise])

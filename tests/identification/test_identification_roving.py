@@ -118,8 +118,22 @@ def test_numbers_are_matched_by_frequency_and_references(jacket, sensor_list):
                                  shape=s.deviation.shape[:, 1:])) for s in data.sets)  # fmt: skip
     setups[1] = replace(setups[1], data=replace(data, sets=less, labels=("1", "2", "3", "4")))
     result = merge_setups(setups)
-    assert result.data.labels == ("1", "2", "3", "4")
-    assert result.data.sets[0].frequency_hz == pytest.approx(jacket.frequency_hz[1:], rel=5e-3)
+    assert result.data.labels == ("1", "2", "3", "4", "5")
+    s = result.data.sets[0]
+    assert s.frequency_hz == pytest.approx(jacket.frequency_hz, rel=5e-3)
+    # its channels are left out of mode 1 only, and this is said
+    own = [result.data.channels.index(sensor_list[k].channel) for k in ROVING[1]]
+    assert np.isnan(s.shape[own, 0]).all() and np.isfinite(s.shape[:, 1:]).all()
+    assert np.isfinite(np.delete(s.shape[:, 0], own)).all()
+    assert "1: 0.3158 Hz" in result.summary and "not found in setup1" in result.summary
+    # two modes of one shape at two references are two, by their frequency
+    few = [replace(x, sensors=x.sensors[:3], data=ModalData(
+        channels=x.data.channels[:3], labels=x.data.labels, sets=tuple(replace(
+            s, shape=s.shape[:3], shape_std=s.shape_std[:3],
+            deviation=replace(s.deviation, shape=s.deviation.shape[:3])) for s in x.data.sets)))
+        for x in made_setups(jacket, sensor_list, jacket.frequency_hz, labels=("1", "2", "3", "4", "5"),
+                             roving=([2, 3], [5, 6], [8, 9]))]
+    assert merge_setups(few).data.n_mode == 5
 
 
 def test_a_mode_that_moves_no_reference_keeps_its_frequency_only(jacket, sensor_list):

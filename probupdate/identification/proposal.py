@@ -1,0 +1,128 @@
+"""Rate, model order and block rows that a record itself asks for, where no turbine's model says up to where modes lie.
+
+Peaks of the first singular value of the cross spectra (Brincker, Zhang & Andersen 2001, Modal identification of
+output-only systems using frequency domain decomposition) that stand out from the spectrum about them: the highest sets
+the rate, the lowest how long the covariances must be, their number the order.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import signal
+
+from probupdate.campaign.blocks import block_files
+from probupdate.campaign.reading import Campaign
+from probupdate.errors import InputError
+from probupdate.identification.block_poles import usable_block
+
+# parts of a block whose spectra are averaged, overlapping by half; a peak stands out by so many standard deviations of
+# the logarithm of such a mean, and by a factor of three at least
+PARTS, STANDS_OUT, LEAST_LOG = 16, 6.0, 1.1
+# blocks that are looked at, evenly over the campaign
+BLOCKS = 6
+# a peak this many times above the one below it in frequency is another thing's: mains, a machine
+GAP = 3.0
+# the rate is that many times the highest frequency; the lags cover so many periods of the lowest
+RATE, PERIODS = 2.5, 2.0
+ROWS, ORDERS = (20, 60), (20, 60)
+# channels times block rows at most: a block's time goes with the third power
+LARGEST = 720
+
+
+@dataclass(frozen=True, kw_only=True)
+class Proposal:
+    """target_rate_hz, order, block_rows for `BlockSettings`; peaks_hz, ascending, that they were told from; sentence:
+    the same in words."""
+
+    target_rate_hz: float
+    order: int
+    block_rows: int
+    peaks_hz: tuple[float, ...]
+    above_hz: tuple[float, ...] = ()
+
+    @property
+    def sentence(self) -> str:
+        text = (f"settings proposed from the record: rate {self.target_rate_hz:g} Hz, order {self.order}, "
+                f"{self.block_rows} block rows, for {len(self.peaks_hz)} peaks of the spectrum from "
+                f"{self.peaks_hz[0]:.3g} to {self.peaks_hz[-1]:.3g} Hz")  # fmt: skip
+        if self.above_hz:
+            text += f"; peaks far above, from {self.above_hz[0]:.3g} Hz, are taken for something else (--rate)"
+        return text
+
+
+def propose(
+    campaigns: Sequence[Campaign], *, rate_hz: float | None = None, block_rows: int | None = None
+) -> Proposal:
+    """One proposal for a campaign, or for all setups of a structure; what is given of it stands, and the rest is told
+    from the peaks that such a rate holds. Raises InputError where no block can be used, or
+    where nothing stands out of the spectra."""
+    peaks: list[float] = []
+    looked = 0
+    reason = "there is none"
+    for campaign in campaigns:
+        files = block_files(campaign)
+        starts = list(files)
+        wanted = max(1, -(-BLOCKS // len(campaigns)))
+        for start in [starts[int(k)] for k in np.linspace(0, len(starts) - 1, min(wanted, len(starts)))]:
+            block, why = usable_block(campaign, start, files[start])
+            reason = why or reason
+            if not why:
+                looked += 1
+                peaks += spectral_peaks(block.data, campaign.sampling_rate_hz)
+    where = str(campaigns[0].path)
+    if not peaks:
+        raise InputError(f"{where}, settings", f"no peak stands out of the spectra ({reason}), so no rate is proposed",
+                         "give --rate, at least twice the highest frequency of interest, and --order")  # fmt: skip
+    distinct = _distinct(np.sort(peaks), least=1 if looked < 3 else max(2, looked // 4))
+    jump = np.flatnonzero(distinct[1:] > GAP * distinct[:-1])
+    # of two heaps the one with more peaks; what lies below a gap is never left out
+    cut = next((int(k) + 1 for k in jump if k + 1 >= 2), len(distinct))
+    inside, above = distinct[:cut], distinct[cut:]
+    recorded = min(c.sampling_rate_hz for c in campaigns)
+    if rate_hz is None:
+        rate = recorded / max(int(recorded / (RATE * inside[-1])), 1)
+    else:
+        rate, held = rate_hz, inside[inside < 0.5 * rate_hz]
+        inside, above = (held, ()) if len(held) else (inside, above)
+    rows = int(np.clip(np.ceil(0.5 * PERIODS * rate / inside[0]), *ROWS))
+    order = int(np.clip(2 * np.ceil(1.5 * len(inside)), *ORDERS))
+    fewest, most = (pick(len(c.sensors) for c in campaigns) for pick in (min, max))
+    rows = block_rows or max(min(rows, LARGEST // most), ROWS[0])
+    order = min(order, 2 * (fewest * (rows - 1) // 2))
+    return Proposal(target_rate_hz=rate, order=order, block_rows=rows, peaks_hz=tuple(map(float, inside)),
+                    above_hz=tuple(map(float, above)))
+
+
+def spectral_peaks(data: np.ndarray, rate_hz: float) -> list[float]:
+    """Frequencies in Hz at which the first singular value of the cross spectra of data (n_sample, n_channel), each
+    channel by its own root mean square at that frequency's surroundings, stands out of its running median."""
+    size = min(max(2 * (len(data) // (PARTS + 1)), 64), len(data))
+    data = signal.detrend(data, axis=0)
+    data = data / data.std(axis=0)
+    line, _, transform = signal.stft(data.T, fs=rate_hz, nperseg=size, boundary=None, padded=False)
+    # (n_line, n_channel, n_part)
+    part = transform.transpose(1, 0, 2)
+    spectrum = np.log(np.maximum(np.linalg.svd(part, compute_uv=False)[:, 0] ** 2, 1e-300))
+    usable = (line > 2 * rate_hz / size) & (line < 0.45 * rate_hz)
+    excess = spectrum - _running_median(line, spectrum)
+    # neighbours of half-overlapping Hann windows share about a fifth of their variance
+    threshold = max(STANDS_OUT / np.sqrt(part.shape[2] * 0.8), LEAST_LOG)
+    found, _ = signal.find_peaks(np.where(usable, excess, -10.0), height=threshold, prominence=threshold)
+    return [float(f) for f in line[found]]
+
+
+def _running_median(line: np.ndarray, value: np.ndarray) -> np.ndarray:
+    """Over a factor of 1.6 in frequency to both sides, a dozen lines at least."""
+    low = np.minimum(np.searchsorted(line, line / 1.6), np.arange(len(line)) - 12).clip(0)
+    high = np.maximum(np.searchsorted(line, line * 1.6), np.arange(len(line)) + 13).clip(max=len(line))
+    return np.array([np.median(value[a:b]) for a, b in zip(low, high, strict=True)])
+
+
+def _distinct(rising: np.ndarray, least: int) -> np.ndarray:
+    """Means of runs whose neighbours are closer than 3 %, those of `least` members or, where there is none, all."""
+    runs = np.split(rising, np.flatnonzero(np.diff(np.log(rising)) > 0.03) + 1)
+    often = [run for run in runs if len(run) >= least]
+    return np.array([np.mean(run) for run in often or runs])

@@ -1,0 +1,154 @@
+"""Several setups of one structure: its modes out of the poles of all setups together, then each setup's own part of
+them, merged on the common sensors (`roving`)."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Sequence
+from contextlib import nullcontext
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from probupdate.campaign.reading import Campaign
+from probupdate.campaign.scada import StateRule, with_rated_power
+from probupdate.errors import InputError
+from probupdate.identification.block_store import BlockStore
+from probupdate.identification.counterparts import likenesses, mode_records, model_only, paired, sentences
+from probupdate.identification.identify import SSISettings, classified, passed_hz, pole_stack
+from probupdate.identification.physical import (
+    Candidates,
+    PersistenceSettings,
+    PhysicalModes,
+    block_candidates,
+    gathered,
+    leading_direction,
+    physical_modes,
+)
+from probupdate.identification.preprocessing import PASS_SHARE
+from probupdate.identification.reference import ReferenceModes
+from probupdate.identification.roving import Merged, Setup, common_channels, merge_setups
+from probupdate.modes import rotate_to_real
+from probupdate.progress import Progress, silent
+
+
+def identify_setups(
+    campaigns: Sequence[Campaign],
+    names: Sequence[str],
+    *,
+    reference: ReferenceModes | None = None,
+    others: ReferenceModes | None = None,
+    channels: tuple[str, ...] = (),
+    settings: SSISettings | None = None,
+    store: str | Path | None = None,
+    jobs: int = 1,
+    progress: Progress = silent,
+) -> Merged:
+    """The modes of a structure measured in several setups, in one set of all channels.
+
+    Poles of all setups' blocks are clustered together, by frequency and by their shape at the common channels, so that a
+    mode that one setup hardly shows is known from the others; each setup then gives its own part of every mode that it
+    has. reference, others: a model's modes at `channels`, of which the merged ones get their names. store: folder below
+    which each setup keeps its blocks. Raises InputError without common channels, or where nothing comes back.
+    """
+    settings, persistence = settings or SSISettings(), PersistenceSettings()
+    common = common_channels([(name, c.sensors) for name, c in zip(names, campaigns, strict=True)])
+    with tempfile.TemporaryDirectory() if store is None else nullcontext(store) as folder:
+        stores, parts, at_common, owner = [], [], [], []
+        for k, (campaign, name) in enumerate(zip(campaigns, names, strict=True)):
+            blocks = BlockStore(Path(folder) / name, campaign, settings.of_blocks)
+            blocks.fill(jobs=jobs, progress=progress)
+            stores.append(blocks)
+            rows = [campaign.channels.index(c) for c in common]
+            for start in blocks.starts:
+                block = blocks.read(start)
+                if block.poles is None:
+                    continue
+                part = block_candidates(pole_stack(block, settings), len(owner), settings.classifier, persistence)
+                parts.append(part)
+                at_common.append(_at(part, rows))
+                owner.append(k)
+        if not parts:
+            raise InputError("setups", "have no block that can be used", "run `probupdate check` on each")
+        found = physical_modes(gathered(at_common), n_block=len(owner), settings=persistence,
+                               block_seconds=60 * campaigns[0].block_minutes, where=f"{len(names)} setups",
+                               highest_hz=min(passed_hz(c, settings) for c in campaigns))
+        setups, notes = [], list(found.notes)
+        for k, (campaign, name) in enumerate(zip(campaigns, names, strict=True)):
+            own, place, absent = _own_part(found, parts, [j for j, one in enumerate(owner) if one == k])
+            if own is None:
+                notes.append(f"{name}: shows none of the {len(found.modes.labels)} modes: left out")
+                continue
+            rule = with_rated_power(StateRule(rated_power_kw=campaign.rated_power_kw), campaign.scada)
+            result = classified(stores[k], campaign, own, None, settings=settings, rule=rule, jobs=jobs,
+                                progress=progress, every=True)  # fmt: skip
+            columns = [place.get(j, -1) for j in range(len(found.modes.labels))]
+            data = replace(result.data, sets=tuple(s.of_modes(columns) for s in result.data.sets), records=(),
+                           labels=found.modes.labels)  # fmt: skip
+            setups.append(Setup(name=name, sensors=campaign.sensors, data=data))
+    merged = merge_setups(setups, same_modes=True)
+    merged = replace(merged, summary="\n".join([merged.summary, *notes]))
+    return merged if reference is None else _named(merged, reference, others, channels, settings)
+
+
+def _at(part: Candidates, rows: list[int]) -> Candidates:
+    """The same with the shapes at some channels; where these hardly move the shape says nothing, and is kept so."""
+    shape = part.shape[rows]
+    size = np.linalg.norm(shape, axis=0)
+    return replace(part, shape=shape / np.where(size > 0, size, 1.0))
+
+
+def _own_part(
+    found: PhysicalModes, parts: list[Candidates], blocks: list[int]
+) -> tuple[PhysicalModes | None, dict[int, int], list[int]]:
+    """The modes with their shapes at one setup's channels, from the candidates of its blocks; mode -> place among them;
+    modes that none of its blocks has."""
+    starts = np.cumsum([0, *(len(p.block) for p in parts)])
+    chosen, shapes, absent = [], [], []
+    for j, rows in enumerate(found.rows):
+        mine = [parts[b].shape[:, int(r - starts[b])] for b in blocks for r in rows if starts[b] <= r < starts[b + 1]]
+        weight = [parts[b].share[int(r - starts[b])] for b in blocks for r in rows if starts[b] <= r < starts[b + 1]]
+        if not mine:
+            absent.append(j)
+            continue
+        chosen.append(j)
+        direction = leading_direction(np.array(mine).T, np.array(weight))
+        real = rotate_to_real(direction[:, None]).real[:, 0]
+        shapes.append(real / np.abs(real).max())
+    if not chosen:
+        return None, {}, absent
+    part = found.only(chosen)
+    modes = replace(part.modes, shape=np.column_stack(shapes))
+    return replace(part, modes=modes, notes=()), {j: k for k, j in enumerate(chosen)}, absent
+
+
+def _named(
+    merged: Merged, reference: ReferenceModes, others: ReferenceModes | None, channels: tuple[str, ...],
+    settings: SSISettings,
+) -> Merged:
+    """The merged modes matched with the model's: those of interest first, by name, the others by number."""
+    model = reference if others is None else reference.joined(others)
+    rows = [channels.index(c) for c in merged.data.channels]
+    model = replace(model, shape=model.shape[rows])
+    (one,) = merged.data.sets
+    like = likenesses([one], (), [model])
+    partner, probability = paired(like)
+    wanted = reference.labels
+    place = {model.labels[i]: j for j, i in partner.items() if model.labels[i] in wanted}
+    columns = [place.get(label, -1) for label in wanted]
+    columns += [j for j in range(merged.data.n_mode) if j not in columns]
+    labels = (*wanted, *(str(k + 1) for k in range(len(wanted), len(columns))))
+    column_partner = {k: partner[j] for k, j in enumerate(columns) if j in partner}
+    moved = one.of_modes(columns)
+    records = mode_records([moved], labels, like=like.at(columns), partner=column_partner, model=model, in_pair=set(),
+                           probability=probability[columns] * (np.array(columns) >= 0)[:, None],
+                           settings=settings.classifier)  # fmt: skip
+    lacking = model_only(model, partner, [r.frequency_hz for r in records if r.found],
+                         PASS_SHARE * settings.target_rate_hz / 2, wanted)
+    name = {old: labels[k] for k, j in enumerate(columns) if j >= 0 for old in [merged.data.labels[j]]}
+    data = replace(merged.data, sets=(moved,), labels=labels, records=records, model_only=lacking)
+    told = "\n".join(f"{labels[k]} is {merged.data.labels[j]}" for k, j in enumerate(columns)
+                     if j >= 0 and labels[k] != merged.data.labels[j])  # fmt: skip
+    return replace(merged, data=data, table=merged.table.assign(label=merged.table["label"].map(name)),
+                   summary="\n".join(x for x in [merged.summary, told, *sentences(records, lacking, wanted)] if x))
