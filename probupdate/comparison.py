@@ -9,10 +9,11 @@ from pathlib import Path
 import numpy as np
 from scipy import stats
 
-from probupdate.errors import InputError
+from probupdate.errors import InputError, parsing
 from probupdate.estimators.posterior_file import Posterior
 from probupdate.estimators.update_file import BLIND_RESOLUTION, UpdateRecord, fit_sentence, misses
 from probupdate.files import read_json_table, write_json
+from probupdate.schema import checked
 
 FORMAT = 1
 # posterior over prior deviation: below the first the data decide, above the second the parameter keeps its prior
@@ -295,20 +296,17 @@ def _numbers(table: Mapping) -> dict:
 def read_comparison(path: str | Path) -> Comparison:
     """Read compare.json; raises InputError where it is none, or its parts do not fit together."""
     path, again = Path(path), "write it again with `probupdate compare`"
-    if not path.is_file():
-        raise InputError(str(path), "no such file", "write it with `probupdate compare`")
-    try:
-        content = read_json_table(path, again)
-        if content.pop("format") != FORMAT:
-            raise InputError(str(path), "is of another version's format", again)
+    content = read_json_table(path, again, absent="write it with `probupdate compare`")
+    if content.pop("format", None) != FORMAT:
+        raise InputError(str(path), "is no compare.json, or of another version's format", again)
+    with parsing(str(path), "is no compare.json", again):
         found = Comparison(
             names=tuple(content["names"]), rows=tuple(ComparisonRow(**_numbers(row)) for row in content["rows"]),
             correlation=np.array(content["correlation"], float),
             derived={k: _numbers(v) for k, v in content["derived"].items()}, notes=tuple(content["notes"]),
             converged=content["converged"], settings=content["settings"],
         )
-    except (KeyError, TypeError, AttributeError, ValueError) as error:
-        raise InputError(str(path), f"is no compare.json ({type(error).__name__}: {error})", again) from None
+    checked(found, path, again)
     n = len(found.names)
     if tuple(r.name for r in found.rows) != found.names or found.correlation.shape != (n, n):
         raise InputError(str(path), f"its rows or its correlation do not fit its {n} parameters", again)

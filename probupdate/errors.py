@@ -53,6 +53,17 @@ class ConvergenceError(ProbupdateError):
 
 
 @contextmanager
+def of_file(path: object) -> Iterator[None]:
+    """Mistakes of the values that a file holds know their own names; within, they are told with the file's."""
+    try:
+        yield
+    except InputError as error:
+        if str(path) in error.where:
+            raise
+        raise InputError(f"{path}, {error.where}", error.problem, error.remedy) from None
+
+
+@contextmanager
 def parsing(where: str, problem: str, remedy: str) -> Iterator[None]:
     """Around another library's reading of a file: whatever it raises on a damaged one becomes an InputError.
 

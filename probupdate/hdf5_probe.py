@@ -13,6 +13,8 @@ LARGEST_CHUNK = 256 * 2**20
 SMALL_STORED = 2**20
 # what a file that is read whole may declare, and how many objects any file may have
 LARGEST_WHOLE = 2**30
+# declared but not written numbers that are read as zeros; more would keep every step busy with nothing
+LARGEST_UNWRITTEN = 2**28
 MOST_OBJECTS = 500_000
 
 
@@ -66,12 +68,13 @@ def outside(dataset):
 
 
 def dataset_problem(dataset, complete):
-    """Words on what makes a dataset unsafe, or None; complete: none of its numbers may stand for want of any."""
+    """Words on what makes a dataset unsafe, or None; complete: a large one whose numbers were never written is one."""
     import h5py
 
     wrong = outside(dataset)
     if wrong or dataset.shape is None or 0 in dataset.shape:
         return wrong
+    complete = complete and _size(dataset) > LARGEST_UNWRITTEN
     if dataset.chunks is None:
         contiguous = dataset.id.get_create_plist().get_layout() == h5py.h5d.CONTIGUOUS
         if complete and contiguous and dataset.id.get_storage_size() < _size(dataset):

@@ -11,13 +11,14 @@ from pathlib import Path
 
 import numpy as np
 
-from probupdate.errors import InputError
+from probupdate.errors import InputError, parsing
 from probupdate.estimators.posterior_file import Posterior
 from probupdate.estimators.predictive import PredictiveCheck, ResponseCheck, bits_gained
 from probupdate.files import read_json_table, write_json
 from probupdate.json_rows import from_row, row_of
 from probupdate.modes import frozen_array
 from probupdate.problem import Problem
+from probupdate.schema import checked
 
 FORMAT = 1
 METRIC_WORDS = ("negligible", "low", "medium", "high")
@@ -298,18 +299,17 @@ def write_information(found: Information, path: str | Path) -> Path:
 def read_information(path: str | Path) -> Information:
     """Read information.json; raises InputError where it is none."""
     path, again = Path(path), "write it with `probupdate inform`"
-    if not path.is_file():
-        raise InputError(str(path), "no such file", again)
-    try:
-        c = read_json_table(path, again)
-        if c.pop("format") != FORMAT:
-            raise InputError(str(path), "is of another version's format", again)
-        return Information(
+    c = read_json_table(path, again, absent=again)
+    if c.pop("format", None) != FORMAT:
+        raise InputError(str(path), "is no information.json, or of another version's format", again)
+    with parsing(str(path), "is no information.json", again):
+        found = Information(
             rows=tuple(from_row(ParameterInformation, r) for r in c["rows"]), fisher=frozen_array(c["fisher"]),
             directions=tuple(from_row(Direction, d) for d in c["directions"]),
             pairs=tuple(from_row(Compensation, p) for p in c["pairs"]), total_bits=c["total_bits"], cost=c["cost"],
             settings=c["settings"], check=None if c["check"] is None else from_row(PredictiveCheck, c["check"] | {
                 "responses": [from_row(ResponseCheck, r) for r in c["check"]["responses"]]}),
         )
-    except (KeyError, TypeError, AttributeError, ValueError) as error:
-        raise InputError(str(path), f"is no information.json ({type(error).__name__}: {error})", again) from None
+    if found.fisher.shape != (len(found.rows), len(found.rows)):
+        raise InputError(f"{path}, fisher", f"is {found.fisher.shape} for {len(found.rows)} parameters", again)
+    return checked(found, path, again)

@@ -16,7 +16,7 @@ import numpy as np
 from scipy import optimize
 
 from probupdate.deviation_file import read_deviations, write_deviations
-from probupdate.errors import InputError
+from probupdate.errors import InputError, of_file, parsing
 from probupdate.files import read_json, write_json
 
 # of modes.json: 2 has `mode_records`, one of each mode, and `model_only`; files of format 1, or without, have neither
@@ -306,6 +306,18 @@ def _expand_null_rows(value, n: int):
     return [[None] * n if row is None else row for row in value] if isinstance(value, list) else value
 
 
+# numbers of all shapes of a set
+LARGEST_SHAPES = 10_000_000
+
+
+def _refuse_odd(where: str, environment: Mapping) -> None:
+    """Conditions are numbers or words; an infinite one is a failed computation."""
+    for key, value in environment.items():
+        plain = value is None or isinstance(value, str | int) or (isinstance(value, float) and np.isfinite(value))
+        if not plain:
+            raise InputError(f"{where}, {key}", f"{value!r:.60} is neither a number nor a word", "mend it or leave it out")
+
+
 SET_KEYS = {
     "id", "frequency_hz", "damping_ratio", "frequency_std_hz", "damping_ratio_std", "shape_re", "shape_im", "shape_std",
     "environment",
@@ -323,6 +335,11 @@ def _refuse_misspelt(where: str, table: Mapping, known: set[str]) -> None:
 def read_modes(path: str | Path) -> ModalData:
     """Read `modes.json` (interfaces: channels, sets; optional labels, reference_set)."""
     path = Path(path)
+    with of_file(path), parsing(str(path), "is no modes.json", "see modes.json in the README"):
+        return _read_modes(path)
+
+
+def _read_modes(path: Path) -> ModalData:
     content = read_json(path, absent="check the path, or run `probupdate identify` first", nan=True)
     if not isinstance(content, dict) or not isinstance(content.get("sets"), list) or "channels" not in content:
         raise InputError(str(path), "'channels' or 'sets' is missing", "see modes.json in the README")
@@ -348,6 +365,9 @@ def read_modes(path: str | Path) -> ModalData:
             raise InputError(f"{where}, environment", "is not a table", 'write {"water_level_m": 0.2}')
         n_mode, n_channel = len(raw["frequency_hz"]), len(channels)
         table, vector = (n_mode, n_channel), (n_mode,)
+        if n_mode * n_channel > LARGEST_SHAPES:
+            raise InputError(where, f"{n_mode} modes at {n_channel} channels are more than a set can have", "give fewer")
+        _refuse_odd(f"{where}, environment", raw.get("environment") or {})
         real = _numbers(where, _expand_null_rows(raw["shape_re"], n_channel), table, "shape_re")
         imaginary = _numbers(where, _expand_null_rows(raw.get("shape_im"), n_channel), table, "shape_im")
         frequency = _numbers(where, raw["frequency_hz"], vector, "frequency_hz")
@@ -375,10 +395,17 @@ def read_modes(path: str | Path) -> ModalData:
         channels=channels,
         sets=tuple(sets),
         labels=_texts(path, content, "labels"),
-        reference_set=content.get("reference_set"),
+        reference_set=_text_or_none(path, content, "reference_set"),
         records=_records(path, content, "mode_records", ModeRecord),
         model_only=_records(path, content, "model_only", ModelMode),
     )
+
+
+def _text_or_none(path: Path, content: Mapping, key: str) -> str | None:
+    value = content.get(key)
+    if value is not None and not isinstance(value, str):
+        raise InputError(f"{path}, {key}", f"{value!r:.60} is no text", "name a set's id, or leave the key out")
+    return value
 
 
 def _records(path: Path, content: Mapping, key: str, kind: type) -> tuple:

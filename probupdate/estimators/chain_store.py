@@ -9,7 +9,7 @@ from pathlib import Path
 import emcee
 import numpy as np
 
-from probupdate.errors import InputError, parsing
+from probupdate.errors import InputError
 from probupdate.files import archive, read_json_table, write_arrays, write_json
 
 FORMAT = 2

@@ -15,6 +15,7 @@ from probupdate.errors import InputError, parsing
 from probupdate.files import whole
 from probupdate.hdf5_file import refuse_unsafe
 from probupdate.modes import frozen_array
+from probupdate.schema import checked
 
 # draws kept in the file, over all walkers: far more than any effective size wanted, and megabytes only
 MAX_DRAWS = 100_000
@@ -135,9 +136,30 @@ def read_posterior(path: str | Path) -> Posterior:
         warnings.filterwarnings("error", message="The 'phony_dims' kwarg", category=UserWarning)
         data = arviz.from_netcdf(str(path))
     # arrays are read as they are asked for, in one generation of ArviZ from a file that would else stay open
-    with (parsing(str(path), "lacks something or is damaged", "write it again with `probupdate sample`"),
-          closing(data)):  # fmt: skip
-        return _from_groups(path, data)
+    again = "write it again with `probupdate sample`"
+    with parsing(str(path), "lacks something or is damaged", again), closing(data):
+        found = _from_groups(path, data)
+    _refuse_sizes(path, checked(found, path, again), again)
+    return found
+
+
+def _refuse_sizes(path: Path, found: Posterior, again: str) -> None:
+    """Parts that do not fit one another, and draws that are no numbers."""
+    n_param, n_response = len(found.names), len(found.response_labels)
+    if found.theta.ndim != 3 or found.theta.size == 0 or len(set(found.names)) < n_param:
+        raise InputError(f"{path}, posterior", "holds no draws, or a parameter twice", again)
+    if not np.all(np.isfinite(found.theta)):
+        raise InputError(f"{path}, posterior", "holds draws that are no numbers", again)
+    wanted = {
+        "log_likelihood": found.theta.shape[:2], "log_posterior": found.theta.shape[:2], "r_hat": (n_param,),
+        "ess": (n_param,), "measured": (n_response,), "std": (n_response,),
+        "predicted": (len(found.predicted), n_response),
+        "frequency_hz": (len(found.frequency_hz), len(found.mode_labels)), "prior": (len(found.prior), n_param),
+    }  # fmt: skip
+    for name, shape in wanted.items():
+        if getattr(found, name).shape != shape:
+            raise InputError(f"{path}, {name}", f"is {getattr(found, name).shape}, the rest of the file says {shape}",
+                             again)
 
 
 def _from_groups(path: Path, data) -> Posterior:

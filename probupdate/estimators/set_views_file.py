@@ -7,11 +7,12 @@ from pathlib import Path
 
 import numpy as np
 
-from probupdate.errors import InputError
+from probupdate.errors import InputError, parsing
 from probupdate.estimators.predictive import LeftOut
 from probupdate.files import read_json_table, write_json
 from probupdate.json_rows import from_row, row_of
 from probupdate.modes import frozen_array
+from probupdate.schema import checked
 
 FORMAT = 1
 # bits about tau below which it is the hyper-prior's
@@ -181,12 +182,10 @@ def _nulls(values: list[float]) -> list[float | None]:
 def read_views(path: str | Path) -> SetViews:
     """Read sets.json; raises InputError where it is none."""
     path, again = Path(path), "write it with `probupdate sets`"
-    if not path.is_file():
-        raise InputError(str(path), "no such file", again)
-    try:
-        c = read_json_table(path, again)
-        if c.pop("format") != FORMAT:
-            raise InputError(str(path), "is of another version's format", again)
+    c = read_json_table(path, again, absent=again)
+    if c.pop("format", None) != FORMAT:
+        raise InputError(str(path), "is no sets.json, or of another version's format", again)
+    with parsing(str(path), "is no sets.json", again):
         ids, scores = tuple(c["ids"]), c["scores"]
         k = [np.nan if v is None else v for v in scores["pareto_k"]]
         left_out = LeftOut(ids=ids, score={name: frozen_array(v) for name, v in scores["score"].items()},
@@ -198,8 +197,7 @@ def read_views(path: str | Path) -> SetViews:
             correlation=None if c["correlation"] is None else frozen_array(c["correlation"]), notes=tuple(c["notes"]),
             advice=c["advice"], settings=c["settings"],
         )
-    except (KeyError, TypeError, AttributeError, ValueError) as error:
-        raise InputError(str(path), f"is no sets.json ({type(error).__name__}: {error})", again) from None
+    checked(views, path, again)
     if any(len(v) != len(ids) for v in (*left_out.score.values(), left_out.pareto_k, views.linear_share)):
         raise InputError(str(path), f"does not hold one score for each of its {len(ids)} sets", again)
     return views

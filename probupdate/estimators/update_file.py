@@ -8,10 +8,11 @@ from pathlib import Path
 
 import numpy as np
 
-from probupdate.errors import InputError
+from probupdate.errors import InputError, of_file, parsing
 from probupdate.files import read_json_table, write_json
 from probupdate.modes import frozen_array
 from probupdate.parameters import Parameter, Parameters
+from probupdate.schema import checked
 
 FORMAT = 1
 # a parameter's resolution below this: the data hardly inform it
@@ -326,25 +327,21 @@ def _array(value, dtype=float) -> np.ndarray:
 
 def read_update(path: str | Path) -> UpdateRecord:
     """Read update.json; raises InputError where it is none, or its parts do not fit together."""
-    path = Path(path)
-    if not path.is_file():
-        raise InputError(str(path), "no such file", "write it with `probupdate update`")
-    try:
-        content = read_json_table(path, "write it with `probupdate update`")
-        form = content.pop("format")
-        record = _record(content) if form == FORMAT else None
-    except (KeyError, TypeError, AttributeError, ValueError) as error:
-        raise InputError(str(path), f"is no update.json ({type(error).__name__}: {error})",
-                         "write it with `probupdate update`") from None  # fmt: skip
-    except InputError as error:
-        raise InputError(f"{path}, {error.where}", error.problem, "write it again with `probupdate update`") from None
-    if record is None:
-        raise InputError(str(path), "is of another version's format", "write it again with `probupdate update`")
+    again = "write it again with `probupdate update`"
+    content = read_json_table(path, again, absent="write it with `probupdate update`")
+    _refuse_format(path, content, again)
+    with of_file(path), parsing(str(path), "is no update.json", again):
+        record = checked(_record(content), path, again)
     for what, found, wanted in _sizes(record):
         if found != wanted:
             raise InputError(f"{path}, {what}", f"is {found}, the rest of the file says {wanted}",
                              "write it again with `probupdate update`")  # fmt: skip
     return record
+
+
+def _refuse_format(path: str | Path, content: dict, again: str) -> None:
+    if content.pop("format", None) != FORMAT:
+        raise InputError(str(path), "is no update.json, or of another version's format", again)
 
 
 def _record(content: dict) -> UpdateRecord:
