@@ -263,11 +263,17 @@ def _settings(r: _Reader) -> tuple[dict[str, str], bool]:
     r.heading("SIMULATION CONTROL")
     for name in ("Echo", "SDdeltaT", "IntMethod", "SttcSolve"):
         settings[name] = r.word(name)
+    # v3 and early v4 have one more there
+    if _is_logical(r.peek()):
+        settings["GuyanLoadCorrection"] = r.word("GuyanLoadCorrection")
     r.heading("FEA and CRAIG-BAMPTON PARAMETERS")
     settings["FEMMod"] = str(r.whole("FEMMod"))
     if settings["FEMMod"] not in ("1", "3"):
         r.fail(f"FEMMod {settings['FEMMod']} is not built", "take 1 (Euler-Bernoulli) or 3 (Timoshenko), as SubDyn does")
     settings["NDiv"] = str(r.whole("NDiv", 1))
+    # and here
+    if _is_logical(r.peek()):
+        settings["CBMod"] = r.word("CBMod")
     n_modes = r.whole("Nmodes")
     settings["Nmodes"] = str(n_modes)
     ratios = words(r.line("JDampings"))
@@ -308,6 +314,11 @@ def _settings(r: _Reader) -> tuple[dict[str, str], bool]:
     settings["InitialPosition"] = " ".join(found[:6])
     r.heading("STRUCTURE JOINTS")
     return settings, True
+
+
+def _is_logical(text: str) -> bool:
+    found = words(text)
+    return bool(found) and logical(found[0]) is not None
 
 
 def _joints(r: _Reader) -> tuple[tuple[Joint, ...], bool]:

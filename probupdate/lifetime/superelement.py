@@ -6,6 +6,7 @@ u_L = Phi_R u_TP + Phi_m q: static shapes of the interface's six rigid motions a
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -155,19 +156,24 @@ def _compare(path: Path, one: Superelement, stiffness, mass) -> None:
                          "check the disk it was written to")  # fmt: skip
 
 
+def _dimension(line: str) -> int | None:
+    """Of a line '!Dimension: n'; the loads' own ('1 time column - 3 force columns') is another."""
+    found = re.fullmatch(r"!dimension\s*:?\s*(\d+)", line)
+    return int(found[1]) if found else None
+
+
 def read_extptfm(path: str | Path) -> dict[str, np.ndarray]:
     """Mass, Damping, Stiffness (n, n) of a reduced file of OpenFAST's ExtPtfm."""
     lines, found, n, at = read_lines(path), {}, None, 0
     while at < len(lines):
         head = lines[at].strip().lower()
         at += 1
-        if head.startswith("!dimension"):
-            n = int(head.split(":")[1])
+        n = _dimension(head) or n
         title = next((t for t in ("Mass", "Damping", "Stiffness") if head.startswith(f"!{t.lower()}")), None)
         if title is None:
             continue
-        if at < len(lines) and lines[at].lower().startswith("!dimension"):
-            n = int(lines[at].split(":")[1])
+        if at < len(lines) and _dimension(lines[at].strip().lower()):
+            n = _dimension(lines[at].strip().lower())
             at += 1
         rows = [[number(w) for w in line.split()] for line in lines[at : at + (n or 0)]]
         if n is None or len(rows) != n or any(len(r) != n or None in r for r in rows):

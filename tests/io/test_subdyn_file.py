@@ -42,6 +42,22 @@ def test_every_layout_is_told_by_what_stands_where(tmp_path, layout):
     assert soil.stiffness[0, 0] == 5e8 and soil.stiffness[1, 1] == 6e8 and soil.mass[0, 0] == 2e3
 
 
+def test_older_files_have_lines_and_tables_of_their_own(tmp_path):
+    text = cantilever("v4.0")
+    text = text.replace("--- FEA", "False GuyanLoadCorrection - old\n--- FEA").replace(
+        "             0   Nmodes", "True CBMod - old\n             0   Nmodes")  # fmt: skip
+    assert read_subdyn(write(tmp_path, text)).settings["CBMod"] == "True"
+    # before springs, and before cables, rigid links and joints that turn
+    spring = text.index("---- SPRING")
+    no_spring = text[:spring] + text[text.index("---- MEMBER COSINE") :]
+    assert read_subdyn(write(tmp_path, no_spring)).layout == "v3"
+    plain = no_spring[: no_spring.index("---- CABLE")] + no_spring[no_spring.index("---- MEMBER COSINE") :]
+    plain = plain.replace("1 0 0 0 1 0 0 0 0", "1 0 0 0").replace("2 0 0 10 1 0 0 0 0", "2 0 0 10").replace(
+        "1 1 2 7 7 1 -1", "1 1 2 7 7").replace("  2 1 1 1 1 1 1\n", "  2\n")  # fmt: skip
+    oldest = read_subdyn(write(tmp_path, plain))
+    assert oldest.layout == "v3" and oldest.members[0].kind == "circular" and oldest.joints[1].kind == "cantilever"
+
+
 def test_headings_are_free_text_and_lines_may_end_as_on_windows(tmp_path):
     text = "\n".join("--- something" if line.startswith("---") else line for line in cantilever("v4.1").split("\n"))
     path = write(tmp_path, "")
