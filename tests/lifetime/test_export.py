@@ -142,6 +142,52 @@ def test_a_run_that_does_not_stand_needs_accept_and_says_so_in_every_file(run, o
             assert "ACCEPTED ALTHOUGH" in path.read_text(), path
 
 
+def test_models_of_matrices_go_out_with_their_parameters(tmp_path):
+    rng = np.random.default_rng(2)
+    root = rng.standard_normal((12, 12))
+    np.savez(tmp_path / "model.npz", K0=root @ root.T + 50 * np.eye(12), M0=np.eye(12), K_a=np.diag(np.arange(12.0)),
+             channel=np.array(["x", "y"]), channel_dof=np.array([0, 1]))  # fmt: skip
+    (tmp_path / "parameters.toml").write_text('[[parameter]]\nname = "a"\ninitial = 1.0\nstd = 0.1\n')
+    model = load_model(tmp_path / "model.npz")
+    done = export_lifetime(posterior(model), model, tmp_path / "model.npz", tmp_path / "out", n_draw=2)
+    again = load_model(done.folder / "models" / "001" / "model.npz")
+    assert again.parameters.initial[0] == done.draws[0, 0]
+    assert read_table(done.folder / "modes.csv")["label"][0] == "mode 1"
+    assert any("superelements" in text for text in done.left_out)
+
+
+def test_a_tower_goes_out_as_toml_beside_the_substructure(run):
+    text = (run / "model.toml").read_text()
+    tower = """[tower]
+joint = 4
+top_m = 30.0
+elements = 4
+fraction = [0.0, 1.0]
+mass_kgpm = [900.0, 600.0]
+stiffness_fa_nm2 = [3e9, 1e9]
+stiffness_ss_nm2 = [3e9, 1e9]
+youngs_modulus_pa = 2.1e11
+shear_modulus_pa = 8.08e10
+density_kgpm3 = 7850.0
+[rotor_nacelle]
+mass_kg = 3000.0
+centre_m = [0.5, 0.0, 0.5]
+inertia_kgm2 = [1e4, 1e4, 1e4, 0.0, 0.0, 0.0]
+"""
+    own = '[[parameter]]\nname = "k_t"\nacts = "stiffness"\non = "tower"\nunit = "-"\ninitial = 1.0\ncov = 0.1\nlower = 0.2\n'
+    (run / "model.toml").write_text(text.replace("[group.legs]", tower + "[group.legs]", 1) + own)
+    done = exported(run)
+    assert any("k_t in models" in t for t in done.left_out)
+    model = load_model(run / "model.toml")
+    again = load_model(done.folder / "models" / "001" / "model.toml")
+    np.testing.assert_allclose(again.solve(again.parameters.initial, 4).frequency_hz,
+                               model.solve(done.draws[0], 4).frequency_hz, rtol=1e-12)  # fmt: skip
+    # the superelement ends where the tower stands, with the substructure's parameters in it
+    substructure = read_subdyn(done.folder / "models" / "001" / "subdyn_at_draw.dat")
+    assert substructure.masses[0].values[0] == pytest.approx(2e3 * done.draws[0, list(ACTS).index("m")])
+    assert (done.folder / "superelements" / "001.cb.dat").exists()
+
+
 def test_a_named_cause_is_said_to_be_outside_the_draws(run):
     done = exported(run, diagnosis="named", findings=("parameter soil_63",))
     assert "parameter soil_63: not in this model" in (done.folder / "draws.csv").read_text()
@@ -201,6 +247,31 @@ def test_guyans_stiffness_is_the_static_one_and_recovery_follows_the_interface(r
     tied += 1e14 * gap.T @ gap
     flexibility = np.linalg.inv(tied)[size:, size:]
     np.testing.assert_allclose(np.linalg.inv(one.stiffness[:6, :6]), flexibility, rtol=1e-3, atol=1e-4 * flexibility.max())
+
+
+def test_guyans_matrices_and_inner_modes_are_subdyns_own(tmp_path):
+    # KBBt, MBBt and CB_frequencies that SubDyn prints (seven digits) for two cases of OpenFAST's r-test: the OC3 monopile
+    # of 5MW_OC3Mnpl_Linear and SD_Rigid, a rigid link in a cantilever
+    (tmp_path / "monopile.dat").write_text(subdyn(
+        ["0 0 -20.0001", "0 0 -10", "0 0 0", "0 0 10"], ["1 2 1 1 1c 0", "2 3 1 1 1c 0", "3 4 1 1 1c 0"],
+        ["1 1 1 1 1 1 1"], div=3, fem=3, interface=[4], circular=["1 2.1e11 8.08e10 8500 6.0 0.06"]))  # fmt: skip
+    (tmp_path / "rigid.dat").write_text(subdyn(
+        ["0 0 0", "0 0 10", "0 0 20", "0 0 30"], ["1 2 1 1 1c 0", "2 3 1 1 1c 0", "3 4 1 1 1c 0", "2 3 1 1 3 0"],
+        ["1 1 1 1 1 1 1"], fem=3, interface=[4], circular=["1 2.1e11 8.0769e10 7850 1.0 0.05"], rigid=["1 0.0"]))  # fmt: skip
+    # K and M: xx, x-ry, ryry, zz, rzrz
+    expected = {
+        "monopile": ([3.530365e8, -5.295565e9, 1.140047e11, 7.837619e9, 2.660317e10],
+                     [1.048670e5, -4.264600e5, 2.466666e6, 9.517173e4, 8.395859e5], []),
+        "rigid": ([1.627377e6, -2.441065e7, 5.434118e8, 1.566869e9, 1.363474e8],
+                  [1.296044e4, -4.455060e4, 1.836456e5, 1.073803e4, 2.429479e3], [9.923489, 9.923489]),
+    }  # fmt: skip
+    places = ([0, 0, 4, 2, 5], [0, 4, 4, 2, 5])
+    for name, (stiffness, mass, held) in expected.items():
+        one = superelement(read_subdyn(tmp_path / f"{name}.dat"), n_mode=2)
+        np.testing.assert_allclose(one.stiffness[places], stiffness, rtol=5e-7)
+        np.testing.assert_allclose(one.mass[places], mass, rtol=5e-7)
+        if held:
+            np.testing.assert_allclose(np.sqrt(np.diag(one.stiffness)[6:]) / (2 * np.pi), held, rtol=5e-7)
 
 
 def test_the_extptfm_file_is_what_the_archive_holds(run):
