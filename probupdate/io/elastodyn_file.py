@@ -49,8 +49,8 @@ class ElastoDyn:
 class _Keys:
     """Lines of 'value name - text'; every mistake names file and line."""
 
-    def __init__(self, path: Path):
-        self.path = path
+    def __init__(self, path: Path, root: Path | None = None):
+        self.path, self.root = path, (root or path.parent).resolve()
         self.lines = read_lines(path)
         self.found = {}
         for at, line in enumerate(self.lines, 1):
@@ -74,14 +74,16 @@ class _Keys:
 
     def beside(self, name: str) -> Path:
         at, word = self.word(name)
-        folder = self.path.resolve().parent
-        file = (folder / unquoted(word).replace("\\", "/")).resolve()
-        if not file.is_relative_to(folder):
-            raise InputError(f"{self.path}, line {at}", f"{name} '{unquoted(word)}' leaves the file's folder",
-                             "put it beside")  # fmt: skip
+        file = (self.path.resolve().parent / unquoted(word).replace("\\", "/")).resolve()
+        if not file.is_relative_to(self.root):
+            raise InputError(f"{self.path}, line {at}", f"{name} '{unquoted(word)}' leaves the folder {self.root.name}",
+                             "put it into that folder, or the model's TOML above both")  # fmt: skip
         if not file.is_file():
             raise InputError(f"{self.path}, line {at}", f"there is no file '{unquoted(word)}'", "put it beside")
         return file
+
+    def opened(self, name: str) -> _Keys:
+        return _Keys(self.beside(name), self.root)
 
     def table(self, count: str, first: str, columns: int) -> np.ndarray:
         """The rows below the line of names that begins with `first`, leading `columns` numbers."""
@@ -102,14 +104,26 @@ class _Keys:
         return table
 
 
-def read_elastodyn(path: str | Path) -> ElastoDyn:
-    """Read an ElastoDyn file, its tower file and, for the rotor's mass, its blade files."""
-    keys = _Keys(Path(path))
+def read_elastodyn(path: str | Path, root: Path | None = None) -> ElastoDyn:
+    """Read an ElastoDyn file, its tower file and, for the rotor's mass, its blade files; all of them in the folder `root`
+    or below (the file's own where None)."""
+    keys = _Keys(Path(path), root)
     return ElastoDyn(tower=_tower(keys), rotor_nacelle=_rotor_nacelle(keys))
 
 
+def named_files(path: str | Path, root: Path | None = None) -> tuple[Path, ...]:
+    """The files that `read_elastodyn` reads, resolved, the given one first."""
+    keys = _Keys(Path(path), root)
+    blades = (keys.beside(_blade_key(keys, k)) for k in range(1, int(keys.number("NumBl")) + 1))
+    return tuple(dict.fromkeys((Path(path).resolve(), keys.beside("TwrFile"), *blades)))
+
+
+def _blade_key(keys: _Keys, blade: int) -> str:
+    return f"BldFile{blade}" if f"bldfile{blade}" in keys.found else f"BldFile({blade})"
+
+
 def _tower(keys: _Keys) -> Tower:
-    file = _Keys(keys.beside("TwrFile"))
+    file = keys.opened("TwrFile")
     table = file.table("NTwInpSt", "HtFract", 4)
     factors = [file.number(name, 1.0) for name in ("AdjTwMa", "AdjFASt", "AdjSSSt")]
     base, top = keys.number("TowerBsHt"), keys.number("TowerHt")
@@ -137,7 +151,7 @@ def _rotor_nacelle(keys: _Keys) -> RotorNacelle:
     own[2, 2] += max(0.0, v["NacYIner"] - v["NacMass"] * (nacelle[0] ** 2 + nacelle[1] ** 2))
     count = int(v["NumBl"])
     for blade in range(1, count + 1):
-        file = _Keys(keys.beside(f"BldFile{blade}" if f"bldfile{blade}" in keys.found else f"BldFile({blade})"))
+        file = keys.opened(_blade_key(keys, blade))
         table = file.table("NBlInpSt", "BlFract", 3) if _column(file, "StrcTwst") == 1 else file.table(
             "NBlInpSt", "BlFract", 4)[:, [0, 1, 3]]
         density = table[:, 2] * file.number("AdjBlMs", 1.0)

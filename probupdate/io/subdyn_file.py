@@ -124,19 +124,19 @@ class SubDynFile:
         return {(kind, row.id): row for kind, rows in self.sets.items() for row in rows}
 
 
-def read_subdyn(path: str | Path) -> SubDynFile:
-    """Read a SubDyn input file and the SSI files it names, which lie in its folder or below."""
+def read_subdyn(path: str | Path, root: Path | None = None) -> SubDynFile:
+    """Read a SubDyn input file and the SSI files it names, which lie in the folder `root` (its own where None) or below."""
     path = Path(path)
-    return parse_subdyn(read_lines(path), str(path), lambda name, line: _read_soil(path, name, line))
+    return parse_subdyn(read_lines(path), str(path), lambda name, line: _read_soil(path, name, line, root))
 
 
-def _read_soil(path: Path, name: str, line: int) -> SsiFile:
+def _read_soil(path: Path, name: str, line: int, root: Path | None) -> SsiFile:
     folder = path.resolve().parent
     # names may be written as on Windows
     file = (folder / name.replace("\\", "/")).resolve()
-    if not file.is_relative_to(folder):
+    if not file.is_relative_to(folder if root is None else root.resolve()):
         raise InputError(f"{path}, line {line}", f"the SSI file '{name}' leaves the input file's folder",
-                         "put it beside the input file, or below")  # fmt: skip
+                         "put it beside the input file or below, or the model's TOML above both")  # fmt: skip
     if not file.is_file():
         raise InputError(f"{path}, line {line}", f"there is no SSI file '{name}'", "put it beside the input file")
     return read_ssi(file, name)
@@ -535,11 +535,17 @@ def reparsed(file: SubDynFile, lines: Sequence[str], soil: Mapping[str, SsiFile]
     return parse_subdyn(lines, file.where, lambda name, line: held[name])
 
 
-def write_subdyn(file: SubDynFile, path: str | Path) -> Path:
-    """Write the file and, under their own names beside it, its SSI files."""
+def write_subdyn(file: SubDynFile, path: str | Path, root: Path | None = None) -> Path:
+    """Write the file and, under their own names relative to it, its SSI files; none of them outside the folder `root` (the
+    file's own where None)."""
     path = Path(path)
+    folder = (path.parent if root is None else root).resolve()
+    targets = {}
+    for name in file.soil:
+        targets[name] = (path.resolve().parent / name.replace("\\", "/")).resolve()
+        if not targets[name].is_relative_to(folder):
+            raise InputError(str(path), f"its SSI file '{name}' would be written outside {folder}",
+                             "keep the folders' arrangement")  # fmt: skip
     for name, soil in file.soil.items():
-        target = path.parent / name.replace("\\", "/")
-        target.parent.mkdir(parents=True, exist_ok=True)
-        write_ssi(soil, target)
+        write_ssi(soil, targets[name])
     return write_lines(path, file.lines)

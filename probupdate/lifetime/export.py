@@ -9,6 +9,7 @@ import csv
 import hashlib
 import io
 import json
+import os
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -20,6 +21,7 @@ from probupdate import __version__
 from probupdate.errors import InputError
 from probupdate.estimators.posterior_file import Posterior
 from probupdate.files import read_bytes, read_json, read_text, write_arrays, write_json, write_text
+from probupdate.io.elastodyn_file import named_files
 from probupdate.io.fortran_text import read_lines, write_lines
 from probupdate.io.subdyn_file import SubDynFile, read_subdyn, write_subdyn
 from probupdate.lifetime.draws import Joint, equal_draws, joint_of
@@ -31,7 +33,7 @@ from probupdate.progress import Progress, silent
 from probupdate.structure.load import load_model, matrices_file, model_sensors
 from probupdate.structure.matrices import read_archive
 from probupdate.structure.parameter_table import read_toml
-from probupdate.structure.subdyn_model import beside, is_subdyn
+from probupdate.structure.subdyn_model import beside, is_subdyn, subdyn_model
 from probupdate.structure.subdyn_values import applied, unspeakable
 
 # draws of the joint distribution that is written, for its check against the posterior's
@@ -125,7 +127,7 @@ def export_lifetime(
     _modes(files, model, path, solved, modes, left_out, rng)
     truncation = None
     if is_subdyn(path) and not unspeakable(path):
-        truncation = _superelements(files, len(draws), n_mode, progress)
+        truncation = _superelements(files, len(draws), _at_draw(path), n_mode, progress)
     else:
         left_out.append("superelements: they are made of a SubDyn file at each draw, and there is none")
     left_out += ["fatigue.csv: stress transfer is not built", "reliability.csv: fatigue is not built"]
@@ -264,10 +266,11 @@ def _model_files(folder: Path, path: Path, parameters_file, values, remark: str,
             left_out.append(f"models as SubDyn files: they have no word for {', '.join(odd)}; see models/*/model.toml")
         else:
             file, above = applied(path, values, remark)
-            target = write_subdyn(_with_remark(file, remark), folder / AT_DRAW)
+            place = _at_draw(path)
+            target = write_subdyn(_with_remark(file, remark), folder / place, folder)
             for name in file.soil:
-                written[name.replace("\\", "/")] = None
-            written[target.name] = None if tower else load_model(target)
+                written[_joined(place.parent, name)] = None
+            written[place.as_posix()] = None if tower else subdyn_model(target, root=folder)
             if above:
                 left_out.append(f"{', '.join(above)} in models/*/{AT_DRAW}: they act on the tower; see model.toml")
         if tower or not written:
@@ -290,27 +293,32 @@ def _toml_model(folder: Path, path: Path, values, remark: str) -> dict[str, Mode
         written[raw["matrices"]["file"]] = None
         _copy_archive(source, folder / raw["matrices"]["file"], remark)
     if "subdyn" in raw:
-        file = read_subdyn(beside(path, raw["subdyn"]["file"], "subdyn.file"))
+        file = read_subdyn(beside(path, raw["subdyn"]["file"], "subdyn.file"), path.parent)
         target = folder / raw["subdyn"]["file"]
         target.parent.mkdir(parents=True, exist_ok=True)
         lines = [f"{line} | {remark}" if k == 1 else line for k, line in enumerate(file.lines)]
-        write_subdyn(_with_remark(replace(file, lines=tuple(lines)), remark), target)
-        for name in (raw["subdyn"]["file"], *(str(Path(raw["subdyn"]["file"]).parent / s) for s in file.soil)):
-            written[Path(name.replace("\\", "/")).as_posix()] = None
+        write_subdyn(_with_remark(replace(file, lines=tuple(lines)), remark), target, folder)
+        own = Path(raw["subdyn"]["file"])
+        written |= {own.as_posix(): None} | {_joined(own.parent, name): None for name in file.soil}
         if "elastodyn" in raw.get("tower", {}):
-            main = beside(path, raw["tower"]["elastodyn"], "tower.elastodyn")
-            for source in sorted(p for p in main.parent.iterdir() if p.is_file() and p.name in _named_in(main)):
-                written[source.name] = None
-                _copy_openfast(source, folder / source.name, remark)
-            written[raw["tower"]["elastodyn"]] = None
-            _copy_openfast(main, folder / raw["tower"]["elastodyn"], remark)
+            root = path.resolve().parent
+            for source in named_files(beside(path, raw["tower"]["elastodyn"], "tower.elastodyn"), root):
+                name = source.relative_to(root)
+                written[name.as_posix()] = None
+                _copy_openfast(source, folder / name, remark)
     text = f"# {remark}\n" + with_initial(read_text(path), values, str(path))
     write_text(folder / "model.toml", text)
     return written | {"model.toml": load_model(folder / "model.toml")}
 
 
-def _named_in(main: Path) -> set[str]:
-    return set(re.findall(r'"([^"/\\]+)"', "\n".join(read_lines(main))))
+def _at_draw(path: Path) -> Path:
+    """Where a TOML's SubDyn file stands at a draw, relative to the draw's folder: beside where the user's own would be, so
+    that the names of its soil files mean the same."""
+    return Path(read_toml(path)["subdyn"]["file"]).parent / AT_DRAW
+
+
+def _joined(folder: Path, name: str) -> str:
+    return Path(os.path.normpath(folder / name.replace("\\", "/"))).as_posix()
 
 
 def _with_remark(file: SubDynFile, remark: str) -> SubDynFile:
@@ -396,14 +404,15 @@ def _modes(files: _Files, model: Model, path: Path, solved, data: ModalData | No
                        "covariance": {"type": ["array", "null"], "items": numbers}}})  # fmt: skip
 
 
-def _superelements(files: _Files, count: int, n_mode: int, progress: Progress) -> float:
+def _superelements(files: _Files, count: int, place: Path, n_mode: int, progress: Progress) -> float:
     """superelements/NNN.{guyan,cb}.{npz,dat}; returns the largest truncation error of the first two frequencies."""
     folder = files.folder / "superelements"
     folder.mkdir()
     worst = 0.0
     for k in range(count):
         progress("writing superelements", k, count)
-        file = read_subdyn(files.folder / "models" / f"{k + 1:03d}" / AT_DRAW)
+        held = files.folder / "models" / f"{k + 1:03d}"
+        file = read_subdyn(held / place, held)
         for name, modes in (("guyan", 0), ("cb", n_mode)):
             one = superelement(file, n_mode=modes)
             for written in write_superelement(one, folder, f"{k + 1:03d}.{name}", files.standing.remark):

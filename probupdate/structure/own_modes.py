@@ -99,7 +99,7 @@ def _notes(path: Path) -> tuple[str, ...]:
     if not is_subdyn(path):
         return ()
     if path.suffix == ".toml":
-        path = beside(path, read_toml(path)["subdyn"]["file"], "subdyn.file")
+        return read_subdyn(beside(path, read_toml(path)["subdyn"]["file"], "subdyn.file"), path.parent).notes
     return read_subdyn(path).notes
 
 

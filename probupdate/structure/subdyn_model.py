@@ -152,7 +152,7 @@ def beside(path: Path, name: str, key: str) -> Path:
 
 def with_tower(description: SubDynDescription, path: Path) -> tuple[SubDynFile, SubDynDescription]:
     """The SubDyn file of a TOML with the tower it describes, whose groups are called tower and rotor_nacelle."""
-    file = read_subdyn(beside(path, description.subdyn.file, "subdyn.file"))
+    file = read_subdyn(beside(path, description.subdyn.file, "subdyn.file"), path.parent)
     entry, body = description.tower, description.rotor_nacelle
     if entry is None:
         if body is not None:
@@ -163,7 +163,7 @@ def with_tower(description: SubDynDescription, path: Path) -> tuple[SubDynFile, 
         if name in description.group:
             raise InputError(f"{path}: group.{name}", "is the name of what [tower] adds", "give the group another name")
     if entry.elastodyn is not None:
-        read = read_elastodyn(beside(path, entry.elastodyn, "tower.elastodyn"))
+        read = read_elastodyn(beside(path, entry.elastodyn, "tower.elastodyn"), path.parent)
         tower, carried = read.tower, read.rotor_nacelle if body is None else body_of(body)
     else:
         foot = next((j.position_m[2] for j in file.joints if j.id == entry.joint), 0.0)
@@ -197,9 +197,10 @@ def turns_nacelle(path: Path) -> bool:
     return bool(description.subdyn.nacelle) or description.tower is not None
 
 
-def subdyn_model(path: Path, *, sensors: Sequence[Sensor] | None = None) -> AffineModel:
-    """A SubDyn file with nothing beside it: no parameters; channels are its joints' motions, or the sensors'."""
-    file = read_subdyn(path)
+def subdyn_model(path: Path, *, sensors: Sequence[Sensor] | None = None, root: Path | None = None) -> AffineModel:
+    """A SubDyn file with nothing beside it: no parameters; channels are its joints' motions, or the sensors'. Its SSI
+    files lie in `root` (its own folder where None) or below."""
+    file = read_subdyn(path, root)
     return _model(file, SubDynDescription(subdyn=FileEntry(file=path.name)), path, Parameters(()), sensors, 0.0)
 
 

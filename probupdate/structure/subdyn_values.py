@@ -34,7 +34,7 @@ def applied(path: Path, values: Mapping[str, float], remark: str = "") -> tuple[
     if odd:
         raise InputError(f"{path}: parameter {odd[0]}", "acts in a way a SubDyn file has no word for", "take model.toml")
     description = read_description(read_toml(path), path)
-    file = read_subdyn(beside(path, description.subdyn.file, "subdyn.file"))
+    file = read_subdyn(beside(path, description.subdyn.file, "subdyn.file"), path.parent)
     own = tuple(p for p in description.parameter if not set(p.groups) & {"tower", "rotor_nacelle"}
                 or description.tower is None)  # fmt: skip
     above = tuple(p.name for p in description.parameter if p not in own)

@@ -188,6 +188,24 @@ inertia_kgm2 = [1e4, 1e4, 1e4, 0.0, 0.0, 0.0]
     assert (done.folder / "superelements" / "001.cb.dat").exists()
 
 
+def test_files_in_neighbouring_folders_stay_neighbours(run):
+    # as OpenFAST's models are laid out: the input in one folder, soil in another, the TOML above both
+    (run / "sd").mkdir()
+    (run / "ssi").mkdir()
+    (run / "soil.txt").rename(run / "ssi" / "soil.txt")
+    text = (run / "structure.dat").read_text().replace("soil.txt", '"../ssi/soil.txt"')
+    (run / "sd" / "structure.dat").write_text(text)
+    (run / "structure.dat").unlink()
+    model = run / "model.toml"
+    model.write_text(model.read_text().replace('file = "structure.dat"', 'file = "sd/structure.dat"'))
+    done = exported(run)
+    held = done.folder / "models" / "001"
+    assert {p.relative_to(held).as_posix() for p in held.rglob("*") if p.is_file()} == {
+        "sd/subdyn_at_draw.dat", "ssi/soil_1.txt"}
+    with pytest.raises(InputError, match="leaves the input file's folder"):
+        load_model(run / "sd" / "structure.dat")
+
+
 def test_a_named_cause_is_said_to_be_outside_the_draws(run):
     done = exported(run, diagnosis="named", findings=("parameter soil_63",))
     assert "parameter soil_63: not in this model" in (done.folder / "draws.csv").read_text()
