@@ -38,7 +38,7 @@ from probupdate.identification.selection import CAMPAIGN, Selection
 from probupdate.identification.selection import select as select_sets
 from probupdate.identification.setups import identify_setups as identify_campaigns
 from probupdate.mode_labels import close_pairs, mode_character
-from probupdate.modes import ModalData, ModalSet, Sensor, read_modes
+from probupdate.modes import ModalData, ModalSet, Sensor, mac, read_modes
 from probupdate.problem import Weights, build_problem, paper_weights
 from probupdate.progress import Progress, silent
 from probupdate.reporting import report as write_report
@@ -63,6 +63,8 @@ __all__ = ["check", "compare", "convert", "export", "figures", "identify", "iden
 MODES_OF_INTEREST = ("FA1", "SS1", "T1", "FA2", "SS2")
 # computed modes searched for them
 SEARCH = 24
+# least motion of the sensors, beside the largest of a family of modes, of one that is the structure's and no member's
+LOCAL = 0.03
 # the paper's sampling rate after decimation
 PAPER_HZ = 5.0
 
@@ -171,20 +173,40 @@ def _model_modes(
     solution = model.solve(model.parameters.initial, max(SEARCH, lowest or 0))
     rows = [model.channels.index(s.channel) for s in sensors]
     shape = solution.shape[rows]
-    character = mode_character(shape, sensors)
-    chosen = [character.labels.index(label) for label in MODES_OF_INTEREST if label in character.labels]
+    labels = _global_labels(solution.frequency_hz, shape, sensors)
+    chosen = [labels.index(label) for label in MODES_OF_INTEREST if label in labels]
     if lowest is not None:
         chosen = list(range(min(lowest, len(solution.frequency_hz))))
     if not chosen:
         raise InputError(
             f"{model.name}", f"none of its lowest {SEARCH} modes is a global one at the campaign's sensors "
-            f"({', '.join(character.labels)})", "check the sensors' positions and directions, or name how many of the "
+            f"({', '.join(labels)})", "check the sensors' positions and directions, or name how many of the "
             "lowest modes to look for (--lowest)",
         )  # fmt: skip
     seen = np.linalg.norm(shape, axis=0) > 0
     rest = [i for i in range(len(solution.frequency_hz)) if i not in chosen and seen[i]]
-    return tuple(_as_reference(solution.frequency_hz, shape, character.labels, some) if some else None
-                 for some in (chosen, rest))
+    return tuple(_as_reference(solution.frequency_hz, shape, labels, some) if some else None for some in (chosen, rest))
+
+
+def _global_labels(frequency_hz: np.ndarray, shape: np.ndarray, sensors: tuple[Sensor, ...]) -> tuple[str, ...]:
+    """Names of unit-mass shapes (n_channel, n_mode) at the sensors. A member's own mode drags the level along a little
+    and would pass for a bending mode: one that moves the sensors by less than LOCAL of what the largest of its family
+    does, or that has the shape of a larger one within 2 % of its frequency, is local."""
+    size = np.linalg.norm(shape, axis=0)
+    first = mode_character(shape, sensors).labels
+    family = np.array([label.rstrip("0123456789") for label in first])
+    largest = {name: size[family == name].max() for name in set(family)}
+    seen = np.array([size[k] > LOCAL * largest[name] for k, name in enumerate(family)])
+    near = np.abs(np.log(frequency_hz / frequency_hz[:, None])) < 0.02
+    shadowed = near & (mac(shape, shape) > 0.95) & (size > size[:, None])
+    own = np.flatnonzero(seen & ~shadowed.any(axis=1))
+    names = dict(zip(own, mode_character(shape[:, own], sensors).labels, strict=True))
+    last = sum(name.startswith("L") for name in names.values())
+    for k in range(len(first)):
+        if k not in names:
+            last += 1
+            names[k] = f"L{last}"
+    return tuple(names[k] for k in range(len(first)))
 
 
 def _as_reference(frequency_hz, shape, labels, chosen: list[int]) -> ReferenceModes:

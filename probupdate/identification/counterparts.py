@@ -23,6 +23,8 @@ from probupdate.modes import ModalSet, ModelMode, ModeRecord, mac, subspace_mac
 MODEL_MAC, MODEL_FREQUENCY, NO_MAC = 0.15, 0.20, 0.35
 # how much being alike by itself, beside its plane, decides which of a pair is which
 OWN_SHAPE = 1.0
+# how much less likely a mode is at most for its small motion of the sensors
+LEAST_SIZE = 0.02
 # blocks that are compared at most, evenly over those that have the mode
 MOST_BLOCKS = 200
 # a mode of the model that moves the sensors by less than this share of what its others do need not be seen
@@ -79,11 +81,13 @@ def likenesses(
     return Likenesses(plane=plane, plane_std=plane_std, own=own, ratio=ratio, ratio_std=ratio_std)
 
 
-def paired(like: Likenesses) -> tuple[dict[int, int], np.ndarray]:
+def paired(like: Likenesses, model: ReferenceModes) -> tuple[dict[int, int], np.ndarray]:
     """Mode -> mode of the model, one to one, and the probability (n_mode, n_model) that a mode is each; what is left to
-    one is that of none."""
+    one is that of none. Of modes of like shape the one that moves the sensors more is the likelier, as it is the more
+    likely to be seen: a member's own mode drags the level along."""
+    size = np.linalg.norm(model.shape, axis=0)
     weight = -0.5 * ((1 - like.plane) / MODEL_MAC) ** 2 - 0.5 * (np.log(like.ratio) / MODEL_FREQUENCY) ** 2
-    weight = weight + OWN_SHAPE * (like.own - 1)
+    weight = weight + OWN_SHAPE * (like.own - 1) + np.log(np.maximum(size / size.max(), LEAST_SIZE))
     none = -0.5 * ((1 - NO_MAC) / MODEL_MAC) ** 2
     gain = np.nan_to_num(weight - none, nan=-np.inf)
     odds = np.exp(np.minimum(gain, 500.0))

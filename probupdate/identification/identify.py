@@ -251,7 +251,7 @@ def _named(
         turned_to = [turned(model, campaign.sensors, fore_aft_deg(s.environment, campaign)) for s in sets]
         pairs = [pair for pair in physical.modes.pairs if seen[list(pair)].all()]
         like = likenesses([s.of_modes(np.where(seen, np.arange(n_mode), -1)) for s in sets], pairs, turned_to)
-        partner, probability = paired(like)
+        partner, probability = paired(like, model)
     label_of = {j: model.labels[i] for j, i in partner.items() if model.labels[i] in wanted}
     place = {label: j for j, label in label_of.items()}
     rest = [j for j in range(n_mode) if seen[j] and j not in label_of]

@@ -133,7 +133,7 @@ def _named(
     model = replace(model, shape=model.shape[rows])
     (one,) = merged.data.sets
     like = likenesses([one], (), [model])
-    partner, probability = paired(like)
+    partner, probability = paired(like, model)
     wanted = reference.labels
     place = {model.labels[i]: j for j, i in partner.items() if model.labels[i] in wanted}
     columns = [place.get(label, -1) for label in wanted]

@@ -1,11 +1,13 @@
 """Setups with common references, merged: deviations against finite differences, shapes against a known structure."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import h5py
 import numpy as np
 import pytest
 
+import probupdate
 from probupdate.campaign.reading import read_campaign
 from probupdate.errors import InputError
 from probupdate.identification.identify import SSISettings, identify
@@ -198,3 +200,35 @@ def test_roving_records_give_the_whole_shape(jacket, reference, sensor_list, tmp
     scaled = truth[:, 2] / truth[np.argmax(np.abs(s.shape[:, 2])), 2]
     ratio = np.abs(s.shape[:, 2].real - scaled) / np.maximum(s.shape_std[:, 2], 1e-3)
     assert np.mean(ratio < 2) > 0.8 and ratio.max() < 6
+
+
+KNOWN_HZ = (1.2284, 1.4358, 2.1000, 4.0175, 4.7704, 6.6822, 7.6158, 9.6653, 12.166, 12.598)
+FRAME = Path(__file__).parents[2].parent / "shared" / "data" / "weimar_frame"
+
+
+def ten_modes(setups, **options):
+    merged = probupdate.identify_setups([FRAME / f"s{k:02d}" for k in setups], **options)
+    found = merged.data.sets[0].frequency_hz
+    return merged, [float(found[np.argmin(np.abs(found - f))] / f - 1) for f in KNOWN_HZ]
+
+
+@pytest.mark.skipif(not FRAME.exists(), reason="the measured frame's records are not beside the project")
+def test_a_measured_frame_in_five_roving_setups_shows_its_ten_modes():
+    """A laboratory frame, lasers and accelerometers; ten modes known from an independent identification of all setups.
+    One setup's frequencies scatter by 0.1 % or so, five by half of it."""
+    merged, error = ten_modes((1, 4, 7, 10, 13))
+    assert "settings proposed from the record" in merged.summary
+    assert np.all(np.abs(error) < 2e-3)
+    assert np.all(np.isfinite(merged.data.sets[0].frequency_std_hz)) and len(merged.data.channels) == 17
+
+
+@pytest.mark.long
+@pytest.mark.skipif(not FRAME.exists(), reason="the measured frame's records are not beside the project")
+@pytest.mark.parametrize("options", [
+    {}, {"rate_hz": 28.0, "order": 16}, {"rate_hz": 32.0, "order": 40}, {"rate_hz": 40.0, "order": 16},
+    {"rate_hz": 64.0, "order": 60}, {"rate_hz": 20.0, "order": 60}, {"rate_hz": 20.0, "order": 16},
+], ids=str)
+def test_the_measured_frame_s_ten_modes_at_any_rate_and_order(options):
+    _, error = ten_modes(range(1, 16), **options)
+    held = np.array(KNOWN_HZ) < 0.45 * options.get("rate_hz", 64.0)
+    assert np.all(np.abs(np.array(error)[held]) < 1e-3)
