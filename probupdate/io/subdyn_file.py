@@ -248,6 +248,7 @@ def parse_subdyn(lines: Sequence[str], where: str, soil_of) -> SubDynFile:
         masses=tables["mass"], cosines=tables["cosine"], soil={}, notes=(), lines=tuple(lines), counts=counts,
     )  # fmt: skip
     _check_references(r, file)
+    _check_sizes(r, file)
     soil = {}
     for reaction in reactions:
         if reaction.ssi is not None and reaction.ssi not in soil:
@@ -492,6 +493,41 @@ def _check_references(r: _Reader, file: SubDynFile) -> None:
         if joints[row.id].kind != "cantilever":
             r.fail(f"a concentrated mass is at joint {row.id}, which is {joints[row.id].kind}",
                    "put it on a rigid joint (type 1), in SubDyn too", row.line)  # fmt: skip
+
+
+# names of a set's numbers, what must be above zero, and what must not be below
+SIZES = {
+    "circular": (("YoungE", "ShearG", "MatDens", "XsecD", "XsecT"), (0, 1, 3), (2, 4)),
+    "rectangular": (("YoungE", "ShearG", "MatDens", "XsecSa", "XsecSb", "XsecT"), (0, 1, 3, 4), (2, 5)),
+    "arbitrary": (("YoungE", "ShearG", "MatDens", "XsecA", "XsecAsx", "XsecAsy", "XsecJxx", "XsecJyy", "XsecJ0", "XsecJt"),
+                  (0, 1, 3, 6, 7, 8, 9), (2, 4, 5)),
+    "cable": (("EA", "MatDens", "T0"), (0,), (1,)),
+    "rigid": (("MatDens",), (), (0,)),
+    "spring": ((), (), ()),
+}  # fmt: skip
+
+
+def _check_sizes(r: _Reader, file: SubDynFile) -> None:
+    """Property sets that are used: no beam without stiffness or with a wall thicker than itself."""
+    for kind, line, values in {(m.kind, file.set_of(m, end).line, file.set_of(m, end).values)
+                               for m in file.members for end in (0, 1)}:  # fmt: skip
+        names, positive, not_negative = SIZES[kind]
+        for k in (*positive, *not_negative):
+            if values[k] < 0 or (values[k] == 0 and k in positive):
+                r.fail(f"{names[k]} of a {kind} set is {values[k]:g}",
+                       f"give a number {'above zero' if k in positive else 'of zero or more'}", line)  # fmt: skip
+        if kind == "circular" and 2 * values[4] > values[3] * (1 + 1e-9):
+            r.fail(f"the wall {values[4]:g} is thicker than half of the diameter {values[3]:g}", "mend one of them; 0 is "
+                   "a solid section", line)  # fmt: skip
+        if kind == "rectangular" and 2 * values[5] > min(values[3:5]) * (1 + 1e-9):
+            r.fail(f"the wall {values[5]:g} is thicker than half of a side", "mend it; 0 is a solid section", line)
+        if kind == "arbitrary" and file.shear and not values[4] * values[5]:
+            r.fail("a shear area is 0, but FEMMod 3 counts shear", "give XsecAsx and XsecAsy, or FEMMod 1", line)
+        if kind == "cable" and values[0] + values[2] <= 0:
+            r.fail(f"T0 {values[2]:g} presses the cable by more than EA", "mend it", line)
+    for row in file.masses:
+        if row.values[0] < 0:
+            r.fail(f"a concentrated mass is {row.values[0]:g} kg", "give zero or more", row.line)
 
 
 DIRECTIONS = ("x", "y", "z", "tx", "ty", "tz")

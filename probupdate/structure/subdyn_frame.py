@@ -21,6 +21,8 @@ from probupdate.io.subdyn_file import BEAMS, Member, SubDynFile
 from probupdate.modes import frozen_array
 from probupdate.structure import beam as beams
 
+# a hundred times what a jacket has; a slip in NDiv would fill the memory
+MOST_ELEMENTS = 50_000
 # the bending planes of `beam`: local x-y (displacement along SubDyn's x_e, its I_yy) and x-z (along y_e, I_xx)
 PLANE = (np.array([1, 5, 7, 11]), np.array([2, 4, 8, 10]))
 
@@ -224,6 +226,9 @@ class SubDynFrame:
 
 def build_subdyn_frame(file: SubDynFile) -> SubDynFrame:
     """Members cut into NDiv elements, degrees of freedom numbered, constraints eliminated."""
+    count = file.n_div * sum(m.kind in BEAMS for m in file.members)
+    if count > MOST_ELEMENTS:
+        raise InputError(file.where, f"NDiv {file.n_div} makes {count} elements, more than {MOST_ELEMENTS}", "lower it")
     node_of = {joint.id: k for k, joint in enumerate(file.joints)}
     node_m = [np.array(joint.position_m) for joint in file.joints]
     elements = []
