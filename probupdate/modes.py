@@ -22,6 +22,7 @@ from probupdate.files import read_json, write_json
 # of modes.json: 2 has `mode_records`, one of each mode, and `model_only`; files of format 1, or without, have neither
 FORMAT = 2
 QUANTITIES = ("acceleration", "velocity", "displacement")
+OTHER_QUANTITIES = ("strain", "inclination", "tilt", "rotation", "angular velocity", "force", "pressure", "temperature")
 
 
 def frozen_array(value, dtype=float) -> np.ndarray:
@@ -53,7 +54,11 @@ class Sensor:
         if direction.shape != (3,) or not abs(np.linalg.norm(direction) - 1) < 1e-3:
             raise InputError(where, f"direction {self.direction} is not a unit vector", "scale it to length 1")
         if self.quantity not in QUANTITIES:
-            raise InputError(where, f"quantity '{self.quantity}' is unknown", f"choose from {', '.join(QUANTITIES)}")
+            known = f"choose from {', '.join(QUANTITIES)}"
+            if self.quantity in OTHER_QUANTITIES:
+                raise InputError(where, f"measures {self.quantity}, which is no motion of a point: its shapes could not "
+                                 "stand beside those of other sensors or of a model", "convert the other channels alone")
+            raise InputError(where, f"quantity '{self.quantity}' is unknown", known)
         object.__setattr__(self, "position_m", position)
         object.__setattr__(self, "direction", direction)
 

@@ -65,6 +65,8 @@ MODES_OF_INTEREST = ("FA1", "SS1", "T1", "FA2", "SS2")
 SEARCH = 24
 # least motion of the sensors, beside the largest of a family of modes, of one that is the structure's and no member's
 LOCAL = 0.03
+# fewest parts of a block that give standard deviations: known to 40 % then
+LEAST_PARTS = 4
 # the paper's sampling rate after decimation
 PAPER_HZ = 5.0
 
@@ -293,11 +295,22 @@ def _settings(
     and what is to be said of that."""
     given = {"order": order, "block_rows": block_rows, "target_rate_hz": rate_hz}
     given = {name: value for name, value in given.items() if value is not None}
+    said = []
     if model is not None or len(given) == 3:
-        return SSISettings(**{"target_rate_hz": PAPER_HZ} | given, harmonics=harmonics), []
-    found = propose(campaigns, rate_hz=rate_hz, block_rows=block_rows)
-    proposed = {"order": found.order, "block_rows": found.block_rows, "target_rate_hz": found.target_rate_hz}
-    return SSISettings(**proposed | given, harmonics=harmonics), [found.sentence]
+        chosen = {"target_rate_hz": PAPER_HZ} | given
+    else:
+        found = propose(campaigns, rate_hz=rate_hz, block_rows=block_rows)
+        chosen = {"order": found.order, "block_rows": found.block_rows, "target_rate_hz": found.target_rate_hz} | given
+        said.append(found.sentence)
+    settings = SSISettings(**chosen, harmonics=harmonics)
+    # a part must be longer than the lags
+    parts = int(min(c.block_minutes for c in campaigns) * 60 * settings.target_rate_hz) // (2 * settings.block_rows + 1)
+    if parts < settings.sub_records:
+        kept = parts if parts >= LEAST_PARTS else 0
+        said.append(f"blocks of {campaigns[0].block_minutes:g} min are short: standard deviations "
+                    + (f"from {kept} parts of each" if kept else "cannot be estimated, longer blocks would have them"))
+        settings = replace(settings, sub_records=kept)
+    return settings, said
 
 
 def _reference(campaign, sensors: tuple[Sensor, ...], model, parameters, lowest, rate_hz: float):

@@ -144,8 +144,8 @@ def _left_out(where: Path, raw: Mapping, channels: tuple[str, ...]) -> tuple[str
     for name in names:
         if name not in channels:
             raise InputError(f"{where}, leave_out", f"'{name}' is no channel", nearest(name, channels))
-    if len(set(names)) > len(channels) - 2:
-        raise InputError(f"{where}, leave_out", "leaves fewer than two channels", "leave out fewer")
+    if len(set(names)) == len(channels):
+        raise InputError(f"{where}, leave_out", "leaves no channel", "leave out fewer")
     return tuple(c for c in channels if c in names)
 
 

@@ -54,11 +54,11 @@ MOST_BLOCKS = 720
 @dataclass(frozen=True, kw_only=True)
 class PersistenceSettings:
     """When a cluster is a mode: its blocks' shares of model orders sum up to `weight` + `share` times the blocks, of
-    all blocks or of those of one turbine state that has at least `least_blocks`. One block alone asks half of its
-    orders; of a day's 48, ten blocks at half of the orders each do, or twenty at a quarter. least_share: of a block's
+    all blocks or of those of one turbine state that has at least `least_blocks`. One block alone asks 0.7 of its
+    orders; of a day's 48, eleven blocks at half of the orders each do, or twice as many at a quarter. least_share: of a block's
     orders that count at all."""
 
-    weight: float = 0.40
+    weight: float = 0.60
     share: float = 0.10
     least_share: float = 0.12
     least_blocks: int = 12

@@ -28,8 +28,8 @@ GAP = 3.0
 # the rate is that many times the highest frequency; the lags cover so many periods of the lowest
 RATE, PERIODS = 2.5, 2.0
 ROWS, ORDERS = (20, 60), (20, 60)
-# channels times block rows at most: a block's time goes with the third power
-LARGEST = 720
+# a block has so many samples for each block row at least; channels times block rows at most: a block's time goes with the third power
+LEAST_BLOCK, LARGEST = 20, 720
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -90,7 +90,8 @@ def propose(
     rows = int(np.clip(np.ceil(0.5 * PERIODS * rate / inside[0]), *ROWS))
     order = int(np.clip(2 * np.ceil(1.5 * len(inside)), *ORDERS))
     fewest, most = (pick(len(c.sensors) for c in campaigns) for pick in (min, max))
-    rows = block_rows or max(min(rows, LARGEST // most), ROWS[0])
+    samples = int(min(c.block_minutes for c in campaigns) * 60 * rate)
+    rows = block_rows or max(min(rows, LARGEST // most, samples // LEAST_BLOCK), 2)
     order = min(order, 2 * (fewest * (rows - 1) // 2))
     return Proposal(target_rate_hz=rate, order=order, block_rows=rows, peaks_hz=tuple(map(float, inside)),
                     above_hz=tuple(map(float, above)))

@@ -79,7 +79,7 @@ def test_a_dead_channel_costs_no_blocks_once_it_is_left_out(campaign_folder, hea
 
 @pytest.mark.parametrize(("value", "words"), [
     ('"a-y"', "is no list of channels"), ('["a_y"]', "'a_y' is no channel; did you mean 'a-y'"),
-    ('["a-x", "a-y", "b-x"]', "leaves fewer than two"),
+    ('["a-x", "a-y", "b-x", "c-x"]', "leaves no channel"),
 ])
 def test_a_mistaken_leave_out_is_one_line(campaign_folder, head, value, words):
     folder = campaign_folder([(0, noise())], head=f"leave_out = {value}\n" + four_channels(head))
