@@ -20,7 +20,7 @@ class Text:
 
 @dataclass(frozen=True, kw_only=True)
 class Notice:
-    """A line set apart; level "missing", "warning" or "good"."""
+    """A line set apart; level "missing", "warning", "caution" or "good"."""
 
     level: str
     text: str
@@ -29,7 +29,7 @@ class Notice:
 
 @dataclass(frozen=True, kw_only=True)
 class Tile:
-    """A key number of the verdict box; level "good", "warning" or "plain"."""
+    """A key number of the verdict box; level "good", "caution", "warning" or "plain"."""
 
     label: str
     value: str
@@ -45,11 +45,12 @@ class Tiles:
 
 @dataclass(frozen=True, kw_only=True)
 class Items:
-    """A list of short statements under a heading; level "warning" sets it apart."""
+    """A list of short statements under a heading; level "warning" sets it apart; `width` "full" or "half"."""
 
     title: str
     statements: tuple[str, ...]
     level: str = "plain"
+    width: str = "full"
     kind: str = field(default="items", init=False)
 
 
@@ -83,11 +84,12 @@ class Table:
 
 @dataclass(frozen=True, kw_only=True)
 class Picture:
-    """A drawing as SVG text; `width` "full" or "half" of the page."""
+    """A drawing as SVG text; `width` "full" or "half" of the page; `alt` is read out for it, the caption without."""
 
     svg: str
     caption: str
     width: str = "full"
+    alt: str = ""
     kind: str = field(default="picture", init=False)
 
 
@@ -102,7 +104,8 @@ class Viewer:
 
 @dataclass(frozen=True, kw_only=True)
 class Section:
-    """`headline` stands above the lead in large letters, in its `level`'s colour."""
+    """`headline` stands above the lead in large letters, in its `level`'s colour. The first `shown` items stand open,
+    the others in a fold."""
 
     anchor: str
     title: str
@@ -110,6 +113,7 @@ class Section:
     lead: str = ""
     headline: str = ""
     level: str = "plain"
+    shown: int = 0
 
 
 def sentence(text: str, names: Collection[str] = ()) -> str:
@@ -138,6 +142,13 @@ def number(value: float | None, significant: int = 3) -> str:
     return f"{rounded:,.0f}".replace(",", "\u202f").replace("-", "−")
 
 
+def plain_text(text: str) -> str:
+    """What `number` and `fixed` wrote, as other programs read it: "−2.50 × 10⁻⁴" is "-2.50e-4"."""
+    text = text.replace("\u202f", "").replace("−", "-")
+    return re.sub(r" × 10([⁻⁰¹²³⁴⁵⁶⁷⁸⁹]+)", lambda m: f"e{m[1].translate(_LOWERED)}", text)
+
+
+_LOWERED = str.maketrans("⁻⁰¹²³⁴⁵⁶⁷⁸⁹", "-0123456789")
 _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import csv
+import io
+import re
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from urllib.parse import quote
 
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
-from markupsafe import Markup
+from markupsafe import Markup, escape
 
-from probupdate.reporting.elements import Picture, Section
+from probupdate.reporting.elements import MISSING, Picture, Section, Table, plain_text, plural
 
 _FOLDER = Path(__file__).parent
 
@@ -19,10 +23,8 @@ def render(sections: Sequence[Section], *, title: str, subtitle: str = "", foote
     environment = Environment(
         loader=FileSystemLoader(_FOLDER), autoescape=True, undefined=StrictUndefined, trim_blocks=False
     )
-    trusted = [
-        replace(s, items=tuple(replace(i, svg=Markup(i.svg)) if isinstance(i, Picture) else i for i in s.items))
-        for s in sections
-    ]
+    environment.filters |= {"csv_link": csv_link, "csv_name": csv_name, "folded": _folded}
+    trusted = [replace(s, items=tuple(_trusted(i) for i in s.items)) for s in sections]
     return environment.get_template("page.html").render(
         sections=trusted,
         title=title,
@@ -30,5 +32,46 @@ def render(sections: Sequence[Section], *, title: str, subtitle: str = "", foote
         kicker="Model updating report",
         footer=footer,
         css=Markup((_FOLDER / "page.css").read_text(encoding="utf-8")),
-        script=Markup((_FOLDER / "viewer.js").read_text(encoding="utf-8")),
+        script=Markup("\n".join((_FOLDER / name).read_text(encoding="utf-8") for name in ("viewer.js", "page.js"))),
     )
+
+
+def _trusted(item: object) -> object:
+    """A picture's drawing as it is, read out as one image with its alternative text."""
+    if not isinstance(item, Picture):
+        return item
+    words = escape(item.alt or item.caption)
+    return replace(item, svg=Markup(item.svg.replace("<svg", f'<svg role="img" aria-label="{words}"', 1)))
+
+
+def _folded(section: Section) -> str:
+    """What lies in a section's fold: "Details: 2 figures, 4 tables"."""
+    inside = [i.kind for i in section.items[section.shown :]]
+    counts = [plural(inside.count(kind), word) for kind, word in
+              (("viewer", "moving model"), ("picture", "figure"), ("table", "table")) if kind in inside]
+    return f"Details: {', '.join(counts)}" if counts else "Details"
+
+
+def csv_text(table: Table) -> str:
+    """The table for other programs: plain minus signs, no thousands' spaces, powers as 1e-4, nothing for a dash."""
+    stream = io.StringIO()
+    writer = csv.writer(stream, lineterminator="\r\n")
+    writer.writerow([_harmless(f"{c.name} [{c.unit.strip('[]')}]" if c.unit else c.name) for c in table.columns])
+    for row in table.rows:
+        writer.writerow(["" if cell == MISSING else _harmless(plain_text(cell)) for cell in row])
+    return stream.getvalue()
+
+
+def _harmless(cell: str) -> str:
+    """A spreadsheet runs what starts like a formula; a number may start with its sign."""
+    formula = cell.startswith(("=", "@", "+", "-", "\t", "\r")) and not re.match(r"[+-]\s?[\d.]", cell)
+    return f"'{cell}" if formula else cell
+
+
+def csv_link(table: Table) -> str:
+    return "data:text/csv;charset=utf-8," + quote("\ufeff" + csv_text(table), safe="")
+
+
+def csv_name(table: Table) -> str:
+    words = re.sub(r"[^a-z0-9]+", "-", table.caption.lower()).strip("-")
+    return f"{words[:60] or 'table'}.csv"

@@ -21,7 +21,7 @@
     const still = window.matchMedia && window.matchMedia("(prefers-reduced-motion: reduce)").matches;
     const home = data.view || { azimuth: -0.95, elevation: 0.2 };
     const state = { mode: 0, azimuth: home.azimuth, elevation: home.elevation, zoom: 1, shift: [0, 0], phase: Math.PI / 2,
-                    playing: !still, amplitude: 1, shown: {}, visible: false, last: 0 };
+                    playing: !still, amplitude: 1, shown: {}, visible: false, last: null };
     data.states.forEach((s) => { state.shown[s.key] = true; });
 
     const bar = element("div", { class: "bar" });
@@ -174,17 +174,23 @@
         foot.append(element("span", {}, s.name + ": " + (v && v.hz !== null ? v.hz.toFixed(3) + " Hz" : "no frequency") + (v && v.note ? ", " + v.note : "")));
       });
       draw();
-      if (state.playing && state.visible) requestAnimationFrame(step);
+      animate();
     }
 
-    let running = false;
+    // one loop at a time, whatever is clicked while it plays
+    let pending = 0;
+    function animate() {
+      if (pending || !state.playing || !state.visible) return;
+      state.last = null;
+      pending = requestAnimationFrame(step);
+    }
     function step(now) {
-      if (!state.playing || !state.visible) { running = false; return; }
-      if (!running) { running = true; state.last = now; }
-      state.phase += Math.min(now - state.last, 60) / 1000 * 2 * Math.PI * 0.45;
+      pending = 0;
+      if (!state.playing || !state.visible) return;
+      if (state.last !== null) state.phase += Math.min(now - state.last, 60) / 1000 * 2 * Math.PI * 0.45;
       state.last = now;
       draw();
-      requestAnimationFrame(step);
+      pending = requestAnimationFrame(step);
     }
 
     let grip = null;
@@ -218,13 +224,14 @@
       e.preventDefault();
       draw();
     });
-    window.addEventListener("resize", fit);
+    // within a closed fold it has no size yet
+    if ("ResizeObserver" in window) new ResizeObserver(fit).observe(canvas);
+    else window.addEventListener("resize", fit);
     window.addEventListener("beforeprint", () => { state.playing = false; state.phase = Math.PI / 2; refresh(); });
     if ("IntersectionObserver" in window) {
       new IntersectionObserver((entries) => {
-        const before = state.visible;
         state.visible = entries[entries.length - 1].isIntersecting;
-        if (state.visible && !before && state.playing) requestAnimationFrame(step);
+        animate();
       }).observe(canvas);
     }
     fit();

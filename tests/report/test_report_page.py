@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+import csv
+import io
 import re
 from dataclasses import fields, replace
 from html.parser import HTMLParser
+from urllib.parse import unquote
 
 import numpy as np
 import pytest
 
 from probupdate.parameters import Parameters
 from probupdate.reporting import compose, figures
-from probupdate.reporting.elements import Column, Table, fixed, number, percent, sentence
+from probupdate.reporting.elements import Column, Table, fixed, number, percent, plain_text, sentence
+from probupdate.reporting.page import csv_text
 
 SECTIONS = ("verdict", "measured", "identified", "selected", "modes", "update", "posterior", "comparison", "diagnosis",
             "provenance")
@@ -150,6 +154,31 @@ def test_numbers_are_shown_with_sensible_digits(value, text):
 ])
 def test_names_keep_their_letters_at_the_start_of_a_sentence(text, names, said):
     assert sentence(text, names) == said
+
+
+def test_every_table_can_be_taken_along_and_every_figure_be_read_out(page):
+    tables = page.count("<table>")
+    links = re.findall(r'href="data:text/csv;charset=utf-8,([^"]+)"', page)
+    assert len(links) == tables > 10
+    for link in links:
+        rows = list(csv.reader(io.StringIO(unquote(link).removeprefix("\ufeff"))))
+        assert len(rows) > 1 and len({len(r) for r in rows}) == 1
+    figures_there = re.findall(r"<figure[^>]*>(<svg[^>]*>)", page)
+    assert len(figures_there) > 10
+    assert all(re.search(r'role="img" aria-label="[^"]{20,}"', tag) for tag in figures_there)
+
+
+@pytest.mark.parametrize("value", [-2.5, 1.44e5, 4e-4, -1.234e8, 9.996])
+def test_a_number_out_of_a_table_is_the_number(value):
+    assert float(plain_text(number(value))) == pytest.approx(value, rel=5e-3)
+
+
+def test_a_table_for_a_spreadsheet_holds_no_formula():
+    """Cells from files that a spreadsheet would run stay text; signed numbers and dashes do not become text."""
+    table = Table(caption="t", columns=(Column(name="a", unit="Hz"), Column(name="b")), rows=(
+        ("=1+1", "−1.5"), ("@x", "+0.3"), ('+cmd|"a,b"', "–")))
+    rows = list(csv.reader(io.StringIO(csv_text(table))))
+    assert rows == [["a [Hz]", "b"], ["'=1+1", "-1.5"], ["'@x", "+0.3"], ['\'+cmd|"a,b"', ""]]
 
 
 def test_percent_and_fixed():
