@@ -119,9 +119,10 @@ def run_modes(a: argparse.Namespace, progress: Progress) -> None:
 def run_export(a: argparse.Namespace, progress: Progress) -> None:
     import probupdate
 
-    say(probupdate.export(
+    result = probupdate.export(
         a.run, a.out, to=a.to, draws=a.draws, superelement_modes=a.superelement_modes, accept=a.accept, seed=a.seed,
-        progress=progress).summary)
+        progress=progress)
+    say(result.text() if a.json else result.summary)
 
 
 def run_check(a: argparse.Namespace, progress: Progress) -> None:
@@ -492,6 +493,7 @@ def build_parser() -> argparse.ArgumentParser:
     p.add_argument("--superelement-modes", type=positive(int), default=10, help="Craig-Bampton modes (10)")
     p.add_argument("--accept", action="store_true", help="export a run that did not converge or whose diagnosis is "
                    "unexplained; every file says so")
+    p.add_argument("--json", action="store_true", help="one JSON object: folder, files with SHA-256, verdict, left_out")
     seeded(p)
 
     p = verb("report", run_report, "one self-contained page of a run directory")

@@ -83,6 +83,13 @@ class Export:
     left_out: tuple[str, ...]
     truncation: float | None
 
+    def text(self) -> str:
+        """One JSON object."""
+        return json.dumps({
+            "folder": str(self.folder), "files": dict(self.files), "draws": len(self.draws), "verdict": self.standing.remark,
+            "converged": self.standing.converged, "diagnosis": self.standing.diagnosis, "left_out": list(self.left_out),
+            "superelement_truncation_first_pair": self.truncation})  # fmt: skip
+
     @property
     def summary(self) -> str:
         lines = [f"{len(self.files)} files in {self.folder}, {len(self.draws)} draws; {self.standing.remark}"]

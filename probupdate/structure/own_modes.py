@@ -8,17 +8,23 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from scipy import sparse
 
 from probupdate.errors import InputError
 from probupdate.io.subdyn_file import read_subdyn
 from probupdate.mode_labels import mode_character
-from probupdate.model import Model
+from probupdate.model import ModalSolution, Model
 from probupdate.modes import Sensor, frozen_array
 from probupdate.parameters import Parameters
+from probupdate.structure.affine import AffineModel
+from probupdate.structure.eigen import lowest_modes
 from probupdate.structure.functions import FunctionModel
 from probupdate.structure.load import load_model, model_sensors
 from probupdate.structure.parameter_table import read_parameters, read_toml
 from probupdate.structure.subdyn_model import beside, is_subdyn
+
+# (0.1 Hz)^2 in (rad/s)^2: beside it a free motion's eigenvalue is rounding, and a structure's own keeps its digits
+SHIFT = (2 * np.pi * 0.1) ** 2
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -75,13 +81,34 @@ def own_modes(
     most = opened.n_available
     if count > most:
         raise InputError(opened.name, f"{count} modes are asked for, it has {most}", f"ask for at most {most} (--count)")
-    solution = opened.solve(opened.parameters.initial, count)
+    try:
+        solution = opened.solve(opened.parameters.initial, count)
+    except InputError:
+        if not isinstance(model, str | Path) or not is_subdyn(Path(model)):
+            raise
+        solution, free = _with_free_motions(opened, count)
+        notes = (*notes, f"{free} of these are motions that nothing holds, at 0 Hz (a mechanism or a missing support)")
     shape = solution.shape / np.where(np.abs(solution.shape).max(axis=0, initial=0) > 0,
                                       np.abs(solution.shape).max(axis=0, initial=0), 1.0)  # fmt: skip
     return OwnModes(
         model=opened.name, frequency_hz=frozen_array(solution.frequency_hz), labels=_labels(opened, sensors, shape, count),
         channels=opened.channels, shape=frozen_array(shape), notes=notes,
     )  # fmt: skip
+
+
+def _with_free_motions(model: AffineModel, count: int) -> tuple[ModalSolution, int]:
+    """Modes of a structure that may float, as SubDyn's summary has them, and how many are at 0 Hz: eigenvalues of K + s M,
+    less s. Raises InputError where the matrices are not even so definite."""
+    theta = model.parameters.initial
+    K, M = model.matrices(theta)
+    value, phi = lowest_modes(sparse.csc_array(K + SHIFT * M), M, count, model.name)
+    # what rounding leaves of a zero
+    value = np.where(np.abs(value - SHIFT) < 1e-6 * SHIFT, 0.0, value - SHIFT)
+    if value[0] < 0 or value[0] > 0:
+        raise InputError(model.name, "the stiffness matrix is not positive definite and no motion is free", "look for a "
+                         "negative stiffness")  # fmt: skip
+    return ModalSolution(theta=theta, frequency_hz=frozen_array(np.sqrt(value) / (2 * np.pi)),
+                         shape=frozen_array(model.channel_matrix @ phi)), int(np.sum(value == 0))  # fmt: skip
 
 
 def _wrapped(function, parameters: Parameters | None) -> FunctionModel:

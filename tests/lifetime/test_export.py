@@ -349,8 +349,9 @@ def test_the_command_exports_a_run_directory(run, capsys):
     model = load_model(run / "model.toml")
     write_posterior(posterior(model), run / "posterior.nc")
     words = ["export", str(run), "--to", "lifetime", str(run / "out"), "--draws", "2", "--superelement-modes", "3"]
-    assert main(words) == 0
-    assert "2 draws; sampler: converged; diagnosis: not made" in capsys.readouterr().out
+    assert main([*words, "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["draws"] == 2 and "draws.csv" in told["files"] and told["verdict"].startswith("sampler: converged")
     assert main(words) == 2
     assert "holds something already" in capsys.readouterr().err
     assert main(["export", str(run), "--to", "lifetime", str(run / "many"), "--draws", "100000"]) == 2

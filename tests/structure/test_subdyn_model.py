@@ -237,6 +237,9 @@ def test_subdyns_own_frequencies_of_a_free_pendulum_with_a_sprung_revolute_joint
     own = [0.3810060, 35.30662, 51.01476, 117.7512, 170.4280, 285.4026, 380.1668, 460.1985, 1001.558, 1095.818, 1766.957]
     np.testing.assert_allclose(np.sqrt(value[6:17]) / (2 * np.pi), own, rtol=2e-6)
     assert np.abs(value[:6]).max() < 1e-9 * value[-1]
+    found = frequencies(path, 12)
+    assert found[:6].tolist() == [0.0] * 6
+    np.testing.assert_allclose(found[6:], own[:6], rtol=2e-6)
 
 
 def test_mechanisms_and_wrong_geometry_are_refused_with_the_line(tmp_path):
@@ -252,8 +255,11 @@ def test_mechanisms_and_wrong_geometry_are_refused_with_the_line(tmp_path):
             probupdate.model_modes(path, 2)
         assert "structure.dat, line" in str(error.value)
     loose = written(tmp_path, ["0 0 0", "0 0 9"], ["1 2 1 1 1c 0"], [], circular=[f"1 {STEEL} 0.5 0.01"])
+    found = probupdate.model_modes(loose, 8)
+    assert found.frequency_hz[:6].tolist() == [0.0] * 6 and found.frequency_hz[6] > 1
+    assert any("6 of these are motions that nothing holds" in note for note in found.notes)
     with pytest.raises(InputError, match="mechanism"):
-        probupdate.model_modes(loose, 2)
+        load_model(loose).solve(np.zeros(0), 2)
 
 
 # parameters --------------------------------------------------------------------------------------------------------
