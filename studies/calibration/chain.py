@@ -1,7 +1,8 @@
 """One replicate's structure and measurement: a draw of the prior, a model or the virtual turbine, noise.
 
-Two structures: "own", the model that is updated, so that only the estimators and the statement of the noise can be
-wrong; "turbine", the virtual turbine (other theory, mesh and soil law, drawn tolerances of walls, soil and sensors).
+Three structures: "own", the model that is updated, so that only the estimators and the statement of the noise can be
+wrong; "turbine", the virtual turbine (other mesh, mass and soil law, drawn tolerances of walls, soil and sensors);
+"other", the same with yet another soil law, nacelle and mesh, which no choice of the package has seen (records only).
 Three kinds of noise: "paper" (1.5 and 1.7 % of frequencies, tenfold of shapes, Gaussian and stated exactly),
 "identified" (the scatter of half an hour's identification with its own estimate of its covariance), "record" (half an
 hour of vibration, simulated and identified; virtual turbine only).
@@ -10,8 +11,10 @@ hour of vibration, simulated and identified; virtual turbine only).
 from __future__ import annotations
 
 import os
+from contextlib import ExitStack, contextmanager, nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
+from unittest import mock
 
 import numpy as np
 
@@ -28,7 +31,7 @@ from probupdate.structure.affine import AffineModel
 from probupdate.structure.load import reference_model
 from probupdate.structure.reduced import reduce_basis
 from probupdate.structure.reduced_model import ReducedModel, project
-from probupdate.virtual import campaign_files, operation
+from probupdate.virtual import campaign_files, mesh, operation, soil
 from probupdate.virtual.dynamics import N_MODE, heading_modes
 from probupdate.virtual.frame import build_structure
 from probupdate.virtual.hours import RATE_HZ, hour_of_data, make_turbine
@@ -40,7 +43,11 @@ from probupdate.virtual.turbine_file import TurbineFile, read_turbine
 STATE = "as_built"
 LABELS = ("FA1", "SS1", "T1", "FA2", "SS2")
 PRIORS = ("normal", "lognormal")
-STRUCTURES = ("own", "turbine")
+STRUCTURES = ("own", "turbine", "other")
+# of "other": another clay than the virtual turbine's (stiffer near the head, softer along the pile), a nacelle two
+# tolerances off its drawing, a mesh twice as coarse
+OTHER_SOIL = {"STEEPNESS": 3.1, "RIGIDITY_INDEX": 140.0, "LOAD_TRANSFER": 4.6}
+OTHER_NACELLE, OTHER_COARSENESS = 1.02, 2.0
 # "allowed" is a record with ALLOWED of model error stated: what such models differ by at equal parameters
 # "default" is a record with what `update` and `sample` take where no option is given: tolerances and discrepancy
 NOISES = ("paper", "identified", "record", "allowed", "default")
@@ -124,7 +131,8 @@ def measure(
 ) -> Measured:
     """Raises InputError where the structure lacks one of the five modes, or none is identified."""
     if noise in RECORDED:
-        data = _recorded(bench, theta, rng, folder)
+        with other_structure() if structure == "other" else nullcontext():
+            data = _recorded(bench, theta, rng, folder, OTHER_NACELLE if structure == "other" else 1.0)
         if noise == "default":
             weights = default_weights(bench.full, data)
         else:
@@ -194,9 +202,22 @@ def default_weights(full: AffineModel, data: ModalData) -> Weights:
     return state_model_error(full, data, weights=chosen, discrepancy="auto")
 
 
-def _recorded(bench: Bench, theta, rng: np.random.Generator, folder: Path) -> ModalData:
+@contextmanager
+def other_structure():
+    """The virtual turbine's laws replaced, for one record."""
+    longest = {group: OTHER_COARSENESS * length for group, length in mesh.LONGEST_M.items()}
+    with ExitStack() as stack:
+        for name, value in OTHER_SOIL.items():
+            stack.enter_context(mock.patch.object(soil, name, value))
+        stack.enter_context(mock.patch.object(mesh, "LONGEST_M", longest))
+        yield
+
+
+def _recorded(bench: Bench, theta, rng: np.random.Generator, folder: Path, nacelle: float) -> ModalData:
     """Half an hour of an idling turbine that looks along the model's axis, through `identify`."""
     truth = _truth(bench.full, bench.file, theta, rng)
+    mass = truth.tolerances.nacelle_mass * nacelle
+    truth = replace(truth, tolerances=replace(truth.tolerances, nacelle_mass=mass))
     plan = operation.make_plan(N_SLOT, MAINTENANCE, rng)
     plan = replace(plan, heading_deg=np.zeros_like(plan.heading_deg), events=())
     channels = tuple(s.channel for s in bench.file.sensors)

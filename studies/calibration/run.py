@@ -94,6 +94,7 @@ def main() -> int:
     parser.add_argument("--replicates", type=int, default=300)
     parser.add_argument("--theory", choices=("bernoulli-euler", "timoshenko"), default="timoshenko",
                         help="of the members of the model that is updated")
+    parser.add_argument("--first", type=int, default=0, help="number of the first replicate: others are other draws")
     parser.add_argument("--part", type=int, default=0)
     parser.add_argument("--parts", type=int, default=1)
     a = parser.parse_args()
@@ -101,14 +102,14 @@ def main() -> int:
         words = case.split("-")
         groups = (STRUCTURES, NOISES, PRIORS)
         if len(words) != 3 or any(w not in group for w, group in zip(words, groups, strict=True)) or \
-                (words[0] == "own" and words[1] in RECORDED):
-            sys.stderr.write(f"{case}: choose from {STRUCTURES} - {NOISES} - {PRIORS}; a record is the turbine's\n")
+                (words[0] == "own" and words[1] in RECORDED) or (words[0] == "other" and words[1] not in RECORDED):
+            sys.stderr.write(f"{case}: choose from {STRUCTURES} - {NOISES} - {PRIORS}; a record is a turbine's\n")
             return 2
     a.out.mkdir(parents=True, exist_ok=True)
     noises = {case: case.split("-")[1] for case in a.case}
     shared = {noise: _shared(a.out, noise, a.theory) for noise in set(noises.values())}
     # cases take turns, so that a run that is stopped has some of each
-    for number in range(a.part, a.replicates, a.parts):
+    for number in range(a.first + a.part, a.first + a.replicates, a.parts):
         for case in a.case:
             path = a.out / f"{case}.{a.part}of{a.parts}.jsonl"
             if any(line["number"] == number for line in read_lines(a.out, case)):
