@@ -21,7 +21,7 @@ from probupdate.comparison import Comparison
 from probupdate.comparison import compare as compare_results
 from probupdate.effects.tolerances import SensorUncertainty, TurbineUncertainty
 from probupdate.errors import InputError
-from probupdate.estimators.discrepancy import state_model_error
+from probupdate.estimators.discrepancy import state_model_error, stated_weights
 from probupdate.estimators.ensemble import SamplerSettings
 from probupdate.estimators.posterior_file import Posterior, read_posterior, write_posterior
 from probupdate.estimators.update_file import UNLIKE, UpdateRecord, read_update
@@ -39,11 +39,10 @@ from probupdate.identification.selection import select as select_sets
 from probupdate.identification.setups import identify_setups as identify_campaigns
 from probupdate.mode_labels import close_pairs, mode_character
 from probupdate.modes import ModalData, ModalSet, Sensor, mac, read_modes
-from probupdate.problem import Weights, build_problem, paper_weights
+from probupdate.problem import Weights, build_problem
 from probupdate.progress import Progress, silent
 from probupdate.reporting import report as write_report
 from probupdate.reporting.run_files import PARTS, run_places
-from probupdate.responses import FORM_FLOOR, FORM_SHAPE_FLOOR
 from probupdate.structure.load import REFERENCE_STATES, load_model, nacelle_angle_deg, reference_model
 from probupdate.structure.own_modes import OwnModes, own_modes
 from probupdate.structure.subdyn_model import is_subdyn, subdyn_sensors, turns_nacelle
@@ -368,32 +367,6 @@ def regress(
 ) -> ModalRegression:
     """How frequency and damping of every mode follow wind, rotor speed, temperature, water level and amplitude."""
     return regress_modes(read_modes(modes), covariates=covariates, state=state)
-
-
-def stated_weights(
-    weights: str | tuple[float, ...] | Weights, data: ModalData, *, frequencies: str = "hz", shapes: str = "plane",
-    tolerances: bool | None = None,
-) -> Weights:
-    """'measured', 'covariance', 'paper', or a CoV a mode; and what is compared (see `responses`).
-
-    tolerances None: marginalised with standard deviations that are the measurement's alone, not with the paper's or
-    stated ones, which are W_Lambda as it is.
-    """
-    if isinstance(weights, Weights):
-        return weights
-    of_measurement = weights in ("measured", "covariance")
-    known = of_measurement if tolerances is None else tolerances
-    compared = {"frequencies": frequencies, "shapes": shapes, "tolerances": known}
-    if known:
-        compared |= {"frequency_floor": FORM_FLOOR, "shape_floor": FORM_SHAPE_FLOOR}
-    if of_measurement:
-        return Weights(covariance=weights == "covariance", **compared)
-    if weights == "paper":
-        return paper_weights(data.labels, data.set().frequency_hz, **compared)
-    if isinstance(weights, str):
-        raise InputError("weights", f"'{weights}' is unknown",
-                         "choose from measured, covariance, paper, or give a CoV a mode")  # fmt: skip
-    return Weights(frequency_cov=tuple(float(w) for w in weights), shape_std=False, **compared)
 
 
 def _likelihood(

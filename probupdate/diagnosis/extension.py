@@ -26,8 +26,10 @@ from probupdate.diagnosis.fitting import Fit
 from probupdate.diagnosis.prepare import Prepared
 from probupdate.diagnosis.results import Diagnosis
 from probupdate.diagnosis.setting import Named, Setting, local_std
+from probupdate.effects.tolerances import SensorUncertainty, TurbineUncertainty
 from probupdate.effects.turbine import TurbineEffect
 from probupdate.errors import ConvergenceError, InputError
+from probupdate.estimators.discrepancy import default_likelihood
 from probupdate.estimators.ensemble import SamplerSettings
 from probupdate.estimators.updating import deterministic_update
 from probupdate.modes import ModalData, ModalDeviation, ModalSet, write_modes
@@ -179,14 +181,19 @@ class _Added:
         return write_extended(prepared.path, self.effects, out)
 
     def model(self, prepared: Prepared, angle_deg: float) -> AffineModel:
+        """With the sources of its error, as `update` opens it."""
+        if prepared.description is not None:
+            made = extended_model(prepared.path, self.effects, parameters=prepared.prior, sensors=prepared.sensors,
+                                  nacelle_angle_deg=angle_deg)  # fmt: skip
+            known = TurbineUncertainty.of(prepared.path, made, prepared.sensors, angle_deg, self.effects)
+            return replace(made, uncertainty=known)
         if self.groups:
             # its matrices are those of the file that is written, whether a place for it was given or not
             with tempfile.TemporaryDirectory() as folder:
-                return load_model(self.write(prepared, Path(folder) / "extended.toml"))
-        if prepared.description is None:
-            return load_model(prepared.path, parameters=prepared.prior)
-        return extended_model(prepared.path, self.effects, parameters=prepared.prior, sensors=prepared.sensors,
-                              nacelle_angle_deg=angle_deg)  # fmt: skip
+                made = load_model(self.write(prepared, Path(folder) / "extended.toml"))
+        else:
+            made = load_model(prepared.path, parameters=prepared.prior)
+        return replace(made, uncertainty=SensorUncertainty(model=made))
 
 
 def described(row: TurbineEffect, named: Named) -> ModelEffect:
@@ -327,7 +334,7 @@ def mean_set(setting: Setting, fitted: Fit, *, like: Fit | None = None) -> tuple
 def updated(model: AffineModel, data: ModalData) -> dict:
     """Two estimators on one set: the anchored Tikhonov update, and the maximum of the posterior with its deviations by
     Laplace's method."""
-    record = deterministic_update(model, data)
+    record = deterministic_update(model, data, weights=default_likelihood(model, data))
     scheme = record.scheme("prior")
     std = np.sqrt(np.diag(record.map_covariance))
     correlation = record.map_covariance / np.outer(std, std)

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from probupdate.errors import ProbupdateError
+from probupdate.estimators.discrepancy import default_likelihood
 from probupdate.estimators.ensemble import SamplerSettings
 from probupdate.estimators.posterior_file import Posterior, write_posterior
 from probupdate.estimators.updating import sample_posterior
@@ -47,7 +48,8 @@ def sampled(
     try:
         with tempfile.TemporaryDirectory() as folder:
             # a chain kept beside the file would be another problem's once the record changes
-            posterior = sample_posterior(model, data, Path(folder) / "chain", settings=settings, progress=progress)
+            posterior = sample_posterior(model, data, Path(folder) / "chain", weights=default_likelihood(model, data),
+                                         settings=settings, progress=progress)  # fmt: skip
         if out is not None:
             write_posterior(posterior, out)
     except ProbupdateError as error:

@@ -19,6 +19,7 @@ from scipy import linalg
 
 from probupdate.diagnosis.courses import Course
 from probupdate.diagnosis.noise import Noise
+from probupdate.errors import ConvergenceError
 from probupdate.modes import frozen_array
 
 # draws are made in portions of so many numbers
@@ -174,7 +175,13 @@ class Design:
         rounding = len(chosen) * np.finfo(float).eps
         information[np.diag_indices_from(information)] *= 1.0 + rounding
         information[np.diag_indices_from(information)] += 1.0
-        return linalg.cho_factor(information, lower=True)
+        try:
+            return linalg.cho_factor(information, lower=True)
+        except linalg.LinAlgError:
+            raise ConvergenceError(
+                "the record's information on the unknowns is singular: the fit has left where modes can be distinguished",
+                np.empty(0),
+            ) from None
 
     def _solve(self, right: np.ndarray) -> np.ndarray:
         """Covariance of the unknowns given the data times right (n_unknown, ...)."""

@@ -144,15 +144,19 @@ class TurbineUncertainty:
     sensors: tuple[Sensor, ...]
     nacelle_angle_deg: float
     description: Description = field(repr=False)
+    added: tuple[ModelEffect, ...] = ()
 
     @classmethod
-    def of(cls, path: Path, model: AffineModel, sensors, nacelle_angle_deg: float) -> TurbineUncertainty:
+    def of(
+        cls, path: Path, model: AffineModel, sensors, nacelle_angle_deg: float, added: Sequence[ModelEffect] = ()
+    ) -> TurbineUncertainty:
+        """Of a model that was loaded from `path`, and extended by the effects `added`."""
         description = read_description(path)
         placed = sensors if sensors is not None else tuple(
             Sensor(channel=s.channel, level=s.level, position_m=s.position_m, direction=s.direction,
                    quantity=s.quantity, unit=s.unit) for s in description.sensor)  # fmt: skip
         return cls(path=path, parameters=model.parameters, sensors=tuple(placed), nacelle_angle_deg=nacelle_angle_deg,
-                   description=description)  # fmt: skip
+                   description=description, added=tuple(added))  # fmt: skip
 
     @cached_property
     def _rows(self) -> tuple[_Row, ...]:
@@ -162,7 +166,9 @@ class TurbineUncertainty:
 
     @cached_property
     def _extended(self) -> AffineModel:
-        return extended_model(self.path, [r.effect for r in self._rows], parameters=self.parameters,
+        names = {e.name for e in self.added}
+        base = Parameters(tuple(p for p in self.parameters if p.name not in names))
+        return extended_model(self.path, [*self.added, *(r.effect for r in self._rows)], parameters=base,
                               sensors=self.sensors, nacelle_angle_deg=self.nacelle_angle_deg)  # fmt: skip
 
     @cached_property

@@ -19,8 +19,9 @@ from probupdate.estimators.laplace import Laplace, maximum_a_posteriori
 from probupdate.estimators.tikhonov import update
 from probupdate.model import Model
 from probupdate.modes import ModalData
-from probupdate.problem import Problem, Weights, build_problem
+from probupdate.problem import Problem, Weights, build_problem, paper_weights
 from probupdate.progress import Progress, silent
+from probupdate.responses import FORM_FLOOR, FORM_SHAPE_FLOOR
 
 # to how many prior standard deviations the place is told at which the sources of error are linearised
 PLACE = 0.01
@@ -67,6 +68,40 @@ def state_model_error(
     if discrepancy == "auto":
         chosen = estimate_discrepancy(model, data, weights=chosen, set_id=set_id, progress=progress)
     return chosen
+
+
+def stated_weights(
+    weights: str | tuple[float, ...] | Weights, data: ModalData, *, frequencies: str = "hz", shapes: str = "plane",
+    tolerances: bool | None = None,
+) -> Weights:
+    """'measured', 'covariance', 'paper', or a CoV a mode; and what is compared (see `responses`).
+
+    tolerances None: marginalised with standard deviations that are the measurement's alone, not with the paper's or
+    stated ones, which are W_Lambda as it is.
+    """
+    if isinstance(weights, Weights):
+        return weights
+    of_measurement = weights in ("measured", "covariance")
+    known = of_measurement if tolerances is None else tolerances
+    compared = {"frequencies": frequencies, "shapes": shapes, "tolerances": known}
+    if known:
+        compared |= {"frequency_floor": FORM_FLOOR, "shape_floor": FORM_SHAPE_FLOOR}
+    if of_measurement:
+        return Weights(covariance=weights == "covariance", **compared)
+    if weights == "paper":
+        return paper_weights(data.labels, data.set().frequency_hz, **compared)
+    if isinstance(weights, str):
+        raise InputError("weights", f"'{weights}' is unknown",
+                         "choose from measured, covariance, paper, or give a CoV a mode")  # fmt: skip
+    return Weights(frequency_cov=tuple(float(w) for w in weights), shape_std=False, **compared)
+
+
+def default_likelihood(
+    model: Model, data: ModalData, *, set_id: str | None = None, progress: Progress = silent
+) -> Weights:
+    """What `update` and `sample` take where no option is given."""
+    weights = stated_weights("measured", data)
+    return state_model_error(model, data, weights=weights, discrepancy="auto", set_id=set_id, progress=progress)
 
 
 def estimate_discrepancy(

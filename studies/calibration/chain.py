@@ -21,7 +21,7 @@ import numpy as np
 from probupdate import verbs
 from probupdate.effects.tolerances import TurbineUncertainty
 from probupdate.errors import InputError
-from probupdate.estimators.discrepancy import state_model_error
+from probupdate.estimators.discrepancy import default_likelihood
 from probupdate.mode_labels import mode_character
 from probupdate.modes import ModalData, ModalSet
 from probupdate.parameters import Parameters
@@ -198,8 +198,7 @@ def _identified_set(frequency, damping, shape, rng, number: int) -> ModalSet:
 
 def default_weights(full: AffineModel, data: ModalData) -> Weights:
     """What `update` and `sample` take where no option is given."""
-    chosen = verbs.stated_weights("measured", data)
-    return state_model_error(full, data, weights=chosen, discrepancy="auto")
+    return default_likelihood(full, data)
 
 
 @contextmanager
