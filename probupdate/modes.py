@@ -56,8 +56,9 @@ class Sensor:
         if self.quantity not in QUANTITIES:
             known = f"choose from {', '.join(QUANTITIES)}"
             if self.quantity in OTHER_QUANTITIES:
-                raise InputError(where, f"measures {self.quantity}, which is no motion of a point: its shapes could not "
-                                 "stand beside those of other sensors or of a model", "convert the other channels alone")
+                raise InputError(where, f"measures {self.quantity}, which is no motion of a point: its shapes could "
+                                 "not stand beside those of other sensors or of a model",
+                                 "convert the other channels alone")
             raise InputError(where, f"quantity '{self.quantity}' is unknown", known)
         object.__setattr__(self, "position_m", position)
         object.__setattr__(self, "direction", direction)

@@ -241,7 +241,8 @@ def identify(
     its --out); jobs: processes. A script that asks for several needs `if __name__ == "__main__"`.
     """
     opened = read_campaign(campaign)
-    settings, said = _settings([opened], model, order=order, block_rows=block_rows, rate_hz=rate_hz, harmonics=harmonics)
+    settings, said = _settings([opened], model, order=order, block_rows=block_rows, rate_hz=rate_hz,
+                               harmonics=harmonics)  # fmt: skip
     reference, others = None, None
     if model is not None:
         reference, others = _reference(campaign, opened.sensors, model, parameters, lowest, settings.target_rate_hz)

@@ -16,7 +16,7 @@ from scipy import optimize
 
 from probupdate.identification.classification import ClassifierSettings
 from probupdate.identification.reference import ReferenceModes
-from probupdate.modes import ModalSet, ModelMode, ModeRecord, mac, subspace_mac
+from probupdate.modes import ModalData, ModalSet, ModelMode, ModeRecord, mac, subspace_mac
 
 # what a poor model may miss: standard deviations of 1 - MAC, and of ln f; a mode less alike than NO_MAC at its own
 # frequency is rather none of the model's
@@ -151,6 +151,12 @@ def model_only(
         result.append(ModelMode(label=label, frequency_hz=float(f),
                                 expected=bool(excited and size[i] >= SEEN * np.median(size))))
     return tuple(result)
+
+
+def unmatched_sentences(data: ModalData) -> list[str]:
+    """The same of modes that were written: of a file's records, where it has any."""
+    wanted = [r.label for r in data.records if not r.label.isdigit()]
+    return sentences(data.records, data.model_only, wanted)
 
 
 def sentences(records: Sequence[ModeRecord], lacking: Sequence[ModelMode], wanted: Sequence[str]) -> list[str]:

@@ -241,8 +241,12 @@ def _named(
     measured = np.array([s.measured for s in sets])
     seen = measured.sum(axis=0) >= min(2, int(measured.any(axis=1).sum())) if measured.any() else np.zeros(n_mode, bool)
     seen = np.ones(n_mode, bool) if every else seen
+    # the other direction of a single mode that turns with the nacelle is no mode that was lost
+    mated = np.zeros(n_mode, bool)
+    for pair in physical.modes.turning:
+        mated[list(pair)] = seen[list(pair)].any()
     notes = [f"{f:.4g} Hz comes back but is found as a mode in {int(n)} blocks: left out" for f, n, kept in
-             zip(physical.modes.frequency_hz, measured.sum(axis=0), seen, strict=True) if not kept]  # fmt: skip
+             zip(physical.modes.frequency_hz, measured.sum(axis=0), seen | mated, strict=True) if not kept]  # fmt: skip
     partner, like, probability, model = {}, None, None, None
     wanted: tuple[str, ...] = ()
     if reference is not None:

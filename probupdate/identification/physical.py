@@ -55,8 +55,8 @@ MOST_BLOCKS = 720
 class PersistenceSettings:
     """When a cluster is a mode: its blocks' shares of model orders sum up to `weight` + `share` times the blocks, of
     all blocks or of those of one turbine state that has at least `least_blocks`. One block alone asks 0.7 of its
-    orders; of a day's 48, eleven blocks at half of the orders each do, or twice as many at a quarter. least_share: of a block's
-    orders that count at all."""
+    orders; of a day's 48, eleven blocks at half of the orders each do, or twice as many at a quarter. least_share: of a
+    block's orders that count at all."""
 
     weight: float = 0.60
     share: float = 0.10
@@ -405,7 +405,7 @@ def _grouped(c: Candidates, clusters: list[_Cluster]) -> tuple[list[list[_Cluste
 
 def _with_planes(c: Candidates, clusters: list[_Cluster]) -> list[_Cluster]:
     """Three or more single directions of one plane close by, as of a pair at a few headings of the nacelle, as one
-    cluster with that plane."""
+    cluster with that plane; or two of one frequency and different times."""
     left = sorted(clusters, key=lambda x: -x.weight)
     result = [one for one in left if one.plane]
     left = [one for one in left if not one.plane]
@@ -418,7 +418,9 @@ def _with_planes(c: Candidates, clusters: list[_Cluster]) -> list[_Cluster]:
                 continue
             plane = np.column_stack([first.basis, mate.basis])
             inside = [x for x in near if x is mate or _inside(x, plane)]
-            if len(inside) >= 2:
+            # or of one mode that turned with the nacelle, at two headings
+            turned = abs(mate.ln_frequency - first.ln_frequency) <= TWIN_FREQUENCY and _apart_in_time(c, first, mate)
+            if len(inside) >= 2 or turned:
                 members += inside
                 break
         if len(members) > 1:
@@ -455,7 +457,8 @@ def _as_modes(
         rows = np.concatenate([one.rows for one in group])
         plane = next((one for one in group if one.plane), None)
         if plane is None:
-            modes.append(_Mode(rows=rows, shape=_real(leading_direction(c.shape[:, rows], c.share[rows])[:, None])[:, 0]))
+            direction = leading_direction(c.shape[:, rows], c.share[rows])
+            modes.append(_Mode(rows=rows, shape=_real(direction[:, None])[:, 0]))
             continue
         basis = _real(_directions(c.shape[:, rows], c.share[rows])[0][:, :2])
         turns = angle is not None and bool(np.isfinite(angle[c.block[rows]]).any())
@@ -493,7 +496,7 @@ def _by_frequency(c: Candidates, rows: np.ndarray, basis: np.ndarray) -> tuple[n
             lower.append(two[0])
             higher.append(two[1])
     if lower:
-        shapes = np.column_stack([_real(leading_direction(c.shape[:, part])[:, None])[:, 0] for part in (lower, higher)])
+        shapes = _real(np.column_stack([leading_direction(c.shape[:, part]) for part in (lower, higher)]))
     if not lower or mac(shapes[:, :1], shapes[:, 1:])[0, 0] > 0.8:
         shapes = basis
     alike = mac(c.shape[:, rows], shapes)

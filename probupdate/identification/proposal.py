@@ -25,10 +25,12 @@ PARTS, STANDS_OUT, LEAST_LOG = 16, 6.0, 1.1
 BLOCKS = 6
 # a peak this many times above the one below it in frequency is another thing's: mains, a machine
 GAP = 3.0
-# the rate is that many times the highest frequency; the lags cover so many periods of the lowest
+# the rate is that many times the highest frequency; the lags cover so many periods of the lowest: where block rows are
+# limited, the rate is lowered for that
 RATE, PERIODS = 2.5, 2.0
 ROWS, ORDERS = (20, 60), (20, 60)
-# a block has so many samples for each block row at least; channels times block rows at most: a block's time goes with the third power
+# a block has so many samples for each block row at least; channels times block rows at most: time goes with the third
+# power
 LEAST_BLOCK, LARGEST = 20, 720
 
 
@@ -49,7 +51,7 @@ class Proposal:
                 f"{self.block_rows} block rows, for {len(self.peaks_hz)} peaks of the spectrum from "
                 f"{self.peaks_hz[0]:.3g} to {self.peaks_hz[-1]:.3g} Hz")  # fmt: skip
         if self.above_hz:
-            text += f"; peaks far above, from {self.above_hz[0]:.3g} Hz, are taken for something else (--rate)"
+            text += f"; peaks above, from {self.above_hz[0]:.3g} Hz, are left to a run with another --rate"
         return text
 
 
@@ -82,18 +84,25 @@ def propose(
     cut = next((int(k) + 1 for k in jump if k + 1 >= 2), len(distinct))
     inside, above = distinct[:cut], distinct[cut:]
     recorded = min(c.sampling_rate_hz for c in campaigns)
+    fewest, most = (pick(len(c.sensors) for c in campaigns) for pick in (min, max))
+    largest = max(min(LARGEST // most, ROWS[1]), 2)
     if rate_hz is None:
         rate = recorded / max(int(recorded / (RATE * inside[-1])), 1)
+        # lags that do not cover the lowest mode lose it; modes above a lower rate are lost too, but that is said
+        longest = 2 * (block_rows or largest) * inside[0] / PERIODS
+        if rate > longest and recorded / np.ceil(recorded / longest) > 2.2 * inside[0]:
+            rate = recorded / np.ceil(recorded / longest)
+            held = inside[inside < 0.45 * rate]
+            inside, above = held, np.concatenate([inside[len(held):], above])
     else:
         rate, held = rate_hz, inside[inside < 0.5 * rate_hz]
         inside, above = (held, ()) if len(held) else (inside, above)
     rows = int(np.clip(np.ceil(0.5 * PERIODS * rate / inside[0]), *ROWS))
     order = int(np.clip(2 * np.ceil(1.5 * len(inside)), *ORDERS))
-    fewest, most = (pick(len(c.sensors) for c in campaigns) for pick in (min, max))
     samples = int(min(c.block_minutes for c in campaigns) * 60 * rate)
-    rows = block_rows or max(min(rows, LARGEST // most, samples // LEAST_BLOCK), 2)
+    rows = block_rows or max(min(rows, largest, samples // LEAST_BLOCK), 2)
     order = min(order, 2 * (fewest * (rows - 1) // 2))
-    return Proposal(target_rate_hz=rate, order=order, block_rows=rows, peaks_hz=tuple(map(float, inside)),
+    return Proposal(target_rate_hz=float(rate), order=order, block_rows=rows, peaks_hz=tuple(map(float, inside)),
                     above_hz=tuple(map(float, above)))
 
 

@@ -348,8 +348,8 @@ def _joined_shapes(setups, means: list[_Mean], rows, channels, references):
 
 
 def _weighted(values: list[np.ndarray], deviations: list[np.ndarray], widths: list[int]):
-    """Mean by inverse variances with its deviation over all columns, the Birge ratio (1 or more) and the p-value; of the
-    values that are there, with their deviation."""
+    """Mean by inverse variances with its deviation over all columns, the Birge ratio (1 or more) and the p-value; of
+    the values that are there, with their deviation."""
     value = np.array(values)
     variance = np.array([np.sum(d**2, axis=1) for d in deviations])
     there = np.isfinite(value) & np.isfinite(variance) & (variance > 0)

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 
+from probupdate.identification.counterparts import unmatched_sentences
 from probupdate.identification.identify import harmonics_removed
 from probupdate.matching import close_clusters
 from probupdate.modes import ModalData, plane_mac
@@ -134,6 +135,9 @@ def identification_section(run: Run) -> Section:
         said = harmonics_removed(str(s.environment.get("harmonics", "")) for s in run.modes.sets)
         if said:
             items.append(Items(title="The rotor's harmonics", statements=tuple(map(sentence, said))))
+        odd = unmatched_sentences(run.modes)
+        if odd:
+            items.append(Items(title="What does not match the model", statements=tuple(map(sentence, odd))))
     return Section(anchor="identified", title="Identification", items=tuple(items),
                    lead="Every pole of every block, and what was taken for a mode of the structure.")
 

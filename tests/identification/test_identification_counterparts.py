@@ -17,8 +17,8 @@ from probupdate.modes import ModalData, ModalSet, ModelMode, ModeRecord, mac, re
 
 def measured(jacket, rng, turn=0.0) -> ModalSet:
     shape = jacket.shape + 0.02 * rng.standard_normal(jacket.shape.shape)
-    return ModalSet(id=str(rng.integers(1 << 30)), frequency_hz=jacket.frequency_hz * (1 + 3e-3 * rng.standard_normal(5)),
-                    shape=shape, damping_ratio=jacket.damping_ratio, frequency_std_hz=np.full(5, np.nan),
+    return ModalSet(id=str(rng.integers(1 << 30)), shape=shape,
+                    frequency_hz=jacket.frequency_hz * (1 + 3e-3 * rng.standard_normal(5)), damping_ratio=jacket.damping_ratio, frequency_std_hz=np.full(5, np.nan),
                     shape_std=np.full(shape.shape, np.nan))  # fmt: skip
 
 
@@ -65,7 +65,7 @@ def test_what_does_not_match_is_kept_and_said(jacket, reference, write_campaign)
     # a model changes names only
     for label in lacking.labels:
         a, b = (one.data.labels.index(label) for one in (found, right))
-        assert np.array_equal([s.frequency_hz[a] for s in found.data.sets], [s.frequency_hz[b] for s in right.data.sets])
+        assert [s.frequency_hz[a] for s in found.data.sets] == [s.frequency_hz[b] for s in right.data.sets]
     wrong = replace(reference, shape=reference.shape + 0.6 * reference.shape[:, [3, 4, 0, 1, 2]])
     bad = identify(campaign, wrong, settings=settings)
     assert {"unlike"} <= {r.match for r in bad.data.records}
