@@ -416,7 +416,9 @@ def _terms(frame: SubDynFrame, description, targets: _Targets, path: Path, angle
             material, sizes = sizes_at(file, element)
             common = {"tube": (*material, *sizes), "thickness": wall, "wall_loss": loss}
             for k, unit in enumerate(stiffness_units(length)):
-                factor = TubePart(times=stiff, index=k, length_m=round(length, 9), shear=file.shear, **common)
+                # without shear the length is in the matrix alone, and elements of all lengths share a term
+                own = round(length, 9) if file.shear else 1.0
+                factor = TubePart(times=stiff, index=k, length_m=own, shear=file.shear, **common)
                 add("K", factor, dofs, element.to_global(unit))
             for k, unit in enumerate(mass_units(length)):
                 add("M", TubePart(times=dense, index=k, **common), dofs, element.to_global(unit))
