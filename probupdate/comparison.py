@@ -13,12 +13,10 @@ from probupdate.errors import InputError, parsing
 from probupdate.estimators.posterior_file import Posterior
 from probupdate.estimators.update_file import BLIND_RESOLUTION, UpdateRecord, fit_sentence, misses
 from probupdate.files import read_json_table, write_json
+from probupdate.identifiability import BLIND, KNOWN, PARTLY, PRIOR, STRONG, identifiability
 from probupdate.schema import checked
 
 FORMAT = 1
-# posterior over prior deviation: below the first the data decide, above the second the parameter keeps its prior
-STRONG, BLIND = 0.5, 0.9
-KNOWN, PARTLY, PRIOR, BOUND = "strongly identified", "weakly identified", "keeps its prior", "at a bound"
 # estimates closer than this many posterior deviations are the same for any use of them
 CLOSE = 0.25
 # the anchored update and the maximum are two routes to one number
@@ -124,19 +122,6 @@ def compare(update: UpdateRecord, posterior: Posterior, derived: Mapping[str, ob
         notes=tuple(_notes(update, posterior, rows)), converged=posterior.converged,
         settings={"weights": update.settings.get("weights", ""), "set": update.set_id},
     )
-
-
-def identifiability(contraction: float, *, at_bound: bool, misses: bool) -> str:
-    """What the data say of a parameter, by its posterior's standard deviation over its prior's.
-
-    One at a bound is said to be there whatever its width: the bound, not the data, may be what makes it narrow. Where
-    the model misses the data beyond what is stated (`update_file.misses`), no width proves that a parameter is known.
-    """
-    if at_bound:
-        return BOUND
-    if contraction < STRONG:
-        return PARTLY if misses else KNOWN
-    return PARTLY if contraction <= BLIND else PRIOR
 
 
 def _cov(values: np.ndarray) -> float:

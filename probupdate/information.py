@@ -15,6 +15,7 @@ from probupdate.errors import InputError, parsing
 from probupdate.estimators.posterior_file import Posterior
 from probupdate.estimators.predictive import PredictiveCheck, ResponseCheck, bits_gained
 from probupdate.files import read_json_table, write_json
+from probupdate.identifiability import BLIND
 from probupdate.json_rows import from_row, row_of
 from probupdate.modes import frozen_array
 from probupdate.problem import Problem
@@ -27,8 +28,6 @@ UNCERTAINTY_FROM = (0.015, 0.20, 0.75)
 SENSITIVITY_FROM = (0.01, 0.05, 0.25)
 # one prior deviation that moves the data by less than this, in their deviations, changes nothing that matters
 SILENT = 0.3
-# posterior over prior deviation from which on a parameter keeps its prior (as in the comparison)
-KEEPS = 0.9
 UPDATE, CARRY, LEAVE = "update", "carry along", "leave at its value"
 COMPENSATES = 0.3
 MOST_PAIRS = 8
@@ -132,7 +131,7 @@ def information(
     rows = []
     for k, p in enumerate(parameters):
         cov = p.std / abs(p.initial) if p.initial else float("nan")
-        role = LEAVE if signal[k] < SILENT else UPDATE if width[k] <= KEEPS else CARRY
+        role = LEAVE if signal[k] < SILENT else UPDATE if width[k] <= BLIND else CARRY
         sampled = _sampled(posterior, p) if posterior is not None else (float("nan"), float("nan"))
         rows.append(ParameterInformation(
             name=p.name, unit=p.unit, value=float(point[k]), cov=cov,

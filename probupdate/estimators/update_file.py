@@ -10,6 +10,7 @@ import numpy as np
 
 from probupdate.errors import InputError, of_file, parsing
 from probupdate.files import read_json_table, write_json
+from probupdate.identifiability import BOUND, KNOWN, PARTLY, PRIOR, identifiability
 from probupdate.modes import frozen_array
 from probupdate.parameters import Parameter, Parameters
 from probupdate.schema import checked
@@ -195,17 +196,20 @@ def summary(record: UpdateRecord) -> str:
 
 
 def _information(record: UpdateRecord) -> list[str]:
-    """How much the data say of each parameter: share of the estimate that they decide, and width left of the prior's.
+    """How much the data say of each parameter, by the Gaussian approximation at the MAP.
 
     For independent Gaussian parameters width^2 = 1 - resolution. Where it is more, another parameter can do the same.
     """
     width = np.sqrt(np.diag(record.map_covariance)) / record.parameters.std
     rows = [f"{p.name} {r:.2f} / {w:.2f}"
             for p, r, w in zip(record.parameters, record.map_resolution, width, strict=True)]  # fmt: skip
-    lines = [f"resolution by the data / width left of the prior's, at the MAP: {', '.join(rows)}"]
-    blind = [p.name for p, r in zip(record.parameters, record.map_resolution, strict=True) if r < BLIND_RESOLUTION]
-    if blind:
-        lines.append(f"hardly informed by the data (resolution below {BLIND_RESOLUTION:g}): {', '.join(blind)}")
+    lines = [f"resolution by the data / standard deviation over the prior's, at the MAP: {', '.join(rows)}"]
+    said = [identifiability(w, at_bound=bool(b), misses=misses(record))
+            for w, b in zip(width, record.map_at_bound, strict=True)]  # fmt: skip
+    for kind in (KNOWN, PARTLY, PRIOR, BOUND):
+        names = [p.name for p, s in zip(record.parameters, said, strict=True) if s == kind]
+        if names:
+            lines.append(f"{kind}: {', '.join(names)}")
     return lines
 
 

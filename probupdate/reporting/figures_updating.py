@@ -68,7 +68,7 @@ def frequency_errors(labels: Sequence[str], measured_hz, computed_hz: Mapping[st
     rows = np.arange(len(labels))
     axes.axvline(0, color=INK, lw=1.2, zorder=2)
     for k, (name, values) in enumerate(computed_hz.items()):
-        role = roles[k % len(roles)]
+        role = POSTERIOR if name.startswith("posterior") else roles[k % len(roles)]
         error = 100 * (np.asarray(values, float) / measured_hz - 1)
         offset = 0.16 * (k - 0.5 * (len(computed_hz) - 1))
         axes.hlines(rows + offset, 0, error, color=role["color"], lw=1.2, alpha=0.6)
@@ -78,7 +78,7 @@ def frequency_errors(labels: Sequence[str], measured_hz, computed_hz: Mapping[st
     axes.xaxis.set_major_formatter(FuncFormatter(plain_number))
     axes.grid(axis="y", visible=False)
     label_axes(axes, "computed frequency minus measured [% of measured]", "mode")
-    figure.legend(loc="outside upper left", ncols=5)
+    figure.legend(loc="outside upper left", ncols=2)
     return figure
 
 

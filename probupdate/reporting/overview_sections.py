@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from probupdate.comparison import BLIND, STRONG
-from probupdate.diagnosis.wording import finding_words, verdict_words
-from probupdate.estimators.update_file import UpdateRecord, fit_sentence
+from probupdate.estimators.update_file import UpdateRecord, misses
+from probupdate.identifiability import BLIND, STRONG
 from probupdate.reporting import figures
-from probupdate.reporting.diagnosis_tables import typeset
 from probupdate.reporting.elements import (
     Column,
     Items,
@@ -25,35 +23,72 @@ from probupdate.reporting.elements import (
     plural,
     sentence,
 )
+from probupdate.reporting.findings import MANY_FALLBACKS, findings, worst
+from probupdate.reporting.modes_section import MODE_NAMES
 from probupdate.reporting.posterior_sections import marks, truth_sentence
-from probupdate.reporting.standing import BOUND, KNOWN, PARTLY, PRIOR, contraction, names_of, standings
-from probupdate.reporting.updating_sections import fits, scheme_name
+from probupdate.reporting.standing import (
+    BOUND,
+    KNOWN,
+    PARTLY,
+    PRIOR,
+    contraction,
+    estimate,
+    names_of,
+    standings,
+)
+from probupdate.reporting.updating_sections import fit_level, meaning, scheme_name
 from probupdate.reporting.values import Run
 
-# computed over measured frequency beyond which a pair made by shape is doubted
-FAR_OFF = 1.6
-# share of evaluations answered by the full model from which the reduced basis did not serve
-MANY_FALLBACKS = 0.2
+# a gain in standard deviation below this is not worth a sentence
+LEAST_GAIN = 0.05
 
 
 def verdict_section(run: Run) -> Section:
+    found = findings(run)
+    doubts = [f.text for f in found] + _not_to_be_read(run)
     items: list[object] = []
-    alarms = alarming(run)
-    if alarms:
-        items.append(Items(title="Before these numbers are used", statements=tuple(alarms), level="warning"))
+    if doubts:
+        items.append(Items(title="What not to rely on", statements=tuple(doubts), level=worst(found), width="half"))
+    actions = tuple(dict.fromkeys(f.action for f in found if f.action)) + tuple(_next_measurement(run))
+    if run.update is not None and not found:
+        actions = ("Use the parameters with their intervals; no check of this run speaks against it.", *actions)
+    if actions:
+        items.append(Items(title="What to do", statements=actions, width="half"))
     if run.update is not None:
-        items += [_before_and_after(run.update), _known_table(run)]
+        items.append(_errors_picture(run))
+    shown = len(items)
+    if run.update is not None:
+        items += [_before_and_after(run), _known_table(run)]
     items.append(Tiles(items=tuple(_tiles(run))))
     if run.update is not None:
-        items += _pictures(run)
+        items.append(_shifts_picture(run))
     remarks = remarkable(run)
     if remarks:
         items.append(Items(title="What to keep in mind", statements=tuple(remarks)))
     if run.missing:
         items.append(Notice(level="missing", text="; ".join(run.missing) + "."))
-    headline, level = _headline(run)
-    return Section(anchor="verdict", title="Verdict", items=tuple(items), lead=_lead(run), headline=headline,
-                   level=level)
+    level = worst(found) if run.update is not None or found else "plain"
+    # a run without an update has little more to show: nothing of it is folded
+    return Section(anchor="verdict", title="Verdict", items=tuple(items), lead=_lead(run),
+                   headline=_headline(run, found), level=level, shown=shown if run.update is not None else len(items))
+
+
+def _not_to_be_read(run: Run) -> list[str]:
+    if run.update is None:
+        return []
+    kept = names_of(standings(run.update, run.posterior), PRIOR)
+    return [f"{', '.join(kept)}: the data say nothing of {'it' if len(kept) == 1 else 'them'}; what stands there is the "
+            "prior."] if kept else []  # fmt: skip
+
+
+def _next_measurement(run: Run) -> list[str]:
+    parts = None if run.update is None else run.update.components
+    if parts is None or not parts.measures:
+        return []
+    names, gain = run.update.parameters.names, parts.gain[0]
+    best = [k for k in np.argsort(-gain)[:3] if gain[k] >= LEAST_GAIN]
+    told = ", ".join(f"{names[k]} by {percent(gain[k], 0)} %" for k in best)
+    return [f"If a parameter must be known better: {parts.measures[0]} (narrows {told})."] if best else []
 
 
 def _worst(measured: np.ndarray, computed: np.ndarray) -> float:
@@ -61,28 +96,32 @@ def _worst(measured: np.ndarray, computed: np.ndarray) -> float:
     return float(np.nanmax(error)) if np.any(np.isfinite(error)) else float("nan")
 
 
-def _headline(run: Run) -> tuple[str, str]:
-    """Whether the model fits now and whether the sampler is to be believed, in one or two sentences."""
+def _headline(run: Run, found) -> str:
+    """Whether the model fits now, whether the sampler converged, and what speaks against the parameters."""
     update, posterior = run.update, run.posterior
     if update is None:
         done = [words for words, part in (("Modes were identified", run.modes), ("diagnosed", run.diagnosis))
                 if part is not None]  # fmt: skip
-        found = f"{' and '.join(done).capitalize()}; no" if done else "No"
-        return f"{found} model has been updated in this run.", "plain"
+        start = f"{' and '.join(done).capitalize()}; no" if done else "No"
+        return f"{start} model has been updated in this run."
     before = percent(_worst(update.measured_hz, update.initial_hz))
-    after = percent(_worst(update.measured_hz, update.map_hz))
-    good = fits(update)
-    if good:
-        words = f"The updated model fits the measurement: every frequency within {after} % ({before} % before)."
-    else:
+    after = percent(_worst(update.measured_hz, estimate(update, posterior).frequency_hz))
+    if misses(update):
         ratio = fixed(float(np.sqrt(update.map_misfit / update.n_effective)), 1)
-        words = (f"The updated model does not fit the measurement: it misses it by {ratio} times the stated "
-                 f"deviations, the worst frequency by {after} % ({before} % before).")
+        words = (f"The updated model does not fit the measurement: it misses it by {ratio} times the stated standard "
+                 f"deviations, the worst frequency by {after} % ({before} % before).")  # fmt: skip
+    else:
+        words = f"The updated model fits the measurement: every frequency within {after} % ({before} % before)."
     if posterior is None:
-        return f"{words} No posterior was sampled.", "good" if good else "warning"
-    if posterior.converged:
-        return f"{words} The sampler converged.", "good" if good else "warning"
-    return f"{words} The sampler did NOT converge: its posterior is provisional.", "warning"
+        words += " No posterior was sampled."
+    else:
+        words += " The sampler converged." if posterior.converged else \
+            " The sampler did NOT converge: its posterior is provisional."
+    if not found:
+        return f"{words} No check speaks against the parameters."
+    reasons = "; ".join(f.short for f in found if f.level == found[0].level)
+    start = "Do not rely on the parameters yet" if found[0].level == "warning" else "Use the parameters with care"
+    return f"{words} {start}: {reasons}."
 
 
 def _listed(names: list[str]) -> str:
@@ -110,13 +149,14 @@ def _lead(run: Run) -> str:
 def _tiles(run: Run) -> list[Tile]:
     tiles, update, posterior = [], run.update, run.posterior
     if update is not None:
-        after = _worst(update.measured_hz, update.map_hz)
-        worst = int(np.nanargmax(np.abs(update.initial_hz / update.measured_hz - 1)))
+        chosen = estimate(update, posterior)
+        after = _worst(update.measured_hz, chosen.frequency_hz)
+        first = int(np.nanargmax(np.abs(update.initial_hz / update.measured_hz - 1)))
         tiles.append(Tile(
             label="largest frequency error", level="good" if after < 0.02 else "warning",
             value=f"{percent(_worst(update.measured_hz, update.initial_hz))} → {percent(after)} %",
-            detail=f"worst mode at first: {update.labels[worst]}, measured {update.measured_hz[worst]:.3f} Hz, "
-            f"computed {update.initial_hz[worst]:.3f} → {update.map_hz[worst]:.3f} Hz"))
+            detail=f"worst mode at first: {update.labels[first]}, measured {update.measured_hz[first]:.3f} Hz, "
+            f"computed {update.initial_hz[first]:.3f} → {chosen.frequency_hz[first]:.3f} Hz ({chosen.name})"))
         tiles.append(_fit_tile(update))
         tiles.append(_parameter_tile(run))
         tiles.append(_update_tile(update))
@@ -165,103 +205,87 @@ def _sets_tile(run: Run) -> Tile:
 def _fit_tile(update: UpdateRecord) -> Tile:
     """Misfit in standard deviations per response: 1 is what a true model with right deviations would have."""
     ratio = float(np.sqrt(update.map_misfit / update.n_effective))
-    return Tile(label="misfit at the most probable parameters", level="good" if fits(update) else "warning",
-                value=f"{number(ratio, 2)} deviations",
+    return Tile(label="misfit at the most probable parameters", level=fit_level(update),
+                value=f"{number(ratio, 2)} standard deviations",
                 detail=f"root mean square over {update.n_effective} effective responses; a true model with right "
                 "deviations has 1")
 
 
-def _before_and_after(update: UpdateRecord) -> Table:
+def mode_words(labels) -> str:
+    """What mode labels mean, for those that have a meaning."""
+    known = [f"{label} {MODE_NAMES[label]}" for label in labels if label in MODE_NAMES]
+    return f"{', '.join(known)}." if known else ""
+
+
+def _before_and_after(run: Run) -> Table:
+    update, after = run.update, estimate(run.update, run.posterior)
     rows = []
     for j, label in enumerate(update.labels):
         row = [label, fixed(update.measured_hz[j], 3)]
-        for hz in (update.initial_hz[j], update.map_hz[j]):
+        for hz in (update.initial_hz[j], after.frequency_hz[j]):
             row += [fixed(hz, 3), percent(hz / update.measured_hz[j] - 1, 1, sign=True)]
         rows.append(tuple(row))
     columns = (Column(name="mode", number=False), Column(name="measured", unit="Hz"), Column(name="before", unit="Hz"),
                Column(name="error", unit="%"), Column(name="after", unit="Hz"), Column(name="error", unit="%"))
+    words = "most probable parameters (MAP)" if run.posterior is None else "median of what the posterior predicts"
     return Table(caption="Frequencies before and after", columns=columns, rows=tuple(rows), width="half",
-                 note="Before: the initial model; after: at the most probable parameters (MAP).")
+                 note=f"Before: the initial model; after: {words}. {mode_words(update.labels)}".strip())
 
 
 def _known_table(run: Run) -> Table:
     update, posterior = run.update, run.posterior
-    found = standings(update, posterior)
+    found, after = standings(update, posterior), estimate(update, posterior)
     rows = []
     for k, (p, s) in enumerate(zip(update.parameters, found, strict=True)):
-        row = [figures.unit_label(p.name, p.unit), s.words, number(p.initial), number(update.map_theta[k])]
-        if posterior is not None:
-            low, high = np.percentile(posterior.draws[:, k], [5, 95])
-            row.append(f"{number(low)} to {number(high)}")
-        rows.append((*row, fixed(s.width, 2)))
-    columns = [Column(name="parameter", unit="[unit]", number=False), Column(name="the data say", number=False),
-               Column(name="before"), Column(name="after")]
-    columns += [Column(name="90 % interval")] if posterior is not None else []
-    columns.append(Column(name="width over prior", unit="-"))
-    note = "After: the most probable value (MAP). Width over prior: posterior over prior deviation"
-    note += "." if posterior is not None else " of the Gaussian at the maximum, as nothing was sampled."
-    note += f" Strongly identified: below {STRONG}; keeps its prior: above {BLIND}. At a bound the bound decides."
-    return Table(caption="What is known of each parameter", columns=tuple(columns), rows=tuple(rows), width="half",
+        row = [figures.unit_label(p.name, p.unit), meaning(p, run.jacket), s.words, number(p.initial),
+               number(after.theta[k])]
+        if after.low is not None:
+            row.append(f"{number(after.low[k])} to {number(after.high[k])}")
+        rows.append((*row, fixed(s.width, 2), ("+" if s.shift > 0.005 else "") + fixed(s.shift, 1)))
+    columns = [Column(name="parameter", unit="[unit]", number=False), Column(name="meaning", number=False),
+               Column(name="the data say", number=False), Column(name="before"), Column(name="after")]
+    columns += [Column(name="90 % interval")] if after.low is not None else []
+    columns += [Column(name="width over prior", unit="-"), Column(name="standardised shift", unit="-")]
+    if posterior is not None:
+        note = ("After: posterior median, with the interval of the same posterior (5 to 95 %). Width over prior: "
+                "posterior over prior standard deviation.")
+    else:
+        note = ("After: the most probable value (MAP). Width over prior: standard deviation of the Gaussian "
+                "approximation at the MAP over the prior's, as nothing was sampled.")
+    note += (f" Strongly identified: below {STRONG}; keeps its prior: above {BLIND}. At a bound the bound decides. "
+             "Standardised shift: of the value after, in standard deviations of the prior.")
+    return Table(caption="What is known of each parameter", columns=tuple(columns), rows=tuple(rows),
                  note=note, marked=frozenset(k for k, s in enumerate(found) if s.kind == BOUND))
 
 
-def _pictures(run: Run) -> list[object]:
-    update = run.update
+def _errors_picture(run: Run) -> Picture:
+    update, after = run.update, estimate(run.update, run.posterior)
     used = np.isfinite(update.initial_hz)
     computed = {"initial model": update.initial_hz[used]}
     computed |= {f"updated, {scheme_name(s)}": s.frequency_hz[used] for s in update.schemes}
+    if run.posterior is not None:
+        computed[after.name] = after.frequency_hz[used]
     labels = [label for label, here in zip(update.labels, used, strict=True) if here]
-    draws = run.posterior.draws if run.posterior is not None else None
     errors = figures.frequency_errors(labels, update.measured_hz[used], computed)
-    departures = figures.departures(update.parameters.items, draws, marks(run))
-    return [
-        Picture(svg=figures.svg_text(errors, "errors"),
-                caption="How far each computed frequency is from the measured one, before and after the update."),
-        Picture(svg=figures.svg_text(departures, "departures"),
-                caption="Where each parameter went. A posterior as wide as the grey bar has learned nothing from the "
-                "data; estimates far from the posterior's middle are not to be trusted. MAP: the most probable "
-                "parameters."),
-    ]
+    caption = "How far each computed frequency is from the measured one, before and after the update."
+    printed = [_worst(update.measured_hz, s.frequency_hz) for s in update.schemes if s.key == "step"]
+    if printed and printed[0] < _worst(update.measured_hz, after.frequency_hz):
+        caption += (f" Eq. 7 as printed comes closer (within {percent(printed[0])} %) than the recommended {after.name}: "
+                    "it penalises only the step, so that with every iteration it forgets more of the prior and follows "
+                    "errors of measurement and model too. A closer fit is no better estimate; it is not recommended.")
+    return Picture(svg=figures.svg_text(errors, "errors"), caption=caption,
+                   alt="Error of each mode's frequency in per cent of the measured one, by state of the model: "
+                   f"initial within {percent(_worst(update.measured_hz, update.initial_hz))} %, {after.name} within "
+                   f"{percent(_worst(update.measured_hz, after.frequency_hz))} %.")
 
 
-def alarming(run: Run) -> list[str]:
-    """What forbids taking the numbers as they stand: strangers together, misfit, no convergence, bounds, fallbacks."""
-    said = list(run.warnings)
-    update, posterior = run.update, run.posterior
-    if update is not None and not fits(update):
-        text = fit_sentence(update)
-        said.append(sentence(text))
-    if posterior is not None and not posterior.converged:
-        said.append(posterior.verdict)
-    if run.diagnosis is not None and run.diagnosis["verdict"] != "none":
-        named = "; ".join(finding_words(f) for f in run.diagnosis["findings"])
-        said.append(typeset(f"{verdict_words(run.diagnosis)}{f' Found: {named}.' if named else ''}"))
-    if update is not None:
-        said += _far_off(update)
-        said += _pinned(run)
-        if update.other_maxima:
-            said.append("The posterior has more than one maximum: the most probable parameters are not the only ones "
-                        "that explain the data.")
-        for s in update.schemes:
-            if s.key == "prior" and not s.converged:
-                said.append(f"The update with {scheme_name(s)} did not settle: {s.status}.")
-    if posterior is not None:
-        evaluated, fallback = int(posterior.record.get("evaluated", 0)), int(posterior.record.get("fallback", 0))
-        if fallback > MANY_FALLBACKS * evaluated:
-            said.append(f"{count(fallback)} of {count(evaluated)} evaluations fell outside the reduced basis and "
-                        "were answered by the full model: exact, but the basis does not cover where the chain went.")
-    return said
-
-
-def _pinned(run: Run) -> list[str]:
-    update = run.update
-    held = [(p.name, value, s.words) for p, value, s in
-            zip(update.parameters, update.map_theta, standings(update, run.posterior), strict=True) if s.kind == BOUND]
-    if not held:
-        return []
-    where = ", ".join(f"{name} {words} of {number(value)}" for name, value, words in held)
-    return [f"Pinned at the most probable parameters: {where}. A value at a bound is the bound's, not the data's: see "
-            "whether the bound is right or the model lacks something."]
+def _shifts_picture(run: Run) -> Picture:
+    draws = run.posterior.draws if run.posterior is not None else None
+    shifts = figures.departures(run.update.parameters.items, draws, marks(run))
+    return Picture(svg=figures.svg_text(shifts, "departures"),
+                   caption="Where each parameter went. A posterior as wide as the grey bar has learned nothing from the "
+                   "data; estimates far from the posterior's middle are not to be relied on. MAP: the most probable "
+                   "parameters.")
 
 
 def remarkable(run: Run) -> list[str]:
@@ -269,7 +293,6 @@ def remarkable(run: Run) -> list[str]:
     said: list[str] = []
     update, posterior = run.update, run.posterior
     if update is not None:
-        said += _too_close(update)
         for s in update.schemes:
             if s.key != "prior" and not s.converged:
                 said.append(f"The update with {scheme_name(s)} did not settle: {s.status}. It penalises the step, not "
@@ -279,9 +302,6 @@ def remarkable(run: Run) -> list[str]:
                 said.append(f"Held at a bound by the update with {scheme_name(s)}: {', '.join(held)}.")
         said += [f"Left out: {t}." for t in update.left_out]
     if posterior is not None and update is not None:
-        kept = names_of(standings(update, posterior), PRIOR)
-        if kept:
-            said.append(f"Not informed by the data, so the posterior is the prior: {', '.join(kept)}.")
         said += _known_together(run)
         evaluated, fallback = int(posterior.record.get("evaluated", 0)), int(posterior.record.get("fallback", 0))
         if 0 < fallback <= MANY_FALLBACKS * evaluated:
@@ -306,29 +326,6 @@ def _known_together(run: Run) -> list[str]:
     close = [f"{names[i]} and {names[j]} ({fixed(correlation[i, j], 2)})" for i in range(len(names))
              for j in range(i) if abs(correlation[i, j]) > 0.9]
     return [f"Known only together (posterior correlation beyond 0.9): {', '.join(close)}."] if close else []
-
-
-def _too_close(update: UpdateRecord) -> list[str]:
-    """A fit closer than the deviations allow: they are not this set's scatter."""
-    n = update.n_effective
-    if update.map_misfit >= n - 3 * np.sqrt(2 * n):
-        return []
-    ratio = np.sqrt(n / max(update.map_misfit, 1e-9))
-    return [
-        f"The model fits the data {number(ratio, 2)} times closer than the stated deviations: they are larger than "
-        "this set's own scatter (as those of a whole month are), and the posterior is as wide as they say."
-    ]
-
-
-def _far_off(update: UpdateRecord) -> list[str]:
-    """Modes whose computed partner is alike in shape but hardly the same mode by its frequency."""
-    ratio = update.initial_hz / update.measured_hz
-    far = np.flatnonzero(np.isfinite(ratio) & ((ratio > FAR_OFF) | (ratio < 1 / FAR_OFF)))
-    return [
-        f"{update.labels[j]}, measured at {fixed(update.measured_hz[j], 3)} Hz, was paired by shape with a computed "
-        f"mode at {fixed(update.initial_hz[j], 3)} Hz: see whether these are the same mode before trusting the update."
-        for j in far
-    ]
 
 
 def provenance_section(run: Run) -> Section:

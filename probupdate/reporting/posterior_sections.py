@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from probupdate.comparison import BLIND, STRONG, ComparisonRow
+from probupdate.comparison import ComparisonRow
 from probupdate.estimators.posterior_file import Posterior
 from probupdate.estimators.update_file import UpdateRecord
+from probupdate.identifiability import BLIND, STRONG
 from probupdate.reporting import figures
 from probupdate.reporting.elements import Column, Items, Notice, Picture, Section, Table, count, fixed, number, sentence
 from probupdate.reporting.standing import contraction

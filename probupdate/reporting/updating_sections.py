@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from probupdate.estimators.update_file import SchemeRecord, UpdateRecord, fit_sentence
+from probupdate.estimators.update_file import ACCUSED, SchemeRecord, UpdateRecord, fit_sentence, misses
 from probupdate.parameters import Parameter
 from probupdate.reporting import figures, paper_tables
 from probupdate.reporting.elements import (
@@ -48,9 +48,19 @@ def scheme_name(scheme: SchemeRecord) -> str:
     return SCHEME_WORDS.get(scheme.key, scheme.name)
 
 
-def fits(update: UpdateRecord) -> bool:
-    """Whether the misfit at the maximum is one that a true model would show: within three deviations of chi-square."""
-    return update.map_misfit <= update.n_effective + 3 * np.sqrt(2 * update.n_effective)
+def meaning(parameter: Parameter, jacket: bool) -> str:
+    """What a parameter is, in words: the paper's beside the jacket."""
+    known = jacket and parameter.name in paper_tables.UPDATED
+    return paper_tables.UPDATED[parameter.name][0] if known else parameter.description
+
+
+def too_close(update: UpdateRecord) -> bool:
+    """Whether the fit is closer than the stated standard deviations allow: they are not this set's scatter."""
+    return update.map_misfit < update.n_effective - ACCUSED * np.sqrt(2 * update.n_effective)
+
+
+def fit_level(update: UpdateRecord) -> str:
+    return "warning" if misses(update) else "caution" if too_close(update) else "good"
 
 
 def update_section(run: Run) -> Section:
@@ -65,7 +75,7 @@ def update_section(run: Run) -> Section:
         text = f"{scheme_name(scheme)}: {scheme.status} ({steps}, alpha {scheme.alpha:g})."
         items.append(Notice(level=level, text=sentence(text)))
     fit = fit_sentence(update)
-    items.append(Notice(level="good" if fits(update) else "warning", text=sentence(fit)))
+    items.append(Notice(level=fit_level(update), text=sentence(fit)))
     if update.left_out:
         items.append(Items(title="Left out of the update", statements=tuple(f"{t}." for t in update.left_out)))
     pile = _pile_head_table(run)
@@ -185,8 +195,7 @@ def _parameter_table(run: Run) -> Table:
     relative = not np.all(update.parameters.initial == 0)
     rows = []
     for k, p in enumerate(update.parameters):
-        words = paper_tables.UPDATED[p.name][0] if jacket and p.name in paper_tables.UPDATED else p.description
-        row = [p.name, words, p.unit or "-", number(p.initial), number(p.std)]
+        row = [p.name, meaning(p, jacket), p.unit or "-", number(p.initial), number(p.std)]
         for s in update.schemes:
             value = float(s.theta[-1, k])
             row.append(number(value) + (" *" if s.at_bound[k] else ""))

@@ -1,0 +1,167 @@
+"""What the verdict weighs: everything of a run that speaks against using its numbers as they are, with what to do."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from probupdate.diagnosis.wording import finding_words, name_of, pushed_words, verdict_words
+from probupdate.estimators.update_file import UpdateRecord, fit_sentence, misses
+from probupdate.reporting.diagnosis_tables import typeset
+from probupdate.reporting.elements import count, fixed, number, sentence
+from probupdate.reporting.standing import BOUND, standings
+from probupdate.reporting.updating_sections import scheme_name, too_close
+from probupdate.reporting.values import Run
+
+LEVELS = ("warning", "caution", "good")
+# computed over measured frequency beyond which a pair made by shape is doubted
+FAR_OFF = 1.6
+# share of evaluations answered by the full model from which the reduced basis did not serve
+MANY_FALLBACKS = 0.2
+# chance of shifts from the prior as large as these, all parameters together, below which they are no chance
+NO_CHANCE = 0.01
+# standardised shift of one parameter beyond which it is said without a diagnosis; a prior is rarely better known
+FAR_SHIFT = 2.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Finding:
+    """`short` completes "do not rely on the parameters: "; `text` is the full sentence, `action` what to do about it."""
+
+    level: str
+    short: str
+    text: str
+    action: str = ""
+
+
+def findings(run: Run) -> tuple[Finding, ...]:
+    """The worst first, otherwise in the order in which they matter."""
+    found = [Finding(level="warning", short="parts of this run do not belong together", text=text,
+                     action="Run the steps again in one directory.") for text in run.warnings]
+    found += _of_fit(run) + _of_sampler(run) + _of_diagnosis(run) + _of_shifts(run) + _of_update(run)
+    return tuple(sorted(found, key=lambda f: LEVELS.index(f.level)))
+
+
+def worst(found: tuple[Finding, ...]) -> str:
+    return found[0].level if found else "good"
+
+
+def _of_fit(run: Run) -> list[Finding]:
+    update = run.update
+    if update is None:
+        return []
+    if misses(update):
+        return [Finding(level="warning", short="the model does not fit", text=sentence(fit_sentence(update)),
+                        action="Find what the model lacks (`probupdate diagnose`), or state its error with "
+                        "--discrepancy or --tolerances and update again.")]  # fmt: skip
+    if too_close(update):
+        return [Finding(
+            level="caution", short="the stated standard deviations are too wide for these data",
+            text=sentence(fit_sentence(update)),
+            action="Update with the standard deviations of the identification (--weights measured) where those assumed "
+            "are wider: intervals become as narrow as the data allow.")]  # fmt: skip
+    return []
+
+
+def _of_sampler(run: Run) -> list[Finding]:
+    posterior = run.posterior
+    if posterior is None:
+        return []
+    found = []
+    if not posterior.converged:
+        found.append(Finding(level="warning", short="the sampler did not converge", text=posterior.verdict,
+                             action="Run `probupdate sample` again with more --max-steps: it goes on where it "
+                             "stopped."))  # fmt: skip
+    evaluated, fallback = int(posterior.record.get("evaluated", 0)), int(posterior.record.get("fallback", 0))
+    if fallback > MANY_FALLBACKS * evaluated:
+        found.append(Finding(
+            level="warning", short="the reduced basis does not cover the posterior",
+            text=f"{count(fallback)} of {count(evaluated)} evaluations fell outside the reduced basis and were answered "
+            "by the full model: exact, but the basis does not cover where the chain went."))  # fmt: skip
+    return found
+
+
+def _of_diagnosis(run: Run) -> list[Finding]:
+    content = run.diagnosis
+    if content is None or content["verdict"] == "none":
+        return []
+    named = "; ".join(finding_words(f) for f in content["findings"])
+    actions = [f"{name_of(f)}: {f['check']}." for f in content["findings"] if f.get("check")]
+    if content.get("extended_model"):
+        actions.append(f"Then update again with {content['extended_model']}, which has the findings in it.")
+    if not actions:
+        actions.append("Find what is missing in the model before the parameters are read as properties of the "
+                       "structure: the section on the diagnosis shows where model and measurement part.")
+    return [Finding(level="warning", short="the diagnosis found what the model does not describe",
+                    text=typeset(f"{verdict_words(content)}{f' Found: {named}.' if named else ''}"),
+                    action=" ".join(actions))]  # fmt: skip
+
+
+def _of_shifts(run: Run) -> list[Finding]:
+    """Parameters far from their priors: said by the diagnosis against what these data make likely, else by the update
+    against the prior alone."""
+    content, action = run.diagnosis, (
+        "Check the priors of these parameters against drawings and site data; where they hold, the parameters absorb an "
+        "error of the model and are no properties of the structure.")
+    if content is not None and content.get("parameters"):
+        p = ((content["details"].get("residuals") or {}).get("pushed") or {}).get("p_together") or [None]
+        told = [sentence(t) for t in pushed_words(content)]
+        unlikely = p[-1] is not None and p[-1] < NO_CHANCE
+        if not told and not unlikely:
+            return []
+        names = [row["name"] for row in content["parameters"] if any(t.startswith(f"{row['name']} ") for t in told)]
+        together = "" if p[-1] is None else f" All parameters together: p = {number(p[-1], 2)}."
+        who = ", ".join(names) or "the parameters together"
+        return [Finding(level="warning" if unlikely else "caution", short=f"{who} far from the prior",
+                        text=" ".join(told) + together, action=action)]  # fmt: skip
+    if run.update is None:
+        return []
+    far = [s for s in standings(run.update, run.posterior) if abs(s.shift) > FAR_SHIFT]
+    if not far:
+        return []
+    words = ", ".join(f"{s.name} {'+' if s.shift > 0 else ''}{fixed(s.shift, 1)}" for s in far)
+    return [Finding(level="caution", short=f"{', '.join(s.name for s in far)} far from the prior",
+                    text=f"Standardised shifts from the prior beyond ±{FAR_SHIFT:g}: {words} prior standard deviations.",
+                    action=f"{action} `probupdate diagnose` tests which.")]  # fmt: skip
+
+
+def _of_update(run: Run) -> list[Finding]:
+    update = run.update
+    if update is None:
+        return []
+    found = [Finding(level="warning", short=f"{label} may be another mode", text=text,
+                     action=f"Compare the shapes of {label} in the section on the modes.")
+             for label, text in _far_off(update)]  # fmt: skip
+    held = [(p.name, value, s.words) for p, value, s in
+            zip(update.parameters, update.map_theta, standings(update, run.posterior), strict=True) if s.kind == BOUND]
+    if held:
+        where = ", ".join(f"{name} {words} of {number(value)}" for name, value, words in held)
+        names = ", ".join(name for name, *_ in held)
+        found.append(Finding(
+            level="warning", short=f"{names} at a bound",
+            text=f"At the most probable parameters (MAP): {where}. A value at a bound is the bound's, not the data's.",
+            action=f"See whether the bounds of {names} are right or the model lacks something."))
+    if update.other_maxima:
+        found.append(Finding(
+            level="warning", short="other parameters explain the data as well",
+            text="The posterior has more than one maximum: the most probable parameters are not the only ones that "
+            "explain the data."))
+    for s in update.schemes:
+        if s.key == "prior" and not s.converged:
+            found.append(Finding(level="warning", short="the update did not converge",
+                                 text=f"The update with {scheme_name(s)} did not converge: {s.status}.",
+                                 action="Update again with --method levenberg-marquardt or more --iterations."))
+    return found
+
+
+def _far_off(update: UpdateRecord) -> list[tuple[str, str]]:
+    """Modes whose computed partner is alike in shape but hardly the same mode by its frequency."""
+    ratio = update.initial_hz / update.measured_hz
+    far = np.flatnonzero(np.isfinite(ratio) & ((ratio > FAR_OFF) | (ratio < 1 / FAR_OFF)))
+    return [
+        (update.labels[j], f"{update.labels[j]}, measured at {fixed(update.measured_hz[j], 3)} Hz, was paired by shape "
+         f"with a computed mode at {fixed(update.initial_hz[j], 3)} Hz: see whether these are the same mode before "
+         "trusting the update.")
+        for j in far
+    ]  # fmt: skip
