@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import functools
+import json
 import types
 import typing
 from collections.abc import Mapping
-from dataclasses import fields, is_dataclass
+from dataclasses import MISSING, Field, fields, is_dataclass
 from pathlib import Path
 from typing import Annotated, Any, TypeVar, Union
 
@@ -19,6 +20,7 @@ T = TypeVar("T")
 LONGEST_TEXT = 20_000
 MOST_ITEMS = 1_000_000
 # open bounds are infinite; every other number is finite, or NaN where the file has null
+LARGEST = 1e150  # squares of it are numbers too
 UNBOUNDED = ("lower", "upper")
 
 
@@ -36,6 +38,20 @@ def checked(result: T, path: str | Path, remedy: str) -> T:
     return result
 
 
+def checked_table(kind: type, table: Mapping, path: str | Path, remedy: str) -> None:
+    """Raises InputError where a table of JSON does not have the fields of a dataclass, or other values in them; fields
+    with a default may lack, and what the dataclass does not know is left alone."""
+    import pydantic
+
+    try:
+        _schema(kind).model_validate_json(json.dumps(table))
+    except pydantic.ValidationError as error:
+        first = error.errors(include_url=False)[0]
+        place = ".".join(str(part) for part in first["loc"])
+        told = f"has no '{place}'" if first["type"] == "missing" else f"{place}, {first['input']!r:.60}: {first['msg']}"
+        raise InputError(str(path), told, remedy) from None
+
+
 @functools.cache
 def _schema(kind: type) -> Any:
     """A strict pydantic model with the fields of a dataclass."""
@@ -43,12 +59,18 @@ def _schema(kind: type) -> Any:
 
     hints = typing.get_type_hints(kind)
     config = pydantic.ConfigDict(strict=True, from_attributes=True, arbitrary_types_allowed=True, protected_namespaces=())
-    members = {f.name: (_type(hints[f.name], f.name in UNBOUNDED), ...) for f in fields(kind)}
+    members = {f.name: (_type(hints[f.name], f.name in UNBOUNDED), _default(f)) for f in fields(kind)}
     # names that pydantic keeps for itself
     renamed = {f"{name}_" if hasattr(pydantic.BaseModel, name) else name: value for name, value in members.items()}
     renamed = {key: (value[0], pydantic.Field(validation_alias=key.removesuffix("_"))) if key not in members else value
                for key, value in renamed.items()}  # fmt: skip
     return pydantic.create_model(kind.__name__, __config__=config, **renamed)
+
+
+def _default(field: Field) -> Any:
+    if field.default is not MISSING:
+        return field.default
+    return ... if field.default_factory is MISSING else None
 
 
 def _type(hint: Any, unbounded: bool = False) -> Any:
@@ -79,12 +101,14 @@ def _any(value: float) -> float:
 
 
 def _not_infinite(value: float) -> float:
-    if np.isinf(value):
-        raise ValueError("is infinite")
+    # NaN passes: it is null
+    if abs(value) > LARGEST:
+        raise ValueError(f"is beyond {LARGEST:g}")
     return value
 
 
 def _array(value: Any) -> np.ndarray:
-    if not isinstance(value, np.ndarray) or value.dtype.kind not in "biufc" or np.any(np.isinf(value)):
-        raise ValueError("is no array of finite numbers")
+    good = isinstance(value, np.ndarray) and value.dtype.kind in "biufc"
+    if not good or (value.dtype.kind in "fc" and np.any(np.abs(value) > LARGEST)):
+        raise ValueError(f"is no array of numbers up to {LARGEST:g}")
     return value

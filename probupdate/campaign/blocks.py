@@ -101,7 +101,9 @@ def _rows(opened, path: Path, first: int, last: int) -> np.ndarray:
     with parsing(str(path), f"samples {first} to {last} cannot be read",
                  "the file is damaged: copy it again, or remove it"):  # fmt: skip
         refuse_outside(str(path), opened["data"], "copy the numbers into the file")
-        return opened["data"][first:last]
+        # bit patterns of damaged files are numbers that signal when they are converted; they count as lost below
+        with np.errstate(invalid="ignore"):
+            return opened["data"][first:last].astype(float)
 
 
 def _length(campaign: Campaign, minutes: float | None) -> pd.Timedelta:

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from probupdate.campaign.scada import read_scada
+from probupdate.campaign.scada import EARLIEST, LATEST, read_scada
 from probupdate.errors import InputError
 from probupdate.files import input_folder, inside, present, read_toml
 from probupdate.hdf5_file import open_hdf5
@@ -258,8 +258,10 @@ def parse_time(text: str, where: str) -> pd.Timestamp:
     """ISO 8601 to UTC; without a zone it is UTC."""
     try:
         time = pd.Timestamp(text)
-    except ValueError:
+    except (ValueError, TypeError, OverflowError):
         time = pd.NaT
     if time is pd.NaT:
         raise InputError(where, f"'{text}' is no time", "write ISO 8601, such as 2019-06-03T10:00:00Z")
+    if not EARLIEST.year <= time.year < LATEST.year:
+        raise InputError(where, f"'{text}' is not between {EARLIEST:%Y} and {LATEST:%Y}", "mend the time")
     return time.tz_localize("UTC") if time.tzinfo is None else time.tz_convert("UTC")

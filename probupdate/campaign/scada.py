@@ -13,6 +13,8 @@ from probupdate.errors import InputError, parsing
 from probupdate.files import LARGEST_TEXT, input_file
 
 ROW_MINUTES = 10
+# of any time that a file may state; what counts nanoseconds ends in 2262
+EARLIEST, LATEST = pd.Timestamp("1900-01-01", tz="UTC"), pd.Timestamp("2200-01-01", tz="UTC")
 COLUMNS = (
     "wind_speed_mps", "wind_direction_deg", "power_kw", "rotor_speed_rpm", "pitch_deg", "nacelle_heading_deg",
     "yaw_rate_degps", "water_level_m", "air_temperature_c", "wave_height_m", "wave_period_s",
@@ -41,7 +43,7 @@ def read_scada(path: str | Path) -> pd.DataFrame:
     """
     path = input_file(path, "give the scada.csv of the campaign", largest=LARGEST_TEXT)
     with parsing(str(path), "not a table", "write comma-separated columns with a head"):
-        table = pd.read_csv(path, encoding="utf-8")
+        table = pd.read_csv(path, encoding="utf-8", dtype={"time": str})
     if "time" not in table:
         raise InputError(str(path), "has no column 'time'", "add the start of each interval in UTC, ISO 8601")
     try:
@@ -51,13 +53,18 @@ def read_scada(path: str | Path) -> pd.DataFrame:
         row = int(np.argmax(wrong))
         raise InputError(f"{path}, row {row + 2}, time", f"'{table['time'].iloc[row]}' is no time",
                          "write ISO 8601, UTC; a row may have more cells than the head") from error  # fmt: skip
-    # blocks may start between the units that the file is written in
-    time = time.dt.as_unit("ns")
     if time.isna().any():
         raise InputError(f"{path}, row {int(np.argmax(time.isna())) + 2}", "has no time", "give it or drop the row")
+    absurd = (time < EARLIEST) | (time > LATEST)
+    if absurd.any():
+        row = int(np.argmax(absurd))
+        raise InputError(f"{path}, row {row + 2}, time", f"'{table['time'].iloc[row]}' is not between "
+                         f"{EARLIEST:%Y} and {LATEST:%Y}", "mend it, or drop the row")  # fmt: skip
+    # blocks may start between the units that the file is written in
+    time = time.dt.as_unit("ns")
     table = table.drop(columns="time").set_index(pd.DatetimeIndex(time, name="time")).sort_index(kind="stable")
     for column in table:
-        if column.startswith(COLUMNS) and not pd.api.types.is_numeric_dtype(table[column]):
+        if len(table) and column.startswith(COLUMNS) and not pd.api.types.is_numeric_dtype(table[column]):
             wrong = (pd.to_numeric(table[column], errors="coerce").isna() & table[column].notna()).to_numpy()
             raise InputError(f"{path}, {column}", f"'{table[column].iloc[int(np.argmax(wrong))]}' is no number",
                              "mend it, or leave the cell empty where it is unknown")  # fmt: skip

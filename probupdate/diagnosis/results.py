@@ -13,6 +13,7 @@ import numpy as np
 from probupdate.diagnosis import wording
 from probupdate.errors import InputError
 from probupdate.files import read_json_table, write_text
+from probupdate.schema import checked_table
 
 VERDICTS = ("named", "ambiguous", "unexplained", "none")
 
@@ -148,9 +149,57 @@ class Diagnosis:
         return [write_text(out, text)]
 
 
-# what a page of a diagnosis cannot do without
-KEYS = ("verdict", "p_value", "findings", "limits", "parameters", "notes", "details")
-FINDING_KEYS = ("kind", "cause", "location", "size", "size_std", "unit", "posterior_probability", "alternatives")
+# what a page of a diagnosis cannot do without, and the kinds of what it shows
+@dataclass(frozen=True, kw_only=True)
+class AlternativeTable:
+    cause: str
+    location: str
+    posterior_probability: float | None
+
+
+@dataclass(frozen=True, kw_only=True)
+class FindingTable:
+    kind: str
+    cause: str
+    location: str
+    size: float | None
+    size_std: float | None
+    unit: str
+    posterior_probability: float | None
+    alternatives: tuple[AlternativeTable, ...]
+    gain: Mapping[str, object] | None = None
+    course: str | None = None
+    since: str | None = None
+    z: float | None = None
+    check: str | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class LimitTable:
+    kind: str
+    cause: str
+    location: str
+    course: str
+    limit: float | None
+    unit: str
+    share_left: float | None = None
+    z: float | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class DiagnosisTable:
+    verdict: str
+    p_value: float | None
+    findings: tuple[FindingTable, ...]
+    limits: tuple[LimitTable, ...]
+    parameters: tuple[Mapping[str, str | float | None], ...]
+    notes: tuple[str, ...]
+    details: Mapping[str, object]
+    threshold: float | None = None
+    adequacy_p: float | None = None
+    splits: tuple[str, ...] = ()
+    extended_model: str | None = None
+    extension: Mapping[str, object] | None = None
 
 
 def read_diagnosis(path: str | Path) -> dict:
@@ -158,17 +207,10 @@ def read_diagnosis(path: str | Path) -> dict:
     path = Path(path)
     again = "write it with `probupdate diagnose`"
     content = read_json_table(path, again, absent=again)
-    missing = [k for k in KEYS if k not in content]
-    if missing:
-        raise InputError(str(path), f"has no '{missing[0]}'", "write it again with `probupdate diagnose`")
+    checked_table(DiagnosisTable, content, path, "write it again with `probupdate diagnose`")
     if content["verdict"] not in VERDICTS:
         raise InputError(f"{path}, verdict", f"'{content['verdict']}' is none of {', '.join(VERDICTS)}",
                          "write it again with `probupdate diagnose`")  # fmt: skip
-    for k, finding in enumerate(content["findings"]):
-        lost = [key for key in FINDING_KEYS if not isinstance(finding, dict) or key not in finding]
-        if lost:
-            raise InputError(f"{path}, finding {k + 1}", f"has no '{lost[0]}'",
-                             "write it again with `probupdate diagnose`")  # fmt: skip
     return content
 
 

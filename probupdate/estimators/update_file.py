@@ -336,6 +336,8 @@ def read_update(path: str | Path) -> UpdateRecord:
     _refuse_format(path, content, again)
     with of_file(path), parsing(str(path), "is no update.json", again):
         record = checked(_record(content), path, again)
+    if record.n_effective < 1 or record.map_misfit < 0 or np.any(np.diag(np.atleast_2d(record.map_covariance)) < 0):
+        raise InputError(str(path), "has a negative misfit or variance, or no responses", again)
     for what, found, wanted in _sizes(record):
         if found != wanted:
             raise InputError(f"{path}, {what}", f"is {found}, the rest of the file says {wanted}",

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from probupdate.campaign.scada import STATES
-from probupdate.errors import InputError
+from probupdate.errors import InputError, of_file, parsing
 from probupdate.files import read_toml
 from probupdate.modes import ModalSet
 
@@ -67,10 +67,8 @@ def read_criteria(path: str | Path) -> SelectionCriteria:
             close = difflib.get_close_matches(key, known, n=1)
             raise InputError(f"{path}", f"unknown key '{key}'",
                              f"did you mean '{close[0]}'?" if close else f"choose from {', '.join(known)}")
-    try:
+    with of_file(path), parsing(str(path), "holds another kind of value", "write lines such as pitch_range_deg = 2.0"):
         return SelectionCriteria(**content)
-    except InputError as error:
-        raise InputError(f"{path}, {error.where}", error.problem, error.remedy) from None
 
 
 def condition_tests(sets: tuple[ModalSet, ...], criteria: SelectionCriteria) -> tuple[list[Test], list[str]]:

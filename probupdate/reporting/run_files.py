@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import difflib
 import hashlib
 import platform
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from importlib import metadata
 from pathlib import Path
 from typing import TypeVar
@@ -25,6 +27,7 @@ from probupdate.reporting.campaign_values import campaign_values, truth_values
 from probupdate.reporting.model_values import compared_modes, drawn_set, model_values
 from probupdate.reporting.paper_tables import is_the_jacket
 from probupdate.reporting.values import CampaignValues, Run
+from probupdate.schema import checked_table
 
 T = TypeVar("T")
 
@@ -47,6 +50,19 @@ LARGEST_HASHED = 4 * 2**30
 MODEL_FILES = ("model.toml", "model.npz")
 POLE_COLUMNS = ("time", "frequency_hz", "mac", "mode", "criterion")
 SELECTION_COLUMNS = ("id", "criterion")
+
+
+@dataclass(frozen=True, kw_only=True)
+class HeadTable:
+    """run.json: where the parts lie within the run, and what made them; the demonstration adds keys of its own."""
+
+    model: str | None = None
+    parameters: str | None = None
+    campaign: str | None = None
+    modes: str | None = None
+    seed: int | None = None
+    version: str | None = None
+    title: str | None = None
 
 
 def read_run(folder: Path, progress: Progress) -> Run:
@@ -109,7 +125,14 @@ def _head(folder: Path) -> Mapping:
     path = folder / "run.json"
     if not path.exists():
         return {}
-    return read_json_table(path, f"write {{...}} with some of {', '.join(HEAD_KEYS)}")
+    remedy = f"write {{...}} with some of {', '.join(HEAD_KEYS)}"
+    head = read_json_table(path, remedy)
+    for key in head:
+        close = difflib.get_close_matches(key, HEAD_KEYS, n=1, cutoff=0.8)
+        if close and key not in HEAD_KEYS:
+            raise InputError(str(path), f"unknown key '{key}'", f"did you mean '{close[0]}'?")
+    checked_table(HeadTable, head, path, remedy)
+    return head
 
 
 def _places(folder: Path, head: Mapping) -> dict[str, Path]:

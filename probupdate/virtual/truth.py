@@ -9,8 +9,9 @@ from types import MappingProxyType
 
 import numpy as np
 
-from probupdate.errors import InputError
+from probupdate.errors import InputError, of_file, parsing
 from probupdate.modes import frozen_array
+from probupdate.schema import checked
 from probupdate.virtual.effects import read_effect
 from probupdate.virtual.turbine_file import TurbineFile, read_toml, unknown_name
 
@@ -69,7 +70,10 @@ def read_given(path: str | Path | None, file: TurbineFile) -> Given:
     The record that `simulate` writes can be given too: its parameters, effects and operation hold, the rest is
     drawn again (the same seed draws the same).
     """
-    return given_truth({} if path is None else read_toml(Path(path), "truth file"), file, path)
+    if path is None:
+        return given_truth({}, file)
+    with of_file(path), parsing(str(path), "is no truth file", "write it as truth.toml of `simulate`"):
+        return given_truth(read_toml(Path(path), "truth file"), file, path)
 
 
 def given_truth(raw: Mapping, file: TurbineFile, path: object = "truth") -> Given:
@@ -129,16 +133,24 @@ def read_truth_modes(path: str | Path) -> tuple[TruthModes, ...]:
     raw = read_toml(Path(path), "truth file")
     if not raw.get("mode_set"):
         raise InputError(str(path), "holds no [[mode_set]]", "give the truth.toml that simulate wrote")
-    return tuple(
-        TruthModes(
-            heading_deg=entry["heading_deg"],
-            labels=tuple(entry["labels"]),
-            frequency_hz=frozen_array(entry["frequency_hz"]),
-            damping_ratio_idling=frozen_array(entry["damping_ratio_idling"]),
-            damping_ratio_operating=frozen_array(entry["damping_ratio_operating"]),
-            shape=frozen_array(entry["shape"]).T,
-        )
-        for entry in raw["mode_set"]
+    with parsing(str(path), "is no truth file", "give the truth.toml that simulate wrote"):
+        found = tuple(_truth_modes(entry) for entry in raw["mode_set"])
+    for number, modes in enumerate(found, 1):
+        checked(modes, f"{path}, mode_set {number}", "give the truth.toml that simulate wrote")
+        n_mode = len(modes.labels)
+        if modes.shape.ndim != 2 or not (modes.shape.shape[1] == n_mode == len(modes.frequency_hz)):
+            raise InputError(f"{path}, mode_set {number}", "its modes differ in number", "give the file of simulate")
+    return found
+
+
+def _truth_modes(entry: Mapping) -> TruthModes:
+    return TruthModes(
+        heading_deg=entry["heading_deg"],
+        labels=tuple(entry["labels"]),
+        frequency_hz=frozen_array(entry["frequency_hz"]),
+        damping_ratio_idling=frozen_array(entry["damping_ratio_idling"]),
+        damping_ratio_operating=frozen_array(entry["damping_ratio_operating"]),
+        shape=frozen_array(entry["shape"]).T,
     )
 
 

@@ -11,7 +11,7 @@ from types import MappingProxyType
 import numpy as np
 
 from probupdate import files
-from probupdate.errors import InputError
+from probupdate.errors import InputError, of_file, parsing
 from probupdate.modes import Sensor
 from probupdate.parameters import Parameter
 
@@ -83,6 +83,11 @@ def unknown_name(where: str, name: str, known) -> InputError:
 def read_turbine(path: str | Path) -> TurbineFile:
     """Read a model.toml that describes the turbine by its geometry."""
     path = Path(path)
+    with of_file(path), parsing(str(path), "is no model of a turbine", "see model.toml in the README"):
+        return _turbine(path)
+
+
+def _turbine(path: Path) -> TurbineFile:
     raw = read_toml(path, "model file")
     if "matrices" in raw or "jacket" not in raw:
         raise InputError(

@@ -1,0 +1,435 @@
+"""Every reader of the package with a whole file of its kind; a test holds the table against the functions in the code."""
+
+from __future__ import annotations
+
+import ast
+import importlib.util
+import json
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pandas as pd
+
+import probupdate
+
+HERE = Path(__file__).resolve().parent
+PACKAGE = Path(probupdate.__file__).parent
+for folder in ("updating", "report", "io"):
+    sys.path.append(str(HERE.parent / folder))
+sys.path.append(str(HERE.parent))
+
+# a case: makes its files in a folder, names those to be spoilt, and the call that reads them
+Made = tuple[list[Path], Callable[[], object]]
+TOML = 'name = "{0}"\nunit = "-"\ninitial = 1.0\ncov = 0.1\nlower = 0.1\nupper = 5.0\n'
+SHAPE = np.random.default_rng(4).standard_normal((6, 3)) + 1j
+
+
+def module_of(folder: str, name: str):
+    spec = importlib.util.spec_from_file_location(f"{folder}_{name}", HERE.parent / folder / f"{name}.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def update_record():
+    from updating_records import record
+
+    return record()
+
+
+def modes(folder: Path) -> Made:
+    from probupdate.modes import ModalData, ModalDeviation, ModalSet, read_modes, write_modes
+
+    rng = np.random.default_rng(1)
+    sets = [ModalSet(id=f"2019-06-03T0{k}:00Z", frequency_hz=np.array([0.3, 0.31, 1.2]), shape=rng.standard_normal((4, 3)),
+                     damping_ratio=np.full(3, 0.01), frequency_std_hz=np.full(3, 0.001), shape_std=np.full((4, 3), 0.02),
+                     environment={"wind_speed_mps": 5.0, "state": "idling"},
+                     deviation=ModalDeviation(ln_frequency=np.ones((3, 5)), damping_ratio=np.ones((3, 5)),
+                                              shape=np.ones((4, 3, 5), complex)))
+            for k in range(3)]  # fmt: skip
+    data = ModalData(channels=("a", "b", "c", "d"), sets=tuple(sets), labels=("FA1", "SS1", "T1"), reference_set=sets[0].id)
+    write_modes(data, folder / "modes.json")
+    return [folder / "modes.json", folder / "modes.deviations.h5"], lambda: read_modes(folder / "modes.json")
+
+
+def deviations(folder: Path) -> Made:
+    from probupdate.deviation_file import read_deviations
+
+    path = modes(folder)[0][1]
+    return [path], lambda: read_deviations(folder / "modes.json", path.name)
+
+
+def update(folder: Path) -> Made:
+    from probupdate.estimators.update_file import read_update
+
+    path = update_record().write(folder / "update.json")
+    return [path], lambda: read_update(path).summary
+
+
+def posterior(folder: Path) -> Made:
+    from updating_records import gaussian_draws, posterior_of
+
+    from probupdate.estimators.posterior_file import read_posterior, write_posterior
+
+    found = update_record()
+    path = write_posterior(posterior_of(found, gaussian_draws(found, n=400)), folder / "posterior.nc")
+    return [path], lambda: read_posterior(path).summary
+
+
+def comparison(folder: Path) -> Made:
+    from updating_records import gaussian_draws, posterior_of
+
+    from probupdate.comparison import compare, read_comparison
+
+    found = update_record()
+    path = compare(found, posterior_of(found, gaussian_draws(found, n=4000))).write(folder / "compare.json")
+    return [path], lambda: read_comparison(path).summary
+
+
+def information(folder: Path) -> Made:
+    from updating_cases import LINEAR_HZ, LINEAR_PARAMETERS, SLOPE, linear_data, linear_model
+
+    from probupdate.information import information, read_information, write_information
+    from probupdate.problem import Weights, build_problem
+
+    problem = build_problem(linear_model(LINEAR_PARAMETERS, SLOPE), linear_data(LINEAR_HZ, cov=0.01),
+                            weights=Weights(shapes="none"))  # fmt: skip
+    path = write_information(information(problem), folder / "information.json")
+    return [path], lambda: read_information(path).summary
+
+
+def views(folder: Path) -> Made:
+    from probupdate.estimators.predictive import LeftOut
+    from probupdate.estimators.set_views_file import ModeScatter, SetsRow, SetViews, read_views
+
+    row = {f: 1.0 for f in SetsRow.__dataclass_fields__} | {"name": "k", "unit": "-", "sentence": "it varies"}
+    mode = {f: 0.01 for f in ModeScatter.__dataclass_fields__} | {"label": "FA1", "n_set": 3}
+    score = {name: np.zeros(3) for name in ("pooled", "population")}
+    path = SetViews(
+        ids=("a", "b", "c"), rows=(SetsRow(**row),), modes=(ModeScatter(**mode),), converged=True, verdict="converged",
+        scores=LeftOut(ids=("a", "b", "c"), score=score, pareto_k=np.zeros(3), refitted=np.zeros(3, bool)),
+        linear_share=np.ones(3), correlation=None, notes=("a note",), advice="take (d)", settings={"seed": "1"},
+    ).write(folder / "sets.json")  # fmt: skip
+    return [path], lambda: read_views(path).verdict
+
+
+def diagnosis(folder: Path) -> Made:
+    from probupdate.diagnosis.results import read_diagnosis
+    from probupdate.reporting.diagnosis_section import diagnosis_section
+
+    report = module_of("report", "conftest")
+    path = folder / "diagnosis.json"
+    path.write_text(json.dumps(report.made_up_diagnosis(report.made_up_sensors())))
+    assert callable(diagnosis_section)
+    return [path], lambda: read_diagnosis(path)
+
+
+def criteria(folder: Path) -> Made:
+    from probupdate.identification.criteria import read_criteria
+
+    path = folder / "criteria.toml"
+    path.write_text('pitch_range_deg = 2.0\nyaw_rate_degps = 0.1\nstates = ["idling"]\nleast_angle_deg = 80.0\n')
+    return [path], lambda: read_criteria(path)
+
+
+def campaign_files(folder: Path) -> list[Path]:
+    text = 'name = "June"\nsampling_rate_hz = 5.0\nblock_minutes = 10\nwater_depth_m = 30.0\nleave_out = []\n'
+    for k, axis in enumerate("xyz"):
+        text += (f'[[sensor]]\nchannel = "T-{axis}"\nlevel = "T"\nposition_m = [0.0, 0.0, 80.0]\n'
+                 f'direction = {np.eye(3)[k].tolist()}\nquantity = "acceleration"\nunit = "m/s2"\n')
+    (folder / "campaign.toml").write_text(text)
+    (folder / "acceleration").mkdir(exist_ok=True)
+    rng = np.random.default_rng(3)
+    for name, chunks in (("a", None), ("b", (500, 3))):
+        with h5py.File(folder / "acceleration" / f"{name}.h5", "w") as file:
+            data = file.create_dataset("data", data=rng.standard_normal((3000, 3)).astype(np.float32), chunks=chunks,
+                                       compression=chunks and "gzip")  # fmt: skip
+            data.attrs["start"], data.attrs["sampling_rate_hz"] = f"2020-01-01T0{'ab'.index(name)}:00:00Z", 5.0
+    (folder / "scada.csv").write_text("time,wind_speed_mps,power_kw,nacelle_heading_deg\n" + "".join(
+        f"2020-01-01T00:{10 * k:02d}:00Z,{5 + k},{100 * k},{10.5 * k}\n" for k in range(6)))
+    return [folder / "campaign.toml", folder / "acceleration" / "a.h5", folder / "acceleration" / "b.h5",
+            folder / "scada.csv"]  # fmt: skip
+
+
+def campaign(folder: Path) -> Made:
+    from probupdate.campaign.blocks import blocks
+    from probupdate.campaign.reading import read_campaign
+
+    paths = campaign_files(folder)
+    return paths, lambda: [b.data.sum() for _, b in zip(range(20), blocks(read_campaign(folder)), strict=False)]
+
+
+def head(folder: Path) -> Made:
+    from probupdate.campaign.reading import read_head
+
+    path = campaign_files(folder)[0]
+    return [path], lambda: read_head(path)
+
+
+def scada(folder: Path) -> Made:
+    from probupdate.campaign.scada import StateRule, block_conditions, read_scada
+
+    path = campaign_files(folder)[3]
+    start = pd.Timestamp("2020-01-01T00:00Z")
+    return [path], lambda: block_conditions(read_scada(path), start, 60.0, StateRule(rated_power_kw=500.0))
+
+
+def convert_description(folder: Path) -> Made:
+    from probupdate.campaign.description import read_description
+
+    path = folder / "convert.toml"
+    path.write_text('files = "*.csv"\ntime = "t"\ntime_unit = "s"\nstart_pattern = "_(\\\\d{8})"\nstart_format = "%Y%m%d"\n'
+                    'zone = "UTC"\nlost = [-999.0]\nfill_seconds = 5\n[columns]\na = "A"\n[factor]\na = 2.0\n'
+                    .replace('start_pattern = "_(\\\\d{8})"\n', "start_pattern = '_(\\d{8})'\n"))
+    return [path], lambda: read_description(path, ("a", "b"))
+
+
+def source(suffix: str):
+    def make(folder: Path) -> Made:
+        from probupdate.campaign.description import read_description
+        from probupdate.campaign.sources import pieces
+
+        table = np.random.default_rng(2).standard_normal((500, 3))
+        table[:, 0] = np.arange(500) / 5
+        path = folder / f"raw{suffix}"
+        told = 'files = "*"\ntime = "t"\ntime_unit = "s"\nstart = "2020-01-01T00:00Z"\n'
+        if suffix == ".csv":
+            path.write_text("t,a,b\n" + "".join(",".join(f"{x:.5g}" for x in row) + "\n" for row in table))
+        elif suffix == ".npz":
+            np.savez(path, t=table[:, 0], a=table[:, 1], b=table[:, 2])
+        elif suffix == ".npy":
+            np.save(path, table[:, 1:])
+            told = told.replace('time = "t"\ntime_unit = "s"\n', "")
+        elif suffix == "5.mat":
+            from scipy.io import savemat
+
+            savemat(path, {"t": table[:, :1], "a": table[:, 1:2], "b": table[:, 2:]})
+        else:
+            with h5py.File(path, "w") as file:
+                for k, name in enumerate("tab"):
+                    file[name] = table[:, k][None]
+        (folder / "convert.toml").write_text(told)
+        description = read_description(folder / "convert.toml", ("a", "b"))
+        return [path], lambda: sum(len(data) for _, data in pieces(path, description))
+
+    return make
+
+
+def turbine(folder: Path) -> Path:
+    path = folder / "model.toml"
+    path.write_bytes((PACKAGE / "reference" / "updated.toml").read_bytes())
+    return path
+
+
+def model_description(folder: Path) -> Made:
+    from probupdate.structure.description import read_description
+
+    path = turbine(folder)
+    return [path], lambda: read_description(path)
+
+
+def turbine_model(folder: Path) -> Made:
+    from probupdate.structure.load import load_model
+
+    path = turbine(folder)
+    return [path], lambda: load_model(path)
+
+
+def parameters(folder: Path) -> Made:
+    from probupdate.structure.parameter_table import read_parameters
+
+    path = folder / "parameters.toml"
+    path.write_text("".join("[[parameter]]\n" + TOML.format(n) for n in "km") + "[correlation.k]\nm = 0.5\n")
+    return [path], lambda: read_parameters(path)
+
+
+def matrices(folder: Path) -> Made:
+    from scipy import sparse
+
+    from probupdate.structure.load import load_model
+
+    K = sparse.csr_array(np.diag(np.full(6, 2.0)) - np.diag(np.ones(5), 1) - np.diag(np.ones(5), -1))
+    np.savez(folder / "model.npz", K0=np.zeros((6, 6)), M0=np.eye(6), K_k_data=K.data, K_k_indices=K.indices,
+             K_k_indptr=K.indptr, M_m=np.eye(6), channel=np.array(list("abc")), channel_dof=np.arange(3),
+             channel_sign=np.ones(3), node_position_m=np.zeros((6, 3)), dof_node=np.arange(6), dof_direction=np.zeros(6, int),
+             line=np.array([[0, 1]]))  # fmt: skip
+    (folder / "model.toml").write_text("".join("[[parameter]]\n" + TOML.format(n) for n in "km"))
+    return [folder / "model.npz", folder / "model.toml"], lambda: load_model(folder / "model.npz")
+
+
+def subdyn(folder: Path) -> Made:
+    from subdyn_text import STEEL
+    from subdyn_text import subdyn as text
+
+    from probupdate.structure.load import load_model
+
+    (folder / "soil.txt").write_text("5.0E+08\tKxx ! lateral\n! a comment\nKyy 6.0D8\n1e9 Kzz\n2e3 Mxx\n")
+    (folder / "structure.dat").write_text(text(
+        ["0 0 0", "0 0 10"], ["1 2 7 7 1c 0"], reactions=['1 0 0 0 1 1 1 "soil.txt" ! held'], interface=[2],
+        circular=[f"7 {STEEL} 1.0 0.02 extra"]))  # fmt: skip
+    return [folder / "structure.dat", folder / "soil.txt"], lambda: load_model(folder / "structure.dat")
+
+
+def elastodyn(folder: Path) -> Made:
+    from probupdate.io.elastodyn_file import read_elastodyn
+
+    path = module_of("io", "test_elastodyn_file").write(folder)
+    return [path, *(p for p in folder.iterdir() if p != path)], lambda: read_elastodyn(path)
+
+
+def virtual_turbine(folder: Path) -> Made:
+    from probupdate.virtual.turbine_file import read_turbine
+
+    path = turbine(folder)
+    return [path], lambda: read_turbine(path)
+
+
+def truth(folder: Path) -> Made:
+    from probupdate.virtual.truth import read_given
+    from probupdate.virtual.turbine_file import read_turbine
+
+    path = folder / "truth.toml"
+    name = next(iter(read_turbine(turbine(folder)).parameters))
+    path.write_text(f'parameters_from = "prior"\n[parameters]\n{name} = 1.5\n[tolerances]\nscale = 0.5\n[[effect]]\n'
+                    'kind = "scour"\nleg = "A"\ndepth_m = 2.0\n[[effect]]\nkind = "sensor_gain"\nchannel = "T90-x"\nfactor = 1.2\n')
+    file = read_turbine(turbine(folder))
+    return [path], lambda: read_given(path, file)
+
+
+def truth_modes(folder: Path) -> Made:
+    from probupdate.virtual.campaign_files import toml_text
+    from probupdate.virtual.truth import read_truth_modes
+
+    path = folder / "truth.toml"
+    path.write_text(toml_text({"mode_set": [{
+        "heading_deg": 10.0, "labels": ["FA1", "SS1"], "frequency_hz": [0.3, 0.31], "damping_ratio_idling": [0.01, 0.01],
+        "damping_ratio_operating": [0.02, 0.02], "shape": [[1.0, 0.5, 0.1], [0.1, 1.0, 0.2]]}]}))
+    return [path], lambda: read_truth_modes(path)
+
+
+def block_poles(folder: Path) -> Made:
+    from probupdate.identification.block_poles import BlockPoles
+    from probupdate.identification.block_store import read_block_poles, write_block_poles
+    from probupdate.identification.ssi import Poles
+
+    poles = Poles(order=8, frequency_hz=np.array([0.3, 0.31, 1.3]), damping_ratio=np.full(3, 0.01), shape=SHAPE)
+    path = folder / "b.npz"
+    write_block_poles(path, BlockPoles(
+        id="b", start=pd.Timestamp("2020-01-01T00:00Z"), minutes=30.0, quantity="acceleration", excluded="", notes=(),
+        rms=0.01, poles=poles, others=(poles,), line_hz=np.linspace(0, 5, 40), spectrum=np.ones(40)), [])  # fmt: skip
+    return [path], lambda: read_block_poles(path)
+
+
+def block_deviations(folder: Path) -> Made:
+    from probupdate.identification.block_poles import BlockDeviations
+    from probupdate.identification.block_store import read_block_deviations, write_block_deviations
+
+    path = folder / "b.npz"
+    write_block_deviations(path, BlockDeviations(
+        key=((8, 0), (8, 1)), ln_frequency=np.ones((2, 20)), damping_ratio=np.ones((2, 20)),
+        shape=np.ones((2, 6, 20), complex)))  # fmt: skip
+    return [path], lambda: read_block_deviations(path)
+
+
+def chain(folder: Path) -> Made:
+    import emcee
+
+    from probupdate.estimators.chain_store import ChainStore, Segment
+
+    def store():
+        return ChainStore(folder / "chain", {"model": "abc"}, {"ensembles": 1, "seed": 1})
+
+    state = emcee.State(np.zeros((6, 2)), log_prob=np.zeros(6), random_state=np.random.RandomState(1).get_state())
+    store().append(Segment(theta=np.zeros((5, 6, 2)), log_posterior=np.zeros((5, 6)), state=state, accepted=0.3, evaluated=30,
+                           fallback=0), 0, 0)  # fmt: skip
+    return [folder / "chain" / "chain.json", folder / "chain" / "segment-00000.npz"], lambda: store().read()
+
+
+def run(folder: Path) -> Made:
+    """The small files of a run's directory; the large ones have cases of their own."""
+    from probupdate.reporting.run_files import read_run
+
+    campaign_files_of = folder / "campaign"
+    campaign_files_of.mkdir()
+    campaign_files(campaign_files_of)
+    (folder / "run.json").write_text(json.dumps({"title": "June", "seed": 7, "version": "0.1.0", "campaign": "campaign"}))
+    (folder / "check.json").write_text(json.dumps({
+        "campaign": "June", "findings": ["T-x is flat"], "channels": [{"channel": f"T-{a}"} for a in "xyz"],
+        "blocks": [{"id": "2020-01-01T00:00:00Z"}]}))
+    (folder / "modes.poles.csv").write_text("time,frequency_hz,mac,mode,criterion\n" + "".join(
+        f"2020-01-01T00:{k}0:00Z,0.3{k},0.9,FA1,kept\n" for k in range(6)))
+    (folder / "selection.csv").write_text("id,criterion\na,\nb,yawing\n")
+    return ([folder / n for n in ("run.json", "check.json", "modes.poles.csv", "selection.csv")],
+            lambda: read_run(folder, lambda *a: None))
+
+
+def started_run(folder: Path) -> Made:
+    from probupdate.demonstration import _State
+
+    settings = {"seed": 1, "days": 1.0, "version": "0"}
+    (folder / "out").mkdir(exist_ok=True)
+    _State(folder / "out", settings).finish("simulate")
+    return [folder / "out" / "run.json"], lambda: _State(folder / "out", settings)
+
+
+def groups(folder: Path) -> Made:
+    from probupdate.diagnosis.run import _read_groups
+
+    path = folder / "groups.toml"
+    path.write_text("[legs]\nk_t = 1.0\nk_p = -0.5\n[other]\npy = 1.0\n")
+    return [path], lambda: _read_groups(path)
+
+
+# case -> (maker, the functions of the package that it covers)
+CASES: dict[str, tuple[Callable[[Path], Made], tuple[str, ...]]] = {
+    "modes": (modes, ("modes.read_modes", "files.read_json", "files.read_text", "files.read_bytes")),
+    "deviations": (deviations, ("deviation_file.read_deviations",)),
+    "update": (update, ("estimators.update_file.read_update", "files.read_json_table")),
+    "posterior": (posterior, ("estimators.posterior_file.read_posterior",)),
+    "comparison": (comparison, ("comparison.read_comparison",)),
+    "information": (information, ("information.read_information",)),
+    "views": (views, ("estimators.set_views_file.read_views",)),
+    "diagnosis": (diagnosis, ("diagnosis.results.read_diagnosis",)),
+    "criteria": (criteria, ("identification.criteria.read_criteria", "files.read_toml")),
+    "campaign": (campaign, ("campaign.reading.read_campaign", "campaign.blocks.read_block")),
+    "head": (head, ("campaign.reading.read_head",)),
+    "scada": (scada, ("campaign.scada.read_scada",)),
+    "convert": (convert_description, ("campaign.description.read_description",)),
+    "csv": (source(".csv"), ("campaign.sources.pieces",)),
+    "npz": (source(".npz"), ("campaign.sources.pieces",)),
+    "npy": (source(".npy"), ("campaign.sources.pieces",)),
+    "mat5": (source("5.mat"), ("campaign.sources.pieces",)),
+    "mat73": (source("73.mat"), ("campaign.sources.pieces",)),
+    "model": (model_description, ("structure.description.read_description",)),
+    "turbine_model": (turbine_model, ("structure.load.load_model",)),
+    "parameters": (parameters, ("structure.parameter_table.read_parameters",)),
+    "matrices": (matrices, ("structure.matrices.load_matrices", "structure.matrices.read_archive")),
+    "subdyn": (subdyn, ("io.subdyn_file.read_subdyn", "io.ssi_file.read_ssi", "io.fortran_text.read_lines",
+                        "structure.subdyn_model.read_description")),
+    "elastodyn": (elastodyn, ("io.elastodyn_file.read_elastodyn",)),
+    "virtual": (virtual_turbine, ("virtual.turbine_file.read_turbine", "virtual.turbine_file.read_toml")),
+    "truth": (truth, ("virtual.truth.read_given", "virtual.effects.read_effect")),
+    "truth_modes": (truth_modes, ("virtual.truth.read_truth_modes",)),
+    "block_poles": (block_poles, ("identification.block_store.read_block_poles",)),
+    "block_deviations": (block_deviations, ("identification.block_store.read_block_deviations",)),
+    "chain": (chain, ("estimators.chain_store.ChainStore",)),
+    "run": (run, ("reporting.run_files.read_run", "reporting.run_files.read_table")),
+    "started_run": (started_run, ("demonstration._State",)),
+    "groups": (groups, ("diagnosis.run._read_groups",)),
+}  # fmt: skip
+
+
+def readers_in_the_code() -> set[str]:
+    """Public functions named read_* or load_* anywhere in the package, by module and name."""
+    found = set()
+    for path in sorted(PACKAGE.rglob("*.py")):
+        module = ".".join(path.relative_to(PACKAGE).with_suffix("").parts)
+        for node in ast.parse(path.read_text(encoding="utf-8")).body:
+            if isinstance(node, ast.FunctionDef) and node.name.startswith(("read_", "load_")):
+                found.add(f"{module}.{node.name}")
+    return found
+
+

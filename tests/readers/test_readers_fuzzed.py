@@ -1,0 +1,132 @@
+"""Every reader with files spoilt by chance: each is read, or one line names a file; nothing else, in bounded time and memory."""
+
+import json
+import os
+import resource
+import signal
+import sys
+import time
+import traceback
+from pathlib import Path
+
+import numpy as np
+import pytest
+from mutations import spoilt
+from reader_cases import CASES, readers_in_the_code
+
+from probupdate.errors import InputError
+
+SEED = 1
+MUTATIONS, LONG = 200, 5000
+# of one case where all are run in continuous integration; slow readers get fewer mutations, never fewer than FEWEST
+SHARE_S, FEWEST = 1.3, 12
+HANGS_S = 20
+CORPUS = Path(__file__).with_name("corpus")
+
+
+class Hung(BaseException):
+    pass
+
+
+def tried(folder: Path, paths, read, content: dict[Path, bytes]) -> str:
+    """'' where the files are read or refused in one line that names one of them; else what happened."""
+
+    def hung(number, frame):
+        raise Hung
+
+    before = signal.signal(signal.SIGALRM, hung)
+    signal.alarm(HANGS_S)
+    try:
+        read()
+    except InputError as error:
+        text = str(error)
+        if len(text.splitlines()) != 1 or not text.isprintable() or len(text) > 4000:
+            return f"not one line: {text[:200]!r}"
+        return "" if str(folder) in text else f"names no file: {text[:200]}"
+    except Hung:
+        return f"not ended after {HANGS_S} s"
+    except Exception as error:
+        place = traceback.extract_tb(error.__traceback__)
+        ours = [f for f in place if "probupdate" in f.filename] or place
+        return f"{type(error).__name__}: {str(error)[:120]} ({Path(ours[-1].filename).name}:{ours[-1].lineno})"
+    finally:
+        signal.alarm(0)
+        signal.signal(signal.SIGALRM, before)
+    return ""
+
+
+def fuzz(case: str, folder: Path, seed: int, number: int, seconds: float = np.inf, keep: Path | None = None):
+    """(mutations done, what happened -> count) of one reader. keep: folder for what failed."""
+    paths, read = CASES[case][0](folder)
+    whole = {path: path.read_bytes() for path in paths}
+    read()
+    rng, found, done, begun = np.random.default_rng([seed, *case.encode()]), {}, 0, time.monotonic()
+    for done in range(1, number + 1):
+        path = paths[rng.integers(len(paths))]
+        content = spoilt(path.name, whole[path], rng)
+        path.write_bytes(content)
+        words = tried(folder, paths, read, whole)
+        path.write_bytes(whole[path])
+        if words:
+            found[words] = found.get(words, 0) + 1
+            if keep is not None and found[words] == 1:
+                keep.mkdir(parents=True, exist_ok=True)
+                (keep / f"{case}-{len(found)}-{path.name}").write_bytes(content)
+        if done >= FEWEST and time.monotonic() - begun > seconds:
+            break
+    return done, found
+
+
+def test_every_reader_of_the_code_is_in_the_table():
+    covered = {name for _, names in CASES.values() for name in names}
+    missing = readers_in_the_code() - covered
+    assert not missing, f"add a case to reader_cases.CASES for {sorted(missing)}"
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_spoilt_files_are_read_or_refused_in_one_line(case, tmp_path):
+    _, found = fuzz(case, tmp_path, SEED, MUTATIONS, SHARE_S)
+    assert not found
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("case", CASES)
+def test_thousands_of_spoilt_files(case, tmp_path):
+    _, found = fuzz(case, tmp_path, 2, LONG)
+    assert not found
+    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss < 2 * 2**20
+
+
+@pytest.mark.parametrize("name", sorted(p.name for p in CORPUS.iterdir()) if CORPUS.exists() else [])
+def test_what_once_failed(name, tmp_path):
+    case, _, target = name.split("-", 2)
+    paths, read = CASES[case][0](tmp_path)
+    path = next(p for p in paths if p.name == target)
+    path.write_bytes((CORPUS / name).read_bytes())
+    assert not tried(tmp_path, paths, read, {})
+
+
+def main() -> None:
+    """python test_readers_fuzzed.py SEED NUMBER [CASE ...]: a line of JSON a case, each in a process of its own."""
+    import subprocess
+    import tempfile
+    import warnings
+
+    warnings.simplefilter("error")
+    seed, number, *cases = sys.argv[1:]
+    if len(cases) == 1:
+        with tempfile.TemporaryDirectory() as folder:
+            keep = os.environ.get("KEEP")
+            done, found = fuzz(cases[0], Path(folder), int(seed), int(number), keep=Path(keep) if keep else None)
+        rss = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**10
+        sys.stdout.write(json.dumps({"case": cases[0], "done": done, "failed": found, "memory_mb": round(rss)}) + "\n")
+        return
+    for case in cases or CASES:
+        ended = subprocess.run([sys.executable, __file__, seed, number, case], capture_output=True, text=True)
+        sys.stdout.write(ended.stdout or json.dumps({"case": case, "ended": ended.returncode, "words": ended.stderr[-800:]})
+                         + "\n" * (not ended.stdout))  # fmt: skip
+        sys.stdout.flush()
+
+
+if __name__ == "__main__":
+    main()
