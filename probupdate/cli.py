@@ -17,6 +17,7 @@ from typing import NoReturn
 from probupdate import __version__
 from probupdate.errors import InputError, ProbupdateError, plain
 from probupdate.files import write_text
+from probupdate.outputs import refuse_overwriting
 from probupdate.progress import Progress
 
 MODEL_HELP = "model.toml, a SubDyn .dat, or model.npz with --parameters; 'design', 'as_built', 'updated' name the reference turbine"
@@ -532,21 +533,10 @@ def refuse_unwritable(out: str, *, folder: bool) -> None:
                          "name another place, or change its permissions") from None
 
 
-def _exists(path: Path) -> bool:
-    try:
-        return path.exists()
-    except (OSError, ValueError):
-        return False
-
-
-def refuse_overwriting(a: argparse.Namespace) -> None:
-    """A result in the place of what it is made from would be the end of that."""
-    given = [v for key, value in vars(a).items() if key not in ("out", "verb", "action")
-             for v in (value if isinstance(value, list) else [value]) if isinstance(v, str)]
-    target = Path(a.out).resolve()
-    for text in given:
-        if _exists(Path(text)) and Path(text).resolve() == target:
-            raise InputError(a.out, "is read by this step and would be written over", "name another file")
+def given_paths(a: argparse.Namespace) -> list[str]:
+    """Every text among the arguments but --out: those that are no paths do no harm."""
+    return [v for key, value in vars(a).items() if key not in ("out", "verb", "action")
+            for v in (value if isinstance(value, list) else [value]) if isinstance(v, str)]
 
 
 # errors of a path that a user named; others are the machine's
@@ -574,7 +564,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         if a.out:
             refuse_unwritable(a.out, folder=a.verb in WRITE_FOLDERS)
-            refuse_overwriting(a)
+            refuse_overwriting(a.verb, a.out, given_paths(a))
         with ended_by_signals(), terminal_progress() as progress:
             a.action(a, progress)
     except InputError as error:

@@ -122,9 +122,9 @@ def test_an_extension_without_a_chain_has_no_such_table(full_run, diagnosis_of, 
 
 
 @pytest.mark.parametrize(("mistake", "words"), [
-    ("{", "not JSON|cannot be read"), ("[]", "is no JSON table"),
+    ("{", "not JSON"), ("[]", "is no JSON table"), ("{}", "has no 'verdict'"),
     (lambda c: c | {"verdict": "perhaps"}, "'perhaps' is none of named, ambiguous"),
-    (lambda c: c | {"findings": [{"cause": "scour"}]}, "has no 'kind'"),
+    (lambda c: c | {"findings": [{"cause": "scour"}]}, r"has no 'findings\.0\.kind'"),
 ])
 def test_a_wrong_file_is_one_clear_line(diagnosis_of, tmp_path, mistake, words):
     text = mistake if isinstance(mistake, str) else json.dumps(mistake(diagnosis_of("named")))

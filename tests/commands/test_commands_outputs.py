@@ -1,0 +1,134 @@
+"""No result in the place of what it is made from; one line and an exit code for whatever the machine refuses."""
+
+import os
+import resource
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from probupdate import files
+from probupdate.cli import main
+from probupdate.errors import InputError
+from probupdate.outputs import refuse_overwriting
+
+
+def run(*arguments, **options):
+    return subprocess.run([sys.executable, "-m", "probupdate.cli", *map(str, arguments)], capture_output=True, text=True,
+                          **options)  # fmt: skip
+
+
+@pytest.mark.parametrize("verb, out, given", [
+    ("select", "modes.csv", ["modes.json"]), ("select", "modes.json", ["modes.json"]),
+    ("update", "parameters.toml", ["model.npz", "nine.json"]), ("update", "part.npz", ["matrices.toml", "nine.json"]),
+    ("check", "run/campaign.toml", ["run"]), ("check", "run/acceleration/a.json", ["run"]),
+    ("report", "run/update.json", ["run"]), ("identify", "modes.toml", ["modes.json", "model.npz"]),
+])  # fmt: skip
+def test_results_never_take_an_inputs_place(tmp_path, monkeypatch, verb, out, given):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "run" / "acceleration").mkdir(parents=True)
+    for name in ("modes.json", "modes.deviations.h5", "nine.json", "model.npz", "parameters.toml", "part.npz",
+                 "run/campaign.toml", "run/update.json"):  # fmt: skip
+        (tmp_path / name).write_text("")
+    (tmp_path / "matrices.toml").write_text('[matrices]\nfile = "part.npz"\n')
+    with pytest.raises(InputError, match="would be written over|lies among the records"):
+        refuse_overwriting(verb, out, given)
+    refuse_overwriting(verb, "other/new.json" if verb != "report" else "run/report.html", given)
+
+
+def test_a_new_page_may_take_an_old_ones_place(tmp_path):
+    (tmp_path / "report.html").write_text("old")
+    refuse_overwriting("report", str(tmp_path / "report.html"), [str(tmp_path)])
+
+
+@pytest.mark.parametrize("out", ["x" * 300, "a\0b", "/dev/null/x", "/proc/none/x"])
+def test_names_that_cannot_be(out, capsys, tmp_path):
+    assert main(["modes", "design", "--out", out]) == 2
+    assert len(capsys.readouterr().err.splitlines()) == 1
+
+
+def test_links_and_devices_are_not_written_over(tmp_path):
+    (tmp_path / "there").write_text("kept")
+    (tmp_path / "link").symlink_to(tmp_path / "there")
+    os.mkfifo(tmp_path / "pipe")
+    for name, words in (("link", "is a link"), ("pipe", "is a pipe")):
+        with pytest.raises(InputError, match=words):
+            files.write_text(tmp_path / name, "new")
+    assert (tmp_path / "there").read_text() == "kept"
+
+
+def limited():
+    resource.setrlimit(resource.RLIMIT_FSIZE, (20, 20))
+
+
+def test_a_full_disk_is_one_line_and_leaves_what_was_there(tmp_path):
+    out = tmp_path / "modes.json"
+    out.write_text("before")
+    ended = run("modes", "design", "--out", out, preexec_fn=limited)
+    assert ended.returncode == 1 and len(ended.stderr.splitlines()) == 1
+    assert "modes.json: File too large; make room" in ended.stderr
+    assert out.read_text() == "before" and [p.name for p in tmp_path.iterdir()] == ["modes.json"]
+
+
+def test_closed_and_full_output_is_one_line():
+    with Path("/dev/full").open("w") as full:
+        ended = subprocess.run([sys.executable, "-m", "probupdate.cli", "modes", "design"], stdout=full,
+                               stderr=subprocess.PIPE, text=True)
+    assert ended.returncode == 1 and len(ended.stderr.splitlines()) == 1
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+def test_a_signal_is_one_line_and_130(tmp_path, number):
+    begun = subprocess.Popen([sys.executable, "-m", "probupdate.cli", "simulate", tmp_path / "c", "--days", "3"],
+                             stderr=subprocess.PIPE, text=True)
+    end = time.monotonic() + 60
+    while not list(tmp_path.glob("c/acceleration/*.h5")) and time.monotonic() < end:
+        time.sleep(0.1)
+    begun.send_signal(number)
+    _, words = begun.communicate(timeout=60)
+    assert begun.returncode == 130
+    assert [line for line in words.splitlines() if not line.startswith("  ")] == [
+        "probupdate simulate: interrupted; what was finished is kept"]
+    assert list(tmp_path.glob("c/acceleration/*.h5")) and not list(tmp_path.rglob("*.part"))
+
+
+def test_only_the_dead_lose_their_temporary_files(tmp_path):
+    dead = subprocess.Popen([sys.executable, "-c", ""])
+    dead.wait()
+    host = files._host()
+    names = {f"a.json.{host}.{dead.pid}.0123abcd.part": False, f"a.json.{host}.{os.getpid()}.0123abcd.part": True,
+             f"a.json.elsewhere.{dead.pid}.0123abcd.part": True, "old.part": False}  # fmt: skip
+    for name in names:
+        (tmp_path / name).write_text("")
+    os.utime(tmp_path / "old.part", (1, 1))
+    files.remove_stale(tmp_path)
+    assert {name: (tmp_path / name).exists() for name in names} == names
+
+
+def test_two_writers_at_once_leave_one_whole_file(tmp_path):
+    code = ("import sys, numpy as np\nfrom probupdate import files\n"
+            "for k in range(60): files.write_arrays(sys.argv[1], {'a': np.full(20000, int(sys.argv[2]))})")
+    path = tmp_path / "a.npz"
+    both = [subprocess.Popen([sys.executable, "-c", code, path, str(k)]) for k in (1, 2)]
+    while any(p.poll() is None for p in both):
+        if path.exists():
+            found = files.archive_arrays(path, "is broken", "stop")["a"]
+            assert len(found) == 20000 and len(set(found)) == 1
+    assert [p.returncode for p in both] == [0, 0] and [p.name for p in tmp_path.iterdir()] == ["a.npz"]
+
+
+def test_cells_are_no_formulas(tmp_path):
+    import pandas as pd
+
+    table = pd.DataFrame({"=a": ["=1+1", "-3", "@x", "+y", "a"], "b": np.arange(5) / 2})
+    text = files.write_table(tmp_path / "t.csv", table).read_text().splitlines()
+    assert text == ["'=a,b", "'=1+1,0", "-3,0.5", "'@x,1", "'+y,1.5", "a,2"]
+
+
+def test_escapes_of_a_file_do_not_reach_the_terminal(tmp_path):
+    error = InputError("a", "value \x1b[2J" + "x" * 100_000, "mend it")
+    assert str(error).isprintable() and len(str(error)) < 2000
