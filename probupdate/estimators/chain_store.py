@@ -102,7 +102,11 @@ def _text(value) -> str:
 
 
 def _read_head(path: Path) -> dict:
-    return read_json_table(path, "delete the chain's folder to start anew")
+    found = read_json_table(path, "delete the chain's folder to start anew")
+    for key in ("problem", "settings"):
+        if not isinstance(found.get(key), dict):
+            raise InputError(str(path), f"has no table '{key}'", "delete the chain's folder to start anew")
+    return found
 
 
 def _read_segment(path: Path) -> Segment:

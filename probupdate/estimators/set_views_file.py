@@ -198,6 +198,6 @@ def read_views(path: str | Path) -> SetViews:
             advice=c["advice"], settings=c["settings"],
         )
     checked(views, path, again)
-    if any(len(v) != len(ids) for v in (*left_out.score.values(), left_out.pareto_k, views.linear_share)):
+    if any(np.shape(v) != (len(ids),) for v in (*left_out.score.values(), left_out.pareto_k, views.linear_share)):
         raise InputError(str(path), f"does not hold one score for each of its {len(ids)} sets", again)
     return views

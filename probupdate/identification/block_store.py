@@ -295,7 +295,10 @@ def _opened(path: Path) -> Iterator[Mapping]:
 
 
 def _read_head(path: Path) -> dict:
-    return read_json_table(path, ANEW)
+    found = read_json_table(path, ANEW)
+    if not isinstance(found.get("settings") or {}, dict) or not isinstance(found.get("channels") or [], list):
+        raise InputError(str(path), "is no head of identified blocks", ANEW)
+    return found
 
 
 def _refuse_other(folder: Path, found: dict, head: dict) -> None:

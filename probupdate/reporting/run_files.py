@@ -173,7 +173,7 @@ def read_table(path: Path, needed: tuple[str, ...], time: str | None = None) -> 
             raise InputError(str(path), f"has no column '{column}'", "write it again, or remove it")
     if time is not None:
         try:
-            table[time] = pd.to_datetime(table[time], utc=True).dt.tz_localize(None)
+            table[time] = pd.to_datetime(table[time].astype(str), utc=True, format="ISO8601").dt.tz_localize(None)
         except (ValueError, TypeError) as error:
             raise InputError(f"{path}, {time}", f"not a time ({error})", "write ISO 8601, UTC") from None
     return table

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from scipy import sparse
 
-from probupdate.errors import InputError
+from probupdate.errors import InputError, of_file, parsing
 from probupdate.files import archive_arrays
 from probupdate.model import Wireframe
 from probupdate.modes import frozen_array
@@ -39,6 +39,11 @@ class LinearCoefficients:
 def load_matrices(path: str | Path, parameters: Parameters, *, name: str | None = None) -> AffineModel:
     """Read `model.npz` (interfaces.md, form 3); every mistake names the file and the key."""
     path = Path(path)
+    with of_file(path), parsing(str(path), "its arrays do not fit together", "export them anew (README, matrices)"):
+        return _matrices(path, parameters, name)
+
+
+def _matrices(path: Path, parameters: Parameters, name: str | None) -> AffineModel:
     content = read_archive(path)
     stiffness, mass, stiffness_order, mass_order = [], [], [], []
     for kind, matrices, order in (("K", stiffness, stiffness_order), ("M", mass, mass_order)):

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from probupdate.errors import InputError
+from probupdate.errors import InputError, of_file, parsing
 from probupdate.files import read_toml
 from probupdate.parameters import Parameter, Parameters
 
@@ -98,4 +98,5 @@ def read_parameters(path: str | Path) -> Parameters:
             raise InputError(str(path), f"unknown key '{key}'", "keep [[parameter]] and [correlation] only")
     if "parameter" not in content:
         raise InputError(str(path), "there is no [[parameter]]", "list at least one")
-    return updated_parameters(content["parameter"], str(path), content.get("correlation"))
+    with of_file(path), parsing(str(path), "is no file of parameters", "see parameters.toml in the README"):
+        return updated_parameters(content["parameter"], str(path), content.get("correlation"))

@@ -137,8 +137,9 @@ def read_truth_modes(path: str | Path) -> tuple[TruthModes, ...]:
         found = tuple(_truth_modes(entry) for entry in raw["mode_set"])
     for number, modes in enumerate(found, 1):
         checked(modes, f"{path}, mode_set {number}", "give the truth.toml that simulate wrote")
+        each = (modes.frequency_hz, modes.damping_ratio_idling, modes.damping_ratio_operating)
         n_mode = len(modes.labels)
-        if modes.shape.ndim != 2 or not (modes.shape.shape[1] == n_mode == len(modes.frequency_hz)):
+        if modes.shape.ndim != 2 or modes.shape.shape[1] != n_mode or any(a.shape != (n_mode,) for a in each):
             raise InputError(f"{path}, mode_set {number}", "its modes differ in number", "give the file of simulate")
     return found
 
