@@ -238,7 +238,7 @@ def fit_sentence(record: UpdateRecord) -> str:
                 f"{where}; no parameter counts as strongly identified until the model's error is stated: --discrepancy auto (the "
                 "default) or a share, or compare shapes with --shapes mac")  # fmt: skip
     if record.map_misfit < record.n_effective - ACCUSED * np.sqrt(2 * record.n_effective):
-        return (f"{text}: the fit is {1 / np.sqrt(ratio):.1f} times closer than the stated standard deviations expect; "
+        return (f"{text}: the fit is {1 / np.sqrt(max(ratio, 1e-12)):.1f} times closer than the stated standard deviations expect; "
                 "they are too wide for these data or their errors go together, and posterior widths are too wide with "
                 "them")  # fmt: skip
     text = f"{text}: the model fits the data within the stated standard deviations"
@@ -336,12 +336,17 @@ def read_update(path: str | Path) -> UpdateRecord:
     _refuse_format(path, content, again)
     with of_file(path), parsing(str(path), "is no update.json", again):
         record = checked(_record(content), path, again)
-    if record.n_effective < 1 or record.map_misfit < 0 or np.any(np.diag(np.atleast_2d(record.map_covariance)) < 0):
-        raise InputError(str(path), "has a negative misfit or variance, or no responses", again)
     for what, found, wanted in _sizes(record):
         if found != wanted:
             raise InputError(f"{path}, {what}", f"is {found}, the rest of the file says {wanted}",
                              "write it again with `probupdate update`")  # fmt: skip
+    if record.n_effective < 1 or not record.map_misfit >= 0 or np.any(np.diag(record.map_covariance) < 0):
+        raise InputError(str(path), "has a negative misfit or variance, or no responses", again)
+    used = np.isfinite(record.initial_hz)
+    if not used.any() or not np.all(record.measured_hz[used] > 0) or np.any(record.measured_std_hz < 0):
+        raise InputError(f"{path}, measured_hz", "holds no measured mode, or one without a positive frequency", again)
+    if record.components is not None and not np.all(np.sum(record.components.std**2, axis=0) > 0):
+        raise InputError(f"{path}, components", "hold a parameter without any variance", again)
     return record
 
 

@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 
 from probupdate import __version__
-from probupdate.errors import InputError
+from probupdate.errors import InputError, parsing
 from probupdate.estimators.posterior_file import Posterior
 from probupdate.files import read_bytes, read_json, read_text, write_arrays, write_json, write_text
 from probupdate.io.elastodyn_file import named_files
@@ -199,12 +199,15 @@ class _Files:
 def read_table(path: str | Path) -> dict[str, list]:
     """A CSV of an export: column -> values, whole numbers, floats, texts, None where empty."""
     lines = [line for line in read_text(path).splitlines() if not line.startswith("#")]
-    rows = list(csv.reader(lines))
+    with parsing(str(path), "is no table", "export it again"):
+        rows = list(csv.reader(lines))
+        if not rows or any(len(row) != len(rows[0]) for row in rows):
+            raise InputError(str(path), "has rows of different length, or none", "export it again")
 
     def value(text: str):
         if text == "":
             return None
-        if re.fullmatch(r"-?\d+", text):
+        if re.fullmatch(r"-?\d{1,18}", text):
             return int(text)
         try:
             return float(text)

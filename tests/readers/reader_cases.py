@@ -383,6 +383,23 @@ def groups(folder: Path) -> Made:
     return [path], lambda: _read_groups(path)
 
 
+def lifetime_table(folder: Path) -> Made:
+    from probupdate.lifetime.export import read_table
+
+    path = folder / "draws.csv"
+    path.write_text("# of a posterior\ndraw,k_t,name\n1,0.5,a\n2,,b\n3,1e-3,c\n")
+    return [path], lambda: read_table(path)
+
+
+def extptfm(folder: Path) -> Made:
+    from probupdate.lifetime.superelement import read_extptfm
+
+    path = folder / "reduced.dat"
+    rows = "".join(" ".join(str(float(a == b)) for b in range(6)) + "\n" for a in range(6))
+    path.write_text("!a reduced file\n" + "".join(f"!{t}\n!dimension: 6\n{rows}" for t in ("Mass", "Damping", "Stiffness")))
+    return [path], lambda: read_extptfm(path)
+
+
 # case -> (maker, the functions of the package that it covers)
 CASES: dict[str, tuple[Callable[[Path], Made], tuple[str, ...]]] = {
     "modes": (modes, ("modes.read_modes", "files.read_json", "files.read_text", "files.read_bytes")),
@@ -418,6 +435,8 @@ CASES: dict[str, tuple[Callable[[Path], Made], tuple[str, ...]]] = {
     "chain": (chain, ("estimators.chain_store.ChainStore",)),
     "run": (run, ("reporting.run_files.read_run", "reporting.run_files.read_table")),
     "started_run": (started_run, ("demonstration._State",)),
+    "lifetime_table": (lifetime_table, ("lifetime.export.read_table",)),
+    "extptfm": (extptfm, ("lifetime.superelement.read_extptfm",)),
     "groups": (groups, ("diagnosis.run._read_groups",)),
 }  # fmt: skip
 
