@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import io
 import json
 import re
@@ -81,7 +82,7 @@ def _spoilt(content, rng):
 
 
 def _nasty(rng):
-    return NASTY[rng.integers(len(NASTY))]
+    return copy.deepcopy(NASTY[rng.integers(len(NASTY))])
 
 
 def spoilt_lines(whole: bytes, rng: np.random.Generator) -> bytes:
