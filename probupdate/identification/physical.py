@@ -255,8 +255,8 @@ def physical_modes(
 
     state: the turbine's in each block, so that a mode of one state is found too; bands: (n_harmonic, 2) Hz that
     multiples of the rotor's speed swept in each: what moves with them is left out; where the rotor hardly changes its
-    speed a line cannot be told from a mode, which is said. wave_hz: the waves' peak in each block, NaN where it was not
-    measured; what lies there, damped as a sea is, is left out. angle_deg: where the nacelle looked, counter-clockwise
+    speed a line is indistinguishable from a mode, which is said. wave_hz: the waves' peak in each block, NaN where it
+    was not measured; what lies there, damped as a sea is, is left out. angle_deg: where the nacelle looked, counter-clockwise
     from x; a pair of horizontal motions is then taken to turn with it. highest_hz: the end of the band that the
     record's rate passes. Raises InputError where nothing comes back.
     """
@@ -323,7 +323,7 @@ def _cluster(c: Candidates, rows: np.ndarray, weight: float) -> _Cluster:
 
 def _steady(inside: Candidates, block_seconds: float) -> bool:
     """Whether a cluster's frequency is one of a structure, which neither wanders far nor jumps from block to block, as
-    a wave's period does; asked of five blocks or more. What a record can tell at best is the Cramer-Rao bound."""
+    a wave's period does; asked of five blocks or more. What a record can show at best is the Cramer-Rao bound."""
     if np.ptp(np.quantile(inside.ln_frequency, [0.1, 0.9])) > LARGEST_SPREAD:
         return False
     blocks = np.unique(inside.block)
@@ -528,7 +528,7 @@ def _numbered(c: Candidates, modes: list[_Mode], notes: tuple[str, ...]) -> Phys
 
 def _close_singles(frequency, damping, taken: set[int], n_channel: int) -> set[tuple[int, int]]:
     """Neighbours so close that records turn them in their plane, closest first, each mode in one pair; two channels
-    have no plane to tell."""
+    have no plane that says anything."""
     if n_channel < 3:
         return set()
     gap, pairs = np.diff(np.log(frequency)), set()

@@ -36,8 +36,8 @@ LEAST_BLOCK, LARGEST = 20, 720
 
 @dataclass(frozen=True, kw_only=True)
 class Proposal:
-    """target_rate_hz, order, block_rows for `BlockSettings`; peaks_hz, ascending, that they were told from; sentence:
-    the same in words."""
+    """target_rate_hz, order, block_rows for `BlockSettings`; peaks_hz, ascending, that they were estimated from;
+    above_hz: peaks that such a rate does not hold; sentence: the same in words."""
 
     target_rate_hz: float
     order: int
@@ -58,8 +58,8 @@ class Proposal:
 def propose(
     campaigns: Sequence[Campaign], *, rate_hz: float | None = None, block_rows: int | None = None
 ) -> Proposal:
-    """One proposal for a campaign, or for all setups of a structure; what is given of it stands, and the rest is told
-    from the peaks that such a rate holds. Raises InputError where no block can be used, or
+    """One proposal for a campaign, or for all setups of a structure; what is given of it stands, and the rest is
+    estimated from the peaks that such a rate holds. Raises InputError where no block can be used, or
     where nothing stands out of the spectra."""
     peaks: list[float] = []
     looked = 0

@@ -15,7 +15,14 @@ from probupdate.campaign.reading import Campaign
 from probupdate.campaign.scada import StateRule, with_rated_power
 from probupdate.errors import InputError
 from probupdate.identification.block_store import BlockStore
-from probupdate.identification.counterparts import likenesses, mode_records, model_only, paired, sentences
+from probupdate.identification.counterparts import (
+    Likenesses,
+    likenesses,
+    mode_records,
+    model_only,
+    paired,
+    sentences,
+)
 from probupdate.identification.identify import SSISettings, classified, passed_hz, pole_stack
 from probupdate.identification.physical import (
     Candidates,
@@ -87,9 +94,14 @@ def identify_setups(
             data = replace(result.data, sets=tuple(s.of_modes(columns) for s in result.data.sets), records=(),
                            labels=found.modes.labels)  # fmt: skip
             setups.append(Setup(name=name, sensors=campaign.sensors, data=data))
-    merged = merge_setups(setups, same_modes=True)
-    merged = replace(merged, summary="\n".join([merged.summary, *notes]))
-    return merged if reference is None else _named(merged, reference, others, channels, settings)
+    if reference is None:
+        merged = merge_setups(setups, same_modes=True)
+        return replace(merged, summary="\n".join([merged.summary, *notes]))
+    model = reference if others is None else reference.joined(others)
+    named, like, partner, probability = _named(setups, found, model, reference.labels, channels)
+    merged = merge_setups(named, same_modes=True)
+    return _with_records(merged, named[0].data.labels, like, partner, probability, model=model,
+                         wanted=reference.labels, notes=notes, settings=settings)  # fmt: skip
 
 
 def _at(part: Candidates, rows: list[int]) -> Candidates:
@@ -124,31 +136,38 @@ def _own_part(
 
 
 def _named(
-    merged: Merged, reference: ReferenceModes, others: ReferenceModes | None, channels: tuple[str, ...],
-    settings: SSISettings,
-) -> Merged:
-    """The merged modes matched with the model's: those of interest first, by name, the others by number."""
-    model = reference if others is None else reference.joined(others)
-    rows = [channels.index(c) for c in merged.data.channels]
-    model = replace(model, shape=model.shape[rows])
-    (one,) = merged.data.sets
-    like = likenesses([one], (), [model])
+    setups: list[Setup], found: PhysicalModes, model: ReferenceModes, wanted: tuple[str, ...], channels: tuple[str, ...]
+) -> tuple[list[Setup], Likenesses, dict[int, int], np.ndarray]:
+    """The setups' modes matched with the model's by all their blocks: those of interest first, by name, the others by
+    number; likeness, partner and probability of the columns in their new order."""
+    sets, at = [], []
+    for setup in setups:
+        rows = [channels.index(c) for c in setup.data.channels]
+        here = replace(model, shape=model.shape[rows])
+        sets += setup.data.sets
+        at += [here] * len(setup.data.sets)
+    like = likenesses(sets, found.modes.pairs, at)
     partner, probability = paired(like, model)
-    wanted = reference.labels
     place = {model.labels[i]: j for j, i in partner.items() if model.labels[i] in wanted}
-    columns = [place.get(label, -1) for label in wanted]
-    columns += [j for j in range(merged.data.n_mode) if j not in columns]
-    labels = (*wanted, *(str(k + 1) for k in range(len(wanted), len(columns))))
-    column_partner = {k: partner[j] for k, j in enumerate(columns) if j in partner}
-    moved = one.of_modes(columns)
-    records = mode_records([moved], labels, like=like.at(columns), partner=column_partner, model=model, in_pair=set(),
-                           probability=probability[columns] * (np.array(columns) >= 0)[:, None],
-                           settings=settings.classifier)  # fmt: skip
-    lacking = model_only(model, partner, [r.frequency_hz for r in records if r.found],
+    known = [label for label in wanted if label in place]
+    columns = [place[label] for label in known]
+    columns += [j for j in range(len(found.modes.labels)) if j not in columns]
+    labels = (*known, *(str(len(wanted) + k + 1) for k in range(len(columns) - len(known))))
+    named = [replace(s, data=replace(s.data.of_modes(columns), labels=labels)) for s in setups]
+    moved = {k: partner[j] for k, j in enumerate(columns) if j in partner}
+    return named, like.at(columns), moved, probability[columns]
+
+
+def _with_records(
+    merged: Merged, labels: tuple[str, ...], like: Likenesses, partner: dict[int, int], probability: np.ndarray, *,
+    model: ReferenceModes, wanted: tuple[str, ...], notes: list[str], settings: SSISettings,
+) -> Merged:
+    """The merged set with the record of each mode that it kept."""
+    rows = [labels.index(label) for label in merged.data.labels]
+    kept = {k: partner[j] for k, j in enumerate(rows) if j in partner}
+    records = mode_records(merged.data.sets, merged.data.labels, like=like.at(rows), partner=kept, model=model,
+                           probability=probability[rows], in_pair=set(), settings=settings.classifier)  # fmt: skip
+    lacking = model_only(model, kept, [r.frequency_hz for r in records if r.found],
                          PASS_SHARE * settings.target_rate_hz / 2, wanted)
-    name = {old: labels[k] for k, j in enumerate(columns) if j >= 0 for old in [merged.data.labels[j]]}
-    data = replace(merged.data, sets=(moved,), labels=labels, records=records, model_only=lacking)
-    told = "\n".join(f"{labels[k]} is {merged.data.labels[j]}" for k, j in enumerate(columns)
-                     if j >= 0 and labels[k] != merged.data.labels[j])  # fmt: skip
-    return replace(merged, data=data, table=merged.table.assign(label=merged.table["label"].map(name)),
-                   summary="\n".join(x for x in [merged.summary, told, *sentences(records, lacking, wanted)] if x))
+    return replace(merged, data=replace(merged.data, records=records, model_only=lacking),
+                   summary="\n".join([merged.summary, *notes, *sentences(records, lacking, wanted)]))

@@ -23,7 +23,7 @@ from probupdate.structure.load import reference_model
 from probupdate.virtual.truth import read_truth_modes
 
 WANTED = ("FA1", "SS1", "T1", "FA2", "SS2")
-# a pole further from the mode's true frequency is another thing: five deviations of the weakest in half an hour
+# a pole further from the mode's true frequency is another thing: five standard deviations of the weakest in half an hour
 FAR = 0.03
 GONE = ('[[parameter]]\nname = "gone_{face}"\nkind = "stiffness"\n'
         'on = {{ group = "brace", face = "{face}", bay = 2 }}\nunit = "-"\n'

@@ -232,3 +232,39 @@ def test_the_measured_frame_s_ten_modes_at_any_rate_and_order(options):
     _, error = ten_modes(range(1, 16), **options)
     held = np.array(KNOWN_HZ) < 0.45 * options.get("rate_hz", 64.0)
     assert np.all(np.abs(np.array(error)[held]) < 1e-3)
+
+
+def test_setups_are_named_by_a_model_after_their_modes_are_found(jacket, sensor_list, tmp_path):
+    """Two setups of the made jacket, a model of its shapes as a function: names, records, and one mode of the model that
+    nothing shows."""
+    from probupdate.identification.reference import ReferenceModes
+    from probupdate.identification.setups import identify_setups
+
+    campaigns = []
+    for number, own in enumerate(ROVING[:2]):
+        rows = [*REFERENCES, *own]
+        folder = tmp_path / f"setup{number}"
+        (folder / "acceleration").mkdir(parents=True)
+        lines = ['name = "Setup"\nsampling_rate_hz = 5.0\nblock_minutes = 15\n']
+        for k in rows:
+            s = sensor_list[k]
+            lines.append(f'[[sensor]]\nchannel = "{s.channel}"\nlevel = "{s.level}"\nposition_m = '
+                         f'{s.position_m.tolist()}\ndirection = {s.direction.tolist()}\nunit = "m/s2"\n')  # fmt: skip
+        (folder / "campaign.toml").write_text("".join(lines))
+        with h5py.File(folder / "acceleration" / "0.h5", "w") as file:
+            data = file.create_dataset("data", data=jacket.record(9000, seed=60 + number)[:, rows])
+            data.attrs["start"], data.attrs["sampling_rate_hz"] = "2020-01-01T00:00:00Z", 5.0
+        campaigns.append(read_campaign(folder))
+    names = ("FA1", "SS1", "T1", "FA2", "SS2")
+    model = ReferenceModes(labels=names, frequency_hz=jacket.frequency_hz * 0.9, shape=jacket.shape,
+                           pairs=((0, 1), (3, 4)))  # fmt: skip
+    heave = np.array([1.0 if s.direction[2] else 0.0 for s in sensor_list])[:, None]
+    others = ReferenceModes(labels=("L1",), frequency_hz=[1.6], shape=heave)
+    merged = identify_setups(campaigns, ("a", "b"), reference=model, others=others,
+                             channels=tuple(s.channel for s in sensor_list),
+                             settings=SSISettings(order=14, block_rows=20, spread=6, sub_records=20))  # fmt: skip
+    assert merged.data.labels == names and [r.match for r in merged.data.records] == ["alike"] * 5
+    s = merged.data.sets[0]
+    assert np.all(np.abs(s.frequency_hz / jacket.frequency_hz - 1) < 4 * s.frequency_std_hz / s.frequency_hz)
+    assert [x.label for x in merged.data.model_only] == ["L1"] and "L1 at 1.6 Hz is in no block" in merged.summary
+    assert merged.data.records[0].frequency_ratio == pytest.approx(1 / 0.9, rel=0.01)
