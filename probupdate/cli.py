@@ -10,6 +10,7 @@ import signal
 import sys
 import tempfile
 import time
+import warnings
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import NoReturn
@@ -307,6 +308,28 @@ class _Parser(argparse.ArgumentParser):
         self.exit(2, f"{self.prog}: {message}; see {self.prog} --help\n")
 
 
+# a command of each verb as it is typed in a run directory of the names that `report` looks for
+EXAMPLES = {
+    "demo": "demo out",
+    "simulate": "simulate run/campaign --days 1 --seed 1",
+    "modes": "modes as_built --count 8",
+    "convert": "convert records run/campaign",
+    "check": "check run/campaign --out run/check.json",
+    "identify": "identify run/campaign --model run/model.toml --out run/modes.json",
+    "select": "select run/modes.json --scada run/campaign/scada.csv --out run/nine.json",
+    "regress": "regress run/modes.json --state idling --out run/regression.csv",
+    "update": "update --model run/model.toml --modes run/nine.json --out run/update.json",
+    "sample": "sample --model run/model.toml --modes run/nine.json --out run/posterior.nc",
+    "compare": "compare run/update.json run/posterior.nc --model run/model.toml --out run/compare.json",
+    "sets": "sets --model run/model.toml --modes run/nine.json --out run/sets.json",
+    "inform": "inform --model run/model.toml --modes run/nine.json --out run/information.json",
+    "diagnose": "diagnose --model run/model.toml --modes run/modes.json --campaign run/campaign --out run/diagnosis.json",
+    "figures": "figures run/modes.json --campaign run/campaign --format pdf --out run/figures",
+    "export": "export run --to lifetime run-lifetime",
+    "report": "report run --out run/report.html",
+}
+
+
 def build_parser() -> argparse.ArgumentParser:
     parser = _Parser(
         prog="probupdate",
@@ -317,7 +340,8 @@ def build_parser() -> argparse.ArgumentParser:
     verbs = parser.add_subparsers(dest="verb", required=True, metavar="VERB")
 
     def verb(name: str, run: Callable, text: str) -> argparse.ArgumentParser:
-        added = verbs.add_parser(name, help=text, description=text)
+        added = verbs.add_parser(name, help=text, description=f"{text[0].upper()}{text[1:]}.",
+                                 epilog=f"example: probupdate {EXAMPLES[name]}")
         added.set_defaults(action=run)
         return added
 
@@ -360,7 +384,7 @@ def build_parser() -> argparse.ArgumentParser:
     p = verb("simulate", run_simulate, "a virtual turbine, measured: a campaign with its truth")
     p.add_argument("out", metavar="OUT", help="campaign directory to write")
     p.add_argument("--model", help="model.toml whose geometry is built anew (default: the updated reference turbine)")
-    p.add_argument("--days", type=positive(float), default=1.0)
+    p.add_argument("--days", type=positive(float), default=1.0, help="length of the campaign (default 1)")
     p.add_argument("--truth", help="truth.toml: parameters and effects to build in instead of drawing them")
     p.add_argument("--jobs", type=positive(int), default=1, help="processes (1); the bytes do not depend on it")
     seeded(p)
@@ -379,7 +403,7 @@ def build_parser() -> argparse.ArgumentParser:
     p.add_argument("--description", help="convert.toml (default: the campaign's)")
 
     p = verb("check", run_check, "what a campaign holds, what is wrong with it, what can be done with it")
-    p.add_argument("campaign", metavar="CAMPAIGN")
+    p.add_argument("campaign", metavar="CAMPAIGN", help="directory with campaign.toml and acceleration/")
     p.add_argument("--out", help="write the findings as JSON too")
 
     p = verb("identify", run_identify, "modes of every block by SSI-cov, and every pole with what became of it")
@@ -395,11 +419,11 @@ def build_parser() -> argparse.ArgumentParser:
     p.add_argument("--block-rows", type=positive(int), help="block rows of the Toeplitz matrix (30 with a model)")
     p.add_argument("--rate", type=positive(float), help="sampling rate after decimation in Hz (5 with a model; without, "
                    "all three are proposed from the record and said)")
-    p.add_argument("--harmonics", choices=("keep", "remove"), default="keep", help="remove: take the rotor's multiples "
+    p.add_argument("--harmonics", choices=("keep", "remove"), default="keep", help="keep them (default), or remove: take the rotor's multiples "
                    "out of records in which its angle can be followed; each block says what was done")
 
     p = verb("select", run_select, "the sets an update may trust (Table 1), and the most consistent one")
-    p.add_argument("modes", metavar="MODES")
+    p.add_argument("modes", metavar="MODES", help="modes.json of `identify`")
     p.add_argument("--scada", help="scada.csv (default: the environment kept in MODES)")
     p.add_argument("--criteria", help="TOML file with thresholds of Table 1, such as pitch_range_deg = 2.0 (README)")
     p.add_argument("--deviations", choices=("campaign", "identification"), default="campaign",
@@ -408,7 +432,7 @@ def build_parser() -> argparse.ArgumentParser:
     p.add_argument("--rated-power", type=positive(float), metavar="KW",
                    help="the turbine's, for states told from --scada (default: the highest power in it)")
     p.add_argument("--count", type=positive(int), default=9, help="how many sets to keep (default 9)")
-    p.add_argument("--out", required=True)
+    p.add_argument("--out", required=True, help="modes file of the selected sets, nine.json in a run directory")
 
     p = verb("regress", run_regress, "how frequencies and damping follow wind, rotor, temperature, water and amplitude")
     p.add_argument("modes", metavar="MODES", help="modes.json of a campaign")
@@ -430,7 +454,7 @@ def build_parser() -> argparse.ArgumentParser:
     p.add_argument("--method", choices=("gauss-newton", "levenberg-marquardt"), default="gauss-newton",
                    help="how the anchored reading is solved (gauss-newton)")
     p.add_argument("--iterations", type=positive(int), default=50, help="at most so many steps (50)")
-    p.add_argument("--out", required=True)
+    p.add_argument("--out", required=True, help="update.json")
 
     p = verb("sample", run_sample, "the posterior of the same problem by emcee; resumes where it was stopped")
     on_modes(p)
@@ -442,11 +466,11 @@ def build_parser() -> argparse.ArgumentParser:
     seeded(p)
 
     p = verb("compare", run_compare, "where update and posterior part, and why")
-    p.add_argument("update", metavar="UPDATE")
-    p.add_argument("posterior", metavar="POSTERIOR")
+    p.add_argument("update", metavar="UPDATE", help="update.json of `update`")
+    p.add_argument("posterior", metavar="POSTERIOR", help="posterior.nc of `sample`, of the same model, set and weights")
     p.add_argument("--model", help="for its derived quantities over the posterior, such as a pile's head stiffness")
     p.add_argument("--parameters", help="parameters.toml of a model made of matrices")
-    p.add_argument("--out", required=True)
+    p.add_argument("--out", required=True, help="compare.json")
 
     p = verb("sets", run_sets, "all sets in four views: scatter, pooled, one posterior, a population with its scatter")
     on_modes(p, one=False)
@@ -482,13 +506,13 @@ def build_parser() -> argparse.ArgumentParser:
     p.add_argument("modes", metavar="MODES", help="modes.json; poles and blocks are taken from beside it")
     p.add_argument("--campaign", help="its folder, for wind, turbine states and rotor speed")
     p.add_argument("--block", help="id of the block whose stabilisation is drawn (default: the reference set's)")
-    p.add_argument("--format", choices=("png", "svg", "pdf"), default="png")
+    p.add_argument("--format", choices=("png", "svg", "pdf"), default="png", help="of the files (png)")
     p.add_argument("--out", required=True, help="folder to write into")
 
     p = verb("export", run_export, "what a lifetime-extension analysis takes: draws, joint distribution, models, "
              "superelements, modes; each file read back and checked")
     p.add_argument("run", metavar="RUN", help="directory with model.toml (or model.npz) and posterior.nc")
-    p.add_argument("--to", choices=("lifetime",), required=True)
+    p.add_argument("--to", choices=("lifetime",), required=True, help="what the files are for")
     p.add_argument("out", metavar="OUT", help="folder to write, new or empty")
     p.add_argument("--draws", type=positive(int), default=100, help="how many equally weighted draws (100)")
     p.add_argument("--superelement-modes", type=positive(int), default=10, help="Craig-Bampton modes (10)")
@@ -498,8 +522,8 @@ def build_parser() -> argparse.ArgumentParser:
     seeded(p)
 
     p = verb("report", run_report, "one self-contained page of a run directory")
-    p.add_argument("run", metavar="RUN")
-    p.add_argument("--out", required=True)
+    p.add_argument("run", metavar="RUN", help="directory that the steps wrote into; what is missing there is left out")
+    p.add_argument("--out", required=True, help="the page, report.html")
     return parser
 
 
@@ -561,6 +585,8 @@ def _drop_output() -> None:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     a = build_parser().parse_args(arguments)
+    # an announcement of another package's next release, once a day and machine; it says nothing of this run
+    warnings.filterwarnings("ignore", message=r"\s*ArviZ is undergoing a major refactor", category=FutureWarning)
     try:
         if a.out:
             refuse_unwritable(a.out, folder=a.verb in WRITE_FOLDERS)

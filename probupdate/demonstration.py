@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import hashlib
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -56,42 +57,76 @@ def demo(
     write_bytes(model, reference_model(START_STATE).read_bytes())
     modes, nine = out / "modes.json", out / "nine.json"
     files = {"update": out / "update.json", "posterior": out / "posterior.nc", "compare": out / "compare.json"}
-    if not state.done("simulate"):
-        say(verbs.simulate(campaign, model=TRUTH_STATE, days=days, seed=seed, progress=progress).summary)
-        state.finish("simulate")
-    if not state.done("identify"):
-        found = verbs.identify(campaign, model, store=out / "modes.json.blocks", progress=progress)
-        found.write(modes)
-        say(found.summary)
-        state.finish("identify")
-    if not state.done("select"):
-        chosen = verbs.select(modes, scada=campaign / "scada.csv")
-        chosen.write(nine)
-        say(chosen.summary)
-        state.finish("select")
-    if not state.done("update"):
-        updated = verbs.update(model, nine, weights=WEIGHTS, progress=progress)
-        updated.write(files["update"])
-        say(updated.summary)
-        state.finish("update")
-    if not state.done("sample"):
-        drawn = verbs.sample(model, nine, files["posterior"], weights=WEIGHTS, seed=seed, target_ess=TARGET_ESS,
-                             progress=progress)  # fmt: skip
-        say(drawn.summary)
-        state.finish("sample")
-    if not state.done("diagnose"):
-        # asked of all blocks, with the model as it was before any update: nothing is hidden in this campaign
-        diagnosis = verbs.diagnose(model, modes, campaign=campaign, seed=seed, out=out / "diagnosis.json",
-                                   progress=progress)  # fmt: skip
-        diagnosis.write(out / "diagnosis.json")
-        say(diagnosis.summary)
-        state.finish("diagnose")
-    compared = verbs.compare(files["update"], files["posterior"], model=model)
-    compared.write(files["compare"])
-    page = write_report(out, out / "report.html", progress=progress)
+    steps = _Steps(state, say)
+    with steps.of("simulate") as wanted:
+        if wanted:
+            say(verbs.simulate(campaign, model=TRUTH_STATE, days=days, seed=seed, progress=progress).summary)
+    with steps.of("identify") as wanted:
+        if wanted:
+            found = verbs.identify(campaign, model, store=out / "modes.json.blocks", progress=progress)
+            found.write(modes)
+            say(found.summary)
+    with steps.of("select") as wanted:
+        if wanted:
+            chosen = verbs.select(modes, scada=campaign / "scada.csv")
+            chosen.write(nine)
+            say(chosen.summary)
+    with steps.of("update") as wanted:
+        if wanted:
+            updated = verbs.update(model, nine, weights=WEIGHTS, progress=progress)
+            updated.write(files["update"])
+            say(updated.summary)
+    with steps.of("sample") as wanted:
+        if wanted:
+            drawn = verbs.sample(model, nine, files["posterior"], weights=WEIGHTS, seed=seed, target_ess=TARGET_ESS,
+                                 progress=progress)  # fmt: skip
+            say(drawn.summary)
+    with steps.of("diagnose") as wanted:
+        if wanted:
+            # asked of all blocks, with the model as it was before any update: nothing is hidden in this campaign
+            diagnosis = verbs.diagnose(model, modes, campaign=campaign, seed=seed, out=out / "diagnosis.json",
+                                       progress=progress)  # fmt: skip
+            diagnosis.write(out / "diagnosis.json")
+            say(diagnosis.summary)
+    with steps.of("compare", again=True):
+        compared = verbs.compare(files["update"], files["posterior"], model=model)
+        compared.write(files["compare"])
+        say(compared.summary)
+    with steps.of("report", again=True):
+        page = write_report(out, out / "report.html", progress=progress)
     seconds = time.monotonic() - begun
-    summary = f"{compared.summary}\n{seconds:.0f} s; open {page}"
+    summary = f"{seconds:.0f} s; open {page}"
     return Demonstration(folder=out, seconds=seconds, summary=summary)
+
+
+# step -> what it does, in the order of the work; the last two are done anew each time
+STEPS = {
+    "simulate": "a virtual turbine is measured", "identify": "modes of every half hour", "select": "sets to trust",
+    "update": "the deterministic update", "sample": "the posterior", "diagnose": "what the model gets wrong",
+    "compare": "update and posterior side by side", "report": "one page of it all",
+}  # fmt: skip
+
+
+class _Steps:
+    """A heading before each step, a line with its time after it."""
+
+    def __init__(self, state: _State, say: Callable[[str], None]):
+        self._state, self._say = state, say
+
+    @contextmanager
+    def of(self, step: str, again: bool = False) -> Iterator[bool]:
+        """Whether the step is still to be done; it is finished when the block ends without an error."""
+        head = f"[{list(STEPS).index(step) + 1}/{len(STEPS)}] {step}"
+        if not again and self._state.done(step):
+            self._say(f"{head}: finished before")
+            yield False
+            return
+        begun = time.monotonic()
+        self._say(f"\n{head}: {STEPS[step]}")
+        yield True
+        if not again:
+            self._state.finish(step)
+        self._say(f"{head}: finished in {time.monotonic() - begun:.1f} s")
 
 
 def _finished(path: Path) -> dict:

@@ -35,6 +35,7 @@ from probupdate.reporting.figures_updating import (
     frequency_errors,
     unit_label,
     update_history,
+    variance_shares,
 )
 from probupdate.reporting.style import svg_text
 
@@ -43,5 +44,6 @@ __all__ = [
     "correlation_map", "departures", "detection_limits", "estimate_paths", "frequencies_by_block", "frequency_errors",
     "mac_map", "marginals", "mode_residuals", "mode_shapes", "mpc_map", "poles", "predictive_frequencies",
     "pushed_parameters", "residual_layout", "residual_map", "selection_steps", "sensor_layout", "shapes_by_channel",
-    "stabilisation", "svg_text", "traces_and_ranks", "unit_label", "update_history", "wind_and_state",
+    "stabilisation", "svg_text", "traces_and_ranks", "unit_label", "update_history",
+    "variance_shares", "wind_and_state",
 ]

@@ -198,3 +198,23 @@ def estimate_paths(
     handles, labels = panels[0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside upper left", ncols=3, columnspacing=1.2)
     return figure
+
+
+@styled
+def variance_shares(names: Sequence[str], components: Sequence[str], share: np.ndarray) -> Figure:
+    """What each parameter's variance is made of: share (n_component, n_param) of its variance, columns sum to one."""
+    figure = new_figure(FULL_IN, 0.9 + 0.27 * len(names))
+    axes = figure.subplots()
+    rows, left = np.arange(len(names)), np.zeros(len(names))
+    hatches = ("", "///", "...", "xx", "\\\\\\", "++", "oo", "--")
+    for k, component in enumerate(components):
+        axes.barh(rows, 100 * share[k], left=left, height=0.66, color=_COLORS[k % 8], hatch=hatches[k % 8],
+                  edgecolor="white", lw=0.4, label=component)
+        left = left + 100 * share[k]
+    axes.set_yticks(rows, names)
+    axes.set_xlim(0, 100)
+    axes.set_ylim(len(rows) - 0.5, -0.5)
+    axes.grid(axis="y", visible=False)
+    label_axes(axes, "share of the variance at the MAP [%]", "parameter")
+    figure.legend(loc="outside upper left", ncols=4, columnspacing=1.2)
+    return figure

@@ -7,6 +7,7 @@ import numpy as np
 from probupdate.estimators.update_file import ACCUSED, SchemeRecord, UpdateRecord, fit_sentence, misses
 from probupdate.parameters import Parameter
 from probupdate.reporting import figures, paper_tables
+from probupdate.reporting.components_items import component_items
 from probupdate.reporting.elements import (
     MISSING,
     Column,
@@ -95,6 +96,7 @@ def update_section(run: Run) -> Section:
             "deviations, root mean square over the parameters, drawn at 0.001 where it is less.",
         )
     )
+    items += component_items(update)
     items += _paths_picture(run)
     scatter = _scatter_table(run)
     items += [scatter] if scatter else []

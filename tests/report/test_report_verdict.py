@@ -244,3 +244,31 @@ def test_a_single_parameter_and_a_short_chain_make_a_page(full_run, undrawn):
         prior=np.ones((10, 1)), r_hat=np.ones(1), ess=np.full(1, 9.0))
     html = compose(replace(run, update=update, posterior=posterior, comparison=None, jacket=False))
     assert "Of 1 parameter the data identify" in html
+
+
+def test_components_stand_with_what_to_measure_next(full_run, monkeypatch):
+    """Shares by hand: 3 and 4 of a total of 5 are 36 and 64 %; a component of nothing is not drawn."""
+    from probupdate.estimators.update_file import ComponentsRecord
+    from probupdate.reporting import figures
+
+    n = len(full_run.update.parameters)
+    gain = np.zeros((2, n))
+    gain[0, :3] = [0.25, 0.1, 0.001]
+    parts = ComponentsRecord(
+        names=("identification", "model discrepancy", "prior"), source_names=(), source_std=np.zeros((0, n)),
+        std=np.array([[3.0] * n, [0.0] * n, [4.0] * n]), measures=("sensor at T66", "longer record"), gain=gain,
+        responses=("frequency of FA1", "shape of T1"), chi_square=np.array([30.0, 15.0]), expected=np.array([1.0, 17.0]))
+    drawn = {}
+    draw = figures.variance_shares
+    monkeypatch.setattr(figures, "variance_shares", lambda *a: drawn.update(given=a) or draw(*a))
+    with_parts = replace(full_run, update=replace(full_run.update, components=parts))
+    section = update_section(with_parts)
+    found = tables(section)
+    row = found["Components of each parameter's variance"].rows[0]
+    assert row[2:] == ("5.00", "36", "0", "64")
+    assert list(drawn["given"][1]) == ["identification", "prior"] and np.allclose(drawn["given"][2].sum(axis=0), 1)
+    assert found["What to measure next"].rows[0][:4] == ("sensor at T66", "25", "10", "\u2013")
+    assert found["Fit of each response at the MAP"].marked == {0}
+    assert any("frequency of FA1" in t for i in section.items if isinstance(i, Items) for t in i.statements)
+    words = [t for i in verdict_section(with_parts).items if isinstance(i, Items) for t in i.statements]
+    assert any("sensor at T66 (narrows k_j by 25 %, k_t by 10 %)" in t for t in words)

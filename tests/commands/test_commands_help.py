@@ -1,0 +1,34 @@
+"""--help: each command has an example that is taken as it is typed, and a word for each of its arguments."""
+
+from __future__ import annotations
+
+import argparse
+import shlex
+import subprocess
+import sys
+
+import pytest
+
+from probupdate.cli import EXAMPLES, build_parser
+
+(VERBS,) = (a.choices for a in build_parser()._actions if a.dest == "verb")
+
+
+@pytest.mark.parametrize("verb", VERBS)
+def test_a_command_says_what_each_argument_is_and_shows_how_it_is_typed(verb):
+    words = shlex.split(EXAMPLES[verb])
+    assert words[0] == verb and build_parser().parse_args(words).verb == verb
+    assert f"probupdate {EXAMPLES[verb]}" in " ".join(VERBS[verb].format_help().split())
+    for action in VERBS[verb]._actions:
+        assert action.help, action.dest
+        said = action.default in (None, False, argparse.SUPPRESS) or f"{action.default:g}" in action.help \
+            if not isinstance(action.default, str) else "default" in action.help or action.default in action.help
+        assert said or action.dest == "help", f"{action.dest}: default {action.default} is not said"
+
+
+def test_help_asks_for_nothing_heavy():
+    """What takes seconds to load is loaded by the command that needs it."""
+    code = ("import sys, probupdate.cli as c; c.build_parser().format_help(); "
+            "print([m for m in ('scipy', 'pandas', 'matplotlib', 'arviz', 'h5py', 'emcee') if m in sys.modules])")
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"
