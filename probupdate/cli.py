@@ -414,7 +414,8 @@ def build_parser() -> argparse.ArgumentParser:
                    "(default: first and second bending and torsion of a tower)")
     p.add_argument("--out", required=True, help="modes.json; the poles go beside it, and each block's as it is found "
                    "(OUT.blocks): a run that was stopped goes on there")
-    p.add_argument("--jobs", type=positive(int), help="processes (default: one a core); the modes do not depend on it")
+    p.add_argument("--jobs", type=positive(int), help="processes (default: one a core; at most one for 40 blocks, as "
+                   "starting one takes as long as those); the modes do not depend on it")
     p.add_argument("--order", type=positive(int), help="model order (20 with a model, as the paper)")
     p.add_argument("--block-rows", type=positive(int), help="block rows of the Toeplitz matrix (30 with a model)")
     p.add_argument("--rate", type=positive(float), help="sampling rate after decimation in Hz (5 with a model; without, "

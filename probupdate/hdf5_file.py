@@ -20,8 +20,9 @@ from probupdate import hdf5_probe
 from probupdate.errors import InputError, parsing
 from probupdate.files import input_file
 
-# a month's file of 100 channels is looked through in less than a second
-SECONDS = 15
+# a file is looked through in milliseconds; large packed chunks are unpacked, 20 MB a second at worst
+SECONDS = 3
+BYTES_A_SECOND = 2e7
 MEMORY = 2 * 2**30
 # files found good, as they were then
 _KNOWN_SIZE = 20_000
@@ -75,18 +76,19 @@ class _Probe:
     def ask(self, path: Path, whole: bool) -> str | None:
         with self._lock:
             child = self._started()
+            seconds = SECONDS + int(path.stat().st_size / BYTES_A_SECOND)
             try:
-                line = json.dumps({"path": str(path), "whole": whole}) + "\n"
+                line = json.dumps({"path": str(path), "whole": whole, "seconds": seconds}) + "\n"
                 child.stdin.write(line.encode())
                 child.stdin.flush()
-                answer = _line(child, SECONDS + 5.0)
+                answer = _line(child, seconds + 3.0)
             except (OSError, ValueError):
                 answer = b""
             if answer.endswith(b"\n"):
                 return json.loads(answer)["problem"]
             self.close()
             if answer == b"?":
-                return f"the HDF5 library is not done with it after {SECONDS} s: it is damaged"
+                return f"the HDF5 library is not done with it after {seconds} s: it is damaged"
             return "the HDF5 library ends on it, or does not come to an end: it is damaged"
 
     def _started(self) -> subprocess.Popen:
@@ -98,7 +100,7 @@ class _Probe:
             program = str(Path(hdf5_probe.__file__))
             quiet = os.environ | {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
             self._child = subprocess.Popen(
-                [sys.executable, "-P", program, str(MEMORY), str(SECONDS)], stdin=subprocess.PIPE,
+                [sys.executable, "-P", program, str(MEMORY)], stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, env=quiet, start_new_session=True, bufsize=0)
             self._owner = os.getpid()
         return self._child

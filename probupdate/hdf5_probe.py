@@ -1,8 +1,8 @@
 """Run as a program of its own: opens HDF5 files named on standard input and answers whether they are safe to read.
 
-A damaged index can hold the HDF5 library for ever, or end its process; this one may be ended. A line in: {"path", "whole"};
-a line out: {"problem": null or words}. `whole`: all data are read here first. Limits on processor time (from the second
-argument, seconds a file) and memory (first argument, bytes) hold where the system has them.
+A damaged index can hold the HDF5 library for ever, or end its process; this one may be ended. A line in: {"path", "whole",
+"seconds"}; a line out: {"problem": null or words}. `whole`: all data are read here first. Limits on processor time
+(`seconds`) and memory (the argument, bytes) hold where the system has them.
 """
 
 import json
@@ -119,16 +119,16 @@ def _text(name):
     return (name.decode("utf-8", "replace") if isinstance(name, bytes) else str(name))[:100]
 
 
-def limited(memory, seconds):
-    """Sets the limit on memory; returns a function that grants `seconds` more of processor time."""
+def limited(memory):
+    """Sets the limit on memory; returns a function that grants so many seconds more of processor time."""
     try:
         import resource
     except ImportError:
-        return lambda: None
+        return lambda seconds: None
     _, most = resource.getrlimit(resource.RLIMIT_AS)
     resource.setrlimit(resource.RLIMIT_AS, (memory if most < 0 else min(memory, most), most))
 
-    def grant():
+    def grant(seconds):
         used = resource.getrusage(resource.RUSAGE_SELF)
         _, hard = resource.getrlimit(resource.RLIMIT_CPU)
         wanted = int(used.ru_utime + used.ru_stime) + seconds
@@ -138,13 +138,13 @@ def limited(memory, seconds):
 
 
 def answer_all():
-    memory, seconds = int(sys.argv[1]), int(sys.argv[2])
+    memory = int(sys.argv[1])
     import h5py  # noqa: F401  before the limit on memory
 
-    grant = limited(memory, seconds)
+    grant = limited(memory)
     for line in sys.stdin:
-        grant()
         asked = json.loads(line)
+        grant(asked["seconds"])
         try:
             found = problem_of(asked["path"], asked["whole"])
         except Exception as error:

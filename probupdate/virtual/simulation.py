@@ -34,6 +34,8 @@ START = np.datetime64("2019-06-01T00:00:00")
 # hours that a process is given at a time
 PART = 6
 REFERENCE_STATES = ("design", "as_built", "updated")
+# ten years of ten-minute rows fit in memory, and nobody waits for more
+LONGEST_DAYS = 3660.0
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -84,6 +86,8 @@ def simulate(
     """
     if isinstance(seed, bool) or not isinstance(seed, (int, np.integer)) or seed < 0:
         raise InputError("seed", f"{seed!r} is not a whole number from 0", "give one, such as 1")
+    if days > LONGEST_DAYS:
+        raise InputError("days", f"{days:g} is more than {LONGEST_DAYS:g}", "give less; a month is 30")
     n_slot = round(days * 144) if np.isfinite(days) else 0
     if n_slot < operation.SLOTS_PER_BLOCK:
         raise InputError("days", f"{days} is shorter than one block of 30 minutes", "give at least 0.021")
