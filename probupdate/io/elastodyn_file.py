@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from probupdate.errors import InputError
+from probupdate.errors import InputError, parsing
 from probupdate.io.fortran_text import number, read_lines, unquoted, words
 from probupdate.modes import frozen_array
 
@@ -108,7 +108,9 @@ def read_elastodyn(path: str | Path, root: Path | None = None) -> ElastoDyn:
     """Read an ElastoDyn file, its tower file and, for the rotor's mass, its blade files; all of them in the folder `root`
     or below (the file's own where None)."""
     keys = _Keys(Path(path), root)
-    return ElastoDyn(tower=_tower(keys), rotor_nacelle=_rotor_nacelle(keys))
+    with parsing(str(path), "holds numbers of no turbine", "mend the largest of them"), np.errstate(
+            over="raise", invalid="raise", divide="raise"):  # fmt: skip
+        return ElastoDyn(tower=_tower(keys), rotor_nacelle=_rotor_nacelle(keys))
 
 
 def named_files(path: str | Path, root: Path | None = None) -> tuple[Path, ...]:
