@@ -19,7 +19,7 @@ import numpy as np
 
 
 def command(out: Path) -> list[str]:
-    return [sys.executable, "-m", "probupdate.cli", "simulate", str(out), "--days", "0.5", "--seed", "3"]
+    return [sys.executable, "-m", "probupdate.cli", "simulate", str(out), "--days", "0.1", "--seed", "3"]
 
 
 def digest(folder: Path) -> dict[str, str]:
