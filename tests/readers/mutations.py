@@ -137,7 +137,8 @@ def _spoilt_array(array: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     if kind == 2:
         return array.astype(str)
     if kind == 3 and array.dtype.kind in "iuf":
-        return array.astype(rng.choice([np.int8, np.uint64, np.float16, np.float64, np.complex128]))
+        with np.errstate(all="ignore"):
+            return array.astype(rng.choice([np.int8, np.uint64, np.float16, np.float64, np.complex128]))
     if kind == 4:
         return np.zeros((0, *array.shape[1:]), array.dtype)
     if kind == 5:
@@ -150,7 +151,8 @@ def _spoilt_array(array: np.ndarray, rng: np.random.Generator) -> np.ndarray:
             with np.errstate(all="ignore"):
                 if array.dtype.kind in "iu":
                     low, high = np.iinfo(array.dtype).min, np.iinfo(array.dtype).max
-                    value = int(np.clip(np.nan_to_num(value), max(low, -(2.0**62)), min(high, 2.0**62)))
+                    # whole numbers: a float of the highest is beyond it
+                    value = min(max(int(np.clip(np.nan_to_num(value), -(2.0**62), 2.0**62)), low), high)
                 flat[k] = value
     return array
 
