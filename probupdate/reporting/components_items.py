@@ -27,8 +27,10 @@ def component_items(update: UpdateRecord) -> list[object]:
         Picture(
             svg=figures.svg_text(
                 figures.variance_shares(names, [parts.names[k] for k in there], share[there]), "components"),
-            caption="What each parameter's variance is made of, by the Gaussian approximation at the MAP: errors of the "
-            "identification, the model's own discrepancy, tolerances by group, and what the prior leaves. A bar that is "
+            caption="What each parameter's variance is made of, by the Gaussian approximation at the MAP: errors of "
+                    "the "
+            "identification, the model's own discrepancy, tolerances by group, and what the prior leaves. A bar that "
+            "is "
             "all prior was not informed by the data; where identification is large, a longer or better record helps."),
         _components_table(update, parts, share, total),
     ]  # fmt: skip

@@ -104,7 +104,8 @@ def _actions(content: Mapping) -> list[object]:
     if content.get("extended_model"):
         statements.append(f"Update and sample again with {content['extended_model']}, which has the findings in it.")
     if content["verdict"] == "none":
-        statements.append("No cause is to be looked for. What could hide below the limits is listed further down.")
+        statements.append("No cause is to be looked for. What could hide below the minimum detectable sizes is "
+                          "listed further down.")
     return [Items(title="What to do", statements=tuple(statements))] if statements else []
 
 
@@ -117,10 +118,12 @@ def _findings_table(findings: Sequence[Mapping]) -> Table:
         for k, f in enumerate(findings, start=1)
     )  # fmt: skip
     columns = (Column(name="no."), Column(name="kind", number=False), Column(name="cause, place", number=False),
-               Column(name="size with deviation"), Column(name="course", number=False), Column(name="z", unit="-"),
+               Column(name="size with standard "
+                           "deviation"), Column(name="course", number=False), Column(name="z", unit="-"),
                Column(name="probability", unit="-"), Column(name="or else", number=False))  # fmt: skip
     return Table(caption="Findings, in the order in which they were taken in", columns=columns, rows=rows,
-                 note="A size is what goes beyond the drawing or data sheet; its deviation counts tolerances and what "
+                 note="A size is what goes beyond the drawing or data sheet; its standard deviation counts "
+                      "tolerances and what "
                  "else is normal. z: the score at which it was found.")
 
 
@@ -223,11 +226,12 @@ def _pushed(content: Mapping, shown: Mapping | None) -> list[object]:
             together = " → ".join(number(p, 2) for p in told["p_together"])
             items.append(_picture(
                 figures.pushed_parameters(told["parameters"], shown["states"]), "pushed",
-                "How far the update pushed each parameter, and how far these data push it nine times in ten when its "
+                "Standardised shift of each parameter from its prior, and how far these data shift it nine times in "
+                "ten when its "
                 f"prior is right (grey). All together: p = {together}."))  # fmt: skip
     sentences = wording.pushed_words(content)
     if sentences:
-        items.append(Items(title="Pushed where the prior did not expect it", level="warning",
+        items.append(Items(title="Shifted where the prior did not expect it", level="warning",
                            statements=tuple(map(sentence, sentences))))
     return items
 
@@ -299,7 +303,7 @@ def _limits(content: Mapping) -> list[object]:
     count = sum(bool(x.get("limit")) for x in content["limits"])
     items: list[object] = [_picture(
         figures.detection_limits(reached, steps), "limits",
-        "The least size that would have been found in nine of ten records like this one, all through the record or "
+        "The minimum detectable size: found in nine of ten records like this one, all through the record or "
         "with its covariate; diamonds: as a step within the record. Each cause at its best places; all "
         f"{count} are in diagnosis.json.")]  # fmt: skip
     if unreached:

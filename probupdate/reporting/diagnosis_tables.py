@@ -111,7 +111,7 @@ def _estimators_table(updated: object, sampler: object) -> list[object]:
                      *(number(d.get(q)) for q in ("q05", "q50", "q95")), fixed(d.get("r_hat"), 3),
                      fixed(d.get("effective_draws"), 0)))  # fmt: skip
     columns = (Column(name="parameter", number=False), Column(name="prior"), Column(name="deterministic"),
-               Column(name="MAP with Laplace's deviation"), Column(name="emcee, mean with deviation"),
+               Column(name="MAP with Laplace's standard deviation"), Column(name="emcee, mean with standard deviation"),
                Column(name="5 %"), Column(name="50 %"), Column(name="95 %"), Column(name="R-hat", unit="-"),
                Column(name="effective draws"))  # fmt: skip
     how = (f"{sampler['draws']} draws, acceptance {fixed(sampler['acceptance'], 2)}; asked for "

@@ -121,7 +121,7 @@ def residual_map(rows: Sequence[Mapping], states: Sequence[str]) -> Figure:
         label_axes(axes, "mode (i: out of phase)", "channel", _state_words(states[s], states))
         axes.label_outer()
     bar = figure.colorbar(drawn, ax=panels, shrink=0.7, pad=0.01, extend="both")
-    bar.set_label("deviations of what is normal [-]", fontsize=8)
+    bar.set_label("standard deviations of what is normal [-]", fontsize=8)
     bar.outline.set_linewidth(0.5)
     return figure
 
@@ -167,7 +167,7 @@ def residual_layout(sensors: Sequence[Mapping], rows: Sequence[Mapping], states:
         if s + 1 < len(states):
             axes.set_xlabel("")
     bar = figure.colorbar(drawn, ax=panels, shrink=0.8, pad=0.01, extend="both")
-    bar.set_label("largest over modes [deviations]", fontsize=8)
+    bar.set_label("largest over modes [standard deviations]", fontsize=8)
     return figure
 
 
@@ -279,7 +279,7 @@ def against_covariates(
 
 @styled
 def pushed_parameters(rows: Sequence[Mapping], states: Sequence[str]) -> Figure:
-    """Every parameter's shift in prior deviations, and the band in which the prior expects it with these data."""
+    """Every parameter's standardised shift, and the band in which the prior expects it with these data."""
     figure = new_figure(FULL_IN, 0.8 + 0.27 * len(rows))
     axes = figure.subplots()
     axes.axvline(0, color=GREY, lw=0.8)
@@ -294,41 +294,54 @@ def pushed_parameters(rows: Sequence[Mapping], states: Sequence[str]) -> Figure:
     axes.set_yticks(y, [r["name"] for r in rows])
     axes.invert_yaxis()
     axes.grid(axis="y", visible=False)
-    label_axes(axes, "pushed by [prior deviations]", "parameter")
+    label_axes(axes, "standardised shift [prior standard deviations]", "parameter")
     figure.legend(loc="outside upper left", ncols=2)
     return figure
 
 
 @styled
 def detection_limits(limits: Sequence[Mapping], steps: Mapping[tuple[str, str], float]) -> Figure:
-    """Least size that this record excludes, a panel a kind, in the unit at each bar; open marks: as a step within the
-    record, which is seen far better. limits: rows of diagnosis.json in the order to be drawn; steps: (cause, location)
-    -> limit of a step."""
-    kinds = [k for k in KIND_COLOURS if any(x["kind"] == k for x in limits)]
-    counts = [sum(x["kind"] == k for x in limits) for k in kinds]
-    figure = new_figure(FULL_IN, 0.9 + 0.21 * sum(counts) + 0.45 * len(kinds))
-    panels = np.atleast_1d(figure.subplots(len(kinds), 1, height_ratios=counts, squeeze=True))
-    for axes, kind in zip(panels, kinds, strict=True):
-        rows = [x for x in limits if x["kind"] == kind]
-        values = np.array([abs(x["limit"]) for x in rows])
-        inside = np.array([steps.get((x["cause"], x["location"]), np.nan) for x in rows])
-        low = np.nanmin(np.concatenate([values, np.abs(inside)])) / 2
+    """Least size that this record excludes, a panel for each kind and unit; open marks: as a step within the record,
+    which is seen far better. limits: rows of diagnosis.json in the order to be drawn; steps: (cause, location) -> size
+    of a step."""
+    groups: dict[tuple[str, str], list[Mapping]] = {}
+    for kind in KIND_COLOURS:
+        for x in limits:
+            if x["kind"] == kind:
+                groups.setdefault((kind, limit_unit(x)), []).append(x)
+    counts = [len(rows) for rows in groups.values()]
+    figure = new_figure(FULL_IN, 0.7 + 0.21 * sum(counts) + 0.62 * len(groups))
+    panels = np.atleast_1d(figure.subplots(len(groups), 1, height_ratios=[c + 0.4 for c in counts], squeeze=True))
+    before = ""
+    for axes, ((kind, unit), rows) in zip(panels, groups.items(), strict=True):
+        scale = 100.0 if unit.startswith("%") else 1.0
+        values = scale * np.array([abs(x["limit"]) for x in rows])
+        inside = scale * np.abs(np.array([steps.get((x["cause"], x["location"]), np.nan) for x in rows], float))
+        low = np.nanmin(np.concatenate([values, inside])) / 2
         axes.barh(range(len(rows)), values - low, left=low, color=KIND_COLOURS[kind], height=0.6, alpha=0.85)
-        axes.plot(np.abs(inside), range(len(rows)), ls="none", marker="D", ms=3.5, mfc="white", mec=PURPLE, zorder=3)
+        axes.plot(inside, range(len(rows)), ls="none", marker="D", ms=3.5, mfc="white", mec=PURPLE, zorder=3)
         axes.set_xscale("log")
-        axes.set_xlim(low, values.max() * 6)
+        axes.set_xlim(low, np.nanmax(np.concatenate([values, inside])) * 6)
         for k, x in enumerate(rows):
             axes.annotate(limit_text(x), (values[k], k), xytext=(4, 0), fontsize=7, va="center",
                           textcoords="offset points")
         axes.set_yticks(range(len(rows)), [f"{x['cause']}{', ' if x['location'] else ''}{x['location']}" for x in rows],
                         fontsize=7)
-        axes.invert_yaxis()
+        axes.set_ylim(len(rows) - 0.5, -0.5)
         axes.grid(axis="y", visible=False)
         axes.minorticks_off()
         axes.xaxis.set_major_formatter(lambda value, _: f"{value:g}")
-        label_axes(axes, "seen nine times in ten from this size on [each bar's own unit, shares as numbers]",
-                   "candidate", kind)
+        label_axes(axes, f"[{unit or '-'}]", "candidate", kind if kind != before else "")
+        before = kind
     return figure
+
+
+def limit_unit(limit: Mapping) -> str:
+    """The unit of a size as it is drawn: "%" of a share, "" of a number without one."""
+    unit = limit["unit"]
+    if limit["cause"] in SHARES and unit.startswith("-"):
+        return f"%{unit[1:]}"
+    return unit.removeprefix("-").strip()
 
 
 def limit_text(limit: Mapping) -> str:

@@ -186,7 +186,7 @@ def shapes_by_channel(
         for name, shape in computed.items():
             axes.plot(number, shape[:, j], ls="none", ms=4.5, label=f"{name} model", **looks[name])
         axes.errorbar(number, measured[:, j], yerr=2 * np.nan_to_num(measured_std[:, j]), fmt="o", ms=2.6, color=RED,
-                      lw=0.9, label="measured ± 2 deviations", zorder=1.5)
+                      lw=0.9, label="measured ± 2 standard deviations", zorder=1.5)
         axes.set_xlim(0, n_channel + 1)
         label_axes(axes, "channel number [-]", "shape [-]", titles[j])
         axes.label_outer()

@@ -219,7 +219,7 @@ def predictive_frequencies(
     low5, low25, middle, high75, high95 = np.percentile(relative, [5, 25, 50, 75, 95], axis=0)
     std = 100 * measured_std_hz / measured_hz
     axes.errorbar(np.zeros(len(rows)), rows - 0.18, xerr=2 * np.nan_to_num(std), fmt=MEASURED["marker"],
-                  color=MEASURED["color"], ms=4.5, lw=1.2, capsize=3, label="measured ± 2 deviations")
+                  color=MEASURED["color"], ms=4.5, lw=1.2, capsize=3, label="measured ± 2 standard deviations")
     axes.hlines(rows + 0.18, low5, high95, color=BLUE, lw=1.6)
     axes.hlines(rows + 0.18, low25, high75, color=BLUE, lw=5.0, alpha=0.55)
     axes.plot(middle, rows + 0.18, ls="none", marker=POSTERIOR["marker"], color=BLUE, mec="white", ms=5.5,

@@ -84,13 +84,13 @@ def frequency_errors(labels: Sequence[str], measured_hz, computed_hz: Mapping[st
 
 @styled
 def departures(parameters: Sequence[Parameter], draws: np.ndarray | None, marks: Sequence[Mark]) -> Figure:
-    """Every parameter's estimates and posterior on one scale: departure from the initial value in prior deviations."""
+    """Every parameter's estimates and posterior on one scale: shift from the initial value in prior std."""
     figure = new_figure(FULL_IN, 0.9 + 0.32 * len(parameters))
     axes = figure.subplots()
     initial = np.array([p.initial for p in parameters])
     std = np.array([p.std for p in parameters])
     rows = np.arange(len(parameters))
-    axes.barh(rows, 2.0, left=-1.0, height=0.62, color=GRID, label="prior, ± 1 deviation", zorder=1)
+    axes.barh(rows, 2.0, left=-1.0, height=0.62, color=GRID, label="prior, ± 1 standard deviation", zorder=1)
     if draws is not None:
         low5, low25, middle, high75, high95 = np.percentile((draws - initial) / std, [5, 25, 50, 75, 95], axis=0)
         axes.hlines(rows, low5, high95, color=BLUE, lw=1.4, zorder=3)
@@ -105,7 +105,7 @@ def departures(parameters: Sequence[Parameter], draws: np.ndarray | None, marks:
     axes.set_ylim(len(rows) - 0.4, -0.6)
     axes.grid(axis="y", visible=False)
     axes.xaxis.set_major_formatter(FuncFormatter(plain_number))
-    label_axes(axes, "departure from the initial value [prior deviations]", "parameter")
+    label_axes(axes, "shift from the initial value [prior standard deviations]", "parameter")
     figure.legend(loc="outside upper left", ncols=3, columnspacing=1.2)
     return figure
 
@@ -155,7 +155,7 @@ def update_history(
         bottom.xaxis.set_major_locator(MaxNLocator(integer=True))
         label_axes(top, "", "J [-]" if column == 0 else "", scheme)
         label_axes(middle, "", relative if column == 0 else "")
-        label_axes(bottom, "iteration", "distance to MAP\n[post. deviations]" if column == 0 else "")
+        label_axes(bottom, "iteration", "distance to MAP\n[post. standard deviations]" if column == 0 else "")
     panels[1, -1].legend(loc="center left", bbox_to_anchor=(1.01, 0.5), fontsize=7.5, labelspacing=0.25)
     if objective:
         panels[0, -1].legend(loc="center left", bbox_to_anchor=(1.01, 0.5), title="terms of J", title_fontsize=8,

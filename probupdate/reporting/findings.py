@@ -27,7 +27,8 @@ FAR_SHIFT = 2.0
 
 @dataclass(frozen=True, kw_only=True)
 class Finding:
-    """`short` completes "do not rely on the parameters: "; `text` is the full sentence, `action` what to do about it."""
+    """`short` completes "do not rely on the parameters: "; `text` is the full sentence, `action` what to do
+    about it."""
 
     level: str
     short: str
@@ -77,7 +78,8 @@ def _of_sampler(run: Run) -> list[Finding]:
     if fallback > MANY_FALLBACKS * evaluated:
         found.append(Finding(
             level="warning", short="the reduced basis does not cover the posterior",
-            text=f"{count(fallback)} of {count(evaluated)} evaluations fell outside the reduced basis and were answered "
+            text=f"{count(fallback)} of {count(evaluated)} evaluations fell outside the reduced basis and were "
+                 f"answered "
             "by the full model: exact, but the basis does not cover where the chain went."))  # fmt: skip
     return found
 
@@ -102,7 +104,8 @@ def _of_shifts(run: Run) -> list[Finding]:
     """Parameters far from their priors: said by the diagnosis against what these data make likely, else by the update
     against the prior alone."""
     content, action = run.diagnosis, (
-        "Check the priors of these parameters against drawings and site data; where they hold, the parameters absorb an "
+        "Check the priors of these parameters against drawings and site data; where they hold, the parameters absorb "
+        "an "
         "error of the model and are no properties of the structure.")
     if content is not None and content.get("parameters"):
         p = ((content["details"].get("residuals") or {}).get("pushed") or {}).get("p_together") or [None]
@@ -122,7 +125,8 @@ def _of_shifts(run: Run) -> list[Finding]:
         return []
     words = ", ".join(f"{s.name} {'+' if s.shift > 0 else ''}{fixed(s.shift, 1)}" for s in far)
     return [Finding(level="caution", short=f"{', '.join(s.name for s in far)} far from the prior",
-                    text=f"Standardised shifts from the prior beyond ±{FAR_SHIFT:g}: {words} prior standard deviations.",
+                    text=f"Standardised shifts from the prior beyond ±{FAR_SHIFT:g}: {words} prior standard "
+                         f"deviations.",
                     action=f"{action} `probupdate diagnose` tests which.")]  # fmt: skip
 
 

@@ -186,7 +186,7 @@ def mode_drawings(modes: ModalData) -> Iterator[Drawing]:
         frequency, std = np.array([s.frequency_hz for s in sets]), np.array([s.frequency_std_hz for s in sets])
         yield Drawing(name="conditions", figure=draw.against_conditions(labels, frequency, std, known),
                       caption="Departure of each frequency from its median against what was recorded beside it; bars: "
-                      "identification's own deviations where known. Nothing is fitted here.")
+                      "identification's own standard deviations where known. Nothing is fitted here.")
 
 
 def _median_mac(shapes: np.ndarray, one: np.ndarray) -> float:

@@ -48,7 +48,7 @@ POLE_WORDS = {
     "cluster": "lies far from its mode's other poles", "complexity": "has a shape far from real",
     "frequency": "lies too far from its mode of the model",
     "other order": "stands for a mode that a pole of another order was taken for",
-    "unstable": "stands for a mode, with too few orders beside it", "uncertain": "has too large a deviation",
+    "unstable": "stands for a mode, with too few orders beside it", "uncertain": "has too large a standard deviation",
 }
 
 
@@ -217,7 +217,7 @@ def _frequency_tables(run: Run) -> list[object]:
         columns.append(Column(name="CoV, paper", unit="-", paper=True))
     note = (
         "The paper's CoVs are over a month, idling and operating together." if run.jacket
-        else ("" if several else "CoV from the deviations that came with the modes.")
+        else ("" if several else "CoV from the standard deviations that came with the modes.")
     )
     table = Table(caption="Identified frequencies" + (" by turbine state" if len(groups) > 1 else ""),
                   columns=tuple(columns), rows=tuple(rows), note=note, marked=frozenset(marked),

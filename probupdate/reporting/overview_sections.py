@@ -77,7 +77,8 @@ def _not_to_be_read(run: Run) -> list[str]:
     if run.update is None:
         return []
     kept = names_of(standings(run.update, run.posterior), PRIOR)
-    return [f"{', '.join(kept)}: the data say nothing of {'it' if len(kept) == 1 else 'them'}; what stands there is the "
+    return [f"{', '.join(kept)}: the data say nothing of {'it' if len(kept) == 1 else 'them'}; what stands there is "
+            f"the "
             "prior."] if kept else []  # fmt: skip
 
 
@@ -270,7 +271,8 @@ def _errors_picture(run: Run) -> Picture:
     caption = "How far each computed frequency is from the measured one, before and after the update."
     printed = [_worst(update.measured_hz, s.frequency_hz) for s in update.schemes if s.key == "step"]
     if printed and printed[0] < _worst(update.measured_hz, after.frequency_hz):
-        caption += (f" Eq. 7 as printed comes closer (within {percent(printed[0])} %) than the recommended {after.name}: "
+        caption += (f" Eq. 7 as printed comes closer (within {percent(printed[0])} %) than the recommended "
+                    f"{after.name}: "
                     "it penalises only the step, so that with every iteration it forgets more of the prior and follows "
                     "errors of measurement and model too. A closer fit is no better estimate; it is not recommended.")
     return Picture(svg=figures.svg_text(errors, "errors"), caption=caption,
@@ -283,7 +285,8 @@ def _shifts_picture(run: Run) -> Picture:
     draws = run.posterior.draws if run.posterior is not None else None
     shifts = figures.departures(run.update.parameters.items, draws, marks(run))
     return Picture(svg=figures.svg_text(shifts, "departures"),
-                   caption="Where each parameter went. A posterior as wide as the grey bar has learned nothing from the "
+                   caption="Where each parameter went. A posterior as wide as the grey bar has learned nothing from "
+                           "the "
                    "data; estimates far from the posterior's middle are not to be relied on. MAP: the most probable "
                    "parameters.")
 
@@ -313,7 +316,8 @@ def remarkable(run: Run) -> list[str]:
     if run.comparison is not None:
         far = [r.name for r in run.comparison.rows if abs(r.step_distance) > 1]
         if far:
-            said.append("The update as printed ends more than one posterior deviation from the posterior mean in "
+            said.append("The update as printed ends more than one posterior standard deviation from the posterior "
+                        "mean in "
                         f"{', '.join(far)}.")
     return said
 

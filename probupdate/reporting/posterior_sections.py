@@ -80,7 +80,7 @@ def posterior_section(run: Run) -> Section:
         svg=figures.svg_text(
             figures.contraction(parameters.names, ratio, informed_below=BLIND, strong_below=STRONG), "contraction"),
         width="half",
-        caption="Posterior over prior deviation (the prior's after its cut at the bounds). Filled: strongly "
+        caption="Posterior over prior standard deviation (the prior's after its cut at the bounds). Filled: strongly "
         f"identified (below {STRONG}); hatched: weakly; dotted: keeps its prior (above {BLIND}). A bound, too, "
         "makes a posterior narrow."))
     used = [update.labels.index(label) for label in posterior.mode_labels if label in update.labels]
@@ -118,7 +118,7 @@ def _sampling_table(posterior: Posterior, update: UpdateRecord) -> Table:
             number(high), fixed(posterior.r_hat[k], 3), count(float(posterior.ess[k])),
         ))
     columns = (Column(name="parameter", number=False), Column(name="unit", number=False), Column(name="mean"),
-               Column(name="deviation"), Column(name="5 %"), Column(name="50 %"), Column(name="95 %"),
+               Column(name="standard deviation"), Column(name="5 %"), Column(name="50 %"), Column(name="95 %"),
                Column(name="R-hat"), Column(name="effective draws"))
     return Table(caption="The posterior in numbers", columns=columns, rows=tuple(rows),
                  note=f"{count(len(posterior.draws))} draws kept; R-hat below 1.01 is wanted.")
@@ -176,12 +176,13 @@ def _truth_table(run: Run) -> Table | None:
         if not (inside := _inside(draws, value)):
             outside.add(len(rows))
         low, high = np.percentile(draws, [5, 95])
-        rows.append((p.name, p.unit or "-", number(value), number(p.initial), number(update.map_theta[k]),
-                     number(float(draws.mean())), f"{number(low)} to {number(high)}", "yes" if inside else "no",
-                     _signed(float((value - draws.mean()) / draws.std(ddof=1)))))
+        rows.append((p.name, p.unit or "-", number(value), number(p.initial),
+                     number(float(np.median(draws))), f"{number(low)} to {number(high)}", "yes" if inside else "no",
+                     _signed(float((value - np.median(draws)) / draws.std(ddof=1)))))
     columns = (Column(name="parameter", number=False), Column(name="unit", number=False), Column(name="truth"),
-               Column(name="initial"), Column(name="MAP"), Column(name="posterior mean"), Column(name="90 % interval"),
-               Column(name="truth inside", number=False), Column(name="truth minus mean", unit="posterior deviations"))
+               Column(name="initial"), Column(name="posterior median"), Column(name="90 % interval"),
+               Column(name="truth inside", number=False), Column(name="truth minus median", unit="posterior standard "
+               "deviations"))
     note = "The truth is what the virtual turbine was built with, under the same names. "
     if run.jacket:
         note += (
@@ -199,23 +200,28 @@ def _truth_table(run: Run) -> Table | None:
 
 def _values_table(rows: tuple[ComparisonRow, ...]) -> Table:
     columns = (Column(name="parameter", number=False), Column(name="unit", number=False), Column(name="prior mean"),
-               Column(name="prior deviation"), Column(name="update, step penalty"),
+               Column(name="prior standard deviation"), Column(name="update, step penalty"),
                Column(name="update, prior penalty"),
                Column(name="MAP"), Column(name="posterior mean"), Column(name="posterior median"),
-               Column(name="posterior deviation"), Column(name="posterior CoV", unit="-"), Column(name="5–95 %"))
+               Column(name="posterior standard deviation"), Column(name="posterior "
+               "CoV", unit="-"), Column(name="5–95 %"))
     cells = []
     for r in rows:
         cells.append((r.name, r.unit or "-", number(r.prior_mean), number(r.prior_std), number(r.step),
-                      number(r.anchored), number(r.map), number(r.mean), number(r.median), number(r.std),
+                      number(r.anchored), number(r.map) + ("" if r.low <= r.map <= r.high else " *"),
+                      number(r.mean), number(r.median), number(r.std),
                       number(r.cov, 2), f"{number(r.low)} to {number(r.high)}"))
     return Table(caption="The same parameters by every route", columns=columns, rows=tuple(cells),
-                 note="Prior mean and deviation are those after its cut at the bounds; 5–95 %: of the posterior.")
+                 note="Prior mean and standard deviation are those after its cut at the bounds; 5–95 %: of the "
+                      "posterior."
+                 + (" * the most probable value lies outside them: a peak at the edge, not the middle."
+                    if any(not r.low <= r.map <= r.high for r in rows) else ""))
 
 
 def _distance_table(rows: tuple[ComparisonRow, ...]) -> Table:
     columns = (Column(name="parameter", number=False), Column(name="step penalty"), Column(name="prior penalty"),
                Column(name="MAP"),
-               Column(name="posterior over prior deviation"), Column(name="the data", number=False),
+               Column(name="posterior over prior standard deviation"), Column(name="the data", number=False),
                Column(name="why they part", number=False))
     names = [r.name for r in rows]
     cells = []
@@ -224,9 +230,9 @@ def _distance_table(rows: tuple[ComparisonRow, ...]) -> Table:
         cells.append((r.name, _signed(r.step_distance), _signed(r.anchored_distance), _signed(r.map_distance),
                       fixed(r.contraction, 2), r.identified, words))
     far = {k for k, r in enumerate(rows) if max(abs(r.step_distance), abs(r.anchored_distance)) > 1}
-    return Table(caption="Distance from the posterior mean, in posterior deviations", columns=columns,
+    return Table(caption="Distance from the posterior mean, in posterior standard deviations", columns=columns,
                  rows=tuple(cells), marked=frozenset(far),
-                 note="Emphasised: an update more than one posterior deviation from the posterior mean.")
+                 note="Emphasised: an update more than one posterior standard deviation from the posterior mean.")
 
 
 def _signed(value: float) -> str:

@@ -86,7 +86,7 @@ def information_section(run: Run) -> Section | None:
     items.append(Items(title="Recommended", statements=tuple(map(sentence, recommendation(found)))))
     directions = tuple((fixed(d.bits, 2), fixed(d.contraction, 2), d.text) for d in found.directions)
     items.append(Table(
-        caption="Directions that the data inform, in prior deviations", rows=directions, width="half",
+        caption="Directions that the data inform, in prior standard deviations", rows=directions, width="half",
         columns=(Column(name="bits"), Column(name="width left", unit="-"), Column(name="direction", number=False)),
         note=f"All parameters together: {found.total_bits:.1f} bits."))
     if found.pairs:
@@ -123,4 +123,5 @@ def _information_table(found: Information, jacket: bool) -> Table:
     note = "; ".join(f"{name}: {text}" for name, text in found.settings.items())
     caption = "Which parameters" + (" (Table 2)" if jacket else "")
     return Table(caption=caption, columns=tuple(columns), rows=tuple(rows),
-                 note=f"Signal: deviations of the data moved by one prior deviation. Width: of the prior's. {note}.")
+                 note=f"Signal: standard deviations of the data moved by one prior standard deviation. Width: of the "
+                      f"prior's. {note}.")

@@ -12,6 +12,7 @@ import re
 
 import matplotlib
 from matplotlib.axes import Axes
+from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 
 from probupdate.files import whole
@@ -109,7 +110,9 @@ def svg_text(figure: Figure, prefix: str) -> str:
     """The figure as an <svg> element for inline use; `prefix` keeps its ids apart from other figures' ids."""
     stream = io.StringIO()
     with matplotlib.rc_context(_STYLE):
-        figure.savefig(stream, format="svg", metadata={"Date": None, "Creator": None}, dpi=160)
+        figure.set_dpi(160)
+        # not savefig, which draws everything once more before, for a layout that the drawing itself makes too
+        FigureCanvasSVG(figure).print_svg(stream, metadata={"Date": None, "Creator": None})
     text = stream.getvalue()
     text = text[text.index("<svg"):]
     # the page scales it: no fixed size, and no declarations a page does not need

@@ -208,7 +208,7 @@ def _parameter_table(run: Run) -> Table:
             row += [number(known[3]), fixed(known[4], 2)] if known else ["", ""]
         rows.append(tuple(row))
     columns = [Column(name="parameter", number=False), Column(name="meaning", number=False),
-               Column(name="unit", number=False), Column(name="initial"), Column(name="prior deviation")]
+               Column(name="unit", number=False), Column(name="initial"), Column(name="prior standard deviation")]
     for s in update.schemes:
         columns.append(Column(name=short_name(s)))
         if relative:

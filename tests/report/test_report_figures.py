@@ -57,6 +57,8 @@ def _built(run) -> dict[str, Figure]:
                                                              np.arange(len(block_hz)) < 9, np.full(5, 0.32)),
         "frequency_errors": figures.frequency_errors(update.labels, update.measured_hz, {"initial": update.initial_hz}),
         "departures": figures.departures(update.parameters.items, posterior.draws, [mark]),
+        "variance_shares": figures.variance_shares(("k_t", "py"), ("identification", "prior"),
+                                                   np.array([[0.3, 0.9], [0.7, 0.1]])),
         "update_history": figures.update_history({s.key: s.objective for s in update.schemes},
                                                  {s.key: s.theta for s in update.schemes}, names,
                                                  update.parameters.initial,
@@ -90,7 +92,7 @@ NAMES = (
     "contraction", "departures", "predictive_frequencies", "shapes_by_channel",
     "traces_and_ranks", "estimate_paths", "stabilisation", "mac_map", "mpc_map", "argand", "against_conditions",
     "causes", "mode_residuals", "residual_map", "residual_layout", "calendar", "against_covariates",
-    "pushed_parameters", "detection_limits",
+    "pushed_parameters", "detection_limits", "variance_shares",
 )
 
 

@@ -186,9 +186,9 @@ def test_truth_stands_beside_what_was_found_where_it_is_known(run):
     known["D_l"] = 1.0
     section = comparison_section(replace(run, truth={"parameters": known}))
     table = tables(section)["Truth beside what was found"]
-    inside = {row[0]: row[7] for row in table.rows}
+    inside = {row[0]: row[6] for row in table.rows}
     assert inside["k_t"] == "no" and inside["py"] == "yes" and "D_l" not in inside and "D_l" in table.note
-    assert table.marked == {k for k, row in enumerate(table.rows) if row[7] == "no"}
+    assert table.marked == {k for k, row in enumerate(table.rows) if row[6] == "no"}
     assert "outside for" in verdict_section(replace(run, truth={"parameters": known})).lead
     assert "Truth beside what was found" not in tables(comparison_section(run))
 
