@@ -171,7 +171,7 @@ def _model_modes(
     model: Model, sensors: tuple[Sensor, ...], lowest: int | None = None
 ) -> tuple[ReferenceModes, ReferenceModes | None]:
     """The modes of interest, and the others that were computed to find them."""
-    solution = model.solve(model.parameters.initial, max(SEARCH, lowest or 0))
+    solution = model.solve(model.parameters.initial, min(max(SEARCH, lowest or 0), model.n_available))
     rows = [model.channels.index(s.channel) for s in sensors]
     shape = solution.shape[rows]
     labels = _global_labels(solution.frequency_hz, shape, sensors)

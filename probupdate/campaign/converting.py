@@ -14,7 +14,7 @@ from probupdate.campaign.description import Description, read_description
 from probupdate.campaign.reading import CampaignHead, read_head
 from probupdate.campaign.sources import pieces
 from probupdate.campaign.timing import file_clock
-from probupdate.errors import InputError
+from probupdate.errors import InputError, parsing
 from probupdate.files import read_json, remove_stale, whole, write_json
 from probupdate.hdf5_file import open_hdf5
 from probupdate.progress import Progress, silent
@@ -113,8 +113,10 @@ def _found(sources: Path, told: Description) -> list[Path]:
 
 
 def _key(path: Path, words: bytes) -> str:
-    stat = path.stat()
-    return hashlib.sha256(f"{stat.st_size} {stat.st_mtime_ns}\n".encode() + words).hexdigest()
+    # what it holds, not its time: a copy of a folder is the same source
+    with parsing(str(path), "cannot be read", "check its permissions"), path.open("rb") as file:
+        content = hashlib.file_digest(file, "sha256").hexdigest()
+    return hashlib.sha256(f"{content}\n".encode() + words).hexdigest()
 
 
 def _read_record(path: Path) -> dict:

@@ -15,7 +15,7 @@ from probupdate.model import ManySolutions, ModalSolution, Wireframe
 from probupdate.model_error import ModelUncertainty
 from probupdate.modes import frozen_array
 from probupdate.parameters import Parameters
-from probupdate.structure.eigen import lowest_modes, mode_derivatives
+from probupdate.structure.eigen import available_modes, lowest_modes, mode_derivatives
 
 # imaginary step of the complex-step derivative: no subtraction, so it is exact to rounding (Squire & Trapp 1998)
 STEP = 1e-30
@@ -52,10 +52,9 @@ class AffineModel:
     def n_dof(self) -> int:
         return self.stiffness[0].shape[0]
 
-    @property
+    @cached_property
     def n_available(self) -> int:
-        # the eigensolver leaves two of them out
-        return self.n_dof - 2
+        return available_modes(*self.matrices(self.parameters.initial))
 
     def _theta(self, theta) -> np.ndarray:
         theta = np.asarray(theta, float)

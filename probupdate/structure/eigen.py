@@ -21,6 +21,8 @@ SYMMETRIC = {"permc_spec": "MMD_AT_PLUS_A", "options": {"SymmetricMode": True}}
 # of a shape derivative's equation, relative: where corrections stop, and above which a pivoted factorisation is taken
 REFINED, REFUSED = 1e-11, 1e-9
 CORRECTIONS = 20
+# share of the largest 1 / lambda below which there is no mass: rounding alone leaves some 1e-16
+MASSLESS = 1e-14
 # a mode's own factorisation is made this share beside its eigenvalue, where the matrix is not singular
 BESIDE = 1e-6
 
@@ -32,7 +34,8 @@ def lowest_modes(K: sparse.csc_array, M: sparse.csc_array, n_mode: int, where: s
     matrices, a dense solution. Raises InputError where K is singular or indefinite.
     """
     n = K.shape[0]
-    if n_mode >= n - 1:
+    # Lanczos leaves two modes out, a dense solution none
+    if n_mode > (n if _solved_dense(K) else n - 2):
         raise InputError(where, f"{n_mode} modes asked of {n} degrees of freedom", "ask for fewer")
     if _is_full(K):
         value, phi = _dense(K, M, n_mode, where)
@@ -51,6 +54,23 @@ def lowest_modes(K: sparse.csc_array, M: sparse.csc_array, n_mode: int, where: s
     phi /= np.sqrt(np.einsum("ij,ij->j", phi, M @ phi))
     largest = np.argmax(np.abs(phi), axis=0)
     return value, phi * np.sign(phi[largest, np.arange(n_mode)])
+
+
+def available_modes(K, M) -> int:
+    """How many modes `lowest_modes` gives: of small models one for each degree of freedom that has mass."""
+    n = K.shape[0]
+    if not _solved_dense(K):
+        return n - 2
+    try:
+        mu = linalg.eigvalsh(_array(M), _array(K))
+    except linalg.LinAlgError:
+        # the solution itself says what is wrong with K
+        return n
+    return int(np.sum(mu > MASSLESS * mu[-1]))
+
+
+def _solved_dense(K) -> bool:
+    return K.shape[0] < DENSE_BELOW or _is_full(K)
 
 
 def _is_full(K) -> bool:
@@ -100,8 +120,7 @@ def _dense(K, M, n_mode: int, where: str):
         mu, phi = linalg.eigh(M, K, subset_by_index=(n - n_mode, n - 1))
     except linalg.LinAlgError:
         raise _indefinite(where) from None
-    # rounding alone leaves some 1e-16 of the largest where there is no mass
-    if mu[0] <= 1e-14 * mu[-1]:
+    if mu[0] <= MASSLESS * mu[-1]:
         raise InputError(where, f"fewer than {n_mode} modes have a positive mass: the mass matrix is indefinite or has "
                          "too many massless degrees of freedom", "check M0 and every M_<name>")  # fmt: skip
     return 1 / mu, phi

@@ -69,6 +69,9 @@ def load_model(
             raise InputError(str(path), "a SubDyn file alone has no parameters", "name groups and parameters in a TOML "
                              "with [subdyn] file (README, OpenFAST models)")  # fmt: skip
         return subdyn_model(path, sensors=sensors)
+    if not path.suffix and not path.exists():
+        raise InputError(str(path), "is neither a model's file nor a command",
+                         "check the spelling; a model is a model.toml, a model.npz or a SubDyn .dat")  # fmt: skip
     if path.suffix != ".toml":
         raise InputError(str(path), f"'{path.suffix}' is no form of model",
                          "give a model.toml, a model.npz or a SubDyn .dat")  # fmt: skip

@@ -1,6 +1,7 @@
 """Every format gives the samples that were put in, at their times; what would have to be guessed is refused."""
 
 import io
+import os
 import shutil
 import struct
 import subprocess
@@ -382,6 +383,9 @@ def test_a_second_run_keeps_what_is_done_and_refuses_what_changed(job):
     assert len(result.files) == 1 and len(result.kept) == 2
     assert all(p.stat().st_mtime_ns == t for p, t in before.items())
     assert [len(d) for _, d in records(campaign)] == [6000] * 3
+    # a copied source has other times and the same content
+    os.utime(raw / "20190603100000.npy", (1e9, 1e9))
+    assert len(convert(raw, campaign).kept) == 3
     np.save(raw / "20190603110000.npy", noise(seed=99))
     with pytest.raises(InputError, match="changed after it was converted"):
         convert(raw, campaign)

@@ -209,8 +209,8 @@ def test_errors_name_the_model_and_the_values(theta, problem):
 
 
 def test_too_many_modes():
-    with pytest.raises(InputError, match="4 modes asked of 4 degrees of freedom"):
-        chain(1e-3, n=2).solve(np.zeros(3), 4)
+    with pytest.raises(InputError, match="5 modes asked of 4 degrees of freedom"):
+        chain(1e-3, n=2).solve(np.zeros(3), 5)
 
 
 def test_mechanism_is_said():

@@ -1,0 +1,55 @@
+"""Models of one to six degrees of freedom: each gives as many modes as it has masses, against closed forms."""
+
+import numpy as np
+import pytest
+from scipy import sparse
+
+from probupdate.errors import InputError
+from probupdate.parameters import Parameter, Parameters
+from probupdate.structure.affine import AffineModel
+from probupdate.structure.own_modes import own_modes
+
+K_STOREY, MASS = 2.0e6, 5.0e3  # N/m, kg
+
+
+def shear_building(n: int, massless: int = 0) -> AffineModel:
+    """n equal storeys fixed at the base; the lowest `massless` floors have no mass."""
+    stiffness = K_STOREY * (2 * np.eye(n) - np.eye(n, k=1) - np.eye(n, k=-1))
+    stiffness[-1, -1] = K_STOREY
+    mass = MASS * np.diag(np.arange(n) >= massless).astype(float)
+    return AffineModel(
+        name="building", channels=tuple(f"F{k}_x" for k in range(1, n + 1)), hash_key=f"{n} {massless}",
+        parameters=Parameters((Parameter(name="k", unit="-", initial=1.0, std=0.1, lower=0.5, upper=2.0),)),
+        stiffness=(sparse.csc_array(stiffness),), mass=(sparse.csc_array(mass),),
+        coefficients=lambda theta: (theta[..., :1], np.ones_like(theta[..., :1])),
+        channel_matrix=sparse.csr_array(np.eye(n)),
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("n", [1, 2, 3, 6])
+def test_every_degree_of_freedom_gives_its_mode(n):
+    model = shear_building(n)
+    assert model.n_available == n
+    found = model.solve(model.parameters.initial, n, derivatives=True)
+    # Blevins: omega_j = 2 sqrt(k/m) sin((2 j - 1) pi / (2 (2 n + 1)))
+    j = np.arange(1, n + 1)
+    expected = np.sqrt(K_STOREY / MASS) / np.pi * np.sin((2 * j - 1) * np.pi / (2 * (2 * n + 1)))
+    assert found.frequency_hz == pytest.approx(expected, rel=1e-10)
+    # all stiffness scales with the parameter: df/dk = f / 2, and no shape moves
+    assert found.frequency_derivative[:, 0] == pytest.approx(expected / 2, rel=1e-9)
+    assert np.abs(found.shape_derivative).max() < 1e-9 * np.abs(found.shape).max()
+    assert own_modes(model, n).frequency_hz == pytest.approx(expected, rel=1e-10)
+
+
+def test_more_modes_than_degrees_of_freedom_are_refused():
+    model = shear_building(3)
+    with pytest.raises(InputError, match="4 modes asked of 3 degrees of freedom"):
+        model.solve(model.parameters.initial, 4)
+
+
+def test_a_floor_without_mass_gives_no_mode():
+    # the lower two of three springs in series: one mass on k / 3 where two floors have none
+    model = shear_building(3, massless=2)
+    assert model.n_available == 1
+    frequency = model.solve(model.parameters.initial, 1).frequency_hz
+    assert frequency == pytest.approx([np.sqrt(K_STOREY / 3 / MASS) / (2 * np.pi)], rel=1e-10)
