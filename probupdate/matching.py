@@ -147,13 +147,21 @@ def match(
                 _refuse_equal_shapes(modal_set.id, [name[j] for j in cluster], measured[:, members])
             criterion[members] = subspace_mac(computed, measured[:, members])
     visible = np.linalg.norm(computed, axis=0)
-    pairs = assign(criterion[used]) if used else np.zeros(0, int)
-    partner = dict(zip(used, map(int, pairs), strict=True))
+    n_computed = computed.shape[1]
+    # of a model with fewer modes than were measured, the columns beyond its own stand for no partner
+    beyond = np.full((len(used), max(0, len(used) - n_computed)), np.nan)
+    pairs = assign(np.hstack([criterion[used], beyond])) if used else np.zeros(0, int)
+    partner = {j: int(i) for j, i in zip(used, pairs, strict=True) if i < n_computed}
     if refuse and len(partner) > 1:
         _refuse_another_unit(modal_set, solution.frequency_hz, partner, criterion)
     partner = _nearer(partner, criterion, modal_set.frequency_hz, solution.frequency_hz, visible)
     groups = []
     for cluster in clusters:
+        alone = [name[j] for j in cluster if j not in partner]
+        if alone:
+            left_out.append(f"{' and '.join(name[j] for j in cluster)} of set {modal_set.id}: the model has {n_computed} "
+                            f"modes, and others resemble them better than {' and '.join(alone)}")  # fmt: skip
+            continue
         found = sorted(int(partner[j]) for j in cluster)
         # a computed member may be the better half of a plane: the worst of the members decides
         kept = [j for j in cluster if criterion[j, partner[j]] >= min_mac]

@@ -1,11 +1,15 @@
 """Models of one to six degrees of freedom: each gives as many modes as it has masses, against closed forms."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy import sparse
 
 from probupdate.errors import InputError
+from probupdate.modes import ModalData, ModalSet
 from probupdate.parameters import Parameter, Parameters
+from probupdate.problem import build_problem
 from probupdate.structure.affine import AffineModel
 from probupdate.structure.own_modes import own_modes
 
@@ -53,3 +57,30 @@ def test_a_floor_without_mass_gives_no_mode():
     assert model.n_available == 1
     frequency = model.solve(model.parameters.initial, 1).frequency_hz
     assert frequency == pytest.approx([np.sqrt(K_STOREY / 3 / MASS) / (2 * np.pi)], rel=1e-10)
+
+
+@pytest.mark.parametrize(("n_model", "n_measured"), [(1, 2), (2, 3), (3, 6), (3, 3), (6, 3)])
+def test_a_model_smaller_than_the_record_takes_its_own_modes_and_says_the_rest(n_model, n_measured):
+    # the model's own modes 2 % up, and further ones that it has not
+    whole, seen = shear_building(6), min(n_model, n_measured)
+    model = shear_building(n_model)
+    own = model.solve(model.parameters.initial, seen)
+    found = whole.solve(whole.parameters.initial, n_measured)
+    frequency, shape = found.frequency_hz.copy(), found.shape[: max(n_model, 2)].copy()
+    # the others lie well above, so that none makes a close pair with one of the model's
+    frequency[seen:] *= 2.0
+    frequency[:seen], shape[:n_model, :seen] = 1.02 * own.frequency_hz, own.shape
+    channels = tuple(f"F{k}_x" for k in range(1, len(shape) + 1))
+    if n_model == 1:
+        model = replace(model, channels=channels, channel_matrix=sparse.csr_array(np.array([[1.0], [0.5]])))
+        shape[:, 0] = [1.0, 0.5]
+    one = ModalSet(id="one", frequency_hz=frequency, shape=shape, damping_ratio=np.full(n_measured, 0.01),
+                   frequency_std_hz=0.01 * frequency, shape_std=np.full(shape.shape, 0.02))  # fmt: skip
+    problem = build_problem(model, ModalData(channels=channels, sets=(one,)))
+    assert list(problem.used) == list(range(seen))
+    said = problem.matching.left_out
+    assert all(f"the model has {n_model} modes" in line for line in said)
+    # each one that is left out is named, of a close pair both
+    assert [k for k in range(n_measured) if f"mode {k + 1}" in " ".join(said)] == list(range(seen, n_measured))
+    # frequencies go with the root of the stiffness
+    assert problem.misfit(problem.predict(np.array([1.02**2]))) < 1e-12
