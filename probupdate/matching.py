@@ -159,8 +159,10 @@ def match(
     for cluster in clusters:
         alone = [name[j] for j in cluster if j not in partner]
         if alone:
-            left_out.append(f"{' and '.join(name[j] for j in cluster)} of set {modal_set.id}: the model has {n_computed} "
-                            f"modes, and others resemble them better than {' and '.join(alone)}")  # fmt: skip
+            left_out.append(
+                f"{' and '.join(name[j] for j in cluster)} of set {modal_set.id}: the model has {n_computed} modes, "
+                f"and others resemble them better than {' and '.join(alone)}"
+            )
             continue
         found = sorted(int(partner[j]) for j in cluster)
         # a computed member may be the better half of a plane: the worst of the members decides
