@@ -461,7 +461,7 @@ def build_parser() -> argparse.ArgumentParser:
     on_modes(p)
     on_every_mode(p)
     p.add_argument("--ess", type=positive(int), default=1000, help="effective draws of the worst parameter (1000)")
-    p.add_argument("--ensembles", type=positive(int), default=1, help="independent ensembles, judged together (1)")
+    p.add_argument("--ensembles", type=positive(int), default=4, help="independent ensembles, judged together (4)")
     p.add_argument("--max-steps", type=positive(int), default=20000, help="give up, and say so, after these (20000)")
     p.add_argument("--out", required=True, help="posterior.nc; the chain is kept beside it")
     seeded(p)

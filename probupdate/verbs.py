@@ -476,7 +476,7 @@ def sample(
     seed: int = 1,
     target_ess: int = 1000,
     max_steps: int = 20000,
-    ensembles: int = 1,
+    ensembles: int = 4,
     every_mode: bool = False,
     executor: Executor | None = None,
     progress: Progress = silent,

@@ -1,4 +1,5 @@
-"""The posterior by emcee: started from draws of its truncated Gaussian outline, run until three criteria hold.
+"""The posterior by emcee: several independent ensembles, started from draws of the proposal, run until three criteria
+hold.
 
 Any number of independent ensembles share one judgement; they may run on any executor. The chain is kept in segments
 beside the result (`chain_store`): a killed run goes on where its last segment ended, with the same numbers as an
@@ -14,10 +15,12 @@ from pathlib import Path
 
 import emcee
 import numpy as np
+from scipy import special, stats
 
 from probupdate.errors import InputError
 from probupdate.estimators.chain_store import ChainStore, Segment
 from probupdate.estimators.emulator import Emulator, EmulatorMove
+from probupdate.estimators.importance import Density
 from probupdate.estimators.surrogate import Outline, Proposal
 from probupdate.modes import frozen_array
 from probupdate.parameters import Parameters
@@ -26,6 +29,8 @@ from probupdate.progress import Progress, silent
 
 # steps between looks at convergence, and the unit that is written to disk
 SEGMENT = 200
+# nested R-hat over independent ensembles (Margossian et al. 2024): their means part by at most a seventh of a standard
+# deviation, where each has some fifty independent draws
 R_HAT_LIMIT = 1.01
 AUTOCORRELATION_TIMES = 50
 # share of the chain at its start that is left out
@@ -49,16 +54,15 @@ SUBSET_SHARE, MOST_OF_SUBSET, FULL_LENGTH = 0.15, 4, 0.3
 class SamplerSettings:
     """walkers_per_parameter: emcee's ensemble size over the number of parameters; two more than twice their number are
     always taken. target_ess: effective draws wanted of the worst parameter. max_steps: the run gives up after these,
-    and says so. ensembles: so many independent ones, each with its own start and random numbers, judged together.
-
-    R-hat asks the same length of every walker, some hundred autocorrelation times, so that few walkers cost least.
+    and says so. ensembles: so many independent ones, each with its own start and random numbers, judged together:
+    walkers of one ensemble depend on one another, so that only ensembles can tell that they agree.
     """
 
     seed: int = 1
     walkers_per_parameter: int = 2
     target_ess: int = 1000
     max_steps: int = 20000
-    ensembles: int = 1
+    ensembles: int = 4
 
     def __post_init__(self):
         if isinstance(self.seed, bool) or not isinstance(self.seed, int | np.integer) or self.seed < 0:
@@ -73,8 +77,8 @@ class Chain:
     """theta (n_step, n_walker, n_param), log_posterior (n_step, n_walker), acceptance share of all moves, number of
     evaluated parameter vectors and of those that the full model answered. `first` is the first step after burn-in.
 
-    r_hat, ess, tau (n_param,): rank-normalised split R-hat and bulk effective size with walkers as chains, emcee's
-    integrated autocorrelation time in steps.
+    r_hat, ess, tail, tau (n_param,): nested R-hat over ensembles (of a single one, over its halves in time), bulk and
+    tail effective size with walkers as chains, emcee's integrated autocorrelation time in steps.
     """
 
     theta: np.ndarray
@@ -85,6 +89,7 @@ class Chain:
     fallback: int
     r_hat: np.ndarray
     ess: np.ndarray
+    tail: np.ndarray
     tau: np.ndarray
     converged: bool
     verdict: str
@@ -96,7 +101,7 @@ class Chain:
 
 
 def moves(
-    parameters: Parameters, surrogate: Outline, emulator: Emulator | None = None
+    parameters: Parameters, surrogate: Density, emulator: Emulator | None = None
 ) -> list[tuple[emcee.moves.Move, float]]:
     """Differential evolution, part of it with full-length jumps, and of a few parameters only; all parameters from
     the surrogate; one or two parameters from their prior; with an emulator, many of these on its quick density first.
@@ -176,24 +181,25 @@ class SurrogateMove(emcee.moves.RedBlueMove):
     proposed there is far too low; the wider share bounds that. Mixed with other moves it need not know everything.
     """
 
-    def __init__(self, surrogate: Outline):
+    def __init__(self, surrogate: Density):
         super().__init__()
-        self._proposal = Proposal(outline=surrogate)
-        self._pool = np.empty((0, len(surrogate.lower)))
+        self._proposal = Proposal(outline=surrogate) if isinstance(surrogate, Outline) else surrogate
+        self._pool = None
 
     def get_proposal(self, sample, complement, random):
         n = len(sample)
-        if len(self._pool) < n:
+        if self._pool is None or len(self._pool) < n:
             # thousands at once cost little more than one
             self._pool = self._proposal.draw(max(n, POOL), random)
         theta, self._pool = self._pool[:n], self._pool[n:]
         density = self._proposal.log_density(np.concatenate([sample, theta]))
-        return theta, density[:n] - density[n:]
+        # a draw outside the bounds has no density, and no posterior either: it is refused
+        return theta, density[:n] - np.where(np.isfinite(density[n:]), density[n:], 0.0)
 
 
 def sample(
     problem: Problem,
-    surrogate: Outline,
+    surrogate: Density,
     folder: str | Path,
     settings: SamplerSettings,
     *,
@@ -239,15 +245,16 @@ def sample(
         rounds.append(done)
 
 
-def _first_state(surrogate: Outline, n_walker: int, seed: int, ensemble: int) -> emcee.State:
+def _first_state(surrogate: Density, n_walker: int, seed: int, ensemble: int) -> emcee.State:
     own = [] if ensemble == 0 else [ensemble]
-    start = surrogate.draw(n_walker, np.random.default_rng([seed, 0, *own]))
+    draw = getattr(surrogate, "draw_inside", surrogate.draw)
+    start = draw(n_walker, np.random.default_rng([seed, 0, *own]))
     generator = np.random.RandomState(np.random.default_rng([seed, 1, *own]).integers(2**32, size=8))
     return emcee.State(start, random_state=generator.get_state())
 
 
 def _run_segment(
-    problem: Problem, surrogate: Outline, emulator: Emulator | None, state: emcee.State, n_step: int
+    problem: Problem, surrogate: Density, emulator: Emulator | None, state: emcee.State, n_step: int
 ) -> Segment:
     """One ensemble's next steps; nothing outside is read or changed, so that it may run anywhere."""
     counts = {"evaluated": 0, "fallback": 0}
@@ -289,16 +296,41 @@ def _store(parameters, folder, settings: SamplerSettings, parts: Mapping[str, st
 
 
 def _forecast(chain: Chain, n_step: int, settings: SamplerSettings) -> int:
+    smallest = min(float(np.min(chain.ess)), float(np.min(chain.tail)))
     factor = max(
-        settings.target_ess / max(float(np.min(chain.ess)), 1.0),
-        AUTOCORRELATION_TIMES * float(np.max(chain.tau)) / n_step,
+        settings.target_ess / max(smallest, 1.0),
+        AUTOCORRELATION_TIMES * float(np.max(chain.tau)) / (settings.ensembles * n_step),
         1.0,
     )
     return int(np.ceil(n_step * factor / SEGMENT)) * SEGMENT
 
 
+def nested_r_hat(theta: np.ndarray, n_ensemble: int) -> np.ndarray:
+    """theta (n_step, n_walker, n_param), ensembles side by side -> (n_param,), on ranks turned to normal scores.
+
+    sqrt(1 + B / W): B the variance of the ensembles' means, W the mean variance within an ensemble, over all of its
+    walkers and steps. A single ensemble is held against itself, its first half against its second.
+    """
+    n_step, n_walker, n_param = theta.shape
+    if n_ensemble == 1:
+        half = n_step // 2
+        groups = np.array([theta[:half].reshape(-1, n_param), theta[n_step - half :].reshape(-1, n_param)])
+    else:
+        groups = theta.reshape(n_step, n_ensemble, n_walker // n_ensemble, n_param).swapaxes(0, 1)
+        groups = groups.reshape(n_ensemble, -1, n_param)
+    r_hat = np.full(n_param, np.inf)
+    for k in range(n_param):
+        values = groups[:, :, k]
+        ranks = stats.rankdata(values).reshape(values.shape)
+        z = special.ndtri((ranks - 0.375) / (values.size + 0.25))
+        within = float(np.mean(np.var(z, axis=1, ddof=1)))
+        if np.ptp(values) > 0 and within > 0:
+            r_hat[k] = np.sqrt(1 + np.var(np.mean(z, axis=1), ddof=1) / within)
+    return r_hat
+
+
 def _judge(rounds: list[list[Segment]], parameters, settings: SamplerSettings) -> Chain:
-    from probupdate.estimators.posterior_file import effective_size
+    from probupdate.estimators.posterior_file import effective_size, tail_size
 
     # walkers of all ensembles side by side
     theta = np.concatenate([np.concatenate([s.theta for s in r], axis=1) for r in rounds])
@@ -307,28 +339,34 @@ def _judge(rounds: list[list[Segment]], parameters, settings: SamplerSettings) -
     n_step = len(theta)
     first = int(BURN_IN * n_step)
     kept = theta[first:]
-    r_hat, ess = effective_size(kept)
+    _, ess = effective_size(kept)
+    tail = tail_size(kept)
+    r_hat = nested_r_hat(kept, settings.ensembles)
     # tol=0: emcee only warns of short chains; the criterion below is judged here, and a walker that never moved has no
     # autocorrelation: its time is NaN, which no criterion passes
     with np.errstate(invalid="ignore"):
         tau = emcee.autocorr.integrated_time(kept, tol=0, has_walkers=True)
-    times = len(kept) / float(np.max(tau))
+    times = settings.ensembles * len(kept) / float(np.max(tau))
     checks = (
-        (float(np.max(r_hat)) < R_HAT_LIMIT, f"R-hat {np.max(r_hat):.4f} ({parameters.names[int(np.argmax(r_hat))]}), "
-         f"wanted below {R_HAT_LIMIT}"),
+        (float(np.max(r_hat)) < R_HAT_LIMIT, f"nested R-hat {np.max(r_hat):.4f} "
+         f"({parameters.names[int(np.argmax(r_hat))]}), wanted below {R_HAT_LIMIT}"),
         (times > AUTOCORRELATION_TIMES, f"{times:.0f} autocorrelation times ({parameters.names[int(np.argmax(tau))]}), "
          f"wanted {AUTOCORRELATION_TIMES}"),
         (float(np.min(ess)) >= settings.target_ess, f"effective size {np.min(ess):.0f} "
          f"({parameters.names[int(np.argmin(ess))]}), wanted {settings.target_ess}"),
+        (float(np.min(tail)) >= settings.target_ess, f"in the tails {np.min(tail):.0f} "
+         f"({parameters.names[int(np.argmin(tail))]}), wanted {settings.target_ess}"),
     )  # fmt: skip
     converged = all(held for held, _ in checks)
     if converged:
-        verdict = "Converged: " + "; ".join(text.split(",")[0] for _, text in checks) + f"; {n_step} steps."
+        verdict = "Converged: " + "; ".join(text.split(",")[0] for _, text in checks)
     else:
-        verdict = "NOT converged: " + "; ".join(text for held, text in checks if not held) + f"; {n_step} steps."
+        verdict = "NOT converged: " + "; ".join(text for held, text in checks if not held)
+    verdict += f"; {settings.ensembles} ensembles of {n_step} steps."
     return Chain(
         theta=frozen_array(theta), log_posterior=frozen_array(log_posterior),
         first=first, acceptance=float(np.mean([s.accepted for s in segments])),
         evaluated=sum(s.evaluated for s in segments), fallback=sum(s.fallback for s in segments),
-        r_hat=frozen_array(r_hat), ess=frozen_array(ess), tau=frozen_array(tau), converged=converged, verdict=verdict,
+        r_hat=frozen_array(r_hat), ess=frozen_array(ess), tail=frozen_array(tail), tau=frozen_array(tau),
+        converged=converged, verdict=verdict,
     )

@@ -1,7 +1,7 @@
 """The evidence ln p(data), by two estimators with their errors, and whether the Laplace approximation may be used.
 
 Bridge sampling (Meng & Wong 1996) joins the chain's draws with draws of a proposal that is normalised within the
-bounds: the posterior's outline, a share of it widened. Its error is that of Frühwirth-Schnatter (2004), with the
+bounds: the mixture that importance sampling is fitted with. Its error is that of Frühwirth-Schnatter (2004), with the
 chain's autocorrelation. Importance sampling from the same proposal stands beside it; the shape k of the generalised
 Pareto distribution that fits the largest weights (Vehtari et al., 2024) tells whether they can be averaged at all.
 """
@@ -89,7 +89,9 @@ def estimate_evidence(
     constant = log_prior_constant(problem.parameters, rng)
     on_chain = value + constant - proposal.log_density(kept.reshape(-1, kept.shape[2])).reshape(value.shape)
     drawn = proposal.draw(N_PROPOSED, rng)
-    on_drawn = _evaluate(problem, drawn, "evidence", progress) + constant - proposal.log_density(drawn)
+    on_drawn = _evaluate(problem, drawn, "evidence", progress) + constant
+    inside = np.isfinite(on_drawn)
+    on_drawn[inside] -= proposal.log_density(drawn[inside])
     _, (size,) = effective_size(on_chain[:, :, None])
     share = size / (size + N_PROPOSED)
     found = _bridge(on_chain.ravel(), on_drawn, share)
@@ -102,7 +104,7 @@ def estimate_evidence(
     importance, importance_std = _importance(on_drawn)
     return Evidence(
         log_evidence=float(found), std=float(np.sqrt(variance)), importance=importance, importance_std=importance_std,
-        pareto_k=pareto_shape(on_drawn), n_proposed=N_PROPOSED,
+        pareto_k=pareto_shape(on_drawn[inside]), n_proposed=N_PROPOSED,
     )
 
 

@@ -20,6 +20,8 @@ TOLERANCE = 1e-7
 LONGEST = 2.0
 # maxima whose log densities differ by less than this are told apart by their parameters only
 SAME_HEIGHT = 1e-3
+# a further maximum counts if its evidence by Laplace is within so much of the largest
+NEGLIGIBLE = 12.0
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -87,6 +89,35 @@ def maximum_a_posteriori(problem: Problem, starts: Sequence[np.ndarray]) -> Lapl
         round(float(0.5 * (end[1] - lowest)), 3) for end in settled
         if np.max(np.abs(end[0] - theta) / std) > 1e-3 and 0.5 * (end[1] - lowest) > SAME_HEIGHT
     })  # fmt: skip
+    return _laplace(problem, theta, tuple(others))
+
+
+def distinct_maxima(problem: Problem, found: Laplace, starts: Sequence[np.ndarray]) -> tuple[Laplace, ...]:
+    """`found` and the further maxima that climbs from `starts` end in, highest mass first: those whose Laplace evidence
+    is within NEGLIGIBLE of the largest. Starts that do not settle are left out."""
+    kept = [found]
+    for start in starts:
+        theta, _, settled = _climb(problem, np.asarray(start, float))
+        if not settled or any(_same(theta, other) for other in kept):
+            continue
+        kept.append(_laplace(problem, theta, ()))
+    mass = np.array([_log_mass(x) for x in kept])
+    order = np.argsort(-mass)
+    return tuple(kept[k] for k in order if mass[k] > mass.max() - NEGLIGIBLE)
+
+
+def _same(theta: np.ndarray, other: Laplace) -> bool:
+    """Within a posterior standard deviation a parameter: one broad maximum, not two."""
+    apart = theta - other.theta
+    return float(apart @ other.precision @ apart) < len(theta)
+
+
+def _log_mass(laplace: Laplace) -> float:
+    return laplace.log_posterior + 0.5 * np.linalg.slogdet(laplace.covariance)[1]
+
+
+def _laplace(problem: Problem, theta: np.ndarray, others: tuple[float, ...]) -> Laplace:
+    """The Gauss-Newton Gaussian at a maximum."""
     residual, slope, data_slope = _system(problem, theta)
     precision = slope.T @ slope
     at_bound = pinned(theta, problem.parameters)
@@ -104,7 +135,7 @@ def maximum_a_posteriori(problem: Problem, starts: Sequence[np.ndarray]) -> Lapl
         projected_gradient=float(np.max(np.abs(free) * np.sqrt(np.diag(covariance)))),
         at_bound=frozen_array(at_bound, bool),
         resolution=frozen_array(resolution), log_posterior=float(value[0]),
-        misfit=float(problem.misfit(problem.predict(theta))), others=tuple(others),
+        misfit=float(problem.misfit(problem.predict(theta))), others=others,
     )
 
 

@@ -34,6 +34,17 @@ def effective_size(theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return r_hat, ess
 
 
+def tail_size(theta: np.ndarray) -> np.ndarray:
+    """Effective size (n_param,) of the 5 and 95 % quantiles, the lesser of both; zero of walkers that never moved."""
+    import arviz
+
+    chains = np.ascontiguousarray(theta.transpose(2, 1, 0))
+    size = np.zeros(len(chains))
+    for k in np.flatnonzero(np.ptp(chains, axis=2).any(axis=1)):
+        size[k] = float(arviz.ess(chains[k], method="tail"))
+    return size
+
+
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Posterior:
     """What posterior.nc holds, by name.

@@ -220,7 +220,9 @@ def _common(keep, likelihoods: SetLikelihoods, shared: SharedError | None) -> Se
     return SetLikelihoods(ids=tuple(name for x in parts for name in x.ids), **joined)
 
 
-def _left_out(likelihoods, shared, population: Population, alone, joint, parameters, coordinates, rng, options) -> LeftOut:
+def _left_out(
+    likelihoods, shared, population: Population, alone, joint, parameters, coordinates, rng, options
+) -> LeftOut:
     n = len(likelihoods.ids)
     one, many = np.empty(n), np.empty(n)
     k, refitted = np.empty(n), np.zeros(n, bool)

@@ -15,7 +15,8 @@ from probupdate.estimators.components import misfit_by_response, variance_compon
 from probupdate.estimators.emulator import Emulator, fit_emulator
 from probupdate.estimators.ensemble import BURN_IN, SamplerSettings, claim_folder, sample
 from probupdate.estimators.evidence import check_laplace, estimate_evidence
-from probupdate.estimators.laplace import Laplace, maximum_a_posteriori
+from probupdate.estimators.importance import Mixture, agree, fitted_proposal, importance_sample
+from probupdate.estimators.laplace import Laplace, distinct_maxima, maximum_a_posteriori
 from probupdate.estimators.nine_sets import update_sets
 from probupdate.estimators.posterior_file import MAX_DRAWS, Posterior
 from probupdate.estimators.surrogate import Outline, Proposal, fit_surrogate
@@ -52,6 +53,8 @@ SETTLING_MAC = 0.80
 # from this effective share of its draws the outline is proposed from alone: surfaces would cost more than they spare,
 # and what they foretell in a second arm of the posterior is wrong
 OUTLINE_SERVES = 0.3
+# draws of the prior from which further maxima are looked for
+N_START = 12
 # draws whose responses are kept for pictures
 N_PREDICTED = 300
 
@@ -191,10 +194,13 @@ def _scheme(problem: Problem, key: str, run: TikhonovUpdate, laplace: Laplace) -
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Approach:
-    """What a chain needs: the problem on a fast model, the posterior's outline, and what to say of both."""
+    """What a chain needs: the problem on a fast model, a Gaussian approximation of the posterior about its highest
+    maximum, a frozen proposal with `solved` points that it was fitted to, and what to say of them."""
 
     problem: Problem
     surrogate: Outline
+    proposal: Mixture
+    solved: int
     emulator: Emulator | None
     notes: dict[str, object]
 
@@ -210,7 +216,7 @@ def approach(problem: Problem, laplace: Laplace, seed: int, progress: Progress =
     if not isinstance(model, AffineModel) or model.n_dof < REDUCE_FROM:
         surrogate, share = fit_surrogate(problem, laplace, rng, progress)
         text = "none: every evaluation solves the model as it is"
-        return _approach(problem, surrogate, rng, {"reduced basis": text, "outline": share}, progress)
+        return _approach(problem, laplace, surrogate, rng, {"reduced basis": text, "outline": share}, progress)
     # data may hold a parameter far from its prior: the box goes where the posterior does
     own = np.sqrt(np.diag(laplace.covariance))
     lower = np.minimum(parameters.initial - BOX_DEVIATIONS * parameters.std, laplace.theta - BOX_DEVIATIONS * own)
@@ -231,15 +237,27 @@ def approach(problem: Problem, laplace: Laplace, seed: int, progress: Progress =
         f"{r.max_frequency_error:.1e} of their value where the posterior lies and {r.max_box_error:.1e} within "
         f"{BOX_DEVIATIONS:g} prior deviations; the MAC is at least {r.min_mac:.6f}"
     )
-    return _approach(problem.with_model(reduced), surrogate, rng, {"reduced basis": text, "outline": share}, progress)
+    notes = {"reduced basis": text, "outline": share}
+    return _approach(problem.with_model(reduced), laplace, surrogate, rng, notes, progress)
 
 
-def _approach(problem: Problem, surrogate: Outline, rng, notes: dict[str, object], progress: Progress) -> Approach:
-    """With response surfaces where the outline misses too much to propose from it alone."""
-    if notes["outline"] >= OUTLINE_SERVES:
-        return Approach(problem=problem, surrogate=surrogate, emulator=None, notes=notes)
-    emulator = fit_emulator(problem, surrogate, rng, progress)
-    return Approach(problem=problem, surrogate=surrogate, emulator=emulator, notes=notes | {"emulator": emulator.error})
+def _approach(problem: Problem, laplace: Laplace, surrogate: Outline, rng, notes, progress: Progress) -> Approach:
+    """Further maxima from draws of the prior, and a proposal for all of them; with response surfaces where even that
+    misses too much of a single sharp ridge."""
+    starts = problem.parameters.draw(rng, N_START)
+    maxima = distinct_maxima(problem, laplace, starts)
+    outlines = [surrogate]
+    for other in maxima:
+        if other is not laplace:
+            outlines.append(fit_surrogate(problem, other, rng, progress)[0])
+    proposal, solved = fitted_proposal(problem, [Proposal(outline=x) for x in outlines], rng, progress)
+    notes = notes | {"maxima": len(maxima)}
+    emulator = None
+    if notes["outline"] < OUTLINE_SERVES and len(maxima) == 1:
+        emulator = fit_emulator(problem, surrogate, rng, progress)
+        notes = notes | {"emulator": emulator.error}
+    return Approach(problem=problem, surrogate=surrogate, proposal=proposal, solved=solved, emulator=emulator,
+                    notes=notes)  # fmt: skip
 
 
 def sample_posterior(
@@ -263,16 +281,18 @@ def sample_posterior(
     laplace = find_maximum(problem, [anchored.theta[-1], model.parameters.initial])
     prepared = approach(problem, laplace, settings.seed, progress)
     fast = prepared.problem
-    chain = sample(fast, prepared.surrogate, folder, settings, emulator=prepared.emulator, parts=parts,
+    # numbers of their own, so that a chain's length changes none of the others
+    weighted = importance_sample(fast, prepared.proposal, np.random.default_rng([settings.seed, 6]),
+                                 evaluated=prepared.solved, progress=progress)  # fmt: skip
+    chain = sample(fast, prepared.proposal, folder, settings, emulator=prepared.emulator, parts=parts,
                    executor=executor, progress=progress)  # fmt: skip
     kept = chain.theta[chain.first :]
     log_posterior = chain.log_posterior[chain.first :]
-    # numbers of their own, so that a chain's length changes none of the others
     checked_laplace = check_laplace(fast, laplace, np.random.default_rng([settings.seed, 4]), progress)
     # what a chain that has not converged says of it is not stated, and takes thousands of evaluations
     evidence = None
     if chain.converged:
-        evidence = estimate_evidence(fast, Proposal(outline=prepared.surrogate), kept, log_posterior,
+        evidence = estimate_evidence(fast, prepared.proposal, kept, log_posterior,
                                      np.random.default_rng([settings.seed, 5]), progress)  # fmt: skip
     thin = max(1, int(np.ceil(kept.shape[0] * kept.shape[1] / MAX_DRAWS)))
     kept, log_posterior = kept[::thin], log_posterior[::thin]
@@ -291,7 +311,10 @@ def sample_posterior(
     if problem.matching.n_mode >= getattr(model, "full", model).n_available:
         edge = 0.0
     unstated = "ln evidence is not stated, as the chain has not converged"
-    statements = [checked_laplace.sentence, unstated if evidence is None else evidence.sentence]
+    agreement = agree(weighted, chain)
+    statements = [agreement.sentence, checked_laplace.sentence, unstated if evidence is None else evidence.sentence]
+    if prepared.notes["maxima"] > 1:
+        statements.insert(0, f"{prepared.notes['maxima']} separate maxima of the posterior, all of them sampled")
     record = prepared.notes | {
         "set_id": problem.set_id, "weights": problem.weights.description, "seed": settings.seed,
         "walkers": kept.shape[1], "steps": chain.theta.shape[0], "thinned by": thin,
@@ -304,6 +327,7 @@ def sample_posterior(
         "median misfit": float(np.median(problem.misfit(predicted.response))),
         "worst mac": float(np.min(predicted.mac)), "laplace": asdict(checked_laplace),
         **({} if evidence is None else {"evidence": asdict(evidence)}),
+        "importance sampling": asdict(agreement), "tail effective size": chain.tail.tolist(),
         "ensembles": settings.ensembles, "projected gradient at the map": laplace.projected_gradient,
         "statements": statements, "notes": _notes(problem, laplace, edge, misfit_error),
     }  # fmt: skip
@@ -322,8 +346,8 @@ def sample_posterior(
         mode_labels=tuple(problem.mode_labels[j] for j in problem.used),
         r_hat=chain.r_hat,
         ess=chain.ess,
-        converged=chain.converged,
-        verdict=chain.verdict,
+        converged=chain.converged and agreement.agrees,
+        verdict=chain.verdict if agreement.agrees else f"NOT converged: {agreement.sentence}",
         fingerprint=problem.fingerprint(),
         record=record,
     )

@@ -194,7 +194,7 @@ def test_a_finished_chain_is_not_run_again(tmp_path):
 @pytest.mark.parametrize(("change", "named"), [
     ({"problem": LINEAR_HZ + 0.06}, "another run: the measured modes or the set differ;"),
     ({"settings": SamplerSettings(seed=9)}, "another run: seed is 9 here and 1 there;"),
-    ({"settings": SamplerSettings(seed=9, ensembles=2)}, "seed is 9 here and 1 there; ensembles is 2 here and 1 th"),
+    ({"settings": SamplerSettings(seed=9, ensembles=2)}, "seed is 9 here and 1 there; ensembles is 2 here and 4 th"),
     ({"weights": Weights(frequency_cov=(0.02,) * 5, shape_std=False)}, "another run: the weights or what is compared"),
     ({"parameters": replace(LINEAR_PARAMETERS.items[0], std=0.6)}, "another run: the prior or bounds differ;"),
 ])  # fmt: skip

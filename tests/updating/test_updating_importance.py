@@ -1,0 +1,161 @@
+"""Importance sampling from a fitted mixture: two maxima and known Gaussians against quadrature and closed forms."""
+
+import numpy as np
+import pytest
+from updating_cases import LINEAR_HZ, LINEAR_PARAMETERS, linear_problem, modal_set
+
+from probupdate import verbs
+from probupdate.estimators.ensemble import nested_r_hat
+from probupdate.estimators.importance import (
+    Mixture,
+    PriorDensity,
+    StudentT,
+    coordinates,
+    fitted_proposal,
+    importance_sample,
+)
+from probupdate.estimators.laplace import distinct_maxima, maximum_a_posteriori
+from probupdate.estimators.surrogate import Proposal, fit_surrogate
+from probupdate.modes import ModalData
+from probupdate.parameters import Parameter, Parameters
+from probupdate.problem import Weights, build_problem
+from probupdate.structure.functions import FunctionModel
+
+OFFSET, N_CHANNEL = 20.0, 6
+SHAPE = np.linalg.qr(np.random.default_rng(5).standard_normal((N_CHANNEL, N_CHANNEL)))[0]
+
+
+def two_modes(measured, sigma, prior_a, bend=0.2, slope=0.1):
+    """g = (b + slope a, a^2 + bend b) as frequencies about OFFSET and twice that: +-a fit alike."""
+    parameters = Parameters((Parameter(name="a", unit="-", initial=prior_a[0], std=prior_a[1], lower=-4.0, upper=4.0),
+                             Parameter(name="b", unit="-", initial=0.0, std=1.0, lower=-4.0, upper=4.0)))  # fmt: skip
+
+    def function(theta):
+        a, b = theta
+        spare = 100.0 * 1.5 ** np.arange(N_CHANNEL - 2)
+        return np.concatenate([[OFFSET + b + slope * a, 2 * OFFSET + a * a + bend * b], spare]), SHAPE
+
+    model = FunctionModel(name="two modes", parameters=parameters, channels=tuple(f"c{k}" for k in range(N_CHANNEL)),
+                          function=function, version="1")  # fmt: skip
+    one = modal_set(np.array([OFFSET + measured[1], 2 * OFFSET + measured[0]]), SHAPE[:, :2],
+                    std=np.array([sigma[1], sigma[0]]))  # fmt: skip
+    return model, ModalData(channels=model.channels, sets=(one,))
+
+
+def quadrature(measured, sigma, prior_a, bend=0.2, slope=0.1):
+    """P(a < 0) and ln Z on a grid that resolves a tenth of the sharpest width."""
+    a, b = np.linspace(-4, 4, 16_001), np.linspace(-4, 4, 801)
+    A, B = np.meshgrid(a, b, indexing="ij")
+    from scipy import stats
+
+    def cut(x, mean, std):
+        return stats.truncnorm.logpdf(x, (-4 - mean) / std, (4 - mean) / std, loc=mean, scale=std)
+
+    value = cut(A, *prior_a) + cut(B, 0.0, 1.0)
+    value += stats.norm.logpdf(A * A + bend * B, measured[0], sigma[0])
+    value += stats.norm.logpdf(B + slope * A, measured[1], sigma[1])
+    density = np.exp(value - value.max())
+    return density[A < 0].sum() / density.sum(), np.log(density.sum() * (a[1] - a[0]) * (b[1] - b[0])) + value.max()
+
+
+CASES = [((4.0, 0.3), (0.02, 0.5), (0.3, 1.5)), ((2.5, -0.2), (0.05, 0.3), (-0.4, 1.2)),
+         ((6.0, 0.5), (0.1, 0.4), (0.1, 2.0))]  # fmt: skip
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_two_separate_maxima_are_both_sampled(case):
+    model, data = two_modes(*case)
+    problem = build_problem(model, data, weights=Weights(shapes="none"))
+    rng = np.random.default_rng(17)
+    top = maximum_a_posteriori(problem, [model.parameters.initial])
+    maxima = distinct_maxima(problem, top, model.parameters.draw(rng, 12))
+    assert len(maxima) == 2 and np.sign(maxima[0].theta[0]) == -np.sign(maxima[1].theta[0])
+    outlines = [Proposal(outline=fit_surrogate(problem, x, rng)[0]) for x in maxima]
+    proposal, _ = fitted_proposal(problem, outlines, rng)
+    found = importance_sample(problem, proposal, rng)
+    share, log_evidence = quadrature(*case)
+    assert found.pareto_k < 0.5 and found.effective > 500
+    # four standard errors
+    assert found.log_evidence == pytest.approx(log_evidence, abs=4 * found.log_evidence_std + 2e-3)
+    error = np.sqrt(share * (1 - share) / found.effective)
+    assert found.weight[found.theta[:, 0] < 0].sum() == pytest.approx(share, abs=4 * error)
+
+
+def test_the_chain_visits_both_maxima_and_says_so(tmp_path):
+    """P(a < 0) was 0.000 for 0.352 and the chain 'converged'."""
+    model, data = two_modes(*CASES[0])
+    posterior = verbs.sample(model, data, tmp_path / "p.nc", weights=Weights(shapes="none"), target_ess=400, seed=5)
+    share, log_evidence = quadrature(*CASES[0])
+    draws = posterior.draws[:, 0]
+    # four standard errors at the effective size the chain claims
+    error = np.sqrt(share * (1 - share) / posterior.ess[0])
+    assert posterior.converged and np.mean(draws < 0) == pytest.approx(share, abs=4 * error)
+    assert posterior.record["evidence"]["log_evidence"] == pytest.approx(log_evidence, abs=0.05)
+    assert "2 separate maxima" in " ".join(posterior.record["statements"])
+
+
+def test_a_linear_problems_draws_are_its_gaussian():
+    problem = linear_problem(LINEAR_HZ + 0.05)
+    top = maximum_a_posteriori(problem, [LINEAR_PARAMETERS.initial])
+    rng = np.random.default_rng(3)
+    assert len(distinct_maxima(problem, top, LINEAR_PARAMETERS.draw(rng, 6))) == 1
+    proposal, _ = fitted_proposal(problem, [Proposal(outline=fit_surrogate(problem, top, rng)[0])], rng)
+    found = importance_sample(problem, proposal, rng)
+    assert found.good and found.effective > 1500
+    assert np.abs(found.mean - top.theta) / found.mean_error == pytest.approx(np.zeros(3), abs=4)
+    assert found.std == pytest.approx(np.sqrt(np.diag(top.covariance)), rel=4 / np.sqrt(2 * found.effective))
+    # the evidence of a linear problem is the Gaussian density of its data
+    S, covariance = problem.sensitivity(top.theta)[1], np.diag(problem.std**2)
+    covariance = covariance + S @ np.diag(LINEAR_PARAMETERS.std**2) @ S.T
+    left = problem.measured - problem.predict(LINEAR_PARAMETERS.initial)
+    dense = -0.5 * left @ np.linalg.solve(covariance, left) - 0.5 * np.linalg.slogdet(2 * np.pi * covariance)[1]
+    assert found.log_evidence == pytest.approx(dense, abs=4 * found.log_evidence_std)
+
+
+@pytest.mark.parametrize("logarithmic", [(False, False), (True, False)])
+def test_student_t_draws_follow_its_density(logarithmic):
+    """The mean of exp(-|u|) under the draws against a grid over its density, which integrates to one."""
+    logarithmic = np.array(logarithmic)
+    centre, factor = np.array([0.2, -0.3]), np.array([[0.4, 0.0], [0.2, 0.5]])
+    t = StudentT(centre=centre, factor=factor, logarithmic=logarithmic)
+    drawn = coordinates(t.draw(20_000, np.random.default_rng(1)), logarithmic)
+    grid = np.linspace(-30, 30, 1201)
+    U = np.column_stack([g.ravel() for g in np.meshgrid(grid, grid, indexing="ij")])
+    density = np.exp(t.of_coordinates(U)) * (grid[1] - grid[0]) ** 2
+    assert density.sum() == pytest.approx(1.0, abs=2e-3)
+    value = np.exp(-np.abs(drawn).sum(axis=1))
+    expected = density @ np.exp(-np.abs(U).sum(axis=1))
+    assert value.mean() == pytest.approx(expected, abs=4 * value.std() / np.sqrt(len(value)) + 2e-3)
+    theta = t.draw(50, np.random.default_rng(2))
+    u = coordinates(theta, logarithmic)
+    stretched = t.of_coordinates(u) - np.where(logarithmic, u, 0.0).sum(axis=1)
+    assert t.log_density(theta) == pytest.approx(stretched)
+
+
+def test_a_mixtures_density_is_the_sum_and_draws_outside_have_none():
+    prior = PriorDensity(LINEAR_PARAMETERS)
+    t = StudentT(centre=LINEAR_PARAMETERS.initial, factor=0.3 * np.eye(3), logarithmic=np.zeros(3, bool))
+    mixture = Mixture(parameters=LINEAR_PARAMETERS, components=(t, prior), weight=np.array([0.7, 0.3]))
+    theta = mixture.draw_inside(40, np.random.default_rng(4))
+    parts = 0.7 * np.exp(t.log_density(theta)) + 0.3 * np.exp(prior.log_density(theta))
+    assert np.exp(mixture.log_density(theta)) == pytest.approx(parts)
+    bounded = Parameters((Parameter(name="p", unit="-", initial=1.0, std=0.5, lower=0.5, upper=1.5),))
+    wide = StudentT(centre=np.array([1.0]), factor=np.array([[1.0]]), logarithmic=np.array([False]))
+    out = Mixture(parameters=bounded, components=(wide,), weight=np.array([1.0])).log_density(np.array([[0.2], [1.0]]))
+    assert out[0] == -np.inf and np.isfinite(out[1])
+
+
+def test_nested_r_hat_sees_ensembles_that_disagree_and_no_dependence_within():
+    """Margossian et al. 2024: sqrt(1 + B / W); walkers that move together do not lower it."""
+    rng = np.random.default_rng(8)
+    n_step, n_walker = 200, 10
+    same = rng.standard_normal((n_step, 4 * n_walker, 1))
+    assert nested_r_hat(same, 4)[0] < 1.001
+    apart = same.copy()
+    apart[:, :n_walker] += 1.0
+    # means 1, 0, 0, 0: B = 1/4 over W about one
+    assert nested_r_hat(apart, 4)[0] == pytest.approx(np.sqrt(1.25), rel=0.02)
+    # a walk that all walkers of an ensemble share looks converged to each of them
+    walk = np.repeat(np.cumsum(rng.standard_normal((4, n_step)) * 0.05, axis=1), n_walker, axis=0).T[:, :, None]
+    assert nested_r_hat(same + walk, 4)[0] > 1.01
+    assert np.isinf(nested_r_hat(np.zeros((50, 8, 1)), 4)[0])
