@@ -24,13 +24,14 @@ from probupdate.progress import Progress, silent
 
 # below this k importance sampling alone is trusted, up to TRUSTED_K of the evidence its draws may be averaged at all
 GOOD_K = 0.5
-# draws that count, and those of one round of fitting; rounds at most, and the effective share at which they stop
-N_DRAW, N_ROUND, ROUNDS, ENOUGH = 4000, 1500, 8, 0.3
+# draws that count, and those of one round of fitting; rounds at most and at least, as one round's draws may miss an arm
+# of the posterior, and the effective share at which they stop
+N_DRAW, N_ROUND, ROUNDS, FEWEST, ENOUGH = 4000, 2000, 8, 4, 0.4
 # share of draws from the prior, and of those from the Gaussian approximations beside fitted distributions
-PRIOR_SHARE, OUTLINE_SHARE = 0.05, 0.10
+PRIOR_SHARE, OUTLINE_SHARE = 0.05, 0.25
 # Student t distributions: degrees of freedom (tails heavier than any posterior's of a few stiffnesses), how much wider
 # than the weighted draws, and how many a maximum
-DEGREES, SPREAD, PER_MAXIMUM = 5.0, 1.2, 2
+DEGREES, SPREAD, PER_MAXIMUM = 5.0, 1.2, 4
 EM_STEPS = 15
 # of a mean's difference: chance exceeds it once in some ten thousand, ten parameters at once; and what nobody minds
 MOST_Z, LEAST_APART = 4.5, 0.1
@@ -206,29 +207,31 @@ def fitted_proposal(
     logarithmic = parameters.lower >= 0
     proposed: list[Mixture] = []
     theta, value = np.empty((0, len(parameters))), np.empty(0)
-    best, best_share = current, -1.0
-    for number in range(ROUNDS):
-        fresh = current.draw(N_ROUND, rng)
-        known = log_posterior(problem, fresh, "proposal", progress)
-        log_weight = log_ratio(known, current, fresh)
-        share = float(1 / np.sum(_weights(log_weight) ** 2) / N_ROUND)
-        k = pareto_shape(log_weight[np.isfinite(log_weight)])
-        # a few huge weights tell of a region that is proposed too seldom, whatever the others say
-        share *= 1.0 if k < GOOD_K else 0.5 if k < TRUSTED_K else 0.1
-        if share > best_share:
-            best, best_share = current, share
-        if share >= ENOUGH:
-            break
+    for _ in range(ROUNDS):
         proposed.append(current)
-        theta, value = np.vstack([theta, fresh]), np.concatenate([value, known])
+        theta = np.vstack([theta, current.draw(N_ROUND, rng)])
+        value = np.append(value, log_posterior(problem, theta[-N_ROUND:], "proposal", progress))
         inside = np.isfinite(value)
-        log_q = np.logaddexp.reduce([m.log_density(theta[inside]) for m in proposed]) - np.log(len(proposed))
-        weight = _flattened(value[inside] - log_q)
-        count = PER_MAXIMUM * n_out
-        parts, share_of = _fit(coordinates(theta[inside], logarithmic), weight, count, logarithmic, rng)
-        share_of = [*((1 - OUTLINE_SHARE - PRIOR_SHARE) * share_of), *(n_out * [OUTLINE_SHARE / n_out]), PRIOR_SHARE]
-        current = Mixture(parameters=parameters, components=(*parts, *outlines, prior), weight=frozen_array(share_of))
-    return best, len(theta) + N_ROUND
+        known = np.array([m.log_density(theta[inside]) for m in proposed])
+        log_weight = value[inside] - (special.logsumexp(known, axis=0) - np.log(len(proposed)))
+        share = _shares(value[inside], known, log_weight)
+        if len(proposed) >= FEWEST and share.max() >= ENOUGH:
+            break
+        parts, of_part = _fit(coordinates(theta[inside], logarithmic), _flattened(log_weight), PER_MAXIMUM * n_out,
+                              logarithmic, rng)  # fmt: skip
+        of_all = [*((1 - OUTLINE_SHARE - PRIOR_SHARE) * of_part), *(n_out * [OUTLINE_SHARE / n_out]), PRIOR_SHARE]
+        current = Mixture(parameters=parameters, components=(*parts, *outlines, prior), weight=frozen_array(of_all))
+    return proposed[int(np.argmax(share))], len(theta)
+
+
+def _shares(value: np.ndarray, known: np.ndarray, log_weight: np.ndarray) -> np.ndarray:
+    """The effective share that draws of each proposal would have, (n_proposal,), from all draws of all of them.
+
+    (int p)^2 / int p^2 / q by importance sampling from their mixture: a proposal is judged on what the others found too,
+    as its own draws do not show what it misses. value, log_weight (n,), known (n_proposal, n) ln densities.
+    """
+    total = 2 * special.logsumexp(log_weight) - np.log(value.size)
+    return np.exp([total - special.logsumexp(log_weight + value - q) for q in known])
 
 
 def importance_sample(
