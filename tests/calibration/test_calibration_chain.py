@@ -89,7 +89,8 @@ def ranks_of(problem, theta, draws, log_likelihood, weight=None):
 
 def by_chain(problem, top, theta, number, folder):
     """Forty steps of 24 walkers, of which a fifth is left out, from the Laplace approximation."""
-    settings = SamplerSettings(seed=number, walkers_per_parameter=8, target_ess=1, max_steps=40)
+    settings = SamplerSettings(seed=number, walkers_per_parameter=8, target_ess=1, max_steps=40,
+                               ensembles=1)  # fmt: skip
     chain = sample(problem, from_laplace(top, problem.parameters), folder, settings)
     value = chain.log_posterior[chain.first :].ravel() - problem.parameters.log_density(chain.draws)
     return ranks_of(problem, theta, chain.draws, value)
@@ -104,9 +105,9 @@ def by_weights(problem, top, theta, rng):
                     np.exp(weight - weight.max()))  # fmt: skip
 
 
-def replicates(place, seed, stated=1.0):
+def replicates(place, seed, stated=1.0, count=N_REPLICATE):
     found = []
-    for number in range(N_REPLICATE):
+    for number in range(count):
         rng = np.random.default_rng([seed, number])
         theta = PARAMETERS.draw(rng, 1)[0]
         problem = problem_of(theta, rng, stated)
@@ -127,6 +128,15 @@ def test_the_chain_is_calibrated(tmp_path):
         for level in (0.5, 0.9):
             low, high = band(level, N_REPLICATE, 1 - LIMIT)
             assert low <= coverage(column, level) <= high
+
+
+def test_intervals_hold_the_truth_as_often_as_they_say():
+    """By weighted draws, which cost little: 90 % of 200 within 82.5 to 96.5 %, where fifty chains allow 74 to 100."""
+    ranks = replicates(lambda problem, theta, _, rng: by_weights(problem, maximum(problem), theta, rng), seed=5,
+                       count=200)  # fmt: skip
+    for column in ranks[:, :-1].T:
+        low, high = band(0.9, 200, 1 - LIMIT)
+        assert low <= coverage(column, 0.9) <= high and 0.82 < low and high < 0.97
 
 
 def test_deviations_stated_too_wide_are_caught():

@@ -159,7 +159,7 @@ def test_a_gaussian_posterior_has_its_closed_form_covariance(tmp_path):
     assert stats.kstest(white[0, :: max(1, white.shape[1] // 500)], "norm").pvalue > 1e-4
 
 
-SHORT = SamplerSettings(target_ess=10**7, max_steps=3 * ensemble.SEGMENT)
+SHORT = SamplerSettings(target_ess=10**7, max_steps=3 * ensemble.SEGMENT, ensembles=2)
 
 
 def test_a_stopped_chain_goes_on_with_the_same_numbers(tmp_path):
