@@ -20,7 +20,7 @@ from scipy import special, stats
 from probupdate.errors import InputError
 from probupdate.estimators.chain_store import ChainStore, Segment
 from probupdate.estimators.emulator import Emulator, EmulatorMove
-from probupdate.estimators.importance import Density
+from probupdate.estimators.importance import Density, posterior_of_draws
 from probupdate.estimators.surrogate import Outline, Proposal
 from probupdate.modes import frozen_array
 from probupdate.parameters import Parameters
@@ -260,7 +260,7 @@ def _run_segment(
     counts = {"evaluated": 0, "fallback": 0}
 
     def log_probability(theta: np.ndarray) -> np.ndarray:
-        value, fallback = problem.log_posterior(theta)
+        value, fallback = posterior_of_draws(problem, theta)
         counts["evaluated"] += int(np.isfinite(value).sum())
         counts["fallback"] += int(fallback.sum())
         return value

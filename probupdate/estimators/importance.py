@@ -15,6 +15,7 @@ from typing import Protocol
 import numpy as np
 from scipy import linalg, special
 
+from probupdate.errors import ProbupdateError
 from probupdate.estimators.evidence import TRUSTED_K, log_prior_constant, pareto_shape
 from probupdate.estimators.surrogate import Proposal
 from probupdate.modes import frozen_array
@@ -150,6 +151,7 @@ class WeightedDraws:
     log_evidence: float
     log_evidence_std: float
     evaluated: int
+    without_modes: int
 
     @property
     def mean(self) -> np.ndarray:
@@ -179,6 +181,18 @@ class WeightedDraws:
         return self.pareto_k < GOOD_K
 
 
+def posterior_of_draws(problem: Problem, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """`Problem.log_posterior` where bounds may allow structures that have no modes, as a negative stiffness: these have
+    probability zero."""
+    try:
+        return problem.log_posterior(theta)
+    except (ProbupdateError, np.linalg.LinAlgError):
+        if len(theta) == 1:
+            return np.array([-np.inf]), np.zeros(1, bool)
+    parts = [posterior_of_draws(problem, row[None]) for row in theta]
+    return np.concatenate([p[0] for p in parts]), np.concatenate([p[1] for p in parts])
+
+
 def log_posterior(problem: Problem, theta: np.ndarray, what: str, progress: Progress) -> np.ndarray:
     """(n,), -inf outside the bounds."""
     value = np.full(len(theta), -np.inf)
@@ -186,7 +200,7 @@ def log_posterior(problem: Problem, theta: np.ndarray, what: str, progress: Prog
     for start in range(0, inside.size, CHUNK):
         progress(what, start, inside.size)
         rows = inside[start : start + CHUNK]
-        value[rows] = problem.log_posterior(theta[rows])[0]
+        value[rows] = posterior_of_draws(problem, theta[rows])[0]
     progress(what, inside.size, inside.size)
     return value
 
@@ -227,8 +241,8 @@ def fitted_proposal(
 def _shares(value: np.ndarray, known: np.ndarray, log_weight: np.ndarray) -> np.ndarray:
     """The effective share that draws of each proposal would have, (n_proposal,), from all draws of all of them.
 
-    (int p)^2 / int p^2 / q by importance sampling from their mixture: a proposal is judged on what the others found too,
-    as its own draws do not show what it misses. value, log_weight (n,), known (n_proposal, n) ln densities.
+    (int p)^2 / int p^2 / q by importance sampling from their mixture: a proposal is judged on what the others found
+    too, as its own draws do not show what it misses. value, log_weight (n,), known (n_proposal, n) ln densities.
     """
     total = 2 * special.logsumexp(log_weight) - np.log(value.size)
     return np.exp([total - special.logsumexp(log_weight + value - q) for q in known])
@@ -248,6 +262,7 @@ def importance_sample(
         effective=float(1 / np.sum(weight**2)),
         pareto_k=float(pareto_shape(log_weight[np.isfinite(log_weight)])), log_evidence=log_evidence,
         log_evidence_std=float(np.std(weight * N_DRAW) / np.sqrt(N_DRAW)), evaluated=evaluated + N_DRAW,
+        without_modes=int(np.sum(problem.parameters.inside(theta) & ~np.isfinite(value))),
     )
 
 
@@ -326,6 +341,7 @@ class Agreement:
     z: float
     apart: float
     parameter: str
+    without_modes: int
 
     @property
     def agrees(self) -> bool:
@@ -336,6 +352,9 @@ class Agreement:
     def sentence(self) -> str:
         text = (f"importance sampling: {self.effective:.0f} effective of {self.n_draw} draws, Pareto k "
                 f"{self.pareto_k:.2f}, ln evidence {self.log_evidence:.3f} +- {self.log_evidence_std:.3f}")  # fmt: skip
+        if self.without_modes:
+            text += (f"; {self.without_modes} draws within the bounds have no modes and probability zero: the bounds "
+                     "allow what is no structure, such as a negative stiffness")  # fmt: skip
         if self.pareto_k >= TRUSTED_K:
             return f"{text}: it confirms nothing"
         text += (f"; its means are within {self.apart:.2f} posterior standard deviations of the chain's "
@@ -354,4 +373,5 @@ def agree(weighted: WeightedDraws, chain) -> Agreement:
         effective=weighted.effective, n_draw=len(weighted.theta), pareto_k=weighted.pareto_k,
         log_evidence=weighted.log_evidence, log_evidence_std=weighted.log_evidence_std, evaluated=weighted.evaluated,
         z=float(gap[worst] / error[worst]), apart=float(gap[worst] / std[worst]), parameter=weighted.names[worst],
+        without_modes=weighted.without_modes,
     )

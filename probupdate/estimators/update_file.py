@@ -235,8 +235,8 @@ def fit_sentence(record: UpdateRecord) -> str:
         accused = () if record.components is None else record.components.accused()
         where = f", most of all {', '.join(accused[:3])}" if accused else ""
         return (f"{text}: the model misses the data by {np.sqrt(ratio):.1f} times the stated standard deviations"
-                f"{where}; no parameter counts as strongly identified until the model's error is stated: --discrepancy auto "
-                "(the default) or a share, or compare shapes with --shapes mac")  # fmt: skip
+                f"{where}; no parameter counts as strongly identified until the model's error is stated: --discrepancy "
+                "auto (the default) or a share, or compare shapes with --shapes mac")  # fmt: skip
     if record.map_misfit < record.n_effective - ACCUSED * np.sqrt(2 * record.n_effective):
         return (f"{text}: the fit is {1 / np.sqrt(max(ratio, 1e-12)):.1f} times closer than the stated standard deviations expect; "
                 "they are too wide for these data or their errors go together, and posterior widths are too wide with "

@@ -1,10 +1,13 @@
 """Importance sampling from a fitted mixture: two maxima and known Gaussians against quadrature and closed forms."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from updating_cases import LINEAR_HZ, LINEAR_PARAMETERS, linear_problem, modal_set
 
 from probupdate import verbs
+from probupdate.errors import InputError
 from probupdate.estimators.ensemble import nested_r_hat
 from probupdate.estimators.importance import (
     Mixture,
@@ -15,7 +18,7 @@ from probupdate.estimators.importance import (
     importance_sample,
 )
 from probupdate.estimators.laplace import distinct_maxima, maximum_a_posteriori
-from probupdate.estimators.surrogate import Proposal, fit_surrogate
+from probupdate.estimators.surrogate import Proposal, fit_surrogate, from_laplace
 from probupdate.modes import ModalData
 from probupdate.parameters import Parameter, Parameters
 from probupdate.problem import Weights, build_problem
@@ -159,3 +162,25 @@ def test_nested_r_hat_sees_ensembles_that_disagree_and_no_dependence_within():
     walk = np.repeat(np.cumsum(rng.standard_normal((4, n_step)) * 0.05, axis=1), n_walker, axis=0).T[:, :, None]
     assert nested_r_hat(same + walk, 4)[0] > 1.01
     assert np.isinf(nested_r_hat(np.zeros((50, 8, 1)), 4)[0])
+
+
+def test_draws_without_modes_have_probability_zero_and_are_counted():
+    """Bounds that allow what is no structure: the model refuses a below zero."""
+    model, data = two_modes(*CASES[0])
+
+    def function(theta):
+        if theta[0] < 0:
+            raise InputError("model", "has a negative stiffness", "raise the lower bound")
+        return model.function(theta)
+
+    half = replace(model, function=function)
+    problem = build_problem(half, data, weights=Weights(shapes="none"))
+    rng = np.random.default_rng(2)
+    top = maximum_a_posteriori(problem, [np.array([2.0, 0.0])])
+    proposal, _ = fitted_proposal(problem, [Proposal(outline=from_laplace(top, problem.parameters))], rng)
+    found = importance_sample(problem, proposal, rng)
+    assert found.without_modes > 0 and np.all(found.theta[found.weight > 0][:, 0] >= 0)
+    whole = quadrature(*CASES[0])
+    # the positive half of the evidence
+    assert found.log_evidence == pytest.approx(whole[1] + np.log(1 - whole[0]), abs=4 * found.log_evidence_std + 2e-3)
+

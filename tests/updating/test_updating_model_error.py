@@ -257,8 +257,8 @@ def test_a_populations_mean_is_as_wide_as_the_shared_error_makes_it(linear):
     mean = np.linalg.solve(K, noise.gradient.sum(axis=0)) + parameters.initial
     drawn = mean + rng.standard_normal((n, 3)) @ np.linalg.cholesky(np.linalg.inv(K)).T
     zero = np.full((n, 3), 1e-9)
-    population = Population(mean=drawn, tau=zero, factor=np.zeros((n, 3, 3)), log_likelihood=np.zeros((n, 3)), r_hat=1.0,
-                            ess=1e4, converged=True, verdict="")  # fmt: skip
+    population = Population(mean=drawn, tau=zero, factor=np.zeros((n, 3, 3)), log_likelihood=np.zeros((n, 3)),
+                            r_hat=1.0, ess=1e4, converged=True, verdict="")  # fmt: skip
     shared = shared_error(problems, centres, coordinates)
     widened = shared.widened(population, prior, rng).mean
     term = shared.joint_term(range(3))
