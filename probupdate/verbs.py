@@ -234,8 +234,8 @@ def identify(
     sensors, the global ones or, for structures of other kinds, its `lowest`; others, and all without a model, have
     numbers.
 
-    rate_hz: to which records are thinned out; with a model 5 Hz, as the paper, and order 20 with 30 block rows; without
-    one all three are proposed from the record where they are not given, which the summary says.
+    rate_hz: to which records are thinned out; with a turbine's model 5 Hz, as the paper, and order 20 with 30 block
+    rows; without one all three are proposed from the record where they are not given, which the summary says.
     harmonics: 'remove' takes the rotor's out of records where its angle can be followed.
     store: folder in which the blocks' poles are kept, so that a killed run goes on (the command line keeps them beside
     its --out); jobs: processes. A script that asks for several needs `if __name__ == "__main__"`.
@@ -287,16 +287,21 @@ def identify_setups(
     return replace(merged, summary="\n".join([merged.summary, *said]))
 
 
+def _is_turbine(model) -> bool:
+    """Whether the paper's rate and order suit it: a model of members, not matrices or a callable."""
+    return model is not None and (_has_geometry(model) or (isinstance(model, str | Path) and is_subdyn(model_path(model))))
+
+
 def _settings(
     campaigns: Sequence[Campaign], model, *, order: int | None, block_rows: int | None, rate_hz: float | None,
     harmonics: str,
 ) -> tuple[SSISettings, list[str]]:
-    """What is given; the rest as the paper, where a model says which modes are looked for, or as the record proposes;
-    and what is to be said of that."""
+    """What is given; the rest as the paper, where the model is a turbine's, or as the record proposes; and what is to be
+    said of that."""
     given = {"order": order, "block_rows": block_rows, "target_rate_hz": rate_hz}
     given = {name: value for name, value in given.items() if value is not None}
     said = []
-    if model is not None or len(given) == 3:
+    if _is_turbine(model) or len(given) == 3:
         chosen = {"target_rate_hz": PAPER_HZ} | given
     else:
         found = propose(campaigns, rate_hz=rate_hz, block_rows=block_rows)

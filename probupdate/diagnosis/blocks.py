@@ -134,7 +134,8 @@ def gather(data: ModalData, where: str = "modes") -> Blocks:
         raise InputError(
             where, f"has {len(sets)} usable sets of {len(data.sets)}" + (
                 f"; in {len(turning)} the nacelle turned by more than {YAW_RANGE_DEG:g} deg" if turning else ""),
-            f"give at least {FEWEST}: the scatter between them is the noise that effects are tested against")
+            f"give at least {FEWEST}, as the scatter between them is the noise that effects are tested against: a longer "
+            "record, or identify shorter blocks (block_minutes in campaign.toml)")
     hours = hours_of(tuple(s.id for s in sets))
     if hours is None:
         notes.append("the sets' ids are no times: they are taken as an hour apart, in the file's order")

@@ -251,7 +251,7 @@ def selection_section(run: Run) -> Section:
 
 def _selection_reasons(run: Run) -> list[object]:
     selection = run.selection
-    reason = selection["criterion"].fillna("").astype(str)
+    reason = selection["criterion"].astype(object).fillna("").astype(str)
     found = [n for n in dict.fromkeys(reason) if n]
     names = [n for n in CRITERIA_ORDER if n in found] + [n for n in found if n not in CRITERIA_ORDER]
     excluded = [int((reason == n).sum()) for n in names]
@@ -271,7 +271,7 @@ def _criteria_table(run: Run, excluded: dict[str, int]) -> Table:
     here = (("yawing", "pitching"), ("not idling",), ("modes not identified",), ("planes not perpendicular",))
     rows = [(assumption, criterion, str(sum(excluded.get(name, 0) for name in names)))
             for (assumption, criterion), names in zip(paper_tables.SELECTION, here, strict=True)]
-    left = int((run.selection["criterion"].fillna("") == "").sum())
+    left = int((run.selection["criterion"].astype(object).fillna("") == "").sum())
     kept = f"{len(run.nine.sets)} of {left}" if run.nine is not None else str(left)
     rows.append(("selected sets", f"{paper_tables.SELECTED_SETS} in the paper", f"{kept} that pass"))
     columns = (Column(name="assumption", number=False, paper=True), Column(name="criterion", number=False, paper=True),

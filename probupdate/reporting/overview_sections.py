@@ -197,7 +197,7 @@ def _sets_tile(run: Run) -> Tile:
     selected = len(run.nine.sets) if run.nine is not None else None
     detail = f"{plural(blocks, 'set')} of {run.modes.n_mode} modes at {len(run.modes.channels)} channels"
     if run.selection is not None:
-        passed = int((run.selection["criterion"].fillna("") == "").sum())
+        passed = int((run.selection["criterion"].astype(object).fillna("") == "").sum())
         detail = f"modes found in {identified} of {blocks} blocks, {passed} pass every criterion"
     value = f"{selected} of {blocks}" if selected is not None else str(blocks)
     return Tile(label="sets used" if selected is not None else "modal sets", value=value, detail=detail)
