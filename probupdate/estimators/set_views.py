@@ -198,7 +198,7 @@ def view_sets(
     return SetViews(
         ids=likelihoods.ids, rows=tuple(rows), modes=modes, scores=scores, converged=population.converged,
         verdict=population.verdict, linear_share=frozen_array(share), correlation=correlation, notes=tuple(notes),
-        advice=advice(rows, scores), settings={
+        advice=advice(rows, scores, share), settings={
             "weights": reference.weights.description, "seed": str(seed), "correlated": str(correlated).lower(),
             "hyper-prior of tau": f"half-normal, deviation {spread:g} prior deviations", "model": model.name,
         },

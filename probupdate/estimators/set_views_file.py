@@ -17,6 +17,8 @@ from probupdate.schema import checked
 FORMAT = 1
 # bits about tau below which it is the hyper-prior's
 TOLD_BITS = 0.1
+# effective share of the population's draws, in the worst set, from which on view (d) is recommended
+RECOMMENDED_SHARE = 0.2
 POOLED, ONE, MANY = "each set alone", "one value for all sets", "a population"
 
 
@@ -89,12 +91,20 @@ class SetViews:
         return write_views(self, path)
 
 
+def tau_interval(row: SetsRow) -> str:
+    """5 to 95 % of tau; an upper limit alone where the sets identify none, or where none at all is as probable."""
+    if not np.isfinite(row.tau):
+        return ""
+    limit = row.tau_bits < TOLD_BITS or row.tau_low < 0.2 * row.tau
+    return f"< {row.tau_high:.3f}" if limit else f"{row.tau_low:.3f}-{row.tau_high:.3f}"
+
+
 def parameter_sentence(row: dict) -> str:
     """What the sets say of one parameter's variation."""
     name = row["name"]
     if row["tau_bits"] < TOLD_BITS:
-        text = (f"the sets do not tell how {name} varies: tau ({row['tau']:.2g}) is the hyper-prior's "
-                f"({row['tau_prior']:.2g})")  # fmt: skip
+        text = (f"the sets do not identify how {name} varies: tau is below {row['tau_high']:.2g} (95 %), which is the "
+                f"hyper-prior's own (median {row['tau_prior']:.2g})")  # fmt: skip
         if row["resolution"] < 0.1:
             text += ", nor what it is"
         return text
@@ -103,8 +113,9 @@ def parameter_sentence(row: dict) -> str:
     return f"{name} varies between sets by {row['tau']:.2g} ({row['tau_low']:.2g} to {row['tau_high']:.2g})"
 
 
-def advice(rows: list[SetsRow], scores: LeftOut) -> str:
-    """Which view for what, with what the scores say of it."""
+def advice(rows: list[SetsRow], scores: LeftOut, linear_share: np.ndarray) -> str:
+    """Which view for what, with what the scores say of it; (d) is not recommended where its linearised sets do not
+    stand for the full model."""
     gain, error = scores.difference(MANY, ONE)
     if gain > 2 * error and gain > 1:
         told = (f"A population foretells sets left out better than one value does (ln p {gain:+.1f} +- {error:.1f}): "
@@ -116,10 +127,16 @@ def advice(rows: list[SetsRow], scores: LeftOut) -> str:
         told = (f"Sets left out do not tell one value from a population (ln p {gain:+.1f} +- {error:.1f}): variation "
                 "between sets is no larger than the stated noise can hide.")
     silent_names = [r.name for r in rows if np.isfinite(r.tau_bits) and r.tau_bits < TOLD_BITS]
+    worst = float(np.min(linear_share))
+    if worst < RECOMMENDED_SHARE:
+        for_life = (f"(d) is not recommended: of its draws an effective share of {100 * worst:.0f} % stands for the "
+                    "full model in the worst set; for a lifetime analysis take (b), which is an upper figure.")  # fmt: skip
+    else:
+        for_life = ("For a lifetime analysis take (d): the middle with its standard deviation for what is the same in "
+                    "all conditions, and the population CoV where every condition (a month, a sea state) has its own "
+                    "value; it has the middle's uncertainty, so that nothing is added to it.")  # fmt: skip
     text = (
-        f"{told} For a lifetime analysis take (d): the middle with its deviation for what is the same in all "
-        "conditions, and the population CoV where every condition (a month, a sea state) has its own value; it has the "
-        "middle's uncertainty, so that nothing is added to it. (c) is the uncertainty of a parameter that cannot "
+        f"{told} {for_life} (c) is the uncertainty of a parameter that cannot "
         "differ between sets, such as a mass; it is too narrow where sets or the model's error differ. (b) counts the "
         "noise of each set twice and is an upper figure. (a), the paper's Table 7, tells how repeatable an update is, "
         "not how well a parameter is known: with resolution near 0 it is near 0."
@@ -137,7 +154,7 @@ def summary(views: SetViews) -> str:
             f"{'(c) mean':>10} {'CoV':>6} | {'(d) mean':>10} {'CoV':>6} {'tau':>6} {'5-95 %':>14} {'new CoV':>7}")
     lines = [head]
     for r in views.rows:
-        interval = f"{r.tau_low:.3f}-{r.tau_high:.3f}" if np.isfinite(r.tau) else ""
+        interval = tau_interval(r)
         lines.append(
             f"{r.name:<{width}} {_three(r.prior_cov)} | {r.scatter_mean:>10.4g} {_three(r.scatter_cov)} | "
             f"{r.pooled_mean:>10.4g} {_three(r.pooled_cov)} | {r.joint_mean:>10.4g} {_three(r.joint_cov)} | "

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from probupdate.estimators.set_views_file import SetViews, read_views
+from probupdate.estimators.set_views_file import SetViews, read_views, tau_interval
 from probupdate.information import METRIC_WORDS, Information, read_information, recommendation
 from probupdate.reporting import paper_tables
 from probupdate.reporting.elements import Column, Items, Notice, Section, Table, Text, fixed, number, percent, sentence
@@ -38,7 +38,7 @@ def _views_table(views: SetViews) -> Table:
     )  # fmt: skip
     rows = []
     for r in views.rows:
-        interval = f"{fixed(r.tau_low, 3)} to {fixed(r.tau_high, 3)}" if np.isfinite(r.tau) else ""
+        interval = tau_interval(r)
         rows.append((
             r.name, fixed(r.prior_cov, 2), number(r.scatter_mean), fixed(r.scatter_cov, 3), fixed(r.resolution, 2),
             number(r.pooled_mean), fixed(r.pooled_cov, 3), number(r.joint_mean), fixed(r.joint_cov, 3), number(r.mean),

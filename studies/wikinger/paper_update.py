@@ -87,25 +87,30 @@ def predictive_of_table_3() -> PredictiveCheck:
 
 @dataclass(frozen=True)
 class Suspicion:
-    """z of every parameter of Table 5 under the prior of Table 2, normal and lognormal; sums of squares and their
+    """z of every parameter of Table 5 under the prior of Table 2: normal, lognormal, and the standard normal scores of
+    normal priors cut at zero, which a positive parameter's is, and at this package's bounds; sums of squares and their
     p-values as chi-square of ten."""
 
     names: tuple[str, ...]
     normal: tuple[float, ...]
     lognormal: tuple[float, ...]
+    cut_at_zero: tuple[float, ...]
+    cut_at_bounds: tuple[float, ...]
 
     @property
-    def sums(self) -> tuple[float, float]:
-        return float(np.sum(np.square(self.normal))), float(np.sum(np.square(self.lognormal)))
+    def sums(self) -> tuple[float, ...]:
+        return tuple(float(np.sum(np.square(z))) for z in
+                     (self.normal, self.lognormal, self.cut_at_zero, self.cut_at_bounds))  # fmt: skip
 
     @property
-    def p_values(self) -> tuple[float, float]:
+    def p_values(self) -> tuple[float, ...]:
         return tuple(float(stats.chi2.sf(total, len(self.names))) for total in self.sums)
 
 
 def suspicion(use_ratio: bool = False) -> Suspicion:
     """The paper's update against its own prior. use_ratio: k_TP by its printed ratio 0.36 and not its value 0.341."""
-    names, normal, lognormal = [], [], []
+    names, normal, lognormal, zero, bounds = [], [], [], [], []
+    known = {p.name: p for p in load_model(reference_model("as_built")).parameters}
     for name, (_, _, initial, updated, ratio) in paper.UPDATED.items():
         cov = paper.SENSITIVITY[name][1]
         relative = ratio if use_ratio else updated / initial
@@ -113,7 +118,11 @@ def suspicion(use_ratio: bool = False) -> Suspicion:
         normal.append((relative - 1) / cov)
         log_std = np.sqrt(np.log(0.5 + np.sqrt(0.25 + cov**2)))
         lognormal.append(np.log(relative) / log_std)
-    return Suspicion(tuple(names), tuple(map(float, normal)), tuple(map(float, lognormal)))
+        low, high = (known[name].lower / known[name].initial, known[name].upper / known[name].initial)
+        for scores, (a, b) in ((zero, (0.0, np.inf)), (bounds, (low, high))):
+            prior = stats.truncnorm((a - 1) / cov, (b - 1) / cov, loc=1.0, scale=cov)
+            scores.append(stats.norm.ppf(prior.cdf(relative)))
+    return Suspicion(tuple(names), *(tuple(map(float, z)) for z in (normal, lognormal, zero, bounds)))
 
 
 # Tables as markdown ---------------------------------------------------------------------------------------------------
@@ -148,10 +157,12 @@ def text_of_table_2(found: Information) -> str:
 
 def text_of_suspicion() -> str:
     found, ratio = suspicion(), suspicion(use_ratio=True)
-    body = [[n, f"{a:+.2f}", f"{b:+.2f}"] for n, a, b in zip(found.names, found.normal, found.lognormal, strict=True)]
+    columns = (found.normal, found.lognormal, found.cut_at_zero, found.cut_at_bounds)
+    body = [[n, *(f"{z:+.2f}" for z in zs)] for n, *zs in zip(found.names, *columns, strict=True)]
     for words, one in (("sum of squares", found), ("with k_TP by its ratio 0.36", ratio)):
         body.append([words, *(f"{s:.1f} (p = {p:.2g})" for s, p in zip(one.sums, one.p_values, strict=True))])
-    return rows(["Table 5 under Table 2", "z, normal prior", "z, lognormal prior"], body)
+    return rows(["Table 5 under Table 2", "z, normal prior", "z, lognormal prior", "score, normal cut at zero",
+                 "score, normal cut at our bounds"], body)  # fmt: skip
 
 
 def text_of_eq_7(record: UpdateRecord) -> str:
