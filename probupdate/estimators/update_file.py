@@ -238,9 +238,9 @@ def fit_sentence(record: UpdateRecord) -> str:
                 f"{where}; no parameter counts as strongly identified until the model's error is stated: --discrepancy "
                 "auto (the default) or a share, or compare shapes with --shapes mac")  # fmt: skip
     if record.map_misfit < record.n_effective - ACCUSED * np.sqrt(2 * record.n_effective):
-        return (f"{text}: the fit is {1 / np.sqrt(max(ratio, 1e-12)):.1f} times closer than the stated standard deviations "
-                "expect; they are too wide for these data or their errors go together, and posterior widths are too wide with "
-                "them")  # fmt: skip
+        return (f"{text}: the fit is {1 / np.sqrt(max(ratio, 1e-12)):.1f} times closer than the stated standard "
+                "deviations expect; they are too wide for these data or their errors go together, and posterior widths "
+                "are too wide with them")  # fmt: skip
     text = f"{text}: the model fits the data within the stated standard deviations"
     cov = float(np.nanmedian(record.measured_std_hz / record.measured_hz))
     if cov >= SHARP:
