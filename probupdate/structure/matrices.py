@@ -146,10 +146,18 @@ def _refuse_unused(path: Path, content: Mapping, used: set[str]) -> None:
 
 
 def _channels(path: Path, content: Mapping, n: int) -> tuple[tuple[str, ...], sparse.csr_array]:
-    for key in ("channel", "channel_dof"):
-        if key not in content:
-            raise InputError(f"{path}, {key}", "is missing", "name the measured channels and their rows")
+    """Names, and (n_channel, n) what a channel reads of the degrees of freedom: one of them (`channel_dof`, with a
+    sign), or a combination of several (`channel_row`), as an oblique sensor does."""
+    if "channel" not in content:
+        raise InputError(f"{path}, channel", "is missing", "name the measured channels")
     names = tuple(str(c) for c in content["channel"])
+    row_keys = [key for key in ("channel_row", "channel_row_data") if key in content]
+    if row_keys and ("channel_dof" in content or "channel_sign" in content):
+        raise InputError(f"{path}, {row_keys[0]}", "stands beside channel_dof or channel_sign", "keep one of them")
+    if row_keys:
+        return names, _channel_rows(path, content, len(names), n)
+    if "channel_dof" not in content:
+        raise InputError(f"{path}, channel_dof", "is missing", "give each channel's row, or combinations in channel_row")
     dof = np.asarray(content["channel_dof"])
     if dof.shape != (len(names),) or not np.issubdtype(dof.dtype, np.integer):
         raise InputError(f"{path}, channel_dof", f"has shape {dof.shape}", f"give {len(names)} whole numbers")
@@ -159,6 +167,31 @@ def _channels(path: Path, content: Mapping, n: int) -> tuple[tuple[str, ...], sp
     if sign.shape != (len(names),) or not np.all(np.abs(sign) == 1):
         raise InputError(f"{path}, channel_sign", "is not a +1 or -1 per channel", "mend it or leave it out")
     return names, sparse.csr_array((sign, (np.arange(len(names)), dof)), shape=(len(names), n))
+
+
+def _channel_rows(path: Path, content: Mapping, n_channel: int, n: int) -> sparse.csr_array:
+    """channel_row (n_channel, n), dense or in CSR parts."""
+    where = f"{path}, channel_row"
+    if "channel_row" in content:
+        raw = _real(where, np.asarray(content["channel_row"]))
+        if raw.shape != (n_channel, n):
+            raise InputError(where, f"has shape {raw.shape}", f"give ({n_channel}, {n}): a row for each channel")
+        rows = sparse.csr_array(raw)
+    else:
+        if missing := [part for part in SPARSE_PARTS if f"channel_row{part}" not in content]:
+            raise InputError(f"{where}{missing[0]}", "is missing", "give all three CSR parts, or channel_row dense")
+        data, indices, indptr = (content[f"channel_row{part}"] for part in SPARSE_PARTS)
+        if np.size(indptr) - 1 != n_channel:
+            raise InputError(where, f"has {np.size(indptr) - 1} rows", f"give one for each of the {n_channel} channels")
+        _refuse_structure(where, data, indices, indptr, n)
+        rows = sparse.csr_array((_real(where, data), indices.astype(np.int64), indptr.astype(np.int64)),
+                                shape=(n_channel, n))  # fmt: skip
+    if not np.all(np.isfinite(rows.data)):
+        raise InputError(where, "holds NaN or infinite entries", "check how it was exported")
+    empty = np.flatnonzero(np.diff(rows.indptr) == 0)
+    if empty.size:
+        raise InputError(where, f"channel {int(empty[0]) + 1} reads no degree of freedom", "give its direction there")
+    return rows
 
 
 def _wireframe(path: Path, content: Mapping, n: int) -> tuple[Wireframe | None, sparse.csr_array | None]:

@@ -95,6 +95,25 @@ def test_signs_and_picture(folder):
     assert solution.shape[1] == pytest.approx(-wire.displacement[5, 2])
 
 
+@pytest.mark.parametrize("form", ["dense", "csr"])
+def test_an_oblique_sensor_reads_a_combination(folder, form):
+    """A channel at 30 degrees between two degrees of freedom, against its components rotated by hand."""
+    from scipy import sparse
+
+    c, s = np.cos(np.radians(30.0)), np.sin(np.radians(30.0))
+    rows = np.zeros((2, 6))
+    rows[0, [0, 3]], rows[1, 5] = (c, s), -1.0
+    parts = {"channel_dof": None, "channel_row": rows}
+    if form == "csr":
+        csr = sparse.csr_array(rows)
+        parts = {"channel_dof": None, "channel_row_data": csr.data, "channel_row_indices": csr.indices,
+                 "channel_row_indptr": csr.indptr}  # fmt: skip
+    model = load_model(save(folder, **parts))
+    _, phi = model.solve_full(model.parameters.initial, 3)
+    shape = model.solve(model.parameters.initial, 3).shape
+    assert shape == pytest.approx(np.array([c * phi[0] + s * phi[3], -phi[5]]))
+
+
 def eye(n=6):
     return np.eye(n)
 
@@ -119,6 +138,10 @@ NAN[2, 2] = np.nan
         ({"K_other": eye()}, "K_other", "no parameter is named 'other'"),
         ({"channel_dof": np.array([0, 6])}, "channel_dof", "row 6 is outside 0..5"),
         ({"channel_dof": np.array([0])}, "channel_dof", "has shape (1,)"),
+        ({"channel_row": np.ones((2, 6))}, "channel_row", "stands beside channel_dof"),
+        ({"channel_dof": None, "channel_row": np.ones((2, 5))}, "channel_row", "has shape (2, 5)"),
+        ({"channel_dof": None, "channel_row": np.eye(2, 6) * [[1.0], [0.0]]}, "channel_row", "reads no degree"),
+        ({"channel_dof": None, "channel_row_data": np.ones(2)}, "channel_row_indices", "is missing"),
         ({"channel_dof": np.array([0.0, 1.0])}, "channel_dof", "whole numbers"),
         ({"channel": None}, "channel", "is missing"),
         ({"channel_sign": np.array([1, 2])}, "channel_sign", "not a +1 or -1"),
