@@ -66,7 +66,8 @@ def available_modes(K, M) -> int:
     except linalg.LinAlgError:
         # the solution itself says what is wrong with K
         return n
-    return int(np.sum(mu > MASSLESS * mu[-1]))
+    # without any positive mass too
+    return int(np.sum(mu > MASSLESS * mu[-1])) if mu[-1] > 0 else n
 
 
 def _solved_dense(K) -> bool:

@@ -275,7 +275,7 @@ def test_a_second_chain_in_the_folder_of_the_first(estimated, tmp_path, refused)
 CAMPAIGNS = {
     "unit": ('unit = "m/s2"', 'unit = "furlong"', ("campaign.toml, sensor TP-A-x", "'furlong'", "m/s2")),
     "unit of another quantity": ('"acceleration"', '"velocity"', ("unit 'm/s2' is none of velocity",)),
-    "quantity": ('"acceleration"', '"strain"', ("campaign.toml, sensor TP-A-x", "'strain'")),
+    "quantity": ('"acceleration"', '"strain"', ("campaign.toml, sensor TP-A-x", "measures strain")),
     "key": ("block_minutes", "block_minuts", ("block_minuts", "did you mean 'block_minutes'")),
     "rate": ("sampling_rate_hz = 10.0", "sampling_rate_hz = 20.0", ("10 Hz", "20 Hz")),
     "rate quoted": ("sampling_rate_hz = 10.0", 'sampling_rate_hz = "10"', ("sampling_rate_hz", "positive number")),

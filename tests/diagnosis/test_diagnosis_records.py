@@ -69,11 +69,23 @@ def test_what_tells_no_cause_is_refused(prepared, record, change, words):
         probupdate.diagnose(prepared, change(record(7)), sampler=False)
 
 
+def with_one_more(data):
+    """The record with a mode above all others."""
+    def more(s):
+        return replace(s, frequency_hz=np.append(s.frequency_hz, 2 * s.frequency_hz[-1]),
+                       shape=np.column_stack([s.shape, s.shape[:, ::-1][:, 0]]),
+                       damping_ratio=np.append(s.damping_ratio, 0.01),
+                       frequency_std_hz=np.append(s.frequency_std_hz, np.nan), damping_ratio_std=None,
+                       shape_std=np.column_stack([s.shape_std, s.shape_std[:, 0]]))  # fmt: skip
+
+    return replace(data, sets=tuple(more(s) for s in data.sets))
+
+
 def test_as_many_modes_as_the_matrices_have_and_no_more(prepared, record):
-    """Ten degrees of freedom: the eigensolver leaves two of them out."""
+    """Ten degrees of freedom have ten modes, and a record of eleven is refused."""
     assert probupdate.diagnose(prepared, record(1, n_mode=8), sampler=False).verdict == "none"
-    with pytest.raises(InputError, match="holds 9 modes where 8"):
-        probupdate.diagnose(prepared, record(1, n_mode=9), sampler=False)
+    with pytest.raises(InputError, match="holds 11 modes where 10"):
+        probupdate.diagnose(prepared, with_one_more(record(1, n_mode=10)), sampler=False)
 
 
 def test_a_covariate_told_in_a_part_of_the_record_is_missed_aloud(frame_file, record):
