@@ -41,7 +41,7 @@ def tail_size(theta: np.ndarray) -> np.ndarray:
     chains = np.ascontiguousarray(theta.transpose(2, 1, 0))
     size = np.zeros(len(chains))
     for k in np.flatnonzero(np.ptp(chains, axis=2).any(axis=1)):
-        size[k] = float(arviz.ess(chains[k], method="tail"))
+        size[k] = min(float(arviz.ess(chains[k], method="quantile", prob=share)) for share in (0.05, 0.95))
     return size
 
 
