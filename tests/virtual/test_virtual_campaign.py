@@ -1,6 +1,8 @@
 """`simulate`: the files, read back by plain means; same seed, same bytes; spectra against the truth."""
 
 import hashlib
+import os
+import time
 import tomllib
 from pathlib import Path
 
@@ -115,9 +117,10 @@ def test_same_seed_same_bytes_and_a_stopped_run_goes_on(tmp_path, short):
     simulation.simulate(again, model=AS_BUILT, days=0.13, truth=given, seed=5)
     first = digest(short.path)
     assert digest(again) == first
-    # as if stopped in the third file
+    # as if stopped in the third file, a fortnight ago
     gone = sorted((again / "acceleration").iterdir())[1]
-    gone.rename(gone.with_suffix(".part"))
+    part = gone.rename(gone.with_suffix(".part"))
+    os.utime(part, (time.time() - 14 * 86400,) * 2)
     simulation.simulate(again, model=AS_BUILT, days=0.13, truth=given, seed=5)
     assert digest(again) == first
     with pytest.raises(InputError, match="holds something else"):
@@ -211,8 +214,8 @@ def test_mistakes_are_one_line(tmp_path):
         ({"days": float("nan"), "seed": 1}, "shorter than one block"),
         ({"seed": -1}, "whole number"),
         ({"seed": 1.5}, "whole number"),
-        ({"seed": 1, "model": tmp_path / "none.toml"}, "no such model file"),
-        ({"seed": 1, "truth": tmp_path / "none.toml"}, "no such truth file"),
+        ({"seed": 1, "model": tmp_path / "none.toml"}, "no such file"),
+        ({"seed": 1, "truth": tmp_path / "none.toml"}, "no such file"),
     ):
         with pytest.raises(InputError, match=says):
             simulation.simulate(tmp_path / "out", **{"model": AS_BUILT, **kwargs})
