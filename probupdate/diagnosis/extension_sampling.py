@@ -32,7 +32,7 @@ QUANTILES = (5, 50, 95)
 
 def bounded(seed: int, *, turbine: bool) -> SamplerSettings:
     """What a diagnosis asks of the sampler unless told otherwise."""
-    return SamplerSettings(seed=seed, target_ess=EFFECTIVE_DRAWS,
+    return SamplerSettings(seed=seed, target_ess=EFFECTIVE_DRAWS, ensembles=2,
                            max_steps=STEPS_OF_TURBINE if turbine else STEPS_OF_MATRICES)  # fmt: skip
 
 
