@@ -173,10 +173,10 @@ def match(
         if len(kept) < len(cluster):
             worst = min(cluster, key=lambda j: criterion[j, partner[j]])
             names = " and ".join(name[j] for j in cluster)
-            left_out.append(
-                f"{names} of set {modal_set.id}: no computed mode resembles {name[worst]} "
-                f"(best MAC left {criterion[worst, partner[worst]]:.2f}, {min_mac:.2f} wanted)"
-            )
+            best = criterion[worst, partner[worst]]
+            reason = f"best MAC left {best:.2f}, {min_mac:.2f} wanted" if np.isfinite(best) else \
+                "too few channels to compare shapes by"
+            left_out.append(f"{names} of set {modal_set.id}: no computed mode resembles {name[worst]} ({reason})")
             continue
         groups.append(ModeGroup(measured=cluster, computed=tuple(found)))
     if refuse and sum(len(group.measured) for group in groups) >= 0.5 * len(used):

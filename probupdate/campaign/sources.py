@@ -200,9 +200,10 @@ def _npy(path: Path, d: Description) -> Pieces:
 def _npz(path: Path, d: Description) -> Pieces:
     """Members are unpacked as they are read: a compressed array is walked through, not loaded."""
     said = str(path), "is no archive of arrays", "save it by numpy.savez, without objects"
-    with parsing(*said):
-        opened = zipfile.ZipFile(path)
-    with opened as archive:
+    # opened here: a ZipFile leaves its file open while a member of it is not read to the end
+    with path.open("rb") as raw:
+        with parsing(*said):
+            archive = zipfile.ZipFile(raw)
         with parsing(*said):
             heads = {n.removesuffix(".npy"): _npy_head(archive, n) for n in archive.namelist() if n.endswith(".npy")}
             for n, (size, dtype, _) in heads.items():

@@ -162,8 +162,9 @@ def view_sets(
     found = list(each_set(model, data, weights=reference.weights, clusters=clusters, model_at=model_at, failed=failed,
                           progress=progress))  # fmt: skip
     if len(found) < 2:
-        raise InputError("sets", f"{len(found)} of {len(data.sets)} can be updated ({'; '.join(failed)})",
-                         "give two sets or more")  # fmt: skip
+        why = f" ({'; '.join(failed)})" if failed else ""
+        raise InputError("sets", f"{len(found)} of {len(data.sets)} can be updated{why}, and views of several sets "
+                         "compare at least two", "give two sets or more")  # fmt: skip
     problems, maxima = [p for p, _ in found], [x for _, x in found]
     parameters, rng = model.parameters, np.random.default_rng([seed, 31])
     coordinates = coordinates_of(parameters)
