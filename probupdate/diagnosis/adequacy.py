@@ -46,9 +46,12 @@ def adequacy(setting: Setting, fitted: Fit, found: Search) -> tuple[float, dict[
 
 
 def span_left(setting: Setting, fitted: Fit, course: int) -> tuple[float, int]:
-    """Sum of squares of what remains in the directions the catalogue spans with one course, and their number."""
+    """Sum of squares of what remains in the directions the catalogue spans with one course, and their number: zero and
+    one where unknowns can follow all of them."""
     design = fitted.design
     rows = np.flatnonzero((setting.which[:, 1] == course) & _spanning(setting, design))
+    if not len(rows):
+        return 0.0, 1
     z = design.scores(fitted.centred)[rows] @ _whitening(design, rows)
     return float(z @ z), len(z)
 

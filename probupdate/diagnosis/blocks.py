@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+from scipy.sparse import csgraph
 
 from probupdate.errors import InputError
 from probupdate.matching import close_clusters
@@ -62,8 +63,12 @@ class Blocks:
     @cached_property
     def present(self) -> np.ndarray:
         """(n_block, n_group) bool: all modes of the group with every channel."""
+        return np.column_stack([self.tells(g) for g in self.groups])
+
+    def tells(self, modes: Sequence[int]) -> np.ndarray:
+        """(n_block,) bool: all these modes with every channel."""
         there = np.isfinite(self.frequency_hz) & np.all(np.isfinite(self.shape), axis=1)
-        return np.column_stack([there[:, list(g)].all(axis=1) for g in self.groups])
+        return there[:, list(modes)].all(axis=1)
 
     def covariate(self, name: str) -> np.ndarray | None:
         """(n_block,) of a number in the environment; None unless nearly every block tells it and it varies."""
@@ -122,8 +127,13 @@ def hours_of(ids: tuple[str, ...]) -> np.ndarray | None:
     return (times - times.min()) / np.timedelta64(1, "h")
 
 
-def gather(data: ModalData, where: str = "modes") -> Blocks:
-    """The usable blocks of modes.json in the order of time; raises InputError, naming `where`, if too few are left."""
+def gather(data: ModalData, where: str = "modes", expected_hz: Mapping[str, float] | None = None) -> Blocks:
+    """The usable blocks of modes.json in the order of time; raises InputError, naming `where`, if too few are left.
+
+    `expected_hz`: where a model has each mode, by label; a mode that is not there is left out. Modes are compared
+    together that are close where they were measured or close in the model: a model of equal stiffness both ways has no
+    shapes of single modes to compare.
+    """
     notes = []
     sets = [s for s in data.sets if np.any(s.measured)]
     turning = [s for s in sets if _number(s.environment.get("nacelle_heading_deg_range", 0.0)) > YAW_RANGE_DEG]
@@ -175,6 +185,10 @@ def gather(data: ModalData, where: str = "modes") -> Blocks:
     if len(kept) < data.n_mode:
         names = [labels[j] for j in range(data.n_mode) if j not in kept]
         notes.append(f"{', '.join(names)} left out: found with every channel in fewer than a fifth of the blocks")
+    if expected_hz is not None and any(labels[j] not in expected_hz for j in kept):
+        lost = [labels[j] for j in kept if labels[j] not in expected_hz]
+        notes.append(f"{', '.join(lost)} left out: no mode of the model that these sensors see is left for it")
+        kept = np.array([j for j in kept if labels[j] in expected_hz], int)
     if not len(kept):
         raise InputError(where, "no mode is found with every channel in a fifth of the blocks",
                          "leave out channels that are mostly missing")  # fmt: skip
@@ -183,9 +197,11 @@ def gather(data: ModalData, where: str = "modes") -> Blocks:
     # what turned a shape turns its deviations
     turn = np.exp(1j * np.angle(np.nansum(shape * raw.conj(), axis=1)))
     deviations = tuple(_deviation(s, kept, kept_channels, t) for s, t in zip(sets, turn, strict=True))
-    middle = np.nanmedian(frequency, axis=0)
-    groups = tuple(tuple(sorted(part)) for c in close_clusters(middle)
-                   for part in pairs_of(c, middle, tuple(labels[j] for j in kept)))  # fmt: skip
+    names = tuple(labels[j] for j in kept)
+    places = [np.nanmedian(frequency, axis=0)]
+    if expected_hz is not None:
+        places.append(np.array([expected_hz[name] for name in names]))
+    groups = _groups(np.array(places), names)
     angle = np.array([_number(s.environment.get("nacelle_angle_deg")) for s in sets])
     unknown = int(np.sum(np.isnan(angle)))
     if 0 < unknown < len(sets):
@@ -213,19 +229,40 @@ def _most_told(seen: np.ndarray) -> np.ndarray:
     return kept
 
 
-def pairs_of(cluster: tuple[int, ...], frequency_hz: np.ndarray, labels: tuple[str, ...]) -> list[tuple[int, ...]]:
+def _groups(places_hz: np.ndarray, labels: tuple[str, ...]) -> tuple[tuple[int, ...], ...]:
+    """Modes (single ones and pairs, ascending) that are close in any row of `places_hz` (n_place, n_mode)."""
+    apart = _apart(places_hz)
+    near = np.zeros(apart.shape, bool)
+    for row in places_hz:
+        for cluster in close_clusters(row):
+            near[np.ix_(cluster, cluster)] = True
+    _, number = csgraph.connected_components(near, directed=False)
+    parts = [p for q in np.unique(number) for p in pairs_of(tuple(np.flatnonzero(number == q)), apart, labels)]
+    return tuple(sorted((tuple(sorted(int(j) for j in p)) for p in parts), key=lambda p: places_hz[0][p[0]]))
+
+
+def _apart(places_hz: np.ndarray) -> np.ndarray:
+    """(n_mode, n_mode) how far apart (in ln f) each two modes are where they are nearest."""
+    log = np.log(places_hz)
+    return np.fmin.reduce(np.abs(log[:, :, None] - log[:, None, :]), axis=0)
+
+
+def pairs_of(cluster: tuple[int, ...], apart: np.ndarray, labels: tuple[str, ...]) -> list[tuple[int, ...]]:
     """A run of close modes as pairs and single modes: torsion, where labels tell it, stands by itself, as it mixes with
-    bending only where it nearly meets it; a run that is still too long is cut where its modes are farthest apart."""
+    bending only where it nearly meets it; a run that is still too long is cut where its modes are farthest apart, of
+    `apart` (n_mode, n_mode) the longest link of the shortest chain through all."""
     if len(cluster) <= 2:
         return [tuple(cluster)]
     torsion = [j for j in cluster if labels[j].startswith("T")]
     rest = tuple(j for j in cluster if j not in torsion)
     if torsion and rest:
-        return [*((j,) for j in torsion), *pairs_of(rest, frequency_hz, labels)]
-    ascending = sorted(cluster, key=lambda j: frequency_hz[j])
-    cut = 1 + int(np.argmax(np.diff(np.log(frequency_hz[ascending]))))
-    return [*pairs_of(tuple(ascending[:cut]), frequency_hz, labels),
-            *pairs_of(tuple(ascending[cut:]), frequency_hz, labels)]  # fmt: skip
+        return [*((j,) for j in torsion), *pairs_of(rest, apart, labels)]
+    # equal modes are a link too
+    tree = csgraph.minimum_spanning_tree(apart[np.ix_(cluster, cluster)] + 1e-12).toarray()
+    tree[np.unravel_index(np.argmax(tree), tree.shape)] = 0.0
+    _, side = csgraph.connected_components(tree, directed=False)
+    return [p for k in range(2) for p in
+            pairs_of(tuple(j for j, own in zip(cluster, side, strict=True) if own == k), apart, labels)]  # fmt: skip
 
 
 def _deviation(modal_set, kept, channels, turn) -> BlockDeviation | None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
@@ -16,6 +16,13 @@ from probupdate.errors import InputError
 from probupdate.matching import assign
 from probupdate.modes import frozen_array
 
+# a computed mode this near (in ln f) to a group's, of which no measured one is left, turns with it by chance: what a few
+# per cent of any stiffness does to their shapes has no bound
+MATE = 0.02
+# a mode that moves the sensors less than this share of what another does is seen by none of them
+UNSEEN = 1e-3
+# least share of a measured shape that lies in the plane of the computed mode it is paired with (and of its equals)
+LOOKS_LIKE = 0.5
 # a computed mode's frequency this far off (in ln f) counts little less for a pairing than a shape without likeness
 CLOSENESS = 0.2
 
@@ -37,15 +44,21 @@ class Field:
         return self.small.parameters
 
     def _members(self, local: LocalModel, modes: SmallModes) -> tuple[np.ndarray, list[tuple[int, ...]]]:
-        """shapes at the measured channels (n_channel, n_search) and the computed modes of every group, ascending."""
+        """shapes at the measured channels (n_channel, n_search) and the computed modes of every group, ascending, with
+        their mates."""
+        shape, groups = self._paired(local, modes)
+        return shape, self._with_mates(groups, np.log(modes.frequency_hz[: shape.shape[1]]))
+
+    def _paired(self, local: LocalModel, modes: SmallModes) -> tuple[np.ndarray, list[tuple[int, ...]]]:
         count = min(self.small.n_search, modes.frequency_hz.size)
         shape = local.shapes(modes, count)[self.rows]
         log = np.log(modes.frequency_hz[:count])
         score, sizes = [], []
+        seen = _seen(shape)
         for plane, expected in zip(self.planes, self.log_frequency, strict=True):
-            share = np.sum((plane.T @ shape) ** 2, axis=0) / np.sum(shape**2, axis=0)
+            share = np.sum((plane.T @ shape) ** 2, axis=0) / np.where(seen, np.sum(shape**2, axis=0), 1.0)
             near = np.exp(-0.5 * ((log - expected.mean()) / CLOSENESS) ** 2)
-            score += [share + near] * plane.shape[1]
+            score += [np.where(seen, share + near, -1.0)] * plane.shape[1]
             sizes.append(plane.shape[1])
         chosen = assign(np.array(score))
         groups, start = [], 0
@@ -53,6 +66,18 @@ class Field:
             groups.append(tuple(sorted(int(i) for i in chosen[start : start + k])))
             start += k
         return shape, groups
+
+    @staticmethod
+    def _with_mates(groups: list[tuple[int, ...]], log: np.ndarray) -> list[tuple[int, ...]]:
+        """Each group's computed modes with those next to them that no group has: which direction of their common plane
+        was measured is not known from the model."""
+        taken = {i for group in groups for i in group}
+        result = []
+        for group in groups:
+            mates = [i for i in range(len(log)) if i not in taken and np.min(np.abs(log[list(group)] - log[i])) < MATE]
+            taken.update(mates)
+            result.append(tuple(sorted((*group, *mates))))
+        return result
 
     def references(self, local: LocalModel, angle_deg: float) -> tuple[Reference, ...]:
         """Expected modes of every group."""
@@ -64,8 +89,9 @@ class Field:
 
     @staticmethod
     def _reference(modes, shape, members, axes) -> tuple[Reference, np.ndarray]:
+        """With `turn` (n_member, k): the directions of the members' plane that are nearest to the axes."""
         own = shape[:, list(members)]
-        left, _, right = np.linalg.svd(own.T @ axes)
+        left, _, right = np.linalg.svd(own.T @ axes, full_matrices=False)
         turn = left @ right
         log = np.log(modes.frequency_hz[list(members)])
         return Reference(tensor=turn.T @ np.diag(log) @ turn, shape=own @ turn), turn
@@ -157,31 +183,62 @@ def _increments(effects: tuple[Effect, ...], names: tuple[str, ...]) -> np.ndarr
 
 def build_field(small: SmallModel, blocks: Blocks, theta: np.ndarray) -> Field:
     """Pair the measured groups with the model's modes at theta; raises InputError for channels it does not have."""
+    start = _without_axes(small, blocks, blocks.groups)
+    local = small.at(theta)
+    shape, groups = start._members(local, local.solve())
+    axes = tuple(_along(plane, shape[:, list(members)]) for plane, members in zip(start.planes, groups, strict=True))
+    return replace(start, axes=axes)
+
+
+def expected_frequencies(small: SmallModel, blocks: Blocks, theta: np.ndarray) -> dict[str, float]:
+    """Where the model at theta has each measured mode, in Hz by label, each paired by itself: NaN where it looks like
+    none of the model's, not there where the sensors see no mode that is left. Raises as `build_field`."""
+    start = _without_axes(small, blocks, tuple((j,) for j in range(len(blocks.labels))))
+    modes = small.at(theta).solve()
+    shape, members = start._paired(small.at(theta), modes)
+    found, seen = {}, _seen(shape)
+    for name, plane, (i,) in zip(blocks.labels, start.planes, members, strict=True):
+        if not seen[i]:
+            continue
+        # equal modes have no shapes but their plane's
+        near = np.abs(np.log(modes.frequency_hz[: shape.shape[1]] / modes.frequency_hz[i])) < MATE
+        basis = np.linalg.qr(shape[:, near])[0]
+        alike = np.sum((basis.T @ plane) ** 2) > LOOKS_LIKE
+        found[name] = float(modes.frequency_hz[i]) if alike else np.nan
+    return found
+
+
+def _seen(shape: np.ndarray) -> np.ndarray:
+    """(n_mode,) bool: modes of unit modal mass whose shapes (n_channel, n_mode) are not across all sensors."""
+    size = np.linalg.norm(shape, axis=0)
+    return size > UNSEEN * np.max(size, initial=0.0)
+
+
+def _without_axes(small: SmallModel, blocks: Blocks, groups: Sequence[tuple[int, ...]]) -> Field:
     missing = [c for c in blocks.channels if c not in small.channels]
     if missing:
         raise InputError(f"channel {missing[0]}", f"is in the measured modes but not in the model {small.name}",
                          "name the model's channels as the data's")  # fmt: skip
-    rows, measured = np.array([small.channels.index(c) for c in blocks.channels]), sum(map(len, blocks.groups))
+    rows, measured = np.array([small.channels.index(c) for c in blocks.channels]), sum(map(len, groups))
     if measured > small.n_search:
         raise InputError("modes", f"holds {measured} modes where {small.n_search} of the model {small.name} are known",
                          "leave out the highest modes, or give matrices of more degrees of freedom")  # fmt: skip
     planes, logs = [], []
-    for q, group in enumerate(blocks.groups):
-        there = np.flatnonzero(blocks.present[:, q])
+    for group in groups:
         members = list(group)
+        there = np.flatnonzero(blocks.tells(members))
         basis = np.linalg.qr(blocks.shape[there][:, :, members])[0]
         projector = np.einsum("nck,ndk->cd", basis, basis.conj()).real
         planes.append(np.linalg.eigh(projector)[1][:, -len(members):])
         logs.append(np.median(np.log(blocks.frequency_hz[there][:, members]), axis=0))
-    start = Field(small=small, rows=rows, planes=tuple(planes), log_frequency=tuple(logs), axes=())
-    local = small.at(theta)
-    shape, groups = start._members(local, local.solve())
-    axes = tuple(_along(plane, shape[:, list(members)]) for plane, members in zip(planes, groups, strict=True))
-    return Field(small=small, rows=rows, planes=tuple(planes), log_frequency=tuple(logs), axes=axes)
+    return Field(small=small, rows=rows, planes=tuple(planes), log_frequency=tuple(logs), axes=())
 
 
 def _along(plane: np.ndarray, shape: np.ndarray) -> np.ndarray:
-    """Shapes (n_channel, k) of an orthonormal plane along these, as far as it allows, largest component 1."""
-    left, _, right = np.linalg.svd(plane.T @ (shape / np.linalg.norm(shape, axis=0)))
-    turned = plane @ (left @ right)
+    """Shapes (n_channel, k) of an orthonormal plane along these, as far as it allows, largest component 1; of more
+    modes than the plane has directions none is its own."""
+    turned = plane
+    if shape.shape[1] == plane.shape[1]:
+        left, _, right = np.linalg.svd(plane.T @ (shape / np.linalg.norm(shape, axis=0)))
+        turned = plane @ (left @ right)
     return frozen_array(turned / np.max(np.abs(turned), axis=0))

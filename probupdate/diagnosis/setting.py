@@ -12,7 +12,7 @@ from probupdate.diagnosis.blocks import Blocks, gather, with_derived
 from probupdate.effects.catalogue import Effect
 from probupdate.diagnosis.courses import Course, make_courses
 from probupdate.diagnosis.departures import numbers_of_modes, stated_columns
-from probupdate.diagnosis.field import Field, build_field
+from probupdate.diagnosis.field import Field, build_field, expected_frequencies
 from probupdate.diagnosis.noise import factored
 from probupdate.diagnosis.prepare import Prepared
 from probupdate.modes import ModalData, frozen_array
@@ -147,8 +147,8 @@ class Setting:
 
 def settle(prepared: Prepared, data: ModalData) -> tuple[Setting, np.ndarray]:
     """The setting of a diagnosis and the parameters it starts from."""
-    blocks = gather(data)
     theta = np.array(prepared.small.parameters.initial)
+    blocks = gather(data, expected_hz=expected_frequencies(prepared.small, gather(data), theta))
     field = build_field(prepared.small, blocks, theta)
     effects = prepared.effects_on(blocks.channels)
     told, columns = with_derived(blocks), _columns(effects)

@@ -32,6 +32,9 @@ N_CORE = 80
 SPARE = 1
 # the highest of the modes looked through are there to be told from others, and may be less exact
 UNSURE = 2
+# eigenvalues nearer to each other (relative): what turns their shapes into each other is given no more than they would
+# have at this distance, as no first-order change holds there
+EQUAL = 1e-3
 # points spread over prior and effects, and others to verify on; with so many the size of the basis hardly hangs on the
 # draw (four seeds: 199 to 214 vectors; with 36 points 189 to 272)
 N_POINT, N_VERIFY = 54, 6
@@ -197,7 +200,8 @@ class LocalModel:
             outside = np.ones(len(value), bool)
             outside[members] = False
             share = np.zeros((len(value), len(members)))
-            share[outside] = 1.0 / (own_value[None, :] - value[outside, None])
+            gap = own_value[None, :] - value[outside, None]
+            share[outside] = gap / (gap**2 + (EQUAL * own_value) ** 2)
             amount = (dK - own_value * dM) * share
             amount[:, members] = -0.5 * dM[:, members]
             mean = 0.5 * (own_value[:, None] + own_value[None, :])
