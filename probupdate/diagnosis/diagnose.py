@@ -39,6 +39,9 @@ GROSS_SHARE = 0.5
 DIRECTIONS = 4
 # deviations from zero at which something within its tolerance is said; within which nothing is left of a size
 TOLD, LEFT = 3.0, 2.0
+# standard deviations of its prior by which a parameter may be pushed in a fit that explains the record; largest
+# threshold of |z| that a catalogue can need (of ten million independent candidates it is 5.9)
+FARTHEST, SENSIBLE = 6.0, 12.0
 CHANCE = "chance alone"
 NOT_SETTLED = "the fit did not settle: what remains is too much for the model to follow"
 ALIKE_SHAPES = "the measured shapes are as good as one where the model expects two, so that they tell nothing"
@@ -226,7 +229,10 @@ def examine(prepared: Prepared, data: ModalData, *, seed: int = 1, progress: Pro
     # one cause may be at its end, as a brace that is gone; two at once are what something else is bent into, and so is
     # one that is told no better than zero there
     bent = len(pinned) > 1 or (pinned and len(_told_from_zero(setting, fitted)) < len(findings))
-    if fits < ADEQUATE or left_over or silent or bent or not fitted.settled:
+    parameters = tuple(_parameters(setting, null, fitted))
+    far = _far(parameters)
+    beyond = _beyond_sense(found)
+    if fits < ADEQUATE or left_over or silent or bent or far or beyond or not fitted.settled:
         verdict = "unexplained"
     elif not findings:
         verdict = "none"
@@ -242,10 +248,10 @@ def examine(prepared: Prepared, data: ModalData, *, seed: int = 1, progress: Pro
         verdict=verdict, findings=named,
         p_value=min(1.0, 2 * min(first.p_value, fits)) if not findings else first.p_value,
         limits=_limits(setting, first, null), threshold=first.threshold, adequacy_p=fits,
-        notes=(*setting.blocks.notes, *told, *pinned, *_short(fitted, [f.size_std for f in findings]),
+        notes=(*setting.blocks.notes, *told, *pinned, *far, *beyond, *_short(fitted, [f.size_std for f in findings]),
                *([] if fitted.settled else [NOT_SETTLED]),
                *(f"modes {setting.blocks.group_name(q)}: {ALIKE_SHAPES}" for q in silent)),
-        parameters=tuple(_parameters(setting, null, fitted)), details=details,
+        parameters=parameters, details=details,
     )  # fmt: skip
     return Outcome(diagnosis=diagnosis, setting=setting, null=null, fitted=fitted, first=first, last=found)
 
@@ -285,6 +291,22 @@ def _pinned(fitted: Fit) -> list[str]:
         f"{n.effect.unit}{n.course.unit}): its interval is not to be trusted, a larger size may be meant"
         for n in fitted.named if not n.effect.discrete and np.isclose(n.size, n.bounds, rtol=1e-3).any()
     ]
+
+
+def _far(parameters: Sequence[dict]) -> list[str]:
+    """What to say of parameters that only a fit bent into something else would need."""
+    return [f"{p['name']} would be {p['value_after']:.3g} {p['unit']}, {abs(p['pushed_after']):.1f} standard deviations "
+            "of its prior away: nothing that follows from it is explained"
+            for p in parameters if abs(p["pushed_after"]) > FARTHEST]  # fmt: skip
+
+
+def _beyond_sense(found: Search) -> list[str]:
+    """What to say where scores that are standard normal by construction need a threshold that no such numbers reach."""
+    if found.threshold <= SENSIBLE:
+        return []
+    return [f"the threshold |z| = {found.threshold:.0f} is beyond what {len(found.z)} candidates can need: what is not "
+            "known of the model moves these modes by more than the linear equations hold for, so that the record tells "
+            "nothing either way; give the parameters a narrower prior, or leave out modes that nearly meet"]
 
 
 def _told(setting: Setting, fitted: Fit) -> list[str]:

@@ -38,6 +38,8 @@ LARGEST_JUMP = 0.01
 SAME_MODE, DOUBLE = 0.10, 0.25
 # a cluster spans a plane if its second direction has this share of the squared shapes; what lies in the plane has MAC
 PLANE_SHARE, IN_PLANE = 0.12, 0.85
+# two poles of one order that are less alike than this are two modes
+APART_MAC = 0.5
 # single modes closer than this, or than their half-power bandwidths, are compared as a plane
 CLOSE = 0.02
 # what comes back is a line of the rotor if so large a share of its members lies where multiples of the rotor's speed
@@ -115,7 +117,7 @@ def block_candidates(
         inner = mine[np.argmin(np.abs(ln_frequency[mine] - middle))] if len(mine) < 3 else None
         direction = shape[:, inner] if inner is not None else leading_direction(shape[:, mine])
         found.append((middle, np.median(damping[mine]), direction, share))
-    found = _without_doubles(found)
+    found = _pairs_whole(_without_doubles(found), ln_frequency, shape, order, n_order)
     n = len(found)
     return Candidates(
         block=np.full(n, number), ln_frequency=np.array([f[0] for f in found]), damping=np.array([f[1] for f in found]),
@@ -135,6 +137,39 @@ def _without_doubles(found: list[tuple]) -> list[tuple]:
                 or subspace_mac(one[2], np.column_stack(strong))[0] < IN_PLANE:
             kept.append(one)
     return kept
+
+
+def _pairs_whole(
+    found: list[tuple], ln_frequency: np.ndarray, shape: np.ndarray, order: np.ndarray, n_order: int
+) -> list[tuple]:
+    """The two of a close pair turn in their plane from order to order, so that each direction has a part of the orders
+    only: two candidates of one plane have the share of the orders at which two poles lie in it, side by side, and
+    others in the plane are parts of them."""
+    left, result = sorted(found, key=lambda x: -x[3]), []
+    while left:
+        first, *left = left
+        near = [x for x in left if abs(x[0] - first[0]) <= CLOSE and abs(np.vdot(x[2], first[2])) ** 2 < APART_MAC]
+        mate = near[0] if near and len(first[2]) >= 4 else None
+        if mate is None:
+            result.append(first)
+            continue
+        plane = np.column_stack([first[2], mate[2]])
+        middle = 0.5 * (first[0] + mate[0])
+        inside = np.flatnonzero(np.abs(ln_frequency - middle) <= CLOSE)
+        basis = np.linalg.qr(plane)[0]
+        inside = inside[np.sum(np.abs(basis.conj().T @ shape[:, inside]) ** 2, axis=0) >= IN_PLANE]
+        two = 0
+        for one in np.unique(order[inside]):
+            here = shape[:, inside[order[inside] == one]]
+            two += here.shape[1] > 1 and np.min(np.abs(here.conj().T @ here)) ** 2 < APART_MAC
+        share = two / n_order
+        if share <= mate[3]:
+            result.append(first)
+            continue
+        result += [(*first[:3], max(first[3], share)), (*mate[:3], share)]
+        left = [x for x in left if x is not mate
+                and (abs(x[0] - middle) > CLOSE or np.sum(np.abs(basis.conj().T @ x[2]) ** 2) < IN_PLANE)]  # fmt: skip
+    return result
 
 
 def gathered(parts: Sequence[Candidates]) -> Candidates:

@@ -227,4 +227,4 @@ def _recorded(bench: Bench, theta, rng: np.random.Generator, folder: Path, nacel
                                        block_minutes=30, water_depth_m=depth)  # fmt: skip
     campaign_files.write_acceleration(folder / "acceleration" / "one.h5", data, np.datetime64("2019-06-01T00:00:00"),
                                       RATE_HZ)  # fmt: skip
-    return verbs.identify(folder, STATE).data
+    return verbs.identify(folder, STATE).data.compared()

@@ -101,6 +101,23 @@ def test_a_close_pair_that_turns_with_every_block_is_one_plane():
     assert plane_mac(found.shape[:, [0, 1]], np.eye(12)[:, :2]) > 0.99
 
 
+@pytest.mark.parametrize("seed", range(6))
+def test_a_pair_that_turns_from_order_to_order_of_one_block_is_two_modes(seed):
+    rng, rows = np.random.default_rng(seed), []
+    for order, turn in zip(ORDERS, rng.uniform(0, np.pi / 2, len(ORDERS)), strict=True):
+        plane = np.eye(12)[:2].T @ [[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]]
+        rows += [(f, 0.01, plane[:, k], (order,)) for k, f in enumerate((0.330, 0.333))]
+    found = found_in([stack(rng, [*rows, (1.25, 0.01, np.eye(12)[2], ORDERS)], n_noise=2)])
+    assert found.modes.frequency_hz == pytest.approx([0.330, 0.333, 1.25], rel=5e-3)
+    assert plane_mac(found.modes.shape[:, :2], np.eye(12)[:, :2]) > 0.98
+
+
+def test_poles_of_one_direction_beside_a_mode_are_no_pair():
+    rng = np.random.default_rng(3)
+    rows = [(0.330, 0.01, np.eye(12)[0], ORDERS), (0.333, 0.02, np.eye(12)[0], ORDERS), (1.25, 0.01, np.eye(12)[2], ORDERS)]
+    assert found_in([stack(rng, rows, n_noise=2)]).modes.frequency_hz == pytest.approx([0.33, 1.25], rel=6e-3)
+
+
 def test_a_step_of_five_percent_stays_one_mode():
     rng = np.random.default_rng(6)
     rows = [[(1.25 * (1 if k < 15 else 0.95), 0.01, np.eye(12)[4], ORDERS)] for k in range(N_BLOCK)]
