@@ -19,7 +19,7 @@ YAW_RANGE_DEG = 2.0
 MODE_SHARE = 0.2
 # a mode this far off its median (in ln f) was taken for another one
 STRAY = 0.15
-# fewer blocks tell nothing of their own scatter
+# fewer blocks tell nothing of their own scatter: what the identification states of them is believed
 FEWEST = 8
 # a covariate known in a smaller share of the blocks is none
 KNOWN_SHARE = 0.9
@@ -42,6 +42,8 @@ class Blocks:
     complex, NaN where a mode was not found; groups: modes compared together, one or a close cluster, ascending.
 
     relative_std (n_block, n_group): the deviations the identification states over their median, 1 where it states none.
+    `few`: fewer than FEWEST, all with stated deviations, which are then taken as they are. No channels: frequencies
+    alone, each mode by itself.
     """
 
     ids: tuple[str, ...]
@@ -56,6 +58,7 @@ class Blocks:
     relative_std: np.ndarray
     deviations: tuple[BlockDeviation | None, ...]
     notes: tuple[str, ...]
+    few: bool = False
 
     def __len__(self) -> int:
         return len(self.ids)
@@ -109,7 +112,7 @@ class Blocks:
             shape=frozen_array(self.shape[chosen], complex), angle_deg=frozen_array(self.angle_deg[chosen]),
             environment=tuple(self.environment[k] for k in chosen),
             relative_std=frozen_array(self.relative_std[chosen]),
-            deviations=tuple(self.deviations[k] for k in chosen), notes=self.notes,
+            deviations=tuple(self.deviations[k] for k in chosen), notes=self.notes, few=self.few,
         )  # fmt: skip
 
 
@@ -140,12 +143,17 @@ def gather(data: ModalData, where: str = "modes", expected_hz: Mapping[str, floa
     if turning:
         notes.append(f"{len(turning)} blocks left out in which the nacelle turned by more than {YAW_RANGE_DEG:g} deg")
         sets = [s for s in sets if not any(s is t for t in turning)]
-    if len(sets) < FEWEST:
+    few = len(sets) < FEWEST
+    if not sets or (few and not all(_states_deviations(s) for s in sets)):
         raise InputError(
             where, f"has {len(sets)} usable sets of {len(data.sets)}" + (
                 f"; in {len(turning)} the nacelle turned by more than {YAW_RANGE_DEG:g} deg" if turning else ""),
-            f"give at least {FEWEST}, as the scatter between them is the noise that effects are tested against: a longer "
-            "record, or identify shorter blocks (block_minutes in campaign.toml)")
+            f"give at least {FEWEST}, as the scatter between them is the noise that effects are tested against (a longer "
+            "record, or identify shorter blocks: block_minutes in campaign.toml), or state what each set's frequencies "
+            "and shapes are known to (frequency_std_hz, shape_std)")
+    if few:
+        notes.append(f"{len(sets)} {'set tells' if len(sets) == 1 else 'sets tell'} nothing of their own scatter: the "
+                     "standard deviations stated are taken as they are, with no check")
     hours = hours_of(tuple(s.id for s in sets))
     if hours is None:
         notes.append("the sets' ids are no times: they are taken as an hour apart, in the file's order")
@@ -161,18 +169,19 @@ def gather(data: ModalData, where: str = "modes", expected_hz: Mapping[str, floa
         frequency = np.where(stray, np.nan, frequency)
     with np.errstate(invalid="ignore"):
         steps = np.abs(np.diff(np.log(frequency), axis=0))
-    if np.isfinite(steps).any() and np.nanmedian(steps) < SCATTER:
+    if not few and np.isfinite(steps).any() and np.nanmedian(steps) < SCATTER:
         raise InputError(where, "most sets have the frequencies of the set before them: copied, computed or rounded",
                          "give sets that were identified one by one, with all digits: their scatter is the noise that "
                          "effects are tested against")  # fmt: skip
+    if not np.isfinite(shape).any():
+        notes.append("no set tells a shape: frequencies alone, paired with the model's in their order, tell few causes "
+                     "from one another, and nothing of the sensors")
     found = np.isfinite(frequency) & np.any(np.isfinite(shape), axis=1)
     seen = np.isfinite(shape).any(axis=2)[found.any(axis=1)]
-    if not seen.any():
-        raise InputError(where, "no set tells a shape",
-                         "give shapes: frequencies alone tell no cause from another")  # fmt: skip
-    kept_channels = _most_told(seen)
+    kept_channels = _most_told(seen) if len(seen) else np.zeros(0, int)
     left = [f"{c} (there in {m:.0%} of the blocks)" for k, (c, m) in
-            enumerate(zip(data.channels, seen.mean(axis=0), strict=True)) if k not in kept_channels]  # fmt: skip
+            enumerate(zip(data.channels, seen.mean(axis=0), strict=True)) if k not in kept_channels
+            ] if len(seen) else []  # fmt: skip
     if left:
         notes.append(f"left out, so that the blocks without them count: {', '.join(left)}")
     short = int(np.sum(~seen[:, kept_channels].all(axis=1)))
@@ -196,12 +205,12 @@ def gather(data: ModalData, where: str = "modes", expected_hz: Mapping[str, floa
     raw, shape = shape, np.array([rotate_to_real(s) for s in shape])
     # what turned a shape turns its deviations
     turn = np.exp(1j * np.angle(np.nansum(shape * raw.conj(), axis=1)))
-    deviations = tuple(_deviation(s, kept, kept_channels, t) for s, t in zip(sets, turn, strict=True))
+    deviations = tuple(_deviation(s, kept, kept_channels, t, few) for s, t in zip(sets, turn, strict=True))
     names = tuple(labels[j] for j in kept)
     places = [np.nanmedian(frequency, axis=0)]
     if expected_hz is not None:
         places.append(np.array([expected_hz[name] for name in names]))
-    groups = _groups(np.array(places), names)
+    groups = _groups(np.array(places), names) if len(kept_channels) else tuple((j,) for j in np.argsort(places[0]))
     angle = np.array([_number(s.environment.get("nacelle_angle_deg")) for s in sets])
     unknown = int(np.sum(np.isnan(angle)))
     if 0 < unknown < len(sets):
@@ -213,7 +222,7 @@ def gather(data: ModalData, where: str = "modes", expected_hz: Mapping[str, floa
         frequency_hz=frozen_array(frequency), shape=frozen_array(shape, complex), angle_deg=frozen_array(angle),
         environment=tuple(s.environment for s in sets),
         relative_std=frozen_array(_relative_std(sets, kept, kept_channels, groups)), deviations=deviations,
-        notes=tuple(notes),
+        notes=tuple(notes), few=few,
     )  # fmt: skip
 
 
@@ -265,12 +274,32 @@ def pairs_of(cluster: tuple[int, ...], apart: np.ndarray, labels: tuple[str, ...
             pairs_of(tuple(j for j, own in zip(cluster, side, strict=True) if own == k), apart, labels)]  # fmt: skip
 
 
-def _deviation(modal_set, kept, channels, turn) -> BlockDeviation | None:
+def _states_deviations(modal_set) -> bool:
+    """Whether every frequency and shape component that was measured has a standard deviation above zero."""
+    if modal_set.deviation is not None:
+        return True
+    measured = np.isfinite(modal_set.frequency_hz)
+    frequency, shape = modal_set.frequency_std_hz[measured], modal_set.shape_std[np.isfinite(modal_set.shape)]
+    return bool(np.all(frequency > 0) and np.all(shape >= 0) and (shape.size == 0 or np.any(shape > 0)))
+
+
+def _deviation(modal_set, kept, channels, turn, few: bool) -> BlockDeviation | None:
     d = modal_set.deviation
     if d is None:
-        return None
+        return _independent(modal_set, kept, channels) if few else None
     return BlockDeviation(ln_frequency=frozen_array(d.ln_frequency[kept]),
                           shape=frozen_array(d.shape[channels][:, kept] * turn[None, :, None], complex))  # fmt: skip
+
+
+def _independent(modal_set, kept, channels) -> BlockDeviation:
+    """Of a set that states standard deviations alone: every frequency and every part of a component by itself."""
+    ln_frequency = modal_set.frequency_std_hz[kept] / modal_set.frequency_hz[kept]
+    shape = modal_set.shape_std[np.ix_(channels, kept)]
+    n, m = len(kept), shape.size
+    spread = (np.eye(m) * np.nan_to_num(shape).ravel()).reshape(*shape.shape, m)
+    return BlockDeviation(
+        ln_frequency=frozen_array(np.hstack([np.diag(np.nan_to_num(ln_frequency)), np.zeros((n, 2 * m))])),
+        shape=frozen_array(np.concatenate([np.zeros((*shape.shape, n)), spread, 1j * spread], axis=2), complex))
 
 
 def _relative_std(sets, kept, channels, groups) -> np.ndarray:
@@ -278,7 +307,7 @@ def _relative_std(sets, kept, channels, groups) -> np.ndarray:
     frequency = np.array([s.frequency_std_hz for s in sets])[:, kept]
     shape = np.array([s.shape_std for s in sets])[:, channels][:, :, kept]
     with np.errstate(invalid="ignore"):
-        size = np.sqrt(np.mean(shape**2, axis=1))
+        size = np.sqrt(np.sum(shape**2, axis=1) / max(len(channels), 1))
     result = np.ones((len(sets), len(groups)))
     for q, group in enumerate(groups):
         parts = []

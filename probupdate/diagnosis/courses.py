@@ -43,11 +43,12 @@ _UNITS = {"water_level_m": "m", "air_temperature_c": "degC", "wind_speed_mps": "
 
 def make_courses(blocks: Blocks, columns: tuple[str, ...]) -> tuple[Course, ...]:
     """constant, steps, ramp, and the named columns that the blocks tell and that vary."""
-    n = len(blocks)
+    n, margin = len(blocks), 1 if blocks.few else MARGIN
     courses = [Course(kind="constant", value=frozen_array(np.ones(n)))]
-    if n >= 2 * MARGIN + 1:
-        for at in np.unique(np.linspace(MARGIN, n - MARGIN, min(N_STEP, n - 2 * MARGIN + 1)).astype(int)):
+    if n >= 2 * margin + (not blocks.few):
+        for at in np.unique(np.linspace(margin, n - margin, min(N_STEP, n - 2 * margin + 1)).astype(int)):
             courses.append(step_course(n, int(at)))
+    if n >= 2 * MARGIN + 1:
         span = blocks.hours[-1] - blocks.hours[0]
         courses.append(Course(kind="ramp", value=frozen_array((blocks.hours - blocks.hours[0]) / span)))
     for column in columns:

@@ -70,9 +70,12 @@ def numbers_of_modes(frequency_hz: np.ndarray, shape: np.ndarray, axes: np.ndarr
     n_response) and independent (n,) bool: False where the pair's shapes are too alike to tell anything, or a single one
     lies across its axis; zero there."""
     k = frequency_hz.shape[1]
-    in_plane = _inverse(axes) @ shape
     log = np.log(frequency_hz)
     independent = np.ones(len(shape), bool)
+    if not axes.size:
+        # frequencies alone
+        return log, independent
+    in_plane = _inverse(axes) @ shape
     if k == 1:
         # a shape across the axis, scaled to it, would be as large as one over what is along it
         along = np.abs(in_plane[:, 0, 0]) * np.linalg.norm(axes)
@@ -114,6 +117,8 @@ def fingerprint(
 ) -> np.ndarray:
     """First-order change of the numbers (n_response, n) with changes of the tensor (k, k, n) in the reference's own
     axes and of its shapes (n_channel, k, n), both without regard to what the alignment takes away."""
+    if not axes.size:
+        return frozen_array(_stack(tensor_change.transpose(2, 0, 1), shape_change.transpose(2, 0, 1)).T)
     onto = _inverse(axes)
     in_plane = onto @ reference.shape
     back = np.linalg.inv(in_plane)

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
+from scipy.optimize import linear_sum_assignment
 
 from probupdate.diagnosis.blocks import Blocks
 from probupdate.effects.catalogue import Effect
@@ -54,6 +55,10 @@ class Field:
         shape = local.shapes(modes, count)[self.rows]
         log = np.log(modes.frequency_hz[:count])
         score, sizes = [], []
+        if not len(shape):
+            # frequencies alone: in their order, as the cheapest pairing of two rising rows never crosses
+            away = np.abs(np.array([expected.mean() for expected in self.log_frequency])[:, None] - log)
+            return shape, [(int(i),) for i in np.sort(linear_sum_assignment(away)[1])]
         seen = _seen(shape)
         for plane, expected in zip(self.planes, self.log_frequency, strict=True):
             share = np.sum((plane.T @ shape) ** 2, axis=0) / np.where(seen, np.sum(shape**2, axis=0), 1.0)
@@ -200,6 +205,9 @@ def expected_frequencies(small: SmallModel, blocks: Blocks, theta: np.ndarray) -
     for name, plane, (i,) in zip(blocks.labels, start.planes, members, strict=True):
         if not seen[i]:
             continue
+        if not len(shape):
+            found[name] = float(modes.frequency_hz[i])
+            continue
         # equal modes have no shapes but their plane's
         near = np.abs(np.log(modes.frequency_hz[: shape.shape[1]] / modes.frequency_hz[i])) < MATE
         basis = np.linalg.qr(shape[:, near])[0]
@@ -211,6 +219,8 @@ def expected_frequencies(small: SmallModel, blocks: Blocks, theta: np.ndarray) -
 def _seen(shape: np.ndarray) -> np.ndarray:
     """(n_mode,) bool: modes of unit modal mass whose shapes (n_channel, n_mode) are not across all sensors."""
     size = np.linalg.norm(shape, axis=0)
+    if not len(shape):
+        return np.ones(shape.shape[1], bool)
     return size > UNSEEN * np.max(size, initial=0.0)
 
 
@@ -219,7 +229,7 @@ def _without_axes(small: SmallModel, blocks: Blocks, groups: Sequence[tuple[int,
     if missing:
         raise InputError(f"channel {missing[0]}", f"is in the measured modes but not in the model {small.name}",
                          "name the model's channels as the data's")  # fmt: skip
-    rows, measured = np.array([small.channels.index(c) for c in blocks.channels]), sum(map(len, groups))
+    rows, measured = np.array([small.channels.index(c) for c in blocks.channels], int), sum(map(len, groups))
     if measured > small.n_search:
         raise InputError("modes", f"holds {measured} modes where {small.n_search} of the model {small.name} are known",
                          "leave out the highest modes, or give matrices of more degrees of freedom")  # fmt: skip
@@ -227,16 +237,21 @@ def _without_axes(small: SmallModel, blocks: Blocks, groups: Sequence[tuple[int,
     for group in groups:
         members = list(group)
         there = np.flatnonzero(blocks.tells(members))
+        logs.append(np.median(np.log(blocks.frequency_hz[there][:, members]), axis=0))
+        if not blocks.channels:
+            planes.append(np.zeros((0, len(members))))
+            continue
         basis = np.linalg.qr(blocks.shape[there][:, :, members])[0]
         projector = np.einsum("nck,ndk->cd", basis, basis.conj()).real
         planes.append(np.linalg.eigh(projector)[1][:, -len(members):])
-        logs.append(np.median(np.log(blocks.frequency_hz[there][:, members]), axis=0))
     return Field(small=small, rows=rows, planes=tuple(planes), log_frequency=tuple(logs), axes=())
 
 
 def _along(plane: np.ndarray, shape: np.ndarray) -> np.ndarray:
     """Shapes (n_channel, k) of an orthonormal plane along these, as far as it allows, largest component 1; of more
     modes than the plane has directions none is its own."""
+    if not plane.size:
+        return frozen_array(plane)
     turned = plane
     if shape.shape[1] == plane.shape[1]:
         left, _, right = np.linalg.svd(plane.T @ (shape / np.linalg.norm(shape, axis=0)))

@@ -108,7 +108,7 @@ def _doubt(setting: Setting, group: int, amount: np.ndarray) -> np.ndarray:
     k, n_channel = len(setting.blocks.groups[group]), len(setting.blocks.channels)
     n_log = 1 if k == 1 else 3
     parts = [slice(0, n_log)]
-    parts += [slice(start, start + n_channel) for start in range(n_log, amount.shape[1], n_channel)]
+    parts += [slice(start, start + n_channel) for start in range(n_log, amount.shape[1], max(n_channel, 1))]
     result = np.empty_like(amount)
     for part in parts:
         own = amount[:, part] ** 2
@@ -263,7 +263,7 @@ def noise_of(setting: Setting, departures: Sequence[np.ndarray]) -> Noise:
     blocks = setting.blocks
     sizes = tuple(len(g) for g in blocks.groups)
     return estimate_noise(tuple(departures), setting.measured[1], sizes, blocks.relative_std, blocks.states(),
-                          setting.stated)  # fmt: skip
+                          setting.stated, blocks.few)  # fmt: skip
 
 
 def kept(departures, noise: Noise):

@@ -69,7 +69,8 @@ class Design:
             centred = np.where([[c.kind == "constant"] for c in self.courses], values, centred)
             # one or two blocks of a group beyond a step, one of them gone wrong, are no step of that group
             beyond = (values * (weight > 0)).sum(axis=1)
-            few = np.minimum(beyond, np.count_nonzero(weight) - beyond) < FEWEST_BEYOND
+            least = 1 if self.noise.stated else FEWEST_BEYOND
+            few = np.minimum(beyond, np.count_nonzero(weight) - beyond) < least
             centred[few & [c.kind == "step" for c in self.courses]] = 0.0
             result.append(np.concatenate([centred, known]))
         return tuple(result)

@@ -26,12 +26,13 @@ SMALLEST_LOG, SMALLEST_SHAPE = 2e-4, 5e-4
 class Noise:
     """Of each group: covariance (n_response, n_response) of a block of weight one, its inverse, weight (n_block,) with
     zero where the group was not measured; `degrees` of freedom (n_response,) from which the scale of each response was
-    told, empty where it is known."""
+    told, empty where it is known. `stated`: taken from the identification of few blocks, unchecked by these."""
 
     covariance: tuple[np.ndarray, ...]
     precision: tuple[np.ndarray, ...]
     weight: tuple[np.ndarray, ...]
     degrees: tuple[np.ndarray, ...] = ()
+    stated: bool = False
 
     def scales(self, rng: np.random.Generator, n: int) -> list[np.ndarray]:
         """Per group (n, n_response) by how much deviations may truly be larger: one factor for all responses whose
@@ -48,6 +49,7 @@ class Noise:
 def estimate_noise(
     departures: tuple[np.ndarray, ...], used: tuple[np.ndarray, ...], sizes: tuple[int, ...],
     relative_std: np.ndarray, states: np.ndarray, stated: Sequence[np.ndarray | None] | None = None,
+    few: bool = False,
 ) -> Noise:
     """From differences of successive blocks, which slow effects, steps and offsets hardly touch.
 
@@ -55,8 +57,10 @@ def estimate_noise(
     relative_std (n_block, n_group), states (n_block,).
     The covariance is shrunk towards its diagonal by as much as so few blocks ask for (Schaefer & Strimmer 2005). Where
     the identification states a joint covariance (`stated`, of a typical block), that one's pattern is taken instead,
-    and the differences give its scale only, one for ln f and one for shapes.
+    and the differences give its scale only, one for ln f and one for shapes. With `few` blocks it is taken as stated.
     """
+    if few:
+        return _as_stated(departures, used, sizes, relative_std, stated)
     covariances, precisions, weights, degrees = [], [], [], []
     for q, (y, ok) in enumerate(zip(departures, used, strict=True)):
         if np.count_nonzero(ok) < FEWEST:
@@ -82,9 +86,7 @@ def estimate_noise(
             covariance = _scaled(stated[q], difference, n_log)
         else:
             covariance = _shrunk(difference)
-        least = np.full(y.shape[1], SMALLEST_SHAPE)
-        least[:n_log] = SMALLEST_LOG
-        covariance = covariance + np.diag(least**2)
+        covariance = covariance + np.diag(_least(y.shape[1], n_log) ** 2)
         weight = weight / _beside(y, weight, np.linalg.inv(covariance))
         covariances.append(frozen_array(covariance))
         precisions.append(frozen_array(np.linalg.inv(covariance)))
@@ -92,6 +94,29 @@ def estimate_noise(
         degrees.append(_degrees(covariance, len(difference), n_log))
     return Noise(covariance=tuple(covariances), precision=tuple(precisions), weight=tuple(weights),
                  degrees=tuple(degrees))  # fmt: skip
+
+
+def _as_stated(departures, used, sizes, relative_std, stated) -> Noise:
+    covariances, precisions, weights = [], [], []
+    for q, (y, ok) in enumerate(zip(departures, used, strict=True)):
+        told = stated[q] is not None
+        covariance = np.array(stated[q]) if told else np.eye(y.shape[1])
+        covariance[np.diag_indices_from(covariance)] += _least(y.shape[1], 1 if sizes[q] == 1 else 3) ** 2
+        covariances.append(frozen_array(covariance))
+        precisions.append(frozen_array(np.linalg.inv(covariance)))
+        weights.append(frozen_array(np.where(ok & told, relative_std[:, q] ** -2.0, 0.0)))
+    return Noise(covariance=tuple(covariances), precision=tuple(precisions), weight=tuple(weights), stated=True)
+
+
+def _least(n_response: int, n_log: int) -> np.ndarray:
+    least = np.full(n_response, SMALLEST_SHAPE)
+    least[:n_log] = SMALLEST_LOG
+    return least
+
+
+def _kinds(n_response: int, n_log: int) -> list[slice]:
+    """Logarithms of frequencies, and parts of shapes where there are any."""
+    return [slice(0, n_log), *([slice(n_log, None)] if n_response > n_log else [])]
 
 
 def _beside(y: np.ndarray, weight: np.ndarray, precision: np.ndarray) -> np.ndarray:
@@ -120,7 +145,7 @@ def _degrees(covariance: np.ndarray, n_difference: int, n_log: int) -> np.ndarra
     that three tell what two independent ones would; responses tell as much as their correlations leave."""
     result = np.empty(len(covariance))
     std = np.sqrt(np.diag(covariance))
-    for part in (slice(0, n_log), slice(n_log, None)):
+    for part in _kinds(len(covariance), n_log):
         r = covariance[part, part] / np.outer(std[part], std[part])
         result[part] = max(1.0, 2 / 3 * n_difference) * len(r) ** 2 / np.sum(r**2)
     return frozen_array(result)
@@ -166,7 +191,7 @@ def _state_weights(y: np.ndarray, ok: np.ndarray, states: np.ndarray) -> np.ndar
 def _scaled(pattern: np.ndarray, sample: np.ndarray, n_log: int) -> np.ndarray:
     """The stated covariance with its deviations times what the sample's are over them, in ln f and in shapes."""
     scale = np.ones(len(pattern))
-    for part in (slice(0, n_log), slice(n_log, None)):
+    for part in _kinds(len(pattern), n_log):
         variance = np.diag(pattern)[part]
         known = variance > 1e-3 * variance.max()
         scale[part] = np.sqrt(np.mean(np.mean(sample[:, part] ** 2, axis=0)[known] / variance[known]))

@@ -157,6 +157,8 @@ def _bands(r: Remainder, setting: Setting) -> dict:
             continue
         weight = r.design.noise.weight[q]
         rows = np.flatnonzero(weight > 0)
+        if len(rows) < 2:
+            continue
         about = (r.left[q][rows] - r.mean_share(q) @ r.left[q]) @ part
         own = part.T @ r.design.noise.covariance[q] @ part
         # a block is part of the mean that was taken off
@@ -164,7 +166,7 @@ def _bands(r: Remainder, setting: Setting) -> dict:
         single.append((whitened(own, about.T) / size).ravel())
     return {
         "means": _shares(white) | {"p": _two(stats.chi2.sf(float(white @ white), white.size))},
-        "blocks": _shares(np.concatenate(single)),
+        "blocks": _shares(np.concatenate(single) if single else np.zeros(0)),
     }
 
 
@@ -180,6 +182,8 @@ def whitened(covariance: np.ndarray, values: np.ndarray) -> np.ndarray:
 
 def _shares(white: np.ndarray) -> dict:
     result = {"directions": int(white.size)}
+    if not white.size:
+        return result
     for level in (0.5, 0.9):
         inside = np.abs(white) < stats.norm.ppf(0.5 + level / 2)
         expected = [float(stats.binom.ppf(t, white.size, level) / white.size) for t in (0.025, 0.975)]

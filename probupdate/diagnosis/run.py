@@ -98,7 +98,11 @@ def _whole(
     """The diagnosis with what remains before and after its findings, for the report."""
     outcome = examine(prepared, data, seed=seed, progress=progress)
     found = outcome.diagnosis
-    if extended and found.findings:
+    few = outcome.setting.blocks.few
+    if extended and few and found.findings:
+        found = replace(found, notes=(*found.notes, "so few sets leave none to predict: what the findings gain was not "
+                                      "measured, and the model was not extended"))  # fmt: skip
+    elif extended and found.findings:
         found = _with_gains(found, gains(prepared, outcome, progress=progress))
         if sampler is True:
             sampler = bounded(seed, turbine=prepared.description is not None)

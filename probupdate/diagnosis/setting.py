@@ -133,6 +133,10 @@ class Setting:
                                          d.ln_frequency[members], d.shape[:, members], axes)  # fmt: skip
                 if columns is not None:
                     rows.append(np.sqrt(weight) * columns)
+            if blocks.few:
+                total = np.concatenate(rows) if rows else np.zeros((0, self.floor[q].size))
+                result.append(total.T @ total / len(rows) if rows else None)
+                continue
             # each block's deviations come from few parts of it
             result.append(factored(np.concatenate(rows)) * sum(map(len, rows)) / len(rows)
                           if len(rows) >= len(blocks) / 3 else None)  # fmt: skip
