@@ -205,7 +205,7 @@ def gather(data: ModalData, where: str = "modes", expected_hz: Mapping[str, floa
     raw, shape = shape, np.array([rotate_to_real(s) for s in shape])
     # what turned a shape turns its deviations
     turn = np.exp(1j * np.angle(np.nansum(shape * raw.conj(), axis=1)))
-    deviations = tuple(_deviation(s, kept, kept_channels, t, few) for s, t in zip(sets, turn, strict=True))
+    deviations = tuple(_deviation(s, kept, kept_channels, t) for s, t in zip(sets, turn, strict=True))
     names = tuple(labels[j] for j in kept)
     places = [np.nanmedian(frequency, axis=0)]
     if expected_hz is not None:
@@ -283,10 +283,10 @@ def _states_deviations(modal_set) -> bool:
     return bool(np.all(frequency > 0) and np.all(shape >= 0) and (shape.size == 0 or np.any(shape > 0)))
 
 
-def _deviation(modal_set, kept, channels, turn, few: bool) -> BlockDeviation | None:
+def _deviation(modal_set, kept, channels, turn) -> BlockDeviation | None:
     d = modal_set.deviation
     if d is None:
-        return _independent(modal_set, kept, channels) if few else None
+        return _independent(modal_set, kept, channels) if _states_deviations(modal_set) else None
     return BlockDeviation(ln_frequency=frozen_array(d.ln_frequency[kept]),
                           shape=frozen_array(d.shape[channels][:, kept] * turn[None, :, None], complex))  # fmt: skip
 

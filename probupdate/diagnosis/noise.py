@@ -193,8 +193,10 @@ def _scaled(pattern: np.ndarray, sample: np.ndarray, n_log: int) -> np.ndarray:
     scale = np.ones(len(pattern))
     for part in _kinds(len(pattern), n_log):
         variance = np.diag(pattern)[part]
-        known = variance > 1e-3 * variance.max()
-        scale[part] = np.sqrt(np.mean(np.mean(sample[:, part] ** 2, axis=0)[known] / variance[known]))
+        seen = np.mean(sample[:, part] ** 2, axis=0)
+        # shapes given as real numbers have no phases to scatter
+        known = (variance > 1e-3 * variance.max()) & (seen > 0)
+        scale[part] = np.sqrt(np.mean(seen[known] / variance[known])) if known.any() else 1.0
     return pattern * np.outer(scale, scale)
 
 

@@ -1,0 +1,163 @@
+"""A frame as stiff in x as in y, and records of few sets, of frequencies alone, of one channel: from other equations."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import probupdate
+from probupdate.diagnosis.blocks import gather, pairs_of
+from probupdate.diagnosis.diagnose import FARTHEST, SENSIBLE
+from probupdate.errors import InputError
+from probupdate.modes import ModalData, ModalSet
+
+N_STOREY, STIFFNESS, MASS = 6, 2.0e8, 1.0e5
+CHANNELS = tuple(f"{axis}{i + 1}" for i in range(N_STOREY) for axis in "xy")
+FREQUENCY_STD, SHAPE_STD = 1e-3, 5e-3
+
+
+def chain(factor):
+    """(6, 6) of one shear chain with these factors on its storeys."""
+    k = STIFFNESS * np.append(np.asarray(factor, float), 0.0)
+    return np.diag(k[:-1] + k[1:]) - np.diag(k[1:-1], 1) - np.diag(k[1:-1], -1)
+
+
+def frame(factor_x, factor_y):
+    K = np.zeros((2 * N_STOREY, 2 * N_STOREY))
+    K[::2, ::2], K[1::2, 1::2] = chain(factor_x), chain(factor_y)
+    return K
+
+
+@pytest.fixture(scope="module")
+def model(tmp_path_factory):
+    """model.npz with a stiffness for each storey and axis, x and y equal to the last digit; its parameters.toml."""
+    folder, zero = tmp_path_factory.mktemp("symmetric"), np.zeros(N_STOREY)
+    arrays = {"K0": frame(zero, zero), "M0": MASS * np.eye(2 * N_STOREY), "channel": np.array(CHANNELS),
+              "channel_dof": np.arange(2 * N_STOREY)}  # fmt: skip
+    tables = []
+    for name in CHANNELS:
+        one = np.eye(N_STOREY)[int(name[1]) - 1]
+        arrays[f"K_k{name}"] = frame(one, zero) if name[0] == "x" else frame(zero, one)
+        tables.append(f'[[parameter]]\nname = "k{name}"\nunit = "-"\ninitial = 1.0\nstd = 0.3\nlower = 0.05\nupper = 12.0\n')
+    np.savez(folder / "model.npz", **arrays)
+    (folder / "parameters.toml").write_text("".join(tables))
+    return folder / "model.npz"
+
+
+def record(seed, *, storey_y1=1.0, n_set=24, n_mode=6, channels=range(2 * N_STOREY), shapes=True):
+    """Sets of a frame whose stiffnesses scatter by 1 %, with noise as stated; modes that the channels show."""
+    rng, channels = np.random.default_rng(seed), list(channels)
+    scatter = 1 + 0.01 * rng.standard_normal((2, N_STOREY))
+    scatter[1, 0] *= storey_y1
+    value, phi = np.linalg.eigh(frame(*scatter) / MASS)
+    phi = phi / np.abs(phi).max(axis=0)
+    seen = [j for j in range(n_mode) if np.abs(phi[channels, j]).max() > 0.05]
+    f, phi = np.sqrt(value[seen]) / (2 * np.pi), phi[np.ix_(channels, seen)]
+    sets = []
+    for k in range(n_set):
+        noisy = phi + SHAPE_STD * rng.standard_normal(phi.shape)
+        sets.append(ModalSet(
+            id=str(np.datetime64("2026-01-01T00:00:00") + np.timedelta64(30 * k, "m")),
+            frequency_hz=f * (1 + FREQUENCY_STD * rng.standard_normal(len(f))), damping_ratio=np.full(len(f), 0.01),
+            shape=noisy.astype(complex) if shapes else np.full(phi.shape, np.nan),
+            frequency_std_hz=FREQUENCY_STD * f,
+            shape_std=np.full(phi.shape, SHAPE_STD if shapes else np.nan),
+        ))  # fmt: skip
+    return ModalData(channels=tuple(CHANNELS[k] for k in channels), sets=tuple(sets))
+
+
+def found_in(model, data, **how):
+    return probupdate.diagnose(model, data, parameters=model.parent / "parameters.toml", extend=False, **how)
+
+
+@pytest.mark.parametrize("n_mode", [6, 12], ids=["half of the modes", "all modes"])
+@pytest.mark.parametrize("seed", [11, 12])
+def test_a_storey_braced_one_way_is_named_on_a_model_equal_both_ways(model, seed, n_mode):
+    found = found_in(model, record(seed, storey_y1=8.0, n_mode=n_mode))
+    assert found.verdict == "named"
+    (one,) = found.findings
+    assert (one.cause, one.location, one.course) == ("parameter", "ky1", "constant")
+    assert one.size == pytest.approx(7.0, abs=3 * one.size_std) and one.size_std < 1.5
+    assert found.threshold < SENSIBLE
+
+
+@pytest.mark.parametrize("seed", range(21, 27))
+def test_nothing_is_found_on_a_model_equal_both_ways(model, seed):
+    found = found_in(model, record(seed))
+    assert found.verdict == "none" and found.threshold < SENSIBLE
+
+
+def test_a_fit_bent_far_from_its_priors_names_nothing(model):
+    """Six sensors one way, one mode far above its place: no cause but a storey does it, and no fit gets there."""
+    found = found_in(model, record(1, storey_y1=8.0, n_mode=12, channels=range(1, 12, 2)))
+    pushed = max(abs(p["pushed_after"]) for p in found.parameters)
+    right = [(f.cause, f.location) for f in found.findings] == [("parameter", "ky1")]
+    assert right or (found.verdict == "unexplained" and not found.findings)
+    assert right or pushed > FARTHEST
+
+
+@pytest.mark.parametrize("n_mode", [4, 6])
+def test_one_way_sensors_see_what_is_one_way(model, n_mode):
+    """The computed mate is across all sensors, the measured one not there."""
+    found = found_in(model, record(3, storey_y1=8.0, n_mode=n_mode, channels=range(1, 12, 2)))
+    assert [(f.cause, f.location) for f in found.findings] == [("parameter", "ky1")]
+    assert found_in(model, record(4, storey_y1=8.0, channels=range(0, 12, 2))).verdict == "none"
+
+
+def test_a_mode_whose_mate_was_not_measured(model):
+    """Both ways are seen, one mode of the first pair was not identified in any set."""
+    data = record(5)
+    assert found_in(model, data.of_modes([0, 2, 3, 4, 5])).verdict == "none"
+    data = record(6, storey_y1=8.0).of_modes([1, 2, 3, 4, 5])
+    assert [(f.cause, f.location) for f in found_in(model, data).findings] == [("parameter", "ky1")]
+
+
+def before_and_after(seed, **how):
+    before, after = record(seed, n_set=1, **how), record(seed, n_set=1, storey_y1=8.0, **how)
+    return replace(after, sets=(replace(before.sets[0], id="2025-01-01T00:00:00"), *after.sets))
+
+
+def test_a_reference_and_a_present_state(model):
+    found = found_in(model, before_and_after(7))
+    assert [(f.cause, f.location, f.course) for f in found.findings] == [("parameter", "ky1", "step")]
+    assert any("2 sets tell nothing of their own scatter" in note for note in found.notes)
+
+
+def test_two_equal_states_are_silent(model):
+    data = record(8, n_set=2)
+    assert found_in(model, data).verdict == "none" and found_in(model, replace(data, sets=data.sets[:1])).verdict == "none"
+
+
+def test_frequencies_before_and_after(model):
+    found = found_in(model, before_and_after(9, shapes=False))
+    assert [(f.cause, f.course) for f in found.findings] == [("parameter", "step")]
+    assert any("frequencies alone" in note for note in found.notes)
+    assert found_in(model, record(9, n_set=2, shapes=False)).verdict == "none"
+
+
+def test_one_channel_of_many_sets_and_of_two(model):
+    assert found_in(model, record(10, channels=[11])).verdict == "none"
+    found = found_in(model, before_and_after(10, channels=[11]))
+    assert [(f.cause, f.course) for f in found.findings] == [("parameter", "step")]
+
+
+def test_few_sets_without_deviations_are_refused(model):
+    data = record(2, n_set=3)
+    silent = tuple(replace(s, frequency_std_hz=np.full(s.frequency_hz.shape, np.nan)) for s in data.sets)
+    with pytest.raises(InputError, match="3 usable sets of 3.*frequency_std_hz"):
+        found_in(model, replace(data, sets=silent))
+
+
+def test_groups_are_those_close_in_the_record_or_in_the_model():
+    data = record(1, storey_y1=8.0)
+    names = tuple(f"mode {j + 1}" for j in range(data.n_mode))
+    assert all(len(g) == 1 for g in gather(data).groups)
+    equal = dict(zip(names, (1.7, 1.7, 5.0, 5.0, 8.0, 8.0), strict=True))
+    assert gather(data, expected_hz=equal).groups == ((0, 1), (2, 3), (4, 5))
+    left = gather(data, expected_hz={n: f for n, f in equal.items() if n != "mode 6"})
+    assert left.groups == ((0, 1), (2, 3), (4,)) and any("mode 6 left out" in note for note in left.notes)
+
+
+def test_a_run_is_cut_at_its_longest_link():
+    apart = np.abs(np.subtract.outer([0.0, 0.01, 0.05, 0.06], [0.0, 0.01, 0.05, 0.06]))
+    assert sorted(pairs_of((0, 1, 2, 3), apart, ("a", "b", "c", "d"))) == [(0, 1), (2, 3)]
