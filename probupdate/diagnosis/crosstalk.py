@@ -30,7 +30,8 @@ def crosstalk_effects(channels: Sequence[str]) -> tuple[Effect, ...]:
         Effect(kind="measurement", cause="crosstalk", location=f"{other} into {into}", unit="-", tolerance=0.0,
                slab=0.1, lower=-1.0, upper=1.0, observe=Crosstalk(i, j), step_of_size=1e-3,
                fingerprint="one channel shows a share of another, every mode alike; the other shows nothing of it",
-               check=f"tap the sensor of {other} along its axis and look at {into}; measure the cables' insulation")
+               check=f"tap the sensor of {other} along its axis and look at {into}; measure the cables' insulation",
+               odds=1 / (len(channels) * (len(channels) - 1)))
         for i, into in enumerate(channels) for j, other in enumerate(channels) if i != j
     )  # fmt: skip
 

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy import special
 
 from probupdate.diagnosis.adequacy import adequacy, span_left
 from probupdate.diagnosis.crosstalk import beside_crosstalk
@@ -275,7 +276,7 @@ def _refitted(
     beside = [refit(setting, fitted, found, k) for k in offered if k not in from_the_fit]
     if kept and not kept[0].fitted.settled:
         # that one has settled is worth nothing where it explains less than what has not
-        beside = [r for r in beside if r is not None and r.log_evidence > kept[0].log_evidence]
+        beside = [r for r in beside if r is not None and r.log_posterior > kept[0].log_posterior]
     return ranked(setting, [*tried, *beside])
 
 
@@ -354,11 +355,11 @@ def finding(setting: Setting, found: Search, rivals: list[Rival]) -> Finding:
     # strong a fingerprint
     left, directions = span_left(setting, best.fitted, c)
     dispersion = max(left / directions, undecided(found.z[best.candidate]))
-    evidence = np.array([r.log_evidence for r in rivals])
-    weight = np.exp((evidence - evidence.max()) / dispersion)
+    evidence, odds = np.array([r.log_evidence for r in rivals]), np.array([r.log_odds for r in rivals])
+    told = (evidence - evidence.max()) / dispersion
     # nothing but chance is a rival too
     none = chance(found.p_value)
-    probability = (1 - none) * weight / weight.sum()
+    probability = (1 - none) * special.softmax(told + odds)
     alternatives = tuple(
         Alternative(cause=other.cause, location=other.location, posterior_probability=float(p))
         for r, p in zip(rivals[1:], probability[1:], strict=True)
@@ -370,7 +371,8 @@ def finding(setting: Setting, found: Search, rivals: list[Rival]) -> Finding:
     return Finding(
         kind=effect.kind, cause=effect.cause, location=effect.location, size=best.size, size_std=best.size_std,
         unit=effect.unit + course.unit, course=course.name, course_start=start, z=float(found.z[best.candidate]),
-        posterior_probability=float(probability[0]), alternatives=alternatives, check=effect.check,
+        posterior_probability=float(probability[0]), prior_probability=float(special.softmax(odds)[0]),
+        alternatives=alternatives, check=effect.check,
     )  # fmt: skip
 
 

@@ -22,14 +22,20 @@ CLOSE = 40.0
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Rival:
-    """A candidate refitted as it is, within its bounds: fit, size with deviation, log evidence (Laplace) but for a
-    constant that all rivals share."""
+    """A candidate refitted as it is, within its bounds: fit, size with deviation, log of its prior odds, log evidence
+    (Laplace) but for a constant that all rivals share."""
 
     candidate: int
     fitted: Fit
     size: float
     size_std: float
+    log_odds: float
     log_evidence: float
+
+    @property
+    def log_posterior(self) -> float:
+        """But for a constant that all rivals share."""
+        return self.log_evidence + self.log_odds
 
 
 def rival_of(setting: Setting, candidate: int, fitted: Fit) -> Rival | None:
@@ -39,6 +45,7 @@ def rival_of(setting: Setting, candidate: int, fitted: Fit) -> Rival | None:
         # it cannot be on the side that the score asked for
         return None
     return Rival(candidate=candidate, fitted=fitted, size=extra.size, size_std=sizes_std(setting, fitted)[-1],
+                 log_odds=float(np.log(extra.effect.prior_odds(extra.course.name))),
                  log_evidence=log_evidence(setting, fitted) + _sides(extra))  # fmt: skip
 
 
@@ -48,11 +55,11 @@ def _sides(named: Named) -> float:
 
 
 def ranked(setting: Setting, tried: Sequence[Rival | None]) -> list[Rival]:
-    """By evidence, the most probable first, each effect with its best course; where any fit has settled, those that
+    """By posterior odds, the most probable first, each effect with its best course; where any fit has settled, those that
     have not are worth nothing."""
     there = [r for r in tried if r is not None]
     settled = [r for r in there if r.fitted.settled]
-    order = _compared(setting, sorted(settled or there, key=lambda r: -r.log_evidence))
+    order = _compared(setting, sorted(settled or there, key=lambda r: -r.log_posterior))
     first = {int(setting.which[r.candidate, 0]): r for r in reversed(order)}
     return [r for r in order if first[int(setting.which[r.candidate, 0])] is r]
 
@@ -74,14 +81,14 @@ def _compared(setting: Setting, order: list[Rival]) -> list[Rival]:
 
     result = [best]
     for rival in order[1:]:
-        if best.log_evidence - rival.log_evidence < CLOSE:
+        if best.log_posterior - rival.log_posterior < CLOSE:
             places = best.fitted.theta, rival.fitted.theta
             apart = max(about(p, rival) for p in places) - max(about(p, best) for p in places)
             sides = _sides(rival.fitted.named[-1]) - _sides(best.fitted.named[-1])
             promised = only_promised(setting, rival.fitted) - only_promised(setting, best.fitted)
             rival = replace(rival, log_evidence=best.log_evidence + apart + sides - promised)
         result.append(rival)
-    return sorted(result, key=lambda r: -r.log_evidence)
+    return sorted(result, key=lambda r: -r.log_posterior)
 
 
 def only_promised(setting: Setting, fitted: Fit) -> float:

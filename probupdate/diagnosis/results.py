@@ -28,7 +28,7 @@ class Alternative:
 @dataclass(frozen=True, kw_only=True)
 class Finding:
     """One effect: cause, place, size with deviation in `unit`, course along the record, score z against what is normal,
-    probability among its rivals, what would split it from them."""
+    probability among its rivals with the data and by their prior odds alone, what would split it from them."""
 
     kind: str
     cause: str
@@ -42,6 +42,7 @@ class Finding:
     posterior_probability: float
     alternatives: tuple[Alternative, ...]
     check: str
+    prior_probability: float = float("nan")
     gain: dict = field(default_factory=dict, repr=False)
 
 
@@ -84,10 +85,8 @@ class Diagnosis:
         content = self.content()
         lines = [f"verdict: {self.verdict}", wording.verdict_words(content)]
         for f in content["findings"]:
-            told = (("z =", f["z"], ".1f"), ("probability", f["posterior_probability"], ".2f"))
-            lines.append("; ".join([f"  {wording.finding_words(f)}",
-                                    ", ".join(f"{word} {value:{form}}" for word, value, form in told
-                                              if value is not None)]))  # fmt: skip
+            told = [f"z = {f['z']:.1f}"] if f["z"] is not None else []
+            lines.append("; ".join([f"  {wording.finding_words(f)}", ", ".join([*told, wording.told_words(f)])]))
             told = (("or", wording.alternatives_words(f)), ("to confirm", f["check"]), ("gain", wording.gain_words(f)))
             lines += [f"    {word}: {text}" for word, text in told if text]
         lines += [f"  to split them: {s}" for s in self.splits]
@@ -118,6 +117,7 @@ class Diagnosis:
                     "kind": f.kind, "cause": f.cause, "location": f.location, "size": _plain(f.size),
                     "size_std": _plain(f.size_std), "unit": f.unit,
                     "posterior_probability": _plain(f.posterior_probability),
+                    "prior_probability": _plain(f.prior_probability),
                     "alternatives": [{"cause": a.cause, "location": a.location,
                                       "posterior_probability": _plain(a.posterior_probability)}
                                      for a in f.alternatives],
@@ -167,6 +167,7 @@ class FindingTable:
     unit: str
     posterior_probability: float | None
     alternatives: tuple[AlternativeTable, ...]
+    prior_probability: float | None = None
     gain: Mapping[str, object] | None = None
     course: str | None = None
     since: str | None = None

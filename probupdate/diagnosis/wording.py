@@ -96,6 +96,16 @@ def adequacy_words(content: Mapping) -> str:
     return f"the remainder {rest} is no more than chance leaves ({probability_words(p)})"
 
 
+def told_words(finding: Mapping) -> str:
+    """"probability 0.97, 0.33 before the data": how much of it the data told, where it has rivals."""
+    p, before = finding.get("posterior_probability"), finding.get("prior_probability")
+    if p is None:
+        return "probability unknown"
+    if before is None or before > 0.999:
+        return f"probability {p:.2f}"
+    return f"probability {p:.2f} among its rivals, {before:.2g} before the data"
+
+
 def alternatives_words(finding: Mapping) -> str:
     told = [a for a in finding.get("alternatives", ()) if (a.get("posterior_probability") or 0) > 5e-3]
     return "; ".join(f"{name_of(a)} ({a['posterior_probability']:.2f})" for a in told[:4])

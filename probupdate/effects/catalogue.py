@@ -28,6 +28,11 @@ GAIN_RANGE = (-0.98, 20.0)
 # loggers on one network time agree to this
 CLOCK_TOLERANCE_S, RATE_TOLERANCE = 1e-4, 1e-5
 
+# Prior odds, beside one member of the structure that has changed. Judgement, no statistics: steel warms in every record;
+# one clock serves a whole logger, is checked when it is installed and steps with a new firmware only; of the pairs of
+# cables of a level one exchange is as probable as one wrong gain, and so is one crosstalk of all pairs of channels.
+WARMS_ODDS, RATE_ODDS, RATE_STEP_ODDS = 10.0, 0.3, 0.003
+
 # complex shapes (n_channel, k) of modes near frequency_hz, and a size -> shapes, and what is added to their ln f
 Observation = Callable[[np.ndarray, float, float], tuple[np.ndarray, float]]
 
@@ -35,7 +40,8 @@ Observation = Callable[[np.ndarray, float, float], tuple[np.ndarray, float]]
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Effect:
     """One row of the catalogue. `lower` and `upper` bound the size; `fingerprint` and `check` are for people: what it
-    leaves in the modes, and what would confirm it on site or in the files."""
+    leaves in the modes, and what would confirm it on site or in the files. `odds`: how probable it is before any data
+    beside one member of the structure that has changed; `odds_along`: where another holds along a course."""
 
     kind: str
     cause: str
@@ -53,6 +59,8 @@ class Effect:
     courses: tuple[str, ...] = ("constant", "step")
     fingerprint: str = ""
     check: str = ""
+    odds: float = 1.0
+    odds_along: tuple[tuple[str, float], ...] = ()
 
     def __post_init__(self):
         where = f"effect {self.name}"
@@ -64,6 +72,8 @@ class Effect:
             raise InputError(where, "slab must be above zero and tolerance not below it", "mend them")
         if not self.lower <= 0.0 <= self.upper:
             raise InputError(where, f"a size of zero is outside [{self.lower}, {self.upper}]", "widen the bounds")
+        if not all(x > 0 for x in (self.odds, *dict(self.odds_along).values())):
+            raise InputError(where, "prior odds must be above zero", "give a small number for what hardly happens")
         if not self.courses:
             raise InputError(where, "has no course", "give 'constant', 'step', 'ramp' or a column of the environment")
 
@@ -80,6 +90,9 @@ class Effect:
     def stage(self) -> int:
         """Where on the way of a signal an effect on it happens: mounting, sensor, cable, logger."""
         return next((k for k, laws in enumerate(SIGNAL_PATH) if isinstance(self.observe, laws)), 1)
+
+    def prior_odds(self, course: str) -> float:
+        return dict(self.odds_along).get(course, self.odds)
 
     @property
     def signs(self) -> tuple[int, ...]:
@@ -203,7 +216,8 @@ def measurement_effects(channels: Sequence[str], sensors: Sequence[Sensor] = ())
     effects += [
         Effect(kind="measurement", cause="swapped channels", location=f"{a} and {b}", unit="-", tolerance=0.0,
                slab=1.0, lower=0.0, upper=1.0, observe=Swap(row[a], row[b]), step_of_size=1e-3, discrete=(1.0,),
-               fingerprint="two channels exchanged in every mode", check="follow the two cables")
+               fingerprint="two channels exchanged in every mode", check="follow the two cables",
+               odds=1 / len(pairs))
         for a, b in pairs
     ]  # fmt: skip
     if not placed:
@@ -235,7 +249,8 @@ def measurement_effects(channels: Sequence[str], sensors: Sequence[Sensor] = ())
             ))  # fmt: skip
     effects.append(Effect(
         kind="measurement", cause="sampling rate", location="all channels", unit="-", tolerance=RATE_TOLERANCE,
-        slab=0.02, lower=-0.2, upper=0.2, observe=Rate(), step_of_size=1e-4,
+        slab=0.02, lower=-0.2, upper=0.2, observe=Rate(), step_of_size=1e-4, odds=RATE_ODDS,
+        odds_along=(("step", RATE_STEP_ODDS),),
         fingerprint="every frequency shifted by one share; shapes untouched",
         check="compare the lines of rotor and blade passing with the rotor speed in SCADA",
     ))  # fmt: skip

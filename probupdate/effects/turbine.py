@@ -13,7 +13,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from probupdate.effects.catalogue import Effect
+from probupdate.effects.catalogue import WARMS_ODDS, Effect
 from probupdate.structure.beam import Tube
 from probupdate.structure.description import Description
 from probupdate.structure.effects import KINDS
@@ -46,13 +46,13 @@ def turbine_effects(d: Description, *, single_members: bool = False) -> tuple[Tu
 
 def _row(name, kind, cause, location, *, low, high, tolerance, slab, on=None, settings=None,
          courses=("constant", "step"), group="structural", fingerprint="", check="",
-         unit="") -> TurbineEffect:  # fmt: skip
+         unit="", odds=1.0) -> TurbineEffect:  # fmt: skip
     neutral = KINDS[kind].neutral
     model = ModelEffect(name=name, kind=kind, on=on or {}, settings=settings or {}, std=slab, lower=neutral + low,
                         upper=neutral + high, cause=cause, location=location)  # fmt: skip
     effect = Effect(kind=group, cause=cause, location=location, unit=unit or KINDS[kind].unit, tolerance=tolerance,
                     slab=slab, lower=low, upper=high, parameter=name, courses=courses, fingerprint=fingerprint,
-                    check=check)  # fmt: skip
+                    check=check, odds=odds)  # fmt: skip
     return TurbineEffect(effect=effect, model=model)
 
 
@@ -266,7 +266,7 @@ def _environment(d: Description) -> Iterator[TurbineEffect]:
     dry = {"level_m": (d.site.water_level_m, d.tower.station[-1].z_m)}
     yield _row("warm", "temperature", "temperature of the steel", "above the water", on=dry, low=-80.0, high=80.0,
                tolerance=0.0, slab=1.5, settings={"relative_per_degc": STEEL_PER_DEGC},
-               courses=("air_temperature_c",), unit="degC",
+               courses=("air_temperature_c",), unit="degC", odds=WARMS_ODDS,
                fingerprint="all frequencies fall with temperature", check="steel temperature sensors", **env)
     yield _row("thrust", "thrust", "rotor thrust", "hub", low=-5e6, high=5e6, tolerance=0.0, slab=5e5,
                courses=("thrust_share",), fingerprint="first bending falls with thrust", check="tower bending strain",

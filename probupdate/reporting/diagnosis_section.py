@@ -114,13 +114,14 @@ def _findings_table(findings: Sequence[Mapping]) -> Table:
         (str(k), f["kind"], wording.name_of(f),
          typeset(wording.amount(f["size"], f["size_std"], f["unit"], f["cause"])),
          wording.course_words(f.get("course", "constant"), f.get("since", "")), fixed(f.get("z"), 1),
-         fixed(f["posterior_probability"], 2), wording.alternatives_words(f))
+         fixed(f["posterior_probability"], 2), fixed(f.get("prior_probability"), 2), wording.alternatives_words(f))
         for k, f in enumerate(findings, start=1)
     )  # fmt: skip
     columns = (Column(name="no."), Column(name="kind", number=False), Column(name="cause, place", number=False),
                Column(name="size with standard "
                            "deviation"), Column(name="course", number=False), Column(name="z", unit="-"),
-               Column(name="probability", unit="-"), Column(name="or else", number=False))  # fmt: skip
+               Column(name="probability", unit="-"), Column(name="the same before the data", unit="-"),
+               Column(name="or else", number=False))  # fmt: skip
     return Table(caption="Findings, in the order in which they were taken in", columns=columns, rows=rows,
                  note="A size is what goes beyond the drawing or data sheet; its standard deviation counts "
                       "tolerances and what "

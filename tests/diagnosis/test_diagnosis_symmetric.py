@@ -70,8 +70,7 @@ def found_in(model, data, **how):
     return probupdate.diagnose(model, data, parameters=model.parent / "parameters.toml", extend=False, **how)
 
 
-@pytest.mark.parametrize("n_mode", [6, 12], ids=["half of the modes", "all modes"])
-@pytest.mark.parametrize("seed", [11, 12])
+@pytest.mark.parametrize(("seed", "n_mode"), [(11, 6), (12, 12)], ids=["half of the modes", "all modes"])
 def test_a_storey_braced_one_way_is_named_on_a_model_equal_both_ways(model, seed, n_mode):
     found = found_in(model, record(seed, storey_y1=8.0, n_mode=n_mode))
     assert found.verdict == "named"
@@ -81,10 +80,11 @@ def test_a_storey_braced_one_way_is_named_on_a_model_equal_both_ways(model, seed
     assert found.threshold < SENSIBLE
 
 
-@pytest.mark.parametrize("seed", range(21, 27))
-def test_nothing_is_found_on_a_model_equal_both_ways(model, seed):
-    found = found_in(model, record(seed))
-    assert found.verdict == "none" and found.threshold < SENSIBLE
+def test_nothing_is_found_on_a_model_equal_both_ways(model):
+    found = [found_in(model, record(seed)) for seed in range(21, 31)]
+    assert max(f.threshold for f in found) < SENSIBLE
+    # of alarms in 5 % of records, three or more of ten have a probability of 0.012
+    assert sum(f.verdict != "none" for f in found) <= 2
 
 
 def test_a_fit_bent_far_from_its_priors_names_nothing(model):
