@@ -166,8 +166,8 @@ def run_select(a: argparse.Namespace, progress: Progress) -> None:
     import probupdate
 
     result = probupdate.select(
-        a.modes, scada=a.scada, criteria=a.criteria, deviations=a.deviations, rated_power_kw=a.rated_power,
-        count=a.count)
+        a.modes, scada=a.scada, criteria=a.criteria, preset=a.preset, deviations=a.deviations,
+        rated_power_kw=a.rated_power, count=a.count)
     for path in result.write(a.out):
         say(f"wrote {path}")
     say(result.summary)
@@ -426,6 +426,8 @@ def build_parser() -> argparse.ArgumentParser:
     p = verb("select", run_select, "the sets an update may trust (Table 1), and the most consistent one")
     p.add_argument("modes", metavar="MODES", help="modes.json of `identify`")
     p.add_argument("--scada", help="scada.csv (default: the environment kept in MODES)")
+    p.add_argument("--preset", choices=("turbine", "structure"), default="turbine", help="what is asked: Table 1 "
+                   "(default), or of another structure nothing of rotor and nacelle, only that its modes are identified")
     p.add_argument("--criteria", help="TOML file with thresholds of Table 1, such as pitch_range_deg = 2.0 (README)")
     p.add_argument("--deviations", choices=("campaign", "identification"), default="campaign",
                    help="what kept sets carry: scatter over all blocks, as the paper (default), or what identification "

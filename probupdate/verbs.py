@@ -27,7 +27,7 @@ from probupdate.estimators.posterior_file import Posterior, read_posterior, writ
 from probupdate.estimators.update_file import UNLIKE, UpdateRecord, read_update
 from probupdate.estimators.updating import deterministic_update, sample_posterior
 from probupdate.files import read_bytes
-from probupdate.identification.criteria import read_criteria
+from probupdate.identification.criteria import TURBINE, preset_criteria, read_criteria
 from probupdate.identification.identify import Identification, SSISettings
 from probupdate.identification.identify import identify as identify_campaign
 from probupdate.identification.proposal import propose
@@ -353,18 +353,21 @@ def select(
     *,
     scada: str | Path | None = None,
     criteria: str | Path | None = None,
+    preset: str = TURBINE,
     deviations: str = CAMPAIGN,
     rated_power_kw: float | None = None,
     count: int = 9,
 ) -> Selection:
     """The sets an update may trust by the criteria of Table 1, and the most consistent one.
 
-    criteria: a TOML file with thresholds other than the defaults. rated_power_kw: of the turbine, for the states told
+    preset: 'turbine' (Table 1) or 'structure', which asks nothing of rotor and nacelle. criteria: a TOML file with
+    thresholds other than the preset's. rated_power_kw: of the turbine, for the states told
     from `scada`; without, the highest power in it. deviations: see `identification.selection.select`.
     """
     return select_sets(
         read_modes(modes), read_scada(scada) if scada else None, count=count, deviations=deviations,
-        criteria=read_criteria(criteria) if criteria else None, state_rule=StateRule(rated_power_kw=rated_power_kw),
+        criteria=read_criteria(criteria, preset) if criteria else preset_criteria(preset),
+        state_rule=StateRule(rated_power_kw=rated_power_kw),
     )
 
 
