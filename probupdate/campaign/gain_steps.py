@@ -1,0 +1,316 @@
+"""Gains that change along the records: each channel against what all the others predict of it.
+
+At every frequency a channel is predicted from the others by the regression of the whole campaign (Wiener filter). By
+how much it follows that prediction, piece by piece, is its gain against its own mean: neither the level of vibration nor
+positions or directions matter, only that motion is seen by more channels than it has parts. A change common to all
+channels is not seen, nor one of a channel that the others do not predict.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy import fft
+
+from probupdate.campaign.mounting import LOWEST_HZ, RIGID_UP_TO
+from probupdate.campaign.quantity import TO_ACCELERATION
+from probupdate.campaign.sensor_findings import SIGMA, SensorFinding
+from probupdate.campaign.spectra import MOST_FREQUENCIES, SEGMENT_S, CrossSpectra
+from probupdate.modes import Sensor, frozen_array
+
+# by so much (one standard deviation) the gains of sound sensors and the structure's own shapes may change
+STABLE = 0.01
+# fewest pieces in all, and on each side of a change; a piece is a block, or part of one where there are few
+FEWEST_PIECES, FEWEST_BESIDE = 12, 3
+# frequencies and bytes kept of a campaign's pieces
+MOST_LINES, MOST_BYTES = 128, 96 * 2**20
+# relative noise that every channel is given in the regression: no prediction rests on smaller differences
+RIDGE = 1e-3
+# a channel is judged where the others predict this share of it at some frequencies
+PREDICTED = 0.3
+MOST_STEPS, MOST_TRIED = 8, 4
+# candidates whose remainders (sum of squared standard scores) are this close explain the records alike
+ALIKE = 9.0
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Piece:
+    """Cross-spectra of one piece of the records: frequency_hz (n_line,), density (n_line, n_channel, n_channel) complex
+    accelerations as in CrossSpectra, NaN for channels that were not whole; `id` says where it begins."""
+
+    id: str
+    frequency_hz: np.ndarray
+    density: np.ndarray
+
+
+def whole_piece(name: str, spectra: CrossSpectra, usable: np.ndarray, most_lines: int) -> Piece:
+    """A block's own cross-spectra (of its usable channels), thinned to `most_lines`."""
+    kept = np.flatnonzero(spectra.frequency_hz >= LOWEST_HZ)[:most_lines]
+    density = np.full((len(kept), len(usable), len(usable)), np.nan, np.complex64)
+    density[np.ix_(np.arange(len(kept)), usable, usable)] = spectra.density[kept]
+    return Piece(id=name, frequency_hz=spectra.frequency_hz[kept], density=density)
+
+
+def parts_of_block(
+    name: str, data: np.ndarray, rate_hz: float, sensors: Sequence[Sensor], usable: np.ndarray, n_part: int,
+    most_lines: int,
+) -> list[Piece]:
+    """The same of each of n_part parts of a block's data (n_sample, n_channel); segments as short as leaves three in a
+    part. Empty where parts would be shorter than that allows."""
+    part = len(data) // n_part
+    length = 2 * (min(round(min(SEGMENT_S, MOST_FREQUENCIES / (0.4 * rate_hz)) * rate_hz), part // 2) // 2)
+    if length < 64:
+        return []
+    window = np.hanning(length + 1)[:-1]
+    frequency = fft.rfftfreq(length, 1 / rate_hz)
+    kept = np.flatnonzero((frequency >= LOWEST_HZ) & (frequency <= 0.4 * rate_hz))[:most_lines]
+    times = np.array([TO_ACCELERATION[s.quantity] for s in sensors])[usable]
+    factor = (2j * np.pi * frequency[kept][:, None]) ** times
+    found = []
+    for k in range(n_part):
+        own = data[k * part: (k + 1) * part][:, usable]
+        stack = []
+        for first in range(0, len(own) - length + 1, length // 2):
+            piece = own[first: first + length]
+            if np.isfinite(piece).all():
+                stack.append(fft.rfft((piece - piece.mean(axis=0)).T * window, axis=1)[:, kept].T * factor)
+        if not stack:
+            continue
+        lines = np.array(stack).transpose(1, 0, 2)
+        density = np.full((len(kept), len(usable), len(usable)), np.nan, np.complex64)
+        density[np.ix_(np.arange(len(kept)), usable, usable)] = (
+            lines.conj().transpose(0, 2, 1) @ lines / len(stack) * (2 / (rate_hz * np.sum(window**2))))
+        seconds = k * part / rate_hz
+        found.append(Piece(id=f"{name} + {seconds:.0f} s" if k else name, frequency_hz=frequency[kept],
+                           density=density))
+    return found
+
+
+def lines_kept(n_channel: int, n_piece: int) -> int:
+    return int(np.clip(MOST_BYTES / (8 * max(n_piece, 1) * n_channel**2), 8, MOST_LINES))
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class GainSeries:
+    """Each channel's gain over its own mean, by what the others predict: gain (n_piece, n_channel), NaN where the
+    others do not predict the channel; ids (n_piece,) where pieces begin."""
+
+    ids: tuple[str, ...]
+    gain: np.ndarray
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Step:
+    """A step of one series: `at` the first piece after it, difference of the means after and before, its standard
+    deviation by the scatter about both (neighbours alike allowed for)."""
+
+    at: int
+    size: float
+    std: float
+
+    @property
+    def score(self) -> float:
+        return self.size / float(np.hypot(self.std, STABLE))
+
+
+def gain_steps(
+    pieces: Sequence[Piece], sensors: Sequence[Sensor], lowest_hz: float
+) -> tuple[list[SensorFinding], str | None]:
+    """Changes of gain along the records, and a sentence on what would have been seen (None: nothing could be judged).
+
+    A change counts beyond four standard deviations of it, in which are the scatter of the series about both means and
+    1 % that sound sensors and shapes may change by: 4 % is the least that is reported. The channel is the one whose
+    change, undone, leaves least of all channels' changes; where another leaves as little it is a rival. Channels that
+    change together by one factor are one finding: their logger's. A change that lasts from a piece to another is found
+    as two.
+    """
+    prepared = _prepared(pieces, lowest_hz)
+    if prepared is None:
+        return [], None
+    ids, density, known = prepared
+    steps: list[tuple[int, int, float, float, tuple[int, ...]]] = []
+    series = _gains(density)
+    able = np.isfinite(series).all(axis=0)
+    if not able.any():
+        return [], None
+    least = SIGMA * float(np.median([np.hypot(_step(series[:, c]).std, STABLE) for c in np.flatnonzero(able)]))
+    while len(steps) < MOST_STEPS:
+        every = {c: _step(series[:, c]) for c in np.flatnonzero(able)}
+        order = sorted(every, key=lambda c: -abs(every[c].score))
+        if abs(every[order[0]].score) <= SIGMA and _reversal(density) is None:
+            break
+        reversed_at = _reversal(density)
+        tried = [] if reversed_at is None else [_undone(density, series, *reversed_at, start=-1.0)]
+        for c in order[:MOST_TRIED] if not tried else ():
+            if abs(every[c].score) > 0.5 * SIGMA:
+                tried.append(_undone(density, series, c, every[c].at))
+        if not tried:
+            break
+        tried.sort(key=lambda t: t[0])
+        left, c, at, factor, std, density, series = tried[0]
+        rivals = tuple(known[t[1]] for t in tried[1:] if t[0] < left + ALIKE)
+        steps.append((known[c], at, factor, std, rivals))
+    found = _findings(steps, ids, [s.channel for s in sensors])
+    return found, f"gains of {int(able.sum())} of {len(sensors)} channels followed; changes from {100 * least:.0f} % show"
+
+
+def gain_series(pieces: Sequence[Piece], n_channel: int, lowest_hz: float) -> GainSeries | None:
+    """The series that `gain_steps` judges; None where there are too few pieces or channels."""
+    prepared = _prepared(pieces, lowest_hz)
+    if prepared is None:
+        return None
+    ids, density, known = prepared
+    gain = np.full((len(ids), n_channel), np.nan)
+    gain[:, known] = _gains(density)
+    return GainSeries(ids=tuple(ids), gain=frozen_array(gain))
+
+
+def _prepared(pieces: Sequence[Piece], lowest_hz: float):
+    """(ids, density (n_piece, n_line, n, n) scaled, channels): pieces of one length, whole in the channels that most
+    pieces have; None where too few remain."""
+    if len(pieces) < FEWEST_PIECES:
+        return None
+    usual = max({len(p.frequency_hz) for p in pieces}, key=lambda n: sum(len(p.frequency_hz) == n for p in pieces))
+    pieces = [p for p in pieces if len(p.frequency_hz) == usual]
+    whole = np.array([np.isfinite(p.density[0].diagonal()) & (np.sum([d.diagonal().real for d in p.density], axis=0) > 0)
+                      for p in pieces])  # fmt: skip
+    known = np.flatnonzero(whole.mean(axis=0) > 0.8)
+    pieces = [p for p, w in zip(pieces, whole[:, known], strict=True) if w.all()]
+    frequency = pieces[0].frequency_hz if pieces else np.zeros(0)
+    lines = (frequency > 0.5 * lowest_hz) & (frequency < RIGID_UP_TO * lowest_hz)
+    if len(pieces) < FEWEST_PIECES or len(known) < 2 or lines.sum() < 4:
+        return None
+    density = np.array([p.density[lines][:, known][:, :, known] for p in pieces], complex)
+    # every piece and frequency has one vote, whatever the weather was
+    power = np.einsum("bfii->bfi", density).real
+    power = np.exp(np.log(np.maximum(power, 1e-300)).mean(axis=2))
+    return [p.id for p in pieces], density / power[:, :, None, None], known
+
+
+def _gains(density: np.ndarray) -> np.ndarray:
+    """(n_piece, n) gain of every channel over its mean, NaN where it is not predicted."""
+    mean = density.mean(axis=0)
+    n_line, n = mean.shape[:2]
+    top, bottom = np.zeros((2, len(density), n))
+    best = np.zeros(n)
+    for q in range(n_line):
+        own = mean[q].diagonal().real
+        scale = np.sqrt(np.maximum(own, 1e-300))
+        inverse = np.linalg.inv(mean[q] / np.outer(scale, scale) + RIDGE * np.eye(n))
+        # x_c = sum_j a_cj x_j, with density[i, j] the mean of conj(x_i) x_j
+        a = -(inverse / inverse.diagonal()[:, None]).conj()
+        np.fill_diagonal(a, 0)
+        a = a / scale[None, :] * scale[:, None]
+        product = a.conj() @ density[:, q]
+        predicted = np.einsum("bcj,cj->bc", product, a).real
+        together = np.einsum("bcc->bc", product).real
+        left = own - 2 * together.mean(axis=0) + predicted.mean(axis=0)
+        best = np.maximum(best, 1 - left / own)
+        # with the regression as it is the gain of least squares: weighted by what is left unexplained
+        weight = 1 / np.maximum(left, RIDGE * own)
+        top += weight * together
+        bottom += weight * predicted
+    gain = top / np.where(bottom > 0, bottom, 1.0)
+    middle = gain.mean(axis=0)
+    good = (best > PREDICTED) & (np.abs(middle) > 0.05)
+    return np.where(good, gain / np.where(good, middle, 1.0), np.nan)
+
+
+def _step(series: np.ndarray, at: int | None = None) -> _Step:
+    """The step that leaves least of a series, or that at a given place, relative to the mean before it."""
+    n = len(series)
+    places = np.arange(FEWEST_BESIDE, n - FEWEST_BESIDE + 1) if at is None else np.array([at])
+    total = np.cumsum(series)
+    before, after = total[places - 1] / places, (total[-1] - total[places - 1]) / (n - places)
+    k = int(np.argmax(places * (n - places) * (after - before) ** 2))
+    at = int(places[k])
+    left = np.concatenate([series[:at] - before[k], series[at:] - after[k]])
+    variance = float(left @ left) / (n - 2)
+    # what lasts from piece to piece makes means less certain: an autoregression of the first order
+    alike = float(left[1:] @ left[:-1]) / max(float(left @ left), 1e-300)
+    alike = min(max(alike, 0.0), 0.9)
+    std = np.sqrt(variance * (1 / at + 1 / (n - at)) * (1 + alike) / (1 - alike))
+    base = before[k] if abs(before[k]) > 0.05 else 1.0
+    return _Step(at=at, size=float((after[k] - before[k]) / abs(base)), std=float(std / abs(base)))
+
+
+def _reversal(density: np.ndarray) -> tuple[int, int] | None:
+    """(channel, piece) from which on a channel goes against what it did: the regression of the whole then explains
+    little of it, and more than twice as well (by what is left) if the sign is turned back there. Smaller changes show
+    in the series; a reversal half-way leaves no regression to make one by."""
+    n_piece, n = len(density), density.shape[2]
+    mean = density.mean(axis=0)
+    own = np.einsum("fii->fi", mean).real
+    places = np.arange(FEWEST_BESIDE, n_piece - FEWEST_BESIDE + 1)
+    left_before, left_after = np.zeros(n), np.full((len(places), n), 0.0)
+    for q in range(len(mean)):
+        scale = np.sqrt(np.maximum(own[q], 1e-300))
+        scaled = density[:, q] / np.outer(scale, scale)
+        cumulative = np.cumsum(scaled, axis=0)[places - 1] / n_piece
+        whole = scaled.mean(axis=0)
+        for c in range(n):
+            others = np.delete(np.arange(n), c)
+            inverse = np.linalg.inv(whole[np.ix_(others, others)] + RIDGE * np.eye(n - 1))
+            y = np.concatenate([whole[None, others, c], (whole - 2 * cumulative)[:, others, c]])
+            share = np.einsum("ki,ij,kj->k", y.conj(), inverse, y).real
+            left_before[c] += max(1 - share[0], RIDGE)
+            left_after[:, c] += np.maximum(1 - share[1:], RIDGE)
+    # the sign of what comes before or after is a convention: later samples are turned
+    ratio = left_after.min(axis=0) / left_before
+    c = int(np.argmin(ratio))
+    return (c, int(places[np.argmin(left_after[:, c])])) if ratio[c] < 0.5 else None
+
+
+def _undone(density: np.ndarray, series: np.ndarray, c: int, at: int, start: float = 1.0):
+    """(what is left of all channels' steps, c, at, factor, its deviation, density, series) with channel c's gain taken
+    back from piece `at` on by the factor that leaves its own series without a step there."""
+    factor, now = start, density
+    first = None
+    if start != 1:
+        now = density.copy()
+        now[at:, :, c, :] /= start
+        now[at:, :, :, c] /= start
+        series = _gains(now)
+    for _ in range(4):
+        step = _step(series[:, c], at)
+        more = 1 + step.size
+        if abs(more) < 0.02 or (first is not None and abs(step.size) < 0.1 * STABLE):
+            break
+        first = step if first is None else first
+        factor *= more
+        now = now.copy()
+        now[at:, :, c, :] /= more
+        now[at:, :, :, c] /= more
+        series = _gains(now)
+    scores = [_step(series[:, j]).score for j in range(series.shape[1]) if np.isfinite(series[:, j]).all()]
+    std = _step(series[:, c], at).std if np.isfinite(series[:, c]).all() else np.inf
+    return float(np.sum(np.square(scores))), c, at, factor, float(np.hypot(std, STABLE) * abs(factor)), now, series
+
+
+def _findings(steps, ids: Sequence[str], channels: Sequence[str]) -> list[SensorFinding]:
+    """Steps at one place by one factor are one finding: those of channels with something in common."""
+    found: list[SensorFinding] = []
+    left = list(steps)
+    while left:
+        c, at, factor, std, rivals = left[0]
+        group = [s for s in left if abs(s[1] - at) <= 1 and abs(s[2] - factor) < 2 * np.hypot(s[3], std)
+                 and (s[0] != c or s is left[0])]
+        left = [s for s in left if s not in group]
+        names = [channels[k] for k in sorted(s[0] for s in group)]
+        shared = [channels[r] for r in rivals if all(r in s[4] for s in group)]
+        others = tuple(r for r in shared if r not in names)
+        size = float(np.mean([s[2] for s in group]))
+        error = float(np.sqrt(np.mean([s[3] ** 2 for s in group])))
+        who = ", ".join(names)
+        common = len(names) > 1
+        message = (f"suspect: the gain of {who} changes {'together ' if common else ''}to {size:.3g} +- {error:.2g} times "
+                   f"what it was, from {ids[at]} on"
+                   + (f"; it may be {', '.join(others)} by the inverse instead" if others else "")
+                   + f": look at {'their logger' if common else 'its cable, amplifier and range'} at that time, or "
+                   "identify the records before and after apart")
+        one = SensorFinding(name="gain change", channel=who, size=size, std=error, since=ids[at], rivals=others,
+                            message=message)
+        found.append(one if size > 0 else replace(one, message=message.replace("the gain of", "the sign or gain of")))
+    return found
