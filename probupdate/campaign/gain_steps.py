@@ -30,6 +30,8 @@ MOST_LINES, MOST_BYTES = 128, 96 * 2**20
 RIDGE = 1e-3
 # a channel is judged where the others predict this share of it at some frequencies
 PREDICTED = 0.3
+# each frequency is a mean over dozens of segments: so much is beyond chance by far, and a turn makes it at one peak
+TURNED = 3.0
 MOST_STEPS, MOST_TRIED = 8, 4
 # candidates whose remainders (sum of squared standard scores) are this close explain the records alike
 ALIKE = 9.0
@@ -135,14 +137,14 @@ def gain_steps(
     able = np.isfinite(series).all(axis=0)
     if not able.any():
         return [], None
-    least = SIGMA * float(np.median([np.hypot(_step(series[:, c]).std, STABLE) for c in np.flatnonzero(able)]))
+    least = 100 * SIGMA * np.hypot([_step(series[:, c]).std for c in np.flatnonzero(able)], STABLE)
     while len(steps) < MOST_STEPS:
         every = {c: _step(series[:, c]) for c in np.flatnonzero(able)}
         order = sorted(every, key=lambda c: -abs(every[c].score))
         if abs(every[order[0]].score) <= SIGMA and _reversal(density) is None:
             break
         reversed_at = _reversal(density)
-        tried = [] if reversed_at is None else [_undone(density, series, *reversed_at, start=-1.0)]
+        tried = [] if reversed_at is None else [_undone(density, series, *reversed_at)]
         for c in order[:MOST_TRIED] if not tried else ():
             if abs(every[c].score) > 0.5 * SIGMA:
                 tried.append(_undone(density, series, c, every[c].at))
@@ -150,10 +152,13 @@ def gain_steps(
             break
         tried.sort(key=lambda t: t[0])
         left, c, at, factor, std, density, series = tried[0]
+        if not abs(factor - 1) > SIGMA * std:
+            break
         rivals = tuple(known[t[1]] for t in tried[1:] if t[0] < left + ALIKE)
         steps.append((known[c], at, factor, std, rivals))
     found = _findings(steps, ids, [s.channel for s in sensors])
-    return found, f"gains of {int(able.sum())} of {len(sensors)} channels followed; changes from {100 * least:.0f} % show"
+    return found, (f"gains of {int(able.sum())} of {len(sensors)} channels followed; changes from {least.min():.0f} %"
+            f"{f', of the worst from {least.max():.0f} %,' if least.max() > 1.5 * least.min() else ''} show")
 
 
 def gain_series(pieces: Sequence[Piece], n_channel: int, lowest_hz: float) -> GainSeries | None:
@@ -236,31 +241,38 @@ def _step(series: np.ndarray, at: int | None = None) -> _Step:
     return _Step(at=at, size=float((after[k] - before[k]) / abs(base)), std=float(std / abs(base)))
 
 
-def _reversal(density: np.ndarray) -> tuple[int, int] | None:
-    """(channel, piece) from which on a channel goes against what it did: the regression of the whole then explains
-    little of it, and more than twice as well (by what is left) if the sign is turned back there. Smaller changes show
-    in the series; a reversal half-way leaves no regression to make one by."""
+def _reversal(density: np.ndarray) -> tuple[int, int, float] | None:
+    """(channel, piece, factor) from which on a channel goes against what it did: with the sign turned there the
+    regression on the others leaves less of it, by TURNED in the logarithms over all frequencies, than without, its size
+    evened out in both cases. Changes without a turn show in the series; a turn half-way leaves no regression to make a
+    series by."""
     n_piece, n = len(density), density.shape[2]
-    mean = density.mean(axis=0)
-    own = np.einsum("fii->fi", mean).real
     places = np.arange(FEWEST_BESIDE, n_piece - FEWEST_BESIDE + 1)
-    left_before, left_after = np.zeros(n), np.full((len(places), n), 0.0)
+    mean = density.mean(axis=0)
+    own = np.einsum("bfii->bfi", density).real
+    power = (own / np.maximum(own.mean(axis=0), 1e-300)).mean(axis=1)
+    before = np.cumsum(power, axis=0)[places - 1] / places[:, None]
+    after = (power.sum(axis=0) - np.cumsum(power, axis=0)[places - 1]) / (n_piece - places)[:, None]
+    size = np.sqrt(np.maximum(after, 1e-300) / np.maximum(before, 1e-300))
+    left = np.zeros((2, len(places), n))
     for q in range(len(mean)):
-        scale = np.sqrt(np.maximum(own[q], 1e-300))
+        scale = np.sqrt(np.maximum(mean[q].diagonal().real, 1e-300))
         scaled = density[:, q] / np.outer(scale, scale)
-        cumulative = np.cumsum(scaled, axis=0)[places - 1] / n_piece
-        whole = scaled.mean(axis=0)
+        total = scaled.sum(axis=0)
+        first = np.cumsum(scaled, axis=0)[places - 1]
         for c in range(n):
             others = np.delete(np.arange(n), c)
-            inverse = np.linalg.inv(whole[np.ix_(others, others)] + RIDGE * np.eye(n - 1))
-            y = np.concatenate([whole[None, others, c], (whole - 2 * cumulative)[:, others, c]])
-            share = np.einsum("ki,ij,kj->k", y.conj(), inverse, y).real
-            left_before[c] += max(1 - share[0], RIDGE)
-            left_after[:, c] += np.maximum(1 - share[1:], RIDGE)
-    # the sign of what comes before or after is a convention: later samples are turned
-    ratio = left_after.min(axis=0) / left_before
-    c = int(np.argmin(ratio))
-    return (c, int(places[np.argmin(left_after[:, c])])) if ratio[c] < 0.5 else None
+            inverse = np.linalg.inv(total[np.ix_(others, others)] / n_piece + RIDGE * np.eye(n - 1))
+            even = (total[None] - first) / size[:, c, None, None]
+            whole = (first[:, c, c] + even[:, c, c] / size[:, c]).real / n_piece
+            for k, sign in enumerate((1.0, -1.0)):
+                y = (first[:, others, c] + sign * even[:, others, c]) / n_piece
+                share = np.einsum("ki,ij,kj->k", y.conj(), inverse, y).real / np.maximum(whole, 1e-300)
+                left[k, :, c] += np.log(np.maximum(1 - share, RIDGE))
+    gained = left[0].min(axis=0) - left[1].min(axis=0)
+    c = int(np.argmax(gained))
+    k = int(np.argmin(left[1, :, c]))
+    return (c, int(places[k]), -float(size[k, c])) if gained[c] > TURNED else None
 
 
 def _undone(density: np.ndarray, series: np.ndarray, c: int, at: int, start: float = 1.0):
