@@ -21,6 +21,8 @@ GAP_SHARE, GAP_ACROSS = 0.02, 0.1
 RIGID_SHARE = 0.006
 # another change explains the records as well if it leaves less than this many times as much
 DISTINCT = 1.5
+# a change is taken if it leaves less than this share of what was unexplained; in the end the part must be rigid
+LEAST_MENDED = 0.8
 # gains of sound sensors differ by so much (one standard deviation)
 ALIKE = 0.01
 # directions in which sensors see less than this of a motion tell nothing of it
@@ -117,17 +119,14 @@ def wrong_gains(
     scale = np.sqrt(np.mean(np.abs(samples) ** 2, axis=0)) if len(samples) else np.zeros(len(sensors))
     if not len(samples) or np.any(scale == 0):
         return [], 1.0
-    found: list[WrongGain] = []
+    beyond = _beyond(motion)
+    if np.trace(beyond) < 0.5:
+        return [], 1.0
+    first = share = _share(beyond, samples)
     factor = np.ones(len(sensors))
-    share = 1.0
-    for _ in range(most):
+    taken: list[tuple[Group, list[tuple[float, Group, float]]]] = []
+    while len(taken) < most and share > RIGID_SHARE / 100:
         now = samples / factor
-        beyond = _beyond(motion)
-        if np.trace(beyond) < 0.5:
-            return found, 1.0
-        share = _share(beyond, now)
-        if share < RIGID_SHARE / 10:
-            break
         tried = []
         for group in groups:
             gain = _best_gain(beyond, now, group.members)
@@ -140,20 +139,45 @@ def wrong_gains(
             break
         # of about equal ones the fewest channels
         least = min(t[0] for t in tried)
-        close = [t for t in tried if t[0] <= max(DISTINCT * least, least + 1e-9)]
+        close = [t for t in tried if t[0] <= DISTINCT * least]
         left, group, gain, changed = min(close, key=lambda t: (len(t[1].members), t[0]))
-        jack = [_best_gain(beyond, np.delete(now, k, axis=0), group.members) or gain for k in range(len(now))]
-        n = len(now)
-        error = np.sqrt((n - 1) / n * np.sum((np.array(jack) - np.mean(jack)) ** 2)) if n > 2 else abs(gain)
-        std = float(np.sqrt(error**2 + gain**2 * (ALIKE**2 + left)))
-        if left > RIGID_SHARE or left > 0.5 * share or abs(gain - 1) < SIGMA * std:
+        if left > LEAST_MENDED * share:
             break
-        rivals = tuple((t[1].members, float(t[2])) for t in close if t[1] is not group
-                       and set(t[1].members) != set(range(len(sensors))) - set(group.members))
-        found.append(WrongGain(members=group.members, words=group.words, gain=float(gain), std=std, rivals=rivals,
-                               share=(share, left)))
+        taken.append((group, [t[:3] for t in close if t[1] is not group]))
         factor, share = changed, left
+    if not taken or share > RIGID_SHARE:
+        return [], first
+    found = []
+    gains = _together(beyond, samples, [g for g, _ in taken])
+    every = np.array([_together(beyond, np.delete(samples, k, axis=0), [g for g, _ in taken])
+                      for k in range(len(samples))])  # fmt: skip
+    n = len(samples)
+    error = np.sqrt((n - 1) / n * np.sum((every - every.mean(axis=0)) ** 2, axis=0)) if n > 2 else np.abs(gains)
+    for (group, close), gain, spread in zip(taken, gains, error, strict=True):
+        std = float(np.sqrt(spread**2 + gain**2 * (ALIKE**2 + share)))
+        if abs(gain - 1) < SIGMA * std:
+            continue
+        complement = set(range(len(sensors))) - set(group.members)
+        rivals = tuple((t[1].members, float(t[2])) for t in close if set(t[1].members) != complement)
+        found.append(WrongGain(members=group.members, words=group.words, gain=float(gain), std=std, rivals=rivals,
+                               share=(first, share)))
     return found, share
+
+
+def _together(beyond: np.ndarray, samples: np.ndarray, groups: Sequence[Group]) -> np.ndarray:
+    """(n_group,) gains that together leave least, each found anew beside the others until they settle."""
+    gains = np.ones(len(groups))
+    for _ in range(30):
+        before = gains.copy()
+        for k, group in enumerate(groups):
+            factor = np.ones(len(beyond))
+            for j, other in enumerate(groups):
+                if j != k:
+                    factor[list(other.members)] *= gains[j]
+            gains[k] = _best_gain(beyond, samples / factor, group.members) or 1.0
+        if np.allclose(gains, before, rtol=1e-6):
+            break
+    return gains
 
 
 def _beyond(motion: np.ndarray) -> np.ndarray:
