@@ -20,7 +20,7 @@ from probupdate.campaign.quantity import TO_ACCELERATION
 from probupdate.campaign.reading import Campaign
 from probupdate.campaign.rigid_bodies import Group, WrongGain, natural_groups, rigid_candidates, words_of, wrong_gains
 from probupdate.campaign.sensor_findings import SIGMA, SensorFinding
-from probupdate.campaign.spectra import MOST_FREQUENCIES, SEGMENT_S
+from probupdate.campaign.spectra import SEGMENT_S
 from probupdate.errors import InputError
 from probupdate.modes import Sensor
 from probupdate.progress import Progress, silent
@@ -36,6 +36,10 @@ PEAK, SURROUNDINGS, MOST_PEAKS = 1.0, 12, 12
 SEEN, KNOWN = 0.1, 0.2
 # gains of sound sensors, and of a shape seen twice, differ by so much (one standard deviation)
 ALIKE = 0.01
+# a peak of one mode: the references' principal motion explains this share of all channels' power in it
+ONE_MODE = 0.8
+# bytes kept of all setups' spectra
+MOST_BYTES = 128 * 2**20
 # natural logarithm of a likelihood by which one of two explanations is taken
 DECIDED = 5.0
 
@@ -88,7 +92,7 @@ def compare_setups(
     parts = []
     for number, campaign in enumerate(campaigns):
         progress("comparing setups", number, len(campaigns))
-        parts.append(_spectra(campaign))
+        parts.append(_spectra(campaign, MOST_BYTES // len(campaigns)))
     progress("comparing setups", len(campaigns), len(campaigns))
     kept = [k for k, p in enumerate(parts) if p is not None]
     unread = [names[k] for k, p in enumerate(parts) if p is None]
@@ -126,16 +130,17 @@ class _Spectra:
     density: np.ndarray
 
 
-def _spectra(campaign: Campaign) -> _Spectra | None:
+def _spectra(campaign: Campaign, most_bytes: int) -> _Spectra | None:
     rate = campaign.sampling_rate_hz
-    segment_s = min(SEGMENT_S, MOST_FREQUENCIES / (0.4 * rate), 60 * campaign.block_minutes / FEWEST_SEGMENTS)
+    segment_s = min(SEGMENT_S, 60 * campaign.block_minutes / FEWEST_SEGMENTS)
     length = 2 * round(segment_s * rate / 2)
     if length < 32:
         return None
     files = list(block_files(campaign).items())
     chosen = np.unique(np.round(np.linspace(0, len(files) - 1, min(MOST_BLOCKS, len(files)))).astype(int))
     frequency = fft.rfftfreq(length, 1 / rate)
-    kept = (frequency >= max(LOWEST_HZ, 1.5 * frequency[1])) & (frequency <= 0.4 * rate)
+    kept = np.flatnonzero((frequency >= max(LOWEST_HZ, 1.5 * frequency[1])) & (frequency <= 0.4 * rate))
+    kept = kept[: max(most_bytes // (8 * GROUPS * len(campaign.sensors) ** 2), 64)]
     times = np.array([TO_ACCELERATION[s.quantity] for s in campaign.sensors])
     factor = (2j * np.pi * frequency[kept][:, None]) ** times
     window = np.hanning(length + 1)[:-1]
@@ -152,7 +157,7 @@ def _spectra(campaign: Campaign) -> _Spectra | None:
     density = []
     for part in np.array_split(np.arange(len(segments)), min(GROUPS, len(segments))):
         lines = np.array([segments[k] for k in part]).transpose(1, 0, 2)
-        density.append(lines.conj().transpose(0, 2, 1) @ lines / len(part))
+        density.append((lines.conj().transpose(0, 2, 1) @ lines / len(part)).astype(np.complex64))
     return _Spectra(frequency_hz=frequency[kept], density=np.array(density))
 
 
@@ -185,6 +190,8 @@ def _shapes(
         one = _on_references(whole, rows)
         left = [_on_references(whole - part.density[g, band].sum(axis=0), rows) for g in range(n_group)]
         left = [x if x @ one >= 0 else -x for x in left]
+        if _explained_share(whole, rows) < ONE_MODE:
+            one = np.full(len(one), np.nan)
         values.append(one)
         errors.append(np.sqrt((n_group - 1) / n_group * np.sum((np.array(left) - np.mean(left, axis=0)) ** 2, axis=0)))
     return SetupShapes(name=name, sensors=campaign.sensors, shape=np.array(values), std=np.array(errors))
@@ -199,6 +206,16 @@ def _on_references(density: np.ndarray, rows: Sequence[int]) -> np.ndarray:
     own = float(main @ density[np.ix_(rows, rows)].real @ main)
     shape = (main @ density[rows]).real / own
     return shape / np.linalg.norm(shape[rows])
+
+
+def _explained_share(density: np.ndarray, rows: Sequence[int]) -> float:
+    """Share of all channels' power, each in its own size, that the references' principal motion explains."""
+    _, vector = np.linalg.eigh(density[np.ix_(rows, rows)].real)
+    main = vector[:, -1]
+    own = float(main @ density[np.ix_(rows, rows)].real @ main)
+    power = density.diagonal().real
+    large = power > SEEN**2 * power.max()
+    return float(np.sum((np.abs(main @ density[rows]) ** 2 / own)[large]) / power[large].sum())
 
 
 # Judged -------------------------------------------------------------------------------------------------------------
@@ -270,7 +287,8 @@ def _differing(shapes: Sequence[SetupShapes], references: Sequence[str]) -> tupl
     rows = [s.of(references) for s in shapes]
     value = np.array([s.shape[:, r] for s, r in zip(shapes, rows, strict=True)])
     error = np.array([s.std[:, r] for s, r in zip(shapes, rows, strict=True)])
-    seen = (np.abs(value) > SEEN * np.abs(value).max(axis=2, keepdims=True)) & (error < KNOWN * np.abs(value))
+    with np.errstate(invalid="ignore"):
+        seen = (np.abs(value) > SEEN * np.abs(value).max(axis=2, keepdims=True)) & (error < KNOWN * np.abs(value))
     for i, j in combinations(range(len(references)), 2):
         both = seen[:, :, i] & seen[:, :, j]
         usable = both.sum(axis=0) > len(shapes) / 2
@@ -363,6 +381,11 @@ def _parts(shapes: Sequence[SetupShapes], references: Sequence[str]):
     """(samples (n_peak, n), sensors, owner) of every part that may be rigid: references (owner -1), and rovers (owner:
     setup), all scaled to the references' mean shape."""
     rows = [s.of(references) for s in shapes]
+    # peaks that are one mode in all setups
+    clean = np.all([np.isfinite(s.shape).all(axis=1) for s in shapes], axis=0)
+    if clean.sum() < 3:
+        return
+    shapes = [replace(s, shape=s.shape[clean], std=s.std[clean]) for s in shapes]
     at = np.array([s.shape[:, r] for s, r in zip(shapes, rows, strict=True)])
     mean = at[0]
     for _ in range(3):

@@ -129,6 +129,9 @@ def wrong_gains(
         now = samples / factor
         tried = []
         for group in groups:
+            chosen = np.array([[i in g.members for i in range(len(sensors))] for g in (*(g for g, _ in taken), group)])
+            if np.linalg.matrix_rank(chosen.astype(float)) < len(chosen):
+                continue
             gain = _best_gain(beyond, now, group.members)
             if gain is None or abs(gain) < 1e-3:
                 continue
@@ -144,7 +147,10 @@ def wrong_gains(
         if left > LEAST_MENDED * share:
             break
         taken.append((group, [t[:3] for t in close if t[1] is not group]))
-        factor, share = changed, left
+        factor = np.ones(len(sensors))
+        for (one, _), value in zip(taken, _together(beyond, samples, [g for g, _ in taken]), strict=True):
+            factor[list(one.members)] *= value
+        share = _share(beyond, samples / factor)
     if not taken or share > RIGID_SHARE:
         return [], first
     found = []
