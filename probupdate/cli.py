@@ -130,10 +130,17 @@ def run_export(a: argparse.Namespace, progress: Progress) -> None:
 def run_check(a: argparse.Namespace, progress: Progress) -> None:
     import probupdate
 
-    result = probupdate.check(a.campaign, progress=progress)
-    say(result.summary)
-    if a.out:
-        result.write(a.out)
+    several = len(a.campaign) > 1
+    if several and a.out:
+        raise InputError("--out", "holds one campaign's check", "check each setup with --out, and all of them without")
+    for campaign in a.campaign:
+        result = probupdate.check(campaign, progress=progress)
+        say(result.summary)
+        if a.out:
+            result.write(a.out)
+    if several:
+        say(f"between {len(a.campaign)} setups:")
+        say(probupdate.check_setups(a.campaign, progress=progress).summary)
 
 
 def run_convert(a: argparse.Namespace, progress: Progress) -> None:
@@ -403,7 +410,8 @@ def build_parser() -> argparse.ArgumentParser:
     p.add_argument("--description", help="convert.toml (default: the campaign's)")
 
     p = verb("check", run_check, "what a campaign holds, what is wrong with it, what can be done with it")
-    p.add_argument("campaign", metavar="CAMPAIGN", help="directory with campaign.toml and acceleration/")
+    p.add_argument("campaign", metavar="CAMPAIGN", nargs="+", help="directory with campaign.toml and acceleration/; "
+                   "several: setups of one structure, whose references are compared too")
     p.add_argument("--out", help="write the findings as JSON too")
 
     p = verb("identify", run_identify, "modes of every block by SSI-cov, and every pole with what became of it")

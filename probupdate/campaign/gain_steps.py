@@ -172,6 +172,18 @@ def gain_series(pieces: Sequence[Piece], n_channel: int, lowest_hz: float) -> Ga
     return GainSeries(ids=tuple(ids), gain=frozen_array(gain))
 
 
+def parts_of_campaign(
+    pieces: Sequence[Piece], lowest_hz: float, n_part: int = 4
+) -> tuple[np.ndarray, np.ndarray] | None:
+    """Mean cross-spectra (n_part, n_line, n, n) of parts of the campaign, every piece and line with one vote, and the
+    channels (n,) that they hold; None where there are too few pieces."""
+    prepared = _prepared(pieces, lowest_hz)
+    if prepared is None:
+        return None
+    _, density, known = prepared
+    return np.array([part.mean(axis=0) for part in np.array_split(density, n_part)]), known
+
+
 def _prepared(pieces: Sequence[Piece], lowest_hz: float):
     """(ids, density (n_piece, n_line, n, n) scaled, channels): pieces of one length, whole in the channels that most
     pieces have; None where too few remain."""

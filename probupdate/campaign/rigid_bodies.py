@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from probupdate.campaign.sensor_findings import SIGMA
+from probupdate.campaign.sensor_findings import SIGMA, SensorFinding
 from probupdate.modes import Sensor
 
 # gap between parts: this share of the extent along the axis, or of the distances across it
@@ -50,12 +50,15 @@ class WrongGain:
     share: tuple[float, float]
 
 
-def rigid_candidates(sensors: Sequence[Sensor]) -> list[tuple[int, ...]]:
+def rigid_candidates(
+    sensors: Sequence[Sensor], axes: Sequence[int] | None = None, *, alone: bool = False
+) -> list[tuple[int, ...]]:
     """Sets of sensors that may be fixed to one rigid body, by their positions: those between gaps along the vertical,
-    and along a horizontal axis of something more than twice as long as wide and high. Largest first, each set once."""
+    and along a horizontal axis of something more than twice as long as wide and high (or `axes`). Largest first, each
+    set once, `alone`: single sensors too."""
     position = np.array([s.position_m for s in sensors], float)
     extent = np.ptp(position, axis=0)
-    axes = [2] + [k for k in (0, 1) if extent[k] > 2 * max(extent[j] for j in range(3) if j != k)]
+    axes = axes or [2] + [k for k in (0, 1) if extent[k] > 2 * max(extent[j] for j in range(3) if j != k)]
     found: dict[tuple[int, ...], None] = {}
     for axis in axes:
         across = float(np.linalg.norm(np.delete(extent, axis)))
@@ -63,7 +66,7 @@ def rigid_candidates(sensors: Sequence[Sensor]) -> list[tuple[int, ...]]:
         order = np.argsort(position[:, axis], kind="stable")
         ends = np.flatnonzero(np.diff(position[order, axis]) > gap) + 1
         for part in np.split(order, ends):
-            if len(part) > 1:
+            if len(part) > 1 or alone:
                 found[tuple(sorted(int(i) for i in part))] = None
     return sorted(found, key=len, reverse=True)
 
@@ -129,8 +132,7 @@ def wrong_gains(
         now = samples / factor
         tried = []
         for group in groups:
-            chosen = np.array([[i in g.members for i in range(len(sensors))] for g in (*(g for g, _ in taken), group)])
-            if np.linalg.matrix_rank(chosen.astype(float)) < len(chosen):
+            if not _independent([*(g for g, _ in taken), group], len(sensors)):
                 continue
             gain = _best_gain(beyond, now, group.members)
             if gain is None or abs(gain) < 1e-3:
@@ -164,10 +166,18 @@ def wrong_gains(
         if abs(gain - 1) < SIGMA * std:
             continue
         complement = set(range(len(sensors))) - set(group.members)
-        rivals = tuple((t[1].members, float(t[2])) for t in close if set(t[1].members) != complement)
+        # what the changes taken make together is no rival of one of them
+        rivals = tuple((t[1].members, float(t[2])) for t in close if set(t[1].members) != complement
+                       and _independent([*(g for g, _ in taken), t[1]], len(sensors)))
         found.append(WrongGain(members=group.members, words=group.words, gain=float(gain), std=std, rivals=rivals,
                                share=(first, share)))
     return found, share
+
+
+def _independent(groups: Sequence[Group], n_channel: int) -> bool:
+    """Whether no group's gain is made by those of the others."""
+    chosen = np.array([[i in g.members for i in range(n_channel)] for g in groups], float)
+    return int(np.linalg.matrix_rank(chosen)) == len(groups)
 
 
 def _together(beyond: np.ndarray, samples: np.ndarray, groups: Sequence[Group]) -> np.ndarray:
@@ -213,3 +223,60 @@ def _best_gain(beyond: np.ndarray, samples: np.ndarray, members: Sequence[int]) 
 
 def words_of(members: Sequence[int], names: Mapping[int, str] | Sequence[str]) -> str:
     return ", ".join(names[i] for i in members)
+
+
+# One campaign -------------------------------------------------------------------------------------------------------
+
+
+def campaign_gains(
+    density: np.ndarray, sensors: Sequence[Sensor], mentioned: Sequence[str]
+) -> tuple[list[SensorFinding], str | None]:
+    """Gains of channels and of loggers (channels at one place, of one quantity or unit) by the rigid parts of one
+    campaign, and a sentence on these parts; density (n_part, n_line, n, n): cross-spectra of accelerations in a few
+    parts of the campaign. Channels that a sentence of `mentioned` names are not judged again: a part with one of them is
+    left to it."""
+    found: list[SensorFinding] = []
+    rigid, covered = [], set()
+    for members in rigid_candidates(sensors):
+        own = [sensors[i] for i in members]
+        samples = motions(density[:, :, members][:, :, :, members])
+        wrong, share = wrong_gains(samples, own, natural_groups(own, range(len(own))))
+        if share > RIGID_SHARE:
+            continue
+        rigid.append((own, share))
+        if any(s.channel in sentence for s in own for sentence in mentioned):
+            continue
+        for one in wrong:
+            channels = {own[i].channel for i in one.members}
+            if channels & covered:
+                continue
+            covered |= channels
+            found.append(_campaign_finding(one, own))
+    words = "; ".join(f"{', '.join(s.channel for s in own)} (gains from {100 * SIGMA * np.hypot(ALIKE, np.sqrt(share)):.0f} % "
+                      "show)" for own, share in rigid)
+    return found, f"rigid by position and record: {words}" if words else None
+
+
+def motions(density: np.ndarray) -> np.ndarray:
+    """(n_sample, n) real shapes in which sensors move, line by line: principal vectors of the cross-spectra that hold a
+    fifth of the power or more, each as a sample of one size."""
+    found = []
+    for part in density.real.reshape(-1, *density.shape[2:]):
+        value, vector = np.linalg.eigh(part)
+        if value[-1] > 0:
+            found += [vector[:, k] for k in np.flatnonzero(value > 0.2 * value.sum())]
+    return np.array(found).reshape(-1, density.shape[-1])
+
+
+def _campaign_finding(one: WrongGain, sensors: Sequence[Sensor]) -> SensorFinding:
+    names = [s.channel for s in sensors]
+    channel = words_of(one.members, names)
+    rivals = tuple(words_of(r, names) for r, _ in one.rivals)
+    several = len(one.members) > 1
+    others = words_of([i for i in range(len(names)) if i not in one.members], names)
+    return SensorFinding(
+        name="common gain" if several else "gain", channel=channel, size=one.gain, std=one.std, rivals=rivals,
+        message=f"suspect: {channel} read{'' if several else 's'} {one.gain:.3f} +- {one.std:.2g} times what {others} say "
+        "of the rigid part that they share"
+        + (f"; it may be {' or '.join(rivals)} instead" if rivals else "")
+        + f": check {'their logger and its unit' if several else 'its scale, sign and unit'}, or those of the others")
