@@ -1,9 +1,8 @@
 """Setups of one structure against one another: references whose gain differs between them, or is wrong in all.
 
 References stay where they are, so what they read of a mode goes in one proportion in every setup: a setup in which the
-proportion differs has another gain. And what setups saw one after the other makes one shape through the references: rovers
-and references on one rigid part, wherever it is (`rigid_bodies`), say what is wrong in all setups alike.
-"""
+proportion differs has another gain. And what setups saw one after the other makes one shape through the references:
+rovers and references on one rigid part, wherever it is (`rigid_bodies`), say what is wrong in all setups alike. """
 
 from __future__ import annotations
 
@@ -260,8 +259,8 @@ def _judged(
             other = f"; it may be {', '.join(rivals)} by {1 / size:.3g} times instead" if rivals else ""
             found.append(SensorFinding(
                 name="reference", channel=channel, size=size, std=std, since=where, rivals=rivals,
-                message=f"suspect: reference {channel} reads {size:.3g} +- {std:.2g} times in {where} what it reads in the "
-                f"other setups{other}: {_advice(size)} of these setups"))
+                message=f"suspect: reference {channel} reads {size:.3g} +- {std:.2g} times in {where} what it reads in "
+                f"the other setups{other}: {_advice(size)} of these setups"))
     shapes = [s.divided(g) for s, g in zip(shapes, gains, strict=True)]
     constant, told = _constant(shapes, references)
     return [*found, *constant], [*notes, *told]
@@ -319,7 +318,8 @@ def _differing(shapes: Sequence[SetupShapes], references: Sequence[str]) -> tupl
                 off.append(_Differs(setup=k, first=references[i], second=references[j], gain=float(gain),
                                     std=float(abs(gain) * spread)))
         if len(off) * 2 >= len(shapes):
-            notes.append(f"{references[i]} and {references[j]} go in different proportions in half of the setups or more")
+            notes.append(f"{references[i]} and {references[j]} go in different proportions in half of the setups or "
+                         "more")
         found += off
     return found, notes
 
@@ -327,8 +327,8 @@ def _differing(shapes: Sequence[SetupShapes], references: Sequence[str]) -> tupl
 def _explained(
     shapes: Sequence[SetupShapes], references: Sequence[str], gains: Sequence[Mapping], differs: Sequence[_Differs]
 ) -> list[tuple[str, float, float, tuple[str, ...]]]:
-    """(channel, gain, std, rivals) of one setup: the reference that is in most of the pairs that differ, and so on; of a
-    pair alone the one whose correction makes rigid parts rigid, if they tell."""
+    """(channel, gain, std, rivals) of one setup: the reference that is in most of the pairs that differ, and so on; of
+    a pair alone the one whose correction makes rigid parts rigid, if they tell."""
     left, chosen = list(differs), []
     while left:
         count = {c: [d for d in left if c in (d.first, d.second)] for c in references}
@@ -359,8 +359,8 @@ def _misfit(
     shapes: Sequence[SetupShapes], references: Sequence[str], setup: int, change: Mapping[str, float],
     gains: Sequence[Mapping],
 ) -> tuple[float, int]:
-    """-ln of the likelihood that the rigid parts with rovers of a setup are rigid, its references divided by `change`; an
-    unknown size of errors is marginalised. Parts of all setups as they are known by now."""
+    """-ln of the likelihood that the rigid parts with rovers of a setup are rigid, its references divided by `change`;
+    an unknown size of errors is marginalised. Parts of all setups as they are known by now."""
     now = [s.divided(g) for s, g in zip(shapes, gains, strict=True)]
     now[setup] = shapes[setup].divided(change)
     total, number = 0.0, 0
@@ -429,8 +429,8 @@ def _constant(
             finding = _finding(one, sensors, owner, references)
             found.setdefault(finding.channel, finding)
     missing = [c for c in references if c not in judged]
-    notes = [f"a gain of {', '.join(missing)} that is wrong in all setups alike cannot be told: no rover shares a rigid "
-             "part with it"] if missing else []
+    notes = [f"a gain of {', '.join(missing)} that is wrong in all setups alike cannot be told: no rover shares a "
+             "rigid part with it"] if missing else []
     return list(found.values()), notes
 
 
@@ -450,4 +450,5 @@ def _finding(one: WrongGain, sensors: Sequence[Sensor], owner, references: Seque
         name="reference" if reference else "gain", channel=channel, size=one.gain, std=one.std, rivals=rivals,
         message=f"suspect: {channel} read{'s' if len(one.members) == 1 else ''} {one.gain:.3f} +- {one.std:.2g} times what {others} say of the rigid part "
         f"that they share: the stated {wrong} wrong"
-        + (f"; it may be {' or '.join(rivals)} instead" if rivals else "") + f": {_advice(one.gain)}, or that of the others")
+        + (f"; it may be {' or '.join(rivals)} instead" if rivals else "")
+        + f": {_advice(one.gain)}, or that of the others")

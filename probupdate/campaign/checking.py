@@ -52,8 +52,8 @@ MOST_COMPARED = 240
 class CampaignCheck:
     """table: a row per block and channel (see samples.channel_table) with delay_ms (how late it is, where compared)
     and suspicion; blocks: a row per block with id, state, excluded, notes; findings: what is wrong, in sentences, those
-    that begin with 'suspect' inferred from other channels; measured: those of them that have a size, as values; uses: what
-    can be done, in sentences."""
+    that begin with 'suspect' inferred from other channels; measured: those of them that have a size, as values; uses:
+    what can be done, in sentences."""
 
     campaign: str
     table: pd.DataFrame

@@ -1,10 +1,9 @@
 """Gains that change along the records: each channel against what all the others predict of it.
 
 At every frequency a channel is predicted from the others by the regression of the whole campaign (Wiener filter). By
-how much it follows that prediction, piece by piece, is its gain against its own mean: neither the level of vibration nor
-positions or directions matter, only that motion is seen by more channels than it has parts. A change common to all
-channels is not seen, nor one of a channel that the others do not predict.
-"""
+how much it follows that prediction, piece by piece, is its gain against its own mean: neither the level of vibration
+nor positions or directions matter, only that motion is seen by more channels than it has parts. A change common to all
+channels is not seen, nor one of a channel that the others do not predict. """
 
 from __future__ import annotations
 
@@ -16,6 +15,7 @@ from scipy import fft
 
 from probupdate.campaign.mounting import LOWEST_HZ, RIGID_UP_TO
 from probupdate.campaign.quantity import TO_ACCELERATION
+from probupdate.campaign.rigid_bodies import same_place
 from probupdate.campaign.sensor_findings import SIGMA, SensorFinding
 from probupdate.campaign.spectra import MOST_FREQUENCIES, SEGMENT_S, CrossSpectra
 from probupdate.modes import Sensor, frozen_array
@@ -133,6 +133,7 @@ def gain_steps(
         return [], None
     ids, density, known = prepared
     steps: list[tuple[int, int, float, float, tuple[int, ...]]] = []
+    place = same_place([sensors[k] for k in known], range(len(known)))
     series = _gains(density)
     able = np.isfinite(series).all(axis=0)
     if not able.any():
@@ -144,18 +145,26 @@ def gain_steps(
         if abs(every[order[0]].score) <= SIGMA and _reversal(density) is None:
             break
         reversed_at = _reversal(density)
-        tried = [] if reversed_at is None else [_undone(density, series, *reversed_at)]
+        tried = []
+        if reversed_at is not None:
+            c, at, factor = reversed_at
+            tried = [_undone(density, series, (c,), at, factor)]
         for c in order[:MOST_TRIED] if not tried else ():
             if abs(every[c].score) > 0.5 * SIGMA:
-                tried.append(_undone(density, series, c, every[c].at))
+                tried.append(_undone(density, series, (c,), every[c].at))
+                # those of one place may have one logger
+                tried += [_undone(density, series, g, every[c].at) for g in place
+                          if c in g and able[list(g)].all() and not any(t[1] == g for t in tried)]
         if not tried:
             break
-        tried.sort(key=lambda t: t[0])
-        left, c, at, factor, std, density, series = tried[0]
+        # several channels are taken for one only where they leave clearly less
+        tried.sort(key=lambda t: t[0] + ALIKE * (len(t[1]) > 1))
+        left, members, at, factor, std, density, series = tried[0]
         if not abs(factor - 1) > SIGMA * std:
             break
-        rivals = tuple(known[t[1]] for t in tried[1:] if t[0] < left + ALIKE)
-        steps.append((known[c], at, factor, std, rivals))
+        rivals = tuple(known[t[1][0]] for t in tried[1:] if t[0] < left + ALIKE and len(t[1]) == 1
+                       and t[1][0] not in members)
+        steps += [(known[c], at, factor, std, rivals) for c in members]
     found = _findings(steps, ids, [s.channel for s in sensors])
     return found, (f"gains of {int(able.sum())} of {len(sensors)} channels followed; changes from {least.min():.0f} %"
             f"{f', of the worst from {least.max():.0f} %,' if least.max() > 1.5 * least.min() else ''} show")
@@ -191,8 +200,8 @@ def _prepared(pieces: Sequence[Piece], lowest_hz: float):
         return None
     usual = max({len(p.frequency_hz) for p in pieces}, key=lambda n: sum(len(p.frequency_hz) == n for p in pieces))
     pieces = [p for p in pieces if len(p.frequency_hz) == usual]
-    whole = np.array([np.isfinite(p.density[0].diagonal()) & (np.sum([d.diagonal().real for d in p.density], axis=0) > 0)
-                      for p in pieces])  # fmt: skip
+    power = np.array([np.einsum("fii->i", p.density).real for p in pieces])
+    whole = np.isfinite(power) & (power > 0)
     known = np.flatnonzero(whole.mean(axis=0) > 0.8)
     pieces = [p for p, w in zip(pieces, whole[:, known], strict=True) if w.all()]
     frequency = pieces[0].frequency_hz if pieces else np.zeros(0)
@@ -287,30 +296,27 @@ def _reversal(density: np.ndarray) -> tuple[int, int, float] | None:
     return (c, int(places[k]), -float(size[k, c])) if gained[c] > TURNED else None
 
 
-def _undone(density: np.ndarray, series: np.ndarray, c: int, at: int, start: float = 1.0):
-    """(what is left of all channels' steps, c, at, factor, its deviation, density, series) with channel c's gain taken
-    back from piece `at` on by the factor that leaves its own series without a step there."""
-    factor, now = start, density
-    first = None
-    if start != 1:
-        now = density.copy()
-        now[at:, :, c, :] /= start
-        now[at:, :, :, c] /= start
-        series = _gains(now)
-    for _ in range(4):
-        step = _step(series[:, c], at)
-        more = 1 + step.size
-        if abs(more) < 0.02 or (first is not None and abs(step.size) < 0.1 * STABLE):
+def _undone(density: np.ndarray, series: np.ndarray, members: tuple[int, ...], at: int, start: float = 1.0):
+    """(what is left of all channels' steps, members, at, factor, its deviation, density, series) with the gain of some
+    channels taken back from piece `at` on by the factor that leaves their own series without a step there."""
+    factor, more, now = 1.0, start, density
+    for _ in range(8):
+        if more != 1:
+            factor *= more
+            now = now.copy()
+            for c in members:
+                now[at:, :, c, :] /= more
+                now[at:, :, :, c] /= more
+            series = _gains(now)
+        size = float(np.mean([_step(series[:, c], at).size for c in members]))
+        if not abs(size) >= 0.05 * STABLE or abs(1 + size) < 0.02:
             break
-        first = step if first is None else first
-        factor *= more
-        now = now.copy()
-        now[at:, :, c, :] /= more
-        now[at:, :, :, c] /= more
-        series = _gains(now)
+        more = 1 + size
     scores = [_step(series[:, j]).score for j in range(series.shape[1]) if np.isfinite(series[:, j]).all()]
-    std = _step(series[:, c], at).std if np.isfinite(series[:, c]).all() else np.inf
-    return float(np.sum(np.square(scores))), c, at, factor, float(np.hypot(std, STABLE) * abs(factor)), now, series
+    spread = [_step(series[:, c], at).std for c in members]
+    std = float(np.mean(spread)) if np.isfinite(spread).all() else np.inf
+    left, error = float(np.sum(np.square(scores))), float(np.hypot(std, STABLE) * abs(factor))
+    return left, members, at, factor, error, now, series
 
 
 def _findings(steps, ids: Sequence[str], channels: Sequence[str]) -> list[SensorFinding]:
@@ -329,8 +335,8 @@ def _findings(steps, ids: Sequence[str], channels: Sequence[str]) -> list[Sensor
         error = float(np.sqrt(np.mean([s[3] ** 2 for s in group])))
         who = ", ".join(names)
         common = len(names) > 1
-        message = (f"suspect: the gain of {who} changes {'together ' if common else ''}to {size:.3g} +- {error:.2g} times "
-                   f"what it was, from {ids[at]} on"
+        message = (f"suspect: the gain of {who} changes {'together ' if common else ''}to {size:.3g} +- {error:.2g} "
+                   f"times what it was, from {ids[at]} on"
                    + (f"; it may be {', '.join(others)} by the inverse instead" if others else "")
                    + f": look at {'their logger' if common else 'its cable, amplifier and range'} at that time, or "
                    "identify the records before and after apart")

@@ -44,10 +44,11 @@ class Sway:
 
 @dataclass(frozen=True, kw_only=True)
 class HeadingOffset:
-    """offset_deg: true heading less the stated one, -90 to 90 (which way along the axis is not told), std_deg its standard
-    deviation; NaN where nothing could be told, and `why` says why. follows: how well the planes agree in the nacelle's
-    frame, 0 to 1. wider: mean logarithm of fore-aft's width over side-side's and its standard deviation, after the
-    offset. backwards: the planes follow the heading counted the other way round."""
+    """offset_deg: true heading less the stated one, -90 to 90 (which way along the axis is not told), std_deg its
+    standard deviation; NaN where nothing could be told, and `why` says why. follows: how well the planes agree in the
+    nacelle's frame, 0 to 1. wider: mean logarithm of fore-aft's width over side-side's and its standard deviation,
+    after the offset. backwards: the planes follow the heading counted the other way round. either: fore-aft is not
+    known from side-side, so that offset_deg (-45 to 45) may be 90 degrees more."""
 
     offset_deg: float
     std_deg: float
@@ -55,6 +56,7 @@ class HeadingOffset:
     follows: float = float("nan")
     wider: tuple[float, float] = (float("nan"), float("nan"))
     backwards: bool = False
+    either: bool = False
     why: str = ""
 
 
@@ -98,12 +100,14 @@ def heading_offset(sways: Sequence[Sway], x_axis_heading_deg: float, lowest_hz: 
     """The offset that makes the planes of all blocks principal: of the spectral matrix in the nacelle's frame, bin by
     bin about the first pair, the direction of the doubled difference angle, squared so that the larger plane may be
     either; then the plane of the wider peak is fore-aft. Deviations by leaving out blocks. Nothing is told where fewer
-    than five blocks run, where the planes do not agree in the nacelle's frame or agree as well without it, and where
-    neither plane's peak is wider beyond four standard deviations."""
+    than five blocks run, and where the planes do not agree in the nacelle's frame or agree as well without it. Where
+    neither plane's peak is wider beyond four standard deviations an offset may be 90 degrees more, and none of 0 is
+    told."""
     n = len(sways)
     nothing = {"offset_deg": float("nan"), "std_deg": float("nan"), "blocks": n}
     if n < FEWEST_BLOCKS:
-        return HeadingOffset(**nothing, why=f"{n} blocks with a turning rotor and a steady heading, {FEWEST_BLOCKS} needed")
+        return HeadingOffset(**nothing, why=f"{n} blocks with a turning rotor and a steady heading, {FEWEST_BLOCKS} "
+                             "needed")
     # counter-clockwise from x
     angle = np.radians([x_axis_heading_deg - s.heading_deg for s in sways])
     still = np.array([_plane(_band(s, lowest_hz)) for s in sways])
@@ -115,22 +119,21 @@ def heading_offset(sways: Sequence[Sway], x_axis_heading_deg: float, lowest_hz: 
     turned = still * np.exp(-4j * sign * angle)
     offset, std = _mean_angle(turned)
     first = _widths(sways, sign * angle + offset, lowest_hz)
-    if abs(first[0]) < SIGMA * first[1]:
-        # which of the two planes is fore-aft is not told: no offset of 90 degrees is excluded
-        return HeadingOffset(**nothing, follows=follows[sign], wider=first, why="neither plane of the first bending is "
-                             "damped more than the other, so that fore-aft is not known from side-side")
-    if first[0] < 0:
+    spread = float(np.degrees(std))
+    either = abs(first[0]) < SIGMA * first[1]
+    if first[0] < 0 and not either:
         offset += np.pi / 2
         first = (-first[0], first[1])
     # a compass runs clockwise; an axis has no sense
-    value = float(-np.degrees(offset))
-    value = (value + 90.0) % 180.0 - 90.0
-    spread = float(np.degrees(std))
+    value = (float(-np.degrees(offset)) + 90.0) % 180.0 - 90.0
+    if either and abs(value) < SIGMA * np.hypot(spread, LEAST_STD_DEG):
+        return HeadingOffset(**nothing, follows=follows[sign], wider=first, why="neither plane of the first bending is "
+                             "damped more than the other, so that 0 is not known from 90 deg")
     if follows[0] > follows[sign] - BETTER and abs(value) > SIGMA * np.hypot(spread, LEAST_STD_DEG):
-        return HeadingOffset(**nothing, follows=follows[sign], wider=first, why=f"the nacelle hardly turned: planes {abs(value):.0f} deg "
-                             "off may be the structure's own")
+        return HeadingOffset(**nothing, follows=follows[sign], wider=first, why="the nacelle hardly turned: planes "
+                             f"{abs(value):.0f} deg off may be the structure's own")
     return HeadingOffset(offset_deg=value, std_deg=spread, blocks=n, follows=follows[sign], wider=first,
-                         backwards=sign < 0)
+                         backwards=sign < 0, either=either)
 
 
 def heading_findings(found: HeadingOffset) -> tuple[list[SensorFinding], str | None]:
@@ -138,7 +141,7 @@ def heading_findings(found: HeadingOffset) -> tuple[list[SensorFinding], str | N
     sentence on what was or was not told."""
     if not np.isfinite(found.offset_deg):
         return [], f"the nacelle's heading against the planes of bending: cannot be told, {found.why}"
-    text = f"{found.offset_deg:+.1f} +- {found.std_deg:.1f} deg"
+    text = f"{found.offset_deg:+.1f} +- {found.std_deg:.1f} deg{' (or 90 more)' if found.either else ''}"
     wrong = abs(found.offset_deg) > SIGMA * np.hypot(found.std_deg, LEAST_STD_DEG)
     if not wrong and not found.backwards:
         return [], (f"the nacelle's stated heading agrees with the planes of bending within {text} ({found.blocks} "
@@ -146,8 +149,8 @@ def heading_findings(found: HeadingOffset) -> tuple[list[SensorFinding], str | N
     what = "is counted the other way round than a compass, and " if found.backwards else ""
     return [SensorFinding(
         name="nacelle heading", channel="nacelle_heading_deg", size=found.offset_deg, std=found.std_deg, unit="deg",
-        message=f"suspect: the nacelle's stated heading {what}{'is off' if wrong else 'agrees else'}: fore-aft lies {text} "
-        f"from it by the planes of bending of {found.blocks} running blocks (180 deg is not told): check its zero, "
+        message=f"suspect: the nacelle's stated heading {what}{'is off' if wrong else 'agrees else'}: fore-aft lies "
+        f"{text} from it by the planes of bending of {found.blocks} running blocks (180 deg is not told): check its zero, "
         "x_axis_heading_deg and the sensors' directions on site")], None
 
 
@@ -181,8 +184,8 @@ def _mean_angle(values: np.ndarray) -> tuple[float, float]:
 
 
 def _widths(sways: Sequence[Sway], angle: np.ndarray, lowest_hz: float) -> tuple[float, float]:
-    """Mean over the blocks, and its standard deviation, of the logarithm of the equivalent width (square of the sum over
-    the sum of squares) of the spectrum along `angle`, over that across it."""
+    """Mean over the blocks, and its standard deviation, of the logarithm of the equivalent width (square of the sum
+    over the sum of squares) of the spectrum along `angle`, over that across it."""
     found = []
     for sway, a in zip(sways, angle, strict=True):
         x, y = _band(sway, lowest_hz).T

@@ -51,8 +51,8 @@ class Suspicion:
 
 
 def suspicions(spectra: CrossSpectra, sensors: tuple[Sensor, ...]) -> list[Suspicion]:
-    """What one block says against its channels; all of one quantity. Nothing where nothing can be said. Levels are those
-    of the sensors' positions, whatever their names."""
+    """What one block says against its channels; all of one quantity. Nothing where nothing can be said. Levels are
+    those of the sensors' positions, whatever their names."""
     sensors = levelled(sensors)
     power = np.einsum("fii->i", spectra.density.real)
     alive = [i for i in range(len(sensors)) if power[i] > 0]

@@ -1,9 +1,9 @@
 """Rigid parts inferred from where sensors are, and gains that break them.
 
-Sensors at one height, at one place, or in one cross-section of something long may be fixed to one rigid body: six motions
-explain what they all see, whatever their directions. Whether they are is asked of the data: only if one change of gain,
-of one channel or of channels with something in common, leaves next to nothing unexplained is the part taken as rigid.
-"""
+Sensors at one height, at one place, or in one cross-section of something long may be fixed to one rigid body: six
+motions explain what they all see, whatever their directions. Whether they are is asked of the data: only if one change
+of gain, of one channel or of channels with something in common, leaves next to nothing unexplained is the part taken as
+rigid. """
 
 from __future__ import annotations
 
@@ -92,7 +92,8 @@ def rigid_motions(sensors: Sequence[Sensor]) -> np.ndarray:
 
 
 def natural_groups(sensors: Sequence[Sensor], members: Sequence[int]) -> list[Group]:
-    """Channels that may share a logger or a unit: every one alone, those at one place, those of one quantity or unit."""
+    """Channels that may share a logger or a unit: every one alone, those at one place, those of one quantity or
+    unit."""
     groups = [Group(members=(i,), words="") for i in members]
     groups += [Group(members=g, words="at one place") for g in same_place(sensors, members)]
     for key in ("quantity", "unit"):
@@ -233,8 +234,8 @@ def campaign_gains(
 ) -> tuple[list[SensorFinding], str | None]:
     """Gains of channels and of loggers (channels at one place, of one quantity or unit) by the rigid parts of one
     campaign, and a sentence on these parts; density (n_part, n_line, n, n): cross-spectra of accelerations in a few
-    parts of the campaign. Channels that a sentence of `mentioned` names are not judged again: a part with one of them is
-    left to it."""
+    parts of the campaign. Channels that a sentence of `mentioned` names are not judged again: a part with one of them
+    is left to it."""
     found: list[SensorFinding] = []
     rigid, covered = [], set()
     for members in rigid_candidates(sensors):
@@ -252,8 +253,8 @@ def campaign_gains(
                 continue
             covered |= channels
             found.append(_campaign_finding(one, own))
-    words = "; ".join(f"{', '.join(s.channel for s in own)} (gains from {100 * SIGMA * np.hypot(ALIKE, np.sqrt(share)):.0f} % "
-                      "show)" for own, share in rigid)
+    words = "; ".join(f"{', '.join(s.channel for s in own)} (gains from "
+                      f"{100 * SIGMA * np.hypot(ALIKE, np.sqrt(share)):.0f} % show)" for own, share in rigid)
     return found, f"rigid by position and record: {words}" if words else None
 
 
@@ -276,7 +277,7 @@ def _campaign_finding(one: WrongGain, sensors: Sequence[Sensor]) -> SensorFindin
     others = words_of([i for i in range(len(names)) if i not in one.members], names)
     return SensorFinding(
         name="common gain" if several else "gain", channel=channel, size=one.gain, std=one.std, rivals=rivals,
-        message=f"suspect: {channel} read{'' if several else 's'} {one.gain:.3f} +- {one.std:.2g} times what {others} say "
-        "of the rigid part that they share"
+        message=f"suspect: {channel} read{'' if several else 's'} {one.gain:.3f} +- {one.std:.2g} times what {others} "
+        "say of the rigid part that they share"
         + (f"; it may be {' or '.join(rivals)} instead" if rivals else "")
         + f": check {'their logger and its unit' if several else 'its scale, sign and unit'}, or those of the others")

@@ -45,8 +45,9 @@ class RateRatio:
 
 def rotor_lines_against_scada(campaign: Campaign, *, progress: Progress = silent) -> RateRatio:
     """The rotor's lines in the records over where SCADA's rotor speed puts them: ratio and its standard deviation, from
-    up to 720 ten-minute rows of blocks evenly spread over the campaign. The true sampling rate is the stated one divided
-    by the ratio. NaN, with the rows that were looked at, where SCADA has no rotor speed or no line stands out."""
+    up to 720 ten-minute rows of blocks evenly spread over the campaign. The true sampling rate is the stated one
+    divided by the ratio. NaN, with the rows that were looked at, where SCADA has no rotor speed or no line stands
+    out."""
     if campaign.scada is None or "rotor_speed_rpm" not in campaign.scada:
         return rate_ratio([])
     files = list(block_files(campaign).items())

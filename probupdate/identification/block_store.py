@@ -41,7 +41,7 @@ HEAD = "store.json"
 POLES, DEVIATIONS = ".poles.npz", ".deviations.npz"
 # unpacked arrays of one block
 LARGEST_BLOCK = 512 * 2**20
-# a record up to this size is known by all its bytes, a larger one by so many pieces of that size, head and tail with them
+# a record up to this size is known by all its bytes, a larger one by so many pieces of that size, head and tail too
 WHOLE_BYTES, PIECES, PIECE_BYTES = 16 * 2**20, 64, 64 * 2**10
 TIMED = ", changed "
 ANEW = "give another --out, or delete that folder to start anew"

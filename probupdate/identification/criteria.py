@@ -26,9 +26,8 @@ class SelectionCriteria:
     angle within pitch_range_deg. Idling or parked: the block's state, told by the power of its ten-minute rows, is one
     of `states` (empty: any), and rotor_speed_rpm at most. The modes of `required` identified (None: all that are
     labelled FA or SS; where none is, those that at least `required_share` of the usable blocks have, so that a mode
-    that shows now and then decides nothing). FA/SS perpendicular: the shapes of one number at least least_angle_deg apart where the
-    two are resolved, unresolved_angle_deg where not; the angle whose squared cosine is their MAC.
-    """
+    that shows now and then decides nothing). FA/SS perpendicular: the shapes of one number at least least_angle_deg
+    apart where the two are resolved, unresolved_angle_deg where not; the angle whose squared cosine is their MAC. """
 
     yaw_rate_degps: float = 0.05
     heading_range_deg: float = 1.0
@@ -165,8 +164,8 @@ def perpendicular_pairs(labels: tuple[str, ...]) -> list[tuple[int, int]]:
 
 
 def pair_angle_deg(s: ModalSet, i: int, j: int) -> float:
-    """Angle between two shapes of a set, acos sqrt(MAC): 90 where they are perpendicular; NaN where one is missing, or seen
-    by no channel of the other."""
+    """Angle between two shapes of a set, acos sqrt(MAC): 90 where they are perpendicular; NaN where one is missing, or
+    seen by no channel of the other."""
     if not (s.measured[i] and s.measured[j]):
         return np.nan
     a, b = s.shape[:, i], s.shape[:, j]
