@@ -2,7 +2,7 @@
 
 References stay where they are, so what they read of a mode goes in one proportion in every setup: a setup in which the
 proportion differs has another gain. And what setups saw one after the other makes one shape through the references:
-rovers and references on one rigid part, wherever it is (`rigid_bodies`), say what is wrong in all setups alike. """
+rovers and references on one rigid part, wherever it is (`rigid_bodies`), say what is wrong in all setups alike."""
 
 from __future__ import annotations
 
@@ -448,7 +448,7 @@ def _finding(one: WrongGain, sensors: Sequence[Sensor], owner, references: Seque
         "direction is" if one.gain < 0 else "scale is")
     return SensorFinding(
         name="reference" if reference else "gain", channel=channel, size=one.gain, std=one.std, rivals=rivals,
-        message=f"suspect: {channel} read{'s' if len(one.members) == 1 else ''} {one.gain:.3f} +- {one.std:.2g} times what {others} say of the rigid part "
-        f"that they share: the stated {wrong} wrong"
+        message=f"suspect: {channel} read{'s' if len(one.members) == 1 else ''} {one.gain:.3f} +- {one.std:.2g} times "
+        f"what {others} say of the rigid part that they share: the stated {wrong} wrong"
         + (f"; it may be {' or '.join(rivals)} instead" if rivals else "")
         + f": {_advice(one.gain)}, or that of the others")

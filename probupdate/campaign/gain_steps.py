@@ -3,7 +3,7 @@
 At every frequency a channel is predicted from the others by the regression of the whole campaign (Wiener filter). By
 how much it follows that prediction, piece by piece, is its gain against its own mean: neither the level of vibration
 nor positions or directions matter, only that motion is seen by more channels than it has parts. A change common to all
-channels is not seen, nor one of a channel that the others do not predict. """
+channels is not seen, nor one of a channel that the others do not predict."""
 
 from __future__ import annotations
 

@@ -150,8 +150,8 @@ def heading_findings(found: HeadingOffset) -> tuple[list[SensorFinding], str | N
     return [SensorFinding(
         name="nacelle heading", channel="nacelle_heading_deg", size=found.offset_deg, std=found.std_deg, unit="deg",
         message=f"suspect: the nacelle's stated heading {what}{'is off' if wrong else 'agrees else'}: fore-aft lies "
-        f"{text} from it by the planes of bending of {found.blocks} running blocks (180 deg is not told): check its zero, "
-        "x_axis_heading_deg and the sensors' directions on site")], None
+        f"{text} from it by the planes of bending of {found.blocks} running blocks (180 deg is not told): check its "
+        "zero, x_axis_heading_deg and the sensors' directions on site")], None
 
 
 def _band(sway: Sway, lowest_hz: float) -> np.ndarray:

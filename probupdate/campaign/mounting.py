@@ -99,9 +99,9 @@ def levelled(sensors: tuple[Sensor, ...]) -> tuple[Sensor, ...]:
 
 
 def is_upright(sensors: tuple[Sensor, ...]) -> bool:
-    """Whether the sensors stand above one another: twice as high as wide, on two levels or more."""
+    """Whether the sensors stand above one another: twice as high as wide."""
     extent = np.ptp([s.position_m for s in sensors], axis=0)
-    return len({s.level for s in sensors}) > 1 and extent[2] > 2 * np.hypot(extent[0], extent[1])
+    return bool(extent[2] > 2 * np.hypot(extent[0], extent[1]))
 
 
 def _horizontal(sensor: Sensor) -> bool:

@@ -3,7 +3,7 @@
 Sensors at one height, at one place, or in one cross-section of something long may be fixed to one rigid body: six
 motions explain what they all see, whatever their directions. Whether they are is asked of the data: only if one change
 of gain, of one channel or of channels with something in common, leaves next to nothing unexplained is the part taken as
-rigid. """
+rigid."""
 
 from __future__ import annotations
 
