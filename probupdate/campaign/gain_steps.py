@@ -155,13 +155,12 @@ def gain_steps(
                 # those of one place may have one logger
                 tried += [_undone(density, series, g, every[c].at) for g in place
                           if c in g and able[list(g)].all() and not any(t[1] == g for t in tried)]
+        tried = [t for t in tried if abs(t[3] - 1) > SIGMA * t[4]]
         if not tried:
             break
         # several channels are taken for one only where they leave clearly less
         tried.sort(key=lambda t: t[0] + ALIKE * (len(t[1]) > 1))
         left, members, at, factor, std, density, series = tried[0]
-        if not abs(factor - 1) > SIGMA * std:
-            break
         rivals = tuple(known[t[1][0]] for t in tried[1:] if t[0] < left + ALIKE and len(t[1]) == 1
                        and t[1][0] not in members)
         steps += [(known[c], at, factor, std, rivals) for c in members]
