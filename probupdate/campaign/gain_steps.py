@@ -142,9 +142,9 @@ def gain_steps(
     while len(steps) < MOST_STEPS:
         every = {c: _step(series[:, c]) for c in np.flatnonzero(able)}
         order = sorted(every, key=lambda c: -abs(every[c].score))
-        if abs(every[order[0]].score) <= SIGMA and _reversal(density) is None:
-            break
         reversed_at = _reversal(density)
+        if abs(every[order[0]].score) <= SIGMA and reversed_at is None:
+            break
         tried = []
         if reversed_at is not None:
             c, at, factor = reversed_at
