@@ -23,7 +23,7 @@ from probupdate.modes import Sensor, frozen_array
 # by so much (one standard deviation) the gains of sound sensors and the structure's own shapes may change
 STABLE = 0.01
 # fewest pieces in all, and on each side of a change; a piece is a block, or part of one where there are few
-FEWEST_PIECES, FEWEST_BESIDE = 12, 3
+FEWEST_PIECES, FEWEST_BESIDE = 12, 4
 # frequencies and bytes kept of a campaign's pieces
 MOST_LINES, MOST_BYTES = 128, 96 * 2**20
 # relative noise that every channel is given in the regression: no prediction rests on smaller differences
@@ -256,7 +256,11 @@ def _step(series: np.ndarray, at: int | None = None) -> _Step:
     # what lasts from piece to piece makes means less certain: an autoregression of the first order
     alike = float(left[1:] @ left[:-1]) / max(float(left @ left), 1e-300)
     alike = min(max(alike, 0.0), 0.9)
-    std = np.sqrt(variance * (1 / at + 1 / (n - at)) * (1 + alike) / (1 - alike))
+    # calm pieces scatter more than others: each side by its own scatter where that is larger, known as well as its
+    # number allows (the variance of Student's t)
+    sides = [(at, float(np.var(left[:at], ddof=1))), (n - at, float(np.var(left[at:], ddof=1)))]
+    spread = sum(max(variance, own * (m - 1) / (m - 3)) / m for m, own in sides)
+    std = np.sqrt(spread * (1 + alike) / (1 - alike))
     base = before[k] if abs(before[k]) > 0.05 else 1.0
     return _Step(at=at, size=float((after[k] - before[k]) / abs(base)), std=float(std / abs(base)))
 
