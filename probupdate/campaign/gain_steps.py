@@ -134,13 +134,13 @@ def gain_steps(
     ids, density, known = prepared
     steps: list[tuple[int, int, float, float, tuple[int, ...]]] = []
     place = same_place([sensors[k] for k in known], range(len(known)))
-    series = _gains(density)
+    series, weight = _gains(density), _weights(density)
     able = np.isfinite(series).all(axis=0)
     if not able.any():
         return [], None
-    least = 100 * SIGMA * np.hypot([_step(series[:, c]).std for c in np.flatnonzero(able)], STABLE)
+    least = 100 * SIGMA * np.hypot([_step(series[:, c], weight[:, c]).std for c in np.flatnonzero(able)], STABLE)
     while len(steps) < MOST_STEPS:
-        every = {c: _step(series[:, c]) for c in np.flatnonzero(able)}
+        every = {c: _step(series[:, c], weight[:, c]) for c in np.flatnonzero(able)}
         order = sorted(every, key=lambda c: -abs(every[c].score))
         reversed_at = _reversal(density)
         if abs(every[order[0]].score) <= SIGMA and reversed_at is None:
@@ -148,12 +148,12 @@ def gain_steps(
         tried = []
         if reversed_at is not None:
             c, at, factor = reversed_at
-            tried = [_undone(density, series, (c,), at, factor)]
+            tried = [_undone(density, series, weight, (c,), at, factor)]
         for c in order[:MOST_TRIED] if not tried else ():
             if abs(every[c].score) > 0.5 * SIGMA:
-                tried.append(_undone(density, series, (c,), every[c].at))
+                tried.append(_undone(density, series, weight, (c,), every[c].at))
                 # those of one place may have one logger
-                tried += [_undone(density, series, g, every[c].at) for g in place
+                tried += [_undone(density, series, weight, g, every[c].at) for g in place
                           if c in g and able[list(g)].all() and not any(t[1] == g for t in tried)]
         tried = [t for t in tried if abs(t[3] - 1) > SIGMA * t[4]]
         if not tried:
@@ -243,23 +243,51 @@ def _gains(density: np.ndarray) -> np.ndarray:
     return np.where(good, gain / np.where(good, middle, 1.0), np.nan)
 
 
-def _step(series: np.ndarray, at: int | None = None) -> _Step:
-    """The step that leaves least of a series, or that at a given place, relative to the mean before it."""
+def _weights(density: np.ndarray) -> np.ndarray:
+    """(n_piece, n) weight of every piece in a channel's series, mean 1: one over the variance that what its piece
+    leaves unexplained gives the gain (calm pieces are noise) and the typical one, as no piece is without error."""
+    mean = density.mean(axis=0)
+    n = mean.shape[1]
+    noise, bottom = np.zeros((2, len(density), n))
+    for q in range(len(mean)):
+        own = mean[q].diagonal().real
+        scale = np.sqrt(np.maximum(own, 1e-300))
+        inverse = np.linalg.inv(mean[q] / np.outer(scale, scale) + RIDGE * np.eye(n))
+        a = -(inverse / inverse.diagonal()[:, None]).conj()
+        np.fill_diagonal(a, 0)
+        a = a / scale[None, :] * scale[:, None]
+        product = a.conj() @ density[:, q]
+        predicted = np.einsum("bcj,cj->bc", product, a).real
+        left = np.einsum("bcc->bc", density[:, q]).real - 2 * np.einsum("bcc->bc", product).real + predicted
+        weight = 1 / np.maximum(left.mean(axis=0), RIDGE * own)
+        noise += weight**2 * np.maximum(left, 0) * np.maximum(predicted, 0)
+        bottom += weight * np.maximum(predicted, 0)
+    variance = noise / np.maximum(bottom, 1e-300) ** 2
+    weight = 1 / (np.median(variance, axis=0) + variance + 1e-300)
+    return weight / weight.mean(axis=0)
+
+
+def _step(series: np.ndarray, weight: np.ndarray, at: int | None = None) -> _Step:
+    """The step that leaves least of a series (n_piece,) with weights, or that at a given place, relative to the mean
+    before it. Each side's mean is as uncertain as its own scatter says, or that of both where it is larger."""
     n = len(series)
     places = np.arange(FEWEST_BESIDE, n - FEWEST_BESIDE + 1) if at is None else np.array([at])
-    total = np.cumsum(series)
-    before, after = total[places - 1] / places, (total[-1] - total[places - 1]) / (n - places)
-    k = int(np.argmax(places * (n - places) * (after - before) ** 2))
+    total, moment = np.cumsum(weight), np.cumsum(weight * series)
+    first, second = total[places - 1], total[-1] - total[places - 1]
+    before, after = moment[places - 1] / first, (moment[-1] - moment[places - 1]) / second
+    k = int(np.argmax(first * second * (after - before) ** 2))
     at = int(places[k])
-    left = np.concatenate([series[:at] - before[k], series[at:] - after[k]])
+    left = np.concatenate([series[:at] - before[k], series[at:] - after[k]]) * np.sqrt(weight)
     variance = float(left @ left) / (n - 2)
     # what lasts from piece to piece makes means less certain: an autoregression of the first order
     alike = float(left[1:] @ left[:-1]) / max(float(left @ left), 1e-300)
     alike = min(max(alike, 0.0), 0.9)
-    # calm pieces scatter more than others: each side by its own scatter where that is larger, known as well as its
-    # number allows (the variance of Student's t)
-    sides = [(at, float(np.var(left[:at], ddof=1))), (n - at, float(np.var(left[at:], ddof=1)))]
-    spread = sum(max(variance, own * (m - 1) / (m - 3)) / m for m, own in sides)
+    spread = 0.0
+    for own, weights in ((left[:at], weight[:at]), (left[at:], weight[at:])):
+        m = len(own)
+        # known as well as its number allows (the variance of Student's t)
+        scatter = max(variance, float(own @ own) / (m - 3))
+        spread += scatter / float(weights.sum())
     std = np.sqrt(spread * (1 + alike) / (1 - alike))
     base = before[k] if abs(before[k]) > 0.05 else 1.0
     return _Step(at=at, size=float((after[k] - before[k]) / abs(base)), std=float(std / abs(base)))
@@ -299,7 +327,9 @@ def _reversal(density: np.ndarray) -> tuple[int, int, float] | None:
     return (c, int(places[k]), -float(size[k, c])) if gained[c] > TURNED else None
 
 
-def _undone(density: np.ndarray, series: np.ndarray, members: tuple[int, ...], at: int, start: float = 1.0):
+def _undone(
+    density: np.ndarray, series: np.ndarray, weight: np.ndarray, members: tuple[int, ...], at: int, start: float = 1.0
+):
     """(what is left of all channels' steps, members, at, factor, its deviation, density, series) with the gain of some
     channels taken back from piece `at` on by the factor that leaves their own series without a step there."""
     factor, more, now = 1.0, start, density
@@ -311,12 +341,13 @@ def _undone(density: np.ndarray, series: np.ndarray, members: tuple[int, ...], a
                 now[at:, :, c, :] /= more
                 now[at:, :, :, c] /= more
             series = _gains(now)
-        size = float(np.mean([_step(series[:, c], at).size for c in members]))
+        size = float(np.mean([_step(series[:, c], weight[:, c], at).size for c in members]))
         if not abs(size) >= 0.05 * STABLE or abs(1 + size) < 0.02:
             break
         more = 1 + size
-    scores = [_step(series[:, j]).score for j in range(series.shape[1]) if np.isfinite(series[:, j]).all()]
-    spread = [_step(series[:, c], at).std for c in members]
+    known = np.flatnonzero(np.isfinite(series).all(axis=0))
+    scores = [_step(series[:, j], weight[:, j]).score for j in known]
+    spread = [_step(series[:, c], weight[:, c], at).std for c in members]
     std = float(np.mean(spread)) if np.isfinite(spread).all() else np.inf
     left, error = float(np.sum(np.square(scores))), float(np.hypot(std, STABLE) * abs(factor))
     return left, members, at, factor, error, now, series
