@@ -6,8 +6,8 @@ compare, report, demo, modes, export. They are loaded when first used, so that i
 
 __version__ = "0.1.0"
 
-_STEPS = ("check", "compare", "convert", "diagnose", "export", "figures", "identify", "identify_setups", "inform", "model_modes",
-          "open_model", "regress", "report", "sample", "select", "sets", "simulate", "update")
+_STEPS = ("check", "check_setups", "compare", "convert", "diagnose", "export", "figures", "identify", "identify_setups",
+          "inform", "model_modes", "open_model", "regress", "report", "sample", "select", "sets", "simulate", "update")
 
 __all__ = ["__version__", "demo", "modes", *_STEPS]
 

@@ -130,10 +130,17 @@ def run_export(a: argparse.Namespace, progress: Progress) -> None:
 def run_check(a: argparse.Namespace, progress: Progress) -> None:
     import probupdate
 
-    result = probupdate.check(a.campaign, progress=progress)
-    say(result.summary)
-    if a.out:
-        result.write(a.out)
+    several = len(a.campaign) > 1
+    if several and a.out:
+        raise InputError("--out", "holds one campaign's check", "check each setup with --out, and all of them without")
+    for campaign in a.campaign:
+        result = probupdate.check(campaign, progress=progress)
+        say(result.summary)
+        if a.out:
+            result.write(a.out)
+    if several:
+        say(f"between {len(a.campaign)} setups:")
+        say(probupdate.check_setups(a.campaign, progress=progress).summary)
 
 
 def run_convert(a: argparse.Namespace, progress: Progress) -> None:
@@ -166,8 +173,8 @@ def run_select(a: argparse.Namespace, progress: Progress) -> None:
     import probupdate
 
     result = probupdate.select(
-        a.modes, scada=a.scada, criteria=a.criteria, deviations=a.deviations, rated_power_kw=a.rated_power,
-        count=a.count)
+        a.modes, scada=a.scada, criteria=a.criteria, preset=a.preset, deviations=a.deviations,
+        rated_power_kw=a.rated_power, count=a.count)
     for path in result.write(a.out):
         say(f"wrote {path}")
     say(result.summary)
@@ -403,7 +410,8 @@ def build_parser() -> argparse.ArgumentParser:
     p.add_argument("--description", help="convert.toml (default: the campaign's)")
 
     p = verb("check", run_check, "what a campaign holds, what is wrong with it, what can be done with it")
-    p.add_argument("campaign", metavar="CAMPAIGN", help="directory with campaign.toml and acceleration/")
+    p.add_argument("campaign", metavar="CAMPAIGN", nargs="+", help="directory with campaign.toml and acceleration/; "
+                   "several: setups of one structure, whose references are compared too")
     p.add_argument("--out", help="write the findings as JSON too")
 
     p = verb("identify", run_identify, "modes of every block by SSI-cov, and every pole with what became of it")
@@ -426,6 +434,8 @@ def build_parser() -> argparse.ArgumentParser:
     p = verb("select", run_select, "the sets an update may trust (Table 1), and the most consistent one")
     p.add_argument("modes", metavar="MODES", help="modes.json of `identify`")
     p.add_argument("--scada", help="scada.csv (default: the environment kept in MODES)")
+    p.add_argument("--preset", choices=("turbine", "structure"), default="turbine", help="what is asked: Table 1 "
+                   "(default), or of another structure nothing of rotor and nacelle, only that its modes are identified")
     p.add_argument("--criteria", help="TOML file with thresholds of Table 1, such as pitch_range_deg = 2.0 (README)")
     p.add_argument("--deviations", choices=("campaign", "identification"), default="campaign",
                    help="what kept sets carry: scatter over all blocks, as the paper (default), or what identification "

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from probupdate.campaign.between_setups import SetupComparison, compare_setups
 from probupdate.campaign.checking import CampaignCheck
 from probupdate.campaign.checking import check as check_campaign
 from probupdate.campaign.converting import Conversion
@@ -27,7 +28,7 @@ from probupdate.estimators.posterior_file import Posterior, read_posterior, writ
 from probupdate.estimators.update_file import UNLIKE, UpdateRecord, read_update
 from probupdate.estimators.updating import deterministic_update, sample_posterior
 from probupdate.files import read_bytes
-from probupdate.identification.criteria import read_criteria
+from probupdate.identification.criteria import TURBINE, preset_criteria, read_criteria
 from probupdate.identification.identify import Identification, SSISettings
 from probupdate.identification.identify import identify as identify_campaign
 from probupdate.identification.proposal import propose
@@ -55,8 +56,8 @@ if TYPE_CHECKING:
     from probupdate.lifetime.export import Export
     from probupdate.model import Model
 
-__all__ = ["check", "compare", "convert", "export", "figures", "identify", "identify_setups", "inform", "model_modes", "open_model",
-           "regress",            "report", "sample", "select", "sets", "simulate", "update"]
+__all__ = ["check", "check_setups", "compare", "convert", "export", "figures", "identify", "identify_setups", "inform",
+           "model_modes", "open_model", "regress", "report", "sample", "select", "sets", "simulate", "update"]
 
 # global modes looked for: first and second bending pairs and the torsion between them (the paper's first five)
 MODES_OF_INTEREST = ("FA1", "SS1", "T1", "FA2", "SS2")
@@ -146,6 +147,21 @@ class _Surroundings:
 def check(campaign: str | Path, *, progress: Progress = silent) -> CampaignCheck:
     """What a campaign holds, what is wrong with it, what can be done with it."""
     return check_campaign(read_campaign(campaign), progress=progress)
+
+
+def check_setups(campaigns: Sequence[str | Path], *, progress: Progress = silent) -> SetupComparison:
+    """Setups of one structure, a campaign folder each, with some channels in common: gains of references that differ
+    between setups, or are wrong in all. What each holds alone is `check`'s."""
+    paths = [Path(c) for c in campaigns]
+    return compare_setups([read_campaign(path) for path in paths], setup_names(paths), progress=progress)
+
+
+def setup_names(paths: Sequence[Path]) -> list[str]:
+    """The folders' own names. Raises InputError where two are alike."""
+    names = [path.resolve().name for path in paths]
+    if len(set(names)) < len(names):
+        raise InputError("setups", "two campaign folders have one name", "name each folder by its setup")
+    return names
 
 
 def convert(
@@ -272,9 +288,7 @@ def identify_setups(
     store: folder below which each setup keeps its blocks, under its campaign folder's name.
     """
     paths = [Path(c) for c in campaigns]
-    names = [path.resolve().name for path in paths]
-    if len(set(names)) < len(names):
-        raise InputError("setups", "two campaign folders have one name", "name each folder by its setup")
+    names = setup_names(paths)
     opened = [read_campaign(path) for path in paths]
     settings, said = _settings(opened, model, order=order, block_rows=block_rows, rate_hz=rate_hz, harmonics=harmonics)
     reference, others, channels = None, None, ()
@@ -353,18 +367,21 @@ def select(
     *,
     scada: str | Path | None = None,
     criteria: str | Path | None = None,
+    preset: str = TURBINE,
     deviations: str = CAMPAIGN,
     rated_power_kw: float | None = None,
     count: int = 9,
 ) -> Selection:
     """The sets an update may trust by the criteria of Table 1, and the most consistent one.
 
-    criteria: a TOML file with thresholds other than the defaults. rated_power_kw: of the turbine, for the states told
+    preset: 'turbine' (Table 1) or 'structure', which asks nothing of rotor and nacelle. criteria: a TOML file with
+    thresholds other than the preset's. rated_power_kw: of the turbine, for the states told
     from `scada`; without, the highest power in it. deviations: see `identification.selection.select`.
     """
     return select_sets(
         read_modes(modes), read_scada(scada) if scada else None, count=count, deviations=deviations,
-        criteria=read_criteria(criteria) if criteria else None, state_rule=StateRule(rated_power_kw=rated_power_kw),
+        criteria=read_criteria(criteria, preset) if criteria else preset_criteria(preset),
+        state_rule=StateRule(rated_power_kw=rated_power_kw),
     )
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
@@ -19,12 +19,16 @@ from probupdate.campaign.findings import (
     mounting_findings,
     rate_findings,
     scale_findings,
+    sensor_findings,
 )
-from probupdate.campaign.mounting import suspicions
+from probupdate.campaign.gain_steps import FEWEST_PIECES, lines_kept, parts_of_block, whole_piece
+from probupdate.campaign.heading import Sway, block_sway
+from probupdate.campaign.mounting import levelled, lowest_motion_hz, suspicions
 from probupdate.campaign.reading import Campaign
-from probupdate.campaign.rotor_lines import line_scores, rate_ratio
+from probupdate.campaign.rotor_lines import MOST_ROWS, line_scores, rate_ratio
 from probupdate.campaign.samples import channel_table
 from probupdate.campaign.scada import COLUMNS, StateRule, block_conditions, with_rated_power
+from probupdate.campaign.sensor_findings import SensorFinding
 from probupdate.campaign.spectra import cross_spectra, in_acceleration
 from probupdate.files import write_json, write_table
 from probupdate.progress import Progress, silent
@@ -42,15 +46,14 @@ USES = {
 }
 # channels are compared with one another in so many blocks, evenly spread over a longer campaign
 MOST_COMPARED = 240
-# and rotor lines are sought in so many ten-minute rows at most
-MOST_ROWS = 720
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class CampaignCheck:
     """table: a row per block and channel (see samples.channel_table) with delay_ms (how late it is, where compared)
     and suspicion; blocks: a row per block with id, state, excluded, notes; findings: what is wrong, in sentences, those
-    that begin with 'suspect' inferred from other channels; uses: what can be done, in sentences."""
+    that begin with 'suspect' inferred from other channels; measured: those of them that have a size, as values; uses:
+    what can be done, in sentences."""
 
     campaign: str
     table: pd.DataFrame
@@ -58,13 +61,15 @@ class CampaignCheck:
     findings: tuple[str, ...]
     uses: tuple[str, ...]
     summary: str
+    measured: tuple[SensorFinding, ...] = ()
 
     def write(self, path: str | Path) -> Path:
-        """JSON: campaign, findings, uses, blocks, channels (a summary per channel); beside it `<stem>.channels.csv`,
-        the table."""
+        """JSON: campaign, findings, measured, uses, blocks, channels (a summary per channel); beside it
+        `<stem>.channels.csv`, the table."""
         path = Path(path)
         content = {
-            "campaign": self.campaign, "findings": list(self.findings), "uses": list(self.uses),
+            "campaign": self.campaign, "findings": list(self.findings), "measured": [asdict(f) for f in self.measured],
+            "uses": list(self.uses),
             "blocks": self.blocks.to_dict("records"), "channels": _records(_per_channel(self.table)),
         }
         write_json(path, content)
@@ -77,7 +82,9 @@ def check(campaign: Campaign, *, progress: Progress = silent) -> CampaignCheck:
     rule = with_rated_power(StateRule(rated_power_kw=campaign.rated_power_kw), campaign.scada)
     files = block_files(campaign)
     stride = -(-len(files) // MOST_COMPARED)
-    tables, heads, overlaps, compared, lines = [], [], 0, [], []
+    n_compared = max(-(-len(files) // stride), 1)
+    pieces = -(-FEWEST_PIECES // n_compared)
+    tables, heads, overlaps, compared, lines, sways = [], [], 0, [], [], []
     for number, (start, touching) in enumerate(files.items()):
         progress("checking blocks", number, len(files))
         block = read_block(campaign, start, touching)
@@ -86,17 +93,21 @@ def check(campaign: Campaign, *, progress: Progress = silent) -> CampaignCheck:
         overlaps += any("two files" in n for n in block.notes)
         rows = channel_table(block, campaign.channels)
         if number % stride == 0:
-            found = compare_block(campaign, block, state, conditions, rows)
+            found = compare_block(campaign, block, state, conditions, rows, pieces=pieces, n_compared=n_compared)
             rows = rows.assign(delay_ms=np.nan if found is None else 1e3 * found.delay_s,
                                suspicion=_named(campaign, found))
             compared += [] if found is None else [found]
             if campaign.scada is not None and len(lines) < MOST_ROWS:
                 lines += line_scores(block, campaign.scada)
+            if campaign.scada is not None:
+                usable = np.isfinite(block.data).all(axis=0) & ~rows["flat"].to_numpy(bool)
+                sway = block_sway(block, campaign.sensors, usable, conditions)
+                sways += [] if sway is None else [sway]
         tables.append(rows)
         heads.append({"id": block.id, "state": state, "excluded": block.excluded, "notes": "; ".join(block.notes)})
     progress("checking blocks", len(files), len(files))
     table, head = pd.concat(tables, ignore_index=True), pd.DataFrame(heads)
-    findings, able = _findings(campaign, table, head, overlaps, compared, rate_ratio(lines))
+    findings, able, measured = _findings(campaign, table, head, overlaps, compared, rate_ratio(lines), sways)
     uses = (*_uses(campaign, head, table), *able)
     if stride > 1:
         uses = (*uses, f"channels were compared with one another in every {stride}th block")
@@ -106,15 +117,18 @@ def check(campaign: Campaign, *, progress: Progress = silent) -> CampaignCheck:
         *(f"found: {t}" for t in findings), *(f"can do: {t}" for t in uses),
     ])
     return CampaignCheck(
-        campaign=campaign.name, table=table, blocks=head, findings=findings, uses=uses, summary=summary
+        campaign=campaign.name, table=table, blocks=head, findings=findings, uses=uses, summary=summary,
+        measured=measured,
     )
 
 
 def compare_block(
-    campaign: Campaign, block: Block, state: str, conditions: Mapping, rows: pd.DataFrame
+    campaign: Campaign, block: Block, state: str, conditions: Mapping, rows: pd.DataFrame, *, pieces: int = 0,
+    n_compared: int = MOST_COMPARED,
 ) -> Compared | None:
     """One block's channels against one another; None where the block's samples do not allow it. Channels with
-    lost samples, and those that stand still, are left out."""
+    lost samples, and those that stand still, are left out. pieces: parts whose cross-spectra are kept (0: none), as one
+    of n_compared blocks."""
     n = len(campaign.sensors)
     usable = np.isfinite(block.data).all(axis=0) & ~rows["flat"].to_numpy(bool)
     if usable.sum() < 2:
@@ -128,8 +142,15 @@ def compare_block(
     late = delays(spectra, sensors, _rotor_bands(conditions))
     delay, std = np.full(n, np.nan), np.full(n, np.nan)
     delay[usable], std[usable] = late.delay_s, late.std_s
+    lowest = lowest_motion_hz(spectra, levelled(sensors), list(range(len(sensors))))
+    kept = ()
+    if pieces == 1:
+        kept = (whole_piece(block.id, spectra, usable, lines_kept(n, n_compared)),)
+    elif pieces:
+        kept = tuple(parts_of_block(block.id, block.data, rate, campaign.sensors, usable, pieces,
+                                    lines_kept(n, n_compared * pieces)))  # fmt: skip
     return Compared(id=block.id, start=block.start, state=state, suspicions=tuple(suspicions(spectra, sensors)),
-                    delay_s=delay, delay_std_s=std)
+                    delay_s=delay, delay_std_s=std, lowest_hz=np.nan if lowest is None else lowest, pieces=kept)
 
 
 def _rotor_bands(conditions: Mapping) -> np.ndarray:
@@ -147,18 +168,23 @@ def _named(campaign: Campaign, found: Compared | None) -> list[str]:
     return [", ".join(s.kind for s in found.suspicions if c in s.channels) for c in campaign.channels]
 
 
-def _findings(campaign, table, head, overlaps, compared, ratio) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """What is wrong, and what the comparisons are able to tell."""
+def _findings(
+    campaign, table, head, overlaps, compared, ratio, sways: list[Sway]
+) -> tuple[tuple[str, ...], tuple[str, ...], tuple[SensorFinding, ...]]:
+    """What is wrong, what the comparisons are able to tell, and the findings that have a size."""
     single = [*channel_findings(table, campaign.sensors), *_quantities(campaign)]
     states = dict(zip(head["id"], head["state"], strict=True))
     clocks, clock_use = clock_findings(compared, campaign.channels)
     rates, rate_use = rate_findings(campaign, ratio)
     single += mounting_findings(compared, single)
+    measured, able = sensor_findings(campaign, compared, sways, single)
     findings = (
-        *_coverage(campaign, head, overlaps), *single, *clocks, *rates,
+        *_coverage(campaign, head, overlaps), *single, *(f.message for f in measured), *clocks, *rates,
         *scale_findings(table, states, campaign.sensors, single), *_scada_findings(campaign),
     )
-    return findings, tuple(u for u in (clock_use, rate_use) if u is not None)
+    measured += [SensorFinding(name="sampling rate", channel=", ".join(campaign.channels), size=1 / ratio.ratio,
+                               std=ratio.std / ratio.ratio**2, message=text) for text in rates if "rotor" in text]
+    return findings, tuple(u for u in (clock_use, rate_use, *able) if u is not None), tuple(measured)
 
 
 def _coverage(campaign: Campaign, head: pd.DataFrame, overlaps: int) -> list[str]:

@@ -10,9 +10,13 @@ import numpy as np
 import pandas as pd
 
 from probupdate.campaign import mounting
+from probupdate.campaign.gain_steps import Piece, gain_steps, parts_of_campaign
+from probupdate.campaign.heading import Sway, heading_findings, heading_offset
 from probupdate.campaign.mounting import Suspicion
 from probupdate.campaign.reading import Campaign
+from probupdate.campaign.rigid_bodies import campaign_gains
 from probupdate.campaign.rotor_lines import RateRatio
+from probupdate.campaign.sensor_findings import SensorFinding
 from probupdate.modes import Sensor
 
 # a suspicion counts if this share of the blocks compared has it, or so many of eight blocks in a row
@@ -36,7 +40,8 @@ GRAVITY = 9.80665
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Compared:
-    """One block whose channels were compared: its suspicions, delays (n_channel,) with their deviations, in s."""
+    """One block whose channels were compared: its suspicions, delays (n_channel,) with their deviations, in s, the
+    frequency of its lowest motion and its cross-spectra in one or several pieces."""
 
     id: str
     start: pd.Timestamp
@@ -44,6 +49,8 @@ class Compared:
     suspicions: tuple[Suspicion, ...]
     delay_s: np.ndarray
     delay_std_s: np.ndarray
+    lowest_hz: float = float("nan")
+    pieces: tuple[Piece, ...] = ()
 
 
 def unit_hint(factor: float) -> str:
@@ -180,6 +187,30 @@ def _sentence(kind: str, channels: tuple[str, ...], cases: list[Suspicion]) -> s
         text = f"suspect: {name} reads {size:.3g} times what other channels suggest: wrong unit or scale?"
         text += unit_hint(size).replace(",", " It is", 1)
     return text + (f"; it may be {', '.join(rivals)} instead" if rivals else "")
+
+
+def sensor_findings(
+    campaign: Campaign, compared: Sequence[Compared], sways: Sequence[Sway], mentioned: Sequence[str]
+) -> tuple[list[SensorFinding], list[str]]:
+    """What sensors say of one another over the whole campaign: gains that change, gains by rigid parts, the nacelle's
+    heading; and what these comparisons can tell. Channels that a sentence of `mentioned` names are judged by that."""
+    lowest = [b.lowest_hz for b in compared if np.isfinite(b.lowest_hz)]
+    if not lowest:
+        return [], []
+    lowest_hz = float(np.median(lowest))
+    pieces = [p for b in compared for p in b.pieces]
+    found, use = gain_steps(pieces, campaign.sensors, lowest_hz)
+    uses = [use] if use else []
+    parts = parts_of_campaign(pieces, lowest_hz)
+    if parts is not None:
+        density, known = parts
+        steady = [*mentioned, *(f.message for f in found)]
+        gains, use = campaign_gains(density, [campaign.sensors[k] for k in known], steady)
+        found, uses = [*found, *gains], [*uses, *([use] if use else [])]
+    if sways or (campaign.scada is not None and "nacelle_heading_deg" in campaign.scada):
+        heading, use = heading_findings(heading_offset(sways, campaign.x_axis_heading_deg, lowest_hz))
+        found, uses = [*found, *heading], [*uses, *([use] if use else [])]
+    return found, uses
 
 
 # Clocks and rates ---------------------------------------------------------------------------------------------------

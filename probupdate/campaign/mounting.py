@@ -9,11 +9,12 @@ neither (a bridge's deck) are not judged.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import combinations
 
 import numpy as np
 
+from probupdate.campaign.rigid_bodies import rigid_candidates
 from probupdate.campaign.spectra import CrossSpectra
 from probupdate.modes import Sensor
 
@@ -50,7 +51,9 @@ class Suspicion:
 
 
 def suspicions(spectra: CrossSpectra, sensors: tuple[Sensor, ...]) -> list[Suspicion]:
-    """What one block says against its channels; all of one quantity. Nothing where nothing can be said."""
+    """What one block says against its channels; all of one quantity. Nothing where nothing can be said. Levels are
+    those of the sensors' positions, whatever their names."""
+    sensors = levelled(sensors)
     power = np.einsum("fii->i", spectra.density.real)
     alive = [i for i in range(len(sensors)) if power[i] > 0]
     dead = _dead(spectra, sensors, alive)
@@ -62,7 +65,12 @@ def suspicions(spectra: CrossSpectra, sensors: tuple[Sensor, ...]) -> list[Suspi
     along = {"horizontal": [i for i in alive if _horizontal(sensors[i])],
              "vertical": [i for i in alive if _vertical(sensors[i])]}
     # apart, as vertical channels are often little more than noise
-    for members in (m for some in along.values() for m in levels(sensors, some).values()):
+    apart = [m for some in along.values() for m in levels(sensors, some).values()]
+    # oblique ones see both
+    oblique = {sensors[i].level for i in alive if not _horizontal(sensors[i]) and not _vertical(sensors[i])}
+    apart = [m for m in apart if sensors[m[0]].level not in oblique]
+    apart += [m for level, m in levels(sensors, alive).items() if level in oblique]
+    for members in apart:
         for one in _rigid(spectra, sensors, members, lowest):
             level.append(one)
             if not one.ambiguous_with:
@@ -81,10 +89,19 @@ def levels(sensors: tuple[Sensor, ...], alive: list[int]) -> dict[str, list[int]
     return found
 
 
+def levelled(sensors: tuple[Sensor, ...]) -> tuple[Sensor, ...]:
+    """The same with levels named by the sensors' heights: those without a gap between them are one."""
+    of = {}
+    for members in rigid_candidates(sensors, axes=(2,), alone=True):
+        height = float(np.mean([sensors[i].position_m[2] for i in members]))
+        of |= dict.fromkeys(members, f"{height:.6g} m")
+    return tuple(replace(s, level=of[i]) for i, s in enumerate(sensors))
+
+
 def is_upright(sensors: tuple[Sensor, ...]) -> bool:
-    """Whether the sensors stand above one another: twice as high as wide, on two levels or more."""
+    """Whether the sensors stand above one another: twice as high as wide."""
     extent = np.ptp([s.position_m for s in sensors], axis=0)
-    return len({s.level for s in sensors}) > 1 and extent[2] > 2 * np.hypot(extent[0], extent[1])
+    return bool(extent[2] > 2 * np.hypot(extent[0], extent[1]))
 
 
 def _horizontal(sensor: Sensor) -> bool:
@@ -251,7 +268,14 @@ def _cantilever(spectra: CrossSpectra, sensors, alive: list[int], lowest: float)
     agree = [int(np.sum(np.abs(b.angle_deg()) < TURNED_DEG)) for b in candidates]
     sound = [b for b, n in zip(candidates, agree, strict=True) if n >= max(agree) - 2]
     best = max(sound, key=lambda b: height[b.reference])
-    return [*_directions(best, sensors), *_profile(best, sensors)]
+    found = [*_directions(best, sensors), *_profile(best, sensors)]
+    # a level that agrees with no other may be the one that is wrong
+    level = [sensors[i].level for i in best.members]
+    agrees = [v for v, a in zip(level, np.abs(best.angle_deg()), strict=True) if v != best.reference and a < TURNED_DEG]
+    if agrees:
+        return found
+    own = tuple(sensors[i].channel for i, v in zip(best.members, level, strict=True) if v == best.reference)
+    return [replace(s, ambiguous_with=tuple(dict.fromkeys((*s.ambiguous_with, *own)))) for s in found]
 
 
 def _bending(covariance, sensors, alive, across, plane, level, n_free) -> _Bending:

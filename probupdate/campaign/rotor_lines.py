@@ -12,9 +12,13 @@ import numpy as np
 import pandas as pd
 from scipy import fft
 
-from probupdate.campaign.blocks import Block
+from probupdate.campaign.blocks import Block, block_files, read_block
+from probupdate.campaign.reading import Campaign
+from probupdate.progress import Progress, silent
 
 ROW_S = 600.0
+# of a shorter block lines are sought if it is at least so long
+SHORTEST_S = 60.0
 HARMONICS = (1, 3, 6, 9)
 # the ratio is sought from a half to twice, in steps of 0.05 %
 RATIOS = np.exp(np.arange(np.log(0.45), np.log(2.2), 5e-4))
@@ -23,6 +27,8 @@ SLOWEST_RPM, STEADIEST = 3.0, 0.06
 # mean height above the surroundings (natural logarithm of power) that lines must have, and lead over any other ratio
 HEIGHT, LEAD = 0.7, 1.5
 FEWEST_ROWS = 6
+# and lines are sought in so many at most
+MOST_ROWS = 720
 # ten-minute means of a rotor speed that varies leave so much open, however many there are
 LEAST_STD = 0.002
 
@@ -37,21 +43,56 @@ class RateRatio:
     rows: int
 
 
+def rotor_lines_against_scada(campaign: Campaign, *, progress: Progress = silent) -> RateRatio:
+    """The rotor's lines in the records over where SCADA's rotor speed puts them: ratio and its standard deviation, from
+    up to 720 ten-minute rows of blocks evenly spread over the campaign. The true sampling rate is the stated one
+    divided by the ratio. NaN, with the rows that were looked at, where SCADA has no rotor speed or no line stands
+    out."""
+    if campaign.scada is None or "rotor_speed_rpm" not in campaign.scada:
+        return rate_ratio([])
+    files = list(block_files(campaign).items())
+    # blocks in which the rotor turned
+    turning = []
+    for start, touching in files:
+        end = start + pd.Timedelta(minutes=campaign.block_minutes)
+        rows = campaign.scada.iloc[campaign.scada.index.searchsorted(start): campaign.scada.index.searchsorted(end)]
+        if (rows["rotor_speed_rpm"] >= SLOWEST_RPM).any():
+            turning.append((start, touching))
+    per_block = max(campaign.block_minutes * 60 / ROW_S, 1.0)
+    n_block = min(len(turning), int(MOST_ROWS / per_block))
+    chosen = np.unique(np.round(np.linspace(0, len(turning) - 1, n_block)).astype(int))
+    scores: list[np.ndarray] = []
+    for number, k in enumerate(chosen if turning else ()):
+        progress("following the rotor's lines", number, len(chosen))
+        scores += line_scores(read_block(campaign, *turning[k]), campaign.scada)
+    progress("following the rotor's lines", len(chosen) if turning else 1, len(chosen) if turning else 1)
+    return rate_ratio(scores)
+
+
 def line_scores(block: Block, scada: pd.DataFrame) -> list[np.ndarray]:
-    """(n_ratio,) height of the spectrum along each ratio, one for every ten-minute row in which the rotor turned."""
+    """(n_ratio,) height of the spectrum along each ratio, one for every ten-minute row in which the rotor turned; of a
+    shorter block one, of the row that it lies in. Channels with lost samples are left out of that row."""
     found: list[np.ndarray] = []
     if "rotor_speed_rpm" not in scada:
         return found
     rate = block.sampling_rate_hz
     end = block.start + pd.Timedelta(minutes=block.minutes)
-    rows = scada.iloc[scada.index.searchsorted(block.start): scada.index.searchsorted(end)]
-    n = round(ROW_S * rate)
+    short = 60 * block.minutes < ROW_S
+    first_row = block.start - pd.Timedelta(seconds=ROW_S - 60 * block.minutes) if short else block.start
+    last = scada.index.searchsorted(block.start, "right") if short else scada.index.searchsorted(end)
+    rows = scada.iloc[scada.index.searchsorted(first_row): last]
+    n = len(block.data) if short else round(ROW_S * rate)
+    if n < SHORTEST_S * rate:
+        return found
     for time, row in rows.iterrows():
         rpm = float(row["rotor_speed_rpm"])
         unsteady = float(row.get("rotor_speed_rpm_std", np.nan)) / rpm if rpm > 0 else np.inf
-        first = round((time - block.start).total_seconds() * rate)
+        first = 0 if short else round((time - block.start).total_seconds() * rate)
         piece = block.data[first: first + n]
-        if not rpm >= SLOWEST_RPM or unsteady > STEADIEST or len(piece) < n or not np.isfinite(piece).all():
+        if not rpm >= SLOWEST_RPM or unsteady > STEADIEST or len(piece) < n:
+            continue
+        piece = piece[:, np.isfinite(piece).all(axis=0)]
+        if not piece.shape[1]:
             continue
         found.append(_score(piece, rate, rpm / 60, 0.01 if np.isnan(unsteady) else unsteady))
     return found
@@ -67,7 +108,7 @@ def _score(piece: np.ndarray, rate: float, turning_hz: float, unsteady: float) -
     window = np.hanning(len(piece))[:, None]
     power = np.abs(fft.rfft(piece[:, moving] / deviation[moving] * window, axis=0)) ** 2
     # each channel has one vote: the logarithm is taken before the mean
-    step = 1 / ROW_S
+    step = rate / len(piece)
     level = np.log(power + 1e-12 * power.max(axis=0)).mean(axis=1)
     total = np.zeros(len(RATIOS))
     for n in HARMONICS:

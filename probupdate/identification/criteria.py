@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Callable
-from dataclasses import dataclass, fields
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 
 import numpy as np
@@ -25,9 +25,9 @@ class SelectionCriteria:
     No yawing: yaw rate up to yaw_rate_degps and headings of the rows within heading_range_deg. No pitching: blade
     angle within pitch_range_deg. Idling or parked: the block's state, told by the power of its ten-minute rows, is one
     of `states` (empty: any), and rotor_speed_rpm at most. The modes of `required` identified (None: all that are
-    labelled FA or SS, or all). FA/SS perpendicular: the shapes of one number at least least_angle_deg apart where the
-    two are resolved, unresolved_angle_deg where not; the angle whose squared cosine is their MAC.
-    """
+    labelled FA or SS; where none is, those that at least `required_share` of the usable blocks have, so that a mode
+    that shows now and then decides nothing). FA/SS perpendicular: the shapes of one number at least least_angle_deg
+    apart where the two are resolved, unresolved_angle_deg where not; the angle whose squared cosine is their MAC. """
 
     yaw_rate_degps: float = 0.05
     heading_range_deg: float = 1.0
@@ -35,6 +35,7 @@ class SelectionCriteria:
     rotor_speed_rpm: float = 2.0
     states: tuple[str, ...] = (STATES[0],)
     required: tuple[str, ...] | None = None
+    required_share: float = 0.5
     least_angle_deg: float = 60.0
     unresolved_angle_deg: float = 30.0
 
@@ -48,6 +49,8 @@ class SelectionCriteria:
         for name in ("least_angle_deg", "unresolved_angle_deg"):
             if not getattr(self, name) <= 90:
                 raise InputError(f"selection, {name}", f"{getattr(self, name)} is not in 0 to 90", "give an angle")
+        if not self.required_share <= 1:
+            raise InputError("selection, required_share", f"{self.required_share} is not in 0 to 1", "give a share")
         for name in ("states", "required"):
             value = getattr(self, name)
             if value is None and name == "required":
@@ -57,8 +60,26 @@ class SelectionCriteria:
             object.__setattr__(self, name, tuple(value))
 
 
-def read_criteria(path: str | Path) -> SelectionCriteria:
-    """A TOML file whose keys are those of `SelectionCriteria`; what it leaves out keeps its default."""
+# what is asked of other structures: nothing of a rotor or a nacelle
+TURBINE, STRUCTURE = "turbine", "structure"
+PRESETS: dict[str, SelectionCriteria] = {
+    TURBINE: SelectionCriteria(),
+    STRUCTURE: SelectionCriteria(yaw_rate_degps=np.inf, heading_range_deg=np.inf, pitch_range_deg=np.inf,
+                                 rotor_speed_rpm=np.inf, states=()),
+}  # fmt: skip
+
+
+def preset_criteria(name: str) -> SelectionCriteria:
+    """'turbine': Table 1 of the paper. 'structure', for a building, a bridge or a frame: only that the modes are
+    identified, and perpendicular where two are labelled FA and SS. Raises InputError for another name."""
+    if name not in PRESETS:
+        raise InputError("preset", f"'{name}' is unknown", f"choose {' or '.join(PRESETS)}")
+    return PRESETS[name]
+
+
+def read_criteria(path: str | Path, preset: str = TURBINE) -> SelectionCriteria:
+    """A TOML file whose keys are those of `SelectionCriteria`; what it leaves out keeps the preset's."""
+    start = preset_criteria(preset)
     path = Path(path)
     content = read_toml(path, "write lines such as pitch_range_deg = 2.0", absent="name a file with criteria")
     known = [field.name for field in fields(SelectionCriteria)]
@@ -68,7 +89,7 @@ def read_criteria(path: str | Path) -> SelectionCriteria:
             raise InputError(f"{path}", f"unknown key '{key}'",
                              f"did you mean '{close[0]}'?" if close else f"choose from {', '.join(known)}")
     with of_file(path), parsing(str(path), "holds another kind of value", "write lines such as pitch_range_deg = 2.0"):
-        return SelectionCriteria(**content)
+        return replace(start, **content)
 
 
 def condition_tests(sets: tuple[ModalSet, ...], criteria: SelectionCriteria) -> tuple[list[Test], list[str]]:
@@ -114,11 +135,22 @@ def _limit(key: str, limit) -> Callable[[ModalSet], bool]:
     return passes
 
 
-def required_modes(labels: tuple[str, ...], n_mode: int, criteria: SelectionCriteria) -> list[int]:
-    """Which modes a set must have. Raises InputError for a name that is no mode."""
+def required_modes(
+    labels: tuple[str, ...], n_mode: int, criteria: SelectionCriteria, sets: Sequence[ModalSet] = ()
+) -> list[int]:
+    """Which modes a set must have; `sets` are all blocks, of which those with data count for required_share. Raises
+    InputError for a name that is no mode, and where no mode is in so many blocks."""
     if criteria.required is None:
         bending = [j for j, label in enumerate(labels) if label.startswith(("FA", "SS"))]
-        return bending or list(range(n_mode))
+        if bending:
+            return bending
+        measured = [s.measured for s in sets if not s.environment.get("excluded")]
+        share = np.mean(measured, axis=0) if measured else np.ones(n_mode)
+        often = [j for j in range(n_mode) if share[j] >= criteria.required_share]
+        if not often:
+            raise InputError("selection, required modes", f"no mode is in {100 * criteria.required_share:g} % of the "
+                             "blocks", "lower required_share, or name the modes in `required`")  # fmt: skip
+        return often
     for label in criteria.required:
         if label not in labels:
             raise InputError("selection, required modes", f"'{label}' is no mode of the data",
@@ -132,12 +164,17 @@ def perpendicular_pairs(labels: tuple[str, ...]) -> list[tuple[int, int]]:
 
 
 def pair_angle_deg(s: ModalSet, i: int, j: int) -> float:
-    """Angle between two shapes of a set, acos sqrt(MAC): 90 where they are perpendicular; NaN where one is missing."""
+    """Angle between two shapes of a set, acos sqrt(MAC): 90 where they are perpendicular; NaN where one is missing, or
+    seen by no channel of the other."""
     if not (s.measured[i] and s.measured[j]):
         return np.nan
     a, b = s.shape[:, i], s.shape[:, j]
     ok = np.isfinite(a) & np.isfinite(b)
-    cosine = abs(np.vdot(a[ok], b[ok])) / (np.linalg.norm(a[ok]) * np.linalg.norm(b[ok]))
+    size = np.linalg.norm(a[ok]) * np.linalg.norm(b[ok])
+    # no channel in common, or one that moves at none of them
+    if size == 0:
+        return np.nan
+    cosine = abs(np.vdot(a[ok], b[ok])) / size
     return float(np.degrees(np.arccos(min(cosine, 1.0))))
 
 

@@ -88,9 +88,13 @@ def select(
     if deviations not in (CAMPAIGN, OWN):
         raise InputError("deviations", f"'{deviations}' is unknown", f"choose {CAMPAIGN} or {OWN}")
     labels = data.labels or tuple(str(j + 1) for j in range(data.n_mode))
-    required = required_modes(data.labels, data.n_mode, criteria)
+    required = required_modes(data.labels, data.n_mode, criteria, data.sets)
     sets = data.sets if scada is None else _with_conditions(data.sets, scada, state_rule or StateRule())
     tests, notes = condition_tests(sets, criteria)
+    seldom = [label for j, label in enumerate(labels) if j not in required]
+    if criteria.required is None and seldom and not any(label.startswith(("FA", "SS")) for label in labels):
+        notes.append(f"modes not asked for, as fewer than {100 * criteria.required_share:g} % of the blocks have them: "
+                     f"{', '.join(seldom)}")
     pairs = perpendicular_pairs(data.labels)
     failed = [failed_criteria(s, tests, data.labels, required, pairs, criteria) for s in sets]
     passed = np.array([not names for names in failed])

@@ -4,6 +4,7 @@ import io
 import json
 import os
 import random
+import shutil
 import signal
 import subprocess
 import sys
@@ -15,9 +16,10 @@ import h5py
 import numpy as np
 import pytest
 
-from probupdate import processes
+from probupdate import files, processes
 from probupdate.campaign.reading import read_campaign
 from probupdate.errors import InputError
+from probupdate.identification import block_store
 from probupdate.identification.identify import SSISettings, identify
 from probupdate.identification.reference import ReferenceModes
 from probupdate.processes import completed
@@ -207,7 +209,7 @@ def test_other_channels_lengths_and_records_are_refused_by_name(filled, jacket, 
     for number, (change, said) in enumerate((
         ({"unit": "g"}, r"channel TP-A-x \[acceleration, m/s2\] there, TP-A-x \[acceleration, g\] here"),
         ({"minutes": 3}, "block_minutes 4 there, 3 here"),
-        ({"seed": 1}, r"20190603T100000Z\.poles\.npz: was made of other records: then 0\.h5, .* changed"),
+        ({"seed": 1}, r"20190603T100000Z\.poles\.npz: was made of other records: then 0\.h5, .* content"),
     )):
         other = write_hour(tmp_path / f"other{number}", jacket, sensor_list, n_block=3, **{"seed": 0} | change)
         with pytest.raises(InputError, match=said):
@@ -235,6 +237,65 @@ def test_a_record_that_came_since_is_identified_and_no_other(filled, rough, tmp_
     assert all(after[name][1] == whole[name][1] for name in whole if name.endswith(".poles.npz"))
     grown, modes = (json.loads((tmp_path / name).read_text()) for name in ("grown.json", "modes.json"))
     assert grown["sets"] == modes["sets"]
+
+
+def test_a_copied_folder_is_the_same_and_one_changed_sample_is_another(filled, rough, tmp_path):
+    """Content counts, not the time of a file; a store of an earlier version, which knew the time only, is taken too."""
+    out = tmp_path / "modes.json"
+    before = stored(out)
+    copied = tmp_path / "elsewhere" / "campaign"
+    shutil.copytree(filled, copied, copy_function=shutil.copy)
+    for path in copied.rglob("*.h5"):
+        os.utime(path, (1.6e9, 1.6e9))
+    run(copied, rough, out)
+    assert stored(out) == before
+    records = read_campaign(filled).files
+    block = tmp_path / "modes.json.blocks" / "20190603T100000Z.poles.npz"
+    known = block_store.read_block_poles(block)
+    block_store.write_block_poles(block, known, block_store._timed(records[:1]))
+    run(filled, rough, out)
+    block_store.write_block_poles(block, known, block_store.sources(records[:1]))
+    with h5py.File(copied / "acceleration" / "0.h5", "r+") as file:
+        file["data"][1234, 2] += np.float32(1e-3)
+    os.utime(copied / "acceleration" / "0.h5", (1.6e9, 1.6e9))
+    with pytest.raises(InputError, match=r"was made of other records: then 0\.h5, .* content"):
+        run(copied, rough, out)
+
+
+def test_a_large_file_is_known_by_head_tail_and_pieces(tmp_path, monkeypatch):
+    monkeypatch.setattr(block_store, "WHOLE_BYTES", 1000)
+    monkeypatch.setattr(block_store, "PIECE_BYTES", 10)
+    rng = np.random.default_rng(8)
+    content = bytearray(rng.bytes(100_000))
+    path = tmp_path / "a.h5"
+
+    def hashed():
+        path.write_bytes(content)
+        block_store._hash.cache_clear()
+        return block_store.content_hash(path)
+
+    first = hashed()
+    for place, seen in ((0, True), (99_999, True), (100, False)):
+        content[place] ^= 1
+        assert (hashed() != first) == seen
+        content[place] ^= 1
+    content.append(0)
+    assert hashed() != first
+
+
+def test_files_that_another_process_is_writing_stay(filled, rough, tmp_path):
+    """Opening the store removes the temporary files of dead processes of this computer, no living one's."""
+    store = tmp_path / "modes.json.blocks"
+    other = subprocess.Popen([sys.executable, "-c", "input()"], stdin=subprocess.PIPE)
+    dead = subprocess.Popen([sys.executable, "-c", ""])
+    dead.wait()
+    names = [f"x.poles.npz.{files._host()}.{p.pid}.0123abcd.part" for p in (other, dead)]
+    names.append(f"x.poles.npz.elsewhere.{dead.pid}.0123abcd.part")
+    for name in names:
+        (store / name).write_bytes(b"half")
+    block_store.BlockStore(store, read_campaign(filled), SSISettings(**SETTINGS).of_blocks)
+    assert [(store / name).exists() for name in names] == [True, False, True]
+    other.communicate(b"\n")
 
 
 def test_damage_and_strangers_are_named(filled, rough, tmp_path):

@@ -1,5 +1,6 @@
 """Table 1 block by block: which criterion excluded it, which sets are kept, what is said."""
 
+import warnings
 from dataclasses import replace
 
 import numpy as np
@@ -7,7 +8,13 @@ import pandas as pd
 import pytest
 
 from probupdate.errors import InputError
-from probupdate.identification.criteria import SelectionCriteria, pair_angle_deg, read_criteria, resolved
+from probupdate.identification.criteria import (
+    SelectionCriteria,
+    pair_angle_deg,
+    preset_criteria,
+    read_criteria,
+    resolved,
+)
 from probupdate.identification.selection import inconsistency, select, shape_scatter
 from probupdate.identification.ssi import identify_poles
 from probupdate.modes import ModalData, ModalSet, mac, read_modes
@@ -233,6 +240,35 @@ def test_other_labels_and_few_channels_are_selected_too():
             for k in range(12)]  # fmt: skip
     result = select(ModalData(channels=tuple("abcdef"), sets=tuple(sets)), count=3)
     assert len(result.data.sets) == 3 and list(result.cov) == ["1", "2"] and len(result.notes) == 3
+
+
+def test_a_building_with_a_spurious_mode_needs_no_scada_and_gives_no_warning(tmp_path):
+    """Three modes in all of twenty blocks, a fourth in four of them: the preset asks for three. Warnings are errors."""
+    rng = np.random.default_rng(77)
+    sets = []
+    for k in range(20):
+        f = np.array([1.2, 1.4, 2.1, 3.3]) * (1 + 0.001 * rng.standard_normal(4))
+        f[3] = f[3] if k < 4 else np.nan
+        shape = np.eye(6)[:, :4] + 0.02 * rng.standard_normal((6, 4))
+        shape[:, np.isnan(f)] = np.nan
+        sets.append(ModalSet(id=str(k), frequency_hz=f, shape=shape, damping_ratio=np.full(4, 0.01),
+                             frequency_std_hz=np.full(4, np.nan), shape_std=np.full((6, 4), np.nan)))
+    building = ModalData(channels=tuple("abcdef"), sets=tuple(sets))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        result = select(building, criteria=preset_criteria("structure"))
+        # a shape that the other's channels do not see makes no angle, and no warning
+        unseen = replace(sets[0], shape=np.zeros((6, 4)))
+        assert np.isnan(pair_angle_deg(unseen, 0, 1))
+    assert (result.table["criterion"] == "").all() and len(result.data.sets) == 9
+    assert result.notes == ("modes not asked for, as fewer than 50 % of the blocks have them: 4",)
+    (tmp_path / "c.toml").write_text("required_share = 0.1")
+    every = read_criteria(tmp_path / "c.toml", "structure")
+    assert int((select(building, criteria=every).table["criterion"] == "").sum()) == 4
+    with pytest.raises(InputError, match="no mode is in 50 %"):
+        select(replace(building, sets=tuple(replace(s, frequency_hz=np.full(4, np.nan)) for s in sets)))
+    with pytest.raises(InputError, match="preset: 'bridge' is unknown"):
+        preset_criteria("bridge")
 
 
 # The perpendicular criterion ----------------------------------------------------------------------------------------
