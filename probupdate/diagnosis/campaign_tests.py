@@ -13,7 +13,7 @@ import numpy as np
 import pandas as pd
 
 from probupdate.campaign.blocks import block_files, read_block
-from probupdate.campaign.checking import compare_block
+from probupdate.campaign.checking import FEWEST_PIECES, compare_block
 from probupdate.campaign.findings import (
     RATE_LIMIT,
     SIGMA,
@@ -22,11 +22,14 @@ from probupdate.campaign.findings import (
     mounting_findings,
     rate_findings,
     scale_findings,
+    sensor_findings,
 )
+from probupdate.campaign.heading import block_sway
 from probupdate.campaign.reading import Campaign
 from probupdate.campaign.rotor_lines import line_scores, rate_ratio
 from probupdate.campaign.samples import channel_table
 from probupdate.campaign.scada import StateRule, block_conditions, with_rated_power
+from probupdate.campaign.sensor_findings import SensorFinding
 from probupdate.diagnosis.results import Finding
 from probupdate.modes import ModalData
 from probupdate.progress import Progress, silent
@@ -40,6 +43,9 @@ CAUSES = (
     ("wrong unit or scale", "sensor gain"), ("gravity", "unit of all channels"),
     ("the top moves", "unit of all channels"),
 )  # fmt: skip
+# what sensors say of one another -> the catalogue's cause
+MEASURED = {"gain": "sensor gain", "gain change": "sensor gain", "common gain": "sensor gain",
+            "reference": "sensor gain", "nacelle heading": "nacelle heading"}  # fmt: skip
 
 
 def campaign_tests(campaign: Campaign, *, progress: Progress = silent) -> list[dict]:
@@ -48,7 +54,8 @@ def campaign_tests(campaign: Campaign, *, progress: Progress = silent) -> list[d
     rule = with_rated_power(StateRule(rated_power_kw=campaign.rated_power_kw), campaign.scada)
     files = list(block_files(campaign).items())
     chosen = np.unique(np.round(np.linspace(0, len(files) - 1, min(MOST_BLOCKS, len(files)))).astype(int))
-    tables, compared, lines, states = [], [], [], {}
+    tables, compared, lines, sways, states = [], [], [], [], {}
+    pieces = -(-FEWEST_PIECES // max(len(chosen), 1))
     for number, k in enumerate(chosen):
         progress("testing raw records", number, len(chosen))
         start, touching = files[k]
@@ -57,18 +64,24 @@ def campaign_tests(campaign: Campaign, *, progress: Progress = silent) -> list[d
         states[block.id] = str(conditions["state"])
         rows = channel_table(block, campaign.channels)
         tables.append(rows)
-        found = compare_block(campaign, block, states[block.id], conditions, rows)
+        found = compare_block(campaign, block, states[block.id], conditions, rows, pieces=pieces,
+                              n_compared=len(chosen))  # fmt: skip
         compared += [] if found is None else [found]
         if campaign.scada is not None:
             lines += line_scores(block, campaign.scada)
+            usable = np.isfinite(block.data).all(axis=0) & ~rows["flat"].to_numpy(bool)
+            sway = block_sway(block, campaign.sensors, usable, conditions)
+            sways += [] if sway is None else [sway]
     progress("testing raw records", len(chosen), len(chosen))
     table = pd.concat(tables, ignore_index=True)
     ratio = rate_ratio(lines)
     own = channel_findings(table, campaign.sensors)
     sentences = [*own, *mounting_findings(compared, own), *clock_findings(compared, campaign.channels)[0]]
     sentences += scale_findings(table, states, campaign.sensors, sentences)
+    measured, _ = sensor_findings(campaign, compared, sways, sentences)
     by_rate, agrees = rate_findings(campaign, ratio)
     rows = [_row(s, campaign.channels) for s in (*sentences, *by_rate)]
+    rows += [_measured_row(f, campaign.channels) for f in measured]
     if np.isfinite(ratio.ratio):
         of_lines = [r for r in rows if r["cause"] == "sampling rate" and "rotor" in r["statement"]]
         row = of_lines[0] if of_lines else {
@@ -84,6 +97,15 @@ def _row(sentence: str, channels: Sequence[str]) -> dict:
     words = {w.strip(",;:()") for w in sentence.split()}
     return {"kind": "measurement", "cause": cause, "channels": [c for c in channels if c in words],
             "statement": sentence, "suspected": True}  # fmt: skip
+
+
+def _measured_row(found: SensorFinding, channels: Sequence[str]) -> dict:
+    """With the size as the catalogue has it: a gain less one."""
+    cause = MEASURED.get(found.name, "samples")
+    size = found.size - 1 if cause == "sensor gain" else found.size
+    return {"kind": "measurement", "cause": cause, "channels": [c for c in channels if c in found.channel.split(", ")],
+            "statement": found.message, "suspected": True, "size": size, "size_std": found.std,
+            "since": found.since}  # fmt: skip
 
 
 def rate_finding(tests: Sequence[dict]) -> Finding | None:
