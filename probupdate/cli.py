@@ -99,7 +99,7 @@ def ended_by_signals() -> Iterator[None]:
 def run_demo(a: argparse.Namespace, progress: Progress) -> None:
     import probupdate
 
-    say(probupdate.demo(a.out, seed=a.seed, days=a.days, progress=progress, say=say).summary)
+    say(probupdate.demo(a.out, seed=a.seed, days=a.days, hide=a.hide, jobs=a.jobs, progress=progress, say=say).summary)
 
 
 def run_simulate(a: argparse.Namespace, progress: Progress) -> None:
@@ -386,6 +386,10 @@ def build_parser() -> argparse.ArgumentParser:
     p = verb("demo", run_demo, "the whole job on a virtual campaign, ending with OUT/report.html")
     p.add_argument("out", metavar="OUT", help="directory to write; an interrupted demo goes on where it stopped")
     p.add_argument("--days", type=positive(float), default=1.0, help="length of the campaign (default 1)")
+    p.add_argument("--hide", default="default", metavar="TRUTH",
+                   help="truth.toml of effects to hide in the virtual turbine, none, or default: one of the structure, "
+                        "one of a sensor")
+    p.add_argument("--jobs", type=positive(int), default=2, help="processes (default 2: the sampler beside the diagnosis)")
     seeded(p)
 
     p = verb("simulate", run_simulate, "a virtual turbine, measured: a campaign with its truth")

@@ -4,22 +4,42 @@ from __future__ import annotations
 
 import hashlib
 import time
+import tomllib
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
 from probupdate import __version__, verbs
+from probupdate.diagnosis.wording import finding_words
 from probupdate.errors import InputError
 from probupdate.estimators.ensemble import SamplerSettings
-from probupdate.files import read_json, write_bytes, write_json
+from probupdate.files import read_json, read_text, write_bytes, write_json, write_text
+from probupdate.processes import beside
 from probupdate.progress import Progress, silent
 from probupdate.reporting import report as write_report
 from probupdate.structure.load import reference_model
+from probupdate.virtual.effects import hidden_words
 
 # the virtual turbine stands in the updated state; the model that is updated starts from the as-built one
 TRUTH_STATE, START_STATE = "updated", "as_built"
 WEIGHTS = "paper"
+# hidden unless the caller says otherwise: one effect of the structure, one of a sensor
+HIDDEN = """\
+# hidden in the demonstration's virtual turbine; as `probupdate simulate --truth` reads it
+[[effect]]
+kind = "leg_stiffness"
+leg = "B"
+bay = 4
+factor = 0.75
+course = "step"
+at_hour = {half:g}
+
+[[effect]]
+kind = "sensor_gain"
+channel = "TP-C-y"
+factor = 1.15
+"""
 # the demonstration's posterior is for looking at: fewer effective draws than a report would want
 TARGET_ESS = 400
 
@@ -39,20 +59,27 @@ def demo(
     *,
     seed: int = 1,
     days: float = 1.0,
+    hide: str | Path = "default",
+    jobs: int = 1,
     progress: Progress = silent,
     say: Callable[[str], None] = lambda text: None,
 ) -> Demonstration:
     """Simulate, identify, select, update, sample, diagnose, compare, report. `say` is told what each step found.
 
     The virtual turbine is built by a formulation of its own (finer mesh, other element and soil law, drawn
-    tolerances), in the reference turbine's updated state, and measured; the model starts as built.
+    tolerances), in the reference turbine's updated state, and measured; the model starts as built. `hide`: a truth.toml
+    of effects that the model is not told of, "none", or "default", one of the structure from half of the record on
+    (HIDDEN) and one of a sensor; what it was is said after the diagnosis. jobs: with two or more the sampler runs beside
+    the diagnosis, in a process of its own; a script needs `if __name__ == "__main__"` then.
     """
     out = Path(out)
+    hidden = _hidden(hide, days)
     # before anything is written
     SamplerSettings(seed=seed)
     begun = time.monotonic()
     out.mkdir(parents=True, exist_ok=True)
-    state = _State(out, {"seed": seed, "days": days, "version": __version__})
+    state = _State(out, {"seed": seed, "days": days, "hidden": hashlib.sha256(hidden.encode()).hexdigest(),
+                         "version": __version__})  # fmt: skip
     campaign, model = out / "campaign", out / "model.toml"
     write_bytes(model, reference_model(START_STATE).read_bytes())
     modes, nine = out / "modes.json", out / "nine.json"
@@ -60,7 +87,12 @@ def demo(
     steps = _Steps(state, say)
     with steps.of("simulate") as wanted:
         if wanted:
-            say(verbs.simulate(campaign, model=TRUTH_STATE, days=days, seed=seed, progress=progress).summary)
+            truth = None
+            if hidden:
+                truth = write_text(out / "hidden.toml", hidden)
+            simulated = verbs.simulate(campaign, model=TRUTH_STATE, days=days, seed=seed, truth=truth, progress=progress)
+            # what was hidden is said after the diagnosis
+            say("\n".join(line for line in simulated.summary.splitlines() if "hidden" not in line))
     with steps.of("identify") as wanted:
         if wanted:
             found = verbs.identify(campaign, model, store=out / "modes.json.blocks", progress=progress)
@@ -76,18 +108,15 @@ def demo(
             updated = verbs.update(model, nine, weights=WEIGHTS, progress=progress)
             updated.write(files["update"])
             say(updated.summary)
-    with steps.of("sample") as wanted:
-        if wanted:
-            drawn = verbs.sample(model, nine, files["posterior"], weights=WEIGHTS, seed=seed, target_ess=TARGET_ESS,
-                                 progress=progress)  # fmt: skip
-            say(drawn.summary)
-    with steps.of("diagnose") as wanted:
-        if wanted:
-            # asked of all blocks, with the model as it was before any update: nothing is hidden in this campaign
-            diagnosis = verbs.diagnose(model, modes, campaign=campaign, seed=seed, out=out / "diagnosis.json",
-                                       progress=progress)  # fmt: skip
-            diagnosis.write(out / "diagnosis.json")
-            say(diagnosis.summary)
+    with _sampling(steps, jobs, model, nine, files["posterior"], seed, progress):
+        with steps.of("diagnose") as wanted:
+            if wanted:
+                # asked of all blocks, with the model as it was before any update
+                diagnosis = verbs.diagnose(model, modes, campaign=campaign, seed=seed, out=out / "diagnosis.json",
+                                           sampler=False, progress=progress)  # fmt: skip
+                diagnosis.write(out / "diagnosis.json")
+                say(diagnosis.summary)
+                say(_hidden_and_found(hidden, diagnosis))
     with steps.of("compare", again=True):
         compared = verbs.compare(files["update"], files["posterior"], model=model)
         compared.write(files["compare"])
@@ -97,6 +126,48 @@ def demo(
     seconds = time.monotonic() - begun
     summary = f"{seconds:.0f} s; open {page}"
     return Demonstration(folder=out, seconds=seconds, summary=summary)
+
+
+def _hidden(hide: str | Path, days: float) -> str:
+    """The text of a truth.toml, empty where nothing is hidden."""
+    if hide == "none":
+        return ""
+    if hide == "default":
+        return HIDDEN.format(half=12 * days)
+    path = Path(hide)
+    if not path.is_file():
+        raise InputError(str(path), "is no file", "give a truth.toml to --hide, or none, or default")
+    return read_text(path, "write it as `simulate` writes truth.toml")
+
+
+def _hidden_and_found(hidden: str, diagnosis) -> str:
+    """What the campaign held, beside what was found without being told."""
+    effects = [hidden_words(e) for e in tomllib.loads(hidden).get("effect", ())]
+    if not effects:
+        return "hidden in this campaign: nothing"
+    found = [finding_words(f) for f in diagnosis.content()["findings"]] or ["nothing with a name"]
+    return "\n".join(["hidden in this campaign:", *(f"  {e}" for e in effects), "found without being told:",
+                      *(f"  {f}" for f in found)])  # fmt: skip
+
+
+@contextmanager
+def _sampling(steps: _Steps, jobs: int, model: Path, nine: Path, out: Path, seed: int, progress: Progress):
+    """The step "sample" before what stands in this block, or with two jobs beside it."""
+    if jobs < 2 or steps.done("sample") or steps.done("diagnose"):
+        with steps.of("sample") as wanted:
+            if wanted:
+                steps.say(_sample(model, nine, out, seed, progress))
+        yield
+        return
+    with beside(_sample, model, nine, out, seed) as drawn:
+        yield
+        with steps.of("sample") as wanted:
+            if wanted:
+                steps.say(drawn())
+
+
+def _sample(model: Path, nine: Path, out: Path, seed: int, progress: Progress = silent) -> str:
+    return verbs.sample(model, nine, out, weights=WEIGHTS, seed=seed, target_ess=TARGET_ESS, progress=progress).summary
 
 
 # step -> what it does, in the order of the work; the last two are done anew each time
@@ -112,6 +183,12 @@ class _Steps:
 
     def __init__(self, state: _State, say: Callable[[str], None]):
         self._state, self._say = state, say
+
+    def say(self, text: str) -> None:
+        self._say(text)
+
+    def done(self, step: str) -> bool:
+        return self._state.done(step)
 
     @contextmanager
     def of(self, step: str, again: bool = False) -> Iterator[bool]:

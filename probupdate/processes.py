@@ -22,6 +22,35 @@ ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 LEAST_TASKS = 40
 
 
+def _ended() -> ProbupdateError:
+    return ProbupdateError("a process ended by itself (out of memory, killed, or a script without `if __name__ == "
+                           "'__main__'`); what was finished is kept: run again, or with one job")
+
+
+@contextmanager
+def beside(function: Callable, *arguments) -> Iterator[Callable[[], object]]:
+    """`function(*arguments)` in a process of its own while the block runs; what is yielded waits for its result. An
+    error in the block ends that process. `function` must be importable by name."""
+    others = {child.pid for child in multiprocessing.active_children()}
+    with one_thread_each(), ProcessPoolExecutor(1, multiprocessing.get_context("spawn"),
+                                                initializer=_end_with_parent) as pool:  # fmt: skip
+        future = pool.submit(function, *arguments)
+
+        def result() -> object:
+            try:
+                return future.result()
+            except BrokenProcessPool:
+                raise _ended() from None
+
+        try:
+            yield result
+        except BaseException:
+            for child in multiprocessing.active_children():
+                if child.pid not in others:
+                    child.terminate()
+            raise
+
+
 def completed(
     function: Callable, tasks: Sequence[tuple], *, jobs: int = 1, least: int | None = None
 ) -> Iterator[object]:
@@ -47,10 +76,7 @@ def completed(
                 ended, running = wait(running, return_when=FIRST_COMPLETED)
                 yield from (future.result() for future in ended)
         except BrokenProcessPool:
-            raise ProbupdateError(
-                "a process ended by itself (out of memory, killed, or a script without `if __name__ == '__main__'`); "
-                "what was finished is kept: run again, or with one job"
-            ) from None
+            raise _ended() from None
         except KeyboardInterrupt:
             # nobody waits for what they are at: it is done again by the next run
             for child in multiprocessing.active_children():

@@ -96,15 +96,17 @@ def scada_values(campaign: Campaign) -> tuple[pd.DataFrame, str]:
 def truth_values(path: Path, modes: ModalData | None) -> Mapping:
     """What is known of a virtual turbine: `parameters` by name, and `idling_hz`, its own frequencies by label at the
     nacelle heading nearest to that of the modes' reference set (fore-aft is where the nacelle looks)."""
+    from probupdate.virtual.effects import hidden_words
     from probupdate.virtual.truth import read_truth_modes
     from probupdate.virtual.turbine_file import read_toml
 
-    sets = read_truth_modes(path)
+    sets, content = read_truth_modes(path), read_toml(path, "truth file")
     heading = np.nan if modes is None else float(modes.set().environment.get("nacelle_heading_deg", np.nan))
     turn = [abs((s.heading_deg - heading + 180) % 360 - 180) if np.isfinite(heading) else 0.0 for s in sets]
     near = sets[int(np.argmin(turn))]
     return {
-        "parameters": read_toml(path, "truth file").get("parameters", {}),
+        "parameters": content.get("parameters", {}),
+        "effects": tuple(hidden_words(e) for e in content.get("effect", ())),
         "idling_hz": {label: float(f) for label, f in zip(near.labels, near.frequency_hz, strict=True)},
         "heading_deg": near.heading_deg,
     }

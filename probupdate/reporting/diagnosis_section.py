@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import zip_longest
 from collections.abc import Mapping, Sequence
 from statistics import NormalDist
 
@@ -41,6 +42,9 @@ def diagnosis_section(run: Run) -> Section | None:
     items: list[object] = [_tiles(content), *_actions(content)]
     if content["notes"]:
         items.append(Items(title="Notes", statements=tuple(map(sentence, content["notes"]))))
+    hidden = (run.truth or {}).get("effects")
+    if hidden:
+        items.insert(0, _hidden_beside_found(hidden, content["findings"]))
     if content["findings"]:
         items.append(_findings_table(content["findings"]))
         items.append(_picture(
@@ -107,6 +111,13 @@ def _actions(content: Mapping) -> list[object]:
         statements.append("No cause is to be looked for. What could hide below the minimum detectable sizes is "
                           "listed further down.")
     return [Items(title="What to do", statements=tuple(statements))] if statements else []
+
+
+def _hidden_beside_found(hidden: Sequence[str], findings: Sequence[Mapping]) -> Table:
+    rows = [(h, f) for h, f in zip_longest(hidden, map(wording.finding_words, findings), fillvalue="-")]
+    return Table(caption="What was hidden in this virtual campaign, and what was found without being told",
+                 columns=(Column(name="hidden", number=False), Column(name="found", number=False)), rows=tuple(rows),
+                 note="Each in its own order. Sizes of findings are departures: a factor of 0.75 is -25 %.")  # fmt: skip
 
 
 def _findings_table(findings: Sequence[Mapping]) -> Table:

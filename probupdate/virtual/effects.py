@@ -262,3 +262,16 @@ class Departures:
         """Effects of a kind whose band bottom_m to top_m holds the level."""
         return [(e, size) for e, size in self.of(kind, **place)
                 if e.get("bottom_m", -np.inf) < z_m < e.get("top_m", np.inf)]  # fmt: skip
+
+
+def hidden_words(entry: Mapping) -> str:
+    """An effect of truth.toml in words: "leg stiffness, leg B, bay 4: factor 0.75, from hour 12 on"."""
+    kind = EFFECTS[entry["kind"]]
+    place = [f"{key.replace('_', ' ')} {entry[key]}" for key in kind.place if key in entry]
+    unit = "" if kind.unit == "-" else f" {kind.unit}"
+    size = f"{kind.size.removesuffix('_' + kind.unit).replace('_', ' ')} {entry[kind.size]:g}{unit}"
+    course = entry.get("course", kind.course["course"])
+    along = {"constant": "all through the record", "step": f"from hour {entry.get('at_hour', 0):g} on",
+             "ramp": f"growing from hour {entry.get('from_hour', 0):g} to {entry.get('to_hour', 0):g}",
+             "covariate": f"with {entry.get('covariate', kind.course.get('covariate', ''))}"}[course]  # fmt: skip
+    return f"{', '.join([entry['kind'].replace('_', ' '), *place])}: {size}, {along}"

@@ -226,6 +226,9 @@ class Step:
     def write(self, path):
         Path(path).write_text(self.summary)
 
+    def content(self):
+        return {"findings": []}
+
 
 def test_a_demonstration_started_again_repeats_no_finished_step(tmp_path, monkeypatch):
     done, broken = [], {"sample"}
@@ -251,6 +254,19 @@ def test_a_demonstration_started_again_repeats_no_finished_step(tmp_path, monkey
     assert done == ["simulate", "identify", "select", "update", "sample", "diagnose", "compare"]
     with pytest.raises(InputError, match="whose seed is"):
         probupdate.demo(out, seed=4)
+    with pytest.raises(InputError, match="whose hidden is"):
+        probupdate.demo(out, seed=3, hide="none")
+    with pytest.raises(InputError, match="is no file"):
+        probupdate.demo(tmp_path / "other", hide=tmp_path / "missing.toml")
+
+
+def test_what_was_hidden_stands_beside_what_was_found():
+    words = demonstration._hidden_and_found(demonstration._hidden("default", 2.0), Step("diagnose"))
+    assert words.splitlines() == [
+        "hidden in this campaign:", "  leg stiffness, leg B, bay 4: factor 0.75, from hour 24 on",
+        "  sensor gain, channel TP-C-y: factor 1.15, all through the record", "found without being told:",
+        "  nothing with a name"]
+    assert "nothing" in demonstration._hidden_and_found(demonstration._hidden("none", 1.0), Step("diagnose"))
 
 
 @pytest.mark.long
@@ -271,8 +287,11 @@ def test_the_demonstration_against_its_truth(tmp_path):
     rows = json.loads((out / "compare.json").read_text())["rows"]
     known = [r for r in rows if r["identified"] == "strongly identified" and r["name"] in truth]
     off = [abs(truth[r["name"]] - r["mean"]) / r["std"] for r in known]
-    # nothing is hidden in this campaign
-    assert json.loads((out / "diagnosis.json").read_text())["verdict"] == "none"
+    found = json.loads((out / "diagnosis.json").read_text())["findings"]
+    assert [(f["cause"], f["location"]) for f in found] == [
+        ("leg stiffness lost", "leg B, bay 4"), ("sensor gain", "TP-C-y")]
+    # what was hidden: three standard deviations
+    assert all(abs(f["size"] - true) < 3 * f["size_std"] for f, true in zip(found, (-0.25, 0.15), strict=True))
     assert known and np.mean(np.array(off) < 3) >= 0.75, dict(zip([r["name"] for r in known], off, strict=True))
 
 

@@ -7,6 +7,8 @@ import numpy as np
 import pytest
 
 import probupdate
+from probupdate.diagnosis import wording
+from probupdate.diagnosis.crosstalk import crosstalk_effects
 from probupdate.diagnosis.departures import numbers_of_modes
 from probupdate.diagnosis.diagnose import NOT_SETTLED, beside_the_last, examine, finding, refit
 from probupdate.diagnosis.evidence import only_promised, ranked, rival_of, sizes_std
@@ -16,8 +18,10 @@ from probupdate.diagnosis.fitting import fit, linearised
 from probupdate.diagnosis.prepare import prepare
 from probupdate.diagnosis.search import search
 from probupdate.diagnosis.setting import Named, settle
+from probupdate.effects.catalogue import measurement_effects
 from probupdate.errors import InputError
 from probupdate.estimators.ensemble import SamplerSettings
+from probupdate.modes import Sensor
 
 # a chain of one segment: same seed, same numbers, converged or not
 QUICK = SamplerSettings(seed=7, target_ess=50, max_steps=200)
@@ -247,3 +251,21 @@ def test_what_a_stalled_fit_only_promises_is_no_evidence(prepared, record):
     stalled = replace(fitted, named=short, departures=departures, design=design, centred=centred)
     # five deviations of the size, whatever the parameters make up for; a fifth for what is not linear
     assert at_rest >= 0 and only_promised(setting, stalled) - at_rest > 0.8 * 0.5 * 5**2
+
+
+def test_prior_odds_stand_beside_what_the_data_told(prepared, record):
+    found = probupdate.diagnose(prepared, record(5, gain=("y4", 1.12)), extend=False)
+    (one,) = found.findings
+    assert 0 < one.prior_probability <= 1 and found.content()["findings"][0]["prior_probability"] == one.prior_probability
+    words = wording.told_words({"posterior_probability": 0.97, "prior_probability": 0.25})
+    assert words == "probability 0.97 among its rivals, 0.25 before the data"
+
+
+def test_a_logger_s_rate_hardly_ever_steps_and_steel_always_warms():
+    rate = next(e for e in measurement_effects(["a"], [Sensor(channel="a", level="top", position_m=(0.0, 0.0, 1.0),
+                direction=(1.0, 0.0, 0.0), quantity="acceleration", unit="m/s2")]) if e.cause == "sampling rate")  # fmt: skip
+    assert rate.prior_odds("step") < 0.01 < rate.prior_odds("constant") < 1
+    pairs = [e for e in crosstalk_effects(("a", "b", "c"))]
+    assert sum(e.odds for e in pairs) == pytest.approx(1.0)
+    with pytest.raises(InputError, match="prior odds"):
+        replace(rate, odds=0.0)

@@ -11,7 +11,8 @@ import pytest
 import probupdate
 from probupdate.cli import main
 from probupdate.diagnosis.along_record import make_contrasts, score
-from probupdate.diagnosis.campaign_tests import rate_finding, with_true_rate
+from probupdate.campaign.sensor_findings import SensorFinding
+from probupdate.diagnosis.campaign_tests import _measured_row, rate_finding, with_true_rate
 from probupdate.effects.catalogue import Effect
 from probupdate.diagnosis.courses import Course, step_course
 from probupdate.diagnosis.without_model import diagnose_without_model
@@ -194,3 +195,11 @@ def test_a_covariate_that_steps_hides_no_step():
     column = Course(kind="covariate", value=frozen_array((np.arange(60) >= 20) - 0.5), column="state")
     nuisance = np.column_stack([np.ones(60), column.value])
     assert not make_contrasts(np.ones((1, 60)), nuisance, [step_course(60, 20)], np.arange(60.0)).usable[0, 0]
+
+
+def test_what_sensors_say_of_one_another_is_a_row_with_size_and_time():
+    found = SensorFinding(name="gain change", channel="TP-A-x, TP-A-y", size=1.1, std=0.01, since="2026-01-01T06:00Z",
+                          message="TP-A changed")  # fmt: skip
+    row = _measured_row(found, ("TP-A-x", "TP-A-y", "TP-B-x"))
+    assert (row["cause"], row["channels"], row["since"]) == ("sensor gain", ["TP-A-x", "TP-A-y"], found.since)
+    assert row["size"] == pytest.approx(0.1) and row["size_std"] == 0.01 and row["suspected"]
