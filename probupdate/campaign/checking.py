@@ -21,6 +21,7 @@ from probupdate.campaign.findings import (
     scale_findings,
 )
 from probupdate.campaign.mounting import suspicions
+from probupdate.campaign.plausible import amplitude_spectrum, refuse_time, unit_findings
 from probupdate.campaign.reading import Campaign
 from probupdate.campaign.rotor_lines import line_scores, rate_ratio
 from probupdate.campaign.samples import channel_table
@@ -42,6 +43,8 @@ USES = {
 }
 # channels are compared with one another in so many blocks, evenly spread over a longer campaign
 MOST_COMPARED = 240
+# the units of channels in so many, as each block says the same
+MOST_SPECTRA = 24
 # and rotor lines are sought in so many ten-minute rows at most
 MOST_ROWS = 720
 
@@ -77,14 +80,17 @@ def check(campaign: Campaign, *, progress: Progress = silent) -> CampaignCheck:
     rule = with_rated_power(StateRule(rated_power_kw=campaign.rated_power_kw), campaign.scada)
     files = block_files(campaign)
     stride = -(-len(files) // MOST_COMPARED)
-    tables, heads, overlaps, compared, lines = [], [], 0, [], []
+    tables, heads, overlaps, compared, lines, amplitudes = [], [], 0, [], [], []
     for number, (start, touching) in enumerate(files.items()):
         progress("checking blocks", number, len(files))
         block = read_block(campaign, start, touching)
         conditions = block_conditions(campaign.scada, block.start, block.minutes, rule)
         state = str(conditions["state"])
         overlaps += any("two files" in n for n in block.notes)
+        refuse_time(f"{campaign.path}, block {block.id}", campaign.channels, block.data)
         rows = channel_table(block, campaign.channels)
+        if number % -(-len(files) // MOST_SPECTRA) == 0 and (found := amplitude_spectrum(block)) is not None:
+            amplitudes.append(found)
         if number % stride == 0:
             found = compare_block(campaign, block, state, conditions, rows)
             rows = rows.assign(delay_ms=np.nan if found is None else 1e3 * found.delay_s,
@@ -97,6 +103,8 @@ def check(campaign: Campaign, *, progress: Progress = silent) -> CampaignCheck:
     progress("checking blocks", len(files), len(files))
     table, head = pd.concat(tables, ignore_index=True), pd.DataFrame(heads)
     findings, able = _findings(campaign, table, head, overlaps, compared, rate_ratio(lines))
+    vibration = table.groupby("channel")["vibration"].median().to_dict()
+    findings = (*findings, *unit_findings(amplitudes, campaign.sensors, vibration, findings))
     uses = (*_uses(campaign, head, table), *able)
     if stride > 1:
         uses = (*uses, f"channels were compared with one another in every {stride}th block")

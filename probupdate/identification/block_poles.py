@@ -8,6 +8,7 @@ import numpy as np
 import pandas as pd
 
 from probupdate.campaign.blocks import Block, read_block
+from probupdate.campaign.plausible import refuse_time
 from probupdate.campaign.quantity import as_quantity
 from probupdate.campaign.reading import Campaign, RecordFile
 from probupdate.errors import InputError
@@ -155,6 +156,7 @@ def _same(before: Poles, index: int, now: Poles, where: str) -> int:
 def usable_block(campaign: Campaign, start: pd.Timestamp, files: tuple[RecordFile, ...]) -> tuple[Block, str]:
     """The block in one quantity, and why it cannot be used; empty where it can."""
     block = read_block(campaign, start, files)
+    refuse_time(f"{campaign.path}, block {block.id}", campaign.channels, block.data)
     reason = block.excluded or _silent_channels(block, campaign.channels)
     return (block, reason) if reason else (as_quantity(block, campaign.sensors, common_quantity(campaign.sensors)), "")
 

@@ -1,0 +1,145 @@
+"""Records that are none of the channel they stand for: a column of time, or numbers in another unit than the stated one."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from scipy import signal
+
+from probupdate.campaign.blocks import Block
+from probupdate.errors import InputError
+from probupdate.modes import Sensor
+
+# a column that rises or falls steadily leaves less than this share of its range about a straight line; so many samples
+# of it are looked at first
+STRAIGHT, LOOKED_AT, FEWEST = 1e-4, 257, 20
+# amplitude spectrum of a channel over those of its like, in the middle over all frequencies and blocks: sensors of one
+# structure keep within a factor of 2.5 (18 channels of a jacket and its tower, 5 of a frame), g and m/s2 are 9.8 apart
+MIDDLE_FACTOR = 4.0
+# and it is so over most frequencies, as a point that one mode hardly moves is moved by the others
+MOST_FREQUENCIES, MOST_FACTOR = 0.25, 2.0
+# frequencies of one comparison; segments of it at least
+LINES, FEWEST_SEGMENTS = 256, 8
+# vibration (m/s2, standard deviation) of a structure that is not shaken on purpose; only records stated in g are asked
+# for, as it is there that numbers of m/s2 come out ten times too large
+STRONG_MPS2 = 2.0
+
+
+def refuse_time(where: str, channels: Sequence[str], data: np.ndarray) -> None:
+    """Raises InputError for a channel of data (n_sample, n_channel) whose samples are a clock: steady and without
+    any vibration about it."""
+    n = len(data)
+    if n < FEWEST:
+        return
+    few = data[np.linspace(0, n - 1, min(n, LOOKED_AT)).astype(int)]
+    for c in np.flatnonzero(_straight(few)):
+        column = data[:, c]
+        if _straight(column[:, None])[0] and np.all(np.diff(column[np.isfinite(column)]) * np.sign(
+                few[-1, c] - few[0, c]) >= 0):  # fmt: skip
+            step = (column[-1] - column[0]) / (n - 1)
+            raise InputError(f"{where}, channel {channels[c]}", f"its samples rise evenly, by {step:.6g} each: it looks "
+                             "like the column of time, not like a record", "name another column for it "
+                             "(convert.toml, [columns]), or mend the order of [[sensor]]")  # fmt: skip
+
+
+def _straight(columns: np.ndarray) -> np.ndarray:
+    """(n_column,) whether each column of (n, n_column) is a straight line that is not level."""
+    number = np.arange(len(columns), dtype=float)
+    line = columns[0] + (columns[-1] - columns[0]) * number[:, None] / number[-1]
+    extent = np.abs(columns[-1] - columns[0])
+    # NaN compares as False; single precision has its own steps
+    step = 2.0 * np.spacing(np.maximum(np.abs(columns[0]), np.abs(columns[-1])).astype(np.float32))
+    return (extent > 0) & (np.max(np.abs(columns - line), axis=0) < np.maximum(STRAIGHT * extent, step)) & (
+        extent > 100 * step)  # fmt: skip
+
+
+# Units --------------------------------------------------------------------------------------------------------------
+
+
+def amplitude_spectrum(block: Block) -> np.ndarray | None:
+    """ln of each channel's amplitude spectrum (n_line, n_channel), on few lines. NaN for channels that stand still or
+    have lost samples; None where the block is too short."""
+    data = block.data
+    whole = np.isfinite(data).all(axis=0)
+    length = min(4 * LINES, 2 * len(data) // (FEWEST_SEGMENTS + 1))
+    if length < 32 or whole.sum() < 2:
+        return None
+    density = np.full((length // 2, data.shape[1]), np.nan)
+    found = signal.welch(data[:, whole], block.sampling_rate_hz, nperseg=length, axis=0)[1]
+    # the last quarter is what an anti-aliasing filter leaves, the first line what the window does to the mean
+    density[:, whole] = found[1 : length // 2 + 1]
+    density = density[1 : int(0.75 * len(density))]
+    with np.errstate(divide="ignore"):
+        logarithm = 0.5 * np.log(density)
+    logarithm[:, ~np.isfinite(logarithm).all(axis=0)] = np.nan
+    return logarithm
+
+
+def unit_findings(
+    spectra: Sequence[np.ndarray], sensors: Sequence[Sensor], vibration: dict[str, float], mentioned: Sequence[str]
+) -> list[str]:
+    """Sentences on channels whose numbers may be in another unit than the stated one. spectra: of blocks, by
+    `amplitude_spectrum`; vibration: channel -> standard deviation in SI. A channel that a sentence of `mentioned`
+    suspects of its scale is not asked for again."""
+    found = []
+    odd: list[int] = []
+    while spectra:
+        # the oddest first: beside it, of few channels, the others look odd too
+        apart = _spectrum_ratios(np.array(spectra), sensors, odd)
+        if not apart:
+            break
+        k = max(apart, key=lambda i: abs(np.log(apart[i])))
+        like = _like(k, sensors, odd)
+        odd.append(k)
+        sensor, middle, other = sensors[k], apart[k], sensors[like[0]].channel
+        if any(sensor.channel in m and ("unit" in m or "scale" in m) for m in mentioned):
+            continue
+        # with one other there is no telling which of the two it is
+        which = " or ".join(sensors[i].channel for i in (sorted([k, *like]) if len(like) == 1 else [k]))
+        beside = other if len(like) == 1 else "its like"
+        found.append(f"suspect: the spectrum of {sensor.channel} is {middle:.2g} times that of {beside} at most "
+                     f"frequencies, which a place on the structure does not explain{_as_unit(middle)}: is {which} in "
+                     f"{sensor.unit}, as campaign.toml says?")  # fmt: skip
+    loud = [s.channel for s in sensors if s.quantity == "acceleration" and s.unit in ("g", "mg")
+            and vibration.get(s.channel, 0.0) > STRONG_MPS2]  # fmt: skip
+    if loud:
+        most = max(vibration[c] for c in loud)
+        found.append(f"suspect: {', '.join(loud)} vibrate with up to {most:.3g} m/s2 (standard deviation), as stated in g: "
+                     "are these numbers m/s2?")  # fmt: skip
+    return found
+
+
+def _spectrum_ratios(stack: np.ndarray, sensors: Sequence[Sensor], odd: Sequence[int]) -> dict[int, float]:
+    """Channel -> its amplitude over the middle of its like, of the channels where that is far from 1 throughout;
+    stack (n_block, n_line, n_channel) in logarithms, channels of `odd` left out."""
+    found = {}
+    # a channel that has lost samples in many blocks is no measure of the others
+    seldom = np.flatnonzero(np.isfinite(stack[:, 0]).mean(axis=0) < 0.5)
+    for k in range(len(sensors)):
+        like = _like(k, sensors, [*odd, *seldom])
+        if k in odd or not like:
+            continue
+        mine = stack[:, :, k] - np.median(stack[:, :, like], axis=2)
+        mine = mine[np.isfinite(mine[:, 0])]
+        if not len(mine):
+            continue
+        by_line = np.median(mine, axis=0)
+        middle = float(np.median(by_line))
+        if abs(middle) > np.log(MIDDLE_FACTOR) and np.mean(
+                by_line * np.sign(middle) > np.log(MOST_FACTOR)) >= 1 - MOST_FREQUENCIES:  # fmt: skip
+            found[k] = float(np.exp(middle))
+    return found
+
+
+def _like(k: int, sensors: Sequence[Sensor], odd: Sequence[int]) -> list[int]:
+    """Channels to compare one with: of its quantity, upright as it is or level."""
+    return [i for i, s in enumerate(sensors) if i != k and i not in odd and s.quantity == sensors[k].quantity
+            and (abs(s.direction[2]) > 0.7) == (abs(sensors[k].direction[2]) > 0.7)]
+
+
+def _as_unit(factor: float) -> str:
+    size = max(factor, 1 / factor)
+    known = {"g and m/s2": 9.80665, "cm and m": 100.0, "mm and m": 1000.0}
+    name, value = min(known.items(), key=lambda item: abs(np.log(size / item[1])))
+    return f" ({name} are {value:.4g} apart)" if abs(np.log(size / value)) < np.log(2.5) else ""
