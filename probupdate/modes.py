@@ -25,6 +25,10 @@ QUANTITIES = ("acceleration", "velocity", "displacement")
 OTHER_QUANTITIES = ("strain", "inclination", "tilt", "rotation", "angular velocity", "force", "pressure", "temperature")
 
 
+# no sensor is farther from the origin of its model
+FARTHEST_M = 1e7
+
+
 def frozen_array(value, dtype=float) -> np.ndarray:
     """A read-only copy: what a frozen result holds."""
     array = np.array(value, dtype=dtype)
@@ -49,9 +53,9 @@ class Sensor:
             position, direction = frozen_array(self.position_m), frozen_array(self.direction)
         except (TypeError, ValueError):
             raise InputError(where, "position_m or direction is not three numbers", "give [x, y, z]") from None
-        if position.shape != (3,) or not np.all(np.isfinite(position)):
+        if position.shape != (3,) or not np.all(np.abs(position) < FARTHEST_M):
             raise InputError(where, f"position_m {self.position_m} is not three numbers", "give [x, y, z] in metres")
-        if direction.shape != (3,) or not abs(np.linalg.norm(direction) - 1) < 1e-3:
+        if direction.shape != (3,) or not np.all(np.abs(direction) < 2) or not abs(np.linalg.norm(direction) - 1) < 1e-3:
             raise InputError(where, f"direction {self.direction} is not a unit vector", "scale it to length 1")
         if self.quantity not in QUANTITIES:
             known = f"choose from {', '.join(QUANTITIES)}"

@@ -32,10 +32,11 @@ def refuse_time(where: str, channels: Sequence[str], data: np.ndarray) -> None:
     n = len(data)
     if n < FEWEST:
         return
-    few = data[np.linspace(0, n - 1, min(n, LOOKED_AT)).astype(int)]
-    for c in np.flatnonzero(_straight(few)):
+    some = np.linspace(0, n - 1, min(n, LOOKED_AT)).astype(int)
+    few = data[some]
+    for c in np.flatnonzero(_straight(few, some)):
         column = data[:, c]
-        if _straight(column[:, None])[0] and np.all(np.diff(column[np.isfinite(column)]) * np.sign(
+        if _straight(column[:, None], np.arange(n))[0] and np.all(np.diff(column[np.isfinite(column)]) * np.sign(
                 few[-1, c] - few[0, c]) >= 0):  # fmt: skip
             step = (column[-1] - column[0]) / (n - 1)
             raise InputError(f"{where}, channel {channels[c]}", f"its samples rise evenly, by {step:.6g} each: it looks "
@@ -43,15 +44,14 @@ def refuse_time(where: str, channels: Sequence[str], data: np.ndarray) -> None:
                              "(convert.toml, [columns]), or mend the order of [[sensor]]")  # fmt: skip
 
 
-def _straight(columns: np.ndarray) -> np.ndarray:
-    """(n_column,) whether each column of (n, n_column) is a straight line that is not level."""
-    number = np.arange(len(columns), dtype=float)
+def _straight(columns: np.ndarray, number: np.ndarray) -> np.ndarray:
+    """(n_column,) whether each column of (n, n_column) is a straight line over `number` (n,) that is not level."""
     line = columns[0] + (columns[-1] - columns[0]) * number[:, None] / number[-1]
     extent = np.abs(columns[-1] - columns[0])
     # NaN compares as False; single precision has its own steps
     step = 2.0 * np.spacing(np.maximum(np.abs(columns[0]), np.abs(columns[-1])).astype(np.float32))
     return (extent > 0) & (np.max(np.abs(columns - line), axis=0) < np.maximum(STRAIGHT * extent, step)) & (
-        extent > 100 * step)  # fmt: skip
+        extent > 10 * step)  # fmt: skip
 
 
 # Units --------------------------------------------------------------------------------------------------------------
