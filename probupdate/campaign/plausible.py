@@ -50,8 +50,8 @@ def _straight(columns: np.ndarray, number: np.ndarray) -> np.ndarray:
     extent = np.abs(columns[-1] - columns[0])
     # NaN compares as False; single precision has its own steps
     step = 2.0 * np.spacing(np.maximum(np.abs(columns[0]), np.abs(columns[-1])).astype(np.float32))
-    return (extent > 0) & (np.max(np.abs(columns - line), axis=0) < np.maximum(STRAIGHT * extent, step)) & (
-        extent > 10 * step)  # fmt: skip
+    away = np.max(np.abs(columns - line), axis=0)
+    return (extent > 0) & ((away < STRAIGHT * extent) | ((away < step) & (extent > 10 * step)))
 
 
 # Units --------------------------------------------------------------------------------------------------------------
