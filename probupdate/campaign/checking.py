@@ -25,7 +25,7 @@ from probupdate.campaign.plausible import amplitude_spectrum, refuse_time, unit_
 from probupdate.campaign.reading import Campaign
 from probupdate.campaign.rotor_lines import line_scores, rate_ratio
 from probupdate.campaign.samples import channel_table
-from probupdate.campaign.scada import COLUMNS, StateRule, block_conditions, with_rated_power
+from probupdate.campaign.scada import COLUMNS, SIMILAR, StateRule, block_conditions, misnamed, with_rated_power
 from probupdate.campaign.spectra import cross_spectra, in_acceleration
 from probupdate.files import write_json, write_table
 from probupdate.progress import Progress, silent
@@ -209,12 +209,17 @@ def _scada_findings(campaign: Campaign) -> list[str]:
     if campaign.scada is None:
         return ["no scada.csv: states, yawing, pitching and harmonics cannot be told"]
     missing = [c for c in COLUMNS if c not in campaign.scada]
-    found = [f"SCADA has no {c}: no {USES[c]}" for c in missing if c in USES]
+    similar = misnamed(campaign.scada.columns, SIMILAR)
+    found = [f"SCADA has no {c}{_maybe(similar.get(c))}: no {USES[c]}" for c in missing if c in USES]
     index = campaign.scada.index
     span = round((index[-1] - index[0]) / pd.Timedelta(minutes=10)) + 1 if len(index) else 0
     if len(index) < span:
         found.append(f"{span - len(index)} of {span} SCADA rows are missing")
     return found
+
+
+def _maybe(column: str | None) -> str:
+    return "" if column is None else f" (rename '{column}' if that is it)"
 
 
 def _uses(campaign: Campaign, head: pd.DataFrame, table: pd.DataFrame) -> tuple[str, ...]:

@@ -45,6 +45,8 @@ PARTS = {
     "diagnosis.json": "the diagnosis (diagnosis.json)",
 }
 HEAD_KEYS = ("model", "parameters", "campaign", "modes", "seed", "version", "title")
+# what the demonstration notes for itself
+DEMONSTRATION_KEYS = ("start", "days", "finished")
 # for the page's list of what it was made from
 LARGEST_HASHED = 4 * 2**30
 MODEL_FILES = ("model.toml", "model.npz")
@@ -128,9 +130,9 @@ def _head(folder: Path) -> Mapping:
     remedy = f"write {{...}} with some of {', '.join(HEAD_KEYS)}"
     head = read_json_table(path, remedy)
     for key in head:
-        close = difflib.get_close_matches(key, HEAD_KEYS, n=1, cutoff=0.8)
-        if close and key not in HEAD_KEYS:
-            raise InputError(str(path), f"unknown key '{key}'", f"did you mean '{close[0]}'?")
+        if key not in HEAD_KEYS and key not in DEMONSTRATION_KEYS:
+            close = difflib.get_close_matches(key, HEAD_KEYS, n=1)
+            raise InputError(str(path), f"unknown key '{key}'", f"did you mean '{close[0]}'?" if close else remedy)
     checked_table(HeadTable, head, path, remedy)
     return head
 

@@ -8,6 +8,7 @@ from probupdate.campaign.checking import check
 from probupdate.campaign.converting import convert
 from probupdate.campaign.plausible import refuse_time
 from probupdate.campaign.reading import read_campaign
+from probupdate.campaign.scada import read_scada
 from probupdate.errors import InputError
 from probupdate.identification.block_poles import usable_block
 
@@ -100,3 +101,21 @@ def test_check_identify_and_convert_refuse_it_by_name(campaign_folder, tmp_path)
         'files = "*.csv"\nstart = "2024-05-01T00:00:00Z"\n[columns]\nf1 = 1\nf2 = 2\nf3 = 3\n')
     with pytest.raises(InputError, match=r"one.csv, channel f1: .*\[columns\]"):
         convert(raw, tmp_path)
+
+
+@pytest.mark.parametrize(("given", "words"), [
+    ("windspeed_mps", "unknown column 'windspeed_mps'; did you mean 'wind_speed_mps'?"),
+    ("Rotor_Speed_rpm", "unknown column 'Rotor_Speed_rpm'; did you mean 'rotor_speed_rpm'?"),
+    ("pich_deg_max", "did you mean 'pitch_deg_max'?"),
+])  # fmt: skip
+def test_a_misspelt_column_of_scada_is_asked_about(tmp_path, given, words):
+    (tmp_path / "scada.csv").write_text(f"time,{given}\n2020-01-01T00:00Z,1\n")
+    with pytest.raises(InputError) as caught:
+        read_scada(tmp_path / "scada.csv")
+    assert words in str(caught.value) and str(tmp_path / "scada.csv") in str(caught.value)
+
+
+def test_other_columns_of_scada_are_left_alone_and_a_similar_one_is_named_where_it_lacks(campaign_folder, tmp_path):
+    (tmp_path / "scada.csv").write_text("time,wind_speed_mps,wind_speed_mps_p95,power,status\n2019-06-03T10:00Z,1,1,1,1\n")
+    found = check(read_campaign(campaign_folder([(0, building())], head=head(["m/s2"] * 3)))).findings
+    assert any(f.startswith("SCADA has no power_kw (rename 'power' if that is it): no turbine states") for f in found)
