@@ -192,6 +192,10 @@ def run_update(a: argparse.Namespace, progress: Progress) -> None:
     result.write(a.out)
     say(result.summary)
     say(f"wrote {a.out}")
+    if result.suspected:
+        # written as the data stand, for whoever wants to see it; but it is a mistake in what was given
+        raise InputError(f"{a.modes}, set {result.set_id}", f"shapes are not the model's; {result.suspected}",
+                         f"{a.out} holds the update as the data stand")
 
 
 def run_sample(a: argparse.Namespace, progress: Progress) -> None:

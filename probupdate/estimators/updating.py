@@ -31,7 +31,7 @@ from probupdate.estimators.update_file import (
 )
 from probupdate.model import Model
 from probupdate.modes import ModalData, ModalSet, frozen_array
-from probupdate.problem import Problem, Weights, build_problem
+from probupdate.problem import Problem, Weights, build_problem, suspected_channels
 from probupdate.progress import Progress, silent
 from probupdate.structure.affine import AffineModel
 from probupdate.structure.reduced import reduce_basis
@@ -104,6 +104,7 @@ def deterministic_update(
     modal_set = data.set(set_id)
     std = np.concatenate([g.frequency_std_hz for g in problem.groups])
     computed = _in_data_order(problem, np.array(problem.matching.computed, float) + 1, data.n_mode)
+    likely = suspected_channels(model, data, [model.parameters.initial, laplace.theta], set_id=set_id)
     return UpdateRecord(
         model=model.name,
         fingerprint=problem.fingerprint(),
@@ -140,6 +141,7 @@ def deterministic_update(
         alpha_path=AlphaRecord(alpha=path.alpha, theta=path.theta, misfit=path.misfit, penalty=path.penalty,
                                log_evidence=path.log_evidence, chosen=path.chosen, remarks=path.remarks),
         components=_components(problem, laplace),
+        suspected="" if likely is None else f"{likely.sentence}; {likely.remedy}",
     )
 
 

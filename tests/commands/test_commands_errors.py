@@ -442,3 +442,40 @@ def test_a_defect_rises_with_its_trace(monkeypatch, building):
     # Python then prints the trace and exits with 1, which is no code of ours
     with pytest.raises(ZeroDivisionError, match="a defect"):
         probupdate.cli.main(update(building))
+
+
+# Channels exchanged or reversed -------------------------------------------------------------------------------------
+
+
+def exchanged(first, second):
+    def change(table):
+        for one in table["sets"]:
+            for key in ("shape_re", "shape_im", "shape_std"):
+                for row in one.get(key) or ():
+                    row[first], row[second] = row[second], row[first]
+
+    return change
+
+
+@pytest.mark.parametrize(("channels", "weights", "written"), [((0, 4), "paper", True), ((0, 4), "measured", False),
+                                                              ((1, 3), "measured", False)])  # fmt: skip
+def test_exchanged_channels_are_named_and_the_misfit_said(building, capsys, channels, weights, written):
+    from probupdate.cli import main
+
+    table = modes_table()
+    exchanged(*channels)(table)
+    Path(building["modes"]).write_text(json.dumps(table))
+    assert main([*update(building), "--weights", weights]) == 2
+    said = capsys.readouterr()
+    assert f"channels {CHANNELS[channels[0]]} and {CHANNELS[channels[1]]} exchanged would explain it" in said.err
+    assert len([line for line in said.err.splitlines() if not line.startswith("  ")]) == 1
+    assert (building["folder"] / "new.json").exists() == written
+    if written:
+        assert said.out.startswith("MISFIT BEYOND CHANCE")
+        assert "new.json holds the update as the data stand" in said.err
+
+
+@pytest.mark.parametrize("verb", ["update", "sample"])
+def test_a_name_that_is_nearly_a_model_is_asked_about(building, refused, verb):
+    words = refused(verb, "--model", "updatd", "--modes", building["modes"], "--out", building["folder"] / "x.nc")
+    assert "updatd: is no state of the reference turbine" in words and "did you mean 'updated'?" in words
