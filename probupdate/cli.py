@@ -192,10 +192,14 @@ def run_update(a: argparse.Namespace, progress: Progress) -> None:
     result.write(a.out)
     say(result.summary)
     say(f"wrote {a.out}")
-    if result.suspected:
-        # written as the data stand, for whoever wants to see it; but it is a mistake in what was given
-        raise InputError(f"{a.modes}, set {result.set_id}", f"shapes are not the model's; {result.suspected}",
-                         f"{a.out} holds the update as the data stand")
+    refuse_suspected(a, result.set_id, result.suspected)
+
+
+def refuse_suspected(a: argparse.Namespace, set_id: str, suspected: str) -> None:
+    """What was written stands, for whoever wants to see it; but there is a mistake in what was given."""
+    if suspected:
+        raise InputError(f"{a.modes}, set {set_id}", f"shapes are not the model's; {suspected}",
+                         f"{a.out} holds the result of the data as they stand")
 
 
 def run_sample(a: argparse.Namespace, progress: Progress) -> None:
@@ -208,6 +212,7 @@ def run_sample(a: argparse.Namespace, progress: Progress) -> None:
         target_ess=a.ess, max_steps=a.max_steps, every_mode=a.every_mode, progress=progress)
     say(result.summary)
     say(f"wrote {a.out}")
+    refuse_suspected(a, str(result.record.get("set_id", "")), str(result.record.get("suspected", "")))
 
 
 def run_compare(a: argparse.Namespace, progress: Progress) -> None:

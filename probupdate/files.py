@@ -262,6 +262,21 @@ def inside(path: Path, folder: Path) -> Path:
     return path
 
 
+def named_within(name: str, folder: Path, where: str, *, root: Path | None = None, remedy: str = "put it beside") -> Path:
+    """The path that a file in `folder` names, relative to it: in the folder `root` (that folder where None) or below.
+    Raises InputError at `where` for a name that is none, or that leads out. Backslashes are those of Windows."""
+    try:
+        path = (folder.resolve() / name.replace("\\", "/")).resolve()
+        # asked here, as a name may be too long for the file system
+        path.is_file()
+        good = path.is_relative_to(folder.resolve() if root is None else root.resolve())
+    except (OSError, RuntimeError, ValueError) as error:
+        raise InputError(where, f"'{name:.80}' is no name of a file ({_why(error)})", remedy) from None
+    if not good:
+        raise InputError(where, f"'{name:.200}' leaves the folder {(root or folder).name or root or folder}", remedy)
+    return path
+
+
 def present(path: Path) -> bool:
     """Whether something has that name, even a link to nothing."""
     return os.path.lexists(path)

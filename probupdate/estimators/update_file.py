@@ -231,7 +231,12 @@ def _alphas(record: UpdateRecord) -> list[str]:
 
 def misses(record: UpdateRecord) -> bool:
     """Whether the misfit at the maximum is beyond what the stated covariance allows by chance."""
-    return record.map_misfit > record.n_effective + ACCUSED * np.sqrt(2 * record.n_effective)
+    return record.map_misfit > beyond_chance(record.n_effective)
+
+
+def beyond_chance(n_effective: int) -> float:
+    """The chi-square from which a misfit is none of chance."""
+    return n_effective + ACCUSED * np.sqrt(2 * n_effective)
 
 
 def fit_sentence(record: UpdateRecord) -> str:

@@ -28,6 +28,7 @@ from probupdate.estimators.update_file import (
     ScatterRecord,
     SchemeRecord,
     UpdateRecord,
+    beyond_chance,
 )
 from probupdate.model import Model
 from probupdate.modes import ModalData, ModalSet, frozen_array
@@ -315,6 +316,12 @@ def sample_posterior(
     unstated = "ln evidence is not stated, as the chain has not converged"
     agreement = agree(weighted, chain)
     statements = [agreement.sentence, checked_laplace.sentence, unstated if evidence is None else evidence.sentence]
+    likely = suspected_channels(model, data, [model.parameters.initial, laplace.theta], set_id=set_id)
+    if laplace.misfit > beyond_chance(problem.n_effective):
+        statements.insert(0, f"MISFIT BEYOND CHANCE: chi-square at the maximum {laplace.misfit:.4g} for "
+                          f"{problem.n_effective} effective responses; the posterior is not to be trusted")  # fmt: skip
+    if likely is not None:
+        statements.insert(0, f"SUSPECT: the measured shapes are not this model's, and {likely.sentence}; {likely.remedy}")
     if prepared.notes["maxima"] > 1:
         statements.insert(0, f"{prepared.notes['maxima']} separate maxima of the posterior, all of them sampled")
     record = prepared.notes | {
@@ -329,6 +336,7 @@ def sample_posterior(
         "median misfit": float(np.median(problem.misfit(predicted.response))),
         "worst mac": float(np.min(predicted.mac)), "laplace": asdict(checked_laplace),
         **({} if evidence is None else {"evidence": asdict(evidence)}),
+        **({} if likely is None else {"suspected": f"{likely.sentence}; {likely.remedy}"}),
         "importance sampling": asdict(agreement), "tail effective size": chain.tail.tolist(),
         "ensembles": settings.ensembles, "projected gradient at the map": laplace.projected_gradient,
         "statements": statements, "notes": _notes(problem, laplace, edge, misfit_error),

@@ -19,7 +19,7 @@ from probupdate.diagnosis.results import read_diagnosis
 from probupdate.errors import InputError, parsing
 from probupdate.estimators.posterior_file import Posterior, read_posterior
 from probupdate.estimators.update_file import UpdateRecord, read_update
-from probupdate.files import read_bytes, read_json_table, read_toml
+from probupdate.files import named_within, read_bytes, read_json_table, read_toml
 from probupdate.model import Model
 from probupdate.modes import ModalData, ModalSet, read_modes
 from probupdate.progress import Progress
@@ -152,10 +152,9 @@ def _named(folder: Path, head: Mapping, key: str) -> Path | None:
     """A path of run.json, relative to the run and within it."""
     if not head.get(key):
         return None
-    path = folder / str(head[key])
     where = f"{folder / 'run.json'}, {key}"
-    if not path.resolve().is_relative_to(folder.resolve()):
-        raise InputError(where, f"'{head[key]}' leaves the run directory", "copy it into the run")
+    named_within(str(head[key]), folder, where, remedy="copy it into the run directory")
+    path = folder / str(head[key])
     if not path.exists():
         raise InputError(where, f"'{head[key]}' does not exist", "mend the path, or leave the key out")
     return path

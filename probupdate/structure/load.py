@@ -12,6 +12,7 @@ import numpy as np
 from scipy import sparse
 
 from probupdate.errors import InputError
+from probupdate.files import named_within
 from probupdate.model import Wireframe
 from probupdate.modes import Sensor, frozen_array
 from probupdate.parameters import Parameters
@@ -158,11 +159,7 @@ def _named_file(path: Path, raw: dict) -> Path:
     table = raw["matrices"]
     if not isinstance(table, dict) or set(table) != {"file"} or not isinstance(table["file"], str):
         raise InputError(f"{path}: matrices", "is not a table with the one key 'file'", 'write file = "model.npz"')
-    folder = path.resolve().parent
-    file = (folder / table["file"]).resolve()
-    if not file.is_relative_to(folder):
-        raise InputError(f"{path}: matrices.file", f"'{table['file']}' leaves the model's folder", "put it beside")
-    return file
+    return named_within(table["file"], path.resolve().parent, f"{path}: matrices.file")
 
 
 def matrices_file(path: str | Path) -> tuple[Path, str]:

@@ -472,7 +472,7 @@ def test_exchanged_channels_are_named_and_the_misfit_said(building, capsys, chan
     assert (building["folder"] / "new.json").exists() == written
     if written:
         assert said.out.startswith("MISFIT BEYOND CHANCE")
-        assert "new.json holds the update as the data stand" in said.err
+        assert "new.json holds the result of the data as they stand" in said.err
 
 
 @pytest.mark.parametrize("verb", ["update", "sample"])
