@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Callable
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
 
 from probupdate.campaign.scada import STATES
-from probupdate.errors import InputError, of_file, parsing
+from probupdate.errors import InputError
 from probupdate.files import read_toml
 from probupdate.modes import ModalSet
+from probupdate.schema import Range, checked, table_as
+
+# a threshold may be infinite, which leaves its criterion out
+Threshold = Annotated[float, Range(0)]
+Angle = Annotated[float, Range(0, 90)]
 
 # a criterion by its name: does the set pass?
 Test = tuple[str, Callable[[ModalSet], bool]]
@@ -29,46 +34,24 @@ class SelectionCriteria:
     two are resolved, unresolved_angle_deg where not; the angle whose squared cosine is their MAC.
     """
 
-    yaw_rate_degps: float = 0.05
-    heading_range_deg: float = 1.0
-    pitch_range_deg: float = 2.0
-    rotor_speed_rpm: float = 2.0
+    yaw_rate_degps: Threshold = 0.05
+    heading_range_deg: Threshold = 1.0
+    pitch_range_deg: Threshold = 2.0
+    rotor_speed_rpm: Threshold = 2.0
     states: tuple[str, ...] = (STATES[0],)
     required: tuple[str, ...] | None = None
-    least_angle_deg: float = 60.0
-    unresolved_angle_deg: float = 30.0
+    least_angle_deg: Angle = 60.0
+    unresolved_angle_deg: Angle = 30.0
 
     def __post_init__(self):
-        for field in fields(self):
-            value = getattr(self, field.name)
-            if field.type != "float":
-                continue
-            if isinstance(value, bool) or not isinstance(value, int | float) or not value >= 0:
-                raise InputError(f"selection, {field.name}", f"{value!r} is no number from 0", "give one, or inf")
-        for name in ("least_angle_deg", "unresolved_angle_deg"):
-            if not getattr(self, name) <= 90:
-                raise InputError(f"selection, {name}", f"{getattr(self, name)} is not in 0 to 90", "give an angle")
-        for name in ("states", "required"):
-            value = getattr(self, name)
-            if value is None and name == "required":
-                continue
-            if isinstance(value, str) or not all(isinstance(x, str) for x in value):
-                raise InputError(f"selection, {name}", f"{value!r} is no list of names", 'write ["..."]')
-            object.__setattr__(self, name, tuple(value))
+        checked(self, "selection", "see SelectionCriteria")
 
 
 def read_criteria(path: str | Path) -> SelectionCriteria:
     """A TOML file whose keys are those of `SelectionCriteria`; what it leaves out keeps its default."""
     path = Path(path)
     content = read_toml(path, "write lines such as pitch_range_deg = 2.0", absent="name a file with criteria")
-    known = [field.name for field in fields(SelectionCriteria)]
-    for key in content:
-        if key not in known:
-            close = difflib.get_close_matches(key, known, n=1)
-            raise InputError(f"{path}", f"unknown key '{key}'",
-                             f"did you mean '{close[0]}'?" if close else f"choose from {', '.join(known)}")
-    with of_file(path), parsing(str(path), "holds another kind of value", "write lines such as pitch_range_deg = 2.0"):
-        return SelectionCriteria(**content)
+    return table_as(SelectionCriteria, content, str(path))
 
 
 def condition_tests(sets: tuple[ModalSet, ...], criteria: SelectionCriteria) -> tuple[list[Test], list[str]]:
