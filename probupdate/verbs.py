@@ -20,7 +20,7 @@ from probupdate.campaign.scada import StateRule, read_scada, row_states
 from probupdate.comparison import Comparison
 from probupdate.comparison import compare as compare_results
 from probupdate.effects.tolerances import SensorUncertainty, TurbineUncertainty
-from probupdate.errors import InputError
+from probupdate.errors import InputError, names_files
 from probupdate.estimators.discrepancy import state_model_error, stated_weights
 from probupdate.estimators.ensemble import SamplerSettings
 from probupdate.estimators.posterior_file import Posterior, read_posterior, write_posterior
@@ -143,6 +143,7 @@ class _Surroundings:
         return {"nacelle": text}
 
 
+@names_files("campaign")
 def check(campaign: str | Path, *, progress: Progress = silent) -> CampaignCheck:
     """What a campaign holds, what is wrong with it, what can be done with it."""
     return check_campaign(read_campaign(campaign), progress=progress)
@@ -155,6 +156,7 @@ def convert(
     return convert_files(sources, campaign, description=description, progress=progress)
 
 
+@names_files("model")
 def model_modes(model, count: int = 10, *, parameters: str | Path | None = None) -> OwnModes:
     """A model's own frequencies, labels and shapes; the command `modes`. `model`: a file in any form, a model, or a
     function theta -> (frequency_hz, shape) with `parameters`."""
@@ -216,6 +218,7 @@ def _as_reference(frequency_hz, shape, labels, chosen: list[int]) -> ReferenceMo
                           pairs=close_pairs(frequency_hz[chosen], names))  # fmt: skip
 
 
+@names_files("campaign")
 def identify(
     campaign: str | Path,
     model=None,
@@ -348,6 +351,7 @@ def _has_geometry(model) -> bool:
         path.suffix == ".toml" and b"[matrices]" not in read_bytes(path))
 
 
+@names_files("modes")
 def select(
     modes: str | Path,
     *,
@@ -368,6 +372,7 @@ def select(
     )
 
 
+@names_files("modes")
 def regress(
     modes: str | Path, *, covariates: tuple[str, ...] = COVARIATES, state: str | None = None
 ) -> ModalRegression:
@@ -425,6 +430,7 @@ def unmatched(modes: str | Path | ModalData, every_mode: bool = False) -> dict[s
     return {"left out": tuple(left), "taken": tuple(taken)}
 
 
+@names_files("modes")
 def update(
     model,
     modes: str | Path | ModalData,
@@ -466,6 +472,7 @@ def update(
     return replace(record, settings=settings, left_out=(*record.left_out, *said["left out"]))
 
 
+@names_files("modes")
 def sample(
     model,
     modes: str | Path | ModalData,
@@ -503,6 +510,7 @@ def sample(
     return posterior
 
 
+@names_files("update")
 def compare(
     update: str | Path | UpdateRecord,
     posterior: str | Path | Posterior,
@@ -521,6 +529,7 @@ def compare(
     return compare_results(record, drawn, getattr(opened, "derived", None))
 
 
+@names_files("modes")
 def sets(
     model,
     modes: str | Path | ModalData,
@@ -550,6 +559,7 @@ def sets(
     )
 
 
+@names_files("modes")
 def inform(
     model,
     modes: str | Path | ModalData,
@@ -599,6 +609,7 @@ def inform(
     return replace(information(problem, theta=point, place=PLACES[at], posterior=drawn), check=check)
 
 
+@names_files("modes")
 def diagnose(
     model,
     modes: str | Path | ModalData,
@@ -626,6 +637,7 @@ def diagnose(
     return diagnose_files(path, data, campaign=records, parameters=parameters, seed=seed, progress=progress, **options)
 
 
+@names_files("run", "run")
 def export(
     run: str | Path, out: str | Path, *, to: str = "lifetime", draws: int = 100, superelement_modes: int = 10,
     accept: bool = False, seed: int = 1, progress: Progress = silent,
@@ -678,6 +690,7 @@ class Figures:
         return f"{len(self.files) - 1} figures in {self.files[0].parent}, what they show in {self.files[-1].name}"
 
 
+@names_files("modes")
 def figures(
     modes: str | Path, out: str | Path, *, campaign: str | Path | None = None, block: str | None = None,
     kind: str = "png",

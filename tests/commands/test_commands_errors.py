@@ -479,3 +479,21 @@ def test_exchanged_channels_are_named_and_the_misfit_said(building, capsys, chan
 def test_a_name_that_is_nearly_a_model_is_asked_about(building, refused, verb):
     words = refused(verb, "--model", "updatd", "--modes", building["modes"], "--out", building["folder"] / "x.nc")
     assert "updatd: is no state of the reference turbine" in words and "did you mean 'updated'?" in words
+
+
+NAMELESS = {
+    "set": (["update", "--set", "nope"], "modes.json, set nope: there is none of that id"),
+    "channels": (["update", "--model", "updated"], "modes.json, channel F05: is in the measured modes but not in the model"),
+    "count": (["modes", "--count", "900"], "model.npz, model: 900 modes are asked for"),
+    "option": (["update", "--frequency-cov", "0.1"], "probupdate update: frequency CoV: 1 given for 4 modes"),
+    "covariate": (["regress", "--covariates", "xx"], "modes.json, covariate xx: is a number in no set"),
+}
+
+
+@pytest.mark.parametrize("given, words", NAMELESS.values(), ids=NAMELESS)
+def test_what_is_wrong_with_values_names_their_file_or_the_option(building, refused, given, words):
+    verb, *options = given
+    files = {"update": ["--model", building["model"], "--modes", building["modes"]], "modes": [building["model"]],
+             "regress": [building["modes"]]}[verb]  # fmt: skip
+    out = ["--out", str(building["folder"] / "new.x")]
+    assert words in refused(verb, *files, *options, *out)
