@@ -27,6 +27,7 @@ from probupdate.estimators.posterior_file import Posterior, read_posterior, writ
 from probupdate.estimators.update_file import UNLIKE, UpdateRecord, read_update
 from probupdate.estimators.updating import deterministic_update, sample_posterior
 from probupdate.files import read_bytes
+from probupdate.identification.block_poles import block_references
 from probupdate.identification.criteria import read_criteria
 from probupdate.identification.identify import Identification, SSISettings
 from probupdate.identification.identify import identify as identify_campaign
@@ -311,6 +312,11 @@ def _settings(
         chosen = {"order": found.order, "block_rows": found.block_rows, "target_rate_hz": found.target_rate_hz} | given
         said.append(found.sentence)
     settings = SSISettings(**chosen, harmonics=harmonics)
+    for n_channel in sorted({len(c.sensors) for c in campaigns}):
+        few = block_references(n_channel, settings.of_blocks)
+        if few is not None:
+            said.append(f"{n_channel} channels: the past of {few} combinations of them is used, as that of all would take "
+                        "more memory than is allowed; every channel has its shape")  # fmt: skip
     # a part must be longer than the lags
     parts = int(min(c.block_minutes for c in campaigns) * 60 * settings.target_rate_hz) // (2 * settings.block_rows + 1)
     if parts < settings.sub_records:

@@ -26,7 +26,7 @@ from probupdate.campaign.reading import Campaign
 from probupdate.campaign.rotor_lines import line_scores, rate_ratio
 from probupdate.campaign.samples import channel_table
 from probupdate.campaign.scada import COLUMNS, SIMILAR, StateRule, block_conditions, misnamed, with_rated_power
-from probupdate.campaign.spectra import cross_spectra, in_acceleration
+from probupdate.campaign.spectra import cross_spectra, in_acceleration, most_channels
 from probupdate.files import write_json, write_table
 from probupdate.progress import Progress, silent
 
@@ -106,7 +106,11 @@ def check(campaign: Campaign, *, progress: Progress = silent) -> CampaignCheck:
     vibration = table.groupby("channel")["vibration"].median().to_dict()
     findings = (*findings, *unit_findings(amplitudes, campaign.sensors, vibration, findings))
     uses = (*_uses(campaign, head, table), *able)
-    if stride > 1:
+    most = most_channels(campaign.sampling_rate_hz, 0.4 * campaign.sampling_rate_hz)
+    if len(campaign.sensors) > most:
+        uses = (*uses, f"channels were not compared with one another: {len(campaign.sensors)} are more than the {most} "
+                "whose spectra memory holds; leave_out in campaign.toml takes some away")  # fmt: skip
+    elif stride > 1:
         uses = (*uses, f"channels were compared with one another in every {stride}th block")
     summary = "\n".join([
         f"{campaign.name}: {len(campaign.sensors)} channels at {campaign.sampling_rate_hz:g} Hz, {len(campaign.files)} "

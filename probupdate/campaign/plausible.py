@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 
 import numpy as np
 from scipy import signal
@@ -19,6 +19,8 @@ STRAIGHT, LOOKED_AT, FEWEST = 1e-4, 257, 20
 MIDDLE_FACTOR = 4.0
 # and it is so over most frequencies, as a point that one mode hardly moves is moved by the others
 MOST_FREQUENCIES, MOST_FACTOR = 0.25, 2.0
+# of more channels than so many, one median serves all
+FEW = 30
 # frequencies of one comparison; segments of it at least
 LINES, FEWEST_SEGMENTS = 256, 8
 # vibration (m/s2, standard deviation) of a structure that is not shaken on purpose; only records stated in g are asked
@@ -84,9 +86,10 @@ def unit_findings(
     suspects of its scale is not asked for again."""
     found = []
     odd: list[int] = []
-    while spectra:
+    spectrum = _middle_spectrum(spectra)
+    while spectrum is not None:
         # the oddest first: beside it, of few channels, the others look odd too
-        apart = _spectrum_ratios(np.array(spectra), sensors, odd)
+        apart = _spectrum_ratios(spectrum, sensors, odd)
         if not apart:
             break
         k = max(apart, key=lambda i: abs(np.log(apart[i])))
@@ -110,31 +113,55 @@ def unit_findings(
     return found
 
 
-def _spectrum_ratios(stack: np.ndarray, sensors: Sequence[Sensor], odd: Sequence[int]) -> dict[int, float]:
-    """Channel -> its amplitude over the middle of its like, of the channels where that is far from 1 throughout;
-    stack (n_block, n_line, n_channel) in logarithms, channels of `odd` left out."""
+def _middle_spectrum(spectra: Sequence[np.ndarray]) -> np.ndarray | None:
+    """(n_line, n_channel), over the blocks; NaN for a channel that fewer than half of them know."""
+    if not spectra:
+        return None
+    stack = np.array(spectra)
+    known = np.isfinite(stack[:, 0])
+    middle = np.full(stack.shape[1:], np.nan)
+    for c in np.flatnonzero(known.mean(axis=0) >= 0.5):
+        middle[:, c] = np.median(stack[known[:, c], :, c], axis=0)
+    return middle
+
+
+def _spectrum_ratios(spectrum: np.ndarray, sensors: Sequence[Sensor], odd: Sequence[int]) -> dict[int, float]:
+    """Channel -> its amplitude over the middle of its like, of the channels where that is far from 1 throughout, and
+    from that of the places nearest to it: what changes along a structure does so smoothly. spectrum (n_line,
+    n_channel) in logarithms, channels of `odd` left out."""
     found = {}
-    # a channel that has lost samples in many blocks is no measure of the others
-    seldom = np.flatnonzero(np.isfinite(stack[:, 0]).mean(axis=0) < 0.5)
+    left_out = {*odd, *np.flatnonzero(np.isnan(spectrum[0]))}
+    middles: dict[tuple, np.ndarray] = {}
     for k in range(len(sensors)):
-        like = _like(k, sensors, [*odd, *seldom])
-        if k in odd or not like:
+        like = _like(k, sensors, left_out)
+        if k in left_out or not like:
             continue
-        mine = stack[:, :, k] - np.median(stack[:, :, like], axis=2)
-        mine = mine[np.isfinite(mine[:, 0])]
-        if not len(mine):
-            continue
-        by_line = np.median(mine, axis=0)
-        middle = float(np.median(by_line))
-        if abs(middle) > np.log(MIDDLE_FACTOR) and np.mean(
-                by_line * np.sign(middle) > np.log(MOST_FACTOR)) >= 1 - MOST_FREQUENCIES:  # fmt: skip
-            found[k] = float(np.exp(middle))
+        group = (sensors[k].quantity, abs(sensors[k].direction[2]) > 0.7)
+        if len(like) <= FEW:
+            middle = np.median(spectrum[:, like], axis=1)
+        else:
+            # of many, the channel itself moves no median
+            middle = middles.setdefault(group, np.median(spectrum[:, like], axis=1))
+        ratio = spectrum[:, k] - middle
+        away = float(np.median(ratio))
+        if abs(away) > np.log(MIDDLE_FACTOR) and np.mean(ratio * np.sign(away) > np.log(MOST_FACTOR)) >= (
+                1 - MOST_FREQUENCIES):  # fmt: skip
+            near = spectrum[:, k] - np.median(spectrum[:, _nearest(k, sensors, like)], axis=1)
+            if np.median(near) * np.sign(away) > np.log(MOST_FACTOR):
+                found[k] = float(np.exp(away))
     return found
 
 
-def _like(k: int, sensors: Sequence[Sensor], odd: Sequence[int]) -> list[int]:
+def _nearest(k: int, sensors: Sequence[Sensor], like: Sequence[int]) -> list[int]:
+    """Those of `like` at the two places nearest to the channel's own, but for its own place."""
+    distance = np.round([np.linalg.norm(sensors[i].position_m - sensors[k].position_m) for i in like], 6)
+    others = np.unique(distance[distance > 0])[:2]
+    return [i for i, d in zip(like, distance, strict=True) if d in others] or list(like)
+
+
+def _like(k: int, sensors: Sequence[Sensor], left_out: Collection[int]) -> list[int]:
     """Channels to compare one with: of its quantity, upright as it is or level."""
-    return [i for i, s in enumerate(sensors) if i != k and i not in odd and s.quantity == sensors[k].quantity
+    return [i for i, s in enumerate(sensors) if i != k and i not in left_out and s.quantity == sensors[k].quantity
             and (abs(s.direction[2]) > 0.7) == (abs(sensors[k].direction[2]) > 0.7)]
 
 
