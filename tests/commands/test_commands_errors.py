@@ -497,3 +497,19 @@ def test_what_is_wrong_with_values_names_their_file_or_the_option(building, refu
              "regress": [building["modes"]]}[verb]  # fmt: skip
     out = ["--out", str(building["folder"] / "new.x")]
     assert words in refused(verb, *files, *options, *out)
+
+
+ABSURD = [["simulate", "x", "--days", "1e9"], ["simulate", "x", "--days", "inf"], ["demo", "x", "--days", "1e9"],
+          ["simulate", "x", "--jobs", "1000000000"], ["sample", "--ensembles", "1000000000"], ["sample", "--ess", "1" + "0" * 12],
+          ["sample", "--max-steps", "1" + "0" * 12], ["sample", "--seed", "9" * 30], ["update", "--iterations", "1" + "0" * 10],
+          ["update", "--frequency-cov", "1e300"], ["sets", "--spread", "1e300"], ["select", "x.json", "--count", "1" + "0" * 10],
+          ["identify", "x", "--order", "100000"], ["identify", "x", "--block-rows", "1000000"],
+          ["export", "x", "--to", "lifetime", "y", "--draws", "1" + "0" * 10]]  # fmt: skip
+
+
+@pytest.mark.parametrize("given", ABSURD, ids=[" ".join(g[-2:]) for g in ABSURD])
+def test_what_no_memory_or_lifetime_holds_is_refused_at_once(tmp_path, monkeypatch, refused, given):
+    monkeypatch.chdir(tmp_path)
+    words = refused(*given, *([] if given[0] in ("simulate", "demo", "export") else ["--out", "out.json"]))
+    assert given[-2] in words and ("most there can be" in words or "is not from 0 to" in words)
+    assert not list(tmp_path.iterdir())
