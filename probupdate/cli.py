@@ -199,6 +199,14 @@ def run_update(a: argparse.Namespace, progress: Progress) -> None:
     result.write(a.out)
     say(result.summary)
     say(f"wrote {a.out}")
+    refuse_suspected(a, result.set_id, result.suspected)
+
+
+def refuse_suspected(a: argparse.Namespace, set_id: str, suspected: str) -> None:
+    """What was written stands, for whoever wants to see it; but there is a mistake in what was given."""
+    if suspected:
+        raise InputError(f"{a.modes}, set {set_id}", f"shapes are not the model's; {suspected}",
+                         f"{a.out} holds the result of the data as they stand")
 
 
 def run_sample(a: argparse.Namespace, progress: Progress) -> None:
@@ -211,6 +219,7 @@ def run_sample(a: argparse.Namespace, progress: Progress) -> None:
         target_ess=a.ess, max_steps=a.max_steps, every_mode=a.every_mode, progress=progress)
     say(result.summary)
     say(f"wrote {a.out}")
+    refuse_suspected(a, str(result.record.get("set_id", "")), str(result.record.get("suspected", "")))
 
 
 def run_compare(a: argparse.Namespace, progress: Progress) -> None:
@@ -279,15 +288,36 @@ def weights_option(a: argparse.Namespace) -> str | tuple[float, ...]:
 # The parser -------------------------------------------------------------------------------------------------------
 
 
-def positive(kind: type) -> Callable[[str], float]:
+# the largest value of an option: beyond it lies a slip of the pen, or a job that no memory or lifetime holds
+MOST = {
+    "days": 3660, "jobs": 4096, "modes": 100_000, "order": 500, "block rows": 5000, "Hz": 100_000, "kW": 1_000_000,
+    "sets": 1_000_000, "iterations": 100_000, "draws": 1_000_000, "ensembles": 64, "steps": 10_000_000, "CoV": 10.0,
+    "deviations": 100.0, "reduced modes": 1000,
+}  # fmt: skip
+LARGEST_SEED = 2**63 - 1
+
+
+def positive(kind: type, what: str = "") -> Callable[[str], float]:
     def convert(text: str):
         value = kind(text)
         if not value > 0:
             raise argparse.ArgumentTypeError(f"{text} is not above zero")
+        if value > MOST.get(what, float("inf")):
+            raise argparse.ArgumentTypeError(f"{text} {what} are more than {MOST[what]:g}, the most there can be")
         return value
 
     convert.__name__ = kind.__name__
     return convert
+
+
+def seed_option(text: str) -> int:
+    value = int(text)
+    if not 0 <= value <= LARGEST_SEED:
+        raise argparse.ArgumentTypeError(f"{text} is not from 0 to {LARGEST_SEED}")
+    return value
+
+
+seed_option.__name__ = "int"
 
 
 def alpha_option(text: str) -> float | str:
@@ -353,7 +383,7 @@ def build_parser() -> argparse.ArgumentParser:
         return added
 
     def seeded(p: argparse.ArgumentParser) -> None:
-        p.add_argument("--seed", type=int, default=1, help="same seed, same numbers (default 1)")
+        p.add_argument("--seed", type=seed_option, default=1, help="same seed, same numbers (default 1)")
 
     def on_model(p: argparse.ArgumentParser, required: bool = True) -> None:
         without = "" if required else "; without, poles that come back are numbered"
@@ -373,7 +403,7 @@ def build_parser() -> argparse.ArgumentParser:
         p.add_argument("--shapes", choices=("plane", "components", "mac", "none"), default="plane",
                        help="shapes by components with close pairs as planes (default), every one by components, as "
                        "one MAC each, or not at all")
-        weights.add_argument("--frequency-cov", type=positive(float), nargs="+", metavar="COV",
+        weights.add_argument("--frequency-cov", type=positive(float, "CoV"), nargs="+", metavar="COV",
                              help="CoV of each frequency instead, tenfold for shapes")
         p.add_argument("--discrepancy", type=discrepancy_option, metavar="SHARE",
                        help="what the model may miss of every frequency, such as 0.005, and ten times that of shapes; "
@@ -385,25 +415,26 @@ def build_parser() -> argparse.ArgumentParser:
 
     p = verb("demo", run_demo, "the whole job on a virtual campaign, ending with OUT/report.html")
     p.add_argument("out", metavar="OUT", help="directory to write; an interrupted demo goes on where it stopped")
-    p.add_argument("--days", type=positive(float), default=1.0, help="length of the campaign (default 1)")
+    p.add_argument("--days", type=positive(float, "days"), default=1.0, help="length of the campaign (default 1)")
     p.add_argument("--hide", default="default", metavar="TRUTH",
                    help="truth.toml of effects to hide in the virtual turbine, none, or default: one of the structure, "
                         "one of a sensor")
-    p.add_argument("--jobs", type=positive(int), default=2, help="processes (default 2: the sampler beside the diagnosis)")
+    p.add_argument("--jobs", type=positive(int, "jobs"), default=2,
+                   help="processes (default 2: the sampler beside the diagnosis)")
     seeded(p)
 
     p = verb("simulate", run_simulate, "a virtual turbine, measured: a campaign with its truth")
     p.add_argument("out", metavar="OUT", help="campaign directory to write")
     p.add_argument("--model", help="model.toml whose geometry is built anew (default: the updated reference turbine)")
-    p.add_argument("--days", type=positive(float), default=1.0, help="length of the campaign (default 1)")
+    p.add_argument("--days", type=positive(float, "days"), default=1.0, help="length of the campaign (default 1)")
     p.add_argument("--truth", help="truth.toml: parameters and effects to build in instead of drawing them")
-    p.add_argument("--jobs", type=positive(int), default=1, help="processes (1); the bytes do not depend on it")
+    p.add_argument("--jobs", type=positive(int, "jobs"), default=1, help="processes (1); the bytes do not depend on it")
     seeded(p)
 
     p = verb("modes", run_modes, "a model's own frequencies, labels and shapes, of every form of model")
     p.add_argument("model", metavar="MODEL", help=MODEL_HELP)
     p.add_argument("--parameters", help="parameters.toml of a model made of matrices")
-    p.add_argument("--count", type=positive(int), default=10, help="how many modes (10)")
+    p.add_argument("--count", type=positive(int, "sets"), default=10, help="how many modes (10)")
     p.add_argument("--json", action="store_true", help="one JSON object: frequency_hz, label, channel, shape, notes")
     p.add_argument("--out", help="write that JSON to a file too")
 
@@ -422,15 +453,15 @@ def build_parser() -> argparse.ArgumentParser:
     p.add_argument("campaign", metavar="CAMPAIGN", nargs="+", help="a campaign's folder; several: setups of one "
                    "structure with sensors in common, merged into one set")
     on_model(p, required=False)
-    p.add_argument("--lowest", type=positive(int), help="look for the model's lowest so many modes, whatever they are "
+    p.add_argument("--lowest", type=positive(int, "modes"), help="look for the model's lowest so many modes, whatever they are "
                    "(default: first and second bending and torsion of a tower)")
     p.add_argument("--out", required=True, help="modes.json; the poles go beside it, and each block's as it is found "
                    "(OUT.blocks): a run that was stopped goes on there")
-    p.add_argument("--jobs", type=positive(int), help="processes (default: one a core; at most one for 40 blocks, as "
+    p.add_argument("--jobs", type=positive(int, "jobs"), help="processes (default: one a core; at most one for 40 blocks, as "
                    "starting one takes as long as those); the modes do not depend on it")
-    p.add_argument("--order", type=positive(int), help="model order (20 with a model, as the paper)")
-    p.add_argument("--block-rows", type=positive(int), help="block rows of the Toeplitz matrix (30 with a model)")
-    p.add_argument("--rate", type=positive(float), help="sampling rate after decimation in Hz (5 with a model; without, "
+    p.add_argument("--order", type=positive(int, "order"), help="model order (20 with a model, as the paper)")
+    p.add_argument("--block-rows", type=positive(int, "block rows"), help="block rows of the Toeplitz matrix (30 with a model)")
+    p.add_argument("--rate", type=positive(float, "Hz"), help="sampling rate after decimation in Hz (5 with a model; without, "
                    "all three are proposed from the record and said)")
     p.add_argument("--harmonics", choices=("keep", "remove"), default="keep", help="keep them (default), or remove: take the rotor's multiples "
                    "out of records in which its angle can be followed; each block says what was done")
@@ -444,9 +475,9 @@ def build_parser() -> argparse.ArgumentParser:
     p.add_argument("--deviations", choices=("campaign", "identification"), default="campaign",
                    help="what kept sets carry: scatter over all blocks, as the paper (default), or what identification "
                    "states of each")
-    p.add_argument("--rated-power", type=positive(float), metavar="KW",
+    p.add_argument("--rated-power", type=positive(float, "kW"), metavar="KW",
                    help="the turbine's, for states told from --scada (default: the highest power in it)")
-    p.add_argument("--count", type=positive(int), default=9, help="how many sets to keep (default 9)")
+    p.add_argument("--count", type=positive(int, "sets"), default=9, help="how many sets to keep (default 9)")
     p.add_argument("--out", required=True, help="modes file of the selected sets, nine.json in a run directory")
 
     p = verb("regress", run_regress, "how frequencies and damping follow wind, rotor, temperature, water and amplitude")
@@ -468,15 +499,15 @@ def build_parser() -> argparse.ArgumentParser:
                    "evidence")
     p.add_argument("--method", choices=("gauss-newton", "levenberg-marquardt"), default="gauss-newton",
                    help="how the anchored reading is solved (gauss-newton)")
-    p.add_argument("--iterations", type=positive(int), default=50, help="at most so many steps (50)")
+    p.add_argument("--iterations", type=positive(int, "iterations"), default=50, help="at most so many steps (50)")
     p.add_argument("--out", required=True, help="update.json")
 
     p = verb("sample", run_sample, "the posterior of the same problem by emcee; resumes where it was stopped")
     on_modes(p)
     on_every_mode(p)
-    p.add_argument("--ess", type=positive(int), default=1000, help="effective draws of the worst parameter (1000)")
-    p.add_argument("--ensembles", type=positive(int), default=4, help="independent ensembles, judged together (4)")
-    p.add_argument("--max-steps", type=positive(int), default=20000, help="give up, and say so, after these (20000)")
+    p.add_argument("--ess", type=positive(int, "draws"), default=1000, help="effective draws of the worst parameter (1000)")
+    p.add_argument("--ensembles", type=positive(int, "ensembles"), default=4, help="independent ensembles, judged together (4)")
+    p.add_argument("--max-steps", type=positive(int, "steps"), default=20000, help="give up, and say so, after these (20000)")
     p.add_argument("--out", required=True, help="posterior.nc; the chain is kept beside it")
     seeded(p)
 
@@ -490,7 +521,7 @@ def build_parser() -> argparse.ArgumentParser:
     p = verb("sets", run_sets, "all sets in four views: scatter, pooled, one posterior, a population with its scatter")
     on_modes(p, one=False)
     p.add_argument("--correlated", action="store_true", help="let parameters vary together between sets")
-    p.add_argument("--spread", type=positive(float), default=0.25, help="deviation of the hyper-prior of a parameter's "
+    p.add_argument("--spread", type=positive(float, "deviations"), default=0.25, help="deviation of the hyper-prior of a parameter's "
                    "scatter between sets, in its prior deviations (0.25)")
     p.add_argument("--out", required=True, help="sets.json")
     seeded(p)
@@ -529,8 +560,8 @@ def build_parser() -> argparse.ArgumentParser:
     p.add_argument("run", metavar="RUN", help="directory with model.toml (or model.npz) and posterior.nc")
     p.add_argument("--to", choices=("lifetime",), required=True, help="what the files are for")
     p.add_argument("out", metavar="OUT", help="folder to write, new or empty")
-    p.add_argument("--draws", type=positive(int), default=100, help="how many equally weighted draws (100)")
-    p.add_argument("--superelement-modes", type=positive(int), default=10, help="Craig-Bampton modes (10)")
+    p.add_argument("--draws", type=positive(int, "draws"), default=100, help="how many equally weighted draws (100)")
+    p.add_argument("--superelement-modes", type=positive(int, "reduced modes"), default=10, help="Craig-Bampton modes (10)")
     p.add_argument("--accept", action="store_true", help="export a run that did not converge or whose diagnosis is "
                    "unexplained; every file says so")
     p.add_argument("--json", action="store_true", help="one JSON object: folder, files with SHA-256, verdict, left_out")

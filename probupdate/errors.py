@@ -2,8 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import functools
+import inspect
+import re
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from pathlib import PurePath
+from typing import Any, TypeVar
+
+F = TypeVar("F", bound=Callable[..., Any])
 
 
 # of one part of a message; a path may have some hundred characters
@@ -61,6 +68,43 @@ def of_file(path: object) -> Iterator[None]:
         if str(path) in error.where:
             raise
         raise InputError(f"{path}, {error.where}", error.problem, error.remedy) from None
+
+
+# what a mistake of the data says it is about, rather than of a model or of an option
+ABOUT_DATA = ("set", "sets", "setup", "setups", "channel", "modal", "mode", "modes", "selection", "regression", "covariate",
+              "block", "record", "references", "tracking", "deviations", "sub-records", "scada")  # fmt: skip
+# arguments of steps that are paths, and options that have other words than their argument's name
+FILES = ("campaign", "campaigns", "criteria", "description", "groups", "model", "modes", "out", "parameters", "posterior",
+         "run", "scada", "truth", "update")  # fmt: skip
+OPTIONS = ("classifier", "diagnose", "figures", "frequency", "frequencies", "shapes", "target", "weights")
+
+
+def names_files(data: str, model: str = "model") -> Callable[[F], F]:
+    """Of a step that reads files: a mistake that is found in values when files are closed names the file that they came
+    from, by what it says it is about. `data`, `model`: the arguments that hold the paths."""
+
+    def decorate(function: F) -> F:
+        signature = inspect.signature(function)
+
+        @functools.wraps(function)
+        def step(*args, **kwargs):
+            try:
+                return function(*args, **kwargs)
+            except InputError as error:
+                given = {name: str(value) for name, value in signature.bind(*args, **kwargs).arguments.items()
+                         if name in FILES and isinstance(value, str | PurePath)}  # fmt: skip
+                about = re.split(r"[\s,:.]", error.where, maxsplit=1)[0]
+                of = given.get(data if about in ABOUT_DATA else model)
+                known = any(text and text in error.where for text in given.values())
+                # an option is named by itself, and so is a file that the values were found to come from
+                option = about in OPTIONS or (about in signature.parameters and about not in FILES)
+                if of is None or known or option or "/" in error.where:
+                    raise
+                raise InputError(f"{of}, {error.where}", error.problem, error.remedy) from None
+
+        return step
+
+    return decorate
 
 
 @contextmanager

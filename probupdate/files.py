@@ -8,8 +8,10 @@ bounded size, JSON and TOML of bounded depth and with numbers that the program c
 from __future__ import annotations
 
 import contextlib
+import difflib
 import errno
 import functools
+import itertools
 import json
 import os
 import re
@@ -37,6 +39,8 @@ PART = ".part"
 # what another computer left over is removed when nobody can be writing it any more
 OLD_S = 7 * 86400.0
 INT64 = 2**63
+# names of a folder among which one like a missing file's is looked for
+MOST_NAMES = 1000
 # a cell that a spreadsheet would take for a formula; numbers may begin with a sign
 FORMULA = re.compile(r"\s*[=@]|\s*[+\-](?![\d.]|inf|nan)|[\t\r]", re.IGNORECASE)
 
@@ -213,7 +217,7 @@ def input_file(path: str | Path, remedy: str = "check the path", *, largest: int
     try:
         found = path.stat()
     except (FileNotFoundError, NotADirectoryError):
-        raise InputError(_shown(path), "no such file", remedy) from None
+        raise InputError(_shown(path), "no such file", remedy + _alike(path)) from None
     except (OSError, ValueError) as error:
         raise InputError(_shown(path), f"cannot be read ({_why(error)})", remedy) from None
     if not stat.S_ISREG(found.st_mode):
@@ -222,6 +226,16 @@ def input_file(path: str | Path, remedy: str = "check the path", *, largest: int
         raise InputError(_shown(path), f"has {found.st_size / 2**20:.0f} MB, more than the {largest / 2**20:.0f} MB "
                          "that such a file may have", remedy)
     return path
+
+
+def _alike(path: Path) -> str:
+    """'; did you mean ...?' where the folder has one name that is nearly the missing one."""
+    try:
+        names = [entry.name for entry in itertools.islice(os.scandir(path.parent), MOST_NAMES)]
+    except (OSError, ValueError):
+        return ""
+    close = difflib.get_close_matches(path.name, names, n=1, cutoff=0.75)
+    return f"; did you mean '{path.with_name(close[0])}'?" if close else ""
 
 
 def input_folder(path: str | Path, problem: str = "is not a directory", remedy: str = "check the path") -> Path:
@@ -245,6 +259,21 @@ def inside(path: Path, folder: Path) -> Path:
         good = False
     if not good:
         raise InputError(_shown(path), f"leads out of {folder} by a link", "copy the file there")
+    return path
+
+
+def named_within(name: str, folder: Path, where: str, *, root: Path | None = None, remedy: str = "put it beside") -> Path:
+    """The path that a file in `folder` names, relative to it: in the folder `root` (that folder where None) or below.
+    Raises InputError at `where` for a name that is none, or that leads out. Backslashes are those of Windows."""
+    try:
+        path = (folder.resolve() / name.replace("\\", "/")).resolve()
+        # asked here, as a name may be too long for the file system
+        path.is_file()
+        good = path.is_relative_to(folder.resolve() if root is None else root.resolve())
+    except (OSError, RuntimeError, ValueError) as error:
+        raise InputError(where, f"'{name:.80}' is no name of a file ({_why(error)})", remedy) from None
+    if not good:
+        raise InputError(where, f"'{name:.200}' leaves the folder {(root or folder).name or root or folder}", remedy)
     return path
 
 

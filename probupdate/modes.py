@@ -25,6 +25,10 @@ QUANTITIES = ("acceleration", "velocity", "displacement")
 OTHER_QUANTITIES = ("strain", "inclination", "tilt", "rotation", "angular velocity", "force", "pressure", "temperature")
 
 
+# no sensor is farther from the origin of its model
+FARTHEST_M = 1e7
+
+
 def frozen_array(value, dtype=float) -> np.ndarray:
     """A read-only copy: what a frozen result holds."""
     array = np.array(value, dtype=dtype)
@@ -49,9 +53,9 @@ class Sensor:
             position, direction = frozen_array(self.position_m), frozen_array(self.direction)
         except (TypeError, ValueError):
             raise InputError(where, "position_m or direction is not three numbers", "give [x, y, z]") from None
-        if position.shape != (3,) or not np.all(np.isfinite(position)):
+        if position.shape != (3,) or not np.all(np.abs(position) < FARTHEST_M):
             raise InputError(where, f"position_m {self.position_m} is not three numbers", "give [x, y, z] in metres")
-        if direction.shape != (3,) or not abs(np.linalg.norm(direction) - 1) < 1e-3:
+        if direction.shape != (3,) or not np.all(np.abs(direction) < 2) or not abs(np.linalg.norm(direction) - 1) < 1e-3:
             raise InputError(where, f"direction {self.direction} is not a unit vector", "scale it to length 1")
         if self.quantity not in QUANTITIES:
             known = f"choose from {', '.join(QUANTITIES)}"
@@ -314,6 +318,22 @@ def _expand_null_rows(value, n: int):
 
 # numbers of all shapes of a set
 LARGEST_SHAPES = 10_000_000
+# a damping ratio from which nothing vibrates any more, and the largest that the modes of a whole file may have in the
+# middle: structures have 0.002 to 0.1, in per cent the same numbers are 0.2 to 10
+NO_VIBRATION, MIDDLE_DAMPING = 1.0, 0.2
+
+
+def _refuse_per_cent(path: Path, sets: Sequence[ModalSet]) -> None:
+    """Damping ratios of which the middle one, or any, is none of a structure."""
+    known = np.concatenate([s.damping_ratio[np.isfinite(s.damping_ratio)] for s in sets]) if sets else np.zeros(0)
+    if not len(known):
+        return
+    highest = max(sets, key=lambda s: np.max(s.damping_ratio, initial=-np.inf, where=np.isfinite(s.damping_ratio)))
+    most = float(np.nanmax(highest.damping_ratio))
+    if most >= NO_VIBRATION or np.median(known) > MIDDLE_DAMPING:
+        raise InputError(f"{path}, set {highest.id}, damping_ratio", f"{most:.4g}, {np.median(known):.3g} in the middle of "
+                         "the file, is no share of critical damping that a structure has: are these per cent?",
+                         "give fractions, 0.01 for 1 %, or null where not measured")  # fmt: skip
 
 
 def _refuse_odd(where: str, environment: Mapping) -> None:
@@ -397,6 +417,7 @@ def _read_modes(path: Path) -> ModalData:
                 **std,
             )
         )
+    _refuse_per_cent(path, sets)
     return ModalData(
         channels=channels,
         sets=tuple(sets),

@@ -8,11 +8,13 @@ component 1; a shape that counts as one MAC by an orthonormal basis.
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
+from probupdate.channel_mistakes import ChannelMistake, channel_mistake
 from probupdate.errors import InputError
 from probupdate.matching import Matching, assign, channel_rows, match
 from probupdate.model import ModalSolution, Model
@@ -310,6 +312,20 @@ class Problem:
         return _hash(*(text for pair in self.parts().items() for text in pair))
 
 
+def with_mistake(error: InputError, likely: ChannelMistake) -> InputError:
+    """The same refusal with what would explain it."""
+    return InputError(error.where, f"{error.problem}; {likely.sentence}", likely.remedy)
+
+
+def suspected_channels(
+    model: Model, data: ModalData, theta: Sequence[np.ndarray], *, set_id: str | None = None
+) -> ChannelMistake | None:
+    """An exchange or reversal of channels with which the set's shapes would be the model's at one of theta (n_param,)."""
+    rows = channel_rows(model, data.channels)
+    n_mode = min(data.n_mode + SEARCH, model.n_available)
+    return channel_mistake(data.set(set_id), data.channels, [model.solve(t, n_mode).shape[rows] for t in theta])
+
+
 def _hash(*parts: str | np.ndarray) -> str:
     digest = hashlib.sha256()
     for part in parts:
@@ -348,7 +364,11 @@ def build_problem(
     if clusters is None and weights.shapes == "components":
         clusters = [(j,) for j in range(data.n_mode)]
     solution = model.solve(model.parameters.initial, min(data.n_mode + SEARCH, model.n_available))
-    matching = match(modal_set, solution, rows, labels=data.labels, clusters=clusters)
+    try:
+        matching = match(modal_set, solution, rows, labels=data.labels, clusters=clusters)
+    except InputError as error:
+        likely = channel_mistake(modal_set, data.channels, [solution.shape[rows]])
+        raise error if likely is None else with_mistake(error, likely) from None
     labels = data.labels or tuple(f"mode {j + 1}" for j in range(data.n_mode))
     groups = tuple(response_group(modal_set, list(g.measured), rows, weights, labels) for g in matching.groups)
     problem = Problem(

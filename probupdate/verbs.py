@@ -21,13 +21,14 @@ from probupdate.campaign.scada import StateRule, read_scada, row_states
 from probupdate.comparison import Comparison
 from probupdate.comparison import compare as compare_results
 from probupdate.effects.tolerances import SensorUncertainty, TurbineUncertainty
-from probupdate.errors import InputError
+from probupdate.errors import InputError, names_files
 from probupdate.estimators.discrepancy import state_model_error, stated_weights
 from probupdate.estimators.ensemble import SamplerSettings
 from probupdate.estimators.posterior_file import Posterior, read_posterior, write_posterior
 from probupdate.estimators.update_file import UNLIKE, UpdateRecord, read_update
 from probupdate.estimators.updating import deterministic_update, sample_posterior
 from probupdate.files import read_bytes
+from probupdate.identification.block_poles import block_references
 from probupdate.identification.criteria import TURBINE, preset_criteria, read_criteria
 from probupdate.identification.identify import Identification, SSISettings
 from probupdate.identification.identify import identify as identify_campaign
@@ -144,6 +145,7 @@ class _Surroundings:
         return {"nacelle": text}
 
 
+@names_files("campaign")
 def check(campaign: str | Path, *, progress: Progress = silent) -> CampaignCheck:
     """What a campaign holds, what is wrong with it, what can be done with it."""
     return check_campaign(read_campaign(campaign), progress=progress)
@@ -171,6 +173,7 @@ def convert(
     return convert_files(sources, campaign, description=description, progress=progress)
 
 
+@names_files("model")
 def model_modes(model, count: int = 10, *, parameters: str | Path | None = None) -> OwnModes:
     """A model's own frequencies, labels and shapes; the command `modes`. `model`: a file in any form, a model, or a
     function theta -> (frequency_hz, shape) with `parameters`."""
@@ -232,6 +235,7 @@ def _as_reference(frequency_hz, shape, labels, chosen: list[int]) -> ReferenceMo
                           pairs=close_pairs(frequency_hz[chosen], names))  # fmt: skip
 
 
+@names_files("campaign")
 def identify(
     campaign: str | Path,
     model=None,
@@ -322,6 +326,11 @@ def _settings(
         chosen = {"order": found.order, "block_rows": found.block_rows, "target_rate_hz": found.target_rate_hz} | given
         said.append(found.sentence)
     settings = SSISettings(**chosen, harmonics=harmonics)
+    for n_channel in sorted({len(c.sensors) for c in campaigns}):
+        few = block_references(n_channel, settings.of_blocks)
+        if few is not None:
+            said.append(f"{n_channel} channels: the past of {few} combinations of them is used, as that of all would take "
+                        "more memory than is allowed; every channel has its shape")  # fmt: skip
     # a part must be longer than the lags
     parts = int(min(c.block_minutes for c in campaigns) * 60 * settings.target_rate_hz) // (2 * settings.block_rows + 1)
     if parts < settings.sub_records:
@@ -362,6 +371,7 @@ def _has_geometry(model) -> bool:
         path.suffix == ".toml" and b"[matrices]" not in read_bytes(path))
 
 
+@names_files("modes")
 def select(
     modes: str | Path,
     *,
@@ -385,6 +395,7 @@ def select(
     )
 
 
+@names_files("modes")
 def regress(
     modes: str | Path, *, covariates: tuple[str, ...] = COVARIATES, state: str | None = None
 ) -> ModalRegression:
@@ -442,6 +453,7 @@ def unmatched(modes: str | Path | ModalData, every_mode: bool = False) -> dict[s
     return {"left out": tuple(left), "taken": tuple(taken)}
 
 
+@names_files("modes")
 def update(
     model,
     modes: str | Path | ModalData,
@@ -483,6 +495,7 @@ def update(
     return replace(record, settings=settings, left_out=(*record.left_out, *said["left out"]))
 
 
+@names_files("modes")
 def sample(
     model,
     modes: str | Path | ModalData,
@@ -520,6 +533,7 @@ def sample(
     return posterior
 
 
+@names_files("update")
 def compare(
     update: str | Path | UpdateRecord,
     posterior: str | Path | Posterior,
@@ -538,6 +552,7 @@ def compare(
     return compare_results(record, drawn, getattr(opened, "derived", None))
 
 
+@names_files("modes")
 def sets(
     model,
     modes: str | Path | ModalData,
@@ -567,6 +582,7 @@ def sets(
     )
 
 
+@names_files("modes")
 def inform(
     model,
     modes: str | Path | ModalData,
@@ -616,6 +632,7 @@ def inform(
     return replace(information(problem, theta=point, place=PLACES[at], posterior=drawn), check=check)
 
 
+@names_files("modes")
 def diagnose(
     model,
     modes: str | Path | ModalData,
@@ -643,6 +660,7 @@ def diagnose(
     return diagnose_files(path, data, campaign=records, parameters=parameters, seed=seed, progress=progress, **options)
 
 
+@names_files("run", "run")
 def export(
     run: str | Path, out: str | Path, *, to: str = "lifetime", draws: int = 100, superelement_modes: int = 10,
     accept: bool = False, seed: int = 1, progress: Progress = silent,
@@ -695,6 +713,7 @@ class Figures:
         return f"{len(self.files) - 1} figures in {self.files[0].parent}, what they show in {self.files[-1].name}"
 
 
+@names_files("modes")
 def figures(
     modes: str | Path, out: str | Path, *, campaign: str | Path | None = None, block: str | None = None,
     kind: str = "png",

@@ -16,7 +16,7 @@ FLOOR = {
     "model": 0.2, "model_error": 0.3, "mode_labels": 0.2, "io": 0.3,
     "structure": 1, "campaign": 1, "virtual": 1,
     "effects": 2, "identification": 2,
-    "matching": 2.9, "responses": 2.9, "problem": 3,
+    "matching": 2.9, "responses": 2.9, "channel_mistakes": 2.95, "problem": 3,
     "estimators": 4, "comparison": 5, "information": 5, "diagnosis": 6, "lifetime": 6, "reporting": 7, "verbs": 8,
     "demonstration": 8.5, "outputs": 8.8, "cli": 9,
 }  # fmt: skip

@@ -120,6 +120,8 @@ def test_minimal_file_and_null_rows(tmp_path):
         (lambda c: c["sets"][0].update(frequency_hz=["x"]), "numbers"),
         (lambda c: c["sets"][0].update(frequency_std=[0.1]), "did you mean 'frequency_std_hz'"),
         (lambda c: c["sets"][0].update(frequency_std_hz=[-0.1]), "negative"),
+        (lambda c: c["sets"][0].update(damping_ratio=[0.9]), r"set .*, damping_ratio: 0.9, .* are these per cent\?"),
+        (lambda c: c["sets"][0].update(damping_ratio=[1.2]), "fractions, 0.01 for 1 %"),
         (lambda c: c["sets"].append(dict(c["sets"][0])), "share one id"),
         (lambda c: c.update(labels=["a", "b"]), "labels"),
         (lambda c: c.update(reference_set="zz"), "reference_set"),

@@ -24,12 +24,13 @@ from probupdate.campaign.findings import (
 from probupdate.campaign.gain_steps import FEWEST_PIECES, lines_kept, parts_of_block, whole_piece
 from probupdate.campaign.heading import Sway, block_sway
 from probupdate.campaign.mounting import levelled, lowest_motion_hz, suspicions
+from probupdate.campaign.plausible import amplitude_spectrum, refuse_time, unit_findings
 from probupdate.campaign.reading import Campaign
 from probupdate.campaign.rotor_lines import MOST_ROWS, line_scores, rate_ratio
 from probupdate.campaign.samples import channel_table
-from probupdate.campaign.scada import COLUMNS, StateRule, block_conditions, with_rated_power
+from probupdate.campaign.scada import COLUMNS, SIMILAR, StateRule, block_conditions, misnamed, with_rated_power
 from probupdate.campaign.sensor_findings import SensorFinding
-from probupdate.campaign.spectra import cross_spectra, in_acceleration
+from probupdate.campaign.spectra import cross_spectra, in_acceleration, most_channels
 from probupdate.files import write_json, write_table
 from probupdate.progress import Progress, silent
 
@@ -46,6 +47,8 @@ USES = {
 }
 # channels are compared with one another in so many blocks, evenly spread over a longer campaign
 MOST_COMPARED = 240
+# the units of channels in so many, as each block says the same
+MOST_SPECTRA = 24
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -84,14 +87,17 @@ def check(campaign: Campaign, *, progress: Progress = silent) -> CampaignCheck:
     stride = -(-len(files) // MOST_COMPARED)
     n_compared = max(-(-len(files) // stride), 1)
     pieces = -(-FEWEST_PIECES // n_compared)
-    tables, heads, overlaps, compared, lines, sways = [], [], 0, [], [], []
+    tables, heads, overlaps, compared, lines, sways, amplitudes = [], [], 0, [], [], [], []
     for number, (start, touching) in enumerate(files.items()):
         progress("checking blocks", number, len(files))
         block = read_block(campaign, start, touching)
         conditions = block_conditions(campaign.scada, block.start, block.minutes, rule)
         state = str(conditions["state"])
         overlaps += any("two files" in n for n in block.notes)
+        refuse_time(f"{campaign.path}, block {block.id}", campaign.channels, block.data)
         rows = channel_table(block, campaign.channels)
+        if number % -(-len(files) // MOST_SPECTRA) == 0 and (found := amplitude_spectrum(block)) is not None:
+            amplitudes.append(found)
         if number % stride == 0:
             found = compare_block(campaign, block, state, conditions, rows, pieces=pieces, n_compared=n_compared)
             rows = rows.assign(delay_ms=np.nan if found is None else 1e3 * found.delay_s,
@@ -108,8 +114,14 @@ def check(campaign: Campaign, *, progress: Progress = silent) -> CampaignCheck:
     progress("checking blocks", len(files), len(files))
     table, head = pd.concat(tables, ignore_index=True), pd.DataFrame(heads)
     findings, able, measured = _findings(campaign, table, head, overlaps, compared, rate_ratio(lines), sways)
+    vibration = table.groupby("channel")["vibration"].median().to_dict()
+    findings = (*findings, *unit_findings(amplitudes, campaign.sensors, vibration, findings))
     uses = (*_uses(campaign, head, table), *able)
-    if stride > 1:
+    most = most_channels(campaign.sampling_rate_hz, 0.4 * campaign.sampling_rate_hz)
+    if len(campaign.sensors) > most:
+        uses = (*uses, f"channels were not compared with one another: {len(campaign.sensors)} are more than the {most} "
+                "whose spectra memory holds; leave_out in campaign.toml takes some away")  # fmt: skip
+    elif stride > 1:
         uses = (*uses, f"channels were compared with one another in every {stride}th block")
     summary = "\n".join([
         f"{campaign.name}: {len(campaign.sensors)} channels at {campaign.sampling_rate_hz:g} Hz, {len(campaign.files)} "
@@ -227,12 +239,17 @@ def _scada_findings(campaign: Campaign) -> list[str]:
     if campaign.scada is None:
         return ["no scada.csv: states, yawing, pitching and harmonics cannot be told"]
     missing = [c for c in COLUMNS if c not in campaign.scada]
-    found = [f"SCADA has no {c}: no {USES[c]}" for c in missing if c in USES]
+    similar = misnamed(campaign.scada.columns, SIMILAR)
+    found = [f"SCADA has no {c}{_maybe(similar.get(c))}: no {USES[c]}" for c in missing if c in USES]
     index = campaign.scada.index
     span = round((index[-1] - index[0]) / pd.Timedelta(minutes=10)) + 1 if len(index) else 0
     if len(index) < span:
         found.append(f"{span - len(index)} of {span} SCADA rows are missing")
     return found
+
+
+def _maybe(column: str | None) -> str:
+    return "" if column is None else f" (rename '{column}' if that is it)"
 
 
 def _uses(campaign: Campaign, head: pd.DataFrame, table: pd.DataFrame) -> tuple[str, ...]:

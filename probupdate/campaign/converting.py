@@ -11,6 +11,7 @@ import numpy as np
 import pandas as pd
 
 from probupdate.campaign.description import Description, read_description
+from probupdate.campaign.plausible import refuse_time
 from probupdate.campaign.reading import CampaignHead, read_head
 from probupdate.campaign.sources import pieces
 from probupdate.campaign.timing import file_clock
@@ -154,7 +155,9 @@ def _one_source(path: Path, name: str, told: Description, head: CampaignHead, fo
     writer = _Writer(folder, name, key, head)
     factor = np.array([told.factor[c] for c in head.channels])
     lost = 0
-    for time, data in pieces(path, told):
+    for number, (time, data) in enumerate(pieces(path, told)):
+        if number == 0:
+            refuse_time(str(path), head.channels, data)
         if told.lost:
             data = np.where(np.isin(data, told.lost), np.nan, data)
         # what single precision does not hold is no acceleration: lost, and counted below

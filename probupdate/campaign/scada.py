@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import difflib
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -19,6 +20,9 @@ COLUMNS = (
     "wind_speed_mps", "wind_direction_deg", "power_kw", "rotor_speed_rpm", "pitch_deg", "nacelle_heading_deg",
     "yaw_rate_degps", "water_level_m", "air_temperature_c", "wave_height_m", "wave_period_s",
 )  # fmt: skip
+KNOWN = tuple(f"{c}{ending}" for c in COLUMNS for ending in ("", "_std", "_min", "_max"))
+# likeness of names from which one is a slip of the pen for the other, and from which it may be the same thing
+MISSPELT, SIMILAR = 0.88, 0.6
 COMPASS = ("wind_direction_deg", "nacelle_heading_deg")
 STATES = ("idling", "below rated", "rated")
 
@@ -45,7 +49,12 @@ def read_scada(path: str | Path) -> pd.DataFrame:
     with parsing(str(path), "not a table", "write comma-separated columns with a head"):
         table = pd.read_csv(path, encoding="utf-8", dtype={"time": str})
     if "time" not in table:
-        raise InputError(str(path), "has no column 'time'", "add the start of each interval in UTC, ISO 8601")
+        close = difflib.get_close_matches("time", [str(c).strip().lower() for c in table], n=1, cutoff=0.6)
+        raise InputError(str(path), "has no column 'time'", f"name '{close[0]}' so, if it is the start of each interval in "
+                         "UTC, ISO 8601" if close else "add the start of each interval in UTC, ISO 8601")
+    for known, given in misnamed(table.columns, MISSPELT).items():
+        raise InputError(str(path), f"unknown column '{given}'", f"did you mean '{known}'? Rename it, or give it a name "
+                         "that is not so near")
     try:
         time = pd.to_datetime(table["time"], utc=True, format="ISO8601")
     except (ValueError, TypeError) as error:
@@ -69,6 +78,24 @@ def read_scada(path: str | Path) -> pd.DataFrame:
             raise InputError(f"{path}, {column}", f"'{table[column].iloc[int(np.argmax(wrong))]}' is no number",
                              "mend it, or leave the cell empty where it is unknown")  # fmt: skip
     return table[~table.index.duplicated()]
+
+
+def misnamed(columns: Iterable[str], alike: float) -> dict[str, str]:
+    """Known column that is absent -> a column that may be it, by its name alone. Of several that are as near, the
+    first."""
+    given = [str(c) for c in columns]
+    # such as wind_speed_mps_p95: another statistic beside the mean
+    others = [c for c in given if c not in KNOWN and not c.startswith(tuple(f"{k}_" for k in COLUMNS))]
+    plain = {c.strip().lower(): c for c in reversed(others)}
+    found = {}
+    for known in KNOWN:
+        if known in given:
+            continue
+        close = difflib.get_close_matches(known, list(plain), n=1, cutoff=alike)
+        # nearest to this one of all known names
+        if close and difflib.get_close_matches(close[0], KNOWN, n=1, cutoff=alike) == [known]:
+            found[known] = plain[close[0]]
+    return found
 
 
 def with_rated_power(rule: StateRule, scada: pd.DataFrame | None) -> StateRule:

@@ -14,6 +14,8 @@ from probupdate.modes import Sensor, frozen_array
 # more frequencies than are needed, at rates for stiffer structures
 SEGMENT_S, MOST_FREQUENCIES = 40.0, 1024
 FEWEST_SEGMENTS = 8
+# of one block's densities
+LARGEST_BYTES = 256 * 2**20
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -26,11 +28,20 @@ class CrossSpectra:
     n_segment: int
 
 
+def most_channels(rate_hz: float, highest_hz: float) -> int:
+    """How many channels can be compared with one another within LARGEST_BYTES."""
+    lines = min(SEGMENT_S, MOST_FREQUENCIES / highest_hz) * min(highest_hz, rate_hz / 2)
+    return int(np.sqrt(LARGEST_BYTES / (16 * max(lines, 1.0))))
+
+
 def cross_spectra(data: np.ndarray, rate_hz: float, highest_hz: float) -> CrossSpectra | None:
     """Welch's estimate from segments of 40 s (shorter where a block holds fewer than eight), Hann windows, half
     overlap, up to highest_hz. data (n_sample, n_channel); segments with lost samples are left out; None where fewer
-    than eight are whole. A channel that does not move has a density of zero."""
+    than eight are whole, and where there are more channels than `most_channels`. A channel that does not move has a
+    density of zero."""
     n_sample = len(data)
+    if data.shape[1] > most_channels(rate_hz, highest_hz):
+        return None
     segment_s = min(SEGMENT_S, MOST_FREQUENCIES / highest_hz)
     length = min(round(segment_s * rate_hz), 2 * n_sample // (FEWEST_SEGMENTS + 1))
     if length < 16:

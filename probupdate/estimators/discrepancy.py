@@ -19,7 +19,7 @@ from probupdate.estimators.laplace import Laplace, maximum_a_posteriori
 from probupdate.estimators.tikhonov import update
 from probupdate.model import Model
 from probupdate.modes import ModalData
-from probupdate.problem import Problem, Weights, build_problem, paper_weights
+from probupdate.problem import Problem, Weights, build_problem, paper_weights, suspected_channels, with_mistake
 from probupdate.progress import Progress, silent
 from probupdate.responses import FORM_FLOOR, FORM_SHAPE_FLOOR
 
@@ -134,8 +134,10 @@ def estimate_discrepancy(
     if beyond(0.0) <= 0:
         return replace(weights, discrepancy=0.0)
     if beyond(MOST) > 0:
-        raise InputError(f"set {problem.set_id}", f"even a model discrepancy of {100 * MOST:g} % of every frequency "
-                         "does not explain the misfit", "check pairing, channels and units")  # fmt: skip
+        error = InputError(f"set {problem.set_id}", f"even a model discrepancy of {100 * MOST:g} % of every frequency "
+                           "does not explain the misfit", "check pairing, channels and units")  # fmt: skip
+        likely = suspected_channels(model, data, [model.parameters.initial, start], set_id=set_id)
+        raise error if likely is None else with_mistake(error, likely)
     if beyond(LEAST) <= 0:
         return replace(weights, discrepancy=LEAST, discrepancy_by=words)
     found = optimize.brentq(lambda s: beyond(float(np.exp(s))), np.log(LEAST), np.log(MOST), xtol=ACCURACY)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import warnings
 from collections.abc import Mapping
@@ -19,6 +20,9 @@ from probupdate.schema import checked
 
 # draws kept in the file, over all walkers: far more than any effective size wanted, and megabytes only
 MAX_DRAWS = 100_000
+# 2 has a hash of its content
+FORMAT = 2
+ARRAYS = ("theta", "log_likelihood", "log_posterior", "prior", "measured", "std", "predicted", "frequency_hz")
 GROUPS = ("posterior", "sample_stats", "log_likelihood", "prior", "observed_data")
 
 
@@ -120,13 +124,12 @@ def write_posterior(posterior: Posterior, path: str | Path) -> Path:
              "frequency_hz_predicted": (("predicted", "mode"), posterior.frequency_hz)},
             coords={"response_label": list(posterior.response_labels), "mode": list(posterior.mode_labels)}),
     }  # fmt: skip
-    groups["posterior"].attrs = {
-        "probupdate": json.dumps({
-            "format": 1, "names": list(posterior.names), "converged": posterior.converged,
-            "verdict": posterior.verdict, "fingerprint": posterior.fingerprint, "r_hat": posterior.r_hat.tolist(),
-            "ess": posterior.ess.tolist(), "record": dict(posterior.record),
-        })
+    head = {
+        "format": FORMAT, "names": list(posterior.names), "converged": posterior.converged,
+        "verdict": posterior.verdict, "fingerprint": posterior.fingerprint, "r_hat": posterior.r_hat.tolist(),
+        "ess": posterior.ess.tolist(), "record": dict(posterior.record),
     }  # fmt: skip
+    groups["posterior"].attrs = {"probupdate": json.dumps(head | {"content": _content_hash(head, posterior)})}
     # ArviZ 1 has no such class any more and warns whoever asks for it
     with whole(path) as part:
         if "InferenceData" in vars(arviz):
@@ -134,6 +137,17 @@ def write_posterior(posterior: Posterior, path: str | Path) -> Path:
         else:
             xarray.DataTree.from_dict(groups).to_netcdf(str(part), engine="h5netcdf")
     return path
+
+
+def _content_hash(head: Mapping, posterior: Posterior) -> str:
+    """SHA-256 over every number and word of the file: one that was changed by hand says so."""
+    told = json.loads(json.dumps({k: v for k, v in head.items() if k != "content"}))
+    digest = hashlib.sha256(json.dumps(told, sort_keys=True).encode())
+    for name in ARRAYS:
+        array = np.asarray(getattr(posterior, name), float)
+        digest.update(f"{name} {array.shape}".encode() + np.ascontiguousarray(array, "<f8").tobytes())
+    digest.update(json.dumps([posterior.response_labels, posterior.mode_labels]).encode())
+    return digest.hexdigest()
 
 
 def read_posterior(path: str | Path) -> Posterior:
@@ -182,13 +196,16 @@ def _from_groups(path: Path, data) -> Posterior:
     if text is None:
         raise InputError(str(path), "was not written by probupdate sample", "give the file of that step")
     head = json.loads(text)
+    if isinstance(head.get("format"), int) and head["format"] > FORMAT:
+        raise InputError(str(path), f"has the format {head['format']}; {FORMAT} is the newest known",
+                         "read it with the version that wrote it, or sample again")
     names = tuple(head["names"])
 
     def columns(group) -> np.ndarray:
         return np.stack([group[name].values for name in names], axis=-1)
 
     observed = groups["observed_data"]
-    return Posterior(
+    found = Posterior(
         names=names, theta=frozen_array(columns(groups["posterior"])),
         log_likelihood=frozen_array(groups["log_likelihood"]["response"].values),
         log_posterior=frozen_array(groups["sample_stats"]["lp"].values),
@@ -201,6 +218,11 @@ def _from_groups(path: Path, data) -> Posterior:
         r_hat=frozen_array(head["r_hat"]), ess=frozen_array(head["ess"]), converged=head["converged"],
         verdict=head["verdict"], fingerprint=head["fingerprint"], record=head["record"],
     )  # fmt: skip
+    if head.get("format") != 1 and head.get("content") != _content_hash(head, found):
+        raise InputError(str(path), "was changed after it was written: its content is not what its own hash says",
+                         "write it again with `probupdate sample` (the chain beside it is kept), or take the file that "
+                         "was written")  # fmt: skip
+    return found
 
 
 def _group(data, name: str):

@@ -111,7 +111,8 @@ class UpdateRecord:
     """What update.json holds; mode arrays (n_mode,) are in the data's order with NaN for modes not used.
 
     computed_mode: number of the model's mode at the initial parameters, from 1, 0 for none. n_effective: responses less
-    fitted scales, the chi-square a true model would have. derived: quantity -> {"initial", "step", "prior", "map"}.
+    fitted scales, the chi-square a true model would have. suspected: channels whose exchange or sign would explain why
+    the shapes are not the model's, empty where none would. derived: quantity -> {"initial", "step", "prior", "map"}.
     map_gradient: the largest that the bounds leave at the maximum, per posterior deviation.
     """
 
@@ -145,6 +146,7 @@ class UpdateRecord:
     map_gradient: float = float("nan")
     alpha_path: AlphaRecord | None = None
     components: ComponentsRecord | None = None
+    suspected: str = ""
 
     def scheme(self, key: str) -> SchemeRecord:
         return next(s for s in self.schemes if s.key == key)
@@ -160,6 +162,11 @@ class UpdateRecord:
 def summary(record: UpdateRecord) -> str:
     """A dozen lines for a terminal."""
     lines = []
+    if misses(record):
+        lines.append("MISFIT BEYOND CHANCE: the model at its best does not explain these modes, and its parameters are "
+                     "not to be trusted")  # fmt: skip
+    if record.suspected:
+        lines.append(f"SUSPECT: the measured shapes are not this model's, and {record.suspected}")
     for key in ("step", "prior"):
         s = record.scheme(key)
         settled = "settled" if s.converged else "NOT settled"
@@ -224,7 +231,12 @@ def _alphas(record: UpdateRecord) -> list[str]:
 
 def misses(record: UpdateRecord) -> bool:
     """Whether the misfit at the maximum is beyond what the stated covariance allows by chance."""
-    return record.map_misfit > record.n_effective + ACCUSED * np.sqrt(2 * record.n_effective)
+    return record.map_misfit > beyond_chance(record.n_effective)
+
+
+def beyond_chance(n_effective: int) -> float:
+    """The chi-square from which a misfit is none of chance."""
+    return n_effective + ACCUSED * np.sqrt(2 * n_effective)
 
 
 def fit_sentence(record: UpdateRecord) -> str:

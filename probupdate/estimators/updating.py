@@ -28,10 +28,11 @@ from probupdate.estimators.update_file import (
     ScatterRecord,
     SchemeRecord,
     UpdateRecord,
+    beyond_chance,
 )
 from probupdate.model import Model
 from probupdate.modes import ModalData, ModalSet, frozen_array
-from probupdate.problem import Problem, Weights, build_problem
+from probupdate.problem import Problem, Weights, build_problem, suspected_channels
 from probupdate.progress import Progress, silent
 from probupdate.structure.affine import AffineModel
 from probupdate.structure.reduced import reduce_basis
@@ -104,6 +105,7 @@ def deterministic_update(
     modal_set = data.set(set_id)
     std = np.concatenate([g.frequency_std_hz for g in problem.groups])
     computed = _in_data_order(problem, np.array(problem.matching.computed, float) + 1, data.n_mode)
+    likely = suspected_channels(model, data, [model.parameters.initial, laplace.theta], set_id=set_id)
     return UpdateRecord(
         model=model.name,
         fingerprint=problem.fingerprint(),
@@ -140,6 +142,7 @@ def deterministic_update(
         alpha_path=AlphaRecord(alpha=path.alpha, theta=path.theta, misfit=path.misfit, penalty=path.penalty,
                                log_evidence=path.log_evidence, chosen=path.chosen, remarks=path.remarks),
         components=_components(problem, laplace),
+        suspected="" if likely is None else f"{likely.sentence}; {likely.remedy}",
     )
 
 
@@ -313,6 +316,12 @@ def sample_posterior(
     unstated = "ln evidence is not stated, as the chain has not converged"
     agreement = agree(weighted, chain)
     statements = [agreement.sentence, checked_laplace.sentence, unstated if evidence is None else evidence.sentence]
+    likely = suspected_channels(model, data, [model.parameters.initial, laplace.theta], set_id=set_id)
+    if laplace.misfit > beyond_chance(problem.n_effective):
+        statements.insert(0, f"MISFIT BEYOND CHANCE: chi-square at the maximum {laplace.misfit:.4g} for "
+                          f"{problem.n_effective} effective responses; the posterior is not to be trusted")  # fmt: skip
+    if likely is not None:
+        statements.insert(0, f"SUSPECT: the measured shapes are not this model's, and {likely.sentence}; {likely.remedy}")
     if prepared.notes["maxima"] > 1:
         statements.insert(0, f"{prepared.notes['maxima']} separate maxima of the posterior, all of them sampled")
     record = prepared.notes | {
@@ -327,6 +336,7 @@ def sample_posterior(
         "median misfit": float(np.median(problem.misfit(predicted.response))),
         "worst mac": float(np.min(predicted.mac)), "laplace": asdict(checked_laplace),
         **({} if evidence is None else {"evidence": asdict(evidence)}),
+        **({} if likely is None else {"suspected": f"{likely.sentence}; {likely.remedy}"}),
         "importance sampling": asdict(agreement), "tail effective size": chain.tail.tolist(),
         "ensembles": settings.ensembles, "projected gradient at the map": laplace.projected_gradient,
         "statements": statements, "notes": _notes(problem, laplace, edge, misfit_error),

@@ -8,12 +8,13 @@ import numpy as np
 import pandas as pd
 
 from probupdate.campaign.blocks import Block, read_block
+from probupdate.campaign.plausible import refuse_time
 from probupdate.campaign.quantity import as_quantity
 from probupdate.campaign.reading import Campaign, RecordFile
 from probupdate.errors import InputError
 from probupdate.identification.harmonics import without_harmonics
 from probupdate.identification.preprocessing import resampled
-from probupdate.identification.record import IdentifiedRecord, identify_record
+from probupdate.identification.record import IdentifiedRecord, identify_record, references_within
 from probupdate.identification.ssi import Poles
 from probupdate.modes import Sensor, frozen_array
 
@@ -155,6 +156,7 @@ def _same(before: Poles, index: int, now: Poles, where: str) -> int:
 def usable_block(campaign: Campaign, start: pd.Timestamp, files: tuple[RecordFile, ...]) -> tuple[Block, str]:
     """The block in one quantity, and why it cannot be used; empty where it can."""
     block = read_block(campaign, start, files)
+    refuse_time(f"{campaign.path}, block {block.id}", campaign.channels, block.data)
     reason = block.excluded or _silent_channels(block, campaign.channels)
     return (block, reason) if reason else (as_quantity(block, campaign.sensors, common_quantity(campaign.sensors)), "")
 
@@ -178,7 +180,14 @@ def _identified(record: np.ndarray, block: Block, settings: BlockSettings, sub_r
                          f"four times {settings.block_rows} block rows", "give longer blocks or fewer block rows")
     return identify_record(
         record, settings.target_rate_hz, order=settings.order, block_rows=settings.block_rows, spread=settings.spread,
-        sub_records=sub_records)
+        sub_records=sub_records, limited=block_references(record.shape[1], settings))
+
+
+def block_references(n_channel: int, settings: BlockSettings) -> int | None:
+    """Of how many combinations of channels the past is taken, so that memory holds a block; None for all. The same
+    with and without deviations, so that poles are found again."""
+    return references_within(n_channel, block_rows=settings.block_rows, highest_order=settings.order + settings.spread,
+                             sub_records=settings.sub_records)
 
 
 def _silent_channels(block: Block, channels: tuple[str, ...]) -> str:

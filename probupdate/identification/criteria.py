@@ -2,17 +2,23 @@
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
 
 from probupdate.campaign.scada import STATES
-from probupdate.errors import InputError, of_file, parsing
+from probupdate.errors import InputError
 from probupdate.files import read_toml
 from probupdate.modes import ModalSet
+from probupdate.schema import Range, checked, table_as
+
+# a threshold may be infinite, which leaves its criterion out
+Threshold = Annotated[float, Range(0)]
+Angle = Annotated[float, Range(0, 90)]
+Share = Annotated[float, Range(0, 1)]
 
 # a criterion by its name: does the set pass?
 Test = tuple[str, Callable[[ModalSet], bool]]
@@ -29,35 +35,19 @@ class SelectionCriteria:
     that shows now and then decides nothing). FA/SS perpendicular: the shapes of one number at least least_angle_deg
     apart where the two are resolved, unresolved_angle_deg where not; the angle whose squared cosine is their MAC. """
 
-    yaw_rate_degps: float = 0.05
-    heading_range_deg: float = 1.0
-    pitch_range_deg: float = 2.0
-    rotor_speed_rpm: float = 2.0
+    yaw_rate_degps: Threshold = 0.05
+    heading_range_deg: Threshold = 1.0
+    pitch_range_deg: Threshold = 2.0
+    rotor_speed_rpm: Threshold = 2.0
     states: tuple[str, ...] = (STATES[0],)
     required: tuple[str, ...] | None = None
-    required_share: float = 0.5
-    least_angle_deg: float = 60.0
-    unresolved_angle_deg: float = 30.0
+    required_share: Share = 0.5
+    least_angle_deg: Angle = 60.0
+    unresolved_angle_deg: Angle = 30.0
 
     def __post_init__(self):
-        for field in fields(self):
-            value = getattr(self, field.name)
-            if field.type != "float":
-                continue
-            if isinstance(value, bool) or not isinstance(value, int | float) or not value >= 0:
-                raise InputError(f"selection, {field.name}", f"{value!r} is no number from 0", "give one, or inf")
-        for name in ("least_angle_deg", "unresolved_angle_deg"):
-            if not getattr(self, name) <= 90:
-                raise InputError(f"selection, {name}", f"{getattr(self, name)} is not in 0 to 90", "give an angle")
-        if not self.required_share <= 1:
-            raise InputError("selection, required_share", f"{self.required_share} is not in 0 to 1", "give a share")
-        for name in ("states", "required"):
-            value = getattr(self, name)
-            if value is None and name == "required":
-                continue
-            if isinstance(value, str) or not all(isinstance(x, str) for x in value):
-                raise InputError(f"selection, {name}", f"{value!r} is no list of names", 'write ["..."]')
-            object.__setattr__(self, name, tuple(value))
+        checked(self, "selection", "see SelectionCriteria")
+
 
 
 # what is asked of other structures: nothing of a rotor or a nacelle
@@ -82,14 +72,8 @@ def read_criteria(path: str | Path, preset: str = TURBINE) -> SelectionCriteria:
     start = preset_criteria(preset)
     path = Path(path)
     content = read_toml(path, "write lines such as pitch_range_deg = 2.0", absent="name a file with criteria")
-    known = [field.name for field in fields(SelectionCriteria)]
-    for key in content:
-        if key not in known:
-            close = difflib.get_close_matches(key, known, n=1)
-            raise InputError(f"{path}", f"unknown key '{key}'",
-                             f"did you mean '{close[0]}'?" if close else f"choose from {', '.join(known)}")
-    with of_file(path), parsing(str(path), "holds another kind of value", "write lines such as pitch_range_deg = 2.0"):
-        return replace(start, **content)
+    found = table_as(SelectionCriteria, content, str(path))
+    return replace(start, **{key: getattr(found, key) for key in content})
 
 
 def condition_tests(sets: tuple[ModalSet, ...], criteria: SelectionCriteria) -> tuple[list[Test], list[str]]:

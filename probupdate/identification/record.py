@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy import linalg
 
 from probupdate.errors import InputError
 from probupdate.identification.ssi import (
@@ -24,6 +25,50 @@ from probupdate.identification.uncertainty import (
     sub_record_covariances,
 )
 from probupdate.modes import ModalDeviation, frozen_array, mac, unit_largest
+
+
+# what the identification of one record may take in memory, and how few combinations of channels are still worth it
+MEMORY_BYTES, FEWEST_REFERENCES = 2**30, 4
+# lags by which combinations are chosen where all of them would not fit
+CHOSEN_LAGS = 12
+
+
+def memory_bytes(n_channel: int, n_reference: int, *, block_rows: int, highest_order: int, sub_records: int) -> float:
+    """About what identify_record takes, within a fifth (60 to 500 channels were measured): covariances of the parts and
+    their spectra, the Toeplitz matrix with its square, deviations of the singular vectors."""
+    covariances = 8.0 * n_channel * n_reference * (10 * block_rows * max(sub_records, 1) + 3.5 * block_rows**2)
+    return covariances + 32.0 * highest_order * n_channel * block_rows * sub_records
+
+
+def references_within(
+    n_channel: int, *, block_rows: int, highest_order: int, sub_records: int, budget: float = MEMORY_BYTES
+) -> int | None:
+    """How many combinations of channels to take the past of, so that a record fits in memory; None where all do.
+
+    Raises InputError with the bytes that would be needed where even a few do not fit.
+    """
+    options = {"block_rows": block_rows, "highest_order": highest_order, "sub_records": sub_records}
+    whole = memory_bytes(n_channel, n_channel, **options)
+    if whole <= budget:
+        return None
+    fixed, one = memory_bytes(n_channel, 0, **options), memory_bytes(n_channel, 1, **options)
+    found = int((budget - fixed) / (one - fixed))
+    if found < max(FEWEST_REFERENCES, -(-highest_order // block_rows)):
+        least = memory_bytes(n_channel, FEWEST_REFERENCES, **options)
+        raise InputError("record", f"{n_channel} channels with {block_rows} block rows and {sub_records} parts would take "
+                         f"{least / 2**30:.2g} GB of memory with {FEWEST_REFERENCES} references, {whole / 2**30:.2g} GB "
+                         f"with all, and {budget / 2**30:.2g} GB are allowed", "leave channels out (leave_out in "
+                         "campaign.toml), or lower --block-rows")  # fmt: skip
+    return found
+
+
+def _lagged_projection(data: np.ndarray, n_lag: int, references: int) -> np.ndarray:
+    """`reference_projection` by a few lags, one in memory at a time: (n_channel, n_reference)."""
+    past = np.zeros((data.shape[1],) * 2)
+    for lag in np.unique(np.linspace(1, n_lag, CHOSEN_LAGS).astype(int)):
+        covariance = data[lag:].T @ data[:-lag] / (len(data) - lag)
+        past += covariance.T @ covariance
+    return linalg.eigh(past, subset_by_index=[len(past) - references, len(past) - 1])[1][:, ::-1]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -129,20 +174,24 @@ def _size(deviation: ModalDeviation) -> np.ndarray:
 
 def identify_record(
     data: np.ndarray, rate_hz: float, *, order: int, block_rows: int, spread: int = 0, sub_records: int = 0,
-    references: int | tuple[int, ...] | None = None,
+    references: int | tuple[int, ...] | None = None, limited: int | None = None,
 ) -> IdentifiedRecord:
     """SSI-cov of one record (n_sample, n_channel), its mean taken out before.
 
     Poles at every second order from 2 or 3 to order + spread, as far as block rows allow; stability over those up to
     `spread` below and above `order` (1 without). sub_records: parts of the record whose scatter gives deviations, 0 for
     none; their deviations are known to 1 / sqrt(2 (sub_records - 1)), 13 % for 30. references: channels whose past is
-    used, or how many combinations of channels (`ssi.reference_projection`); without, all.
+    used, or how many combinations of channels (`ssi.reference_projection`); without, all. limited: such a number that
+    memory asked for (`references_within`): combinations are chosen without the covariances of all channels.
     """
     data = np.asarray(data, dtype=float)
     n_lag = 2 * block_rows - 1
     check_record(data, n_lag)
     covariance, projection, scatter = None, None, None
-    if references is not None:
+    if limited is not None:
+        projection = _lagged_projection(data - data.mean(axis=0), n_lag, limited)
+        covariance = None if sub_records else output_covariances(data, n_lag, projection=projection)
+    elif references is not None:
         covariance = output_covariances(data, n_lag)
         projection = reference_projection(covariance, references)
         covariance = covariance @ projection

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from probupdate.errors import InputError, parsing
+from probupdate.files import named_within
 from probupdate.io.fortran_text import number, read_lines, unquoted, words
 from probupdate.modes import frozen_array
 
@@ -74,10 +75,8 @@ class _Keys:
 
     def beside(self, name: str) -> Path:
         at, word = self.word(name)
-        file = (self.path.resolve().parent / unquoted(word).replace("\\", "/")).resolve()
-        if not file.is_relative_to(self.root):
-            raise InputError(f"{self.path}, line {at}", f"{name} '{unquoted(word)}' leaves the folder {self.root.name}",
-                             "put it into that folder, or the model's TOML above both")  # fmt: skip
+        file = named_within(unquoted(word), self.path.resolve().parent, f"{self.path}, line {at}, {name}", root=self.root,
+                            remedy="put it into that folder, or the model's TOML above both")
         if not file.is_file():
             raise InputError(f"{self.path}, line {at}", f"there is no file '{unquoted(word)}'", "put it beside")
         return file

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import NoReturn
 
 from probupdate.errors import InputError
+from probupdate.files import named_within
 from probupdate.io.fortran_text import integer, logical, number, read_lines, replaced, unquoted, words, write_lines
 from probupdate.io.ssi_file import SsiFile, read_ssi, write_ssi
 
@@ -131,12 +132,8 @@ def read_subdyn(path: str | Path, root: Path | None = None) -> SubDynFile:
 
 
 def _read_soil(path: Path, name: str, line: int, root: Path | None) -> SsiFile:
-    folder = path.resolve().parent
-    # names may be written as on Windows
-    file = (folder / name.replace("\\", "/")).resolve()
-    if not file.is_relative_to(folder if root is None else root.resolve()):
-        raise InputError(f"{path}, line {line}", f"the SSI file '{name}' leaves the input file's folder",
-                         "put it beside the input file or below, or the model's TOML above both")  # fmt: skip
+    file = named_within(name, path.resolve().parent, f"{path}, line {line}", root=root,
+                        remedy="put the SSI file beside the input file or below, or the model's TOML above both")
     if not file.is_file():
         raise InputError(f"{path}, line {line}", f"there is no SSI file '{name}'", "put it beside the input file")
     return read_ssi(file, name)

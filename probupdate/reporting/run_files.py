@@ -19,7 +19,7 @@ from probupdate.diagnosis.results import read_diagnosis
 from probupdate.errors import InputError, parsing
 from probupdate.estimators.posterior_file import Posterior, read_posterior
 from probupdate.estimators.update_file import UpdateRecord, read_update
-from probupdate.files import read_bytes, read_json_table, read_toml
+from probupdate.files import named_within, read_bytes, read_json_table, read_toml
 from probupdate.model import Model
 from probupdate.modes import ModalData, ModalSet, read_modes
 from probupdate.progress import Progress
@@ -45,6 +45,8 @@ PARTS = {
     "diagnosis.json": "the diagnosis (diagnosis.json)",
 }
 HEAD_KEYS = ("model", "parameters", "campaign", "modes", "seed", "version", "title")
+# what the demonstration notes for itself
+DEMONSTRATION_KEYS = ("start", "days", "finished")
 # for the page's list of what it was made from
 LARGEST_HASHED = 4 * 2**30
 MODEL_FILES = ("model.toml", "model.npz")
@@ -128,9 +130,9 @@ def _head(folder: Path) -> Mapping:
     remedy = f"write {{...}} with some of {', '.join(HEAD_KEYS)}"
     head = read_json_table(path, remedy)
     for key in head:
-        close = difflib.get_close_matches(key, HEAD_KEYS, n=1, cutoff=0.8)
-        if close and key not in HEAD_KEYS:
-            raise InputError(str(path), f"unknown key '{key}'", f"did you mean '{close[0]}'?")
+        if key not in HEAD_KEYS and key not in DEMONSTRATION_KEYS:
+            close = difflib.get_close_matches(key, HEAD_KEYS, n=1)
+            raise InputError(str(path), f"unknown key '{key}'", f"did you mean '{close[0]}'?" if close else remedy)
     checked_table(HeadTable, head, path, remedy)
     return head
 
@@ -150,10 +152,9 @@ def _named(folder: Path, head: Mapping, key: str) -> Path | None:
     """A path of run.json, relative to the run and within it."""
     if not head.get(key):
         return None
-    path = folder / str(head[key])
     where = f"{folder / 'run.json'}, {key}"
-    if not path.resolve().is_relative_to(folder.resolve()):
-        raise InputError(where, f"'{head[key]}' leaves the run directory", "copy it into the run")
+    named_within(str(head[key]), folder, where, remedy="copy it into the run directory")
+    path = folder / str(head[key])
     if not path.exists():
         raise InputError(where, f"'{head[key]}' does not exist", "mend the path, or leave the key out")
     return path

@@ -337,7 +337,7 @@ def _check_names(d: Description) -> Iterator[Mistake]:
 
 def _check_sensors(d: Description) -> Iterator[Mistake]:
     for k, sensor in enumerate(d.sensor):
-        length = float(np.linalg.norm(sensor.direction))
+        length = float(np.linalg.norm(np.clip(sensor.direction, -1e6, 1e6)))
         if abs(length - 1) > 1e-3:
             yield (f"sensor[{k + 1}] {sensor.channel}.direction", f"its length is {length:.3g}, not 1",
                    "give a unit vector")  # fmt: skip

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 import hashlib
 import json
 from collections.abc import Mapping, Sequence
@@ -11,6 +12,7 @@ import numpy as np
 from scipy import sparse
 
 from probupdate.errors import InputError
+from probupdate.files import named_within
 from probupdate.model import Wireframe
 from probupdate.modes import Sensor, frozen_array
 from probupdate.parameters import Parameters
@@ -28,6 +30,7 @@ from probupdate.structure.subdyn_model import described_model, is_subdyn, subdyn
 from probupdate.structure.turbine_frame import build_frame
 
 REFERENCE_STATES = ("design", "as_built", "updated")
+FORMS = (".toml", ".npz", ".dat")
 # part of every hash: raise it when the same description gives other matrices
 FORMULATION = 1
 
@@ -69,12 +72,8 @@ def load_model(
             raise InputError(str(path), "a SubDyn file alone has no parameters", "name groups and parameters in a TOML "
                              "with [subdyn] file (README, OpenFAST models)")  # fmt: skip
         return subdyn_model(path, sensors=sensors)
-    if not path.suffix and not path.exists():
-        raise InputError(str(path), "is neither a model's file nor a command",
-                         "check the spelling; a model is a model.toml, a model.npz or a SubDyn .dat")  # fmt: skip
     if path.suffix != ".toml":
-        raise InputError(str(path), f"'{path.suffix}' is no form of model",
-                         "give a model.toml, a model.npz or a SubDyn .dat")  # fmt: skip
+        raise _no_form(path)
     raw = read_toml(path)
     if "subdyn" in raw:
         return described_model(raw, path, parameters=parameters, sensors=sensors, nacelle_angle_deg=nacelle_angle_deg)
@@ -83,6 +82,24 @@ def load_model(
         return _matrix_model(path, raw, parameters)
     return turbine_model(parse_description(raw, str(path)), where=str(path), parameters=parameters, sensors=sensors,
                          nacelle_angle_deg=nacelle_angle_deg)  # fmt: skip
+
+
+def _no_form(path: Path) -> InputError:
+    """Why a path of another ending is no model, and what was probably meant."""
+    forms = "a model is a model.toml, a model.npz or a SubDyn .dat"
+    meant = difflib.get_close_matches(str(path).lower(), REFERENCE_STATES, n=1, cutoff=0.6)
+    if path.is_dir():
+        held = [f.name for ending in FORMS for f in sorted(path.glob(f"*{ending}"))]
+        return InputError(str(path), "is a directory, not a model's file", f"did you mean '{path / held[0]}'?" if held else forms)
+    if not path.suffix:
+        problem = "has no ending that says what it is" if path.exists() else (
+            "is no state of the reference turbine, no model's file and no command")
+        return InputError(str(path), problem, f"did you mean '{meant[0]}'?" if meant else f"{forms}; states are "
+                          f"{', '.join(REFERENCE_STATES)}")  # fmt: skip
+    close = difflib.get_close_matches(path.suffix.lower(), FORMS, n=1, cutoff=0.5)
+    there = [str(path.with_suffix(s)) for s in (*close, *FORMS) if path.with_suffix(s).is_file()]
+    return InputError(str(path), f"'{path.suffix}' is no form of model", f"did you mean '{there[0]}'?" if there else
+                      forms.replace("a model is", "give"))  # fmt: skip
 
 
 def model_sensors(path: str | Path) -> tuple[Sensor, ...] | None:
@@ -142,11 +159,7 @@ def _named_file(path: Path, raw: dict) -> Path:
     table = raw["matrices"]
     if not isinstance(table, dict) or set(table) != {"file"} or not isinstance(table["file"], str):
         raise InputError(f"{path}: matrices", "is not a table with the one key 'file'", 'write file = "model.npz"')
-    folder = path.resolve().parent
-    file = (folder / table["file"]).resolve()
-    if not file.is_relative_to(folder):
-        raise InputError(f"{path}: matrices.file", f"'{table['file']}' leaves the model's folder", "put it beside")
-    return file
+    return named_within(table["file"], path.resolve().parent, f"{path}: matrices.file")
 
 
 def matrices_file(path: str | Path) -> tuple[Path, str]:

@@ -2,52 +2,60 @@
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from probupdate.errors import InputError, of_file, parsing
+from probupdate.errors import InputError, of_file
 from probupdate.files import read_toml
 from probupdate.parameters import Parameter, Parameters
+from probupdate.schema import table_as
 
-KEYS = ("name", "unit", "initial", "cov", "std", "lower", "upper", "prior", "update", "description")
-NUMBERS = ("initial", "cov", "std", "lower", "upper")
+
+
+@dataclass(frozen=True, kw_only=True)
+class ParameterRow:
+    """One [[parameter]] table; `cov` is relative to `initial`, and one of cov and std is given."""
+
+    name: str
+    initial: float
+    unit: str = "-"
+    cov: float | None = None
+    std: float | None = None
+    lower: float = -np.inf
+    upper: float = np.inf
+    prior: str = "normal"
+    update: bool = True
+    description: str = ""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ParameterFile:
+    """A file of parameters beside a model made of matrices."""
+
+    parameter: list[Mapping[str, object]]
+    correlation: Mapping[str, Mapping[str, float]] | None = None
+    format: int = 1
+
+
+KEYS = tuple(ParameterRow.__dataclass_fields__)
 
 
 def parameter_from_table(table: Mapping, where: str) -> Parameter:
-    """One [[parameter]] table; `cov` is relative to `initial`."""
-    for key in table:
-        if key not in KEYS:
-            close = difflib.get_close_matches(key, KEYS, n=1)
-            raise InputError(where, f"unknown key '{key}'", f"did you mean '{close[0]}'?" if close else "remove it")
-    for key in ("name", "initial"):
-        if key not in table:
-            raise InputError(where, f"'{key}' is missing", "give name, unit, initial, cov or std, lower, upper, prior")
-    where = f"{where} {table['name']}"
-    for key in NUMBERS:
-        if key in table and (isinstance(table[key], bool) or not isinstance(table[key], int | float)):
-            raise InputError(f"{where}, {key}", f"{table[key]!r} is not a number", "write a number without quotes")
-    if ("cov" in table) == ("std" in table):
+    """One [[parameter]] table."""
+    named = table.get("name") if isinstance(table, Mapping) else None
+    row = table_as(ParameterRow, table, f"{where} {named}" if isinstance(named, str) else where)
+    where = f"{where} {row.name}"
+    if (row.cov is None) == (row.std is None):
         raise InputError(where, "needs exactly one of 'cov' and 'std'", "keep one of them")
-    initial = float(table["initial"])
-    std = float(table["std"]) if "std" in table else float(table["cov"]) * abs(initial)
-    if "cov" in table and initial == 0:
+    if row.cov is not None and row.initial == 0:
         raise InputError(where, "'cov' of an initial value of zero says nothing", "give 'std' in the parameter's unit")
-    if not isinstance(table.get("update", True), bool):
-        raise InputError(f"{where}, update", f"{table['update']!r} is neither true nor false", "write one of them")
     try:
         return Parameter(
-            name=str(table["name"]),
-            unit=str(table.get("unit", "-")),
-            initial=initial,
-            std=std,
-            lower=float(table.get("lower", -np.inf)),
-            upper=float(table.get("upper", np.inf)),
-            prior=str(table.get("prior", "normal")),
-            description=str(table.get("description", "")),
-        )
+            name=row.name, unit=row.unit, initial=row.initial, lower=row.lower, upper=row.upper, prior=row.prior,
+            std=row.std if row.std is not None else row.cov * abs(row.initial), description=row.description)  # fmt: skip
     except InputError as error:
         # the parameter knows its name, not the file it came from
         raise InputError(where, error.problem, error.remedy) from None
@@ -92,11 +100,6 @@ def correlation_matrix(items: Sequence[Parameter], table: Mapping, where: str) -
 
 def read_parameters(path: str | Path) -> Parameters:
     """Read a file of [[parameter]] tables (and [correlation.<name>] tables) beside a model made of matrices."""
-    content = read_toml(path)
-    for key in content:
-        if key not in ("parameter", "correlation", "format"):
-            raise InputError(str(path), f"unknown key '{key}'", "keep [[parameter]] and [correlation] only")
-    if "parameter" not in content:
-        raise InputError(str(path), "there is no [[parameter]]", "list at least one")
-    with of_file(path), parsing(str(path), "is no file of parameters", "see parameters.toml in the README"):
-        return updated_parameters(content["parameter"], str(path), content.get("correlation"))
+    content = table_as(ParameterFile, read_toml(path), str(path))
+    with of_file(path):
+        return updated_parameters(content.parameter, str(path), content.correlation)

@@ -14,6 +14,7 @@ from pydantic import Field, Strict, ValidationError
 from scipy import sparse
 
 from probupdate.errors import InputError
+from probupdate.files import named_within
 from probupdate.io.elastodyn_file import read_elastodyn
 from probupdate.io.subdyn_file import BEAMS, SubDynFile, read_subdyn
 from probupdate.model import Wireframe
@@ -143,11 +144,7 @@ def read_description(raw: dict, path: Path) -> SubDynDescription:
 
 def beside(path: Path, name: str, key: str) -> Path:
     """A file that a TOML names: in its folder or below."""
-    folder = path.resolve().parent
-    file = (folder / name).resolve()
-    if not file.is_relative_to(folder):
-        raise InputError(f"{path}: {key}", f"'{name}' leaves the model's folder", "put it beside")
-    return file
+    return named_within(name, path.resolve().parent, f"{path}: {key}")
 
 
 def with_tower(description: SubDynDescription, path: Path) -> tuple[SubDynFile, SubDynDescription]:

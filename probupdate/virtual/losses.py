@@ -41,7 +41,7 @@ def draw_gaps(plan: Plan, channels: tuple[str, ...], given: Mapping, rng: np.ran
     standing = [bool(plan.maintenance[6 * k : 6 * k + 6].any()) for k in range(n_hour)]
     if "missing_hours" in given:
         hours = given["missing_hours"]
-        if not isinstance(hours, list) or not all(isinstance(h, int) and 0 <= h < n_hour for h in hours):
+        if not all(0 <= h < n_hour for h in hours):
             raise InputError("operation.missing_hours", f"{hours!r} are not hours of the campaign",
                              f"give whole numbers from 0 to {n_hour - 1}")  # fmt: skip
     else:

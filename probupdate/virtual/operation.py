@@ -92,10 +92,9 @@ def _maintenance(n_slot: int, given: Mapping, rng: np.random.Generator) -> np.nd
     standing = np.zeros(n_slot, bool)
     if "maintenance_hours" in given:
         for window in given["maintenance_hours"]:
-            numbers = isinstance(window, list) and len(window) == 2 and all(isinstance(x, (int, float)) for x in window)
-            if not numbers or not 0 <= window[0] < window[1]:
+            if not 0 <= window[0] < window[1]:
                 raise InputError("operation.maintenance_hours", f"{window!r} is not [start, end]", "give hours, rising")
-            standing[round(window[0] * 6) : round(window[1] * 6)] = True
+            standing[round(min(window[0], n_slot) * 6) : round(min(window[1], n_slot) * 6)] = True
         return standing
     for day in range(-(-n_slot // 144)):
         long, start, chance = rng.uniform(10.0, 11.0), rng.uniform(1.0, 12.0), rng.random()
@@ -110,8 +109,6 @@ def _maintenance(n_slot: int, given: Mapping, rng: np.random.Generator) -> np.nd
 
 def _weather(n_slot: int, given: Mapping, rng: np.random.Generator) -> dict[str, np.ndarray]:
     mean = given.get("wind_speed_mean_mps", 9.0)
-    if not isinstance(mean, (int, float)) or not 2 <= mean <= 20:
-        raise InputError("operation.wind_speed_mean_mps", f"{mean!r} is not in 2 to 20", "give a site's mean wind")
     # Weibull marginal of shape 2.1 through the Gaussian copula of an Ornstein-Uhlenbeck process (10 h)
     quantile = np.clip(ndtr(_relaxing(rng, n_slot, SLOT_S, 10 * 3600.0)), 1e-6, 1 - 1e-6)
     wind = np.minimum(mean / gamma(1 + 1 / 2.1) * (-np.log1p(-quantile)) ** (1 / 2.1), 24.0)

@@ -3,24 +3,48 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from types import MappingProxyType
+from typing import Annotated, Literal
 
 import numpy as np
 
 from probupdate.errors import InputError, of_file, parsing
 from probupdate.modes import frozen_array
-from probupdate.schema import checked
+from probupdate.schema import Range, checked, table_as
 from probupdate.virtual.effects import read_effect
 from probupdate.virtual.turbine_file import TurbineFile, read_toml, unknown_name
 
-# keys a user may give; the rest of a written truth.toml is a record, and read back only as far as it is given
-GIVEN = ("parameters", "parameters_from", "tolerances", "operation", "effect")
+# of a written truth.toml, a record, and read back only as far as it is given
 RECORDED = ("format", "name", "model", "seed", "drawn", "mode_set", "mode_set_end", "condition", "idling_hz", "state",
             "event", "gap", "summary")
 DEPTHS = ("sc", "corr", "mg")  # may be zero
-OPERATION = ("maintenance_hours", "wind_speed_mean_mps", "missing_hours")
+
+
+@dataclass(frozen=True, kw_only=True)
+class _ToleranceTable:
+    scale: Annotated[float, Range(0, 3)] = 1.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class _OperationTable:
+    """What a campaign's operation is built from; without a key, as drawn."""
+
+    maintenance_hours: list[tuple[float, float]] = field(default_factory=list)
+    wind_speed_mean_mps: Annotated[float, Range(2, 20)] = 9.0
+    missing_hours: list[int] = field(default_factory=list)
+
+
+@dataclass(frozen=True, kw_only=True)
+class _GivenTables:
+    """A user's truth.toml as it is written: kinds and bounds of its keys."""
+
+    parameters: Mapping[str, Annotated[float, Range(0, 1e9)]] = field(default_factory=dict)
+    parameters_from: Literal["initial", "prior"] = "initial"
+    tolerances: Mapping[str, object] = field(default_factory=dict)
+    operation: Mapping[str, object] = field(default_factory=dict)
+    effect: list[Mapping[str, object]] = field(default_factory=list)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -79,38 +103,20 @@ def read_given(path: str | Path | None, file: TurbineFile) -> Given:
 def given_truth(raw: Mapping, file: TurbineFile, path: object = "truth") -> Given:
     """The same from a truth.toml's content; `path` names it in errors."""
     written = raw.get("format") == 1 and "drawn" in raw
-    for key in raw:
-        if key not in GIVEN and not (written and key in RECORDED):
-            raise unknown_name(str(path), key, GIVEN)
+    told = table_as(_GivenTables, {k: v for k, v in raw.items() if not (written and k in RECORDED)}, str(path))
     known = tuple(file.initial_parameters())
-    parameters = raw.get("parameters", {})
-    for name, value in parameters.items():
+    for name, value in told.parameters.items():
         if name not in known:
             raise unknown_name(f"{path}, parameters", name, known)
-        if isinstance(value, bool) or not isinstance(value, (int, float)) or not np.isfinite(value):
-            raise InputError(f"{path}, parameters.{name}", f"{value!r} is not a finite number", "give one")
-        if value < 0 or (value == 0 and name not in DEPTHS):
-            raise InputError(f"{path}, parameters.{name}", f"{value} is not positive", "no structure has it; raise it")
-    source = raw.get("parameters_from", "initial")
-    if source not in ("initial", "prior"):
-        raise InputError(f"{path}, parameters_from", f"'{source}' is unknown", "choose 'initial' or 'prior'")
-    tolerances = raw.get("tolerances", {})
-    for key in tolerances:
-        if key != "scale":
-            raise unknown_name(f"{path}, tolerances", key, ("scale",))
-    scale = tolerances.get("scale", 1.0)
-    if not isinstance(scale, (int, float)) or not 0 <= scale <= 3:
-        raise InputError(f"{path}, tolerances.scale", f"{scale!r} is not in 0 to 3", "give 1, or 0 for none")
-    operation = raw.get("operation", {})
-    for key in operation:
-        if key not in OPERATION:
-            raise unknown_name(f"{path}, operation", key, OPERATION)
+        if value == 0 and name not in DEPTHS:
+            raise InputError(f"{path}, parameters, {name}", f"{value} is not positive", "no structure has it; raise it")
+    table_as(_OperationTable, told.operation, f"{path}, operation")
     return Given(
-        parameters=MappingProxyType({name: float(value) for name, value in parameters.items()}),
-        parameters_from=source,
-        tolerance_scale=float(scale),
-        operation=MappingProxyType(operation),
-        effects=tuple(read_effect(path, number, entry, file) for number, entry in enumerate(raw.get("effect", []))),
+        parameters=MappingProxyType(told.parameters),
+        parameters_from=told.parameters_from,
+        tolerance_scale=table_as(_ToleranceTable, told.tolerances, f"{path}, tolerances").scale,
+        operation=MappingProxyType(dict(told.operation)),
+        effects=tuple(read_effect(path, number, entry, file) for number, entry in enumerate(told.effect)),
     )
 
 

@@ -442,3 +442,74 @@ def test_a_defect_rises_with_its_trace(monkeypatch, building):
     # Python then prints the trace and exits with 1, which is no code of ours
     with pytest.raises(ZeroDivisionError, match="a defect"):
         probupdate.cli.main(update(building))
+
+
+# Channels exchanged or reversed -------------------------------------------------------------------------------------
+
+
+def exchanged(first, second):
+    def change(table):
+        for one in table["sets"]:
+            for key in ("shape_re", "shape_im", "shape_std"):
+                for row in one.get(key) or ():
+                    row[first], row[second] = row[second], row[first]
+
+    return change
+
+
+@pytest.mark.parametrize(("channels", "weights", "written"), [((0, 4), "paper", True), ((0, 4), "measured", False),
+                                                              ((1, 3), "measured", False)])  # fmt: skip
+def test_exchanged_channels_are_named_and_the_misfit_said(building, capsys, channels, weights, written):
+    from probupdate.cli import main
+
+    table = modes_table()
+    exchanged(*channels)(table)
+    Path(building["modes"]).write_text(json.dumps(table))
+    assert main([*update(building), "--weights", weights]) == 2
+    said = capsys.readouterr()
+    assert f"channels {CHANNELS[channels[0]]} and {CHANNELS[channels[1]]} exchanged would explain it" in said.err
+    assert len([line for line in said.err.splitlines() if not line.startswith("  ")]) == 1
+    assert (building["folder"] / "new.json").exists() == written
+    if written:
+        assert said.out.startswith("MISFIT BEYOND CHANCE")
+        assert "new.json holds the result of the data as they stand" in said.err
+
+
+@pytest.mark.parametrize("verb", ["update", "sample"])
+def test_a_name_that_is_nearly_a_model_is_asked_about(building, refused, verb):
+    words = refused(verb, "--model", "updatd", "--modes", building["modes"], "--out", building["folder"] / "x.nc")
+    assert "updatd: is no state of the reference turbine" in words and "did you mean 'updated'?" in words
+
+
+NAMELESS = {
+    "set": (["update", "--set", "nope"], "modes.json, set nope: there is none of that id"),
+    "channels": (["update", "--model", "updated"], "modes.json, channel F05: is in the measured modes but not in the model"),
+    "count": (["modes", "--count", "900"], "model.npz, model: 900 modes are asked for"),
+    "option": (["update", "--frequency-cov", "0.1"], "probupdate update: frequency CoV: 1 given for 4 modes"),
+    "covariate": (["regress", "--covariates", "xx"], "modes.json, covariate xx: is a number in no set"),
+}
+
+
+@pytest.mark.parametrize("given, words", NAMELESS.values(), ids=NAMELESS)
+def test_what_is_wrong_with_values_names_their_file_or_the_option(building, refused, given, words):
+    verb, *options = given
+    files = {"update": ["--model", building["model"], "--modes", building["modes"]], "modes": [building["model"]],
+             "regress": [building["modes"]]}[verb]  # fmt: skip
+    out = ["--out", str(building["folder"] / "new.x")]
+    assert words in refused(verb, *files, *options, *out)
+
+
+ABSURD = [["simulate", "x", "--days", "1e9"], ["simulate", "x", "--days", "inf"], ["demo", "x", "--days", "1e9"],
+          ["simulate", "x", "--jobs", "1000000000"], ["sample", "--ensembles", "1000000000"], ["sample", "--ess", "1" + "0" * 12],
+          ["sample", "--max-steps", "1" + "0" * 12], ["sample", "--seed", "9" * 30], ["update", "--iterations", "1" + "0" * 10],
+          ["update", "--frequency-cov", "1e300"], ["sets", "--spread", "1e300"], ["select", "x.json", "--count", "1" + "0" * 10],
+          ["identify", "x", "--order", "100000"], ["identify", "x", "--block-rows", "1000000"],
+          ["export", "x", "--to", "lifetime", "y", "--draws", "1" + "0" * 10]]  # fmt: skip
+
+
+@pytest.mark.parametrize("given", ABSURD, ids=[" ".join(g[-2:]) for g in ABSURD])
+def test_what_no_memory_or_lifetime_holds_is_refused_at_once(tmp_path, monkeypatch, refused, given):
+    monkeypatch.chdir(tmp_path)
+    words = refused(*given, *([] if given[0] in ("simulate", "demo", "export") else ["--out", "out.json"]))
+    assert given[-2] in words and ("most there can be" in words or "is not from 0 to" in words)
+    assert not list(tmp_path.iterdir())

@@ -11,6 +11,7 @@ import sys
 import time
 from pathlib import Path
 
+import h5py
 import numpy as np
 import pytest
 from command_cases import CHANNELS, N_FLOOR, TRUTH, true_modes
@@ -331,3 +332,20 @@ def test_footbridge_with_the_measurements_error_alone_flags_what_is_pinned(tmp_p
     # a model that misses the data, and says so
     assert record.map_misfit > 4 * record.n_effective
     assert "misses the data" in record.summary
+
+
+@pytest.mark.parametrize("change", ["a draw", "the verdict", "a label"])
+def test_a_posterior_changed_by_hand_is_refused(estimated, tmp_path, change):
+    path = tmp_path / "posterior.nc"
+    shutil.copy(estimated / "posterior.nc", path)
+    with h5py.File(path, "r+") as file:
+        if change == "a draw":
+            name = read_posterior(estimated / "posterior.nc").names[0]
+            file["posterior"][name][0, 0] += 1e-9
+        elif change == "the verdict":
+            head = json.loads(file["posterior"].attrs["probupdate"])
+            file["posterior"].attrs["probupdate"] = json.dumps(head | {"converged": not head["converged"]})
+        else:
+            file["observed_data"]["response_std"][0] *= 2
+    with pytest.raises(InputError, match=r"posterior\.nc: was changed after it was written"):
+        read_posterior(path)

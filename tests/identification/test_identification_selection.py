@@ -187,8 +187,11 @@ def test_criteria_are_read_from_a_file(jacket, tmp_path):
 
 @pytest.mark.parametrize(("text", "problem"), [
     ("pich_range_deg = 2", "unknown key 'pich_range_deg'; did you mean 'pitch_range_deg'"),
-    ("pitch_range_deg = -1", "pitch_range_deg: -1 is no number from 0"), ("states = 'idling'", "is no list of names"),
-    ("least_angle_deg = 120", "120 is not in 0 to 90"), ("= 3", "not TOML"), ("yaw_rate_degps = true", "no number"),
+    ("pitch_range_deg = -1", "pitch_range_deg: -1 is no number from 0"),
+    ("states = 'idling'", "states: 'idling' is no list; write"),
+    ('required = ["T1", 2]', "required, entry 2: 2 is no text; write it in quotes"),
+    ("least_angle_deg = 120", "120 is not in 0 to 90"), ("= 3", "not TOML"), ("yaw_rate_degps = true", "not a number"),
+    ("yaw_rate_degps = nan", "no number from 0"),
 ])
 def test_criteria_that_make_no_sense_are_refused(tmp_path, text, problem):
     path = tmp_path / "criteria.toml"

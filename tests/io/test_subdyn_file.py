@@ -139,7 +139,7 @@ def test_a_scaled_soil_file_is_read_back_as_it_was_meant(tmp_path):
         ("1.0 0.02 extra", "0.0 0.02 extra", ["XsecD of a circular set is 0"]),
         ("2.1e11", "-2.1e11", ["YoungE", "above zero"]),
         ("soil.txt", "none.txt", ["no SSI file 'none.txt'"]),
-        ("soil.txt", "../soil.txt", ["leaves the input file's folder"]),
+        ("soil.txt", "../soil.txt", ["leaves the folder"]),
         ("FEMMod", "FEMMod", []),
         ("             1   FEMMod", "             2   FEMMod", ["FEMMod 2", "3 (Timoshenko)"]),
         ("---- SPRING ELEMENT PROPERTIES ----\n   0   N - number of them\nnames of columns\n(-) (-)\n",

@@ -202,7 +202,7 @@ def test_files_in_neighbouring_folders_stay_neighbours(run):
     held = done.folder / "models" / "001"
     assert {p.relative_to(held).as_posix() for p in held.rglob("*") if p.is_file()} == {
         "sd/subdyn_at_draw.dat", "ssi/soil_1.txt"}
-    with pytest.raises(InputError, match="leaves the input file's folder"):
+    with pytest.raises(InputError, match="leaves the folder"):
         load_model(run / "sd" / "structure.dat")
 
 

@@ -182,8 +182,11 @@ def test_results_of_other_parameters_are_refused(own, full_run):
     [
         ("run.json", "{", r"run\.json: not JSON"),
         ("run.json", "[]", r"run\.json: is no JSON table"),
-        ("run.json", '{"model": "../other/model.toml"}', "leaves the run directory"),
+        ("run.json", '{"model": "../other/model.toml"}', "leaves the folder .*; copy it into the run directory"),
         ("run.json", '{"campaign": "June"}', "'June' does not exist"),
+        ("run.json", '{"campain": "June"}', r"run\.json: unknown key 'campain'; did you mean 'campaign'"),
+        ("run.json", '{"parametrs_file": "p.toml"}', r"unknown key 'parametrs_file'; did you mean 'parameters'"),
+        ("run.json", '{"weather": 1}', r"unknown key 'weather'; write \{"),
         ("modes.poles.csv", "time,frequency_hz\n", "has no column 'mac'"),
         ("modes.poles.csv", "time,frequency_hz,mac,mode,criterion\nnoon,1,1,FA1,kept\n", "not a time"),
         ("selection.csv", "", "not a table"),

@@ -199,7 +199,7 @@ def test_matrices_named_in_a_model_file(folder):
     model = load_model(file)
     assert model.name == "bridge" and model.parameters.names == ("k", "m")
     for text, problem in (
-        ('[matrices]\nfile = "../model.npz"\n', "leaves the model's folder"),
+        ('[matrices]\nfile = "../model.npz"\n', "leaves the folder"),
         ('[matrices]\nfile = 3\n', "not a table with the one key 'file'"),
         ('[matrices]\nfile = "model.npz"\n[site]\n', "is not a key of a model of matrices"),
         ('[matrices]\nfile = "model.npz"\n', "parameter: there is none"),

@@ -375,7 +375,7 @@ def test_the_nacelle_turns_where_it_is_named(framed):
         ("members = [3]", "members = [33]", ["group.brace", "33"]),
         ("members = [3]", "", ["group.brace", "names nothing"]),
         ("reactions = [1]", "reactions = [2]", ["no effect"]),
-        ('file = "structure.dat"', 'file = "../structure.dat"', ["leaves the model's folder"]),
+        ('file = "structure.dat"', 'file = "../structure.dat"', ["leaves the folder"]),
         ("lower = 0.22000000000000003", "lower = -1.0", ["lower bound", "above 0"]),
         ("nacelle = [4]", "nacelle = [2]", ["no concentrated mass at joint 2"]),
         ('joint = 3', 'joint = 30', ["joint 30"]),

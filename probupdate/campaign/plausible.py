@@ -1,0 +1,172 @@
+"""Records that are none of the channel they stand for: a column of time, or numbers in another unit than the stated one."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+
+import numpy as np
+from scipy import signal
+
+from probupdate.campaign.blocks import Block
+from probupdate.errors import InputError
+from probupdate.modes import Sensor
+
+# a column that rises or falls steadily leaves less than this share of its range about a straight line; so many samples
+# of it are looked at first
+STRAIGHT, LOOKED_AT, FEWEST = 1e-4, 257, 20
+# amplitude spectrum of a channel over those of its like, in the middle over all frequencies and blocks: sensors of one
+# structure keep within a factor of 2.5 (18 channels of a jacket and its tower, 5 of a frame), g and m/s2 are 9.8 apart
+MIDDLE_FACTOR = 4.0
+# and it is so over most frequencies, as a point that one mode hardly moves is moved by the others
+MOST_FREQUENCIES, MOST_FACTOR = 0.25, 2.0
+# of more channels than so many, one median serves all
+FEW = 30
+# frequencies of one comparison; segments of it at least
+LINES, FEWEST_SEGMENTS = 256, 8
+# vibration (m/s2, standard deviation) of a structure that is not shaken on purpose; only records stated in g are asked
+# for, as it is there that numbers of m/s2 come out ten times too large
+STRONG_MPS2 = 2.0
+
+
+def refuse_time(where: str, channels: Sequence[str], data: np.ndarray) -> None:
+    """Raises InputError for a channel of data (n_sample, n_channel) whose samples are a clock: steady and without
+    any vibration about it."""
+    n = len(data)
+    if n < FEWEST:
+        return
+    some = np.linspace(0, n - 1, min(n, LOOKED_AT)).astype(int)
+    few = data[some]
+    for c in np.flatnonzero(_straight(few, some)):
+        column = data[:, c]
+        if _straight(column[:, None], np.arange(n))[0] and np.all(np.diff(column[np.isfinite(column)]) * np.sign(
+                few[-1, c] - few[0, c]) >= 0):  # fmt: skip
+            step = (column[-1] - column[0]) / (n - 1)
+            raise InputError(f"{where}, channel {channels[c]}", f"its samples rise evenly, by {step:.6g} each: it looks "
+                             "like the column of time, not like a record", "name another column for it "
+                             "(convert.toml, [columns]), or mend the order of [[sensor]]")  # fmt: skip
+
+
+def _straight(columns: np.ndarray, number: np.ndarray) -> np.ndarray:
+    """(n_column,) whether each column of (n, n_column) is a straight line over `number` (n,) that is not level."""
+    line = columns[0] + (columns[-1] - columns[0]) * number[:, None] / number[-1]
+    extent = np.abs(columns[-1] - columns[0])
+    # NaN compares as False; single precision has its own steps
+    step = 2.0 * np.spacing(np.maximum(np.abs(columns[0]), np.abs(columns[-1])).astype(np.float32))
+    away = np.max(np.abs(columns - line), axis=0)
+    return (extent > 0) & ((away < STRAIGHT * extent) | ((away < step) & (extent > 10 * step)))
+
+
+# Units --------------------------------------------------------------------------------------------------------------
+
+
+def amplitude_spectrum(block: Block) -> np.ndarray | None:
+    """ln of each channel's amplitude spectrum (n_line, n_channel), on few lines. NaN for channels that stand still or
+    have lost samples; None where the block is too short."""
+    data = block.data
+    whole = np.isfinite(data).all(axis=0)
+    length = min(4 * LINES, 2 * len(data) // (FEWEST_SEGMENTS + 1))
+    if length < 32 or whole.sum() < 2:
+        return None
+    density = np.full((length // 2, data.shape[1]), np.nan)
+    found = signal.welch(data[:, whole], block.sampling_rate_hz, nperseg=length, axis=0)[1]
+    # the last quarter is what an anti-aliasing filter leaves, the first line what the window does to the mean
+    density[:, whole] = found[1 : length // 2 + 1]
+    density = density[1 : int(0.75 * len(density))]
+    with np.errstate(divide="ignore"):
+        logarithm = 0.5 * np.log(density)
+    logarithm[:, ~np.isfinite(logarithm).all(axis=0)] = np.nan
+    return logarithm
+
+
+def unit_findings(
+    spectra: Sequence[np.ndarray], sensors: Sequence[Sensor], vibration: dict[str, float], mentioned: Sequence[str]
+) -> list[str]:
+    """Sentences on channels whose numbers may be in another unit than the stated one. spectra: of blocks, by
+    `amplitude_spectrum`; vibration: channel -> standard deviation in SI. A channel that a sentence of `mentioned`
+    suspects of its scale is not asked for again."""
+    found = []
+    odd: list[int] = []
+    spectrum = _middle_spectrum(spectra)
+    while spectrum is not None:
+        # the oddest first: beside it, of few channels, the others look odd too
+        apart = _spectrum_ratios(spectrum, sensors, odd)
+        if not apart:
+            break
+        k = max(apart, key=lambda i: abs(np.log(apart[i])))
+        like = _like(k, sensors, odd)
+        odd.append(k)
+        sensor, middle, other = sensors[k], apart[k], sensors[like[0]].channel
+        if any(sensor.channel in m and ("unit" in m or "scale" in m) for m in mentioned):
+            continue
+        # with one other there is no telling which of the two it is
+        which = " or ".join(sensors[i].channel for i in (sorted([k, *like]) if len(like) == 1 else [k]))
+        beside = other if len(like) == 1 else "its like"
+        found.append(f"suspect: the spectrum of {sensor.channel} is {middle:.2g} times that of {beside} at most "
+                     f"frequencies, which a place on the structure does not explain{_as_unit(middle)}: is {which} in "
+                     f"{sensor.unit}, as campaign.toml says?")  # fmt: skip
+    loud = [s.channel for s in sensors if s.quantity == "acceleration" and s.unit in ("g", "mg")
+            and vibration.get(s.channel, 0.0) > STRONG_MPS2]  # fmt: skip
+    if loud:
+        most = max(vibration[c] for c in loud)
+        found.append(f"suspect: {', '.join(loud)} vibrate with up to {most:.3g} m/s2 (standard deviation), as stated in g: "
+                     "are these numbers m/s2?")  # fmt: skip
+    return found
+
+
+def _middle_spectrum(spectra: Sequence[np.ndarray]) -> np.ndarray | None:
+    """(n_line, n_channel), over the blocks; NaN for a channel that fewer than half of them know."""
+    if not spectra:
+        return None
+    stack = np.array(spectra)
+    known = np.isfinite(stack[:, 0])
+    middle = np.full(stack.shape[1:], np.nan)
+    for c in np.flatnonzero(known.mean(axis=0) >= 0.5):
+        middle[:, c] = np.median(stack[known[:, c], :, c], axis=0)
+    return middle
+
+
+def _spectrum_ratios(spectrum: np.ndarray, sensors: Sequence[Sensor], odd: Sequence[int]) -> dict[int, float]:
+    """Channel -> its amplitude over the middle of its like, of the channels where that is far from 1 throughout, and
+    from that of the places nearest to it: what changes along a structure does so smoothly. spectrum (n_line,
+    n_channel) in logarithms, channels of `odd` left out."""
+    found = {}
+    left_out = {*odd, *np.flatnonzero(np.isnan(spectrum[0]))}
+    middles: dict[tuple, np.ndarray] = {}
+    for k in range(len(sensors)):
+        like = _like(k, sensors, left_out)
+        if k in left_out or not like:
+            continue
+        group = (sensors[k].quantity, abs(sensors[k].direction[2]) > 0.7)
+        if len(like) <= FEW:
+            middle = np.median(spectrum[:, like], axis=1)
+        else:
+            # of many, the channel itself moves no median
+            middle = middles.setdefault(group, np.median(spectrum[:, like], axis=1))
+        ratio = spectrum[:, k] - middle
+        away = float(np.median(ratio))
+        if abs(away) > np.log(MIDDLE_FACTOR) and np.mean(ratio * np.sign(away) > np.log(MOST_FACTOR)) >= (
+                1 - MOST_FREQUENCIES):  # fmt: skip
+            near = spectrum[:, k] - np.median(spectrum[:, _nearest(k, sensors, like)], axis=1)
+            if np.median(near) * np.sign(away) > np.log(MOST_FACTOR):
+                found[k] = float(np.exp(away))
+    return found
+
+
+def _nearest(k: int, sensors: Sequence[Sensor], like: Sequence[int]) -> list[int]:
+    """Those of `like` at the two places nearest to the channel's own, but for its own place."""
+    distance = np.round([np.linalg.norm(sensors[i].position_m - sensors[k].position_m) for i in like], 6)
+    others = np.unique(distance[distance > 0])[:2]
+    return [i for i, d in zip(like, distance, strict=True) if d in others] or list(like)
+
+
+def _like(k: int, sensors: Sequence[Sensor], left_out: Collection[int]) -> list[int]:
+    """Channels to compare one with: of its quantity, upright as it is or level."""
+    return [i for i, s in enumerate(sensors) if i != k and i not in left_out and s.quantity == sensors[k].quantity
+            and (abs(s.direction[2]) > 0.7) == (abs(sensors[k].direction[2]) > 0.7)]
+
+
+def _as_unit(factor: float) -> str:
+    size = max(factor, 1 / factor)
+    known = {"g and m/s2": 9.80665, "cm and m": 100.0, "mm and m": 1000.0}
+    name, value = min(known.items(), key=lambda item: abs(np.log(size / item[1])))
+    return f" ({name} are {value:.4g} apart)" if abs(np.log(size / value)) < np.log(2.5) else ""

@@ -1,0 +1,121 @@
+"""Columns of time among the channels, and channels in another unit than the stated one."""
+
+import numpy as np
+import pytest
+from scipy import linalg, signal
+
+from probupdate.campaign.checking import check
+from probupdate.campaign.converting import convert
+from probupdate.campaign.plausible import refuse_time
+from probupdate.campaign.reading import read_campaign
+from probupdate.campaign.scada import read_scada
+from probupdate.errors import InputError
+from probupdate.identification.block_poles import usable_block
+
+RATE_HZ = 10.0
+
+
+def head(units) -> str:
+    return 'name = "b"\nsampling_rate_hz = 10.0\nblock_minutes = 10\n' + "".join(
+        f'[[sensor]]\nchannel = "f{k + 1}"\nlevel = "f{k + 1}"\nposition_m = [0.0, 0.0, {3.0 * (k + 1)}]\n'
+        f'direction = [1.0, 0.0, 0.0]\nquantity = "acceleration"\nunit = "{unit}"\n' for k, unit in enumerate(units))
+
+
+def building(n: int = 3, size: int = 12000) -> np.ndarray:
+    """Accelerations in m/s2 (size, n) of a shear building in the wind, with the sensors' own noise."""
+    K = 500.0 * (2 * np.eye(n) - np.eye(n, k=1) - np.eye(n, k=-1))
+    K[-1, -1] = 500.0
+    value, shape = linalg.eigh(K)
+    force = np.random.default_rng(5).standard_normal((size, n))
+    motion = np.empty((size, n))
+    for j, w in enumerate(np.sqrt(value)):
+        b, a, _ = signal.cont2discrete(([1.0, 0.0, 0.0], [1.0, 0.02 * w, w * w]), 1 / RATE_HZ, method="zoh")
+        motion[:, j] = signal.lfilter(b.ravel(), a, force @ shape[:, j])
+    return 1e-2 * (motion @ shape.T + 1e-3 * np.random.default_rng(6).standard_normal((size, n)))
+
+
+def suspected(folder) -> list[str]:
+    return [f for f in check(read_campaign(folder)).findings if "says?" in f or "stated in g" in f]
+
+
+@pytest.mark.parametrize("n", [2, 3, 5])
+def test_a_building_in_its_unit_is_not_asked_about(campaign_folder, n):
+    assert suspected(campaign_folder([(0, building(n))], head=head(["m/s2"] * n))) == []
+
+
+@pytest.mark.parametrize("odd", [0, 1, 2])
+def test_one_channel_of_three_in_g_is_asked_about(campaign_folder, odd):
+    data = building()
+    data[:, odd] /= 9.80665
+    found = suspected(campaign_folder([(0, data)], head=head(["m/s2"] * 3)))
+    assert len(found) == 1 and f"is f{odd + 1} in m/s2, as campaign.toml says?" in found[0], found
+    assert "g and m/s2" in found[0]
+
+
+def test_one_of_three_stated_in_g_that_is_not(campaign_folder):
+    found = suspected(campaign_folder([(0, building())], head=head(["m/s2", "g", "m/s2"])))
+    assert len(found) == 1 and "is f2 in g, as campaign.toml says?" in found[0], found
+
+
+def test_of_two_channels_either_may_be_the_wrong_one(campaign_folder):
+    data = building(2)
+    data[:, 1] /= 9.80665
+    found = suspected(campaign_folder([(0, data)], head=head(["m/s2"] * 2)))
+    assert len(found) == 1 and "is f1 or f2 in m/s2" in found[0], found
+
+
+def test_all_stated_in_g_are_asked_about_where_no_structure_moves_so(campaign_folder):
+    data = building()
+    data *= 0.5 / data.std()
+    found = suspected(campaign_folder([(0, data)], head=head(["g"] * 3)))
+    assert len(found) == 1 and "f1, f2, f3 vibrate" in found[0] and "are these numbers m/s2?" in found[0]
+    assert suspected(campaign_folder([(0, data)], head=head(["m/s2"] * 3))) == []
+
+
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+@pytest.mark.parametrize("start", [0.0, 1559556000.0])
+def test_a_column_of_time_is_refused_as_a_channel(dtype, start):
+    data = building(size=6000)
+    refuse_time("x", ("a", "b", "c"), data)
+    data[:, 1] = (start + np.arange(6000) * (0.1 if dtype == np.float64 else 1.0)).astype(dtype)
+    with pytest.raises(InputError, match=r"x, channel b: its samples rise evenly, by .* looks like the column of time"):
+        refuse_time("x", ("a", "b", "c"), data)
+    data[:, 1] = 7.0
+    refuse_time("x", ("a", "b", "c"), data)
+    data[:, 1] = np.linspace(0, 1, 6000) + 1e-3 * data[:, 0] / data[:, 0].std()
+    refuse_time("x", ("a", "b", "c"), data)
+
+
+def test_check_identify_and_convert_refuse_it_by_name(campaign_folder, tmp_path):
+    data = building()
+    data[:, 0] = 0.1 * np.arange(len(data))
+    campaign = read_campaign(campaign_folder([(0, data)], head=head(["m/s2"] * 3)))
+    with pytest.raises(InputError, match="channel f1: its samples rise evenly, by 0.1 each"):
+        check(campaign)
+    with pytest.raises(InputError, match="channel f1"):
+        usable_block(campaign, campaign.files[0].start, campaign.files)
+    raw = tmp_path / "raw"
+    raw.mkdir()
+    np.savetxt(raw / "one.csv", data, delimiter=",", header="t,a,b", comments="")
+    (tmp_path / "convert.toml").write_text(
+        'files = "*.csv"\nstart = "2024-05-01T00:00:00Z"\n[columns]\nf1 = 1\nf2 = 2\nf3 = 3\n')
+    with pytest.raises(InputError, match=r"one.csv, channel f1: .*\[columns\]"):
+        convert(raw, tmp_path)
+
+
+@pytest.mark.parametrize(("given", "words"), [
+    ("windspeed_mps", "unknown column 'windspeed_mps'; did you mean 'wind_speed_mps'?"),
+    ("Rotor_Speed_rpm", "unknown column 'Rotor_Speed_rpm'; did you mean 'rotor_speed_rpm'?"),
+    ("pich_deg_max", "did you mean 'pitch_deg_max'?"),
+])  # fmt: skip
+def test_a_misspelt_column_of_scada_is_asked_about(tmp_path, given, words):
+    (tmp_path / "scada.csv").write_text(f"time,{given}\n2020-01-01T00:00Z,1\n")
+    with pytest.raises(InputError) as caught:
+        read_scada(tmp_path / "scada.csv")
+    assert words in str(caught.value) and str(tmp_path / "scada.csv") in str(caught.value)
+
+
+def test_other_columns_of_scada_are_left_alone_and_a_similar_one_is_named_where_it_lacks(campaign_folder, tmp_path):
+    (tmp_path / "scada.csv").write_text("time,wind_speed_mps,wind_speed_mps_p95,power,status\n2019-06-03T10:00Z,1,1,1,1\n")
+    found = check(read_campaign(campaign_folder([(0, building())], head=head(["m/s2"] * 3)))).findings
+    assert any(f.startswith("SCADA has no power_kw (rename 'power' if that is it): no turbine states") for f in found)
