@@ -18,13 +18,14 @@ from pathlib import Path
 import numpy as np
 
 from probupdate import __version__
-from probupdate.errors import InputError, parsing
+from probupdate.errors import InputError
 from probupdate.estimators.posterior_file import Posterior
 from probupdate.files import read_bytes, read_json, read_text, write_arrays, write_json, write_text
 from probupdate.io.elastodyn_file import named_files
 from probupdate.io.fortran_text import read_lines, write_lines
 from probupdate.io.subdyn_file import SubDynFile, read_subdyn, write_subdyn
 from probupdate.lifetime.draws import Joint, equal_draws, joint_of
+from probupdate.lifetime.tables import read_table
 from probupdate.lifetime.superelement import READ_BACK, superelement, write_superelement
 from probupdate.mode_labels import mode_character
 from probupdate.model import ModalSolution, Model
@@ -194,27 +195,6 @@ class _Files:
             raise InputError(str(path), "is not read back as it was written", "check the disk it was written to")
         if listed:
             self.add(path, "one object", "in the schema", schema, media_type=JSON_TYPE)
-
-
-def read_table(path: str | Path) -> dict[str, list]:
-    """A CSV of an export: column -> values, whole numbers, floats, texts, None where empty."""
-    lines = [line for line in read_text(path).splitlines() if not line.startswith("#")]
-    with parsing(str(path), "is no table", "export it again"):
-        rows = list(csv.reader(lines))
-        if not rows or any(len(row) != len(rows[0]) for row in rows):
-            raise InputError(str(path), "has rows of different length, or none", "export it again")
-
-    def value(text: str):
-        if text == "":
-            return None
-        if re.fullmatch(r"-?\d{1,18}", text):
-            return int(text)
-        try:
-            return float(text)
-        except ValueError:
-            return text
-
-    return {name: [value(row[k]) for row in rows[1:]] for k, name in enumerate(rows[0])}
 
 
 def _write_joint(files: _Files, joint: Joint, units: Mapping[str, str], rng) -> None:

@@ -1,0 +1,471 @@
+"""Nominal stresses at a turbine's details from waves and wind, in the frequency domain.
+
+(K - omega^2 M + i omega C + i omega c h h^T) q = F: C has a damping ratio for every mode, c = rho A C_T V is the operating
+rotor's quasi-steady damping of the hub's motion along the wind. F is Morison's load on legs and braces with drag linearised
+for the sea state (Borgman 1958: sqrt(8/pi) sigma_v) under Airy waves to the still water level, or quasi-steady thrust at
+the hub. Member forces are what the element's own stiffness and mass make of q, less the load on it, divided by A and I / R.
+MacCamy-Fuchs, buoyancy, run-up, rotor harmonics and geometric stiffness are not in it.
+
+All is solved on a basis of modes and static shapes of several parameter vectors (`StressModel.reduced`); of what is left
+out, `basis_error` tells at others.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from scipy import linalg, sparse
+from scipy.sparse import linalg as sparse_linalg
+
+from probupdate.errors import InputError
+from probupdate.lifetime.conditions import Conditions, State, jonswap, kaimal, rotor_admittance, wave_number
+from probupdate.lifetime.details import Detail
+from probupdate.mode_labels import mode_character
+from probupdate.modes import Sensor, frozen_array
+from probupdate.parameters import Parameters
+from probupdate.structure import beam as beams
+from probupdate.structure.affine import STEP, AffineModel
+from probupdate.structure.assembly import beam_stiffness, carried_mass, node_dofs, steel_mass, transformation
+from probupdate.structure.coefficient import Coefficients, TermCollector, build_coefficients
+from probupdate.structure.description import Description
+from probupdate.structure.frame import Frame
+from probupdate.structure.load import turbine_model
+from probupdate.structure.turbine_frame import build_frame
+
+# frequencies of stress: relative steps below and above where modes may lie; of the latter 0.008 is 0.8 of a damping ratio
+# of 1 %, where trapezoids of a resonance err by 2 exp(-2 pi / 0.8) = 8e-4 of its variance
+LOWEST_HZ, MODES_FROM_HZ, HIGHEST_HZ = 0.03, 0.2, 3.0
+COARSE, FINE = 0.025, 0.008
+# points of Gauss along an element under water
+POINTS = np.array([(0.1127016653792583, 5 / 18), (0.5, 8 / 18), (0.8872983346207417, 5 / 18)])
+N_MODE, N_WAVE = 30, 16
+# energy of a snapshot, relative, that the basis may leave out
+BASIS_TOLERANCE = 1e-9
+LABELLED = 10
+
+
+def frequency_grid() -> np.ndarray:
+    """(n_frequency,) Hz."""
+    low = np.geomspace(LOWEST_HZ, MODES_FROM_HZ, int(np.log(MODES_FROM_HZ / LOWEST_HZ) / COARSE), endpoint=False)
+    high = np.geomspace(MODES_FROM_HZ, HIGHEST_HZ, int(np.log(HIGHEST_HZ / MODES_FROM_HZ) / FINE))
+    return np.concatenate([low, high])
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Waves:
+    """Points of the wet members: position_m, along (n_point, 3), diameter_m with growth and length_m that each stands for
+    (n_point,); spread (n_free, 3 n_point): forces at the points as loads on the free degrees of freedom; of_details
+    (3 n_detail, 3 n_point): what they take from a detail's member forces."""
+
+    position_m: np.ndarray
+    along: np.ndarray
+    diameter_m: np.ndarray
+    length_m: np.ndarray
+    spread: sparse.csr_array
+    of_details: sparse.csr_array
+
+    def normal_velocity(self, frequency_hz: np.ndarray, heading_deg: float, depth_m: float, gravity: float, still_m: float):
+        """(n_point, 3, n_frequency), complex, across the member per metre of amplitude; e^(i omega t), Airy."""
+        omega = 2 * np.pi * frequency_hz
+        k = wave_number(omega, depth_m, gravity)
+        z = self.position_m[:, 2:] - still_m
+        up, down = np.exp(k * z), np.exp(-k * (z + 2 * depth_m))
+        whole = 1 - np.exp(-2 * k * depth_m)
+        way = np.array([np.cos(np.radians(heading_deg)), np.sin(np.radians(heading_deg))])
+        turn = omega * np.exp(-1j * k * (self.position_m[:, :2] @ way)[:, None])
+        flat, rise = turn * (up + down) / whole, 1j * turn * (up - down) / whole
+        v = np.stack([flat * way[0], flat * way[1], rise], axis=1)
+        return v - self.along[:, :, None] * np.einsum("pi,pif->pf", self.along, v)[:, None, :]
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Case:
+    """A state of sea and wind on this heading: load (n_basis, n_frequency) and own (3 n_detail, n_frequency) of a metre of
+    wave amplitude, elevation and thrust (n_frequency,) densities in m^2/Hz and N^2/Hz, damping_nspm c in N s/m."""
+
+    state: State
+    load: np.ndarray
+    own: np.ndarray
+    elevation: np.ndarray
+    thrust: np.ndarray
+    damping_nspm: float
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Response:
+    """At one parameter vector: frequency_hz (n_mode,), labels and damping_ratio of the modes; moments (n_case, 4, n_detail,
+    3, 3) in MPa^2 Hz^k, k = 0, 1, 2, 4, of nominal axial and bending stress at crown and saddle; with derivatives
+    change (n_param, n_case, 4, n_detail, 3, 3)."""
+
+    frequency_hz: np.ndarray
+    labels: tuple[str, ...]
+    damping_ratio: np.ndarray
+    moments: np.ndarray
+    change: np.ndarray | None = None
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class StressModel:
+    """One heading: the turbine's model, its member forces R_K(theta) - omega^2 R_M(theta) as sums of constant matrices
+    (3 n_detail, n_free), the hub's row (n_free,) along the wind. `basis` (n_free, n_basis), None: all degrees of freedom."""
+
+    model: AffineModel
+    sensors: tuple[Sensor, ...]
+    frame: Frame
+    details: tuple[Detail, ...]
+    heading_deg: float
+    conditions: Conditions
+    site: tuple[float, float, float, float]
+    stiffness_rows: tuple[sparse.csr_array, ...]
+    mass_rows: tuple[sparse.csr_array, ...]
+    coefficients: Coefficients
+    waves: Waves
+    hub: np.ndarray
+    frequency_hz: np.ndarray
+    spectra: Mapping[str, tuple[np.ndarray, np.ndarray]]
+    basis: np.ndarray | None = None
+
+    @property
+    def parameters(self) -> Parameters:
+        return self.model.parameters
+
+    # the basis -------------------------------------------------------------------------------------------------------
+
+    def reduced(self, thetas: Sequence[np.ndarray]) -> StressModel:
+        """On the modes and static shapes under thrust and waves at these parameter vectors."""
+        every = np.geomspace(LOWEST_HZ, 0.6, N_WAVE)
+        slow = self._point_loads(every)
+        wave = self.waves.spread @ np.hstack([part(x) for x in slow for part in (np.real, np.imag)])
+        snapshots = []
+        for theta in thetas:
+            K, M = self.model.matrices(theta)
+            _, phi = self.model.solve_full(theta, min(N_MODE, self.model.n_available))
+            factor = sparse_linalg.splu(sparse.csc_matrix(K), permc_spec="MMD_AT_PLUS_A", options={"SymmetricMode": True})
+            snapshots += [phi, factor.solve(np.column_stack([self.hub, wave]))]
+        X = np.hstack(snapshots)
+        K0 = self.model.matrices(self.parameters.initial)[0]
+        X = X / np.sqrt(np.einsum("ij,ij->j", X, K0 @ X))
+        value, vector = np.linalg.eigh(X.T @ (K0 @ X))
+        kept = value > BASIS_TOLERANCE * value[-1]
+        return replace(self, basis=frozen_array(X @ (vector[:, kept] / np.sqrt(value[kept]))))
+
+    def _project(self, vectors):
+        return vectors if self.basis is None else self.basis.T @ vectors
+
+    @cached_property
+    def _terms(self) -> tuple[tuple[np.ndarray, ...], ...]:
+        """K_t, M_t (n_basis, n_basis), R_K,t, R_M,t (3 n_detail, n_basis), full."""
+        V = np.eye(self.model.n_dof) if self.basis is None else self.basis
+        square = tuple(tuple(V.T @ (X @ V) for X in xs) for xs in (self.model.stiffness, self.model.mass))
+        return (*square, *(tuple(np.asarray(R @ V) for R in rows) for rows in (self.stiffness_rows, self.mass_rows)))
+
+    # loads -----------------------------------------------------------------------------------------------------------
+
+    def _point_loads(self, frequency_hz: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Inertia, and drag per m/s of sigma_v, of each point (3 n_point, n_frequency) per metre of amplitude."""
+        density, gravity, depth, still = self.site
+        water, w = self.conditions.water, self.waves
+        v = w.normal_velocity(frequency_hz, self.heading_deg, depth, gravity, still)
+        inertia = density * water.inertia_coefficient * np.pi / 4 * w.diameter_m**2 * w.length_m
+        drag = 0.5 * density * water.drag_coefficient * w.diameter_m * w.length_m * np.sqrt(8 / np.pi)
+        shape = (-1, len(frequency_hz))
+        return ((inertia[:, None, None] * 2j * np.pi * frequency_hz * v).reshape(shape),
+                (drag[:, None, None] * v).reshape(shape))  # fmt: skip
+
+    @cached_property
+    def cases(self) -> tuple[Case, ...]:
+        density, gravity, depth, still = self.site
+        inertia, drag = self._point_loads(self.frequency_hz)
+        v = self.waves.normal_velocity(self.frequency_hz, self.heading_deg, depth, gravity, still)
+        speed = np.sum(np.abs(v) ** 2, axis=1)
+        spread = np.asarray(self._project(self.waves.spread.toarray()))
+        wind = self.conditions.wind
+        area = np.pi / 4 * wind.rotor_diameter_m**2
+        found = []
+        for state in self.conditions.state:
+            elevation = jonswap(self.frequency_hz, state.hs_m, state.tp_s, state.gamma)
+            sigma = np.sqrt(np.trapezoid(speed * elevation, self.frequency_hz, axis=1))
+            load = inertia + np.repeat(sigma, 3)[:, None] * drag
+            rate = wind.air_density_kgpm3 * area * state.thrust_coefficient * state.wind_mps
+            if state.name in self.spectra:
+                f, s = self.spectra[state.name]
+                thrust = np.interp(self.frequency_hz, f, s, left=0.0, right=0.0)
+            else:
+                thrust = (rate * rotor_admittance(self.frequency_hz, state.wind_mps, area)) ** 2 * kaimal(
+                    self.frequency_hz, state.wind_mps, state.turbulence, wind.integral_length_m)  # fmt: skip
+            found.append(Case(state=state, load=spread @ load, own=np.asarray(self.waves.of_details @ load), thrust=thrust,
+                              elevation=elevation, damping_nspm=rate if state.operating else 0.0))  # fmt: skip
+        return tuple(found)
+
+    # stresses --------------------------------------------------------------------------------------------------------
+
+    def _scale(self, theta: np.ndarray) -> np.ndarray:
+        """(3 n_detail,) MPa per N, per N m; theta real or complex."""
+        values = dict(self.coefficients.fixed) | dict(zip(self.parameters.names, theta, strict=True))
+        known = {}
+        for detail in self.details:
+            tube = detail.beam.tube
+            if tube not in known:
+                bending = 0.5e-6 * tube.outer(values) / tube.second_moment(values)
+                known[tube] = [1e-6 / tube.area(values), bending, bending]
+        return np.array([x for detail in self.details for x in known[detail.beam.tube]])
+
+    def solve(self, theta: np.ndarray, damping: Mapping[str, float], *, derivatives: bool = False) -> Response:
+        """Moments of all cases at theta (n_param,); `damping`: label of a mode -> its ratio, else the file's."""
+        theta = np.asarray(theta, float)
+        cK, cM = self.model.coefficients(theta)
+        rK, rM = self.coefficients(theta)
+        Kt, Mt, RKt, RMt = self._terms
+        value, U = linalg.eigh(_weighted(Kt, cK), _weighted(Mt, cM))
+        if value[0] <= 0:
+            raise InputError(self.model.name, "its stiffness is not positive definite", "check the parameters")
+        hz = np.sqrt(value) / (2 * np.pi)
+        labels = self._labels(U)
+        ratio = np.full(len(value), self.conditions.damping.ratio)
+        for k, label in enumerate(labels):
+            ratio[k] = damping.get(label, ratio[k])
+        omega = 2 * np.pi * self.frequency_hz
+        scale = self._scale(theta)[:, None]
+        RK, RM = scale * (_weighted(RKt, rK) @ U), scale * (_weighted(RMt, rM) @ U)
+        plain = value[:, None] - omega**2 + 2j * omega * (ratio * np.sqrt(value))[:, None]
+        hub = U.T @ self._project(self.hub)
+        slopes = self._slopes(theta, U, value, ratio) if derivatives else None
+        moments, changes = [], []
+        for case in self.cases:
+            solver = _Solver(plain, hub, 1j * omega * case.damping_nspm)
+            z, dz = self._transfer(solver, U.T @ case.load, RK, RM, slopes, U, scale, theta)
+            own = scale * case.own
+            z = z - own
+            w, dw = self._transfer(solver, np.repeat(hub[:, None], len(omega), axis=1), RK, RM, slopes, U, scale, theta)
+            if derivatives:
+                dz = [d - ds[:, None] * case.own for d, ds in zip(dz, slopes.scale, strict=True)]
+                changes.append([self._moments(z, case.elevation, a) + self._moments(w, case.thrust, b)
+                                for a, b in zip(dz, dw, strict=True)])  # fmt: skip
+            moments.append(self._moments(z, case.elevation) + self._moments(w, case.thrust))
+        return Response(
+            frequency_hz=frozen_array(hz[:N_MODE]), labels=labels, damping_ratio=frozen_array(ratio[:N_MODE]),
+            moments=frozen_array(moments),
+            change=frozen_array(np.swapaxes(np.array(changes), 0, 1)) if derivatives else None,
+        )  # fmt: skip
+
+    def transfer(self, theta: np.ndarray, damping: Mapping[str, float], case: int = 0, wind: bool = False) -> np.ndarray:
+        """(n_detail, 3, n_frequency) complex nominal stress in MPa per metre of wave amplitude, or per N of thrust."""
+        theta = np.asarray(theta, float)
+        Kt, Mt, RKt, RMt = self._terms
+        cK, cM = self.model.coefficients(theta)
+        rK, rM = self.coefficients(theta)
+        value, U = linalg.eigh(_weighted(Kt, cK), _weighted(Mt, cM))
+        ratio = np.full(len(value), self.conditions.damping.ratio)
+        for k, label in enumerate(self._labels(U)):
+            ratio[k] = damping.get(label, ratio[k])
+        omega, scale = 2 * np.pi * self.frequency_hz, self._scale(theta)[:, None]
+        plain = value[:, None] - omega**2 + 2j * omega * (ratio * np.sqrt(value))[:, None]
+        hub, one = U.T @ self._project(self.hub), self.cases[case]
+        solver = _Solver(plain, hub, 1j * omega * one.damping_nspm)
+        load = np.repeat(hub[:, None], len(omega), axis=1) if wind else U.T @ one.load
+        q = solver(load)
+        z = scale * (_weighted(RKt, rK) @ U @ q - _weighted(RMt, rM) @ U @ (omega**2 * q))
+        return (z if wind else z - scale * one.own).reshape(len(self.details), 3, -1)
+
+    def _labels(self, U: np.ndarray) -> tuple[str, ...]:
+        if not self.sensors:
+            return ()
+        n = min(LABELLED, U.shape[1])
+        V = U[:, :n] if self.basis is None else self.basis @ U[:, :n]
+        return mode_character(self.model.channel_matrix @ V, self.sensors).labels
+
+    def _transfer(self, solver, load, RK, RM, slopes, U, scale, theta):
+        omega = 2 * np.pi * self.frequency_hz
+        q = solver(load)
+        z = RK @ q - RM @ (omega**2 * q)
+        if slopes is None:
+            return z, ()
+        changes = []
+        for k in range(len(theta)):
+            force = slopes.K[k] @ q - slopes.M[k] @ (omega**2 * q) + slopes.C[k] @ (1j * omega * q)
+            dq = -solver(force)
+            own = slopes.RK[k] @ q - slopes.RM[k] @ (omega**2 * q)
+            changes.append(RK @ dq - RM @ (omega**2 * dq) + own + (slopes.scale[k] / scale[:, 0])[:, None] * z)
+        return z, changes
+
+    def _slopes(self, theta, U, value, ratio) -> _Slopes:
+        """d K, M, C and d R by every parameter in the modes' coordinates, held fixed. C = M Phi g Phi^T M with
+        g = 2 zeta omega; its change by Phi's own, W_ij = (k_ij - lambda_j m_ij) / (lambda_j - lambda_i)."""
+        Kt, Mt, RKt, RMt = self._terms
+        dcK, dcM = self.model.coefficient_derivatives(theta)
+        stepped = theta + 1j * STEP * np.eye(theta.size)
+        drK, drM = (np.imag(c) / STEP for c in self.coefficients(stepped))
+        scale = self._scale(theta)
+        dscale = np.array([np.imag(self._scale(row)) / STEP for row in stepped])
+        g = 2 * ratio * np.sqrt(value)
+        gap = value[None, :] - value[:, None]
+        np.fill_diagonal(gap, 1.0)
+        K, M, C, RK, RM = [], [], [], [], []
+        for k in range(theta.size):
+            dK, dM = (U.T @ _weighted(ts, c[:, k]) @ U for ts, c in ((Kt, dcK), (Mt, dcM)))
+            W = (dK - dM * value[None, :]) / gap
+            np.fill_diagonal(W, -0.5 * np.diag(dM))
+            dvalue = np.diag(dK) - value * np.diag(dM)
+            dC = dM * g[None, :] + g[:, None] * dM + W * g[None, :] + (W * g[None, :]).T + np.diag(ratio / np.sqrt(value) * dvalue)
+            K.append(dK)
+            M.append(dM)
+            C.append(dC)
+            RK.append(scale[:, None] * (_weighted(RKt, drK[k]) @ U))
+            RM.append(scale[:, None] * (_weighted(RMt, drM[k]) @ U))
+        return _Slopes(K=K, M=M, C=C, RK=RK, RM=RM, scale=dscale)
+
+    def _moments(self, z: np.ndarray, density: np.ndarray, change: np.ndarray | None = None) -> np.ndarray:
+        """(4, n_detail, 3, 3): trapezoids of f^k Re(z_i conj z_j) S, or their change."""
+        f = self.frequency_hz
+        weight = np.gradient(f) if len(f) < 2 else np.convolve(np.diff(f), [0.5, 0.5])
+        weights = weight * density * f ** np.array([0, 1, 2, 4])[:, None]
+        z = z.reshape(len(self.details), 3, -1)
+        if change is None:
+            return _gram(z, z, weights)
+        one = _gram(change.reshape(z.shape), z, weights)
+        return one + np.swapaxes(one, -1, -2)
+
+
+def _gram(a: np.ndarray, b: np.ndarray, weights: np.ndarray) -> np.ndarray:
+    """(4, n, 3, 3) sum_f weights Re(a_i conj b_j)."""
+    both = np.concatenate([a.real, a.imag], axis=-1), np.concatenate([b.real, b.imag], axis=-1)
+    return np.array([np.matmul(both[0] * np.tile(w, 2), both[1].transpose(0, 2, 1)) for w in weights])
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _Slopes:
+    K: list[np.ndarray]
+    M: list[np.ndarray]
+    C: list[np.ndarray]
+    RK: list[np.ndarray]
+    RM: list[np.ndarray]
+    scale: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class _Solver:
+    """(diag(plain) + hub rate hub^T)^-1 at every frequency (Sherman and Morrison)."""
+
+    plain: np.ndarray
+    hub: np.ndarray
+    rate: np.ndarray
+
+    def __call__(self, load: np.ndarray) -> np.ndarray:
+        q = load / self.plain
+        if not np.any(self.rate):
+            return q
+        alone = self.hub[:, None] / self.plain
+        return q - alone * (self.rate * (self.hub @ q) / (1 + self.rate * (self.hub @ alone)))
+
+
+def _weighted(terms: Sequence[np.ndarray], weight: np.ndarray) -> np.ndarray:
+    return np.tensordot(weight, np.array(terms), (0, 0)) if len(terms) < 40 else sum(
+        w * t for w, t in zip(weight, terms, strict=True) if w != 0.0)
+
+
+def stress_model(
+    description: Description, where: str, details: Sequence[Detail], conditions: Conditions, *, heading_deg: float,
+    parameters: Parameters | None = None, sensors: tuple[Sensor, ...] | None = None,
+    spectra: Mapping[str, tuple[np.ndarray, np.ndarray]] | None = None,
+) -> StressModel:  # fmt: skip
+    """Of one heading of wind, waves and nacelle, on all degrees of freedom. `details` as `details.find_details` names them
+    in the frame of any heading; loads are those of the members as the file's values have them."""
+    model = turbine_model(description, where=where, parameters=parameters, sensors=sensors, nacelle_angle_deg=heading_deg)
+    frame = build_frame(description, heading_deg)
+    transform = transformation(frame)
+    values = description.values | {p.name: p.initial for p in model.parameters}
+    details = tuple(replace(d, beam=frame.beams[d.number]) for d in details)
+    theory = description.mesh.theory
+    updated = tuple(model.parameters.names)
+    collected = TermCollector(updated, values), TermCollector(updated, values)
+    for row, detail in enumerate(details):
+        b = detail.beam
+        start, end = frame.node_m[b.start], frame.node_m[b.end]
+        pick = detail.rows()
+        sources = (beam_stiffness(b, start, end, theory),
+                   (c for part in (steel_mass(b, start, end, theory), carried_mass(b, b.carried, start, end, theory)) for c in part))  # fmt: skip
+        for collector, contributions in zip(collected, sources, strict=True):
+            for dofs, matrix, coefficient in contributions:
+                collector.add(coefficient, lambda x, r=row, d=dofs, m=pick @ matrix: (3 * r + np.arange(3), d, x * m))
+    size = (3 * len(details), transform.shape[0])
+    rows = tuple(tuple(_sparse(entries, size) @ transform for entries in c.keys.values()) for c in collected)
+    fixed = {name: value for name, value in values.items() if name not in updated}
+    placed = sensors if sensors is not None else tuple(
+        Sensor(channel=s.channel, level=s.level, position_m=s.position_m, direction=s.direction, quantity=s.quantity,
+               unit=s.unit) for s in description.sensor)  # fmt: skip
+    return StressModel(
+        model=model, sensors=placed, frame=frame, details=details, heading_deg=float(heading_deg), conditions=conditions,
+        site=(description.site.water_density_kgpm3, description.site.gravity_mps2,
+              description.site.water_level_m - description.site.mudline_m, description.site.water_level_m),
+        stiffness_rows=rows[0], mass_rows=rows[1],
+        coefficients=build_coefficients(*collected, updated, fixed),
+        waves=_waves(description, frame, transform, details, values), hub=_hub(description, frame, transform, heading_deg),
+        frequency_hz=frozen_array(frequency_grid()), spectra=dict(spectra or {}),
+    )  # fmt: skip
+
+
+def _sparse(entries, size) -> sparse.csr_array:
+    rows = np.concatenate([np.repeat(r, len(d)) for r, d, _ in entries])
+    columns = np.concatenate([np.tile(d, len(r)) for r, d, _ in entries])
+    values = np.concatenate([m.ravel() for _, _, m in entries])
+    return sparse.csr_array(sparse.coo_array((values, (rows, columns)), shape=size))
+
+
+def _hub(d: Description, frame: Frame, transform, heading_deg: float) -> np.ndarray:
+    """A force of 1 N at the hub along the wind, as loads on the free degrees of freedom."""
+    offset = np.array(next(body.offset_m for body in d.rna if body.name == "hub"))
+    angle = np.radians(heading_deg)
+    turn = np.array([[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0], [0, 0, 1]])
+    place = np.array([0.0, 0.0, d.tower.station[-1].z_m]) + turn @ offset
+    node = int(np.argmin(np.linalg.norm(frame.node_m - place, axis=1)))
+    force = np.zeros(transform.shape[0])
+    force[6 * node : 6 * node + 2] = [np.cos(angle), np.sin(angle)]
+    return frozen_array(transform.T @ force)
+
+
+def _waves(d: Description, frame: Frame, transform, details: Sequence[Detail], values: Mapping[str, float]) -> Waves:
+    still, growth = d.site.water_level_m, float(values["mg"])
+    of_beam: dict[int, list[int]] = {}
+    for row, detail in enumerate(details):
+        of_beam.setdefault(detail.number, []).append(row)
+    position, along, diameter, length, blocks, own = [], [], [], [], [], []
+    for number, b in enumerate(frame.beams):
+        start, end = frame.node_m[b.start], frame.node_m[b.end]
+        if b.group not in ("leg", "brace") or 0.5 * (start[2] + end[2]) >= still:
+            continue
+        span = end - start
+        size = float(np.linalg.norm(span))
+        axes = beams.axes(start, end)
+        grown = 0.5 * (start[2] + end[2]) < d.hydrodynamics.growth_top_m
+        outer = float(b.tube.outer(values)) + (2 * growth if grown else 0.0)
+        for xi, weight in POINTS:
+            # nodal loads that do the work of a force at xi (Bernoulli-Euler shapes)
+            local = beams.interpolation(float(xi), size)[:3].T @ axes
+            nodal = np.kron(np.eye(4), axes).T @ local
+            column = len(position)
+            blocks.append((node_dofs(b.start, b.end), 3 * column + np.arange(3), nodal))
+            own += [(3 * row + np.arange(3), 3 * column + np.arange(3), details[row].rows() @ nodal)
+                    for row in of_beam.get(number, ())]  # fmt: skip
+            position.append(start + xi * span)
+            along.append(span / size)
+            diameter.append(outer)
+            length.append(weight * size)
+    n = 3 * len(position)
+    spread = _placed(blocks, (transform.shape[0], n))
+    return Waves(
+        position_m=frozen_array(np.array(position).reshape(-1, 3)), along=frozen_array(np.array(along).reshape(-1, 3)),
+        diameter_m=frozen_array(diameter), length_m=frozen_array(length),
+        spread=sparse.csr_array(transform.T @ spread), of_details=_placed(own, (3 * len(details), n)),
+    )  # fmt: skip
+
+
+def _placed(blocks, shape) -> sparse.csr_array:
+    if not blocks:
+        return sparse.csr_array(shape)
+    rows = np.concatenate([np.repeat(r, len(c)) for r, c, _ in blocks])
+    columns = np.concatenate([np.tile(c, len(r)) for r, c, _ in blocks])
+    values = np.concatenate([m.ravel() for _, _, m in blocks])
+    return sparse.csr_array(sparse.coo_array((values, (rows, columns)), shape=shape))
