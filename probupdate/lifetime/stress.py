@@ -4,10 +4,11 @@
 rotor's quasi-steady damping of the hub's motion along the wind. F is Morison's load on legs and braces with drag linearised
 for the sea state (Borgman 1958: sqrt(8/pi) sigma_v) under Airy waves to the still water level, or quasi-steady thrust at
 the hub. Member forces are what the element's own stiffness and mass make of q, less the load on it, divided by A and I / R.
-MacCamy-Fuchs, buoyancy, run-up, rotor harmonics and geometric stiffness are not in it.
+MacCamy-Fuchs, buoyancy, run-up, rotor harmonics and geometric stiffness are not in it, nor waves above 0.6 Hz: they are
+shorter than 4.3 m, where Morison's load no longer holds for a leg.
 
 All is solved on a basis of modes and static shapes of several parameter vectors (`StressModel.reduced`); of what is left
-out, `basis_error` tells at others.
+out, `fatigue.basis_error` reports at others.
 """
 
 from __future__ import annotations
@@ -39,9 +40,11 @@ from probupdate.structure.turbine_frame import build_frame
 # of 1 %, where trapezoids of a resonance err by 2 exp(-2 pi / 0.8) = 8e-4 of its variance
 LOWEST_HZ, MODES_FROM_HZ, HIGHEST_HZ = 0.03, 0.2, 3.0
 COARSE, FINE = 0.025, 0.008
+# the shortest waves that load the structure
+WAVES_TO_HZ = 0.6
 # points of Gauss along an element under water
 POINTS = np.array([(0.1127016653792583, 5 / 18), (0.5, 8 / 18), (0.8872983346207417, 5 / 18)])
-N_MODE, N_WAVE = 30, 16
+N_MODE, N_WAVE = 30, 20
 # energy of a snapshot, relative, that the basis may leave out
 BASIS_TOLERANCE = 1e-9
 LABELLED = 10
@@ -136,8 +139,9 @@ class StressModel:
 
     def reduced(self, thetas: Sequence[np.ndarray]) -> StressModel:
         """On the modes and static shapes under thrust and waves at these parameter vectors."""
-        every = np.geomspace(LOWEST_HZ, 0.6, N_WAVE)
-        slow = self._point_loads(every)
+        every = np.geomspace(LOWEST_HZ, WAVES_TO_HZ, N_WAVE)
+        inertia, drag = self._point_loads(every)
+        slow = [inertia, *(np.repeat(sigma, 3)[:, None] * drag for sigma in self._speeds)]
         wave = self.waves.spread @ np.hstack([part(x) for x in slow for part in (np.real, np.imag)])
         snapshots = []
         for theta in thetas:
@@ -175,28 +179,39 @@ class StressModel:
         return ((inertia[:, None, None] * 2j * np.pi * frequency_hz * v).reshape(shape),
                 (drag[:, None, None] * v).reshape(shape))  # fmt: skip
 
+    @property
+    def _wet(self) -> int:
+        """How many of the frequencies have waves."""
+        return int(np.searchsorted(self.frequency_hz, WAVES_TO_HZ, side="right"))
+
+    @cached_property
+    def _speeds(self) -> tuple[np.ndarray, ...]:
+        """sigma_v (n_point,) in m/s of the velocity across the members, for every state."""
+        _, gravity, depth, still = self.site
+        f = self.frequency_hz[: self._wet]
+        speed = np.sum(np.abs(self.waves.normal_velocity(f, self.heading_deg, depth, gravity, still)) ** 2, axis=1)
+        return tuple(np.sqrt(np.trapezoid(speed * jonswap(f, s.hs_m, s.tp_s, s.gamma), f, axis=1))
+                     for s in self.conditions.state)  # fmt: skip
+
     @cached_property
     def cases(self) -> tuple[Case, ...]:
-        density, gravity, depth, still = self.site
-        inertia, drag = self._point_loads(self.frequency_hz)
-        v = self.waves.normal_velocity(self.frequency_hz, self.heading_deg, depth, gravity, still)
-        speed = np.sum(np.abs(v) ** 2, axis=1)
+        f = self.frequency_hz[: self._wet]
+        inertia, drag = self._point_loads(f)
         spread = np.asarray(self._project(self.waves.spread.toarray()))
         wind = self.conditions.wind
         area = np.pi / 4 * wind.rotor_diameter_m**2
         found = []
-        for state in self.conditions.state:
-            elevation = jonswap(self.frequency_hz, state.hs_m, state.tp_s, state.gamma)
-            sigma = np.sqrt(np.trapezoid(speed * elevation, self.frequency_hz, axis=1))
+        for state, sigma in zip(self.conditions.state, self._speeds, strict=True):
+            elevation = jonswap(f, state.hs_m, state.tp_s, state.gamma)
             load = inertia + np.repeat(sigma, 3)[:, None] * drag
             rate = wind.air_density_kgpm3 * area * state.thrust_coefficient * state.wind_mps
             if state.name in self.spectra:
-                f, s = self.spectra[state.name]
-                thrust = np.interp(self.frequency_hz, f, s, left=0.0, right=0.0)
+                at, density_of = self.spectra[state.name]
+                thrust = np.interp(self.frequency_hz, at, density_of, left=0.0, right=0.0)
             else:
                 thrust = (rate * rotor_admittance(self.frequency_hz, state.wind_mps, area)) ** 2 * kaimal(
                     self.frequency_hz, state.wind_mps, state.turbulence, wind.integral_length_m)  # fmt: skip
-            found.append(Case(state=state, load=spread @ load, own=np.asarray(self.waves.of_details @ load), thrust=thrust,
+            found.append(Case(state=state, load=_times(spread, load), own=_times(self.waves.of_details, load), thrust=thrust,
                               elevation=elevation, damping_nspm=rate if state.operating else 0.0))  # fmt: skip
         return tuple(found)
 
@@ -213,62 +228,63 @@ class StressModel:
                 known[tube] = [1e-6 / tube.area(values), bending, bending]
         return np.array([x for detail in self.details for x in known[detail.beam.tube]])
 
-    def solve(self, theta: np.ndarray, damping: Mapping[str, float], *, derivatives: bool = False) -> Response:
-        """Moments of all cases at theta (n_param,); `damping`: label of a mode -> its ratio, else the file's."""
-        theta = np.asarray(theta, float)
+    def _modes(self, theta: np.ndarray, damping: Mapping[str, float]) -> _Modes:
+        """The modes on the basis, their damping, member forces and what a thrust of 1 N does, without the rotor's damping."""
+        Kt, Mt, RKt, RMt = self._terms
         cK, cM = self.model.coefficients(theta)
         rK, rM = self.coefficients(theta)
-        Kt, Mt, RKt, RMt = self._terms
         value, U = linalg.eigh(_weighted(Kt, cK), _weighted(Mt, cM))
         if value[0] <= 0:
             raise InputError(self.model.name, "its stiffness is not positive definite", "check the parameters")
-        hz = np.sqrt(value) / (2 * np.pi)
         labels = self._labels(U)
         ratio = np.full(len(value), self.conditions.damping.ratio)
         for k, label in enumerate(labels):
             ratio[k] = damping.get(label, ratio[k])
         omega = 2 * np.pi * self.frequency_hz
         scale = self._scale(theta)[:, None]
-        RK, RM = scale * (_weighted(RKt, rK) @ U), scale * (_weighted(RMt, rM) @ U)
         plain = value[:, None] - omega**2 + 2j * omega * (ratio * np.sqrt(value))[:, None]
         hub = U.T @ self._project(self.hub)
-        slopes = self._slopes(theta, U, value, ratio) if derivatives else None
+        return _Modes(value=value, U=U, labels=labels, ratio=ratio, plain=plain, hub=hub, scale=scale,
+                     RK=scale * (_weighted(RKt, rK) @ U), RM=scale * (_weighted(RMt, rM) @ U), omega=omega)  # fmt: skip
+
+    def solve(self, theta: np.ndarray, damping: Mapping[str, float], *, derivatives: bool = False) -> Response:
+        """Moments of all cases at theta (n_param,); `damping`: label of a mode -> its ratio, else the file's."""
+        theta = np.asarray(theta, float)
+        m = self._modes(theta, damping)
+        slopes = self._slopes(theta, m) if derivatives else None
+        alone = m.hub[:, None] / m.plain
+        thrust_alone, receptance = m.stress(alone), m.hub @ alone
+        wet = self._wet
         moments, changes = [], []
         for case in self.cases:
-            solver = _Solver(plain, hub, 1j * omega * case.damping_nspm)
-            z, dz = self._transfer(solver, U.T @ case.load, RK, RM, slopes, U, scale, theta)
-            own = scale * case.own
-            z = z - own
-            w, dw = self._transfer(solver, np.repeat(hub[:, None], len(omega), axis=1), RK, RM, slopes, U, scale, theta)
+            rate = 1j * m.omega * case.damping_nspm
+            closed = 1 / (1 + rate * receptance)
+            q0 = (m.U.T @ case.load) / m.plain[:, :wet]
+            back = rate[:wet] * (m.hub @ q0) * closed[:wet]
+            z = m.stress(q0) - m.scale * case.own - thrust_alone[:, :wet] * back
+            w = thrust_alone * closed
+            moments.append(self._moments(z, case.elevation) + self._moments(w, case.thrust))
             if derivatives:
+                q, p = q0 - alone[:, :wet] * back, alone * closed
+                dz, dw = (slopes.of(x, m, rate) for x in (q, p))
                 dz = [d - ds[:, None] * case.own for d, ds in zip(dz, slopes.scale, strict=True)]
                 changes.append([self._moments(z, case.elevation, a) + self._moments(w, case.thrust, b)
                                 for a, b in zip(dz, dw, strict=True)])  # fmt: skip
-            moments.append(self._moments(z, case.elevation) + self._moments(w, case.thrust))
         return Response(
-            frequency_hz=frozen_array(hz[:N_MODE]), labels=labels, damping_ratio=frozen_array(ratio[:N_MODE]),
-            moments=frozen_array(moments),
+            frequency_hz=frozen_array(np.sqrt(m.value[:N_MODE]) / (2 * np.pi)), labels=m.labels,
+            damping_ratio=frozen_array(m.ratio[:N_MODE]), moments=frozen_array(moments),
             change=frozen_array(np.swapaxes(np.array(changes), 0, 1)) if derivatives else None,
         )  # fmt: skip
 
     def transfer(self, theta: np.ndarray, damping: Mapping[str, float], case: int = 0, wind: bool = False) -> np.ndarray:
-        """(n_detail, 3, n_frequency) complex nominal stress in MPa per metre of wave amplitude, or per N of thrust."""
-        theta = np.asarray(theta, float)
-        Kt, Mt, RKt, RMt = self._terms
-        cK, cM = self.model.coefficients(theta)
-        rK, rM = self.coefficients(theta)
-        value, U = linalg.eigh(_weighted(Kt, cK), _weighted(Mt, cM))
-        ratio = np.full(len(value), self.conditions.damping.ratio)
-        for k, label in enumerate(self._labels(U)):
-            ratio[k] = damping.get(label, ratio[k])
-        omega, scale = 2 * np.pi * self.frequency_hz, self._scale(theta)[:, None]
-        plain = value[:, None] - omega**2 + 2j * omega * (ratio * np.sqrt(value))[:, None]
-        hub, one = U.T @ self._project(self.hub), self.cases[case]
-        solver = _Solver(plain, hub, 1j * omega * one.damping_nspm)
-        load = np.repeat(hub[:, None], len(omega), axis=1) if wind else U.T @ one.load
-        q = solver(load)
-        z = scale * (_weighted(RKt, rK) @ U @ q - _weighted(RMt, rM) @ U @ (omega**2 * q))
-        return (z if wind else z - scale * one.own).reshape(len(self.details), 3, -1)
+        """(n_detail, 3, n) complex nominal stress in MPa per N of thrust at all frequencies, or per metre of wave amplitude
+        at those up to WAVES_TO_HZ."""
+        m, one = self._modes(np.asarray(theta, float), damping), self.cases[case]
+        n = len(m.omega) if wind else self._wet
+        load = np.repeat(m.hub[:, None], n, axis=1) if wind else m.U.T @ one.load
+        q = m.solved(load, 1j * m.omega * one.damping_nspm)
+        z = m.stress(q)
+        return (z if wind else z - m.scale * one.own).reshape(len(self.details), 3, -1)
 
     def _labels(self, U: np.ndarray) -> tuple[str, ...]:
         if not self.sensors:
@@ -277,28 +293,14 @@ class StressModel:
         V = U[:, :n] if self.basis is None else self.basis @ U[:, :n]
         return mode_character(self.model.channel_matrix @ V, self.sensors).labels
 
-    def _transfer(self, solver, load, RK, RM, slopes, U, scale, theta):
-        omega = 2 * np.pi * self.frequency_hz
-        q = solver(load)
-        z = RK @ q - RM @ (omega**2 * q)
-        if slopes is None:
-            return z, ()
-        changes = []
-        for k in range(len(theta)):
-            force = slopes.K[k] @ q - slopes.M[k] @ (omega**2 * q) + slopes.C[k] @ (1j * omega * q)
-            dq = -solver(force)
-            own = slopes.RK[k] @ q - slopes.RM[k] @ (omega**2 * q)
-            changes.append(RK @ dq - RM @ (omega**2 * dq) + own + (slopes.scale[k] / scale[:, 0])[:, None] * z)
-        return z, changes
-
-    def _slopes(self, theta, U, value, ratio) -> _Slopes:
+    def _slopes(self, theta: np.ndarray, m: _Modes) -> _Slopes:
         """d K, M, C and d R by every parameter in the modes' coordinates, held fixed. C = M Phi g Phi^T M with
         g = 2 zeta omega; its change by Phi's own, W_ij = (k_ij - lambda_j m_ij) / (lambda_j - lambda_i)."""
-        Kt, Mt, RKt, RMt = self._terms
+        (Kt, Mt, RKt, RMt), U, value, ratio = self._terms, m.U, m.value, m.ratio
         dcK, dcM = self.model.coefficient_derivatives(theta)
         stepped = theta + 1j * STEP * np.eye(theta.size)
         drK, drM = (np.imag(c) / STEP for c in self.coefficients(stepped))
-        scale = self._scale(theta)
+        scale = m.scale[:, 0]
         dscale = np.array([np.imag(self._scale(row)) / STEP for row in stepped])
         g = 2 * ratio * np.sqrt(value)
         gap = value[None, :] - value[:, None]
@@ -319,8 +321,8 @@ class StressModel:
 
     def _moments(self, z: np.ndarray, density: np.ndarray, change: np.ndarray | None = None) -> np.ndarray:
         """(4, n_detail, 3, 3): trapezoids of f^k Re(z_i conj z_j) S, or their change."""
-        f = self.frequency_hz
-        weight = np.gradient(f) if len(f) < 2 else np.convolve(np.diff(f), [0.5, 0.5])
+        f = self.frequency_hz[: z.shape[1]]
+        weight = np.convolve(np.diff(f), [0.5, 0.5])
         weights = weight * density * f ** np.array([0, 1, 2, 4])[:, None]
         z = z.reshape(len(self.details), 3, -1)
         if change is None:
@@ -336,6 +338,34 @@ def _gram(a: np.ndarray, b: np.ndarray, weights: np.ndarray) -> np.ndarray:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
+class _Modes:
+    """One parameter vector on the basis: value (n,) omega^2, U (n_basis, n), plain (n, n_frequency) the modes' dynamic
+    stiffness, RK, RM (3 n_detail, n) stresses by motion and by acceleration, scale (3 n_detail, 1)."""
+
+    value: np.ndarray
+    U: np.ndarray
+    labels: tuple[str, ...]
+    ratio: np.ndarray
+    plain: np.ndarray
+    hub: np.ndarray
+    scale: np.ndarray
+    RK: np.ndarray
+    RM: np.ndarray
+    omega: np.ndarray
+
+    def stress(self, q: np.ndarray) -> np.ndarray:
+        """(3 n_detail, n) of the modes' motion q at the first n frequencies."""
+        return _times(self.RK, q) - _times(self.RM, self.omega[: q.shape[1]] ** 2 * q)
+
+    def solved(self, load: np.ndarray, rate: np.ndarray) -> np.ndarray:
+        """(diag(plain) + hub rate hub^T)^-1 load at the load's frequencies (Sherman and Morrison)."""
+        n = load.shape[1]
+        q = load / self.plain[:, :n]
+        alone = self.hub[:, None] / self.plain[:, :n]
+        return q - alone * (rate[:n] * (self.hub @ q) / (1 + rate[:n] * (self.hub @ alone)))
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
 class _Slopes:
     K: list[np.ndarray]
     M: list[np.ndarray]
@@ -344,21 +374,22 @@ class _Slopes:
     RM: list[np.ndarray]
     scale: np.ndarray
 
+    def of(self, q: np.ndarray, m: _Modes, rate: np.ndarray) -> list[np.ndarray]:
+        """Change of the stresses of a motion q (n, n_frequency) by every parameter, the load held."""
+        omega = m.omega[: q.shape[1]]
+        z, changes = m.stress(q), []
+        for k in range(len(self.K)):
+            force = _times(self.K[k], q) - _times(self.M[k], omega**2 * q) + _times(self.C[k], 1j * omega * q)
+            own = _times(self.RK[k], q) - _times(self.RM[k], omega**2 * q)
+            changes.append(own - m.stress(m.solved(force, rate)) + (self.scale[k] / m.scale[:, 0])[:, None] * z)
+        return changes
 
-@dataclass(frozen=True, eq=False)
-class _Solver:
-    """(diag(plain) + hub rate hub^T)^-1 at every frequency (Sherman and Morrison)."""
 
-    plain: np.ndarray
-    hub: np.ndarray
-    rate: np.ndarray
-
-    def __call__(self, load: np.ndarray) -> np.ndarray:
-        q = load / self.plain
-        if not np.any(self.rate):
-            return q
-        alone = self.hub[:, None] / self.plain
-        return q - alone * (self.rate * (self.hub @ q) / (1 + self.rate * (self.hub @ alone)))
+def _times(real, x: np.ndarray) -> np.ndarray:
+    """A real matrix times a complex one: half of what complex products cost."""
+    n = x.shape[1]
+    both = np.asarray(real @ np.hstack([x.real, x.imag]))
+    return both[:, :n] + 1j * both[:, n:]
 
 
 def _weighted(terms: Sequence[np.ndarray], weight: np.ndarray) -> np.ndarray:
