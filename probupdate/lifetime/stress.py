@@ -46,7 +46,7 @@ WAVES_TO_HZ = 0.6
 POINTS = np.array([(0.1127016653792583, 5 / 18), (0.5, 8 / 18), (0.8872983346207417, 5 / 18)])
 N_MODE, N_WAVE = 30, 20
 # energy of a snapshot, relative, that the basis may leave out
-BASIS_TOLERANCE = 1e-9
+BASIS_TOLERANCE, LOAD_TOLERANCE = 1e-10, 1e-3
 LABELLED = 10
 
 
@@ -143,6 +143,9 @@ class StressModel:
         inertia, drag = self._point_loads(every)
         slow = [inertia, *(np.repeat(sigma, 3)[:, None] * drag for sigma in self._speeds)]
         wave = self.waves.spread @ np.hstack([part(x) for x in slow for part in (np.real, np.imag)])
+        # loads of neighbouring frequencies and states are much alike
+        left, size, _ = np.linalg.svd(wave / np.linalg.norm(wave, axis=0), full_matrices=False)
+        wave = left[:, size > LOAD_TOLERANCE * size[0]]
         snapshots = []
         for theta in thetas:
             K, M = self.model.matrices(theta)
@@ -155,6 +158,15 @@ class StressModel:
         value, vector = np.linalg.eigh(X.T @ (K0 @ X))
         kept = value > BASIS_TOLERANCE * value[-1]
         return replace(self, basis=frozen_array(X @ (vector[:, kept] / np.sqrt(value[kept]))))
+
+    def picked(self, details: Sequence[int]) -> StressModel:
+        """With these details only."""
+        rows = (3 * np.asarray(details)[:, None] + np.arange(3)).ravel()
+        return replace(
+            self, details=tuple(self.details[k] for k in details),
+            stiffness_rows=tuple(R[rows] for R in self.stiffness_rows), mass_rows=tuple(R[rows] for R in self.mass_rows),
+            waves=replace(self.waves, of_details=self.waves.of_details[rows]),
+        )  # fmt: skip
 
     def _project(self, vectors):
         return vectors if self.basis is None else self.basis.T @ vectors
