@@ -14,6 +14,7 @@ import numpy as np
 from probupdate.errors import InputError
 from probupdate.lifetime.conditions import Conditions, Factors
 from probupdate.modes import frozen_array
+from probupdate.structure.beam import Tube
 from probupdate.structure.description import nearest
 from probupdate.structure.frame import Beam, Frame
 
@@ -26,7 +27,8 @@ REACH_M = 0.5
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Detail:
     """A member's end: `number` of its element in the frame, `end` 0 or 1, the weld's `joint` and place; along (3,) from the
-    element's start to its end, crown (3,) and saddle (3,) unit vectors across it. chord: the wall on the other side."""
+    element's start to its end, crown (3,) and saddle (3,) unit vectors across it. chord: the wall on the other side;
+    section: whose A and I stress is of."""
 
     name: str
     joint: str
@@ -44,6 +46,7 @@ class Detail:
     saddle: np.ndarray
     beam: Beam
     chord: Beam | None
+    section: Tube
 
     def rows(self) -> np.ndarray:
         """(3, 12): axial force and the moments that pull at crown and saddle, from the element's end forces, global.
@@ -125,7 +128,7 @@ def _brace_end(frame: Frame, number: int, end: int, chord: Beam, at: str, upper:
         name=f"{b.part}, {joint if at == 'leg' else 'crossing'}{half}", joint=joint, part=b.part, chord_part=chord.part,
         level_m=float(place[2]), at=at, bay=int(bay) if bay.isdigit() else None, upper=upper,
         leg=chord.part.removeprefix("leg ") if at == "leg" else "", number=number, end=end, along=frozen_array(along),
-        crown=frozen_array(crown), saddle=frozen_array(np.cross(away, crown)), beam=b, chord=chord,
+        crown=frozen_array(crown), saddle=frozen_array(np.cross(away, crown)), beam=b, chord=chord, section=b.tube,
     )  # fmt: skip
 
 
@@ -149,7 +152,8 @@ def girth(frame: Frame, part: str, z_m: float, where: str) -> Detail:
     level = float((start, stop)[end][2])
     return Detail(name=f"{part} at {level:.2f} m", joint=f"{part} at {level:.2f} m", part=part, chord_part=part, level_m=level,
                   at="girth", bay=None, upper=False, leg="", number=number, end=end, along=frozen_array(along),
-                  crown=frozen_array(crown), saddle=frozen_array(np.cross(upward, crown)), beam=b, chord=None)  # fmt: skip
+                  crown=frozen_array(crown), saddle=frozen_array(np.cross(upward, crown)), beam=b, chord=None,
+                  section=b.tube)  # fmt: skip
 
 
 def find_details(frame: Frame, conditions: Conditions, where: str) -> tuple[tuple[Detail, ...], tuple[HotSpot, ...]]:

@@ -23,7 +23,7 @@ from probupdate.structure.extend import extended_description
 # sides of details whose reliability is told, the worst first; years for which FORM is simulated
 WORST, PRIOR_DRAWS, CAUSE_DRAWS = 12, 60, 30
 SIMULATED, AGREE = 40_000, 0.02
-BASIS_OF = 10
+BASIS_OF, WIDE_OF = 10, 4
 # differences with respect to tolerances, in their standard deviations
 STEP = 0.5
 QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
@@ -153,7 +153,7 @@ def _set_to_set(slope: np.ndarray, updates: np.ndarray | None, measurement: np.n
 
 def tolerance_slopes(path: Path, few: FatigueModel, given: FatigueInput, damping, progress: Progress = silent) -> np.ndarray:
     """d ln DEL_5 / d u (n_spot, n_source) per unit of each source, by central differences of half a standard deviation about
-    the maximum; zero of sensors' sources, which load nothing."""
+    the maximum, under the heading of the largest share; zero of sensors' sources, which load nothing."""
     uncertainty = given.problem.model.uncertainty
     rows = uncertainty._rows
     base = few.parameters
@@ -161,15 +161,16 @@ def tolerance_slopes(path: Path, few: FatigueModel, given: FatigueInput, damping
     model = uncertainty._extended
     by_name = {p.name: p for p in model.parameters}
     parameters = Parameters((*base, *(by_name[row.effect.name] for row in rows)))
-    wide = fatigue_model(description, str(path), few.conditions, parameters=parameters,
-                         sensors=few.models[0].sensors)  # fmt: skip
+    most = max(few.conditions.direction, key=lambda d: d.share)
+    one = few.conditions.model_copy(update={"direction": (most.model_copy(update={"share": 1.0}),)})
+    wide = fatigue_model(description, str(path), one, parameters=parameters, sensors=few.models[0].sensors)
     wide = wide.picked(same_spots(wide, few))
     neutral = np.array([*given.laplace.theta, *(row.effect.neutral for row in rows)])
     std = np.array([row.source.std for row in rows])
     rng = np.random.default_rng(0)
     n = len(base)
-    spread = np.tile(neutral, (BASIS_OF, 1))
-    spread[:, n:] += std * rng.standard_normal((BASIS_OF, len(rows)))
+    spread = np.tile(neutral, (WIDE_OF, 1))
+    spread[:, n:] += std * rng.standard_normal((WIDE_OF, len(rows)))
     low = np.array([row.effect.lower for row in rows])
     spread[:, n:] = np.clip(spread[:, n:], low, [row.effect.upper for row in rows])
     wide = wide.reduced(spread)

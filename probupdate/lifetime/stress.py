@@ -29,6 +29,7 @@ from probupdate.modes import Sensor, frozen_array
 from probupdate.parameters import Parameters
 from probupdate.structure import beam as beams
 from probupdate.structure.affine import STEP, AffineModel
+from probupdate.structure.beam import Tube
 from probupdate.structure.assembly import beam_stiffness, carried_mass, node_dofs, steel_mass, transformation
 from probupdate.structure.coefficient import Coefficients, TermCollector, build_coefficients
 from probupdate.structure.description import Description
@@ -42,12 +43,14 @@ LOWEST_HZ, MODES_FROM_HZ, HIGHEST_HZ = 0.03, 0.2, 3.0
 COARSE, FINE = 0.025, 0.008
 # the shortest waves that load the structure
 WAVES_TO_HZ = 0.6
-# points of Gauss along an element under water
-POINTS = np.array([(0.1127016653792583, 5 / 18), (0.5, 8 / 18), (0.8872983346207417, 5 / 18)])
+# points of Gauss and Legendre along an element under water: at least three, and so many metres each; the shortest waves
+# are 4.3 m long
+LEAST_POINTS, POINT_EVERY_M = 3, 1.2
 N_MODE, N_WAVE = 30, 20
 # energy of a snapshot, relative, that the basis may leave out
 BASIS_TOLERANCE, LOAD_TOLERANCE = 1e-10, 1e-3
 LABELLED = 10
+MANY_TERMS = 60
 
 
 def frequency_grid() -> np.ndarray:
@@ -178,6 +181,17 @@ class StressModel:
         square = tuple(tuple(V.T @ (X @ V) for X in xs) for xs in (self.model.stiffness, self.model.mass))
         return (*square, *(tuple(np.asarray(R @ V) for R in rows) for rows in (self.stiffness_rows, self.mass_rows)))
 
+    def _at(self, theta: np.ndarray) -> tuple[np.ndarray, ...]:
+        """K, M, R_K, R_M at theta, on the basis."""
+        rK, rM = self.coefficients(theta)
+        if len(self.model.stiffness) + len(self.model.mass) > MANY_TERMS:
+            # a hundred parameters make hundreds of terms, too many to keep on the basis
+            V = np.eye(self.model.n_dof) if self.basis is None else self.basis
+            square = [_symmetric(V.T @ (X @ V)) for X in self.model.matrices(theta)]
+            return (*square, *(sum(c * R for c, R in zip(r, rows, strict=True)) @ V
+                               for r, rows in ((rK, self.stiffness_rows), (rM, self.mass_rows))))  # fmt: skip
+        return tuple(_weighted(terms, c) for terms, c in zip(self._terms, (*self.model.coefficients(theta), rK, rM), strict=True))
+
     # loads -----------------------------------------------------------------------------------------------------------
 
     def _point_loads(self, frequency_hz: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -234,18 +248,16 @@ class StressModel:
         values = dict(self.coefficients.fixed) | dict(zip(self.parameters.names, theta, strict=True))
         known = {}
         for detail in self.details:
-            tube = detail.beam.tube
+            tube = detail.section
             if tube not in known:
                 bending = 0.5e-6 * tube.outer(values) / tube.second_moment(values)
                 known[tube] = [1e-6 / tube.area(values), bending, bending]
-        return np.array([x for detail in self.details for x in known[detail.beam.tube]])
+        return np.array([x for detail in self.details for x in known[detail.section]])
 
     def _modes(self, theta: np.ndarray, damping: Mapping[str, float]) -> _Modes:
         """The modes on the basis, their damping, member forces and what a thrust of 1 N does, without the rotor's damping."""
-        Kt, Mt, RKt, RMt = self._terms
-        cK, cM = self.model.coefficients(theta)
-        rK, rM = self.coefficients(theta)
-        value, U = linalg.eigh(_weighted(Kt, cK), _weighted(Mt, cM))
+        K, M, RK, RM = self._at(theta)
+        value, U = linalg.eigh(K, M)
         if value[0] <= 0:
             raise InputError(self.model.name, "its stiffness is not positive definite", "check the parameters")
         labels = self._labels(U)
@@ -257,7 +269,7 @@ class StressModel:
         plain = value[:, None] - omega**2 + 2j * omega * (ratio * np.sqrt(value))[:, None]
         hub = U.T @ self._project(self.hub)
         return _Modes(value=value, U=U, labels=labels, ratio=ratio, plain=plain, hub=hub, scale=scale,
-                     RK=scale * (_weighted(RKt, rK) @ U), RM=scale * (_weighted(RMt, rM) @ U), omega=omega)  # fmt: skip
+                     RK=scale * (RK @ U), RM=scale * (RM @ U), omega=omega)  # fmt: skip
 
     def solve(self, theta: np.ndarray, damping: Mapping[str, float], *, derivatives: bool = False) -> Response:
         """Moments of all cases at theta (n_param,); `damping`: label of a mode -> its ratio, else the file's."""
@@ -405,8 +417,14 @@ def _times(real, x: np.ndarray) -> np.ndarray:
 
 
 def _weighted(terms: Sequence[np.ndarray], weight: np.ndarray) -> np.ndarray:
-    return np.tensordot(weight, np.array(terms), (0, 0)) if len(terms) < 40 else sum(
-        w * t for w, t in zip(weight, terms, strict=True) if w != 0.0)
+    total = weight[0] * terms[0]
+    for w, term in zip(weight[1:], terms[1:], strict=True):
+        total += w * term
+    return total
+
+
+def _symmetric(matrix: np.ndarray) -> np.ndarray:
+    return 0.5 * (matrix + matrix.T)
 
 
 def stress_model(
@@ -420,7 +438,8 @@ def stress_model(
     frame = build_frame(description, heading_deg)
     transform = transformation(frame)
     values = description.values | {p.name: p.initial for p in model.parameters}
-    details = tuple(replace(d, beam=frame.beams[d.number]) for d in details)
+    details = tuple(replace(d, beam=frame.beams[d.number], section=_section(description, d, frame.beams[d.number].tube))
+                    for d in details)  # fmt: skip
     theory = description.mesh.theory
     updated = tuple(model.parameters.names)
     collected = TermCollector(updated, values), TermCollector(updated, values)
@@ -448,6 +467,15 @@ def stress_model(
         waves=_waves(description, frame, transform, details, values), hub=_hub(description, frame, transform, heading_deg),
         frequency_hz=frozen_array(frequency_grid()), spectra=dict(spectra or {}),
     )  # fmt: skip
+
+
+def _section(d: Description, detail: Detail, tube: Tube) -> Tube:
+    """The element's, but of the tower that of the weld's own level: its elements take the section of their middle."""
+    if detail.part != "tower":
+        return tube
+    z, stations = detail.level_m, d.tower.station
+    return replace(tube, diameter_m=float(np.interp(z, [s.z_m for s in stations], [s.diameter_m for s in stations])),
+                   thickness_m=float(np.interp(z, [s.z_m for s in stations], [s.thickness_m for s in stations])))  # fmt: skip
 
 
 def _sparse(entries, size) -> sparse.csr_array:
@@ -484,7 +512,8 @@ def _waves(d: Description, frame: Frame, transform, details: Sequence[Detail], v
         axes = beams.axes(start, end)
         grown = 0.5 * (start[2] + end[2]) < d.hydrodynamics.growth_top_m
         outer = float(b.tube.outer(values)) + (2 * growth if grown else 0.0)
-        for xi, weight in POINTS:
+        root, share = np.polynomial.legendre.leggauss(max(LEAST_POINTS, int(np.ceil(size / POINT_EVERY_M))))
+        for xi, weight in zip(0.5 * (1 + root), 0.5 * share, strict=True):
             # nodal loads that do the work of a force at xi (Bernoulli-Euler shapes)
             local = beams.interpolation(float(xi), size)[:3].T @ axes
             nodal = np.kron(np.eye(4), axes).T @ local
