@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from scipy import stats
@@ -23,7 +24,7 @@ from probupdate.modes import frozen_array
 
 # ln of the factor on stress ranges between which damage is tabulated
 RANGE, STEP = 2.5, 0.05
-ITERATIONS, SETTLED = 200, 1e-9
+ITERATIONS, HALVED, SETTLED = 200, 20, 1e-9
 
 
 def form(
@@ -36,13 +37,13 @@ def form(
     """
     u = np.zeros((*shape, n_variable))
     g0 = limit(u)[0]
-    for _ in range(ITERATIONS):
+    for number in range(ITERATIONS):
         g, slope = limit(u)
         size = np.sum(slope**2, axis=-1)
         new = ((np.sum(slope * u, axis=-1) - g) / size)[..., None] * slope
         step = np.max(np.abs(new - u), initial=0.0)
         # half steps where whole ones go to and fro
-        u = 0.5 * (u + new) if _ > 20 else new
+        u = 0.5 * (u + new) if number > HALVED else new
         if step < SETTLED:
             break
     else:
@@ -81,14 +82,13 @@ class DamageCurve:
         """ln damage and its derivative at b (n_spot, n) for each spot."""
         inside = np.clip(b, self.at[0], self.at[-1])
         value, slope = np.empty(b.shape), np.empty(b.shape)
-        for k, spline in enumerate(self._splines()):
+        for k, spline in enumerate(self._splines):
             value[k], slope[k] = spline(inside[k]), spline(inside[k], 1)
         return value + slope * (b - inside), slope
 
-    def _splines(self):
-        if not hasattr(self, "_kept"):
-            object.__setattr__(self, "_kept", [CubicSpline(self.at, column) for column in self.log_damage.T])
-        return self._kept
+    @cached_property
+    def _splines(self) -> list[CubicSpline]:
+        return [CubicSpline(self.at, column) for column in self.log_damage.T]
 
     def factor(self, log_damage: np.ndarray) -> np.ndarray:
         """(n_spot,) ln of the factor at which a year's damage has this logarithm (n_spot,)."""
@@ -162,7 +162,7 @@ def simulated_index(
     """Cumulative index (n_spot, years) by Monte Carlo with draws about FORM's design point (importance sampling), and its
     standard error: every variable of its own, Miner's sum, S-N, load, stress factor and X_dyn."""
     limit = _limit(curve, mean, std, uncertainty, years)
-    _, u = form(limit, (curve.n_spot, years), 2)
+    safe, u = form(limit, (curve.n_spot, years), 2)
     resistance = np.array([log_std(uncertainty.miner), np.log(10) * uncertainty.log10_a_std])
     index, error = np.empty(u.shape[:2]), np.empty(u.shape[:2])
     for k in range(curve.n_spot):
@@ -176,10 +176,11 @@ def simulated_index(
             b = limit.mean[k] + z[:, 2:] @ stress
             g = limit.resistance_mean + z[:, :2] @ resistance - limit.log_time[t] - one.value(b[None])[0][0]
             log_weight = 0.5 * centre @ centre - z @ centre
-            failed = g < 0
-            weight = np.where(failed, np.exp(log_weight), 0.0)
+            # whichever is the rarer: draws lie about the limit
+            side = 1.0 if safe[k, t] >= 0 else -1.0
+            weight = np.where(side * g < 0, np.exp(log_weight), 0.0)
             p = weight.mean()
-            index[k, t] = -stats.norm.ppf(p)
+            index[k, t] = -side * stats.norm.ppf(p)
             error[k, t] = weight.std(ddof=1) / np.sqrt(n) / stats.norm.pdf(index[k, t])
     return index, error
 
