@@ -1,9 +1,10 @@
 """Model factors X_dyn: what is measured over what the design says, with their bias, CoV and what the CoV is made of.
 
 ln X is linear about the posterior's maximum in the parameters (slope a) and in what the model states and nobody knows, its
-tolerances u (slope b). The exported value is that at the estimate and u = 0; its error a^T (theta^ - theta) - b^T u has the
-components of the one model (`estimators.components`): identification, model discrepancy, each group of tolerances, through
-the estimate and directly at once, and what the prior has left.
+tolerances u (slope b). The error of its value at the estimate and u = 0, a^T (theta^ - theta) - b^T u, has the components of
+the one model (`estimators.components`): identification, model discrepancy, tolerances, through the estimate and directly at
+once, and what the prior has left. X itself, its bias and CoV, is drawn: parameters from the posterior as it is, tolerances
+given the data and the parameters (`tolerance_draws`), as stress is not linear in soft joints.
 """
 
 from __future__ import annotations
@@ -71,19 +72,13 @@ def total(parts: Mapping[str, np.ndarray]) -> np.ndarray:
     return np.sqrt(sum(np.asarray(v) ** 2 for v in parts.values()))
 
 
-def joint_covariance(problem: Problem, laplace: Laplace) -> tuple[np.ndarray, np.ndarray]:
-    """Mean (n_source,) of the tolerances in standard deviations, and the joint covariance (n_param + n_source, ...) of
-    parameters and tolerances given the data, linear about the maximum."""
-    residual = problem.noise_root @ (problem.measured - problem.predict(laplace.theta) - problem.mean)
-    _, sensitivity = problem.sensitivity(laplace.theta)
-    _, prior_slope = prior_residual(problem.parameters, laplace.theta)
-    X, B = problem.noise_root @ sensitivity, problem.noise_root @ problem.factor
-    A = np.hstack([X, B])
-    n = X.shape[1]
-    precision = A.T @ A
-    precision[:n, :n] += prior_slope.T @ prior_slope
-    precision[n:, n:] += np.eye(B.shape[1])
-    covariance = np.linalg.inv(precision)
-    # theta is at the marginal maximum: given it, u has the conditional mean
-    u = np.linalg.solve(np.eye(B.shape[1]) + B.T @ B, B.T @ residual)
-    return u, covariance
+def tolerance_draws(problem: Problem, thetas: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """(n, n_source) draws of the tolerances in their units, departures from what is stated, given the data and each of thetas
+    (n, n_param): Gaussian, as responses are linear in them; the mean that is expected of a source in it."""
+    std = np.array([s.std for s in problem.error.sources])
+    mean = np.array([s.mean for s in problem.error.sources])
+    B = problem.noise_root @ problem.factor
+    root = np.linalg.cholesky(np.linalg.inv(np.eye(B.shape[1]) + B.T @ B))
+    residual = np.array([problem.noise_root @ (problem.measured - problem.predict(theta) - problem.mean) for theta in thetas])
+    unit = residual @ B @ (root @ root.T) + rng.standard_normal((len(thetas), B.shape[1])) @ root.T
+    return mean + std * unit

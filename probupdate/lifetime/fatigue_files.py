@@ -10,7 +10,7 @@ import numpy as np
 
 from probupdate.estimators.laplace import Laplace
 from probupdate.lifetime.conditions import Conditions
-from probupdate.lifetime.factors import PARTS, Gains, gains, total
+from probupdate.lifetime.factors import PARTS, Gains, gains, tolerance_draws
 from probupdate.lifetime.fatigue import SLOPES, FatigueModel, Stress, basis_error, fatigue_model, solve_many
 from probupdate.lifetime.reliability import DamageCurve, Reliability, life_quantiles, reliability, simulated_index
 from probupdate.modes import Sensor
@@ -101,12 +101,18 @@ def assess(
         gain = gains(given.problem, given.laplace)
         if gain.sources:
             direct = tolerance_slopes(path, few, given, _mean_damping(dampings), progress)
+            unknown = tolerance_draws(given.problem, draws, rng)
+            factor["updated"] = list(np.array(factor["updated"]) + unknown @ direct.T)
         parts = dict(gain.parts(slope, direct))
         parts["set_to_set"] = _set_to_set(slope, given.set_updates, parts["measurement"])
+        stated = np.array([s.std for s in given.problem.error.sources]) if direct is not None else np.zeros(0)
+        if direct is not None:
+            factor["design"] = list(np.array(factor["design"])
+                                    + (stated * rng.standard_normal((len(prior), len(stated)))) @ direct.T)  # fmt: skip
     moments = {name: (np.mean(v, axis=0), np.std(v, axis=0, ddof=1)) for name, v in factor.items()}
     if parts is not None:
-        # of the updated value the one model's error, if it is more than the draws' scatter
-        moments["updated"] = (moments["updated"][0], np.maximum(moments["updated"][1], total(parts)))
+        # what holds from set to set is in no single set's draws
+        moments["updated"] = (moments["updated"][0], np.hypot(moments["updated"][1], parts["set_to_set"]))
     if given.named is not None:
         moments |= _with_causes(given, few, curve, dampings, progress, left_out)
     c = model.conditions
