@@ -123,7 +123,7 @@ def run_export(a: argparse.Namespace, progress: Progress) -> None:
 
     result = probupdate.export(
         a.run, a.out, to=a.to, draws=a.draws, superelement_modes=a.superelement_modes, accept=a.accept, seed=a.seed,
-        progress=progress)
+        fatigue=a.fatigue, progress=progress)
     say(result.text() if a.json else result.summary)
 
 
@@ -562,6 +562,8 @@ def build_parser() -> argparse.ArgumentParser:
     p.add_argument("out", metavar="OUT", help="folder to write, new or empty")
     p.add_argument("--draws", type=positive(int, "draws"), default=100, help="how many equally weighted draws (100)")
     p.add_argument("--superelement-modes", type=positive(int, "reduced modes"), default=10, help="Craig-Bampton modes (10)")
+    p.add_argument("--fatigue", metavar="FILE", help="fatigue.toml with sea and wind states, details, S-N curves and "
+                   "uncertainties: also damage-equivalent stress ranges, model factors, reliability")
     p.add_argument("--accept", action="store_true", help="export a run that did not converge or whose diagnosis is "
                    "unexplained; every file says so")
     p.add_argument("--json", action="store_true", help="one JSON object: folder, files with SHA-256, verdict, left_out")

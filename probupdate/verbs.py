@@ -663,10 +663,13 @@ def diagnose(
 @names_files("run", "run")
 def export(
     run: str | Path, out: str | Path, *, to: str = "lifetime", draws: int = 100, superelement_modes: int = 10,
-    accept: bool = False, seed: int = 1, progress: Progress = silent,
+    accept: bool = False, seed: int = 1, fatigue: str | Path | None = None, progress: Progress = silent,
 ) -> Export:  # fmt: skip
     """What a lifetime-extension analysis takes of a run directory: draws, joint distribution, models, superelements and
-    modes, each read back and checked. A run that did not converge, or whose diagnosis is unexplained, needs `accept`."""
+    modes, each read back and checked. A run that did not converge, or whose diagnosis is unexplained, needs `accept`.
+
+    fatigue: a fatigue.toml with sea and wind states, details, S-N curves and uncertainties; then damage-equivalent stress
+    ranges of every hot spot and draw, model factors and reliability over the years are written too."""
     from probupdate.diagnosis.results import read_diagnosis
     from probupdate.lifetime.export import export_lifetime
 
@@ -684,7 +687,45 @@ def export(
         read_posterior(places["posterior.nc"]), load_model(places["model"], parameters=parameters), places["model"],
         Path(out), parameters_file=parameters, modes=read_modes(places["modes.json"]) if "modes.json" in places else None,
         diagnosis=None if found is None else found["verdict"], findings=causes, n_draw=draws, n_mode=superelement_modes, accept=accept, seed=seed, source=places, progress=progress,
+        fatigue=None if fatigue is None else _fatigue_input(folder, places, Path(fatigue), found, progress),
     )  # fmt: skip
+
+
+def _fatigue_input(folder: Path, places, fatigue: Path, diagnosis, progress: Progress):
+    """The one model's problem at its maximum, as `sample` makes it with its default weights of nine.json, else modes.json;
+    set-wise updates of update.json; and the diagnosis's extended model with its draws, where they are there."""
+    from probupdate.estimators.laplace import maximum_a_posteriori
+    from probupdate.estimators.update_file import read_update
+    from probupdate.lifetime.conditions import read_conditions
+    from probupdate.lifetime.fatigue_files import FatigueInput, Named
+    from probupdate.structure.description import read_description
+
+    # before minutes of work are spent on the rest
+    read_conditions(fatigue)
+    problem, laplace = None, None
+    modes = next((places[name] for name in ("nine.json", "modes.json") if name in places), None)
+    if modes is not None and _has_geometry(places["model"]):
+        data = _modal_data(modes, None)
+        model_at = _Surroundings(places["model"], places.get("parameters"), str(modes))
+        model = model_at(data.set(None))
+        weights = _likelihood("measured", model, data, set_id=None, frequencies="hz", shapes="plane", discrepancy=None,
+                              tolerances=None, progress=progress)  # fmt: skip
+        problem = build_problem(model, data, weights=weights)
+        laplace = maximum_a_posteriori(problem, [model.parameters.initial, np.array(weights.at)] if weights.at is not None
+                                       else [model.parameters.initial])  # fmt: skip
+    updates = read_update(places["update.json"]).sets if "update.json" in places else None
+    named = None
+    extended = diagnosis and diagnosis.get("extended_model")
+    if extended and (folder / extended).is_file():
+        path, drawn = folder / extended, folder / "diagnosis.posterior.nc"
+        effects = {p.name: p.description for p in read_description(path).effects}
+        own = {p.name for p in read_description(places["model"]).effects}
+        causes = tuple((n, words or n) for n, words in effects.items() if n not in own)
+        if drawn.is_file() and causes:
+            posterior = read_posterior(drawn)
+            named = Named(path=path, names=tuple(posterior.names), draws=posterior.draws, causes=causes)
+    return FatigueInput(file=fatigue, problem=problem, laplace=laplace, named=named,
+                        set_updates=None if updates is None else np.asarray(updates.theta_map))  # fmt: skip
 
 
 @dataclass(frozen=True)

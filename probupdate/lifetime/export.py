@@ -14,17 +14,19 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from probupdate import __version__
-from probupdate.errors import InputError, parsing
+from probupdate.errors import InputError
 from probupdate.estimators.posterior_file import Posterior
 from probupdate.files import read_bytes, read_json, read_text, write_arrays, write_json, write_text
 from probupdate.io.elastodyn_file import named_files
 from probupdate.io.fortran_text import read_lines, write_lines
 from probupdate.io.subdyn_file import SubDynFile, read_subdyn, write_subdyn
 from probupdate.lifetime.draws import Joint, equal_draws, joint_of
+from probupdate.lifetime.tables import read_table
 from probupdate.lifetime.superelement import READ_BACK, superelement, write_superelement
 from probupdate.mode_labels import mode_character
 from probupdate.model import ModalSolution, Model
@@ -35,6 +37,9 @@ from probupdate.structure.matrices import read_archive
 from probupdate.structure.parameter_table import read_toml
 from probupdate.structure.subdyn_model import beside, is_subdyn, subdyn_model
 from probupdate.structure.subdyn_values import applied, unspeakable
+
+if TYPE_CHECKING:
+    from probupdate.lifetime.fatigue_files import FatigueInput
 
 # draws of the joint distribution that is written, for its check against the posterior's
 RESAMPLED = 200_000
@@ -101,9 +106,10 @@ class Export:
 def export_lifetime(
     posterior: Posterior, model: Model, path: Path, out: Path, *, parameters_file: Path | None = None,
     modes: ModalData | None = None, diagnosis: str | None = None, findings: tuple[str, ...] = (), n_draw: int = 100, n_mode: int = 10,
-    accept: bool = False, seed: int = 1, source: Mapping[str, Path] | None = None, progress: Progress = silent,
+    accept: bool = False, seed: int = 1, fatigue: FatigueInput | None = None, source: Mapping[str, Path] | None = None, progress: Progress = silent,
 ) -> Export:  # fmt: skip
-    """Write draws.csv, joint.json, models/NNN, superelements/NNN (SubDyn models), modes.csv and manifest.json to `out`.
+    """Write draws.csv, joint.json, models/NNN, superelements/NNN (SubDyn models), modes.csv and manifest.json to `out`; with
+    `fatigue` also fatigue.csv, model_factors.csv, reliability.csv and what belongs to them (turbines of model.toml).
 
     `path`: the model's file; `diagnosis`, `findings`: verdict and causes of diagnosis.json; `n_mode`: Craig-Bampton modes; `source`: files of
     the run, whose hashes are kept. Raises InputError where the run does not stand and `accept` is not given, where
@@ -131,19 +137,19 @@ def export_lifetime(
     _write_joint(files, joint, units, rng)
     left_out: list[str] = []
     solved = _models(files, model, path, parameters_file, draws, left_out, progress)
-    _modes(files, model, path, solved, modes, left_out, rng)
+    damping = _modes(files, model, path, solved, modes, left_out, rng)
     truncation = None
     if is_subdyn(path) and not unspeakable(path):
         truncation = _superelements(files, len(draws), _at_draw(path), n_mode, progress)
     else:
         left_out.append("superelements: they are made of a SubDyn file at each draw, and there is none")
-    left_out += ["fatigue.csv: stress transfer is not built", "reliability.csv: fatigue is not built"]
+    told = _fatigue(files, fatigue, model, path, draws, solved, damping, left_out, seed, progress)
     manifest = {
         "format": 1, "kind": "probupdate lifetime export", "version": __version__, "verdict": standing.remark,
         "accepted": bool(standing.refused), "converged": standing.converged, "sampler": standing.sampler,
         "diagnosis": standing.diagnosis, "findings": list(standing.findings), "seed": int(seed), "draws": n_draw, "model": model.name,
         "model_fingerprint": model.fingerprint(), "posterior_fingerprint": posterior.fingerprint,
-        "superelement_truncation_first_pair": truncation, "left_out": left_out,
+        "superelement_truncation_first_pair": truncation, "fatigue": told, "left_out": left_out,
         "source": {name: _sha(p) for name, p in (source or {}).items() if p.is_file()}, "files": files.entries,
     }  # fmt: skip
     files.json("manifest.json", manifest, listed=False)
@@ -194,27 +200,6 @@ class _Files:
             raise InputError(str(path), "is not read back as it was written", "check the disk it was written to")
         if listed:
             self.add(path, "one object", "in the schema", schema, media_type=JSON_TYPE)
-
-
-def read_table(path: str | Path) -> dict[str, list]:
-    """A CSV of an export: column -> values, whole numbers, floats, texts, None where empty."""
-    lines = [line for line in read_text(path).splitlines() if not line.startswith("#")]
-    with parsing(str(path), "is no table", "export it again"):
-        rows = list(csv.reader(lines))
-        if not rows or any(len(row) != len(rows[0]) for row in rows):
-            raise InputError(str(path), "has rows of different length, or none", "export it again")
-
-    def value(text: str):
-        if text == "":
-            return None
-        if re.fullmatch(r"-?\d{1,18}", text):
-            return int(text)
-        try:
-            return float(text)
-        except ValueError:
-            return text
-
-    return {name: [value(row[k]) for row in rows[1:]] for k, name in enumerate(rows[0])}
 
 
 def _write_joint(files: _Files, joint: Joint, units: Mapping[str, str], rng) -> None:
@@ -366,15 +351,63 @@ def with_initial(text: str, values: Mapping[str, float], where: str) -> str:
     return "".join(tables)
 
 
-def _modes(files: _Files, model: Model, path: Path, solved, data: ModalData | None, left_out, rng) -> None:
-    """modes.csv: frequencies of every draw, named by their shapes; damping ratios as measured."""
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _Damping:
+    """Of the labels that were measured: a ratio for every draw (n_draw,), the standard error of its logarithm's mean and the
+    scatter of the sets' logarithms."""
+
+    ratio: dict[str, np.ndarray]
+    error: dict[str, float]
+    scatter: dict[str, float]
+
+    def of_draws(self, n: int) -> list[dict[str, float]]:
+        return [{label: float(values[k]) for label, values in self.ratio.items()} for k in range(n)]
+
+
+def _fatigue(files: _Files, given: FatigueInput | None, model: Model, path: Path, draws, solved, damping: _Damping, left_out,
+             seed: int, progress: Progress) -> dict | None:  # fmt: skip
+    """fatigue.csv and what follows from it; a line of `left_out` where there is nothing to make it of."""
+    if given is None:
+        left_out.append("fatigue.csv, reliability.csv: no fatigue.toml was given (--fatigue)")
+        return None
+    if path.suffix != ".toml" or is_subdyn(path) or "matrices" in read_toml(path):
+        raise InputError(str(path), "stresses are made of a turbine described by members (model.toml) only",
+                         "leave --fatigue out, or describe the turbine in a model.toml")  # fmt: skip
+    from probupdate.lifetime.fatigue_files import assess, frequency_factors, write_fatigue
+
+    sensors = model_sensors(path) or None
+    found = assess(given, path, model.parameters, sensors, draws, damping.of_draws(len(draws)), seed=seed, progress=progress)
+    named = _labels_of(model, path)
+    n = solved[0].frequency_hz.size
+    first = model.solve(model.parameters.initial, n)
+    factors = frequency_factors(given, [named(one) for one in solved], [one.frequency_hz for one in solved],
+                                (named(first), first.frequency_hz), found.gains, named)  # fmt: skip
+    assumed = found.model.conditions.damping.ratio
+    for label, values in damping.ratio.items():
+        factors.append({
+            "quantity": "damping ratio", "of": label, "bias": float(np.exp(np.log(values).mean()) / assumed),
+            "cov": float(np.hypot(damping.error[label], damping.scatter[label])), "measurement": damping.error[label],
+            "tolerance": 0.0, "set_to_set": damping.scatter[label], "model_form": 0.0, "prior": 0.0})  # fmt: skip
+    write_fatigue(files, found, draws, factors)
+    left_out += found.left_out
+    return dict(found.summary) | {"conditions": given.file.name, "conditions_sha256": _sha(given.file)}
+
+
+def _labels_of(model: Model, path: Path):
+    """ModalSolution -> names of its modes, by their shapes where the sensors' places are known."""
     sensors = model_sensors(path)
     known = bool(sensors) and tuple(s.channel for s in sensors) == tuple(model.channels)
-    labels = [mode_character(one.shape, sensors).labels if known else
-              tuple(f"mode {j + 1}" for j in range(one.frequency_hz.size)) for one in solved]  # fmt: skip
+    return lambda one: (mode_character(one.shape, sensors).labels if known else
+                        tuple(f"mode {j + 1}" for j in range(one.frequency_hz.size)))  # fmt: skip
+
+
+def _modes(files: _Files, model: Model, path: Path, solved, data: ModalData | None, left_out, rng) -> _Damping:
+    """modes.csv: frequencies of every draw, named by their shapes; damping ratios as measured."""
+    named = _labels_of(model, path)
+    labels = [named(one) for one in solved]
     # what every draw has
     common = [label for label in labels[0] if all(label in own for own in labels)]
-    damping, told = {}, {}
+    damping, told, error, scatter = {}, {}, {}, {}
     if data is None or data.labels is None:
         left_out.append("damping in modes.csv: no modes.json with labels lies in the run")
     else:
@@ -387,6 +420,7 @@ def _modes(files: _Files, model: Model, path: Path, solved, data: ModalData | No
             told[label] = {"sets": len(found), "mean": float(found.mean()), "std": float(found.std(ddof=1))}
             # the scatter of sets is mostly identification's; their median is known to the standard error of its mean
             step = log.std(ddof=1) / np.sqrt(len(found))
+            error[label], scatter[label] = float(step), float(log.std(ddof=1))
             damping[label] = np.exp(log.mean() + step * rng.standard_normal(len(solved)))
     rows = [
         [k + 1, j + 1, label, float(solved[k].frequency_hz[j]), float(damping[label][k]) if label in damping else None]
@@ -412,6 +446,7 @@ def _modes(files: _Files, model: Model, path: Path, solved, data: ModalData | No
         "$schema": "https://json-schema.org/draft/2020-12/schema", "type": "object", "required": list(content),
         "properties": {"name": {"type": "array", "items": {"type": "string"}}, "mean": numbers,
                        "covariance": {"type": ["array", "null"], "items": numbers}}})  # fmt: skip
+    return _Damping(ratio=damping, error=error, scatter=scatter)
 
 
 def _superelements(files: _Files, count: int, place: Path, n_mode: int, progress: Progress) -> float:

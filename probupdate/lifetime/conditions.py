@@ -1,0 +1,248 @@
+"""fatigue.toml: sea and wind states, loads, details with their stress factors, S-N curves and uncertainties, all the user's.
+
+Nothing here has a hidden value but the target (annual reliability index 3.3); studies/lifetime/fatigue.toml is an example.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Annotated, Literal
+
+import numpy as np
+from pydantic import Field, Strict, ValidationError
+
+from probupdate.errors import InputError
+from probupdate.files import read_toml
+from probupdate.lifetime.spectral import Curve
+from probupdate.structure.schema import NotNegative, Number, Positive, Table, nearest
+
+# annual, of a detail with large consequence of failure and moderate cost of safety; the default, and said
+TARGET = 3.3
+WILDCARD = "all"
+
+
+class Water(Table):
+    inertia_coefficient: Positive
+    drag_coefficient: NotNegative
+
+
+class Wind(Table):
+    air_density_kgpm3: Positive
+    rotor_diameter_m: Positive
+    # Kaimal's L of the longitudinal component: 8.1 Lambda_1 = 340.2 m above 60 m (IEC 61400-1)
+    integral_length_m: Positive
+
+
+class Damping(Table):
+    """Of critical, of every mode that modes.json does not tell."""
+
+    ratio: Annotated[float, Strict(), Field(gt=0, lt=0.3)]
+
+
+class Life(Table):
+    age_years: NotNegative
+    years: Annotated[int, Strict(), Field(ge=1, le=200)]
+    reference_cycles: Positive
+
+
+class Direction(Table):
+    """Where wind and waves go, counter-clockwise from the model's x axis."""
+
+    heading_deg: Number
+    share: Positive
+
+
+class State(Table):
+    name: str
+    share: Positive
+    operating: Annotated[bool, Strict()]
+    hs_m: Positive
+    tp_s: Positive
+    gamma: Annotated[float, Strict(), Field(ge=1, le=7)]
+    wind_mps: Positive
+    turbulence: NotNegative
+    # d thrust / d wind = rho A C_T V; of an idling turbine that of blades, nacelle and tower head
+    thrust_coefficient: NotNegative
+    # a CSV of frequency_hz, n2phz that takes the place of thrust from turbulence
+    thrust_spectrum: str | None = None
+
+
+class Law(Table):
+    log10_a1: Positive
+    m1: Positive
+    log10_a2: Positive
+    m2: Positive
+    # S times (t / t_ref)^k for walls above t_ref
+    reference_thickness_m: Positive
+    thickness_exponent: NotNegative
+
+
+class Factors(Table):
+    axial_crown: Positive
+    axial_saddle: Positive
+    in_plane: Positive
+    out_of_plane: Positive
+
+
+class Joint(Table):
+    """Brace ends at legs or at crossings; bay, face and leg narrow them."""
+
+    at: Literal["leg", "crossing"]
+    bay: tuple[Annotated[int, Strict(), Field(ge=1)], ...] = ()
+    end: Literal["all", "lower", "upper"] = "all"
+    leg: tuple[str, ...] = ()
+    chord: Factors | None = None
+    brace: Factors | None = None
+    curve: str
+
+
+class Girth(Table):
+    """A weld round a member at a level, nominal stress times one factor."""
+
+    part: str
+    z_m: Number
+    factor: Positive
+    curve: str
+
+
+class Lognormal(Table):
+    median: Positive
+    cov: NotNegative
+
+
+class Uncertainty(Table):
+    x_load: Lognormal
+    x_scf: Lognormal
+    miner: Lognormal
+    log10_a_std: NotNegative
+
+
+class Target(Table):
+    annual_index: Positive = TARGET
+
+
+class Conditions(Table):
+    """A fatigue.toml, checked. Lengths in m, stresses in MPa, angles in degrees, shares add up to 1 over a year."""
+
+    format: Literal[1]
+    water: Water
+    wind: Wind
+    damping: Damping
+    life: Life
+    direction: Annotated[tuple[Direction, ...], Field(min_length=1)]
+    state: Annotated[tuple[State, ...], Field(min_length=1)]
+    curve: dict[str, Law]
+    joint: tuple[Joint, ...] = ()
+    girth: tuple[Girth, ...] = ()
+    uncertainty: Uncertainty
+    target: Target = Target()
+
+    def law(self, name: str) -> Curve:
+        own = self.curve[name]
+        return Curve(log10_a1=own.log10_a1, m1=own.m1, log10_a2=own.log10_a2, m2=own.m2)
+
+
+def read_conditions(path: str | Path) -> Conditions:
+    """fatigue.toml, checked; raises InputError with the file, the first wrong key and what to do."""
+    path = Path(path)
+    try:
+        conditions = Conditions.model_validate(read_toml(path))
+    except ValidationError as error:
+        first = error.errors()[0]
+        key = "".join(f"[{s + 1}]" if isinstance(s, int) else f".{s}" for s in first["loc"]).removeprefix(".")
+        if first["type"] == "missing":
+            raise InputError(f"{path}: {key}", "is missing", "add it; studies/lifetime/fatigue.toml has every key") from None
+        if first["type"] == "extra_forbidden":
+            raise InputError(f"{path}: {key}", "is not a key of this file",
+                             nearest(str(first["loc"][-1]), _keys(Conditions))) from None  # fmt: skip
+        raise InputError(f"{path}: {key}", f"{first['input']!r} is wrong: {first['msg'].lower()}", "correct it") from None
+    for key, problem, remedy in _mistakes(conditions, path):
+        raise InputError(f"{path}: {key}", problem, remedy)
+    return conditions
+
+
+def _keys(table) -> set[str]:
+    kinds = (Water, Wind, Damping, Life, Direction, State, Law, Factors, Joint, Girth, Lognormal, Uncertainty, Target)
+    return {name for kind in (table, *kinds) for name in kind.model_fields}
+
+
+def _mistakes(c: Conditions, path: Path) -> Iterator[tuple[str, str, str]]:
+    for key, items in (("direction", c.direction), ("state", c.state)):
+        total = sum(item.share for item in items)
+        if abs(total - 1) > 1e-6:
+            yield f"{key}.share", f"they add up to {total:g}, not 1", "give shares of a year, calm hours as a state too"
+    if not c.joint and not c.girth:
+        yield "joint", "there is no [[joint]] and no [[girth]]", "name at least one detail with its stress factors"
+    for kind, items in (("joint", c.joint), ("girth", c.girth)):
+        for k, item in enumerate(items):
+            if item.curve not in c.curve:
+                yield f"{kind}[{k + 1}].curve", f"'{item.curve}' is not a [curve] of the file", nearest(item.curve, c.curve)
+            if kind == "joint" and item.chord is None and item.brace is None:
+                yield f"joint[{k + 1}]", "has stress factors of neither side", "give chord, brace or both"
+    for name, own in c.curve.items():
+        if own.m2 < own.m1:
+            yield f"curve.{name}.m2", f"{own.m2} is below m1 = {own.m1}", "swap the slopes: the second is of small ranges"
+    for k, state in enumerate(c.state):
+        if state.thrust_spectrum is not None and not _beside(path, state.thrust_spectrum):
+            yield (f"state[{k + 1}].thrust_spectrum", f"'{state.thrust_spectrum}' is not a file beside this one",
+                   "put it there")  # fmt: skip
+
+
+def _beside(path: Path, name: str) -> bool:
+    folder = path.resolve().parent
+    file = (folder / name).resolve()
+    return file.is_relative_to(folder) and file.is_file()
+
+
+def thrust_spectra(c: Conditions, path: Path) -> Mapping[str, tuple[np.ndarray, np.ndarray]]:
+    """State's name -> frequency_hz (n,), one-sided density in N^2/Hz (n,) of the spectra given as files."""
+    from probupdate.lifetime.tables import read_table
+
+    found = {}
+    for state in c.state:
+        if state.thrust_spectrum is None:
+            continue
+        file = Path(path).resolve().parent / state.thrust_spectrum
+        table = read_table(file)
+        missing = {"frequency_hz", "n2phz"} - set(table)
+        if missing:
+            raise InputError(f"{file}, {sorted(missing)[0]}", "this column is missing", "give frequency_hz, n2phz")
+        f, s = (np.array([np.nan if v is None else v for v in table[key]], float) for key in ("frequency_hz", "n2phz"))
+        if len(f) < 2 or not np.all(np.diff(f) > 0) or not np.all(s >= 0):
+            raise InputError(str(file), "its frequencies do not rise, or a density is negative or missing", "mend it")
+        found[state.name] = (f, s)
+    return found
+
+
+def jonswap(frequency_hz: np.ndarray, hs_m: float, tp_s: float, gamma: float) -> np.ndarray:
+    """(n,) m^2/Hz, one-sided, of surface elevation: DNV-RP-C205, 3.5.5, scaled so that its own integral over 0 to
+    infinity is hs_m^2 / 16 (A_gamma = 1 - 0.287 ln gamma)."""
+    f, fp = np.asarray(frequency_hz, float), 1 / tp_s
+    width = np.where(f <= fp, 0.07, 0.09)
+    peak = gamma ** np.exp(-0.5 * ((f - fp) / (width * fp)) ** 2)
+    return (1 - 0.287 * np.log(gamma)) * 5 / 16 * hs_m**2 * fp**4 / f**5 * np.exp(-1.25 * (fp / f) ** 4) * peak
+
+
+def kaimal(frequency_hz: np.ndarray, wind_mps: float, turbulence: float, length_m: float) -> np.ndarray:
+    """(n,) (m/s)^2/Hz, one-sided, of longitudinal turbulence: IEC 61400-1, eq. C.14; std turbulence * wind_mps."""
+    x = length_m / wind_mps
+    return (turbulence * wind_mps) ** 2 * 4 * x / (1 + 6 * np.asarray(frequency_hz, float) * x) ** (5 / 3)
+
+
+def rotor_admittance(frequency_hz: np.ndarray, wind_mps: float, area_m2: float) -> np.ndarray:
+    """(n,) chi: share of turbulence that acts on the whole area at once, 1 / (1 + (2 f sqrt(A) / V)^(4/3)) (Vickery 1966)."""
+    return 1 / (1 + (2 * np.asarray(frequency_hz, float) * np.sqrt(area_m2) / wind_mps) ** (4 / 3))
+
+
+def wave_number(angular: np.ndarray, depth_m: float, gravity: float) -> np.ndarray:
+    """(n,) k in 1/m of omega^2 = g k tanh(k d), by Newton's method to rounding."""
+    w2 = np.asarray(angular, float) ** 2
+    k = np.maximum(w2 / gravity, np.sqrt(w2 / (gravity * depth_m)))
+    for _ in range(50):
+        t = np.tanh(k * depth_m)
+        step = (gravity * k * t - w2) / (gravity * (t + k * depth_m * (1 - t**2)))
+        k = k - step
+        if np.all(np.abs(step) <= 1e-13 * k):
+            break
+    return k

@@ -1,0 +1,84 @@
+"""Model factors X_dyn: what is measured over what the design says, with their bias, CoV and what the CoV is made of.
+
+ln X is linear about the posterior's maximum in the parameters (slope a) and in what the model states and nobody knows, its
+tolerances u (slope b). The error of its value at the estimate and u = 0, a^T (theta^ - theta) - b^T u, has the components of
+the one model (`estimators.components`): identification, model discrepancy, tolerances, through the estimate and directly at
+once, and what the prior has left. X itself, its bias and CoV, is drawn: parameters from the posterior as it is, tolerances
+given the data and the parameters (`tolerance_draws`), as stress is not linear in soft joints.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from probupdate.estimators.laplace import Laplace, prior_residual
+from probupdate.modes import frozen_array
+from probupdate.problem import Problem
+
+PARTS = ("measurement", "tolerance", "set_to_set", "model_form", "prior")
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Gains:
+    """What moves the estimate: measurement (n_param, n_response), model_form (n_param, n_response), tolerance (n_param,
+    n_source) and prior (n_param, n) for unit normal errors of each; covariance (n_param, n_param)."""
+
+    theta: np.ndarray
+    covariance: np.ndarray
+    measurement: np.ndarray
+    model_form: np.ndarray
+    tolerance: np.ndarray
+    prior: np.ndarray
+    sources: tuple[str, ...]
+    source_std: np.ndarray
+
+    def parts(self, slope: np.ndarray, direct: np.ndarray | None = None) -> dict[str, np.ndarray]:
+        """Standard deviation of ln X by part, (n_quantity,) each, without set-to-set. slope (n_quantity, n_param), direct
+        (n_quantity, n_source) d ln X / d u per unit of each source."""
+        through = slope @ self.tolerance
+        own = 0.0 if direct is None else direct * self.source_std
+        size = {
+            "measurement": slope @ self.measurement, "tolerance": through - own, "model_form": slope @ self.model_form,
+            "prior": slope @ self.prior,
+        }  # fmt: skip
+        found = {k: np.sqrt(np.sum(v**2, axis=1)) for k, v in size.items()}
+        found["measurement"] = np.sqrt(np.maximum(found["measurement"] ** 2 - found["model_form"] ** 2, 0.0))
+        return found
+
+
+def gains(problem: Problem, laplace: Laplace) -> Gains:
+    """Of one problem at the maximum of its posterior; the squares of all parts along a parameter add up to its variance."""
+    _, sensitivity = problem.sensitivity(laplace.theta)
+    _, prior_slope = prior_residual(problem.parameters, laplace.theta)
+    X, B = problem.noise_root @ sensitivity, problem.noise_root @ problem.factor
+    inner = np.eye(B.shape[1]) + B.T @ B
+    XB = X.T @ B
+    P = np.linalg.inv(X.T @ X - XB @ np.linalg.solve(inner, XB.T) + prior_slope.T @ prior_slope)
+    gain = P @ (X.T - XB @ np.linalg.solve(inner, B.T))
+    sources = () if problem.error is None else problem.error.sources
+    return Gains(
+        theta=frozen_array(laplace.theta), covariance=frozen_array(P), measurement=frozen_array(gain),
+        model_form=frozen_array(gain @ (problem.noise_root * problem.discrepancy_std)), tolerance=frozen_array(gain @ B),
+        prior=frozen_array(P @ prior_slope.T), sources=tuple(s.name for s in sources),
+        source_std=frozen_array([s.std for s in sources]),
+    )  # fmt: skip
+
+
+def total(parts: Mapping[str, np.ndarray]) -> np.ndarray:
+    """(n_quantity,) of all parts, in squares."""
+    return np.sqrt(sum(np.asarray(v) ** 2 for v in parts.values()))
+
+
+def tolerance_draws(problem: Problem, thetas: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """(n, n_source) draws of the tolerances in their units, departures from what is stated, given the data and each of thetas
+    (n, n_param): Gaussian, as responses are linear in them; the mean that is expected of a source in it."""
+    std = np.array([s.std for s in problem.error.sources])
+    mean = np.array([s.mean for s in problem.error.sources])
+    B = problem.noise_root @ problem.factor
+    root = np.linalg.cholesky(np.linalg.inv(np.eye(B.shape[1]) + B.T @ B))
+    residual = np.array([problem.noise_root @ (problem.measured - problem.predict(theta) - problem.mean) for theta in thetas])
+    unit = residual @ B @ (root @ root.T) + rng.standard_normal((len(thetas), B.shape[1])) @ root.T
+    return mean + std * unit

@@ -1,0 +1,178 @@
+"""Damage-equivalent stress ranges and damage of every hot spot at any parameter vector, and their change with it.
+
+All states of sea and wind on all headings are summed by their share of a year; each is stationary and Gaussian, its
+ranges are Dirlik's (or Tovo and Benasciutti's). DEL_m = (T sum_s p_s nu_s E_s[S^m] / N_ref)^(1/m), T a year.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+
+from probupdate.errors import InputError
+from probupdate.lifetime.conditions import Conditions, read_conditions, thrust_spectra
+from probupdate.lifetime.details import Detail, HotSpot, find_details, weights
+from probupdate.lifetime.spectral import ranges
+from probupdate.lifetime.stress import Response, StressModel, stress_model
+from probupdate.modes import Sensor, frozen_array
+from probupdate.parameters import Parameters
+from probupdate.progress import Progress, silent
+from probupdate.structure.description import Description
+from probupdate.structure.turbine_frame import build_frame
+
+YEAR_S = 365.25 * 86400
+SLOPES = (3.0, 5.0)
+# parameter vectors the basis is made of, and unseen ones it is held against
+BASIS_DRAWS, CHECKED = 11, 2
+# complex step of moments
+STEP = 1e-30
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class FatigueModel:
+    """A turbine's stress models, one a heading, with the hot spots of their details."""
+
+    models: tuple[StressModel, ...]
+    details: tuple[Detail, ...]
+    spots: tuple[HotSpot, ...]
+    conditions: Conditions
+    method: str = "dirlik"
+
+    @property
+    def parameters(self) -> Parameters:
+        return self.models[0].parameters
+
+    @cached_property
+    def shares(self) -> np.ndarray:
+        """(n_heading, n_state)."""
+        return np.outer([d.share for d in self.conditions.direction], [s.share for s in self.conditions.state])
+
+    @cached_property
+    def _weights(self) -> tuple[np.ndarray, np.ndarray]:
+        return weights(self.spots)
+
+    def reduced(self, thetas: Sequence[np.ndarray]) -> FatigueModel:
+        """On a basis for these parameter vectors, the initial one among them."""
+        all_of = [self.parameters.initial, *thetas]
+        return replace(self, models=tuple(m.reduced(all_of) for m in self.models))
+
+    def picked(self, spots: Sequence[int]) -> FatigueModel:
+        """With these hot spots only, in this order."""
+        chosen = sorted({self.spots[k].detail for k in spots})
+        new = {old: k for k, old in enumerate(chosen)}
+        return replace(self, models=tuple(m.picked(chosen) for m in self.models),
+                       details=tuple(self.details[k] for k in chosen),
+                       spots=tuple(replace(self.spots[k], detail=new[self.spots[k].detail]) for k in spots))  # fmt: skip
+
+    def solve(self, theta: np.ndarray, damping: Mapping[str, float] | None = None, *, derivatives: bool = False) -> Stress:
+        """Everything at one parameter vector (n_param,); damping: label of a mode -> its ratio, else the file's."""
+        found = [m.solve(theta, damping or {}, derivatives=derivatives) for m in self.models]
+        change = None
+        if derivatives:
+            change = np.stack([self._of_spots(r.change) for r in found], axis=1)
+        return Stress(owner=self, responses=tuple(found), change=change,
+                      moments=frozen_array([self._of_spots(r.moments) for r in found]))  # fmt: skip
+
+    def _of_spots(self, moments: np.ndarray) -> np.ndarray:
+        """(..., 4, n_detail, 3, 3) -> (..., 4, n_spot)."""
+        at, w = self._weights
+        flat = moments.reshape(*moments.shape[:-2], 9)
+        outer = (w[:, :, None] * w[:, None, :]).reshape(-1, 9)
+        return np.einsum("...si,si->...s", flat[..., at, :], outer, optimize=True)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Stress:
+    """moments (n_heading, n_state, 4, n_spot) of hot-spot stress in MPa^2 Hz^k, change (n_param, ...) of them."""
+
+    owner: FatigueModel
+    responses: tuple[Response, ...]
+    moments: np.ndarray
+    change: np.ndarray | None = None
+
+    @cached_property
+    def _ranges(self):
+        return ranges(np.moveaxis(self.moments, 2, 0), self.owner.method)
+
+    def equivalent_mpa(self, m: float) -> np.ndarray:
+        """DEL_m (n_spot,)."""
+        return (YEAR_S / self.owner.conditions.life.reference_cycles * self._total(self._ranges.moment(m))) ** (1 / m)
+
+    def _total(self, by_case: np.ndarray) -> np.ndarray:
+        return np.einsum("hs,hsp->p", self.owner.shares, by_case)
+
+    def equivalent_change(self, m: float) -> np.ndarray:
+        """d ln DEL_m / d theta (n_param, n_spot), exact but for rounding. Raises ValueError without derivatives."""
+        if self.change is None:
+            raise ValueError("solved without derivatives")
+        moments = np.moveaxis(self.moments, 2, 0)
+        slope = []
+        for k in range(4):
+            stepped = moments.astype(complex)
+            stepped[k] += 1j * STEP * moments[k]
+            slope.append(np.imag(ranges(stepped, self.owner.method).moment(m)) / (STEP * moments[k]))
+        total = self._total(self._ranges.moment(m))
+        return np.einsum("hs,khsp,jhskp->jp", self.owner.shares, np.array(slope), self.change, optimize=True) / (m * total)
+
+    def damage_per_year(self, factor: float | np.ndarray = 1.0) -> np.ndarray:
+        """(n_spot,) Miner's sum of a year by each spot's curve, every range times `factor` (scalar or (n_spot,))."""
+        found = np.zeros(len(self.owner.spots))
+        names = np.array([s.curve for s in self.owner.spots])
+        factor = np.broadcast_to(np.asarray(factor, float), names.shape)
+        for name in dict.fromkeys(names.tolist()):
+            there = names == name
+            own = ranges(np.moveaxis(self.moments, 2, 0)[..., there], self.owner.method)
+            by_case = own.damage(self.owner.conditions.law(name), factor[there])
+            found[there] = YEAR_S * np.einsum("hs,hsp->p", self.owner.shares, by_case)
+        return found
+
+
+def fatigue_model(
+    description: Description, where: str, conditions: Conditions | str | Path, *, parameters: Parameters | None = None,
+    sensors: tuple[Sensor, ...] | None = None, method: str = "dirlik",
+) -> FatigueModel:  # fmt: skip
+    """Of a model.toml's turbine, on all degrees of freedom. `conditions`: a fatigue.toml, or what was read of one."""
+    path = None if isinstance(conditions, Conditions) else Path(conditions)
+    known = conditions if path is None else read_conditions(path)
+    if path is None and any(s.thrust_spectrum for s in known.state):
+        raise InputError("state.thrust_spectrum", "is a file beside a fatigue.toml", "give that file's path")
+    spectra = {} if path is None else thrust_spectra(known, path)
+    details, spots = find_details(build_frame(description), known, str(path or where))
+    models = tuple(
+        stress_model(description, where, details, known, heading_deg=d.heading_deg, parameters=parameters, sensors=sensors,
+                     spectra=spectra) for d in known.direction
+    )  # fmt: skip
+    return FatigueModel(models=models, details=details, spots=spots, conditions=known, method=method)
+
+
+def basis_error(full: FatigueModel, reduced: FatigueModel, thetas: Sequence[np.ndarray]) -> float:
+    """Largest relative error of DEL_5 on the basis at unseen parameter vectors, over the hot spots with at least a third
+    of the largest; one heading, as all bases are made alike."""
+    one = [replace(m, models=m.models[:1], conditions=_first_direction(m.conditions)) for m in (full, reduced)]
+    worst = 0.0
+    for theta in thetas:
+        a, b = (m.solve(theta).equivalent_mpa(5.0) for m in one)
+        top = a > a.max() / 3
+        worst = max(worst, float(np.max(np.abs(b / a - 1)[top])))
+    return worst
+
+
+def _first_direction(c: Conditions) -> Conditions:
+    return c.model_copy(update={"direction": (c.direction[0].model_copy(update={"share": 1.0}),)})
+
+
+def solve_many(
+    model: FatigueModel, thetas: np.ndarray, dampings: Sequence[Mapping[str, float]], progress: Progress = silent,
+    what: str = "stress transfer",
+) -> list[Stress]:  # fmt: skip
+    """At every row of thetas (n, n_param), each with its own damping ratios."""
+    found = []
+    for k, (theta, damping) in enumerate(zip(thetas, dampings, strict=True)):
+        progress(what, k, len(thetas))
+        found.append(model.solve(theta, damping))
+    progress(what, len(thetas), len(thetas))
+    return found

@@ -1,0 +1,343 @@
+"""Fatigue and reliability of an export: fatigue.csv, its sensitivities, model_factors.csv, reliability.csv."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from probupdate.estimators.laplace import Laplace
+from probupdate.lifetime.conditions import Conditions
+from probupdate.lifetime.factors import PARTS, Gains, gains, tolerance_draws
+from probupdate.lifetime.fatigue import SLOPES, FatigueModel, Stress, basis_error, fatigue_model, solve_many
+from probupdate.lifetime.reliability import DamageCurve, Reliability, life_quantiles, reliability, simulated_index
+from probupdate.modes import Sensor
+from probupdate.parameters import Parameters
+from probupdate.problem import Problem
+from probupdate.progress import Progress, silent
+from probupdate.structure.description import read_description
+from probupdate.structure.extend import extended_description
+
+# sides of details whose reliability is told, the worst first; years for which FORM is simulated
+WORST, PRIOR_DRAWS, CAUSE_DRAWS = 12, 60, 30
+SIMULATED, AGREE = 40_000, 0.02
+BASIS_OF, WIDE_OF = 10, 4
+# differences with respect to tolerances, in their standard deviations
+STEP = 0.5
+QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Named:
+    """A cause that the diagnosis named: the extended model's file, its draws, and which parameter is the cause."""
+
+    path: Path
+    names: tuple[str, ...]
+    draws: np.ndarray
+    causes: tuple[tuple[str, str], ...]
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class FatigueInput:
+    """What fatigue needs beside the draws: fatigue.toml, the one model's problem with its maximum (None: no modes lie in the
+    run), set-wise updates (n_set, n_param), and named causes."""
+
+    file: Path
+    problem: Problem | None = None
+    laplace: Laplace | None = None
+    set_updates: np.ndarray | None = None
+    named: Named | None = None
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class FatigueResult:
+    """model: all hot spots; design, draws, prior: stresses; worst (n,): hot spots whose reliability is told; factors ln X_dyn
+    of the worst: mean and std (n,), parts; indices by case; left_out."""
+
+    model: FatigueModel
+    design: Stress
+    draws: tuple[Stress, ...]
+    worst: np.ndarray
+    curve: DamageCurve
+    log_factor: Mapping[str, tuple[np.ndarray, np.ndarray]]
+    parts: Mapping[str, np.ndarray] | None
+    slope: np.ndarray
+    direct: np.ndarray | None
+    gains: Gains | None
+    index: Mapping[str, Reliability]
+    summary: Mapping[str, object]
+    left_out: tuple[str, ...]
+
+
+def assess(
+    given: FatigueInput, path: Path, parameters: Parameters, sensors: tuple[Sensor, ...] | None, draws: np.ndarray,
+    dampings: Sequence[Mapping[str, float]], *, seed: int, progress: Progress = silent,
+) -> FatigueResult:  # fmt: skip
+    """Fatigue and reliability at the design (initial parameters, the file's damping), over the prior and over draws
+    (n_draw, n_param) of the posterior with their damping ratios."""
+    rng = np.random.default_rng(seed)
+    full = fatigue_model(read_description(path), str(path), given.file, parameters=parameters, sensors=sensors)
+    prior = parameters.draw(rng, PRIOR_DRAWS)
+    half = BASIS_OF // 2
+    model = full.reduced([*draws[rng.permutation(len(draws))[:half]], *prior[:half]])
+    error = basis_error(full, model, [draws[-1]])
+    design = model.solve(parameters.initial)
+    updated = solve_many(model, draws, dampings, progress)
+    worst = worst_spots(model, design, WORST)
+    curve = DamageCurve.of(_only(model, design, worst))
+    few = model.picked(worst)
+    left_out: list[str] = []
+    factor = {"updated": [curve.factor(np.log(s.damage_per_year()[worst])) for s in updated],
+              "design": [curve.factor(np.log(few.solve(theta).damage_per_year())) for theta in prior]}  # fmt: skip
+    mean = draws.mean(axis=0)
+    centre = few.solve(mean, _mean_damping(dampings), derivatives=True)
+    slope = centre.equivalent_change(SLOPES[1]).T
+    parts, direct, gain = None, None, None
+    if given.problem is None:
+        left_out.append("parts of model factors: no modes lie in the run, or none of them is matched")
+    else:
+        gain = gains(given.problem, given.laplace)
+        if gain.sources:
+            direct = tolerance_slopes(path, few, given, _mean_damping(dampings), progress)
+            unknown = tolerance_draws(given.problem, draws, rng)
+            factor["updated"] = list(np.array(factor["updated"]) + unknown @ direct.T)
+        parts = dict(gain.parts(slope, direct))
+        parts["set_to_set"] = _set_to_set(slope, given.set_updates, parts["measurement"])
+        stated = np.array([s.std for s in given.problem.error.sources]) if direct is not None else np.zeros(0)
+        if direct is not None:
+            factor["design"] = list(np.array(factor["design"])
+                                    + (stated * rng.standard_normal((len(prior), len(stated)))) @ direct.T)  # fmt: skip
+    moments = {name: (np.mean(v, axis=0), np.std(v, axis=0, ddof=1)) for name, v in factor.items()}
+    if parts is not None:
+        # what holds from set to set is in no single set's draws
+        moments["updated"] = (moments["updated"][0], np.hypot(moments["updated"][1], parts["set_to_set"]))
+    if given.named is not None:
+        moments |= _with_causes(given, few, curve, dampings, progress, left_out)
+    c = model.conditions
+    index = {name: reliability(curve, *m, c.uncertainty, years=c.life.years, target=c.target.annual_index)
+             for name, m in moments.items()}  # fmt: skip
+    agreement = _agreement(curve, moments["updated"], index["updated"], c, rng)
+    return FatigueResult(
+        model=model, design=design, draws=tuple(updated), worst=worst, curve=curve, log_factor=moments, parts=parts,
+        slope=slope, direct=direct, gains=gain, index=index, left_out=tuple(left_out),
+        summary={"basis_error": error, "form_minus_monte_carlo": agreement[0], "monte_carlo_standard_error": agreement[1],
+                 "target_annual_index": c.target.annual_index, "cases": list(index)},
+    )  # fmt: skip
+
+
+def worst_spots(model: FatigueModel, design: Stress, n: int) -> np.ndarray:
+    """(n,) hot spots of most damage, one of each side of a detail, the worst first."""
+    damage, seen, found = design.damage_per_year(), set(), []
+    for k in np.argsort(-damage):
+        key = (model.spots[k].detail, model.spots[k].side)
+        if key not in seen:
+            seen.add(key)
+            found.append(int(k))
+        if len(found) == n:
+            break
+    return np.array(found)
+
+
+def _only(model: FatigueModel, stress: Stress, spots: np.ndarray) -> Stress:
+    return Stress(owner=model.picked(spots), responses=stress.responses, moments=stress.moments[..., spots])
+
+
+def _mean_damping(dampings: Sequence[Mapping[str, float]]) -> dict[str, float]:
+    names = dict.fromkeys(n for d in dampings for n in d)
+    return {n: float(np.exp(np.mean([np.log(d[n]) for d in dampings if n in d]))) for n in names}
+
+
+def _set_to_set(slope: np.ndarray, updates: np.ndarray | None, measurement: np.ndarray) -> np.ndarray:
+    """Scatter of single sets' updates beyond what identification explains, (n_quantity,)."""
+    if updates is None or len(updates) < 3:
+        return np.zeros(len(slope))
+    scatter = np.std(updates @ slope.T, axis=0, ddof=1)
+    return np.sqrt(np.maximum(scatter**2 - measurement**2, 0.0))
+
+
+def tolerance_slopes(path: Path, few: FatigueModel, given: FatigueInput, damping, progress: Progress = silent) -> np.ndarray:
+    """d ln DEL_5 / d u (n_spot, n_source) per unit of each source, by central differences of half a standard deviation about
+    the maximum, under the heading of the largest share; zero of sensors' sources, which load nothing."""
+    uncertainty = given.problem.model.uncertainty
+    rows = uncertainty._rows
+    base = few.parameters
+    description = extended_description(path, [row.effect for row in rows])
+    model = uncertainty._extended
+    by_name = {p.name: p for p in model.parameters}
+    parameters = Parameters((*base, *(by_name[row.effect.name] for row in rows)))
+    most = max(few.conditions.direction, key=lambda d: d.share)
+    one = few.conditions.model_copy(update={"direction": (most.model_copy(update={"share": 1.0}),)})
+    wide = fatigue_model(description, str(path), one, parameters=parameters, sensors=few.models[0].sensors)
+    wide = wide.picked(same_spots(wide, few))
+    neutral = np.array([*given.laplace.theta, *(row.effect.neutral for row in rows)])
+    std = np.array([row.source.std for row in rows])
+    rng = np.random.default_rng(0)
+    n = len(base)
+    spread = np.tile(neutral, (WIDE_OF, 1))
+    spread[:, n:] += std * rng.standard_normal((WIDE_OF, len(rows)))
+    low = np.array([row.effect.lower for row in rows])
+    spread[:, n:] = np.clip(spread[:, n:], low, [row.effect.upper for row in rows])
+    wide = wide.reduced(spread)
+    found = np.zeros((len(few.spots), len(given.problem.error.sources)))
+    names = [s.name for s in given.problem.error.sources]
+    middle = np.log(wide.solve(neutral, damping).equivalent_mpa(SLOPES[1]))
+    for k, row in enumerate(rows):
+        progress("tolerances' effect on stress", k, len(rows))
+        ends = []
+        for sign in (1, -1):
+            theta = neutral.copy()
+            theta[n + k] = np.clip(theta[n + k] + sign * STEP * std[k], row.effect.lower, row.effect.upper)
+            moved = theta[n + k] - neutral[n + k]
+            ends.append((moved, np.log(wide.solve(theta, damping).equivalent_mpa(SLOPES[1])) if moved else middle))
+        (up, a), (down, b) = ends
+        found[:, names.index(row.source.name)] = (a - b) / (up - down)
+    progress("tolerances' effect on stress", len(rows), len(rows))
+    return found
+
+
+def same_spots(other: FatigueModel, own: FatigueModel) -> list[int]:
+    """Numbers of `own`'s hot spots in another model of the turbine, whose mesh may be finer."""
+    number = {(other.details[s.detail].name, s.side, s.place): k for k, s in enumerate(other.spots)}
+    return [number[own.details[s.detail].name, s.side, s.place] for s in own.spots]
+
+
+def _with_causes(given, few, curve, dampings, progress, left_out) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+    named = given.named
+    description = read_description(named.path)
+    model = fatigue_model(description, str(named.path), given.file)
+    if tuple(model.parameters.names) != tuple(named.names):
+        left_out.append(f"causes in reliability.csv: {named.path.name} has other parameters than its posterior")
+        return {}
+    few = model.picked(same_spots(model, few))
+    draws = named.draws[np.linspace(0, len(named.draws) - 1, CAUSE_DRAWS).astype(int)]
+    few = few.reduced(draws[:: max(1, CAUSE_DRAWS // BASIS_OF)])
+    found = {}
+    neutral = {p.name: p.initial for p in description.effects}
+    places = [few.parameters.index(n) for n, _ in named.causes]
+    for name, words in named.causes:
+        at = few.parameters.index(name)
+        values = []
+        for k, theta in enumerate(draws):
+            progress(f"with {words}", k, len(draws))
+            one = np.array(theta)
+            for other in places:
+                one[other] = neutral.get(few.parameters.names[other], one[other]) if other != at else one[other]
+            values.append(curve.factor(np.log(few.solve(one, dampings[k % len(dampings)]).damage_per_year())))
+        found[f"with {words}"] = np.mean(values, axis=0), np.std(values, axis=0, ddof=1)
+    return found
+
+
+def _agreement(curve, moments, index: Reliability, c: Conditions, rng) -> tuple[float, float]:
+    """Largest difference of FORM's and Monte Carlo's cumulative index at the worst hot spot, at the present age, and at the
+    horizon; and the standard error there."""
+    mean, std = (m[:1] for m in moments)
+    simulated, error = simulated_index(curve.picked([0]), mean, std, c.uncertainty, years=c.life.years, n=SIMULATED, rng=rng)
+    gap = np.abs(simulated - index.cumulative[:1])
+    k = int(np.argmax(gap))
+    return float(gap.ravel()[k]), float(error.ravel()[k])
+
+
+def frequency_factors(
+    given: FatigueInput, labels: Sequence[Sequence[str]], frequency_hz: Sequence[np.ndarray], design: tuple[Sequence[str], np.ndarray],
+    gain: Gains | None, label_modes,
+) -> list[dict]:  # fmt: skip
+    """Rows of model_factors.csv: X = frequency at the draws over that at the design, for modes that all have. label_modes:
+    ModalSolution -> labels."""
+    slope, direct, at = None, None, ()
+    if gain is not None:
+        model, n = given.problem.model, len(design[0])
+        one = model.solve(gain.theta, n, derivatives=True)
+        at, slope = label_modes(one), one.frequency_derivative / one.frequency_hz[:, None]
+        if gain.sources:
+            direct = model.uncertainty.changes(gain.theta, n, ()).frequency_derivative / one.frequency_hz[:, None]
+    rows = []
+    for k, label in enumerate(design[0]):
+        if not all(label in own for own in labels):
+            continue
+        ratio = np.log([f[list(own).index(label)] / design[1][k] for own, f in zip(labels, frequency_hz, strict=True)])
+        row = {"quantity": "frequency", "of": label, "bias": float(np.exp(ratio.mean())),
+               "cov": float(ratio.std(ddof=1)) if len(ratio) > 1 else 0.0}  # fmt: skip
+        if label in at:
+            j = list(at).index(label)
+            parts = gain.parts(slope[j : j + 1], None if direct is None else direct[j : j + 1])
+            row |= {name: float(v[0]) for name, v in parts.items()}
+            row["set_to_set"] = float(_set_to_set(slope[j : j + 1], given.set_updates, parts["measurement"])[0])
+        rows.append(row)
+    return rows
+
+
+def write_fatigue(files, result: FatigueResult, draws: np.ndarray, solved_factors: Sequence[dict]) -> None:
+    """hot_spots.csv, fatigue.csv, fatigue_sensitivity.csv, model_factors.csv, reliability.csv, remaining_life.csv."""
+    model, text = result.model, {"unit": "-", "type": "string"}
+    files.table("hot_spots.csv", [
+        {"name": "hot_spot", "unit": "-"}, {"name": "joint", **text}, {"name": "member", **text}, {"name": "side", **text},
+        {"name": "place", "unit": "-"}, {"name": "angle_deg", "unit": "deg"}, {"name": "level_m", "unit": "m"},
+        {"name": "axial", "unit": "-"}, {"name": "crown", "unit": "-"}, {"name": "saddle", "unit": "-"}, {"name": "curve", **text}],
+        [[k + 1, model.details[s.detail].joint, model.details[s.detail].name, s.side, s.place, s.angle_deg(),
+          float(model.details[s.detail].level_m), *map(float, s.weight), s.curve] for k, s in enumerate(model.spots)],
+        what="hot spots; place 1 is the crown (of a girth weld: along x), 3 the saddle; axial, crown, saddle: factors of nominal "
+             "stress with the thickness effect in them")  # fmt: skip
+    design = [result.design.equivalent_mpa(m) for m in SLOPES]
+    damage = result.design.damage_per_year()
+    rows = []
+    for number, stress in enumerate((result.design, *result.draws)):
+        own = [stress.equivalent_mpa(m) for m in SLOPES]
+        rate = stress.damage_per_year() if number else damage
+        block = np.column_stack([*own, own[0] / design[0], own[1] / design[1], rate, rate / damage])
+        rows += [[number, k + 1, *row] for k, row in enumerate(block.tolist())]
+    files.table("fatigue.csv", [
+        {"name": "draw", "unit": "-"}, {"name": "hot_spot", "unit": "-"}, {"name": "del_m3", "unit": "MPa"},
+        {"name": "del_m5", "unit": "MPa"}, {"name": "ratio_m3", "unit": "-"}, {"name": "ratio_m5", "unit": "-"},
+        {"name": "damage_per_year", "unit": "1/a"}, {"name": "damage_ratio", "unit": "-"}], rows,
+        what="damage-equivalent ranges and Miner's sum of a year; draw 0 is the design, ratios are updated over design")  # fmt: skip
+    names = model.parameters.names
+    files.table("fatigue_sensitivity.csv", [
+        {"name": "hot_spot", "unit": "-"},
+        *({"name": f"dlnDEL_d{n}", "unit": f"1/({model.parameters.items[k].unit})"} for k, n in enumerate(names))],
+        [[int(k) + 1, *row] for k, row in zip(result.worst, result.slope.tolist(), strict=True)],
+        what="d ln DEL_5 / d parameter at the draws' mean, of the worst hot spots")  # fmt: skip
+    _write_factors(files, result, solved_factors)
+    _write_reliability(files, result)
+
+
+def _write_factors(files, result: FatigueResult, solved_factors: Sequence[dict]) -> None:
+    columns = [{"name": "quantity", "unit": "-", "type": "string"}, {"name": "of", "unit": "-", "type": "string"},
+               {"name": "bias", "unit": "-"}, {"name": "cov", "unit": "-"},
+               *({"name": f"cov_{p}", "unit": "-", "type": ["number", "null"]} for p in PARTS)]  # fmt: skip
+    rows = [[f["quantity"], f["of"], f["bias"], f["cov"], *(f.get(p) for p in PARTS)] for f in solved_factors]
+    mean, std = result.log_factor["updated"]
+    for j, k in enumerate(result.worst):
+        spot = result.model.spots[k]
+        parts = [None] * len(PARTS) if result.parts is None else [float(result.parts[p][j]) for p in PARTS]
+        rows.append(["stress range", f"hot spot {k + 1}: {result.model.details[spot.detail].name}, {spot.side}, {spot.place}",
+                     float(np.exp(mean[j])), float(std[j]), *parts])  # fmt: skip
+    files.table("model_factors.csv", columns, rows,
+                what="X_dyn, updated over design: bias is the median of X, cov the standard deviation of ln X, its parts those "
+                     "of the one model in squares; of frequency and damping cov is that of the draws")  # fmt: skip
+
+
+def _write_reliability(files, result: FatigueResult) -> None:
+    rows = []
+    for name, index in result.index.items():
+        for j, k in enumerate(result.worst):
+            first = int(index.first_below[j]) or None
+            rows += [[name, int(k) + 1, int(year), float(index.cumulative[j, t]), float(index.annual[j, t]), first]
+                     for t, year in enumerate(index.year)]  # fmt: skip
+    target = result.model.conditions.target.annual_index
+    files.table("reliability.csv", [
+        {"name": "case", "unit": "-", "type": "string"}, {"name": "hot_spot", "unit": "-"}, {"name": "year", "unit": "a"},
+        {"name": "cumulative_index", "unit": "-"}, {"name": "annual_index", "unit": "-"},
+        {"name": "first_year_below_target", "unit": "a", "type": ["integer", "null"]}], rows,
+        what=f"reliability indices of the {len(result.worst)} worst hot spots, by FORM; target: annual {target:g}; empty: not within "
+             "the years")  # fmt: skip
+    c, rng = result.model.conditions, np.random.default_rng(7)
+    rows = []
+    for name, (mean, std) in result.log_factor.items():
+        lives = life_quantiles(result.curve, mean, std, c.uncertainty, np.array(QUANTILES), n=200_000, rng=rng)
+        rows += [[name, int(k) + 1, *row] for k, row in zip(result.worst, (lives - c.life.age_years).tolist(), strict=True)]
+    files.table("remaining_life.csv", [
+        {"name": "case", "unit": "-", "type": "string"}, {"name": "hot_spot", "unit": "-"},
+        *({"name": f"q{round(100 * q):02d}", "unit": "a"} for q in QUANTILES)], rows,
+        what=f"quantiles of years to failure from the age of {c.life.age_years:g} years, all stated uncertainties in")  # fmt: skip

@@ -1,0 +1,192 @@
+"""Fatigue damage of stationary Gaussian stress from its spectral moments, and by rainflow counting of a record.
+
+Dirlik, Application of Computers in Fatigue Analysis (PhD thesis, Warwick 1985); Benasciutti & Tovo, Int. J. Fatigue 27
+(2005) 867-877; counting after ASTM E1049-85, three points, what is left over as half cycles.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import gamma, gammainc, gammaincc
+
+from probupdate.errors import InputError
+from probupdate.modes import frozen_array
+
+METHODS = ("dirlik", "tovo-benasciutti")
+# a spectrum with an irregularity factor above it is narrow: Dirlik's fit divides zero by zero there
+NARROW = 0.9999
+
+
+@dataclass(frozen=True, kw_only=True)
+class Curve:
+    """An S-N curve of two slopes, log10 N = log10_a - m log10 S, S the stress range in MPa: (log10_a1, m1) above the knee
+    and (log10_a2, m2) below it (equal for one slope). Raises InputError where the two do not meet above zero."""
+
+    log10_a1: float
+    m1: float
+    log10_a2: float
+    m2: float
+
+    @property
+    def knee_mpa(self) -> float:
+        """The range at which both slopes give the same life; 0 of one slope."""
+        if self.m1 == self.m2:
+            return 0.0
+        return float(10 ** ((self.log10_a2 - self.log10_a1) / (self.m2 - self.m1)))
+
+    def cycles(self, stress_range_mpa) -> np.ndarray:
+        """N to failure, shape of stress_range_mpa."""
+        s = np.asarray(stress_range_mpa, float)
+        with np.errstate(divide="ignore"):
+            log = np.log10(s)
+        return np.where(s > self.knee_mpa, 10 ** (self.log10_a1 - self.m1 * log), 10 ** (self.log10_a2 - self.m2 * log))
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Ranges:
+    """The distribution of rainflow ranges as a sum of parts: rate (...,) in Hz of all cycles; part k has the share
+    weight[k] (...,) and is exponential (kind 'e', mean scale) or Rayleigh (kind 'r', of parameter scale), in ranges."""
+
+    rate: np.ndarray
+    weight: tuple[np.ndarray, ...]
+    scale: tuple[np.ndarray, ...]
+    kind: tuple[str, ...]
+
+    def moment(self, m: float, low: float = 0.0, high: float = np.inf) -> np.ndarray:
+        """(...,) E[S^m; low < S < high] times the rate: per second."""
+        total = 0.0
+        for weight, scale, kind in zip(self.weight, self.scale, self.kind, strict=True):
+            total = total + weight * (_exponential if kind == "e" else _rayleigh)(scale, m, low, high)
+        return self.rate * total
+
+    def damage(self, curve: Curve, factor=1.0) -> np.ndarray:
+        """(...,) Miner's sum per second with every range times `factor` (broadcast); ranges in MPa."""
+        factor = np.asarray(factor, float)
+        scaled = Ranges(rate=self.rate, weight=self.weight, scale=tuple(factor * s for s in self.scale), kind=self.kind)
+        knee = curve.knee_mpa
+        above = scaled.moment(curve.m1, low=knee) * 10**-curve.log10_a1
+        return above if knee == 0.0 else above + scaled.moment(curve.m2, high=knee) * 10**-curve.log10_a2
+
+
+def _exponential(scale, m, low, high):
+    return scale**m * gamma(1 + m) * _share(1 + m, _over(low, scale), _over(high, scale))
+
+
+def _rayleigh(scale, m, low, high):
+    share = _share(1 + m / 2, 0.5 * _over(low, scale) ** 2, 0.5 * _over(high, scale) ** 2)
+    return (np.sqrt(2) * scale) ** m * gamma(1 + m / 2) * share
+
+
+def _over(limit: float, scale):
+    # a complex step does not meet limits
+    return limit if limit in (0.0, np.inf) else limit / scale
+
+
+def _share(order: float, low, high):
+    if np.isscalar(low) and low == 0.0 and np.isscalar(high) and high == np.inf:
+        return 1.0
+    if np.isscalar(high) and high == np.inf:
+        return gammaincc(order, low)
+    return gammainc(order, high) - gammainc(order, low)
+
+
+def moments(frequency_hz: np.ndarray, spectrum: np.ndarray) -> np.ndarray:
+    """m_0, m_1, m_2, m_4 (4, ...) of a one-sided spectrum (..., n_frequency) in unit^2/Hz: trapezoids of f^k S, f in Hz."""
+    return np.array([np.trapezoid(frequency_hz**k * spectrum, frequency_hz, axis=-1) for k in (0, 1, 2, 4)])
+
+
+def dirlik(m: np.ndarray) -> Ranges:
+    """Dirlik's ranges from m (4, ...) = m_0, m_1, m_2, m_4, real or complex. The range is Z = S / (2 sqrt(m_0))."""
+    m0, m1, m2, m4 = _positive(m)
+    irregular, mean = m2 / np.sqrt(m0 * m4), m1 / m0 * np.sqrt(m2 / m4)
+    narrow = irregular.real > NARROW
+    g = np.where(narrow, 0.5, irregular)
+    x = np.where(narrow, 0.3, mean)
+    d1 = 2 * (x - g**2) / (1 + g**2)
+    r = (g - x - d1**2) / (1 - g - d1 + d1**2)
+    d2 = (1 - g - d1 + d1**2) / (1 - r)
+    d3 = 1 - d1 - d2
+    q = 1.25 * (g - d3 - d2 * r) / d1
+    two = 2 * np.sqrt(m0)
+    one, zero = np.ones_like(g), np.zeros_like(g)
+    # r may be negative: only its square and its modulus enter
+    modulus = np.where(r.real < 0, -r, r)
+    return Ranges(
+        rate=np.sqrt(m4 / m2), kind=("e", "r", "r"),
+        weight=(np.where(narrow, zero, d1), np.where(narrow, zero, d2), np.where(narrow, one, d3)),
+        scale=(two * np.where(narrow, one, q), two * np.where(narrow, one, modulus), two * one),
+    )  # fmt: skip
+
+
+def tovo_benasciutti(m: np.ndarray) -> Ranges:
+    """From m (4, ...): b of level crossings and 1 - b of ranges, with b of their eq. 2005 (alpha_1, alpha_2)."""
+    m0, m1, m2, m4 = _positive(m)
+    # alpha_1 of the moments up to the second
+    a1, a2 = m1 / np.sqrt(m0 * m2), m2 / np.sqrt(m0 * m4)
+    narrow = a2.real > NARROW
+    a2 = np.where(narrow, 0.5, a2)
+    b = (a1 - a2) * (1.112 * (1 + a1 * a2 - (a1 + a2)) * np.exp(2.11 * a2) + (a1 - a2)) / (a2 - 1) ** 2
+    one = np.ones_like(a2)
+    two = 2 * np.sqrt(m0)
+    return Ranges(rate=np.sqrt(m4 / m2), kind=("r", "r"),
+                  weight=(np.where(narrow, one, b * a2), np.where(narrow, 0 * one, 1 - b)),
+                  scale=(two * one, two * np.where(narrow, one, a2)))  # fmt: skip
+
+
+def _positive(m: np.ndarray) -> np.ndarray:
+    m = np.asarray(m)
+    if m.shape[0] != 4 or not np.all(np.isfinite(m)) or np.any(m.real <= 0):
+        raise InputError("spectral moments", "m_0, m_1, m_2, m_4 are not all finite and positive",
+                         "check the stress spectrum: it must not be zero, nor reach to 0 Hz alone")  # fmt: skip
+    return m if np.iscomplexobj(m) else m.astype(float)
+
+
+def ranges(m: np.ndarray, method: str = "dirlik") -> Ranges:
+    """Distribution of rainflow ranges from moments m (4, ...) by `method` of METHODS."""
+    if method not in METHODS:
+        raise InputError("method", f"'{method}' is unknown", f"choose from {', '.join(METHODS)}")
+    return dirlik(m) if method == "dirlik" else tovo_benasciutti(m)
+
+
+def gaussian_record(
+    frequency_hz: np.ndarray, spectrum: np.ndarray, *, rate_hz: float, n_sample: int, rng: np.random.Generator
+) -> np.ndarray:
+    """(n_sample,) of a Gaussian process with the one-sided spectrum (n_frequency,), random amplitudes and phases; linear
+    between frequencies, nothing beyond them."""
+    line = np.fft.rfftfreq(n_sample, 1 / rate_hz)
+    density = np.interp(line, frequency_hz, spectrum, left=0.0, right=0.0)
+    z = rng.standard_normal((2, len(line)))
+    half = np.sqrt(density * rate_hz / n_sample / 2) * (z[0] + 1j * z[1]) * n_sample / np.sqrt(2)
+    half[0] = 0.0
+    return np.fft.irfft(half, n_sample)
+
+
+def turning_points(record: np.ndarray) -> np.ndarray:
+    """Peaks and valleys of a record (n,) in order, with its first and last value."""
+    record = np.asarray(record, float)
+    kept = record[np.concatenate([[True], np.diff(record) != 0])]
+    turn = np.flatnonzero(np.diff(kept)[:-1] * np.diff(kept)[1:] < 0) + 1
+    return kept[np.concatenate([[0], turn, [len(kept) - 1]])] if len(kept) > 1 else kept
+
+
+def rainflow(record: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Ranges (n,) and counts (n,), 1 or 0.5, of a record's cycles (ASTM E1049-85, 5.4.4)."""
+    found, count, stack = [], [], []
+    for point in turning_points(record).tolist():
+        stack.append(point)
+        while len(stack) >= 3:
+            last, before = abs(stack[-1] - stack[-2]), abs(stack[-2] - stack[-3])
+            if last < before:
+                break
+            found.append(before)
+            if len(stack) == 3:
+                count.append(0.5)
+                stack.pop(0)
+            else:
+                count.append(1.0)
+                del stack[-3:-1]
+    found += [abs(b - a) for a, b in zip(stack, stack[1:], strict=False)]
+    count += [0.5] * (len(found) - len(count))
+    return frozen_array(found), frozen_array(count)

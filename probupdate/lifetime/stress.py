@@ -1,0 +1,543 @@
+"""Nominal stresses at a turbine's details from waves and wind, in the frequency domain.
+
+(K - omega^2 M + i omega C + i omega c h h^T) q = F: C has a damping ratio for every mode, c = rho A C_T V is the operating
+rotor's quasi-steady damping of the hub's motion along the wind. F is Morison's load on legs and braces with drag linearised
+for the sea state (Borgman 1958: sqrt(8/pi) sigma_v) under Airy waves to the still water level, or quasi-steady thrust at
+the hub. Member forces are what the element's own stiffness and mass make of q, less the load on it, divided by A and I / R.
+MacCamy-Fuchs, buoyancy, run-up, rotor harmonics and geometric stiffness are not in it, nor waves above 0.6 Hz: they are
+shorter than 4.3 m, where Morison's load no longer holds for a leg.
+
+All is solved on a basis of modes and static shapes of several parameter vectors (`StressModel.reduced`); of what is left
+out, `fatigue.basis_error` reports at others.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from scipy import linalg, sparse
+from scipy.sparse import linalg as sparse_linalg
+
+from probupdate.errors import InputError
+from probupdate.lifetime.conditions import Conditions, State, jonswap, kaimal, rotor_admittance, wave_number
+from probupdate.lifetime.details import Detail
+from probupdate.mode_labels import mode_character
+from probupdate.modes import Sensor, frozen_array
+from probupdate.parameters import Parameters
+from probupdate.structure import beam as beams
+from probupdate.structure.affine import STEP, AffineModel
+from probupdate.structure.beam import Tube
+from probupdate.structure.assembly import beam_stiffness, carried_mass, node_dofs, steel_mass, transformation
+from probupdate.structure.coefficient import Coefficients, TermCollector, build_coefficients
+from probupdate.structure.description import Description
+from probupdate.structure.frame import Frame
+from probupdate.structure.load import turbine_model
+from probupdate.structure.turbine_frame import build_frame
+
+# frequencies of stress: relative steps below and above where modes may lie; of the latter 0.008 is 0.8 of a damping ratio
+# of 1 %, where trapezoids of a resonance err by 2 exp(-2 pi / 0.8) = 8e-4 of its variance
+LOWEST_HZ, MODES_FROM_HZ, HIGHEST_HZ = 0.03, 0.2, 3.0
+COARSE, FINE = 0.025, 0.008
+# the shortest waves that load the structure
+WAVES_TO_HZ = 0.6
+# points of Gauss and Legendre along an element under water: at least three, and so many metres each; the shortest waves
+# are 4.3 m long
+LEAST_POINTS, POINT_EVERY_M = 3, 1.2
+N_MODE, N_WAVE = 30, 20
+# energy of a snapshot, relative, that the basis may leave out
+BASIS_TOLERANCE, LOAD_TOLERANCE = 1e-10, 1e-3
+LABELLED = 10
+MANY_TERMS = 60
+
+
+def frequency_grid() -> np.ndarray:
+    """(n_frequency,) Hz."""
+    low = np.geomspace(LOWEST_HZ, MODES_FROM_HZ, int(np.log(MODES_FROM_HZ / LOWEST_HZ) / COARSE), endpoint=False)
+    high = np.geomspace(MODES_FROM_HZ, HIGHEST_HZ, int(np.log(HIGHEST_HZ / MODES_FROM_HZ) / FINE))
+    return np.concatenate([low, high])
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Waves:
+    """Points of the wet members: position_m, along (n_point, 3), diameter_m with growth and length_m that each stands for
+    (n_point,); spread (n_free, 3 n_point): forces at the points as loads on the free degrees of freedom; of_details
+    (3 n_detail, 3 n_point): what they take from a detail's member forces."""
+
+    position_m: np.ndarray
+    along: np.ndarray
+    diameter_m: np.ndarray
+    length_m: np.ndarray
+    spread: sparse.csr_array
+    of_details: sparse.csr_array
+
+    def normal_velocity(self, frequency_hz: np.ndarray, heading_deg: float, depth_m: float, gravity: float, still_m: float):
+        """(n_point, 3, n_frequency), complex, across the member per metre of amplitude; e^(i omega t), Airy."""
+        omega = 2 * np.pi * frequency_hz
+        k = wave_number(omega, depth_m, gravity)
+        z = self.position_m[:, 2:] - still_m
+        up, down = np.exp(k * z), np.exp(-k * (z + 2 * depth_m))
+        whole = 1 - np.exp(-2 * k * depth_m)
+        way = np.array([np.cos(np.radians(heading_deg)), np.sin(np.radians(heading_deg))])
+        turn = omega * np.exp(-1j * k * (self.position_m[:, :2] @ way)[:, None])
+        flat, rise = turn * (up + down) / whole, 1j * turn * (up - down) / whole
+        v = np.stack([flat * way[0], flat * way[1], rise], axis=1)
+        return v - self.along[:, :, None] * np.einsum("pi,pif->pf", self.along, v)[:, None, :]
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Case:
+    """A state of sea and wind on this heading: load (n_basis, n_frequency) and own (3 n_detail, n_frequency) of a metre of
+    wave amplitude, elevation and thrust (n_frequency,) densities in m^2/Hz and N^2/Hz, damping_nspm c in N s/m."""
+
+    state: State
+    load: np.ndarray
+    own: np.ndarray
+    elevation: np.ndarray
+    thrust: np.ndarray
+    damping_nspm: float
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Response:
+    """At one parameter vector: frequency_hz (n_mode,), labels and damping_ratio of the modes; moments (n_case, 4, n_detail,
+    3, 3) in MPa^2 Hz^k, k = 0, 1, 2, 4, of nominal axial and bending stress at crown and saddle; with derivatives
+    change (n_param, n_case, 4, n_detail, 3, 3)."""
+
+    frequency_hz: np.ndarray
+    labels: tuple[str, ...]
+    damping_ratio: np.ndarray
+    moments: np.ndarray
+    change: np.ndarray | None = None
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class StressModel:
+    """One heading: the turbine's model, its member forces R_K(theta) - omega^2 R_M(theta) as sums of constant matrices
+    (3 n_detail, n_free), the hub's row (n_free,) along the wind. `basis` (n_free, n_basis), None: all degrees of freedom."""
+
+    model: AffineModel
+    sensors: tuple[Sensor, ...]
+    frame: Frame
+    details: tuple[Detail, ...]
+    heading_deg: float
+    conditions: Conditions
+    site: tuple[float, float, float, float]
+    stiffness_rows: tuple[sparse.csr_array, ...]
+    mass_rows: tuple[sparse.csr_array, ...]
+    coefficients: Coefficients
+    waves: Waves
+    hub: np.ndarray
+    frequency_hz: np.ndarray
+    spectra: Mapping[str, tuple[np.ndarray, np.ndarray]]
+    basis: np.ndarray | None = None
+
+    @property
+    def parameters(self) -> Parameters:
+        return self.model.parameters
+
+    # the basis -------------------------------------------------------------------------------------------------------
+
+    def reduced(self, thetas: Sequence[np.ndarray]) -> StressModel:
+        """On the modes and static shapes under thrust and waves at these parameter vectors."""
+        every = np.geomspace(LOWEST_HZ, WAVES_TO_HZ, N_WAVE)
+        inertia, drag = self._point_loads(every)
+        slow = [inertia, *(np.repeat(sigma, 3)[:, None] * drag for sigma in self._speeds)]
+        wave = self.waves.spread @ np.hstack([part(x) for x in slow for part in (np.real, np.imag)])
+        # loads of neighbouring frequencies and states are much alike
+        left, size, _ = np.linalg.svd(wave / np.linalg.norm(wave, axis=0), full_matrices=False)
+        wave = left[:, size > LOAD_TOLERANCE * size[0]]
+        snapshots = []
+        for theta in thetas:
+            K, M = self.model.matrices(theta)
+            _, phi = self.model.solve_full(theta, min(N_MODE, self.model.n_available))
+            factor = sparse_linalg.splu(sparse.csc_matrix(K), permc_spec="MMD_AT_PLUS_A", options={"SymmetricMode": True})
+            snapshots += [phi, factor.solve(np.column_stack([self.hub, wave]))]
+        X = np.hstack(snapshots)
+        K0 = self.model.matrices(self.parameters.initial)[0]
+        X = X / np.sqrt(np.einsum("ij,ij->j", X, K0 @ X))
+        value, vector = np.linalg.eigh(X.T @ (K0 @ X))
+        kept = value > BASIS_TOLERANCE * value[-1]
+        return replace(self, basis=frozen_array(X @ (vector[:, kept] / np.sqrt(value[kept]))))
+
+    def picked(self, details: Sequence[int]) -> StressModel:
+        """With these details only."""
+        rows = (3 * np.asarray(details)[:, None] + np.arange(3)).ravel()
+        return replace(
+            self, details=tuple(self.details[k] for k in details),
+            stiffness_rows=tuple(R[rows] for R in self.stiffness_rows), mass_rows=tuple(R[rows] for R in self.mass_rows),
+            waves=replace(self.waves, of_details=self.waves.of_details[rows]),
+        )  # fmt: skip
+
+    def _project(self, vectors):
+        return vectors if self.basis is None else self.basis.T @ vectors
+
+    @cached_property
+    def _terms(self) -> tuple[tuple[np.ndarray, ...], ...]:
+        """K_t, M_t (n_basis, n_basis), R_K,t, R_M,t (3 n_detail, n_basis), full."""
+        V = np.eye(self.model.n_dof) if self.basis is None else self.basis
+        square = tuple(tuple(V.T @ (X @ V) for X in xs) for xs in (self.model.stiffness, self.model.mass))
+        return (*square, *(tuple(np.asarray(R @ V) for R in rows) for rows in (self.stiffness_rows, self.mass_rows)))
+
+    def _at(self, theta: np.ndarray) -> tuple[np.ndarray, ...]:
+        """K, M, R_K, R_M at theta, on the basis."""
+        rK, rM = self.coefficients(theta)
+        if len(self.model.stiffness) + len(self.model.mass) > MANY_TERMS:
+            # a hundred parameters make hundreds of terms, too many to keep on the basis
+            V = np.eye(self.model.n_dof) if self.basis is None else self.basis
+            square = [_symmetric(V.T @ (X @ V)) for X in self.model.matrices(theta)]
+            return (*square, *(sum(c * R for c, R in zip(r, rows, strict=True)) @ V
+                               for r, rows in ((rK, self.stiffness_rows), (rM, self.mass_rows))))  # fmt: skip
+        return tuple(_weighted(terms, c) for terms, c in zip(self._terms, (*self.model.coefficients(theta), rK, rM), strict=True))
+
+    # loads -----------------------------------------------------------------------------------------------------------
+
+    def _point_loads(self, frequency_hz: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Inertia, and drag per m/s of sigma_v, of each point (3 n_point, n_frequency) per metre of amplitude."""
+        density, gravity, depth, still = self.site
+        water, w = self.conditions.water, self.waves
+        v = w.normal_velocity(frequency_hz, self.heading_deg, depth, gravity, still)
+        inertia = density * water.inertia_coefficient * np.pi / 4 * w.diameter_m**2 * w.length_m
+        drag = 0.5 * density * water.drag_coefficient * w.diameter_m * w.length_m * np.sqrt(8 / np.pi)
+        shape = (-1, len(frequency_hz))
+        return ((inertia[:, None, None] * 2j * np.pi * frequency_hz * v).reshape(shape),
+                (drag[:, None, None] * v).reshape(shape))  # fmt: skip
+
+    @property
+    def _wet(self) -> int:
+        """How many of the frequencies have waves."""
+        return int(np.searchsorted(self.frequency_hz, WAVES_TO_HZ, side="right"))
+
+    @cached_property
+    def _speeds(self) -> tuple[np.ndarray, ...]:
+        """sigma_v (n_point,) in m/s of the velocity across the members, for every state."""
+        _, gravity, depth, still = self.site
+        f = self.frequency_hz[: self._wet]
+        speed = np.sum(np.abs(self.waves.normal_velocity(f, self.heading_deg, depth, gravity, still)) ** 2, axis=1)
+        return tuple(np.sqrt(np.trapezoid(speed * jonswap(f, s.hs_m, s.tp_s, s.gamma), f, axis=1))
+                     for s in self.conditions.state)  # fmt: skip
+
+    @cached_property
+    def cases(self) -> tuple[Case, ...]:
+        f = self.frequency_hz[: self._wet]
+        inertia, drag = self._point_loads(f)
+        spread = np.asarray(self._project(self.waves.spread.toarray()))
+        wind = self.conditions.wind
+        area = np.pi / 4 * wind.rotor_diameter_m**2
+        found = []
+        for state, sigma in zip(self.conditions.state, self._speeds, strict=True):
+            elevation = jonswap(f, state.hs_m, state.tp_s, state.gamma)
+            load = inertia + np.repeat(sigma, 3)[:, None] * drag
+            rate = wind.air_density_kgpm3 * area * state.thrust_coefficient * state.wind_mps
+            if state.name in self.spectra:
+                at, density_of = self.spectra[state.name]
+                thrust = np.interp(self.frequency_hz, at, density_of, left=0.0, right=0.0)
+            else:
+                thrust = (rate * rotor_admittance(self.frequency_hz, state.wind_mps, area)) ** 2 * kaimal(
+                    self.frequency_hz, state.wind_mps, state.turbulence, wind.integral_length_m)  # fmt: skip
+            found.append(Case(state=state, load=_times(spread, load), own=_times(self.waves.of_details, load), thrust=thrust,
+                              elevation=elevation, damping_nspm=rate if state.operating else 0.0))  # fmt: skip
+        return tuple(found)
+
+    # stresses --------------------------------------------------------------------------------------------------------
+
+    def _scale(self, theta: np.ndarray) -> np.ndarray:
+        """(3 n_detail,) MPa per N, per N m; theta real or complex."""
+        values = dict(self.coefficients.fixed) | dict(zip(self.parameters.names, theta, strict=True))
+        known = {}
+        for detail in self.details:
+            tube = detail.section
+            if tube not in known:
+                bending = 0.5e-6 * tube.outer(values) / tube.second_moment(values)
+                known[tube] = [1e-6 / tube.area(values), bending, bending]
+        return np.array([x for detail in self.details for x in known[detail.section]])
+
+    def _modes(self, theta: np.ndarray, damping: Mapping[str, float]) -> _Modes:
+        """The modes on the basis, their damping, member forces and what a thrust of 1 N does, without the rotor's damping."""
+        K, M, RK, RM = self._at(theta)
+        value, U = linalg.eigh(K, M)
+        if value[0] <= 0:
+            raise InputError(self.model.name, "its stiffness is not positive definite", "check the parameters")
+        labels = self._labels(U)
+        ratio = np.full(len(value), self.conditions.damping.ratio)
+        for k, label in enumerate(labels):
+            ratio[k] = damping.get(label, ratio[k])
+        omega = 2 * np.pi * self.frequency_hz
+        scale = self._scale(theta)[:, None]
+        plain = value[:, None] - omega**2 + 2j * omega * (ratio * np.sqrt(value))[:, None]
+        hub = U.T @ self._project(self.hub)
+        return _Modes(value=value, U=U, labels=labels, ratio=ratio, plain=plain, hub=hub, scale=scale,
+                     RK=scale * (RK @ U), RM=scale * (RM @ U), omega=omega)  # fmt: skip
+
+    def solve(self, theta: np.ndarray, damping: Mapping[str, float], *, derivatives: bool = False) -> Response:
+        """Moments of all cases at theta (n_param,); `damping`: label of a mode -> its ratio, else the file's."""
+        theta = np.asarray(theta, float)
+        m = self._modes(theta, damping)
+        slopes = self._slopes(theta, m) if derivatives else None
+        alone = m.hub[:, None] / m.plain
+        thrust_alone, receptance = m.stress(alone), m.hub @ alone
+        wet = self._wet
+        moments, changes = [], []
+        for case in self.cases:
+            rate = 1j * m.omega * case.damping_nspm
+            closed = 1 / (1 + rate * receptance)
+            q0 = (m.U.T @ case.load) / m.plain[:, :wet]
+            back = rate[:wet] * (m.hub @ q0) * closed[:wet]
+            z = m.stress(q0) - m.scale * case.own - thrust_alone[:, :wet] * back
+            w = thrust_alone * closed
+            moments.append(self._moments(z, case.elevation) + self._moments(w, case.thrust))
+            if derivatives:
+                q, p = q0 - alone[:, :wet] * back, alone * closed
+                dz, dw = (slopes.of(x, m, rate) for x in (q, p))
+                dz = [d - ds[:, None] * case.own for d, ds in zip(dz, slopes.scale, strict=True)]
+                changes.append([self._moments(z, case.elevation, a) + self._moments(w, case.thrust, b)
+                                for a, b in zip(dz, dw, strict=True)])  # fmt: skip
+        return Response(
+            frequency_hz=frozen_array(np.sqrt(m.value[:N_MODE]) / (2 * np.pi)), labels=m.labels,
+            damping_ratio=frozen_array(m.ratio[:N_MODE]), moments=frozen_array(moments),
+            change=frozen_array(np.swapaxes(np.array(changes), 0, 1)) if derivatives else None,
+        )  # fmt: skip
+
+    def transfer(self, theta: np.ndarray, damping: Mapping[str, float], case: int = 0, wind: bool = False) -> np.ndarray:
+        """(n_detail, 3, n) complex nominal stress in MPa per N of thrust at all frequencies, or per metre of wave amplitude
+        at those up to WAVES_TO_HZ."""
+        m, one = self._modes(np.asarray(theta, float), damping), self.cases[case]
+        n = len(m.omega) if wind else self._wet
+        load = np.repeat(m.hub[:, None], n, axis=1) if wind else m.U.T @ one.load
+        q = m.solved(load, 1j * m.omega * one.damping_nspm)
+        z = m.stress(q)
+        return (z if wind else z - m.scale * one.own).reshape(len(self.details), 3, -1)
+
+    def _labels(self, U: np.ndarray) -> tuple[str, ...]:
+        if not self.sensors:
+            return ()
+        n = min(LABELLED, U.shape[1])
+        V = U[:, :n] if self.basis is None else self.basis @ U[:, :n]
+        return mode_character(self.model.channel_matrix @ V, self.sensors).labels
+
+    def _slopes(self, theta: np.ndarray, m: _Modes) -> _Slopes:
+        """d K, M, C and d R by every parameter in the modes' coordinates, held fixed. C = M Phi g Phi^T M with
+        g = 2 zeta omega; its change by Phi's own, W_ij = (k_ij - lambda_j m_ij) / (lambda_j - lambda_i)."""
+        (Kt, Mt, RKt, RMt), U, value, ratio = self._terms, m.U, m.value, m.ratio
+        dcK, dcM = self.model.coefficient_derivatives(theta)
+        stepped = theta + 1j * STEP * np.eye(theta.size)
+        drK, drM = (np.imag(c) / STEP for c in self.coefficients(stepped))
+        scale = m.scale[:, 0]
+        dscale = np.array([np.imag(self._scale(row)) / STEP for row in stepped])
+        g = 2 * ratio * np.sqrt(value)
+        gap = value[None, :] - value[:, None]
+        np.fill_diagonal(gap, 1.0)
+        K, M, C, RK, RM = [], [], [], [], []
+        for k in range(theta.size):
+            dK, dM = (U.T @ _weighted(ts, c[:, k]) @ U for ts, c in ((Kt, dcK), (Mt, dcM)))
+            W = (dK - dM * value[None, :]) / gap
+            np.fill_diagonal(W, -0.5 * np.diag(dM))
+            dvalue = np.diag(dK) - value * np.diag(dM)
+            dC = dM * g[None, :] + g[:, None] * dM + W * g[None, :] + (W * g[None, :]).T + np.diag(ratio / np.sqrt(value) * dvalue)
+            K.append(dK)
+            M.append(dM)
+            C.append(dC)
+            RK.append(scale[:, None] * (_weighted(RKt, drK[k]) @ U))
+            RM.append(scale[:, None] * (_weighted(RMt, drM[k]) @ U))
+        return _Slopes(K=K, M=M, C=C, RK=RK, RM=RM, scale=dscale)
+
+    def _moments(self, z: np.ndarray, density: np.ndarray, change: np.ndarray | None = None) -> np.ndarray:
+        """(4, n_detail, 3, 3): trapezoids of f^k Re(z_i conj z_j) S, or their change."""
+        f = self.frequency_hz[: z.shape[1]]
+        weight = np.convolve(np.diff(f), [0.5, 0.5])
+        weights = weight * density * f ** np.array([0, 1, 2, 4])[:, None]
+        z = z.reshape(len(self.details), 3, -1)
+        if change is None:
+            return _gram(z, z, weights)
+        one = _gram(change.reshape(z.shape), z, weights)
+        return one + np.swapaxes(one, -1, -2)
+
+
+def _gram(a: np.ndarray, b: np.ndarray, weights: np.ndarray) -> np.ndarray:
+    """(4, n, 3, 3) sum_f weights Re(a_i conj b_j)."""
+    both = np.concatenate([a.real, a.imag], axis=-1), np.concatenate([b.real, b.imag], axis=-1)
+    return np.array([np.matmul(both[0] * np.tile(w, 2), both[1].transpose(0, 2, 1)) for w in weights])
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _Modes:
+    """One parameter vector on the basis: value (n,) omega^2, U (n_basis, n), plain (n, n_frequency) the modes' dynamic
+    stiffness, RK, RM (3 n_detail, n) stresses by motion and by acceleration, scale (3 n_detail, 1)."""
+
+    value: np.ndarray
+    U: np.ndarray
+    labels: tuple[str, ...]
+    ratio: np.ndarray
+    plain: np.ndarray
+    hub: np.ndarray
+    scale: np.ndarray
+    RK: np.ndarray
+    RM: np.ndarray
+    omega: np.ndarray
+
+    def stress(self, q: np.ndarray) -> np.ndarray:
+        """(3 n_detail, n) of the modes' motion q at the first n frequencies."""
+        return _times(self.RK, q) - _times(self.RM, self.omega[: q.shape[1]] ** 2 * q)
+
+    def solved(self, load: np.ndarray, rate: np.ndarray) -> np.ndarray:
+        """(diag(plain) + hub rate hub^T)^-1 load at the load's frequencies (Sherman and Morrison)."""
+        n = load.shape[1]
+        q = load / self.plain[:, :n]
+        alone = self.hub[:, None] / self.plain[:, :n]
+        return q - alone * (rate[:n] * (self.hub @ q) / (1 + rate[:n] * (self.hub @ alone)))
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _Slopes:
+    K: list[np.ndarray]
+    M: list[np.ndarray]
+    C: list[np.ndarray]
+    RK: list[np.ndarray]
+    RM: list[np.ndarray]
+    scale: np.ndarray
+
+    def of(self, q: np.ndarray, m: _Modes, rate: np.ndarray) -> list[np.ndarray]:
+        """Change of the stresses of a motion q (n, n_frequency) by every parameter, the load held."""
+        omega = m.omega[: q.shape[1]]
+        z, changes = m.stress(q), []
+        for k in range(len(self.K)):
+            force = _times(self.K[k], q) - _times(self.M[k], omega**2 * q) + _times(self.C[k], 1j * omega * q)
+            own = _times(self.RK[k], q) - _times(self.RM[k], omega**2 * q)
+            changes.append(own - m.stress(m.solved(force, rate)) + (self.scale[k] / m.scale[:, 0])[:, None] * z)
+        return changes
+
+
+def _times(real, x: np.ndarray) -> np.ndarray:
+    """A real matrix times a complex one: half of what complex products cost."""
+    n = x.shape[1]
+    both = np.asarray(real @ np.hstack([x.real, x.imag]))
+    return both[:, :n] + 1j * both[:, n:]
+
+
+def _weighted(terms: Sequence[np.ndarray], weight: np.ndarray) -> np.ndarray:
+    total = weight[0] * terms[0]
+    for w, term in zip(weight[1:], terms[1:], strict=True):
+        total += w * term
+    return total
+
+
+def _symmetric(matrix: np.ndarray) -> np.ndarray:
+    return 0.5 * (matrix + matrix.T)
+
+
+def stress_model(
+    description: Description, where: str, details: Sequence[Detail], conditions: Conditions, *, heading_deg: float,
+    parameters: Parameters | None = None, sensors: tuple[Sensor, ...] | None = None,
+    spectra: Mapping[str, tuple[np.ndarray, np.ndarray]] | None = None,
+) -> StressModel:  # fmt: skip
+    """Of one heading of wind, waves and nacelle, on all degrees of freedom. `details` as `details.find_details` names them
+    in the frame of any heading; loads are those of the members as the file's values have them."""
+    model = turbine_model(description, where=where, parameters=parameters, sensors=sensors, nacelle_angle_deg=heading_deg)
+    frame = build_frame(description, heading_deg)
+    transform = transformation(frame)
+    values = description.values | {p.name: p.initial for p in model.parameters}
+    details = tuple(replace(d, beam=frame.beams[d.number], section=_section(description, d, frame.beams[d.number].tube))
+                    for d in details)  # fmt: skip
+    theory = description.mesh.theory
+    updated = tuple(model.parameters.names)
+    collected = TermCollector(updated, values), TermCollector(updated, values)
+    for row, detail in enumerate(details):
+        b = detail.beam
+        start, end = frame.node_m[b.start], frame.node_m[b.end]
+        pick = detail.rows()
+        sources = (beam_stiffness(b, start, end, theory),
+                   (c for part in (steel_mass(b, start, end, theory), carried_mass(b, b.carried, start, end, theory)) for c in part))  # fmt: skip
+        for collector, contributions in zip(collected, sources, strict=True):
+            for dofs, matrix, coefficient in contributions:
+                collector.add(coefficient, lambda x, r=row, d=dofs, m=pick @ matrix: (3 * r + np.arange(3), d, x * m))
+    size = (3 * len(details), transform.shape[0])
+    rows = tuple(tuple(_sparse(entries, size) @ transform for entries in c.keys.values()) for c in collected)
+    fixed = {name: value for name, value in values.items() if name not in updated}
+    placed = sensors if sensors is not None else tuple(
+        Sensor(channel=s.channel, level=s.level, position_m=s.position_m, direction=s.direction, quantity=s.quantity,
+               unit=s.unit) for s in description.sensor)  # fmt: skip
+    return StressModel(
+        model=model, sensors=placed, frame=frame, details=details, heading_deg=float(heading_deg), conditions=conditions,
+        site=(description.site.water_density_kgpm3, description.site.gravity_mps2,
+              description.site.water_level_m - description.site.mudline_m, description.site.water_level_m),
+        stiffness_rows=rows[0], mass_rows=rows[1],
+        coefficients=build_coefficients(*collected, updated, fixed),
+        waves=_waves(description, frame, transform, details, values), hub=_hub(description, frame, transform, heading_deg),
+        frequency_hz=frozen_array(frequency_grid()), spectra=dict(spectra or {}),
+    )  # fmt: skip
+
+
+def _section(d: Description, detail: Detail, tube: Tube) -> Tube:
+    """The element's, but of the tower that of the weld's own level: its elements take the section of their middle."""
+    if detail.part != "tower":
+        return tube
+    z, stations = detail.level_m, d.tower.station
+    return replace(tube, diameter_m=float(np.interp(z, [s.z_m for s in stations], [s.diameter_m for s in stations])),
+                   thickness_m=float(np.interp(z, [s.z_m for s in stations], [s.thickness_m for s in stations])))  # fmt: skip
+
+
+def _sparse(entries, size) -> sparse.csr_array:
+    rows = np.concatenate([np.repeat(r, len(d)) for r, d, _ in entries])
+    columns = np.concatenate([np.tile(d, len(r)) for r, d, _ in entries])
+    values = np.concatenate([m.ravel() for _, _, m in entries])
+    return sparse.csr_array(sparse.coo_array((values, (rows, columns)), shape=size))
+
+
+def _hub(d: Description, frame: Frame, transform, heading_deg: float) -> np.ndarray:
+    """A force of 1 N at the hub along the wind, as loads on the free degrees of freedom."""
+    offset = np.array(next(body.offset_m for body in d.rna if body.name == "hub"))
+    angle = np.radians(heading_deg)
+    turn = np.array([[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0], [0, 0, 1]])
+    place = np.array([0.0, 0.0, d.tower.station[-1].z_m]) + turn @ offset
+    node = int(np.argmin(np.linalg.norm(frame.node_m - place, axis=1)))
+    force = np.zeros(transform.shape[0])
+    force[6 * node : 6 * node + 2] = [np.cos(angle), np.sin(angle)]
+    return frozen_array(transform.T @ force)
+
+
+def _waves(d: Description, frame: Frame, transform, details: Sequence[Detail], values: Mapping[str, float]) -> Waves:
+    still, growth = d.site.water_level_m, float(values["mg"])
+    of_beam: dict[int, list[int]] = {}
+    for row, detail in enumerate(details):
+        of_beam.setdefault(detail.number, []).append(row)
+    position, along, diameter, length, blocks, own = [], [], [], [], [], []
+    for number, b in enumerate(frame.beams):
+        start, end = frame.node_m[b.start], frame.node_m[b.end]
+        if b.group not in ("leg", "brace") or 0.5 * (start[2] + end[2]) >= still:
+            continue
+        span = end - start
+        size = float(np.linalg.norm(span))
+        axes = beams.axes(start, end)
+        grown = 0.5 * (start[2] + end[2]) < d.hydrodynamics.growth_top_m
+        outer = float(b.tube.outer(values)) + (2 * growth if grown else 0.0)
+        root, share = np.polynomial.legendre.leggauss(max(LEAST_POINTS, int(np.ceil(size / POINT_EVERY_M))))
+        for xi, weight in zip(0.5 * (1 + root), 0.5 * share, strict=True):
+            # nodal loads that do the work of a force at xi (Bernoulli-Euler shapes)
+            local = beams.interpolation(float(xi), size)[:3].T @ axes
+            nodal = np.kron(np.eye(4), axes).T @ local
+            column = len(position)
+            blocks.append((node_dofs(b.start, b.end), 3 * column + np.arange(3), nodal))
+            own += [(3 * row + np.arange(3), 3 * column + np.arange(3), details[row].rows() @ nodal)
+                    for row in of_beam.get(number, ())]  # fmt: skip
+            position.append(start + xi * span)
+            along.append(span / size)
+            diameter.append(outer)
+            length.append(weight * size)
+    n = 3 * len(position)
+    spread = _placed(blocks, (transform.shape[0], n))
+    return Waves(
+        position_m=frozen_array(np.array(position).reshape(-1, 3)), along=frozen_array(np.array(along).reshape(-1, 3)),
+        diameter_m=frozen_array(diameter), length_m=frozen_array(length),
+        spread=sparse.csr_array(transform.T @ spread), of_details=_placed(own, (3 * len(details), n)),
+    )  # fmt: skip
+
+
+def _placed(blocks, shape) -> sparse.csr_array:
+    if not blocks:
+        return sparse.csr_array(shape)
+    rows = np.concatenate([np.repeat(r, len(c)) for r, c, _ in blocks])
+    columns = np.concatenate([np.tile(c, len(r)) for r, c, _ in blocks])
+    values = np.concatenate([m.ravel() for _, _, m in blocks])
+    return sparse.csr_array(sparse.coo_array((values, (rows, columns)), shape=shape))

@@ -1,0 +1,360 @@
+"""Calibration of damage ratios: virtual turbines whose true damage over the design's is known; a JSON line a turbine, so
+that a stopped run goes on.
+
+    python studies/lifetime/calibration.py OUT [--case plain] [--case scour] [--case scour-named] [--turbines 250] [--minutes 25] [--part 0 --parts 2]
+
+A truth is drawn from the prior of the as-built reference turbine, with every tolerance of the one model drawn (structure,
+soil law and profile, rotor-nacelle assembly, sensors), a finer mesh, another clay (strain_50, shear strength and its
+gradient of its own) and, every other turbine, Bernoulli-Euler members where the updated model has Timoshenko's. Its modes
+are seen with the scatter of one half hour (virtual.modal_noise), not identified from a record; damping is known. Loads
+are those of three states of fatigue.toml on one heading. Case `scour` hides 3 m of scour at all legs in every truth; `scour-named` updates the scour beside the others (prior 0 +- 3 m).
+
+Two intervals are told: "linear", the estimate at the parameters' maximum with the components of the one model, as the parts
+in model_factors.csv, and "draws", as the export draws X: parameters from the posterior (weighted draws from Student t
+distributions about the maximum), tolerances given them. Of each draw ln X is a fit to solved ones (its error is told).
+`tables` at the end says what came out.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+import time
+import tomllib
+from dataclasses import dataclass, replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+from scipy import stats
+
+from probupdate.effects.tolerances import TurbineUncertainty
+from probupdate.errors import ProbupdateError
+from probupdate.estimators.laplace import maximum_a_posteriori
+from probupdate.estimators.discrepancy import state_model_error, stated_weights
+from probupdate.lifetime.conditions import read_conditions
+from probupdate.lifetime.factors import gains, tolerance_draws, total
+from probupdate.lifetime.fatigue import FatigueModel, fatigue_model
+from probupdate.lifetime.fatigue_files import FatigueInput, tolerance_slopes, worst_spots
+from probupdate.lifetime.reliability import DamageCurve
+from probupdate.mode_labels import mode_character
+from probupdate.modes import ModalData, ModalSet
+from probupdate.parameters import Parameters
+from probupdate.problem import build_problem
+from probupdate.structure.description import Description, parse_description, read_description
+from probupdate.structure.load import load_model, model_sensors, reference_model
+from probupdate.structure.reduced import reduce_basis
+from probupdate.virtual.modal_blocks import BLOCK_S, LABELS
+from probupdate.virtual.modal_noise import identified
+
+CASES = ("plain", "scour", "scour-named")
+SCOUR_M = 3.0
+N_SPOT, LEVEL = 6, 1.6448536269514722
+SEARCHED = 14
+FITTED, DRAWS = 260, 250
+STATES = ("idling, storm", "10 m/s", "19 m/s")
+# of the other clay, of the logarithm
+CLAY_STD = {"strain_50": 0.25, "at_mudline": 0.15, "gradient_per_m": 0.3}
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Fit:
+    """ln X (n_spot,) as a polynomial of the second degree in ln theta (of what may be zero: theta) and third powers; rms (n_spot,)
+    on draws it was not made of."""
+
+    logarithmic: np.ndarray
+    centre: np.ndarray
+    scale: np.ndarray
+    weight: np.ndarray
+    rms: np.ndarray
+
+    def terms(self, thetas: np.ndarray) -> np.ndarray:
+        with np.errstate(divide="ignore"):
+            x = np.where(self.logarithmic, np.log(np.maximum(thetas, 1e-12)), thetas)
+        z = (x - self.centre) / self.scale
+        first, second = np.triu_indices(z.shape[1])
+        return np.column_stack([np.ones(len(z)), z, z[:, first] * z[:, second], z**3])
+
+    def __call__(self, thetas: np.ndarray) -> np.ndarray:
+        return self.terms(thetas) @ self.weight
+
+
+    def slope(self, theta: np.ndarray) -> np.ndarray:
+        """(n_spot, n_param), by differences."""
+        h = 1e-4 * np.maximum(np.abs(theta), 0.01)
+        steps = np.diag(h)
+        return ((self(theta + steps) - self(theta - steps)) / (2 * h[:, None])).T
+
+
+def fitted(few: FatigueModel, curve: DamageCurve, rng: np.random.Generator, n: int) -> Fit:
+    thetas = few.parameters.draw(rng, n + n // 5)
+    value = np.array([curve.factor(np.log(few.solve(theta).damage_per_year())) for theta in thetas])
+    logarithmic = few.parameters.lower > 0
+    x = np.where(logarithmic, np.log(np.maximum(thetas, 1e-12)), thetas)
+    empty = Fit(logarithmic=logarithmic, centre=x.mean(axis=0), scale=x.std(axis=0), weight=np.zeros(0), rms=np.zeros(0))
+    weight, *_ = np.linalg.lstsq(empty.terms(thetas[:n]), value[:n], rcond=None)
+    made = replace(empty, weight=weight)
+    return replace(made, rms=np.sqrt(np.mean((made(thetas[n:]) - value[n:]) ** 2, axis=0)))
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Bench:
+    path: Path
+    model: object
+    fatigue: FatigueModel
+    curve: DamageCurve
+    direct: np.ndarray
+    fast: object
+    fit: Fit
+
+
+def model_file(folder: Path, case: str) -> Path:
+    """The file that is updated: the as-built reference; with the scour named, sc is updated too."""
+    text = reference_model("as_built").read_text(encoding="utf-8")
+    if case == "scour-named":
+        head, tail = text.split('name = "sc"', 1)
+        own, rest = tail.split("[[parameter]]", 1)
+        own = own.replace("update = false", "update = true").replace("std = 1.0", "std = 3.0")
+        text = f'{head}name = "sc"{own}[[parameter]]{rest}'
+    path = folder / f"model.{'named' if case == 'scour-named' else 'own'}.toml"
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def make_bench(folder: Path, case: str, rng: np.random.Generator) -> Bench:
+    path = model_file(folder, case)
+    model = load_model(path)
+    model = replace(model, uncertainty=TurbineUncertainty.of(path, model, None, 0.0))
+    conditions = one_direction()
+    full = fatigue_model(read_description(path), str(path), conditions)
+    draws = full.parameters.draw(rng, 12)
+    start = full.reduced(draws[:3])
+    design = start.solve(full.parameters.initial)
+    spots = [*worst_spots(start, design, N_SPOT - 1)]
+    girth = [k for k, s in enumerate(full.spots) if s.side == "weld"]
+    spots.append(girth[int(np.argmax(design.damage_per_year()[girth]))])
+    few = full.picked(spots).reduced(draws)
+    curve = DamageCurve.of(few.solve(few.parameters.initial))
+    kept = folder / f"direct.{'named' if case == 'scour-named' else 'own'}.npy"
+    if not kept.exists():
+        given = FatigueInput(file=Path("fatigue.toml"), problem=_Shell(model), laplace=_At(few.parameters.initial))
+        np.save(kept, tolerance_slopes(path, few, given, {}))
+    fit = fitted(few, curve, rng, FITTED)
+    sys.stdout.write(f"{case}: fit of ln X misses by {np.round(fit.rms, 4).tolist()}\n")
+    sys.stdout.flush()
+    return Bench(path=path, model=model, fatigue=few, curve=curve, direct=np.load(kept), fast=fast_model(model, rng), fit=fit)
+
+
+def fast_model(model, rng):
+    """The model on a reduced basis over its prior."""
+    ends = np.array([p.distribution.ppf([1e-3, 1 - 1e-3]) for p in model.parameters])
+    points = np.clip(model.parameters.draw(rng, 200), *ends.T)
+    return reduce_basis(model, n_mode=SEARCHED, box=(ends[:, 0], ends[:, 1]), points=points, seed=0, frequency_tolerance=4e-4)
+
+
+def posterior_draws(problem, top, rng, n: int = 500, rounds: int = 4) -> tuple[np.ndarray, float]:
+    """Equally weighted draws (n, n_param) and how many the weights are worth: Student t distributions fitted in turn."""
+    # in prior standard deviations
+    own = problem.parameters
+    mean, covariance = top.theta / own.std, 1.5 * top.covariance / np.outer(own.std, own.std)
+    scaled, values, sources = np.zeros((0, len(mean))), np.zeros(0), []
+    for _ in range(rounds):
+        t = stats.multivariate_t(mean, covariance, df=5)
+        scaled = np.vstack([scaled, np.atleast_2d(t.rvs(n, random_state=rng))])
+        fresh = scaled[-n:] * own.std
+        inside = own.inside(fresh)
+        value = np.full(n, -np.inf)
+        if inside.any():
+            value[inside] = problem.log_posterior(fresh[inside])[0]
+        values, sources = np.append(values, value), [*sources, t]
+        mixture = np.logaddexp.reduce([s.logpdf(scaled) for s in sources])
+        log_weight = values - mixture
+        weight = np.exp(log_weight - log_weight.max())
+        soft = weight**0.5 if _effective(weight) < 60 else weight
+        mean = soft @ scaled / soft.sum()
+        covariance = 1.3 * (soft[:, None] * (scaled - mean)).T @ (scaled - mean) / soft.sum() + 1e-8 * np.eye(len(mean))
+    return own.std * scaled[rng.choice(len(scaled), size=n, p=weight / weight.sum())], _effective(weight)
+
+
+def _effective(weight: np.ndarray) -> float:
+    return float(weight.sum() ** 2 / np.sum(weight**2))
+
+
+@cache
+def as_built():
+    """The reference model as built with its tolerances."""
+    model = load_model(reference_model("as_built"))
+    return replace(model, uncertainty=TurbineUncertainty.of(reference_model("as_built"), model, None, 0.0))
+
+
+class _Shell:
+    """What tolerance_slopes asks of a problem before there is one."""
+
+    def __init__(self, model):
+        self.model, self.error = model, self
+        self.sources = model.uncertainty.sources
+
+
+class _At:
+    def __init__(self, theta):
+        self.theta = theta
+
+
+def one_direction():
+    known = read_conditions(Path(__file__).with_name("fatigue.toml"))
+    chosen = [s for s in known.state if s.name in STATES]
+    whole = sum(s.share for s in chosen)
+    return known.model_copy(update={"direction": (known.direction[0].model_copy(update={"share": 1.0}),),
+                                    "state": tuple(s.model_copy(update={"share": s.share / whole}) for s in chosen)})
+
+
+def truth(bench: Bench, case: str, number: int, rng: np.random.Generator) -> tuple[Description, np.ndarray, dict]:
+    """The true turbine's description with everything in its initial values, theta, and the sensors' errors in standard
+    deviations by source."""
+    raw = tomllib.loads(reference_model("as_built").read_text(encoding="utf-8"))
+    own = as_built()
+    theta, names = own.parameters.draw(rng, 1)[0], own.parameters.names
+    for p in raw["parameter"]:
+        p["update"] = p["name"] == names[0]
+        if p["name"] in names:
+            p["initial"] = float(theta[names.index(p["name"])])
+            p["lower"], p["upper"] = min(p["lower"], p["initial"]), max(p["upper"], p["initial"])
+        if p["name"] == "sc" and case.startswith("scour"):
+            p["initial"] = SCOUR_M
+    raw["mesh"]["elements_per_member"] = {"leg": 2, "brace": 3, "pile": 12, "column": 2, "strut": 2, "tie": 2, "tower": 12}
+    raw["mesh"]["theory"] = "timoshenko" if number % 2 else "bernoulli-euler"
+    strength = raw["soil"]["undrained_shear_strength_pa"]
+    raw["soil"]["strain_50"] *= float(np.exp(CLAY_STD["strain_50"] * rng.standard_normal()))
+    for key in ("at_mudline", "gradient_per_m"):
+        strength[key] *= float(np.exp(CLAY_STD[key] * rng.standard_normal()))
+    errors = {}
+    for row in own.uncertainty._rows:
+        e, std = row.effect, row.source.std
+        value = float(np.clip(e.neutral + row.source.mean + std * rng.standard_normal(), e.lower, e.upper))
+        raw["parameter"].append(e.table() | {"initial": value, "update": False})
+    for source in bench.model.uncertainty._of_sensors.sources:
+        errors[source.name] = rng.standard_normal()
+    return parse_description(raw, f"truth {number}"), theta, errors
+
+
+def measured(bench: Bench, fatigue: FatigueModel, errors: dict, rng: np.random.Generator) -> ModalData:
+    """One half hour's modes of the truth at its sensors."""
+    model = fatigue.models[0].model
+    sensors = model_sensors(bench.path)
+    solution = model.solve(model.parameters.initial, SEARCHED)
+    labels = mode_character(solution.shape, sensors).labels
+    if missing := [label for label in LABELS if label not in labels]:
+        raise ProbupdateError(f"the truth has no {missing[0]}")
+    chosen = [labels.index(label) for label in LABELS]
+    f, shape = solution.frequency_hz[chosen], solution.shape[:, chosen]
+    for e in bench.model.uncertainty._of_sensors._effects:
+        amount = e.tolerance * errors[f"{e.cause}: {e.location}"]
+        shape = np.column_stack([e.observe(shape[:, j : j + 1], float(f[j]), amount)[0][:, 0] for j in range(len(f))])
+    hz, zeta, phi, deviation = identified(f, np.full(len(f), 0.01), shape.astype(complex), LABELS, BLOCK_S, rng)
+    one = ModalSet(id="0", frequency_hz=hz, damping_ratio=zeta, shape=phi, deviation=deviation, environment={},
+                   frequency_std_hz=np.full(len(hz), np.nan), shape_std=np.full(phi.shape, np.nan))  # fmt: skip
+    return ModalData(channels=tuple(s.channel for s in sensors), sets=(one,), labels=LABELS)
+
+
+def turbine(bench: Bench, case: str, number: int) -> dict:
+    """One line: true and estimated ln damage ratio of every hot spot, and what the intervals' standard deviations are."""
+    rng = np.random.default_rng([20, CASES.index(case) if case != "scour-named" else 1, number])
+    begun, line = time.perf_counter(), {"case": case, "number": number}
+    try:
+        description, theta, errors = truth(bench, case, number, rng)
+        one = Parameters((description_parameter(description),))
+        whole = fatigue_model(description, f"truth {number}", bench.fatigue.conditions, parameters=one,
+                              sensors=bench.fatigue.models[0].sensors)  # fmt: skip
+        names = {(whole.details[s.detail].name, s.side, s.place): k for k, s in enumerate(whole.spots)}
+        whole = whole.picked([names[bench.fatigue.details[s.detail].name, s.side, s.place] for s in bench.fatigue.spots])
+        data = measured(bench, whole, errors, rng)
+        true = whole.reduced([]).solve(one.initial)
+        line |= {"true": bench.curve.factor(np.log(true.damage_per_year())).tolist(), "theta": theta.tolist()}
+        # the floors alone: an estimated discrepancy was zero in each of the first dozen
+        weights = state_model_error(bench.model, data, weights=stated_weights("measured", data), discrepancy=0.0)
+        problem = build_problem(bench.model, data, weights=weights)
+        top = maximum_a_posteriori(problem, [np.array(weights.at)])
+        mean, slope = bench.fit(top.theta[None])[0], bench.fit.slope(top.theta)
+        gain = gains(problem, top)
+        line["map"] = top.theta.tolist()
+        line["linear"] = [mean.tolist(), total(gain.parts(slope, bench.direct)).tolist()]
+        drawn, line["effective"] = posterior_draws(problem.with_model(bench.fast), top, rng)
+        chosen = drawn[:: max(1, len(drawn) // DRAWS)][:DRAWS]
+        value = bench.fit(chosen) + tolerance_draws(problem.with_model(bench.fast), chosen, rng) @ bench.direct.T
+        value = value + bench.fit.rms * rng.standard_normal(value.shape)
+        line["draws"] = np.quantile(value, [0.05, 0.95], axis=0).tolist()
+        line["draws_mean"], line["draws_std"] = value.mean(axis=0).tolist(), value.std(axis=0).tolist()
+        prior = np.hypot(*(np.sqrt(np.sum((x * s) ** 2, axis=1)) for x, s in
+                           ((slope, bench.fatigue.parameters.std), (bench.direct, gain.source_std))))  # fmt: skip
+        line["prior"] = [np.zeros(len(mean)).tolist(), prior.tolist()]
+    except ProbupdateError as error:
+        line["refused"] = f"{type(error).__name__}: {error}"
+    line["seconds"] = round(time.perf_counter() - begun, 2)
+    return line
+
+
+def description_parameter(description: Description):
+    from probupdate.structure.description import updated
+
+    return next(iter(updated(description, "truth")))
+
+
+def read_lines(path: Path) -> list[dict]:
+    if not path.exists():
+        return []
+    return [json.loads(text) for text in path.read_text(encoding="utf-8").split("\n")[:-1]]
+
+
+def tables(folder: Path) -> str:
+    """Coverage of 90 % intervals with its standard error, by case and kind, all hot spots together and each."""
+    rows = ["| case | turbines | interval | coverage of 90 % | by hot spot | median std of ln X | RMS error of ln X | bias |",
+            "|---|---|---|---|---|---|---|---|"]
+    for case in CASES:
+        lines = [line for path in sorted(folder.glob(f"{case}.*.jsonl")) for line in read_lines(path)]
+        good = [line for line in lines if "refused" not in line]
+        if not good:
+            continue
+        true = np.array([line["true"] for line in good])
+        for kind in ("draws", "linear", "prior"):
+            one, two = (np.array([line[kind][k] for line in good]) for k in (0, 1))
+            inside = (true > one) & (true < two) if kind == "draws" else np.abs(true - one) < LEVEL * two
+            mean, std = (one, two) if kind != "draws" else (
+                np.array([line["draws_mean"] for line in good]), np.array([line["draws_std"] for line in good]))
+            own = inside.mean(axis=1)
+            error = own.std(ddof=1) / np.sqrt(len(own)) if len(own) > 1 else float("nan")
+            rows.append(f"| {case} | {len(good)} ({len(lines) - len(good)} refused) | {kind} | {100 * inside.mean():.1f} +- "
+                        f"{100 * error:.1f} % | {', '.join(f'{100 * x:.0f}' for x in inside.mean(axis=0))} | "
+                        f"{np.median(std):.4f} | {np.sqrt(np.mean((true - mean) ** 2)):.4f} | {np.mean(mean - true):+.4f} |")  # fmt: skip
+    return "\n".join(rows)
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("out", type=Path)
+    parser.add_argument("--case", action="append", choices=CASES)
+    parser.add_argument("--turbines", type=int, default=250)
+    parser.add_argument("--minutes", type=float, default=25.0)
+    parser.add_argument("--part", type=int, default=0, help="several processes share a case: this one's number")
+    parser.add_argument("--parts", type=int, default=1)
+    a = parser.parse_args()
+    a.out.mkdir(parents=True, exist_ok=True)
+    end = time.monotonic() + 60 * a.minutes
+    benches = {case: make_bench(a.out, case, np.random.default_rng(5)) for case in a.case or CASES}
+    for number in range(a.part, a.turbines, a.parts):
+        for case, bench in benches.items():
+            path = a.out / f"{case}.{a.part}of{a.parts}.jsonl"
+            lines = read_lines(path)
+            if any(line["number"] == number for line in lines):
+                continue
+            if time.monotonic() > end:
+                break
+            # without the half line of a killed process
+            text = "".join(json.dumps(line) + "\n" for line in [*lines, turbine(bench, case, number)])
+            path.write_text(text, encoding="utf-8")
+    sys.stdout.write(tables(a.out) + "\n")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,108 @@
+"""FORM beside closed forms and Monte Carlo; annual indices; model factors add up."""
+
+import numpy as np
+import pytest
+from scipy import stats
+from scipy.integrate import quad
+
+from probupdate.errors import ConvergenceError
+from probupdate.lifetime.conditions import Lognormal, Uncertainty
+from probupdate.lifetime.reliability import (
+    DamageCurve,
+    annual_index,
+    form,
+    life_quantiles,
+    log_std,
+    reliability,
+    simulated_index,
+)
+from probupdate.lifetime.spectral import Curve, dirlik
+
+STATED = Uncertainty(x_load=Lognormal(median=1.0, cov=0.10), x_scf=Lognormal(median=1.0, cov=0.15),
+                     miner=Lognormal(median=1.0, cov=0.3), log10_a_std=0.2)  # fmt: skip
+T = Curve(log10_a1=11.764, m1=3.0, log10_a2=15.606, m2=5.0)
+
+
+def two_slopes() -> DamageCurve:
+    """Of three spectra, from little to much stress."""
+    at = np.arange(-2.5, 2.55, 0.05)
+    year = 365.25 * 86400
+    columns = []
+    for sigma in (3.0, 6.0, 12.0):
+        one = dirlik(sigma**2 * np.array([1.0, 0.2, 0.06, 0.02]))
+        columns.append([np.log(year * float(one.damage(T, np.exp(b)))) for b in at])
+    return DamageCurve(at=at, log_damage=np.array(columns).T)
+
+
+def test_form_of_planes_is_exact():
+    def limit(u):
+        slope = np.array([[1.0, -2.0, 0.5], [-0.3, 0.0, 4.0]])
+        return np.array([3.0, -1.0]) + np.sum(slope * u, axis=-1), slope
+
+    beta, u = form(limit, (2,), 3)
+    np.testing.assert_allclose(beta, [3 / np.sqrt(5.25), -1 / np.sqrt(16.09)])
+    np.testing.assert_allclose(limit(u)[0], 0, atol=1e-9)
+
+
+def test_form_that_does_not_settle_says_so():
+    def wild(u):
+        return np.exp(-u[..., 0]), -np.exp(-u)
+
+    with pytest.raises(ConvergenceError, match="not settled"):
+        form(wild, (1,), 1)
+
+
+def test_one_slope_has_the_lognormal_closed_form():
+    at = np.array([-2.5, 0.0, 2.5])
+    curve = DamageCurve(at=at, log_damage=(np.log(1e-2) + 4.0 * at)[:, None])
+    found = reliability(curve, np.array([0.05]), np.array([0.08]), STATED, years=30, target=3.3)
+    std = np.sqrt(16 * (0.08**2 + log_std(STATED.x_load) ** 2 + log_std(STATED.x_scf) ** 2) + log_std(STATED.miner) ** 2
+                  + (np.log(10) * 0.2) ** 2)  # fmt: skip
+    expected = (-np.log(1e-2) - 0.2 - np.log(np.arange(1, 31))) / std
+    np.testing.assert_allclose(found.cumulative[0], expected, rtol=1e-9)
+    failed = stats.norm.cdf(-expected)
+    annual = np.diff(failed, prepend=0.0) / (1 - np.concatenate([[0.0], failed[:-1]]))
+    np.testing.assert_allclose(found.annual[0], -stats.norm.ppf(annual), rtol=1e-8)
+    assert found.first_below[0] == np.argmax(found.annual[0] < 3.3) + 1
+
+
+def test_annual_indices_keep_their_digits_where_failure_is_rare():
+    cumulative = np.array([8.0, 7.9, 7.85])
+    p = stats.norm.sf(cumulative)
+    np.testing.assert_allclose(stats.norm.sf(annual_index(cumulative)), np.diff(p, prepend=0.0), rtol=1e-9)
+
+
+def test_form_and_monte_carlo_agree_on_two_slopes():
+    curve, mean, std = two_slopes(), np.array([0.0, -0.05, 0.1]), np.array([0.05, 0.1, 0.2])
+    found = reliability(curve, mean, std, STATED, years=25, target=3.3)
+    simulated, error = simulated_index(curve, mean, std, STATED, years=25, n=100_000, rng=np.random.default_rng(1))
+    assert error.max() < 0.005
+    assert np.abs(simulated - found.cumulative).max() < 0.02
+    # and by integration over the stress factor, for what either of them may share
+    spread = np.sqrt(std**2 + log_std(STATED.x_load) ** 2 + log_std(STATED.x_scf) ** 2)
+    resistance = np.hypot(log_std(STATED.miner), np.log(10) * 0.2)
+    for k in range(3):
+        for year in (1, 10, 25):
+            one = curve.picked([k])
+
+            def failing(z, k=k, year=year, one=one):
+                value = one.value(np.array([[mean[k] + spread[k] * z]]))[0][0, 0]
+                return stats.norm.cdf((np.log(year) + value) / resistance) * stats.norm.pdf(z)
+
+            p = quad(failing, -9, 9, limit=400, points=[0.0, 3.0, 6.0])[0]
+            assert -stats.norm.ppf(p) == pytest.approx(found.cumulative[k, year - 1], abs=0.02)
+
+
+def test_life_of_the_median_factor_is_the_damage_turned_over():
+    curve = two_slopes()
+    sure = Uncertainty(x_load=Lognormal(median=1.0, cov=0.0), x_scf=Lognormal(median=1.0, cov=0.0),
+                       miner=Lognormal(median=0.5, cov=0.0), log10_a_std=0.0)  # fmt: skip
+    lives = life_quantiles(curve, np.zeros(3), np.zeros(3), sure, np.array([0.1, 0.9]), n=100, rng=np.random.default_rng(1))
+    at_one = curve.value(np.zeros((3, 1)))[0][:, 0]
+    np.testing.assert_allclose(lives, 0.5 * np.exp(-at_one)[:, None] * np.ones(2), rtol=1e-10)
+
+
+def test_a_factor_is_found_again_from_its_damage():
+    curve = two_slopes()
+    b = np.array([-0.3, 0.02, 0.4])
+    np.testing.assert_allclose(curve.factor(curve.value(b[:, None])[0][:, 0]), b, atol=2e-4)

@@ -1,0 +1,132 @@
+"""Damage from spectral moments beside counted cycles, and beside other programs where they are installed."""
+
+import numpy as np
+import pytest
+from scipy.integrate import quad
+
+from probupdate.errors import InputError
+from probupdate.lifetime.spectral import (
+    METHODS,
+    Curve,
+    dirlik,
+    gaussian_record,
+    moments,
+    rainflow,
+    ranges,
+    tovo_benasciutti,
+)
+
+# DNV-RP-C203 (2011), T in seawater with cathodic protection
+T_CURVE = Curve(log10_a1=11.764, m1=3.0, log10_a2=15.606, m2=5.0)
+F = np.linspace(0.02, 3.0, 1500)
+
+
+def bimodal(low=0.1, high=0.32, share=0.2):
+    """MPa^2/Hz: a swell-like and a resonant peak, as a jacket's member has them."""
+    return 400 * (np.exp(-0.5 * ((F - low) / 0.02) ** 2) + share * 4 / ((1 - (F / high) ** 2) ** 2 + (0.05 * F / high) ** 2) / 400)
+
+
+SPECTRA = {"two peaks": bimodal(), "broad": 30 * np.exp(-F), "resonance alone": bimodal(share=50.0)}
+
+
+def test_cycles_of_the_standards_example():
+    # ASTM E1049-85, Fig. 6: -2 1 -3 5 -1 3 -4 4 -2
+    found, count = rainflow(np.array([-2, 1, -3, 5, -1, 3, -4, 4, -2], float))
+    held = {r: count[found == r].sum() for r in np.unique(found)}
+    assert held == {3: 0.5, 4: 1.5, 6: 0.5, 8: 1.0, 9: 0.5}
+
+
+@pytest.mark.parametrize("name", list(SPECTRA))
+@pytest.mark.parametrize("method", METHODS)
+def test_spectral_damage_is_that_of_counted_cycles(name, method):
+    spectrum = SPECTRA[name]
+    rng, seconds, rate = np.random.default_rng(4), 40_000, 20.0
+    counted = {3: 0.0, 5: 0.0, "two slopes": 0.0}
+    repeats = 3
+    for _ in range(repeats):
+        stress, count = rainflow(gaussian_record(F, spectrum, rate_hz=rate, n_sample=int(seconds * rate), rng=rng))
+        for m in (3, 5):
+            counted[m] += np.sum(count * stress**m) / seconds / repeats
+        counted["two slopes"] += np.sum(count / T_CURVE.cycles(stress)) / seconds / repeats
+    one = ranges(moments(F, spectrum), method)
+    # of stress ranges; the methods are fits, said to be within some per cent of damage
+    for m, tolerance in ((3, 0.03), (5, 0.04)):
+        assert (one.moment(m) / counted[m]) ** (1 / m) == pytest.approx(1, abs=tolerance)
+    assert one.damage(T_CURVE) / counted["two slopes"] == pytest.approx(1, abs=0.25)
+
+
+def test_dirliks_moment_is_the_integral_of_his_density():
+    one = dirlik(moments(F, SPECTRA["two peaks"]))
+
+    def density(s):
+        return sum(float(w) * (np.exp(-s / c) / c if k == "e" else s / c**2 * np.exp(-0.5 * (s / c) ** 2))
+                   for w, c, k in zip(one.weight, map(float, one.scale), one.kind, strict=True))
+
+    assert quad(density, 0, np.inf)[0] == pytest.approx(1, rel=1e-8)
+    for m in (3.0, 5.0):
+        assert one.moment(m) == pytest.approx(one.rate * quad(lambda s, m=m: s**m * density(s), 0, 2000, limit=400)[0], rel=1e-8)
+    knee = T_CURVE.knee_mpa
+    assert knee == pytest.approx(83.4, abs=0.05)
+    direct = quad(lambda s: density(s) / T_CURVE.cycles(s), 0, 2000, points=[knee], limit=400)[0]
+    assert one.damage(T_CURVE) == pytest.approx(one.rate * direct, rel=1e-8)
+    # every range a tenth larger
+    more = quad(lambda s: density(s) / T_CURVE.cycles(1.1 * s), 0, 2000, points=[knee / 1.1], limit=400)[0]
+    assert one.damage(T_CURVE, 1.1) == pytest.approx(one.rate * more, rel=1e-8)
+
+
+def test_a_narrow_band_is_rayleighs():
+    # one sine's moments: S^m has (2 sqrt 2 sigma)^m Gamma(1 + m / 2)
+    m = np.array([100.0 * 0.3**k for k in (0, 1, 2, 4)])
+    for method in (dirlik, tovo_benasciutti):
+        expected = 0.3 * (2 * np.sqrt(2) * 10) ** 3 * 1.329340388
+        assert method(m).moment(3.0) == pytest.approx(expected, rel=1e-6)
+
+
+def test_moments_take_complex_steps():
+    m = moments(F, SPECTRA["two peaks"])
+    for method in (dirlik, tovo_benasciutti):
+        for k in range(4):
+            step = m + 1e-30j * m[k] * np.eye(4)[k]
+            exact = np.imag(np.log(method(step).moment(5.0))) / 1e-30
+            h = 1e-5
+            up, down = (np.log(method(m + s * h * m[k] * np.eye(4)[k]).moment(5.0)) for s in (1, -1))
+            assert exact == pytest.approx((up - down) / (2 * h), rel=1e-6, abs=1e-8)
+
+
+def test_a_spectrum_of_nothing_is_refused():
+    with pytest.raises(InputError, match="not all finite and positive"):
+        dirlik(np.zeros(4))
+    with pytest.raises(InputError, match="choose from dirlik"):
+        ranges(np.ones(4), "rain")
+
+
+# other programs, where they are installed ----------------------------------------------------------------------------
+
+
+def test_counting_is_that_of_the_rainflow_package():
+    theirs = pytest.importorskip("rainflow")
+    record = gaussian_record(F, SPECTRA["two peaks"], rate_hz=10.0, n_sample=5000, rng=np.random.default_rng(2))
+    found, count = rainflow(record)
+    other = [(c[0], c[2]) for c in theirs.extract_cycles(record)]
+    assert np.sum(count) == pytest.approx(sum(c for _, c in other))
+    assert np.sum(count * found**4) == pytest.approx(sum(c * r**4 for r, c in other), rel=1e-12)
+
+
+def test_ranges_are_fatpacks_but_for_what_is_left_over():
+    fatpack = pytest.importorskip("fatpack")
+    record = gaussian_record(F, SPECTRA["two peaks"], rate_hz=10.0, n_sample=200_000, rng=np.random.default_rng(2))
+    found, count = rainflow(record)
+    other = fatpack.find_rainflow_ranges(record, k=2**16)
+    # half cycles here, one whole cycle there; and levels of 2^-16 of the range
+    assert np.sum(count * found**4) == pytest.approx(np.sum(other**4.0), rel=5e-3)
+
+
+def test_dirlik_and_tovo_benasciutti_are_flifes():
+    flife = pytest.importorskip("FLife")
+    for spectrum in SPECTRA.values():
+        data = flife.SpectralData(input=(spectrum, F))
+        m = moments(F, spectrum)
+        np.testing.assert_allclose(m, [data.moments[k][0] for k in (0, 2, 4, 8)] if len(data.moments[0:1]) > 1 else m)
+        for method, own in ((flife.Dirlik, dirlik), (flife.TovoBenasciutti, tovo_benasciutti)):
+            life = method(data).get_life(C=1.0, k=3.0)
+            assert 1 / life == pytest.approx(float(own(m).moment(3.0)) , rel=5e-3)

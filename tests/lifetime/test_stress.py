@@ -1,0 +1,287 @@
+"""Stress transfer: static limits by hand, a direct solution, a record in time, derivatives by differences, the basis."""
+
+import copy
+
+import numpy as np
+import pytest
+from scipy import sparse
+from scipy.integrate import quad
+from scipy.sparse import linalg as sparse_linalg
+from tests.small_turbine import small_turbine
+
+from probupdate.errors import InputError
+from probupdate.lifetime import stress as stresses
+from probupdate.lifetime.conditions import Conditions, jonswap, kaimal, read_conditions, wave_number
+from probupdate.lifetime.fatigue import fatigue_model
+from probupdate.lifetime.spectral import rainflow
+from probupdate.structure.description import parse_description
+
+CONDITIONS = {
+    "format": 1,
+    "water": {"inertia_coefficient": 2.0, "drag_coefficient": 0.8},
+    "wind": {"air_density_kgpm3": 1.225, "rotor_diameter_m": 90.0, "integral_length_m": 340.2},
+    "damping": {"ratio": 0.02},
+    "life": {"age_years": 5.0, "years": 30, "reference_cycles": 1e7},
+    "direction": [{"heading_deg": 0.0, "share": 0.7}, {"heading_deg": 50.0, "share": 0.3}],
+    "state": [
+        {"name": "storm", "share": 0.1, "operating": False, "hs_m": 4.0, "tp_s": 9.0, "gamma": 2.0, "wind_mps": 25.0,
+         "turbulence": 0.12, "thrust_coefficient": 0.05},
+        {"name": "rated", "share": 0.9, "operating": True, "hs_m": 1.5, "tp_s": 6.0, "gamma": 1.5, "wind_mps": 11.0,
+         "turbulence": 0.14, "thrust_coefficient": 0.7},
+    ],
+    "curve": {"T": {"log10_a1": 11.764, "m1": 3.0, "log10_a2": 15.606, "m2": 5.0, "reference_thickness_m": 0.032,
+                    "thickness_exponent": 0.25}},
+    "joint": [{"at": "leg", "curve": "T",
+               "chord": {"axial_crown": 2.0, "axial_saddle": 4.0, "in_plane": 2.0, "out_of_plane": 3.0}}],
+    "girth": [{"part": "tower", "z_m": 12.0, "factor": 1.0, "curve": "T"}],
+    "uncertainty": {"x_load": {"median": 1.0, "cov": 0.1}, "x_scf": {"median": 1.0, "cov": 0.1},
+                    "miner": {"median": 1.0, "cov": 0.3}, "log10_a_std": 0.2},
+}  # fmt: skip
+UPDATED = ("k_j", "k_t", "LJF", "t_l", "t_b", "m_h", "py")
+
+
+def turbine(updated=UPDATED):
+    raw = small_turbine()
+    for p in raw["parameter"]:
+        p["update"] = p["name"] in updated
+    return parse_description(raw, "small")
+
+
+def model(change=None, updated=UPDATED):
+    raw = copy.deepcopy(CONDITIONS)
+    if change:
+        change(raw)
+    return fatigue_model(turbine(updated), "small", Conditions.model_validate(raw))
+
+
+@pytest.fixture(scope="module")
+def whole():
+    return model()
+
+
+def test_spectra_have_their_variance_and_waves_their_length():
+    f = np.geomspace(1e-3, 50, 200_000)
+    for gamma in (1.0, 3.3):
+        # A_gamma is a fit to two per cent
+        assert np.trapezoid(jonswap(f, 3.0, 8.0, gamma), f) == pytest.approx(9 / 16, rel=0.02)
+    assert quad(lambda x: float(kaimal(np.array([x]), 10.0, 0.1, 340.2)[0]), 0, np.inf, limit=400)[0] == pytest.approx(1, rel=1e-6)
+    omega = np.array([0.1, 0.5, 2.0, 10.0])
+    k = wave_number(omega, 38.0, 9.81)
+    np.testing.assert_allclose(9.81 * k * np.tanh(k * 38.0), omega**2, rtol=1e-12)
+
+
+def test_velocity_under_waves_is_airys(whole):
+    one = whole.models[0]
+    f = np.array([0.1])
+    v = one.waves.normal_velocity(f, 0.0, 20.0, 9.81, 0.0)
+    k = wave_number(2 * np.pi * f, 20.0, 9.81)[0]
+    upright = np.abs(one.waves.along[:, 2]) > 0.95
+    x, z = one.waves.position_m[upright][:, 0], one.waves.position_m[upright][:, 2]
+    along = one.waves.along[upright]
+    flat = 0.2 * np.pi * np.cosh(k * (z + 20)) / np.sinh(k * 20) * np.exp(-1j * k * x)
+    rise = 0.2j * np.pi * np.sinh(k * (z + 20)) / np.sinh(k * 20) * np.exp(-1j * k * x)
+    u = np.stack([flat, 0 * flat, rise], axis=1)
+    u = u - along * np.sum(along * u, axis=1)[:, None]
+    np.testing.assert_allclose(v[upright][:, :, 0], u, rtol=1e-9, atol=1e-12)
+
+
+def test_slow_thrust_bends_the_tower_as_a_lever(whole):
+    # a force at the hub far below the first mode: moment by arm at the tower's foot, wherever the crown lies
+    one = whole.models[0]
+    slow = stresses.replace(one, frequency_hz=np.array([1e-4, 2e-4]))
+    girth = len(one.details) - 1
+    z = slow.transfer(one.parameters.initial, {}, wind=True)[girth, :, 0]
+    tube = one.details[girth].beam.tube
+    arm, depth = 50.0 + 2.0 - 12.0, 0.5 * tube.outer({})
+    assert z[1].real == pytest.approx(-1e-6 * arm * depth / tube.second_moment({}), rel=1e-4) or \
+        z[1].real == pytest.approx(1e-6 * arm * depth / tube.second_moment({}), rel=1e-4)
+    assert abs(z[2]) < 1e-4 * abs(z[1]) and abs(z[0]) < 1e-6 * abs(z[1])
+    # the wind blows along x: the lee side is pressed
+    assert z[1].real < 0
+
+
+def test_slow_waves_load_the_piles_by_their_sum(whole):
+    # forces at the points and on the degrees of freedom do the same work in a rigid motion along x
+    one = whole.models[0]
+    x = np.zeros((len(one.frame.node_m), 6))
+    x[:, 0] = 1.0
+    inertia, _ = one._point_loads(np.array([0.05]))
+    n_tied = {tie.node for tie in one.frame.ties}
+    transform = stresses.transformation(one.frame)
+    free = sparse_linalg.lsqr(transform, np.concatenate([x.ravel(), np.zeros(transform.shape[0] - x.size)]), atol=1e-14, btol=1e-14)[0]
+    assert n_tied and np.abs(transform @ free - np.concatenate([x.ravel(), np.zeros(transform.shape[0] - x.size)])).max() < 1e-6
+    assert free @ (one.waves.spread @ inertia)[:, 0] == pytest.approx(inertia.reshape(-1, 3)[:, 0].sum(), rel=1e-6)
+
+
+def test_modes_and_a_direct_solution_agree(whole):
+    one = whole.models[1]
+    theta = one.parameters.initial * np.array([1.1, 0.9, 1.2, 1.0, 1.05, 1.0, 0.8])
+    K, M = (X.toarray() for X in one.model.matrices(theta))
+    value, phi = stresses.linalg.eigh(K, M)
+    labels = dict.fromkeys(one.solve(theta, {}).labels[:2], 0.05)
+    ratio = np.full(len(value), 0.02)
+    ratio[:2] = 0.05
+    C = M @ phi * (2 * ratio * np.sqrt(value)) @ phi.T @ M
+    rK, rM = one.coefficients(theta)
+    scale = one._scale(theta)[:, None]
+    picked = [5, 40, 90, 130, one._wet - 1]
+    for wind in (False, True):
+        z = one.transfer(theta, labels, case=1, wind=wind).reshape(scale.size, -1)
+        case = one.cases[1]
+        for j in picked:
+            w = 2 * np.pi * one.frequency_hz[j]
+            load = one.hub if wind else case.load[:, j]
+            A = K - w**2 * M + 1j * w * C + 1j * w * case.damping_nspm * np.outer(one.hub, one.hub)
+            q = np.linalg.solve(A, load)
+            force = sum(c * R for c, R in zip(rK, one.stiffness_rows, strict=True)) @ q
+            force = force - w**2 * (sum(c * R for c, R in zip(rM, one.mass_rows, strict=True)) @ q)
+            direct = scale[:, 0] * (force - (0 if wind else case.own[:, j]))
+            np.testing.assert_allclose(z[:, j], direct, rtol=1e-6, atol=1e-8 * np.abs(direct).max())
+
+
+def test_a_brace_carries_one_force_from_leg_to_crossing():
+    # slow thrust loads no brace between its ends
+    found = model(lambda raw: raw.update(joint=[{"at": at, "curve": "T", "chord": {
+        "axial_crown": 1.0, "axial_saddle": 1.0, "in_plane": 1.0, "out_of_plane": 1.0}} for at in ("leg", "crossing")]))
+    one = stresses.replace(found.models[0], frequency_hz=np.array([1e-4, 2e-4]))
+    theta = one.parameters.initial
+    force = one.transfer(theta, {}, wind=True)[:, 0, 0] / one._scale(theta)[::3]
+    halves = {}
+    for k, d in enumerate(one.details):
+        if d.at != "girth":
+            halves.setdefault((d.part, d.upper if d.at == "leg" else d.end == 0), []).append(force[k])
+    assert len(halves) == 16 and all(len(v) == 2 for v in halves.values())
+    for a, b in halves.values():
+        assert a == pytest.approx(b, rel=1e-5, abs=1e-6 * np.abs(force).max())
+
+
+def test_derivatives_are_those_of_differences(whole):
+    rng = np.random.default_rng(3)
+    thetas = whole.parameters.initial * (1 + 0.05 * rng.standard_normal((3, len(UPDATED))))
+    small, theta = whole.reduced(thetas), thetas[0]
+    damping = {"FA1": 0.03, "SS1": 0.012}
+    exact = [small.solve(theta, damping, derivatives=True).equivalent_change(m) for m in (3.0, 5.0)]
+    for k in range(len(theta)):
+        h = 1e-4 * theta[k]
+        up, down = (small.solve(theta + s * h * np.eye(len(theta))[k], damping) for s in (1, -1))
+        for m, own in zip((3.0, 5.0), exact, strict=True):
+            change = (np.log(up.equivalent_mpa(m)) - np.log(down.equivalent_mpa(m))) / (2 * h)
+            # the step's own error, and rounding
+            np.testing.assert_allclose(own[k], change, rtol=1e-4, atol=1e-4 * np.abs(change).max())
+    with pytest.raises(ValueError, match="without derivatives"):
+        whole.solve(theta).equivalent_change(3.0)
+
+
+def test_the_basis_answers_what_it_has_not_seen(whole):
+    rng = np.random.default_rng(4)
+    thetas = whole.parameters.initial * (1 + 0.1 * rng.standard_normal((10, len(UPDATED))))
+    small = whole.reduced(thetas[:8])
+    assert small.models[0].basis.shape[1] < whole.models[0].model.n_dof
+    for theta in thetas[8:]:
+        np.testing.assert_allclose(small.solve(theta).equivalent_mpa(5.0), whole.solve(theta).equivalent_mpa(5.0), rtol=5e-3)
+
+
+def test_counted_cycles_of_a_record_in_time_give_the_spectral_range(whole):
+    # thrust alone on the idling turbine, integrated in time mode by mode with exact steps, counted
+    one = whole.models[0]
+    f = one.frequency_hz
+    theta = one.parameters.initial
+    m = one._modes(theta, {})
+    hz = np.sqrt(m.value) / (2 * np.pi)
+    keep = hz < 40.0
+    rate, seconds = 25.0, 4 * 3600
+    n = int(rate * seconds)
+    thrust = one.cases[0].thrust
+    from probupdate.lifetime.spectral import gaussian_record
+
+    force = gaussian_record(f, thrust, rate_hz=rate, n_sample=n, rng=np.random.default_rng(1))
+    RK, RM = m.RK.reshape(-1, 3, len(hz)), m.RM.reshape(-1, 3, len(hz))
+    spot = int(np.argmax([s.detail == len(one.details) - 1 for s in whole.spots]))
+    weight, at = whole.spots[spot].weight, whole.spots[spot].detail
+    from scipy.signal import lfilter
+
+    stress = np.zeros(n)
+    dt = 1 / rate
+    for k in np.flatnonzero(keep):
+        w, zeta = 2 * np.pi * hz[k], m.ratio[k]
+        # q'' + 2 zeta w q' + w^2 q = p, trapezoidal force (Newmark's average acceleration: periods stretched by (w dt)^2 / 12)
+        a0 = 4 / dt**2 + 4 * zeta * w / dt + w**2
+        p = force * m.hub[k]
+        q = lfilter(np.array([1.0, 2.0, 1.0]) / a0, np.array([1.0, (2 * w**2 - 8 / dt**2) / a0,
+                                                          (4 / dt**2 - 4 * zeta * w / dt + w**2) / a0]), p)
+        acceleration = p - 2 * zeta * w * np.gradient(q, dt) - w**2 * q
+        stress += (weight @ RK[at, :, k]) * q + (weight @ RM[at, :, k]) * acceleration
+    rest = ~keep
+    stress += force * np.sum((weight @ RK[at][:, rest]) * m.hub[rest] / m.value[rest])
+    cycles, count = rainflow(stress[int(600 * rate):])
+    span = seconds - 600
+    only = model(lambda raw: [s.update(hs_m=1e-6) for s in raw["state"]])
+    spectral = only.models[0].solve(theta, {})
+    tensor = spectral.moments[0, :, at]
+    from probupdate.lifetime.spectral import dirlik
+
+    own = dirlik(np.einsum("i,kij,j->k", weight, tensor, weight))
+    for power in (3, 5):
+        counted = (np.sum(count * cycles**power) / span) ** (1 / power)
+        # four hours of a mode at 0.5 Hz with 2 %: standard error of the range about 3 %, Dirlik's fit 3 %
+        assert float(own.moment(power)) ** (1 / power) == pytest.approx(counted, rel=0.08)
+
+
+def test_a_users_spectrum_takes_the_place_of_turbulence(tmp_path):
+    text = _toml(CONDITIONS).replace('name = "rated"', 'name = "rated"\nthrust_spectrum = "thrust.csv"')
+    (tmp_path / "fatigue.toml").write_text(text)
+    with pytest.raises(InputError, match="thrust_spectrum.*not a file beside"):
+        read_conditions(tmp_path / "fatigue.toml")
+    (tmp_path / "thrust.csv").write_text("frequency_hz,n2phz\n0.01,1e9\n0.1,1e9\n0.2,0\n")
+    found = fatigue_model(turbine(), "small", tmp_path / "fatigue.toml")
+    one = found.models[0]
+    at = np.searchsorted(one.frequency_hz, [0.05, 0.15, 0.5])
+    np.testing.assert_allclose(one.cases[1].thrust[at], np.interp(one.frequency_hz[at], [0.01, 0.1, 0.2], [1e9, 1e9, 0]))
+
+
+@pytest.mark.parametrize(("old", "new", "words"), [
+    ("share = 0.7", "share = 0.6", "direction.share: they add up to 0.9"),
+    ('curve = "T"', 'curve = "F"', "is not a .curve. of the file"),
+    ("drag_coefficient", "drag", "drag_coefficient: is missing"),
+    ("m2 = 5.0", "m2 = 2.0", "swap the slopes"),
+    ('at = "leg"', 'at = "leg"\nbay = [7]', "chooses no brace end"),
+    ("z_m = 12.0", "z_m = 14.5", "choose the level of an element's end"),
+    ('part = "tower"', 'part = "towr"', "did you mean 'tower'"),
+    ("hs_m = 4.0", 'hs_m = "four"', "hs_m"),
+])  # fmt: skip
+def test_mistakes_name_file_and_key(tmp_path, old, new, words):
+    text = _toml(CONDITIONS)
+    assert old in text
+    (tmp_path / "fatigue.toml").write_text(text.replace(old, new, 1))
+    with pytest.raises(InputError, match=words) as error:
+        fatigue_model(turbine(), "small", tmp_path / "fatigue.toml")
+    assert "fatigue.toml" in str(error.value)
+
+
+def _toml(raw) -> str:
+    """The dictionary as TOML: tables, lists of tables, tables in lines."""
+    def value(v):
+        if isinstance(v, dict):
+            return "{ " + ", ".join(f"{k} = {value(x)}" for k, x in v.items()) + " }"
+        return str(v).lower() if isinstance(v, bool) else f'"{v}"' if isinstance(v, str) else repr(v)
+
+    lines = [f"{k} = {value(v)}" for k, v in raw.items() if not isinstance(v, dict | list)]
+    for key, v in raw.items():
+        if isinstance(v, list):
+            for item in v:
+                lines += [f"[[{key}]]", *(f"{k} = {value(x)}" for k, x in item.items())]
+        elif isinstance(v, dict):
+            nested = {k: x for k, x in v.items() if isinstance(x, dict)} if key == "curve" else {}
+            for name, table in nested.items():
+                lines += [f"[{key}.{name}]", *(f"{k} = {value(x)}" for k, x in table.items())]
+            if not nested:
+                lines += [f"[{key}]", *(f"{k} = {value(x)}" for k, x in v.items())]
+    return "\n".join(lines) + "\n"
+
+
+def test_sparse_and_dense_rows_are_one(whole):
+    one = whole.models[0]
+    few = whole.picked([3, 11, len(whole.spots) - 1])
+    np.testing.assert_allclose(few.solve(one.parameters.initial).equivalent_mpa(3.0),
+                               whole.solve(one.parameters.initial).equivalent_mpa(3.0)[[3, 11, -1]], rtol=1e-10)  # fmt: skip
+    assert sparse.issparse(few.models[0].stiffness_rows[0])
