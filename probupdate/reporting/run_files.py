@@ -46,7 +46,7 @@ PARTS = {
 }
 HEAD_KEYS = ("model", "parameters", "campaign", "modes", "seed", "version", "title")
 # what the demonstration notes for itself
-DEMONSTRATION_KEYS = ("start", "days", "finished")
+DEMONSTRATION_KEYS = ("start", "days", "hidden", "finished")
 # for the page's list of what it was made from
 LARGEST_HASHED = 4 * 2**30
 MODEL_FILES = ("model.toml", "model.npz")
