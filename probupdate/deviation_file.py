@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from probupdate.errors import InputError
-from probupdate.files import inside, whole
-from probupdate.hdf5_file import open_hdf5
+from probupdate.files import inside
+from probupdate.hdf5_file import new_hdf5, open_hdf5
 
 # name -> (number of axes, dtype in the file)
 DATASETS = {"ln_frequency": (2, np.float32), "damping_ratio": (2, np.float32), "shape": (3, np.complex64)}
@@ -27,10 +27,8 @@ def write_deviations(deviations: Mapping[str, Any], modes_file: Path) -> str:
 
     Whole under another name first: a killed run leaves the old file or the new one.
     """
-    import h5py
-
     path = modes_file.with_name(f"{modes_file.stem}.deviations.h5")
-    with whole(path) as part, h5py.File(part, "w") as file:
+    with new_hdf5(path) as file:
         for set_id, deviation in deviations.items():
             group = file.create_group(_group_name(set_id))
             group.attrs["id"] = set_id

@@ -18,7 +18,7 @@ from typing import Any
 
 from probupdate import hdf5_probe
 from probupdate.errors import InputError, parsing
-from probupdate.files import input_file
+from probupdate.files import input_file, write_bytes
 
 # a file is looked through in milliseconds; large packed chunks are unpacked, 20 MB a second at worst
 SECONDS = 3
@@ -26,6 +26,19 @@ BYTES_A_SECOND = 2e7
 MEMORY = 2 * 2**30
 # files found good, as they were then
 _KNOWN_SIZE = 20_000
+
+
+@contextlib.contextmanager
+def new_hdf5(path: str | Path) -> Iterator[Any]:
+    """An h5py.File to fill, in memory; it is written where the block ends without an error. On a full disk the HDF5
+    library fails once more when it closes the file, with a trace on the screen, and may end the process."""
+    import h5py
+
+    with h5py.File(Path(path).name, "w", driver="core", backing_store=False) as file:
+        yield file
+        file.flush()
+        image = file.id.get_file_image()
+    write_bytes(path, image)
 
 
 @contextlib.contextmanager

@@ -101,7 +101,8 @@ def writes(path: Path) -> list[str]:
         opens = name in ("open", "File") and any(set(m) & set("wax+") and len(m) <= 3 for m in modes)
         of_array = name in ("copy", "save", "dump") and getattr(getattr(node.func, "value", None), "id", "") not in (
             "shutil", "np", "json", "pickle")
-        if (opens or (method and name in WRITING and not of_array)) and not inside:
+        in_memory = any(k.arg == "backing_store" for k in node.keywords) or (name == "to_netcdf" and not node.args)
+        if not in_memory and (opens or (method and name in WRITING and not of_array)) and not inside:
             found.append(f"{path.relative_to(PACKAGE)}:{node.lineno} {name}")
     return found
 

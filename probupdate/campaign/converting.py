@@ -16,8 +16,8 @@ from probupdate.campaign.reading import CampaignHead, read_head
 from probupdate.campaign.sources import pieces
 from probupdate.campaign.timing import file_clock
 from probupdate.errors import InputError, parsing
-from probupdate.files import read_json, remove_stale, whole, write_json
-from probupdate.hdf5_file import open_hdf5
+from probupdate.files import read_json, remove_stale, write_json
+from probupdate.hdf5_file import new_hdf5, open_hdf5
 from probupdate.progress import Progress, silent
 
 # a file written holds at most so much time, so that no reader is asked for more and a kill loses little
@@ -210,8 +210,6 @@ class _Writer:
         return self.files, self.spans, self.count
 
     def _write(self) -> None:
-        import h5py
-
         if not self.size:
             return
         # two sources may start at one time: the key's head tells their files apart
@@ -221,7 +219,7 @@ class _Writer:
                 mine = "data" in file and file["data"].attrs.get("source_key") == self.key
             if not mine:
                 raise InputError(str(path), "is there already and came of something else", "move it away")
-        with whole(path) as part, h5py.File(part, "w") as file:
+        with new_hdf5(path) as file:
             data = file.create_dataset("data", data=np.concatenate(self.rows))
             data.attrs["start"] = self.start.isoformat().replace("+00:00", "Z")
             data.attrs["sampling_rate_hz"] = self.head.sampling_rate_hz

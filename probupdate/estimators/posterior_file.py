@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from probupdate.errors import InputError, parsing
-from probupdate.files import whole
+from probupdate.files import whole, write_bytes
 from probupdate.hdf5_file import refuse_unsafe
 from probupdate.modes import frozen_array
 from probupdate.schema import checked
@@ -101,7 +101,6 @@ class Posterior:
 
 def write_posterior(posterior: Posterior, path: str | Path) -> Path:
     """Write the five groups; numbers on how it came about go into the attributes of `posterior`."""
-    import arviz
     import xarray
 
     path = Path(path)
@@ -130,6 +129,19 @@ def write_posterior(posterior: Posterior, path: str | Path) -> Path:
         "ess": posterior.ess.tolist(), "record": dict(posterior.record),
     }  # fmt: skip
     groups["posterior"].attrs = {"probupdate": json.dumps(head | {"content": _content_hash(head, posterior)})}
+    # in memory: on a full disk the HDF5 library fails once more when it closes the file, and may end the process
+    try:
+        image = xarray.DataTree.from_dict(groups).to_netcdf(engine="h5netcdf")
+    except (AttributeError, TypeError):
+        # before xarray 2025 a tree is written to disk only
+        return _written_to_disk(groups, path)
+    return write_bytes(path, bytes(image))
+
+
+def _written_to_disk(groups: Mapping, path: Path) -> Path:
+    import arviz
+    import xarray
+
     # ArviZ 1 has no such class any more and warns whoever asks for it
     with whole(path) as part:
         if "InferenceData" in vars(arviz):

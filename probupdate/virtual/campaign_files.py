@@ -8,7 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from probupdate.files import whole, write_text
+from probupdate.files import write_text
+from probupdate.hdf5_file import new_hdf5
 from probupdate.modes import Sensor
 
 
@@ -65,9 +66,7 @@ def write_acceleration(path: Path, data: np.ndarray, start: np.datetime64, rate_
 
     It gets its name only when complete, so that an interrupted run can be taken up again.
     """
-    import h5py
-
-    with whole(path) as part, h5py.File(part, "w") as file:
+    with new_hdf5(path) as file:
         dataset = file.create_dataset("data", data=np.asarray(data, np.float32))
         dataset.attrs["start"] = f"{start.astype('datetime64[ms]')}Z"
         dataset.attrs["sampling_rate_hz"] = float(rate_hz)
