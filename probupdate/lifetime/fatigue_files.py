@@ -85,7 +85,7 @@ def assess(
     error = basis_error(full, model, [draws[-1]])
     design = model.solve(parameters.initial)
     updated = solve_many(model, draws, dampings, progress)
-    worst = worst_spots(model, design, WORST)
+    worst = worst_spots(model, np.maximum(design.damage_per_year(), np.mean([s.damage_per_year() for s in updated], axis=0)), WORST)
     curve = DamageCurve.of(_only(model, design, worst))
     few = model.picked(worst)
     left_out: list[str] = []
@@ -127,9 +127,9 @@ def assess(
     )  # fmt: skip
 
 
-def worst_spots(model: FatigueModel, design: Stress, n: int) -> np.ndarray:
-    """(n,) hot spots of most damage, one of each side of a detail, the worst first."""
-    damage, seen, found = design.damage_per_year(), set(), []
+def worst_spots(model: FatigueModel, damage: np.ndarray, n: int) -> np.ndarray:
+    """(n,) hot spots of most damage (n_spot,), one of each side of a detail, the worst first."""
+    seen, found = set(), []
     for k in np.argsort(-damage):
         key = (model.spots[k].detail, model.spots[k].side)
         if key not in seen:

@@ -131,7 +131,7 @@ def make_bench(folder: Path, case: str, rng: np.random.Generator) -> Bench:
     draws = full.parameters.draw(rng, 12)
     start = full.reduced(draws[:3])
     design = start.solve(full.parameters.initial)
-    spots = [*worst_spots(start, design, N_SPOT - 1)]
+    spots = [*worst_spots(start, design.damage_per_year(), N_SPOT - 1)]
     girth = [k for k, s in enumerate(full.spots) if s.side == "weld"]
     spots.append(girth[int(np.argmax(design.damage_per_year()[girth]))])
     few = full.picked(spots).reduced(draws)
