@@ -14,6 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from probupdate.estimators import components
 from probupdate.estimators.laplace import Laplace, prior_residual
 from probupdate.modes import frozen_array
 from probupdate.problem import Problem
@@ -70,6 +71,19 @@ def gains(problem: Problem, laplace: Laplace) -> Gains:
 def total(parts: Mapping[str, np.ndarray]) -> np.ndarray:
     """(n_quantity,) of all parts, in squares."""
     return np.sqrt(sum(np.asarray(v) ** 2 for v in parts.values()))
+
+
+def worth(problem: Problem, laplace: Laplace, slope: np.ndarray) -> list[tuple[str, np.ndarray]]:
+    """What one more measurement, or a quantity better known, would take off the variance of ln X that comes through the
+    parameters, (n_quantity,) each, as `components` lists them; the most useful first. slope (n_quantity, n_param)."""
+    _, sensitivity = problem.sensitivity(laplace.theta)
+    _, prior_slope = prior_residual(problem.parameters, laplace.theta)
+    now = components._Whitened(problem.noise_root @ sensitivity, problem.noise_root @ problem.factor,
+                               prior_slope.T @ prior_slope)  # fmt: skip
+    before = np.einsum("ij,jk,ik->i", slope, now.covariance(), slope)
+    found = [(what, np.maximum(before - np.einsum("ij,jk,ik->i", slope, P, slope), 0.0))
+             for what, P in components._candidates(problem, laplace, now)]  # fmt: skip
+    return sorted(found, key=lambda item: -float(np.max(item[1])))
 
 
 def tolerance_draws(problem: Problem, thetas: np.ndarray, rng: np.random.Generator) -> np.ndarray:

@@ -10,7 +10,7 @@ import numpy as np
 
 from probupdate.estimators.laplace import Laplace
 from probupdate.lifetime.conditions import Conditions
-from probupdate.lifetime.factors import PARTS, Gains, gains, tolerance_draws
+from probupdate.lifetime.factors import PARTS, Gains, gains, tolerance_draws, worth
 from probupdate.lifetime.fatigue import SLOPES, FatigueModel, Stress, basis_error, fatigue_model, solve_many
 from probupdate.lifetime.reliability import DamageCurve, Reliability, life_quantiles, reliability, simulated_index
 from probupdate.modes import Sensor
@@ -24,6 +24,8 @@ from probupdate.structure.extend import extended_description
 WORST, PRIOR_DRAWS, CAUSE_DRAWS = 12, 60, 30
 SIMULATED, AGREE = 40_000, 0.02
 BASIS_OF, WIDE_OF = 10, 4
+# what to measure next: so many lines
+MEASURES = 6
 # differences with respect to tolerances, in their standard deviations
 STEP = 0.5
 QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
@@ -67,6 +69,7 @@ class FatigueResult:
     direct: np.ndarray | None
     gains: Gains | None
     index: Mapping[str, Reliability]
+    measures: tuple[tuple[str, np.ndarray, Reliability], ...]
     summary: Mapping[str, object]
     left_out: tuple[str, ...]
 
@@ -118,10 +121,16 @@ def assess(
     c = model.conditions
     index = {name: reliability(curve, *m, c.uncertainty, years=c.life.years, target=c.target.annual_index)
              for name, m in moments.items()}  # fmt: skip
+    measures = []
+    for what, less in [] if given.problem is None else worth(given.problem, given.laplace, slope)[:MEASURES]:
+        mean_of, std_of = moments["updated"]
+        left = np.sqrt(np.maximum(std_of**2 - less, 0.0))
+        measures.append((what, left, reliability(curve, mean_of, left, c.uncertainty, years=c.life.years,
+                                                 target=c.target.annual_index)))  # fmt: skip
     agreement = _agreement(curve, moments["updated"], index["updated"], c, rng)
     return FatigueResult(
         model=model, design=design, draws=tuple(updated), worst=worst, curve=curve, log_factor=moments, parts=parts,
-        slope=slope, direct=direct, gains=gain, index=index, left_out=tuple(left_out),
+        slope=slope, direct=direct, gains=gain, index=index, measures=tuple(measures), left_out=tuple(left_out),
         summary={"basis_error": error, "form_minus_monte_carlo": agreement[0], "monte_carlo_standard_error": agreement[1],
                  "target_annual_index": c.target.annual_index, "cases": list(index)},
     )  # fmt: skip
@@ -332,6 +341,16 @@ def _write_reliability(files, result: FatigueResult) -> None:
         {"name": "first_year_below_target", "unit": "a", "type": ["integer", "null"]}], rows,
         what=f"reliability indices of the {len(result.worst)} worst hot spots, by FORM; target: annual {target:g}; empty: not within "
              "the years")  # fmt: skip
+    if result.measures:
+        rows = [[what, int(k) + 1, float(result.log_factor["updated"][1][j]), float(left[j]),
+                 int(result.index["updated"].first_below[j]) or None, int(index.first_below[j]) or None]
+                for what, left, index in result.measures for j, k in enumerate(result.worst)]  # fmt: skip
+        files.table("next_measurement.csv", [
+            {"name": "measure", "unit": "-", "type": "string"}, {"name": "hot_spot", "unit": "-"}, {"name": "cov_now", "unit": "-"},
+            {"name": "cov_then", "unit": "-"}, {"name": "first_year_below_target_now", "unit": "a", "type": ["integer", "null"]},
+            {"name": "first_year_below_target_then", "unit": "a", "type": ["integer", "null"]}], rows,
+            what="standard deviation of ln X_dyn now and with one more measurement, its median held: what it is worth on average, as "
+                 "far as the variance goes")  # fmt: skip
     c, rng = result.model.conditions, np.random.default_rng(7)
     rows = []
     for name, (mean, std) in result.log_factor.items():

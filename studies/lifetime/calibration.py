@@ -1,7 +1,7 @@
 """Calibration of damage ratios: virtual turbines whose true damage over the design's is known; a JSON line a turbine, so
 that a stopped run goes on.
 
-    python studies/lifetime/calibration.py OUT [--case plain] [--case scour] [--case scour-named] [--turbines 250] [--minutes 25] [--part 0 --parts 2]
+    python studies/lifetime/calibration.py OUT [--case plain] [--case scour] [--case scour-named] [--turbines 250] [--minutes 25] [--jobs 2]
 
 A truth is drawn from the prior of the as-built reference turbine, with every tolerance of the one model drawn (structure,
 soil law and profile, rotor-nacelle assembly, sensors), a finer mesh, another clay (strain_50, shear strength and its
@@ -19,6 +19,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import multiprocessing
 import sys
 import time
 import tomllib
@@ -32,7 +33,7 @@ from scipy import stats
 from probupdate.effects.tolerances import TurbineUncertainty
 from probupdate.errors import ProbupdateError
 from probupdate.estimators.laplace import maximum_a_posteriori
-from probupdate.estimators.discrepancy import state_model_error, stated_weights
+from probupdate.estimators.discrepancy import stated_weights
 from probupdate.lifetime.conditions import read_conditions
 from probupdate.lifetime.factors import gains, tolerance_draws, total
 from probupdate.lifetime.fatigue import FatigueModel, fatigue_model
@@ -153,7 +154,7 @@ def fast_model(model, rng):
     return reduce_basis(model, n_mode=SEARCHED, box=(ends[:, 0], ends[:, 1]), points=points, seed=0, frequency_tolerance=4e-4)
 
 
-def posterior_draws(problem, top, rng, n: int = 500, rounds: int = 4) -> tuple[np.ndarray, float]:
+def posterior_draws(problem, top, rng, n: int = 250, rounds: int = 3) -> tuple[np.ndarray, float]:
     """Equally weighted draws (n, n_param) and how many the weights are worth: Student t distributions fitted in turn."""
     # in prior standard deviations
     own = problem.parameters
@@ -272,16 +273,19 @@ def turbine(bench: Bench, case: str, number: int) -> dict:
         true = whole.reduced([]).solve(one.initial)
         line |= {"true": bench.curve.factor(np.log(true.damage_per_year())).tolist(), "theta": theta.tolist()}
         # the floors alone: an estimated discrepancy was zero in each of the first dozen
-        weights = state_model_error(bench.model, data, weights=stated_weights("measured", data), discrepancy=0.0)
-        problem = build_problem(bench.model, data, weights=weights)
-        top = maximum_a_posteriori(problem, [np.array(weights.at)])
+        weights = stated_weights("measured", data)
+        start = bench.model.parameters.initial
+        first = build_problem(bench.model, data, weights=replace(weights, tolerances=False)).with_model(bench.fast)
+        place = maximum_a_posteriori(first, [start]).theta
+        problem = build_problem(bench.model, data, weights=replace(weights, at=tuple(map(float, place)))).with_model(bench.fast)
+        top = maximum_a_posteriori(problem, [place])
         mean, slope = bench.fit(top.theta[None])[0], bench.fit.slope(top.theta)
         gain = gains(problem, top)
         line["map"] = top.theta.tolist()
         line["linear"] = [mean.tolist(), total(gain.parts(slope, bench.direct)).tolist()]
-        drawn, line["effective"] = posterior_draws(problem.with_model(bench.fast), top, rng)
+        drawn, line["effective"] = posterior_draws(problem, top, rng)
         chosen = drawn[:: max(1, len(drawn) // DRAWS)][:DRAWS]
-        value = bench.fit(chosen) + tolerance_draws(problem.with_model(bench.fast), chosen, rng) @ bench.direct.T
+        value = bench.fit(chosen) + tolerance_draws(problem, chosen, rng) @ bench.direct.T
         value = value + bench.fit.rms * rng.standard_normal(value.shape)
         line["draws"] = np.quantile(value, [0.05, 0.95], axis=0).tolist()
         line["draws_mean"], line["draws_std"] = value.mean(axis=0).tolist(), value.std(axis=0).tolist()
@@ -306,12 +310,16 @@ def read_lines(path: Path) -> list[dict]:
     return [json.loads(text) for text in path.read_text(encoding="utf-8").split("\n")[:-1]]
 
 
+def of_case(folder: Path, case: str) -> list[dict]:
+    return [line for path in sorted(folder.glob(f"{case}.*.jsonl")) for line in read_lines(path)]
+
+
 def tables(folder: Path) -> str:
     """Coverage of 90 % intervals with its standard error, by case and kind, all hot spots together and each."""
     rows = ["| case | turbines | interval | coverage of 90 % | by hot spot | median std of ln X | RMS error of ln X | bias |",
             "|---|---|---|---|---|---|---|---|"]
     for case in CASES:
-        lines = [line for path in sorted(folder.glob(f"{case}.*.jsonl")) for line in read_lines(path)]
+        lines = of_case(folder, case)
         good = [line for line in lines if "refused" not in line]
         if not good:
             continue
@@ -335,23 +343,27 @@ def main() -> int:
     parser.add_argument("--case", action="append", choices=CASES)
     parser.add_argument("--turbines", type=int, default=250)
     parser.add_argument("--minutes", type=float, default=25.0)
-    parser.add_argument("--part", type=int, default=0, help="several processes share a case: this one's number")
-    parser.add_argument("--parts", type=int, default=1)
+    parser.add_argument("--jobs", type=int, default=1, help="processes, after what they share is made")
     a = parser.parse_args()
     a.out.mkdir(parents=True, exist_ok=True)
     end = time.monotonic() + 60 * a.minutes
     benches = {case: make_bench(a.out, case, np.random.default_rng(5)) for case in a.case or CASES}
-    for number in range(a.part, a.turbines, a.parts):
-        for case, bench in benches.items():
-            path = a.out / f"{case}.{a.part}of{a.parts}.jsonl"
-            lines = read_lines(path)
-            if any(line["number"] == number for line in lines):
-                continue
-            if time.monotonic() > end:
-                break
-            # without the half line of a killed process
-            text = "".join(json.dumps(line) + "\n" for line in [*lines, turbine(bench, case, number)])
-            path.write_text(text, encoding="utf-8")
+
+    def work(part: int) -> None:
+        for number in range(part, a.turbines, a.jobs):
+            for case, bench in benches.items():
+                if time.monotonic() > end or number in {line["number"] for line in of_case(a.out, case)}:
+                    continue
+                path = a.out / f"{case}.{part}of{a.jobs}.jsonl"
+                # without the half line of a killed process
+                path.write_text("".join(json.dumps(line) + "\n" for line in [*read_lines(path), turbine(bench, case, number)]),
+                                encoding="utf-8")  # fmt: skip
+
+    workers = [multiprocessing.get_context("fork").Process(target=work, args=(k,)) for k in range(a.jobs)]
+    for worker in workers:
+        worker.start()
+    for worker in workers:
+        worker.join()
     sys.stdout.write(tables(a.out) + "\n")
     return 0
 
