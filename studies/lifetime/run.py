@@ -3,8 +3,8 @@
     probupdate demo RUN
     python studies/lifetime/run.py RUN OUT [--draws 100]
 
-Loads, details and uncertainties are those of fatigue.toml beside this file. OUT/export is the export, OUT/RESULTS.md the page;
-a finished export is taken as it is.
+Loads, details and uncertainties are those of fatigue.toml beside this file. OUT/export is the export, OUT/RESULTS.md
+the page; a finished export is taken as it is.
 """
 
 from __future__ import annotations
@@ -27,51 +27,80 @@ def page(folder: Path) -> str:
     manifest = read_json(folder / "manifest.json")
     spots, factors, life, index, next_ = (
         read_table(folder / f"{name}.csv")
-        for name in ("hot_spots", "model_factors", "remaining_life", "reliability", "next_measurement"))
+        for name in ("hot_spots", "model_factors", "remaining_life", "reliability", "next_measurement")
+    )
     place = {n: k for k, n in enumerate(spots["hot_spot"])}
 
     def name(spot: int) -> str:
         k = place[spot]
         return f"{spots['member'][k]}, {spots['side'][k]}, {spots['angle_deg'][k]:.0f} deg"
 
-    rows = list(zip(life["case"], life["hot_spot"], *(life[q] for q in ("q05", "q25", "q50", "q75", "q95")), strict=True))
+    rows = list(
+        zip(life["case"], life["hot_spot"], *(life[q] for q in ("q05", "q25", "q50", "q75", "q95")), strict=True)
+    )
     own = sorted((r for r in rows if r[0] == "updated"), key=lambda r: r[4])[:WORST]
     worst = [r[1] for r in own]
-    first = {(c, h): y for c, h, y in zip(index["case"], index["hot_spot"], index["first_year_below_target"], strict=True)}
+    first = {
+        (c, h): y for c, h, y in zip(index["case"], index["hot_spot"], index["first_year_below_target"], strict=True)
+    }
     cases = list(dict.fromkeys(life["case"]))
     told = manifest["fatigue"]
-    lines = [f"Export: {manifest['verdict']}; {manifest['draws']} draws; basis within {100 * told['basis_error']:.2g} % of the full "
-             f"model's ranges; FORM and Monte Carlo within {told['form_minus_monte_carlo']:.3f} (standard error "
-             f"{told['monte_carlo_standard_error']:.3f}).", "", "| hot spot | case | remaining life, years: 5 % | median | 95 % | "
-             f"first year with an annual index below {told['target_annual_index']:g} |", "|---|---|---|---|---|---|"]
+    lines = [
+        f"Export: {manifest['verdict']}; {manifest['draws']} draws; basis within {100 * told['basis_error']:.2g} % of the "
+        f"full model's ranges; FORM and Monte Carlo within {told['form_minus_monte_carlo']:.3f} (standard error "
+        f"{told['monte_carlo_standard_error']:.3f}).",
+        "",
+        "| hot spot | case | remaining life, years: 5 % | median | 95 % | "
+        f"first year with an annual index below {told['target_annual_index']:g} |",
+        "|---|---|---|---|---|---|",
+    ]
     for spot in worst:
         for case in cases:
             r = next(r for r in rows if r[:2] == (case, spot))
             year = first[case, spot]
-            lines.append(f"| {spot}: {name(spot)} | {case} | {r[2]:.0f} | {r[4]:.0f} | {r[6]:.0f} | {year or 'not within the years'} |")
-    lines += ["", "| hot spot | X_dyn, median | CoV | measurement | tolerance | set to set | model form | prior |",
-              "|---|---|---|---|---|---|---|---|"]
+            lines.append(
+                f"| {spot}: {name(spot)} | {case} | {r[2]:.0f} | {r[4]:.0f} | {r[6]:.0f} | {year or 'none'} |"
+            )
+    lines += [
+        "",
+        "| hot spot | X_dyn, median | CoV | measurement | tolerance | set to set | model form | prior |",
+        "|---|---|---|---|---|---|---|---|",
+    ]
     for k, of in enumerate(factors["of"]):
         number = of.split(":")[0].removeprefix("hot spot ")
         if factors["quantity"][k] == "stress range" and int(number) in worst:
-            parts = " | ".join(f"{factors[f'cov_{p}'][k]:.3f}" for p in
-                               ("measurement", "tolerance", "set_to_set", "model_form", "prior"))
+            parts = " | ".join(
+                f"{factors[f'cov_{p}'][k]:.3f}"
+                for p in ("measurement", "tolerance", "set_to_set", "model_form", "prior")
+            )
             lines.append(f"| {number} | {factors['bias'][k]:.3f} | {factors['cov'][k]:.3f} | {parts} |")
     lines += ["", "| quantity | X, median | CoV |", "|---|---|---|"]
     for k, of in enumerate(factors["of"]):
         if factors["quantity"][k] != "stress range" and of in ("FA1", "SS1", "T1", "FA2", "SS2"):
             lines.append(f"| {factors['quantity'][k]} of {of} | {factors['bias'][k]:.3f} | {factors['cov'][k]:.3f} |")
-    lines += ["", f"| one more measurement | CoV of X_dyn at hot spot {worst[0]}, now and then | first year below the target, now and "
-              "then |", "|---|---|---|"]
+    lines += [
+        "",
+        f"| one more measurement | CoV of X_dyn at hot spot {worst[0]}, now and then | first year below the target, "
+        "now and then |",
+        "|---|---|---|",
+    ]
     for k, what in enumerate(next_["measure"]):
         if next_["hot_spot"][k] == worst[0]:
             years = [next_[f"first_year_below_target_{w}"][k] or "none" for w in ("now", "then")]
             lines.append(f"| {what} | {next_['cov_now'][k]:.4f}, {next_['cov_then'][k]:.4f} | {years[0]}, {years[1]} |")
-    ratio = {key: np.array(v) for key, v in read_table(folder / "fatigue.csv").items() if key in ("draw", "hot_spot", "ratio_m5")}
+    ratio = {
+        key: np.array(v)
+        for key, v in read_table(folder / "fatigue.csv").items()
+        if key in ("draw", "hot_spot", "ratio_m5")
+    }
     drawn = ratio["draw"] > 0
     mean = np.array([ratio["ratio_m5"][drawn & (ratio["hot_spot"] == s)].mean() for s in spots["hot_spot"][::8]])
-    lines += ["", f"Over every eighth hot spot (crowns) DEL_5 updated over design lies between {mean.min():.2f} and {mean.max():.2f}, "
-              f"median {np.median(mean):.2f}."]  # fmt: skip
+    lines += [
+        "",
+        f"Over every eighth hot spot (crowns) DEL_5 updated over design lies between {mean.min():.2f} and "
+        f"{mean.max():.2f}, "
+        f"median {np.median(mean):.2f}.",
+    ]
     return "\n".join(lines) + "\n"
 
 

@@ -6,8 +6,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from tests.lifetime.test_stress import CONDITIONS, UPDATED, _toml
-from tests.small_turbine import small_turbine
 
 from probupdate.effects.tolerances import TurbineUncertainty
 from probupdate.errors import InputError
@@ -18,17 +16,20 @@ from probupdate.lifetime.export import export_lifetime, read_table
 from probupdate.lifetime.factors import gains, tolerance_draws, total
 from probupdate.lifetime.fatigue import fatigue_model
 from probupdate.lifetime.fatigue_files import FatigueInput
+from probupdate.mode_labels import mode_character
 from probupdate.modes import ModalData, ModalSet
 from probupdate.problem import Weights, build_problem
-from probupdate.mode_labels import mode_character
 from probupdate.structure.description import read_description
 from probupdate.structure.load import load_model, model_sensors
+from tests.lifetime.test_stress import CONDITIONS, UPDATED, _toml
+from tests.small_turbine import small_turbine
 
 HIGH = 4
 
 
 def toml(raw) -> str:
     """model.toml of a dictionary: plain keys and tables in lines first, lists of tables after them."""
+
     def value(v):
         if isinstance(v, dict):
             return "{ " + ", ".join(f"{k} = {value(x)}" for k, x in v.items()) + " }"
@@ -59,8 +60,17 @@ def run(tmp_path_factory):
     solution = model.solve(model.parameters.initial * 1.02, HIGH)
     f, shape = solution.frequency_hz, solution.shape / np.abs(solution.shape).max(axis=0)
     labels = mode_character(solution.shape, model_sensors(folder / "model.toml")).labels
-    sets = tuple(ModalSet(id=f"{k}", frequency_hz=f * (1 + 0.001 * k), damping_ratio=np.full(HIGH, 0.01 + 0.001 * k), shape=shape,
-                          frequency_std_hz=0.002 * f, shape_std=np.full(shape.shape, 0.02)) for k in range(3))  # fmt: skip
+    sets = tuple(
+        ModalSet(
+            id=f"{k}",
+            frequency_hz=f * (1 + 0.001 * k),
+            damping_ratio=np.full(HIGH, 0.01 + 0.001 * k),
+            shape=shape,
+            frequency_std_hz=0.002 * f,
+            shape_std=np.full(shape.shape, 0.02),
+        )
+        for k in range(3)
+    )
     data = ModalData(channels=model.channels, sets=sets, labels=tuple(labels))
     known = replace(model, uncertainty=TurbineUncertainty.of(folder / "model.toml", model, None, 0.0))
     problem = build_problem(known, data, weights=Weights(tolerances=True)).with_error(model.parameters.initial)
@@ -72,11 +82,23 @@ def posterior(model) -> Posterior:
     theta = model.parameters.initial * np.exp(0.03 * rng.standard_normal((4, 200, len(model.parameters))))
     n = len(model.parameters)
     return Posterior(
-        names=model.parameters.names, theta=theta, log_likelihood=np.zeros((4, 200)), log_posterior=np.zeros((4, 200)),
-        prior=theta[0, :10], response_labels=("f",), measured=np.ones(1), std=np.ones(1), predicted=np.ones((2, 1)),
-        frequency_hz=np.ones((2, 1)), mode_labels=("FA1",), r_hat=np.ones(n), ess=np.full(n, 400.0), converged=True,
-        verdict="made up", fingerprint="none",
-    )  # fmt: skip
+        names=model.parameters.names,
+        theta=theta,
+        log_likelihood=np.zeros((4, 200)),
+        log_posterior=np.zeros((4, 200)),
+        prior=theta[0, :10],
+        response_labels=("f",),
+        measured=np.ones(1),
+        std=np.ones(1),
+        predicted=np.ones((2, 1)),
+        frequency_hz=np.ones((2, 1)),
+        mode_labels=("FA1",),
+        r_hat=np.ones(n),
+        ess=np.full(n, 400.0),
+        converged=True,
+        verdict="made up",
+        fingerprint="none",
+    )
 
 
 @pytest.fixture(scope="module")
@@ -87,12 +109,29 @@ def done(run):
         for name, number in (("WORST", 3), ("PRIOR_DRAWS", 6), ("SIMULATED", 4000)):
             patch.setattr(fatigue_files, name, number)
         return export_lifetime(
-            posterior(model), model, folder / "model.toml", folder / "out", n_draw=4, modes=data,
-            fatigue=FatigueInput(file=folder / "fatigue.toml", problem=problem, laplace=laplace,
-                                 set_updates=laplace.theta * (1 + 0.01 * np.array([[-1.0], [0.0], [1.0]]))))  # fmt: skip
+            posterior(model),
+            model,
+            folder / "model.toml",
+            folder / "out",
+            n_draw=4,
+            modes=data,
+            fatigue=FatigueInput(
+                file=folder / "fatigue.toml",
+                problem=problem,
+                laplace=laplace,
+                set_updates=laplace.theta * (1 + 0.01 * np.array([[-1.0], [0.0], [1.0]])),
+            ),
+        )
 
 
-FILES = ("hot_spots.csv", "fatigue.csv", "fatigue_sensitivity.csv", "model_factors.csv", "reliability.csv", "remaining_life.csv")
+FILES = (
+    "hot_spots.csv",
+    "fatigue.csv",
+    "fatigue_sensitivity.csv",
+    "model_factors.csv",
+    "reliability.csv",
+    "remaining_life.csv",
+)
 
 
 def test_every_file_of_fatigue_is_in_the_manifest_with_units(done):
@@ -117,11 +156,16 @@ def test_ratios_are_of_their_own_draw_over_the_design(done, run):
     for k in range(1, 5):
         own = table["draw"] == k
         np.testing.assert_allclose(table["ratio_m3"][own], table["del_m3"][own] / table["del_m3"][design])
-        np.testing.assert_allclose(table["damage_ratio"][own], table["damage_per_year"][own] / table["damage_per_year"][design])
+        np.testing.assert_allclose(
+            table["damage_ratio"][own], table["damage_per_year"][own] / table["damage_per_year"][design]
+        )
     # the full model, one draw, the damping that the draw was given
     modes = read_table(done.folder / "modes.csv")
-    damping = {label: z for d, label, z in zip(modes["draw"], modes["label"], modes["damping_ratio"], strict=True)
-               if d == 2 and z is not None}  # fmt: skip
+    damping = {
+        label: z
+        for d, label, z in zip(modes["draw"], modes["label"], modes["damping_ratio"], strict=True)
+        if d == 2 and z is not None
+    }
     assert len(damping) >= 3
     full = fatigue_model(read_description(run[0] / "model.toml"), "model.toml", run[0] / "fatigue.toml")
     expected = full.solve(done.draws[1], damping).equivalent_mpa(5.0)
@@ -165,12 +209,17 @@ def test_tolerances_given_the_data_are_between_their_prior_and_what_is_left(run)
 
 def test_tolerances_move_stress_as_their_parameters_do(run):
     # legs' walls, all alike, is k_j for the legs: with the braces' it is k_j, but for the joints, which follow k_j too
-    folder, model, _, problem, laplace = run
+    folder, _, _, problem, laplace = run
     full = fatigue_model(read_description(folder / "model.toml"), "model.toml", folder / "fatigue.toml")
     few = full.picked([0, 2, len(full.spots) - 1])
     given = FatigueInput(file=folder / "fatigue.toml", problem=problem, laplace=laplace)
-    few_one = replace(few, models=few.models[:1], conditions=few.conditions.model_copy(update={
-        "direction": (few.conditions.direction[0].model_copy(update={"share": 1.0}),)}))
+    few_one = replace(
+        few,
+        models=few.models[:1],
+        conditions=few.conditions.model_copy(
+            update={"direction": (few.conditions.direction[0].model_copy(update={"share": 1.0}),)}
+        ),
+    )
     slope = fatigue_files.tolerance_slopes(folder / "model.toml", few, given, {})
     names = [s.name for s in problem.error.sources]
     assert slope.shape == (3, len(names)) and np.abs(slope[:, names.index("tolerance_wall_tower")]).max() > 0
@@ -187,10 +236,22 @@ def test_matrices_have_no_members_to_fatigue(run, tmp_path):
     folder = run[0]
     rng = np.random.default_rng(2)
     root = rng.standard_normal((12, 12))
-    np.savez(tmp_path / "model.npz", K0=root @ root.T + 50 * np.eye(12), M0=np.eye(12), K_a=np.diag(np.arange(12.0)),
-             channel=np.array(["x", "y"]), channel_dof=np.array([0, 1]))  # fmt: skip
+    np.savez(
+        tmp_path / "model.npz",
+        K0=root @ root.T + 50 * np.eye(12),
+        M0=np.eye(12),
+        K_a=np.diag(np.arange(12.0)),
+        channel=np.array(["x", "y"]),
+        channel_dof=np.array([0, 1]),
+    )
     (tmp_path / "parameters.toml").write_text('[[parameter]]\nname = "a"\ninitial = 1.0\nstd = 0.1\n')
     model = load_model(tmp_path / "model.npz")
     with pytest.raises(InputError, match="leave --fatigue out"):
-        export_lifetime(posterior(model), model, tmp_path / "model.npz", tmp_path / "out", n_draw=2,
-                        fatigue=FatigueInput(file=folder / "fatigue.toml"))  # fmt: skip
+        export_lifetime(
+            posterior(model),
+            model,
+            tmp_path / "model.npz",
+            tmp_path / "out",
+            n_draw=2,
+            fatigue=FatigueInput(file=folder / "fatigue.toml"),
+        )
