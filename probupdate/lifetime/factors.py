@@ -81,19 +81,42 @@ def total(parts: Mapping[str, np.ndarray]) -> np.ndarray:
     return np.sqrt(sum(np.asarray(v) ** 2 for v in parts.values()))
 
 
-def worth(problem: Problem, laplace: Laplace, slope: np.ndarray) -> list[tuple[str, np.ndarray]]:
-    """What one more measurement, or a quantity better known, would take off the variance of ln X that comes through the
-    parameters, (n_quantity,) each, as `components` lists them; the most useful first. slope (n_quantity, n_param)."""
+def worth(
+    problem: Problem, laplace: Laplace, slope: np.ndarray, direct: np.ndarray | None = None
+) -> list[tuple[str, np.ndarray]]:
+    """What one more measurement, or a quantity better known, would take off the variance of ln X, (n_quantity,) each, as
+    `components` lists them; the most useful first. slope (n_quantity, n_param), direct (n_quantity, n_source) per unit.
+
+    Of a tolerance that becomes known the part that acts on stress directly goes too (parameters and tolerances together);
+    of more data it is what comes through the parameters.
+    """
     _, sensitivity = problem.sensitivity(laplace.theta)
     _, prior_slope = prior_residual(problem.parameters, laplace.theta)
-    now = components._Whitened(
-        problem.noise_root @ sensitivity, problem.noise_root @ problem.factor, prior_slope.T @ prior_slope
-    )
-    before = np.einsum("ij,jk,ik->i", slope, now.covariance(), slope)
-    found = [
-        (what, np.maximum(before - np.einsum("ij,jk,ik->i", slope, P, slope), 0.0))
-        for what, P in components._candidates(problem, laplace, now)
-    ]
+    X, B = problem.noise_root @ sensitivity, problem.noise_root @ problem.factor
+    now = components._Whitened(X, B, prior_slope.T @ prior_slope)
+    sources = () if problem.error is None else problem.error.sources
+    through = np.einsum("ij,jk,ik->i", slope, now.covariance(), slope)
+    n = slope.shape[1]
+    own = np.zeros((len(slope), len(sources))) if direct is None else direct * np.array([s.std for s in sources])
+    both, A = np.hstack([slope, own]), np.hstack([X, B])
+    precision = A.T @ A
+    precision[:n, :n] += prior_slope.T @ prior_slope
+    precision[n:, n:] += np.eye(len(sources))
+    whole = np.einsum("ij,ji->i", both, np.linalg.solve(precision, both.T))
+    checks: dict[tuple[str, str], list[int]] = {}
+    for k, source in enumerate(sources):
+        checks.setdefault((source.group, source.check), []).append(k)
+    found = []
+    for what, P in components._candidates(problem, laplace, now):
+        if checks:
+            # in the order in which they are listed, before all others
+            known = checks.pop(next(iter(checks)))
+            kept = np.setdiff1d(np.arange(n + len(sources)), n + np.array(known))
+            part = both[:, kept]
+            left = np.einsum("ij,ji->i", part, np.linalg.solve(precision[np.ix_(kept, kept)], part.T))
+            found.append((what, np.maximum(whole - left, 0.0)))
+        else:
+            found.append((what, np.maximum(through - np.einsum("ij,jk,ik->i", slope, P, slope), 0.0)))
     return sorted(found, key=lambda item: -float(np.max(item[1])))
 
 

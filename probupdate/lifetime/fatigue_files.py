@@ -136,7 +136,7 @@ def assess(
         for name, m in moments.items()
     }
     measures = []
-    for what, less in [] if given.problem is None else worth(given.problem, given.laplace, slope)[:MEASURES]:
+    for what, less in [] if given.problem is None else worth(given.problem, given.laplace, slope, direct)[:MEASURES]:
         mean_of, std_of = moments["updated"]
         left = np.sqrt(np.maximum(std_of**2 - less, 0.0))
         measures.append(
