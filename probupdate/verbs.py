@@ -702,9 +702,12 @@ def _fatigue_input(folder: Path, places, fatigue: Path, diagnosis, progress: Pro
 
     # before minutes of work are spent on the rest
     read_conditions(fatigue)
+    if not _has_geometry(places["model"]) or is_subdyn(places["model"]):
+        raise InputError(str(places["model"]), "stresses are made of a turbine described by members (model.toml) only",
+                         "leave --fatigue out, or describe the turbine in a model.toml")  # fmt: skip
     problem, laplace = None, None
     modes = next((places[name] for name in ("nine.json", "modes.json") if name in places), None)
-    if modes is not None and _has_geometry(places["model"]):
+    if modes is not None:
         data = _modal_data(modes, None)
         model_at = _Surroundings(places["model"], places.get("parameters"), str(modes))
         model = model_at(data.set(None))

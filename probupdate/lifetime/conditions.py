@@ -1,6 +1,8 @@
-"""fatigue.toml: sea and wind states, loads, details with their stress factors, S-N curves and uncertainties, all the user's.
+"""fatigue.toml: sea and wind states, loads, details with their stress factors, S-N curves and uncertainties, all the
+user's.
 
-Nothing here has a hidden value but the target (annual reliability index 3.3); studies/lifetime/fatigue.toml is an example.
+Nothing here has a hidden value but the target (annual reliability index 3.3); studies/lifetime/fatigue.toml is an
+example.
 """
 
 from __future__ import annotations
@@ -152,11 +154,16 @@ def read_conditions(path: str | Path) -> Conditions:
         first = error.errors()[0]
         key = "".join(f"[{s + 1}]" if isinstance(s, int) else f".{s}" for s in first["loc"]).removeprefix(".")
         if first["type"] == "missing":
-            raise InputError(f"{path}: {key}", "is missing", "add it; studies/lifetime/fatigue.toml has every key") from None
+            raise InputError(
+                f"{path}: {key}", "is missing", "add it; studies/lifetime/fatigue.toml has every key"
+            ) from None
         if first["type"] == "extra_forbidden":
-            raise InputError(f"{path}: {key}", "is not a key of this file",
-                             nearest(str(first["loc"][-1]), _keys(Conditions))) from None  # fmt: skip
-        raise InputError(f"{path}: {key}", f"{first['input']!r} is wrong: {first['msg'].lower()}", "correct it") from None
+            raise InputError(
+                f"{path}: {key}", "is not a key of this file", nearest(str(first["loc"][-1]), _keys(Conditions))
+            ) from None
+        raise InputError(
+            f"{path}: {key}", f"{first['input']!r} is wrong: {first['msg'].lower()}", "correct it"
+        ) from None
     for key, problem, remedy in _mistakes(conditions, path):
         raise InputError(f"{path}: {key}", problem, remedy)
     return conditions
@@ -177,16 +184,27 @@ def _mistakes(c: Conditions, path: Path) -> Iterator[tuple[str, str, str]]:
     for kind, items in (("joint", c.joint), ("girth", c.girth)):
         for k, item in enumerate(items):
             if item.curve not in c.curve:
-                yield f"{kind}[{k + 1}].curve", f"'{item.curve}' is not a [curve] of the file", nearest(item.curve, c.curve)
+                yield (
+                    f"{kind}[{k + 1}].curve",
+                    f"'{item.curve}' is not a [curve] of the file",
+                    nearest(item.curve, c.curve),
+                )
             if kind == "joint" and item.chord is None and item.brace is None:
                 yield f"joint[{k + 1}]", "has stress factors of neither side", "give chord, brace or both"
     for name, own in c.curve.items():
         if own.m2 < own.m1:
-            yield f"curve.{name}.m2", f"{own.m2} is below m1 = {own.m1}", "swap the slopes: the second is of small ranges"
+            yield (
+                f"curve.{name}.m2",
+                f"{own.m2} is below m1 = {own.m1}",
+                "swap the slopes: the second is of small ranges",
+            )
     for k, state in enumerate(c.state):
         if state.thrust_spectrum is not None and not _beside(path, state.thrust_spectrum):
-            yield (f"state[{k + 1}].thrust_spectrum", f"'{state.thrust_spectrum}' is not a file beside this one",
-                   "put it there")  # fmt: skip
+            yield (
+                f"state[{k + 1}].thrust_spectrum",
+                f"'{state.thrust_spectrum}' is not a file beside this one",
+                "put it there",
+            )
 
 
 def _beside(path: Path, name: str) -> bool:
@@ -231,7 +249,8 @@ def kaimal(frequency_hz: np.ndarray, wind_mps: float, turbulence: float, length_
 
 
 def rotor_admittance(frequency_hz: np.ndarray, wind_mps: float, area_m2: float) -> np.ndarray:
-    """(n,) chi: share of turbulence that acts on the whole area at once, 1 / (1 + (2 f sqrt(A) / V)^(4/3)) (Vickery 1966)."""
+    """(n,) chi: share of turbulence that acts on the whole area at once, 1 / (1 + (2 f sqrt(A) / V)^(4/3)) (Vickery
+    1966)."""
     return 1 / (1 + (2 * np.asarray(frequency_hz, float) * np.sqrt(area_m2) / wind_mps) ** (4 / 3))
 
 

@@ -1,7 +1,8 @@
 """Where fatigue is looked at: ends of braces at legs and crossings, girth welds; hot spots round their circumference.
 
-Hot-spot stress after DNV-RP-C203 (2011), eq. 3.3.1, at eight places from crown to saddle: the axial stress by factors of
-crown and saddle and their mean between, bending in plane by the cosine and out of plane by the sine of the place's angle.
+Hot-spot stress after DNV-RP-C203 (2011), eq. 3.3.1, at eight places from crown to saddle: the axial stress by factors
+of crown and saddle and their mean between, bending in plane by the cosine and out of plane by the sine of the place's
+angle.
 """
 
 from __future__ import annotations
@@ -26,9 +27,9 @@ REACH_M = 0.5
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Detail:
-    """A member's end: `number` of its element in the frame, `end` 0 or 1, the weld's `joint` and place; along (3,) from the
-    element's start to its end, crown (3,) and saddle (3,) unit vectors across it. chord: the wall on the other side;
-    section: whose A and I stress is of."""
+    """A member's end: `number` of its element in the frame, `end` 0 or 1, the weld's `joint` and place; along (3,) from
+    the element's start to its end, crown (3,) and saddle (3,) unit vectors across it. chord: the wall on the other
+    side; section: whose A and I stress is of."""
 
     name: str
     joint: str
@@ -94,7 +95,9 @@ def brace_ends(frame: Frame) -> list[Detail]:
                 at_node.setdefault(_key(frame.node_m[node]), []).append(number)
     found = []
     for part, numbers in members.items():
-        middle = np.mean([frame.node_m[frame.beams[k].start][2] + frame.node_m[frame.beams[k].end][2] for k in numbers]) / 2
+        middle = (
+            np.mean([frame.node_m[frame.beams[k].start][2] + frame.node_m[frame.beams[k].end][2] for k in numbers]) / 2
+        )
         for number in numbers:
             b = frame.beams[number]
             for end, node in enumerate((b.start, b.end)):
@@ -125,17 +128,35 @@ def _brace_end(frame: Frame, number: int, end: int, chord: Beam, at: str, upper:
     joint = f"{chord.part} at {place[2]:.2f} m" if at == "leg" else f"crossing {b.part} and {chord.part}"
     half = "" if at == "leg" else f", {'lower' if end else 'upper'} half"
     return Detail(
-        name=f"{b.part}, {joint if at == 'leg' else 'crossing'}{half}", joint=joint, part=b.part, chord_part=chord.part,
-        level_m=float(place[2]), at=at, bay=int(bay) if bay.isdigit() else None, upper=upper,
-        leg=chord.part.removeprefix("leg ") if at == "leg" else "", number=number, end=end, along=frozen_array(along),
-        crown=frozen_array(crown), saddle=frozen_array(np.cross(away, crown)), beam=b, chord=chord, section=b.tube,
-    )  # fmt: skip
+        name=f"{b.part}, {joint if at == 'leg' else 'crossing'}{half}",
+        joint=joint,
+        part=b.part,
+        chord_part=chord.part,
+        level_m=float(place[2]),
+        at=at,
+        bay=int(bay) if bay.isdigit() else None,
+        upper=upper,
+        leg=chord.part.removeprefix("leg ") if at == "leg" else "",
+        number=number,
+        end=end,
+        along=frozen_array(along),
+        crown=frozen_array(crown),
+        saddle=frozen_array(np.cross(away, crown)),
+        beam=b,
+        chord=chord,
+        section=b.tube,
+    )
 
 
 def girth(frame: Frame, part: str, z_m: float, where: str) -> Detail:
-    """The end of an element of `part` nearest to the level; place 1 looks along x, the angle counts counter-clockwise."""
-    ends = [(abs(frame.node_m[node][2] - z_m), number, end) for number, b in enumerate(frame.beams) if b.part == part
-            for end, node in enumerate((b.start, b.end))]  # fmt: skip
+    """The end of an element of `part` nearest to the level; place 1 looks along x, the angle counts
+    counter-clockwise."""
+    ends = [
+        (abs(frame.node_m[node][2] - z_m), number, end)
+        for number, b in enumerate(frame.beams)
+        if b.part == part
+        for end, node in enumerate((b.start, b.end))
+    ]
     if not ends:
         raise InputError(where, f"part '{part}' is not in the model", nearest(part, frame.parts))
     gap, number, end = min(ends)
@@ -150,10 +171,25 @@ def girth(frame: Frame, part: str, z_m: float, where: str) -> Detail:
     crown = helper - along * (helper @ along)
     crown /= np.linalg.norm(crown)
     level = float((start, stop)[end][2])
-    return Detail(name=f"{part} at {level:.2f} m", joint=f"{part} at {level:.2f} m", part=part, chord_part=part, level_m=level,
-                  at="girth", bay=None, upper=False, leg="", number=number, end=end, along=frozen_array(along),
-                  crown=frozen_array(crown), saddle=frozen_array(np.cross(upward, crown)), beam=b, chord=None,
-                  section=b.tube)  # fmt: skip
+    return Detail(
+        name=f"{part} at {level:.2f} m",
+        joint=f"{part} at {level:.2f} m",
+        part=part,
+        chord_part=part,
+        level_m=level,
+        at="girth",
+        bay=None,
+        upper=False,
+        leg="",
+        number=number,
+        end=end,
+        along=frozen_array(along),
+        crown=frozen_array(crown),
+        saddle=frozen_array(np.cross(upward, crown)),
+        beam=b,
+        chord=None,
+        section=b.tube,
+    )
 
 
 def find_details(frame: Frame, conditions: Conditions, where: str) -> tuple[tuple[Detail, ...], tuple[HotSpot, ...]]:
@@ -173,8 +209,14 @@ def find_details(frame: Frame, conditions: Conditions, where: str) -> tuple[tupl
 
     for k, entry in enumerate(conditions.joint):
         here = f"{where}: joint[{k + 1}]"
-        chosen = [d for d in ends if d.at == entry.at and (not entry.bay or d.bay in entry.bay)
-                  and (not entry.leg or d.leg in entry.leg) and (entry.end == "all" or d.upper == (entry.end == "upper"))]  # fmt: skip
+        chosen = [
+            d
+            for d in ends
+            if d.at == entry.at
+            and (not entry.bay or d.bay in entry.bay)
+            and (not entry.leg or d.leg in entry.leg)
+            and (entry.end == "all" or d.upper == (entry.end == "upper"))
+        ]
         if not chosen:
             raise InputError(here, "chooses no brace end of the model", "widen bay, leg or end")
         for detail in chosen:
@@ -183,14 +225,19 @@ def find_details(frame: Frame, conditions: Conditions, where: str) -> tuple[tupl
                     continue
                 at = index(detail)
                 if (at, side) in sides:
-                    raise InputError(here, f"{detail.name}, {side} side, is chosen by a table before it too",
-                                     "let each end be chosen once")  # fmt: skip
+                    raise InputError(
+                        here,
+                        f"{detail.name}, {side} side, is chosen by a table before it too",
+                        "let each end be chosen once",
+                    )
                 sides.add((at, side))
                 tube = (detail.beam if side == "brace" else detail.chord).tube
                 spots += _round(at, side, factors, _thickness(conditions, entry.curve, tube.thickness_m), entry.curve)
     for k, entry in enumerate(conditions.girth):
         detail = girth(frame, entry.part, entry.z_m, f"{where}: girth[{k + 1}]")
-        by = Factors(axial_crown=entry.factor, axial_saddle=entry.factor, in_plane=entry.factor, out_of_plane=entry.factor)
+        by = Factors(
+            axial_crown=entry.factor, axial_saddle=entry.factor, in_plane=entry.factor, out_of_plane=entry.factor
+        )
         at = index(detail)
         wall = detail.beam.tube.thickness_m
         spots += _round(at, "weld", by, _thickness(conditions, entry.curve, wall), entry.curve)

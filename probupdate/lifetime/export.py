@@ -26,8 +26,8 @@ from probupdate.io.elastodyn_file import named_files
 from probupdate.io.fortran_text import read_lines, write_lines
 from probupdate.io.subdyn_file import SubDynFile, read_subdyn, write_subdyn
 from probupdate.lifetime.draws import Joint, equal_draws, joint_of
-from probupdate.lifetime.tables import read_table
 from probupdate.lifetime.superelement import READ_BACK, superelement, write_superelement
+from probupdate.lifetime.tables import read_table
 from probupdate.mode_labels import mode_character
 from probupdate.model import ModalSolution, Model
 from probupdate.modes import ModalData

@@ -1,10 +1,11 @@
 """Model factors X_dyn: what is measured over what the design says, with their bias, CoV and what the CoV is made of.
 
-ln X is linear about the posterior's maximum in the parameters (slope a) and in what the model states and nobody knows, its
-tolerances u (slope b). The error of its value at the estimate and u = 0, a^T (theta^ - theta) - b^T u, has the components of
-the one model (`estimators.components`): identification, model discrepancy, tolerances, through the estimate and directly at
-once, and what the prior has left. X itself, its bias and CoV, is drawn: parameters from the posterior as it is, tolerances
-given the data and the parameters (`tolerance_draws`), as stress is not linear in soft joints.
+ln X is linear about the posterior's maximum in the parameters (slope a) and in what the model states and nobody knows,
+its tolerances u (slope b). The error of its value at the estimate and u = 0, a^T (theta^ - theta) - b^T u, has the
+components of the one model (`estimators.components`): identification, model discrepancy, tolerances, through the
+estimate and directly at once, and what the prior has left. X itself, its bias and CoV, is drawn: parameters from the
+posterior as it is, tolerances given the data and the parameters (`tolerance_draws`), as stress is not linear in soft
+joints.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from probupdate.estimators import components
 from probupdate.estimators.laplace import Laplace, prior_residual
 from probupdate.modes import frozen_array
 from probupdate.problem import Problem
@@ -36,21 +38,24 @@ class Gains:
     source_std: np.ndarray
 
     def parts(self, slope: np.ndarray, direct: np.ndarray | None = None) -> dict[str, np.ndarray]:
-        """Standard deviation of ln X by part, (n_quantity,) each, without set-to-set. slope (n_quantity, n_param), direct
-        (n_quantity, n_source) d ln X / d u per unit of each source."""
+        """Standard deviation of ln X by part, (n_quantity,) each, without set-to-set. slope (n_quantity, n_param),
+        direct (n_quantity, n_source) d ln X / d u per unit of each source."""
         through = slope @ self.tolerance
         own = 0.0 if direct is None else direct * self.source_std
         size = {
-            "measurement": slope @ self.measurement, "tolerance": through - own, "model_form": slope @ self.model_form,
+            "measurement": slope @ self.measurement,
+            "tolerance": through - own,
+            "model_form": slope @ self.model_form,
             "prior": slope @ self.prior,
-        }  # fmt: skip
+        }
         found = {k: np.sqrt(np.sum(v**2, axis=1)) for k, v in size.items()}
         found["measurement"] = np.sqrt(np.maximum(found["measurement"] ** 2 - found["model_form"] ** 2, 0.0))
         return found
 
 
 def gains(problem: Problem, laplace: Laplace) -> Gains:
-    """Of one problem at the maximum of its posterior; the squares of all parts along a parameter add up to its variance."""
+    """Of one problem at the maximum of its posterior; the squares of all parts along a parameter add up to its
+    variance."""
     _, sensitivity = problem.sensitivity(laplace.theta)
     _, prior_slope = prior_residual(problem.parameters, laplace.theta)
     X, B = problem.noise_root @ sensitivity, problem.noise_root @ problem.factor
@@ -60,11 +65,15 @@ def gains(problem: Problem, laplace: Laplace) -> Gains:
     gain = P @ (X.T - XB @ np.linalg.solve(inner, B.T))
     sources = () if problem.error is None else problem.error.sources
     return Gains(
-        theta=frozen_array(laplace.theta), covariance=frozen_array(P), measurement=frozen_array(gain),
-        model_form=frozen_array(gain @ (problem.noise_root * problem.discrepancy_std)), tolerance=frozen_array(gain @ B),
-        prior=frozen_array(P @ prior_slope.T), sources=tuple(s.name for s in sources),
+        theta=frozen_array(laplace.theta),
+        covariance=frozen_array(P),
+        measurement=frozen_array(gain),
+        model_form=frozen_array(gain @ (problem.noise_root * problem.discrepancy_std)),
+        tolerance=frozen_array(gain @ B),
+        prior=frozen_array(P @ prior_slope.T),
+        sources=tuple(s.name for s in sources),
         source_std=frozen_array([s.std for s in sources]),
-    )  # fmt: skip
+    )
 
 
 def total(parts: Mapping[str, np.ndarray]) -> np.ndarray:
@@ -72,13 +81,54 @@ def total(parts: Mapping[str, np.ndarray]) -> np.ndarray:
     return np.sqrt(sum(np.asarray(v) ** 2 for v in parts.values()))
 
 
+def worth(
+    problem: Problem, laplace: Laplace, slope: np.ndarray, direct: np.ndarray | None = None
+) -> list[tuple[str, np.ndarray]]:
+    """What one more measurement, or a quantity better known, would take off the variance of ln X, (n_quantity,) each, as
+    `components` lists them; the most useful first. slope (n_quantity, n_param), direct (n_quantity, n_source) per unit.
+
+    Of a tolerance that becomes known the part that acts on stress directly goes too (parameters and tolerances together);
+    of more data it is what comes through the parameters.
+    """
+    _, sensitivity = problem.sensitivity(laplace.theta)
+    _, prior_slope = prior_residual(problem.parameters, laplace.theta)
+    X, B = problem.noise_root @ sensitivity, problem.noise_root @ problem.factor
+    now = components._Whitened(X, B, prior_slope.T @ prior_slope)
+    sources = () if problem.error is None else problem.error.sources
+    through = np.einsum("ij,jk,ik->i", slope, now.covariance(), slope)
+    n = slope.shape[1]
+    own = np.zeros((len(slope), len(sources))) if direct is None else direct * np.array([s.std for s in sources])
+    both, A = np.hstack([slope, own]), np.hstack([X, B])
+    precision = A.T @ A
+    precision[:n, :n] += prior_slope.T @ prior_slope
+    precision[n:, n:] += np.eye(len(sources))
+    whole = np.einsum("ij,ji->i", both, np.linalg.solve(precision, both.T))
+    checks: dict[tuple[str, str], list[int]] = {}
+    for k, source in enumerate(sources):
+        checks.setdefault((source.group, source.check), []).append(k)
+    found = []
+    for what, P in components._candidates(problem, laplace, now):
+        if checks:
+            # in the order in which they are listed, before all others
+            known = checks.pop(next(iter(checks)))
+            kept = np.setdiff1d(np.arange(n + len(sources)), n + np.array(known))
+            part = both[:, kept]
+            left = np.einsum("ij,ji->i", part, np.linalg.solve(precision[np.ix_(kept, kept)], part.T))
+            found.append((what, np.maximum(whole - left, 0.0)))
+        else:
+            found.append((what, np.maximum(through - np.einsum("ij,jk,ik->i", slope, P, slope), 0.0)))
+    return sorted(found, key=lambda item: -float(np.max(item[1])))
+
+
 def tolerance_draws(problem: Problem, thetas: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """(n, n_source) draws of the tolerances in their units, departures from what is stated, given the data and each of thetas
-    (n, n_param): Gaussian, as responses are linear in them; the mean that is expected of a source in it."""
+    """(n, n_source) draws of the tolerances in their units, departures from what is stated, given the data and each of
+    thetas (n, n_param): Gaussian, as responses are linear in them; the mean that is expected of a source in it."""
     std = np.array([s.std for s in problem.error.sources])
     mean = np.array([s.mean for s in problem.error.sources])
     B = problem.noise_root @ problem.factor
     root = np.linalg.cholesky(np.linalg.inv(np.eye(B.shape[1]) + B.T @ B))
-    residual = np.array([problem.noise_root @ (problem.measured - problem.predict(theta) - problem.mean) for theta in thetas])
+    residual = np.array(
+        [problem.noise_root @ (problem.measured - problem.predict(theta) - problem.mean) for theta in thetas]
+    )
     unit = residual @ B @ (root @ root.T) + rng.standard_normal((len(thetas), B.shape[1])) @ root.T
     return mean + std * unit

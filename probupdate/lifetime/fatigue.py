@@ -64,18 +64,27 @@ class FatigueModel:
         """With these hot spots only, in this order."""
         chosen = sorted({self.spots[k].detail for k in spots})
         new = {old: k for k, old in enumerate(chosen)}
-        return replace(self, models=tuple(m.picked(chosen) for m in self.models),
-                       details=tuple(self.details[k] for k in chosen),
-                       spots=tuple(replace(self.spots[k], detail=new[self.spots[k].detail]) for k in spots))  # fmt: skip
+        return replace(
+            self,
+            models=tuple(m.picked(chosen) for m in self.models),
+            details=tuple(self.details[k] for k in chosen),
+            spots=tuple(replace(self.spots[k], detail=new[self.spots[k].detail]) for k in spots),
+        )
 
-    def solve(self, theta: np.ndarray, damping: Mapping[str, float] | None = None, *, derivatives: bool = False) -> Stress:
+    def solve(
+        self, theta: np.ndarray, damping: Mapping[str, float] | None = None, *, derivatives: bool = False
+    ) -> Stress:
         """Everything at one parameter vector (n_param,); damping: label of a mode -> its ratio, else the file's."""
         found = [m.solve(theta, damping or {}, derivatives=derivatives) for m in self.models]
         change = None
         if derivatives:
             change = np.stack([self._of_spots(r.change) for r in found], axis=1)
-        return Stress(owner=self, responses=tuple(found), change=change,
-                      moments=frozen_array([self._of_spots(r.moments) for r in found]))  # fmt: skip
+        return Stress(
+            owner=self,
+            responses=tuple(found),
+            change=change,
+            moments=frozen_array([self._of_spots(r.moments) for r in found]),
+        )
 
     def _of_spots(self, moments: np.ndarray) -> np.ndarray:
         """(..., 4, n_detail, 3, 3) -> (..., 4, n_spot)."""
@@ -116,7 +125,9 @@ class Stress:
             stepped[k] += 1j * STEP * moments[k]
             slope.append(np.imag(ranges(stepped, self.owner.method).moment(m)) / (STEP * moments[k]))
         total = self._total(self._ranges.moment(m))
-        return np.einsum("hs,khsp,jhskp->jp", self.owner.shares, np.array(slope), self.change, optimize=True) / (m * total)
+        return np.einsum("hs,khsp,jhskp->jp", self.owner.shares, np.array(slope), self.change, optimize=True) / (
+            m * total
+        )
 
     def damage_per_year(self, factor: float | np.ndarray = 1.0) -> np.ndarray:
         """(n_spot,) Miner's sum of a year by each spot's curve, every range times `factor` (scalar or (n_spot,))."""
@@ -132,26 +143,44 @@ class Stress:
 
 
 def fatigue_model(
-    description: Description, where: str, conditions: Conditions | str | Path, *, parameters: Parameters | None = None,
-    sensors: tuple[Sensor, ...] | None = None, method: str = "dirlik",
-) -> FatigueModel:  # fmt: skip
-    """Of a model.toml's turbine, on all degrees of freedom. `conditions`: a fatigue.toml, or what was read of one."""
+    description: Description,
+    where: str,
+    conditions: Conditions | str | Path,
+    *,
+    parameters: Parameters | None = None,
+    sensors: tuple[Sensor, ...] | None = None,
+    method: str = "dirlik",
+    spectra: Mapping[str, tuple[np.ndarray, np.ndarray]] | None = None,
+) -> FatigueModel:
+    """Of a model.toml's turbine, on all degrees of freedom. `conditions`: a fatigue.toml, or what was read of one, with
+    the `spectra` that its states name (state -> Hz, N^2/Hz)."""
     path = None if isinstance(conditions, Conditions) else Path(conditions)
     known = conditions if path is None else read_conditions(path)
-    if path is None and any(s.thrust_spectrum for s in known.state):
-        raise InputError("state.thrust_spectrum", "is a file beside a fatigue.toml", "give that file's path")
-    spectra = {} if path is None else thrust_spectra(known, path)
+    spectra = dict(spectra or {}) if path is None else thrust_spectra(known, path)
+    if missing := [s.name for s in known.state if s.thrust_spectrum and s.name not in spectra]:
+        raise InputError(
+            f"state {missing[0]}, thrust_spectrum", "is a file beside a fatigue.toml", "give that file's path"
+        )
     details, spots = find_details(build_frame(description), known, str(path or where))
     models = tuple(
-        stress_model(description, where, details, known, heading_deg=d.heading_deg, parameters=parameters, sensors=sensors,
-                     spectra=spectra) for d in known.direction
-    )  # fmt: skip
+        stress_model(
+            description,
+            where,
+            details,
+            known,
+            heading_deg=d.heading_deg,
+            parameters=parameters,
+            sensors=sensors,
+            spectra=spectra,
+        )
+        for d in known.direction
+    )
     return FatigueModel(models=models, details=details, spots=spots, conditions=known, method=method)
 
 
 def basis_error(full: FatigueModel, reduced: FatigueModel, thetas: Sequence[np.ndarray]) -> float:
-    """Largest relative error of DEL_5 on the basis at unseen parameter vectors, over the hot spots with at least a third
-    of the largest; one heading, as all bases are made alike."""
+    """Largest relative error of DEL_5 on the basis at unseen parameter vectors, over the hot spots with at least a
+    third of the largest; one heading, as all bases are made alike."""
     one = [replace(m, models=m.models[:1], conditions=_first_direction(m.conditions)) for m in (full, reduced)]
     worst = 0.0
     for theta in thetas:
@@ -166,9 +195,12 @@ def _first_direction(c: Conditions) -> Conditions:
 
 
 def solve_many(
-    model: FatigueModel, thetas: np.ndarray, dampings: Sequence[Mapping[str, float]], progress: Progress = silent,
+    model: FatigueModel,
+    thetas: np.ndarray,
+    dampings: Sequence[Mapping[str, float]],
+    progress: Progress = silent,
     what: str = "stress transfer",
-) -> list[Stress]:  # fmt: skip
+) -> list[Stress]:
     """At every row of thetas (n, n_param), each with its own damping ratios."""
     found = []
     for k, (theta, damping) in enumerate(zip(thetas, dampings, strict=True)):

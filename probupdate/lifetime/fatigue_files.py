@@ -10,7 +10,7 @@ import numpy as np
 
 from probupdate.estimators.laplace import Laplace
 from probupdate.lifetime.conditions import Conditions
-from probupdate.lifetime.factors import PARTS, Gains, gains, tolerance_draws
+from probupdate.lifetime.factors import PARTS, Gains, gains, tolerance_draws, worth
 from probupdate.lifetime.fatigue import SLOPES, FatigueModel, Stress, basis_error, fatigue_model, solve_many
 from probupdate.lifetime.reliability import DamageCurve, Reliability, life_quantiles, reliability, simulated_index
 from probupdate.modes import Sensor
@@ -24,6 +24,8 @@ from probupdate.structure.extend import extended_description
 WORST, PRIOR_DRAWS, CAUSE_DRAWS = 12, 60, 30
 SIMULATED, AGREE = 40_000, 0.02
 BASIS_OF, WIDE_OF = 10, 4
+# what to measure next: so many lines
+MEASURES = 6
 # differences with respect to tolerances, in their standard deviations
 STEP = 0.5
 QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
@@ -41,8 +43,8 @@ class Named:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class FatigueInput:
-    """What fatigue needs beside the draws: fatigue.toml, the one model's problem with its maximum (None: no modes lie in the
-    run), set-wise updates (n_set, n_param), and named causes."""
+    """What fatigue needs beside the draws: fatigue.toml, the one model's problem with its maximum (None: no modes lie
+    in the run), set-wise updates (n_set, n_param), and named causes."""
 
     file: Path
     problem: Problem | None = None
@@ -53,8 +55,8 @@ class FatigueInput:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class FatigueResult:
-    """model: all hot spots; design, draws, prior: stresses; worst (n,): hot spots whose reliability is told; factors ln X_dyn
-    of the worst: mean and std (n,), parts; indices by case; left_out."""
+    """model: all hot spots; design, draws, prior: stresses; worst (n,): hot spots whose reliability is told; factors ln
+    X_dyn of the worst: mean and std (n,), parts; indices by case; left_out."""
 
     model: FatigueModel
     design: Stress
@@ -67,14 +69,22 @@ class FatigueResult:
     direct: np.ndarray | None
     gains: Gains | None
     index: Mapping[str, Reliability]
+    measures: tuple[tuple[str, np.ndarray, Reliability], ...]
     summary: Mapping[str, object]
     left_out: tuple[str, ...]
 
 
 def assess(
-    given: FatigueInput, path: Path, parameters: Parameters, sensors: tuple[Sensor, ...] | None, draws: np.ndarray,
-    dampings: Sequence[Mapping[str, float]], *, seed: int, progress: Progress = silent,
-) -> FatigueResult:  # fmt: skip
+    given: FatigueInput,
+    path: Path,
+    parameters: Parameters,
+    sensors: tuple[Sensor, ...] | None,
+    draws: np.ndarray,
+    dampings: Sequence[Mapping[str, float]],
+    *,
+    seed: int,
+    progress: Progress = silent,
+) -> FatigueResult:
     """Fatigue and reliability at the design (initial parameters, the file's damping), over the prior and over draws
     (n_draw, n_param) of the posterior with their damping ratios."""
     rng = np.random.default_rng(seed)
@@ -85,12 +95,16 @@ def assess(
     error = basis_error(full, model, [draws[-1]])
     design = model.solve(parameters.initial)
     updated = solve_many(model, draws, dampings, progress)
-    worst = worst_spots(model, design, WORST)
+    worst = worst_spots(
+        model, np.maximum(design.damage_per_year(), np.mean([s.damage_per_year() for s in updated], axis=0)), WORST
+    )
     curve = DamageCurve.of(_only(model, design, worst))
     few = model.picked(worst)
     left_out: list[str] = []
-    factor = {"updated": [curve.factor(np.log(s.damage_per_year()[worst])) for s in updated],
-              "design": [curve.factor(np.log(few.solve(theta).damage_per_year())) for theta in prior]}  # fmt: skip
+    factor = {
+        "updated": [curve.factor(np.log(s.damage_per_year()[worst])) for s in updated],
+        "design": [curve.factor(np.log(few.solve(theta).damage_per_year())) for theta in prior],
+    }
     mean = draws.mean(axis=0)
     centre = few.solve(mean, _mean_damping(dampings), derivatives=True)
     slope = centre.equivalent_change(SLOPES[1]).T
@@ -107,8 +121,9 @@ def assess(
         parts["set_to_set"] = _set_to_set(slope, given.set_updates, parts["measurement"])
         stated = np.array([s.std for s in given.problem.error.sources]) if direct is not None else np.zeros(0)
         if direct is not None:
-            factor["design"] = list(np.array(factor["design"])
-                                    + (stated * rng.standard_normal((len(prior), len(stated)))) @ direct.T)  # fmt: skip
+            factor["design"] = list(
+                np.array(factor["design"]) + (stated * rng.standard_normal((len(prior), len(stated)))) @ direct.T
+            )
     moments = {name: (np.mean(v, axis=0), np.std(v, axis=0, ddof=1)) for name, v in factor.items()}
     if parts is not None:
         # what holds from set to set is in no single set's draws
@@ -116,20 +131,49 @@ def assess(
     if given.named is not None:
         moments |= _with_causes(given, few, curve, dampings, progress, left_out)
     c = model.conditions
-    index = {name: reliability(curve, *m, c.uncertainty, years=c.life.years, target=c.target.annual_index)
-             for name, m in moments.items()}  # fmt: skip
+    index = {
+        name: reliability(curve, *m, c.uncertainty, years=c.life.years, target=c.target.annual_index)
+        for name, m in moments.items()
+    }
+    measures = []
+    for what, less in [] if given.problem is None else worth(given.problem, given.laplace, slope, direct)[:MEASURES]:
+        mean_of, std_of = moments["updated"]
+        left = np.sqrt(np.maximum(std_of**2 - less, 0.0))
+        measures.append(
+            (
+                what,
+                left,
+                reliability(curve, mean_of, left, c.uncertainty, years=c.life.years, target=c.target.annual_index),
+            )
+        )
     agreement = _agreement(curve, moments["updated"], index["updated"], c, rng)
     return FatigueResult(
-        model=model, design=design, draws=tuple(updated), worst=worst, curve=curve, log_factor=moments, parts=parts,
-        slope=slope, direct=direct, gains=gain, index=index, left_out=tuple(left_out),
-        summary={"basis_error": error, "form_minus_monte_carlo": agreement[0], "monte_carlo_standard_error": agreement[1],
-                 "target_annual_index": c.target.annual_index, "cases": list(index)},
-    )  # fmt: skip
+        model=model,
+        design=design,
+        draws=tuple(updated),
+        worst=worst,
+        curve=curve,
+        log_factor=moments,
+        parts=parts,
+        slope=slope,
+        direct=direct,
+        gains=gain,
+        index=index,
+        measures=tuple(measures),
+        left_out=tuple(left_out),
+        summary={
+            "basis_error": error,
+            "form_minus_monte_carlo": agreement[0],
+            "monte_carlo_standard_error": agreement[1],
+            "target_annual_index": c.target.annual_index,
+            "cases": list(index),
+        },
+    )
 
 
-def worst_spots(model: FatigueModel, design: Stress, n: int) -> np.ndarray:
-    """(n,) hot spots of most damage, one of each side of a detail, the worst first."""
-    damage, seen, found = design.damage_per_year(), set(), []
+def worst_spots(model: FatigueModel, damage: np.ndarray, n: int) -> np.ndarray:
+    """(n,) hot spots of most damage (n_spot,), one of each side of a detail, the worst first."""
+    seen, found = set(), []
     for k in np.argsort(-damage):
         key = (model.spots[k].detail, model.spots[k].side)
         if key not in seen:
@@ -157,9 +201,11 @@ def _set_to_set(slope: np.ndarray, updates: np.ndarray | None, measurement: np.n
     return np.sqrt(np.maximum(scatter**2 - measurement**2, 0.0))
 
 
-def tolerance_slopes(path: Path, few: FatigueModel, given: FatigueInput, damping, progress: Progress = silent) -> np.ndarray:
-    """d ln DEL_5 / d u (n_spot, n_source) per unit of each source, by central differences of half a standard deviation about
-    the maximum, under the heading of the largest share; zero of sensors' sources, which load nothing."""
+def tolerance_slopes(
+    path: Path, few: FatigueModel, given: FatigueInput, damping, progress: Progress = silent
+) -> np.ndarray:
+    """d ln DEL_5 / d u (n_spot, n_source) per unit of each source, by central differences of half a standard deviation
+    about the maximum, under the heading of the largest share; zero of sensors' sources, which load nothing."""
     uncertainty = given.problem.model.uncertainty
     rows = uncertainty._rows
     base = few.parameters
@@ -169,7 +215,9 @@ def tolerance_slopes(path: Path, few: FatigueModel, given: FatigueInput, damping
     parameters = Parameters((*base, *(by_name[row.effect.name] for row in rows)))
     most = max(few.conditions.direction, key=lambda d: d.share)
     one = few.conditions.model_copy(update={"direction": (most.model_copy(update={"share": 1.0}),)})
-    wide = fatigue_model(description, str(path), one, parameters=parameters, sensors=few.models[0].sensors)
+    wide = fatigue_model(
+        description, str(path), one, parameters=parameters, sensors=few.models[0].sensors, spectra=few.models[0].spectra
+    )
     wide = wide.picked(same_spots(wide, few))
     neutral = np.array([*given.laplace.theta, *(row.effect.neutral for row in rows)])
     std = np.array([row.source.std for row in rows])
@@ -230,21 +278,27 @@ def _with_causes(given, few, curve, dampings, progress, left_out) -> dict[str, t
 
 
 def _agreement(curve, moments, index: Reliability, c: Conditions, rng) -> tuple[float, float]:
-    """Largest difference of FORM's and Monte Carlo's cumulative index at the worst hot spot, at the present age, and at the
-    horizon; and the standard error there."""
+    """Largest difference of FORM's and Monte Carlo's cumulative index at the worst hot spot, at the present age, and at
+    the horizon; and the standard error there."""
     mean, std = (m[:1] for m in moments)
-    simulated, error = simulated_index(curve.picked([0]), mean, std, c.uncertainty, years=c.life.years, n=SIMULATED, rng=rng)
+    simulated, error = simulated_index(
+        curve.picked([0]), mean, std, c.uncertainty, years=c.life.years, n=SIMULATED, rng=rng
+    )
     gap = np.abs(simulated - index.cumulative[:1])
     k = int(np.argmax(gap))
     return float(gap.ravel()[k]), float(error.ravel()[k])
 
 
 def frequency_factors(
-    given: FatigueInput, labels: Sequence[Sequence[str]], frequency_hz: Sequence[np.ndarray], design: tuple[Sequence[str], np.ndarray],
-    gain: Gains | None, label_modes,
-) -> list[dict]:  # fmt: skip
-    """Rows of model_factors.csv: X = frequency at the draws over that at the design, for modes that all have. label_modes:
-    ModalSolution -> labels."""
+    given: FatigueInput,
+    labels: Sequence[Sequence[str]],
+    frequency_hz: Sequence[np.ndarray],
+    design: tuple[Sequence[str], np.ndarray],
+    gain: Gains | None,
+    label_modes,
+) -> list[dict]:
+    """Rows of model_factors.csv: X = frequency at the draws over that at the design, for modes that all have.
+    label_modes: ModalSolution -> labels."""
     slope, direct, at = None, None, ()
     if gain is not None:
         model, n = given.problem.model, len(design[0])
@@ -257,8 +311,12 @@ def frequency_factors(
         if not all(label in own for own in labels):
             continue
         ratio = np.log([f[list(own).index(label)] / design[1][k] for own, f in zip(labels, frequency_hz, strict=True)])
-        row = {"quantity": "frequency", "of": label, "bias": float(np.exp(ratio.mean())),
-               "cov": float(ratio.std(ddof=1)) if len(ratio) > 1 else 0.0}  # fmt: skip
+        row = {
+            "quantity": "frequency",
+            "of": label,
+            "bias": float(np.exp(ratio.mean())),
+            "cov": float(ratio.std(ddof=1)) if len(ratio) > 1 else 0.0,
+        }
         if label in at:
             j = list(at).index(label)
             parts = gain.parts(slope[j : j + 1], None if direct is None else direct[j : j + 1])
@@ -271,14 +329,38 @@ def frequency_factors(
 def write_fatigue(files, result: FatigueResult, draws: np.ndarray, solved_factors: Sequence[dict]) -> None:
     """hot_spots.csv, fatigue.csv, fatigue_sensitivity.csv, model_factors.csv, reliability.csv, remaining_life.csv."""
     model, text = result.model, {"unit": "-", "type": "string"}
-    files.table("hot_spots.csv", [
-        {"name": "hot_spot", "unit": "-"}, {"name": "joint", **text}, {"name": "member", **text}, {"name": "side", **text},
-        {"name": "place", "unit": "-"}, {"name": "angle_deg", "unit": "deg"}, {"name": "level_m", "unit": "m"},
-        {"name": "axial", "unit": "-"}, {"name": "crown", "unit": "-"}, {"name": "saddle", "unit": "-"}, {"name": "curve", **text}],
-        [[k + 1, model.details[s.detail].joint, model.details[s.detail].name, s.side, s.place, s.angle_deg(),
-          float(model.details[s.detail].level_m), *map(float, s.weight), s.curve] for k, s in enumerate(model.spots)],
-        what="hot spots; place 1 is the crown (of a girth weld: along x), 3 the saddle; axial, crown, saddle: factors of nominal "
-             "stress with the thickness effect in them")  # fmt: skip
+    files.table(
+        "hot_spots.csv",
+        [
+            {"name": "hot_spot", "unit": "-"},
+            {"name": "joint", **text},
+            {"name": "member", **text},
+            {"name": "side", **text},
+            {"name": "place", "unit": "-"},
+            {"name": "angle_deg", "unit": "deg"},
+            {"name": "level_m", "unit": "m"},
+            {"name": "axial", "unit": "-"},
+            {"name": "crown", "unit": "-"},
+            {"name": "saddle", "unit": "-"},
+            {"name": "curve", **text},
+        ],
+        [
+            [
+                k + 1,
+                model.details[s.detail].joint,
+                model.details[s.detail].name,
+                s.side,
+                s.place,
+                s.angle_deg(),
+                float(model.details[s.detail].level_m),
+                *map(float, s.weight),
+                s.curve,
+            ]
+            for k, s in enumerate(model.spots)
+        ],
+        what="hot spots; place 1 is the crown (of a girth weld: along x), 3 the saddle; axial, crown, saddle: factors of "
+        "nominal stress with the thickness effect in them",
+    )
     design = [result.design.equivalent_mpa(m) for m in SLOPES]
     damage = result.design.damage_per_year()
     rows = []
@@ -287,35 +369,64 @@ def write_fatigue(files, result: FatigueResult, draws: np.ndarray, solved_factor
         rate = stress.damage_per_year() if number else damage
         block = np.column_stack([*own, own[0] / design[0], own[1] / design[1], rate, rate / damage])
         rows += [[number, k + 1, *row] for k, row in enumerate(block.tolist())]
-    files.table("fatigue.csv", [
-        {"name": "draw", "unit": "-"}, {"name": "hot_spot", "unit": "-"}, {"name": "del_m3", "unit": "MPa"},
-        {"name": "del_m5", "unit": "MPa"}, {"name": "ratio_m3", "unit": "-"}, {"name": "ratio_m5", "unit": "-"},
-        {"name": "damage_per_year", "unit": "1/a"}, {"name": "damage_ratio", "unit": "-"}], rows,
-        what="damage-equivalent ranges and Miner's sum of a year; draw 0 is the design, ratios are updated over design")  # fmt: skip
+    files.table(
+        "fatigue.csv",
+        [
+            {"name": "draw", "unit": "-"},
+            {"name": "hot_spot", "unit": "-"},
+            {"name": "del_m3", "unit": "MPa"},
+            {"name": "del_m5", "unit": "MPa"},
+            {"name": "ratio_m3", "unit": "-"},
+            {"name": "ratio_m5", "unit": "-"},
+            {"name": "damage_per_year", "unit": "1/a"},
+            {"name": "damage_ratio", "unit": "-"},
+        ],
+        rows,
+        what="damage-equivalent ranges and Miner's sum of a year; draw 0 is the design, ratios are updated over design",
+    )
     names = model.parameters.names
-    files.table("fatigue_sensitivity.csv", [
-        {"name": "hot_spot", "unit": "-"},
-        *({"name": f"dlnDEL_d{n}", "unit": f"1/({model.parameters.items[k].unit})"} for k, n in enumerate(names))],
+    files.table(
+        "fatigue_sensitivity.csv",
+        [
+            {"name": "hot_spot", "unit": "-"},
+            *({"name": f"dlnDEL_d{n}", "unit": f"1/({model.parameters.items[k].unit})"} for k, n in enumerate(names)),
+        ],
         [[int(k) + 1, *row] for k, row in zip(result.worst, result.slope.tolist(), strict=True)],
-        what="d ln DEL_5 / d parameter at the draws' mean, of the worst hot spots")  # fmt: skip
+        what="d ln DEL_5 / d parameter at the draws' mean, of the worst hot spots",
+    )
     _write_factors(files, result, solved_factors)
     _write_reliability(files, result)
 
 
 def _write_factors(files, result: FatigueResult, solved_factors: Sequence[dict]) -> None:
-    columns = [{"name": "quantity", "unit": "-", "type": "string"}, {"name": "of", "unit": "-", "type": "string"},
-               {"name": "bias", "unit": "-"}, {"name": "cov", "unit": "-"},
-               *({"name": f"cov_{p}", "unit": "-", "type": ["number", "null"]} for p in PARTS)]  # fmt: skip
+    columns = [
+        {"name": "quantity", "unit": "-", "type": "string"},
+        {"name": "of", "unit": "-", "type": "string"},
+        {"name": "bias", "unit": "-"},
+        {"name": "cov", "unit": "-"},
+        *({"name": f"cov_{p}", "unit": "-", "type": ["number", "null"]} for p in PARTS),
+    ]
     rows = [[f["quantity"], f["of"], f["bias"], f["cov"], *(f.get(p) for p in PARTS)] for f in solved_factors]
     mean, std = result.log_factor["updated"]
     for j, k in enumerate(result.worst):
         spot = result.model.spots[k]
         parts = [None] * len(PARTS) if result.parts is None else [float(result.parts[p][j]) for p in PARTS]
-        rows.append(["stress range", f"hot spot {k + 1}: {result.model.details[spot.detail].name}, {spot.side}, {spot.place}",
-                     float(np.exp(mean[j])), float(std[j]), *parts])  # fmt: skip
-    files.table("model_factors.csv", columns, rows,
-                what="X_dyn, updated over design: bias is the median of X, cov the standard deviation of ln X, its parts those "
-                     "of the one model in squares; of frequency and damping cov is that of the draws")  # fmt: skip
+        rows.append(
+            [
+                "stress range",
+                f"hot spot {k + 1}: {result.model.details[spot.detail].name}, {spot.side}, {spot.place}",
+                float(np.exp(mean[j])),
+                float(std[j]),
+                *parts,
+            ]
+        )
+    files.table(
+        "model_factors.csv",
+        columns,
+        rows,
+        what="X_dyn, updated over design: bias is the median of X, cov the standard deviation of ln X, its parts those "
+        "of the one model in squares; of frequency and damping cov is that of the draws",
+    )
 
 
 def _write_reliability(files, result: FatigueResult) -> None:
@@ -323,21 +434,66 @@ def _write_reliability(files, result: FatigueResult) -> None:
     for name, index in result.index.items():
         for j, k in enumerate(result.worst):
             first = int(index.first_below[j]) or None
-            rows += [[name, int(k) + 1, int(year), float(index.cumulative[j, t]), float(index.annual[j, t]), first]
-                     for t, year in enumerate(index.year)]  # fmt: skip
+            rows += [
+                [name, int(k) + 1, int(year), float(index.cumulative[j, t]), float(index.annual[j, t]), first]
+                for t, year in enumerate(index.year)
+            ]
     target = result.model.conditions.target.annual_index
-    files.table("reliability.csv", [
-        {"name": "case", "unit": "-", "type": "string"}, {"name": "hot_spot", "unit": "-"}, {"name": "year", "unit": "a"},
-        {"name": "cumulative_index", "unit": "-"}, {"name": "annual_index", "unit": "-"},
-        {"name": "first_year_below_target", "unit": "a", "type": ["integer", "null"]}], rows,
-        what=f"reliability indices of the {len(result.worst)} worst hot spots, by FORM; target: annual {target:g}; empty: not within "
-             "the years")  # fmt: skip
+    files.table(
+        "reliability.csv",
+        [
+            {"name": "case", "unit": "-", "type": "string"},
+            {"name": "hot_spot", "unit": "-"},
+            {"name": "year", "unit": "a"},
+            {"name": "cumulative_index", "unit": "-"},
+            {"name": "annual_index", "unit": "-"},
+            {"name": "first_year_below_target", "unit": "a", "type": ["integer", "null"]},
+        ],
+        rows,
+        what=f"reliability indices of the {len(result.worst)} worst hot spots, by FORM; target: annual {target:g}; "
+        "empty: not within the years",
+    )
+    if result.measures:
+        rows = [
+            [
+                what,
+                int(k) + 1,
+                float(result.log_factor["updated"][1][j]),
+                float(left[j]),
+                int(result.index["updated"].first_below[j]) or None,
+                int(index.first_below[j]) or None,
+            ]
+            for what, left, index in result.measures
+            for j, k in enumerate(result.worst)
+        ]
+        files.table(
+            "next_measurement.csv",
+            [
+                {"name": "measure", "unit": "-", "type": "string"},
+                {"name": "hot_spot", "unit": "-"},
+                {"name": "cov_now", "unit": "-"},
+                {"name": "cov_then", "unit": "-"},
+                {"name": "first_year_below_target_now", "unit": "a", "type": ["integer", "null"]},
+                {"name": "first_year_below_target_then", "unit": "a", "type": ["integer", "null"]},
+            ],
+            rows,
+            what="standard deviation of ln X_dyn now and with one more measurement, its median held: what it is worth on "
+            "average, as far as the variance goes",
+        )
     c, rng = result.model.conditions, np.random.default_rng(7)
     rows = []
     for name, (mean, std) in result.log_factor.items():
         lives = life_quantiles(result.curve, mean, std, c.uncertainty, np.array(QUANTILES), n=200_000, rng=rng)
-        rows += [[name, int(k) + 1, *row] for k, row in zip(result.worst, (lives - c.life.age_years).tolist(), strict=True)]
-    files.table("remaining_life.csv", [
-        {"name": "case", "unit": "-", "type": "string"}, {"name": "hot_spot", "unit": "-"},
-        *({"name": f"q{round(100 * q):02d}", "unit": "a"} for q in QUANTILES)], rows,
-        what=f"quantiles of years to failure from the age of {c.life.age_years:g} years, all stated uncertainties in")  # fmt: skip
+        rows += [
+            [name, int(k) + 1, *row] for k, row in zip(result.worst, (lives - c.life.age_years).tolist(), strict=True)
+        ]
+    files.table(
+        "remaining_life.csv",
+        [
+            {"name": "case", "unit": "-", "type": "string"},
+            {"name": "hot_spot", "unit": "-"},
+            *({"name": f"q{round(100 * q):02d}", "unit": "a"} for q in QUANTILES),
+        ],
+        rows,
+        what=f"quantiles of years to failure from the age of {c.life.age_years:g} years, all stated uncertainties in",
+    )

@@ -1,10 +1,10 @@
 """Reliability index of every hot spot over the years, from Miner's sum with stated uncertainties.
 
-Failure by year t: ln Delta + e ln 10 - ln t - ln d(X_load X_SCF X_dyn) < 0, with Delta Miner's sum at failure, e the error of
-log10 N, both slopes alike, d the damage of a year as a function of a factor on every stress range, not a power where the
-curve has two slopes. FORM: the nearest point of the limit surface to the origin of standard normal space, by the iteration
-of Hasofer & Lind (1974) and Rackwitz & Fiessler (1978); beta = Phi^-1(1 - P_f). The annual index is that of failing in year
-t when year t - 1 was survived.
+Failure by year t: ln Delta + e ln 10 - ln t - ln d(X_load X_SCF X_dyn) < 0, with Delta Miner's sum at failure, e the
+error of log10 N, both slopes alike, d the damage of a year as a function of a factor on every stress range, not a power
+where the curve has two slopes. FORM: the nearest point of the limit surface to the origin of standard normal space, by
+the iteration of Hasofer & Lind (1974) and Rackwitz & Fiessler (1978); beta = Phi^-1(1 - P_f). The annual index is that
+of failing in year t when year t - 1 was survived.
 """
 
 from __future__ import annotations
@@ -92,7 +92,9 @@ class DamageCurve:
 
     def factor(self, log_damage: np.ndarray) -> np.ndarray:
         """(n_spot,) ln of the factor at which a year's damage has this logarithm (n_spot,)."""
-        return np.array([np.interp(v, column, self.at) for v, column in zip(log_damage, self.log_damage.T, strict=True)])
+        return np.array(
+            [np.interp(v, column, self.at) for v, column in zip(log_damage, self.log_damage.T, strict=True)]
+        )
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -126,12 +128,13 @@ class _Limit:
 def _limit(curve: DamageCurve, mean, std, uncertainty: Uncertainty, years: int) -> _Limit:
     load, scf, miner = uncertainty.x_load, uncertainty.x_scf, uncertainty.miner
     return _Limit(
-        curve=curve, mean=np.asarray(mean, float) + np.log(load.median) + np.log(scf.median),
+        curve=curve,
+        mean=np.asarray(mean, float) + np.log(load.median) + np.log(scf.median),
         std=np.sqrt(np.asarray(std, float) ** 2 + log_std(load) ** 2 + log_std(scf) ** 2),
         resistance_mean=float(np.log(miner.median)),
         resistance_std=float(np.hypot(log_std(miner), np.log(10) * uncertainty.log10_a_std)),
         log_time=np.log(np.arange(1, years + 1)),
-    )  # fmt: skip
+    )
 
 
 def annual_index(cumulative: np.ndarray) -> np.ndarray:
@@ -145,22 +148,33 @@ def annual_index(cumulative: np.ndarray) -> np.ndarray:
 def reliability(
     curve: DamageCurve, mean: np.ndarray, std: np.ndarray, uncertainty: Uncertainty, *, years: int, target: float
 ) -> Reliability:
-    """By FORM. `curve`: damage at the design; mean, std (n_spot,): of ln X_dyn, the factor on the design's stress ranges."""
+    """By FORM. `curve`: damage at the design; mean, std (n_spot,): of ln X_dyn, the factor on the design's stress
+    ranges."""
     limit = _limit(curve, mean, std, uncertainty, years)
     cumulative, _ = form(limit, (curve.n_spot, years), 2)
     annual = annual_index(cumulative)
     below = annual < target
     first = np.where(below.any(axis=1), np.argmax(below, axis=1) + 1, 0)
-    return Reliability(year=frozen_array(np.arange(1, years + 1), int), cumulative=frozen_array(cumulative),
-                       annual=frozen_array(annual), first_below=frozen_array(first, int))  # fmt: skip
+    return Reliability(
+        year=frozen_array(np.arange(1, years + 1), int),
+        cumulative=frozen_array(cumulative),
+        annual=frozen_array(annual),
+        first_below=frozen_array(first, int),
+    )
 
 
 def simulated_index(
-    curve: DamageCurve, mean: np.ndarray, std: np.ndarray, uncertainty: Uncertainty, *, years: int, n: int,
+    curve: DamageCurve,
+    mean: np.ndarray,
+    std: np.ndarray,
+    uncertainty: Uncertainty,
+    *,
+    years: int,
+    n: int,
     rng: np.random.Generator,
-) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
-    """Cumulative index (n_spot, years) by Monte Carlo with draws about FORM's design point (importance sampling), and its
-    standard error: every variable of its own, Miner's sum, S-N, load, stress factor and X_dyn."""
+) -> tuple[np.ndarray, np.ndarray]:
+    """Cumulative index (n_spot, years) by Monte Carlo with draws about FORM's design point (importance sampling), and
+    its standard error: every variable of its own, Miner's sum, S-N, load, stress factor and X_dyn."""
     limit = _limit(curve, mean, std, uncertainty, years)
     safe, u = form(limit, (curve.n_spot, years), 2)
     resistance = np.array([log_std(uncertainty.miner), np.log(10) * uncertainty.log10_a_std])
@@ -170,8 +184,9 @@ def simulated_index(
         one = curve.picked([k])
         for t in range(years):
             # the design point in all five variables: each takes its share of the combined one
-            centre = np.concatenate([u[k, t, 0] * resistance / np.linalg.norm(resistance),
-                                     u[k, t, 1] * stress / np.linalg.norm(stress)])  # fmt: skip
+            centre = np.concatenate(
+                [u[k, t, 0] * resistance / np.linalg.norm(resistance), u[k, t, 1] * stress / np.linalg.norm(stress)]
+            )
             z = rng.standard_normal((n, 5)) + centre
             b = limit.mean[k] + z[:, 2:] @ stress
             g = limit.resistance_mean + z[:, :2] @ resistance - limit.log_time[t] - one.value(b[None])[0][0]
@@ -186,9 +201,15 @@ def simulated_index(
 
 
 def life_quantiles(
-    curve: DamageCurve, mean: np.ndarray, std: np.ndarray, uncertainty: Uncertainty, levels: np.ndarray, *, n: int,
+    curve: DamageCurve,
+    mean: np.ndarray,
+    std: np.ndarray,
+    uncertainty: Uncertainty,
+    levels: np.ndarray,
+    *,
+    n: int,
     rng: np.random.Generator,
-) -> np.ndarray:  # fmt: skip
+) -> np.ndarray:
     """(n_spot, n_level) years to Miner's sum at failure, all uncertainties in."""
     limit = _limit(curve, mean, std, uncertainty, 1)
     z = rng.standard_normal((2, n))

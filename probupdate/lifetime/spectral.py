@@ -7,6 +7,7 @@ Dirlik, Application of Computers in Fatigue Analysis (PhD thesis, Warwick 1985);
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from scipy.special import gamma, gammainc, gammaincc
@@ -21,8 +22,8 @@ NARROW = 0.9999
 
 @dataclass(frozen=True, kw_only=True)
 class Curve:
-    """An S-N curve of two slopes, log10 N = log10_a - m log10 S, S the stress range in MPa: (log10_a1, m1) above the knee
-    and (log10_a2, m2) below it (equal for one slope). Raises InputError where the two do not meet above zero."""
+    """An S-N curve of two slopes, log10 N = log10_a - m log10 S, S the stress range in MPa: (log10_a1, m1) above the
+    knee and (log10_a2, m2) below it (equal for one slope). Raises InputError where the two do not meet above zero."""
 
     log10_a1: float
     m1: float
@@ -93,7 +94,8 @@ def _share(order: float, low, high):
 
 
 def moments(frequency_hz: np.ndarray, spectrum: np.ndarray) -> np.ndarray:
-    """m_0, m_1, m_2, m_4 (4, ...) of a one-sided spectrum (..., n_frequency) in unit^2/Hz: trapezoids of f^k S, f in Hz."""
+    """m_0, m_1, m_2, m_4 (4, ...) of a one-sided spectrum (..., n_frequency) in unit^2/Hz: trapezoids of f^k S, f in
+    Hz."""
     return np.array([np.trapezoid(frequency_hz**k * spectrum, frequency_hz, axis=-1) for k in (0, 1, 2, 4)])
 
 
@@ -114,10 +116,11 @@ def dirlik(m: np.ndarray) -> Ranges:
     # r may be negative: only its square and its modulus enter
     modulus = np.where(r.real < 0, -r, r)
     return Ranges(
-        rate=np.sqrt(m4 / m2), kind=("e", "r", "r"),
+        rate=np.sqrt(m4 / m2),
+        kind=("e", "r", "r"),
         weight=(np.where(narrow, zero, d1), np.where(narrow, zero, d2), np.where(narrow, one, d3)),
         scale=(two * np.where(narrow, one, q), two * np.where(narrow, one, modulus), two * one),
-    )  # fmt: skip
+    )
 
 
 def tovo_benasciutti(m: np.ndarray) -> Ranges:
@@ -130,16 +133,22 @@ def tovo_benasciutti(m: np.ndarray) -> Ranges:
     b = (a1 - a2) * (1.112 * (1 + a1 * a2 - (a1 + a2)) * np.exp(2.11 * a2) + (a1 - a2)) / (a2 - 1) ** 2
     one = np.ones_like(a2)
     two = 2 * np.sqrt(m0)
-    return Ranges(rate=np.sqrt(m4 / m2), kind=("r", "r"),
-                  weight=(np.where(narrow, one, b * a2), np.where(narrow, 0 * one, 1 - b)),
-                  scale=(two * one, two * np.where(narrow, one, a2)))  # fmt: skip
+    return Ranges(
+        rate=np.sqrt(m4 / m2),
+        kind=("r", "r"),
+        weight=(np.where(narrow, one, b * a2), np.where(narrow, 0 * one, 1 - b)),
+        scale=(two * one, two * np.where(narrow, one, a2)),
+    )
 
 
 def _positive(m: np.ndarray) -> np.ndarray:
     m = np.asarray(m)
     if m.shape[0] != 4 or not np.all(np.isfinite(m)) or np.any(m.real <= 0):
-        raise InputError("spectral moments", "m_0, m_1, m_2, m_4 are not all finite and positive",
-                         "check the stress spectrum: it must not be zero, nor reach to 0 Hz alone")  # fmt: skip
+        raise InputError(
+            "spectral moments",
+            "m_0, m_1, m_2, m_4 are not all finite and positive",
+            "check the stress spectrum: it must not be zero, nor reach to 0 Hz alone",
+        )
     return m if np.iscomplexobj(m) else m.astype(float)
 
 
@@ -153,8 +162,8 @@ def ranges(m: np.ndarray, method: str = "dirlik") -> Ranges:
 def gaussian_record(
     frequency_hz: np.ndarray, spectrum: np.ndarray, *, rate_hz: float, n_sample: int, rng: np.random.Generator
 ) -> np.ndarray:
-    """(n_sample,) of a Gaussian process with the one-sided spectrum (n_frequency,), random amplitudes and phases; linear
-    between frequencies, nothing beyond them."""
+    """(n_sample,) of a Gaussian process with the one-sided spectrum (n_frequency,), random amplitudes and phases;
+    linear between frequencies, nothing beyond them."""
     line = np.fft.rfftfreq(n_sample, 1 / rate_hz)
     density = np.interp(line, frequency_hz, spectrum, left=0.0, right=0.0)
     z = rng.standard_normal((2, len(line)))
@@ -187,6 +196,6 @@ def rainflow(record: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
             else:
                 count.append(1.0)
                 del stack[-3:-1]
-    found += [abs(b - a) for a, b in zip(stack, stack[1:], strict=False)]
+    found += [abs(b - a) for a, b in pairwise(stack)]
     count += [0.5] * (len(found) - len(count))
     return frozen_array(found), frozen_array(count)

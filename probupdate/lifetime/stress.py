@@ -1,14 +1,14 @@
 """Nominal stresses at a turbine's details from waves and wind, in the frequency domain.
 
-(K - omega^2 M + i omega C + i omega c h h^T) q = F: C has a damping ratio for every mode, c = rho A C_T V is the operating
-rotor's quasi-steady damping of the hub's motion along the wind. F is Morison's load on legs and braces with drag linearised
-for the sea state (Borgman 1958: sqrt(8/pi) sigma_v) under Airy waves to the still water level, or quasi-steady thrust at
-the hub. Member forces are what the element's own stiffness and mass make of q, less the load on it, divided by A and I / R.
-MacCamy-Fuchs, buoyancy, run-up, rotor harmonics and geometric stiffness are not in it, nor waves above 0.6 Hz: they are
-shorter than 4.3 m, where Morison's load no longer holds for a leg.
+(K - omega^2 M + i omega C + i omega c h h^T) q = F: C has a damping ratio for every mode, c = rho A C_T V is the
+operating rotor's quasi-steady damping of the hub's motion along the wind. F is Morison's load on legs and braces with
+drag linearised for the sea state (Borgman 1958: sqrt(8/pi) sigma_v) under Airy waves to the still water level, or
+quasi-steady thrust at the hub. Member forces are what the element's own stiffness and mass make of q, less the load on
+it, divided by A and I / R. MacCamy-Fuchs, buoyancy, run-up, rotor harmonics and geometric stiffness are not in it, nor
+waves above 0.6 Hz: they are shorter than 4.3 m, where Morison's load no longer holds for a leg.
 
-All is solved on a basis of modes and static shapes of several parameter vectors (`StressModel.reduced`); of what is left
-out, `fatigue.basis_error` reports at others.
+All is solved on a basis of modes and static shapes of several parameter vectors (`StressModel.reduced`); of what is
+left out, `fatigue.basis_error` reports at others.
 """
 
 from __future__ import annotations
@@ -29,16 +29,16 @@ from probupdate.modes import Sensor, frozen_array
 from probupdate.parameters import Parameters
 from probupdate.structure import beam as beams
 from probupdate.structure.affine import STEP, AffineModel
-from probupdate.structure.beam import Tube
 from probupdate.structure.assembly import beam_stiffness, carried_mass, node_dofs, steel_mass, transformation
+from probupdate.structure.beam import Tube
 from probupdate.structure.coefficient import Coefficients, TermCollector, build_coefficients
 from probupdate.structure.description import Description
 from probupdate.structure.frame import Frame
 from probupdate.structure.load import turbine_model
 from probupdate.structure.turbine_frame import build_frame
 
-# frequencies of stress: relative steps below and above where modes may lie; of the latter 0.008 is 0.8 of a damping ratio
-# of 1 %, where trapezoids of a resonance err by 2 exp(-2 pi / 0.8) = 8e-4 of its variance
+# frequencies of stress: relative steps below and above where modes may lie; of the latter 0.008 is 0.8 of a damping
+# ratio of 1 %, where trapezoids of a resonance err by 2 exp(-2 pi / 0.8) = 8e-4 of its variance
 LOWEST_HZ, MODES_FROM_HZ, HIGHEST_HZ = 0.03, 0.2, 3.0
 COARSE, FINE = 0.025, 0.008
 # the shortest waves that load the structure
@@ -62,8 +62,8 @@ def frequency_grid() -> np.ndarray:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Waves:
-    """Points of the wet members: position_m, along (n_point, 3), diameter_m with growth and length_m that each stands for
-    (n_point,); spread (n_free, 3 n_point): forces at the points as loads on the free degrees of freedom; of_details
+    """Points of the wet members: position_m, along (n_point, 3), diameter_m with growth and length_m that each stands
+    for (n_point,); spread (n_free, 3 n_point): forces at the points as loads on the free degrees of freedom; of_details
     (3 n_detail, 3 n_point): what they take from a detail's member forces."""
 
     position_m: np.ndarray
@@ -73,7 +73,9 @@ class Waves:
     spread: sparse.csr_array
     of_details: sparse.csr_array
 
-    def normal_velocity(self, frequency_hz: np.ndarray, heading_deg: float, depth_m: float, gravity: float, still_m: float):
+    def normal_velocity(
+        self, frequency_hz: np.ndarray, heading_deg: float, depth_m: float, gravity: float, still_m: float
+    ):
         """(n_point, 3, n_frequency), complex, across the member per metre of amplitude; e^(i omega t), Airy."""
         omega = 2 * np.pi * frequency_hz
         k = wave_number(omega, depth_m, gravity)
@@ -89,8 +91,8 @@ class Waves:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Case:
-    """A state of sea and wind on this heading: load (n_basis, n_frequency) and own (3 n_detail, n_frequency) of a metre of
-    wave amplitude, elevation and thrust (n_frequency,) densities in m^2/Hz and N^2/Hz, damping_nspm c in N s/m."""
+    """A state of sea and wind on this heading: load (n_basis, n_frequency) and own (3 n_detail, n_frequency) of a metre
+    of wave amplitude, elevation and thrust (n_frequency,) densities in m^2/Hz and N^2/Hz, damping_nspm c in N s/m."""
 
     state: State
     load: np.ndarray
@@ -102,9 +104,9 @@ class Case:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Response:
-    """At one parameter vector: frequency_hz (n_mode,), labels and damping_ratio of the modes; moments (n_case, 4, n_detail,
-    3, 3) in MPa^2 Hz^k, k = 0, 1, 2, 4, of nominal axial and bending stress at crown and saddle; with derivatives
-    change (n_param, n_case, 4, n_detail, 3, 3)."""
+    """At one parameter vector: frequency_hz (n_mode,), labels and damping_ratio of the modes; moments (n_case, 4,
+    n_detail, 3, 3) in MPa^2 Hz^k, k = 0, 1, 2, 4, of nominal axial and bending stress at crown and saddle; with
+    derivatives change (n_param, n_case, 4, n_detail, 3, 3)."""
 
     frequency_hz: np.ndarray
     labels: tuple[str, ...]
@@ -116,7 +118,8 @@ class Response:
 @dataclass(frozen=True, eq=False, kw_only=True)
 class StressModel:
     """One heading: the turbine's model, its member forces R_K(theta) - omega^2 R_M(theta) as sums of constant matrices
-    (3 n_detail, n_free), the hub's row (n_free,) along the wind. `basis` (n_free, n_basis), None: all degrees of freedom."""
+    (3 n_detail, n_free), the hub's row (n_free,) along the wind. `basis` (n_free, n_basis), None: all degrees of
+    freedom."""
 
     model: AffineModel
     sensors: tuple[Sensor, ...]
@@ -151,9 +154,11 @@ class StressModel:
         wave = left[:, size > LOAD_TOLERANCE * size[0]]
         snapshots = []
         for theta in thetas:
-            K, M = self.model.matrices(theta)
+            K, _ = self.model.matrices(theta)
             _, phi = self.model.solve_full(theta, min(N_MODE, self.model.n_available))
-            factor = sparse_linalg.splu(sparse.csc_matrix(K), permc_spec="MMD_AT_PLUS_A", options={"SymmetricMode": True})
+            factor = sparse_linalg.splu(
+                sparse.csc_matrix(K), permc_spec="MMD_AT_PLUS_A", options={"SymmetricMode": True}
+            )
             snapshots += [phi, factor.solve(np.column_stack([self.hub, wave]))]
         X = np.hstack(snapshots)
         K0 = self.model.matrices(self.parameters.initial)[0]
@@ -166,10 +171,12 @@ class StressModel:
         """With these details only."""
         rows = (3 * np.asarray(details)[:, None] + np.arange(3)).ravel()
         return replace(
-            self, details=tuple(self.details[k] for k in details),
-            stiffness_rows=tuple(R[rows] for R in self.stiffness_rows), mass_rows=tuple(R[rows] for R in self.mass_rows),
+            self,
+            details=tuple(self.details[k] for k in details),
+            stiffness_rows=tuple(R[rows] for R in self.stiffness_rows),
+            mass_rows=tuple(R[rows] for R in self.mass_rows),
             waves=replace(self.waves, of_details=self.waves.of_details[rows]),
-        )  # fmt: skip
+        )
 
     def _project(self, vectors):
         return vectors if self.basis is None else self.basis.T @ vectors
@@ -188,9 +195,16 @@ class StressModel:
             # a hundred parameters make hundreds of terms, too many to keep on the basis
             V = np.eye(self.model.n_dof) if self.basis is None else self.basis
             square = [_symmetric(V.T @ (X @ V)) for X in self.model.matrices(theta)]
-            return (*square, *(sum(c * R for c, R in zip(r, rows, strict=True)) @ V
-                               for r, rows in ((rK, self.stiffness_rows), (rM, self.mass_rows))))  # fmt: skip
-        return tuple(_weighted(terms, c) for terms, c in zip(self._terms, (*self.model.coefficients(theta), rK, rM), strict=True))
+            return (
+                *square,
+                *(
+                    sum(c * R for c, R in zip(r, rows, strict=True)) @ V
+                    for r, rows in ((rK, self.stiffness_rows), (rM, self.mass_rows))
+                ),
+            )
+        return tuple(
+            _weighted(terms, c) for terms, c in zip(self._terms, (*self.model.coefficients(theta), rK, rM), strict=True)
+        )
 
     # loads -----------------------------------------------------------------------------------------------------------
 
@@ -202,8 +216,10 @@ class StressModel:
         inertia = density * water.inertia_coefficient * np.pi / 4 * w.diameter_m**2 * w.length_m
         drag = 0.5 * density * water.drag_coefficient * w.diameter_m * w.length_m * np.sqrt(8 / np.pi)
         shape = (-1, len(frequency_hz))
-        return ((inertia[:, None, None] * 2j * np.pi * frequency_hz * v).reshape(shape),
-                (drag[:, None, None] * v).reshape(shape))  # fmt: skip
+        return (
+            (inertia[:, None, None] * 2j * np.pi * frequency_hz * v).reshape(shape),
+            (drag[:, None, None] * v).reshape(shape),
+        )
 
     @property
     def _wet(self) -> int:
@@ -216,8 +232,9 @@ class StressModel:
         _, gravity, depth, still = self.site
         f = self.frequency_hz[: self._wet]
         speed = np.sum(np.abs(self.waves.normal_velocity(f, self.heading_deg, depth, gravity, still)) ** 2, axis=1)
-        return tuple(np.sqrt(np.trapezoid(speed * jonswap(f, s.hs_m, s.tp_s, s.gamma), f, axis=1))
-                     for s in self.conditions.state)  # fmt: skip
+        return tuple(
+            np.sqrt(np.trapezoid(speed * jonswap(f, s.hs_m, s.tp_s, s.gamma), f, axis=1)) for s in self.conditions.state
+        )
 
     @cached_property
     def cases(self) -> tuple[Case, ...]:
@@ -236,9 +253,18 @@ class StressModel:
                 thrust = np.interp(self.frequency_hz, at, density_of, left=0.0, right=0.0)
             else:
                 thrust = (rate * rotor_admittance(self.frequency_hz, state.wind_mps, area)) ** 2 * kaimal(
-                    self.frequency_hz, state.wind_mps, state.turbulence, wind.integral_length_m)  # fmt: skip
-            found.append(Case(state=state, load=_times(spread, load), own=_times(self.waves.of_details, load), thrust=thrust,
-                              elevation=elevation, damping_nspm=rate if state.operating else 0.0))  # fmt: skip
+                    self.frequency_hz, state.wind_mps, state.turbulence, wind.integral_length_m
+                )
+            found.append(
+                Case(
+                    state=state,
+                    load=_times(spread, load),
+                    own=_times(self.waves.of_details, load),
+                    thrust=thrust,
+                    elevation=elevation,
+                    damping_nspm=rate if state.operating else 0.0,
+                )
+            )
         return tuple(found)
 
     # stresses --------------------------------------------------------------------------------------------------------
@@ -255,7 +281,8 @@ class StressModel:
         return np.array([x for detail in self.details for x in known[detail.section]])
 
     def _modes(self, theta: np.ndarray, damping: Mapping[str, float]) -> _Modes:
-        """The modes on the basis, their damping, member forces and what a thrust of 1 N does, without the rotor's damping."""
+        """The modes on the basis, their damping, member forces and what a thrust of 1 N does, without the rotor's
+        damping."""
         K, M, RK, RM = self._at(theta)
         value, U = linalg.eigh(K, M)
         if value[0] <= 0:
@@ -268,8 +295,18 @@ class StressModel:
         scale = self._scale(theta)[:, None]
         plain = value[:, None] - omega**2 + 2j * omega * (ratio * np.sqrt(value))[:, None]
         hub = U.T @ self._project(self.hub)
-        return _Modes(value=value, U=U, labels=labels, ratio=ratio, plain=plain, hub=hub, scale=scale,
-                     RK=scale * (RK @ U), RM=scale * (RM @ U), omega=omega)  # fmt: skip
+        return _Modes(
+            value=value,
+            U=U,
+            labels=labels,
+            ratio=ratio,
+            plain=plain,
+            hub=hub,
+            scale=scale,
+            RK=scale * (RK @ U),
+            RM=scale * (RM @ U),
+            omega=omega,
+        )
 
     def solve(self, theta: np.ndarray, damping: Mapping[str, float], *, derivatives: bool = False) -> Response:
         """Moments of all cases at theta (n_param,); `damping`: label of a mode -> its ratio, else the file's."""
@@ -292,17 +329,25 @@ class StressModel:
                 q, p = q0 - alone[:, :wet] * back, alone * closed
                 dz, dw = (slopes.of(x, m, rate) for x in (q, p))
                 dz = [d - ds[:, None] * case.own for d, ds in zip(dz, slopes.scale, strict=True)]
-                changes.append([self._moments(z, case.elevation, a) + self._moments(w, case.thrust, b)
-                                for a, b in zip(dz, dw, strict=True)])  # fmt: skip
+                changes.append(
+                    [
+                        self._moments(z, case.elevation, a) + self._moments(w, case.thrust, b)
+                        for a, b in zip(dz, dw, strict=True)
+                    ]
+                )
         return Response(
-            frequency_hz=frozen_array(np.sqrt(m.value[:N_MODE]) / (2 * np.pi)), labels=m.labels,
-            damping_ratio=frozen_array(m.ratio[:N_MODE]), moments=frozen_array(moments),
+            frequency_hz=frozen_array(np.sqrt(m.value[:N_MODE]) / (2 * np.pi)),
+            labels=m.labels,
+            damping_ratio=frozen_array(m.ratio[:N_MODE]),
+            moments=frozen_array(moments),
             change=frozen_array(np.swapaxes(np.array(changes), 0, 1)) if derivatives else None,
-        )  # fmt: skip
+        )
 
-    def transfer(self, theta: np.ndarray, damping: Mapping[str, float], case: int = 0, wind: bool = False) -> np.ndarray:
-        """(n_detail, 3, n) complex nominal stress in MPa per N of thrust at all frequencies, or per metre of wave amplitude
-        at those up to WAVES_TO_HZ."""
+    def transfer(
+        self, theta: np.ndarray, damping: Mapping[str, float], case: int = 0, wind: bool = False
+    ) -> np.ndarray:
+        """(n_detail, 3, n) complex nominal stress in MPa per N of thrust at all frequencies, or per metre of wave
+        amplitude at those up to WAVES_TO_HZ."""
         m, one = self._modes(np.asarray(theta, float), damping), self.cases[case]
         n = len(m.omega) if wind else self._wet
         load = np.repeat(m.hub[:, None], n, axis=1) if wind else m.U.T @ one.load
@@ -335,7 +380,13 @@ class StressModel:
             W = (dK - dM * value[None, :]) / gap
             np.fill_diagonal(W, -0.5 * np.diag(dM))
             dvalue = np.diag(dK) - value * np.diag(dM)
-            dC = dM * g[None, :] + g[:, None] * dM + W * g[None, :] + (W * g[None, :]).T + np.diag(ratio / np.sqrt(value) * dvalue)
+            dC = (
+                dM * g[None, :]
+                + g[:, None] * dM
+                + W * g[None, :]
+                + (W * g[None, :]).T
+                + np.diag(ratio / np.sqrt(value) * dvalue)
+            )
             K.append(dK)
             M.append(dM)
             C.append(dC)
@@ -428,18 +479,28 @@ def _symmetric(matrix: np.ndarray) -> np.ndarray:
 
 
 def stress_model(
-    description: Description, where: str, details: Sequence[Detail], conditions: Conditions, *, heading_deg: float,
-    parameters: Parameters | None = None, sensors: tuple[Sensor, ...] | None = None,
+    description: Description,
+    where: str,
+    details: Sequence[Detail],
+    conditions: Conditions,
+    *,
+    heading_deg: float,
+    parameters: Parameters | None = None,
+    sensors: tuple[Sensor, ...] | None = None,
     spectra: Mapping[str, tuple[np.ndarray, np.ndarray]] | None = None,
-) -> StressModel:  # fmt: skip
-    """Of one heading of wind, waves and nacelle, on all degrees of freedom. `details` as `details.find_details` names them
-    in the frame of any heading; loads are those of the members as the file's values have them."""
-    model = turbine_model(description, where=where, parameters=parameters, sensors=sensors, nacelle_angle_deg=heading_deg)
+) -> StressModel:
+    """Of one heading of wind, waves and nacelle, on all degrees of freedom. `details` as `details.find_details` names
+    them in the frame of any heading; loads are those of the members as the file's values have them."""
+    model = turbine_model(
+        description, where=where, parameters=parameters, sensors=sensors, nacelle_angle_deg=heading_deg
+    )
     frame = build_frame(description, heading_deg)
     transform = transformation(frame)
     values = description.values | {p.name: p.initial for p in model.parameters}
-    details = tuple(replace(d, beam=frame.beams[d.number], section=_section(description, d, frame.beams[d.number].tube))
-                    for d in details)  # fmt: skip
+    details = tuple(
+        replace(d, beam=frame.beams[d.number], section=_section(description, d, frame.beams[d.number].tube))
+        for d in details
+    )
     theory = description.mesh.theory
     updated = tuple(model.parameters.names)
     collected = TermCollector(updated, values), TermCollector(updated, values)
@@ -447,26 +508,56 @@ def stress_model(
         b = detail.beam
         start, end = frame.node_m[b.start], frame.node_m[b.end]
         pick = detail.rows()
-        sources = (beam_stiffness(b, start, end, theory),
-                   (c for part in (steel_mass(b, start, end, theory), carried_mass(b, b.carried, start, end, theory)) for c in part))  # fmt: skip
+        sources = (
+            beam_stiffness(b, start, end, theory),
+            (
+                c
+                for part in (steel_mass(b, start, end, theory), carried_mass(b, b.carried, start, end, theory))
+                for c in part
+            ),
+        )
         for collector, contributions in zip(collected, sources, strict=True):
             for dofs, matrix, coefficient in contributions:
                 collector.add(coefficient, lambda x, r=row, d=dofs, m=pick @ matrix: (3 * r + np.arange(3), d, x * m))
     size = (3 * len(details), transform.shape[0])
     rows = tuple(tuple(_sparse(entries, size) @ transform for entries in c.keys.values()) for c in collected)
     fixed = {name: value for name, value in values.items() if name not in updated}
-    placed = sensors if sensors is not None else tuple(
-        Sensor(channel=s.channel, level=s.level, position_m=s.position_m, direction=s.direction, quantity=s.quantity,
-               unit=s.unit) for s in description.sensor)  # fmt: skip
+    placed = (
+        sensors
+        if sensors is not None
+        else tuple(
+            Sensor(
+                channel=s.channel,
+                level=s.level,
+                position_m=s.position_m,
+                direction=s.direction,
+                quantity=s.quantity,
+                unit=s.unit,
+            )
+            for s in description.sensor
+        )
+    )
     return StressModel(
-        model=model, sensors=placed, frame=frame, details=details, heading_deg=float(heading_deg), conditions=conditions,
-        site=(description.site.water_density_kgpm3, description.site.gravity_mps2,
-              description.site.water_level_m - description.site.mudline_m, description.site.water_level_m),
-        stiffness_rows=rows[0], mass_rows=rows[1],
+        model=model,
+        sensors=placed,
+        frame=frame,
+        details=details,
+        heading_deg=float(heading_deg),
+        conditions=conditions,
+        site=(
+            description.site.water_density_kgpm3,
+            description.site.gravity_mps2,
+            description.site.water_level_m - description.site.mudline_m,
+            description.site.water_level_m,
+        ),
+        stiffness_rows=rows[0],
+        mass_rows=rows[1],
         coefficients=build_coefficients(*collected, updated, fixed),
-        waves=_waves(description, frame, transform, details, values), hub=_hub(description, frame, transform, heading_deg),
-        frequency_hz=frozen_array(frequency_grid()), spectra=dict(spectra or {}),
-    )  # fmt: skip
+        waves=_waves(description, frame, transform, details, values),
+        hub=_hub(description, frame, transform, heading_deg),
+        frequency_hz=frozen_array(frequency_grid()),
+        spectra=dict(spectra or {}),
+    )
 
 
 def _section(d: Description, detail: Detail, tube: Tube) -> Tube:
@@ -474,8 +565,11 @@ def _section(d: Description, detail: Detail, tube: Tube) -> Tube:
     if detail.part != "tower":
         return tube
     z, stations = detail.level_m, d.tower.station
-    return replace(tube, diameter_m=float(np.interp(z, [s.z_m for s in stations], [s.diameter_m for s in stations])),
-                   thickness_m=float(np.interp(z, [s.z_m for s in stations], [s.thickness_m for s in stations])))  # fmt: skip
+    return replace(
+        tube,
+        diameter_m=float(np.interp(z, [s.z_m for s in stations], [s.diameter_m for s in stations])),
+        thickness_m=float(np.interp(z, [s.z_m for s in stations], [s.thickness_m for s in stations])),
+    )
 
 
 def _sparse(entries, size) -> sparse.csr_array:
@@ -519,8 +613,10 @@ def _waves(d: Description, frame: Frame, transform, details: Sequence[Detail], v
             nodal = np.kron(np.eye(4), axes).T @ local
             column = len(position)
             blocks.append((node_dofs(b.start, b.end), 3 * column + np.arange(3), nodal))
-            own += [(3 * row + np.arange(3), 3 * column + np.arange(3), details[row].rows() @ nodal)
-                    for row in of_beam.get(number, ())]  # fmt: skip
+            own += [
+                (3 * row + np.arange(3), 3 * column + np.arange(3), details[row].rows() @ nodal)
+                for row in of_beam.get(number, ())
+            ]
             position.append(start + xi * span)
             along.append(span / size)
             diameter.append(outer)
@@ -528,10 +624,13 @@ def _waves(d: Description, frame: Frame, transform, details: Sequence[Detail], v
     n = 3 * len(position)
     spread = _placed(blocks, (transform.shape[0], n))
     return Waves(
-        position_m=frozen_array(np.array(position).reshape(-1, 3)), along=frozen_array(np.array(along).reshape(-1, 3)),
-        diameter_m=frozen_array(diameter), length_m=frozen_array(length),
-        spread=sparse.csr_array(transform.T @ spread), of_details=_placed(own, (3 * len(details), n)),
-    )  # fmt: skip
+        position_m=frozen_array(np.array(position).reshape(-1, 3)),
+        along=frozen_array(np.array(along).reshape(-1, 3)),
+        diameter_m=frozen_array(diameter),
+        length_m=frozen_array(length),
+        spread=sparse.csr_array(transform.T @ spread),
+        of_details=_placed(own, (3 * len(details), n)),
+    )
 
 
 def _placed(blocks, shape) -> sparse.csr_array:

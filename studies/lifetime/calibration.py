@@ -1,24 +1,27 @@
-"""Calibration of damage ratios: virtual turbines whose true damage over the design's is known; a JSON line a turbine, so
-that a stopped run goes on.
+"""Calibration of damage ratios: virtual turbines whose true damage over the design's is known; a JSON line a turbine,
+so that a stopped run goes on.
 
-    python studies/lifetime/calibration.py OUT [--case plain] [--case scour] [--case scour-named] [--turbines 250] [--minutes 25] [--part 0 --parts 2]
+    python studies/lifetime/calibration.py OUT [--case plain] [--case scour] [--case scour-named] [--turbines 250]
+    [--minutes 25] [--jobs 2]
 
-A truth is drawn from the prior of the as-built reference turbine, with every tolerance of the one model drawn (structure,
-soil law and profile, rotor-nacelle assembly, sensors), a finer mesh, another clay (strain_50, shear strength and its
-gradient of its own) and, every other turbine, Bernoulli-Euler members where the updated model has Timoshenko's. Its modes
-are seen with the scatter of one half hour (virtual.modal_noise), not identified from a record; damping is known. Loads
-are those of three states of fatigue.toml on one heading. Case `scour` hides 3 m of scour at all legs in every truth; `scour-named` updates the scour beside the others (prior 0 +- 3 m).
+A truth is drawn from the prior of the as-built reference turbine, with every tolerance of the one model drawn
+(structure, soil law and profile, rotor-nacelle assembly, sensors), a finer mesh, another clay (strain_50, shear
+strength and its gradient of its own) and, every other turbine, Bernoulli-Euler members where the updated model has
+Timoshenko's. Its modes are seen with the scatter of one half hour (virtual.modal_noise), not identified from a record;
+damping is known. Loads are those of three states of fatigue.toml on one heading. Case `scour` hides 3 m of scour at all
+legs in every truth; `scour-named` updates the scour beside the others (prior 0 +- 3 m).
 
-Two intervals are told: "linear", the estimate at the parameters' maximum with the components of the one model, as the parts
-in model_factors.csv, and "draws", as the export draws X: parameters from the posterior (weighted draws from Student t
-distributions about the maximum), tolerances given them. Of each draw ln X is a fit to solved ones (its error is told).
-`tables` at the end says what came out.
+Two intervals are told: "linear", the estimate at the parameters' maximum with the components of the one model, as the
+parts in model_factors.csv, and "draws", as the export draws X: parameters from the posterior (weighted draws from
+Student t distributions about the maximum), tolerances given them. Of each draw ln X is a fit to solved ones (its error
+is told). `tables` at the end says what came out.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
+import multiprocessing
 import sys
 import time
 import tomllib
@@ -31,8 +34,8 @@ from scipy import stats
 
 from probupdate.effects.tolerances import TurbineUncertainty
 from probupdate.errors import ProbupdateError
+from probupdate.estimators.discrepancy import stated_weights
 from probupdate.estimators.laplace import maximum_a_posteriori
-from probupdate.estimators.discrepancy import state_model_error, stated_weights
 from probupdate.lifetime.conditions import read_conditions
 from probupdate.lifetime.factors import gains, tolerance_draws, total
 from probupdate.lifetime.fatigue import FatigueModel, fatigue_model
@@ -60,8 +63,8 @@ CLAY_STD = {"strain_50": 0.25, "at_mudline": 0.15, "gradient_per_m": 0.3}
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Fit:
-    """ln X (n_spot,) as a polynomial of the second degree in ln theta (of what may be zero: theta) and third powers; rms (n_spot,)
-    on draws it was not made of."""
+    """ln X (n_spot,) as a polynomial of the second degree in ln theta (of what may be zero: theta) and third powers;
+    rms (n_spot,) on draws it was not made of."""
 
     logarithmic: np.ndarray
     centre: np.ndarray
@@ -79,7 +82,6 @@ class Fit:
     def __call__(self, thetas: np.ndarray) -> np.ndarray:
         return self.terms(thetas) @ self.weight
 
-
     def slope(self, theta: np.ndarray) -> np.ndarray:
         """(n_spot, n_param), by differences."""
         h = 1e-4 * np.maximum(np.abs(theta), 0.01)
@@ -92,7 +94,9 @@ def fitted(few: FatigueModel, curve: DamageCurve, rng: np.random.Generator, n: i
     value = np.array([curve.factor(np.log(few.solve(theta).damage_per_year())) for theta in thetas])
     logarithmic = few.parameters.lower > 0
     x = np.where(logarithmic, np.log(np.maximum(thetas, 1e-12)), thetas)
-    empty = Fit(logarithmic=logarithmic, centre=x.mean(axis=0), scale=x.std(axis=0), weight=np.zeros(0), rms=np.zeros(0))
+    empty = Fit(
+        logarithmic=logarithmic, centre=x.mean(axis=0), scale=x.std(axis=0), weight=np.zeros(0), rms=np.zeros(0)
+    )
     weight, *_ = np.linalg.lstsq(empty.terms(thetas[:n]), value[:n], rcond=None)
     made = replace(empty, weight=weight)
     return replace(made, rms=np.sqrt(np.mean((made(thetas[n:]) - value[n:]) ** 2, axis=0)))
@@ -131,7 +135,7 @@ def make_bench(folder: Path, case: str, rng: np.random.Generator) -> Bench:
     draws = full.parameters.draw(rng, 12)
     start = full.reduced(draws[:3])
     design = start.solve(full.parameters.initial)
-    spots = [*worst_spots(start, design, N_SPOT - 1)]
+    spots = [*worst_spots(start, design.damage_per_year(), N_SPOT - 1)]
     girth = [k for k, s in enumerate(full.spots) if s.side == "weld"]
     spots.append(girth[int(np.argmax(design.damage_per_year()[girth]))])
     few = full.picked(spots).reduced(draws)
@@ -143,18 +147,23 @@ def make_bench(folder: Path, case: str, rng: np.random.Generator) -> Bench:
     fit = fitted(few, curve, rng, FITTED)
     sys.stdout.write(f"{case}: fit of ln X misses by {np.round(fit.rms, 4).tolist()}\n")
     sys.stdout.flush()
-    return Bench(path=path, model=model, fatigue=few, curve=curve, direct=np.load(kept), fast=fast_model(model, rng), fit=fit)
+    return Bench(
+        path=path, model=model, fatigue=few, curve=curve, direct=np.load(kept), fast=fast_model(model, rng), fit=fit
+    )
 
 
 def fast_model(model, rng):
     """The model on a reduced basis over its prior."""
     ends = np.array([p.distribution.ppf([1e-3, 1 - 1e-3]) for p in model.parameters])
     points = np.clip(model.parameters.draw(rng, 200), *ends.T)
-    return reduce_basis(model, n_mode=SEARCHED, box=(ends[:, 0], ends[:, 1]), points=points, seed=0, frequency_tolerance=4e-4)
+    return reduce_basis(
+        model, n_mode=SEARCHED, box=(ends[:, 0], ends[:, 1]), points=points, seed=0, frequency_tolerance=4e-4
+    )
 
 
-def posterior_draws(problem, top, rng, n: int = 500, rounds: int = 4) -> tuple[np.ndarray, float]:
-    """Equally weighted draws (n, n_param) and how many the weights are worth: Student t distributions fitted in turn."""
+def posterior_draws(problem, top, rng, n: int = 250, rounds: int = 3) -> tuple[np.ndarray, float]:
+    """Equally weighted draws (n, n_param) and how many the weights are worth: Student t distributions fitted in
+    turn."""
     # in prior standard deviations
     own = problem.parameters
     mean, covariance = top.theta / own.std, 1.5 * top.covariance / np.outer(own.std, own.std)
@@ -205,8 +214,12 @@ def one_direction():
     known = read_conditions(Path(__file__).with_name("fatigue.toml"))
     chosen = [s for s in known.state if s.name in STATES]
     whole = sum(s.share for s in chosen)
-    return known.model_copy(update={"direction": (known.direction[0].model_copy(update={"share": 1.0}),),
-                                    "state": tuple(s.model_copy(update={"share": s.share / whole}) for s in chosen)})
+    return known.model_copy(
+        update={
+            "direction": (known.direction[0].model_copy(update={"share": 1.0}),),
+            "state": tuple(s.model_copy(update={"share": s.share / whole}) for s in chosen),
+        }
+    )
 
 
 def truth(bench: Bench, case: str, number: int, rng: np.random.Generator) -> tuple[Description, np.ndarray, dict]:
@@ -222,7 +235,15 @@ def truth(bench: Bench, case: str, number: int, rng: np.random.Generator) -> tup
             p["lower"], p["upper"] = min(p["lower"], p["initial"]), max(p["upper"], p["initial"])
         if p["name"] == "sc" and case.startswith("scour"):
             p["initial"] = SCOUR_M
-    raw["mesh"]["elements_per_member"] = {"leg": 2, "brace": 3, "pile": 12, "column": 2, "strut": 2, "tie": 2, "tower": 12}
+    raw["mesh"]["elements_per_member"] = {
+        "leg": 2,
+        "brace": 3,
+        "pile": 12,
+        "column": 2,
+        "strut": 2,
+        "tie": 2,
+        "tower": 12,
+    }
     raw["mesh"]["theory"] = "timoshenko" if number % 2 else "bernoulli-euler"
     strength = raw["soil"]["undrained_shear_strength_pa"]
     raw["soil"]["strain_50"] *= float(np.exp(CLAY_STD["strain_50"] * rng.standard_normal()))
@@ -252,41 +273,66 @@ def measured(bench: Bench, fatigue: FatigueModel, errors: dict, rng: np.random.G
         amount = e.tolerance * errors[f"{e.cause}: {e.location}"]
         shape = np.column_stack([e.observe(shape[:, j : j + 1], float(f[j]), amount)[0][:, 0] for j in range(len(f))])
     hz, zeta, phi, deviation = identified(f, np.full(len(f), 0.01), shape.astype(complex), LABELS, BLOCK_S, rng)
-    one = ModalSet(id="0", frequency_hz=hz, damping_ratio=zeta, shape=phi, deviation=deviation, environment={},
-                   frequency_std_hz=np.full(len(hz), np.nan), shape_std=np.full(phi.shape, np.nan))  # fmt: skip
+    one = ModalSet(
+        id="0",
+        frequency_hz=hz,
+        damping_ratio=zeta,
+        shape=phi,
+        deviation=deviation,
+        environment={},
+        frequency_std_hz=np.full(len(hz), np.nan),
+        shape_std=np.full(phi.shape, np.nan),
+    )
     return ModalData(channels=tuple(s.channel for s in sensors), sets=(one,), labels=LABELS)
 
 
 def turbine(bench: Bench, case: str, number: int) -> dict:
-    """One line: true and estimated ln damage ratio of every hot spot, and what the intervals' standard deviations are."""
+    """One line: true and estimated ln damage ratio of every hot spot, and what the intervals' standard deviations
+    are."""
     rng = np.random.default_rng([20, CASES.index(case) if case != "scour-named" else 1, number])
     begun, line = time.perf_counter(), {"case": case, "number": number}
     try:
         description, theta, errors = truth(bench, case, number, rng)
         one = Parameters((description_parameter(description),))
-        whole = fatigue_model(description, f"truth {number}", bench.fatigue.conditions, parameters=one,
-                              sensors=bench.fatigue.models[0].sensors)  # fmt: skip
+        whole = fatigue_model(
+            description,
+            f"truth {number}",
+            bench.fatigue.conditions,
+            parameters=one,
+            sensors=bench.fatigue.models[0].sensors,
+        )
         names = {(whole.details[s.detail].name, s.side, s.place): k for k, s in enumerate(whole.spots)}
-        whole = whole.picked([names[bench.fatigue.details[s.detail].name, s.side, s.place] for s in bench.fatigue.spots])
+        whole = whole.picked(
+            [names[bench.fatigue.details[s.detail].name, s.side, s.place] for s in bench.fatigue.spots]
+        )
         data = measured(bench, whole, errors, rng)
         true = whole.reduced([]).solve(one.initial)
         line |= {"true": bench.curve.factor(np.log(true.damage_per_year())).tolist(), "theta": theta.tolist()}
         # the floors alone: an estimated discrepancy was zero in each of the first dozen
-        weights = state_model_error(bench.model, data, weights=stated_weights("measured", data), discrepancy=0.0)
-        problem = build_problem(bench.model, data, weights=weights)
-        top = maximum_a_posteriori(problem, [np.array(weights.at)])
+        weights = stated_weights("measured", data)
+        start = bench.model.parameters.initial
+        first = build_problem(bench.model, data, weights=replace(weights, tolerances=False)).with_model(bench.fast)
+        place = maximum_a_posteriori(first, [start]).theta
+        problem = build_problem(bench.model, data, weights=replace(weights, at=tuple(map(float, place)))).with_model(
+            bench.fast
+        )
+        top = maximum_a_posteriori(problem, [place])
         mean, slope = bench.fit(top.theta[None])[0], bench.fit.slope(top.theta)
         gain = gains(problem, top)
         line["map"] = top.theta.tolist()
         line["linear"] = [mean.tolist(), total(gain.parts(slope, bench.direct)).tolist()]
-        drawn, line["effective"] = posterior_draws(problem.with_model(bench.fast), top, rng)
+        drawn, line["effective"] = posterior_draws(problem, top, rng)
         chosen = drawn[:: max(1, len(drawn) // DRAWS)][:DRAWS]
-        value = bench.fit(chosen) + tolerance_draws(problem.with_model(bench.fast), chosen, rng) @ bench.direct.T
+        value = bench.fit(chosen) + tolerance_draws(problem, chosen, rng) @ bench.direct.T
         value = value + bench.fit.rms * rng.standard_normal(value.shape)
         line["draws"] = np.quantile(value, [0.05, 0.95], axis=0).tolist()
         line["draws_mean"], line["draws_std"] = value.mean(axis=0).tolist(), value.std(axis=0).tolist()
-        prior = np.hypot(*(np.sqrt(np.sum((x * s) ** 2, axis=1)) for x, s in
-                           ((slope, bench.fatigue.parameters.std), (bench.direct, gain.source_std))))  # fmt: skip
+        prior = np.hypot(
+            *(
+                np.sqrt(np.sum((x * s) ** 2, axis=1))
+                for x, s in ((slope, bench.fatigue.parameters.std), (bench.direct, gain.source_std))
+            )
+        )
         line["prior"] = [np.zeros(len(mean)).tolist(), prior.tolist()]
     except ProbupdateError as error:
         line["refused"] = f"{type(error).__name__}: {error}"
@@ -306,12 +352,18 @@ def read_lines(path: Path) -> list[dict]:
     return [json.loads(text) for text in path.read_text(encoding="utf-8").split("\n")[:-1]]
 
 
+def of_case(folder: Path, case: str) -> list[dict]:
+    return [line for path in sorted(folder.glob(f"{case}.*.jsonl")) for line in read_lines(path)]
+
+
 def tables(folder: Path) -> str:
     """Coverage of 90 % intervals with its standard error, by case and kind, all hot spots together and each."""
-    rows = ["| case | turbines | interval | coverage of 90 % | by hot spot | median std of ln X | RMS error of ln X | bias |",
-            "|---|---|---|---|---|---|---|---|"]
+    rows = [
+        "| case | turbines | interval | coverage of 90 % | by hot spot | median std of ln X | RMS error | bias |",
+        "|---|---|---|---|---|---|---|---|",
+    ]
     for case in CASES:
-        lines = [line for path in sorted(folder.glob(f"{case}.*.jsonl")) for line in read_lines(path)]
+        lines = of_case(folder, case)
         good = [line for line in lines if "refused" not in line]
         if not good:
             continue
@@ -319,13 +371,18 @@ def tables(folder: Path) -> str:
         for kind in ("draws", "linear", "prior"):
             one, two = (np.array([line[kind][k] for line in good]) for k in (0, 1))
             inside = (true > one) & (true < two) if kind == "draws" else np.abs(true - one) < LEVEL * two
-            mean, std = (one, two) if kind != "draws" else (
-                np.array([line["draws_mean"] for line in good]), np.array([line["draws_std"] for line in good]))
+            mean, std = (
+                (one, two)
+                if kind != "draws"
+                else (np.array([line["draws_mean"] for line in good]), np.array([line["draws_std"] for line in good]))
+            )
             own = inside.mean(axis=1)
             error = own.std(ddof=1) / np.sqrt(len(own)) if len(own) > 1 else float("nan")
-            rows.append(f"| {case} | {len(good)} ({len(lines) - len(good)} refused) | {kind} | {100 * inside.mean():.1f} +- "
-                        f"{100 * error:.1f} % | {', '.join(f'{100 * x:.0f}' for x in inside.mean(axis=0))} | "
-                        f"{np.median(std):.4f} | {np.sqrt(np.mean((true - mean) ** 2)):.4f} | {np.mean(mean - true):+.4f} |")  # fmt: skip
+            rows.append(
+                f"| {case} | {len(good)} ({len(lines) - len(good)} refused) | {kind} | {100 * inside.mean():.1f} +- "
+                f"{100 * error:.1f} % | {', '.join(f'{100 * x:.0f}' for x in inside.mean(axis=0))} | "
+                f"{np.median(std):.4f} | {np.sqrt(np.mean((true - mean) ** 2)):.4f} | {np.mean(mean - true):+.4f} |"
+            )
     return "\n".join(rows)
 
 
@@ -335,23 +392,29 @@ def main() -> int:
     parser.add_argument("--case", action="append", choices=CASES)
     parser.add_argument("--turbines", type=int, default=250)
     parser.add_argument("--minutes", type=float, default=25.0)
-    parser.add_argument("--part", type=int, default=0, help="several processes share a case: this one's number")
-    parser.add_argument("--parts", type=int, default=1)
+    parser.add_argument("--jobs", type=int, default=1, help="processes, after what they share is made")
     a = parser.parse_args()
     a.out.mkdir(parents=True, exist_ok=True)
     end = time.monotonic() + 60 * a.minutes
     benches = {case: make_bench(a.out, case, np.random.default_rng(5)) for case in a.case or CASES}
-    for number in range(a.part, a.turbines, a.parts):
-        for case, bench in benches.items():
-            path = a.out / f"{case}.{a.part}of{a.parts}.jsonl"
-            lines = read_lines(path)
-            if any(line["number"] == number for line in lines):
-                continue
-            if time.monotonic() > end:
-                break
-            # without the half line of a killed process
-            text = "".join(json.dumps(line) + "\n" for line in [*lines, turbine(bench, case, number)])
-            path.write_text(text, encoding="utf-8")
+
+    def work(part: int) -> None:
+        for number in range(part, a.turbines, a.jobs):
+            for case, bench in benches.items():
+                if time.monotonic() > end or number in {line["number"] for line in of_case(a.out, case)}:
+                    continue
+                path = a.out / f"{case}.{part}of{a.jobs}.jsonl"
+                # without the half line of a killed process
+                path.write_text(
+                    "".join(json.dumps(line) + "\n" for line in [*read_lines(path), turbine(bench, case, number)]),
+                    encoding="utf-8",
+                )
+
+    workers = [multiprocessing.get_context("fork").Process(target=work, args=(k,)) for k in range(a.jobs)]
+    for worker in workers:
+        worker.start()
+    for worker in workers:
+        worker.join()
     sys.stdout.write(tables(a.out) + "\n")
     return 0
 

@@ -6,7 +6,6 @@ import json
 import numpy as np
 import pytest
 from scipy import sparse, stats
-from tests.subdyn_text import STEEL, subdyn
 
 from probupdate.cli import main
 from probupdate.errors import InputError
@@ -19,6 +18,7 @@ from probupdate.modes import ModalData, ModalSet
 from probupdate.structure.load import load_model
 from probupdate.structure.subdyn_model import assembled_file
 from probupdate.structure.subdyn_values import applied
+from tests.subdyn_text import STEEL, subdyn
 
 TOML = """name = "a frame"
 [subdyn]

@@ -1,53 +1,80 @@
 """`export --fatigue`: every file is there, read back, and holds what its parts say; factors add up to the one model."""
 
+import copy
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
-from tests.lifetime.test_stress import CONDITIONS, UPDATED, _toml
-from tests.small_turbine import small_turbine
 
-from probupdate import verbs
 from probupdate.effects.tolerances import TurbineUncertainty
 from probupdate.errors import InputError
 from probupdate.estimators.laplace import maximum_a_posteriori
 from probupdate.estimators.posterior_file import Posterior
 from probupdate.lifetime import fatigue_files
 from probupdate.lifetime.export import export_lifetime, read_table
-from probupdate.lifetime.factors import gains, joint_covariance, total
+from probupdate.lifetime.factors import gains, tolerance_draws, total
+from probupdate.lifetime.fatigue import fatigue_model
 from probupdate.lifetime.fatigue_files import FatigueInput
+from probupdate.mode_labels import mode_character
 from probupdate.modes import ModalData, ModalSet
 from probupdate.problem import Weights, build_problem
-from probupdate.structure.load import load_model
+from probupdate.structure.description import read_description
+from probupdate.structure.load import load_model, model_sensors
+from tests.lifetime.test_stress import CONDITIONS, UPDATED, _toml
+from tests.small_turbine import small_turbine
 
 HIGH = 4
 
 
+def toml(raw) -> str:
+    """model.toml of a dictionary: plain keys and tables in lines first, lists of tables after them."""
+
+    def value(v):
+        if isinstance(v, dict):
+            return "{ " + ", ".join(f"{k} = {value(x)}" for k, x in v.items()) + " }"
+        if isinstance(v, list):
+            return "[" + ", ".join(value(x) for x in v) + "]"
+        return str(v).lower() if isinstance(v, bool) else f'"{v}"' if isinstance(v, str) else repr(v)
+
+    many = {k: v for k, v in raw.items() if isinstance(v, list) and v and isinstance(v[0], dict)}
+    lines = [f"{k} = {value(v)}" for k, v in raw.items() if k not in many]
+    for key, items in many.items():
+        for item in items:
+            lines += [f"[[{key}]]", *(f"{k} = {value(x)}" for k, x in item.items())]
+    return "\n".join(lines) + "\n"
+
+
 @pytest.fixture(scope="module")
 def run(tmp_path_factory):
-    """A small turbine's file, a posterior about it, conditions and the one model's problem of five of its modes."""
+    """A small turbine's folder, its model, and the one model's problem of four of its modes at its maximum."""
     folder = tmp_path_factory.mktemp("fatigue")
     raw = small_turbine()
     for p in raw["parameter"]:
         p["update"] = p["name"] in UPDATED[:3]
-    (folder / "model.toml").write_text(_nested(raw))
-    (folder / "fatigue.toml").write_text(_toml(CONDITIONS))
+    (folder / "model.toml").write_text(toml(raw))
+    conditions = copy.deepcopy(CONDITIONS)
+    conditions["life"]["years"] = 15
+    (folder / "fatigue.toml").write_text(_toml(conditions))
     model = load_model(folder / "model.toml")
     solution = model.solve(model.parameters.initial * 1.02, HIGH)
     f, shape = solution.frequency_hz, solution.shape / np.abs(solution.shape).max(axis=0)
-    one = ModalSet(id="a", frequency_hz=f, damping_ratio=np.full(HIGH, 0.01), shape=shape, frequency_std_hz=0.002 * f,
-                   shape_std=np.full(shape.shape, 0.02), environment={})  # fmt: skip
-    data = ModalData(channels=model.channels, sets=(one, one, one), labels=tuple(f"M{k}" for k in range(HIGH)))
-    known = verbs.replace(model, uncertainty=TurbineUncertainty.of(folder / "model.toml", model, None, 0.0))
-    problem = build_problem(known, data, weights=Weights()).with_error(model.parameters.initial)
-    laplace = maximum_a_posteriori(problem, [model.parameters.initial])
-    return folder, model, problem, laplace
-
-
-def _nested(raw) -> str:
-    from tests.structure.test_description import toml_text  # noqa: F401
-
-    raise NotImplementedError
+    labels = mode_character(solution.shape, model_sensors(folder / "model.toml")).labels
+    sets = tuple(
+        ModalSet(
+            id=f"{k}",
+            frequency_hz=f * (1 + 0.001 * k),
+            damping_ratio=np.full(HIGH, 0.01 + 0.001 * k),
+            shape=shape,
+            frequency_std_hz=0.002 * f,
+            shape_std=np.full(shape.shape, 0.02),
+        )
+        for k in range(3)
+    )
+    data = ModalData(channels=model.channels, sets=sets, labels=tuple(labels))
+    known = replace(model, uncertainty=TurbineUncertainty.of(folder / "model.toml", model, None, 0.0))
+    problem = build_problem(known, data, weights=Weights(tolerances=True)).with_error(model.parameters.initial)
+    return folder, model, data, problem, maximum_a_posteriori(problem, [model.parameters.initial])
 
 
 def posterior(model) -> Posterior:
@@ -55,8 +82,176 @@ def posterior(model) -> Posterior:
     theta = model.parameters.initial * np.exp(0.03 * rng.standard_normal((4, 200, len(model.parameters))))
     n = len(model.parameters)
     return Posterior(
-        names=model.parameters.names, theta=theta, log_likelihood=np.zeros((4, 200)), log_posterior=np.zeros((4, 200)),
-        prior=theta[0, :10], response_labels=("f",), measured=np.ones(1), std=np.ones(1), predicted=np.ones((2, 1)),
-        frequency_hz=np.ones((2, 1)), mode_labels=("FA1",), r_hat=np.ones(n), ess=np.full(n, 400.0), converged=True,
-        verdict="made up", fingerprint="none",
-    )  # fmt: skip
+        names=model.parameters.names,
+        theta=theta,
+        log_likelihood=np.zeros((4, 200)),
+        log_posterior=np.zeros((4, 200)),
+        prior=theta[0, :10],
+        response_labels=("f",),
+        measured=np.ones(1),
+        std=np.ones(1),
+        predicted=np.ones((2, 1)),
+        frequency_hz=np.ones((2, 1)),
+        mode_labels=("FA1",),
+        r_hat=np.ones(n),
+        ess=np.full(n, 400.0),
+        converged=True,
+        verdict="made up",
+        fingerprint="none",
+    )
+
+
+@pytest.fixture(scope="module")
+def done(run):
+    folder, model, data, problem, laplace = run
+    with pytest.MonkeyPatch.context() as patch:
+        # few of everything; numbers are checked elsewhere
+        for name, number in (("WORST", 3), ("PRIOR_DRAWS", 6), ("SIMULATED", 4000)):
+            patch.setattr(fatigue_files, name, number)
+        return export_lifetime(
+            posterior(model),
+            model,
+            folder / "model.toml",
+            folder / "out",
+            n_draw=4,
+            modes=data,
+            fatigue=FatigueInput(
+                file=folder / "fatigue.toml",
+                problem=problem,
+                laplace=laplace,
+                set_updates=laplace.theta * (1 + 0.01 * np.array([[-1.0], [0.0], [1.0]])),
+            ),
+        )
+
+
+FILES = (
+    "hot_spots.csv",
+    "fatigue.csv",
+    "fatigue_sensitivity.csv",
+    "model_factors.csv",
+    "reliability.csv",
+    "remaining_life.csv",
+)
+
+
+def test_every_file_of_fatigue_is_in_the_manifest_with_units(done):
+    manifest = json.loads((done.folder / "manifest.json").read_text())
+    for name in FILES:
+        entry = manifest["files"][name]
+        assert entry["schema"]["items"]["required"] and entry["what"]
+        assert b"sampler: converged" in (done.folder / name).read_bytes()
+    told = manifest["fatigue"]
+    assert told["basis_error"] < 0.01 and told["target_annual_index"] == 3.3
+    assert told["form_minus_monte_carlo"] < 0.02 + 4 * told["monte_carlo_standard_error"]
+    assert not any("fatigue" in text for text in manifest["left_out"])
+
+
+def test_ratios_are_of_their_own_draw_over_the_design(done, run):
+    table = {k: np.array(v) for k, v in read_table(done.folder / "fatigue.csv").items()}
+    spots = read_table(done.folder / "hot_spots.csv")
+    n = len(spots["hot_spot"])
+    assert len(table["draw"]) == 5 * n and set(spots["side"]) == {"chord", "weld"}
+    design = table["draw"] == 0
+    np.testing.assert_allclose(table["ratio_m5"][design], 1.0)
+    for k in range(1, 5):
+        own = table["draw"] == k
+        np.testing.assert_allclose(table["ratio_m3"][own], table["del_m3"][own] / table["del_m3"][design])
+        np.testing.assert_allclose(
+            table["damage_ratio"][own], table["damage_per_year"][own] / table["damage_per_year"][design]
+        )
+    # the full model, one draw, the damping that the draw was given
+    modes = read_table(done.folder / "modes.csv")
+    damping = {
+        label: z
+        for d, label, z in zip(modes["draw"], modes["label"], modes["damping_ratio"], strict=True)
+        if d == 2 and z is not None
+    }
+    assert len(damping) >= 3
+    full = fatigue_model(read_description(run[0] / "model.toml"), "model.toml", run[0] / "fatigue.toml")
+    expected = full.solve(done.draws[1], damping).equivalent_mpa(5.0)
+    np.testing.assert_allclose(table["del_m5"][table["draw"] == 2], expected, rtol=5e-3)
+
+
+def test_factors_have_the_parts_of_the_one_model(done, run):
+    table = read_table(done.folder / "model_factors.csv")
+    kinds = set(table["quantity"])
+    assert kinds == {"frequency", "damping ratio", "stress range"}
+    parts = [f"cov_{p}" for p in ("measurement", "tolerance", "set_to_set", "model_form", "prior")]
+    for k, quantity in enumerate(table["quantity"]):
+        if quantity == "damping ratio":
+            # 10, 11, 12 per mille in the sets, 2 % assumed
+            assert table["bias"][k] == pytest.approx(0.55, abs=0.05)
+            assert table["cov_set_to_set"][k] == pytest.approx(np.std(np.log([0.010, 0.011, 0.012]), ddof=1), rel=1e-6)
+        if quantity == "stress range":
+            assert all(table[p][k] is not None and table[p][k] >= 0 for p in parts)
+
+
+def test_parts_of_a_parameter_add_up_to_its_variance(run):
+    *_, problem, laplace = run
+    found = gains(problem, laplace)
+    own = found.parts(np.eye(len(found.theta)))
+    np.testing.assert_allclose(total(own) ** 2, np.diag(found.covariance), rtol=1e-8)
+
+
+def test_tolerances_given_the_data_are_between_their_prior_and_what_is_left(run):
+    _, _, _, problem, laplace = run
+    thetas = np.tile(laplace.theta, (4000, 1))[:1]
+    rng = np.random.default_rng(1)
+    std = np.array([s.std for s in problem.error.sources])
+    mean = np.array([s.mean for s in problem.error.sources])
+    unit = np.array([((tolerance_draws(problem, thetas, rng)[0]) - mean) / std for _ in range(300)])
+    B = problem.noise_root @ problem.factor
+    expected = np.sqrt(np.diag(np.linalg.inv(np.eye(B.shape[1]) + B.T @ B)))
+    # 300 draws: a standard deviation to 4 %, the worst of a hundred to four times that
+    np.testing.assert_allclose(unit.std(axis=0, ddof=1), expected, rtol=0.2)
+    assert np.all(expected <= 1 + 1e-9) and expected.min() < 0.9
+
+
+def test_tolerances_move_stress_as_their_parameters_do(run):
+    # legs' walls, all alike, is k_j for the legs: with the braces' it is k_j, but for the joints, which follow k_j too
+    folder, _, _, problem, laplace = run
+    full = fatigue_model(read_description(folder / "model.toml"), "model.toml", folder / "fatigue.toml")
+    few = full.picked([0, 2, len(full.spots) - 1])
+    given = FatigueInput(file=folder / "fatigue.toml", problem=problem, laplace=laplace)
+    few_one = replace(
+        few,
+        models=few.models[:1],
+        conditions=few.conditions.model_copy(
+            update={"direction": (few.conditions.direction[0].model_copy(update={"share": 1.0}),)}
+        ),
+    )
+    slope = fatigue_files.tolerance_slopes(folder / "model.toml", few, given, {})
+    names = [s.name for s in problem.error.sources]
+    assert slope.shape == (3, len(names)) and np.abs(slope[:, names.index("tolerance_wall_tower")]).max() > 0
+    sensors = [k for k, s in enumerate(problem.error.sources) if s.group == "sensors"]
+    assert not slope[:, sensors].any()
+    # a basis of one parameter vector knows modes, not how stress changes with them
+    near = laplace.theta * (1 + 0.05 * np.random.default_rng(1).standard_normal((6, len(laplace.theta))))
+    exact = few_one.reduced([laplace.theta, *near]).solve(laplace.theta, {}, derivatives=True).equivalent_change(5.0)
+    both = slope[:, names.index("tolerance_wall_leg")] + slope[:, names.index("tolerance_wall_brace")]
+    np.testing.assert_allclose(both, exact[0] / 1.0, atol=0.15 * np.abs(exact[0]).max() + 0.02)
+
+
+def test_matrices_have_no_members_to_fatigue(run, tmp_path):
+    folder = run[0]
+    rng = np.random.default_rng(2)
+    root = rng.standard_normal((12, 12))
+    np.savez(
+        tmp_path / "model.npz",
+        K0=root @ root.T + 50 * np.eye(12),
+        M0=np.eye(12),
+        K_a=np.diag(np.arange(12.0)),
+        channel=np.array(["x", "y"]),
+        channel_dof=np.array([0, 1]),
+    )
+    (tmp_path / "parameters.toml").write_text('[[parameter]]\nname = "a"\ninitial = 1.0\nstd = 0.1\n')
+    model = load_model(tmp_path / "model.npz")
+    with pytest.raises(InputError, match="leave --fatigue out"):
+        export_lifetime(
+            posterior(model),
+            model,
+            tmp_path / "model.npz",
+            tmp_path / "out",
+            n_draw=2,
+            fatigue=FatigueInput(file=folder / "fatigue.toml"),
+        )

@@ -18,8 +18,12 @@ from probupdate.lifetime.reliability import (
 )
 from probupdate.lifetime.spectral import Curve, dirlik
 
-STATED = Uncertainty(x_load=Lognormal(median=1.0, cov=0.10), x_scf=Lognormal(median=1.0, cov=0.15),
-                     miner=Lognormal(median=1.0, cov=0.3), log10_a_std=0.2)  # fmt: skip
+STATED = Uncertainty(
+    x_load=Lognormal(median=1.0, cov=0.10),
+    x_scf=Lognormal(median=1.0, cov=0.15),
+    miner=Lognormal(median=1.0, cov=0.3),
+    log10_a_std=0.2,
+)
 T = Curve(log10_a1=11.764, m1=3.0, log10_a2=15.606, m2=5.0)
 
 
@@ -56,8 +60,11 @@ def test_one_slope_has_the_lognormal_closed_form():
     at = np.array([-2.5, 0.0, 2.5])
     curve = DamageCurve(at=at, log_damage=(np.log(1e-2) + 4.0 * at)[:, None])
     found = reliability(curve, np.array([0.05]), np.array([0.08]), STATED, years=30, target=3.3)
-    std = np.sqrt(16 * (0.08**2 + log_std(STATED.x_load) ** 2 + log_std(STATED.x_scf) ** 2) + log_std(STATED.miner) ** 2
-                  + (np.log(10) * 0.2) ** 2)  # fmt: skip
+    std = np.sqrt(
+        16 * (0.08**2 + log_std(STATED.x_load) ** 2 + log_std(STATED.x_scf) ** 2)
+        + log_std(STATED.miner) ** 2
+        + (np.log(10) * 0.2) ** 2
+    )
     expected = (-np.log(1e-2) - 0.2 - np.log(np.arange(1, 31))) / std
     np.testing.assert_allclose(found.cumulative[0], expected, rtol=1e-9)
     failed = stats.norm.cdf(-expected)
@@ -95,9 +102,15 @@ def test_form_and_monte_carlo_agree_on_two_slopes():
 
 def test_life_of_the_median_factor_is_the_damage_turned_over():
     curve = two_slopes()
-    sure = Uncertainty(x_load=Lognormal(median=1.0, cov=0.0), x_scf=Lognormal(median=1.0, cov=0.0),
-                       miner=Lognormal(median=0.5, cov=0.0), log10_a_std=0.0)  # fmt: skip
-    lives = life_quantiles(curve, np.zeros(3), np.zeros(3), sure, np.array([0.1, 0.9]), n=100, rng=np.random.default_rng(1))
+    sure = Uncertainty(
+        x_load=Lognormal(median=1.0, cov=0.0),
+        x_scf=Lognormal(median=1.0, cov=0.0),
+        miner=Lognormal(median=0.5, cov=0.0),
+        log10_a_std=0.0,
+    )
+    lives = life_quantiles(
+        curve, np.zeros(3), np.zeros(3), sure, np.array([0.1, 0.9]), n=100, rng=np.random.default_rng(1)
+    )
     at_one = curve.value(np.zeros((3, 1)))[0][:, 0]
     np.testing.assert_allclose(lives, 0.5 * np.exp(-at_one)[:, None] * np.ones(2), rtol=1e-10)
 

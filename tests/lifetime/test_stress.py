@@ -1,4 +1,5 @@
-"""Stress transfer: static limits by hand, a direct solution, a record in time, derivatives by differences, the basis."""
+"""Stress transfer: static limits by hand, a direct solution, a record in time, derivatives by differences, the
+basis."""
 
 import copy
 
@@ -7,7 +8,6 @@ import pytest
 from scipy import sparse
 from scipy.integrate import quad
 from scipy.sparse import linalg as sparse_linalg
-from tests.small_turbine import small_turbine
 
 from probupdate.errors import InputError
 from probupdate.lifetime import stress as stresses
@@ -15,6 +15,7 @@ from probupdate.lifetime.conditions import Conditions, jonswap, kaimal, read_con
 from probupdate.lifetime.fatigue import fatigue_model
 from probupdate.lifetime.spectral import rainflow
 from probupdate.structure.description import parse_description
+from tests.small_turbine import small_turbine
 
 CONDITIONS = {
     "format": 1,
@@ -24,19 +25,54 @@ CONDITIONS = {
     "life": {"age_years": 5.0, "years": 30, "reference_cycles": 1e7},
     "direction": [{"heading_deg": 0.0, "share": 0.7}, {"heading_deg": 50.0, "share": 0.3}],
     "state": [
-        {"name": "storm", "share": 0.1, "operating": False, "hs_m": 4.0, "tp_s": 9.0, "gamma": 2.0, "wind_mps": 25.0,
-         "turbulence": 0.12, "thrust_coefficient": 0.05},
-        {"name": "rated", "share": 0.9, "operating": True, "hs_m": 1.5, "tp_s": 6.0, "gamma": 1.5, "wind_mps": 11.0,
-         "turbulence": 0.14, "thrust_coefficient": 0.7},
+        {
+            "name": "storm",
+            "share": 0.1,
+            "operating": False,
+            "hs_m": 4.0,
+            "tp_s": 9.0,
+            "gamma": 2.0,
+            "wind_mps": 25.0,
+            "turbulence": 0.12,
+            "thrust_coefficient": 0.05,
+        },
+        {
+            "name": "rated",
+            "share": 0.9,
+            "operating": True,
+            "hs_m": 1.5,
+            "tp_s": 6.0,
+            "gamma": 1.5,
+            "wind_mps": 11.0,
+            "turbulence": 0.14,
+            "thrust_coefficient": 0.7,
+        },
     ],
-    "curve": {"T": {"log10_a1": 11.764, "m1": 3.0, "log10_a2": 15.606, "m2": 5.0, "reference_thickness_m": 0.032,
-                    "thickness_exponent": 0.25}},
-    "joint": [{"at": "leg", "curve": "T",
-               "chord": {"axial_crown": 2.0, "axial_saddle": 4.0, "in_plane": 2.0, "out_of_plane": 3.0}}],
+    "curve": {
+        "T": {
+            "log10_a1": 11.764,
+            "m1": 3.0,
+            "log10_a2": 15.606,
+            "m2": 5.0,
+            "reference_thickness_m": 0.032,
+            "thickness_exponent": 0.25,
+        }
+    },
+    "joint": [
+        {
+            "at": "leg",
+            "curve": "T",
+            "chord": {"axial_crown": 2.0, "axial_saddle": 4.0, "in_plane": 2.0, "out_of_plane": 3.0},
+        }
+    ],
     "girth": [{"part": "tower", "z_m": 12.0, "factor": 1.0, "curve": "T"}],
-    "uncertainty": {"x_load": {"median": 1.0, "cov": 0.1}, "x_scf": {"median": 1.0, "cov": 0.1},
-                    "miner": {"median": 1.0, "cov": 0.3}, "log10_a_std": 0.2},
-}  # fmt: skip
+    "uncertainty": {
+        "x_load": {"median": 1.0, "cov": 0.1},
+        "x_scf": {"median": 1.0, "cov": 0.1},
+        "miner": {"median": 1.0, "cov": 0.3},
+        "log10_a_std": 0.2,
+    },
+}
 UPDATED = ("k_j", "k_t", "LJF", "t_l", "t_b", "m_h", "py")
 
 
@@ -64,7 +100,9 @@ def test_spectra_have_their_variance_and_waves_their_length():
     for gamma in (1.0, 3.3):
         # A_gamma is a fit to two per cent
         assert np.trapezoid(jonswap(f, 3.0, 8.0, gamma), f) == pytest.approx(9 / 16, rel=0.02)
-    assert quad(lambda x: float(kaimal(np.array([x]), 10.0, 0.1, 340.2)[0]), 0, np.inf, limit=400)[0] == pytest.approx(1, rel=1e-6)
+    assert quad(lambda x: float(kaimal(np.array([x]), 10.0, 0.1, 340.2)[0]), 0, np.inf, limit=400)[0] == pytest.approx(
+        1, rel=1e-6
+    )
     omega = np.array([0.1, 0.5, 2.0, 10.0])
     k = wave_number(omega, 38.0, 9.81)
     np.testing.assert_allclose(9.81 * k * np.tanh(k * 38.0), omega**2, rtol=1e-12)
@@ -93,8 +131,9 @@ def test_slow_thrust_bends_the_tower_as_a_lever(whole):
     z = slow.transfer(one.parameters.initial, {}, wind=True)[girth, :, 0]
     tube = one.details[girth].beam.tube
     arm, depth = 50.0 + 2.0 - 12.0, 0.5 * tube.outer({})
-    assert z[1].real == pytest.approx(-1e-6 * arm * depth / tube.second_moment({}), rel=1e-4) or \
-        z[1].real == pytest.approx(1e-6 * arm * depth / tube.second_moment({}), rel=1e-4)
+    assert z[1].real == pytest.approx(-1e-6 * arm * depth / tube.second_moment({}), rel=1e-4) or z[
+        1
+    ].real == pytest.approx(1e-6 * arm * depth / tube.second_moment({}), rel=1e-4)
     assert abs(z[2]) < 1e-4 * abs(z[1]) and abs(z[0]) < 1e-6 * abs(z[1])
     # the wind blows along x: the lee side is pressed
     assert z[1].real < 0
@@ -108,8 +147,13 @@ def test_slow_waves_load_the_piles_by_their_sum(whole):
     inertia, _ = one._point_loads(np.array([0.05]))
     n_tied = {tie.node for tie in one.frame.ties}
     transform = stresses.transformation(one.frame)
-    free = sparse_linalg.lsqr(transform, np.concatenate([x.ravel(), np.zeros(transform.shape[0] - x.size)]), atol=1e-14, btol=1e-14)[0]
-    assert n_tied and np.abs(transform @ free - np.concatenate([x.ravel(), np.zeros(transform.shape[0] - x.size)])).max() < 1e-6
+    free = sparse_linalg.lsqr(
+        transform, np.concatenate([x.ravel(), np.zeros(transform.shape[0] - x.size)]), atol=1e-14, btol=1e-14
+    )[0]
+    assert (
+        n_tied
+        and np.abs(transform @ free - np.concatenate([x.ravel(), np.zeros(transform.shape[0] - x.size)])).max() < 1e-6
+    )
     assert free @ (one.waves.spread @ inertia)[:, 0] == pytest.approx(inertia.reshape(-1, 3)[:, 0].sum(), rel=1e-6)
 
 
@@ -141,8 +185,18 @@ def test_modes_and_a_direct_solution_agree(whole):
 
 def test_a_brace_carries_one_force_from_leg_to_crossing():
     # slow thrust loads no brace between its ends
-    found = model(lambda raw: raw.update(joint=[{"at": at, "curve": "T", "chord": {
-        "axial_crown": 1.0, "axial_saddle": 1.0, "in_plane": 1.0, "out_of_plane": 1.0}} for at in ("leg", "crossing")]))
+    found = model(
+        lambda raw: raw.update(
+            joint=[
+                {
+                    "at": at,
+                    "curve": "T",
+                    "chord": {"axial_crown": 1.0, "axial_saddle": 1.0, "in_plane": 1.0, "out_of_plane": 1.0},
+                }
+                for at in ("leg", "crossing")
+            ]
+        )
+    )
     one = stresses.replace(found.models[0], frequency_hz=np.array([1e-4, 2e-4]))
     theta = one.parameters.initial
     force = one.transfer(theta, {}, wind=True)[:, 0, 0] / one._scale(theta)[::3]
@@ -178,7 +232,9 @@ def test_the_basis_answers_what_it_has_not_seen(whole):
     small = whole.reduced(thetas[:8])
     assert small.models[0].basis.shape[1] < whole.models[0].model.n_dof
     for theta in thetas[8:]:
-        np.testing.assert_allclose(small.solve(theta).equivalent_mpa(5.0), whole.solve(theta).equivalent_mpa(5.0), rtol=5e-3)
+        np.testing.assert_allclose(
+            small.solve(theta).equivalent_mpa(5.0), whole.solve(theta).equivalent_mpa(5.0), rtol=5e-3
+        )
 
 
 def test_counted_cycles_of_a_record_in_time_give_the_spectral_range(whole):
@@ -204,16 +260,20 @@ def test_counted_cycles_of_a_record_in_time_give_the_spectral_range(whole):
     dt = 1 / rate
     for k in np.flatnonzero(keep):
         w, zeta = 2 * np.pi * hz[k], m.ratio[k]
-        # q'' + 2 zeta w q' + w^2 q = p, trapezoidal force (Newmark's average acceleration: periods stretched by (w dt)^2 / 12)
+        # q'' + 2 zeta w q' + w^2 q = p, trapezoidal force (Newmark's average acceleration: periods stretched by (w
+        # dt)^2 / 12)
         a0 = 4 / dt**2 + 4 * zeta * w / dt + w**2
         p = force * m.hub[k]
-        q = lfilter(np.array([1.0, 2.0, 1.0]) / a0, np.array([1.0, (2 * w**2 - 8 / dt**2) / a0,
-                                                          (4 / dt**2 - 4 * zeta * w / dt + w**2) / a0]), p)
+        q = lfilter(
+            np.array([1.0, 2.0, 1.0]) / a0,
+            np.array([1.0, (2 * w**2 - 8 / dt**2) / a0, (4 / dt**2 - 4 * zeta * w / dt + w**2) / a0]),
+            p,
+        )
         acceleration = p - 2 * zeta * w * np.gradient(q, dt) - w**2 * q
         stress += (weight @ RK[at, :, k]) * q + (weight @ RM[at, :, k]) * acceleration
     rest = ~keep
     stress += force * np.sum((weight @ RK[at][:, rest]) * m.hub[rest] / m.value[rest])
-    cycles, count = rainflow(stress[int(600 * rate):])
+    cycles, count = rainflow(stress[int(600 * rate) :])
     span = seconds - 600
     only = model(lambda raw: [s.update(hs_m=1e-6) for s in raw["state"]])
     spectral = only.models[0].solve(theta, {})
@@ -230,25 +290,30 @@ def test_counted_cycles_of_a_record_in_time_give_the_spectral_range(whole):
 def test_a_users_spectrum_takes_the_place_of_turbulence(tmp_path):
     text = _toml(CONDITIONS).replace('name = "rated"', 'name = "rated"\nthrust_spectrum = "thrust.csv"')
     (tmp_path / "fatigue.toml").write_text(text)
-    with pytest.raises(InputError, match="thrust_spectrum.*not a file beside"):
+    with pytest.raises(InputError, match=r"thrust_spectrum.*not a file beside"):
         read_conditions(tmp_path / "fatigue.toml")
     (tmp_path / "thrust.csv").write_text("frequency_hz,n2phz\n0.01,1e9\n0.1,1e9\n0.2,0\n")
     found = fatigue_model(turbine(), "small", tmp_path / "fatigue.toml")
     one = found.models[0]
     at = np.searchsorted(one.frequency_hz, [0.05, 0.15, 0.5])
-    np.testing.assert_allclose(one.cases[1].thrust[at], np.interp(one.frequency_hz[at], [0.01, 0.1, 0.2], [1e9, 1e9, 0]))
+    np.testing.assert_allclose(
+        one.cases[1].thrust[at], np.interp(one.frequency_hz[at], [0.01, 0.1, 0.2], [1e9, 1e9, 0])
+    )
 
 
-@pytest.mark.parametrize(("old", "new", "words"), [
-    ("share = 0.7", "share = 0.6", "direction.share: they add up to 0.9"),
-    ('curve = "T"', 'curve = "F"', "is not a .curve. of the file"),
-    ("drag_coefficient", "drag", "drag_coefficient: is missing"),
-    ("m2 = 5.0", "m2 = 2.0", "swap the slopes"),
-    ('at = "leg"', 'at = "leg"\nbay = [7]', "chooses no brace end"),
-    ("z_m = 12.0", "z_m = 14.5", "choose the level of an element's end"),
-    ('part = "tower"', 'part = "towr"', "did you mean 'tower'"),
-    ("hs_m = 4.0", 'hs_m = "four"', "hs_m"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("share = 0.7", "share = 0.6", "direction.share: they add up to 0.9"),
+        ('curve = "T"', 'curve = "F"', "is not a .curve. of the file"),
+        ("drag_coefficient", "drag", "drag_coefficient: is missing"),
+        ("m2 = 5.0", "m2 = 2.0", "swap the slopes"),
+        ('at = "leg"', 'at = "leg"\nbay = [7]', "chooses no brace end"),
+        ("z_m = 12.0", "z_m = 14.5", "choose the level of an element's end"),
+        ('part = "tower"', 'part = "towr"', "did you mean 'tower'"),
+        ("hs_m = 4.0", 'hs_m = "four"', "hs_m"),
+    ],
+)
 def test_mistakes_name_file_and_key(tmp_path, old, new, words):
     text = _toml(CONDITIONS)
     assert old in text
@@ -260,6 +325,7 @@ def test_mistakes_name_file_and_key(tmp_path, old, new, words):
 
 def _toml(raw) -> str:
     """The dictionary as TOML: tables, lists of tables, tables in lines."""
+
     def value(v):
         if isinstance(v, dict):
             return "{ " + ", ".join(f"{k} = {value(x)}" for k, x in v.items()) + " }"
@@ -282,6 +348,9 @@ def _toml(raw) -> str:
 def test_sparse_and_dense_rows_are_one(whole):
     one = whole.models[0]
     few = whole.picked([3, 11, len(whole.spots) - 1])
-    np.testing.assert_allclose(few.solve(one.parameters.initial).equivalent_mpa(3.0),
-                               whole.solve(one.parameters.initial).equivalent_mpa(3.0)[[3, 11, -1]], rtol=1e-10)  # fmt: skip
+    np.testing.assert_allclose(
+        few.solve(one.parameters.initial).equivalent_mpa(3.0),
+        whole.solve(one.parameters.initial).equivalent_mpa(3.0)[[3, 11, -1]],
+        rtol=1e-10,
+    )
     assert sparse.issparse(few.models[0].stiffness_rows[0])
