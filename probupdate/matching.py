@@ -122,7 +122,7 @@ def match(
     measured = rotate_to_real(modal_set.shape).real
     computed = solution.shape[rows]
     components = np.isfinite(measured).sum(axis=0)
-    if np.all(components[modal_set.measured] == 1) and modal_set.measured.any():
+    if np.all(components[modal_set.measured] <= 1) and modal_set.measured.any():
         return _by_frequency(modal_set, solution.frequency_hz)
     left_out, used = [], []
     for j in range(modal_set.frequency_hz.size):
@@ -198,10 +198,11 @@ def match(
 
 
 def _by_frequency(modal_set: ModalSet, computed_hz: np.ndarray) -> Matching:
-    """One sensor: a shape of one component is like any other, so that modes are paired by frequency, in its order."""
+    """One sensor or none: a shape of one component is like any other, so that modes are paired by frequency, in its
+    order."""
     used = [int(j) for j in np.argsort(modal_set.frequency_hz) if modal_set.measured[j]]
     if len(used) > len(computed_hz):
-        raise InputError(f"set {modal_set.id}", f"has {len(used)} modes at one sensor, and the model {len(computed_hz)}",
+        raise InputError(f"set {modal_set.id}", f"has {len(used)} modes at one sensor at most, and the model {len(computed_hz)}",
                          "measure with more sensors, so that shapes say which mode is which")  # fmt: skip
     away = np.abs(np.log(computed_hz[None, :] / modal_set.frequency_hz[used][:, None]))
     # the cheapest pairing of two rising rows of frequencies never crosses
@@ -212,7 +213,7 @@ def _by_frequency(modal_set: ModalSet, computed_hz: np.ndarray) -> Matching:
     return Matching(
         groups=tuple(ModeGroup(measured=(j,), computed=(int(i),)) for j, i in zip(used, column, strict=True)),
         criterion=frozen_array(criterion),
-        left_out=("the shapes of all modes, which have one component: modes are paired by frequency alone",),
+        left_out=("the shapes of all modes, which have one component at most: modes are paired by frequency alone",),
         n_mode=min(int(column.max()) + 1 + SPARE, len(computed_hz)),
     )  # fmt: skip
 

@@ -175,8 +175,8 @@ class Problem:
     def _assign(self, shape: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """shape (n, n_channel, n_mode) -> computed (n, n_used) and the criterion (n, n_used, n_mode)."""
         criterion = np.empty((len(shape), self.n_frequency, shape.shape[2]))
-        if all(group.rows.size == 1 for group in self.groups):
-            # one sensor: no shape says which mode is which, their order does
+        if all(group.rows.size <= 1 for group in self.groups):
+            # one sensor or none: no shape says which mode is which, their order does
             criterion[:] = 1.0
             return np.tile(np.array(self.matching.computed), (len(shape), 1)), criterion
         start = 0

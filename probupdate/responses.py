@@ -271,6 +271,21 @@ def joint_root(groups: tuple[ResponseGroup, ...], weights: Weights) -> np.ndarra
     return linalg.solve_triangular(factor, linalg.block_diag(np.eye(n_frequency), *pick), lower=True)
 
 
+def _without_shape(modal_set: ModalSet, members: list[int], rows, weights: Weights, labels) -> ResponseGroup:
+    """Frequencies alone, of a set that tells no shape."""
+    frequency, nothing = modal_set.frequency_hz[members], np.zeros((0, len(members)))
+    if weights.covariance:
+        raise InputError(f"set {modal_set.id}", "tells no shape, whose covariance is asked for",
+                         "give --weights measured with --shapes none")  # fmt: skip
+    floor = weights.frequency_floor if weights.tolerances else 0.0
+    missed = np.hypot(weights.discrepancy, floor) * frequency
+    std = np.hypot(_frequency_std(modal_set, members, weights, labels), missed)
+    return ResponseGroup(
+        frequency_hz=frozen_array(frequency), rows=rows, frequencies=weights.frequencies, shapes="none",
+        frequency_std_hz=frozen_array(std), basis=frozen_array(nothing), shape_std=frozen_array(np.zeros(0)),
+        frequency_discrepancy_hz=frozen_array(missed), shape_discrepancy=frozen_array(np.zeros(0)))
+
+
 def response_group(modal_set: ModalSet, members: list[int], rows, weights: Weights, labels) -> ResponseGroup:
     """The measured side of modes that `matching.match` grouped; raises InputError where a deviation is missing."""
     where = f"set {modal_set.id}, {' and '.join(labels[j] for j in members)}"
@@ -278,6 +293,10 @@ def response_group(modal_set: ModalSet, members: list[int], rows, weights: Weigh
     turned = rotate_to_real(modal_set.shape[:, members])
     kept = np.all(np.isfinite(turned), axis=1)
     shape = turned.real[kept]
+    if not len(shape) and weights.shapes != "none":
+        raise InputError(where, "tells no component of its shape", "compare frequencies alone (--shapes none)")
+    if not len(shape):
+        return _without_shape(modal_set, members, rows[kept], weights, labels)
     # scaled per mode to largest component 1 first, so that neither of a plane's shapes outweighs the other
     largest = np.max(np.abs(shape), axis=0)
     if np.any(largest == 0):

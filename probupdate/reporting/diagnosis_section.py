@@ -164,10 +164,11 @@ def _remaining(run: Run, content: Mapping, shown: Mapping) -> list[object]:
     items.append(_picture(figures.mode_residuals(shown["modes"], states), "moderest",
                           "Frequencies: measured less model on average. Bars hold 90 % when nothing is wrong. A close "
                           "pair has two fixed axes and the coupling between them, as its modes turn with the nacelle."))
-    items.append(_picture(figures.residual_map(shown["channels"], states), "restmap",
-                          "Shapes, mode by channel: colour in deviations of what is normal, numbers (from two "
-                          "deviations) in per cent of the shape's largest component. A row of one colour is a sensor; "
-                          "a column, the structure."))  # fmt: skip
+    if any(row["channels"] for row in shown["channels"]):
+        items.append(_picture(figures.residual_map(shown["channels"], states), "restmap",
+                              "Shapes, mode by channel: colour in deviations of what is normal, numbers (from two "
+                              "deviations) in per cent of the shape's largest component. A row of one colour is a "
+                              "sensor; a column, the structure."))  # fmt: skip
     if shown.get("sensors"):
         items.append(_picture(figures.residual_layout(shown["sensors"], shown["channels"], states), "restplace",
                               "The same at the sensors' places, each level from above: a channel's arrow has the "
@@ -218,6 +219,9 @@ def _bands_table(bands: Sequence[Mapping], states: Sequence[str]) -> Table:
     for state, told in zip(states, bands, strict=True):
         for key, words in (("means", "means over the record"), ("blocks", "single blocks about their mean")):
             b = told[key]
+            if not b["directions"]:
+                # one block has no scatter about its mean
+                continue
             cells = [f"{percent(b[f'within_{n}'], 0)} ({' to '.join(percent(e, 0) for e in b[f'within_{n}_expected'])})"
                      for n in (50, 90)]  # fmt: skip
             rows.append((state if len(states) > 1 else "best update", words, str(b["directions"]), *cells,

@@ -25,6 +25,8 @@ CORRECTIONS = 20
 MASSLESS = 1e-14
 # a mode's own factorisation is made this share beside its eigenvalue, where the matrix is not singular
 BESIDE = 1e-6
+# eigenvalues nearer to each other (relative) are equal but for rounding
+EQUAL = 1e-9
 
 
 def lowest_modes(K: sparse.csc_array, M: sparse.csc_array, n_mode: int, where: str = "model"):
@@ -133,13 +135,17 @@ def mode_derivatives(K, M, value, phi, dK_phi, dM_phi, clusters):
     dK_phi, dM_phi (n_dof, n_mode, n_param): (dK/d theta_k) phi_j and likewise for M. Each mode's shape derivative is
         d phi_j = v - 1/2 Phi_c Phi_c^T dM phi_j,  (K - lambda_j M) v = -(dK - lambda_j dM) phi_j,  Phi_c^T M v = 0,
     the equation for v within the range of its matrix (Nelson 1976, bordered by the whole cluster). For a cluster of one
-    this is the plain derivative; for several the rotation inside the cluster is left out.
+    this is the plain derivative; for several, and for modes equal to rounding, the rotation among them is left out.
     """
     n, n_mode = phi.shape
     cluster_of = {j: (j,) for j in range(n_mode)}
     for cluster in clusters:
         for j in cluster:
             cluster_of[j] = tuple(cluster)
+    for j, own in cluster_of.items():
+        # of equal modes any combination is one: how they turn into each other has no derivative
+        equal = np.flatnonzero(np.abs(value - value[j]) <= EQUAL * np.abs(value[j]))
+        cluster_of[j] = tuple(sorted({*own, *equal.tolist()}))
     d_value = np.empty((n_mode, dK_phi.shape[2]))
     d_phi = np.empty((n, n_mode, dK_phi.shape[2]))
     full = n < DENSE_BELOW or _is_full(K)

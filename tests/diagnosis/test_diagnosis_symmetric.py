@@ -9,7 +9,8 @@ import probupdate
 from probupdate.diagnosis.blocks import gather, pairs_of
 from probupdate.diagnosis.diagnose import FARTHEST, SENSIBLE
 from probupdate.errors import InputError
-from probupdate.modes import ModalData, ModalSet
+from probupdate.modes import ModalData, ModalSet, write_modes
+from probupdate.structure.eigen import mode_derivatives
 
 N_STOREY, STIFFNESS, MASS = 6, 2.0e8, 1.0e5
 CHANNELS = tuple(f"{axis}{i + 1}" for i in range(N_STOREY) for axis in "xy")
@@ -161,3 +162,35 @@ def test_groups_are_those_close_in_the_record_or_in_the_model():
 def test_a_run_is_cut_at_its_longest_link():
     apart = np.abs(np.subtract.outer([0.0, 0.01, 0.05, 0.06], [0.0, 0.01, 0.05, 0.06]))
     assert sorted(pairs_of((0, 1, 2, 3), apart, ("a", "b", "c", "d"))) == [(0, 1), (2, 3)]
+
+
+def test_frequencies_alone_through_update_and_report(model, tmp_path):
+    data = before_and_after(9, shapes=False)
+    for name in ("model.npz", "parameters.toml"):
+        (tmp_path / name).write_bytes((model.parent / name).read_bytes())
+    (tmp_path / "run.json").write_text('{"parameters": "parameters.toml"}')
+    write_modes(data, tmp_path / "modes.json")
+    options = {"parameters": tmp_path / "parameters.toml"}
+    record = probupdate.update(tmp_path / "model.npz", tmp_path / "modes.json", shapes="none", **options)
+    measured = data.sets[0].frequency_hz
+    assert record.map_hz == pytest.approx(measured, rel=5 * FREQUENCY_STD)
+    assert any("paired by frequency alone" in text for text in record.left_out)
+    with pytest.raises(InputError, match="--shapes none"):
+        probupdate.update(tmp_path / "model.npz", tmp_path / "modes.json", **options)
+    found = probupdate.diagnose(tmp_path / "model.npz", tmp_path / "modes.json", **options)
+    found.write(tmp_path / "diagnosis.json")
+    page = probupdate.report(tmp_path, tmp_path / "report.html")
+    assert "frequencies alone" in page.path.read_text()
+
+
+def test_derivatives_of_equal_modes_are_finite_and_right_across_them():
+    """Two equal chains: what is across both modes is that of one chain by finite differences."""
+    K, M, factor = frame(np.ones(N_STOREY), np.ones(N_STOREY)), MASS * np.eye(2 * N_STOREY), np.eye(N_STOREY)[2]
+    value, phi = np.linalg.eigh(K / MASS)
+    phi = phi / np.sqrt(MASS)
+    dK = frame(factor, factor)
+    d_value, d_phi = mode_derivatives(K, M, value, phi[:, :4], np.stack([dK @ phi[:, :4]], 2), np.zeros((12, 4, 1)), ())
+    step = 1e-5
+    up, down = (np.linalg.eigvalsh(frame(1 + s * factor, 1 + s * factor) / MASS)[:4] for s in (step, -step))
+    assert d_value[:, 0] == pytest.approx((up - down) / (2 * step), rel=1e-6)
+    assert np.all(np.isfinite(d_phi)) and np.abs(d_phi).max() < 10 * np.abs(phi).max()
