@@ -9,6 +9,7 @@ import os
 import signal
 import sys
 import tempfile
+import textwrap
 import time
 import warnings
 from collections.abc import Callable, Iterator, Sequence
@@ -338,6 +339,30 @@ def discrepancy_option(text: str) -> float | str:
         raise argparse.ArgumentTypeError(f"{text} is neither a share above zero nor auto") from None
 
 
+# the commands as --help lists them, in the order in which a job needs them
+GROUPS = {
+    "to begin with": ("demo", "simulate", "modes"),
+    "from records to modes": ("convert", "check", "identify", "select", "regress", "figures"),
+    "from modes to parameters": ("update", "sample", "compare", "sets", "inform"),
+    "what is wrong": ("diagnose",),
+    "to hand on": ("report", "export"),
+}
+
+
+def commands_by_group(about: dict[str, str]) -> str:
+    """A line or two for each command below its group; about: command -> what it does."""
+    others = [verb for verb in about if not any(verb in group for group in GROUPS.values())]
+    width = max(map(len, about)) + 4
+    lines = []
+    for title, verbs in {**GROUPS, **({"further": tuple(others)} if others else {})}.items():
+        lines.append(f"{title}:")
+        for verb in verbs:
+            told = textwrap.wrap(about[verb], 79 - width)
+            lines += [f"  {verb:<{width - 2}}{told[0]}", *(" " * width + more for more in told[1:])]
+        lines.append("")
+    return "\n".join([*lines, "`probupdate VERB --help` lists a command's arguments and options, with an example."])
+
+
 class _Parser(argparse.ArgumentParser):
     """One line for a wrong option too; the usage stands in --help."""
 
@@ -370,14 +395,18 @@ EXAMPLES = {
 def build_parser() -> argparse.ArgumentParser:
     parser = _Parser(
         prog="probupdate",
-        description="Update a jacket's finite-element model from measured vibration, deterministically and as a "
+        description="Update a jacket's finite-element model from measured vibration, deterministically and as a\n"
         "posterior, and compare the two. Each step reads and writes files: enter at any of them.",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("--version", action="version", version=f"probupdate {__version__}")
-    verbs = parser.add_subparsers(dest="verb", required=True, metavar="VERB")
+    verbs = parser.add_subparsers(dest="verb", required=True, metavar="VERB", help="one of the commands below",
+                                  parser_class=_Parser)  # fmt: skip
+    about: dict[str, str] = {}
 
     def verb(name: str, run: Callable, text: str) -> argparse.ArgumentParser:
-        added = verbs.add_parser(name, help=text, description=f"{text[0].upper()}{text[1:]}.",
+        about[name] = text
+        added = verbs.add_parser(name, description=f"{text[0].upper()}{text[1:]}.",
                                  epilog=f"example: probupdate {EXAMPLES[name]}")
         added.set_defaults(action=run)
         return added
@@ -572,6 +601,7 @@ def build_parser() -> argparse.ArgumentParser:
     p = verb("report", run_report, "one self-contained page of a run directory")
     p.add_argument("run", metavar="RUN", help="directory that the steps wrote into; what is missing there is left out")
     p.add_argument("--out", required=True, help="the page, report.html")
+    parser.epilog = commands_by_group(about)
     return parser
 
 

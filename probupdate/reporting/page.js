@@ -1,4 +1,4 @@
-// Folds: what a link points to is opened; on paper everything is.
+// Folds: what a link points to is opened; paper shows those that are open.
 "use strict";
 (function () {
   function reveal() {
@@ -18,11 +18,5 @@
     every.setAttribute("aria-pressed", String(open));
     every.textContent = open ? "close all" : "open all";
   });
-  let shut = [];
-  window.addEventListener("beforeprint", () => {
-    shut = [...document.querySelectorAll("details:not([open])")];
-    shut.forEach((d) => { d.open = true; });
-  });
-  window.addEventListener("afterprint", () => { shut.forEach((d) => { d.open = false; }); shut = []; });
   reveal();
 })();

@@ -9,7 +9,7 @@ import sys
 
 import pytest
 
-from probupdate.cli import EXAMPLES, build_parser
+from probupdate.cli import EXAMPLES, GROUPS, build_parser
 
 (VERBS,) = (a.choices for a in build_parser()._actions if a.dest == "verb")
 
@@ -24,6 +24,15 @@ def test_a_command_says_what_each_argument_is_and_shows_how_it_is_typed(verb):
         said = action.default in (None, False, argparse.SUPPRESS) or f"{action.default:g}" in action.help \
             if not isinstance(action.default, str) else "default" in action.help or action.default in action.help
         assert said or action.dest == "help", f"{action.dest}: default {action.default} is not said"
+
+
+def test_commands_stand_in_groups_each_once():
+    text = build_parser().format_help()
+    assert sorted(v for group in GROUPS.values() for v in group) == sorted(VERBS)
+    for title, verbs in GROUPS.items():
+        part = text.split(f"{title}:")[1].split("\n\n")[0]
+        assert [line.split()[0] for line in part.splitlines() if line[:3].strip()] == list(verbs)
+    assert max(map(len, text.splitlines())) <= 90
 
 
 def test_help_asks_for_nothing_heavy():

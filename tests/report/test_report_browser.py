@@ -70,3 +70,26 @@ def test_the_page_in_a_browser(html, tmp_path, width):
     # the navigation is one line and covers no title that it led to
     assert found["height"] <= 40 and found["title"] >= found["bar"] - 1
     assert found["wide"] <= found["screen"]
+
+
+def printed(html: str, tmp_path, name: str) -> int:
+    """Pages of A4 that a browser prints."""
+    path, pdf = tmp_path / f"{name}.html", tmp_path / f"{name}.pdf"
+    path.write_text(html, encoding="utf-8")
+    subprocess.run(
+        [BROWSER, "--headless", "--no-sandbox", "--disable-gpu", f"--user-data-dir={tmp_path / 'profile'}",
+         "--no-pdf-header-footer", f"--print-to-pdf={pdf}", path.as_uri()],
+        capture_output=True, timeout=120, check=True)  # fmt: skip
+    return len(re.findall(rb"/Type\s*/Page(?![s\w])", pdf.read_bytes()))
+
+
+def test_paper_has_the_first_of_each_fold_and_all_of_an_open_one(html, tmp_path):
+    closed = printed(html, tmp_path, "closed")
+    opened = printed(html.replace('<details class="fold">', '<details class="fold" open>'), tmp_path, "open")
+    assert 3 <= closed < opened and closed <= 15
+
+
+def test_a_long_table_is_named_on_paper(html):
+    for box in re.findall(r'<div class="tablebox.*?</div>', html, re.DOTALL):
+        rows = box.count("<tr") - 1
+        assert ("not printed" in box) == (rows > 40) == (" long" in box[:60])
