@@ -7,10 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from probupdate.cli import main
 from probupdate.effects.tolerances import TurbineUncertainty
 from probupdate.errors import InputError
 from probupdate.estimators.laplace import maximum_a_posteriori
-from probupdate.estimators.posterior_file import Posterior
+from probupdate.estimators.posterior_file import Posterior, write_posterior
 from probupdate.lifetime import fatigue_files
 from probupdate.lifetime.export import export_lifetime, read_table
 from probupdate.lifetime.factors import gains, tolerance_draws, total
@@ -255,3 +256,14 @@ def test_matrices_have_no_members_to_fatigue(run, tmp_path):
             n_draw=2,
             fatigue=FatigueInput(file=folder / "fatigue.toml"),
         )
+
+
+def test_the_command_names_the_mistake_before_it_works(run, capsys):
+    folder, model = run[:2]
+    write_posterior(posterior(model), folder / "posterior.nc")
+    (folder / "bad.toml").write_text((folder / "fatigue.toml").read_text().replace("tp_s", "tp", 1))
+    words = ["export", str(folder), "--to", "lifetime", str(folder / "never"), "--fatigue"]
+    assert main([*words, str(folder / "bad.toml")]) == 2
+    assert "tp_s: is missing" in capsys.readouterr().err
+    assert main([*words, str(folder / "absent.toml")]) == 2
+    assert not (folder / "never").exists()
