@@ -50,6 +50,8 @@ N_MODE, N_WAVE = 30, 20
 # energy of a snapshot, relative, that the basis may leave out
 BASIS_TOLERANCE, LOAD_TOLERANCE = 1e-10, 1e-3
 LABELLED = 10
+# modes nearer than this, relative, are a pair
+CLOSE = 0.1
 MANY_TERMS = 60
 
 
@@ -289,8 +291,7 @@ class StressModel:
             raise InputError(self.model.name, "its stiffness is not positive definite", "check the parameters")
         labels = self._labels(U)
         ratio = np.full(len(value), self.conditions.damping.ratio)
-        for k, label in enumerate(labels):
-            ratio[k] = damping.get(label, ratio[k])
+        ratio[: len(labels)] = _shared_damping(np.sqrt(value[: len(labels)]), labels, damping, ratio[: len(labels)])
         omega = 2 * np.pi * self.frequency_hz
         scale = self._scale(theta)[:, None]
         plain = value[:, None] - omega**2 + 2j * omega * (ratio * np.sqrt(value))[:, None]
@@ -465,6 +466,22 @@ def _times(real, x: np.ndarray) -> np.ndarray:
     n = x.shape[1]
     both = np.asarray(real @ np.hstack([x.real, x.imag]))
     return both[:, :n] + 1j * both[:, n:]
+
+
+def _shared_damping(frequency, labels: Sequence[str], damping: Mapping[str, float], assumed: np.ndarray) -> np.ndarray:
+    """Ratios by label; modes of a close pair share their geometric mean, as the pair turns and its names change places."""
+    known = [k for k, label in enumerate(labels) if label in damping]
+    log = np.log(assumed)
+    groups: list[list[int]] = []
+    for k in known:
+        log[k] = np.log(damping[labels[k]])
+        if groups and frequency[k] < (1 + CLOSE) * frequency[groups[-1][-1]]:
+            groups[-1].append(k)
+        else:
+            groups.append([k])
+    for group in groups:
+        log[group] = np.mean(log[group])
+    return np.exp(log)
 
 
 def _weighted(terms: Sequence[np.ndarray], weight: np.ndarray) -> np.ndarray:

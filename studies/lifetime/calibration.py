@@ -161,29 +161,37 @@ def fast_model(model, rng):
     )
 
 
-def posterior_draws(problem, top, rng, n: int = 250, rounds: int = 3) -> tuple[np.ndarray, float]:
-    """Equally weighted draws (n, n_param) and how many the weights are worth: Student t distributions fitted in
-    turn."""
-    # in prior standard deviations
+def posterior_draws(problem, top, rng, n: int = 400, rounds: int = 4) -> tuple[np.ndarray, float]:
+    """Equally weighted draws (n, n_param) and how many the weights are worth: Student t distributions fitted in turn, in
+    ln theta of what is positive (a joint's flexibility goes with 1 / LJF, so that its posterior is skew), else in prior
+    standard deviations."""
     own = problem.parameters
-    mean, covariance = top.theta / own.std, 1.5 * top.covariance / np.outer(own.std, own.std)
-    scaled, values, sources = np.zeros((0, len(mean))), np.zeros(0), []
+    logarithmic = own.lower > 0
+
+    def theta_of(u):
+        return np.where(logarithmic, np.exp(np.where(logarithmic, u, 0.0)), u * own.std)
+
+    mean = np.where(logarithmic, np.log(np.maximum(top.theta, 1e-12)), top.theta / own.std)
+    rate = np.where(logarithmic, 1 / top.theta.clip(1e-12), 1 / own.std)
+    covariance = 2.0 * top.covariance * np.outer(rate, rate)
+    drawn, values, sources = np.zeros((0, len(mean))), np.zeros(0), []
     for _ in range(rounds):
-        t = stats.multivariate_t(mean, covariance, df=5)
-        scaled = np.vstack([scaled, np.atleast_2d(t.rvs(n, random_state=rng))])
-        fresh = scaled[-n:] * own.std
+        t = stats.multivariate_t(mean, covariance, df=4)
+        drawn = np.vstack([drawn, np.atleast_2d(t.rvs(n, random_state=rng))])
+        fresh = theta_of(drawn[-n:])
         inside = own.inside(fresh)
         value = np.full(n, -np.inf)
         if inside.any():
-            value[inside] = problem.log_posterior(fresh[inside])[0]
+            jacobian = np.sum(np.where(logarithmic, np.log(np.maximum(fresh[inside], 1e-300)), 0.0), axis=1)
+            value[inside] = problem.log_posterior(fresh[inside])[0] + jacobian
         values, sources = np.append(values, value), [*sources, t]
-        mixture = np.logaddexp.reduce([s.logpdf(scaled) for s in sources])
+        mixture = np.logaddexp.reduce([s.logpdf(drawn) for s in sources])
         log_weight = values - mixture
         weight = np.exp(log_weight - log_weight.max())
         soft = weight**0.5 if _effective(weight) < 60 else weight
-        mean = soft @ scaled / soft.sum()
-        covariance = 1.3 * (soft[:, None] * (scaled - mean)).T @ (scaled - mean) / soft.sum() + 1e-8 * np.eye(len(mean))
-    return own.std * scaled[rng.choice(len(scaled), size=n, p=weight / weight.sum())], _effective(weight)
+        mean = soft @ drawn / soft.sum()
+        covariance = 1.3 * (soft[:, None] * (drawn - mean)).T @ (drawn - mean) / soft.sum() + 1e-8 * np.eye(len(mean))
+    return theta_of(drawn[rng.choice(len(drawn), size=n, p=weight / weight.sum())]), _effective(weight)
 
 
 def _effective(weight: np.ndarray) -> float:

@@ -7,10 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from probupdate.cli import main
 from probupdate.effects.tolerances import TurbineUncertainty
 from probupdate.errors import InputError
 from probupdate.estimators.laplace import maximum_a_posteriori
-from probupdate.estimators.posterior_file import Posterior
+from probupdate.estimators.posterior_file import Posterior, write_posterior
 from probupdate.lifetime import fatigue_files
 from probupdate.lifetime.export import export_lifetime, read_table
 from probupdate.lifetime.factors import gains, tolerance_draws, total
@@ -103,7 +104,9 @@ def posterior(model) -> Posterior:
 
 @pytest.fixture(scope="module")
 def done(run):
-    folder, model, data, problem, laplace = run
+    folder, model, data, _, laplace = run
+    # without tolerances, whose effect on stress takes long
+    problem = build_problem(model, data, weights=Weights())
     with pytest.MonkeyPatch.context() as patch:
         # few of everything; numbers are checked elsewhere
         for name, number in (("WORST", 3), ("PRIOR_DRAWS", 6), ("SIMULATED", 4000)):
@@ -207,6 +210,7 @@ def test_tolerances_given_the_data_are_between_their_prior_and_what_is_left(run)
     assert np.all(expected <= 1 + 1e-9) and expected.min() < 0.9
 
 
+@pytest.mark.long
 def test_tolerances_move_stress_as_their_parameters_do(run):
     # legs' walls, all alike, is k_j for the legs: with the braces' it is k_j, but for the joints, which follow k_j too
     folder, _, _, problem, laplace = run
@@ -255,3 +259,14 @@ def test_matrices_have_no_members_to_fatigue(run, tmp_path):
             n_draw=2,
             fatigue=FatigueInput(file=folder / "fatigue.toml"),
         )
+
+
+def test_the_command_names_the_mistake_before_it_works(run, capsys):
+    folder, model = run[:2]
+    write_posterior(posterior(model), folder / "posterior.nc")
+    (folder / "bad.toml").write_text((folder / "fatigue.toml").read_text().replace("tp_s", "tp", 1))
+    words = ["export", str(folder), "--to", "lifetime", str(folder / "never"), "--fatigue"]
+    assert main([*words, str(folder / "bad.toml")]) == 2
+    assert "tp_s: is missing" in capsys.readouterr().err
+    assert main([*words, str(folder / "absent.toml")]) == 2
+    assert not (folder / "never").exists()
