@@ -383,8 +383,16 @@ def groups(folder: Path) -> Made:
     return [path], lambda: _read_groups(path)
 
 
+def fatigue(folder: Path) -> Made:
+    from probupdate.lifetime.conditions import read_conditions
+
+    path = folder / "fatigue.toml"
+    path.write_text((HERE.parents[1] / "studies" / "lifetime" / "fatigue.toml").read_text(encoding="utf-8"))
+    return [path], lambda: read_conditions(path)
+
+
 def lifetime_table(folder: Path) -> Made:
-    from probupdate.lifetime.export import read_table
+    from probupdate.lifetime.tables import read_table
 
     path = folder / "draws.csv"
     path.write_text("# of a posterior\ndraw,k_t,name\n1,0.5,a\n2,,b\n3,1e-3,c\n")
@@ -435,7 +443,8 @@ CASES: dict[str, tuple[Callable[[Path], Made], tuple[str, ...]]] = {
     "chain": (chain, ("estimators.chain_store.ChainStore",)),
     "run": (run, ("reporting.run_files.read_run", "reporting.run_files.read_table")),
     "started_run": (started_run, ("demonstration._State",)),
-    "lifetime_table": (lifetime_table, ("lifetime.export.read_table",)),
+    "fatigue": (fatigue, ("lifetime.conditions.read_conditions",)),
+    "lifetime_table": (lifetime_table, ("lifetime.tables.read_table",)),
     "extptfm": (extptfm, ("lifetime.superelement.read_extptfm",)),
     "groups": (groups, ("diagnosis.run._read_groups",)),
 }  # fmt: skip
