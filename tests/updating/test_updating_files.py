@@ -131,7 +131,7 @@ def test_a_file_without_one_of_its_keys_is_one_line(update, tmp_path):
     for key in content:
         path.write_text(json.dumps({k: v for k, v in content.items() if k != key}))
         # these may be missing: they are told only
-        if key not in ("settings", "map_gradient", "alpha_path", "components"):
+        if key not in ("settings", "map_gradient", "alpha_path", "components", "suspected"):
             one_line(path)
 
 
