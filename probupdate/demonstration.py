@@ -12,7 +12,7 @@ from pathlib import Path
 from probupdate import __version__, verbs
 from probupdate.errors import InputError
 from probupdate.estimators.ensemble import SamplerSettings
-from probupdate.files import read_json, write_bytes, write_json
+from probupdate.files import holds_nothing, read_json, write_bytes, write_json
 from probupdate.progress import Progress, silent
 from probupdate.reporting import report as write_report
 from probupdate.structure.load import reference_model
@@ -156,7 +156,7 @@ class _State:
                     "give an empty directory, or delete this one",
                 )
             self._content["finished"] = found["finished"]
-        elif any(out.iterdir()):
+        elif not holds_nothing(out):
             raise InputError(str(out), "is not empty and holds no demonstration", "give an empty directory")
         else:
             self._write()
