@@ -14,7 +14,7 @@ from probupdate import __version__, verbs
 from probupdate.diagnosis.wording import finding_words
 from probupdate.errors import InputError
 from probupdate.estimators.ensemble import SamplerSettings
-from probupdate.files import read_json, read_text, write_bytes, write_json, write_text
+from probupdate.files import holds_nothing, read_json, read_text, write_bytes, write_json, write_text
 from probupdate.processes import beside
 from probupdate.progress import Progress, silent
 from probupdate.reporting import report as write_report
@@ -233,7 +233,7 @@ class _State:
                     "give an empty directory, or delete this one",
                 )
             self._content["finished"] = found["finished"]
-        elif any(out.iterdir()):
+        elif not holds_nothing(out):
             raise InputError(str(out), "is not empty and holds no demonstration", "give an empty directory")
         else:
             self._write()

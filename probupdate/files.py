@@ -114,6 +114,12 @@ def _no_formula(cell: Any) -> Any:
     return f"'{cell}" if isinstance(cell, str) and FORMULA.match(cell) else cell
 
 
+def holds_nothing(folder: str | Path) -> bool:
+    """Whether a folder is absent, or has no file: what a run leaves that ended before it wrote one, empty folders and
+    temporary files, is nothing."""
+    return all(here.is_dir() or here.name.endswith(PART) for here in Path(folder).rglob("*"))
+
+
 def remove_stale(folder: str | Path) -> None:
     """Remove temporary files in a folder whose writer is gone: of this computer and dead, or a week old."""
     for part in Path(folder).glob(f"*{PART}"):

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from probupdate.errors import InputError
-from probupdate.files import read_text, write_table, write_text
+from probupdate.files import holds_nothing, read_text, write_table, write_text
 from probupdate.mode_labels import mode_character
 from probupdate.modes import Sensor
 from probupdate.processes import completed
@@ -211,10 +211,10 @@ def _claim(folder: Path, truth_text: str) -> None:
     if folder.exists() and not folder.is_dir():
         raise InputError(str(folder), "is a file", "name a folder")
     same = path.is_file() and read_text(path) == truth_text
-    if folder.exists() and any(folder.iterdir()) and not same:
+    if not same and not holds_nothing(folder):
         raise InputError(str(folder), "holds something else already", "name a new folder or empty this one")
-    (folder / "acceleration").mkdir(parents=True, exist_ok=True)
     write_text(path, truth_text)
+    (folder / "acceleration").mkdir(exist_ok=True)
 
 
 def _rounded(array, digits: int = 8) -> list:

@@ -134,3 +134,24 @@ def test_cells_are_no_formulas(tmp_path):
 def test_escapes_of_a_file_do_not_reach_the_terminal(tmp_path):
     error = InputError("a", "value \x1b[2J" + "x" * 100_000, "mend it")
     assert str(error).isprintable() and len(str(error)) < 2000
+
+
+def test_a_campaign_whose_first_file_found_no_room_is_simulated_again(tmp_path):
+    out = tmp_path / "campaign"
+    words = ["simulate", out, "--days", "0.03", "--seed", "3"]
+    limited = run(*words, preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (3000, 3000)))
+    assert limited.returncode == 1 and len(limited.stderr.splitlines()) == 1 and not list(out.rglob("*.part"))
+    (out / "truth.toml.another.1.0a0a0a0a.part").write_text("left")
+    assert run(*words).returncode == 0
+
+
+@pytest.mark.parametrize("size", [3000, 20000])
+def test_a_full_disk_ends_no_process_that_writes_hdf5(tmp_path, size):
+    """The library itself fails once more where it closes a file that found no room: a trace on the screen, or worse."""
+    code = ("import sys, numpy as np; from pathlib import Path; from probupdate.virtual.campaign_files import write_acceleration\n"
+            "try: write_acceleration(Path(sys.argv[1]), np.ones((20000, 3)), np.datetime64('2020-01-01T00:00'), 10.0)\n"
+            "except OSError as error: print(error.strerror, error.filename)")
+    done = subprocess.run([sys.executable, "-c", code, str(tmp_path / "a.h5")], capture_output=True, text=True,
+                          preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (size, size)))  # fmt: skip
+    assert done.returncode == 0 and not done.stderr and "File too large" in done.stdout and "a.h5" in done.stdout
+    assert not list(tmp_path.iterdir())
