@@ -1,12 +1,13 @@
 """Faults of the machine over every command that writes: kill -9, two writers, full disk, read-only, no permission, lost
 input, SIGTERM and Ctrl-C, a clock that goes back.
 
-    python studies/faults/faults.py KILLS SEED [COMMAND ...]
+    python studies/faults/faults.py KILLS SEED [COMMAND ...] >> lines.jsonl
+    python studies/faults/faults.py table lines.jsonl
 
 Inputs are small (a building of 20 storeys with nine sets of modes, eight blocks of a minute, 0.05 virtual days). After
 each fault the files that are there must be whole: those of an undisturbed run, byte for byte, or not there; the command
-given again must end as an undisturbed run does, and no temporary file may be left. Writes RESULTS.md beside this file
-when all commands were tried.
+given again must end as an undisturbed run does, and no temporary file may be left. A line of JSON a command; `table` writes
+RESULTS.md of them beside this file.
 """
 
 from __future__ import annotations
@@ -121,6 +122,21 @@ def digest(folder: Path, steady: set[str] | None = None) -> dict[str, str]:
             for p in sorted(folder.rglob("*")) if p.is_file() and not p.name.endswith(".part")}  # fmt: skip
 
 
+def is_whole(path: Path) -> bool:
+    """Whether a file that differs from the undisturbed one reads to its end."""
+    try:
+        if path.suffix == ".npz":
+            with np.load(path) as held:
+                return all(held[name] is not None for name in held.files)
+        if path.suffix in (".h5", ".nc"):
+            with h5py.File(path) as file:
+                file.visititems(lambda _, one: one[()] if isinstance(one, h5py.Dataset) else None)
+            return True
+        return path.suffix == ".json" and json.loads(path.read_text()) is not None
+    except (OSError, ValueError, KeyError):
+        return False
+
+
 class Tried:
     """One command: its undisturbed result, and what happened under each fault."""
 
@@ -155,15 +171,14 @@ class Tried:
 
     def judged(self, fault: str, out: Path, again: bool = True, **what: bool) -> None:
         """Files that are no part of the undisturbed result, or not whole; then, with the command again, what differs."""
-        torn = [name for name, text in digest(out, self.steady).items()
-                if name in self.wanted and text != self.wanted[name] and not name.endswith("chain.json")]  # fmt: skip
-        self.note(fault, torn=bool(torn and again is not None) and not self._resumable(torn), **what)
+        other = [name for name, text in digest(out, self.steady).items() if text != self.wanted.get(name)]
+        # where a command notes how far it is, a file differs until it is done; but it is a whole one
+        torn = [name for name in other if not is_whole(out / name)]
+        if torn and os.environ.get("SHOW"):
+            sys.stderr.write(f"{self.verb} {fault}: differs {torn}\n")
+        self.note(fault, torn=bool(torn), intermediate=bool(other), **what)
         if again:
             self.again(fault, out)
-
-    def _resumable(self, torn: list[str]) -> bool:
-        """The file in which a command notes how far it is differs until it is done."""
-        return all(Path(n).name in ("converted.json", "run.json", "identification.json", "manifest.json") for n in torn)
 
     def again(self, fault: str, out: Path) -> None:
         if self.verb == "export" and out.exists():
@@ -320,6 +335,9 @@ BAD = ("torn", "again differs", "parts left", "traceback", "more_lines", "other_
 
 
 def main() -> None:
+    if sys.argv[1] == "table":
+        (HERE / "RESULTS.md").write_text(table([json.loads(line) for line in Path(sys.argv[2]).read_text().splitlines()]))
+        return
     kills, seed, chosen = int(sys.argv[1]), int(sys.argv[2]), sys.argv[3:]
     os.environ["OMP_NUM_THREADS"] = "1"
     with tempfile.TemporaryDirectory() as base:
@@ -327,37 +345,38 @@ def main() -> None:
         inputs(i)
         verbs = chosen or list(commands(i, i))
         share = [kills // len(verbs) + (k < kills % len(verbs)) for k in range(len(verbs))]
-        found = []
         for verb, number in zip(verbs, share, strict=True):
             place = Path(base) / verb
             place.mkdir()
             one = tried(verb, i, place, number, seed)
-            found.append(one)
-            sys.stdout.write(json.dumps({"command": verb, "seconds": round(one.lasts, 1),
-                                         **{k: dict(v) for k, v in one.counts.items()}}) + "\n")  # fmt: skip
+            sys.stdout.write(json.dumps({"command": verb, "seconds": round(one.lasts, 1), "seed": seed,
+                                         "faults": {k: dict(v) for k, v in one.counts.items()}}) + "\n")  # fmt: skip
             sys.stdout.flush()
-    if not chosen:
-        (HERE / "RESULTS.md").write_text(table(found, kills, seed))
 
 
-def table(found: list[Tried], kills: int, seed: int) -> str:
-    faults = list(dict.fromkeys(f for one in found for f in one.counts))
+def table(lines_of: list[dict]) -> str:
+    """RESULTS.md of the lines that runs wrote."""
+    found = [{f: Counter(c) for f, c in one["faults"].items()} for one in lines_of]
+    faults = list(dict.fromkeys(f for one in found for f in one))
+    kills = sum(one["kill -9"]["tried"] for one in found)
     lines = ["# Faults of the machine", "",
-             f"`python studies/faults/faults.py {kills} {seed}`: {len(found)} commands, {kills} kills. A file is torn if it is "
-             "neither absent nor, byte", "for byte, that of an undisturbed run; after the fault the command is given again and its "
-             "results are compared with", "those of an undisturbed run.", "",
+             f"By `studies/faults/faults.py`, seed {lines_of[0]['seed']}: {len(found)} commands "
+             f"({', '.join(one['command'] for one in lines_of)}),", f"{kills} kills. A file is torn if it is neither absent, nor byte "
+             "for byte that of an undisturbed run, nor a whole one in which", "a command notes how far it is. After the fault the "
+             "command is given again, and its results are compared with those of an", "undisturbed run.", "",
              "| fault | commands | tried | met a running command | torn files | differs when given again | temporary files left | "
              "tracebacks | more than one line, or another exit code |", "|---|---|---|---|---|---|---|---|---|"]  # fmt: skip
     for fault in faults:
-        mine = [one.counts[fault] for one in found if fault in one.counts]
+        mine = [one[fault] for one in found if fault in one]
         total = sum(mine, Counter())
         met = total["met"] if any("met" in m for m in mine) else "-"
         lines.append(f"| {fault} | {len(mine)} | {total['tried']} | {met} | {total['torn']} | "
                      f"{total['again differs'] + total['differs']} | {total['parts left']} | {total['traceback']} | "
                      f"{total['more_lines'] + total['other_exit'] + total['refused']} |")
     lines += ["", "Commands with anything in the last columns:", ""]
-    odd = [f"- {one.verb}, {fault}: " + ", ".join(f"{k} {n}" for k, n in counter.items() if k in BAD and n)
-           for one in found for fault, counter in one.counts.items() if any(counter[k] for k in BAD)]  # fmt: skip
+    odd = [f"- {line['command']}, {fault}: " + ", ".join(f"{k} {n}" for k, n in counter.items() if k in BAD and n)
+           for line, one in zip(lines_of, found, strict=True) for fault, counter in one.items()
+           if any(counter[k] for k in BAD)]  # fmt: skip
     return "\n".join([*lines, *(odd or ["- none"])]) + "\n"
 
 
