@@ -16,6 +16,8 @@ from probupdate.modes import frozen_array
 
 # a straight line over a second is harmless to what happens below 2.5 Hz in half an hour; more is not repaired
 LONGEST_REPAIR_S = 1.0
+# samples beyond it, in SI units, count as lost
+LARGEST_SI = 1e9
 # room for unpacked chunks while one block is read: one of 18 channels over an hour at 25 Hz is 6.5 MB
 CHUNK_CACHE_BYTES = 32 * 2**20
 
@@ -136,7 +138,8 @@ def _assemble(campaign: Campaign, start: pd.Timestamp, length: pd.Timedelta, pie
             covered[rows] = True
     if np.any(campaign.unit_factor != 1):
         data *= campaign.unit_factor
-    lost = ~np.isfinite(data)
+    # no sensor measures what its square could not be told from: the bit pattern of a damaged file
+    lost = ~(np.abs(data) < LARGEST_SI)
     missing = lost.mean(axis=0)
     data[lost] = np.nan
     repaired, longest = _repair(data, lost, round(LONGEST_REPAIR_S * campaign.sampling_rate_hz))

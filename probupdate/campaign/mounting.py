@@ -290,7 +290,8 @@ def _bending(covariance, sensors, alive, across, plane, level, n_free) -> _Bendi
     across_it = np.stack([-along[:, 1], along[:, 0]], axis=1)
     size = np.maximum(np.einsum("ij,ij->i", along, along), 1e-300)
     spread = np.einsum("ij,jk,ik->i", across_it, np.linalg.pinv(own), across_it) / size
-    std_deg = np.degrees(np.sqrt((1 - explained) * total * spread / (n_free * size)))
+    # of a singular covariance rounding may leave less than nothing
+    std_deg = np.degrees(np.sqrt(np.maximum((1 - explained) * total * spread, 0.0) / (n_free * size)))
     along = np.where(((explained > FOLLOWING) & (std_deg < DIRECTION_STD_DEG))[:, None], along, np.nan)
     return _Bending(members=list(alive), along=along, expected=_expected(sensors, alive), reference=level)
 

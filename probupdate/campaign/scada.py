@@ -21,6 +21,8 @@ COLUMNS = (
     "yaw_rate_degps", "water_level_m", "air_temperature_c", "wave_height_m", "wave_period_s",
 )  # fmt: skip
 KNOWN = tuple(f"{c}{ending}" for c in COLUMNS for ending in ("", "_std", "_min", "_max"))
+# in any of the columns' units
+LARGEST = 1e7
 # likeness of names from which one is a slip of the pen for the other, and from which it may be the same thing
 MISSPELT, SIMILAR = 0.88, 0.6
 COMPASS = ("wind_direction_deg", "nacelle_heading_deg")
@@ -77,6 +79,11 @@ def read_scada(path: str | Path) -> pd.DataFrame:
             wrong = (pd.to_numeric(table[column], errors="coerce").isna() & table[column].notna()).to_numpy()
             raise InputError(f"{path}, {column}", f"'{table[column].iloc[int(np.argmax(wrong))]}' is no number",
                              "mend it, or leave the cell empty where it is unknown")  # fmt: skip
+        if column in KNOWN:
+            absurd = (table[column].abs() > LARGEST).to_numpy()
+            if absurd.any():
+                raise InputError(f"{path}, {column}", f"{table[column].iloc[int(np.argmax(absurd))]:g} is no number that a "
+                                 "turbine or the weather has", "leave the cell empty where it is unknown")  # fmt: skip
     return table[~table.index.duplicated()]
 
 

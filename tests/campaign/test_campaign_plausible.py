@@ -119,3 +119,25 @@ def test_other_columns_of_scada_are_left_alone_and_a_similar_one_is_named_where_
     (tmp_path / "scada.csv").write_text("time,wind_speed_mps,wind_speed_mps_p95,power,status\n2019-06-03T10:00Z,1,1,1,1\n")
     found = check(read_campaign(campaign_folder([(0, building())], head=head(["m/s2"] * 3)))).findings
     assert any(f.startswith("SCADA has no power_kw (rename 'power' if that is it): no turbine states") for f in found)
+
+
+SPOILT = {
+    "one huge": lambda x: np.where(np.arange(x.size).reshape(x.shape) == 17, 3e38, x), "all huge": lambda x: x * 1e38,
+    "nothing": lambda x: x * 0, "tiny": lambda x: x * 1e-36, "impulses": lambda x: x * 0 + np.eye(*x.shape),
+    "all alike": lambda x: np.repeat(x[:, :1], x.shape[1], axis=1), "all lost": lambda x: x * np.nan,
+}
+
+
+@pytest.mark.parametrize("name", SPOILT)
+def test_spoilt_records_are_checked_without_a_warning(campaign_folder, name):
+    with np.errstate(over="ignore"):
+        data = SPOILT[name](building(4, 6000)).astype(np.float32)
+    result = check(read_campaign(campaign_folder([(0, data)], head=head(["m/s2"] * 4))))
+    assert result.summary
+
+
+@pytest.mark.parametrize("value", ["inf", "-1e300", "1e8"])
+def test_numbers_that_no_turbine_has_are_refused(tmp_path, value):
+    (tmp_path / "scada.csv").write_text(f"time,power_kw\n2020-01-01T00:00Z,{value}\n")
+    with pytest.raises(InputError, match=r"scada\.csv, power_kw: .* is no number that a turbine or the weather has"):
+        read_scada(tmp_path / "scada.csv")
