@@ -58,15 +58,19 @@ def test_channels_are_left_out_as_long_as_more_numbers_are_kept(record):
         assert told[tuple(data.channels.index(c) for c in kept)] == max(told.values())
 
 
-@pytest.mark.parametrize(("change", "words"), [
-    (lambda data: replace(data, sets=tuple(replace(s, shape=np.full_like(s.shape, np.nan)) for s in data.sets)),
-     "no set tells a shape"),
-    (lambda data: replace(data, sets=tuple(replace(s, frequency_hz=data.sets[0].frequency_hz) for s in data.sets)),
-     "copied, computed or rounded"),
-])  # fmt: skip
-def test_what_tells_no_cause_is_refused(prepared, record, change, words):
-    with pytest.raises(InputError, match=words):
-        probupdate.diagnose(prepared, change(record(7)), sampler=False)
+def test_copies_are_refused(prepared, record):
+    data = record(7)
+    copies = replace(data, sets=tuple(replace(s, frequency_hz=data.sets[0].frequency_hz) for s in data.sets))
+    with pytest.raises(InputError, match="copied, computed or rounded"):
+        probupdate.diagnose(prepared, copies, sampler=False)
+
+
+def test_frequencies_alone_are_diagnosed_and_said(prepared, record):
+    data = record(7)
+    alone = replace(data, sets=tuple(replace(s, shape=np.full_like(s.shape, np.nan)) for s in data.sets))
+    found = probupdate.diagnose(prepared, alone, sampler=False)
+    assert any("frequencies alone" in note for note in found.notes)
+    assert all(f.kind != "measurement" or f.cause == "sampling rate" for f in found.findings)
 
 
 def with_one_more(data):
