@@ -6,8 +6,11 @@ from scipy.linalg import expm
 from scipy.signal import welch
 
 from probupdate.errors import InputError
+from probupdate.structure.load import reference_model
 from probupdate.virtual import excitation, losses, operation, response
 from probupdate.virtual.scada import scada_table
+from probupdate.virtual.truth import given_truth
+from probupdate.virtual.turbine_file import read_turbine
 
 RATE = 25.0
 LEGS = np.array([[3.0, 3.0], [-3.0, 3.0], [-3.0, -3.0], [3.0, -3.0]])
@@ -170,17 +173,16 @@ def test_gaps_stay_within_the_campaign_and_spare_the_long_stop():
         assert not plan.maintenance[6 * hour : 6 * hour + 6].any()
 
 
-@pytest.mark.parametrize(
-    ("given", "where"),
-    [
-        ({"maintenance_hours": [[3, 1]]}, "maintenance_hours"),
-        ({"maintenance_hours": [3, 5]}, "maintenance_hours"),
-        ({"wind_speed_mean_mps": 80}, "wind_speed_mean_mps"),
-    ],
-)
-def test_mistakes_in_operation_are_named(given, where):
-    with pytest.raises(InputError, match=where):
-        plan_of(**given)
+def test_a_stop_that_ends_before_it_begins_is_named():
+    with pytest.raises(InputError, match="maintenance_hours"):
+        plan_of(maintenance_hours=[[3, 1]])
+
+
+@pytest.mark.parametrize("given", [{"maintenance_hours": [3, 5]}, {"wind_speed_mean_mps": 80}])
+def test_mistakes_in_operation_are_named(given):
+    file = read_turbine(reference_model("updated"))
+    with pytest.raises(InputError, match=next(iter(given))):
+        given_truth({"operation": given}, file)
 
 
 def test_a_missing_hour_that_is_not_there_is_refused():
