@@ -57,10 +57,12 @@ class FreeForm:
 
 def points(wire: Wireframe, most: int = N_POINT) -> np.ndarray:
     """Numbers of the nodes (n,) where parts may sit: where members meet or end, then those farthest from all others."""
-    used = np.unique([k for line, group in zip(wire.line, wire.line_group, strict=True)
-                      if group not in NOT_THERE for k in line])  # fmt: skip
-    barred = np.unique([k for line, group in zip(wire.line, wire.line_group, strict=True)
-                        if group in NOT_THERE for k in line])  # fmt: skip
+    def joined(barred: bool) -> set[int]:
+        return {int(k) for line, group in zip(wire.line, wire.line_group, strict=True)
+                if (group in NOT_THERE) == barred for k in line}  # fmt: skip
+
+    barred = joined(True)
+    used = np.array(sorted(joined(False))) if len(wire.line) else np.arange(len(wire.node_m))
     extent = float(np.max(np.ptp(wire.node_m[used], axis=0)))
     clusters: list[list[int]] = []
     for k in used:
@@ -70,9 +72,10 @@ def points(wire: Wireframe, most: int = N_POINT) -> np.ndarray:
     ends = np.zeros(len(clusters), int)
     for line in wire.line:
         a, b = (member.get(int(k)) for k in line)
-        for one, other in ((a, b), (b, a)):
-            # a line within a cluster is an eccentricity or a joint
-            ends[one] += one is not None and one != other if one is not None else 0
+        # a line within a cluster is an eccentricity or a joint
+        for one in {a, b} if a != b else ():
+            if one is not None:
+                ends[one] += 1
     chief = np.array([next((k for k in c if k not in barred), c[0]) for c in clusters])
     place = wire.node_m[chief]
     chosen = [int(i) for i in np.flatnonzero((ends >= 3) | (ends == 1))]
@@ -114,7 +117,11 @@ def elementary(small: SmallModel, place: Callable[[np.ndarray], str]) -> list[tu
     result = []
 
     def spring(cause: str, words: str, b: np.ndarray) -> None:
-        stiffness = 1 / float(b @ linalg.cho_solve(flexibility, b))
+        gives_way = float(b @ linalg.cho_solve(flexibility, b))
+        # a point that the model holds, or knows no motion of that way
+        if not gives_way > 0:
+            return
+        stiffness = 1 / gives_way
         result.append(_part(cause, words, "N/m", SHARE * stiffness, Attachment(stiffness=np.outer(b, b))))
 
     for k in nodes:
@@ -122,7 +129,10 @@ def elementary(small: SmallModel, place: Callable[[np.ndarray], str]) -> list[tu
         for words, d in directions():
             spring(PART_CAUSES[0], f"{there}, {words}", d @ rows[int(k)])
         own = rows[int(k)]
-        modal_mass = 1 / float(np.max(np.sum((own @ shape) ** 2, axis=0)))
+        moved = float(np.max(np.sum((own @ shape) ** 2, axis=0)))
+        if not moved > 0:
+            continue
+        modal_mass = 1 / moved
         result.append(_part(PART_CAUSES[2], there, "kg", SHARE * modal_mass, Attachment(mass=own.T @ own)))
     lined = {frozenset(map(int, line)) for line in small.wire.line}
     for a, b in combinations(map(int, nodes), 2):
