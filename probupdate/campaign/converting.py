@@ -134,7 +134,8 @@ def _read_record(path: Path) -> dict:
 
 
 def _write_record(path: Path, record: dict) -> None:
-    write_json(path, record)
+    # in one order, whatever was converted first
+    write_json(path, dict(sorted(record.items())))
 
 
 def _overlaps(spans: list[tuple[pd.Timestamp, pd.Timestamp, str]]) -> list[str]:
