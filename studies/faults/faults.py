@@ -9,8 +9,8 @@ Each command is run twice undisturbed; what is the same bytes both times is comp
 ((it states when it was made) is read to its end. After each fault the command is given again and must end as an undisturbed
 run does. A trial is one line of the log, in rounds over all commands, so that a run that is stopped loses the trial that it
 was at; moments are shares of the processor time of an undisturbed run, drawn from (SEED, command, fault, number), whatever
-was run before. In the first round processes are started as a shell does; in the others, where the fault allows it, they are
-forked from one that has imported everything, so that the moments lie in the command's own work.
+was run before. In the third round processes are started as a shell does; in the others, where the fault allows it, they
+are forked from one that has imported everything, so that the moments lie in the command's own work.
 """
 
 from __future__ import annotations
@@ -53,11 +53,13 @@ MODULES = ("probupdate.cli", "probupdate.verbs", "probupdate.demonstration", "pr
            "matplotlib.pyplot", "scipy.sparse.linalg", "pandas", "rich.progress")
 # a process whose parent was killed has this long to notice it
 ORPHAN_S = 10.0
-# a command that takes longer than this is tried less often
-SLOW_S = 30.0
+# commands that take minutes, and are tried less often
+LONG = ("demo",)
 HANGS_S = 900.0
 # share of a short process's time in which Python starts, before there is anything of this program
 OWN_START = 0.15
+# round in which processes are started as a shell does
+SHELL = 2
 
 
 # What the commands read, and their words ------------------------------------------------------------------------------
@@ -109,11 +111,9 @@ def commands(i: Path, o: Path) -> dict[str, list[str]]:
     problem = ["--model", f"{i}/model.npz", "--modes", f"{i}/nine.json"]
     return {
         "simulate": ["simulate", f"{o}/campaign", "--days", "0.03", "--seed", "3"],
-        "simulate, 2 processes": ["simulate", f"{o}/campaign", "--days", "0.1", "--seed", "4", "--jobs", "2"],
         "convert": ["convert", f"{i}/raw", f"{o}/campaign", "--description", f"{i}/convert.toml"],
         "check": ["check", f"{i}/campaign", "--out", f"{o}/check.json"],
         "identify": ["identify", f"{i}/campaign", "--jobs", "1", "--out", f"{o}/modes.json"],
-        "identify, 2 processes": ["identify", f"{i}/many", "--jobs", "2", "--out", f"{o}/modes.json"],
         "modes": ["modes", f"{i}/model.npz", "--out", f"{o}/own.json"],
         "select": ["select", f"{i}/nine.json", "--out", f"{o}/selected.json"],
         "regress": ["regress", f"{i}/nine.json", "--covariates", "water_level_m", "--out", f"{o}/regression.csv"],
@@ -126,6 +126,8 @@ def commands(i: Path, o: Path) -> dict[str, list[str]]:
         "figures": ["figures", f"{i}/nine.json", "--out", f"{o}/figures"],
         "export": ["export", f"{i}/run", "--to", "lifetime", f"{o}/lifetime", "--draws", "5", "--accept"],
         "report": ["report", f"{i}/run", "--out", f"{o}/report.html"],
+        "simulate, 2 processes": ["simulate", f"{o}/campaign", "--days", "0.1", "--seed", "4", "--jobs", "2"],
+        "identify, 2 processes": ["identify", f"{i}/many", "--jobs", "2", "--out", f"{o}/modes.json"],
         "demo": ["demo", f"{o}/demo", "--days", "0.2", "--hide", "none"],
     }  # fmt: skip
 
@@ -182,7 +184,7 @@ class Bench:
         known = self.place / "undisturbed.json"
         if not known.exists():
             first, one = self._undisturbed(shell=True)
-            second, two = (first, one) if one.processor_s > SLOW_S else self._undisturbed(shell=False)
+            second, two = (first, one) if verb in LONG else self._undisturbed(shell=False)
             # run once only: pages and posteriors state when they were made
             steady = [name for name in first if first[name] == second.get(name)
                       and not (one is two and name.endswith((".nc", ".html")))]
@@ -191,7 +193,7 @@ class Bench:
         found = json.loads(known.read_text())
         self.wanted, self.steady, self.status = found["wanted"], set(found["steady"]), found["status"]
         self.processor_s = {kind == "True": value for kind, value in found["processor_s"].items()}
-        self.slow = self.processor_s[True] > SLOW_S
+        self.slow = verb in LONG
         self.several = self.slow or "2 processes" in verb
         self.size = sum(p.stat().st_size for p in self.finished.rglob("*") if p.is_file())
 
@@ -450,7 +452,7 @@ def kill(bench: Bench, rng: np.random.Generator, number: int) -> dict:
     for _ in range(10 if bench.slow else 3):
         if bench.verb == "export":
             shutil.rmtree(bench.out / "lifetime", ignore_errors=True)
-        one = bench.start(shell=number == 0)
+        one = bench.start(shell=number == SHELL)
         met = bench.moment(rng, one, 0.03, 0.15) if bench.slow else bench.moment(rng, one)
         what.update(kills=1, met=met)
         one.send(signal.SIGKILL)
@@ -472,9 +474,9 @@ def kill_at_rename(bench: Bench, rng: np.random.Generator, number: int) -> dict:
 def two_writers(bench: Bench, rng: np.random.Generator, number: int) -> dict:
     """Two at the same place; one of them killed in every second trial."""
     bench.prepare()
-    both = [bench.start(shell=number == 0)]
+    both = [bench.start(shell=number == SHELL)]
     bench.moment(rng, both[0], 0.0, 0.3)
-    both.append(bench.start(shell=number == 0))
+    both.append(bench.start(shell=number == SHELL))
     what: dict = {"met": int(both[0].poll() is None), "kills": 0}
     if number % 2 == 0:
         one = both.pop(int(rng.integers(2)))
@@ -497,8 +499,8 @@ def together(first: dict, second: dict) -> dict:
 def signalled(kind: signal.Signals) -> Callable:
     def trial(bench: Bench, rng: np.random.Generator, number: int) -> dict:
         bench.prepare()
-        one = bench.start(shell=number == 0)
-        met = bench.moment(rng, one, OWN_START if number == 0 else 0.0)
+        one = bench.start(shell=number == SHELL)
+        met = bench.moment(rng, one, OWN_START if number == SHELL else 0.0)
         # Ctrl-C goes to all processes of a terminal, SIGTERM to the one that is named
         one.send(kind, group=kind == signal.SIGINT)
         ended = one.ended()
@@ -658,11 +660,11 @@ FAULTS: dict[str, tuple[Callable, int, int]] = {
 }
 
 
-def trials(verbs: list[str], slow: set[str]) -> list[tuple[str, str, int]]:
+def trials(verbs: list[str]) -> list[tuple[str, str, int]]:
     """(command, fault, number) in rounds: after the first every command has met every fault once."""
     most = max(often for _, often, _ in FAULTS.values())
-    return [(verb, fault, number) for number in range(most) for verb in verbs for fault, (_, often, seldom) in FAULTS.items()
-            if number < (seldom if verb in slow else often)]  # fmt: skip
+    return [(verb, fault, number) for number in range(most) for verb in verbs
+            for fault, (_, often, seldom) in FAULTS.items() if number < (seldom if verb in LONG else often)]  # fmt: skip
 
 
 def commit() -> str:
@@ -674,7 +676,6 @@ def commit() -> str:
 
 
 def run(work: Path, seed: int, chosen: list[str]) -> None:
-    os.environ |= {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "PYTHONPATH": str(REPOSITORY)}
     work = work.resolve()
     if not (work / "whole").exists():
         shutil.rmtree(work / "in", ignore_errors=True)
@@ -688,11 +689,12 @@ def run(work: Path, seed: int, chosen: list[str]) -> None:
     done = {(one["command"], one["fault"], one["number"]) for one in lines if one["seed"] == seed}
     for name in MODULES:
         importlib.import_module(name)
-    benches = {verb: Bench(verb, work) for verb in chosen or commands(work, work)}
-    slow = {verb for verb, bench in benches.items() if bench.slow}
-    for verb, fault, number in trials(list(benches), slow):
+    benches: dict[str, Bench] = {}
+    for verb, fault, number in trials(chosen or list(commands(work, work))):
         if (verb, fault, number) in done:
             continue
+        if verb not in benches:
+            benches[verb] = Bench(verb, work)
         bench, begun = benches[verb], time.monotonic()
         rng = np.random.default_rng([seed, number, *verb.encode(), *fault.encode()])
         what = FAULTS[fault][0](bench, rng, number)
@@ -771,6 +773,10 @@ def main() -> None:
         lines = [json.loads(line) for path in sys.argv[2:] for line in Path(path).read_text().splitlines()]
         (HERE / "RESULTS.md").write_text(table(lines))
         return
+    wanted = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "PYTHONPATH": str(REPOSITORY)}
+    if any(os.environ.get(name) != value for name, value in wanted.items()):
+        # read when numpy is first imported
+        os.execve(sys.executable, [sys.executable, *sys.argv], {**os.environ, **wanted})
     run(Path(sys.argv[1]), int(sys.argv[2]), sys.argv[3:])
 
 
