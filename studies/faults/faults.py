@@ -53,8 +53,9 @@ MODULES = ("probupdate.cli", "probupdate.verbs", "probupdate.demonstration", "pr
            "matplotlib.pyplot", "scipy.sparse.linalg", "pandas", "rich.progress")
 # a process whose parent was killed has this long to notice it
 ORPHAN_S = 10.0
-# commands that take minutes, and are tried less often
-LONG = ("demo",)
+# the command that takes minutes; those that take seconds and are tried less often
+LONG = "demo"
+SELDOM = ("sample", "sets", "diagnose", "report", "simulate, 2 processes", "identify, 2 processes")
 HANGS_S = 900.0
 # share of a short process's time in which Python starts, before there is anything of this program
 OWN_START = 0.15
@@ -195,7 +196,7 @@ class Bench:
         known = self.place / "undisturbed.json"
         if not known.exists():
             first, one = self._undisturbed(shell=True)
-            second, two = (first, one) if verb in LONG else self._undisturbed(shell=False)
+            second, two = (first, one) if verb == LONG else self._undisturbed(shell=False)
             # run once only: pages and posteriors state when they were made
             steady = [name for name in first if first[name] == second.get(name)
                       and not (one is two and name.endswith((".nc", ".html")))]
@@ -204,7 +205,7 @@ class Bench:
         found = json.loads(known.read_text())
         self.wanted, self.steady, self.status = found["wanted"], set(found["steady"]), found["status"]
         self.processor_s = {kind == "True": value for kind, value in found["processor_s"].items()}
-        self.slow = verb in LONG
+        self.slow = verb == LONG
         self.several = self.slow or "2 processes" in verb
         self.size = sum(p.stat().st_size for p in self.finished.rglob("*") if p.is_file())
 
@@ -652,30 +653,31 @@ def clock_back(bench: Bench, rng: np.random.Generator, number: int) -> dict:
     return together(what, bench.again())
 
 
-# fault -> (trial, how often, how often for a command that takes long)
-FAULTS: dict[str, tuple[Callable, int, int]] = {
-    "kill -9 at a drawn moment": (kill, 4, 1),
-    "kill -9 as a file takes its place": (kill_at_rename, 4, 1),
-    "two writers": (two_writers, 4, 0),
-    "SIGTERM": (signalled(signal.SIGTERM), 3, 2),
-    "Ctrl-C": (signalled(signal.SIGINT), 3, 2),
-    "full disk (file system)": (full_disk, 3, 1),
-    "full disk (limit on file size)": (full_limit, 3, 1),
-    "read-only file system": (read_only, 1, 1),
-    "no permission": (forbidden, 2, 1),
-    "input gone before": (lost_before, 1, 0),
-    "input gone midway": (lost_midway, 2, 0),
-    "output full": (output_full, 1, 0),
-    "output closed": (output_closed, 1, 0),
-    "clock goes back": (clock_back, 1, 0),
+# fault -> (trial, how often, of the commands that are tried less often, of the long one)
+FAULTS: dict[str, tuple[Callable, int, int, int]] = {
+    "kill -9 at a drawn moment": (kill, 4, 2, 1),
+    "kill -9 as a file takes its place": (kill_at_rename, 4, 2, 0),
+    "two writers": (two_writers, 4, 2, 0),
+    "SIGTERM": (signalled(signal.SIGTERM), 3, 1, 1),
+    "Ctrl-C": (signalled(signal.SIGINT), 3, 1, 1),
+    "full disk (file system)": (full_disk, 3, 1, 1),
+    "full disk (limit on file size)": (full_limit, 3, 1, 1),
+    "read-only file system": (read_only, 1, 1, 1),
+    "no permission": (forbidden, 2, 1, 1),
+    "input gone before": (lost_before, 1, 1, 0),
+    "input gone midway": (lost_midway, 2, 1, 0),
+    "output full": (output_full, 1, 1, 0),
+    "output closed": (output_closed, 1, 1, 0),
+    "clock goes back": (clock_back, 1, 1, 0),
 }
 
 
 def trials(verbs: list[str]) -> list[tuple[str, str, int]]:
-    """(command, fault, number) in rounds: after the first every command has met every fault once."""
-    most = max(often for _, often, _ in FAULTS.values())
-    return [(verb, fault, number) for number in range(most) for verb in verbs
-            for fault, (_, often, seldom) in FAULTS.items() if number < (seldom if verb in LONG else often)]  # fmt: skip
+    """(command, fault, number) in rounds, those that are tried less often after the others of a round."""
+    most = max(often for _, often, *_ in FAULTS.values())
+    order = sorted(verbs, key=lambda verb: (verb == LONG) + (verb in SELDOM or verb == LONG))
+    return [(verb, fault, number) for number in range(most) for verb in order for fault, (_, *often) in FAULTS.items()
+            if number < often[2 if verb == LONG else verb in SELDOM]]  # fmt: skip
 
 
 def commit() -> str:
