@@ -20,7 +20,7 @@ from scipy import special, stats
 from probupdate.errors import InputError
 from probupdate.estimators.chain_store import ChainStore, Segment
 from probupdate.estimators.emulator import Emulator, EmulatorMove
-from probupdate.estimators.importance import Density, posterior_of_draws
+from probupdate.estimators.importance import Density
 from probupdate.estimators.surrogate import Outline, Proposal
 from probupdate.modes import frozen_array
 from probupdate.parameters import Parameters
@@ -253,7 +253,7 @@ def _first_state(problem: Problem, surrogate: Density, n_walker: int, seed: int,
     draw, rng = getattr(surrogate, "draw_inside", surrogate.draw), np.random.default_rng([seed, 0, *own])
     start = draw(n_walker, rng)
     for _ in range(START_ROUNDS):
-        without = ~np.isfinite(posterior_of_draws(problem, start)[0])
+        without = ~np.isfinite(problem.log_posterior(start)[0])
         if not without.any():
             break
         start[without] = draw(int(without.sum()), rng)
@@ -271,7 +271,7 @@ def _run_segment(
     counts = {"evaluated": 0, "fallback": 0}
 
     def log_probability(theta: np.ndarray) -> np.ndarray:
-        value, fallback = posterior_of_draws(problem, theta)
+        value, fallback = problem.log_posterior(theta)
         counts["evaluated"] += int(np.isfinite(value).sum())
         counts["fallback"] += int(fallback.sum())
         return value

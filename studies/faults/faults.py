@@ -6,11 +6,12 @@ input, SIGTERM and Ctrl-C, a full or closed output, a clock that goes back.
 
 Inputs are small (a building of 20 storeys with nine sets of modes, eight blocks of a minute, 0.03 to 0.2 virtual days).
 Each command is run twice undisturbed; what is the same bytes both times is compared byte for byte afterwards, what is not
-((it states when it was made) is read to its end. After each fault the command is given again and must end as an undisturbed
-run does. A trial is one line of the log, in rounds over all commands, so that a run that is stopped loses the trial that it
-was at; moments are shares of the processor time of an undisturbed run, drawn from (SEED, command, fault, number), whatever
-was run before. In the third round processes are started as a shell does; in the others, where the fault allows it, they
-are forked from one that has imported everything, so that the moments lie in the command's own work.
+(it states when it was made) is read to its end. After each fault the command is given again and must end as an
+undisturbed run does. A trial is one line of the log, in rounds over the commands, so that a run that is stopped loses the
+trial that it was at; moments are shares of the processor time of an undisturbed run, drawn from (SEED, command, fault,
+number), whatever was run before. In the third round the first process killed and those that get a signal are started as a
+shell does; else, where the fault allows it, they are forked from one that has imported everything, so that the moments lie
+in the command's own work.
 """
 
 from __future__ import annotations
@@ -461,10 +462,10 @@ def kill(bench: Bench, rng: np.random.Generator, number: int) -> dict:
     bench.prepare(finished=number % 2 == 1)
     what = Counter(kills=0, met=0, torn=0, orphans=0)
     names: list[str] = []
-    for _ in range(10 if bench.slow else 3):
+    for k in range(10 if bench.slow else 3):
         if bench.verb == "export":
             shutil.rmtree(bench.out / "lifetime", ignore_errors=True)
-        one = bench.start(shell=number == SHELL)
+        one = bench.start(shell=number == SHELL and k == 0)
         met = bench.moment(rng, one, 0.03, 0.15) if bench.slow else bench.moment(rng, one)
         what.update(kills=1, met=met)
         one.send(signal.SIGKILL)
@@ -486,9 +487,9 @@ def kill_at_rename(bench: Bench, rng: np.random.Generator, number: int) -> dict:
 def two_writers(bench: Bench, rng: np.random.Generator, number: int) -> dict:
     """Two at the same place; one of them killed in every second trial."""
     bench.prepare()
-    both = [bench.start(shell=number == SHELL)]
+    both = [bench.start()]
     bench.moment(rng, both[0], 0.0, 0.3)
-    both.append(bench.start(shell=number == SHELL))
+    both.append(bench.start())
     what: dict = {"met": int(both[0].poll() is None), "kills": 0}
     if number % 2 == 0:
         one = both.pop(int(rng.integers(2)))
@@ -673,11 +674,11 @@ FAULTS: dict[str, tuple[Callable, int, int, int]] = {
 
 
 def trials(verbs: list[str]) -> list[tuple[str, str, int]]:
-    """(command, fault, number) in rounds, those that are tried less often after the others of a round."""
+    """(command, fault, number) in rounds; those that are tried less often after the others, the long one last."""
     most = max(often for _, often, *_ in FAULTS.values())
-    order = sorted(verbs, key=lambda verb: (verb == LONG) + (verb in SELDOM or verb == LONG))
-    return [(verb, fault, number) for number in range(most) for verb in order for fault, (_, *often) in FAULTS.items()
-            if number < often[2 if verb == LONG else verb in SELDOM]]  # fmt: skip
+    kind = {verb: 2 if verb == LONG else int(verb in SELDOM) for verb in verbs}
+    return [(verb, fault, number) for which in range(3) for number in range(most) for verb in verbs if kind[verb] == which
+            for fault, (_, *often) in FAULTS.items() if number < often[which]]  # fmt: skip
 
 
 def commit() -> str:
