@@ -32,7 +32,7 @@ import tempfile
 import time
 import traceback
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -54,8 +54,9 @@ MODULES = ("probupdate.cli", "probupdate.verbs", "probupdate.demonstration", "pr
            "matplotlib.pyplot", "scipy.sparse.linalg", "pandas", "rich.progress")
 # a process whose parent was killed has this long to notice it
 ORPHAN_S = 10.0
-# the command that takes minutes; those that take seconds and are tried less often
+# the command that takes minutes; those that read nothing of other commands; those that are tried less often
 LONG = "demo"
+OF_INPUTS = ("convert", "check", "modes", "select", "update")
 SELDOM = ("sample", "sets", "diagnose", "report", "simulate, 2 processes", "identify, 2 processes")
 HANGS_S = 900.0
 # share of a short process's time in which Python starts, before there is anything of this program
@@ -67,8 +68,8 @@ SHELL = 2
 # What the commands read, and their words ------------------------------------------------------------------------------
 
 
-def inputs(folder: Path) -> None:
-    """All that the commands read."""
+def inputs(folder: Path, *, of_steps: bool = True) -> None:
+    """All that the commands read; without what other commands write where `of_steps` says so."""
     folder.mkdir(parents=True)
     write_building(folder)
     (folder / "nine.json").write_text(json.dumps(modes_table(n_set=9)))
@@ -102,7 +103,8 @@ def inputs(folder: Path) -> None:
     for name in ("model.npz", "parameters.toml", "nine.json"):
         shutil.copy(folder / name, folder / "run" / name)
     shutil.copy(folder / "nine.json", folder / "run" / "modes.json")
-    steps(folder)
+    if of_steps:
+        steps(folder)
 
 
 def steps(folder: Path) -> None:
@@ -689,11 +691,12 @@ def commit() -> str:
     return git("rev-parse", "--short", "HEAD") + ("+" if git("status", "--porcelain", "probupdate") else "")
 
 
-def run(work: Path, seed: int, chosen: list[str]) -> None:
+def run(work: Path, seed: int, chosen: Sequence[str], *, faults: Sequence[str] = tuple(FAULTS), rounds: int = 10) -> None:
+    """The trials that WORK/log.jsonl does not have, of the chosen commands (or all), a line each."""
     work = work.resolve()
     if not (work / "whole").exists():
         shutil.rmtree(work / "in", ignore_errors=True)
-        inputs(work / "in")
+        inputs(work / "in", of_steps=not set(chosen) or not set(chosen) <= set(OF_INPUTS))
         (work / "in").rename(work / "whole")
     # the trial that was stopped may have taken one away
     shutil.rmtree(work / "in", ignore_errors=True)
@@ -701,11 +704,11 @@ def run(work: Path, seed: int, chosen: list[str]) -> None:
     log = work / "log.jsonl"
     lines = [json.loads(line) for line in log.read_text().splitlines()] if log.exists() else []
     done = {(one["command"], one["fault"], one["number"]) for one in lines if one["seed"] == seed}
-    for name in MODULES:
+    for name in MODULES if not chosen else MODULES[:2]:
         importlib.import_module(name)
     benches: dict[str, Bench] = {}
-    for verb, fault, number in trials(chosen or list(commands(work, work))):
-        if (verb, fault, number) in done:
+    for verb, fault, number in trials(list(chosen) or list(commands(work, work))):
+        if (verb, fault, number) in done or fault not in faults or number >= rounds:
             continue
         if verb not in benches:
             benches[verb] = Bench(verb, work)
@@ -715,7 +718,8 @@ def run(work: Path, seed: int, chosen: list[str]) -> None:
         bench.clear()
         kept = {key: value for key, value in what.items() if value or key in ("met", "kills")}
         line = {"command": verb, "fault": fault, "number": number, "seed": seed, "commit": commit(),
-                "processor_s": round(bench.processor_s[True], 1), "seconds": round(time.monotonic() - begun, 1), **machine(), "what": kept}  # fmt: skip
+                "processor_s": round(bench.processor_s[True], 1), "seconds": round(time.monotonic() - begun, 1),
+                **machine(), "what": kept}  # fmt: skip
         with log.open("a") as stream:
             stream.write(json.dumps(line).replace(str(work), "WORK") + "\n")
 
