@@ -75,15 +75,24 @@ def complain(text: str) -> None:
         sys.stderr.flush()
 
 
+class Interrupted(KeyboardInterrupt):
+    """Raised for a signal. Python gives up the exit code where a KeyboardInterrupt itself has passed through an `exec`,
+    as where dataclasses are made, even if it is caught after that."""
+
+
 @contextlib.contextmanager
 def ended_by_signals() -> Iterator[None]:
-    """SIGTERM ends a run as Ctrl-C does: temporary files are removed, processes ended."""
+    """SIGTERM ends a run as Ctrl-C does: temporary files are removed, processes ended. Where Ctrl-C is ignored, as in the
+    background, it stays so."""
 
     def end(number: int, frame: object) -> NoReturn:
-        raise KeyboardInterrupt
+        raise Interrupted
 
+    before = {}
     try:
-        before = signal.signal(signal.SIGTERM, end)
+        for number in (signal.SIGTERM, signal.SIGINT):
+            if signal.getsignal(number) is not signal.SIG_IGN:
+                before[number] = signal.signal(number, end)
     except ValueError:
         # not in the main thread: whoever runs this there answers for signals
         yield
@@ -91,7 +100,8 @@ def ended_by_signals() -> Iterator[None]:
     try:
         yield
     finally:
-        signal.signal(signal.SIGTERM, before)
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 # One function a verb: arguments in, files out, a few lines said. ---------------------------------------------------
@@ -662,34 +672,37 @@ def _drop_output() -> None:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    a = build_parser().parse_args(arguments)
-    # an announcement of another package's next release, once a day and machine; it says nothing of this run
-    warnings.filterwarnings("ignore", message=r"\s*ArviZ is undergoing a major refactor", category=FutureWarning)
+    program = "probupdate"
     try:
-        if a.out:
-            refuse_unwritable(a.out, folder=a.verb in WRITE_FOLDERS)
-            refuse_overwriting(a.verb, a.out, given_paths(a))
-        with ended_by_signals(), terminal_progress() as progress:
-            a.action(a, progress)
+        with ended_by_signals():
+            a = build_parser().parse_args(arguments)
+            program = f"probupdate {a.verb}"
+            # an announcement of another package's next release, once a day and machine; it says nothing of this run
+            warnings.filterwarnings("ignore", message=r"\s*ArviZ is undergoing a major refactor", category=FutureWarning)
+            if a.out:
+                refuse_unwritable(a.out, folder=a.verb in WRITE_FOLDERS)
+                refuse_overwriting(a.verb, a.out, given_paths(a))
+            with terminal_progress() as progress:
+                a.action(a, progress)
     except InputError as error:
-        complain(f"probupdate {a.verb}: {error}")
+        complain(f"{program}: {error}")
         return 2
     except ProbupdateError as error:
-        complain(f"probupdate {a.verb}: {error}")
+        complain(f"{program}: {error}")
         return 1
     except BrokenPipeError:
         # whoever read the output has gone
         _drop_output()
         return 1
     except KeyboardInterrupt:
-        complain(f"probupdate {a.verb}: interrupted; what was finished is kept")
+        complain(f"{program}: interrupted; what was finished is kept")
         return 130
     except OSError as error:
-        complain(f"probupdate {a.verb}: {_os_words(error)}")
+        complain(f"{program}: {_os_words(error)}")
         _drop_output()
         return 2 if error.errno in OF_PATHS else 1
     except MemoryError:
-        complain(f"probupdate {a.verb}: out of memory; give less at a time, or a machine with more; what was finished "
+        complain(f"{program}: out of memory; give less at a time, or a machine with more; what was finished "
                  "is kept")
         return 1
     # what is not foreseen is a defect of this program: it rises with its trace, and Python exits with 1

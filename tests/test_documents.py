@@ -193,3 +193,12 @@ def test_an_effect_of_ones_own_is_made_as_the_readme_says():
     exec(code, made)
     assert made["own"].kind == "measurement" and made["platform"].effect.parameter == made["platform"].model.name
     assert dict(made["lower"].increments) == {"k1": 1.0, "k2": 1.0}
+
+
+def test_the_table_of_packages_is_that_of_the_lock():
+    locked = set(re.findall(r"^([A-Za-z0-9_.-]+)==([^\s;\\]+)", text("requirements.lock"), re.MULTILINE))
+    rows = re.findall(r"^\| (\S+) \| ([^|]+) \| ([^|]+) \|", text("studies/supply_chain/PACKAGES.md"), re.MULTILINE)[1:]
+    listed = {(name, version) for name, versions, _ in rows for version in versions.split(", ")}
+    assert listed - {("---", "---")} == locked, "run studies/supply_chain/licences.py again"
+    assert all(re.fullmatch(r"(\d{4}-\d\d-\d\d|not stated|-)(, (\d{4}-\d\d-\d\d|not stated|-))*", days.strip())
+               for name, _, days in rows if name != "---")  # fmt: skip
