@@ -7,7 +7,7 @@ compare, report, demo, modes, export. They are loaded when first used, so that i
 __version__ = "0.1.0"
 
 _STEPS = ("check", "check_setups", "compare", "convert", "diagnose", "export", "figures", "identify", "identify_setups",
-          "inform", "model_modes", "open_model", "regress", "report", "sample", "select", "sets", "simulate", "update")
+          "identify_shard", "inform", "model_modes", "open_model", "regress", "report", "sample", "select", "sets", "simulate", "update")
 
 __all__ = ["__version__", "demo", "modes", *_STEPS]
 
