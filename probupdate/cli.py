@@ -282,6 +282,19 @@ def run_diagnose(a: argparse.Namespace, progress: Progress) -> None:
     say(result.summary)
 
 
+def run_farm(a: argparse.Namespace, progress: Progress) -> None:
+    one_thread()
+    import probupdate
+    from probupdate.executors import executor
+
+    with executor(a.jobs, a.scheduler) as runs:
+        result = probupdate.farm(a.description, a.out, shard=a.shard, jobs=runs, progress=progress)
+    say(result.summary)
+    if result.failed:
+        raise ProbupdateError(f"{len(result.failed)} of {len(result.rows)} turbine-months failed, each with its reason above "
+                              "and in farm.csv; the others are done: mend what is said, then run it again")
+
+
 def run_report(a: argparse.Namespace, progress: Progress) -> None:
     import probupdate
 
@@ -358,6 +371,7 @@ GROUPS = {
     "from records to modes": ("convert", "check", "identify", "select", "regress", "figures"),
     "from modes to parameters": ("update", "sample", "compare", "sets", "inform"),
     "what is wrong": ("diagnose",),
+    "many turbines": ("farm",),
     "to hand on": ("report", "export"),
 }
 
@@ -401,6 +415,7 @@ EXAMPLES = {
     "diagnose": "diagnose --model run/model.toml --modes run/modes.json --campaign run/campaign --out run/diagnosis.json",
     "figures": "figures run/modes.json --campaign run/campaign --format pdf --out run/figures",
     "export": "export run --to lifetime run-lifetime",
+    "farm": "farm data/farm.toml --out farm --jobs 4",
     "report": "report run --out run/report.html",
 }
 
@@ -621,6 +636,13 @@ def build_parser() -> argparse.ArgumentParser:
     p.add_argument("--json", action="store_true", help="one JSON object: folder, files with SHA-256, verdict, left_out")
     seeded(p)
 
+    p = verb("farm", run_farm, "many turbines and months, each through the steps that farm.toml names; resumable")
+    p.add_argument("description", metavar="FARM", help="farm.toml: turbines, their models and folders of campaigns, steps")
+    on_workers(p, "turbine-months side by side (1), a process each; the results do not depend on it", 1)
+    p.add_argument("--shard", metavar="I/N", help="only the I-th of N shares of the turbine-months, as one job of an array "
+                   "does: all jobs write into one OUT")
+    p.add_argument("--out", required=True, help="directory to write; a run that was stopped goes on where it stopped")
+
     p = verb("report", run_report, "one self-contained page of a run directory")
     p.add_argument("run", metavar="RUN", help="directory that the steps wrote into; what is missing there is left out")
     p.add_argument("--out", required=True, help="the page, report.html")
@@ -629,7 +651,7 @@ def build_parser() -> argparse.ArgumentParser:
 
 
 # verbs whose result is a directory; the others write files
-WRITE_FOLDERS = ("convert", "demo", "simulate", "figures", "export")
+WRITE_FOLDERS = ("convert", "demo", "simulate", "figures", "export", "farm")
 
 
 def refuse_unwritable(out: str, *, folder: bool) -> None:

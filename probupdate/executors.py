@@ -17,6 +17,7 @@ from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wai
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from dataclasses import dataclass
+from itertools import islice
 from multiprocessing.connection import wait as wait_for_any
 from typing import Any, TypeVar, final
 
@@ -78,9 +79,13 @@ class Executor(ABC):
         self.close(at_once=kind is not None and not issubclass(kind, Exception))
 
     @abstractmethod
-    def completed(self, function: Callable, tasks: Sequence[tuple], *, least: int | None = None) -> Iterator[object]:
+    def completed(
+        self, function: Callable, tasks: Sequence[tuple], *, least: int | None = None,
+        lost: Callable[[tuple], object] | None = None,
+    ) -> Iterator[object]:
         """function(*task) of every task, in the order in which they end. `function` must be importable by name.
-        least: tasks that are worth a process of their own."""
+        least: tasks that are worth a process of their own. lost: of a task that ends the process it runs in, also
+        alone, the result is lost(task), and the others go on; without, that is an error."""
 
     def close(self, *, at_once: bool = False) -> None:
         """at_once: what is running is given up; the next run does it again."""
@@ -120,7 +125,7 @@ def dask_cluster(address: str) -> Executor:
 
 @final
 class _Serial(Executor):
-    def completed(self, function, tasks, *, least=None):
+    def completed(self, function, tasks, *, least=None, lost=None):
         yield from (function(*task) for task in tasks)
 
 
@@ -135,27 +140,43 @@ class _Processes(Executor):
         self._size = 0
         self._others: set[int | None] = set()
 
-    def completed(self, function, tasks, *, least=None):
+    def completed(self, function, tasks, *, least=None, lost=None):
+        size = self._size or min(self._jobs, len(tasks) // max(LEAST_TASKS if least is None else least, 1))
+        if size <= 1 and lost is None:
+            yield from SERIAL.completed(function, tasks)
+            return
+        left = list(enumerate(tasks))
+        while left:
+            # which of the tasks that were running ended the processes nobody knows: each is tried alone
+            ended: set[int] = set()
+            try:
+                for number, result in self._shared_out(function, left, max(size, 1)):
+                    ended.add(number)
+                    yield result
+            except BrokenProcessPool:
+                self.close()
+                if lost is None:
+                    raise _ended() from None
+            left = [item for item in left if item[0] not in ended]
+            suspects, left = left[: (1 + WAITING) * max(size, 1)], left[(1 + WAITING) * max(size, 1) :]
+            for _, task in suspects:
+                yield _alone(function, task, lost)
+
+    def _shared_out(self, function: Callable, tasks: list[tuple[int, tuple]], size: int) -> Iterator[tuple[int, object]]:
+        """(number, result) as they come, tasks begun in their order."""
         if self._pool is None:
-            size = min(self._jobs, len(tasks) // max(LEAST_TASKS if least is None else least, 1))
-            if size <= 1:
-                yield from SERIAL.completed(function, tasks)
-                return
             self._start(size)
-        running: set[Future] = set()
+        running: dict[Future, int] = {}
+        waiting = iter(tasks)
         try:
-            for task in tasks:
-                if len(running) >= (1 + WAITING) * self._size:
-                    ended, running = wait(running, return_when=FIRST_COMPLETED)
-                    yield from (future.result() for future in ended)
-                with one_thread_each():
-                    running.add(self._pool.submit(function, *task))
-            while running:
-                ended, running = wait(running, return_when=FIRST_COMPLETED)
-                yield from (future.result() for future in ended)
-        except BrokenProcessPool:
-            self.close()
-            raise _ended() from None
+            while True:
+                for number, task in islice(waiting, (1 + WAITING) * self._size - len(running)):
+                    with one_thread_each():
+                        running[self._pool.submit(function, *task)] = number
+                if not running:
+                    return
+                for future in wait(running, return_when=FIRST_COMPLETED).done:
+                    yield running.pop(future), future.result()
         except KeyboardInterrupt:
             # nobody waits for what they are at
             self.close(at_once=True)
@@ -170,7 +191,7 @@ class _Processes(Executor):
         self._pool = ProcessPoolExecutor(size, multiprocessing.get_context("spawn"), initializer=_end_with_parent)
 
     def close(self, *, at_once: bool = False) -> None:
-        pool, self._pool = self._pool, None
+        pool, self._pool, self._size = self._pool, None, 0
         if pool is None:
             return
         if at_once:
@@ -190,17 +211,19 @@ class _DaskCluster(Executor):
             raise InputError("scheduler", f"nothing answers at {address} ({type(error).__name__})",
                              "start one with `dask scheduler` and give its address") from None
 
-    def completed(self, function, tasks, *, least=None):
+    def completed(self, function, tasks, *, least=None, lost=None):
         distributed = _distributed()
         waiting = iter(tasks)
+        given: dict[str, tuple] = {}
         running = distributed.as_completed(loop=self._client.loop)
         try:
-            self._submit(running, function, waiting, self._room())
+            self._submit(running, function, waiting, self._room(), given)
             for future in running:
-                yield self._result(future)
+                task = given.pop(future.key)
+                yield self._result(future, task, lost)
                 # what came back is dropped at the worker; as many follow as have room
                 future.release()
-                self._submit(running, function, waiting, self._room() - running.count())
+                self._submit(running, function, waiting, self._room() - running.count(), given)
         finally:
             left = list(running.futures)
             if left:
@@ -210,18 +233,21 @@ class _DaskCluster(Executor):
         workers = self._client.scheduler_info(n_workers=-1)["workers"]
         return (1 + WAITING) * max(len(workers), 1)
 
-    def _submit(self, running: Any, function: Callable, waiting: Iterator[tuple], count: int) -> None:
-        for _ in range(count):
-            task = next(waiting, None)
-            if task is None:
-                return
-            running.add(self._client.submit(_at_worker, __version__, function, task, pure=False))
+    def _submit(
+        self, running: Any, function: Callable, waiting: Iterator[tuple], count: int, given: dict[str, tuple]
+    ) -> None:
+        for task in islice(waiting, max(count, 0)):
+            future = self._client.submit(_at_worker, __version__, function, task, pure=False)
+            given[future.key] = task
+            running.add(future)
 
-    def _result(self, future: Any) -> object:
+    def _result(self, future: Any, task: tuple, lost: Callable[[tuple], object] | None) -> object:
         distributed = _distributed()
         try:
             return future.result()
         except distributed.KilledWorker as error:
+            if lost is not None:
+                return lost(task)
             raise ProbupdateError(f"a task ended every worker that it was given to, the last at {error.last_worker.address} "
                                   "(out of memory?); what was finished is kept: run again, with more memory a worker") from None
         except distributed.CancelledError:
@@ -250,6 +276,15 @@ def _at_worker(version: str, function: Callable, task: tuple) -> object:
         raise InputError("scheduler", "a worker runs several threads, so that its numbers differ in the last digits",
                          START_WORKERS)
     return function(*task)
+
+
+def _alone(function: Callable, task: tuple, lost: Callable[[tuple], object]) -> object:
+    with one_thread_each(), ProcessPoolExecutor(1, multiprocessing.get_context("spawn"),
+                                                initializer=_end_with_parent) as pool:  # fmt: skip
+        try:
+            return pool.submit(function, *task).result()
+        except BrokenProcessPool:
+            return lost(task)
 
 
 def _ended() -> ProbupdateError:

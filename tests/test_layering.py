@@ -18,7 +18,7 @@ FLOOR = {
     "effects": 2, "identification": 2,
     "matching": 2.9, "responses": 2.9, "channel_mistakes": 2.95, "problem": 3,
     "estimators": 4, "comparison": 5, "information": 5, "diagnosis": 6, "lifetime": 6, "reporting": 7, "verbs": 8,
-    "demonstration": 8.5, "outputs": 8.8, "cli": 9,
+    "demonstration": 8.5, "outputs": 8.8, "farms": 8.9, "cli": 9,
 }  # fmt: skip
 APART = {("identification", "structure"), ("identification", "virtual"), ("problem", "virtual"),
          ("problem", "campaign"), ("problem", "identification"), ("estimators", "virtual"),
