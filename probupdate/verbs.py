@@ -22,10 +22,8 @@ from probupdate.comparison import compare as compare_results
 from probupdate.effects.tolerances import SensorUncertainty, TurbineUncertainty
 from probupdate.errors import InputError, names_files
 from probupdate.estimators.discrepancy import state_model_error, stated_weights
-from probupdate.estimators.ensemble import SamplerSettings
 from probupdate.estimators.posterior_file import Posterior, read_posterior, write_posterior
 from probupdate.estimators.update_file import UNLIKE, UpdateRecord, read_update
-from probupdate.estimators.updating import deterministic_update, sample_posterior
 from probupdate.executors import Executor, Shard
 from probupdate.files import read_bytes
 from probupdate.identification.block_poles import block_references
@@ -505,6 +503,8 @@ def update(
     default where `weights` are the measurement's own, "measured" or "covariance".
     every_mode: also modes that identification numbered, where they are alike to one of the model's.
     """
+    from probupdate.estimators.updating import deterministic_update
+
     data = _modal_data(modes, set_id, every_mode)
     model_at, modal_set = _Surroundings(model, parameters, str(modes)), data.set(set_id)
     chosen = _likelihood(weights, model_at(modal_set), data, set_id=set_id, frequencies=frequencies, shapes=shapes,
@@ -543,6 +543,9 @@ def sample(
 ) -> Posterior:
     """Sample the posterior of the same problem into `out`; the chain is kept beside it (`<out>.chain/`) and goes on
     where it stopped. jobs: processes, or an executor, for the `ensembles`; the numbers are the same on any."""
+    from probupdate.estimators.ensemble import SamplerSettings
+    from probupdate.estimators.updating import sample_posterior
+
     data = _modal_data(modes, set_id, every_mode)
     out = Path(out)
     settings = SamplerSettings(seed=seed, target_ess=target_ess, max_steps=max_steps, ensembles=ensembles)

@@ -120,6 +120,15 @@ def test_a_write_in_place_is_found(tmp_path, monkeypatch):
     assert [text.split()[1] for text in writes(tmp_path / "a.py")] == ["write_text", "open", "to_csv", "savez", "File"]
 
 
+def test_import_of_the_steps_loads_what_every_step_needs_only():
+    """What some steps need is imported where it is used: half a second of every command."""
+    heavy = {"matplotlib", "arviz", "emcee", "jinja2", "rich", "distributed", "scipy.signal", "scipy.stats",
+             "scipy.optimize", "scipy.interpolate"}  # fmt: skip
+    code = f"import sys, probupdate.verbs; print(sorted({heavy!r} & set(sys.modules)))"
+    answer = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert answer.stdout.strip() == "[]"
+
+
 def test_import_of_the_package_stays_light():
     heavy = {"matplotlib", "arviz", "emcee", "pandas", "h5py", "jinja2", "pydantic", "rich", "scipy"}
     code = f"import sys, probupdate; print(sorted({heavy!r} & set(sys.modules)))"

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import emcee
 import numpy as np
-from scipy import special, stats
+from scipy import special
 
 from probupdate.errors import InputError
 from probupdate.estimators.chain_store import ChainStore, Segment
@@ -312,6 +312,8 @@ def nested_r_hat(theta: np.ndarray, n_ensemble: int) -> np.ndarray:
     sqrt(1 + B / W): B the variance of the ensembles' means, W the mean variance within an ensemble, over all of its
     walkers and steps. A single ensemble is held against itself, its first half against its second.
     """
+    from scipy import stats
+
     n_step, n_walker, n_param = theta.shape
     if n_ensemble == 1:
         half = n_step // 2

@@ -5,7 +5,6 @@ from __future__ import annotations
 from fractions import Fraction
 
 import numpy as np
-from scipy import signal
 
 from probupdate.errors import InputError
 
@@ -23,6 +22,8 @@ def resampled(data: np.ndarray, rate_hz: float, target_hz: float) -> np.ndarray:
     get the same one, so that shapes are untouched. Up to 0.9 of the new Nyquist frequency it is flat within 0.03 %.
     Raises InputError where the target is above the recorded rate or no simple ratio of it.
     """
+    from scipy import signal
+
     centred = data - data.mean(axis=0)
     if abs(target_hz - rate_hz) <= 1e-9 * rate_hz:
         return centred
