@@ -22,7 +22,7 @@ from probupdate.structure.subdyn_model import ACTS, SubDynDescription
 ROOT = Path(__file__).resolve().parents[1]
 PAPERS = ("README.md", "DESIGN.md", "VALIDATION.md", "CHANGELOG.md")
 STUDIES = tuple(sorted(p.relative_to(ROOT).as_posix() for p in ROOT.glob("studies/*/README.md")))
-NOT_YET = ("farm",)
+NOT_YET = ()
 
 
 def text(name: str) -> str:
