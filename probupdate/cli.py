@@ -147,7 +147,8 @@ def run_check(a: argparse.Namespace, progress: Progress) -> None:
 def run_convert(a: argparse.Namespace, progress: Progress) -> None:
     import probupdate
 
-    say(probupdate.convert(a.sources, a.out, description=a.description, progress=progress).summary)
+    say(probupdate.convert(
+        a.sources, a.out, to=a.to, description=a.description, sensors=a.sensors, progress=progress).summary)
 
 
 def run_identify(a: argparse.Namespace, progress: Progress) -> None:
@@ -467,11 +468,16 @@ def build_parser() -> argparse.ArgumentParser:
     p.add_argument("--json", action="store_true", help="one JSON object: frequency_hz, label, channel, shape, notes")
     p.add_argument("--out", help="write that JSON to a file too")
 
-    p = verb("convert", run_convert, "records of other programs (CSV, Parquet, .mat, .npy, .npz) into a campaign")
-    p.add_argument("sources", metavar="SOURCES", help="folder of the files to convert")
-    p.add_argument("out", metavar="CAMPAIGN", help="directory with campaign.toml and convert.toml; an interrupted "
-                   "conversion goes on where it stopped")
+    p = verb("convert", run_convert, "records of other programs (CSV, Parquet, .mat, .npy, .npz, UFF) into a campaign; "
+             "modes and records from and to universal files")
+    p.add_argument("sources", metavar="SOURCES", help="folder of the files to convert; with --to modes a .uff, with "
+                   "--to uff a modes.json or a campaign")
+    p.add_argument("out", metavar="OUT", help="campaign directory with campaign.toml and convert.toml (an interrupted "
+                   "conversion goes on where it stopped); with --to modes.json, .uff, or a folder of them")
+    p.add_argument("--to", choices=("campaign", "modes", "uff"), default="campaign", help="records of a campaign "
+                   "(default); modes: a modes.json from a UFF's dataset 55; uff: a universal file")
     p.add_argument("--description", help="convert.toml (default: the campaign's)")
+    p.add_argument("--sensors", metavar="CAMPAIGN", help="its campaign.toml says where the channels of modes are")
 
     p = verb("check", run_check, "what a campaign holds, what is wrong with it, what can be done with it")
     p.add_argument("campaign", metavar="CAMPAIGN", nargs="+", help="directory with campaign.toml and acceleration/; "
@@ -609,6 +615,13 @@ def build_parser() -> argparse.ArgumentParser:
 WRITE_FOLDERS = ("convert", "demo", "simulate", "figures", "export")
 
 
+def writes_folder(a: argparse.Namespace) -> bool:
+    """Whether --out, or OUT, is a directory: of `convert` where records come out."""
+    if a.verb == "convert" and a.to != "campaign":
+        return a.to == "uff" and Path(a.sources).is_dir()
+    return a.verb in WRITE_FOLDERS
+
+
 def refuse_unwritable(out: str, *, folder: bool) -> None:
     """Before hours of work, not after them: a result that cannot be written. Directories to it are made later."""
     path = Path(out)
@@ -667,7 +680,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     warnings.filterwarnings("ignore", message=r"\s*ArviZ is undergoing a major refactor", category=FutureWarning)
     try:
         if a.out:
-            refuse_unwritable(a.out, folder=a.verb in WRITE_FOLDERS)
+            refuse_unwritable(a.out, folder=writes_folder(a))
             refuse_overwriting(a.verb, a.out, given_paths(a))
         with ended_by_signals(), terminal_progress() as progress:
             a.action(a, progress)

@@ -51,6 +51,7 @@ from probupdate.structure.subdyn_model import is_subdyn, subdyn_sensors, turns_n
 from probupdate.virtual.simulation import simulate
 
 if TYPE_CHECKING:
+    from probupdate.campaign.universal import Translation
     from probupdate.diagnosis.results import Diagnosis
     from probupdate.estimators.set_views_file import SetViews
     from probupdate.information import Information
@@ -167,10 +168,27 @@ def setup_names(paths: Sequence[Path]) -> list[str]:
 
 
 def convert(
-    sources: str | Path, campaign: str | Path, *, description: str | Path | None = None, progress: Progress = silent
-) -> Conversion:
-    """Records of other programs (CSV, Parquet, MATLAB, NumPy) into a campaign's layout, as its convert.toml says."""
-    return convert_files(sources, campaign, description=description, progress=progress)
+    sources: str | Path, out: str | Path, *, to: str = "campaign", description: str | Path | None = None,
+    sensors: str | Path | None = None, progress: Progress = silent,
+) -> Conversion | Translation:  # fmt: skip
+    """Records of other programs (CSV, Parquet, MATLAB, NumPy, UFF) into a campaign's layout, as its convert.toml says.
+
+    to 'modes': a universal file's modes (dataset 55) into a modes.json; to 'uff': a modes.json into a universal file, or
+    a campaign's blocks into a folder of them (dataset 58). `sensors`: the campaign, or campaign.toml, that says where the
+    channels of a modes.json are."""
+    if to == "campaign":
+        return convert_files(sources, out, description=description, progress=progress)
+    if to not in ("modes", "uff"):
+        raise InputError("to", f"'{to}' is unknown", "choose from campaign, modes, uff")
+    from probupdate.campaign.universal import modes_from_universal, modes_to_universal, records_to_universal
+
+    if to == "modes":
+        return modes_from_universal(sources, out, sensors=sensors)
+    if Path(sources).is_dir():
+        return records_to_universal(sources, out, progress=progress)
+    if sensors is None:
+        raise InputError(str(sources), "does not say where its channels are", "name the campaign (--sensors)")
+    return modes_to_universal(sources, out, sensors=sensors)
 
 
 @names_files("model")

@@ -161,7 +161,8 @@ def fatigue_model(
         raise InputError(
             f"state {missing[0]}, thrust_spectrum", "is a file beside a fatigue.toml", "give that file's path"
         )
-    details, spots = find_details(build_frame(description), known, str(path or where))
+    frames = [build_frame(description, d.heading_deg) for d in known.direction]
+    details, spots = find_details(frames[0], known, str(path or where))
     models = tuple(
         stress_model(
             description,
@@ -172,8 +173,9 @@ def fatigue_model(
             parameters=parameters,
             sensors=sensors,
             spectra=spectra,
+            frame=frame,
         )
-        for d in known.direction
+        for d, frame in zip(known.direction, frames, strict=True)
     )
     return FatigueModel(models=models, details=details, spots=spots, conditions=known, method=method)
 

@@ -207,10 +207,10 @@ def tolerance_slopes(
     """d ln DEL_5 / d u (n_spot, n_source) per unit of each source, by central differences of half a standard deviation
     about the maximum, under the heading of the largest share; zero of sensors' sources, which load nothing."""
     uncertainty = given.problem.model.uncertainty
-    rows = uncertainty._rows
+    rows = uncertainty.tolerances
     base = few.parameters
     description = extended_description(path, [row.effect for row in rows])
-    model = uncertainty._extended
+    model = uncertainty.extended
     by_name = {p.name: p for p in model.parameters}
     parameters = Parameters((*base, *(by_name[row.effect.name] for row in rows)))
     most = max(few.conditions.direction, key=lambda d: d.share)

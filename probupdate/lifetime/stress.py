@@ -505,13 +505,15 @@ def stress_model(
     parameters: Parameters | None = None,
     sensors: tuple[Sensor, ...] | None = None,
     spectra: Mapping[str, tuple[np.ndarray, np.ndarray]] | None = None,
+    frame: Frame | None = None,
 ) -> StressModel:
     """Of one heading of wind, waves and nacelle, on all degrees of freedom. `details` as `details.find_details` names
-    them in the frame of any heading; loads are those of the members as the file's values have them."""
+    them in the frame of any heading; loads are those of the members as the file's values have them. `frame`: that of
+    the description at this heading, where it has been built already."""
+    frame = build_frame(description, heading_deg) if frame is None else frame
     model = turbine_model(
-        description, where=where, parameters=parameters, sensors=sensors, nacelle_angle_deg=heading_deg
+        description, where=where, parameters=parameters, sensors=sensors, nacelle_angle_deg=heading_deg, frame=frame
     )
-    frame = build_frame(description, heading_deg)
     transform = transformation(frame)
     values = description.values | {p.name: p.initial for p in model.parameters}
     details = tuple(

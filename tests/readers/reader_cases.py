@@ -280,6 +280,22 @@ def elastodyn(folder: Path) -> Made:
     return [path, *(p for p in folder.iterdir() if p != path)], lambda: read_elastodyn(path)
 
 
+def uff(kind: str):
+    def make(folder: Path) -> Made:
+        import pytest
+
+        pytest.importorskip("pyuff", reason="pyuff is not installed (pip install probupdate[uff])")
+        cases = module_of("io", "test_uff_file")
+        if kind == "modes":
+            cases.write_uff_modes(cases.modes(), cases.sensors(), folder / "modes.uff")
+            return [folder / "modes.uff"], lambda: cases.read_uff_modes(folder / "modes.uff", cases.sensors())
+        cases.records(folder, n=50)
+        path = next(folder.glob("*.uff"))
+        return [path], lambda: cases.read_uff_records(path)
+
+    return make
+
+
 def virtual_turbine(folder: Path) -> Made:
     from probupdate.virtual.turbine_file import read_turbine
 
@@ -435,6 +451,8 @@ CASES: dict[str, tuple[Callable[[Path], Made], tuple[str, ...]]] = {
     "subdyn": (subdyn, ("io.subdyn_file.read_subdyn", "io.ssi_file.read_ssi", "io.fortran_text.read_lines",
                         "structure.subdyn_model.read_description")),
     "elastodyn": (elastodyn, ("io.elastodyn_file.read_elastodyn",)),
+    "uff_modes": (uff("modes"), ("io.uff_file.read_uff_modes",)),
+    "uff_records": (uff("records"), ("io.uff_file.read_uff_records",)),
     "virtual": (virtual_turbine, ("virtual.turbine_file.read_turbine", "virtual.turbine_file.read_toml")),
     "truth": (truth, ("virtual.truth.read_given", "virtual.effects.read_effect")),
     "truth_modes": (truth_modes, ("virtual.truth.read_truth_modes",)),
