@@ -715,14 +715,13 @@ def _fatigue_input(folder: Path, places, fatigue: Path, diagnosis, progress: Pro
     from probupdate.estimators.laplace import maximum_a_posteriori
     from probupdate.estimators.update_file import read_update
     from probupdate.lifetime.conditions import read_conditions
+    from probupdate.lifetime.export import refuse_without_members
     from probupdate.lifetime.fatigue_files import FatigueInput, Named
     from probupdate.structure.description import read_description
 
     # before minutes of work are spent on the rest
     read_conditions(fatigue)
-    if not _has_geometry(places["model"]) or is_subdyn(places["model"]):
-        raise InputError(str(places["model"]), "stresses are made of a turbine described by members (model.toml) only",
-                         "leave --fatigue out, or describe the turbine in a model.toml")  # fmt: skip
+    refuse_without_members(places["model"])
     problem, laplace = None, None
     modes = next((places[name] for name in ("nine.json", "modes.json") if name in places), None)
     if modes is not None:
@@ -737,7 +736,7 @@ def _fatigue_input(folder: Path, places, fatigue: Path, diagnosis, progress: Pro
     updates = read_update(places["update.json"]).sets if "update.json" in places else None
     named = None
     extended = diagnosis and diagnosis.get("extended_model")
-    if extended and (folder / extended).is_file():
+    if extended and (folder / extended).is_file() and not is_subdyn(places["model"]):
         path, drawn = folder / extended, folder / "diagnosis.posterior.nc"
         effects = {p.name: p.description for p in read_description(path).effects}
         own = {p.name for p in read_description(places["model"]).effects}

@@ -364,15 +364,20 @@ class _Damping:
         return [{label: float(values[k]) for label, values in self.ratio.items()} for k in range(n)]
 
 
+def refuse_without_members(path: Path) -> None:
+    """Raises InputError for a model that has no members with groups to name: matrices, a SubDyn file alone."""
+    if path.suffix != ".toml" or "matrices" in read_toml(path):
+        raise InputError(str(path), "stresses are made of members: of a turbine's model.toml, or of a SubDyn model's TOML",
+                         "leave --fatigue out, or describe the structure in one of them")  # fmt: skip
+
+
 def _fatigue(files: _Files, given: FatigueInput | None, model: Model, path: Path, draws, solved, damping: _Damping, left_out,
              seed: int, progress: Progress) -> dict | None:  # fmt: skip
     """fatigue.csv and what follows from it; a line of `left_out` where there is nothing to make it of."""
     if given is None:
         left_out.append("fatigue.csv, reliability.csv: no fatigue.toml was given (--fatigue)")
         return None
-    if path.suffix != ".toml" or is_subdyn(path) or "matrices" in read_toml(path):
-        raise InputError(str(path), "stresses are made of a turbine described by members (model.toml) only",
-                         "leave --fatigue out, or describe the turbine in a model.toml")  # fmt: skip
+    refuse_without_members(path)
     from probupdate.lifetime.fatigue_files import assess, frequency_factors, write_fatigue
 
     sensors = model_sensors(path) or None

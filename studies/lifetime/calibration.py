@@ -57,7 +57,7 @@ N_SPOT, LEVEL = 6, 1.6448536269514722
 SEARCHED = 14
 FITTED, DRAWS = 260, 250
 # draws a round, rounds, of the posterior; where the prior is cut, as the basis ends there
-PROPOSED, ROUNDS, TAIL = 300, 3, 1e-4
+PROPOSED, ROUNDS, TAIL = 300, 3, 1e-3
 STATES = ("idling, storm", "10 m/s", "19 m/s")
 # of the other clay, of the logarithm
 CLAY_STD = {"strain_50": 0.25, "at_mudline": 0.15, "gradient_per_m": 0.3}
@@ -167,7 +167,7 @@ def fast_model(model, rng):
     ends = np.array([p.distribution.ppf([TAIL, 1 - TAIL]) for p in model.parameters])
     points = np.clip(model.parameters.draw(rng, 200), *ends.T)
     return reduce_basis(
-        model, n_mode=SEARCHED, box=(ends[:, 0], ends[:, 1]), points=points, seed=0, frequency_tolerance=4e-4
+        model, n_mode=SEARCHED, box=(ends[:, 0], ends[:, 1]), points=points, seed=0, frequency_tolerance=8e-4
     )
 
 
