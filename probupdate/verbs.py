@@ -45,12 +45,15 @@ from probupdate.problem import Weights, build_problem
 from probupdate.progress import Progress, silent
 from probupdate.reporting import report as write_report
 from probupdate.reporting.run_files import PARTS, run_places
+from probupdate.result_table import files_table
 from probupdate.structure.load import REFERENCE_STATES, load_model, nacelle_angle_deg, reference_model
 from probupdate.structure.own_modes import OwnModes, own_modes
 from probupdate.structure.subdyn_model import is_subdyn, subdyn_sensors, turns_nacelle
 from probupdate.virtual.simulation import simulate
 
 if TYPE_CHECKING:
+    import pandas as pd
+
     from probupdate.campaign.universal import Translation
     from probupdate.diagnosis.results import Diagnosis
     from probupdate.estimators.set_views_file import SetViews
@@ -757,6 +760,14 @@ class Written:
     def __str__(self) -> str:
         return str(self.path)
 
+    @property
+    def summary(self) -> str:
+        return f"wrote {self.path}"
+
+    def to_frame(self) -> pd.DataFrame:
+        """One row."""
+        return files_table(page=(self.path,))
+
 
 def report(run: str | Path, out: str | Path, *, progress: Progress = silent) -> Written:
     """One self-contained page of a run directory."""
@@ -768,6 +779,10 @@ class Figures:
     """Files of a folder of figures."""
 
     files: tuple[Path, ...]
+
+    def to_frame(self) -> pd.DataFrame:
+        """A row a file."""
+        return files_table(figure=self.files[:-1], legend=self.files[-1:])
 
     @property
     def summary(self) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -13,6 +14,10 @@ from probupdate.errors import InputError
 from probupdate.io.uff_file import read_uff_modes, write_uff_modes, write_uff_records
 from probupdate.modes import Sensor, read_modes, write_modes
 from probupdate.progress import Progress, silent
+from probupdate.result_table import files_table
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 SI = {"acceleration": "m/s2", "velocity": "m/s", "displacement": "m"}
 
@@ -23,6 +28,10 @@ class Translation:
 
     files: tuple[Path, ...]
     notes: tuple[str, ...]
+
+    def to_frame(self) -> pd.DataFrame:
+        """A row a file."""
+        return files_table(written=self.files)
 
     @property
     def summary(self) -> str:

@@ -82,6 +82,10 @@ class Identification:
     notes: tuple[str, ...]
     summary: str
 
+    def to_frame(self) -> pd.DataFrame:
+        """A row a set and mode."""
+        return self.data.to_frame()
+
     def write(self, out: str | Path) -> list[Path]:
         """modes.json, modes.deviations.h5 where there are deviations, and modes.poles.csv beside it."""
         out = Path(out)

@@ -6,6 +6,7 @@ import json
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy import sparse
@@ -16,12 +17,16 @@ from probupdate.mode_labels import mode_character
 from probupdate.model import ModalSolution, Model
 from probupdate.modes import Sensor, frozen_array
 from probupdate.parameters import Parameters
+from probupdate.result_table import table_of
 from probupdate.structure.affine import AffineModel
 from probupdate.structure.eigen import lowest_modes
 from probupdate.structure.functions import FunctionModel
 from probupdate.structure.load import load_model, model_sensors
 from probupdate.structure.parameter_table import read_parameters, read_toml
 from probupdate.structure.subdyn_model import beside, is_subdyn
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 # (0.1 Hz)^2 in (rad/s)^2: beside it a free motion's eigenvalue is rounding, and a structure's own keeps its digits
 SHIFT = (2 * np.pi * 0.1) ** 2
@@ -51,6 +56,11 @@ class OwnModes:
     def text(self) -> str:
         """One JSON object."""
         return json.dumps(self.content())
+
+    def to_frame(self) -> pd.DataFrame:
+        """A row a mode."""
+        return table_of([{"mode": k, "label": label, "frequency_hz": f} for k, (label, f) in
+                         enumerate(zip(self.labels, self.frequency_hz, strict=True), 1)])
 
     @property
     def summary(self) -> str:

@@ -6,14 +6,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.lifetime.test_stress import CONDITIONS
-from tests.subdyn_text import STEEL, subdyn
 
 from probupdate.errors import InputError
 from probupdate.lifetime.conditions import Conditions
 from probupdate.lifetime.efthymiou import Geometry
 from probupdate.lifetime.efthymiou import kay as k_factors
 from probupdate.lifetime.fatigue import fatigue_model_of
+from tests.lifetime.test_stress import CONDITIONS
+from tests.subdyn_text import STEEL, subdyn
 
 D, T, FOOT, TOP = 2.0, 0.04, -20.0, 30.0
 SITE = {"water_density_kgpm3": 1025.0, "gravity_mps2": 9.81, "mudline_m": FOOT, "water_level_m": 0.0, "growth_m": 0.1,
