@@ -415,6 +415,18 @@ def lifetime_table(folder: Path) -> Made:
     return [path], lambda: read_table(path)
 
 
+def joint(folder: Path) -> Made:
+    from probupdate.lifetime.draws import joint_of, read_joint
+
+    drawn = joint_of(("a", "b"), np.random.default_rng(1).standard_normal((400, 2)) @ [[1.0, 0.5], [0.0, 1.0]])
+    path = folder / "joint.json"
+    path.write_text(json.dumps({
+        "kind": "nataf", "parameters": list(drawn.names), "mean": drawn.mean.tolist(), "std": drawn.std.tolist(),
+        "level": drawn.level.tolist(), "quantile": drawn.quantile.T.tolist(),
+        "normal_correlation": drawn.correlation.tolist(), "rank_correlation": drawn.rank_correlation.tolist()}))
+    return [path], lambda: read_joint(path).sample(10, np.random.default_rng(2))
+
+
 def extptfm(folder: Path) -> Made:
     from probupdate.lifetime.superelement import read_extptfm
 
@@ -463,6 +475,7 @@ CASES: dict[str, tuple[Callable[[Path], Made], tuple[str, ...]]] = {
     "started_run": (started_run, ("demonstration._State",)),
     "fatigue": (fatigue, ("lifetime.conditions.read_conditions",)),
     "lifetime_table": (lifetime_table, ("lifetime.tables.read_table",)),
+    "joint": (joint, ("lifetime.draws.read_joint",)),
     "extptfm": (extptfm, ("lifetime.superelement.read_extptfm",)),
     "groups": (groups, ("diagnosis.run._read_groups",)),
 }  # fmt: skip
