@@ -9,11 +9,12 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+import xarray
 from command_cases import write_building, write_campaign
 
 import probupdate
 from probupdate.cli import EXAMPLES, build_parser, main
-from probupdate.modes import read_modes
+from probupdate.modes import ModalData, ModalDeviation, ModalSet, read_modes, write_modes
 from probupdate.result_table import OWN_UNIT, json_object, plain_value, table_of, with_units
 
 PACKAGE = Path(probupdate.__file__).parent
@@ -92,6 +93,18 @@ def test_a_mistake_prints_nothing_else(tmp_path, capsys):
     assert main(["modes", str(tmp_path / "none.toml"), "--json"]) == 2
     said = capsys.readouterr()
     assert said.out == "" and said.err.count("\n") == 1
+
+
+def test_hdf5_files_are_groups_of_xarray(tmp_path):
+    shape = np.arange(12, dtype=complex).reshape(4, 3)
+    deviation = ModalDeviation(ln_frequency=np.ones((3, 5)), damping_ratio=np.zeros((3, 5)), shape=np.ones((4, 3, 5), complex))
+    one = ModalSet(id="2019-06-03T00:00Z", frequency_hz=np.array([0.3, 0.31, 1.2]), shape=shape, damping_ratio=np.full(3, 0.01),
+                   frequency_std_hz=np.full(3, 0.001), shape_std=np.full((4, 3), 0.02), deviation=deviation)  # fmt: skip
+    write_modes(ModalData(channels=tuple("abcd"), sets=(one,)), tmp_path / "modes.json")
+    with xarray.open_dataset(tmp_path / "modes.deviations.h5", group=one.id, engine="h5netcdf") as found:
+        assert found["shape"].dims == ("channel", "mode", "column") and dict(found.sizes) == {"mode": 3, "column": 5, "channel": 4}
+        assert float(found["ln_frequency"].sum()) == 15.0
+    np.testing.assert_allclose(read_modes(tmp_path / "modes.json").sets[0].deviation.shape, deviation.shape)
 
 
 def test_tables_have_units_and_json_its_nulls(tmp_path):
