@@ -15,14 +15,27 @@ if TYPE_CHECKING:
 
 # of a column, by the end of its name; "-" of all others: shares, ratios, counts, texts
 UNIT_OF_ENDING = {
-    "hz": "Hz", "m": "m", "s": "s", "ms": "ms", "h": "h", "deg": "deg", "kg": "kg", "mps": "m/s", "mps2": "m/s2", "kw": "kW",
-    "db": "dB", "mpa": "MPa", "a": "a",
-}  # fmt: skip
+    "hz": "Hz",
+    "m": "m",
+    "s": "s",
+    "ms": "ms",
+    "h": "h",
+    "deg": "deg",
+    "kg": "kg",
+    "mps": "m/s",
+    "mps2": "m/s2",
+    "kw": "kW",
+    "db": "dB",
+    "mpa": "MPa",
+    "a": "a",
+}
 # of rows whose numbers have the unit that stands beside them
 OWN_UNIT = "as `unit` says"
 
 
-def table_of(rows: Iterable[Any], columns: Sequence[str] = (), *, units: Mapping[str, str] | None = None) -> pd.DataFrame:
+def table_of(
+    rows: Iterable[Any], columns: Sequence[str] = (), *, units: Mapping[str, str] | None = None
+) -> pd.DataFrame:
     """A table of dataclasses or mappings, its columns in their order (`columns` where there is no row), with the unit
     of each in `attrs["units"]`: as given, else by the end of its name."""
     import pandas as pd
@@ -54,10 +67,14 @@ def json_object(command: str, summary: str, table: pd.DataFrame, files: Iterable
     what else a command says of its own. null stands for what is no number."""
     units = table.attrs.get("units", {})
     content = {
-        "command": command, "summary": summary.splitlines(), "files": [str(f) for f in files],
-        "table": {"columns": [{"name": str(c), "unit": units.get(str(c), "-")} for c in table.columns],
-                  "rows": [[plain_value(v) for v in row] for row in table.itertuples(index=False, name=None)]},
-    }  # fmt: skip
+        "command": command,
+        "summary": summary.splitlines(),
+        "files": [str(f) for f in files],
+        "table": {
+            "columns": [{"name": str(c), "unit": units.get(str(c), "-")} for c in table.columns],
+            "rows": [[plain_value(v) for v in row] for row in table.itertuples(index=False, name=None)],
+        },
+    }
     return json.dumps(content | {k: plain_value(v) for k, v in more.items()}, allow_nan=False)
 
 

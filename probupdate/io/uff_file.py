@@ -47,8 +47,9 @@ def _pyuff(where: Path):
     try:
         import pyuff
     except ImportError:
-        raise InputError(str(where), "universal files need the package pyuff, which is not installed",
-                         "pip install probupdate[uff]") from None  # fmt: skip
+        raise InputError(
+            str(where), "universal files need the package pyuff, which is not installed", "pip install probupdate[uff]"
+        ) from None
     return pyuff
 
 
@@ -98,8 +99,11 @@ def read_uff_modes(path: str | Path, sensors: Sequence[Sensor] | None = None) ->
     path, found = _read(path)
     modes = [d for d in found if d.get("type") == 55 and d.get("analysis_type") in (NORMAL, *COMPLEX)]
     if not modes:
-        raise InputError(str(path), "holds no modes (dataset 55 of normal modes or complex eigenvalues)",
-                         "export the modes as dataset 55")  # fmt: skip
+        raise InputError(
+            str(path),
+            "holds no modes (dataset 55 of normal modes or complex eigenvalues)",
+            "export the modes as dataset 55",
+        )
     rows = [_mode(d, f"{path}, mode {k + 1}") for k, d in enumerate(modes)]
     nodes = sorted({node for row in rows for node in row["motion"]})
     if sensors is None:
@@ -116,15 +120,25 @@ def read_uff_modes(path: str | Path, sensors: Sequence[Sensor] | None = None) ->
     for case, own in cases.items():
         numbers = [row["mode"] for row in own]
         if len(set(numbers)) < len(numbers) or min(numbers) < 1:
-            raise InputError(f"{path}, load case {case}", "mode numbers are not 1, 2, 3, ... once each", "number them so")
+            raise InputError(
+                f"{path}, load case {case}", "mode numbers are not 1, 2, 3, ... once each", "number them so"
+            )
         frequency, damping = np.full(count, np.nan), np.full(count, np.nan)
         shape = np.full((len(named), count), np.nan, complex)
         for row in own:
             j = row["mode"] - 1
             frequency[j], damping[j], shape[:, j] = row["hz"], row["damping"], project(row["motion"])
         ids.append(own[0]["set"] or str(case))
-        sets.append(ModalSet(id=ids[-1], frequency_hz=frequency, damping_ratio=damping, shape=shape,
-                             frequency_std_hz=np.full(count, np.nan), shape_std=np.full(shape.shape, np.nan)))  # fmt: skip
+        sets.append(
+            ModalSet(
+                id=ids[-1],
+                frequency_hz=frequency,
+                damping_ratio=damping,
+                shape=shape,
+                frequency_std_hz=np.full(count, np.nan),
+                shape_std=np.full(shape.shape, np.nan),
+            )
+        )
     if len(set(ids)) < len(ids):
         raise InputError(str(path), "two load cases have one name", "give each its own in line 4")
     return ModalData(channels=named, sets=tuple(sets))
@@ -151,11 +165,13 @@ def _mode(d: Mapping, where: str) -> dict:
         raise InputError(where, "has components that are no numbers", "write it again")
     line = _text(d.get("id4"))
     return {
-        "hz": hz, "damping": damping, "case": _whole(d["load_case"], where, "load case"),
+        "hz": hz,
+        "damping": damping,
+        "case": _whole(d["load_case"], where, "load case"),
         "mode": _whole(d["mode_n"], where, "mode number"),
         "set": line.removeprefix(SET_LINE) if line.startswith(SET_LINE) else "",
         "motion": {_whole(n, where, "node"): row for n, row in zip(numbers, motion, strict=True)},
-    }  # fmt: skip
+    }
 
 
 def _components(nodes: Sequence[int], rows: Sequence[Mapping]):
@@ -184,19 +200,27 @@ def _places(path: Path, found: Sequence[Mapping]) -> dict[int, np.ndarray]:
 def _projected(path: Path, places: Mapping[int, np.ndarray], sensors: Sequence[Sensor]):
     """The sensors' channels and a mode's values there, by the node at each sensor's place."""
     if not places:
-        raise InputError(str(path), "says of no node where it is (dataset 15 or 2411)",
-                         "export the nodes too, or read it without sensors")  # fmt: skip
+        raise InputError(
+            str(path),
+            "says of no node where it is (dataset 15 or 2411)",
+            "export the nodes too, or read it without sensors",
+        )
     numbers, at = list(places), np.array(list(places.values()))
     node = []
     for s in sensors:
         distance = np.linalg.norm(at - s.position_m, axis=1)
         if distance.min() > SAME_PLACE_M:
-            raise InputError(f"{path}, {s.channel}", f"its nearest node, {numbers[int(distance.argmin())]}, is "
-                             f"{distance.min():.3g} m away", "mend position_m, or the file's units (m)")  # fmt: skip
+            raise InputError(
+                f"{path}, {s.channel}",
+                f"its nearest node, {numbers[int(distance.argmin())]}, is {distance.min():.3g} m away",
+                "mend position_m, or the file's units (m)",
+            )
         node.append(numbers[int(distance.argmin())])
 
     def project(motion: Mapping[int, np.ndarray]) -> np.ndarray:
-        return np.array([motion[n] @ s.direction if n in motion else np.nan for n, s in zip(node, sensors, strict=True)])
+        return np.array(
+            [motion[n] @ s.direction if n in motion else np.nan for n, s in zip(node, sensors, strict=True)]
+        )
 
     return tuple(s.channel for s in sensors), project
 
@@ -215,8 +239,11 @@ def write_uff_modes(data: ModalData, sensors: Sequence[Sensor], path: str | Path
     for own, back in zip(rows, inverse, strict=True):
         directions = np.array([chosen[k].direction for k in own])
         if np.abs(directions @ back - np.eye(len(own))).max() > 1e-6:
-            raise InputError(f"{path}, {chosen[own[0]].channel}", "and others of its place look one way: a node has three "
-                             "components", "leave one of them out")  # fmt: skip
+            raise InputError(
+                f"{path}, {chosen[own[0]].channel}",
+                "and others of its place look one way: a node has three components",
+                "leave one of them out",
+            )
     datasets, notes = [_node_dataset(pyuff, places)], []
     for case, one in enumerate(data.sets, 1):
         for j in range(one.frequency_hz.size):
@@ -227,11 +254,30 @@ def write_uff_modes(data: ModalData, sensors: Sequence[Sensor], path: str | Path
             motion = np.array([back @ values[own] for own, back in zip(rows, inverse, strict=True)])
             zeta = one.damping_ratio[j] if np.isfinite(one.damping_ratio[j]) else 0.0
             pole = 2 * np.pi * one.frequency_hz[j] * (-zeta + 1j * np.sqrt(1 - zeta**2))
-            datasets.append(pyuff.prepare_55(
-                id1="modes", id2="NONE", id3="NONE", id4=f"{SET_LINE}{one.id}"[:80], id5="NONE", model_type=1,
-                analysis_type=COMPLEX[0], data_ch=2, spec_data_type=8, data_type=5, n_data_per_node=3,
-                r1=motion[:, 0], r2=motion[:, 1], r3=motion[:, 2], load_case=case, mode_n=j + 1, eig=complex(pole),
-                modal_a=0j, modal_b=0j, node_nums=np.arange(1, len(places) + 1)))  # fmt: skip
+            datasets.append(
+                pyuff.prepare_55(
+                    id1="modes",
+                    id2="NONE",
+                    id3="NONE",
+                    id4=f"{SET_LINE}{one.id}"[:80],
+                    id5="NONE",
+                    model_type=1,
+                    analysis_type=COMPLEX[0],
+                    data_ch=2,
+                    spec_data_type=8,
+                    data_type=5,
+                    n_data_per_node=3,
+                    r1=motion[:, 0],
+                    r2=motion[:, 1],
+                    r3=motion[:, 2],
+                    load_case=case,
+                    mode_n=j + 1,
+                    eig=complex(pole),
+                    modal_a=0j,
+                    modal_b=0j,
+                    node_nums=np.arange(1, len(places) + 1),
+                )
+            )
     notes.append("standard deviations, covariances and environment have no place in a universal file")
     return _write(pyuff, datasets, path), tuple(notes)
 
@@ -266,10 +312,19 @@ def read_uff_records(path: str | Path) -> UffRecords:
     step, first, size = clocks[0]
     for k, (other, start, n) in enumerate(clocks[1:], 2):
         if abs(other / step - 1) > SAME_RATE or abs(start - first) > 0.5 * step or n != size:
-            raise InputError(f"{path}, record {k}", f"has {n} samples every {other:g} s from {start:g} s, the first {size} "
-                             f"every {step:g} s from {first:g} s", "write records of one clock into one file")  # fmt: skip
-    return UffRecords(names=tuple(names), places=tuple(places), rate_hz=1 / step, first_s=first,
-                      data=frozen_array(np.column_stack(columns)))  # fmt: skip
+            raise InputError(
+                f"{path}, record {k}",
+                f"has {n} samples every {other:g} s from {start:g} s, the first {size} "
+                f"every {step:g} s from {first:g} s",
+                "write records of one clock into one file",
+            )
+    return UffRecords(
+        names=tuple(names),
+        places=tuple(places),
+        rate_hz=1 / step,
+        first_s=first,
+        data=frozen_array(np.column_stack(columns)),
+    )
 
 
 def write_uff_records(
@@ -286,19 +341,43 @@ def write_uff_records(
     for k, s in enumerate(sensors):
         axis = int(np.argmax(np.abs(s.direction)))
         if abs(abs(s.direction[axis]) - 1) > 1e-6:
-            raise InputError(f"{path}, {s.channel}", "does not look along x, y or z, as a record of a universal file does",
-                             "leave it out")  # fmt: skip
+            raise InputError(
+                f"{path}, {s.channel}",
+                "does not look along x, y or z, as a record of a universal file does",
+                "leave it out",
+            )
         if not np.all(np.isfinite(data[:, k])):
-            raise InputError(f"{path}, {s.channel}", f"has {int(np.sum(~np.isfinite(data[:, k])))} lost samples, for which "
-                             "a universal file has no word", "write blocks without gaps")  # fmt: skip
-        datasets.append({
-            "type": 58, "binary": 0, "id1": f"{CHANNEL_LINE}{s.channel}"[:80], "id2": s.level[:80] or "NONE",
-            "id3": start[:80], "func_type": RECORD, "func_id": k + 1, "load_case_id": 1, "rsp_node": node_of[k],
-            "rsp_dir": (axis + 1) * (1 if s.direction[axis] > 0 else -1), "ref_node": 0, "ref_dir": 0,
-            "abscissa_spacing": 1, "abscissa_spec_data_type": TIME, "abscissa_axis_lab": "time",
-            "abscissa_axis_units_lab": "s", "ordinate_spec_data_type": QUANTITIES[s.quantity],
-            "ordinate_axis_lab": s.quantity[:20], "ordinate_axis_units_lab": s.unit[:20], "orddenom_spec_data_type": 0,
-            "data": np.asarray(data[:, k], float), "x": np.arange(len(data)) / rate_hz})  # fmt: skip
+            raise InputError(
+                f"{path}, {s.channel}",
+                f"has {int(np.sum(~np.isfinite(data[:, k])))} lost samples, for which a universal file has no word",
+                "write blocks without gaps",
+            )
+        datasets.append(
+            {
+                "type": 58,
+                "binary": 0,
+                "id1": f"{CHANNEL_LINE}{s.channel}"[:80],
+                "id2": s.level[:80] or "NONE",
+                "id3": start[:80],
+                "func_type": RECORD,
+                "func_id": k + 1,
+                "load_case_id": 1,
+                "rsp_node": node_of[k],
+                "rsp_dir": (axis + 1) * (1 if s.direction[axis] > 0 else -1),
+                "ref_node": 0,
+                "ref_dir": 0,
+                "abscissa_spacing": 1,
+                "abscissa_spec_data_type": TIME,
+                "abscissa_axis_lab": "time",
+                "abscissa_axis_units_lab": "s",
+                "ordinate_spec_data_type": QUANTITIES[s.quantity],
+                "ordinate_axis_lab": s.quantity[:20],
+                "ordinate_axis_units_lab": s.unit[:20],
+                "orddenom_spec_data_type": 0,
+                "data": np.asarray(data[:, k], float),
+                "x": np.arange(len(data)) / rate_hz,
+            }
+        )
     return _write(pyuff, datasets, path)
 
 
@@ -319,8 +398,15 @@ def _nodes(sensors: Sequence[Sensor]) -> tuple[np.ndarray, list[list[int]]]:
 def _node_dataset(pyuff, places: np.ndarray) -> dict:
     n = len(places)
     none = np.zeros(n, int)
-    return pyuff.prepare_15(node_nums=np.arange(1, n + 1), def_cs=none, disp_cs=none, color=none, x=places[:, 0],
-                            y=places[:, 1], z=places[:, 2])  # fmt: skip
+    return pyuff.prepare_15(
+        node_nums=np.arange(1, n + 1),
+        def_cs=none,
+        disp_cs=none,
+        color=none,
+        x=places[:, 0],
+        y=places[:, 1],
+        z=places[:, 2],
+    )
 
 
 def _write(pyuff, datasets: Sequence[dict], path: Path) -> Path:

@@ -127,8 +127,8 @@ class MemberEnd(Sides):
 
 
 class Site(Table):
-    """What a SubDyn file does not say: the water, and where thrust acts. growth_m on `grown` groups adds to the diameter
-    that waves see; hub_joint: None for the top of the model's [tower]."""
+    """What a SubDyn file does not say: the water, and where thrust acts. growth_m: marine growth, on the diameter that
+    waves see; hub_joint: None for the top of the model's [tower]."""
 
     water_density_kgpm3: Positive
     gravity_mps2: Positive
@@ -242,7 +242,9 @@ def _mistakes(c: Conditions, path: Path) -> Iterator[tuple[str, str, str]]:
                 continue
             stated = item.chord is not None or item.brace is not None
             if stated == (item.efthymiou is not None):
-                problem = "has stress factors and asks for Efthymiou's" if stated else "has stress factors of neither side"
+                problem = (
+                    "has stress factors and asks for Efthymiou's" if stated else "has stress factors of neither side"
+                )
                 yield f"{kind}[{k + 1}]", problem, "give chord, brace or both, or efthymiou"
             if item.efthymiou is not None and (item.efthymiou.kind == "K") == (item.efthymiou.gap_m is None):
                 problem = "a K joint has a gap" if item.efthymiou.kind == "K" else "only a K joint has a gap"

@@ -211,11 +211,20 @@ def find_details(frame: Frame, conditions: Conditions, where: str) -> tuple[tupl
     ends = brace_ends(frame)
     chosen = []
     for k, entry in enumerate(conditions.joint):
-        chosen.append((f"{where}: joint[{k + 1}]", entry, [
-            d for d in ends
-            if d.at == entry.at and (not entry.bay or d.bay in entry.bay) and (not entry.leg or d.leg in entry.leg)
-            and (entry.end == "all" or d.upper == (entry.end == "upper"))
-        ]))  # fmt: skip
+        chosen.append(
+            (
+                f"{where}: joint[{k + 1}]",
+                entry,
+                [
+                    d
+                    for d in ends
+                    if d.at == entry.at
+                    and (not entry.bay or d.bay in entry.bay)
+                    and (not entry.leg or d.leg in entry.leg)
+                    and (entry.end == "all" or d.upper == (entry.end == "upper"))
+                ],
+            )
+        )
     welds = [[girth(frame, e.part, e.z_m, f"{where}: girth[{k + 1}]")] for k, e in enumerate(conditions.girth)]
     return hot_spots(conditions, chosen, ends, welds)
 
@@ -285,8 +294,11 @@ def _by_geometry(entry: Efthymiou, detail: Detail, ends: Sequence[Detail], where
     second brace."""
     own = _geometry(entry, detail)
     if beyond := efthymiou.beyond_validity(own, entry.gap_m):
-        raise InputError(f"{where}.efthymiou", f"{detail.name}: {'; '.join(beyond)}, for which the equations hold",
-                         "give chord and brace factors of such joints, of a finite-element model")  # fmt: skip
+        raise InputError(
+            f"{where}.efthymiou",
+            f"{detail.name}: {'; '.join(beyond)}, for which the equations hold",
+            "give chord and brace factors of such joints, of a finite-element model",
+        )
     if entry.kind == "T/Y":
         both = efthymiou.tee(own, entry.chord_fixity)
     elif entry.kind == "X":
@@ -294,10 +306,16 @@ def _by_geometry(entry: Efthymiou, detail: Detail, ends: Sequence[Detail], where
     else:
         partner = _partner(detail, ends)
         if partner is None:
-            raise InputError(f"{where}.efthymiou", f"{detail.name}: there is no second brace in its plane, on its side of "
-                             "the chord, that leans the other way", 'take kind = "T/Y"')  # fmt: skip
+            raise InputError(
+                f"{where}.efthymiou",
+                f"{detail.name}: there is no second brace in its plane, on its side of "
+                "the chord, that leans the other way",
+                'take kind = "T/Y"',
+            )
         both = efthymiou.kay(own, _geometry(entry, partner), entry.gap_m)
-    return tuple(Factors(**{name: max(entry.least, getattr(one, name)) for name in Factors.model_fields}) for one in both)
+    return tuple(
+        Factors(**{name: max(entry.least, getattr(one, name)) for name in Factors.model_fields}) for one in both
+    )
 
 
 def _geometry(entry: Efthymiou, detail: Detail) -> efthymiou.Geometry:

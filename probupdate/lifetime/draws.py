@@ -52,11 +52,14 @@ def joint_of(names: tuple[str, ...], draws: np.ndarray) -> Joint:
     score = stats.norm.ppf((stats.rankdata(draws, axis=0) - 0.5) / n)
     correlation = np.atleast_2d(np.corrcoef(score, rowvar=False))
     return Joint(
-        names=names, level=frozen_array(level), quantile=frozen_array(np.quantile(draws, level, axis=0)),
-        correlation=frozen_array(correlation), mean=frozen_array(draws.mean(axis=0)),
+        names=names,
+        level=frozen_array(level),
+        quantile=frozen_array(np.quantile(draws, level, axis=0)),
+        correlation=frozen_array(correlation),
+        mean=frozen_array(draws.mean(axis=0)),
         std=frozen_array(draws.std(axis=0, ddof=1)),
         rank_correlation=frozen_array(np.atleast_2d(np.corrcoef(stats.rankdata(draws, axis=0), rowvar=False))),
-    )  # fmt: skip
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -90,12 +93,21 @@ def read_joint(path: str | Path) -> Joint:
         raise InputError(str(path), "its tables are not of one size, or its kind is not nataf", again)
     if level[0] != 0 or level[-1] != 1 or np.any(np.diff(level) <= 0) or np.any(np.diff(quantile, axis=0) < 0):
         raise InputError(str(path), "its levels do not rise from 0 to 1, or its quantiles do not rise", again)
-    if np.abs(correlation - correlation.T).max() > 1e-9 or np.linalg.eigvalsh(correlation)[0] <= 0 or not np.allclose(
-        np.diag(correlation), 1.0, atol=1e-9
+    if (
+        np.abs(correlation - correlation.T).max() > 1e-9
+        or np.linalg.eigvalsh(correlation)[0] <= 0
+        or not np.allclose(np.diag(correlation), 1.0, atol=1e-9)
     ):
         raise InputError(str(path), "normal_correlation is no correlation matrix", again)
-    return Joint(names=names, level=frozen_array(level), quantile=frozen_array(quantile), mean=frozen_array(mean),
-                 std=frozen_array(std), correlation=frozen_array(correlation), rank_correlation=frozen_array(ranks))  # fmt: skip
+    return Joint(
+        names=names,
+        level=frozen_array(level),
+        quantile=frozen_array(quantile),
+        mean=frozen_array(mean),
+        std=frozen_array(std),
+        correlation=frozen_array(correlation),
+        rank_correlation=frozen_array(ranks),
+    )
 
 
 def to_openturns(joint: Joint):

@@ -16,8 +16,14 @@ import numpy as np
 
 KINDS = ("T/Y", "X", "K")
 # validity ranges: DNV-RP-C203, B.1
-RANGES = {"beta": (0.2, 1.0), "tau": (0.2, 1.0), "gamma": (8.0, 32.0), "alpha": (4.0, 40.0), "theta": (20.0, 90.0),
-          "zeta": (0.0, 1.0)}  # fmt: skip
+RANGES = {
+    "beta": (0.2, 1.0),
+    "tau": (0.2, 1.0),
+    "gamma": (8.0, 32.0),
+    "alpha": (4.0, 40.0),
+    "theta": (20.0, 90.0),
+    "zeta": (0.0, 1.0),
+}
 # a chord shorter than this many radii is stiffened by its ends
 SHORT = 12.0
 
@@ -91,8 +97,10 @@ def tee(g: Geometry, fixity: float) -> tuple[SideFactors, SideFactors]:
     brace_crown = _crown(g) + b * t * (0.2 * fixity * a - 1.2)
     short = _short_axial(g)
     bent = c * t * b * (1.7 - 1.05 * b**3) * s**1.6 * _short_bending(g)
-    return (_side(chord_crown, chord_saddle * short, _chord_in_plane(g), bent),
-            _side(brace_crown, brace_saddle * short, _brace_in_plane(g), bent * _to_brace(g)))  # fmt: skip
+    return (
+        _side(chord_crown, chord_saddle * short, _chord_in_plane(g), bent),
+        _side(brace_crown, brace_saddle * short, _brace_in_plane(g), bent * _to_brace(g)),
+    )
 
 
 def cross(g: Geometry) -> tuple[SideFactors, SideFactors]:
@@ -103,8 +111,10 @@ def cross(g: Geometry) -> tuple[SideFactors, SideFactors]:
     brace_saddle = 1 + 1.9 * c * t**0.5 * b**0.9 * (1.09 - b**1.7) * s**2.5
     short = _short_axial(g)
     bent = c * t * b * (1.56 - 1.34 * b**4) * s**1.6 * _short_bending(g)
-    return (_side(chord_crown, chord_saddle * short, _chord_in_plane(g), bent),
-            _side(_crown(g), brace_saddle * short, _brace_in_plane(g), bent * _to_brace(g)))  # fmt: skip
+    return (
+        _side(chord_crown, chord_saddle * short, _chord_in_plane(g), bent),
+        _side(_crown(g), brace_saddle * short, _brace_in_plane(g), bent * _to_brace(g)),
+    )
 
 
 def kay(g: Geometry, other: Geometry, gap_m: float) -> tuple[SideFactors, SideFactors]:
@@ -119,17 +129,25 @@ def kay(g: Geometry, other: Geometry, gap_m: float) -> tuple[SideFactors, SideFa
     brace_axial = 1 + axial * (1.97 - 1.57 * b**0.25) * t**-0.14 * s**0.7
     x = 1 + zeta * s / b
     bent = _bending_alone(g) * (1 - 0.08 * np.sqrt(other.beta * c) * np.exp(-0.8 * x))
-    bent += (_bending_alone(other) * (1 - 0.08 * np.sqrt(b * c) * np.exp(-0.8 * x))
-             * 2.05 * np.sqrt(betas[1]) * np.exp(-1.3 * x))  # fmt: skip
+    bent += (
+        _bending_alone(other)
+        * (1 - 0.08 * np.sqrt(b * c) * np.exp(-0.8 * x))
+        * 2.05
+        * np.sqrt(betas[1])
+        * np.exp(-1.3 * x)
+    )
     if g.alpha < SHORT:
         bent *= 1 - 1.07 * b**1.88 * np.exp(-0.16 * c**-1.06 * g.alpha**2.4)
-    return (_side(axial, axial, _chord_in_plane(g), bent),
-            _side(brace_axial, brace_axial, _brace_in_plane(g), bent * _to_brace(g)))  # fmt: skip
+    return (
+        _side(axial, axial, _chord_in_plane(g), bent),
+        _side(brace_axial, brace_axial, _brace_in_plane(g), bent * _to_brace(g)),
+    )
 
 
 def _side(crown: float, saddle: float, in_plane: float, out_of_plane: float) -> SideFactors:
-    return SideFactors(axial_crown=float(crown), axial_saddle=float(saddle), in_plane=float(in_plane),
-                       out_of_plane=float(out_of_plane))  # fmt: skip
+    return SideFactors(
+        axial_crown=float(crown), axial_saddle=float(saddle), in_plane=float(in_plane), out_of_plane=float(out_of_plane)
+    )
 
 
 def _crown(g: Geometry) -> float:

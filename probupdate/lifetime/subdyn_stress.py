@@ -100,18 +100,30 @@ class Opened:
 
     def tube(self, element: Element) -> SubDynTube:
         id, (_, (diameter, wall)) = element.member.id, sizes_at(self.file, element)
-        return SubDynTube(diameter_m=float(diameter), thickness_m=float(wall), factors=self.targets("thickness", id),
-                          losses=self.targets("wall_loss", id))  # fmt: skip
+        return SubDynTube(
+            diameter_m=float(diameter),
+            thickness_m=float(wall),
+            factors=self.targets("thickness", id),
+            losses=self.targets("wall_loss", id),
+        )
 
 
 def opened(path: str | Path) -> Opened:
     path = Path(path)
     if path.suffix != ".toml":
-        raise InputError(str(path), "has no groups of members", "name them in a TOML beside it (README, OpenFAST models)")
+        raise InputError(
+            str(path), "has no groups of members", "name them in a TOML beside it (README, OpenFAST models)"
+        )
     raw = read_toml(path)
     file, description = with_tower(read_description(raw, path), path)
-    return Opened(path=path, raw=raw, file=file, description=description, frame=build_subdyn_frame(file),
-                  targets=targets_of(file, description, path))  # fmt: skip
+    return Opened(
+        path=path,
+        raw=raw,
+        file=file,
+        description=description,
+        frame=build_subdyn_frame(file),
+        targets=targets_of(file, description, path),
+    )
 
 
 # details ---------------------------------------------------------------------------------------------------------
@@ -121,7 +133,9 @@ def find_subdyn_details(
     own: Opened, conditions: Conditions, where: str
 ) -> tuple[tuple[Detail, ...], tuple[HotSpot, ...]]:
     """What [[member_end]] and [[girth]] choose; raises InputError where a table chooses nothing, or two the same side."""
-    refuse_tables(conditions, where, "joint", reason="is for a turbine of a model.toml; SubDyn models have [[member_end]]")
+    refuse_tables(
+        conditions, where, "joint", reason="is for a turbine of a model.toml; SubDyn models have [[member_end]]"
+    )
     known = {j.id for j in own.file.joints}
     every, chosen = [], []
     for k, entry in enumerate(conditions.member_end):
@@ -164,8 +178,12 @@ def _brace_ends(own: Opened, entry: MemberEnd, where: str) -> list[Detail]:
         element = own.frame.elements[number]
         along = _direction(own, element)
         # a brace goes on behind a crossing: its other half is not its chord
-        across = [n for n in at_joint.get(joint, ()) if own.frame.elements[n].member.id != element.member.id
-                  and abs(_direction(own, own.frame.elements[n]) @ along) < ONE_PLANE]  # fmt: skip
+        across = [
+            n
+            for n in at_joint.get(joint, ())
+            if own.frame.elements[n].member.id != element.member.id
+            and abs(_direction(own, own.frame.elements[n]) @ along) < ONE_PLANE
+        ]
         if not across:
             continue
         # of chords of several sizes (a can) the thickest
@@ -192,12 +210,26 @@ def _detail(own: Opened, number: int, end: int, joint: int, chord: Element | Non
     tube = own.tube(element)
     at = f"joint {joint}" if joint else f"{place[2]:.2f} m"
     return Detail(
-        name=f"{name}, {at}", joint=at, part=name, chord_part=f"member {chord.member.id}" if chord else name,
-        level_m=float(place[2]), at="joint" if chord else "girth", bay=None, upper=bool(place[2] > middle), leg="",
-        number=number, end=end, along=frozen_array(along), crown=frozen_array(crown / np.linalg.norm(crown)),
-        saddle=frozen_array(saddle), beam=Piece(tube=tube), chord=Piece(tube=own.tube(chord)) if chord else None,
-        section=tube, place_m=frozen_array(place), chord_along=frozen_array(axis) if chord else None,
-    )  # fmt: skip
+        name=f"{name}, {at}",
+        joint=at,
+        part=name,
+        chord_part=f"member {chord.member.id}" if chord else name,
+        level_m=float(place[2]),
+        at="joint" if chord else "girth",
+        bay=None,
+        upper=bool(place[2] > middle),
+        leg="",
+        number=number,
+        end=end,
+        along=frozen_array(along),
+        crown=frozen_array(crown / np.linalg.norm(crown)),
+        saddle=frozen_array(saddle),
+        beam=Piece(tube=tube),
+        chord=Piece(tube=own.tube(chord)) if chord else None,
+        section=tube,
+        place_m=frozen_array(place),
+        chord_along=frozen_array(axis) if chord else None,
+    )
 
 
 def _girths(own: Opened, entry: Girth, where: str) -> list[Detail]:
@@ -209,8 +241,11 @@ def _girths(own: Opened, entry: Girth, where: str) -> list[Detail]:
             gaps += [(abs(own.frame.node_m[node][2] - entry.z_m), number, end) for end, node in enumerate(e.nodes)]
     nearest_gap = min(gaps)[0]
     if nearest_gap > REACH_M:
-        raise InputError(where, f"the nearest element of [group.{entry.part}] ends {nearest_gap:.2f} m from {entry.z_m:g} m",
-                         "choose the level of an element's end")  # fmt: skip
+        raise InputError(
+            where,
+            f"the nearest element of [group.{entry.part}] ends {nearest_gap:.2f} m from {entry.z_m:g} m",
+            "choose the level of an element's end",
+        )
     found: dict[tuple, Detail] = {}
     for gap, number, end in sorted(gaps):
         place = own.frame.node_m[own.frame.elements[number].nodes[end]]
@@ -235,9 +270,11 @@ def subdyn_stress_model(
 ) -> StressModel:
     """Of one heading of wind and waves (and of what turns with the nacelle), on all degrees of freedom."""
     if conditions.site is None:
-        raise InputError(f"{where}: site", "is missing: a SubDyn file says nothing of the water and of the hub",
-                         "add [site] with water_density_kgpm3, gravity_mps2, mudline_m, water_level_m, growth_m and "
-                         "hub_offset_m")  # fmt: skip
+        raise InputError(
+            f"{where}: site",
+            "is missing: a SubDyn file says nothing of the water and of the hub",
+            "add [site] with water_density_kgpm3, gravity_mps2, mudline_m, water_level_m, growth_m and hub_offset_m",
+        )
     model = described_model(own.raw, own.path, parameters=parameters, sensors=sensors, nacelle_angle_deg=heading_deg)
     rows: dict[str, dict] = {"K": {}, "M": {}}
     for row, detail in enumerate(details):
@@ -245,8 +282,10 @@ def subdyn_stress_model(
         for kind, factor, matrix in element_terms(own.file, own.frame.elements[detail.number], own.targets):
             rows[kind].setdefault(factor, []).append((3 * row + np.arange(3), dofs, pick @ matrix))
     size = (3 * len(details), own.frame.n_full)
-    held = {kind: tuple(sparse.csr_array(placed_blocks(blocks, size) @ own.frame.reduction) for blocks in found.values())
-            for kind, found in rows.items()}  # fmt: skip
+    held = {
+        kind: tuple(sparse.csr_array(placed_blocks(blocks, size) @ own.frame.reduction) for blocks in found.values())
+        for kind, found in rows.items()
+    }
     names = model.parameters.names
     fixed = {p.name: p.initial for p in own.description.parameter if p.name not in names}
     site = conditions.site
@@ -274,8 +313,11 @@ def _hub(own: Opened, site: Site, heading_deg: float, where: str) -> np.ndarray:
     joint = site.hub_joint
     if joint is None:
         if own.description.tower is None:
-            raise InputError(f"{where}: site.hub_joint", "is missing, and the model's TOML has no [tower]",
-                             "name the joint that carries the rotor and nacelle")  # fmt: skip
+            raise InputError(
+                f"{where}: site.hub_joint",
+                "is missing, and the model's TOML has no [tower]",
+                "name the joint that carries the rotor and nacelle",
+            )
         joint = own.file.masses[-1].id
     if joint not in own.frame.node_of:
         raise InputError(f"{where}: site.hub_joint", f"joint {joint} is not in {own.file.where}", "mend its number")
@@ -313,7 +355,9 @@ def _waves(own: Opened, site: Site, details: Sequence[Detail]) -> Waves:
             nodal = np.kron(np.eye(4), axes).T @ local
             column = 3 * len(position) + np.arange(3)
             blocks.append((own.frame.dofs[number], column, nodal))
-            taken += [(3 * row + np.arange(3), column, details[row].rows() @ nodal) for row in of_element.get(number, ())]
+            taken += [
+                (3 * row + np.arange(3), column, details[row].rows() @ nodal) for row in of_element.get(number, ())
+            ]
             position.append(start + at * span)
             along.append(span / e.length_m)
             diameter.append(outer)
@@ -321,10 +365,13 @@ def _waves(own: Opened, site: Site, details: Sequence[Detail]) -> Waves:
     n = 3 * len(position)
     spread = placed_blocks(blocks, (own.frame.n_full, n))
     return Waves(
-        position_m=frozen_array(np.array(position).reshape(-1, 3)), along=frozen_array(np.array(along).reshape(-1, 3)),
-        diameter_m=frozen_array(diameter), length_m=frozen_array(length),
-        spread=sparse.csr_array(own.frame.reduction.T @ spread), of_details=placed_blocks(taken, (3 * len(details), n)),
-    )  # fmt: skip
+        position_m=frozen_array(np.array(position).reshape(-1, 3)),
+        along=frozen_array(np.array(along).reshape(-1, 3)),
+        diameter_m=frozen_array(diameter),
+        length_m=frozen_array(length),
+        spread=sparse.csr_array(own.frame.reduction.T @ spread),
+        of_details=placed_blocks(taken, (3 * len(details), n)),
+    )
 
 
 def _wet_part(low: float, high: float, site: Site) -> tuple[float, float] | None:

@@ -26,8 +26,12 @@ def verbs() -> dict[str, argparse.ArgumentParser]:
 
 
 def classes() -> dict[str, ast.ClassDef]:
-    return {node.name: node for path in PACKAGE.rglob("*.py") for node in ast.parse(path.read_text("utf-8")).body
-            if isinstance(node, ast.ClassDef)}  # fmt: skip
+    return {
+        node.name: node
+        for path in PACKAGE.rglob("*.py")
+        for node in ast.parse(path.read_text("utf-8")).body
+        if isinstance(node, ast.ClassDef)
+    }
 
 
 @pytest.mark.parametrize("verb", sorted(EXAMPLES))
@@ -77,8 +81,16 @@ def test_steps_of_a_small_job_say_one_object(tmp_path, capsys):
     assert update["table"]["columns"][2]["unit"] == OWN_UNIT
     drawn = spoken(capsys, "sample", *problem, "--out", tmp_path / "posterior.nc", "--ess", "50", "--max-steps", "200")
     assert len(drawn["table"]["rows"]) == len(update["table"]["rows"])
-    compared = spoken(capsys, "compare", tmp_path / "update.json", tmp_path / "posterior.nc", "--model", paths["model"],
-                      "--out", tmp_path / "compare.json")  # fmt: skip
+    compared = spoken(
+        capsys,
+        "compare",
+        tmp_path / "update.json",
+        tmp_path / "posterior.nc",
+        "--model",
+        paths["model"],
+        "--out",
+        tmp_path / "compare.json",
+    )
     assert compared["table"]["rows"][0][0] == drawn["table"]["rows"][0][0]
     assert spoken(capsys, "inform", *problem, "--out", tmp_path / "i.json")["table"]["rows"]
     page = spoken(capsys, "report", tmp_path, "--out", tmp_path / "report.html")
@@ -97,12 +109,25 @@ def test_a_mistake_prints_nothing_else(tmp_path, capsys):
 
 def test_hdf5_files_are_groups_of_xarray(tmp_path):
     shape = np.arange(12, dtype=complex).reshape(4, 3)
-    deviation = ModalDeviation(ln_frequency=np.ones((3, 5)), damping_ratio=np.zeros((3, 5)), shape=np.ones((4, 3, 5), complex))
-    one = ModalSet(id="2019-06-03T00:00Z", frequency_hz=np.array([0.3, 0.31, 1.2]), shape=shape, damping_ratio=np.full(3, 0.01),
-                   frequency_std_hz=np.full(3, 0.001), shape_std=np.full((4, 3), 0.02), deviation=deviation)  # fmt: skip
+    deviation = ModalDeviation(
+        ln_frequency=np.ones((3, 5)), damping_ratio=np.zeros((3, 5)), shape=np.ones((4, 3, 5), complex)
+    )
+    one = ModalSet(
+        id="2019-06-03T00:00Z",
+        frequency_hz=np.array([0.3, 0.31, 1.2]),
+        shape=shape,
+        damping_ratio=np.full(3, 0.01),
+        frequency_std_hz=np.full(3, 0.001),
+        shape_std=np.full((4, 3), 0.02),
+        deviation=deviation,
+    )
     write_modes(ModalData(channels=tuple("abcd"), sets=(one,)), tmp_path / "modes.json")
     with xarray.open_dataset(tmp_path / "modes.deviations.h5", group=one.id, engine="h5netcdf") as found:
-        assert found["shape"].dims == ("channel", "mode", "column") and dict(found.sizes) == {"mode": 3, "column": 5, "channel": 4}
+        assert found["shape"].dims == ("channel", "mode", "column") and dict(found.sizes) == {
+            "mode": 3,
+            "column": 5,
+            "channel": 4,
+        }
         assert float(found["ln_frequency"].sum()) == 15.0
     np.testing.assert_allclose(read_modes(tmp_path / "modes.json").sets[0].deviation.shape, deviation.shape)
 
@@ -110,13 +135,21 @@ def test_hdf5_files_are_groups_of_xarray(tmp_path):
 def test_tables_have_units_and_json_its_nulls(tmp_path):
     data = read_modes(write_building(tmp_path)["modes"])
     table = data.to_frame()
-    assert table.attrs["units"] == {"id": "-", "mode": "-", "frequency_hz": "Hz", "frequency_std_hz": "Hz",
-                                    "damping_ratio": "-", "damping_ratio_std": "-"}  # fmt: skip
+    assert table.attrs["units"] == {
+        "id": "-",
+        "mode": "-",
+        "frequency_hz": "Hz",
+        "frequency_std_hz": "Hz",
+        "damping_ratio": "-",
+        "damping_ratio_std": "-",
+    }
     assert len(table) == len(data.sets) * data.n_mode
     odd = with_units(pd.DataFrame({"a_m": [np.nan, 1.0], "t": [pd.Timestamp("2020-01-01T00:00Z"), pd.NaT]}))
     found = json.loads(json_object("x", "one\ntwo", odd, ["f"], more=np.array([1, 2])))
-    assert found["table"] == {"columns": [{"name": "a_m", "unit": "m"}, {"name": "t", "unit": "-"}],
-                              "rows": [[None, "2020-01-01T00:00:00+00:00"], [1.0, None]]}  # fmt: skip
+    assert found["table"] == {
+        "columns": [{"name": "a_m", "unit": "m"}, {"name": "t", "unit": "-"}],
+        "rows": [[None, "2020-01-01T00:00:00+00:00"], [1.0, None]],
+    }
     assert found["summary"] == ["one", "two"] and found["more"] == [1, 2] and found["files"] == ["f"]
     assert plain_value({"a": (np.bool_(True), 1 + 2j, Path("p"))}) == {"a": [True, [1.0, 2.0], "p"]}
     assert list(table_of([], ("x", "y")).columns) == ["x", "y"]

@@ -21,11 +21,21 @@ def sensors():
     """Two at one place, an oblique one, one that looks down."""
     turned = np.array([np.cos(0.4), np.sin(0.4), 0.0])
     return tuple(
-        Sensor(channel=name, level="T", position_m=np.array(place, float), direction=np.array(way, float),
-               quantity="acceleration", unit="m/s2")
-        for name, place, way in (("T-x", [0, 0, 80], [1, 0, 0]), ("T-y", [0, 0, 80], [0, 1, 0]),
-                                 ("P-r", [5, 5, 15], turned), ("P-z", [5, -5, 15], [0, 0, -1]))
-    )  # fmt: skip
+        Sensor(
+            channel=name,
+            level="T",
+            position_m=np.array(place, float),
+            direction=np.array(way, float),
+            quantity="acceleration",
+            unit="m/s2",
+        )
+        for name, place, way in (
+            ("T-x", [0, 0, 80], [1, 0, 0]),
+            ("T-y", [0, 0, 80], [0, 1, 0]),
+            ("P-r", [5, 5, 15], turned),
+            ("P-z", [5, -5, 15], [0, 0, -1]),
+        )
+    )
 
 
 def modes(n_set=2, n_mode=3):
@@ -33,9 +43,16 @@ def modes(n_set=2, n_mode=3):
     sets = []
     for k in range(n_set):
         shape = rng.standard_normal((4, n_mode)) + 1j * rng.standard_normal((4, n_mode))
-        sets.append(ModalSet(id=f"2020-06-0{k + 1}T10:00Z", frequency_hz=0.3 * np.arange(1, n_mode + 1) + 0.01 * k,
-                             damping_ratio=np.full(n_mode, 0.012), shape=shape, frequency_std_hz=np.full(n_mode, np.nan),
-                             shape_std=np.full(shape.shape, np.nan)))  # fmt: skip
+        sets.append(
+            ModalSet(
+                id=f"2020-06-0{k + 1}T10:00Z",
+                frequency_hz=0.3 * np.arange(1, n_mode + 1) + 0.01 * k,
+                damping_ratio=np.full(n_mode, 0.012),
+                shape=shape,
+                frequency_std_hz=np.full(n_mode, np.nan),
+                shape_std=np.full(shape.shape, np.nan),
+            )
+        )
     return ModalData(channels=tuple(s.channel for s in sensors()), sets=tuple(sets))
 
 
@@ -64,9 +81,19 @@ def test_a_mode_that_was_not_measured_is_left_out_and_said(tmp_path):
     one = data.sets[0]
     f = np.array(one.frequency_hz)
     f[1] = np.nan
-    data = ModalData(channels=data.channels, sets=(
-        ModalSet(id="a", frequency_hz=f, damping_ratio=one.damping_ratio, shape=one.shape,
-                 frequency_std_hz=one.frequency_std_hz, shape_std=one.shape_std),))  # fmt: skip
+    data = ModalData(
+        channels=data.channels,
+        sets=(
+            ModalSet(
+                id="a",
+                frequency_hz=f,
+                damping_ratio=one.damping_ratio,
+                shape=one.shape,
+                frequency_std_hz=one.frequency_std_hz,
+                shape_std=one.shape_std,
+            ),
+        ),
+    )
     _, notes = write_uff_modes(data, sensors(), tmp_path / "m.uff")
     assert "mode 2: not measured" in notes[0]
     back = read_uff_modes(tmp_path / "m.uff", sensors()).sets[0]
@@ -79,11 +106,32 @@ def test_normal_modes_as_other_programs_write_them(tmp_path):
         warnings.simplefilter("ignore")
         file = pyuff.UFF(str(path))
         for j, f in enumerate((2.5, 7.25)):
-            file.write_sets(pyuff.prepare_55(
-                id1="NONE", id2="NONE", id3="NONE", id4="NONE", id5="NONE", model_type=1, analysis_type=2, data_ch=2,
-                spec_data_type=8, data_type=2, n_data_per_node=3, r1=np.array([1.0, 0.5]), r2=np.array([0.0, 0.25]),
-                r3=np.zeros(2), load_case=1, mode_n=j + 1, freq=f, modal_m=1.0, modal_damp_vis=0.02, modal_damp_his=0.0,
-                node_nums=np.array([11, 12])), mode="add" if j else "overwrite")  # fmt: skip
+            file.write_sets(
+                pyuff.prepare_55(
+                    id1="NONE",
+                    id2="NONE",
+                    id3="NONE",
+                    id4="NONE",
+                    id5="NONE",
+                    model_type=1,
+                    analysis_type=2,
+                    data_ch=2,
+                    spec_data_type=8,
+                    data_type=2,
+                    n_data_per_node=3,
+                    r1=np.array([1.0, 0.5]),
+                    r2=np.array([0.0, 0.25]),
+                    r3=np.zeros(2),
+                    load_case=1,
+                    mode_n=j + 1,
+                    freq=f,
+                    modal_m=1.0,
+                    modal_damp_vis=0.02,
+                    modal_damp_his=0.0,
+                    node_nums=np.array([11, 12]),
+                ),
+                mode="add" if j else "overwrite",
+            )
     back = read_uff_modes(path)
     assert back.channels == ("11:+x", "12:+x", "12:+y")
     np.testing.assert_allclose(back.sets[0].frequency_hz, [2.5, 7.25])
@@ -106,12 +154,16 @@ CAMPAIGN = 'name = "June"\nsampling_rate_hz = {rate}\nblock_minutes = 1\n'
 def campaign(folder: Path, chosen, rate=5.0, told='time = "abscissa"\ntime_unit = "s"\n'):
     text = CAMPAIGN.format(rate=rate)
     for s in chosen:
-        text += (f'[[sensor]]\nchannel = "{s.channel}"\nlevel = "T"\nposition_m = {s.position_m.tolist()}\n'
-                 f'direction = {s.direction.tolist()}\nquantity = "acceleration"\nunit = "m/s2"\n')
+        text += (
+            f'[[sensor]]\nchannel = "{s.channel}"\nlevel = "T"\nposition_m = {s.position_m.tolist()}\n'
+            f'direction = {s.direction.tolist()}\nquantity = "acceleration"\nunit = "m/s2"\n'
+        )
     folder.mkdir()
     (folder / "campaign.toml").write_text(text)
     (folder / "convert.toml").write_text(
-        f"files = \"*.uff\"\n{told}zone = \"UTC\"\nstart_pattern = '(\\d{{8}}_\\d{{6}})'\nstart_format = \"%Y%m%d_%H%M%S\"\n")
+        f'files = "*.uff"\n{told}zone = "UTC"\nstart_format = "%Y%m%d_%H%M%S"\n'
+        "start_pattern = '(\\d{8}_\\d{6})'\n"
+    )
     return folder
 
 
@@ -181,9 +233,20 @@ def test_the_command_takes_modes_and_records_there_and_back(tmp_path, capsys):
     assert main(["convert", str(folder), str(tmp_path / "out"), "--to", "uff"]) == 2
     one = modes(1)
     rows = [0, 1, 3]
-    one = ModalData(channels=tuple(one.channels[k] for k in rows), sets=tuple(
-        ModalSet(id=s.id, frequency_hz=s.frequency_hz, damping_ratio=s.damping_ratio, shape=s.shape[rows],
-                 frequency_std_hz=s.frequency_std_hz, shape_std=s.shape_std[rows]) for s in one.sets))  # fmt: skip
+    one = ModalData(
+        channels=tuple(one.channels[k] for k in rows),
+        sets=tuple(
+            ModalSet(
+                id=s.id,
+                frequency_hz=s.frequency_hz,
+                damping_ratio=s.damping_ratio,
+                shape=s.shape[rows],
+                frequency_std_hz=s.frequency_std_hz,
+                shape_std=s.shape_std[rows],
+            )
+            for s in one.sets
+        ),
+    )
     write_modes(one, tmp_path / "modes.json")
     assert main(["convert", str(tmp_path / "modes.json"), str(tmp_path / "m.uff"), "--to", "uff"]) == 2
     assert "--sensors" in capsys.readouterr().err

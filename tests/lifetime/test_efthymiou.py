@@ -7,8 +7,19 @@ from probupdate.lifetime.efthymiou import Geometry, beyond_validity, cross, kay,
 
 
 def geometry(**change):
-    return Geometry(**({"chord_diameter_m": 1.2, "chord_wall_m": 0.05, "chord_length_m": 12.0, "brace_diameter_m": 0.8,
-                        "brace_wall_m": 0.02, "angle_deg": 55.0} | change))  # fmt: skip
+    return Geometry(
+        **(
+            {
+                "chord_diameter_m": 1.2,
+                "chord_wall_m": 0.05,
+                "chord_length_m": 12.0,
+                "brace_diameter_m": 0.8,
+                "brace_wall_m": 0.02,
+                "angle_deg": 55.0,
+            }
+            | change
+        )
+    )
 
 
 def numbers(*sides):
@@ -17,16 +28,31 @@ def numbers(*sides):
 
 def test_they_are_those_of_another_implementation():
     # a public one of the 1988 equations (numpy), evaluated once; 2000 drawn joints agreed to 4e-16
-    np.testing.assert_allclose(numbers(*tee(geometry(), 0.7)), [
-        [2.617052315324027, 3.7957022032022327, 1.5008431725004978, 3.2299865431646797],
-        [2.799941631491233, 3.8751503915010055, 2.37433800853013, 3.2398856066565185]], rtol=1e-12)  # fmt: skip
-    np.testing.assert_allclose(numbers(*cross(geometry())), [
-        [1.0879684993179088, 5.452277078260964, 1.5008431725004978, 3.0123572276341175],
-        [2.3732749648245663, 4.575374817665713, 2.37433800853013, 3.0215893142257952]], rtol=1e-12)  # fmt: skip
+    np.testing.assert_allclose(
+        numbers(*tee(geometry(), 0.7)),
+        [
+            [2.617052315324027, 3.7957022032022327, 1.5008431725004978, 3.2299865431646797],
+            [2.799941631491233, 3.8751503915010055, 2.37433800853013, 3.2398856066565185],
+        ],
+        rtol=1e-12,
+    )
+    np.testing.assert_allclose(
+        numbers(*cross(geometry())),
+        [
+            [1.0879684993179088, 5.452277078260964, 1.5008431725004978, 3.0123572276341175],
+            [2.3732749648245663, 4.575374817665713, 2.37433800853013, 3.0215893142257952],
+        ],
+        rtol=1e-12,
+    )
     other = geometry(brace_diameter_m=0.7, brace_wall_m=0.025, angle_deg=48.0)
-    np.testing.assert_allclose(numbers(*kay(geometry(), other, 0.12)), [
-        [2.488003400475101, 2.488003400475101, 1.5008431725004978, 4.097594181075943],
-        [2.3562540875299103, 2.3562540875299103, 2.37433800853013, 4.110152234931646]], rtol=1e-12)  # fmt: skip
+    np.testing.assert_allclose(
+        numbers(*kay(geometry(), other, 0.12)),
+        [
+            [2.488003400475101, 2.488003400475101, 1.5008431725004978, 4.097594181075943],
+            [2.3562540875299103, 2.3562540875299103, 2.37433800853013, 4.110152234931646],
+        ],
+        rtol=1e-12,
+    )
 
 
 def test_short_chords_are_stiffer_and_long_ones_no_more():
@@ -37,7 +63,9 @@ def test_short_chords_are_stiffer_and_long_ones_no_more():
     assert cross(short)[0].axial_saddle < cross(long)[0].axial_saddle
     # at the border the correction has faded
     near = geometry(chord_length_m=7.1999)
-    assert cross(near)[0].axial_saddle == pytest.approx(cross(geometry(chord_length_m=7.2001))[0].axial_saddle, rel=1e-3)
+    assert cross(near)[0].axial_saddle == pytest.approx(
+        cross(geometry(chord_length_m=7.2001))[0].axial_saddle, rel=1e-3
+    )
 
 
 def test_a_k_with_a_wide_gap_bends_as_its_brace_alone():

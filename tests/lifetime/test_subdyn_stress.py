@@ -16,24 +16,47 @@ from tests.lifetime.test_stress import CONDITIONS
 from tests.subdyn_text import STEEL, subdyn
 
 D, T, FOOT, TOP = 2.0, 0.04, -20.0, 30.0
-SITE = {"water_density_kgpm3": 1025.0, "gravity_mps2": 9.81, "mudline_m": FOOT, "water_level_m": 0.0, "growth_m": 0.1,
-        "hub_joint": 4, "hub_offset_m": [0.0, 0.0, 3.0]}  # fmt: skip
-PARAMETERS = (("k", "stiffness", "-", 1.0, 0.1), ("t", "thickness", "-", 1.0, 0.1), ("loss", "wall_loss", "m", 0.001, 0.001),
-              ("m", "mass", "-", 1.0, 0.1))  # fmt: skip
+SITE = {
+    "water_density_kgpm3": 1025.0,
+    "gravity_mps2": 9.81,
+    "mudline_m": FOOT,
+    "water_level_m": 0.0,
+    "growth_m": 0.1,
+    "hub_joint": 4,
+    "hub_offset_m": [0.0, 0.0, 3.0],
+}
+PARAMETERS = (
+    ("k", "stiffness", "-", 1.0, 0.1),
+    ("t", "thickness", "-", 1.0, 0.1),
+    ("loss", "wall_loss", "m", 0.001, 0.001),
+    ("m", "mass", "-", 1.0, 0.1),
+)
 
 
 def pile(folder: Path) -> Path:
     """A clamped tube of three members, the middle one through the water line, a lumped mass on its top."""
-    (folder / "pile.dat").write_text(subdyn(
-        [f"0 0 {z}" for z in (FOOT, -8, 6, TOP)], ["1 2 1 1 1c 0", "2 3 1 1 1c 0", "3 4 1 1 1c 0"], ["1 1 1 1 1 1 1"],
-        interface=[4], fem=3, div=2, circular=[f"1 {STEEL} {D} {T}"], mass=["4 2e5 1e6 1e6 1e6 0 0 0 0 0 3"]))  # fmt: skip
+    (folder / "pile.dat").write_text(
+        subdyn(
+            [f"0 0 {z}" for z in (FOOT, -8, 6, TOP)],
+            ["1 2 1 1 1c 0", "2 3 1 1 1c 0", "3 4 1 1 1c 0"],
+            ["1 1 1 1 1 1 1"],
+            interface=[4],
+            fem=3,
+            div=2,
+            circular=[f"1 {STEEL} {D} {T}"],
+            mass=["4 2e5 1e6 1e6 1e6 0 0 0 0 0 3"],
+        )
+    )
     text = '[subdyn]\nfile = "pile.dat"\n[group.tube]\nmembers = [1, 2, 3]\n[group.top]\nmasses = [4]\n'
     for name, acts, unit, initial, std in PARAMETERS:
-        text += (f'[[parameter]]\nname = "{name}"\nacts = "{acts}"\non = "{"top" if acts == "mass" else "tube"}"\n'
-                 f'unit = "{unit}"\ninitial = {initial}\nstd = {std}\nlower = {0.0 if unit == "m" else 0.5}\nupper = 2.0\n')
+        text += (
+            f'[[parameter]]\nname = "{name}"\nacts = "{acts}"\non = "{"top" if acts == "mass" else "tube"}"\n'
+            f'unit = "{unit}"\ninitial = {initial}\nstd = {std}\nlower = {0.0 if unit == "m" else 0.5}\nupper = 2.0\n'
+        )
     for z in (6, TOP):
         for axis, way in (("x", [1.0, 0.0, 0.0]), ("y", [0.0, 1.0, 0.0])):
-            text += f'[[sensor]]\nchannel = "{z}-{axis}"\nlevel = "{z}"\nposition_m = [0.0, 0.0, {float(z)}]\ndirection = {way}\n'
+            text += f'[[sensor]]\nchannel = "{z}-{axis}"\nlevel = "{z}"\n'
+            text += f"position_m = [0.0, 0.0, {float(z)}]\ndirection = {way}\n"
     (folder / "model.toml").write_text(text)
     return folder / "model.toml"
 
@@ -41,8 +64,11 @@ def pile(folder: Path) -> Path:
 def conditions(**change) -> Conditions:
     raw = copy.deepcopy(CONDITIONS)
     del raw["joint"]
-    return Conditions.model_validate(raw | {
-        "site": SITE, "girth": [{"part": "tube", "z_m": z, "factor": 1.0, "curve": "T"} for z in (FOOT, 6.0)]} | change)
+    return Conditions.model_validate(
+        raw
+        | {"site": SITE, "girth": [{"part": "tube", "z_m": z, "factor": 1.0, "curve": "T"} for z in (FOOT, 6.0)]}
+        | change
+    )
 
 
 @pytest.fixture(scope="module")
@@ -124,11 +150,19 @@ def frame(folder: Path, gap=0.3) -> Path:
     joints = ["0 0 0", "0 0 10", "0 0 20", "8 0 0", "8 0 10", "8 0 20", "4 0 5", "4 0 15"]
     legs = ["1 2", "2 3", "4 5", "5 6"]
     braces = ["1 7", "7 5", "4 7", "7 2", "2 8", "8 6", "5 8", "8 3"]
-    (folder / "frame.dat").write_text(subdyn(
-        joints, [f"{p} 1 1 1c 0" for p in legs] + [f"{p} 2 2 1c 0" for p in braces], ["1 1 1 1 1 1 1", "4 1 1 1 1 1 1"],
-        interface=[3], circular=[f"1 {STEEL} 1.2 0.05", f"2 {STEEL} 0.8 0.02"], mass=["3 1e5 1e6 1e6 1e6 0 0 0 0 0 0"]))  # fmt: skip
+    (folder / "frame.dat").write_text(
+        subdyn(
+            joints,
+            [f"{p} 1 1 1c 0" for p in legs] + [f"{p} 2 2 1c 0" for p in braces],
+            ["1 1 1 1 1 1 1", "4 1 1 1 1 1 1"],
+            interface=[3],
+            circular=[f"1 {STEEL} 1.2 0.05", f"2 {STEEL} 0.8 0.02"],
+            mass=["3 1e5 1e6 1e6 1e6 0 0 0 0 0 0"],
+        )
+    )
     text = '[subdyn]\nfile = "frame.dat"\n[group.legs]\nproperty_sets = [1]\n[group.braces]\nproperty_sets = [2]\n'
-    text += '[group.top]\nmasses = [3]\n[[parameter]]\nname = "k"\nacts = "stiffness"\non = "legs"\ninitial = 1.0\nstd = 0.1\nlower = 0.1\nupper = 3.0\n'
+    text += '[group.top]\nmasses = [3]\n[[parameter]]\nname = "k"\nacts = "stiffness"\non = "legs"\n'
+    text += "initial = 1.0\nstd = 0.1\nlower = 0.1\nupper = 3.0\n"
     (folder / "frame.toml").write_text(text)
     return folder / "frame.toml"
 
@@ -140,7 +174,9 @@ def of_frame(path: Path, *ends) -> object:
 
 def test_joints_are_found_with_their_chords(tmp_path):
     path = frame(tmp_path)
-    found = of_frame(path, {"braces": "braces", "chords": "legs"} | CROSS, {"braces": "braces", "chords": "braces"} | CROSS)
+    found = of_frame(
+        path, {"braces": "braces", "chords": "legs"} | CROSS, {"braces": "braces", "chords": "braces"} | CROSS
+    )
     at_legs = [d for d in found.details if d.joint not in ("joint 7", "joint 8")]
     assert len(at_legs) == 8 and len(found.details) == 16
     # a half brace's chord at its crossing is the other brace, never its own second half
@@ -169,8 +205,14 @@ def test_efthymiou_takes_geometry_from_the_model(tmp_path):
     assert len(found.details) == 8 and len(found.spots) == 8 * 2 * 8
     detail = next(k for k, d in enumerate(found.details) if d.joint == "joint 2")
     angle = np.degrees(np.arctan2(4, 5))
-    g = Geometry(chord_diameter_m=1.2, chord_wall_m=0.05, chord_length_m=10.0, brace_diameter_m=0.8, brace_wall_m=0.02,
-                 angle_deg=angle)  # fmt: skip
+    g = Geometry(
+        chord_diameter_m=1.2,
+        chord_wall_m=0.05,
+        chord_length_m=10.0,
+        brace_diameter_m=0.8,
+        brace_wall_m=0.02,
+        angle_deg=angle,
+    )
     chord, _ = k_factors(g, g, 0.12)
     # thickness effect of the chord's 50 mm over 32 mm
     scale = (0.05 / 0.032) ** 0.25
@@ -187,12 +229,24 @@ def test_efthymiou_takes_geometry_from_the_model(tmp_path):
         ({"braces": "top", "chords": "legs"} | CROSS, r"\[group.top\] is not of circular members"),
         ({"braces": "braces", "chords": "legs", "joints": [77]} | CROSS, "joint 77 is not in"),
         ({"braces": "braces", "chords": "legs", "joints": [7]} | CROSS, "chooses no brace end"),
-        ({"braces": "braces", "chords": "legs", "efthymiou": {
-            "kind": "K", "gap_m": 0.1, "chord_length_m": 10.0, "chord_fixity": 0.7, "least": 1.5}}, "take kind = .T/Y"),
-        ({"braces": "braces", "chords": "legs", "efthymiou": {
-            "kind": "T/Y", "chord_length_m": 40.0, "chord_fixity": 0.7, "least": 1.5}}, "alpha = 66.7 is not within 4 to 40"),
+        (
+            {
+                "braces": "braces",
+                "chords": "legs",
+                "efthymiou": {"kind": "K", "gap_m": 0.1, "chord_length_m": 10.0, "chord_fixity": 0.7, "least": 1.5},
+            },
+            "take kind = .T/Y",
+        ),
+        (
+            {
+                "braces": "braces",
+                "chords": "legs",
+                "efthymiou": {"kind": "T/Y", "chord_length_m": 40.0, "chord_fixity": 0.7, "least": 1.5},
+            },
+            "alpha = 66.7 is not within 4 to 40",
+        ),
     ],
-)  # fmt: skip
+)
 def test_mistakes_are_named(tmp_path, ends, words):
     with pytest.raises(InputError, match=words):
         of_frame(frame(tmp_path), ends)

@@ -49,8 +49,9 @@ def test_form_is_openturns():
     log_damage = np.log(np.exp(3 * at - 5) + np.exp(5 * at - 5.5))[:, None]
     curve = DamageCurve(at=at, log_damage=log_damage)
     stated = {"median": 1.0, "cov": 0.1}
-    u = Uncertainty.model_validate({"x_load": stated, "x_scf": stated, "miner": {"median": 1.0, "cov": 0.3},
-                                    "log10_a_std": 0.2})  # fmt: skip
+    u = Uncertainty.model_validate(
+        {"x_load": stated, "x_scf": stated, "miner": {"median": 1.0, "cov": 0.3}, "log10_a_std": 0.2}
+    )
     own = reliability(curve, np.array([0.02]), np.array([0.05]), u, years=20, target=3.3)
     s, r = np.sqrt(np.log(1.01)), np.sqrt(np.log(1.09))
 
@@ -59,8 +60,9 @@ def test_form_is_openturns():
         b = x[2] + x[3] + x[4]
         return [x[0] + np.log(10) * x[1] - np.log(20) - float(curve.value(np.array([[b]]))[0][0, 0])]
 
-    inputs = ot.JointDistribution([ot.Normal(0, r), ot.Normal(0, 0.2), ot.Normal(0, s), ot.Normal(0, s),
-                                   ot.Normal(0.02, 0.05)])  # fmt: skip
+    inputs = ot.JointDistribution(
+        [ot.Normal(0, r), ot.Normal(0, 0.2), ot.Normal(0, s), ot.Normal(0, s), ot.Normal(0.02, 0.05)]
+    )
     function = ot.PythonFunction(5, 1, limit)
     event = ot.ThresholdEvent(ot.CompositeRandomVector(function, ot.RandomVector(inputs)), ot.Less(), 0.0)
     solver = ot.Cobyla()
