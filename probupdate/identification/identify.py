@@ -83,6 +83,10 @@ class Identification:
     notes: tuple[str, ...]
     summary: str
 
+    def to_frame(self) -> pd.DataFrame:
+        """A row a set and mode."""
+        return self.data.to_frame()
+
     def write(self, out: str | Path) -> list[Path]:
         """modes.json, modes.deviations.h5 where there are deviations, and modes.poles.csv beside it."""
         out = Path(out)
@@ -138,6 +142,11 @@ class ShardOfBlocks:
     n_block: int
     left: int
     left_deviations: int | None
+
+    def to_frame(self) -> pd.DataFrame:
+        """One row: the shard and what it did."""
+        return table_of([{"shard": str(self.shard), "identified": self.identified, "with_std": self.with_deviations,
+                          "blocks": self.n_block, "left": self.left, "left_std": self.left_deviations}])  # fmt: skip
 
     @property
     def summary(self) -> str:
