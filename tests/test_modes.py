@@ -205,7 +205,7 @@ def test_mistakes_with_deviations_are_named(tmp_path):
     write_modes(deviating_data(), tmp_path / "m.json")
     content = json.loads((tmp_path / "m.json").read_text())
     for name, word in (("../m.deviations.h5", "no file name"), (3, "no file name"), ("none.h5", "does not exist"),
-                       ("m.json", "no file of deviations")):
+                       ("m.json", "no file of covariance factors")):
         with pytest.raises(InputError, match=word):
             read_modes(write(tmp_path, content | {"deviations": name}))
     fewer = content | {"channels": ["a", "b"]}

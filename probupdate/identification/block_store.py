@@ -178,7 +178,7 @@ class BlockStore:
             if set(some) - stored:
                 keys = tuple(sorted(set(some) | stored))
                 tasks.append((path, self.folder / (_stem(start) + POLES), *self._task(start), keys))
-        self._run("deviations of modes", _make_deviations, tasks, len(wanted), jobs, progress)
+        self._run("standard deviations of modes", _make_deviations, tasks, len(wanted), jobs, progress)
         return len(tasks)
 
     def _task(self, start: pd.Timestamp) -> tuple:

@@ -184,9 +184,9 @@ def classified(
     every: a column for each, also for one that stands in no block (one setup of several)."""
     found = []
     for number, start in enumerate(blocks.starts):
-        progress("telling modes", number, len(blocks.starts))
+        progress("finding modes", number, len(blocks.starts))
         found.append(_held_against(blocks.read(start), campaign, physical.modes, reference, settings, rule))
-    progress("telling modes", len(blocks.starts), len(blocks.starts))
+    progress("finding modes", len(blocks.starts), len(blocks.starts))
     usable = [one for one in found if one.judged is not None]
     followed = tracking.track([one.judged for one in usable], settings.classifier)
     chosen = {one.block.start: choice for one, choice in zip(usable, followed.choices, strict=True)}
