@@ -500,7 +500,8 @@ def build_parser() -> argparse.ArgumentParser:
     p.add_argument("--scada", help="scada.csv (default: the environment kept in MODES)")
     p.add_argument("--preset", choices=("turbine", "structure"), default="turbine", help="what is asked: Table 1 "
                    "(default), or of another structure nothing of rotor and nacelle, only that its modes are identified")
-    p.add_argument("--criteria", help="TOML file with thresholds of Table 1, such as pitch_range_deg = 2.0 (docs/howto/select.md)")
+    p.add_argument("--criteria", help="TOML file with thresholds of Table 1, such as "
+                   "pitch_range_deg = 2.0 (docs/howto/select.md)")
     p.add_argument("--deviations", choices=("campaign", "identification"), default="campaign",
                    help="what kept sets carry: scatter over all blocks, as the paper (default), or what identification "
                    "states of each")

@@ -210,7 +210,7 @@ def test_mistakes_with_deviations_are_named(tmp_path):
             read_modes(write(tmp_path, content | {"deviations": name}))
     fewer = content | {"channels": ["a", "b"]}
     fewer["sets"] = [{"id": "a/b", "frequency_hz": [1.0], "shape_re": [[1.0, 0.5]]}]
-    with pytest.raises(InputError, match=r"set a/b: deviation is of \(3, 2\) channels and modes"):
+    with pytest.raises(InputError, match=r"set a/b: its covariance is of \(3, 2\) channels and modes"):
         read_modes(write(tmp_path, fewer))
     with pytest.raises(InputError, match="do not belong together"):
         ModalDeviation(ln_frequency=np.zeros((2, 4)), damping_ratio=np.zeros((2, 5)), shape=np.zeros((3, 2, 4)))
