@@ -27,7 +27,7 @@ MOST_EFFECTS, MOST_ROUNDS = 3, 6
 # a limit is the size found in so many of a hundred records: normal quantile of 0.9
 POWER = 1.2815515655446004
 # candidates whose z correlates by more with the best one's may be meant instead, and are refitted; at most so many
-ALIKE, MOST_RIVALS = 0.7, 6
+ALIKE, MOST_RIVALS = 0.7, 8
 # unless their scores are below this share of the best and so much log evidence behind
 NEAR, BEHIND = 0.85, 12.0
 # a cause is named from this probability among its rivals; a remainder as unlikely as this is not explained

@@ -188,7 +188,7 @@ def fit(
         change = np.zeros(len(named))
         change[free] = solved[n_all : design.n_common] - np.array([named[k].size for k in free])
         held = design.held(n_own)
-        before = design.misfit(departures, held) + penalty(setting, theta, named)
+        before = design.misfit(departures, held) + penalty(setting, theta, named, named)
         # what the linear equations promise
         promised = before - design.misfit(centred, [])
         if promised < FLAT:
@@ -234,10 +234,10 @@ class _Trial:
 
 
 def _trial(setting: Setting, design: Design, theta, named, move: np.ndarray, change: np.ndarray, held) -> _Trial:
-    theta, named = _moved(setting, theta, named, move, change)
-    there = all_departures(setting, theta, named)
-    misfit = design.misfit(kept(there, design.noise), held) + penalty(setting, theta, named)
-    return _Trial(theta=theta, named=named, there=there, misfit=misfit)
+    theta, moved = _moved(setting, theta, named, move, change)
+    there = all_departures(setting, theta, moved)
+    misfit = design.misfit(kept(there, design.noise), held) + penalty(setting, theta, moved, named)
+    return _Trial(theta=theta, named=moved, there=there, misfit=misfit)
 
 
 def _ended(
@@ -270,9 +270,11 @@ def kept(departures, noise: Noise):
     return tuple(np.where(w[:, None] > 0, y, 0.0) for y, w in zip(departures, noise.weight, strict=True))
 
 
-def penalty(setting: Setting, theta: np.ndarray, named: Sequence[Named]) -> float:
-    """-2 ln prior of parameters and sizes, but for constants and the width of what stands for a size's prior."""
-    total = sum((n.size / n.prior_std) ** 2 for n in named if not n.effect.discrete)
+def penalty(setting: Setting, theta: np.ndarray, named: Sequence[Named], about: Sequence[Named]) -> float:
+    """-2 ln prior of parameters and sizes, but for constants; of sizes by the normal densities that stand for their
+    prior where the effects are `about`: it lies above the prior's own everywhere else, so that a step which lowers it
+    lowers that one too (Hunter & Lange 2004)."""
+    total = sum((n.size / at.prior_std) ** 2 for n, at in zip(named, about, strict=True) if not n.effect.discrete)
     for p, k in zip(setting.prior, setting.updated, strict=True):
         normal = p.prior == "normal"
         total += ((theta[k] - p.initial) / p.std if normal else np.log(theta[k] / p.initial) / p.log_std) ** 2

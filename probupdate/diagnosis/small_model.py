@@ -17,8 +17,9 @@ import numpy as np
 from scipy import linalg, sparse
 
 from probupdate.errors import ConvergenceError, InputError
+from probupdate.model import Wireframe
 from probupdate.modes import frozen_array
-from probupdate.parameters import Parameters
+from probupdate.parameters import Parameter, Parameters
 from probupdate.structure.affine import AffineModel
 from probupdate.structure.eigen import lowest_modes, mode_derivatives
 
@@ -59,12 +60,26 @@ class SmallModes:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
+class Attachment:
+    """A part put on the basis: what one `unit` of its parameter adds to stiffness or mass (r, r), and its prior."""
+
+    name: str = ""
+    unit: str = ""
+    std: float = 1.0
+    lower: float = -np.inf
+    upper: float = np.inf
+    stiffness: np.ndarray | None = None
+    mass: np.ndarray | None = None
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
 class SmallModel:
     """K and M on the basis: stiffness, mass (n_term, r (r + 1) / 2), upper triangles, with zeros where a term turns
     with the nacelle; turning_... the terms that do: number -> (5, r, r), the coefficients of 1, cos a, sin a, cos 2a,
     sin 2a.
 
     `frequency_error` is the largest relative error found against the full model on points not used for the basis.
+    `wire` is the model's picture at rest, at_nodes (3 n_node, r) the motion of its nodes.
     """
 
     name: str
@@ -79,6 +94,8 @@ class SmallModel:
     n_search: int
     frequency_error: float
     fingerprint: str
+    wire: Wireframe | None = None
+    at_nodes: np.ndarray | None = field(default=None, repr=False)
     known: dict[bytes, LocalModel] = field(default_factory=dict, repr=False)
 
     @property
@@ -95,6 +112,29 @@ class SmallModel:
                 self.known.pop(next(iter(self.known)))
             self.known[key] = self._at(theta)
         return self.known[key]
+
+    def attached(self, parts: Sequence[Attachment]) -> SmallModel:
+        """The model with these parts, none of them there at first, each a parameter behind its own."""
+        stiff = [k for k, part in enumerate(parts) if part.stiffness is not None]
+        heavy = [k for k, part in enumerate(parts) if part.mass is not None]
+        upper = np.triu_indices(self.at_channels.shape[1])
+        own, coefficients = len(self.parameters), self.coefficients
+
+        def with_parts(theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+            cK, cM = coefficients(theta[..., :own])
+            added = theta[..., own:]
+            return np.concatenate([cK, added[..., stiff]], -1), np.concatenate([cM, added[..., heavy]], -1)
+
+        added = tuple(Parameter(name=p.name, unit=p.unit, initial=0.0, std=p.std, lower=p.lower, upper=p.upper)
+                      for p in parts)  # fmt: skip
+        correlation = self.parameters.correlation
+        if correlation is not None:
+            correlation = linalg.block_diag(correlation, np.eye(len(added)))
+        return replace(
+            self, parameters=Parameters((*self.parameters.items, *added), correlation), coefficients=with_parts,
+            stiffness=frozen_array(np.vstack([self.stiffness, *(parts[k].stiffness[upper][None] for k in stiff)])),
+            mass=frozen_array(np.vstack([self.mass, *(parts[k].mass[upper][None] for k in heavy)])), known={},
+        )  # fmt: skip
 
     def _at(self, theta: np.ndarray) -> LocalModel:
         cK, cM = self.coefficients(theta)
@@ -404,5 +444,6 @@ def _project(models: Sequence[AffineModel], basis: np.ndarray, n_mode: int) -> S
         name=first.name, parameters=first.parameters, channels=first.channels, coefficients=first.coefficients,
         stiffness=frozen_array(fixed[0]), mass=frozen_array(fixed[1]), turning_stiffness=turning[0],
         turning_mass=turning[1], at_channels=frozen_array(first.channel_matrix @ basis), n_search=n_mode,
-        frequency_error=np.nan, fingerprint=first.fingerprint(),
+        frequency_error=np.nan, fingerprint=first.fingerprint(), wire=first.wire,
+        at_nodes=None if first.wire is None else frozen_array(first.wire_matrix @ basis),
     )  # fmt: skip

@@ -13,6 +13,8 @@ SHARES = (
 )  # fmt: skip
 # causes that are there or not: a limit of their size says nothing but that they would be seen
 DISCRETE = ("swapped channels", "sensor polarity")
+# large units of elementary parts
+SCALED = {"N/m": (1e-6, "MN/m"), "kg": (1e-3, "t")}
 COURSE_WORDS = {
     "constant": "all through the record", "ramp": "growing over the record (size at its end)",
     "water_level_m": "with the water level", "air_temperature_c": "with the air temperature",
@@ -59,6 +61,33 @@ def finding_words(finding: Mapping) -> str:
     """"sensor gain, TP-C-y: +12.0 +- 0.9 %, all through the record"."""
     size = amount(finding["size"], finding.get("size_std"), finding["unit"], finding["cause"])
     return f"{name_of(finding)}: {size}, {course_words(finding.get('course', 'constant'), finding.get('since', ''))}"
+
+
+def part_words(part: Mapping) -> str:
+    """"a spring to ground, leg A, z = 2.0 m, along 45 deg: 20 +- 3 MN/m, from ... on; it moves FA1/SS1 by +1.2 %"."""
+    scale, unit = SCALED.get(part["unit"], (1.0, part["unit"]))
+    std = part.get("size_std")
+    size = amount(part["size"] * scale, None if std is None else std * scale, unit, part["cause"])
+    moved = ", ".join(f"{m['mode']} by {m['frequency_percent']:+.2g} %" for m in part.get("modes", ())[:3])
+    words = f"{name_of(part)}: {size}, {course_words(part['course'], part.get('since', ''))}"
+    return words + (f"; it moves {moved}" if moved else "")
+
+
+def free_form_words(content: Mapping) -> list[str]:
+    """What elementary parts say of an unknown cause, and whether they predict better."""
+    found = content.get("details", {}).get("free_form")
+    if not found:
+        return []
+    said = [("something like " if part["elementary"] else "with ") + part_words(part) for part in found["parts"]]
+    if any(part["elementary"] for part in found["parts"]):
+        said.append("no row of the catalogue is like that; it says where and in which modes the unknown acts, not what it "
+                    "is")  # fmt: skip
+    gain = gain_words(found)
+    if gain:
+        said.append(f"gain on held-out blocks: {gain}")
+    if not found["complete"]:
+        said.append("what remains beside it is still more than chance leaves")
+    return said
 
 
 def probability_words(p: float | None) -> str:

@@ -105,6 +105,7 @@ def _actions(content: Mapping) -> list[object]:
                           "the model first. The maps below show where model and measurement part.")
     if content["verdict"] == "unexplained" and nearest:
         statements.append(f"Nearest in the catalogue, but not enough: {'; '.join(nearest)}.")
+    statements += [sentence(s) for s in wording.free_form_words(content)]
     if content.get("extended_model"):
         statements.append(f"Update and sample again with {content['extended_model']}, which has the findings in it.")
     if content["verdict"] == "none":
