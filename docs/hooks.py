@@ -72,6 +72,8 @@ def on_page_markdown(markdown: str, **_) -> str:
     markdown = INCLUDE.sub(_included, markdown)
     if COMMANDS in markdown:
         markdown = markdown.replace(COMMANDS, commands_page())
+    # pages of studies are read in the repository
+    markdown = re.sub(r"\[([^\]]+)\]\(\.\./studies/([^)]+)\)", r"\1 (`studies/\2`)", markdown)
     parts = CODE.split(markdown)
     for i in range(0, len(parts), 2):
         parts[i] = DISPLAYED.sub(_display, parts[i])

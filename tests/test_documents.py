@@ -4,6 +4,7 @@ import dataclasses
 import json
 import pydoc
 import re
+import sys
 import tomllib
 from pathlib import Path
 
@@ -33,6 +34,11 @@ from probupdate.structure.subdyn_model import ACTS, SubDynDescription
 from probupdate.virtual.effects import COURSES, COVARIATES, EFFECTS
 
 ROOT = Path(__file__).resolve().parents[1]
+sys.path.insert(0, str(ROOT))
+from studies.command import APART  # noqa: E402
+from studies.command import STUDIES as RUN_ALIKE  # noqa: E402
+from studies.command import main as study_command  # noqa: E402
+
 PAPERS = ("README.md", "DESIGN.md", "VALIDATION.md", "CHANGELOG.md")
 PAGES = tuple(sorted(p.relative_to(ROOT).as_posix() for p in ROOT.glob("docs/**/*.md")))
 # pages whose commands name files that only a reader has
@@ -83,7 +89,8 @@ def test_the_pages_name_every_command_and_the_absent_ones_are_absent():
 def test_options_named_in_the_pages_exist():
     known = {option for parser in parsers().values() for option in parser._option_string_actions}
     # a study's own options stand on its row
-    ours = re.sub(r"```sh\n.*?```", "", "".join(text(name) for name in TYPED if name != "docs/studies.md"), flags=re.DOTALL)
+    ours = re.sub(r"```sh\n.*?```", "", "".join(text(n) for n in TYPED if "studies" not in n),
+                  flags=re.DOTALL)  # fmt: skip
     named = set(re.findall(r"`(--[a-z-]+)", ours))
     assert named and named <= known, named - known
 
@@ -278,6 +285,24 @@ def test_the_format_of_a_truth_names_every_kind_and_size():
     ("sets.json", SetViews), ("check.json", SensorFinding),
 ])  # fmt: skip
 def test_the_formats_of_results_name_every_key(title, table):
-    (section,) = re.findall(rf"^## `{re.escape(title)}`$(.*?)^## ", text("docs/formats/results.md"), re.DOTALL | re.MULTILINE)
+    (section,) = re.findall(rf"^## `{re.escape(title)}`$(.*?)^## ", text("docs/formats/results.md"),
+                            re.DOTALL | re.MULTILINE)  # fmt: skip
     for key in (field.name for field in dataclasses.fields(table)):
         assert f"`{key}`" in section, key
+
+
+def test_every_study_runs_by_the_same_command_and_stands_in_the_table(capsys):
+    folders = {p.name for p in (ROOT / "studies").iterdir() if p.is_dir() and p.name != "__pycache__"}
+    assert set(RUN_ALIKE) | set(APART) == folders
+    page = text("docs/studies.md")
+    for name, study in RUN_ALIKE.items():
+        assert (ROOT / "studies" / name / "__main__.py").is_file()
+        for script, *_ in (*study.runs, *study.quick):
+            assert (ROOT / "studies" / name / script).is_file(), f"{name}, {script}"
+        (row,) = (line for line in page.splitlines() if line.startswith(f"| [{name}]("))
+        assert f"| {study.question} |" in row and row.endswith(f"| {'yes' if study.quick else 'no'} |")
+        written = "".join(text(p.relative_to(ROOT).as_posix()) for p in (ROOT / "studies" / name).glob("*.md"))
+        assert re.search(r"^## Provenance$.*commit [0-9a-f]{7}.*seeds: .*machine: ", written, re.MULTILINE | re.DOTALL)
+        with pytest.raises(SystemExit) as ended:
+            study_command(name, ["--help"])
+        assert ended.value.code == 0 and study.question in " ".join(capsys.readouterr().out.split())

@@ -1,8 +1,8 @@
 """Every snippet of the README, the tutorials and the how-to pages runs as it stands on the page.
 
 A page is run from top to bottom in an empty folder: a block with a title is written to that file, Python is executed in
-one namespace, lines of `probupdate` go through the command line's own main. What samples is `long`; commands on records that
-only a reader has are parsed (tests/test_documents.py).
+one namespace, lines of `probupdate` go through the command line's own main. What samples is `long`; commands on records
+that only a reader has are parsed (tests/test_documents.py).
 """
 
 import re
