@@ -88,7 +88,8 @@ STUDIES = {
         takes="minutes"),
     "wikinger": Study(
         question="How do the paper's Tables 1 to 7 and Figs. 3 to 7 come out?",
-        runs=(("run.py", OUT),), quick=(("run.py", OUT, "--days", "0.5"),), seeds="1", takes="7 minutes of processor time"),
+        runs=(("run.py", OUT),), quick=(("run.py", OUT, "--days", "0.5"),), seeds="1",
+        takes="7 minutes of processor time"),
 }  # fmt: skip
 # not run by this command: what else they need stands in their own pages
 APART = ("faults", "supply_chain")

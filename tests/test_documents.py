@@ -302,7 +302,7 @@ def test_every_study_runs_by_the_same_command_and_stands_in_the_table(capsys):
         (row,) = (line for line in page.splitlines() if line.startswith(f"| [{name}]("))
         assert f"| {study.question} |" in row and row.endswith(f"| {'yes' if study.quick else 'no'} |")
         written = "".join(text(p.relative_to(ROOT).as_posix()) for p in (ROOT / "studies" / name).glob("*.md"))
-        assert re.search(r"^## Provenance$.*commit [0-9a-f]{7}.*seeds: .*machine: ", written, re.MULTILINE | re.DOTALL)
+        assert re.search(r"^## Provenance$.*commit\s[0-9a-f]{7}.*seeds:\s.*machine:\s", written, re.MULTILINE | re.DOTALL)
         with pytest.raises(SystemExit) as ended:
             study_command(name, ["--help"])
         assert ended.value.code == 0 and study.question in " ".join(capsys.readouterr().out.split())
