@@ -1,5 +1,6 @@
 """The project's papers say what is there: commands, options, files, keys, tests and links exist, the example runs."""
 
+import ast
 import dataclasses
 import json
 import pydoc
@@ -306,3 +307,48 @@ def test_every_study_runs_by_the_same_command_and_stands_in_the_table(capsys):
         with pytest.raises(SystemExit) as ended:
             study_command(name, ["--help"])
         assert ended.value.code == 0 and study.question in " ".join(capsys.readouterr().out.split())
+
+
+# left-hand words of the glossary that have no other meaning here; keys and names of code stand in backticks
+PRIVATE = re.compile(
+    r"\b(told|foretells?|doubts?|fingerprints?|slabs?|rivals?|gross(ly)?|likeness|pushed|as good as sure|departs?"
+    r"|departures?|remainders?|surroundings|(?<![Ss]tandard )deviations?)\b"
+)
+
+
+@pytest.mark.parametrize("name", ("README.md", "DESIGN.md", *PAGES))
+def test_documents_use_the_field_s_words(name):
+    prose = re.sub(r"^```.*?^```|`[^`]*`|\]\([^)]*\)|\*\*\(\w+\)\*\*", "", text(name), flags=re.DOTALL | re.MULTILINE)
+    prose = re.sub(r"\s+", " ", prose)
+    # a hash over a problem is called so in update.json
+    prose = prose.replace("Its fingerprint (", "").replace("with different fingerprints", "").replace("problem's fingerprint", "")
+    found = [prose[max(m.start() - 40, 0) : m.end() + 20] for m in PRIVATE.finditer(prose)]
+    assert not found, found
+
+
+def user_strings(path: Path):
+    """(line, text) of every string of a module that is no docstring and has more than one word."""
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    documented = (ast.Module, ast.FunctionDef, ast.ClassDef)
+    docstrings = {id(node.body[0].value) for node in ast.walk(tree)
+                  if isinstance(node, documented) and node.body and isinstance(node.body[0], ast.Expr)}  # fmt: skip
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Constant) and isinstance(node.value, str) and id(node) not in docstrings:
+            if " " in node.value.strip():
+                yield node.lineno, node.value
+
+
+# where sentences for users are made; the other modules of the diagnosis follow when their names do
+WORDED = ("cli.py", "comparison.py", "information.py", "demonstration.py", "responses.py", "diagnosis/wording.py",
+          "reporting/*.py", "estimators/*.py", "identification/*.py", "campaign/*.py")  # fmt: skip
+
+
+@pytest.mark.parametrize("pattern", WORDED)
+def test_sentences_for_users_use_the_field_s_words(pattern):
+    paths = sorted((ROOT / "probupdate").glob(pattern))
+    assert paths
+    # of files and of spectra: no standard deviation
+    found = [f"{path.name}:{line}: {said}" for path in paths for line, said in user_strings(path)
+             if PRIVATE.search(said) and "median deviation" not in said and ".deviations.h5" not in said
+             and said != ", deviations"]  # fmt: skip
+    assert not found, found
