@@ -173,6 +173,14 @@ def test_floors_of_the_design_are_those_of_the_layering_test():
     assert stated == FLOOR
 
 
+def test_every_row_of_the_validation_names_what_checks_it():
+    rows = [line for line in text("VALIDATION.md").splitlines() if line.startswith("| ") and not line.startswith("| what ")]
+    assert len(rows) > 200
+    for row in rows:
+        cells = re.split(r"(?<!\\)\|", row.strip("|"))
+        assert len(cells) == 5 and re.search(r"`(tests|studies)/[\w/.:]+`", cells[-1]), row
+
+
 def test_tests_and_studies_named_in_the_validation_exist():
     named = set(re.findall(r"`(tests/[\w/]+\.py)(?:::(\w+))?`", text("VALIDATION.md")))
     assert len(named) > 20
