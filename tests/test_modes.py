@@ -215,7 +215,7 @@ def test_mistakes_with_deviations_are_named(tmp_path):
     with pytest.raises(InputError, match="do not belong together"):
         ModalDeviation(ln_frequency=np.zeros((2, 4)), damping_ratio=np.zeros((2, 5)), shape=np.zeros((3, 2, 4)))
     content["sets"][0]["damping_ratio_std"] = [-1.0, None]
-    with pytest.raises(InputError, match="damping_ratio_std: a deviation is negative"):
+    with pytest.raises(InputError, match="damping_ratio_std: a standard deviation is negative"):
         read_modes(write(tmp_path, content))
 
 
