@@ -193,7 +193,7 @@ def _sentence(row: dict, parameter, update: UpdateRecord, partner: str, correlat
                       "middle")  # fmt: skip
         else:
             reason = "other parameters' bounds and skewness shift the mass along with them"
-        parts.append(f"MAP and mean part by {gap:.1f} deviations: {reason}")
+        parts.append(f"MAP and mean differ by {gap:.1f} posterior standard deviations: {reason}")
     scheme = update.scheme("prior")
     if abs(row["anchored"] - row["map"]) > SAME * std:
         if scheme.alpha != 1:

@@ -76,8 +76,8 @@ class PredictiveCheck:
                    "error of the model is taken for a parameter"
         if self.nonlinear < BENT:
             return fit, left, way
-        bent = (f"these p-values are rough: between initial model and maximum responses bend by up to "
-                f"{self.nonlinear:.1f} deviations")  # fmt: skip
+        bent = (f"these p-values are rough: between initial model and maximum responses deviate from linearity "
+                f"by up to {self.nonlinear:.1f} standard deviations")  # fmt: skip
         return fit, left, way, bent
 
 

@@ -128,7 +128,8 @@ def test_a_ridge_names_its_partner(update):
     std = PARAMETERS.std * [0.3, 0.3, 1.0]
     aside = np.add(update.map_theta, [0.5 * std[0], 0, 0])
     moved = compare(update, drawn(update, aside, std, correlation=-0.97))
-    assert "MAP and mean part by 0.5 deviations: the posterior is a ridge with b" in row_of(moved, "a").sentence
+    sentence = row_of(moved, "a").sentence
+    assert "MAP and mean differ by 0.5 posterior standard deviations: the posterior is a ridge with b" in sentence
 
 
 # words
