@@ -324,7 +324,7 @@ PRIVATE = re.compile(
 )
 
 
-@pytest.mark.parametrize("name", ("README.md", "DESIGN.md", *PAGES))
+@pytest.mark.parametrize("name", ("README.md", "DESIGN.md", "CHANGELOG.md", *PAGES))
 def test_documents_use_the_field_s_words(name):
     prose = re.sub(r"^```.*?^```|`[^`]*`|\]\([^)]*\)|\*\*\(\w+\)\*\*", "", text(name), flags=re.DOTALL | re.MULTILINE)
     prose = re.sub(r"\s+", " ", prose)
