@@ -489,7 +489,7 @@ def build_parser() -> argparse.ArgumentParser:
             p.add_argument("--set", help="id of the set to use (default: the file's reference set, or its first)")
         weights = p.add_mutually_exclusive_group()
         weights.add_argument("--weights", choices=("measured", "covariance", "paper"), default="measured",
-                             help="W_Lambda from the deviations in the file (default), from their full covariance "
+                             help="W_Lambda from the file's standard deviations (default), from their full covariance "
                              "where the file has it, or from the paper's CoVs 0.015 / 0.017, tenfold for shapes")
         p.add_argument("--frequencies", choices=("hz", "log"), default="hz", help="as they are (default) or logarithms")
         p.add_argument("--shapes", choices=("plane", "components", "mac", "none"), default="plane",
@@ -570,12 +570,13 @@ def build_parser() -> argparse.ArgumentParser:
     p.add_argument("--scada", help="scada.csv (default: the environment kept in MODES)")
     p.add_argument("--preset", choices=("turbine", "structure"), default="turbine", help="what is asked: Table 1 "
                    "(default), or of another structure nothing of rotor and nacelle, only that its modes are identified")
-    p.add_argument("--criteria", help="TOML file with thresholds of Table 1, such as pitch_range_deg = 2.0 (README)")
+    p.add_argument("--criteria", help="TOML file with thresholds of Table 1, such as "
+                   "pitch_range_deg = 2.0 (docs/howto/select.md)")
     p.add_argument("--deviations", choices=("campaign", "identification"), default="campaign",
                    help="what kept sets carry: scatter over all blocks, as the paper (default), or what identification "
                    "states of each")
     p.add_argument("--rated-power", type=positive(float, "kW"), metavar="KW",
-                   help="the turbine's, for states told from --scada (default: the highest power in it)")
+                   help="the turbine's, for turbine states from --scada (default: the highest power in it)")
     p.add_argument("--count", type=positive(int, "sets"), default=9, help="how many sets to keep (default 9)")
     p.add_argument("--out", required=True, help="modes file of the selected sets, nine.json in a run directory")
 
@@ -621,8 +622,9 @@ def build_parser() -> argparse.ArgumentParser:
     p = verb("sets", run_sets, "all sets in four views: scatter, pooled, one posterior, a population with its scatter")
     on_modes(p, one=False)
     p.add_argument("--correlated", action="store_true", help="let parameters vary together between sets")
-    p.add_argument("--spread", type=positive(float, "deviations"), default=0.25, help="deviation of the hyper-prior of a parameter's "
-                   "scatter between sets, in its prior deviations (0.25)")
+    p.add_argument("--spread", type=positive(float, "deviations"), default=0.25, 
+                   help="scale of the hyper-prior of a parameter's "
+                   "scatter between sets, in its prior standard deviations (0.25)")
     p.add_argument("--out", required=True, help="sets.json")
     seeded(p)
 
@@ -636,7 +638,7 @@ def build_parser() -> argparse.ArgumentParser:
     seeded(p)
 
     p = verb("diagnose", run_diagnose, "what the simulation or the measurement gets wrong: cause, place, size, limits")
-    p.add_argument("--model", help=MODEL_HELP + "; without one: measurement and surroundings only")
+    p.add_argument("--model", help=MODEL_HELP + "; without one: the data alone")
     p.add_argument("--parameters", help="parameters.toml of a model made of matrices")
     p.add_argument("--modes", required=True, help="modes.json of `identify`: a set a block")
     p.add_argument("--campaign", help="campaign directory: where the sensors are; its raw records are tested too")

@@ -155,7 +155,7 @@ def _hidden_and_found(hidden: str, diagnosis) -> str:
     if not effects:
         return "hidden in this campaign: nothing"
     found = [finding_words(f) for f in diagnosis.content()["findings"]] or ["nothing with a name"]
-    return "\n".join(["hidden in this campaign:", *(f"  {e}" for e in effects), "found without being told:",
+    return "\n".join(["hidden in this campaign:", *(f"  {e}" for e in effects), "found by the diagnosis:",
                       *(f"  {f}" for f in found)])  # fmt: skip
 
 

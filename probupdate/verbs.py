@@ -144,7 +144,7 @@ class _Surroundings:
             return {}
         text = f"{self.angle_deg(modal_set):g} deg counter-clockwise of the model's x axis"
         if "nacelle_angle_deg" not in modal_set.environment:
-            text = "as in the model: the set does not tell where it looked"
+            text = "as in the model: the set does not state where it looked"
         return {"nacelle": text}
 
 

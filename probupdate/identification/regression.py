@@ -143,9 +143,9 @@ def _together(
         coefficient = fit.coefficient[both]
         statistic = float(coefficient @ np.linalg.solve(fit.covariance[np.ix_(both, both)], coefficient)) / 2
         joint[pair] = float(stats.f.sf(statistic, 2, free))
-        notes.append(f"{pair[0]} and {pair[1]} tell the same (correlation {other[twin]:.2f}, variance inflation "
-                     f"{inflation[k]:.0f}): each coefficient alone is hardly known, the two together count with p = "
-                     f"{joint[pair]:.2g}")  # fmt: skip
+        notes.append(f"{pair[0]} and {pair[1]} are indistinguishable (correlation {other[twin]:.2f}, variance "
+                     f"inflation {inflation[k]:.0f}): each coefficient alone is hardly known, the two together count with "
+                     f"p = {joint[pair]:.2g}")  # fmt: skip
     return tuple(joint.items())
 
 
