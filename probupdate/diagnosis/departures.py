@@ -14,6 +14,7 @@ from functools import cached_property
 
 import numpy as np
 
+from probupdate.errors import ConvergenceError
 from probupdate.modes import frozen_array
 
 # a measured pair whose shapes are nearer to each other than this (smallest singular value of the unit shapes' frame)
@@ -121,7 +122,10 @@ def fingerprint(
         return frozen_array(_stack(tensor_change.transpose(2, 0, 1), shape_change.transpose(2, 0, 1)).T)
     onto = _inverse(axes)
     in_plane = onto @ reference.shape
-    back = np.linalg.inv(in_plane)
+    try:
+        back = np.linalg.inv(in_plane)
+    except np.linalg.LinAlgError:
+        raise ConvergenceError("a mode of the model lies across the measured one that it is paired with", axes) from None
     turning = np.einsum("kc,cjn,ji->kin", onto, shape_change, back)
     aligned = np.einsum("cjn,ji->cin", shape_change, back)
     outside = aligned - np.einsum("cj,jin->cin", reference.shape @ back, turning)

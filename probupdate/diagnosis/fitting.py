@@ -114,7 +114,8 @@ def _with_mistaken(
     structure make along the same course, all of it together as large as a share FINGERPRINT of the fingerprint, in the
     few directions that hold most of it. A strong effect's error would else be bought as one more cause."""
     updated = {setting.field.parameters.names[k] for k in setting.updated}
-    rows = np.array([j for j, e in enumerate(setting.effects) if e.observe is None and e.parameter not in updated], int)
+    # what the updated parameters make is marginalised already
+    rows = np.array([j for j, e in enumerate(setting.effects) if e.parameter and e.parameter not in updated], int)
     roots = [np.linalg.cholesky(P).T for P in noise.precision]
     added, mistaken = [[e] for e in effect], []
     for n in named:

@@ -18,6 +18,7 @@ from probupdate.diagnosis.expected import DeparturesBeside
 from probupdate.diagnosis.fitting import kept, linearised, noise_of
 from probupdate.diagnosis.linear import Design
 from probupdate.diagnosis.setting import Named, Setting
+from probupdate.errors import ConvergenceError
 
 # of an effect's deviation: a gain of 20, half a turn
 DOUBLINGS = 7
@@ -106,10 +107,14 @@ def tried_together(
     stays."""
     first, result = alone[0], []
     for _ in range(MOST_TURNS):
-        beside = _beside(setting, named, candidates, first)
-        if not beside or not beside[0].whole or beside[0].gain < ANOTHER:
+        try:
+            beside = _beside(setting, named, candidates, first)
+            if not beside or not beside[0].whole or beside[0].gain < ANOTHER:
+                break
+            again = _beside(setting, named, candidates, beside[0])
+        except ConvergenceError:
+            # beside a size at which the model has no such modes stands nothing
             break
-        again = _beside(setting, named, candidates, beside[0])
         if not again[0].whole or setting.which[again[0].candidate, 0] == setting.which[first.candidate, 0]:
             break
         first, result = again[0], again
