@@ -19,7 +19,8 @@ TRIED = ("kill -9 at a drawn moment", "kill -9 as a file takes its place", "two 
 def test_nothing_finished_is_lost_and_nothing_is_left(tmp_path):
     code = (f"import sys; sys.path.insert(0, {str(STUDY)!r}); import faults; from pathlib import Path\n"
             f"faults.run(Path({str(tmp_path)!r}), 11, ['select', 'convert'], faults={TRIED!r}, rounds=2)")
-    environment = {**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "PYTHONPATH": str(STUDY.parents[1])}
+    environment = {**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1",
+                   "PYTHONPATH": str(STUDY.parents[1])}  # fmt: skip
     done = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, timeout=600)
     assert done.returncode == 0, done.stderr
     lines = [json.loads(line) for line in (tmp_path / "log.jsonl").read_text().splitlines()]
