@@ -57,7 +57,7 @@ ORPHAN_S = 10.0
 # the command that takes minutes; those that read nothing of other commands; those that are tried less often
 LONG = "demo"
 OF_INPUTS = ("convert", "check", "modes", "select", "update")
-SELDOM = ("sample", "sets", "diagnose", "report", "simulate, 2 processes", "identify, 2 processes")
+SELDOM = ("sample", "sets", "report", "simulate, 2 processes", "identify, 2 processes")
 HANGS_S = 900.0
 # share of a short process's time in which Python starts, before there is anything of this program
 OWN_START = 0.15
