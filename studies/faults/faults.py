@@ -746,6 +746,7 @@ BAD = ("torn", "again_differs", "parts_left", "orphans", "traceback", "more_line
 
 def table(lines_of: list[dict]) -> str:
     """RESULTS.md of the lines that runs wrote."""
+    skipped = Counter(one["command"] for one in lines_of if "skipped" in one["what"])
     lines_of = [one for one in lines_of if "skipped" not in one["what"]]
 
     def total(chosen: list[dict], key: str) -> int:
@@ -785,6 +786,10 @@ def table(lines_of: list[dict]) -> str:
         bad = sum(any(one["what"].get(key) for key in BAD) for one in mine)
         met = sum(one["what"].get("met", 0) for one in mine if one["what"].get("kills"))
         out.append(f"| {verb} | {mine[-1]['processor_s']:g} | {len(mine)} | {met} | {bad} |")
+    planned = Counter(verb for verb, _, _ in trials(list(commands(Path("i"), Path("o")))))
+    short = [f"{verb} {sum(one['command'] == verb for one in lines_of)} of {number}" for verb, number in planned.items()
+             if sum(one["command"] == verb for one in lines_of) + skipped[verb] < number]  # fmt: skip
+    out += ["", f"Trials that were not reached (done, of planned): {', '.join(short) or 'none'}."]
     out += ["", "## Trials with a torn file, a difference, something left, a trace, more lines or another exit code", ""]
     for one in lines_of:
         found = {key: one["what"][key] for key in BAD if one["what"].get(key)}
