@@ -250,6 +250,12 @@ def _scada_findings(campaign: Campaign) -> list[str]:
     span = round((index[-1] - index[0]) / pd.Timedelta(minutes=10)) + 1 if len(index) else 0
     if len(index) < span:
         found.append(f"{span - len(index)} of {span} SCADA rows are missing")
+    if not len(index):
+        found.append("SCADA has a head and no rows")
+    doubled = campaign.scada.attrs.get("contradicted", 0)
+    if doubled:
+        found.append(f"{doubled} SCADA rows have the time of an earlier one and other values; the first was kept: a clock set "
+                     "back, or local time?")  # fmt: skip
     return found
 
 

@@ -43,7 +43,8 @@ class StateRule:
 
 
 def read_scada(path: str | Path) -> pd.DataFrame:
-    """Rows indexed by `time` (UTC, start of the interval), ascending, the first of two rows of one time kept.
+    """Rows indexed by `time` (UTC, start of the interval), ascending, the first of two rows of one time kept;
+    `.attrs["contradicted"]`: how many rows were left out that do not say the same as the one kept.
 
     Columns beyond the known ones stay. Raises InputError on a missing time column, a time or a number that is none.
     """
@@ -84,7 +85,10 @@ def read_scada(path: str | Path) -> pd.DataFrame:
             if absurd.any():
                 raise InputError(f"{path}, {column}", f"{table[column].iloc[int(np.argmax(absurd))]:g} is no number that a "
                                  "turbine or the weather has", "leave the cell empty where it is unknown")  # fmt: skip
-    return table[~table.index.duplicated()]
+    again = table.index.duplicated()
+    kept = table[~again]
+    kept.attrs["contradicted"] = int((again & ~table.reset_index().duplicated().to_numpy()).sum())
+    return kept
 
 
 def misnamed(columns: Iterable[str], alike: float) -> dict[str, str]:

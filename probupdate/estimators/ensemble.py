@@ -255,8 +255,9 @@ def _first_state(problem: Problem, surrogate: Density, n_walker: int, seed: int,
             break
         start[without] = draw(int(without.sum()), rng)
     else:
-        raise InputError("model", f"has no modes at {without.sum()} of {n_walker} starts, {START_ROUNDS} times drawn anew",
-                         "narrow the parameters' bounds to what is a structure")
+        raise InputError(
+            "model", f"has no modes at {without.sum()} of {n_walker} starts, {START_ROUNDS} times drawn anew",
+            "narrow the parameters' bounds to what is a structure")  # fmt: skip
     generator = np.random.RandomState(np.random.default_rng([seed, 1, *own]).integers(2**32, size=8))
     return emcee.State(start, random_state=generator.get_state())
 

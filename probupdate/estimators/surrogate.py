@@ -313,7 +313,8 @@ def fit_surrogate(
             best, best_share = wide, share
         # those without modes have no height to fit
         known = np.isfinite(value)
-        x, value, tempered = theta[known] - current.origin, value[known], np.maximum(power * weight, LEAST_WEIGHT)[known]
+        x, value = theta[known] - current.origin, value[known]
+        tempered = np.maximum(power * weight[known], LEAST_WEIGHT)
         chosen = _straightest(x, value, tempered, current.powers, np.isfinite(parameters.lower))
         current = _refit(current.turned_to(chosen), x, value, tempered)
     progress("posterior's Gaussian approximation", len(ROUNDS), len(ROUNDS))

@@ -57,7 +57,7 @@ ORPHAN_S = 10.0
 # the command that takes minutes; those that read nothing of other commands; those that are tried less often
 LONG = "demo"
 OF_INPUTS = ("convert", "check", "modes", "select", "update")
-SELDOM = ("sample", "sets", "diagnose", "report", "simulate, 2 processes", "identify, 2 processes")
+SELDOM = ("sample", "sets", "report", "simulate, 2 processes", "identify, 2 processes")
 HANGS_S = 900.0
 # share of a short process's time in which Python starts, before there is anything of this program
 OWN_START = 0.15
@@ -147,8 +147,8 @@ def commands(i: Path, o: Path) -> dict[str, list[str]]:
 
 
 # inputs one by one, for those commands whose words name them or what they lie in
-LOST = ("nine.json", "model.npz", "parameters.toml", "convert.toml", "campaign/campaign.toml", "campaign/acceleration/a.h5",
-        "raw/20240102_000000.npy", "run/posterior.nc", "run/update.json", "run/model.npz",
+LOST = ("nine.json", "model.npz", "parameters.toml", "convert.toml", "campaign/campaign.toml",
+        "campaign/acceleration/a.h5", "raw/20240102_000000.npy", "run/posterior.nc", "run/update.json", "run/model.npz",
         "thirty.json", "identified/modes.json")  # fmt: skip
 READ_BESIDE = {"parameters.toml": "model.npz"}
 
@@ -223,7 +223,9 @@ class Bench:
         self.clear()
         return found, ended
 
-    def moment(self, rng: np.random.Generator, one: Shell | Forked, lowest: float = 0.05, highest: float = 0.98) -> bool:
+    def moment(
+        self, rng: np.random.Generator, one: Shell | Forked, lowest: float = 0.05, highest: float = 0.98
+    ) -> bool:
         """Waits until a drawn share of an undisturbed run's processor time is used; whether it still runs then."""
         wanted = rng.uniform(lowest, highest) * self.processor_s[isinstance(one, Shell)]
         return self.reached(one, wanted)
@@ -283,7 +285,8 @@ class Bench:
         ended = self.run()
         found = digest(self.out)
         differ = sorted({name for name in self.wanted.keys() | found.keys()
-                         if (name in self.wanted) != (name in found) or (name in self.steady and found[name] != self.wanted[name])})
+                         if (name in self.wanted) != (name in found)
+                         or (name in self.steady and found[name] != self.wanted[name])})  # fmt: skip
         parts = [p.name for p in self.out.rglob("*.part")]
         what = {"again_differs": ended.code != self.status or bool(differ), "parts_left": len(parts),
                 "temporary_left": len(list(self.temporary.iterdir()))}  # fmt: skip
@@ -371,8 +374,8 @@ class Shell(_Process):
         super().__init__()
         without = WITHOUT_RIGHTS if not rights and os.getuid() == 0 else []
         one = subprocess.Popen(
-            [*without, *command(words)], stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL if stdout is None else stdout,
-            stderr=self._to, env={**os.environ, "TMPDIR": str(temporary)}, start_new_session=True,
+            [*without, *command(words)], stdin=subprocess.DEVNULL,
+            stdout=subprocess.DEVNULL if stdout is None else stdout, stderr=self._to, env={**os.environ, "TMPDIR": str(temporary)}, start_new_session=True,
             preexec_fn=lambda: (signal.signal(signal.SIGINT, signal.default_int_handler), before()))  # fmt: skip
         os.close(self._to)
         # asked about here, with the time that it used
@@ -482,8 +485,8 @@ def kill_at_rename(bench: Bench, rng: np.random.Generator, number: int) -> dict:
     bench.prepare(finished=number % 2 == 1)
     which, when = int(rng.integers(1, len(bench.wanted) + 1)), ("before", "after")[int(rng.integers(2))]
     ended = bench.run(before=lambda: dies_at_rename(which, when))
-    return {"kills": 1, "met": int(ended.code == -signal.SIGKILL), "moment": f"{when} {which}", "orphans": bench.orphans(),
-            "torn": len(bench.torn()), **bench.again()}  # fmt: skip
+    return {"kills": 1, "met": int(ended.code == -signal.SIGKILL), "moment": f"{when} {which}",
+            "orphans": bench.orphans(), "torn": len(bench.torn()), **bench.again()}  # fmt: skip
 
 
 def two_writers(bench: Bench, rng: np.random.Generator, number: int) -> dict:
@@ -547,7 +550,8 @@ def mounted(bench: Bench, options: str):
     """The output folder as a file system of its own; False where none can be had here."""
     bench.clear()
     bench.out.mkdir()
-    good = subprocess.run(["mount", "-t", "tmpfs", "-o", options, "tmpfs", str(bench.out)], capture_output=True).returncode == 0
+    words = ["mount", "-t", "tmpfs", "-o", options, "tmpfs", str(bench.out)]
+    good = subprocess.run(words, capture_output=True).returncode == 0
     try:
         yield good
     finally:
@@ -628,7 +632,8 @@ def lost_midway(bench: Bench, rng: np.random.Generator, number: int) -> dict:
         ended = one.ended()
     finally:
         away.rename(path)
-    what = {**bench.refusal(ended), "met": int(met), "moment": name, "torn": len(bench.torn()), "orphans": bench.orphans()}
+    what = {**bench.refusal(ended), "met": int(met), "moment": name, "torn": len(bench.torn()),
+            "orphans": bench.orphans()}  # fmt: skip
     return together(what, bench.again())
 
 
@@ -691,7 +696,9 @@ def commit() -> str:
     return git("rev-parse", "--short", "HEAD") + ("+" if git("status", "--porcelain", "probupdate") else "")
 
 
-def run(work: Path, seed: int, chosen: Sequence[str], *, faults: Sequence[str] = tuple(FAULTS), rounds: int = 10) -> None:
+def run(
+    work: Path, seed: int, chosen: Sequence[str], *, faults: Sequence[str] = tuple(FAULTS), rounds: int = 10
+) -> None:
     """The trials that WORK/log.jsonl does not have, of the chosen commands (or all), a line each."""
     work = work.resolve()
     if not (work / "whole").exists():
@@ -739,6 +746,7 @@ BAD = ("torn", "again_differs", "parts_left", "orphans", "traceback", "more_line
 
 def table(lines_of: list[dict]) -> str:
     """RESULTS.md of the lines that runs wrote."""
+    skipped = Counter(one["command"] for one in lines_of if "skipped" in one["what"])
     lines_of = [one for one in lines_of if "skipped" not in one["what"]]
 
     def total(chosen: list[dict], key: str) -> int:
@@ -748,17 +756,20 @@ def table(lines_of: list[dict]) -> str:
         return ", ".join(dict.fromkeys(str(one[key]) for one in lines_of))
 
     verbs = list(dict.fromkeys(one["command"] for one in lines_of))
-    kills, met = total(lines_of, "kills"), sum(one["what"].get("met", 0) for one in lines_of if one["what"].get("kills"))
+    kills = total(lines_of, "kills")
+    met = sum(one["what"].get("met", 0) for one in lines_of if one["what"].get("kills"))
     out = [
         "# Faults of the machine", "",
-        f"Written by `studies/faults/faults.py`: commit {distinct('commit')}; seed {distinct('seed')}; {distinct('date')};",
-        f"{distinct('machine')}.", "",
-        f"{len(lines_of)} trials over {len(verbs)} commands, {kills} kills, of which {met} met a running command. A file is torn",
-        "if it is neither absent, nor byte for byte that of an undisturbed run, nor (for files that state when they were made or",
-        "how far a command is) a whole one. After each fault the command is given again; its files are compared with those of an",
-        "undisturbed run. `refused` counts the second of two writers that ended with one line because of the first.", "",
-        "| fault | commands | trials | kills | met a running command | torn files | differs when given again | `*.part` left "
-        "after that | orphan processes | tracebacks | more than one line | another exit code | refused |",
+        f"Written by `studies/faults/faults.py`: commit {distinct('commit')}; seed {distinct('seed')};",
+        f"{distinct('date')}; {distinct('machine')}.", "",
+        f"{len(lines_of)} trials over {len(verbs)} commands, {kills} kills, of which {met} met a running command (others "
+        "came after its end).",
+        "A file is torn if it is neither absent, nor byte for byte that of an undisturbed run, nor (for files that state",
+        "when they were made or how far a command is) a whole one. After each fault the command is given again; its files",
+        "are compared with those of an undisturbed run. `refused` counts the second of two writers that ended with one",
+        "line because of the first.", "",
+        "| fault | commands | trials | kills | met a running command | torn files | differs when given again | `*.part` "
+        "left after that | orphan processes | tracebacks | more than one line | another exit code | refused |",
         "|---|---|---|---|---|---|---|---|---|---|---|---|---|"]  # fmt: skip
     for fault in FAULTS:
         mine = [one for one in lines_of if one["fault"] == fault]
@@ -768,13 +779,18 @@ def table(lines_of: list[dict]) -> str:
                  total(mine, "kills") or "-", total(mine, "met") if any("met" in one["what"] for one in mine) else "-",
                  *(total(mine, key) for key in BAD), total(mine, "refused") or "-"]  # fmt: skip
         out.append(f"| {fault} | " + " | ".join(map(str, cells)) + " |")
-    out += ["", "| command | processor time undisturbed, s | trials | kills that met it | anything in the columns above |", "|---|---|---|---|---|"]
+    out += ["", "| command | processor time undisturbed, s | trials | kills that met it | trials with a fault of ours |",
+            "|---|---|---|---|---|"]  # fmt: skip
     for verb in verbs:
         mine = [one for one in lines_of if one["command"] == verb]
         bad = sum(any(one["what"].get(key) for key in BAD) for one in mine)
         met = sum(one["what"].get("met", 0) for one in mine if one["what"].get("kills"))
         out.append(f"| {verb} | {mine[-1]['processor_s']:g} | {len(mine)} | {met} | {bad} |")
-    out += ["", "## Trials with anything in those columns", ""]
+    planned = Counter(verb for verb, _, _ in trials(list(commands(Path("i"), Path("o")))))
+    short = [f"{verb} {sum(one['command'] == verb for one in lines_of)} of {number}" for verb, number in planned.items()
+             if sum(one["command"] == verb for one in lines_of) + skipped[verb] < number]  # fmt: skip
+    out += ["", f"Trials that were not reached (done, of planned): {', '.join(short) or 'none'}."]
+    out += ["", "## Trials with a torn file, a difference, something left, a trace, more lines or another exit code", ""]
     for one in lines_of:
         found = {key: one["what"][key] for key in BAD if one["what"].get(key)}
         if found:

@@ -105,6 +105,18 @@ def test_a_storm_of_impacts_is_no_spike(campaign_folder, head):
     assert not [f for f in result.findings if "spike" in f]
 
 
+def test_scada_rows_of_one_time_are_counted_where_they_differ(campaign_folder, head):
+    table = conditions()
+    changed = table.assign(power_kw=1.0)
+    for more, words in ((table, ""), (changed, "2 SCADA rows have the time of an earlier one and other values")):
+        folder = campaign_folder([(0, noise())], head=four_channels(head), scada=pd.concat([table, more]))
+        text = "\n".join(check(read_campaign(folder)).findings)
+        assert ("the time of an earlier one" in text) == bool(words) and words in text
+        assert read_campaign(folder).scada["power_kw"].tolist() == [-20.0, 5000.0]
+    folder = campaign_folder([(0, noise())], head=four_channels(head), scada=table[:0])
+    assert "SCADA has a head and no rows" in "\n".join(check(read_campaign(folder)).findings)
+
+
 def test_missing_scada_columns_say_what_cannot_be_done(campaign_folder, head):
     table = conditions().drop(columns=["pitch_deg", "rotor_speed_rpm"])
     table.loc[1, "time"] = "2019-06-03T10:20:00Z"

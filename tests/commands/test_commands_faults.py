@@ -8,6 +8,8 @@ import sys
 import time
 from pathlib import Path
 
+import h5py
+import numpy as np
 import pytest
 
 STUDY = Path(__file__).resolve().parents[2] / "studies" / "faults"
@@ -19,7 +21,8 @@ TRIED = ("kill -9 at a drawn moment", "kill -9 as a file takes its place", "two 
 def test_nothing_finished_is_lost_and_nothing_is_left(tmp_path):
     code = (f"import sys; sys.path.insert(0, {str(STUDY)!r}); import faults; from pathlib import Path\n"
             f"faults.run(Path({str(tmp_path)!r}), 11, ['select', 'convert'], faults={TRIED!r}, rounds=2)")
-    environment = {**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "PYTHONPATH": str(STUDY.parents[1])}
+    environment = {**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1",
+                   "PYTHONPATH": str(STUDY.parents[1])}  # fmt: skip
     done = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, timeout=600)
     assert done.returncode == 0, done.stderr
     lines = [json.loads(line) for line in (tmp_path / "log.jsonl").read_text().splitlines()]
@@ -27,6 +30,23 @@ def test_nothing_finished_is_lost_and_nothing_is_left(tmp_path):
     assert sum(one["what"].get("kills", 0) for one in lines) == 18
     bad = ("torn", "again_differs", "parts_left", "orphans", "traceback", "more_lines", "other_exit")
     assert not [one for one in lines if any(one["what"].get(key) for key in bad)]
+
+
+def test_the_study_knows_a_torn_file(tmp_path):
+    """What judges the trials, on files of which a half is there."""
+    sys.path.insert(0, str(STUDY))
+    import faults
+
+    np.savez(tmp_path / "a.npz", a=np.arange(100.0))
+    (tmp_path / "a.json").write_text(json.dumps({"a": list(range(100))}))
+    (tmp_path / "a.csv").write_text("a,b\n1,2\n3,444\n")
+    (tmp_path / "a.html").write_text("<html><p>text</p></html>\n")
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        file["data"] = np.random.default_rng(1).standard_normal(5000)
+    for path in list(tmp_path.iterdir()):
+        assert faults.is_whole(path), path.name
+        path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+        assert not faults.is_whole(path), path.name
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
