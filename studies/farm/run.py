@@ -20,10 +20,13 @@ import time
 from pathlib import Path
 
 import probupdate
+from probupdate.campaign.reading import read_campaign
 from probupdate.executors import executor, one_thread_each
 from probupdate.farms import month as months
 from probupdate.farms.description import read_farm
+from probupdate.verbs import model_path
 
+PREPARED = "diagnose, once a turbine"
 TURBINES, MONTHS, BLOCKS_A_MONTH, CHANNELS, RATE_HZ = 70, 12, 30 * 48, 18, 25.0
 DESCRIPTION = """\
 name = "Virtual farm"
@@ -48,10 +51,14 @@ def write_farm(folder: Path, days: float, turbines: int) -> Path:
 
 
 def steps_of(description: Path, out: Path) -> tuple[dict[str, float], int]:
-    """Processor seconds of each step of the farm's first month in this process, and its number of blocks."""
+    """Processor seconds of each step of the farm's first month in this process, and its number of blocks; apart from
+    them what the diagnosis makes of the model once for all months of a turbine."""
     farm = read_farm(description)
     first = farm.months[0]
-    taken = {}
+    months._KEPT.clear()
+    begun = time.process_time()
+    months._prepared(model_path(first.model), read_campaign(first.campaign).sensors)
+    taken = {PREPARED: time.process_time() - begun}
     for step in farm.steps:
         begun = time.process_time()
         months._RUN[step](first, out / first.folder, farm.options, farm.seed)
@@ -130,6 +137,10 @@ def main() -> None:
     short, long = measured["short"], measured["long"]
     more = long["blocks"] - short["blocks"]
     hours = 0.0
+    once = 0.5 * (short["seconds"].pop(PREPARED) + long["seconds"].pop(PREPARED)) * TURBINES / 3600
+    measured["once"] = once
+    hours += once
+    print(f"{PREPARED}: {3600 * once / TURBINES:.1f} s, {TURBINES} of them {once:.1f} h")
     for step, first in short["seconds"].items():
         slope = max((long["seconds"][step] - first) / more, 0.0)
         fixed = max(first - slope * short["blocks"], 0.0)
