@@ -19,7 +19,7 @@ from scipy import special
 from probupdate.errors import InputError
 from probupdate.estimators.chain_store import ChainStore, Segment
 from probupdate.estimators.emulator import Emulator, EmulatorMove
-from probupdate.estimators.importance import Density, posterior_of_draws
+from probupdate.estimators.importance import Density
 from probupdate.estimators.surrogate import Outline, Proposal
 from probupdate.executors import Executor, completed, executor
 from probupdate.modes import frozen_array
@@ -29,6 +29,8 @@ from probupdate.progress import Progress, silent
 
 # steps between looks at convergence, and the unit that is written to disk
 SEGMENT = 200
+# rounds in which walkers that begin where the model has no modes are drawn anew
+START_ROUNDS = 100
 # nested R-hat over independent ensembles (Margossian et al. 2024): their means part by at most a seventh of a standard
 # deviation, where each has some fifty independent draws
 R_HAT_LIMIT = 1.01
@@ -229,7 +231,7 @@ def sample(
                     return chain
                 states = [segment.state for segment in rounds[-1]]
             else:
-                states = [_first_state(surrogate, _n_walker(parameters, settings), settings.seed, k)
+                states = [_first_state(problem, surrogate, _n_walker(parameters, settings), settings.seed, k)
                           for k in range(settings.ensembles)]  # fmt: skip
             n_more = min(SEGMENT, settings.max_steps - n_step)
             # those that a killed run finished of this round are kept
@@ -242,10 +244,19 @@ def sample(
             rounds.append(done)
 
 
-def _first_state(surrogate: Density, n_walker: int, seed: int, ensemble: int) -> emcee.State:
+def _first_state(problem: Problem, surrogate: Density, n_walker: int, seed: int, ensemble: int) -> emcee.State:
+    """Walkers where the model has modes: from one that has none emcee knows no step."""
     own = [] if ensemble == 0 else [ensemble]
-    draw = getattr(surrogate, "draw_inside", surrogate.draw)
-    start = draw(n_walker, np.random.default_rng([seed, 0, *own]))
+    draw, rng = getattr(surrogate, "draw_inside", surrogate.draw), np.random.default_rng([seed, 0, *own])
+    start = draw(n_walker, rng)
+    for _ in range(START_ROUNDS):
+        without = ~np.isfinite(problem.log_posterior(start)[0])
+        if not without.any():
+            break
+        start[without] = draw(int(without.sum()), rng)
+    else:
+        raise InputError("model", f"has no modes at {without.sum()} of {n_walker} starts, {START_ROUNDS} times drawn anew",
+                         "narrow the parameters' bounds to what is a structure")
     generator = np.random.RandomState(np.random.default_rng([seed, 1, *own]).integers(2**32, size=8))
     return emcee.State(start, random_state=generator.get_state())
 
@@ -261,7 +272,7 @@ def _run_segment(
     counts = {"evaluated": 0, "fallback": 0}
 
     def log_probability(theta: np.ndarray) -> np.ndarray:
-        value, fallback = posterior_of_draws(problem, theta)
+        value, fallback = problem.log_posterior(theta)
         counts["evaluated"] += int(np.isfinite(value).sum())
         counts["fallback"] += int(fallback.sum())
         return value

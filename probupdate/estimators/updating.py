@@ -238,7 +238,7 @@ def approach(problem: Problem, laplace: Laplace, seed: int, progress: Progress =
     text = (
         f"{r.size} vectors; on {r.n_verify} points not used to build it the frequencies differ by at most "
         f"{r.max_frequency_error:.1e} of their value where the posterior lies and {r.max_box_error:.1e} within "
-        f"{BOX_DEVIATIONS:g} prior deviations; the MAC is at least {r.min_mac:.6f}"
+        f"{BOX_DEVIATIONS:g} prior standard deviations; the MAC is at least {r.min_mac:.6f}"
     )
     notes = {"reduced basis": text, "outline": share}
     return _approach(problem.with_model(reduced), laplace, surrogate, rng, notes, progress)

@@ -180,7 +180,7 @@ class BlockStore:
                 keys = tuple(sorted(set(wanted[start]) | stored))
                 poles, path = (self.folder / (_stem(start) + ending) for ending in (POLES, DEVIATIONS))
                 tasks.append((path, poles, *self._task(start), keys))
-        self._run("deviations of modes", _make_deviations, tasks, len(wanted), jobs, progress)
+        self._run("standard deviations of modes", _make_deviations, tasks, len(wanted), jobs, progress)
         return len(tasks)
 
     def without_deviations(self, wanted: Mapping[pd.Timestamp, Sequence[tuple[int, int]]]) -> int:

@@ -90,7 +90,7 @@ def without_harmonics(
     gain = {n: _gain(record, rate_hz, angle, speed, n) for n in used}
     if not any(gain[n] >= LEAST_GAIN for n in others):
         best = max(others, key=lambda n: gain[n])
-        return left(f"the angle told by {line}P does not foretell {best}P (gain {gain[best]:.1f})")
+        return left(f"the angle estimated from {line}P does not predict {best}P (gain {gain[best]:.1f})")
     taken = tuple(n for n in used if gain[n] >= LEAST_GAIN)
     columns = [_columns(angle, speed, n) for n in taken]
     coefficient, *_ = np.linalg.lstsq(np.hstack(columns), record, rcond=None)

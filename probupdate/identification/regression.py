@@ -17,6 +17,7 @@ import pandas as pd
 from probupdate.errors import InputError
 from probupdate.files import write_table
 from probupdate.modes import ModalData, frozen_array
+from probupdate.result_table import with_units
 
 COVARIATES = ("wind_speed_mps", "rotor_speed_rpm", "air_temperature_c", "water_level_m", "rms_mps2")
 # a covariate known in fewer blocks than this share of the mode's is left out, rather than the blocks
@@ -142,9 +143,9 @@ def _together(
         coefficient = fit.coefficient[both]
         statistic = float(coefficient @ np.linalg.solve(fit.covariance[np.ix_(both, both)], coefficient)) / 2
         joint[pair] = float(stats.f.sf(statistic, 2, free))
-        notes.append(f"{pair[0]} and {pair[1]} tell the same (correlation {other[twin]:.2f}, variance inflation "
-                     f"{inflation[k]:.0f}): each coefficient alone is hardly known, the two together count with p = "
-                     f"{joint[pair]:.2g}")  # fmt: skip
+        notes.append(f"{pair[0]} and {pair[1]} are indistinguishable (correlation {other[twin]:.2f}, variance "
+                     f"inflation {inflation[k]:.0f}): each coefficient alone is hardly known, the two together count with "
+                     f"p = {joint[pair]:.2g}")  # fmt: skip
     return tuple(joint.items())
 
 
@@ -289,6 +290,10 @@ class ModalRegression:
     fits: Mapping[str, tuple[Regression, ...]]
     table: pd.DataFrame
     notes: tuple[str, ...]
+
+    def to_frame(self) -> pd.DataFrame:
+        """`table`: a row a mode, response and covariate."""
+        return with_units(self.table)
 
     @property
     def summary(self) -> str:
