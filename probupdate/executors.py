@@ -43,8 +43,7 @@ T = TypeVar("T")
 
 @dataclass(frozen=True)
 class Shard:
-    """The `number`th (from 1) of `count` shares of a job, each run by itself, as jobs of an array are: every count-th
-    item, so that no share has all that is slow."""
+    """The `number`th (from 1) of `count` shares of a job, each run by itself, as jobs of an array are."""
 
     number: int
     count: int
@@ -62,7 +61,12 @@ class Shard:
         return cls(int(found[1]), int(found[2]))
 
     def share(self, items: Sequence[T]) -> list[T]:
+        """Every count-th item, so that no share has all that is slow."""
         return list(items[self.number - 1 :: self.count])
+
+    def chunk(self, items: Sequence[T]) -> list[T]:
+        """Neighbours, where these have something in common that is made once."""
+        return list(items[(self.number - 1) * len(items) // self.count : self.number * len(items) // self.count])
 
     def __str__(self) -> str:
         return f"{self.number}/{self.count}"

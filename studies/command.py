@@ -55,6 +55,10 @@ STUDIES = {
     "discovery": Study(
         question="Are three faults in one month found, and what does knowing them gain?",
         runs=(("run.py", OUT),), seeds="7", takes="minutes"),
+    "farm": Study(
+        question="How many turbine-months an hour, and what does a year of 70 turbines take?",
+        runs=(("run.py", OUT),), quick=(("run.py", OUT, "--days", "0.2", "--turbines", "2", "--workers", "1"),),
+        seeds="1 to 4", takes="ten minutes"),
     "footbridge": Study(
         question="Does a measured bridge, given as matrices, come out as published?",
         runs=(("run.py", OUT),), seeds="1", takes="three minutes", data="shared/data/footbridge"),

@@ -8,14 +8,20 @@ import traceback
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from probupdate import __version__, verbs
+from probupdate.campaign.reading import read_campaign
 from probupdate.errors import InputError, ProbupdateError, plain
 from probupdate.farms.description import Farm, Month, Options
 from probupdate.files import PART, read_json_table, write_json, write_text
 from probupdate.outputs import belonging
 from probupdate.reporting import report as write_report
 from probupdate.schema import checked_table
+
+if TYPE_CHECKING:
+    from probupdate.diagnosis.prepare import Prepared
+    from probupdate.modes import Sensor
 
 STATE, TRACE = "month.json", "failure.txt"
 FORMAT = 1
@@ -59,9 +65,14 @@ def made_of(month: Month, farm: Farm) -> dict[str, str]:
     tables = [p for p in (month.campaign / "campaign.toml", month.campaign / "scada.csv") if p.is_file()]
     return {
         "records": _hash([repr(records).encode()]), "campaign": _hash(p.read_bytes() for p in tables),
-        "model": _hash(p.read_bytes() for p in sorted(set(belonging(verbs.model_path(month.model)))) if p.is_file()),
+        "model": _model_hash(verbs.model_path(month.model)),
         "options": _hash([repr(asdict(farm.options)).encode()]), "seed": str(farm.seed), "version": __version__,
     }  # fmt: skip
+
+
+def _model_hash(model: Path) -> str:
+    """Of the model's file and all that is read with it."""
+    return _hash(p.read_bytes() for p in sorted(set(belonging(model))) if p.is_file())
 
 
 def _hash(contents: Iterable[bytes]) -> str:
@@ -168,9 +179,27 @@ def _compare(month: Month, folder: Path, options: Options, seed: int) -> None:
 
 
 def _diagnose(month: Month, folder: Path, options: Options, seed: int) -> None:
-    asked, out = options.diagnose, folder / "diagnosis.json"
-    verbs.diagnose(month.model, folder / "modes.json", campaign=month.campaign if asked.records else None, seed=seed,
-                   out=out, extend=asked.extend, sampler=False).write(out)  # fmt: skip
+    asked, out, model = options.diagnose, folder / "diagnosis.json", verbs.model_path(month.model)
+    sensors = read_campaign(month.campaign).sensors if asked.records and model.suffix == ".toml" else None
+    verbs.diagnose(_prepared(model, sensors), folder / "modes.json", campaign=month.campaign if asked.records else None,
+                   seed=seed, out=out, extend=asked.extend, sampler=False).write(out)  # fmt: skip
+
+
+# the model that the last diagnosis in this process was of, with all effects in it, by what it was made of
+_KEPT: dict[str, Prepared] = {}
+
+
+def _prepared(model: Path, sensors: tuple[Sensor, ...] | None) -> Prepared:
+    """What `diagnose` would make of the model first: three quarters of its time, and the same for all months of a turbine
+    and all turbines of one model with the same sensors."""
+    from probupdate.diagnosis.prepare import prepare
+
+    made = _hash([str(model).encode(), _model_hash(model).encode(), repr(sensors).encode(), *(
+        array.tobytes() for s in sensors or () for array in (s.position_m, s.direction))])  # fmt: skip
+    if made not in _KEPT:
+        _KEPT.clear()
+        _KEPT[made] = prepare(model, sensors=sensors)
+    return _KEPT[made]
 
 
 def _report(month: Month, folder: Path, options: Options, seed: int) -> None:

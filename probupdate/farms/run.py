@@ -69,7 +69,7 @@ def farm(
     share = Shard.of(shard) if isinstance(shard, str) else shard
     _claim(out, read)
     known = {month: _known(out / month.folder) for month in read.months}
-    mine = list(read.months) if share is None else share.share(read.months)
+    mine = list(read.months) if share is None else share.chunk(read.months)
     todo = [month for month in mine if not is_done(known[month], read, _made_of(month, read))]
     progress("turbine-months", len(mine) - len(todo), len(mine))
     with executor(jobs) as runs:

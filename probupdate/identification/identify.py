@@ -42,12 +42,22 @@ from probupdate.identification.physical import (
 from probupdate.identification.preprocessing import PASS_SHARE
 from probupdate.identification.reference import ReferenceModes, turned
 from probupdate.identification.tracking import Choice, JudgedPoles, Tracked
-from probupdate.modes import ModalData, ModalDeviation, ModalSet, ModelMode, ModeRecord, unit_largest, write_modes
+from probupdate.modes import (
+    ModalData,
+    ModalDeviation,
+    ModalSet,
+    ModelMode,
+    ModeRecord,
+    frozen_array,
+    unit_largest,
+    write_modes,
+)
 from probupdate.progress import Progress, silent
 from probupdate.result_table import table_of
 
 # the broad-band amplitude of a block goes by the unit of what was measured
 AMPLITUDE = {"acceleration": "rms_mps2", "velocity": "rms_mps", "displacement": "rms_m"}
+NOTHING = frozen_array(np.zeros(0))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -376,9 +386,9 @@ def fore_aft_deg(environment: Mapping, campaign: Campaign) -> float:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class _Found:
-    """A stored block and, unless it was excluded, its poles held against the campaign's modes: `judged` with these
-    turned to where the nacelle looked; `single` and `paper` as the paper has it, against the model as it is (without a
-    model, against the campaign's modes)."""
+    """A stored block, without its spectrum and the poles of other orders, and, unless it was excluded, its poles held
+    against the campaign's modes: `judged` with these turned to where the nacelle looked; `single` and `paper` as the
+    paper has it, against the model as it is (without a model, against the campaign's modes)."""
 
     block: BlockPoles
     environment: dict
@@ -397,8 +407,10 @@ def _held_against(
     rule: StateRule,
 ) -> _Found:
     environment = _environment(block, campaign, rule)
+    # the stack holds the poles that are asked again; a campaign has thousands of blocks
+    slim = replace(block, others=(), line_hz=NOTHING, spectrum=NOTHING)
     if block.poles is None:
-        return _Found(block=block, environment=environment)
+        return _Found(block=slim, environment=environment)
     stack = pole_stack(block, settings)
     here = turned(modes, campaign.sensors, fore_aft_deg(environment, campaign))
     like = rules.likeness(stack, here)
@@ -409,7 +421,7 @@ def _held_against(
     )
     single = like if model is None else rules.likeness(stack, model, like.stability)
     paper = rules.paper_criteria(stack, single, bands, settings.classifier)
-    return _Found(block=block, environment=environment, judged=judged, single=single, paper=paper)
+    return _Found(block=slim, environment=environment, judged=judged, single=single, paper=paper)
 
 
 def _without_uncertain(

@@ -19,11 +19,23 @@ import sys
 import time
 from pathlib import Path
 
+import numpy as np
+
 import probupdate
+from probupdate.campaign.reading import read_campaign
 from probupdate.executors import executor, one_thread_each
 from probupdate.farms import month as months
 from probupdate.farms.description import read_farm
+from probupdate.verbs import model_path
 
+PREPARED = "diagnose, once a turbine"
+# undisturbed half hours of a month, and what is hidden in the one of two that takes longer to diagnose
+SETS_A_MONTH = 698
+HIDDEN = [
+    {"kind": "joint_stiffness", "face": "BC", "bay": 2, "leg": "all", "end": "all", "factor": 0.3, "course": "step",
+     "at_hour": 360.0},
+    {"kind": "sensor_gain", "channel": "T66-x", "factor": 0.85},
+]  # fmt: skip
 TURBINES, MONTHS, BLOCKS_A_MONTH, CHANNELS, RATE_HZ = 70, 12, 30 * 48, 18, 25.0
 DESCRIPTION = """\
 name = "Virtual farm"
@@ -48,15 +60,43 @@ def write_farm(folder: Path, days: float, turbines: int) -> Path:
 
 
 def steps_of(description: Path, out: Path) -> tuple[dict[str, float], int]:
-    """Processor seconds of each step of the farm's first month in this process, and its number of blocks."""
+    """Processor seconds of each step of the farm's first month in this process, and its number of blocks; apart from
+    them what the diagnosis makes of the model once for all months of a turbine."""
     farm = read_farm(description)
     first = farm.months[0]
-    taken = {}
+    months._KEPT.clear()
+    begun = time.process_time()
+    months._prepared(model_path(first.model), read_campaign(first.campaign).sensors)
+    taken = {PREPARED: time.process_time() - begun}
     for step in farm.steps:
         begun = time.process_time()
         months._RUN[step](first, out / first.folder, farm.options, farm.seed)
         taken[step] = time.process_time() - begun
     return taken, len(list((out / first.folder / "modes.json.blocks").glob("*.poles.npz")))
+
+
+def month_of_modes(ready, hidden: list[dict]) -> tuple[float, int, str]:
+    """Processor seconds of a diagnosis of a month's undisturbed half hours, their number and the verdict; of modal sets
+    that are simulated as such, as a month of records takes hours to simulate."""
+    from probupdate.diagnosis.diagnose import examine
+    from probupdate.virtual.modal_blocks import simulate_modes
+
+    data = simulate_modes(truth={"effect": hidden}, seed=3, states=("idling", "below rated", "rated"), n_block=SETS_A_MONTH,
+                          days=SETS_A_MONTH / 22).data  # fmt: skip
+    begun = time.process_time()
+    outcome = examine(ready, data, seed=1)
+    return time.process_time() - begun, len(data.sets), outcome.diagnosis.verdict
+
+
+def records_tested(campaign: Path) -> float:
+    """Processor seconds a block of the diagnosis's tests of the raw records."""
+    from probupdate.campaign.blocks import block_files
+    from probupdate.diagnosis.campaign_tests import campaign_tests
+
+    opened = read_campaign(campaign)
+    begun = time.process_time()
+    campaign_tests(opened)
+    return (time.process_time() - begun) / len(block_files(opened))
 
 
 PEAK = """
@@ -80,6 +120,7 @@ def peak_mb(description: Path, out: Path) -> float:
 def wall(description: Path, out: Path, jobs: int, scheduler: str | None = None) -> float:
     """Seconds by the clock, the workers' start included."""
     shutil.rmtree(out, ignore_errors=True)
+    months._KEPT.clear()
     begun = time.monotonic()
     with executor(jobs, scheduler) as runs:
         run = probupdate.farm(description, out, jobs=runs)
@@ -96,6 +137,32 @@ def on_dask(description: Path, out: Path, workers: int) -> float | None:
     with one_thread_each(), distributed.LocalCluster(n_workers=workers, threads_per_worker=1, processes=True,
                                                      dashboard_address=":0") as cluster:  # fmt: skip
         return wall(description, out, 1, cluster.scheduler_address)
+
+
+def arithmetic(measured: dict) -> tuple[float, float]:
+    """Hours of one core for the whole farm, where nothing is found and where every month has two findings; what each
+    step has part in it is printed. identify, select and update by two lengths of record, the diagnosis by months."""
+    short, long = measured["short"], measured["long"]
+    more, number = long["blocks"] - short["blocks"], TURBINES * MONTHS
+    total = np.zeros(2)
+
+    def add(name: str, seconds: float | np.ndarray, times: int) -> None:
+        nonlocal total
+        hours = np.broadcast_to(np.asarray(seconds) * times / 3600, 2)
+        total = total + hours
+        each = " to ".join(f"{s:.0f}" for s in np.unique(seconds))
+        print(f"{name}: {each} s, {times} times: {' to '.join(f'{h:.1f}' for h in np.unique(hours))} h")
+
+    add(PREPARED, 0.5 * (short["seconds"][PREPARED] + long["seconds"][PREPARED]), TURBINES)
+    for step in ("identify", "select", "update"):
+        slope = max((long["seconds"][step] - short["seconds"][step]) / more, 0.0)
+        # nine sets are updated, however many there are
+        slope = 0.0 if step == "update" else slope
+        fixed = max(short["seconds"][step] - slope * short["blocks"], 0.0)
+        add(f"{step} a month of {BLOCKS_A_MONTH} blocks", fixed + slope * BLOCKS_A_MONTH, number)
+    add("tests of a month's records", measured["records"] * BLOCKS_A_MONTH, number)
+    add("diagnose a month", np.array(list(measured["diagnose"].values())), number)
+    return float(total[0]), float(total[1])
 
 
 def main() -> None:
@@ -127,20 +194,18 @@ def main() -> None:
             measured["wall"][f"{kind} {workers}"] = taken
             print(f"{workers} {kind}: {a.turbines} turbine-months in {taken:.0f} s by the clock, "
                   f"{3600 * a.turbines / taken:.0f} an hour", flush=True)
-    short, long = measured["short"], measured["long"]
-    more = long["blocks"] - short["blocks"]
-    hours = 0.0
-    for step, first in short["seconds"].items():
-        slope = max((long["seconds"][step] - first) / more, 0.0)
-        fixed = max(first - slope * short["blocks"], 0.0)
-        month = fixed + slope * BLOCKS_A_MONTH
-        hours += month * TURBINES * MONTHS / 3600
-        print(f"{step}: {fixed:.1f} s + {1e3 * slope:.0f} ms a block; a month of {BLOCKS_A_MONTH} blocks {month:.0f} s, "
-              f"{TURBINES} x {MONTHS} of them {month * TURBINES * MONTHS / 3600:.1f} h")
+    ready = months._prepared(model_path("as_built"), read_campaign(data / "T1" / "0").sensors)
+    measured["diagnose"] = {}
+    for name, hidden in (("nothing hidden", []), ("two hidden", HIDDEN)):
+        taken, n_set, verdict = month_of_modes(ready, hidden)
+        measured["diagnose"][name] = taken
+        print(f"diagnosis of a month, {n_set} sets, {name}: {taken:.0f} s, {verdict}", flush=True)
+    measured["records"] = records_tested(data / "T1" / "0")
+    hours = arithmetic(measured)
     terabytes = TURBINES * MONTHS * 30 * 86400 * RATE_HZ * CHANNELS * 4 / 1e12
     measured |= {"hours": hours, "terabytes": terabytes}
-    print(f"{TURBINES} turbines x {MONTHS} months: {hours:.0f} hours of one core, {terabytes:.1f} TB of records in single "
-          "precision; identify reads them twice, the diagnosis's tests of the records once")  # fmt: skip
+    print(f"{TURBINES} turbines x {MONTHS} months: {hours[0]:.0f} to {hours[1]:.0f} hours of one core, {terabytes:.1f} TB "
+          "of records in single precision; identify reads them twice, the diagnosis's tests of the records once")
     (a.out / "measured.json").write_text(json.dumps(measured, indent=1), encoding="utf-8")
 
 

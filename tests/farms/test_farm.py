@@ -67,6 +67,14 @@ def test_every_month_has_its_results_and_the_page_says_what_changed(undisturbed)
     assert "http://" not in page.replace("http://www.w3.org", "") and "src=" not in page
 
 
+def test_a_month_s_diagnosis_is_that_of_the_command(described, undisturbed, tmp_path):
+    """Though the model with its effects is made once for all months."""
+    out = tmp_path / "diagnosis.json"
+    modes = undisturbed[0] / "B" / "2024-06" / "modes.json"
+    probupdate.diagnose(described.parent / "model.npz", modes, seed=1, out=out, extend=False, sampler=False).write(out)
+    assert out.read_bytes() == (modes.parent / "diagnosis.json").read_bytes()
+
+
 def test_a_finished_farm_is_not_done_again(described, undisturbed):
     out, _ = undisturbed
     before = changed(out)
@@ -117,7 +125,7 @@ def test_two_shards_give_the_whole(described, undisturbed, tmp_path):
     out = tmp_path / "out"
     first = probupdate.farm(described, out, shard="1/2")
     assert first.run == 2 and "2 waiting" in first.summary
-    assert {key for key, row in table(out).items() if row["state"] == "done"} == {("A", "2024-05"), ("B", "2024-05")}
+    assert {key for key, row in table(out).items() if row["state"] == "done"} == {("A", "2024-05"), ("A", "2024-06")}
     second = probupdate.farm(described, out, shard="2/2")
     assert second.run == 2 and "4 done" in second.summary and results(out) == results(undisturbed[0])
 

@@ -82,8 +82,9 @@ def test_a_shard_that_is_none_is_refused(text):
 
 def test_shards_are_a_partition():
     items = list(range(11))
-    shares = [Shard.of(f"{k}/4").share(items) for k in range(1, 5)]
-    assert sorted(sum(shares, [])) == items and max(map(len, shares)) - min(map(len, shares)) <= 1
+    for way in (Shard.share, Shard.chunk):
+        shares = [way(Shard.of(f"{k}/4"), items) for k in range(1, 5)]
+        assert sorted(sum(shares, [])) == items and max(map(len, shares)) - min(map(len, shares)) <= 1
 
 
 SHARD = """
