@@ -75,15 +75,24 @@ def complain(text: str) -> None:
         sys.stderr.flush()
 
 
+class Interrupted(KeyboardInterrupt):
+    """Raised for a signal. Python gives up the exit code where a KeyboardInterrupt itself has passed through an `exec`,
+    as where dataclasses are made, even if it is caught after that."""
+
+
 @contextlib.contextmanager
 def ended_by_signals() -> Iterator[None]:
-    """SIGTERM ends a run as Ctrl-C does: temporary files are removed, processes ended."""
+    """SIGTERM ends a run as Ctrl-C does: temporary files are removed, processes ended. Where Ctrl-C is ignored, as in the
+    background, it stays so."""
 
     def end(number: int, frame: object) -> NoReturn:
-        raise KeyboardInterrupt
+        raise Interrupted
 
+    before = {}
     try:
-        before = signal.signal(signal.SIGTERM, end)
+        for number in (signal.SIGTERM, signal.SIGINT):
+            if signal.getsignal(number) is not signal.SIG_IGN:
+                before[number] = signal.signal(number, end)
     except ValueError:
         # not in the main thread: whoever runs this there answers for signals
         yield
@@ -91,7 +100,14 @@ def ended_by_signals() -> Iterator[None]:
     try:
         yield
     finally:
-        signal.signal(signal.SIGTERM, before)
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def one_thread() -> None:
+    """Of linear algebra, here and in the processes started: the same bits wherever a task runs, whatever is left after
+    an interruption. Read when numpy is first imported."""
+    os.environ.update(OMP_NUM_THREADS="1", OPENBLAS_NUM_THREADS="1", MKL_NUM_THREADS="1")
 
 
 def tell(a: argparse.Namespace, result, files: Sequence = (), *, first: bool = True, **more) -> None:
@@ -173,21 +189,25 @@ def run_convert(a: argparse.Namespace, progress: Progress) -> None:
 
 
 def run_identify(a: argparse.Namespace, progress: Progress) -> None:
-    # one thread each, here and in the processes started: the same bits wherever a block is identified, whatever is
-    # left after an interruption. Read when numpy is first imported
-    os.environ.update(OMP_NUM_THREADS="1", OPENBLAS_NUM_THREADS="1", MKL_NUM_THREADS="1")
+    one_thread()
     import probupdate
 
-    options = {
-        "parameters": a.parameters, "lowest": a.lowest, "order": a.order, "block_rows": a.block_rows, "rate_hz": a.rate,
-        "harmonics": a.harmonics, "store": f"{a.out}.blocks", "jobs": a.jobs or os.cpu_count() or 1,
-        "progress": progress,
-    }
-    if len(a.campaign) == 1:
-        result = probupdate.identify(a.campaign[0], a.model, **options)
-    else:
-        result = probupdate.identify_setups(a.campaign, a.model, **options)
-    tell(a, result, result.write(a.out))
+    from probupdate.executors import executor
+
+    settings = {"order": a.order, "block_rows": a.block_rows, "rate_hz": a.rate, "harmonics": a.harmonics,
+                "store": f"{a.out}.blocks", "progress": progress}  # fmt: skip
+    if a.shard and len(a.campaign) > 1:
+        raise InputError("--shard", "shares out the blocks of one campaign", "identify setups without it, with --jobs")
+    with executor(a.jobs or os.cpu_count() or 1, a.scheduler) as runs:
+        if a.shard:
+            tell(a, probupdate.identify_shard(a.campaign[0], a.shard, a.model, jobs=runs, **settings))
+            return
+        options = {**settings, "parameters": a.parameters, "lowest": a.lowest, "jobs": runs}
+        if len(a.campaign) == 1:
+            result = probupdate.identify(a.campaign[0], a.model, **options)
+        else:
+            result = probupdate.identify_setups(a.campaign, a.model, **options)
+        tell(a, result, result.write(a.out))
 
 
 def run_select(a: argparse.Namespace, progress: Progress) -> None:
@@ -227,13 +247,16 @@ def refuse_suspected(a: argparse.Namespace, set_id: str, suspected: str) -> None
 
 
 def run_sample(a: argparse.Namespace, progress: Progress) -> None:
+    one_thread()
     import probupdate
+    from probupdate.executors import executor
 
-    result = probupdate.sample(
-        a.model, a.modes, a.out, parameters=a.parameters, set_id=a.set, weights=weights_option(a), seed=a.seed,
-        frequencies=a.frequencies, shapes=a.shapes, ensembles=a.ensembles, discrepancy=a.discrepancy,
-        tolerances=a.tolerances,
-        target_ess=a.ess, max_steps=a.max_steps, every_mode=a.every_mode, progress=progress)
+    with executor(a.jobs, a.scheduler) as runs:
+        result = probupdate.sample(
+            a.model, a.modes, a.out, parameters=a.parameters, set_id=a.set, weights=weights_option(a), seed=a.seed,
+            frequencies=a.frequencies, shapes=a.shapes, ensembles=a.ensembles, discrepancy=a.discrepancy,
+            tolerances=a.tolerances, target_ess=a.ess, max_steps=a.max_steps, every_mode=a.every_mode, jobs=runs,
+            progress=progress)
     tell(a, result, [a.out], first=False)
     refuse_suspected(a, str(result.record.get("set_id", "")), str(result.record.get("suspected", "")))
 
@@ -277,6 +300,19 @@ def run_diagnose(a: argparse.Namespace, progress: Progress) -> None:
         a.model, a.modes, campaign=a.campaign, parameters=a.parameters, seed=a.seed, out=a.out, groups=a.groups,
         extend=not a.no_extend, sampler=not a.no_sampler, progress=progress)
     tell(a, result, result.write(a.out), verdict=result.verdict)
+
+
+def run_farm(a: argparse.Namespace, progress: Progress) -> None:
+    one_thread()
+    import probupdate
+    from probupdate.executors import executor
+
+    with executor(a.jobs, a.scheduler) as runs:
+        result = probupdate.farm(a.description, a.out, shard=a.shard, jobs=runs, progress=progress)
+    tell(a, result, [], failed=len(result.failed))
+    if result.failed:
+        raise ProbupdateError(f"{len(result.failed)} of {len(result.rows)} turbine-months failed, each with its reason above "
+                              "and in farm.csv; the others are done: mend what is said, then run it again")
 
 
 def run_report(a: argparse.Namespace, progress: Progress) -> None:
@@ -357,6 +393,7 @@ GROUPS = {
     "from records to modes": ("convert", "check", "identify", "select", "regress", "figures"),
     "from modes to parameters": ("update", "sample", "compare", "sets", "inform"),
     "what is wrong": ("diagnose",),
+    "many turbines": ("farm",),
     "to hand on": ("report", "export"),
 }
 
@@ -405,6 +442,7 @@ EXAMPLES = {
     "diagnose": "diagnose --model run/model.toml --modes run/modes.json --campaign run/campaign --out run/diagnosis.json",
     "figures": "figures run/modes.json --campaign run/campaign --format pdf --out run/figures",
     "export": "export run --to lifetime run-lifetime",
+    "farm": "farm data/farm.toml --out farm --jobs 4",
     "report": "report run --out run/report.html",
 }
 
@@ -433,6 +471,12 @@ def build_parser() -> argparse.ArgumentParser:
     def seeded(p: argparse.ArgumentParser) -> None:
         p.add_argument("--seed", type=seed_option, default=1, help="same seed, same numbers (default 1)")
 
+    def on_workers(p: argparse.ArgumentParser, text: str, default: int | None = None) -> None:
+        where = p.add_mutually_exclusive_group()
+        where.add_argument("--jobs", type=positive(int, "jobs"), default=default, help=text)
+        where.add_argument("--scheduler", metavar="ADDRESS", help="the workers of that Dask cluster instead, such as "
+                           "tcp://10.0.0.1:8786; they must see the same paths (needs `pip install probupdate[dask]`)")
+
     def on_model(p: argparse.ArgumentParser, required: bool = True) -> None:
         without = "" if required else "; without, poles that come back are numbered"
         p.add_argument("--model", required=required, help=MODEL_HELP + without)
@@ -445,7 +489,7 @@ def build_parser() -> argparse.ArgumentParser:
             p.add_argument("--set", help="id of the set to use (default: the file's reference set, or its first)")
         weights = p.add_mutually_exclusive_group()
         weights.add_argument("--weights", choices=("measured", "covariance", "paper"), default="measured",
-                             help="W_Lambda from the deviations in the file (default), from their full covariance "
+                             help="W_Lambda from the file's standard deviations (default), from their full covariance "
                              "where the file has it, or from the paper's CoVs 0.015 / 0.017, tenfold for shapes")
         p.add_argument("--frequencies", choices=("hz", "log"), default="hz", help="as they are (default) or logarithms")
         p.add_argument("--shapes", choices=("plane", "components", "mac", "none"), default="plane",
@@ -509,8 +553,11 @@ def build_parser() -> argparse.ArgumentParser:
                    "(default: first and second bending and torsion of a tower)")
     p.add_argument("--out", required=True, help="modes.json; the poles go beside it, and each block's as it is found "
                    "(OUT.blocks): a run that was stopped goes on there")
-    p.add_argument("--jobs", type=positive(int, "jobs"), help="processes (default: one a core; at most one for 40 blocks, as "
-                   "starting one takes as long as those); the modes do not depend on it")
+    on_workers(p, "processes (default: one a core; at most one for 40 blocks, as starting one takes as long as those); "
+               "the modes do not depend on it")
+    p.add_argument("--shard", metavar="I/N", help="only the I-th of N shares of the blocks, as one job of an array does: "
+                   "all jobs write into one OUT.blocks; given again when all blocks are there, their standard deviations; "
+                   "then without --shard, which writes OUT")
     p.add_argument("--order", type=positive(int, "order"), help="model order (20 with a model, as the paper)")
     p.add_argument("--block-rows", type=positive(int, "block rows"), help="block rows of the Toeplitz matrix (30 with a model)")
     p.add_argument("--rate", type=positive(float, "Hz"), help="sampling rate after decimation in Hz (5 with a model; without, "
@@ -523,12 +570,13 @@ def build_parser() -> argparse.ArgumentParser:
     p.add_argument("--scada", help="scada.csv (default: the environment kept in MODES)")
     p.add_argument("--preset", choices=("turbine", "structure"), default="turbine", help="what is asked: Table 1 "
                    "(default), or of another structure nothing of rotor and nacelle, only that its modes are identified")
-    p.add_argument("--criteria", help="TOML file with thresholds of Table 1, such as pitch_range_deg = 2.0 (README)")
+    p.add_argument("--criteria", help="TOML file with thresholds of Table 1, such as "
+                   "pitch_range_deg = 2.0 (docs/howto/select.md)")
     p.add_argument("--deviations", choices=("campaign", "identification"), default="campaign",
                    help="what kept sets carry: scatter over all blocks, as the paper (default), or what identification "
                    "states of each")
     p.add_argument("--rated-power", type=positive(float, "kW"), metavar="KW",
-                   help="the turbine's, for states told from --scada (default: the highest power in it)")
+                   help="the turbine's, for turbine states from --scada (default: the highest power in it)")
     p.add_argument("--count", type=positive(int, "sets"), default=9, help="how many sets to keep (default 9)")
     p.add_argument("--out", required=True, help="modes file of the selected sets, nine.json in a run directory")
 
@@ -558,6 +606,7 @@ def build_parser() -> argparse.ArgumentParser:
     on_modes(p)
     on_every_mode(p)
     p.add_argument("--ess", type=positive(int, "draws"), default=1000, help="effective draws of the worst parameter (1000)")
+    on_workers(p, "processes for the ensembles (1); the numbers do not depend on it", 1)
     p.add_argument("--ensembles", type=positive(int, "ensembles"), default=4, help="independent ensembles, judged together (4)")
     p.add_argument("--max-steps", type=positive(int, "steps"), default=20000, help="give up, and say so, after these (20000)")
     p.add_argument("--out", required=True, help="posterior.nc; the chain is kept beside it")
@@ -573,8 +622,9 @@ def build_parser() -> argparse.ArgumentParser:
     p = verb("sets", run_sets, "all sets in four views: scatter, pooled, one posterior, a population with its scatter")
     on_modes(p, one=False)
     p.add_argument("--correlated", action="store_true", help="let parameters vary together between sets")
-    p.add_argument("--spread", type=positive(float, "deviations"), default=0.25, help="deviation of the hyper-prior of a parameter's "
-                   "scatter between sets, in its prior deviations (0.25)")
+    p.add_argument("--spread", type=positive(float, "deviations"), default=0.25, 
+                   help="scale of the hyper-prior of a parameter's "
+                   "scatter between sets, in its prior standard deviations (0.25)")
     p.add_argument("--out", required=True, help="sets.json")
     seeded(p)
 
@@ -588,7 +638,7 @@ def build_parser() -> argparse.ArgumentParser:
     seeded(p)
 
     p = verb("diagnose", run_diagnose, "what the simulation or the measurement gets wrong: cause, place, size, limits")
-    p.add_argument("--model", help=MODEL_HELP + "; without one: measurement and surroundings only")
+    p.add_argument("--model", help=MODEL_HELP + "; without one: the data alone")
     p.add_argument("--parameters", help="parameters.toml of a model made of matrices")
     p.add_argument("--modes", required=True, help="modes.json of `identify`: a set a block")
     p.add_argument("--campaign", help="campaign directory: where the sensors are; its raw records are tested too")
@@ -620,6 +670,13 @@ def build_parser() -> argparse.ArgumentParser:
                    "unexplained; every file says so")
     seeded(p)
 
+    p = verb("farm", run_farm, "many turbines and months, each through the steps that farm.toml names; resumable")
+    p.add_argument("description", metavar="FARM", help="farm.toml: turbines, their models and folders of campaigns, steps")
+    on_workers(p, "turbine-months side by side (1), a process each; the results do not depend on it", 1)
+    p.add_argument("--shard", metavar="I/N", help="only the I-th of N shares of the turbine-months, as one job of an array "
+                   "does: all jobs write into one OUT")
+    p.add_argument("--out", required=True, help="directory to write; a run that was stopped goes on where it stopped")
+
     p = verb("report", run_report, "one self-contained page of a run directory")
     p.add_argument("run", metavar="RUN", help="directory that the steps wrote into; what is missing there is left out")
     p.add_argument("--out", required=True, help="the page, report.html")
@@ -628,7 +685,7 @@ def build_parser() -> argparse.ArgumentParser:
 
 
 # verbs whose result is a directory; the others write files
-WRITE_FOLDERS = ("convert", "demo", "simulate", "figures", "export")
+WRITE_FOLDERS = ("convert", "demo", "simulate", "figures", "export", "farm")
 
 
 def writes_folder(a: argparse.Namespace) -> bool:
@@ -691,34 +748,37 @@ def _drop_output() -> None:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    a = build_parser().parse_args(arguments)
-    # an announcement of another package's next release, once a day and machine; it says nothing of this run
-    warnings.filterwarnings("ignore", message=r"\s*ArviZ is undergoing a major refactor", category=FutureWarning)
+    program = "probupdate"
     try:
-        if a.out:
-            refuse_unwritable(a.out, folder=writes_folder(a))
-            refuse_overwriting(a.verb, a.out, given_paths(a))
-        with ended_by_signals(), terminal_progress() as progress:
-            a.action(a, progress)
+        with ended_by_signals():
+            a = build_parser().parse_args(arguments)
+            program = f"probupdate {a.verb}"
+            # an announcement of another package's next release, once a day and machine; it says nothing of this run
+            warnings.filterwarnings("ignore", message=r"\s*ArviZ is undergoing a major refactor", category=FutureWarning)
+            if a.out:
+                refuse_unwritable(a.out, folder=writes_folder(a))
+                refuse_overwriting(a.verb, a.out, given_paths(a))
+            with terminal_progress() as progress:
+                a.action(a, progress)
     except InputError as error:
-        complain(f"probupdate {a.verb}: {error}")
+        complain(f"{program}: {error}")
         return 2
     except ProbupdateError as error:
-        complain(f"probupdate {a.verb}: {error}")
+        complain(f"{program}: {error}")
         return 1
     except BrokenPipeError:
         # whoever read the output has gone
         _drop_output()
         return 1
     except KeyboardInterrupt:
-        complain(f"probupdate {a.verb}: interrupted; what was finished is kept")
+        complain(f"{program}: interrupted; what was finished is kept")
         return 130
     except OSError as error:
-        complain(f"probupdate {a.verb}: {_os_words(error)}")
+        complain(f"{program}: {_os_words(error)}")
         _drop_output()
         return 2 if error.errno in OF_PATHS else 1
     except MemoryError:
-        complain(f"probupdate {a.verb}: out of memory; give less at a time, or a machine with more; what was finished "
+        complain(f"{program}: out of memory; give less at a time, or a machine with more; what was finished "
                  "is kept")
         return 1
     # what is not foreseen is a defect of this program: it rises with its trace, and Python exits with 1

@@ -16,7 +16,7 @@ from probupdate.diagnosis.wording import finding_words
 from probupdate.errors import InputError
 from probupdate.estimators.ensemble import SamplerSettings
 from probupdate.files import holds_nothing, read_json, read_text, write_bytes, write_json, write_text
-from probupdate.processes import beside
+from probupdate.executors import beside
 from probupdate.progress import Progress, silent
 from probupdate.reporting import report as write_report
 from probupdate.result_table import table_of
@@ -155,7 +155,7 @@ def _hidden_and_found(hidden: str, diagnosis) -> str:
     if not effects:
         return "hidden in this campaign: nothing"
     found = [finding_words(f) for f in diagnosis.content()["findings"]] or ["nothing with a name"]
-    return "\n".join(["hidden in this campaign:", *(f"  {e}" for e in effects), "found without being told:",
+    return "\n".join(["hidden in this campaign:", *(f"  {e}" for e in effects), "found by the diagnosis:",
                       *(f"  {f}" for f in found)])  # fmt: skip
 
 

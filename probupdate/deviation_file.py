@@ -54,7 +54,7 @@ def read_deviations(modes_file: Path, name: object) -> dict[str, dict[str, np.nd
         raise InputError(where, f"{path} does not exist", "put it back beside the file, or take the key out")
     inside(path, modes_file.parent)
     again = "make it again with `probupdate identify`"
-    with open_hdf5(path, "no file of deviations", again, whole=True) as file:
+    with open_hdf5(path, "no file of covariance factors", again, whole=True) as file:
         return {str(group.attrs["id"]): {key: _array(path, group, key) for key in DATASETS}
                 for group in file.values()}  # fmt: skip
 

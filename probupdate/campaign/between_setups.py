@@ -248,7 +248,7 @@ def _judged(
     differs, split = _differing(shapes, references)
     notes += split
     if len(references) == 1:
-        notes.append("one reference alone: gains that differ between setups are told by rigid parts only")
+        notes.append("one reference alone: gains that differ between setups are found by rigid parts only")
     gains: list[dict[str, float]] = [{} for _ in shapes]
     single: dict[tuple[str, tuple[str, ...]], list[tuple[int, float, float]]] = {}
     # a setup's references with the fewest changes that explain its pairs
@@ -438,7 +438,7 @@ def _constant(
             finding = _finding(one, sensors, owner, references)
             found.setdefault(finding.channel, finding)
     missing = [c for c in references if c not in judged]
-    notes = [f"a gain of {', '.join(missing)} that is wrong in all setups alike cannot be told: no rover shares a "
+    notes = [f"a gain of {', '.join(missing)} that is wrong in all setups alike cannot be found: no rover shares a "
              "rigid part with it"] if missing else []
     return list(found.values()), notes
 

@@ -100,7 +100,7 @@ def only_promised(setting: Setting, fitted: Fit) -> float:
 def sizes_std(setting: Setting, fitted: Fit) -> list[float]:
     """Deviation of the size of each named effect, zero where it has one size only; with what a fit stopped short by."""
     design, result = fitted.design, []
-    free = iter(range(design.nuisance_std.size, design.n_common))
+    free = iter(range(design.sizes.start, design.sizes.stop))
     for n, short in zip(fitted.named, fitted.short, strict=True):
         if n.effect.discrete:
             result.append(0.0)
@@ -145,19 +145,23 @@ def length_std(setting: Setting, fitted: Fit, named: Named) -> float:
 
 def log_evidence(setting: Setting, fitted: Fit) -> float:
     """ln p(blocks | model with the named effects) by Laplace's method, but for a constant of the record."""
-    return over_doubts(fitted.design, lambda design: _evidence_at(setting, fitted, design))
+    return _prior_ratio(fitted.named) + over_doubts(fitted.design, lambda d: _evidence_at(setting, fitted, d))
+
+
+def _prior_ratio(named: Sequence[Named]) -> float:
+    return sum(n.log_prior_ratio for n in named if not n.effect.discrete)
 
 
 def marginal_evidence(setting: Setting, theta: np.ndarray, named: Sequence[Named], noise: Noise) -> float:
     """ln p(blocks | named effects near their sizes) with all parameters to first order about theta, but for a constant
     of record and noise."""
     design, _, centred = linearised(setting, theta, named, noise, all_departures(setting, theta, named))
-    return over_doubts(design, lambda design: linear_evidence(design, centred))
+    return _prior_ratio(named) + over_doubts(design, lambda d: linear_evidence(d, centred))
 
 
 def _evidence_at(setting: Setting, fitted: Fit, design: Design) -> float:
     misfit = design.misfit(fitted.departures, design.held(len(setting.updated)))
-    misfit += penalty(setting, fitted.theta, fitted.named)
+    misfit += penalty(setting, fitted.theta, fitted.named, fitted.named)
     return float(-0.5 * misfit + design.log_volume + design.log_noise)
 
 

@@ -105,6 +105,7 @@ class Diagnosis:
         nearest = self.details.get("nearest")
         if nearest:
             lines.append(f"  nearest in the catalogue, but not enough: {'; '.join(nearest)}")
+        lines += [f"  {s}" for s in wording.free_form_words(content)]
         lines.append(f"threshold |z| = {self.threshold:.1f} for the whole catalogue (below 5 % of false alarms); "
                      f"{wording.adequacy_words(content) or 'what remains was not tested'}")  # fmt: skip
         lines += [f"pushed: {s}" for s in wording.pushed_words(content)]

@@ -13,7 +13,8 @@ from probupdate.effects.catalogue import Effect
 from probupdate.diagnosis.diagnose import examine
 from probupdate.diagnosis.extension import extend as extend_model
 from probupdate.diagnosis.extension_sampling import bounded
-from probupdate.diagnosis.gain import gains
+from probupdate.diagnosis.free_form import free_form
+from probupdate.diagnosis.gain import gains, measures
 from probupdate.diagnosis.prepare import Prepared, prepare
 from probupdate.diagnosis.residuals import residuals
 from probupdate.diagnosis.results import Diagnosis, Finding
@@ -47,7 +48,7 @@ def diagnose_files(
     `campaign`: its raw records are tested too, and say where the sensors are if `sensors` does not. `groups`: name ->
     {parameter: change}, or a TOML file of them. `effects`, `rows`: a user's own; see `prepare`. `extend`: measure what
     each finding gains on held-out blocks, put the findings into model and data, written beside `out` (diagnosis.json's
-    place), and run the estimators again; `sampler`: emcee too, with these settings (True: a bounded run with `seed`).
+    place), and run the estimators again, or where no row explains the record look for elementary parts that do; `sampler`: emcee too, with these settings (True: a bounded run with `seed`).
     """
     tests = campaign_tests(campaign, progress=progress) if campaign is not None else []
     wrong_rate = rate_finding(tests)
@@ -109,8 +110,14 @@ def _whole(
         more = extend_model(prepared, outcome, data, out, sampler=sampler or None, parameters_file=parameters_file,
                             seed=seed, progress=progress)  # fmt: skip
         found = replace(found, extended_model=more.model, extension=more.content)
-    return replace(found, splits=found.splits or splits(outcome),
-                   details={**found.details, "residuals": residuals(outcome, prepared.sensors)})  # fmt: skip
+    details = {**found.details, "residuals": residuals(outcome, prepared.sensors)}
+    if extended and found.verdict == "unexplained" and not few:
+        free = free_form(prepared, outcome, data, seed=seed, progress=progress)
+        if free is not None:
+            null, fitted = free.outcome.null, free.outcome.fitted
+            gain = measures(free.outcome.setting, null, fitted, noise=null.design.noise)
+            details["free_form"] = {**free.content, "gain": gain}
+    return replace(found, splits=found.splits or splits(outcome), details=details)
 
 
 def _with_gains(found: Diagnosis, told: Sequence[dict]) -> Diagnosis:

@@ -48,9 +48,16 @@ class Named:
 
     @property
     def prior_std(self) -> float:
-        """Of the normal prior that stands for the size's own: normal of deviation `slab` within it, beyond it as one
-        over the size. A normal one would draw a gain wrong by a factor of two a fifth back."""
-        return max(self.slab, abs(self.size))
+        """Of the normal density about zero whose logarithm has the slope of the size's prior where the size is: a Cauchy
+        density of scale `slab`, as gains of ten happen and a normal prior would draw them back by a fifth."""
+        return float(np.sqrt(0.5 * (self.slab**2 + self.size**2)))
+
+    @property
+    def log_prior_ratio(self) -> float:
+        """ln of the size's prior density over that of the normal one that stands for it in the linear equations."""
+        ratio, variance = self.size / self.slab, self.prior_std**2
+        cauchy = -np.log(np.pi * self.slab) - np.log1p(ratio**2)
+        return float(cauchy + 0.5 * np.log(2 * np.pi * variance) + 0.5 * self.size**2 / variance)
 
     @property
     def bounds(self) -> tuple[float, float]:

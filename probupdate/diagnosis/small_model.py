@@ -8,19 +8,20 @@ points that took no part in it.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property, lru_cache
+from functools import cached_property
 
 import numpy as np
 from scipy import linalg, sparse
 
 from probupdate.errors import ConvergenceError, InputError
+from probupdate.model import Wireframe
 from probupdate.modes import frozen_array
-from probupdate.parameters import Parameters
+from probupdate.parameters import Parameter, Parameters
 from probupdate.structure.affine import AffineModel
 from probupdate.structure.eigen import lowest_modes, mode_derivatives
+from probupdate.structure.projected_terms import ProjectedTerms, patterned
 
 # angles that determine a trigonometric polynomial of second degree
 TURNS_DEG = tuple(72.0 * k for k in range(5))
@@ -46,8 +47,8 @@ N_CHANGE, CHANGE, UNSEEN = 16, 0.1, 1e-4
 CUTS = (1e-3, 7e-4, 5e-4, 3e-4, 2e-4, 1.5e-4, 1e-4)
 
 
-# for stiffness and mass: what does not turn (n, r, r), and by parameter what does
-Slopes = list[tuple[np.ndarray, dict[int, np.ndarray]]]
+# for stiffness and mass: terms that do not turn with their weights (n, n_term), and by parameter what does turn
+Slopes = list[tuple[ProjectedTerms, np.ndarray, dict[int, np.ndarray]]]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -59,26 +60,41 @@ class SmallModes:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
+class Attachment:
+    """A part put on the basis: what one `unit` of its parameter adds to stiffness or mass (r, r), and its prior."""
+
+    name: str = ""
+    unit: str = ""
+    std: float = 1.0
+    lower: float = -np.inf
+    upper: float = np.inf
+    stiffness: np.ndarray | None = None
+    mass: np.ndarray | None = None
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
 class SmallModel:
-    """K and M on the basis: stiffness, mass (n_term, r (r + 1) / 2), upper triangles, with zeros where a term turns
-    with the nacelle; turning_... the terms that do: number -> (5, r, r), the coefficients of 1, cos a, sin a, cos 2a,
+    """K and M on the basis: stiffness, mass with zeros where a term turns with the nacelle; turning_... the terms that do: number -> (5, r, r), the coefficients of 1, cos a, sin a, cos 2a,
     sin 2a.
 
     `frequency_error` is the largest relative error found against the full model on points not used for the basis.
+    `wire` is the model's picture at rest, at_nodes (3 n_node, r) the motion of its nodes.
     """
 
     name: str
     parameters: Parameters
     channels: tuple[str, ...]
     coefficients: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
-    stiffness: np.ndarray
-    mass: np.ndarray
+    stiffness: ProjectedTerms
+    mass: ProjectedTerms
     turning_stiffness: dict[int, np.ndarray]
     turning_mass: dict[int, np.ndarray]
     at_channels: np.ndarray
     n_search: int
     frequency_error: float
     fingerprint: str
+    wire: Wireframe | None = None
+    at_nodes: np.ndarray | None = field(default=None, repr=False)
     known: dict[bytes, LocalModel] = field(default_factory=dict, repr=False)
 
     @property
@@ -96,13 +112,34 @@ class SmallModel:
             self.known[key] = self._at(theta)
         return self.known[key]
 
+    def attached(self, parts: Sequence[Attachment]) -> SmallModel:
+        """The model with these parts, none of them there at first, each a parameter behind its own."""
+        stiff = [k for k, part in enumerate(parts) if part.stiffness is not None]
+        heavy = [k for k, part in enumerate(parts) if part.mass is not None]
+        own, coefficients = len(self.parameters), self.coefficients
+
+        def with_parts(theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+            cK, cM = coefficients(theta[..., :own])
+            added = theta[..., own:]
+            return np.concatenate([cK, added[..., stiff]], -1), np.concatenate([cM, added[..., heavy]], -1)
+
+        added = tuple(Parameter(name=p.name, unit=p.unit, initial=0.0, std=p.std, lower=p.lower, upper=p.upper)
+                      for p in parts)  # fmt: skip
+        correlation = self.parameters.correlation
+        if correlation is not None:
+            correlation = linalg.block_diag(correlation, np.eye(len(added)))
+        return replace(
+            self, parameters=Parameters((*self.parameters.items, *added), correlation), coefficients=with_parts,
+            stiffness=self.stiffness.with_added([parts[k].stiffness for k in stiff]),
+            mass=self.mass.with_added([parts[k].mass for k in heavy]), known={},
+        )  # fmt: skip
+
     def _at(self, theta: np.ndarray) -> LocalModel:
         cK, cM = self.coefficients(theta)
         waves = []
         for weight, fixed, turning in ((cK, self.stiffness, self.turning_stiffness),
                                        (cM, self.mass, self.turning_mass)):  # fmt: skip
-            # of the terms that effects bring most have no weight: neither read nor added
-            still = _square((sparse.csr_array(weight[None]) @ fixed)[0])
+            still = fixed.total(weight)
             wave = np.zeros((5, *still.shape))
             wave[0] = still
             for term, part in turning.items():
@@ -147,20 +184,19 @@ class LocalModel:
         return self.small.at_channels @ modes.vectors[:, :count]
 
     def slopes(self, columns: Sequence[int]) -> Slopes:
-        """For stiffness and mass: derivatives with the parameters `columns` that do not turn (n, r, r), and by number
-        the harmonics (5, r, r) of those that do."""
+        """For stiffness and mass: derivatives with the parameters `columns`, of what does not turn as weights of the terms
+        (n, n_term), and by number the harmonics (5, r, r) of those that do."""
         small, columns = self.small, list(columns)
         cK, cM = small.coefficients(self.theta + 1e-30j * np.eye(self.theta.size)[columns])
         result = []
         for weight, fixed, turning in ((np.imag(cK) / 1e-30, small.stiffness, small.turning_stiffness),
                                        (np.imag(cM) / 1e-30, small.mass, small.turning_mass)):  # fmt: skip
-            still = _square(sparse.csr_array(weight) @ fixed)
             waves = {}
             for p, own in enumerate(weight):
                 turned = [own[t] * part for t, part in turning.items() if own[t]]
                 if turned:
                     waves[p] = sum(turned)
-            result.append((still, waves))
+            result.append((fixed, weight, waves))
         return result
 
     def derivatives(
@@ -171,12 +207,12 @@ class LocalModel:
         (n_channel, k, n_param) without their rotation into each other; for the parameters of `slopes`."""
         wanted = [modes.vectors[:, [i for own in clusters for i in own]] for _, modes, clusters in places]
         ends = np.cumsum([0, *(phi.shape[1] for phi in wanted)])
-        # the matrices are read once for all places: reading them is what costs
-        products = [still @ np.hstack(wanted) for still, _ in slopes]
+        # once for all places
+        products = [fixed.times(weight, np.hstack(wanted)) for fixed, weight, _ in slopes]
         result = []
         for number, (angle_deg, modes, clusters) in enumerate(places):
             wave, parts = _harmonics(angle_deg), []
-            for (_, waves), product in zip(slopes, products, strict=True):
+            for (_, _, waves), product in zip(slopes, products, strict=True):
                 own = product[:, :, ends[number] : ends[number + 1]]
                 for p, turning in waves.items():
                     own[p] += np.tensordot(wave, turning, 1) @ wanted[number]
@@ -209,21 +245,6 @@ class LocalModel:
             change = at_channels @ amount - residual @ force
             result.append((coupling.transpose(1, 2, 0), change.transpose(1, 2, 0)))
         return result
-
-
-def _square(packed: np.ndarray) -> np.ndarray:
-    """Symmetric matrices (..., r, r) of upper triangles (..., r (r + 1) / 2)."""
-    return np.take(packed, _places(math.isqrt(2 * packed.shape[-1])), axis=-1)
-
-
-@lru_cache(maxsize=8)
-def _places(r: int) -> np.ndarray:
-    """Where each entry (r, r) of a symmetric matrix stands in its packed upper triangle."""
-    result = np.empty((r, r), int)
-    rows, columns = np.triu_indices(r)
-    result[rows, columns] = result[columns, rows] = np.arange(len(rows))
-    result.setflags(write=False)
-    return result
 
 
 def _harmonics(angle_deg: float) -> np.ndarray:
@@ -309,7 +330,7 @@ class _Sum:
 
     def __init__(self, model: AffineModel):
         self.model = model
-        self._parts = [_patterned(terms) for terms in (model.stiffness, model.mass)]
+        self._parts = [patterned(terms) for terms in (model.stiffness, model.mass)]
 
     def K(self, theta: np.ndarray) -> sparse.csc_array:
         return self._weighted(0, self.model.coefficients(theta)[0])
@@ -325,23 +346,6 @@ class _Sum:
     def times(self, kind: int, weights: np.ndarray, phi: np.ndarray) -> np.ndarray:
         """(n_dof, n_mode, n) of the sums with `weights` (n_term, n) on phi (n_dof, n_mode)."""
         return np.stack([self._weighted(kind, w) @ phi for w in weights.T], axis=2)
-
-
-def _patterned(terms) -> tuple[sparse.csc_array, sparse.csr_array]:
-    """The union of the terms' patterns, and their entries on it (n_term, n_entry)."""
-    n = terms[0].shape[0]
-    keys = []
-    for term in terms:
-        columns = np.repeat(np.arange(n), np.diff(term.indptr))
-        keys.append(columns.astype(np.int64) * n + term.indices)
-    union = np.unique(np.concatenate(keys))
-    place = np.concatenate([np.searchsorted(union, k) for k in keys])
-    rows = np.repeat(np.arange(len(terms)), [len(k) for k in keys])
-    data = sparse.csr_array(
-        sparse.coo_array((np.concatenate([t.data for t in terms]), (rows, place)), shape=(len(terms), len(union)))
-    )
-    indptr = np.concatenate([[0], np.cumsum(np.bincount(union // n, minlength=n))])
-    return sparse.csc_array((np.ones(len(union)), union % n, indptr), shape=(n, n)), data
 
 
 def _points(parameters: Parameters, effects: Sequence[int], reach: np.ndarray, rng) -> np.ndarray:
@@ -391,18 +395,17 @@ def _project(models: Sequence[AffineModel], basis: np.ndarray, n_mode: int) -> S
     fixed, turning = [], []
     for kind in ("stiffness", "mass"):
         terms = getattr(first, kind)
-        upper = np.triu_indices(basis.shape[1])
-        fixed.append(np.array([onto(t)[upper] for t in terms]))
         moved = {}
         for number, term in enumerate(terms):
             if any(_differ(term, getattr(m, kind)[number]) for m in models[1:2]):
                 at = np.array([onto(getattr(m, kind)[number]) for m in models])
                 moved[number] = np.tensordot(np.linalg.inv([_harmonics(a) for a in TURNS_DEG]), at, 1)
-                fixed[-1][number] = 0.0
+        fixed.append(ProjectedTerms.of(terms, basis, without=moved))
         turning.append(moved)
     return SmallModel(
         name=first.name, parameters=first.parameters, channels=first.channels, coefficients=first.coefficients,
-        stiffness=frozen_array(fixed[0]), mass=frozen_array(fixed[1]), turning_stiffness=turning[0],
+        stiffness=fixed[0], mass=fixed[1], turning_stiffness=turning[0],
         turning_mass=turning[1], at_channels=frozen_array(first.channel_matrix @ basis), n_search=n_mode,
-        frequency_error=np.nan, fingerprint=first.fingerprint(),
+        frequency_error=np.nan, fingerprint=first.fingerprint(), wire=first.wire,
+        at_nodes=None if first.wire is None else frozen_array(first.wire_matrix @ basis),
     )  # fmt: skip

@@ -198,7 +198,8 @@ def summary(record: UpdateRecord) -> str:
     lines.append(f"worst frequency error of {int(used.sum())} modes: {100 * error:.1f} % before, "
                  f"{100 * after:.1f} % at the MAP")  # fmt: skip
     if np.isfinite(record.map_gradient):
-        lines.append(f"projected gradient of ln p at the MAP: {record.map_gradient:.1e} per posterior deviation")
+        lines.append(f"projected gradient of ln p at the MAP: {record.map_gradient:.1e} per posterior standard "
+                     "deviation")
     lines.append(fit_sentence(record))
     at = [p.name for p, b in zip(record.parameters, record.map_at_bound, strict=True) if b]
     if at:

@@ -268,5 +268,5 @@ def _summary(data: ModalData, table: pd.DataFrame, scatter: pd.DataFrame, count:
         lines.append("frequency_std_hz of every kept set is what identification states of its half hour; --weights "
                      "measured takes that; what changes between half hours is not in it")  # fmt: skip
         if any(np.isnan(s.frequency_std_hz[s.measured]).any() for s in data.sets):
-            lines.append("some modes of the kept sets came without a deviation of their own")
+            lines.append("some modes of the kept sets came without a standard deviation of their own")
     return "\n".join([*lines, *notes])

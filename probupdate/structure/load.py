@@ -70,7 +70,7 @@ def load_model(
     if path.suffix.lower() == ".dat":
         if parameters is not None:
             raise InputError(str(path), "a SubDyn file alone has no parameters", "name groups and parameters in a TOML "
-                             "with [subdyn] file (README, OpenFAST models)")  # fmt: skip
+                             "with [subdyn] file (docs/formats/model.md)")  # fmt: skip
         return subdyn_model(path, sensors=sensors)
     if path.suffix != ".toml":
         raise _no_form(path)

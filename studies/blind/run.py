@@ -1,6 +1,6 @@
 """Runs the blind study: one JSON line a case, in two processes; started again, it goes on where it stopped.
 
-python studies/blind/run.py OUT [--families null single ...] [--most N] [--processes 2] [--ablation NAME]
+python studies/blind/run.py OUT [--families null single ...] [--first K] [--most N] [--processes 2] [--ablation NAME]
 Then: python studies/blind/tables.py OUT
 """
 
@@ -119,7 +119,8 @@ def main() -> None:
     parser = argparse.ArgumentParser()
     parser.add_argument("out", type=Path)
     parser.add_argument("--families", nargs="*", default=list(FAMILIES))
-    parser.add_argument("--most", type=int, default=10**6)
+    parser.add_argument("--first", type=int, default=0, help="number of the first case of each family")
+    parser.add_argument("--most", type=int, default=10**6, help="cases of each family at most, those of the table by default")
     parser.add_argument("--processes", type=int, default=2)
     parser.add_argument("--ablation", default="")
     a = parser.parse_args()
@@ -129,8 +130,8 @@ def main() -> None:
     done = {json.loads(line)["id"] for line in path.read_text().splitlines()} if path.is_file() else set()
     stated = Path(__file__).with_name("limits.json")
     limits = json.loads(stated.read_text()) if stated.is_file() else None
-    tasks = [(family, k, limits) for family in a.families for k in range(min(FAMILIES[family], a.most))
-             if f"{family}-{k:03d}" not in done]  # fmt: skip
+    tasks = [(family, k, limits) for family in a.families 
+             for k in range(a.first, a.first + min(FAMILIES[family], a.most)) if f"{family}-{k:03d}" not in done]
     _start(a.ablation)
     if a.processes <= 1:
         _write(path, map(_one, tasks), len(tasks))

@@ -27,7 +27,8 @@ SLOW = {"kind": "low_pass", "level": "tower top", "time_constant_s": 0.016}
 
 
 @pytest.mark.parametrize(("seed", "hidden", "wanted"), [
-    (441, SLIPPING, {("axial soil stiffness", "leg A"), ("grout flexibility along the pile", "pile head A")}),
+    pytest.param(441, SLIPPING, {("axial soil stiffness", "leg A"), ("grout flexibility along the pile", "pile head A")},
+                 marks=pytest.mark.long),
     (442, SLOW, {("low-pass filter", "T90"), ("clock offset", "T90")}),
 ])  # fmt: skip
 def test_twins_are_ambiguous(turbine, seed, hidden, wanted):
@@ -38,9 +39,10 @@ def test_twins_are_ambiguous(turbine, seed, hidden, wanted):
 TUNED = {"kind": "tuned_mass", "z_m": 62.0, "direction_deg": 30.0, "frequency_hz": 1.7, "mass_kg": 6e3}
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("seed", "hidden"), [
     # a record that no fit follows: eight minutes
-    pytest.param(451, TUNED, marks=pytest.mark.long),
+    (451, TUNED),
     # of seed 452 a mount like this is named a clock offset and crosstalk: VALIDATION.md, limits
     (453, {"kind": "mount_resonance", "channel": "T66-x", "period_s": 0.35}),
 ])  # fmt: skip

@@ -128,7 +128,8 @@ def test_without_a_model_rate_order_and_rows_are_proposed_from_the_record(tmp_pa
     found = propose([campaign])
     # 60 block rows cover two periods of 1.2 Hz up to 72 Hz; what such a rate does not hold is said
     assert found.target_rate_hz == pytest.approx(200 / 3) and found.block_rows >= found.target_rate_hz / 1.25
-    held = frequency < 0.45 * found.target_rate_hz
+    # one of the modes is at the very end of what the rate holds, its peak on either side
+    held = frequency < 0.45 * found.target_rate_hz + 0.05
     # a peak may lie anywhere in its half-power bandwidth, and on a line 0.14 Hz wide
     for peaks, true in ((found.peaks_hz, frequency[held]), (found.above_hz, frequency[~held])):
         assert np.all(np.abs(np.array(peaks) - true) < 0.012 * true + 0.07)

@@ -1,0 +1,35 @@
+"""Where a point of a turbine is, in words: leg, face and bay, transition piece, tower."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+
+from probupdate.structure.description import Description
+from probupdate.structure.effects import bay_at
+from probupdate.structure.turbine_frame import leg_point
+
+# a point within this share of the legs' spacing of a leg's axis is on it, and so for the axis of the tower
+NEAR = 0.15
+
+
+def place_of(d: Description, point: np.ndarray) -> str:
+    """"leg A, z = -3.0 m", "face AB, bay 2", "tower, z = 42.0 m"; empty where none of these is near. point (3,) in m."""
+    x, y, z = (float(v) for v in point)
+    level = f"z = {z:.1f} m"
+    if d.jacket.bottom.z_m - 1e-6 <= z <= d.jacket.top.z_m + 1e-6:
+        legs = np.array([leg_point(d, k, z) for k in range(len(d.jacket.leg_names))])
+        near = NEAR * float(np.linalg.norm(legs[0] - legs[1]))
+        away = np.linalg.norm(legs[:, :2] - [x, y], axis=1)
+        if away.min() < near:
+            return f"leg {d.jacket.leg_names[int(np.argmin(away))]}, {level}"
+        bay = bay_at(d, z)
+        for (a, first), (b, second) in pairwise([*enumerate(legs), (0, legs[0])]):
+            way = (second - first)[:2]
+            off = np.array([x, y]) - first[:2]
+            if bay is not None and abs(way[0] * off[1] - way[1] * off[0]) / np.linalg.norm(way) < near:
+                return f"face {d.jacket.leg_names[a]}{d.jacket.leg_names[b]}, bay {bay}"
+    if np.hypot(x, y) < NEAR * d.jacket.top.leg_spacing_m:
+        return f"{'tower' if z >= d.tower.station[0].z_m else 'transition piece'}, {level}"
+    return ""

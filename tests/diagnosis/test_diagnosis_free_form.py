@@ -1,0 +1,125 @@
+"""What no row explains as elementary parts: on a frame whose records come from other equations."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy import linalg
+
+from probupdate.diagnosis.diagnose import examine
+from probupdate.diagnosis.free_form import PART_CAUSES, elementary, free_form, points
+from probupdate.diagnosis.gain import measures
+from probupdate.diagnosis.prepare import prepare
+from probupdate.diagnosis.wording import free_form_words
+from probupdate.model import Wireframe
+from probupdate.modes import ModalData, ModalSet
+from probupdate.structure.load import reference_model
+from probupdate.structure.parameter_table import read_parameters
+from tests.diagnosis.conftest import CHANNELS, MASS, N_BLOCK, N_STOREY, storeys
+
+HEIGHT = 3.0
+
+
+@pytest.fixture(scope="module")
+def frame(frame_file, tmp_path_factory):
+    """The frame with a picture: its storeys one above the other."""
+    with np.load(frame_file) as found:
+        arrays = {name: found[name] for name in found.files}
+    node = np.column_stack([np.zeros((N_STOREY, 2)), HEIGHT * (1 + np.arange(N_STOREY))])
+    arrays |= {"node_position_m": node, "dof_node": np.repeat(np.arange(N_STOREY), 2),
+               "dof_direction": np.tile([0, 1], N_STOREY), "line": np.column_stack([np.arange(4), np.arange(1, 5)])}
+    path = tmp_path_factory.mktemp("pictured") / "model.npz"
+    np.savez(path, **arrays)
+    return prepare(path, parameters=read_parameters(frame_file.with_name("model.toml")))
+
+
+def record(seed, *, spring=0.0, mass=0.0, storey=3, from_block=20):
+    """Blocks of a frame that from one on has a spring to ground along x, or a mass, at a storey."""
+    rng = np.random.default_rng(seed)
+    base, sets = 1 + 0.02 * rng.standard_normal(N_STOREY), []
+    for b in range(N_BLOCK):
+        masses = MASS * np.ones(N_STOREY)
+        masses[storey] += mass * (b >= from_block)
+        K, M = storeys(base, base, masses)
+        K[2 * storey, 2 * storey] += spring * (b >= from_block)
+        value, phi = linalg.eigh(K, M, subset_by_index=(0, 5))
+        phi = phi / np.max(np.abs(phi), axis=0)
+        f = np.sqrt(value) / (2 * np.pi)
+        sets.append(ModalSet(
+            id=str(np.datetime64("2026-01-01T00:00:00") + np.timedelta64(30 * b, "m")),
+            frequency_hz=f * (1 + 1e-3 * rng.standard_normal(6)), damping_ratio=np.full(6, 0.01),
+            shape=(phi + 5e-3 * rng.standard_normal(phi.shape)).astype(complex), frequency_std_hz=1e-3 * f,
+            shape_std=np.full(phi.shape, 5e-3),
+        ))  # fmt: skip
+    return ModalData(channels=CHANNELS, sets=tuple(sets))
+
+
+@pytest.mark.parametrize(("hidden", "cause", "where"), [
+    ({"spring": 3e5}, PART_CAUSES[0], "(0.0, 0.0, 12.0) m, along 0 deg"),
+    ({"mass": 250.0, "storey": 1}, PART_CAUSES[2], "(0.0, 0.0, 6.0) m"),
+])  # fmt: skip
+def test_a_part_outside_the_catalogue_is_placed_and_sized(frame, hidden, cause, where):
+    data = record(3, **hidden)
+    known = examine(frame, data)
+    assert known.diagnosis.verdict != "named"
+    found = free_form(frame, known, data)
+    (part,) = found.content["parts"]
+    assert (part["cause"], part["location"], part["course"], part["elementary"]) == (cause, where, "step", True)
+    size = hidden.get("spring") or hidden["mass"]
+    assert part["size"] == pytest.approx(size, abs=3 * part["size_std"]) and part["size_std"] < 0.3 * size
+    assert part["since"] == data.sets[20].id and found.content["complete"]
+    # a spring makes modes along x faster, a mass all of them slower
+    assert part["modes"] and all((m["frequency_percent"] > 0) == ("spring" in hidden) for m in part["modes"])
+    outcome = found.outcome
+    gain = measures(outcome.setting, outcome.null, outcome.fitted, noise=outcome.null.design.noise)
+    assert gain["significant"]
+    said = free_form_words({"details": {"free_form": found.content | {"gain": gain}}})
+    assert said[0].startswith(f"something like {cause}, {where}") and "no row of the catalogue" in said[1]
+
+
+def test_nothing_is_added_where_nothing_is_hidden(frame):
+    data = record(4)
+    assert free_form(frame, examine(frame, data), data) is None
+
+
+def test_a_model_without_a_picture_has_no_place_for_parts(frame):
+    data = record(5)
+    bare = replace(frame, small=replace(frame.small, wire=None))
+    assert free_form(bare, examine(bare, data), data) is None
+
+
+def test_attached_parts_are_the_full_models(frame):
+    """Frequencies with a spring and a mass attached against the matrices with both added."""
+    rows = elementary(frame.small, str)
+    spring = next(a for e, a in rows if e.cause == PART_CAUSES[0] and e.location.endswith("along 90 deg"))
+    mass = next(a for e, a in rows if e.cause == PART_CAUSES[2])
+    small = frame.small.attached([spring, mass])
+    theta = np.append(frame.small.parameters.initial, [2e5, 300.0])
+    K, M = storeys(np.ones(N_STOREY), np.ones(N_STOREY), MASS * np.ones(N_STOREY))
+    node = int(round(min(float(e.location.split()[-1].strip("[],")) for e, _ in rows
+                         if e.cause == PART_CAUSES[2]) / HEIGHT)) - 1  # fmt: skip
+    K[2 * node + 1, 2 * node + 1] += 2e5
+    M[2 * node : 2 * node + 2, 2 * node : 2 * node + 2] += 300.0 * np.eye(2)
+    expected = np.sqrt(linalg.eigvalsh(K, M)) / (2 * np.pi)
+    assert small.at(theta).solve().frequency_hz == pytest.approx(expected, rel=1e-9)
+
+
+def test_points_are_where_members_meet_or_end_and_then_far_apart():
+    node = np.array([[0, 0, 0], [0, 0, 5], [0, 0, 10], [0.01, 0, 10], [3, 0, 10], [0, 3, 10.0]])
+    line = np.array([[0, 1], [1, 2], [2, 3], [3, 4], [2, 5]])
+    wire = Wireframe(node_m=node, line=line, line_group=("leg",) * 5)
+    # two and three are one place, where three members meet
+    assert points(wire, most=4).tolist() == [0, 2, 4, 5]
+    assert points(wire).tolist() == [0, 1, 2, 4, 5]
+
+
+@pytest.mark.numbers
+def test_points_of_the_turbine_have_names():
+    from probupdate.structure.description import read_description
+    from probupdate.structure.load import load_model
+    from probupdate.structure.places import place_of
+
+    model, described = load_model(reference_model("updated")), read_description(reference_model("updated"))
+    names = [place_of(described, model.wire.node_m[k]) for k in points(model.wire)]
+    assert len(set(names)) == len(names) and all(names)
+    assert {f"face {f}, bay {b}" for f in ("AB", "BC", "CD", "DA") for b in (1, 2, 3, 4)} <= set(names)
