@@ -196,9 +196,7 @@ def fast_model(model, rng, kept: Path):
     return project(model, np.array(rows), family.astype(int), box, SEARCHED, TOLERANCE).with_shares(points)
 
 
-def posterior_draws(
-    problem, top, rng, n: int = PROPOSED, rounds: int = ROUNDS
-) -> tuple[np.ndarray, np.ndarray, float]:
+def posterior_draws(problem, top, rng, n: int = PROPOSED, rounds: int = ROUNDS) -> tuple[np.ndarray, np.ndarray, float]:
     """Equally weighted draws (n, n_param), the responses there (n, n_response), and how many the weights are worth:
     Student t distributions fitted in turn, in ln theta of what is positive (a joint's flexibility goes with 1 / LJF, so
     that its posterior is skew), else in prior standard deviations. The prior is cut where the basis ends."""
@@ -336,7 +334,7 @@ def measured(bench: Bench, fatigue: FatigueModel, errors: dict, rng: np.random.G
     return ModalData(channels=tuple(s.channel for s in sensors), sets=(one,), labels=LABELS)
 
 
-def turbine(bench: Bench, case: str, number: int) -> dict:
+def turbine(bench: Bench, case: str, number: int, rounds: int = ROUNDS) -> dict:
     """One line: true and estimated ln damage ratio of every hot spot, and what the intervals' standard deviations
     are."""
     rng = np.random.default_rng([20, CASES.index(case) if case != "scour-named" else 1, number])
@@ -371,7 +369,7 @@ def turbine(bench: Bench, case: str, number: int) -> dict:
         gain = gains(problem, top)
         line["map"] = top.theta.tolist()
         line["linear"] = [mean.tolist(), total(gain.parts(slope, bench.direct)).tolist()]
-        drawn, response, line["effective"] = posterior_draws(problem, top, rng)
+        drawn, response, line["effective"] = posterior_draws(problem, top, rng, rounds=rounds)
         drawn, response = drawn[:DRAWS], response[:DRAWS]
         value = bench.fit(drawn) + tolerance_draws(problem, drawn, rng, response=response) @ bench.direct.T
         value = value + bench.fit.rms * rng.standard_normal(value.shape)
@@ -442,6 +440,9 @@ def main() -> int:
     parser.add_argument("--case", action="append", choices=CASES)
     parser.add_argument("--turbines", type=int, default=250)
     parser.add_argument("--minutes", type=float, default=25.0)
+    parser.add_argument(
+        "--rounds", type=int, default=ROUNDS, help=f"of {PROPOSED} draws of each posterior; more of them for its tails"
+    )
     parser.add_argument("--jobs", type=int, default=1, help="processes, after what they share is made")
     a = parser.parse_args()
     a.out.mkdir(parents=True, exist_ok=True)
@@ -456,7 +457,9 @@ def main() -> int:
                 path = a.out / f"{case}.{part}of{a.jobs}.jsonl"
                 # without the half line of a killed process
                 path.write_text(
-                    "".join(json.dumps(line) + "\n" for line in [*read_lines(path), turbine(bench, case, number)]),
+                    "".join(
+                        json.dumps(line) + "\n" for line in [*read_lines(path), turbine(bench, case, number, a.rounds)]
+                    ),
                     encoding="utf-8",
                 )
 
