@@ -48,6 +48,7 @@ from probupdate.problem import build_problem
 from probupdate.structure.description import Description, parse_description, read_description
 from probupdate.structure.load import load_model, model_sensors, reference_model
 from probupdate.structure.reduced import reduce_basis
+from probupdate.structure.reduced_model import project
 from probupdate.virtual.modal_blocks import BLOCK_S, LABELS
 from probupdate.virtual.modal_noise import identified
 
@@ -58,6 +59,8 @@ SEARCHED = 14
 FITTED, DRAWS = 260, 250
 # draws a round, rounds, of the posterior; where the prior is cut, as the basis ends there
 PROPOSED, ROUNDS, TAIL = 300, 3, 1e-3
+# relative error of frequencies on the basis; solutions it is made of, and held against
+TOLERANCE, SOLVED = 8e-4, 56
 STATES = ("idling, storm", "10 m/s", "19 m/s")
 # of the other clay, of the logarithm
 CLAY_STD = {"strain_50": 0.25, "at_mudline": 0.15, "gradient_per_m": 0.3}
@@ -158,22 +161,42 @@ def make_bench(folder: Path, case: str) -> Bench:
     sys.stdout.write(f"{case}: fit of ln X misses by {np.round(fit.rms, 4).tolist()}\n")
     sys.stdout.flush()
     return Bench(
-        path=path, model=model, fatigue=few, curve=curve, direct=np.load(kept), fast=fast_model(model, rng), fit=fit
+        path=path,
+        model=model,
+        fatigue=few,
+        curve=curve,
+        direct=np.load(kept),
+        fast=fast_model(model, np.random.default_rng(6), kept.with_name(kept.name.replace("direct", "basis"))),
+        fit=fit,
     )
 
 
-def fast_model(model, rng):
-    """The model on a reduced basis over its prior, cut at TAIL."""
+def fast_model(model, rng, kept: Path):
+    """The model on a reduced basis over its prior, cut at TAIL. The basis with its families of symmetry is kept in a
+    file: one that was verified is projected on again."""
     ends = np.array([p.distribution.ppf([TAIL, 1 - TAIL]) for p in model.parameters])
     points = np.clip(model.parameters.draw(rng, 200), *ends.T)
-    return reduce_basis(
-        model, n_mode=SEARCHED, box=(ends[:, 0], ends[:, 1]), points=points, seed=0, frequency_tolerance=8e-4
-    )
+    box = ends[:, 0], ends[:, 1]
+    if not kept.exists():
+        found = reduce_basis(
+            model,
+            n_mode=SEARCHED,
+            box=box,
+            points=points,
+            seed=0,
+            frequency_tolerance=TOLERANCE,
+            n_snapshot=SOLVED,
+            n_verify=SOLVED,
+        )
+        family = np.zeros(found.basis.shape[1], int)
+        for number, block in enumerate(found.blocks):
+            family[block.rows] = number
+        np.save(kept, np.vstack([family, found.basis]))
+    family, *rows = np.load(kept)
+    return project(model, np.array(rows), family.astype(int), box, SEARCHED, TOLERANCE).with_shares(points)
 
 
-def posterior_draws(
-    problem, top, rng, n: int = PROPOSED, rounds: int = ROUNDS
-) -> tuple[np.ndarray, np.ndarray, float]:
+def posterior_draws(problem, top, rng, n: int = PROPOSED, rounds: int = ROUNDS) -> tuple[np.ndarray, np.ndarray, float]:
     """Equally weighted draws (n, n_param), the responses there (n, n_response), and how many the weights are worth:
     Student t distributions fitted in turn, in ln theta of what is positive (a joint's flexibility goes with 1 / LJF, so
     that its posterior is skew), else in prior standard deviations. The prior is cut where the basis ends."""
@@ -311,7 +334,7 @@ def measured(bench: Bench, fatigue: FatigueModel, errors: dict, rng: np.random.G
     return ModalData(channels=tuple(s.channel for s in sensors), sets=(one,), labels=LABELS)
 
 
-def turbine(bench: Bench, case: str, number: int) -> dict:
+def turbine(bench: Bench, case: str, number: int, rounds: int = ROUNDS) -> dict:
     """One line: true and estimated ln damage ratio of every hot spot, and what the intervals' standard deviations
     are."""
     rng = np.random.default_rng([20, CASES.index(case) if case != "scour-named" else 1, number])
@@ -346,7 +369,7 @@ def turbine(bench: Bench, case: str, number: int) -> dict:
         gain = gains(problem, top)
         line["map"] = top.theta.tolist()
         line["linear"] = [mean.tolist(), total(gain.parts(slope, bench.direct)).tolist()]
-        drawn, response, line["effective"] = posterior_draws(problem, top, rng)
+        drawn, response, line["effective"] = posterior_draws(problem, top, rng, rounds=rounds)
         drawn, response = drawn[:DRAWS], response[:DRAWS]
         value = bench.fit(drawn) + tolerance_draws(problem, drawn, rng, response=response) @ bench.direct.T
         value = value + bench.fit.rms * rng.standard_normal(value.shape)
@@ -417,6 +440,9 @@ def main() -> int:
     parser.add_argument("--case", action="append", choices=CASES)
     parser.add_argument("--turbines", type=int, default=250)
     parser.add_argument("--minutes", type=float, default=25.0)
+    parser.add_argument(
+        "--rounds", type=int, default=ROUNDS, help=f"of {PROPOSED} draws of each posterior; more of them for its tails"
+    )
     parser.add_argument("--jobs", type=int, default=1, help="processes, after what they share is made")
     a = parser.parse_args()
     a.out.mkdir(parents=True, exist_ok=True)
@@ -431,7 +457,9 @@ def main() -> int:
                 path = a.out / f"{case}.{part}of{a.jobs}.jsonl"
                 # without the half line of a killed process
                 path.write_text(
-                    "".join(json.dumps(line) + "\n" for line in [*read_lines(path), turbine(bench, case, number)]),
+                    "".join(
+                        json.dumps(line) + "\n" for line in [*read_lines(path), turbine(bench, case, number, a.rounds)]
+                    ),
                     encoding="utf-8",
                 )
 

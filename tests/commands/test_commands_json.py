@@ -45,7 +45,7 @@ def test_no_command_is_without_an_example():
 
 def test_every_steps_result_has_a_table_and_a_summary():
     known, seen = classes(), set()
-    for step in [*probupdate._STEPS, "demo"]:
+    for step in [*probupdate._STEPS, "demo", "farm"]:
         told = inspect.signature(inspect.unwrap(getattr(probupdate, step))).return_annotation
         for name in str(told).split(" | "):
             if name == "Model":
