@@ -17,7 +17,7 @@ from scipy import optimize
 
 from probupdate.modes import ModalData, ModalSet
 
-NOISE = 0.01  # of a frequency, and of a shape's largest component in every component; stated as it is
+NOISE = 0.01  # of a frequency, and of a shape's largest component in every component, either part; stated as it is
 SCATTER = 0.03
 N_SET = 16
 # modes of a case: those whose response to its load reaches this share of the strongest one's at any sensor
@@ -183,7 +183,8 @@ def record(case: Case, pattern: Pattern, seed: int, *, course: str, n_set: int =
         sets.append(ModalSet(
             id=str(np.datetime64("2026-01-01T00:00:00") + np.timedelta64(30 * k, "m")),
             frequency_hz=f * (1 + NOISE * rng.standard_normal(len(f))), damping_ratio=np.full(len(f), DAMPING),
-            shape=(phi + NOISE * rng.standard_normal(phi.shape)).astype(complex), frequency_std_hz=NOISE * f,
+            shape=phi + NOISE * (rng.standard_normal(phi.shape) + 1j * rng.standard_normal(phi.shape)),
+            frequency_std_hz=NOISE * f,
             shape_std=np.full(phi.shape, NOISE),
         ))  # fmt: skip
     return ModalData(channels=frame.CHANNELS, sets=tuple(sets))
