@@ -17,8 +17,9 @@ from probupdate.modes import ModalData, frozen_array, rotate_to_real
 YAW_RANGE_DEG = 2.0
 # a mode found in a smaller share of the blocks is left out
 MODE_SHARE = 0.2
-# a mode this far off its median (in ln f) was taken for another one
-STRAY = 0.15
+# a mode this far off its median (in ln f) was taken for another one, unless it stays there: two levels, each held by
+# this share of the sets and three of many, that leave at most this share of the deviations from one level
+STRAY, LEVEL_SHARE, LEVEL_LEAVES = 0.15, 0.2, 0.5
 # fewer blocks tell nothing of their own scatter: what the identification states of them is believed
 FEWEST = 8
 # a covariate known in a smaller share of the blocks is none
@@ -163,7 +164,8 @@ def gather(data: ModalData, where: str = "modes", expected_hz: Mapping[str, floa
     frequency = np.array([s.frequency_hz for s in sets])
     shape = np.array([s.shape for s in sets])
     with np.errstate(invalid="ignore"):
-        stray = np.abs(np.log(frequency / np.nanmedian(frequency, axis=0))) > STRAY
+        level = np.column_stack([_level(np.log(f)) for f in frequency.T])
+        stray = np.abs(np.log(frequency) - level) > STRAY
     if stray.any():
         notes.append(f"{int(stray.sum())} modes left out, more than {100 * STRAY:.0f} % off their median frequency")
         frequency = np.where(stray, np.nan, frequency)
@@ -300,6 +302,25 @@ def _independent(modal_set, kept, channels) -> BlockDeviation:
     return BlockDeviation(
         ln_frequency=frozen_array(np.hstack([np.diag(np.nan_to_num(ln_frequency)), np.zeros((n, 2 * m))])),
         shape=frozen_array(np.concatenate([np.zeros((*shape.shape, n)), spread, 1j * spread], axis=2), complex))
+
+
+def _level(y: np.ndarray) -> np.ndarray:
+    """What each of a mode's ln f (n_block,) is held against: the record's median, or of a mode that falls and stays
+    there, as where all braces of a storey are lost, the median before and after."""
+    known = np.flatnonzero(np.isfinite(y))
+    if not len(known):
+        return y
+    one = np.median(y[known])
+    least, best, n = LEVEL_LEAVES * np.sum(np.abs(y[known] - one)), None, len(known)
+    fewest = max(1 if len(y) < FEWEST else 3, int(np.ceil(LEVEL_SHARE * n)))
+    for k in range(fewest, n - fewest + 1):
+        before, after = np.median(y[known[:k]]), np.median(y[known[k:]])
+        left = np.sum(np.abs(y[known[:k]] - before)) + np.sum(np.abs(y[known[k:]] - after))
+        if abs(after - before) > STRAY and left < least:
+            least, best = left, (known[k], before, after)
+    if best is None:
+        return np.full(len(y), one)
+    return np.where(np.arange(len(y)) < best[0], best[1], best[2])
 
 
 def _relative_std(sets, kept, channels, groups) -> np.ndarray:

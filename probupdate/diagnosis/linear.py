@@ -260,8 +260,8 @@ class Design:
         for q, sorted_unknowns in enumerate(self._by_course):
             weighted = known[q] @ self.noise.precision[q]
             for row, number, made in sorted_unknowns:
-                right[..., number] += np.einsum(
-                    "...gm,gmu->...u", weighted[..., row - len(self.courses), :, :], made, optimize=True)
+                own = weighted[..., row - len(self.courses), :, :]
+                right[..., number] += own.reshape(*own.shape[:-2], -1) @ made.reshape(-1, made.shape[-1])
         return right
 
     def unknowns(self, departures: Sequence[np.ndarray]) -> np.ndarray:
@@ -274,7 +274,8 @@ class Design:
         free = np.setdiff1d(np.arange(self.n_unknown), np.asarray(held, int))
         right = self.prior_std[free] * right[free]
         solved = linalg.cho_solve(self._scaled_factor(free) if len(held) else self._factor, right)
-        total = sum(float(np.einsum("n,nm,mk,nk->", w, y, P, y, optimize=True)) for w, y, P in
+        # searching for the order of so small products costs more than they do
+        total = sum(float(w @ np.sum((y @ P) * y, axis=1)) for w, y, P in
                     zip(self.noise.weight, departures, self.noise.precision, strict=True))  # fmt: skip
         return total - float(right @ solved)
 

@@ -113,8 +113,12 @@ def _group_effects(groups: Mapping[str, Mapping[str, float]], parameters: Parame
         allowed = min((parameters.std[parameters.index(n)] / abs(a) for n, a in parts.items() if a), default=0.0)
         if not allowed:
             raise InputError(f"group {name}", "moves no parameter", "give a change for at least one")
+        # beyond the bounds of any member the model would stand still while the size went on
+        ends = np.array([sorted(np.array([p.lower - p.initial, p.upper - p.initial]) / a) for n, a in parts.items() if a
+                         for p in [parameters.items[parameters.index(n)]]])  # fmt: skip
         result.append(Effect(kind="structural", cause="group of parameters", location=name, unit="-", tolerance=0.0,
-                             slab=3 * allowed, parts=tuple(parts.items()), courses=("constant", "step", "ramp"),
+                             slab=3 * allowed, lower=float(ends[:, 0].max()), upper=float(ends[:, 1].min()),
+                             parts=tuple(parts.items()), courses=("constant", "step", "ramp"),
                              fingerprint="that of its parameters together"))  # fmt: skip
     return tuple(result)
 
