@@ -75,15 +75,24 @@ def complain(text: str) -> None:
         sys.stderr.flush()
 
 
+class Interrupted(KeyboardInterrupt):
+    """Raised for a signal. Python gives up the exit code where a KeyboardInterrupt itself has passed through an `exec`,
+    as where dataclasses are made, even if it is caught after that."""
+
+
 @contextlib.contextmanager
 def ended_by_signals() -> Iterator[None]:
-    """SIGTERM ends a run as Ctrl-C does: temporary files are removed, processes ended."""
+    """SIGTERM ends a run as Ctrl-C does: temporary files are removed, processes ended. Where Ctrl-C is ignored, as in the
+    background, it stays so."""
 
     def end(number: int, frame: object) -> NoReturn:
-        raise KeyboardInterrupt
+        raise Interrupted
 
+    before = {}
     try:
-        before = signal.signal(signal.SIGTERM, end)
+        for number in (signal.SIGTERM, signal.SIGINT):
+            if signal.getsignal(number) is not signal.SIG_IGN:
+                before[number] = signal.signal(number, end)
     except ValueError:
         # not in the main thread: whoever runs this there answers for signals
         yield
@@ -91,7 +100,14 @@ def ended_by_signals() -> Iterator[None]:
     try:
         yield
     finally:
-        signal.signal(signal.SIGTERM, before)
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def one_thread() -> None:
+    """Of linear algebra, here and in the processes started: the same bits wherever a task runs, whatever is left after
+    an interruption. Read when numpy is first imported."""
+    os.environ.update(OMP_NUM_THREADS="1", OPENBLAS_NUM_THREADS="1", MKL_NUM_THREADS="1")
 
 
 # One function a verb: arguments in, files out, a few lines said. ---------------------------------------------------
@@ -151,23 +167,27 @@ def run_convert(a: argparse.Namespace, progress: Progress) -> None:
 
 
 def run_identify(a: argparse.Namespace, progress: Progress) -> None:
-    # one thread each, here and in the processes started: the same bits wherever a block is identified, whatever is
-    # left after an interruption. Read when numpy is first imported
-    os.environ.update(OMP_NUM_THREADS="1", OPENBLAS_NUM_THREADS="1", MKL_NUM_THREADS="1")
+    one_thread()
     import probupdate
 
-    options = {
-        "parameters": a.parameters, "lowest": a.lowest, "order": a.order, "block_rows": a.block_rows, "rate_hz": a.rate,
-        "harmonics": a.harmonics, "store": f"{a.out}.blocks", "jobs": a.jobs or os.cpu_count() or 1,
-        "progress": progress,
-    }
-    if len(a.campaign) == 1:
-        result = probupdate.identify(a.campaign[0], a.model, **options)
-    else:
-        result = probupdate.identify_setups(a.campaign, a.model, **options)
-    for path in result.write(a.out):
-        say(f"wrote {path}")
-    say(result.summary)
+    from probupdate.executors import executor
+
+    settings = {"order": a.order, "block_rows": a.block_rows, "rate_hz": a.rate, "harmonics": a.harmonics,
+                "store": f"{a.out}.blocks", "progress": progress}  # fmt: skip
+    if a.shard and len(a.campaign) > 1:
+        raise InputError("--shard", "shares out the blocks of one campaign", "identify setups without it, with --jobs")
+    with executor(a.jobs or os.cpu_count() or 1, a.scheduler) as runs:
+        if a.shard:
+            say(probupdate.identify_shard(a.campaign[0], a.shard, a.model, jobs=runs, **settings).summary)
+            return
+        options = {**settings, "parameters": a.parameters, "lowest": a.lowest, "jobs": runs}
+        if len(a.campaign) == 1:
+            result = probupdate.identify(a.campaign[0], a.model, **options)
+        else:
+            result = probupdate.identify_setups(a.campaign, a.model, **options)
+        for path in result.write(a.out):
+            say(f"wrote {path}")
+        say(result.summary)
 
 
 def run_select(a: argparse.Namespace, progress: Progress) -> None:
@@ -211,13 +231,16 @@ def refuse_suspected(a: argparse.Namespace, set_id: str, suspected: str) -> None
 
 
 def run_sample(a: argparse.Namespace, progress: Progress) -> None:
+    one_thread()
     import probupdate
+    from probupdate.executors import executor
 
-    result = probupdate.sample(
-        a.model, a.modes, a.out, parameters=a.parameters, set_id=a.set, weights=weights_option(a), seed=a.seed,
-        frequencies=a.frequencies, shapes=a.shapes, ensembles=a.ensembles, discrepancy=a.discrepancy,
-        tolerances=a.tolerances,
-        target_ess=a.ess, max_steps=a.max_steps, every_mode=a.every_mode, progress=progress)
+    with executor(a.jobs, a.scheduler) as runs:
+        result = probupdate.sample(
+            a.model, a.modes, a.out, parameters=a.parameters, set_id=a.set, weights=weights_option(a), seed=a.seed,
+            frequencies=a.frequencies, shapes=a.shapes, ensembles=a.ensembles, discrepancy=a.discrepancy,
+            tolerances=a.tolerances, target_ess=a.ess, max_steps=a.max_steps, every_mode=a.every_mode, jobs=runs,
+            progress=progress)
     say(result.summary)
     say(f"wrote {a.out}")
     refuse_suspected(a, str(result.record.get("set_id", "")), str(result.record.get("suspected", "")))
@@ -267,6 +290,19 @@ def run_diagnose(a: argparse.Namespace, progress: Progress) -> None:
     for path in result.write(a.out):
         say(f"wrote {path}")
     say(result.summary)
+
+
+def run_farm(a: argparse.Namespace, progress: Progress) -> None:
+    one_thread()
+    import probupdate
+    from probupdate.executors import executor
+
+    with executor(a.jobs, a.scheduler) as runs:
+        result = probupdate.farm(a.description, a.out, shard=a.shard, jobs=runs, progress=progress)
+    say(result.summary)
+    if result.failed:
+        raise ProbupdateError(f"{len(result.failed)} of {len(result.rows)} turbine-months failed, each with its reason above "
+                              "and in farm.csv; the others are done: mend what is said, then run it again")
 
 
 def run_report(a: argparse.Namespace, progress: Progress) -> None:
@@ -345,6 +381,7 @@ GROUPS = {
     "from records to modes": ("convert", "check", "identify", "select", "regress", "figures"),
     "from modes to parameters": ("update", "sample", "compare", "sets", "inform"),
     "what is wrong": ("diagnose",),
+    "many turbines": ("farm",),
     "to hand on": ("report", "export"),
 }
 
@@ -388,6 +425,7 @@ EXAMPLES = {
     "diagnose": "diagnose --model run/model.toml --modes run/modes.json --campaign run/campaign --out run/diagnosis.json",
     "figures": "figures run/modes.json --campaign run/campaign --format pdf --out run/figures",
     "export": "export run --to lifetime run-lifetime",
+    "farm": "farm data/farm.toml --out farm --jobs 4",
     "report": "report run --out run/report.html",
 }
 
@@ -413,6 +451,12 @@ def build_parser() -> argparse.ArgumentParser:
 
     def seeded(p: argparse.ArgumentParser) -> None:
         p.add_argument("--seed", type=seed_option, default=1, help="same seed, same numbers (default 1)")
+
+    def on_workers(p: argparse.ArgumentParser, text: str, default: int | None = None) -> None:
+        where = p.add_mutually_exclusive_group()
+        where.add_argument("--jobs", type=positive(int, "jobs"), default=default, help=text)
+        where.add_argument("--scheduler", metavar="ADDRESS", help="the workers of that Dask cluster instead, such as "
+                           "tcp://10.0.0.1:8786; they must see the same paths (needs `pip install probupdate[dask]`)")
 
     def on_model(p: argparse.ArgumentParser, required: bool = True) -> None:
         without = "" if required else "; without, poles that come back are numbered"
@@ -486,8 +530,11 @@ def build_parser() -> argparse.ArgumentParser:
                    "(default: first and second bending and torsion of a tower)")
     p.add_argument("--out", required=True, help="modes.json; the poles go beside it, and each block's as it is found "
                    "(OUT.blocks): a run that was stopped goes on there")
-    p.add_argument("--jobs", type=positive(int, "jobs"), help="processes (default: one a core; at most one for 40 blocks, as "
-                   "starting one takes as long as those); the modes do not depend on it")
+    on_workers(p, "processes (default: one a core; at most one for 40 blocks, as starting one takes as long as those); "
+               "the modes do not depend on it")
+    p.add_argument("--shard", metavar="I/N", help="only the I-th of N shares of the blocks, as one job of an array does: "
+                   "all jobs write into one OUT.blocks; given again when all blocks are there, their standard deviations; "
+                   "then without --shard, which writes OUT")
     p.add_argument("--order", type=positive(int, "order"), help="model order (20 with a model, as the paper)")
     p.add_argument("--block-rows", type=positive(int, "block rows"), help="block rows of the Toeplitz matrix (30 with a model)")
     p.add_argument("--rate", type=positive(float, "Hz"), help="sampling rate after decimation in Hz (5 with a model; without, "
@@ -536,6 +583,7 @@ def build_parser() -> argparse.ArgumentParser:
     on_modes(p)
     on_every_mode(p)
     p.add_argument("--ess", type=positive(int, "draws"), default=1000, help="effective draws of the worst parameter (1000)")
+    on_workers(p, "processes for the ensembles (1); the numbers do not depend on it", 1)
     p.add_argument("--ensembles", type=positive(int, "ensembles"), default=4, help="independent ensembles, judged together (4)")
     p.add_argument("--max-steps", type=positive(int, "steps"), default=20000, help="give up, and say so, after these (20000)")
     p.add_argument("--out", required=True, help="posterior.nc; the chain is kept beside it")
@@ -600,6 +648,13 @@ def build_parser() -> argparse.ArgumentParser:
     p.add_argument("--json", action="store_true", help="one JSON object: folder, files with SHA-256, verdict, left_out")
     seeded(p)
 
+    p = verb("farm", run_farm, "many turbines and months, each through the steps that farm.toml names; resumable")
+    p.add_argument("description", metavar="FARM", help="farm.toml: turbines, their models and folders of campaigns, steps")
+    on_workers(p, "turbine-months side by side (1), a process each; the results do not depend on it", 1)
+    p.add_argument("--shard", metavar="I/N", help="only the I-th of N shares of the turbine-months, as one job of an array "
+                   "does: all jobs write into one OUT")
+    p.add_argument("--out", required=True, help="directory to write; a run that was stopped goes on where it stopped")
+
     p = verb("report", run_report, "one self-contained page of a run directory")
     p.add_argument("run", metavar="RUN", help="directory that the steps wrote into; what is missing there is left out")
     p.add_argument("--out", required=True, help="the page, report.html")
@@ -608,7 +663,7 @@ def build_parser() -> argparse.ArgumentParser:
 
 
 # verbs whose result is a directory; the others write files
-WRITE_FOLDERS = ("convert", "demo", "simulate", "figures", "export")
+WRITE_FOLDERS = ("convert", "demo", "simulate", "figures", "export", "farm")
 
 
 def refuse_unwritable(out: str, *, folder: bool) -> None:
@@ -664,34 +719,37 @@ def _drop_output() -> None:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    a = build_parser().parse_args(arguments)
-    # an announcement of another package's next release, once a day and machine; it says nothing of this run
-    warnings.filterwarnings("ignore", message=r"\s*ArviZ is undergoing a major refactor", category=FutureWarning)
+    program = "probupdate"
     try:
-        if a.out:
-            refuse_unwritable(a.out, folder=a.verb in WRITE_FOLDERS)
-            refuse_overwriting(a.verb, a.out, given_paths(a))
-        with ended_by_signals(), terminal_progress() as progress:
-            a.action(a, progress)
+        with ended_by_signals():
+            a = build_parser().parse_args(arguments)
+            program = f"probupdate {a.verb}"
+            # an announcement of another package's next release, once a day and machine; it says nothing of this run
+            warnings.filterwarnings("ignore", message=r"\s*ArviZ is undergoing a major refactor", category=FutureWarning)
+            if a.out:
+                refuse_unwritable(a.out, folder=a.verb in WRITE_FOLDERS)
+                refuse_overwriting(a.verb, a.out, given_paths(a))
+            with terminal_progress() as progress:
+                a.action(a, progress)
     except InputError as error:
-        complain(f"probupdate {a.verb}: {error}")
+        complain(f"{program}: {error}")
         return 2
     except ProbupdateError as error:
-        complain(f"probupdate {a.verb}: {error}")
+        complain(f"{program}: {error}")
         return 1
     except BrokenPipeError:
         # whoever read the output has gone
         _drop_output()
         return 1
     except KeyboardInterrupt:
-        complain(f"probupdate {a.verb}: interrupted; what was finished is kept")
+        complain(f"{program}: interrupted; what was finished is kept")
         return 130
     except OSError as error:
-        complain(f"probupdate {a.verb}: {_os_words(error)}")
+        complain(f"{program}: {_os_words(error)}")
         _drop_output()
         return 2 if error.errno in OF_PATHS else 1
     except MemoryError:
-        complain(f"probupdate {a.verb}: out of memory; give less at a time, or a machine with more; what was finished "
+        complain(f"{program}: out of memory; give less at a time, or a machine with more; what was finished "
                  "is kept")
         return 1
     # what is not foreseen is a defect of this program: it rises with its trace, and Python exits with 1

@@ -7,7 +7,6 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
 import numpy as np
-from scipy import stats
 
 from probupdate.errors import InputError, parsing
 from probupdate.estimators.posterior_file import Posterior
@@ -133,6 +132,8 @@ def _cov(values: np.ndarray) -> float:
 def _row(
     k: int, update: UpdateRecord, posterior: Posterior, draws: np.ndarray, correlation: np.ndarray
 ) -> ComparisonRow:
+    from scipy import stats
+
     parameter = update.parameters.items[k]
     mean, std = float(draws.mean()), float(draws.std(ddof=1))
     prior_std = float(parameter.distribution.std())

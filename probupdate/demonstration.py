@@ -15,7 +15,7 @@ from probupdate.diagnosis.wording import finding_words
 from probupdate.errors import InputError
 from probupdate.estimators.ensemble import SamplerSettings
 from probupdate.files import holds_nothing, read_json, read_text, write_bytes, write_json, write_text
-from probupdate.processes import beside
+from probupdate.executors import beside
 from probupdate.progress import Progress, silent
 from probupdate.reporting import report as write_report
 from probupdate.structure.load import reference_model

@@ -13,7 +13,6 @@ from pathlib import Path
 from types import MappingProxyType, ModuleType
 
 import numpy as np
-from scipy import optimize
 
 from probupdate.deviation_file import read_deviations, write_deviations
 from probupdate.errors import InputError, of_file, parsing
@@ -609,6 +608,8 @@ def unit_largest(shape: np.ndarray) -> np.ndarray:
 
 def pair_by_mac(criterion: np.ndarray) -> list[tuple[int, int]]:
     """One-to-one pairs (row, column) that maximise the summed criterion (n_row, n_column); NaN never pairs."""
+    from scipy import optimize
+
     score = np.nan_to_num(criterion, nan=-1.0)
     rows, columns = optimize.linear_sum_assignment(-score)
     return [(int(i), int(j)) for i, j in zip(rows, columns, strict=True) if score[i, j] > -1]

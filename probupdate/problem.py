@@ -15,7 +15,7 @@ from functools import cached_property
 import numpy as np
 
 from probupdate.channel_mistakes import ChannelMistake, channel_mistake
-from probupdate.errors import InputError
+from probupdate.errors import InputError, ProbupdateError
 from probupdate.matching import Matching, assign, channel_rows, match
 from probupdate.model import ModalSolution, Model
 from probupdate.model_error import ResponseError, marginal_root
@@ -280,15 +280,23 @@ class Problem:
         return self._log_constant - 0.5 * self.misfit(self.predict_many(theta).response)
 
     def log_posterior(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """ln p(theta | Lambda_S) + const, and which rows fell back to a full model, both (n,); -inf out of bounds."""
+        """ln p(theta | Lambda_S) + const, and which rows fell back to a full model, both (n,); -inf out of bounds, and where
+        bounds allow what has no modes, such as a negative stiffness."""
         theta = np.atleast_2d(np.asarray(theta, float))
         value = self.parameters.log_density(theta)
         fallback = np.zeros(len(theta), bool)
         inside = np.isfinite(value)
-        if inside.any():
+        if not inside.any():
+            return value, fallback
+        try:
             predicted = self.predict_many(theta[inside])
-            value[inside] += self._log_constant - 0.5 * self.misfit(predicted.response)
-            fallback[inside] = predicted.fallback
+        except (ProbupdateError, np.linalg.LinAlgError):
+            if len(theta) == 1:
+                return np.array([-np.inf]), fallback
+            rows = [self.log_posterior(row) for row in theta]
+            return np.concatenate([r[0] for r in rows]), np.concatenate([r[1] for r in rows])
+        value[inside] += self._log_constant - 0.5 * self.misfit(predicted.response)
+        fallback[inside] = predicted.fallback
         return value, fallback
 
     def with_model(self, model: Model) -> Problem:

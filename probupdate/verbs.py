@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -23,15 +22,15 @@ from probupdate.comparison import compare as compare_results
 from probupdate.effects.tolerances import SensorUncertainty, TurbineUncertainty
 from probupdate.errors import InputError, names_files
 from probupdate.estimators.discrepancy import state_model_error, stated_weights
-from probupdate.estimators.ensemble import SamplerSettings
 from probupdate.estimators.posterior_file import Posterior, read_posterior, write_posterior
 from probupdate.estimators.update_file import UNLIKE, UpdateRecord, read_update
-from probupdate.estimators.updating import deterministic_update, sample_posterior
+from probupdate.executors import Executor, Shard
 from probupdate.files import read_bytes
 from probupdate.identification.block_poles import block_references
 from probupdate.identification.criteria import TURBINE, preset_criteria, read_criteria
-from probupdate.identification.identify import Identification, SSISettings
+from probupdate.identification.identify import Identification, ShardOfBlocks, SSISettings
 from probupdate.identification.identify import identify as identify_campaign
+from probupdate.identification.identify import identify_shard as identify_campaign_shard
 from probupdate.identification.proposal import propose
 from probupdate.identification.reference import ReferenceModes
 from probupdate.identification.regression import COVARIATES, ModalRegression, regress_modes
@@ -57,8 +56,8 @@ if TYPE_CHECKING:
     from probupdate.lifetime.export import Export
     from probupdate.model import Model
 
-__all__ = ["check", "check_setups", "compare", "convert", "export", "figures", "identify", "identify_setups", "inform",
-           "model_modes", "open_model", "regress", "report", "sample", "select", "sets", "simulate", "update"]
+__all__ = ["check", "check_setups", "compare", "convert", "export", "figures", "identify", "identify_setups", "identify_shard",
+           "inform", "model_modes", "open_model", "regress", "report", "sample", "select", "sets", "simulate", "update"]
 
 # global modes looked for: first and second bending pairs and the torsion between them (the paper's first five)
 MODES_OF_INTEREST = ("FA1", "SS1", "T1", "FA2", "SS2")
@@ -247,7 +246,7 @@ def identify(
     rate_hz: float | None = None,
     harmonics: str = "keep",
     store: str | Path | None = None,
-    jobs: int = 1,
+    jobs: int | Executor = 1,
     progress: Progress = silent,
 ) -> Identification:
     """Modes of every block by SSI-cov, found in the campaign's own poles; then named by the model's modes at its
@@ -258,7 +257,8 @@ def identify(
     rows; without one all three are proposed from the record where they are not given, which the summary says.
     harmonics: 'remove' takes the rotor's out of records where its angle can be followed.
     store: folder in which the blocks' poles are kept, so that a killed run goes on (the command line keeps them beside
-    its --out); jobs: processes. A script that asks for several needs `if __name__ == "__main__"`.
+    its --out); jobs: processes, or an executor (`probupdate.executors`). A script that asks for several processes needs
+    `if __name__ == "__main__"`.
     """
     opened = read_campaign(campaign)
     settings, said = _settings([opened], model, order=order, block_rows=block_rows, rate_hz=rate_hz,
@@ -269,6 +269,29 @@ def identify(
     found = identify_campaign(opened, reference, others=others, settings=settings, store=store, jobs=jobs,
                               progress=progress)
     return replace(found, notes=(*said, *found.notes), summary="\n".join([found.summary, *said]))
+
+
+@names_files("campaign")
+def identify_shard(
+    campaign: str | Path,
+    shard: str | Shard,
+    model=None,
+    *,
+    store: str | Path,
+    order: int | None = None,
+    block_rows: int | None = None,
+    rate_hz: float | None = None,
+    harmonics: str = "keep",
+    jobs: int | Executor = 1,
+    progress: Progress = silent,
+) -> ShardOfBlocks:
+    """The share of a campaign's blocks that one job of an array computes ('3/8'), into the store that all share. Run
+    again when all blocks have poles, it adds their standard deviations; then `identify` with that store has nothing
+    left to compute but the modes. model: for the settings of identification only."""
+    opened = read_campaign(campaign)
+    settings, _ = _settings([opened], model, order=order, block_rows=block_rows, rate_hz=rate_hz, harmonics=harmonics)
+    share = shard if isinstance(shard, Shard) else Shard.of(shard)
+    return identify_campaign_shard(opened, share, settings=settings, store=store, jobs=jobs, progress=progress)
 
 
 def identify_setups(
@@ -282,7 +305,7 @@ def identify_setups(
     rate_hz: float | None = None,
     harmonics: str = "keep",
     store: str | Path | None = None,
-    jobs: int = 1,
+    jobs: int | Executor = 1,
     progress: Progress = silent,
 ) -> Merged:
     """Several setups of one structure, a campaign folder each, with some channels in common (named alike, at one
@@ -480,6 +503,8 @@ def update(
     default where `weights` are the measurement's own, "measured" or "covariance".
     every_mode: also modes that identification numbered, where they are alike to one of the model's.
     """
+    from probupdate.estimators.updating import deterministic_update
+
     data = _modal_data(modes, set_id, every_mode)
     model_at, modal_set = _Surroundings(model, parameters, str(modes)), data.set(set_id)
     chosen = _likelihood(weights, model_at(modal_set), data, set_id=set_id, frequencies=frequencies, shapes=shapes,
@@ -513,11 +538,14 @@ def sample(
     max_steps: int = 20000,
     ensembles: int = 4,
     every_mode: bool = False,
-    executor: Executor | None = None,
+    jobs: int | Executor = 1,
     progress: Progress = silent,
 ) -> Posterior:
     """Sample the posterior of the same problem into `out`; the chain is kept beside it (`<out>.chain/`) and goes on
-    where it stopped. `executor` (concurrent.futures) runs several `ensembles` side by side, with the same numbers."""
+    where it stopped. jobs: processes, or an executor, for the `ensembles`; the numbers are the same on any."""
+    from probupdate.estimators.ensemble import SamplerSettings
+    from probupdate.estimators.updating import sample_posterior
+
     data = _modal_data(modes, set_id, every_mode)
     out = Path(out)
     settings = SamplerSettings(seed=seed, target_ess=target_ess, max_steps=max_steps, ensembles=ensembles)
@@ -526,7 +554,7 @@ def sample(
                          discrepancy=discrepancy, tolerances=tolerances, progress=progress)  # fmt: skip
     posterior = sample_posterior(
         model_at(modal_set), data, out.with_name(out.name + ".chain"), set_id=set_id, weights=chosen,
-        settings=settings, executor=executor, progress=progress,
+        settings=settings, jobs=jobs, progress=progress,
     )
     posterior = replace(posterior, record=posterior.record | model_at.setting(modal_set))
     write_posterior(posterior, out)

@@ -55,6 +55,10 @@ STUDIES = {
     "discovery": Study(
         question="Are three faults in one month found, and what does knowing them gain?",
         runs=(("run.py", OUT),), seeds="7", takes="minutes"),
+    "farm": Study(
+        question="What does a farm of many turbines and months cost, and does it scale with workers?",
+        runs=(("run.py", OUT),), quick=(("run.py", OUT, "--days", "0.1", "--turbines", "2", "--workers", "1"),),
+        seeds="1 on", takes="minutes"),
     "footbridge": Study(
         question="Does a measured bridge, given as matrices, come out as published?",
         runs=(("run.py", OUT),), seeds="1", takes="three minutes", data="shared/data/footbridge"),

@@ -16,7 +16,7 @@ from probupdate.campaign.reading import CampaignHead, read_head
 from probupdate.campaign.sources import pieces
 from probupdate.campaign.timing import file_clock
 from probupdate.errors import InputError, parsing
-from probupdate.files import read_json, remove_stale, write_json
+from probupdate.files import input_file, read_json, remove_stale, write_json
 from probupdate.hdf5_file import new_hdf5, open_hdf5
 from probupdate.progress import Progress, silent
 
@@ -104,10 +104,12 @@ def _found(sources: Path, told: Description) -> list[Path]:
     if not sources.is_dir():
         raise InputError(str(sources), "is neither a folder nor a file", "give where the files to convert lie")
     inside = sources.resolve()
-    found = sorted(p for p in sources.glob(told.files) if p.is_file())
+    # what is no file but a folder, or leads nowhere, is asked about: records are not left out in silence
+    found = sorted(p for p in sources.glob(told.files) if not p.is_dir())
     if not found:
         raise InputError(str(sources), f"holds no file that matches '{told.files}'", f"mend files in {told.path}")
     for path in found:
+        input_file(path, f"remove it, or mend files in {told.path}")
         if not path.resolve().is_relative_to(inside):
             raise InputError(str(path), "leads out of the folder of the sources", "copy the file there")
     return found
@@ -134,7 +136,8 @@ def _read_record(path: Path) -> dict:
 
 
 def _write_record(path: Path, record: dict) -> None:
-    write_json(path, record)
+    # in one order, whatever was converted first
+    write_json(path, dict(sorted(record.items())))
 
 
 def _overlaps(spans: list[tuple[pd.Timestamp, pd.Timestamp, str]]) -> list[str]:

@@ -15,7 +15,6 @@ from typing import Protocol
 import numpy as np
 from scipy import linalg, special
 
-from probupdate.errors import ProbupdateError
 from probupdate.estimators.evidence import TRUSTED_K, log_prior_constant, pareto_shape
 from probupdate.estimators.surrogate import Proposal
 from probupdate.modes import frozen_array
@@ -181,18 +180,6 @@ class WeightedDraws:
         return self.pareto_k < GOOD_K
 
 
-def posterior_of_draws(problem: Problem, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """`Problem.log_posterior` where bounds may allow structures that have no modes, as a negative stiffness: these have
-    probability zero."""
-    try:
-        return problem.log_posterior(theta)
-    except (ProbupdateError, np.linalg.LinAlgError):
-        if len(theta) == 1:
-            return np.array([-np.inf]), np.zeros(1, bool)
-    parts = [posterior_of_draws(problem, row[None]) for row in theta]
-    return np.concatenate([p[0] for p in parts]), np.concatenate([p[1] for p in parts])
-
-
 def log_posterior(problem: Problem, theta: np.ndarray, what: str, progress: Progress) -> np.ndarray:
     """(n,), -inf outside the bounds."""
     value = np.full(len(theta), -np.inf)
@@ -200,7 +187,7 @@ def log_posterior(problem: Problem, theta: np.ndarray, what: str, progress: Prog
     for start in range(0, inside.size, CHUNK):
         progress(what, start, inside.size)
         rows = inside[start : start + CHUNK]
-        value[rows] = posterior_of_draws(problem, theta[rows])[0]
+        value[rows] = problem.log_posterior(theta[rows])[0]
     progress(what, inside.size, inside.size)
     return value
 

@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import linalg, optimize
+from scipy import linalg
 
-from probupdate.errors import ConvergenceError
+from probupdate.errors import ConvergenceError, ProbupdateError
 from probupdate.estimators.tikhonov import HALVINGS, ROUNDING, bounded_step, pinned, relaxed
 from probupdate.modes import frozen_array
 from probupdate.problem import Problem
@@ -69,9 +69,12 @@ def prior_residual(parameters, theta: np.ndarray) -> tuple[np.ndarray, np.ndarra
 def maximum_a_posteriori(problem: Problem, starts: Sequence[np.ndarray]) -> Laplace:
     """Bounded Gauss-Newton from every start; the highest maximum wins.
 
-    Raises ConvergenceError, with the best parameters as estimate, where no start settles.
+    Starts at which the model has no modes are left out. Raises ConvergenceError, with the best parameters as estimate,
+    where no start settles, and what the model says where it has modes at none.
     """
-    ends = [_climb(problem, np.asarray(start, float)) for start in starts]
+    ends = [end for end in (_climb(problem, np.asarray(start, float)) for start in starts) if np.isfinite(end[1])]
+    if not ends:
+        problem.predict(np.asarray(starts[0], float))
     if not any(end[2] for end in ends):
         # where full steps jump about, the trust region of a well-kept library mostly does not
         ends += [_climb(problem, trust_region(problem, end[0])) for end in ends]
@@ -149,12 +152,18 @@ def _system(problem: Problem, theta: np.ndarray):
 
 
 def _value(problem: Problem, theta: np.ndarray) -> float:
+    """-2 ln posterior + const; infinite where bounds allow what has no modes, such as a negative stiffness."""
     prior, _ = prior_residual(problem.parameters, theta)
-    return float(problem.misfit(problem.predict(theta)) + prior @ prior)
+    try:
+        return float(problem.misfit(problem.predict(theta)) + prior @ prior)
+    except (ProbupdateError, np.linalg.LinAlgError):
+        return np.inf
 
 
 def trust_region(problem: Problem, start: np.ndarray) -> np.ndarray:
     """The end of scipy's bounded trust-region least squares ('trf') on -2 ln posterior, from `start`."""
+    from scipy import optimize
+
     parameters = problem.parameters
     kept: dict[bytes, tuple] = {}
 
@@ -162,7 +171,11 @@ def trust_region(problem: Problem, start: np.ndarray) -> np.ndarray:
         key = theta.tobytes()
         if key not in kept:
             kept.clear()
-            kept[key] = _system(problem, theta)
+            try:
+                kept[key] = _system(problem, theta)
+            except (ProbupdateError, np.linalg.LinAlgError):
+                # a step that is no number is shortened; its slope is not asked for
+                kept[key] = (np.full(problem.measured.size + len(parameters), np.inf),)
         return kept[key]
 
     # it wants a start strictly inside
@@ -179,6 +192,8 @@ def _climb(problem: Problem, theta: np.ndarray) -> tuple[np.ndarray, float, bool
     """theta, -2 ln posterior + const, settled."""
     parameters = problem.parameters
     value = _value(problem, theta)
+    if not np.isfinite(value):
+        return theta, value, False
     share, last = 1.0, None
     for _ in range(MAX_ITERATION):
         residual, slope, _ = _system(problem, theta)

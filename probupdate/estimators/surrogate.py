@@ -311,8 +311,9 @@ def fit_surrogate(
         share = np.exp(weight).sum() ** 2 / np.exp(2 * weight).sum() / n_point
         if share > best_share:
             best, best_share = wide, share
-        tempered = np.maximum(power * weight, LEAST_WEIGHT)
-        x = theta - current.origin
+        # those without modes have no height to fit
+        known = np.isfinite(value)
+        x, value, tempered = theta[known] - current.origin, value[known], np.maximum(power * weight, LEAST_WEIGHT)[known]
         chosen = _straightest(x, value, tempered, current.powers, np.isfinite(parameters.lower))
         current = _refit(current.turned_to(chosen), x, value, tempered)
     progress("posterior's Gaussian approximation", len(ROUNDS), len(ROUNDS))

@@ -15,7 +15,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import linalg, optimize
+from scipy import linalg
 
 from probupdate.errors import InputError
 from probupdate.modes import frozen_array
@@ -177,6 +177,8 @@ def _finished(problem, penalty, alpha, path, misfits, shares, penalty_at, conver
 
 def _trust_region(problem: Problem, start, root, max_iteration: int, tolerance: float):
     """Accepted iterates of scipy's least_squares on misfit plus penalty, whether it settled, and its own words."""
+    from scipy import optimize
+
     parameters = problem.parameters
     path = [np.array(start)]
 
@@ -210,6 +212,8 @@ def bounded_step(matrix: np.ndarray, right: np.ndarray, theta: np.ndarray, param
 
     Columns are scaled by the prior standard deviations: their units differ by many orders.
     """
+    from scipy import optimize
+
     scaled = matrix * parameters.std
     plain, *_ = np.linalg.lstsq(scaled, right, rcond=None)
     step = plain * parameters.std

@@ -13,7 +13,6 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-from scipy import stats
 
 from probupdate.errors import InputError
 from probupdate.files import write_table
@@ -79,6 +78,8 @@ def regress(
     std (n_row,): stated deviations; rows without one get the median of the others. Raises InputError where fewer rows
     are left than the coefficients and eight more.
     """
+    from scipy import stats
+
     value, time_h = np.asarray(value, float), np.asarray(time_h, float)
     if np.any(np.diff(time_h) <= 0):
         raise InputError(f"regression of {response}", "times do not rise", "sort the blocks by time, each once")
@@ -127,6 +128,8 @@ def _together(
 ) -> tuple[tuple[tuple[str, str], float], ...]:
     """Pairs of covariates that tell the same, each once, with p of the two together (Wald's F): either alone may seem
     to count for nothing where both do."""
+    from scipy import stats
+
     joint: dict[tuple[str, str], float] = {}
     for k in np.flatnonzero(inflation >= COLLINEAR):
         other = np.corrcoef(table.T)[k] * (np.arange(len(names)) != k)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import base64
 import csv
+import hashlib
 import io
 import re
 from collections.abc import Sequence
@@ -19,12 +21,14 @@ _FOLDER = Path(__file__).parent
 
 
 def render(sections: Sequence[Section], *, title: str, subtitle: str = "", footer: str = "") -> str:
-    """The page as text. Every string is escaped; only the drawings, the style and the script are taken as they are."""
+    """The page as text. Every string is escaped; only the drawings, the style and the script are taken as they are. The
+    page's policy lets nothing be fetched, and no script run but this one."""
     environment = Environment(
         loader=FileSystemLoader(_FOLDER), autoescape=True, undefined=StrictUndefined, trim_blocks=False
     )
     environment.filters |= {"csv_link": csv_link, "csv_name": csv_name, "folded": _folded}
     trusted = [replace(s, items=tuple(_trusted(i) for i in s.items)) for s in sections]
+    script = "\n" + "\n".join((_FOLDER / name).read_text(encoding="utf-8") for name in ("viewer.js", "page.js"))
     return environment.get_template("page.html").render(
         sections=trusted,
         title=title,
@@ -32,7 +36,8 @@ def render(sections: Sequence[Section], *, title: str, subtitle: str = "", foote
         kicker="Model updating report",
         footer=footer,
         css=Markup((_FOLDER / "page.css").read_text(encoding="utf-8")),
-        script=Markup("\n".join((_FOLDER / name).read_text(encoding="utf-8") for name in ("viewer.js", "page.js"))),
+        script=Markup(script),
+        script_sha256=Markup(base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()),
     )
 
 

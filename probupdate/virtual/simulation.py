@@ -15,7 +15,7 @@ from probupdate.errors import InputError
 from probupdate.files import holds_nothing, read_text, write_table, write_text
 from probupdate.mode_labels import mode_character
 from probupdate.modes import Sensor
-from probupdate.processes import completed
+from probupdate.executors import Executor, completed
 from probupdate.progress import Progress, silent
 from probupdate.virtual import campaign_files, losses, operation
 from probupdate.virtual.dynamics import N_MODE, HeadingModes
@@ -73,7 +73,7 @@ def simulate(
     days: float = 1.0,
     truth: str | Path | None = None,
     seed: int,
-    jobs: int = 1,
+    jobs: int | Executor = 1,
     progress: Progress = silent,
 ) -> VirtualCampaign:
     """Write a campaign of `days` into the folder `out`: campaign.toml, scada.csv, acceleration/*.h5, truth.toml.
@@ -82,7 +82,7 @@ def simulate(
     updated). truth: a truth.toml that gives parameters, their source, tolerances' scale, operation and effects;
     None builds the model's initial values with drawn tolerances. The same seed gives the same bytes. A run that
     was interrupted is taken up where it stopped if everything else is equal; another campaign in `out` is refused.
-    jobs: processes that share the hours; the bytes are the same for any number.
+    jobs: processes that share the hours, or an executor; the bytes are the same on any.
     """
     if isinstance(seed, bool) or not isinstance(seed, (int, np.integer)) or seed < 0:
         raise InputError("seed", f"{seed!r} is not a whole number from 0", "give one, such as 1")

@@ -1,9 +1,11 @@
-"""Packages of requirements.lock, their licences by their own metadata, and what an audit of them for known weaknesses says.
+"""Packages of requirements.lock, their licences by their own metadata, the dates of their wheels, and what an audit of them
+for known weaknesses says.
 
-    python studies/supply_chain/licences.py [pip-audit]
+    pip download --no-deps --require-hashes -r requirements.lock -d WHEELS
+    python studies/supply_chain/licences.py WHEELS [pip-audit]
 
-Writes PACKAGES.md beside this file. `pip-audit`: the path of that program; without it, or where it reaches no data base,
-the table says so, with the date.
+Writes PACKAGES.md beside this file. A wheel's date is that of its newest member; where its builder writes the same date into
+all, none is stated. `pip-audit`: the path of that program; without it, or where it reaches no data base, the table says so.
 """
 
 from __future__ import annotations
@@ -14,11 +16,14 @@ import re
 import subprocess
 import sys
 import tempfile
+import zipfile
 from importlib import metadata
 from pathlib import Path
 
 HERE = Path(__file__).resolve().parent
 LOCK = HERE.parents[1] / "requirements.lock"
+# the least that an archive can hold, and what flit and hatchling write whatever the day
+CONSTANT = {"1980-01-01", "2016-01-01", "2020-02-02"}
 
 
 def locked() -> dict[str, list[str]]:
@@ -39,6 +44,17 @@ def licence(name: str) -> tuple[str, str]:
     field = (about.get("License") or "").strip()
     text = about.get("License-Expression") or (field if 0 < len(field) < 60 and "\n" not in field else "")
     return about["Version"], text or ", ".join(classified) or field.splitlines()[0][:60] if field or text or classified else "-"
+
+
+def dates(folder: Path) -> dict[tuple[str, str], str]:
+    """(name, version) -> date of the wheel."""
+    found = {}
+    for path in folder.glob("*.whl"):
+        with zipfile.ZipFile(path) as wheel:
+            day = "{:04d}-{:02d}-{:02d}".format(*max(m.date_time for m in wheel.infolist())[:3])
+        name, version = path.name.split("-")[:2]
+        found[re.sub("[-_.]+", "-", name).lower(), version] = "not stated" if day in CONSTANT else day
+    return found
 
 
 def audit(program: str, packages: dict[str, list[str]]) -> dict[str, str]:
@@ -65,15 +81,18 @@ def audit(program: str, packages: dict[str, list[str]]) -> dict[str, str]:
 
 def main() -> None:
     packages, today = locked(), datetime.datetime.now(datetime.UTC).date().isoformat()
-    found = audit(sys.argv[1], packages) if len(sys.argv) > 1 else {}
-    state = "answered" if found else "the data base of weaknesses was not reachable" if len(sys.argv) > 1 else "not run"
+    dated = dates(Path(sys.argv[1]))
+    found = audit(sys.argv[2], packages) if len(sys.argv) > 2 else {}
+    state = "answered" if found else "no data base of weaknesses was reachable" if len(sys.argv) > 2 else "not run"
     lines = ["# Packages that are installed with probupdate", "",
-             f"Made by `studies/supply_chain/licences.py` from requirements.lock and the packages' own metadata, {today}.",
-             f"Audit for known weaknesses (pip-audit) on {today}: {state}.", "",
-             "| package | locked | installed | licence | audit |", "|---|---|---|---|---|"]  # fmt: skip
+             "Made by `studies/supply_chain/licences.py` from requirements.lock, the packages' own metadata and their wheels,",
+             f"{today}. Audit for known weaknesses (pip-audit) on {today}: {state}.",
+             "The dates say how old each is; a wheel of another Python was not downloaded (-).", "",
+             "| package | locked | date of the wheel | installed | licence | audit |", "|---|---|---|---|---|---|"]  # fmt: skip
     for name, versions in packages.items():
         installed, text = licence(name)
-        lines.append(f"| {name} | {', '.join(versions)} | {installed} | {text} | {found.get(name, 'not reachable, ' + today)} |")
+        days = ", ".join(dated.get((re.sub("[-_.]+", "-", name).lower(), version), "-") for version in versions)
+        lines.append(f"| {name} | {', '.join(versions)} | {days} | {installed} | {text} | {found.get(name, 'not reachable')} |")
     (HERE / "PACKAGES.md").write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 

@@ -1,6 +1,7 @@
 """Every format gives the samples that were put in, at their times; what would have to be guessed is refused."""
 
 import io
+import json
 import os
 import shutil
 import struct
@@ -355,6 +356,30 @@ def test_nothing_is_executed_and_no_link_leads_out(job, tmp_path):
     job('files = "*.npy"\nstart = "2019-06-03T10:00:00Z"\n')
     with pytest.raises(InputError, match="leads out of the folder"):
         convert(raw, campaign)
+
+
+def test_what_matches_and_is_no_file_is_asked_about(job, tmp_path):
+    """A record behind a disk that is not there is not left out in silence; a folder of that name is none."""
+    raw, campaign = job('files = "*.npy"\nstart_pattern = \'(\\d+)\'\nstart_format = "%Y%m%d%H%M%S"\nzone = "UTC"\n')
+    np.save(raw / "20190603100000.npy", noise())
+    (raw / "20190603110000.npy").mkdir()
+    odd = raw / "20190603120000.npy"
+    for make, words in ((lambda: odd.symlink_to(tmp_path / "none"), "no such file"), (lambda: os.mkfifo(odd), "is a pipe"),
+                        (lambda: odd.symlink_to(odd), "cannot be read")):  # fmt: skip
+        make()
+        with pytest.raises(InputError, match=f"{odd.name}.*{words}"):
+            convert(raw, campaign)
+        odd.unlink()
+    assert len(convert(raw, campaign).files) == 1
+
+
+def test_the_record_of_conversions_is_in_one_order(job):
+    raw, campaign = job('files = "*.npy"\nstart_pattern = \'(\\d+)\'\nstart_format = "%Y%m%d%H%M%S"\nzone = "UTC"\n')
+    for hour in (11, 10):
+        np.save(raw / f"20190603{hour}0000.npy", noise(seed=hour))
+        convert(raw, campaign)
+    kept = json.loads((campaign / "acceleration" / "converted.json").read_text())
+    assert list(kept) == ["20190603100000.npy", "20190603110000.npy"]
 
 
 def test_broken_files_are_named(job):

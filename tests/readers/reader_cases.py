@@ -408,6 +408,30 @@ def extptfm(folder: Path) -> Made:
     return [path], lambda: read_extptfm(path)
 
 
+def farm(folder: Path) -> Made:
+    from probupdate.farms.description import read_farm
+
+    campaign_files(_made(folder / "A" / "2024-05"))
+    path = folder / "farm.toml"
+    path.write_text('name = "North"\nmodel = "as_built"\nsteps = ["identify", "select", "update", "diagnose"]\nseed = 2\n'
+                    '[identify]\nlowest = 3\nrate_hz = 5.0\n[select]\ncount = 4\npreset = "structure"\n[update]\n'
+                    'weights = "paper"\n[diagnose]\nrecords = false\n[[turbine]]\nname = "A"\ncampaigns = "A/*"\n')
+    return [path], lambda: read_farm(path)
+
+
+def farm_month(folder: Path) -> Made:
+    from probupdate.farms.month import MonthState, _write, read_state
+
+    _write(folder, MonthState(format=1, made_of={"model": "abc"}, finished={"identify": 1.5}, failed_step="select",
+                              failed="modes: none"))  # fmt: skip
+    return [folder / "month.json"], lambda: read_state(folder)
+
+
+def _made(folder: Path) -> Path:
+    folder.mkdir(parents=True, exist_ok=True)
+    return folder
+
+
 # case -> (maker, the functions of the package that it covers)
 CASES: dict[str, tuple[Callable[[Path], Made], tuple[str, ...]]] = {
     "modes": (modes, ("modes.read_modes", "files.read_json", "files.read_text", "files.read_bytes")),
@@ -446,6 +470,8 @@ CASES: dict[str, tuple[Callable[[Path], Made], tuple[str, ...]]] = {
     "fatigue": (fatigue, ("lifetime.conditions.read_conditions",)),
     "lifetime_table": (lifetime_table, ("lifetime.tables.read_table",)),
     "extptfm": (extptfm, ("lifetime.superelement.read_extptfm",)),
+    "farm": (farm, ("farms.description.read_farm",)),
+    "farm_month": (farm_month, ("farms.month.read_state",)),
     "groups": (groups, ("diagnosis.run._read_groups",)),
 }  # fmt: skip
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import base64
+import hashlib
 import json
 import re
 import shutil
@@ -53,10 +55,27 @@ def html(full_run):
         return compose(replace(full_run, title="a run"))
 
 
+def probed(html: str, allowed: bool) -> str:
+    """With the probe in it, and whether the page's policy knows of it."""
+    text = PROBE.removeprefix("<script>").removesuffix("</script>")
+    known = f"'sha256-{base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()}' " * allowed
+    return html.replace("</title>", "</title>" + PROBE, 1).replace("script-src ", "script-src " + known, 1)
+
+
+def test_a_script_that_is_not_the_pages_own_does_not_run(html, tmp_path):
+    path = tmp_path / "page.html"
+    path.write_text(probed(html, allowed=False), encoding="utf-8")
+    done = subprocess.run(
+        [BROWSER, "--headless", "--no-sandbox", "--disable-gpu", f"--user-data-dir={tmp_path / 'profile'}",
+         "--virtual-time-budget=4000", "--dump-dom", path.as_uri()],
+        capture_output=True, text=True, timeout=120, check=True)  # fmt: skip
+    assert "<title>a run" in done.stdout and "<title>found" not in done.stdout
+
+
 @pytest.mark.parametrize("width", [500, 800, 1400])
 def test_the_page_in_a_browser(html, tmp_path, width):
     path = tmp_path / "page.html"
-    path.write_text(html.replace("</title>", "</title>" + PROBE, 1), encoding="utf-8")
+    path.write_text(probed(html, allowed=True), encoding="utf-8")
     done = subprocess.run(
         [BROWSER, "--headless", "--no-sandbox", "--disable-gpu", f"--user-data-dir={tmp_path / 'profile'}",
          f"--window-size={width},900", "--virtual-time-budget=4000", "--dump-dom", path.as_uri()],

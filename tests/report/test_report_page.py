@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import base64
 import csv
+import hashlib
 import io
 import re
 from dataclasses import fields, replace
@@ -69,7 +71,22 @@ def test_nothing_is_fetched_from_anywhere(page):
     # the addresses that remain are names of XML vocabularies
     for address in re.findall(r"https?://[^\s\"'<>]+", page):
         assert address.startswith(("http://www.w3.org/",)), address
-    assert "default-src 'none'" in page
+
+
+def test_the_policy_allows_nothing_from_outside_and_no_script_but_the_pages_own(page):
+    policies = re.findall(r'<meta http-equiv="Content-Security-Policy" content="([^"]*)">', page)
+    assert len(policies) == 1 and page.index("Content-Security-Policy") < min(map(page.index, ("<style", "<script", "<title")))
+    policy = {words[0]: words[1:] for words in (part.split() for part in policies[0].split(";"))}
+    # what is not named falls back on the first, but for these two, which do not
+    assert policy["default-src"] == policy["base-uri"] == policy["form-action"] == ["'none'"]
+    assert policy["style-src"] == ["'unsafe-inline'"] and policy["img-src"] == ["data:"]
+    scripts = re.findall(r"<script([^>]*)>(.*?)</script>", page, re.DOTALL)
+    assert {kind for kind, _ in scripts} == {"", ' type="application/json"'}
+    (own,) = (text for kind, text in scripts if not kind)
+    assert policy["script-src"] == [f"'sha256-{base64.b64encode(hashlib.sha256(own.encode()).digest()).decode()}'"]
+    # such a policy stops what stands in attributes too: none of it may be needed
+    assert not re.search(r"<[^>]*\son[a-z]+\s*=|javascript:", re.sub(r"<script.*?</script>", "", page, flags=re.DOTALL))
+    assert len(policy) == 6
 
 
 def test_every_section_is_there_in_order_and_the_document_is_well_formed(page):

@@ -8,7 +8,7 @@ from updating_cases import LINEAR_HZ, LINEAR_PARAMETERS, linear_problem, modal_s
 
 from probupdate import verbs
 from probupdate.errors import InputError
-from probupdate.estimators.ensemble import nested_r_hat
+from probupdate.estimators.ensemble import _first_state, nested_r_hat
 from probupdate.estimators.importance import (
     Mixture,
     PriorDensity,
@@ -17,7 +17,7 @@ from probupdate.estimators.importance import (
     fitted_proposal,
     importance_sample,
 )
-from probupdate.estimators.laplace import distinct_maxima, maximum_a_posteriori
+from probupdate.estimators.laplace import distinct_maxima, maximum_a_posteriori, trust_region
 from probupdate.estimators.surrogate import Proposal, fit_surrogate, from_laplace
 from probupdate.modes import ModalData
 from probupdate.parameters import Parameter, Parameters
@@ -184,3 +184,63 @@ def test_draws_without_modes_have_probability_zero_and_are_counted():
     # the positive half of the evidence
     assert found.log_evidence == pytest.approx(whole[1] + np.log(1 - whole[0]), abs=4 * found.log_evidence_std + 2e-3)
 
+
+
+def half_of_two_modes():
+    """The problem above, and how often the model was asked for a below zero."""
+    model, data = two_modes(*CASES[0])
+    asked = []
+
+    def function(theta):
+        if theta[0] < 0:
+            asked.append(theta)
+            raise InputError("model", "has a negative stiffness", "raise the lower bound")
+        return model.function(theta)
+
+    return build_problem(replace(model, function=function), data, weights=Weights(shapes="none")), asked
+
+
+def test_the_posterior_is_zero_where_there_are_no_modes():
+    problem, asked = half_of_two_modes()
+    theta = np.array([[2.0, 0.0], [-2.0, 0.0], [5.0, 0.0], [1.0, 0.1]])
+    value, fallback = problem.log_posterior(theta)
+    assert asked and np.array_equal(np.isfinite(value), [True, False, False, True]) and not fallback.any()
+    assert value[0] == problem.log_posterior(theta[0])[0][0] and value[3] == problem.log_posterior(theta[3])[0][0]
+
+
+def test_climbs_from_where_there_are_no_modes_are_left_out():
+    problem, asked = half_of_two_modes()
+    right, wrong = np.array([2.0, 0.0]), np.array([-2.0, 0.0])
+    alone = maximum_a_posteriori(problem, [right])
+    assert np.array_equal(maximum_a_posteriori(problem, [wrong, right]).theta, alone.theta)
+    assert len(distinct_maxima(problem, alone, [wrong, right])) == 1 and asked
+    with pytest.raises(InputError, match="has a negative stiffness"):
+        maximum_a_posteriori(problem, [wrong])
+    # a trust region that steps there comes back
+    assert trust_region(problem, np.array([0.2, 0.0]))[0] > 0
+
+
+class Uniform:
+    """Draws of a from `lowest` to `highest`, b zero."""
+
+    def __init__(self, lowest, highest):
+        self.lowest, self.highest = lowest, highest
+
+    def draw(self, n, rng):
+        return np.column_stack([rng.uniform(self.lowest, self.highest, n), np.zeros(n)])
+
+
+def test_walkers_begin_where_there_are_modes():
+    """From one that has none emcee subtracts an infinity from an infinity at each step."""
+    problem, asked = half_of_two_modes()
+    start = _first_state(problem, Uniform(-4.0, 4.0), 40, 3, 1).coords
+    assert asked and np.all(start[:, 0] >= 0) and len(np.unique(start[:, 0])) == 40
+    # where all have modes nothing is drawn anew
+    plain = _first_state(problem, Uniform(0.0, 4.0), 40, 3, 1).coords
+    assert np.array_equal(plain, Uniform(0.0, 4.0).draw(40, np.random.default_rng([3, 0, 1])))
+
+
+def test_a_model_that_has_no_modes_anywhere_is_refused():
+    problem, _ = half_of_two_modes()
+    with pytest.raises(InputError, match="no modes at 10 of 10 starts"):
+        _first_state(problem, Uniform(-4.0, -0.1), 10, 3, 0)

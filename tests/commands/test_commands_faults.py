@@ -1,0 +1,64 @@
+"""A small version of studies/faults: kill -9, two writers and signals at drawn moments, full disks, for light commands."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+STUDY = Path(__file__).resolve().parents[2] / "studies" / "faults"
+TRIED = ("kill -9 at a drawn moment", "kill -9 as a file takes its place", "two writers", "SIGTERM", "Ctrl-C",
+         "full disk (limit on file size)", "input gone midway")  # fmt: skip
+
+
+@pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="asks /proc for orphan processes")
+def test_nothing_finished_is_lost_and_nothing_is_left(tmp_path):
+    code = (f"import sys; sys.path.insert(0, {str(STUDY)!r}); import faults; from pathlib import Path\n"
+            f"faults.run(Path({str(tmp_path)!r}), 11, ['select', 'convert'], faults={TRIED!r}, rounds=2)")
+    environment = {**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "PYTHONPATH": str(STUDY.parents[1])}
+    done = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, timeout=600)
+    assert done.returncode == 0, done.stderr
+    lines = [json.loads(line) for line in (tmp_path / "log.jsonl").read_text().splitlines()]
+    assert len(lines) == 2 * len(TRIED) * 2
+    assert sum(one["what"].get("kills", 0) for one in lines) == 18
+    bad = ("torn", "again_differs", "parts_left", "orphans", "traceback", "more_lines", "other_exit")
+    assert not [one for one in lines if any(one["what"].get(key) for key in bad)]
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+def test_a_signal_while_the_program_is_being_loaded_is_one_line(number):
+    """Sent when the interpreter has come to this program, before anything else of it is there."""
+    code = ("import sys, os, signal, importlib.abc\n"
+            "class Finder(importlib.abc.MetaPathFinder):\n"
+            "    def find_spec(self, name, path, target=None):\n"
+            f"        if name == 'probupdate.cli': os.kill(os.getpid(), {int(number)})\n"
+            "sys.meta_path.insert(0, Finder())\n"
+            "from probupdate.__main__ import main; sys.exit(main())")
+    ended = subprocess.run([sys.executable, "-c", code, "modes", "design"], capture_output=True, text=True,
+                           preexec_fn=lambda: signal.signal(number, signal.SIG_DFL))  # fmt: skip
+    assert ended.returncode == 130 and ended.stderr == "probupdate: interrupted before anything was done\n"
+
+
+def test_a_signal_that_falls_into_an_exec_keeps_the_exit_code(tmp_path):
+    """Python itself ends by the signal where a KeyboardInterrupt has passed through an exec, caught or not."""
+    code = ("import os, signal, sys\nfrom probupdate import cli, __main__\n"
+            "def action(a, progress): exec('import os, signal; os.kill(os.getpid(), signal.SIGTERM)')\n"
+            "cli.run_modes = action\nsys.argv = ['probupdate', 'modes', 'design']\nsys.exit(__main__.main())")
+    (tmp_path / "run.py").write_text(code)
+    ended = subprocess.run([sys.executable, tmp_path / "run.py"], capture_output=True, text=True)
+    assert ended.returncode == 130 and ended.stderr == "probupdate modes: interrupted; what was finished is kept\n"
+
+
+def test_ctrl_c_that_is_ignored_stays_ignored(tmp_path):
+    """As in a script's background."""
+    begun = subprocess.Popen([sys.executable, "-m", "probupdate", "modes", "design"], stdout=subprocess.DEVNULL,
+                             stderr=subprocess.PIPE, text=True,
+                             preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_IGN))  # fmt: skip
+    while begun.poll() is None:
+        begun.send_signal(signal.SIGINT)
+        time.sleep(0.05)
+    assert begun.returncode == 0 and not begun.communicate()[1]
