@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -13,7 +14,11 @@ from probupdate.estimators.posterior_file import Posterior
 from probupdate.estimators.update_file import BLIND_RESOLUTION, UpdateRecord, fit_sentence, misses
 from probupdate.files import read_json_table, write_json
 from probupdate.identifiability import BLIND, KNOWN, PARTLY, PRIOR, STRONG, identifiability
+from probupdate.result_table import OWN_UNIT, table_of
 from probupdate.schema import checked
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 FORMAT = 1
 # estimates closer than this many posterior deviations are the same for any use of them
@@ -22,6 +27,10 @@ CLOSE = 0.25
 SAME = 0.01
 HIGH_CORRELATION = 0.95
 RIDGE = 0.7
+
+
+# of a row's numbers those in the parameter's unit
+IN_UNIT = ("prior_mean", "prior_std", "initial", "step", "anchored", "map", "mean", "median", "std", "low", "high", "nine_mean")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -71,6 +80,10 @@ class Comparison:
     notes: tuple[str, ...]
     converged: bool
     settings: Mapping[str, str] = field(default_factory=dict)
+
+    def to_frame(self) -> pd.DataFrame:
+        """A row a parameter; what is about its value in its `unit`, shares and distances without."""
+        return table_of(self.rows, units=dict.fromkeys(IN_UNIT, OWN_UNIT))
 
     @property
     def summary(self) -> str:

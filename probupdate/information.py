@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -19,7 +20,11 @@ from probupdate.identifiability import BLIND
 from probupdate.json_rows import from_row, row_of
 from probupdate.modes import frozen_array
 from probupdate.problem import Problem
+from probupdate.result_table import OWN_UNIT, table_of
 from probupdate.schema import checked
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 FORMAT = 1
 METRIC_WORDS = ("negligible", "low", "medium", "high")
@@ -98,6 +103,10 @@ class Information:
 
     def named(self, role: str) -> tuple[str, ...]:
         return tuple(r.name for r in self.rows if r.role == role)
+
+    def to_frame(self) -> pd.DataFrame:
+        """A row a parameter."""
+        return table_of(self.rows, units={"value": OWN_UNIT})
 
     @property
     def summary(self) -> str:

@@ -11,12 +11,17 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
 from types import MappingProxyType, ModuleType
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from probupdate.deviation_file import read_deviations, write_deviations
 from probupdate.errors import InputError, of_file, parsing
 from probupdate.files import read_json, write_json
+from probupdate.result_table import table_of
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 # of modes.json: 2 has `mode_records`, one of each mode, and `model_only`; files of format 1, or without, have neither
 FORMAT = 2
@@ -251,6 +256,15 @@ class ModalData:
             raise InputError("modal data", f"{len(self.records)} records for {n_mode} modes", "give one a mode")
         if self.reference_set is not None and self.reference_set not in ids:
             raise InputError("modal data", f"reference_set '{self.reference_set}' is no set's id", "name one of them")
+
+    def to_frame(self) -> pd.DataFrame:
+        """A row a set and mode: frequency, damping ratio, their standard deviations; NaN where not measured."""
+        names = self.labels or tuple(str(j + 1) for j in range(self.n_mode))
+        return table_of([
+            {"id": s.id, "mode": names[j], "frequency_hz": s.frequency_hz[j], "frequency_std_hz": s.frequency_std_hz[j],
+             "damping_ratio": s.damping_ratio[j], "damping_ratio_std": s.damping_ratio_std[j]}
+            for s in self.sets for j in range(self.n_mode)
+        ])  # fmt: skip
 
     @property
     def n_mode(self) -> int:

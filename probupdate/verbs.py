@@ -44,12 +44,16 @@ from probupdate.problem import Weights, build_problem
 from probupdate.progress import Progress, silent
 from probupdate.reporting import report as write_report
 from probupdate.reporting.run_files import PARTS, run_places
+from probupdate.result_table import files_table
 from probupdate.structure.load import REFERENCE_STATES, load_model, nacelle_angle_deg, reference_model
 from probupdate.structure.own_modes import OwnModes, own_modes
 from probupdate.structure.subdyn_model import is_subdyn, subdyn_sensors, turns_nacelle
 from probupdate.virtual.simulation import simulate
 
 if TYPE_CHECKING:
+    import pandas as pd
+
+    from probupdate.campaign.universal import Translation
     from probupdate.diagnosis.results import Diagnosis
     from probupdate.estimators.set_views_file import SetViews
     from probupdate.information import Information
@@ -166,10 +170,27 @@ def setup_names(paths: Sequence[Path]) -> list[str]:
 
 
 def convert(
-    sources: str | Path, campaign: str | Path, *, description: str | Path | None = None, progress: Progress = silent
-) -> Conversion:
-    """Records of other programs (CSV, Parquet, MATLAB, NumPy) into a campaign's layout, as its convert.toml says."""
-    return convert_files(sources, campaign, description=description, progress=progress)
+    sources: str | Path, out: str | Path, *, to: str = "campaign", description: str | Path | None = None,
+    sensors: str | Path | None = None, progress: Progress = silent,
+) -> Conversion | Translation:  # fmt: skip
+    """Records of other programs (CSV, Parquet, MATLAB, NumPy, UFF) into a campaign's layout, as its convert.toml says.
+
+    to 'modes': a universal file's modes (dataset 55) into a modes.json; to 'uff': a modes.json into a universal file, or
+    a campaign's blocks into a folder of them (dataset 58). `sensors`: the campaign, or campaign.toml, that says where the
+    channels of a modes.json are."""
+    if to == "campaign":
+        return convert_files(sources, out, description=description, progress=progress)
+    if to not in ("modes", "uff"):
+        raise InputError("to", f"'{to}' is unknown", "choose from campaign, modes, uff")
+    from probupdate.campaign.universal import modes_from_universal, modes_to_universal, records_to_universal
+
+    if to == "modes":
+        return modes_from_universal(sources, out, sensors=sensors)
+    if Path(sources).is_dir():
+        return records_to_universal(sources, out, progress=progress)
+    if sensors is None:
+        raise InputError(str(sources), "does not say where its channels are", "name the campaign (--sensors)")
+    return modes_to_universal(sources, out, sensors=sensors)
 
 
 @names_files("model")
@@ -725,14 +746,13 @@ def _fatigue_input(folder: Path, places, fatigue: Path, diagnosis, progress: Pro
     from probupdate.estimators.laplace import maximum_a_posteriori
     from probupdate.estimators.update_file import read_update
     from probupdate.lifetime.conditions import read_conditions
+    from probupdate.lifetime.export import refuse_without_members
     from probupdate.lifetime.fatigue_files import FatigueInput, Named
     from probupdate.structure.description import read_description
 
     # before minutes of work are spent on the rest
     read_conditions(fatigue)
-    if not _has_geometry(places["model"]) or is_subdyn(places["model"]):
-        raise InputError(str(places["model"]), "stresses are made of a turbine described by members (model.toml) only",
-                         "leave --fatigue out, or describe the turbine in a model.toml")  # fmt: skip
+    refuse_without_members(places["model"])
     problem, laplace = None, None
     modes = next((places[name] for name in ("nine.json", "modes.json") if name in places), None)
     if modes is not None:
@@ -747,7 +767,7 @@ def _fatigue_input(folder: Path, places, fatigue: Path, diagnosis, progress: Pro
     updates = read_update(places["update.json"]).sets if "update.json" in places else None
     named = None
     extended = diagnosis and diagnosis.get("extended_model")
-    if extended and (folder / extended).is_file():
+    if extended and (folder / extended).is_file() and not is_subdyn(places["model"]):
         path, drawn = folder / extended, folder / "diagnosis.posterior.nc"
         effects = {p.name: p.description for p in read_description(path).effects}
         own = {p.name for p in read_description(places["model"]).effects}
@@ -768,6 +788,14 @@ class Written:
     def __str__(self) -> str:
         return str(self.path)
 
+    @property
+    def summary(self) -> str:
+        return f"wrote {self.path}"
+
+    def to_frame(self) -> pd.DataFrame:
+        """One row."""
+        return files_table(page=(self.path,))
+
 
 def report(run: str | Path, out: str | Path, *, progress: Progress = silent) -> Written:
     """One self-contained page of a run directory."""
@@ -779,6 +807,10 @@ class Figures:
     """Files of a folder of figures."""
 
     files: tuple[Path, ...]
+
+    def to_frame(self) -> pd.DataFrame:
+        """A row a file."""
+        return files_table(figure=self.files[:-1], legend=self.files[-1:])
 
     @property
     def summary(self) -> str:

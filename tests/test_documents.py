@@ -239,6 +239,15 @@ def test_an_effect_of_ones_own_is_made_as_its_page_says():
     assert dict(made["lower"].increments) == {"k1": 1.0, "k2": 1.0}
 
 
+def test_the_table_of_packages_is_that_of_the_lock():
+    locked = set(re.findall(r"^([A-Za-z0-9_.-]+)==([^\s;\\]+)", text("requirements.lock"), re.MULTILINE))
+    rows = re.findall(r"^\| (\S+) \| ([^|]+) \| ([^|]+) \|", text("studies/supply_chain/PACKAGES.md"), re.MULTILINE)[1:]
+    listed = {(name, version) for name, versions, _ in rows for version in versions.split(", ")}
+    assert listed - {("---", "---")} == locked, "run studies/supply_chain/licences.py again"
+    assert all(re.fullmatch(r"(\d{4}-\d\d-\d\d|not stated|-)(, (\d{4}-\d\d-\d\d|not stated|-))*", days.strip())
+               for name, _, days in rows if name != "---")  # fmt: skip
+
+
 def test_every_decision_has_its_four_parts_and_its_line_in_the_index():
     pages = {p.name for p in (ROOT / "docs" / "decisions").glob("*.md")} - {"index.md"}
     listed = re.findall(r"\]\((\w+\.md)\)", text("docs/decisions/index.md"))
@@ -367,12 +376,3 @@ def test_sentences_for_users_use_the_field_s_words(pattern):
              if PRIVATE.search(said) and "median deviation" not in said and ".deviations.h5" not in said
              and not said.endswith(", deviations")]  # fmt: skip
     assert not found, found
-
-
-def test_the_table_of_packages_is_that_of_the_lock():
-    locked = set(re.findall(r"^([A-Za-z0-9_.-]+)==([^\s;\\]+)", text("requirements.lock"), re.MULTILINE))
-    rows = re.findall(r"^\| (\S+) \| ([^|]+) \| ([^|]+) \|", text("studies/supply_chain/PACKAGES.md"), re.MULTILINE)[1:]
-    listed = {(name, version) for name, versions, _ in rows for version in versions.split(", ")}
-    assert listed - {("---", "---")} == locked, "run studies/supply_chain/licences.py again"
-    assert all(re.fullmatch(r"(\d{4}-\d\d-\d\d|not stated|-)(, (\d{4}-\d\d-\d\d|not stated|-))*", days.strip())
-               for name, _, days in rows if name != "---")  # fmt: skip

@@ -12,6 +12,7 @@ PACKAGE = Path(__file__).resolve().parents[1] / "probupdate"
 # name -> floor; a module may import a lower floor, its own package, and what PEERS names
 FLOOR = {
     "errors": 0, "progress": 0, "files": 0.02, "hdf5_probe": 0.02, "hdf5_file": 0.03, "schema": 0.03, "executors": 0.05, "deviation_file": 0.05, "json_rows": 0.05,
+    "result_table": 0.05,
     "identifiability": 0.1, "parameters": 0.1, "modes": 0.1,
     "model": 0.2, "model_error": 0.3, "mode_labels": 0.2, "io": 0.3,
     "structure": 1, "campaign": 1, "virtual": 1,

@@ -7,8 +7,9 @@ rovers and references on one rigid part, wherever it is (`rigid_bodies`), say wh
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from itertools import combinations
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy import fft
@@ -23,6 +24,10 @@ from probupdate.campaign.spectra import SEGMENT_S
 from probupdate.errors import InputError
 from probupdate.modes import Sensor
 from probupdate.progress import Progress, silent
+from probupdate.result_table import OWN_UNIT, table_of
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 # groups of segments, of which one after the other is left out for standard deviations
 GROUPS = 10
@@ -71,6 +76,10 @@ class SetupComparison:
     peaks_hz: np.ndarray
     findings: tuple[SensorFinding, ...]
     uses: tuple[str, ...]
+
+    def to_frame(self) -> pd.DataFrame:
+        """A row a finding."""
+        return table_of(self.findings, [f.name for f in fields(SensorFinding)], units={"size": OWN_UNIT, "size_std": OWN_UNIT})
 
     @property
     def summary(self) -> str:

@@ -33,6 +33,7 @@ from probupdate.campaign.sensor_findings import SensorFinding
 from probupdate.campaign.spectra import cross_spectra, in_acceleration, most_channels
 from probupdate.files import write_json, write_table
 from probupdate.progress import Progress, silent
+from probupdate.result_table import with_units
 
 # what a column of SCADA is needed for
 USES = {
@@ -65,6 +66,10 @@ class CampaignCheck:
     uses: tuple[str, ...]
     summary: str
     measured: tuple[SensorFinding, ...] = ()
+
+    def to_frame(self) -> pd.DataFrame:
+        """`table`: a row a block and channel; numbers about samples in SI units."""
+        return with_units(self.table)
 
     def write(self, path: str | Path) -> Path:
         """JSON: campaign, findings, measured, uses, blocks, channels (a summary per channel); beside it

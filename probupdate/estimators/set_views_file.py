@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -12,7 +13,11 @@ from probupdate.estimators.predictive import LeftOut
 from probupdate.files import read_json_table, write_json
 from probupdate.json_rows import from_row, row_of
 from probupdate.modes import frozen_array
+from probupdate.result_table import OWN_UNIT, table_of
 from probupdate.schema import checked
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 FORMAT = 1
 # bits about tau below which it is the hyper-prior's
@@ -82,6 +87,10 @@ class SetViews:
     notes: tuple[str, ...]
     advice: str
     settings: dict[str, str]
+
+    def to_frame(self) -> pd.DataFrame:
+        """A row a parameter, then derived quantities."""
+        return table_of(self.rows, units=dict.fromkeys(("scatter_mean", "pooled_mean", "joint_mean", "mean"), OWN_UNIT))
 
     @property
     def summary(self) -> str:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -13,7 +14,11 @@ from probupdate.files import read_json_table, write_json
 from probupdate.identifiability import BOUND, KNOWN, PARTLY, PRIOR, identifiability
 from probupdate.modes import frozen_array
 from probupdate.parameters import Parameter, Parameters
+from probupdate.result_table import OWN_UNIT, table_of
 from probupdate.schema import checked
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 FORMAT = 1
 # a parameter's resolution below this: the data hardly inform it
@@ -150,6 +155,18 @@ class UpdateRecord:
 
     def scheme(self, key: str) -> SchemeRecord:
         return next(s for s in self.schemes if s.key == key)
+
+    def to_frame(self) -> pd.DataFrame:
+        """A row a parameter, in its `unit`: initial value and prior, the ends of both readings of Eq. 7, the maximum of
+        the posterior with its Laplace standard deviation."""
+        ends = {s.key: s.theta[-1] for s in self.schemes}
+        std = np.sqrt(np.diag(self.map_covariance))
+        return table_of([
+            {"name": p.name, "unit": p.unit, "initial": p.initial, "prior_std": p.std,
+             **{key: theta[k] for key, theta in ends.items()}, "map": self.map_theta[k], "map_std": std[k],
+             "resolution": self.map_resolution[k], "at_bound": bool(self.map_at_bound[k])}
+            for k, p in enumerate(self.parameters)
+        ], units=dict.fromkeys(("initial", "prior_std", *ends, "map", "map_std"), OWN_UNIT))  # fmt: skip
 
     @property
     def summary(self) -> str:

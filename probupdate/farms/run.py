@@ -6,15 +6,19 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from probupdate.errors import InputError, ProbupdateError
 from probupdate.executors import Executor, Shard, executor
 from probupdate.farms.description import Farm, Month, read_farm
 from probupdate.farms.month import MonthState, is_done, lost_month, made_of, read_state, run_month
 from probupdate.farms.page import write_page
-from probupdate.farms.summary import FAILED, WAITING, MonthRow, farm_rows, write_rows
+from probupdate.farms.summary import FAILED, WAITING, MonthRow, farm_rows, rows_table, write_rows
 from probupdate.files import holds_nothing, read_json_table, remove_stale, write_json
 from probupdate.progress import Progress, silent
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 HEAD, TABLE, PAGE = "farm.json", "farm.csv", "farm.html"
 ANEW = "give an empty directory, or the farm's own"
@@ -32,6 +36,10 @@ class FarmRun:
     @property
     def failed(self) -> tuple[MonthRow, ...]:
         return tuple(row for row in self.rows if row.state == FAILED)
+
+    def to_frame(self) -> pd.DataFrame:
+        """farm.csv: a row a turbine and month."""
+        return rows_table(self.rows)
 
     @property
     def summary(self) -> str:

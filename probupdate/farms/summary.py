@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -16,6 +17,10 @@ from probupdate.farms.description import Farm, Month
 from probupdate.farms.month import MonthState
 from probupdate.files import write_table
 from probupdate.modes import read_modes
+from probupdate.result_table import with_units
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 DONE, FAILED, WAITING = "done", "failed", "waiting"
 # of normally distributed numbers the standard deviation over the median absolute one
@@ -136,8 +141,8 @@ def labels_of(rows: Sequence[MonthRow]) -> tuple[str, ...]:
     return tuple(dict.fromkeys(label for row in rows for label in row.frequency))
 
 
-def write_rows(rows: Sequence[MonthRow], path: Path) -> Path:
-    """farm.csv: a row a turbine and month; frequencies, their standard deviations and changes a column a mode, parameters
+def rows_table(rows: Sequence[MonthRow]) -> pd.DataFrame:
+    """A row a turbine and month; frequencies, their standard deviations and changes a column a mode, parameters
     two columns each."""
     import pandas as pd
 
@@ -155,7 +160,12 @@ def write_rows(rows: Sequence[MonthRow], path: Path) -> Path:
         lines.append(line | {
             "verdict": row.verdict, "p_value": row.p_value, "findings": "; ".join(row.findings),
             "changes": "; ".join(row.changes), "failed_step": row.failed_step, "failed": row.failed})  # fmt: skip
-    return write_table(path, pd.DataFrame(lines))
+    return with_units(pd.DataFrame(lines))
+
+
+def write_rows(rows: Sequence[MonthRow], path: Path) -> Path:
+    """farm.csv: `rows_table`."""
+    return write_table(path, rows_table(rows))
 
 
 def months_of(rows: Sequence[MonthRow]) -> tuple[str, ...]:

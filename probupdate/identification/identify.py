@@ -44,6 +44,7 @@ from probupdate.identification.reference import ReferenceModes, turned
 from probupdate.identification.tracking import Choice, JudgedPoles, Tracked
 from probupdate.modes import ModalData, ModalDeviation, ModalSet, ModelMode, ModeRecord, unit_largest, write_modes
 from probupdate.progress import Progress, silent
+from probupdate.result_table import table_of
 
 # the broad-band amplitude of a block goes by the unit of what was measured
 AMPLITUDE = {"acceleration": "rms_mps2", "velocity": "rms_mps", "displacement": "rms_m"}
@@ -82,6 +83,10 @@ class Identification:
     tracked: Tracked
     notes: tuple[str, ...]
     summary: str
+
+    def to_frame(self) -> pd.DataFrame:
+        """A row a set and mode."""
+        return self.data.to_frame()
 
     def write(self, out: str | Path) -> list[Path]:
         """modes.json, modes.deviations.h5 where there are deviations, and modes.poles.csv beside it."""
@@ -138,6 +143,11 @@ class ShardOfBlocks:
     n_block: int
     left: int
     left_deviations: int | None
+
+    def to_frame(self) -> pd.DataFrame:
+        """One row: the shard and what it did."""
+        return table_of([{"shard": str(self.shard), "identified": self.identified, "with_std": self.with_deviations,
+                          "blocks": self.n_block, "left": self.left, "left_std": self.left_deviations}])  # fmt: skip
 
     @property
     def summary(self) -> str:
@@ -199,7 +209,7 @@ def physical_of(
     parts, bands, angles, waves, state = [], [], [], [], []
     chosen = evenly(states)
     for number, k in enumerate(chosen):
-        progress("finding modes", number, len(chosen))
+        progress("classifying modes", number, len(chosen))
         block = blocks.read(usable[k])
         environment = _environment(block, campaign, rule)
         parts.append(block_candidates(pole_stack(block, settings), number, settings.classifier, persistence))
@@ -208,7 +218,7 @@ def physical_of(
         period = environment.get("wave_period_s")
         waves.append(1 / float(period) if period is not None and float(period) > 0 else np.nan)
         state.append(states[k])
-    progress("finding modes", len(chosen), len(chosen))
+    progress("classifying modes", len(chosen), len(chosen))
     return physical_modes(
         gathered(parts), n_block=len(chosen), settings=persistence, state=state, bands=bands, wave_hz=waves,
         angle_deg=angles, sensors=campaign.sensors, block_seconds=60 * campaign.block_minutes,
@@ -284,9 +294,9 @@ def _followed(
 ) -> _Followed:
     found = []
     for number, start in enumerate(blocks.starts):
-        progress("finding modes", number, len(blocks.starts))
+        progress("classifying modes", number, len(blocks.starts))
         found.append(_held_against(blocks.read(start), campaign, physical.modes, reference, settings, rule))
-    progress("finding modes", len(blocks.starts), len(blocks.starts))
+    progress("classifying modes", len(blocks.starts), len(blocks.starts))
     usable = [one for one in found if one.judged is not None]
     tracked = tracking.track([one.judged for one in usable], settings.classifier)
     chosen = {one.block.start: choice for one, choice in zip(usable, tracked.choices, strict=True)}

@@ -17,6 +17,7 @@ import pandas as pd
 from probupdate.errors import InputError
 from probupdate.files import write_table
 from probupdate.modes import ModalData, frozen_array
+from probupdate.result_table import with_units
 
 COVARIATES = ("wind_speed_mps", "rotor_speed_rpm", "air_temperature_c", "water_level_m", "rms_mps2")
 # a covariate known in fewer blocks than this share of the mode's is left out, rather than the blocks
@@ -289,6 +290,10 @@ class ModalRegression:
     fits: Mapping[str, tuple[Regression, ...]]
     table: pd.DataFrame
     notes: tuple[str, ...]
+
+    def to_frame(self) -> pd.DataFrame:
+        """`table`: a row a mode, response and covariate."""
+        return with_units(self.table)
 
     @property
     def summary(self) -> str:

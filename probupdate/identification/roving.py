@@ -28,6 +28,7 @@ from probupdate.modes import (
     unit_largest,
     write_modes,
 )
+from probupdate.result_table import with_units
 
 # without labels of a model: modes of two setups are one if they are this close and alike at the references
 SAME_FREQUENCY, SAME_MAC = 0.04, 0.80
@@ -61,6 +62,10 @@ class Merged:
     references: tuple[str, ...]
     table: pd.DataFrame
     summary: str
+
+    def to_frame(self) -> pd.DataFrame:
+        """A row a mode and setup."""
+        return with_units(self.table)
 
     def write(self, out: str | Path) -> list[Path]:
         """modes.json, modes.deviations.h5 and modes.setups.csv beside it."""

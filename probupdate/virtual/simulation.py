@@ -17,6 +17,7 @@ from probupdate.mode_labels import mode_character
 from probupdate.modes import Sensor
 from probupdate.executors import Executor, completed
 from probupdate.progress import Progress, silent
+from probupdate.result_table import table_of
 from probupdate.virtual import campaign_files, losses, operation
 from probupdate.virtual.dynamics import N_MODE, HeadingModes
 from probupdate.virtual.effects import refuse_late
@@ -28,6 +29,7 @@ from probupdate.virtual.turbine_file import TurbineFile, read_turbine, reference
 
 if TYPE_CHECKING:
     import pandas
+    import pandas as pd
 
 BLOCK_MINUTES = 30
 START = np.datetime64("2019-06-01T00:00:00")
@@ -53,6 +55,11 @@ class VirtualCampaign:
     frequency_hz: np.ndarray
     damping_ratio: np.ndarray
     seed: int
+
+    def to_frame(self) -> pd.DataFrame:
+        """A row a true mode at the prevailing heading."""
+        return table_of([{"mode": k, "frequency_hz": f, "damping_ratio": z} for k, (f, z) in
+                         enumerate(zip(self.frequency_hz, self.damping_ratio, strict=True), 1)])
 
     @property
     def summary(self) -> str:

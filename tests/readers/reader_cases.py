@@ -280,6 +280,22 @@ def elastodyn(folder: Path) -> Made:
     return [path, *(p for p in folder.iterdir() if p != path)], lambda: read_elastodyn(path)
 
 
+def uff(kind: str):
+    def make(folder: Path) -> Made:
+        import pytest
+
+        pytest.importorskip("pyuff", reason="pyuff is not installed (pip install probupdate[uff])")
+        cases = module_of("io", "test_uff_file")
+        if kind == "modes":
+            cases.write_uff_modes(cases.modes(), cases.sensors(), folder / "modes.uff")
+            return [folder / "modes.uff"], lambda: cases.read_uff_modes(folder / "modes.uff", cases.sensors())
+        cases.records(folder, n=50)
+        path = next(folder.glob("*.uff"))
+        return [path], lambda: cases.read_uff_records(path)
+
+    return make
+
+
 def virtual_turbine(folder: Path) -> Made:
     from probupdate.virtual.turbine_file import read_turbine
 
@@ -399,6 +415,18 @@ def lifetime_table(folder: Path) -> Made:
     return [path], lambda: read_table(path)
 
 
+def joint(folder: Path) -> Made:
+    from probupdate.lifetime.draws import joint_of, read_joint
+
+    drawn = joint_of(("a", "b"), np.random.default_rng(1).standard_normal((400, 2)) @ [[1.0, 0.5], [0.0, 1.0]])
+    path = folder / "joint.json"
+    path.write_text(json.dumps({
+        "kind": "nataf", "parameters": list(drawn.names), "mean": drawn.mean.tolist(), "std": drawn.std.tolist(),
+        "level": drawn.level.tolist(), "quantile": drawn.quantile.T.tolist(),
+        "normal_correlation": drawn.correlation.tolist(), "rank_correlation": drawn.rank_correlation.tolist()}))
+    return [path], lambda: read_joint(path).sample(10, np.random.default_rng(2))
+
+
 def extptfm(folder: Path) -> Made:
     from probupdate.lifetime.superelement import read_extptfm
 
@@ -459,6 +487,8 @@ CASES: dict[str, tuple[Callable[[Path], Made], tuple[str, ...]]] = {
     "subdyn": (subdyn, ("io.subdyn_file.read_subdyn", "io.ssi_file.read_ssi", "io.fortran_text.read_lines",
                         "structure.subdyn_model.read_description")),
     "elastodyn": (elastodyn, ("io.elastodyn_file.read_elastodyn",)),
+    "uff_modes": (uff("modes"), ("io.uff_file.read_uff_modes",)),
+    "uff_records": (uff("records"), ("io.uff_file.read_uff_records",)),
     "virtual": (virtual_turbine, ("virtual.turbine_file.read_turbine", "virtual.turbine_file.read_toml")),
     "truth": (truth, ("virtual.truth.read_given", "virtual.effects.read_effect")),
     "truth_modes": (truth_modes, ("virtual.truth.read_truth_modes",)),
@@ -469,6 +499,7 @@ CASES: dict[str, tuple[Callable[[Path], Made], tuple[str, ...]]] = {
     "started_run": (started_run, ("demonstration._State",)),
     "fatigue": (fatigue, ("lifetime.conditions.read_conditions",)),
     "lifetime_table": (lifetime_table, ("lifetime.tables.read_table",)),
+    "joint": (joint, ("lifetime.draws.read_joint",)),
     "extptfm": (extptfm, ("lifetime.superelement.read_extptfm",)),
     "farm": (farm, ("farms.description.read_farm",)),
     "farm_month": (farm_month, ("farms.month.read_state",)),
