@@ -364,7 +364,8 @@ def user_strings(path: Path):
 
 # where sentences for users are made; the other modules of the diagnosis follow when their names do
 WORDED = ("cli.py", "comparison.py", "information.py", "demonstration.py", "responses.py", "diagnosis/wording.py",
-          "reporting/*.py", "estimators/*.py", "identification/*.py", "campaign/*.py")  # fmt: skip
+          "diagnosis/results.py", "farms/*.py", "reporting/*.py", "estimators/*.py", "identification/*.py",
+          "campaign/*.py")  # fmt: skip
 
 
 @pytest.mark.parametrize("pattern", WORDED)
