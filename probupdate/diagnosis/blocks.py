@@ -176,7 +176,7 @@ def gather(data: ModalData, where: str = "modes", expected_hz: Mapping[str, floa
                          "give sets that were identified one by one, with all digits: their scatter is the noise that "
                          "effects are tested against")  # fmt: skip
     if not np.isfinite(shape).any():
-        notes.append("no set tells a shape: frequencies alone, paired with the model's in their order, tell few causes "
+        notes.append("no set has a shape: frequencies alone, paired with the model's in their order, tell few causes "
                      "from one another, and nothing of the sensors")
     found = np.isfinite(frequency) & np.any(np.isfinite(shape), axis=1)
     seen = np.isfinite(shape).any(axis=2)[found.any(axis=1)]

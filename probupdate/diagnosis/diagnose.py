@@ -44,8 +44,8 @@ TOLD, LEFT = 3.0, 2.0
 # threshold of |z| that a catalogue can need (of ten million independent candidates it is 5.9)
 FARTHEST, SENSIBLE = 6.0, 12.0
 CHANCE = "chance alone"
-NOT_SETTLED = "the fit did not settle: what remains is too much for the model to follow"
-ALIKE_SHAPES = "the measured shapes are as good as one where the model expects two, so that they tell nothing"
+NOT_SETTLED = "the fit did not settle: the residuals are too large for the model to follow"
+ALIKE_SHAPES = "the measured shapes are as good as one where the model expects two, so that they carry no information"
 
 
 def refit(

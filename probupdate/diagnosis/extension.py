@@ -222,7 +222,7 @@ def _told_added(prepared: Prepared, added: _Added, named: Named) -> dict:
     if effect.observe is not None:
         return told | {"as": "correction of the modal sets"}
     names = [name for name, _ in effect.increments]
-    return told | {"as": "the model's own parameter, whose prior is doubted", "parameter": ", ".join(names)}
+    return told | {"as": "the model's own parameter, whose prior is in question", "parameter": ", ".join(names)}
 
 
 # Modal sets --------------------------------------------------------------------------------------------------------
@@ -386,10 +386,11 @@ def statements(found: Diagnosis, content: dict) -> list[str]:
     if found.verdict == "ambiguous":
         said.append("the verdict is ambiguous: the model is extended with the most probable cause")
     for row in content["joint"]["findings"]:
-        kept = "" if row["identified"] else ", which is not enough to tell its size"
-        said.append(f"{row['name']}: known to {100 * row['share_of_prior_std']:.0f} % of its prior's deviation{kept}")
+        kept = "" if row["identified"] else ", which is not enough to identify its size"
+        said.append(f"{row['name']}: known to {100 * row['share_of_prior_std']:.0f} % of its prior's standard "
+                    f"deviation{kept}")  # fmt: skip
     for pair in (*content["joint"]["too_alike"], *content["after"]["too_alike"]):
-        said.append(f"{pair['first']} and {pair['second']} are told only together "
+        said.append(f"{pair['first']} and {pair['second']} are identified only together "
                     f"(correlation {pair['correlation']:.2f})")  # fmt: skip
     for side, words in (("before", "as it is"), ("after", "with the findings")):
         if "refused" in content[side]:
@@ -403,7 +404,8 @@ def statements(found: Diagnosis, content: dict) -> list[str]:
     direction = "back towards" if size[1] < size[0] - 0.05 else "away from" if size[1] > size[0] + 0.05 else "neither"
     where = "the other parameters move neither towards nor from their prior" if direction == "neither" else (
         f"the other parameters move {direction} their prior")
-    said.append(f"{where}: {size[0]:.2f} prior deviations from it before, {size[1]:.2f} after (root mean square)"
+    said.append(f"{where}: {size[0]:.2f} prior standard deviations from it before, {size[1]:.2f} after (root mean "
+                "square)"
                 + (f"; back: {', '.join(back)}" if back else "") + (f"; away: {', '.join(away)}" if away else ""))
     said += size_statements(content["added"], content["after"]["parameters"])
     return said + sampler_statements(content["sampler"], content["after"]["parameters"])

@@ -92,13 +92,14 @@ class Diagnosis:
 
     @property
     def summary(self) -> str:
-        """What the terminal says: verdict, findings with the check of each, what would split them, what was pushed,
+        """What the terminal says: verdict, findings with the check of each, what would split them, what was shifted,
         what would not have been seen, what was left out."""
         content = self.content()
         lines = [f"verdict: {self.verdict}", wording.verdict_words(content)]
         for f in content["findings"]:
-            told = [f"z = {f['z']:.1f}"] if f["z"] is not None else []
-            lines.append("; ".join([f"  {wording.finding_words(f)}", ", ".join([*told, wording.told_words(f)])]))
+            score = [f"z = {f['z']:.1f}"] if f["z"] is not None else []
+            said = ", ".join([*score, wording.cause_probability_words(f)])
+            lines.append(f"  {wording.finding_words(f)}; {said}")
             told = (("or", wording.alternatives_words(f)), ("to confirm", f["check"]), ("gain", wording.gain_words(f)))
             lines += [f"    {word}: {text}" for word, text in told if text]
         lines += [f"  to split them: {s}" for s in self.splits]
@@ -107,8 +108,8 @@ class Diagnosis:
             lines.append(f"  nearest in the catalogue, but not enough: {'; '.join(nearest)}")
         lines += [f"  {s}" for s in wording.free_form_words(content)]
         lines.append(f"threshold |z| = {self.threshold:.1f} for the whole catalogue (below 5 % of false alarms); "
-                     f"{wording.adequacy_words(content) or 'what remains was not tested'}")  # fmt: skip
-        lines += [f"pushed: {s}" for s in wording.pushed_words(content)]
+                     f"{wording.adequacy_words(content) or 'the residuals were not tested'}")  # fmt: skip
+        lines += [f"shifted: {s}" for s in wording.prior_shift_words(content)]
         limits = wording.best_limits(content, 5)
         if limits:
             count = sum(x["limit"] is not None for x in content["limits"])

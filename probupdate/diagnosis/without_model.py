@@ -458,7 +458,8 @@ def _notes(blocks: Blocks, placed: Sequence[Sensor], unexplained: Sequence[Chang
         moved = [m for m in change.moved if abs(m["z"]) > 3]
         what = ", ".join(f"{m['mode']} by {m['change_percent']:+.2g} +- {m['std_percent']:.1g} %" for m in moved)
         notes.append(f"unexplained {change.course.name}{when}: {what or 'shapes change, frequencies do not'}; no "
-                     "column of the surroundings goes with it, and a model would be needed to name it")  # fmt: skip
+                     "environmental or operational condition goes with it, and a model would be needed to name "
+                     "it")  # fmt: skip
     if steady is not None and steady.unexplained:
         notes.append("the levels' constant motion is not that of a rigid, symmetric structure, and no one sensor "
                      "explains it: a model is needed to tell what does")  # fmt: skip

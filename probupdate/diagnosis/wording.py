@@ -24,7 +24,7 @@ COURSE_WORDS = {
 }  # fmt: skip
 # a push of a parameter that its prior expects once in ten times
 # and less than this, in prior deviations, is not worth a word
-SURPRISING, LEAST_PUSH = 1.645, 0.5
+SURPRISING, LEAST_SHIFT = 1.645, 0.5
 
 
 def amount(value: float | None, std: float | None, unit: str, cause: str) -> str:
@@ -42,7 +42,7 @@ def amount(value: float | None, std: float | None, unit: str, cause: str) -> str
     return f"{value:+.{digits}f} +- {std:.{digits}f}{per}"
 
 
-def course_words(course: str, since: str = "") -> str:
+def time_profile_words(course: str, since: str = "") -> str:
     if course == "step":
         return f"from {since} on" if since else "from some block on"
     return COURSE_WORDS.get(course, f"with {course}")
@@ -60,7 +60,8 @@ def name_of(row: Mapping) -> str:
 def finding_words(finding: Mapping) -> str:
     """"sensor gain, TP-C-y: +12.0 +- 0.9 %, all through the record"."""
     size = amount(finding["size"], finding.get("size_std"), finding["unit"], finding["cause"])
-    return f"{name_of(finding)}: {size}, {course_words(finding.get('course', 'constant'), finding.get('since', ''))}"
+    profile = time_profile_words(finding.get("course", "constant"), finding.get("since", ""))
+    return f"{name_of(finding)}: {size}, {profile}"
 
 
 def part_words(part: Mapping) -> str:
@@ -69,7 +70,7 @@ def part_words(part: Mapping) -> str:
     std = part.get("size_std")
     size = amount(part["size"] * scale, None if std is None else std * scale, unit, part["cause"])
     moved = ", ".join(f"{m['mode']} by {m['frequency_percent']:+.2g} %" for m in part.get("modes", ())[:3])
-    words = f"{name_of(part)}: {size}, {course_words(part['course'], part.get('since', ''))}"
+    words = f"{name_of(part)}: {size}, {time_profile_words(part['course'], part.get('since', ''))}"
     return words + (f"; it moves {moved}" if moved else "")
 
 
@@ -86,7 +87,7 @@ def free_form_words(content: Mapping) -> list[str]:
     if gain:
         said.append(f"gain on held-out blocks: {gain}")
     if not found["complete"]:
-        said.append("what remains beside it is still more than chance leaves")
+        said.append("the residuals beside it are still larger than chance allows")
     return said
 
 
@@ -125,7 +126,7 @@ def adequacy_words(content: Mapping) -> str:
     return f"residuals {rest} are within what chance allows ({probability_words(p)})"
 
 
-def told_words(finding: Mapping) -> str:
+def cause_probability_words(finding: Mapping) -> str:
     """"probability 0.97, 0.33 before the data": how much of it the data told, where it has rivals."""
     p, before = finding.get("posterior_probability"), finding.get("prior_probability")
     if p is None:
@@ -156,7 +157,7 @@ def gain_words(finding: Mapping) -> str:
     return text
 
 
-def pushed_words(content: Mapping) -> list[str]:
+def prior_shift_words(content: Mapping) -> list[str]:
     """Parameters pushed farther than their prior expects once in ten times, and what became of that."""
     parameters = {p["name"]: p for p in content.get("parameters", ())}
     shown = content.get("details", {}).get("residuals", {}).get("pushed", {}).get("parameters", ())
@@ -165,7 +166,7 @@ def pushed_words(content: Mapping) -> list[str]:
     for name, p in parameters.items():
         before, after = p.get("pushed"), p.get("pushed_after")
         spread = (expected.get(name) or [1.0])[0] or 1.0
-        if before is None or abs(before) < max(SURPRISING * spread, LEAST_PUSH):
+        if before is None or abs(before) < max(SURPRISING * spread, LEAST_SHIFT):
             continue
         text = (f"{name} is shifted from its prior by {before:+.1f} prior standard deviations where +-{spread:.1f} is "
                 "expected")
@@ -195,4 +196,4 @@ def best_limits(content: Mapping, count: int) -> list[Mapping]:
 
 def limit_words(limit: Mapping) -> str:
     size = amount(abs(limit["limit"]), None, limit["unit"], limit["cause"]).lstrip("+")
-    return f"{name_of(limit)}, {course_words(limit['course'])}: {size} and more is detected nine times in ten"
+    return f"{name_of(limit)}, {time_profile_words(limit['course'])}: {size} and more is detected nine times in ten"

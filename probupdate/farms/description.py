@@ -20,7 +20,7 @@ NEEDS = {"select": ("identify",), "update": ("identify",), "sample": ("identify"
          "diagnose": ("identify",), "report": ("identify",)}  # fmt: skip
 # names become folders
 NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9 ._+-]{0,63}")
-REMEDY = "see docs/farm.md"
+REMEDY = "see docs/howto/farm.md"
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -126,7 +126,7 @@ def _findings_table(findings: Sequence[Mapping]) -> Table:
     rows = tuple(
         (str(k), f["kind"], wording.name_of(f),
          typeset(wording.amount(f["size"], f["size_std"], f["unit"], f["cause"])),
-         wording.course_words(f.get("course", "constant"), f.get("since", "")), fixed(f.get("z"), 1),
+         wording.time_profile_words(f.get("course", "constant"), f.get("since", "")), fixed(f.get("z"), 1),
          fixed(f["posterior_probability"], 2), fixed(f.get("prior_probability"), 2), wording.alternatives_words(f))
         for k, f in enumerate(findings, start=1)
     )  # fmt: skip
@@ -145,7 +145,7 @@ def _changes(changes: object) -> list[object]:
     """What changed along the record, where no model was there to say what it means: a table a change."""
     items: list[object] = []
     for change in changes if isinstance(changes, list) else ():
-        words = wording.course_words(str(change.get("course", "")), str(change.get("since", "")))
+        words = wording.time_profile_words(str(change.get("course", "")), str(change.get("since", "")))
         for key, value in change.items():
             if isinstance(value, list) and value:
                 items += row_table(f"What changed {words}: {key.replace('_', ' ')}", value)
@@ -248,7 +248,7 @@ def _pushed(content: Mapping, shown: Mapping | None) -> list[object]:
                 "Standardised shift of each parameter from its prior, and how far these data shift it nine times in "
                 "ten when its "
                 f"prior is right (grey). All together: p = {together}."))  # fmt: skip
-    sentences = wording.pushed_words(content)
+    sentences = wording.prior_shift_words(content)
     if sentences:
         items.append(Items(title="Shifted where the prior did not expect it", level="warning",
                            statements=tuple(map(sentence, sentences))))

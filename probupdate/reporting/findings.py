@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from probupdate.diagnosis.wording import finding_words, name_of, pushed_words, verdict_words
+from probupdate.diagnosis.wording import finding_words, name_of, prior_shift_words, verdict_words
 from probupdate.estimators.update_file import UpdateRecord, fit_sentence, misses
 from probupdate.reporting.diagnosis_tables import typeset
 from probupdate.reporting.elements import count, fixed, number, sentence
@@ -109,7 +109,7 @@ def _of_shifts(run: Run) -> list[Finding]:
         "error of the model and are no properties of the structure.")
     if content is not None and content.get("parameters"):
         p = ((content["details"].get("residuals") or {}).get("pushed") or {}).get("p_together") or [None]
-        told = [sentence(t) for t in pushed_words(content)]
+        told = [sentence(t) for t in prior_shift_words(content)]
         unlikely = p[-1] is not None and p[-1] < NO_CHANCE
         if not told and not unlikely:
             return []

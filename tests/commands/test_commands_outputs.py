@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from probupdate import files
-from probupdate.cli import main
+from probupdate.cli import build_parser, given_paths, main
 from probupdate.errors import InputError
 from probupdate.outputs import refuse_overwriting
 
@@ -155,3 +155,7 @@ def test_a_full_disk_ends_no_process_that_writes_hdf5(tmp_path, size):
                           preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (size, size)))  # fmt: skip
     assert done.returncode == 0 and not done.stderr and "File too large" in done.stdout and "a.h5" in done.stdout
     assert not list(tmp_path.iterdir())
+
+
+def test_a_folder_may_have_the_name_of_an_option_s_choice():
+    assert given_paths(build_parser().parse_args(["convert", "raw", "campaign"])) == ["raw"]
