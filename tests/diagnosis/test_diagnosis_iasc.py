@@ -166,9 +166,17 @@ def test_braces_that_are_lost_are_named(prepared, number, pattern, course):
 
 @pytest.mark.long
 @pytest.mark.parametrize("case", cases.CASES, ids=lambda c: f"case {c.number}")
-def test_braces_are_named_in_most_of_twenty_records(prepared, case):
-    """As in studies/iasc_asce, whose README has the rates."""
-    for number in run.ASKED[case.number]:
-        for course in ("step", "constant"):
-            lines = [run.run_one(prepared(case), case, cases.PATTERNS[number], s, course) for s in range(1, 21)]
-            assert not [x for x in lines if x["judged"] == "wrong" and x["verdict"] == "named" and not number]
+def test_nothing_is_found_in_twenty_sound_frames(prepared, case):
+    lines = [run.run_one(prepared(case), case, cases.PATTERNS[0], seed, "step") for seed in range(1, 21)]
+    # of alarms in 5 % of records, four or more of twenty have a probability of 0.016
+    assert sum(x["judged"] != "silent" for x in lines) <= 3
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("course", ["step", "constant"])
+@pytest.mark.parametrize("number", [4, 5])
+def test_one_lost_brace_is_named_in_most_of_twenty_records(prepared, number, course):
+    case, pattern = DEFINED[number, 3]
+    lines = [run.run_one(prepared(case), case, pattern, seed, course) for seed in range(1, 21)]
+    # at a rate of 95 %, sixteen or fewer of twenty have a probability of 0.016
+    assert sum(x["judged"] == "right" for x in lines) >= 17
