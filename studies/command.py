@@ -62,6 +62,9 @@ STUDIES = {
     "footbridge": Study(
         question="Does a measured bridge, given as matrices, come out as published?",
         runs=(("run.py", OUT),), seeds="1", takes="three minutes", data="shared/data/footbridge"),
+    "iasc_asce": Study(
+        question="Which braces of the IASC-ASCE benchmark frame does the diagnosis name?",
+        runs=(("run.py", OUT),), quick=(("run.py", OUT, "--quick"),), seeds="1 to 20", takes="hours"),
     "identification": Study(
         question="How well are modes found, beside the paper's classifier?",
         runs=(("run.py", OUT, "--days", "1"),), quick=(("run.py", OUT, "--days", "0.1"),), seeds="1, 3",
