@@ -8,7 +8,7 @@ BIN = $(VENV)/bin
 export OMP_NUM_THREADS = 1
 export OPENBLAS_NUM_THREADS = 1
 
-.PHONY: demo test studies lock clean
+.PHONY: demo test docs lock clean
 
 $(VENV)/core: requirements.lock pyproject.toml
 	$(PYTHON) -m venv $(VENV)
@@ -28,6 +28,15 @@ MARK ?= not long
 test: $(VENV)/test
 	$(BIN)/python -m pytest -n $(JOBS) --dist loadfile --no-loadscope-reorder -m "$(MARK)"
 
+$(VENV)/docs: $(VENV)/core requirements-docs.lock
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes -r requirements-docs.lock
+	touch $@
+
+# the site, into site/; it needs no network once it is set up, and opens from disk
+docs: export NO_MKDOCS_2_WARNING = 1
+docs: $(VENV)/docs
+	$(BIN)/python -m mkdocs build --quiet --strict
+
 # the locks name no index; run this with uv at hand after a change of pyproject.toml
 lock:
 	uv lock
@@ -35,7 +44,10 @@ lock:
 	uv export --frozen --no-emit-project --quiet --extra test --extra peers --extra parquet -o requirements-test.lock
 	rm uv.lock
 	sed -i '1,2d' requirements.lock requirements-test.lock
-	! grep -n http requirements.lock requirements-test.lock
+	$(BIN)/python -c "import tomllib; print(*tomllib.load(open('pyproject.toml', 'rb'))['project']\
+	['optional-dependencies']['docs'], sep='\n')" | uv pip compile - -c requirements.lock --universal \
+	--python-version 3.11 --generate-hashes --no-header --no-annotate --quiet -o requirements-docs.lock
+	! grep -n http requirements.lock requirements-test.lock requirements-docs.lock
 
 clean:
-	rm -rf $(VENV) build *.egg-info
+	rm -rf $(VENV) build site *.egg-info

@@ -1,15 +1,15 @@
 """Finite-element model updating of offshore wind jackets: deterministic update and posterior from one problem.
 
 The steps of the command line are functions here: simulate, convert, check, identify, select, regress, update, sample,
-compare, report, demo, modes, export. They are loaded when first used, so that importing the package stays light.
+compare, report, demo, modes, export, farm. They are loaded when first used, so that importing the package stays light.
 """
 
 __version__ = "0.1.0"
 
 _STEPS = ("check", "check_setups", "compare", "convert", "diagnose", "export", "figures", "identify", "identify_setups",
-          "inform", "model_modes", "open_model", "regress", "report", "sample", "select", "sets", "simulate", "update")
+          "identify_shard", "inform", "model_modes", "open_model", "regress", "report", "sample", "select", "sets", "simulate", "update")
 
-__all__ = ["__version__", "demo", "modes", *_STEPS]
+__all__ = ["__version__", "demo", "farm", "modes", *_STEPS]
 
 
 def __getattr__(name: str):
@@ -17,6 +17,10 @@ def __getattr__(name: str):
         from probupdate.demonstration import demo
 
         return demo
+    if name == "farm":
+        from probupdate.farms import farm
+
+        return farm
     if name == "modes":
         # a module of that name is there too; it can be called (see its end)
         import importlib

@@ -104,20 +104,39 @@ def ended_by_signals() -> Iterator[None]:
             signal.signal(number, handler)
 
 
+def one_thread() -> None:
+    """Of linear algebra, here and in the processes started: the same bits wherever a task runs, whatever is left after
+    an interruption. Read when numpy is first imported."""
+    os.environ.update(OMP_NUM_THREADS="1", OPENBLAS_NUM_THREADS="1", MKL_NUM_THREADS="1")
+
+
+def tell(a: argparse.Namespace, result, files: Sequence = (), *, first: bool = True, **more) -> None:
+    """What a step found: the lines of its summary and the files it wrote (first, or behind it), or with --json one
+    object with its table and `more` keys."""
+    if a.json:
+        from probupdate.result_table import json_object
+
+        say(json_object(a.verb, result.summary, result.to_frame(), files, **more))
+        return
+    written = [f"wrote {path}" for path in files]
+    say("\n".join([*written, result.summary] if first else [result.summary, *written]))
+
+
 # One function a verb: arguments in, files out, a few lines said. ---------------------------------------------------
 
 
 def run_demo(a: argparse.Namespace, progress: Progress) -> None:
     import probupdate
 
-    say(probupdate.demo(a.out, seed=a.seed, days=a.days, hide=a.hide, jobs=a.jobs, progress=progress, say=say).summary)
+    tell(a, probupdate.demo(a.out, seed=a.seed, days=a.days, hide=a.hide, jobs=a.jobs, progress=progress,
+                            say=(lambda text: None) if a.json else say))
 
 
 def run_simulate(a: argparse.Namespace, progress: Progress) -> None:
     import probupdate
 
-    say(probupdate.simulate(
-        a.out, model=a.model, days=a.days, truth=a.truth, seed=a.seed, jobs=a.jobs, progress=progress).summary)
+    tell(a, probupdate.simulate(
+        a.out, model=a.model, days=a.days, truth=a.truth, seed=a.seed, jobs=a.jobs, progress=progress))
 
 
 def run_modes(a: argparse.Namespace, progress: Progress) -> None:
@@ -126,7 +145,7 @@ def run_modes(a: argparse.Namespace, progress: Progress) -> None:
     result = probupdate.model_modes(a.model, a.count, parameters=a.parameters)
     if a.out:
         write_text(a.out, result.text() + "\n")
-    say(result.text() if a.json else result.summary)
+    tell(a, result, **result.content())
 
 
 def run_export(a: argparse.Namespace, progress: Progress) -> None:
@@ -135,7 +154,7 @@ def run_export(a: argparse.Namespace, progress: Progress) -> None:
     result = probupdate.export(
         a.run, a.out, to=a.to, draws=a.draws, superelement_modes=a.superelement_modes, accept=a.accept, seed=a.seed,
         fatigue=a.fatigue, progress=progress)
-    say(result.text() if a.json else result.summary)
+    tell(a, result, **result.content())
 
 
 def run_check(a: argparse.Namespace, progress: Progress) -> None:
@@ -144,40 +163,51 @@ def run_check(a: argparse.Namespace, progress: Progress) -> None:
     several = len(a.campaign) > 1
     if several and a.out:
         raise InputError("--out", "holds one campaign's check", "check each setup with --out, and all of them without")
-    for campaign in a.campaign:
-        result = probupdate.check(campaign, progress=progress)
-        say(result.summary)
+    results = [probupdate.check(campaign, progress=progress) for campaign in a.campaign]
+    if not several:
         if a.out:
-            result.write(a.out)
-    if several:
-        say(f"between {len(a.campaign)} setups:")
-        say(probupdate.check_setups(a.campaign, progress=progress).summary)
+            results[0].write(a.out)
+        tell(a, results[0], *([[a.out]] if a.out and a.json else []))
+        return
+    between = probupdate.check_setups(a.campaign, progress=progress)
+    if a.json:
+        summaries = {str(c): r.summary.splitlines() for c, r in zip(a.campaign, results, strict=True)}
+        tell(a, between, campaigns=summaries)
+        return
+    for result in results:
+        say(result.summary)
+    say(f"between {len(a.campaign)} setups:")
+    tell(a, between)
 
 
 def run_convert(a: argparse.Namespace, progress: Progress) -> None:
     import probupdate
 
-    say(probupdate.convert(a.sources, a.out, description=a.description, progress=progress).summary)
+    result = probupdate.convert(
+        a.sources, a.out, to=a.to, description=a.description, sensors=a.sensors, progress=progress)
+    tell(a, result, *([result.files] if a.json else []))
 
 
 def run_identify(a: argparse.Namespace, progress: Progress) -> None:
-    # one thread each, here and in the processes started: the same bits wherever a block is identified, whatever is
-    # left after an interruption. Read when numpy is first imported
-    os.environ.update(OMP_NUM_THREADS="1", OPENBLAS_NUM_THREADS="1", MKL_NUM_THREADS="1")
+    one_thread()
     import probupdate
 
-    options = {
-        "parameters": a.parameters, "lowest": a.lowest, "order": a.order, "block_rows": a.block_rows, "rate_hz": a.rate,
-        "harmonics": a.harmonics, "store": f"{a.out}.blocks", "jobs": a.jobs or os.cpu_count() or 1,
-        "progress": progress,
-    }
-    if len(a.campaign) == 1:
-        result = probupdate.identify(a.campaign[0], a.model, **options)
-    else:
-        result = probupdate.identify_setups(a.campaign, a.model, **options)
-    for path in result.write(a.out):
-        say(f"wrote {path}")
-    say(result.summary)
+    from probupdate.executors import executor
+
+    settings = {"order": a.order, "block_rows": a.block_rows, "rate_hz": a.rate, "harmonics": a.harmonics,
+                "store": f"{a.out}.blocks", "progress": progress}  # fmt: skip
+    if a.shard and len(a.campaign) > 1:
+        raise InputError("--shard", "shares out the blocks of one campaign", "identify setups without it, with --jobs")
+    with executor(a.jobs or os.cpu_count() or 1, a.scheduler) as runs:
+        if a.shard:
+            tell(a, probupdate.identify_shard(a.campaign[0], a.shard, a.model, jobs=runs, **settings))
+            return
+        options = {**settings, "parameters": a.parameters, "lowest": a.lowest, "jobs": runs}
+        if len(a.campaign) == 1:
+            result = probupdate.identify(a.campaign[0], a.model, **options)
+        else:
+            result = probupdate.identify_setups(a.campaign, a.model, **options)
+        tell(a, result, result.write(a.out))
 
 
 def run_select(a: argparse.Namespace, progress: Progress) -> None:
@@ -186,9 +216,7 @@ def run_select(a: argparse.Namespace, progress: Progress) -> None:
     result = probupdate.select(
         a.modes, scada=a.scada, criteria=a.criteria, preset=a.preset, deviations=a.deviations,
         rated_power_kw=a.rated_power, count=a.count)
-    for path in result.write(a.out):
-        say(f"wrote {path}")
-    say(result.summary)
+    tell(a, result, result.write(a.out))
 
 
 def run_regress(a: argparse.Namespace, progress: Progress) -> None:
@@ -196,8 +224,7 @@ def run_regress(a: argparse.Namespace, progress: Progress) -> None:
 
     chosen = {"covariates": tuple(a.covariates)} if a.covariates else {}
     result = probupdate.regress(a.modes, state=a.state, **chosen)
-    say(f"wrote {result.write(a.out)}")
-    say(result.summary)
+    tell(a, result, [result.write(a.out)])
 
 
 def run_update(a: argparse.Namespace, progress: Progress) -> None:
@@ -208,8 +235,7 @@ def run_update(a: argparse.Namespace, progress: Progress) -> None:
         frequencies=a.frequencies, shapes=a.shapes, method=a.method, discrepancy=a.discrepancy, tolerances=a.tolerances,
         iterations=a.iterations, every_mode=a.every_mode, progress=progress)
     result.write(a.out)
-    say(result.summary)
-    say(f"wrote {a.out}")
+    tell(a, result, [a.out], first=False)
     refuse_suspected(a, result.set_id, result.suspected)
 
 
@@ -221,15 +247,17 @@ def refuse_suspected(a: argparse.Namespace, set_id: str, suspected: str) -> None
 
 
 def run_sample(a: argparse.Namespace, progress: Progress) -> None:
+    one_thread()
     import probupdate
+    from probupdate.executors import executor
 
-    result = probupdate.sample(
-        a.model, a.modes, a.out, parameters=a.parameters, set_id=a.set, weights=weights_option(a), seed=a.seed,
-        frequencies=a.frequencies, shapes=a.shapes, ensembles=a.ensembles, discrepancy=a.discrepancy,
-        tolerances=a.tolerances,
-        target_ess=a.ess, max_steps=a.max_steps, every_mode=a.every_mode, progress=progress)
-    say(result.summary)
-    say(f"wrote {a.out}")
+    with executor(a.jobs, a.scheduler) as runs:
+        result = probupdate.sample(
+            a.model, a.modes, a.out, parameters=a.parameters, set_id=a.set, weights=weights_option(a), seed=a.seed,
+            frequencies=a.frequencies, shapes=a.shapes, ensembles=a.ensembles, discrepancy=a.discrepancy,
+            tolerances=a.tolerances, target_ess=a.ess, max_steps=a.max_steps, every_mode=a.every_mode, jobs=runs,
+            progress=progress)
+    tell(a, result, [a.out], first=False)
     refuse_suspected(a, str(result.record.get("set_id", "")), str(result.record.get("suspected", "")))
 
 
@@ -238,8 +266,7 @@ def run_compare(a: argparse.Namespace, progress: Progress) -> None:
 
     result = probupdate.compare(a.update, a.posterior, model=a.model, parameters=a.parameters)
     result.write(a.out)
-    say(result.summary)
-    say(f"wrote {a.out}")
+    tell(a, result, [a.out], first=False)
 
 
 def run_sets(a: argparse.Namespace, progress: Progress) -> None:
@@ -251,8 +278,7 @@ def run_sets(a: argparse.Namespace, progress: Progress) -> None:
         seed=a.seed,
         progress=progress)
     result.write(a.out)
-    say(result.summary)
-    say(f"wrote {a.out}")
+    tell(a, result, [a.out], first=False)
 
 
 def run_inform(a: argparse.Namespace, progress: Progress) -> None:
@@ -264,8 +290,7 @@ def run_inform(a: argparse.Namespace, progress: Progress) -> None:
         posterior=a.posterior, seed=a.seed,
         progress=progress)
     result.write(a.out)
-    say(result.summary)
-    say(f"wrote {a.out}")
+    tell(a, result, [a.out], first=False)
 
 
 def run_diagnose(a: argparse.Namespace, progress: Progress) -> None:
@@ -274,21 +299,34 @@ def run_diagnose(a: argparse.Namespace, progress: Progress) -> None:
     result = probupdate.diagnose(
         a.model, a.modes, campaign=a.campaign, parameters=a.parameters, seed=a.seed, out=a.out, groups=a.groups,
         extend=not a.no_extend, sampler=not a.no_sampler, progress=progress)
-    for path in result.write(a.out):
-        say(f"wrote {path}")
-    say(result.summary)
+    tell(a, result, result.write(a.out), verdict=result.verdict)
+
+
+def run_farm(a: argparse.Namespace, progress: Progress) -> None:
+    one_thread()
+    import probupdate
+    from probupdate.executors import executor
+
+    with executor(a.jobs, a.scheduler) as runs:
+        result = probupdate.farm(a.description, a.out, shard=a.shard, jobs=runs, progress=progress)
+    tell(a, result, [], failed=len(result.failed))
+    if result.failed:
+        raise ProbupdateError(f"{len(result.failed)} of {len(result.rows)} turbine-months failed, each with its reason above "
+                              "and in farm.csv; the others are done: mend what is said, then run it again")
 
 
 def run_report(a: argparse.Namespace, progress: Progress) -> None:
     import probupdate
 
-    say(f"wrote {probupdate.report(a.run, a.out, progress=progress)}")
+    result = probupdate.report(a.run, a.out, progress=progress)
+    tell(a, result, *([[result.path]] if a.json else []))
 
 
 def run_figures(a: argparse.Namespace, progress: Progress) -> None:
     import probupdate
 
-    say(probupdate.figures(a.modes, a.out, campaign=a.campaign, block=a.block, kind=a.format).summary)
+    result = probupdate.figures(a.modes, a.out, campaign=a.campaign, block=a.block, kind=a.format)
+    tell(a, result, *([result.files] if a.json else []))
 
 
 def weights_option(a: argparse.Namespace) -> str | tuple[float, ...]:
@@ -355,6 +393,7 @@ GROUPS = {
     "from records to modes": ("convert", "check", "identify", "select", "regress", "figures"),
     "from modes to parameters": ("update", "sample", "compare", "sets", "inform"),
     "what is wrong": ("diagnose",),
+    "many turbines": ("farm",),
     "to hand on": ("report", "export"),
 }
 
@@ -380,6 +419,11 @@ class _Parser(argparse.ArgumentParser):
         self.exit(2, f"{self.prog}: {message}; see {self.prog} --help\n")
 
 
+# keys of --json beyond those that every command has
+JSON_MORE = {
+    "modes": "; frequency_hz, label, channel, shape, notes", "check": "; campaigns where there are several",
+    "diagnose": "; verdict", "export": "; folder, files with SHA-256, draws, verdict, converged, diagnosis, left_out",
+}  # fmt: skip
 # a command of each verb as it is typed in a run directory of the names that `report` looks for
 EXAMPLES = {
     "demo": "demo out",
@@ -398,6 +442,7 @@ EXAMPLES = {
     "diagnose": "diagnose --model run/model.toml --modes run/modes.json --campaign run/campaign --out run/diagnosis.json",
     "figures": "figures run/modes.json --campaign run/campaign --format pdf --out run/figures",
     "export": "export run --to lifetime run-lifetime",
+    "farm": "farm data/farm.toml --out farm --jobs 4",
     "report": "report run --out run/report.html",
 }
 
@@ -419,10 +464,18 @@ def build_parser() -> argparse.ArgumentParser:
         added = verbs.add_parser(name, description=f"{text[0].upper()}{text[1:]}.",
                                  epilog=f"example: probupdate {EXAMPLES[name]}")
         added.set_defaults(action=run)
+        added.add_argument("--json", action="store_true", help="print one JSON object instead: command, summary, files, "
+                           "table (columns with units, rows)" + JSON_MORE.get(name, ""))
         return added
 
     def seeded(p: argparse.ArgumentParser) -> None:
         p.add_argument("--seed", type=seed_option, default=1, help="same seed, same numbers (default 1)")
+
+    def on_workers(p: argparse.ArgumentParser, text: str, default: int | None = None) -> None:
+        where = p.add_mutually_exclusive_group()
+        where.add_argument("--jobs", type=positive(int, "jobs"), default=default, help=text)
+        where.add_argument("--scheduler", metavar="ADDRESS", help="the workers of that Dask cluster instead, such as "
+                           "tcp://10.0.0.1:8786; they must see the same paths (needs `pip install probupdate[dask]`)")
 
     def on_model(p: argparse.ArgumentParser, required: bool = True) -> None:
         without = "" if required else "; without, poles that come back are numbered"
@@ -436,7 +489,7 @@ def build_parser() -> argparse.ArgumentParser:
             p.add_argument("--set", help="id of the set to use (default: the file's reference set, or its first)")
         weights = p.add_mutually_exclusive_group()
         weights.add_argument("--weights", choices=("measured", "covariance", "paper"), default="measured",
-                             help="W_Lambda from the deviations in the file (default), from their full covariance "
+                             help="W_Lambda from the file's standard deviations (default), from their full covariance "
                              "where the file has it, or from the paper's CoVs 0.015 / 0.017, tenfold for shapes")
         p.add_argument("--frequencies", choices=("hz", "log"), default="hz", help="as they are (default) or logarithms")
         p.add_argument("--shapes", choices=("plane", "components", "mac", "none"), default="plane",
@@ -474,14 +527,18 @@ def build_parser() -> argparse.ArgumentParser:
     p.add_argument("model", metavar="MODEL", help=MODEL_HELP)
     p.add_argument("--parameters", help="parameters.toml of a model made of matrices")
     p.add_argument("--count", type=positive(int, "sets"), default=10, help="how many modes (10)")
-    p.add_argument("--json", action="store_true", help="one JSON object: frequency_hz, label, channel, shape, notes")
-    p.add_argument("--out", help="write that JSON to a file too")
+    p.add_argument("--out", help="write frequency_hz, label, channel, shape and notes to a JSON file too")
 
-    p = verb("convert", run_convert, "records of other programs (CSV, Parquet, .mat, .npy, .npz) into a campaign")
-    p.add_argument("sources", metavar="SOURCES", help="folder of the files to convert")
-    p.add_argument("out", metavar="CAMPAIGN", help="directory with campaign.toml and convert.toml; an interrupted "
-                   "conversion goes on where it stopped")
+    p = verb("convert", run_convert, "records of other programs (CSV, Parquet, .mat, .npy, .npz, UFF) into a campaign; "
+             "modes and records from and to universal files")
+    p.add_argument("sources", metavar="SOURCES", help="folder of the files to convert; with --to modes a .uff, with "
+                   "--to uff a modes.json or a campaign")
+    p.add_argument("out", metavar="OUT", help="campaign directory with campaign.toml and convert.toml (an interrupted "
+                   "conversion goes on where it stopped); with --to modes.json, .uff, or a folder of them")
+    p.add_argument("--to", choices=("campaign", "modes", "uff"), default="campaign", help="records of a campaign "
+                   "(default); modes: a modes.json from a UFF's dataset 55; uff: a universal file")
     p.add_argument("--description", help="convert.toml (default: the campaign's)")
+    p.add_argument("--sensors", metavar="CAMPAIGN", help="its campaign.toml says where the channels of modes are")
 
     p = verb("check", run_check, "what a campaign holds, what is wrong with it, what can be done with it")
     p.add_argument("campaign", metavar="CAMPAIGN", nargs="+", help="directory with campaign.toml and acceleration/; "
@@ -496,8 +553,11 @@ def build_parser() -> argparse.ArgumentParser:
                    "(default: first and second bending and torsion of a tower)")
     p.add_argument("--out", required=True, help="modes.json; the poles go beside it, and each block's as it is found "
                    "(OUT.blocks): a run that was stopped goes on there")
-    p.add_argument("--jobs", type=positive(int, "jobs"), help="processes (default: one a core; at most one for 40 blocks, as "
-                   "starting one takes as long as those); the modes do not depend on it")
+    on_workers(p, "processes (default: one a core; at most one for 40 blocks, as starting one takes as long as those); "
+               "the modes do not depend on it")
+    p.add_argument("--shard", metavar="I/N", help="only the I-th of N shares of the blocks, as one job of an array does: "
+                   "all jobs write into one OUT.blocks; given again when all blocks are there, their standard deviations; "
+                   "then without --shard, which writes OUT")
     p.add_argument("--order", type=positive(int, "order"), help="model order (20 with a model, as the paper)")
     p.add_argument("--block-rows", type=positive(int, "block rows"), help="block rows of the Toeplitz matrix (30 with a model)")
     p.add_argument("--rate", type=positive(float, "Hz"), help="sampling rate after decimation in Hz (5 with a model; without, "
@@ -510,12 +570,13 @@ def build_parser() -> argparse.ArgumentParser:
     p.add_argument("--scada", help="scada.csv (default: the environment kept in MODES)")
     p.add_argument("--preset", choices=("turbine", "structure"), default="turbine", help="what is asked: Table 1 "
                    "(default), or of another structure nothing of rotor and nacelle, only that its modes are identified")
-    p.add_argument("--criteria", help="TOML file with thresholds of Table 1, such as pitch_range_deg = 2.0 (README)")
+    p.add_argument("--criteria", help="TOML file with thresholds of Table 1, such as "
+                   "pitch_range_deg = 2.0 (docs/howto/select.md)")
     p.add_argument("--deviations", choices=("campaign", "identification"), default="campaign",
                    help="what kept sets carry: scatter over all blocks, as the paper (default), or what identification "
                    "states of each")
     p.add_argument("--rated-power", type=positive(float, "kW"), metavar="KW",
-                   help="the turbine's, for states told from --scada (default: the highest power in it)")
+                   help="the turbine's, for turbine states from --scada (default: the highest power in it)")
     p.add_argument("--count", type=positive(int, "sets"), default=9, help="how many sets to keep (default 9)")
     p.add_argument("--out", required=True, help="modes file of the selected sets, nine.json in a run directory")
 
@@ -545,6 +606,7 @@ def build_parser() -> argparse.ArgumentParser:
     on_modes(p)
     on_every_mode(p)
     p.add_argument("--ess", type=positive(int, "draws"), default=1000, help="effective draws of the worst parameter (1000)")
+    on_workers(p, "processes for the ensembles (1); the numbers do not depend on it", 1)
     p.add_argument("--ensembles", type=positive(int, "ensembles"), default=4, help="independent ensembles, judged together (4)")
     p.add_argument("--max-steps", type=positive(int, "steps"), default=20000, help="give up, and say so, after these (20000)")
     p.add_argument("--out", required=True, help="posterior.nc; the chain is kept beside it")
@@ -560,8 +622,9 @@ def build_parser() -> argparse.ArgumentParser:
     p = verb("sets", run_sets, "all sets in four views: scatter, pooled, one posterior, a population with its scatter")
     on_modes(p, one=False)
     p.add_argument("--correlated", action="store_true", help="let parameters vary together between sets")
-    p.add_argument("--spread", type=positive(float, "deviations"), default=0.25, help="deviation of the hyper-prior of a parameter's "
-                   "scatter between sets, in its prior deviations (0.25)")
+    p.add_argument("--spread", type=positive(float, "deviations"), default=0.25, 
+                   help="scale of the hyper-prior of a parameter's "
+                   "scatter between sets, in its prior standard deviations (0.25)")
     p.add_argument("--out", required=True, help="sets.json")
     seeded(p)
 
@@ -575,7 +638,7 @@ def build_parser() -> argparse.ArgumentParser:
     seeded(p)
 
     p = verb("diagnose", run_diagnose, "what the simulation or the measurement gets wrong: cause, place, size, limits")
-    p.add_argument("--model", help=MODEL_HELP + "; without one: measurement and surroundings only")
+    p.add_argument("--model", help=MODEL_HELP + "; without one: the data alone")
     p.add_argument("--parameters", help="parameters.toml of a model made of matrices")
     p.add_argument("--modes", required=True, help="modes.json of `identify`: a set a block")
     p.add_argument("--campaign", help="campaign directory: where the sensors are; its raw records are tested too")
@@ -605,8 +668,14 @@ def build_parser() -> argparse.ArgumentParser:
                    "uncertainties: also damage-equivalent stress ranges, model factors, reliability")
     p.add_argument("--accept", action="store_true", help="export a run that did not converge or whose diagnosis is "
                    "unexplained; every file says so")
-    p.add_argument("--json", action="store_true", help="one JSON object: folder, files with SHA-256, verdict, left_out")
     seeded(p)
+
+    p = verb("farm", run_farm, "many turbines and months, each through the steps that farm.toml names; resumable")
+    p.add_argument("description", metavar="FARM", help="farm.toml: turbines, their models and folders of campaigns, steps")
+    on_workers(p, "turbine-months side by side (1), a process each; the results do not depend on it", 1)
+    p.add_argument("--shard", metavar="I/N", help="only the I-th of N shares of the turbine-months, as one job of an array "
+                   "does: all jobs write into one OUT")
+    p.add_argument("--out", required=True, help="directory to write; a run that was stopped goes on where it stopped")
 
     p = verb("report", run_report, "one self-contained page of a run directory")
     p.add_argument("run", metavar="RUN", help="directory that the steps wrote into; what is missing there is left out")
@@ -616,7 +685,14 @@ def build_parser() -> argparse.ArgumentParser:
 
 
 # verbs whose result is a directory; the others write files
-WRITE_FOLDERS = ("convert", "demo", "simulate", "figures", "export")
+WRITE_FOLDERS = ("convert", "demo", "simulate", "figures", "export", "farm")
+
+
+def writes_folder(a: argparse.Namespace) -> bool:
+    """Whether --out, or OUT, is a directory: of `convert` where records come out."""
+    if a.verb == "convert" and a.to != "campaign":
+        return a.to == "uff" and Path(a.sources).is_dir()
+    return a.verb in WRITE_FOLDERS
 
 
 def refuse_unwritable(out: str, *, folder: bool) -> None:
@@ -680,7 +756,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             # an announcement of another package's next release, once a day and machine; it says nothing of this run
             warnings.filterwarnings("ignore", message=r"\s*ArviZ is undergoing a major refactor", category=FutureWarning)
             if a.out:
-                refuse_unwritable(a.out, folder=a.verb in WRITE_FOLDERS)
+                refuse_unwritable(a.out, folder=writes_folder(a))
                 refuse_overwriting(a.verb, a.out, given_paths(a))
             with terminal_progress() as progress:
                 a.action(a, progress)

@@ -5,16 +5,20 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy import stats
 
 from probupdate.errors import InputError, parsing
 from probupdate.estimators.posterior_file import Posterior
 from probupdate.estimators.update_file import BLIND_RESOLUTION, UpdateRecord, fit_sentence, misses
 from probupdate.files import read_json_table, write_json
 from probupdate.identifiability import BLIND, KNOWN, PARTLY, PRIOR, STRONG, identifiability
+from probupdate.result_table import OWN_UNIT, table_of
 from probupdate.schema import checked
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 FORMAT = 1
 # estimates closer than this many posterior deviations are the same for any use of them
@@ -23,6 +27,10 @@ CLOSE = 0.25
 SAME = 0.01
 HIGH_CORRELATION = 0.95
 RIDGE = 0.7
+
+
+# of a row's numbers those in the parameter's unit
+IN_UNIT = ("prior_mean", "prior_std", "initial", "step", "anchored", "map", "mean", "median", "std", "low", "high", "nine_mean")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -73,6 +81,10 @@ class Comparison:
     converged: bool
     settings: Mapping[str, str] = field(default_factory=dict)
 
+    def to_frame(self) -> pd.DataFrame:
+        """A row a parameter; what is about its value in its `unit`, shares and distances without."""
+        return table_of(self.rows, units=dict.fromkeys(IN_UNIT, OWN_UNIT))
+
     @property
     def summary(self) -> str:
         width = max(5, *(len(r.name) for r in self.rows))
@@ -85,8 +97,8 @@ class Comparison:
                 f"{r.name:<{width}} {prior:>16} {r.step:>10.4g} {r.anchored:>10.4g} {r.map:>10.4g} {r.mean:>10.4g} "
                 f"{r.cov:>7.3f} {r.contraction:>6.2f} {r.resolution:>5.2f}  {'; '.join((r.identified, *r.flags))}"
             )
-        lines.append("width: posterior over prior deviation, both within the bounds (+- above); R: share of the MAP "
-                     "that the data decide (resolution)")
+        lines.append("width: posterior over prior standard deviation, both within the bounds (+- above); R: share of "
+                     "the MAP that the data determine (resolution)")
         return "\n".join([*lines, *self.notes])
 
     def write(self, path: str | Path) -> Path:
@@ -133,6 +145,8 @@ def _cov(values: np.ndarray) -> float:
 def _row(
     k: int, update: UpdateRecord, posterior: Posterior, draws: np.ndarray, correlation: np.ndarray
 ) -> ComparisonRow:
+    from scipy import stats
+
     parameter = update.parameters.items[k]
     mean, std = float(draws.mean()), float(draws.std(ddof=1))
     prior_std = float(parameter.distribution.std())
@@ -193,7 +207,7 @@ def _sentence(row: dict, parameter, update: UpdateRecord, partner: str, correlat
                       "middle")  # fmt: skip
         else:
             reason = "other parameters' bounds and skewness shift the mass along with them"
-        parts.append(f"MAP and mean part by {gap:.1f} deviations: {reason}")
+        parts.append(f"MAP and mean differ by {gap:.1f} posterior standard deviations: {reason}")
     scheme = update.scheme("prior")
     if abs(row["anchored"] - row["map"]) > SAME * std:
         if scheme.alpha != 1:
@@ -205,27 +219,27 @@ def _sentence(row: dict, parameter, update: UpdateRecord, partner: str, correlat
         else:
             reason = "it settled on another maximum"
         away = abs(row["anchored"] - row["map"]) / std
-        parts.append(f"the anchored update ends {away:.2f} deviations from the MAP: {reason}")
+        parts.append(f"the anchored update ends {away:.2f} posterior standard deviations from the MAP: {reason}")
     printed = update.scheme("step")
     apart = abs(row["step"] - row["map"]) / std
     if apart > CLOSE:
-        text = (f"Eq. 7 as printed ends {apart:.1f} deviations from the MAP: it penalises the step, and after "
-                f"{len(printed.theta) - 1} iterations has forgotten the prior")  # fmt: skip
+        text = (f"Eq. 7 as printed ends {apart:.1f} posterior standard deviations from the MAP: it penalises the step, "
+                f"and after {len(printed.theta) - 1} iterations has forgotten the prior")  # fmt: skip
         if row["resolution"] < 0.5:
             text += " that the data do not replace"
         parts.append(text)
     if row["resolution"] < BLIND_RESOLUTION and row["contraction"] < BLIND:
         parts.append(
-            f"narrower than its prior ({100 * row['contraction']:.0f} %) though the data hardly decide it at the "
+            f"narrower than its prior ({100 * row['contraction']:.0f} %) though the data hardly determine it at the "
             f"maximum (resolution {row['resolution']:.2f}): bounds and curvature away from the maximum do it"
         )
     elif row["resolution"] > STRONG and row["contraction"] > BLIND:
         parts.append(
-            f"as wide as its prior ({100 * row['contraction']:.0f} %) though the data decide it at the "
+            f"as wide as its prior ({100 * row['contraction']:.0f} %) though the data determine it at the "
             f"maximum (resolution {row['resolution']:.2f}): another one does the same, or the maximum is not typical"
         )
     if not parts:
-        return f"All estimates of {name} agree within {CLOSE:g} posterior deviations."
+        return f"All estimates of {name} agree within {CLOSE:g} posterior standard deviations."
     text = "; ".join(parts)
     return text[0].upper() + text[1:] + "."
 
@@ -244,16 +258,17 @@ def _notes(update: UpdateRecord, posterior: Posterior, rows: tuple[ComparisonRow
     worst = max(rows, key=lambda r: abs(r.step - r.map) / r.std)
     notes.append(
         f"Eq. 7 as printed passes closest to the MAP at iteration {printed.closest_iteration} "
-        f"({printed.distance_to_map[printed.closest_iteration]:.2f} posterior deviations a parameter) and ends "
-        f"{printed.distance_to_map[-1]:.2f} away; farthest is {worst.name}, "
+        f"({printed.distance_to_map[printed.closest_iteration]:.2f} posterior standard deviations a parameter) "
+        f"and ends {printed.distance_to_map[-1]:.2f} away; farthest is {worst.name}, "
         f"{abs(worst.step - worst.map) / worst.std:.1f}"
     )
     anchored = update.scheme("prior")
-    notes.append(f"the anchored update ends {anchored.distance_to_map[-1]:.1e} posterior deviations from the MAP")
+    notes.append(f"the anchored update ends {anchored.distance_to_map[-1]:.1e} posterior standard deviations from the "
+                 "MAP")
     if update.sets is not None:
         notes.append(
-            f"CoVs over {len(update.sets.ids)} sets tell how updates scatter, not how uncertain a parameter is: one "
-            "that the data do not inform hardly scatters (see its resolution)"
+            f"CoVs over {len(update.sets.ids)} sets show how updates scatter, not how uncertain a parameter is: "
+            "one that the data do not inform hardly scatters (see its resolution)"
         )
     notes += list(update.left_out)
     return notes

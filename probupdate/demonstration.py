@@ -9,17 +9,22 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from probupdate import __version__, verbs
 from probupdate.diagnosis.wording import finding_words
 from probupdate.errors import InputError
 from probupdate.estimators.ensemble import SamplerSettings
 from probupdate.files import holds_nothing, read_json, read_text, write_bytes, write_json, write_text
-from probupdate.processes import beside
+from probupdate.executors import beside
 from probupdate.progress import Progress, silent
 from probupdate.reporting import report as write_report
+from probupdate.result_table import table_of
 from probupdate.structure.load import reference_model
 from probupdate.virtual.effects import hidden_words
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 # the virtual turbine stands in the updated state; the model that is updated starts from the as-built one
 TRUTH_STATE, START_STATE = "updated", "as_built"
@@ -52,6 +57,10 @@ class Demonstration:
     folder: Path
     seconds: float
     summary: str
+
+    def to_frame(self) -> pd.DataFrame:
+        """One row: the folder and how long it took."""
+        return table_of([{"folder": str(self.folder), "duration_s": self.seconds}])
 
 
 def demo(
@@ -146,7 +155,7 @@ def _hidden_and_found(hidden: str, diagnosis) -> str:
     if not effects:
         return "hidden in this campaign: nothing"
     found = [finding_words(f) for f in diagnosis.content()["findings"]] or ["nothing with a name"]
-    return "\n".join(["hidden in this campaign:", *(f"  {e}" for e in effects), "found without being told:",
+    return "\n".join(["hidden in this campaign:", *(f"  {e}" for e in effects), "found by the diagnosis:",
                       *(f"  {f}" for f in found)])  # fmt: skip
 
 

@@ -14,6 +14,8 @@ from probupdate.hdf5_file import new_hdf5, open_hdf5
 
 # name -> (number of axes, dtype in the file)
 DATASETS = {"ln_frequency": (2, np.float32), "damping_ratio": (2, np.float32), "shape": (3, np.complex64)}
+# their axes, as scales that xarray knows; readers here do not ask for them
+AXES = {"ln_frequency": ("mode", "column"), "damping_ratio": ("mode", "column"), "shape": ("channel", "mode", "column")}
 
 
 def _group_name(set_id: str) -> str:
@@ -33,7 +35,12 @@ def write_deviations(deviations: Mapping[str, Any], modes_file: Path) -> str:
             group = file.create_group(_group_name(set_id))
             group.attrs["id"] = set_id
             for name, (_, dtype) in DATASETS.items():
-                group.create_dataset(name, data=np.asarray(getattr(deviation, name)).astype(dtype))
+                written = group.create_dataset(name, data=np.asarray(getattr(deviation, name)).astype(dtype))
+                for k, axis in enumerate(AXES[name]):
+                    if axis not in group:
+                        group.create_dataset(axis, data=np.arange(written.shape[k], dtype=np.int32)).make_scale(axis)
+                    if len(group[axis]) == written.shape[k]:
+                        written.dims[k].attach_scale(group[axis])
     return path.name
 
 
@@ -47,7 +54,7 @@ def read_deviations(modes_file: Path, name: object) -> dict[str, dict[str, np.nd
         raise InputError(where, f"{path} does not exist", "put it back beside the file, or take the key out")
     inside(path, modes_file.parent)
     again = "make it again with `probupdate identify`"
-    with open_hdf5(path, "no file of deviations", again, whole=True) as file:
+    with open_hdf5(path, "no file of covariance factors", again, whole=True) as file:
         return {str(group.attrs["id"]): {key: _array(path, group, key) for key in DATASETS}
                 for group in file.values()}  # fmt: skip
 

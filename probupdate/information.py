@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -19,7 +20,11 @@ from probupdate.identifiability import BLIND
 from probupdate.json_rows import from_row, row_of
 from probupdate.modes import frozen_array
 from probupdate.problem import Problem
+from probupdate.result_table import OWN_UNIT, table_of
 from probupdate.schema import checked
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 FORMAT = 1
 METRIC_WORDS = ("negligible", "low", "medium", "high")
@@ -99,6 +104,10 @@ class Information:
     def named(self, role: str) -> tuple[str, ...]:
         return tuple(r.name for r in self.rows if r.role == role)
 
+    def to_frame(self) -> pd.DataFrame:
+        """A row a parameter."""
+        return table_of(self.rows, units={"value": OWN_UNIT})
+
     @property
     def summary(self) -> str:
         return summary(self)
@@ -147,7 +156,7 @@ def information(
         "uncertainty metric": f"CoV of the prior from {', '.join(f'{x:g}' for x in UNCERTAINTY_FROM)} on",
         "sensitivity metric": "largest change of ln f for one of ln theta, from "
         f"{', '.join(f'{x:g}' for x in SENSITIVITY_FROM)} on"
-        + (f"; for one prior deviation of {', '.join(zero)}, whose value is zero" if zero else ""),
+        + (f"; for one prior standard deviation of {', '.join(zero)}, whose value is zero" if zero else ""),
     }
     return Information(
         rows=tuple(rows), fisher=frozen_array(fisher), directions=_directions(fisher, parameters.names),
@@ -240,10 +249,10 @@ def _pair_sentence(first: str, second: str, correlation: float, cosine: float, b
     apart = [f"{label} ({c:+.2f})" for label, c in by_modes.items() if abs(c) <= 0.98]
     text = f"{first} and {second} (posterior correlation {correlation:+.2f}, effects on all data {cosine:+.2f} alike)"
     if same and not apart:
-        return f"{text} do one another's work on every frequency; shapes or the size of the changes tell them apart"
+        return f"{text} do one another's work on every frequency; shapes or the size of the changes distinguish them"
     if same:
-        return f"{text} do one another's work on {', '.join(same)}, and are told apart on {', '.join(apart)}"
-    return f"{text} are told apart on {', '.join(apart)}" if apart else text
+        return f"{text} do one another's work on {', '.join(same)}, and are distinguishable on {', '.join(apart)}"
+    return f"{text} are distinguishable on {', '.join(apart)}" if apart else text
 
 
 def summary(found: Information) -> str:
@@ -259,10 +268,10 @@ def summary(found: Information) -> str:
         lines.append(f"{r.name:<{width}} {r.value:>10.4g} {cov} {metric:>2} {r.slope:6.3f} {r.slope_mode:>4} "
                      f"{r.sensitivity:>2} {r.signal:7.2f} {r.contraction:6.2f} {r.bits:5.2f}  {r.role}{sampled}")
     lines += [f"{name}: {text}" for name, text in found.settings.items()]
-    lines.append("signal: deviations of the data moved by one prior deviation; width: left of the prior's by the data, "
-                 "all parameters unknown")
+    lines.append("signal: shift of the data, in their standard deviations, by one prior standard deviation; width: "
+                 "posterior over prior standard deviation, all parameters unknown")
     number = len(found.directions)
-    lines.append(f"the data tell {found.total_bits:.1f} bits, in {number} directions (prior deviations):")
+    lines.append(f"the data give {found.total_bits:.1f} bits, in {number} directions (prior standard deviations):")
     lines += [f"  {d.bits:5.2f} bits, width {d.contraction:.2f}: {d.text}" for d in found.directions]
     lines += [p.sentence for p in found.pairs]
     lines += recommendation(found)
@@ -276,7 +285,8 @@ def recommendation(found: Information) -> list[str]:
     told, carried, left = (", ".join(found.named(role)) for role in (UPDATE, CARRY, LEAVE))
     lines = [f"recommended: update {told}" if told else "the data inform none of these parameters"]
     if carried:
-        lines.append(f"carry along, as their uncertainty moves the data though the data do not tell them: {carried}")
+        lines.append("carry along, as their uncertainty moves the data though the data do not identify them: "
+                     f"{carried}")
     if left:
         lines.append(f"leave at their values: {left}; fixing them makes no recommended parameter's width smaller by "
                      f"more than {100 * found.cost:.1f} %")  # fmt: skip

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import optimize
 
 from probupdate.errors import InputError
 from probupdate.model import ModalSolution, Model
@@ -200,6 +199,8 @@ def match(
 def _by_frequency(modal_set: ModalSet, computed_hz: np.ndarray) -> Matching:
     """One sensor or none: a shape of one component is like any other, so that modes are paired by frequency, in its
     order."""
+    from scipy import optimize
+
     used = [int(j) for j in np.argsort(modal_set.frequency_hz) if modal_set.measured[j]]
     if len(used) > len(computed_hz):
         raise InputError(f"set {modal_set.id}", f"has {len(used)} modes at one sensor at most, and the model {len(computed_hz)}",
@@ -328,6 +329,8 @@ def _refuse_half_a_pair(set_id: str, present: str, absent: list[str], reason: st
 
 def assign(criterion: np.ndarray) -> np.ndarray:
     """Column of each row (n_row,) with the largest sum of criteria (n_row, n_column), one to one."""
+    from scipy import optimize
+
     score = np.nan_to_num(criterion, nan=-1.0)
     best = np.argmax(score, axis=1)
     # mostly every row's best column is its own, and no assignment problem need be solved

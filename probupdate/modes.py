@@ -11,13 +11,17 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
 from types import MappingProxyType, ModuleType
+from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy import optimize
 
 from probupdate.deviation_file import read_deviations, write_deviations
 from probupdate.errors import InputError, of_file, parsing
 from probupdate.files import read_json, write_json
+from probupdate.result_table import table_of
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 # of modes.json: 2 has `mode_records`, one of each mode, and `model_only`; files of format 1, or without, have neither
 FORMAT = 2
@@ -88,7 +92,7 @@ class ModalDeviation:
             object.__setattr__(self, name, frozen_array(getattr(self, name), dtype))
         table = self.ln_frequency.shape
         if len(table) != 2 or self.damping_ratio.shape != table or self.shape.shape[1:] != table:
-            raise InputError("modal deviation", f"ln_frequency {table}, damping_ratio {self.damping_ratio.shape} and "
+            raise InputError("modal covariance", f"ln_frequency {table}, damping_ratio {self.damping_ratio.shape} and "
                              f"shape {self.shape.shape} do not belong together",
                              "give (n_mode, n_column) twice and (n_channel, n_mode, n_column)")
 
@@ -140,7 +144,7 @@ class ModalSet:
 
     def _take_deviation(self, deviation: ModalDeviation) -> None:
         if deviation.shape.shape[:2] != self.shape.shape:
-            raise InputError(f"set {self.id}", f"deviation is of {deviation.shape.shape[:2]} channels and modes",
+            raise InputError(f"set {self.id}", f"its covariance is of {deviation.shape.shape[:2]} channels and modes",
                              f"give {self.shape.shape} as for the shape")
         estimated = {
             "frequency_std_hz": self.frequency_hz * np.sqrt(np.sum(deviation.ln_frequency**2, axis=1)),
@@ -253,6 +257,15 @@ class ModalData:
         if self.reference_set is not None and self.reference_set not in ids:
             raise InputError("modal data", f"reference_set '{self.reference_set}' is no set's id", "name one of them")
 
+    def to_frame(self) -> pd.DataFrame:
+        """A row a set and mode: frequency, damping ratio, their standard deviations; NaN where not measured."""
+        names = self.labels or tuple(str(j + 1) for j in range(self.n_mode))
+        return table_of([
+            {"id": s.id, "mode": names[j], "frequency_hz": s.frequency_hz[j], "frequency_std_hz": s.frequency_std_hz[j],
+             "damping_ratio": s.damping_ratio[j], "damping_ratio_std": s.damping_ratio_std[j]}
+            for s in self.sets for j in range(self.n_mode)
+        ])  # fmt: skip
+
     @property
     def n_mode(self) -> int:
         return self.sets[0].frequency_hz.size
@@ -361,14 +374,14 @@ def _refuse_misspelt(where: str, table: Mapping, known: set[str]) -> None:
 def read_modes(path: str | Path) -> ModalData:
     """Read `modes.json` (interfaces: channels, sets; optional labels, reference_set)."""
     path = Path(path)
-    with of_file(path), parsing(str(path), "is no modes.json", "see modes.json in the README"):
+    with of_file(path), parsing(str(path), "is no modes.json", "see docs/formats/modes.md"):
         return _read_modes(path)
 
 
 def _read_modes(path: Path) -> ModalData:
     content = read_json(path, absent="check the path, or run `probupdate identify` first", nan=True)
     if not isinstance(content, dict) or not isinstance(content.get("sets"), list) or "channels" not in content:
-        raise InputError(str(path), "'channels' or 'sets' is missing", "see modes.json in the README")
+        raise InputError(str(path), "'channels' or 'sets' is missing", "see docs/formats/modes.md")
     _refuse_misspelt(str(path), content, {"channels", "sets", "labels", "reference_set", "deviations", "format",
                                           "mode_records", "model_only"})  # fmt: skip
     if isinstance(content.get("format"), int) and content["format"] > FORMAT:
@@ -402,7 +415,7 @@ def _read_modes(path: Path) -> ModalData:
         std = {key: _numbers(where, raw.get(key), vector, key) for key in ("frequency_std_hz", "damping_ratio_std")}
         for key, value in std.items():
             if np.any(value < 0):
-                raise InputError(f"{where}, {key}", "a deviation is negative", "use null where unknown")
+                raise InputError(f"{where}, {key}", "a standard deviation is negative", "use null where unknown")
         deviation = deviations.get(str(raw.get("id", number)))
         sets.append(
             ModalSet(
@@ -609,6 +622,8 @@ def unit_largest(shape: np.ndarray) -> np.ndarray:
 
 def pair_by_mac(criterion: np.ndarray) -> list[tuple[int, int]]:
     """One-to-one pairs (row, column) that maximise the summed criterion (n_row, n_column); NaN never pairs."""
+    from scipy import optimize
+
     score = np.nan_to_num(criterion, nan=-1.0)
     rows, columns = optimize.linear_sum_assignment(-score)
     return [(int(i), int(j)) for i, j in zip(rows, columns, strict=True) if score[i, j] > -1]

@@ -6,7 +6,8 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy import linalg, stats
+from scipy import linalg
+from scipy.special import ndtr
 
 from probupdate.errors import InputError
 
@@ -57,6 +58,8 @@ class Parameter:
     @cached_property
     def distribution(self):
         """The marginal prior cut at the bounds, as a frozen scipy.stats distribution (normal) of theta."""
+        from scipy import stats
+
         if self.prior == "normal":
             a, b = (self.lower - self.initial) / self.std, (self.upper - self.initial) / self.std
             return stats.truncnorm(a, b, loc=self.initial, scale=self.std)
@@ -100,8 +103,8 @@ class _LogTruncated:
         # E[e^{k s z}] of a standard normal cut to [a, b] is e^{k^2 s^2 / 2} P(a < z + k s < b) / P(a < z < b)
         a, b = self.z.support()
         shift = order * self.log_std
-        inside = stats.norm.cdf(b) - stats.norm.cdf(a)
-        moved = stats.norm.cdf(b - shift) - stats.norm.cdf(a - shift)
+        inside = ndtr(b) - ndtr(a)
+        moved = ndtr(b - shift) - ndtr(a - shift)
         return float(self.scale**order * np.exp(shift**2 / 2) * moved / inside)
 
     def mean(self):

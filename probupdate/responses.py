@@ -80,20 +80,20 @@ class Weights:
         if self.covariance and self.frequency_cov is not None:
             raise InputError("weights", "frequency CoVs are given and a full covariance is asked for", "choose one")
         if self.covariance and self.shapes == "mac":
-            raise InputError("weights", "a MAC has one deviation, no covariance", "compare shapes as plane")
+            raise InputError("weights", "a MAC has one standard deviation, no covariance", "compare shapes as plane")
 
     @property
     def description(self) -> str:
         rule = f"{self.shape_factor:g} times the frequency's CoV, of the largest component"
         if self.covariance:
             text = (
-                f"full covariance of the set's own deviations, joint over modes, plus floors of "
+                f"full covariance of the set's own identification, joint over modes, plus a model discrepancy of "
                 f"{100 * self.frequency_floor:g} % of each frequency and {100 * self.shape_floor:g} % of the largest "
                 "component"
             )
         elif self.frequency_cov is None:
             text = (
-                f"frequencies: deviations of the file; shape components: deviations of the file, at least "
+                f"frequencies: standard deviations of the file; shape components: those of the file, at least "
                 f"{100 * self.shape_floor:g} % of the largest component, or where it has none {rule}"
             )
         else:
@@ -275,7 +275,7 @@ def _without_shape(modal_set: ModalSet, members: list[int], rows, weights: Weigh
     """Frequencies alone, of a set that tells no shape."""
     frequency, nothing = modal_set.frequency_hz[members], np.zeros((0, len(members)))
     if weights.covariance:
-        raise InputError(f"set {modal_set.id}", "tells no shape, whose covariance is asked for",
+        raise InputError(f"set {modal_set.id}", "has no shape, whose covariance is asked for",
                          "give --weights measured with --shapes none")  # fmt: skip
     floor = weights.frequency_floor if weights.tolerances else 0.0
     missed = np.hypot(weights.discrepancy, floor) * frequency
@@ -294,7 +294,7 @@ def response_group(modal_set: ModalSet, members: list[int], rows, weights: Weigh
     kept = np.all(np.isfinite(turned), axis=1)
     shape = turned.real[kept]
     if not len(shape) and weights.shapes != "none":
-        raise InputError(where, "tells no component of its shape", "compare frequencies alone (--shapes none)")
+        raise InputError(where, "has no component of its shape", "compare frequencies alone (--shapes none)")
     if not len(shape):
         return _without_shape(modal_set, members, rows[kept], weights, labels)
     # scaled per mode to largest component 1 first, so that neither of a plane's shapes outweighs the other
@@ -303,7 +303,7 @@ def response_group(modal_set: ModalSet, members: list[int], rows, weights: Weigh
         raise InputError(where, "its shape is zero everywhere", "give the components, null where not measured")
     given = modal_set.shape_std[kept][:, members] / largest
     if np.any(given < 0):
-        raise InputError(f"{where}, shape_std", "is negative", "give deviations, null where unknown")
+        raise InputError(f"{where}, shape_std", "is negative", "give standard deviations, null where unknown")
     u, singular, v = np.linalg.svd(shape / largest, full_matrices=False)
     if len(members) == 1:
         sign = np.sign(shape[np.argmax(np.abs(shape))])
@@ -368,8 +368,8 @@ def _own_changes(modal_set: ModalSet, members, kept, factor, to_basis, weights: 
     deviation = modal_set.deviation
     if deviation is None:
         raise InputError(
-            where, "the set has no joint deviations, which a full covariance needs",
-            "keep the deviations file that `identify` writes beside modes.json, or choose --weights measured",
+            where, "the set has no covariance factors, which a full covariance needs",
+            "keep the .deviations.h5 file that `identify` writes beside modes.json, or choose --weights measured",
         )
     ln_frequency = np.asarray(deviation.ln_frequency)[members]
     shape = np.asarray(deviation.shape)[kept][:, members]

@@ -104,7 +104,7 @@ def table_as(kind: type[T], table: object, where: str, **defaults: object) -> T:
     except pydantic.ValidationError as error:
         raise _mistake(error.errors(include_url=False), known, where) from None
     except (TypeError, ValueError) as error:
-        raise InputError(where, f"holds what is no number, text or list ({error})", "see the README") from None
+        raise InputError(where, f"holds what is no number, text or list ({error})", "see docs/formats") from None
     given = {name: getattr(found, f"{name}_" if hasattr(pydantic.BaseModel, name) else name) for name in known
              if name in table}  # fmt: skip
     return kind(**(defaults | given))
@@ -151,7 +151,7 @@ def _mistake(errors: list, known: list[str], where: str) -> InputError:
                           f"did you mean '{close[0]}'?" if close else f"choose from {', '.join(choices)}")
     if len({e["type"] for e in same}) > 1:
         return InputError(where, f"{shown} is of another kind", "; or ".join(
-            dict.fromkeys(WORDS[e["type"]][1] for e in same if e["type"] in WORDS)) or "see the README")  # fmt: skip
+            dict.fromkeys(WORDS[e["type"]][1] for e in same if e["type"] in WORDS)) or "see docs/formats")  # fmt: skip
     problem, remedy = WORDS.get(kind, (first["msg"].removeprefix("Value error, "), "give another one"))
     return InputError(where, f"{shown} {problem}", remedy)
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -23,15 +22,15 @@ from probupdate.comparison import compare as compare_results
 from probupdate.effects.tolerances import SensorUncertainty, TurbineUncertainty
 from probupdate.errors import InputError, names_files
 from probupdate.estimators.discrepancy import state_model_error, stated_weights
-from probupdate.estimators.ensemble import SamplerSettings
 from probupdate.estimators.posterior_file import Posterior, read_posterior, write_posterior
 from probupdate.estimators.update_file import UNLIKE, UpdateRecord, read_update
-from probupdate.estimators.updating import deterministic_update, sample_posterior
+from probupdate.executors import Executor, Shard
 from probupdate.files import read_bytes
 from probupdate.identification.block_poles import block_references
 from probupdate.identification.criteria import TURBINE, preset_criteria, read_criteria
-from probupdate.identification.identify import Identification, SSISettings
+from probupdate.identification.identify import Identification, ShardOfBlocks, SSISettings
 from probupdate.identification.identify import identify as identify_campaign
+from probupdate.identification.identify import identify_shard as identify_campaign_shard
 from probupdate.identification.proposal import propose
 from probupdate.identification.reference import ReferenceModes
 from probupdate.identification.regression import COVARIATES, ModalRegression, regress_modes
@@ -45,20 +44,24 @@ from probupdate.problem import Weights, build_problem
 from probupdate.progress import Progress, silent
 from probupdate.reporting import report as write_report
 from probupdate.reporting.run_files import PARTS, run_places
+from probupdate.result_table import files_table
 from probupdate.structure.load import REFERENCE_STATES, load_model, nacelle_angle_deg, reference_model
 from probupdate.structure.own_modes import OwnModes, own_modes
 from probupdate.structure.subdyn_model import is_subdyn, subdyn_sensors, turns_nacelle
 from probupdate.virtual.simulation import simulate
 
 if TYPE_CHECKING:
+    import pandas as pd
+
+    from probupdate.campaign.universal import Translation
     from probupdate.diagnosis.results import Diagnosis
     from probupdate.estimators.set_views_file import SetViews
     from probupdate.information import Information
     from probupdate.lifetime.export import Export
     from probupdate.model import Model
 
-__all__ = ["check", "check_setups", "compare", "convert", "export", "figures", "identify", "identify_setups", "inform",
-           "model_modes", "open_model", "regress", "report", "sample", "select", "sets", "simulate", "update"]
+__all__ = ["check", "check_setups", "compare", "convert", "export", "figures", "identify", "identify_setups", "identify_shard",
+           "inform", "model_modes", "open_model", "regress", "report", "sample", "select", "sets", "simulate", "update"]
 
 # global modes looked for: first and second bending pairs and the torsion between them (the paper's first five)
 MODES_OF_INTEREST = ("FA1", "SS1", "T1", "FA2", "SS2")
@@ -141,7 +144,7 @@ class _Surroundings:
             return {}
         text = f"{self.angle_deg(modal_set):g} deg counter-clockwise of the model's x axis"
         if "nacelle_angle_deg" not in modal_set.environment:
-            text = "as in the model: the set does not tell where it looked"
+            text = "as in the model: the set does not state where it looked"
         return {"nacelle": text}
 
 
@@ -167,10 +170,27 @@ def setup_names(paths: Sequence[Path]) -> list[str]:
 
 
 def convert(
-    sources: str | Path, campaign: str | Path, *, description: str | Path | None = None, progress: Progress = silent
-) -> Conversion:
-    """Records of other programs (CSV, Parquet, MATLAB, NumPy) into a campaign's layout, as its convert.toml says."""
-    return convert_files(sources, campaign, description=description, progress=progress)
+    sources: str | Path, out: str | Path, *, to: str = "campaign", description: str | Path | None = None,
+    sensors: str | Path | None = None, progress: Progress = silent,
+) -> Conversion | Translation:  # fmt: skip
+    """Records of other programs (CSV, Parquet, MATLAB, NumPy, UFF) into a campaign's layout, as its convert.toml says.
+
+    to 'modes': a universal file's modes (dataset 55) into a modes.json; to 'uff': a modes.json into a universal file, or
+    a campaign's blocks into a folder of them (dataset 58). `sensors`: the campaign, or campaign.toml, that says where the
+    channels of a modes.json are."""
+    if to == "campaign":
+        return convert_files(sources, out, description=description, progress=progress)
+    if to not in ("modes", "uff"):
+        raise InputError("to", f"'{to}' is unknown", "choose from campaign, modes, uff")
+    from probupdate.campaign.universal import modes_from_universal, modes_to_universal, records_to_universal
+
+    if to == "modes":
+        return modes_from_universal(sources, out, sensors=sensors)
+    if Path(sources).is_dir():
+        return records_to_universal(sources, out, progress=progress)
+    if sensors is None:
+        raise InputError(str(sources), "does not say where its channels are", "name the campaign (--sensors)")
+    return modes_to_universal(sources, out, sensors=sensors)
 
 
 @names_files("model")
@@ -247,7 +267,7 @@ def identify(
     rate_hz: float | None = None,
     harmonics: str = "keep",
     store: str | Path | None = None,
-    jobs: int = 1,
+    jobs: int | Executor = 1,
     progress: Progress = silent,
 ) -> Identification:
     """Modes of every block by SSI-cov, found in the campaign's own poles; then named by the model's modes at its
@@ -258,7 +278,8 @@ def identify(
     rows; without one all three are proposed from the record where they are not given, which the summary says.
     harmonics: 'remove' takes the rotor's out of records where its angle can be followed.
     store: folder in which the blocks' poles are kept, so that a killed run goes on (the command line keeps them beside
-    its --out); jobs: processes. A script that asks for several needs `if __name__ == "__main__"`.
+    its --out); jobs: processes, or an executor (`probupdate.executors`). A script that asks for several processes needs
+    `if __name__ == "__main__"`.
     """
     opened = read_campaign(campaign)
     settings, said = _settings([opened], model, order=order, block_rows=block_rows, rate_hz=rate_hz,
@@ -269,6 +290,29 @@ def identify(
     found = identify_campaign(opened, reference, others=others, settings=settings, store=store, jobs=jobs,
                               progress=progress)
     return replace(found, notes=(*said, *found.notes), summary="\n".join([found.summary, *said]))
+
+
+@names_files("campaign")
+def identify_shard(
+    campaign: str | Path,
+    shard: str | Shard,
+    model=None,
+    *,
+    store: str | Path,
+    order: int | None = None,
+    block_rows: int | None = None,
+    rate_hz: float | None = None,
+    harmonics: str = "keep",
+    jobs: int | Executor = 1,
+    progress: Progress = silent,
+) -> ShardOfBlocks:
+    """The share of a campaign's blocks that one job of an array computes ('3/8'), into the store that all share. Run
+    again when all blocks have poles, it adds their standard deviations; then `identify` with that store has nothing
+    left to compute but the modes. model: for the settings of identification only."""
+    opened = read_campaign(campaign)
+    settings, _ = _settings([opened], model, order=order, block_rows=block_rows, rate_hz=rate_hz, harmonics=harmonics)
+    share = shard if isinstance(shard, Shard) else Shard.of(shard)
+    return identify_campaign_shard(opened, share, settings=settings, store=store, jobs=jobs, progress=progress)
 
 
 def identify_setups(
@@ -282,7 +326,7 @@ def identify_setups(
     rate_hz: float | None = None,
     harmonics: str = "keep",
     store: str | Path | None = None,
-    jobs: int = 1,
+    jobs: int | Executor = 1,
     progress: Progress = silent,
 ) -> Merged:
     """Several setups of one structure, a campaign folder each, with some channels in common (named alike, at one
@@ -480,6 +524,8 @@ def update(
     default where `weights` are the measurement's own, "measured" or "covariance".
     every_mode: also modes that identification numbered, where they are alike to one of the model's.
     """
+    from probupdate.estimators.updating import deterministic_update
+
     data = _modal_data(modes, set_id, every_mode)
     model_at, modal_set = _Surroundings(model, parameters, str(modes)), data.set(set_id)
     chosen = _likelihood(weights, model_at(modal_set), data, set_id=set_id, frequencies=frequencies, shapes=shapes,
@@ -513,11 +559,14 @@ def sample(
     max_steps: int = 20000,
     ensembles: int = 4,
     every_mode: bool = False,
-    executor: Executor | None = None,
+    jobs: int | Executor = 1,
     progress: Progress = silent,
 ) -> Posterior:
     """Sample the posterior of the same problem into `out`; the chain is kept beside it (`<out>.chain/`) and goes on
-    where it stopped. `executor` (concurrent.futures) runs several `ensembles` side by side, with the same numbers."""
+    where it stopped. jobs: processes, or an executor, for the `ensembles`; the numbers are the same on any."""
+    from probupdate.estimators.ensemble import SamplerSettings
+    from probupdate.estimators.updating import sample_posterior
+
     data = _modal_data(modes, set_id, every_mode)
     out = Path(out)
     settings = SamplerSettings(seed=seed, target_ess=target_ess, max_steps=max_steps, ensembles=ensembles)
@@ -526,7 +575,7 @@ def sample(
                          discrepancy=discrepancy, tolerances=tolerances, progress=progress)  # fmt: skip
     posterior = sample_posterior(
         model_at(modal_set), data, out.with_name(out.name + ".chain"), set_id=set_id, weights=chosen,
-        settings=settings, executor=executor, progress=progress,
+        settings=settings, jobs=jobs, progress=progress,
     )
     posterior = replace(posterior, record=posterior.record | model_at.setting(modal_set))
     write_posterior(posterior, out)
@@ -697,14 +746,13 @@ def _fatigue_input(folder: Path, places, fatigue: Path, diagnosis, progress: Pro
     from probupdate.estimators.laplace import maximum_a_posteriori
     from probupdate.estimators.update_file import read_update
     from probupdate.lifetime.conditions import read_conditions
+    from probupdate.lifetime.export import refuse_without_members
     from probupdate.lifetime.fatigue_files import FatigueInput, Named
     from probupdate.structure.description import read_description
 
     # before minutes of work are spent on the rest
     read_conditions(fatigue)
-    if not _has_geometry(places["model"]) or is_subdyn(places["model"]):
-        raise InputError(str(places["model"]), "stresses are made of a turbine described by members (model.toml) only",
-                         "leave --fatigue out, or describe the turbine in a model.toml")  # fmt: skip
+    refuse_without_members(places["model"])
     problem, laplace = None, None
     modes = next((places[name] for name in ("nine.json", "modes.json") if name in places), None)
     if modes is not None:
@@ -719,7 +767,7 @@ def _fatigue_input(folder: Path, places, fatigue: Path, diagnosis, progress: Pro
     updates = read_update(places["update.json"]).sets if "update.json" in places else None
     named = None
     extended = diagnosis and diagnosis.get("extended_model")
-    if extended and (folder / extended).is_file():
+    if extended and (folder / extended).is_file() and not is_subdyn(places["model"]):
         path, drawn = folder / extended, folder / "diagnosis.posterior.nc"
         effects = {p.name: p.description for p in read_description(path).effects}
         own = {p.name for p in read_description(places["model"]).effects}
@@ -740,6 +788,14 @@ class Written:
     def __str__(self) -> str:
         return str(self.path)
 
+    @property
+    def summary(self) -> str:
+        return f"wrote {self.path}"
+
+    def to_frame(self) -> pd.DataFrame:
+        """One row."""
+        return files_table(page=(self.path,))
+
 
 def report(run: str | Path, out: str | Path, *, progress: Progress = silent) -> Written:
     """One self-contained page of a run directory."""
@@ -751,6 +807,10 @@ class Figures:
     """Files of a folder of figures."""
 
     files: tuple[Path, ...]
+
+    def to_frame(self) -> pd.DataFrame:
+        """A row a file."""
+        return files_table(figure=self.files[:-1], legend=self.files[-1:])
 
     @property
     def summary(self) -> str:

@@ -1,7 +1,11 @@
 """The project's papers say what is there: commands, options, files, keys, tests and links exist, the example runs."""
 
+import ast
+import dataclasses
 import json
+import pydoc
 import re
+import sys
 import tomllib
 from pathlib import Path
 
@@ -11,18 +15,39 @@ import pytest
 import probupdate
 from probupdate.campaign.reading import CAMPAIGN_KEYS, SENSOR_KEYS, UNITS
 from probupdate.campaign.scada import COLUMNS
+from probupdate.campaign.sensor_findings import SensorFinding
 from probupdate.cli import build_parser
+from probupdate.comparison import Comparison, ComparisonRow
+from probupdate.diagnosis.results import DiagnosisTable, FindingTable, LimitTable
+from probupdate.estimators.set_views_file import SetViews
+from probupdate.estimators.update_file import AlphaRecord, ComponentsRecord, ScatterRecord, SchemeRecord, UpdateRecord
+from probupdate.information import Information
+from probupdate.lifetime.conditions import Conditions, _keys
 from probupdate.modes import read_modes
 from probupdate.problem import build_problem
 from probupdate.reporting.run_files import HEAD_KEYS, PARTS
+from probupdate.structure.description import Description as TurbineDescription
+from probupdate.structure.description import _tables
+from probupdate.structure.effects import EffectKeys
 from probupdate.structure.load import REFERENCE_STATES, reference_model
 from probupdate.structure.parameter_table import KEYS, parameter_from_table
 from probupdate.structure.subdyn_model import ACTS, SubDynDescription
+from probupdate.virtual.effects import COURSES, COVARIATES, EFFECTS
 
 ROOT = Path(__file__).resolve().parents[1]
+sys.path.insert(0, str(ROOT))
+from studies.command import APART  # noqa: E402
+from studies.command import STUDIES as RUN_ALIKE  # noqa: E402
+from studies.command import main as study_command  # noqa: E402
+
 PAPERS = ("README.md", "DESIGN.md", "VALIDATION.md", "CHANGELOG.md")
+PAGES = tuple(sorted(p.relative_to(ROOT).as_posix() for p in ROOT.glob("docs/**/*.md")))
+# pages whose commands name files that only a reader has
+TYPED = ("README.md", *PAGES)
+CAMPAIGN, MODES, MODEL, RUN = (f"docs/formats/{name}.md" for name in ("campaign", "modes", "model", "run_directory"))
+PYTHON, OWN_EFFECT = "docs/howto/python.md", "docs/howto/own_effect.md"
 STUDIES = tuple(sorted(p.relative_to(ROOT).as_posix() for p in ROOT.glob("studies/*/README.md")))
-NOT_YET = ("farm",)
+NOT_YET = ()
 
 
 def text(name: str) -> str:
@@ -33,8 +58,8 @@ def blocks(name: str, language: str) -> list[str]:
     return re.findall(rf"```{language}\n(.*?)```", text(name), re.DOTALL)
 
 
-def commands() -> list[list[str]]:
-    lines = [line for block in blocks("README.md", "sh") for line in block.splitlines()]
+def commands(names) -> list[list[str]]:
+    lines = [line for name in names for block in blocks(name, "sh") for line in block.splitlines()]
     return [line.split("#")[0].split()[1:] for line in lines if line.startswith("probupdate ")]
 
 
@@ -43,25 +68,30 @@ def parsers() -> dict:
     return verbs.choices
 
 
-def test_every_command_of_the_readme_is_taken_as_it_is_typed():
-    typed = commands()
+def test_every_command_of_the_pages_is_taken_as_it_is_typed():
     # a page without commands would pass the loop
-    assert len(typed) >= 7
+    assert len(commands(["README.md"])) >= 7
+    typed = commands(TYPED)
     for words in typed:
-        build_parser().parse_args(words)
+        if words != ["--help"]:
+            build_parser().parse_args(words)
+    assert {words[0] for words in typed} >= set(parsers()) - {"regress", "inform", "sets"}
 
 
-def test_the_readme_names_every_command_and_the_absent_ones_are_absent():
-    assert all(re.search(rf"`(probupdate )?{verb}\b", text("README.md")) for verb in parsers())
+def test_the_pages_name_every_command_and_the_absent_ones_are_absent():
+    whole = "".join(map(text, TYPED))
+    assert all(re.search(rf"`(probupdate )?{verb}\b", whole) for verb in parsers())
     for verb in NOT_YET:
         assert verb not in parsers() and f"`{verb}`" in text("README.md")
     for verb in parsers():
         assert callable(getattr(probupdate, verb))
 
 
-def test_options_named_in_the_readme_exist():
+def test_options_named_in_the_pages_exist():
     known = {option for parser in parsers().values() for option in parser._option_string_actions}
-    ours = re.sub(r"```sh\n.*?```", "", text("README.md"), flags=re.DOTALL)
+    # a study's own options stand on its row
+    ours = re.sub(r"```sh\n.*?```", "", "".join(text(n) for n in TYPED if "studies" not in n),
+                  flags=re.DOTALL)  # fmt: skip
     named = set(re.findall(r"`(--[a-z-]+)", ours))
     assert named and named <= known, named - known
 
@@ -73,29 +103,29 @@ def test_targets_of_make_exist():
 
 
 def test_keys_of_the_campaign_are_those_that_are_read():
-    table = tomllib.loads(next(b for b in blocks("README.md", "toml") if "[[sensor]]" in b))
+    table = tomllib.loads(next(b for b in blocks(CAMPAIGN, "toml") if "[[sensor]]" in b))
     assert set(table) == set(CAMPAIGN_KEYS) and set(table["sensor"][0]) == set(SENSOR_KEYS)
     for columns in (COLUMNS, *UNITS.values()):
         for name in columns:
-            assert name in text("README.md") or name == "m/s^2"
+            assert name in text(CAMPAIGN) or name == "m/s^2"
 
 
 def test_the_subdyn_example_is_a_description():
-    (block,) = (b for b in blocks("README.md", "toml") if "[subdyn]" in b)
+    (block,) = (b for b in blocks(MODEL, "toml") if "[subdyn]" in b)
     described = SubDynDescription.model_validate(tomllib.loads(block))
     assert described.parameter[0].acts in ACTS
     assert all(re.search(rf"\b{act}\b", block) for act in ACTS)
 
 
 def test_the_parameter_is_one():
-    (block,) = (b for b in blocks("README.md", "toml") if "[[parameter]]" in b and "[subdyn]" not in b)
+    (block,) = (b for b in blocks(MODEL, "toml") if 'name = "py"' in b)
     (table,) = tomllib.loads(block)["parameter"]
     assert set(table) <= set(KEYS)
-    assert parameter_from_table(table, "README").std == 1.0
+    assert parameter_from_table(table, "model.md").std == 1.0
 
 
 def test_the_modal_sets_are_read(tmp_path):
-    (block,) = blocks("README.md", "json")
+    (block,) = blocks(MODES, "json")
     path = tmp_path / "modes.json"
     path.write_text(json.dumps(json.loads(block)))
     data = read_modes(path)
@@ -103,15 +133,15 @@ def test_the_modal_sets_are_read(tmp_path):
 
 
 def test_files_of_a_run_and_keys_of_its_head_are_named():
-    readme = text("README.md")
+    page = text(RUN)
     for name in PARTS:
-        assert f"run/{name}" in readme, name
+        assert f"run/{name}" in page, name
     for key in set(HEAD_KEYS) - {"seed", "version"}:
-        assert f"`{key}`" in readme, key
+        assert f"`{key}`" in page, key
 
 
 def test_the_python_example_runs_and_its_posterior_is_that_of_quadrature(tmp_path, monkeypatch, capsys):
-    (code,) = [b for b in blocks("README.md", "python") if "sample(" in b]
+    (code,) = blocks("README.md", "python")
     monkeypatch.chdir(tmp_path)
     names: dict = {"__name__": "example"}
     exec(compile(code, "README.md", "exec"), names)
@@ -143,6 +173,14 @@ def test_floors_of_the_design_are_those_of_the_layering_test():
     assert stated == FLOOR
 
 
+def test_every_row_of_the_validation_names_what_checks_it():
+    rows = [line for line in text("VALIDATION.md").splitlines() if line.startswith("| ") and not line.startswith("| what ")]
+    assert len(rows) > 200
+    for row in rows:
+        cells = re.split(r"(?<!\\)\|", row.strip("|"))
+        assert len(cells) == 5 and re.search(r"`(tests|studies)/[\w/.:]+`", cells[-1]), row
+
+
 def test_tests_and_studies_named_in_the_validation_exist():
     named = set(re.findall(r"`(tests/[\w/]+\.py)(?:::(\w+))?`", text("VALIDATION.md")))
     assert len(named) > 20
@@ -154,22 +192,28 @@ def test_tests_and_studies_named_in_the_validation_exist():
         assert (ROOT / path).exists(), path
 
 
-@pytest.mark.parametrize("name", PAPERS)
+@pytest.mark.parametrize("name", (*PAPERS, *PAGES))
 def test_links_lead_somewhere(name):
     for target in re.findall(r"\]\(([^)]+)\)", text(name)):
-        assert (ROOT / target).exists(), target
+        path = target.split("#")[0]
+        # pictures/ is made by docs/hooks.py
+        assert not path or path.startswith("pictures/") or ((ROOT / name).parent / path).exists(), target
 
 
-@pytest.mark.parametrize("name", (*PAPERS, *STUDIES))
+@pytest.mark.parametrize("name", (*PAPERS, *STUDIES, *PAGES))
 def test_papers_hold_no_machine_path_and_no_address(name):
     found = re.search(r"(?<![\w.])/(work|home|root|tmp|Users)\b|https?://|[A-Z]:\\\\", text(name))
     assert found is None, found
 
 
-@pytest.mark.parametrize("name", PAPERS)
+def test_the_readme_is_short():
+    assert len(text("README.md").splitlines()) <= 130
+
+
+@pytest.mark.parametrize("name", (*PAPERS, *PAGES))
 def test_no_line_of_prose_is_longer_than_the_code_s(name):
-    # rows of tables cannot be broken
-    assert not [line for line in text(name).splitlines() if len(line) > 125 and not line.startswith("|")]
+    # rows of tables and equations cannot be broken
+    assert not [line for line in text(name).splitlines() if len(line) > 125 and not line.startswith(("|", "$$"))]
 
 
 def test_packaged_files_are_all_shipped():
@@ -187,8 +231,8 @@ def test_the_versions_agree():
     assert f"## {probupdate.__version__} " in text("CHANGELOG.md")
 
 
-def test_an_effect_of_ones_own_is_made_as_the_readme_says():
-    (code,) = [b for b in blocks("README.md", "python") if "crosstalk" in b]
+def test_an_effect_of_ones_own_is_made_as_its_page_says():
+    (code,) = blocks(OWN_EFFECT, "python")
     made = {}
     exec(code, made)
     assert made["own"].kind == "measurement" and made["platform"].effect.parameter == made["platform"].model.name
@@ -202,3 +246,131 @@ def test_the_table_of_packages_is_that_of_the_lock():
     assert listed - {("---", "---")} == locked, "run studies/supply_chain/licences.py again"
     assert all(re.fullmatch(r"(\d{4}-\d\d-\d\d|not stated|-)(, (\d{4}-\d\d-\d\d|not stated|-))*", days.strip())
                for name, _, days in rows if name != "---")  # fmt: skip
+
+
+def test_every_decision_has_its_four_parts_and_its_line_in_the_index():
+    pages = {p.name for p in (ROOT / "docs" / "decisions").glob("*.md")} - {"index.md"}
+    listed = re.findall(r"\]\((\w+\.md)\)", text("docs/decisions/index.md"))
+    assert len(listed) == len(set(listed)) and set(listed) == pages
+    for name in pages:
+        heads = re.findall(r"^## (.+)$", text(f"docs/decisions/{name}"), re.MULTILINE)
+        assert heads == ["Context", "Decision", "Alternatives", "Evidence"], name
+
+
+def test_equations_have_one_place_and_point_at_what_evaluates_them():
+    pages = [name for name in PAGES if name.startswith("docs/theory/") and not name.endswith("index.md")]
+    numbers = [n for name in pages for n in re.findall(r"^\*\*\((\w+)\)\*\*", text(name), re.MULTILINE)]
+    assert len(numbers) == len(set(numbers)) and {str(k) for k in range(1, 8)} <= set(numbers)
+    for name in pages:
+        named = set(re.findall(r"`(probupdate\.[\w.]+)`", text(name)))
+        assert named, name
+        for pointer in named:
+            assert pydoc.locate(pointer) is not None, f"{name}: {pointer}"
+
+
+def test_the_format_of_a_turbine_names_every_key():
+    def names(table):
+        for key, field in table.model_fields.items():
+            yield key
+            for inner in _tables(field.annotation):
+                yield from names(inner)
+
+    page = text(MODEL)
+    for key in set(names(TurbineDescription)) - set(EffectKeys.model_fields):
+        assert f"`{key}`" in page or re.search(rf"^{key} = ", page, re.MULTILINE), key
+
+
+def test_the_format_of_loads_names_every_key():
+    page = text("docs/formats/fatigue.md")
+    for key in _keys(Conditions):
+        assert f"`{key}`" in page or f"`{key}.<name>`" in page, key
+
+
+def test_the_format_of_a_truth_names_every_kind_and_size():
+    page = text("docs/formats/truth.md")
+    for name, kind in EFFECTS.items():
+        (row,) = (line for line in page.splitlines() if line.startswith(f"| `{name}` "))
+        assert f"`{kind.size}` | {kind.unit} " in row and all(f"`{key}`" in row for key in kind.place), name
+    for name in (*COVARIATES, *COURSES):
+        assert f"`{name}`" in page, name
+
+
+@pytest.mark.parametrize(("title", "table"), [
+    ("diagnosis.json", DiagnosisTable), ("diagnosis.json", FindingTable), ("diagnosis.json", LimitTable),
+    ("update.json", UpdateRecord), ("update.json", SchemeRecord), ("update.json", ScatterRecord),
+    ("update.json", AlphaRecord), ("update.json", ComponentsRecord),
+    ("compare.json", Comparison), ("compare.json", ComparisonRow), ("information.json", Information),
+    ("sets.json", SetViews), ("check.json", SensorFinding),
+])  # fmt: skip
+def test_the_formats_of_results_name_every_key(title, table):
+    (section,) = re.findall(rf"^## `{re.escape(title)}`$(.*?)^## ", text("docs/formats/results.md"),
+                            re.DOTALL | re.MULTILINE)  # fmt: skip
+    for key in (field.name for field in dataclasses.fields(table)):
+        assert f"`{key}`" in section, key
+
+
+def test_every_study_runs_by_the_same_command_and_stands_in_the_table(capsys):
+    folders = {p.name for p in (ROOT / "studies").iterdir() if p.is_dir() and p.name != "__pycache__"}
+    assert set(RUN_ALIKE) | set(APART) == folders
+    page = text("docs/studies.md")
+    for name, study in RUN_ALIKE.items():
+        assert (ROOT / "studies" / name / "__main__.py").is_file()
+        for script, *_ in (*study.runs, *study.quick):
+            assert (ROOT / "studies" / name / script).is_file(), f"{name}, {script}"
+        (row,) = (line for line in page.splitlines() if line.startswith(f"| [{name}]("))
+        assert f"| {study.question} |" in row and row.endswith(f"| {'yes' if study.quick else 'no'} |")
+        written = "".join(text(p.relative_to(ROOT).as_posix()) for p in (ROOT / "studies" / name).glob("*.md"))
+        assert re.search(r"^## Provenance$.*commit\s[0-9a-f]{7}.*seeds:\s.*machine:\s", written, re.MULTILINE | re.DOTALL)
+        with pytest.raises(SystemExit) as ended:
+            study_command(name, ["--help"])
+        assert ended.value.code == 0 and study.question in " ".join(capsys.readouterr().out.split())
+
+
+# left-hand words of the glossary that have no other meaning here; keys and names of code stand in backticks
+PRIVATE = re.compile(
+    r"\b(told|foretells?|doubts?|fingerprints?|slabs?|rivals?|gross(ly)?|likeness|pushed|as good as sure|departs?"
+    r"|departures?|remainders?|surroundings|(?<![Ss]tandard )deviations?)\b"
+)
+
+
+@pytest.mark.parametrize("name", ("README.md", "DESIGN.md", "CHANGELOG.md", *PAGES))
+def test_documents_use_the_field_s_words(name):
+    prose = re.sub(r"^```.*?^```|`[^`]*`|\]\([^)]*\)|\*\*\(\w+\)\*\*", "", text(name), flags=re.DOTALL | re.MULTILINE)
+    prose = re.sub(r"\s+", " ", prose)
+    # a hash over a problem is called so in update.json
+    prose = prose.replace("Its fingerprint (", "").replace("with different fingerprints", "").replace("problem's fingerprint", "")
+    found = [prose[max(m.start() - 40, 0) : m.end() + 20] for m in PRIVATE.finditer(prose)]
+    assert not found, found
+
+
+def user_strings(path: Path):
+    """(line, text) of every string of a module that is no docstring and has more than one word."""
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    documented = (ast.Module, ast.FunctionDef, ast.ClassDef)
+    docstrings = {id(node.body[0].value) for node in ast.walk(tree)
+                  if isinstance(node, documented) and node.body and isinstance(node.body[0], ast.Expr)}  # fmt: skip
+    for node in ast.walk(tree):
+        if isinstance(node, ast.JoinedStr):
+            said = "".join(str(part.value) if isinstance(part, ast.Constant) else "{}" for part in node.values)
+        elif isinstance(node, ast.Constant) and isinstance(node.value, str) and id(node) not in docstrings:
+            said = node.value
+        else:
+            continue
+        if " " in said.strip():
+            yield node.lineno, said
+
+
+# where sentences for users are made; the other modules of the diagnosis follow when their names do
+WORDED = ("cli.py", "comparison.py", "information.py", "demonstration.py", "responses.py", "diagnosis/wording.py",
+          "reporting/*.py", "estimators/*.py", "identification/*.py", "campaign/*.py")  # fmt: skip
+
+
+@pytest.mark.parametrize("pattern", WORDED)
+def test_sentences_for_users_use_the_field_s_words(pattern):
+    paths = sorted((ROOT / "probupdate").glob(pattern))
+    assert paths
+    # of files and of spectra: no standard deviation
+    found = [f"{path.name}:{line}: {said}" for path in paths for line, said in user_strings(path)
+             if PRIVATE.search(said) and "median deviation" not in said and ".deviations.h5" not in said
+             and not said.endswith(", deviations")]  # fmt: skip
+    assert not found, found

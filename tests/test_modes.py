@@ -205,17 +205,17 @@ def test_mistakes_with_deviations_are_named(tmp_path):
     write_modes(deviating_data(), tmp_path / "m.json")
     content = json.loads((tmp_path / "m.json").read_text())
     for name, word in (("../m.deviations.h5", "no file name"), (3, "no file name"), ("none.h5", "does not exist"),
-                       ("m.json", "no file of deviations")):
+                       ("m.json", "no file of covariance factors")):
         with pytest.raises(InputError, match=word):
             read_modes(write(tmp_path, content | {"deviations": name}))
     fewer = content | {"channels": ["a", "b"]}
     fewer["sets"] = [{"id": "a/b", "frequency_hz": [1.0], "shape_re": [[1.0, 0.5]]}]
-    with pytest.raises(InputError, match=r"set a/b: deviation is of \(3, 2\) channels and modes"):
+    with pytest.raises(InputError, match=r"set a/b: its covariance is of \(3, 2\) channels and modes"):
         read_modes(write(tmp_path, fewer))
     with pytest.raises(InputError, match="do not belong together"):
         ModalDeviation(ln_frequency=np.zeros((2, 4)), damping_ratio=np.zeros((2, 5)), shape=np.zeros((3, 2, 4)))
     content["sets"][0]["damping_ratio_std"] = [-1.0, None]
-    with pytest.raises(InputError, match="damping_ratio_std: a deviation is negative"):
+    with pytest.raises(InputError, match="damping_ratio_std: a standard deviation is negative"):
         read_modes(write(tmp_path, content))
 
 

@@ -7,8 +7,9 @@ rovers and references on one rigid part, wherever it is (`rigid_bodies`), say wh
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from itertools import combinations
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy import fft
@@ -23,6 +24,10 @@ from probupdate.campaign.spectra import SEGMENT_S
 from probupdate.errors import InputError
 from probupdate.modes import Sensor
 from probupdate.progress import Progress, silent
+from probupdate.result_table import OWN_UNIT, table_of
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 # groups of segments, of which one after the other is left out for standard deviations
 GROUPS = 10
@@ -71,6 +76,10 @@ class SetupComparison:
     peaks_hz: np.ndarray
     findings: tuple[SensorFinding, ...]
     uses: tuple[str, ...]
+
+    def to_frame(self) -> pd.DataFrame:
+        """A row a finding."""
+        return table_of(self.findings, [f.name for f in fields(SensorFinding)], units={"size": OWN_UNIT, "size_std": OWN_UNIT})
 
     @property
     def summary(self) -> str:
@@ -239,7 +248,7 @@ def _judged(
     differs, split = _differing(shapes, references)
     notes += split
     if len(references) == 1:
-        notes.append("one reference alone: gains that differ between setups are told by rigid parts only")
+        notes.append("one reference alone: gains that differ between setups are found by rigid parts only")
     gains: list[dict[str, float]] = [{} for _ in shapes]
     single: dict[tuple[str, tuple[str, ...]], list[tuple[int, float, float]]] = {}
     # a setup's references with the fewest changes that explain its pairs
@@ -429,7 +438,7 @@ def _constant(
             finding = _finding(one, sensors, owner, references)
             found.setdefault(finding.channel, finding)
     missing = [c for c in references if c not in judged]
-    notes = [f"a gain of {', '.join(missing)} that is wrong in all setups alike cannot be told: no rover shares a "
+    notes = [f"a gain of {', '.join(missing)} that is wrong in all setups alike cannot be found: no rover shares a "
              "rigid part with it"] if missing else []
     return list(found.values()), notes
 

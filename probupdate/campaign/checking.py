@@ -33,13 +33,14 @@ from probupdate.campaign.sensor_findings import SensorFinding
 from probupdate.campaign.spectra import cross_spectra, in_acceleration, most_channels
 from probupdate.files import write_json, write_table
 from probupdate.progress import Progress, silent
+from probupdate.result_table import with_units
 
 # what a column of SCADA is needed for
 USES = {
     "power_kw": "turbine states (idling, below rated, rated)",
-    "rotor_speed_rpm": "harmonics told from modes; idling confirmed",
+    "rotor_speed_rpm": "harmonics distinguished from modes; idling confirmed",
     "pitch_deg": "criterion 'no pitching'",
-    "nacelle_heading_deg": "fore-aft and side-side told apart as the nacelle turns; how far it turned within a block",
+    "nacelle_heading_deg": "fore-aft and side-side as the nacelle turns; how far it turned within a block",
     "yaw_rate_degps": "criterion 'no yawing'",
     "wind_speed_mps": "wind and state over time (Fig. 4)",
     "water_level_m": "frequency against water level",
@@ -65,6 +66,10 @@ class CampaignCheck:
     uses: tuple[str, ...]
     summary: str
     measured: tuple[SensorFinding, ...] = ()
+
+    def to_frame(self) -> pd.DataFrame:
+        """`table`: a row a block and channel; numbers about samples in SI units."""
+        return with_units(self.table)
 
     def write(self, path: str | Path) -> Path:
         """JSON: campaign, findings, measured, uses, blocks, channels (a summary per channel); beside it
@@ -237,7 +242,7 @@ def _quantities(campaign: Campaign) -> list[str]:
 
 def _scada_findings(campaign: Campaign) -> list[str]:
     if campaign.scada is None:
-        return ["no scada.csv: states, yawing, pitching and harmonics cannot be told"]
+        return ["no scada.csv: states, yawing, pitching and harmonics are not known"]
     missing = [c for c in COLUMNS if c not in campaign.scada]
     similar = misnamed(campaign.scada.columns, SIMILAR)
     found = [f"SCADA has no {c}{_maybe(similar.get(c))}: no {USES[c]}" for c in missing if c in USES]

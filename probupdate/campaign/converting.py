@@ -19,6 +19,7 @@ from probupdate.errors import InputError, parsing
 from probupdate.files import input_file, read_json, remove_stale, write_json
 from probupdate.hdf5_file import new_hdf5, open_hdf5
 from probupdate.progress import Progress, silent
+from probupdate.result_table import files_table
 
 # a file written holds at most so much time, so that no reader is asked for more and a kill loses little
 FILE_S = 3600.0
@@ -34,6 +35,10 @@ class Conversion:
     kept: tuple[Path, ...]
     samples: int
     notes: tuple[str, ...]
+
+    def to_frame(self) -> pd.DataFrame:
+        """A row a file of records, written or kept from before."""
+        return files_table(written=self.files, kept=self.kept)
 
     @property
     def summary(self) -> str:

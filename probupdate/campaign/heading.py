@@ -140,18 +140,18 @@ def heading_findings(found: HeadingOffset) -> tuple[list[SensorFinding], str | N
     """The offset as a finding, where it is beyond four deviations (2 degrees of what no record tells among them), and a
     sentence on what was or was not told."""
     if not np.isfinite(found.offset_deg):
-        return [], f"the nacelle's heading against the planes of bending: cannot be told, {found.why}"
+        return [], f"the nacelle's heading against the planes of bending: not identified, {found.why}"
     text = f"{found.offset_deg:+.1f} +- {found.std_deg:.1f} deg{' (or 90 more)' if found.either else ''}"
     wrong = abs(found.offset_deg) > SIGMA * np.hypot(found.std_deg, LEAST_STD_DEG)
     if not wrong and not found.backwards:
         return [], (f"the nacelle's stated heading agrees with the planes of bending within {text} ({found.blocks} "
-                    "running blocks; 180 deg is not told)")
+                    "running blocks; 180 deg is not excluded)")
     what = "is counted the other way round than a compass, and " if found.backwards else ""
     return [SensorFinding(
         name="nacelle heading", channel="nacelle_heading_deg", size=found.offset_deg, std=found.std_deg, unit="deg",
         message=f"suspect: the nacelle's stated heading {what}{'is off' if wrong else 'agrees else'}: fore-aft lies "
-        f"{text} from it by the planes of bending of {found.blocks} running blocks (180 deg is not told): check its "
-        "zero, x_axis_heading_deg and the sensors' directions on site")], None
+        f"{text} from it by the planes of bending of {found.blocks} running blocks (180 deg is not excluded): check "
+        "its zero, x_axis_heading_deg and the sensors' directions on site")], None
 
 
 def _band(sway: Sway, lowest_hz: float) -> np.ndarray:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Collection, Sequence
 
 import numpy as np
-from scipy import signal
 
 from probupdate.campaign.blocks import Block
 from probupdate.errors import InputError
@@ -62,6 +61,8 @@ def _straight(columns: np.ndarray, number: np.ndarray) -> np.ndarray:
 def amplitude_spectrum(block: Block) -> np.ndarray | None:
     """ln of each channel's amplitude spectrum (n_line, n_channel), on few lines. NaN for channels that stand still or
     have lost samples; None where the block is too short."""
+    from scipy import signal
+
     data = block.data
     whole = np.isfinite(data).all(axis=0)
     length = min(4 * LINES, 2 * len(data) // (FEWEST_SEGMENTS + 1))

@@ -1,7 +1,7 @@
-"""Files of other programs, read in pieces: CSV, Parquet, MATLAB .mat (v5 and v7.3), NumPy .npy and .npz.
+"""Files of other programs, read in pieces: CSV, Parquet, MATLAB .mat (v5 and v7.3), NumPy .npy and .npz, UFF 58.
 
 A source gives pieces of (time column or None, data (n, n_channel)); never more than PIECE rows are held, but for .mat
-v5, which has no other way and is refused beyond LARGEST_V5. Nothing in a file is executed: no pickles, no objects.
+v5 and UFF, which have no other way and are refused beyond a size. Nothing in a file is executed: no pickles, no objects.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ def pieces(path: Path, description: Description) -> Pieces:
     """The pieces of one file in order; data in float64, factors not applied. Raises InputError naming the file."""
     readers: dict[str, Callable] = {
         ".csv": _csv, ".txt": _csv, ".tsv": _csv, ".dat": _csv, ".parquet": _parquet, ".pq": _parquet, ".mat": _mat,
-        ".npy": _npy, ".npz": _npz,
+        ".npy": _npy, ".npz": _npz, ".uff": _uff, ".unv": _uff,
     }
     path = input_file(path, "leave it out of `files`")
     reader = readers.get(path.suffix.lower())
@@ -310,3 +310,31 @@ def _mat73(path: Path, d: Description) -> Pieces:
                 return np.asarray(dataset[:, first:last], float).T
 
         yield from _from_arrays(_Arrays(path, tuple(sizes), rows, shape), d)
+
+
+# Universal files ----------------------------------------------------------------------------------------------------
+
+# what convert.toml calls the abscissa of a universal file
+ABSCISSA = "abscissa"
+
+
+def _uff(path: Path, d: Description) -> Pieces:
+    """Records in time of datasets 58; a column is a channel's name (line 1), node and axis such as '12:+x', or a number."""
+    from probupdate.io.uff_file import read_uff_records
+
+    if d.time != ABSCISSA:
+        raise InputError(f"{d.path}, time", "is not the abscissa, which states a universal file's rate",
+                         f'write time = "{ABSCISSA}", time_unit = "s" and start or start_pattern')
+    found = read_uff_records(path)
+    columns = []
+    for channel, column in d.columns.items():
+        same = [k for k in range(len(found.names)) if column in (found.names[k], found.places[k], k + 1)]
+        if len(same) != 1:
+            here = ", ".join(dict.fromkeys(n or p for n, p in zip(found.names[:12], found.places[:12], strict=True)))
+            raise InputError(f"{path}, {channel}", f"{len(same) or 'no'} records are called '{column}'; there are {here}",
+                             "name each channel's in [columns], as node and axis such as '12:+x', or by number")
+        columns.append(same[0])
+    time = found.first_s + np.arange(len(found.data)) / found.rate_hz
+    for first in range(0, len(time), PIECE):
+        rows = slice(first, first + PIECE)
+        yield time[rows], found.data[rows][:, columns]

@@ -103,7 +103,8 @@ class Clock:
         if self.shifts:
             said.append(f"its clock and the stated rate part by a sample {self.shifts} times; a file begins at each")
         if self.uneven > UNEVEN_SAID:
-            said.append(f"its steps are uneven by {self.uneven:.2f} samples (deviation); rows were put at equal steps")
+            said.append(f"its steps are uneven by {self.uneven:.2f} samples (standard deviation); "
+                        "rows were put at equal steps")
         if self.grain:
             said.append(f"times are rounded to {self.grain / self.rate:.3g} s; rows were counted between them")
         return said

@@ -81,7 +81,7 @@ def neighbours_dispersion(setting: Setting, design: Design, centred: Sequence[np
         value = np.zeros(n)
         value[: n // 2 * 2] = (rng.choice([-1.0, 1.0], n // 2)[:, None] * [1.0, -1.0]).ravel()
         contrasts.append(Course(kind="covariate", value=value, column="neighbours"))
-    n_effect = design.effect[0].shape[2]
+    n_effect = len(setting.effects)
     which = np.array([(j, c + 1) for c in range(N_CONTRAST) for j in range(n_effect)])
     between = replace(design, courses=(setting.courses[0], *contrasts), which=which)
     u, usable, squares, count = between.scores(centred), _spanning(setting, between), 0.0, 0

@@ -22,8 +22,8 @@ from probupdate.errors import ConvergenceError
 from probupdate.modes import ModalData
 from probupdate.progress import Progress, silent
 
-# effects that are named together; rounds of taking one in, of which the next may show that it was none
-MOST_EFFECTS, MOST_ROUNDS = 3, 6
+# effects that are named together; rounds of taking one in for each, as the next may show that it was none
+MOST_EFFECTS, ROUNDS = 3, 2
 # a limit is the size found in so many of a hundred records: normal quantile of 0.9
 POWER = 1.2815515655446004
 # candidates whose z correlates by more with the best one's may be meant instead, and are refitted; at most so many
@@ -188,21 +188,23 @@ def diagnose(prepared: Prepared, data: ModalData, *, seed: int = 1, progress: Pr
     return examine(prepared, data, seed=seed, progress=progress).diagnosis
 
 
-def examine(prepared: Prepared, data: ModalData, *, seed: int = 1, progress: Progress = silent) -> Outcome:
-    """`diagnose` with all that its pictures, the gain and the extended model need."""
+def examine(
+    prepared: Prepared, data: ModalData, *, most: int = MOST_EFFECTS, seed: int = 1, progress: Progress = silent
+) -> Outcome:
+    """`diagnose` with all that its pictures, the gain and the extended model need; of at most so many effects."""
     setting, theta = settle(prepared, data)
-    progress("diagnosing", 0, MOST_EFFECTS + 1)
+    progress("diagnosing", 0, most + 1)
     fitted = fit(setting, theta)
     null, first = fitted, None
     findings: list[Finding] = []
     searches, rivals = [], []
     n_searched = len(setting.which)
-    for number in range(MOST_ROUNDS + 1):
-        progress("diagnosing", min(number, MOST_EFFECTS), MOST_EFFECTS + 1)
+    for number in range(ROUNDS * most + 1):
+        progress("diagnosing", min(number, most), most + 1)
         found = search(setting, fitted, seed=seed, heavier=first.heavier if first else None)
         first = first or found
         best = int(np.argmax(found.statistic))
-        if found.statistic[best] <= found.threshold or len(findings) == MOST_EFFECTS or number == MOST_ROUNDS:
+        if found.statistic[best] <= found.threshold or len(findings) == most or number == ROUNDS * most:
             break
         n_before = len(setting.which)
         setting, fitted, found = beside_crosstalk(setting, fitted, found, best, seed=seed)
@@ -224,7 +226,7 @@ def examine(prepared: Prepared, data: ModalData, *, seed: int = 1, progress: Pro
     findings = [replace(f, size=n.size, size_std=std)
                 for f, n, std in zip(findings, fitted.named, sizes_std(setting, fitted), strict=True)]  # fmt: skip
     fits, remaining = adequacy(setting, fitted, found)
-    progress("diagnosing", MOST_EFFECTS + 1, MOST_EFFECTS + 1)
+    progress("diagnosing", most + 1, most + 1)
     left_over = found.statistic[best] > found.threshold
     silent, pinned = _silent(fitted), _pinned(fitted)
     # one cause may be at its end, as a brace that is gone; two at once are what something else is bent into, and so is

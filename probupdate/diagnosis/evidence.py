@@ -100,7 +100,7 @@ def only_promised(setting: Setting, fitted: Fit) -> float:
 def sizes_std(setting: Setting, fitted: Fit) -> list[float]:
     """Deviation of the size of each named effect, zero where it has one size only; with what a fit stopped short by."""
     design, result = fitted.design, []
-    free = iter(range(design.nuisance_std.size, design.n_common))
+    free = iter(range(design.sizes.start, design.sizes.stop))
     for n, short in zip(fitted.named, fitted.short, strict=True):
         if n.effect.discrete:
             result.append(0.0)

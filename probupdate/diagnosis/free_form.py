@@ -36,6 +36,8 @@ N_POINT, N_DIRECTION = 48, 4
 SHARE, MOST = 0.1, 100.0
 # parts of each kind that the search is given: those that score highest beside the model as it is; scored so many at once
 N_KEPT, PORTION = 40, 160
+# parts at once
+MOST_PARTS = 2
 # points nearer to one another than this share of the structure's extent are one
 SAME_PLACE = 0.012
 # wire groups that are no place to attach anything: soil is the catalogue's, the rotor turns
@@ -195,7 +197,7 @@ def free_form(
     rows = elementary(prepared.small, lambda point: place_words(point, prepared.description))
     wider = with_parts(prepared, [rows[k] for k in most_telling(known.setting, known.null, rows)])
     try:
-        outcome = examine(wider, data, seed=seed, progress=progress)
+        outcome = examine(wider, data, most=MOST_PARTS, seed=seed, progress=progress)
     except ConvergenceError:
         return None
     if not any(n.effect.cause in PART_CAUSES for n in outcome.fitted.named):

@@ -75,8 +75,10 @@ def prepare(
     models = []
     for number, angle in enumerate(TURNS_DEG):
         progress("preparing the model", number, len(TURNS_DEG) + 1)
-        models.append(extended_model(path, [r.model for r in catalogue], parameters=parameters, sensors=sensors,
-                                     nacelle_angle_deg=angle))  # fmt: skip
+        one = extended_model(path, [r.model for r in catalogue], parameters=parameters, sensors=sensors,
+                             nacelle_angle_deg=angle)  # fmt: skip
+        # little of it turns: the rest is held once
+        models.append(one.sharing(models[0]) if models else one)
     first = models[0]
     updated = tuple(first.parameters.names.index(n) for n in model.parameters.names)
     reach = np.column_stack([first.parameters.lower, first.parameters.upper])

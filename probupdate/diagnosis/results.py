@@ -7,13 +7,18 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from probupdate.diagnosis import wording
 from probupdate.errors import InputError
 from probupdate.files import read_json_table, write_text
+from probupdate.result_table import OWN_UNIT, table_of
 from probupdate.schema import checked_table
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 VERDICTS = ("named", "ambiguous", "unexplained", "none")
 
@@ -77,6 +82,13 @@ class Diagnosis:
     extension: dict = field(default_factory=dict, repr=False)
     splits: tuple[str, ...] = ()
     details: dict = field(default_factory=dict, repr=False)
+
+    def to_frame(self) -> pd.DataFrame:
+        """A row a finding; size in its `unit`."""
+        names = ("kind", "cause", "location", "size", "size_std", "unit", "course", "course_start", "z",
+                 "posterior_probability", "prior_probability", "check")  # fmt: skip
+        return table_of([{n: getattr(f, n) for n in names} for f in self.findings], names,
+                        units={"size": OWN_UNIT, "size_std": OWN_UNIT})  # fmt: skip
 
     @property
     def summary(self) -> str:

@@ -8,10 +8,9 @@ points that took no part in it.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property, lru_cache
+from functools import cached_property
 
 import numpy as np
 from scipy import linalg, sparse
@@ -22,6 +21,7 @@ from probupdate.modes import frozen_array
 from probupdate.parameters import Parameter, Parameters
 from probupdate.structure.affine import AffineModel
 from probupdate.structure.eigen import lowest_modes, mode_derivatives
+from probupdate.structure.projected_terms import ProjectedTerms, patterned
 
 # angles that determine a trigonometric polynomial of second degree
 TURNS_DEG = tuple(72.0 * k for k in range(5))
@@ -47,8 +47,8 @@ N_CHANGE, CHANGE, UNSEEN = 16, 0.1, 1e-4
 CUTS = (1e-3, 7e-4, 5e-4, 3e-4, 2e-4, 1.5e-4, 1e-4)
 
 
-# for stiffness and mass: what does not turn (n, r, r), and by parameter what does
-Slopes = list[tuple[np.ndarray, dict[int, np.ndarray]]]
+# for stiffness and mass: terms that do not turn with their weights (n, n_term), and by parameter what does turn
+Slopes = list[tuple[ProjectedTerms, np.ndarray, dict[int, np.ndarray]]]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -74,8 +74,7 @@ class Attachment:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class SmallModel:
-    """K and M on the basis: stiffness, mass (n_term, r (r + 1) / 2), upper triangles, with zeros where a term turns
-    with the nacelle; turning_... the terms that do: number -> (5, r, r), the coefficients of 1, cos a, sin a, cos 2a,
+    """K and M on the basis: stiffness, mass with zeros where a term turns with the nacelle; turning_... the terms that do: number -> (5, r, r), the coefficients of 1, cos a, sin a, cos 2a,
     sin 2a.
 
     `frequency_error` is the largest relative error found against the full model on points not used for the basis.
@@ -86,8 +85,8 @@ class SmallModel:
     parameters: Parameters
     channels: tuple[str, ...]
     coefficients: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
-    stiffness: np.ndarray
-    mass: np.ndarray
+    stiffness: ProjectedTerms
+    mass: ProjectedTerms
     turning_stiffness: dict[int, np.ndarray]
     turning_mass: dict[int, np.ndarray]
     at_channels: np.ndarray
@@ -117,7 +116,6 @@ class SmallModel:
         """The model with these parts, none of them there at first, each a parameter behind its own."""
         stiff = [k for k, part in enumerate(parts) if part.stiffness is not None]
         heavy = [k for k, part in enumerate(parts) if part.mass is not None]
-        upper = np.triu_indices(self.at_channels.shape[1])
         own, coefficients = len(self.parameters), self.coefficients
 
         def with_parts(theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -132,8 +130,8 @@ class SmallModel:
             correlation = linalg.block_diag(correlation, np.eye(len(added)))
         return replace(
             self, parameters=Parameters((*self.parameters.items, *added), correlation), coefficients=with_parts,
-            stiffness=frozen_array(np.vstack([self.stiffness, *(parts[k].stiffness[upper][None] for k in stiff)])),
-            mass=frozen_array(np.vstack([self.mass, *(parts[k].mass[upper][None] for k in heavy)])), known={},
+            stiffness=self.stiffness.with_added([parts[k].stiffness for k in stiff]),
+            mass=self.mass.with_added([parts[k].mass for k in heavy]), known={},
         )  # fmt: skip
 
     def _at(self, theta: np.ndarray) -> LocalModel:
@@ -141,8 +139,7 @@ class SmallModel:
         waves = []
         for weight, fixed, turning in ((cK, self.stiffness, self.turning_stiffness),
                                        (cM, self.mass, self.turning_mass)):  # fmt: skip
-            # of the terms that effects bring most have no weight: neither read nor added
-            still = _square((sparse.csr_array(weight[None]) @ fixed)[0])
+            still = fixed.total(weight)
             wave = np.zeros((5, *still.shape))
             wave[0] = still
             for term, part in turning.items():
@@ -187,20 +184,19 @@ class LocalModel:
         return self.small.at_channels @ modes.vectors[:, :count]
 
     def slopes(self, columns: Sequence[int]) -> Slopes:
-        """For stiffness and mass: derivatives with the parameters `columns` that do not turn (n, r, r), and by number
-        the harmonics (5, r, r) of those that do."""
+        """For stiffness and mass: derivatives with the parameters `columns`, of what does not turn as weights of the terms
+        (n, n_term), and by number the harmonics (5, r, r) of those that do."""
         small, columns = self.small, list(columns)
         cK, cM = small.coefficients(self.theta + 1e-30j * np.eye(self.theta.size)[columns])
         result = []
         for weight, fixed, turning in ((np.imag(cK) / 1e-30, small.stiffness, small.turning_stiffness),
                                        (np.imag(cM) / 1e-30, small.mass, small.turning_mass)):  # fmt: skip
-            still = _square(sparse.csr_array(weight) @ fixed)
             waves = {}
             for p, own in enumerate(weight):
                 turned = [own[t] * part for t, part in turning.items() if own[t]]
                 if turned:
                     waves[p] = sum(turned)
-            result.append((still, waves))
+            result.append((fixed, weight, waves))
         return result
 
     def derivatives(
@@ -211,12 +207,12 @@ class LocalModel:
         (n_channel, k, n_param) without their rotation into each other; for the parameters of `slopes`."""
         wanted = [modes.vectors[:, [i for own in clusters for i in own]] for _, modes, clusters in places]
         ends = np.cumsum([0, *(phi.shape[1] for phi in wanted)])
-        # the matrices are read once for all places: reading them is what costs
-        products = [still @ np.hstack(wanted) for still, _ in slopes]
+        # once for all places
+        products = [fixed.times(weight, np.hstack(wanted)) for fixed, weight, _ in slopes]
         result = []
         for number, (angle_deg, modes, clusters) in enumerate(places):
             wave, parts = _harmonics(angle_deg), []
-            for (_, waves), product in zip(slopes, products, strict=True):
+            for (_, _, waves), product in zip(slopes, products, strict=True):
                 own = product[:, :, ends[number] : ends[number + 1]]
                 for p, turning in waves.items():
                     own[p] += np.tensordot(wave, turning, 1) @ wanted[number]
@@ -249,21 +245,6 @@ class LocalModel:
             change = at_channels @ amount - residual @ force
             result.append((coupling.transpose(1, 2, 0), change.transpose(1, 2, 0)))
         return result
-
-
-def _square(packed: np.ndarray) -> np.ndarray:
-    """Symmetric matrices (..., r, r) of upper triangles (..., r (r + 1) / 2)."""
-    return np.take(packed, _places(math.isqrt(2 * packed.shape[-1])), axis=-1)
-
-
-@lru_cache(maxsize=8)
-def _places(r: int) -> np.ndarray:
-    """Where each entry (r, r) of a symmetric matrix stands in its packed upper triangle."""
-    result = np.empty((r, r), int)
-    rows, columns = np.triu_indices(r)
-    result[rows, columns] = result[columns, rows] = np.arange(len(rows))
-    result.setflags(write=False)
-    return result
 
 
 def _harmonics(angle_deg: float) -> np.ndarray:
@@ -349,7 +330,7 @@ class _Sum:
 
     def __init__(self, model: AffineModel):
         self.model = model
-        self._parts = [_patterned(terms) for terms in (model.stiffness, model.mass)]
+        self._parts = [patterned(terms) for terms in (model.stiffness, model.mass)]
 
     def K(self, theta: np.ndarray) -> sparse.csc_array:
         return self._weighted(0, self.model.coefficients(theta)[0])
@@ -365,23 +346,6 @@ class _Sum:
     def times(self, kind: int, weights: np.ndarray, phi: np.ndarray) -> np.ndarray:
         """(n_dof, n_mode, n) of the sums with `weights` (n_term, n) on phi (n_dof, n_mode)."""
         return np.stack([self._weighted(kind, w) @ phi for w in weights.T], axis=2)
-
-
-def _patterned(terms) -> tuple[sparse.csc_array, sparse.csr_array]:
-    """The union of the terms' patterns, and their entries on it (n_term, n_entry)."""
-    n = terms[0].shape[0]
-    keys = []
-    for term in terms:
-        columns = np.repeat(np.arange(n), np.diff(term.indptr))
-        keys.append(columns.astype(np.int64) * n + term.indices)
-    union = np.unique(np.concatenate(keys))
-    place = np.concatenate([np.searchsorted(union, k) for k in keys])
-    rows = np.repeat(np.arange(len(terms)), [len(k) for k in keys])
-    data = sparse.csr_array(
-        sparse.coo_array((np.concatenate([t.data for t in terms]), (rows, place)), shape=(len(terms), len(union)))
-    )
-    indptr = np.concatenate([[0], np.cumsum(np.bincount(union // n, minlength=n))])
-    return sparse.csc_array((np.ones(len(union)), union % n, indptr), shape=(n, n)), data
 
 
 def _points(parameters: Parameters, effects: Sequence[int], reach: np.ndarray, rng) -> np.ndarray:
@@ -431,18 +395,16 @@ def _project(models: Sequence[AffineModel], basis: np.ndarray, n_mode: int) -> S
     fixed, turning = [], []
     for kind in ("stiffness", "mass"):
         terms = getattr(first, kind)
-        upper = np.triu_indices(basis.shape[1])
-        fixed.append(np.array([onto(t)[upper] for t in terms]))
         moved = {}
         for number, term in enumerate(terms):
             if any(_differ(term, getattr(m, kind)[number]) for m in models[1:2]):
                 at = np.array([onto(getattr(m, kind)[number]) for m in models])
                 moved[number] = np.tensordot(np.linalg.inv([_harmonics(a) for a in TURNS_DEG]), at, 1)
-                fixed[-1][number] = 0.0
+        fixed.append(ProjectedTerms.of(terms, basis, without=moved))
         turning.append(moved)
     return SmallModel(
         name=first.name, parameters=first.parameters, channels=first.channels, coefficients=first.coefficients,
-        stiffness=frozen_array(fixed[0]), mass=frozen_array(fixed[1]), turning_stiffness=turning[0],
+        stiffness=fixed[0], mass=fixed[1], turning_stiffness=turning[0],
         turning_mass=turning[1], at_channels=frozen_array(first.channel_matrix @ basis), n_search=n_mode,
         frequency_error=np.nan, fingerprint=first.fingerprint(), wire=first.wire,
         at_nodes=None if first.wire is None else frozen_array(first.wire_matrix @ basis),

@@ -101,7 +101,7 @@ def verdict_words(content: Mapping) -> str:
     verdict, findings = content["verdict"], content["findings"]
     p = probability_words(content.get("p_value"))
     with_model = bool(content.get("parameters"))
-    parted = "Model and measurement disagree" if with_model else "The record departs from what is normal"
+    parted = "Model and measurement disagree" if with_model else "The record deviates from normal variation"
     if verdict == "none":
         return f"Nothing was found beyond tolerances and chance ({p}); effects below the limits would not be seen."
     if verdict == "unexplained":
@@ -111,18 +111,18 @@ def verdict_words(content: Mapping) -> str:
     count = {1: "one effect", 2: "two effects", 3: "three effects"}.get(len(findings), f"{len(findings)} effects")
     if verdict == "ambiguous":
         return f"{parted} ({p}) by {count}; for what, several causes look alike."
-    sure = "whose cause is as good as sure" if len(findings) == 1 else "the cause of each as good as sure"
-    return f"{parted} ({p}) by {count}, {sure}."
+    each = "each " if len(findings) > 1 else ""
+    return f"{parted} ({p}) by {count}, {each}with a posterior probability of 0.95 or more."
 
 
 def adequacy_words(content: Mapping) -> str:
     p = content.get("adequacy_p")
     if p is None:
         return ""
-    rest = "with the findings taken in" if content["findings"] else "of this model"
+    rest = "with the findings included" if content["findings"] else "of this model"
     if p < 0.01:
-        return f"the remainder {rest} is more than chance leaves ({probability_words(p)}): something else is there"
-    return f"the remainder {rest} is no more than chance leaves ({probability_words(p)})"
+        return f"residuals {rest} are larger than chance allows ({probability_words(p)}): something else is there"
+    return f"residuals {rest} are within what chance allows ({probability_words(p)})"
 
 
 def told_words(finding: Mapping) -> str:
@@ -132,7 +132,7 @@ def told_words(finding: Mapping) -> str:
         return "probability unknown"
     if before is None or before > 0.999:
         return f"probability {p:.2f}"
-    return f"probability {p:.2f} among its rivals, {before:.2g} before the data"
+    return f"probability {p:.2f} among its competing hypotheses, {before:.2g} before the data"
 
 
 def alternatives_words(finding: Mapping) -> str:
@@ -167,16 +167,17 @@ def pushed_words(content: Mapping) -> list[str]:
         spread = (expected.get(name) or [1.0])[0] or 1.0
         if before is None or abs(before) < max(SURPRISING * spread, LEAST_PUSH):
             continue
-        text = f"{name} was pushed by {before:+.1f} prior deviations where +-{spread:.1f} is expected"
+        text = (f"{name} is shifted from its prior by {before:+.1f} prior standard deviations where +-{spread:.1f} is "
+                "expected")
         if content["findings"] and after is not None:
             if abs(after) < 0.5 * abs(before):
-                text += f", and by {after:+.1f} once the findings are taken in: it hid them"
+                text += f", and by {after:+.1f} once the findings are included: it hid them"
             else:
-                text += f", and still by {after:+.1f} with the findings taken in"
+                text += f", and still by {after:+.1f} with the findings included"
         sentences.append(text)
     if sentences and not content["findings"]:
         sentences.append("no effect of the catalogue explains the record better than these values do: either their "
-                         "priors are too narrow, or they take in what no row of it describes")
+                         "priors are too narrow, or they absorb what no row of it describes")
     return sentences
 
 
@@ -194,4 +195,4 @@ def best_limits(content: Mapping, count: int) -> list[Mapping]:
 
 def limit_words(limit: Mapping) -> str:
     size = amount(abs(limit["limit"]), None, limit["unit"], limit["cause"]).lstrip("+")
-    return f"{name_of(limit)}, {course_words(limit['course'])}: {size} and more would be seen nine times in ten"
+    return f"{name_of(limit)}, {course_words(limit['course'])}: {size} and more is detected nine times in ten"

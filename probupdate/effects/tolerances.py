@@ -45,12 +45,14 @@ LEFT_OUT = ("blade coupling", "shear deformation")
 
 
 @dataclass(frozen=True, kw_only=True)
-class _Row:
+class Tolerance:
+    """A source of the model's error and the effect, a parameter of the extended model, that has its size."""
+
     source: ErrorSource
     effect: ModelEffect
 
 
-def _common(d: Description) -> list[_Row]:
+def _common(d: Description) -> list[Tolerance]:
     """What departs for many places at once."""
     rows = []
 
@@ -59,7 +61,7 @@ def _common(d: Description) -> list[_Row]:
         effect = ModelEffect(name=name, kind=kind, on=on or {}, settings=settings or {}, std=std, lower=low,
                              upper=KINDS[kind].neutral + 3 * std)  # fmt: skip
         source = ErrorSource(name=name, group=group, description=description, unit="-", std=std, mean=mean, check=check)
-        rows.append(_Row(source=source, effect=effect))
+        rows.append(Tolerance(source=source, effect=effect))
 
     if d.mesh.theory == "bernoulli-euler":
         add("tolerance_shear", "shear", "shear deformation of all members", "theory", SHEAR_STD,
@@ -82,7 +84,7 @@ def _common(d: Description) -> list[_Row]:
     return rows
 
 
-def turbine_rows(d: Description) -> list[_Row]:
+def turbine_rows(d: Description) -> list[Tolerance]:
     """Every source of a turbine's model."""
     rows = []
     for row in turbine_effects(d):
@@ -91,7 +93,7 @@ def turbine_rows(d: Description) -> list[_Row]:
             continue
         source = ErrorSource(name=row.model.name, group=GROUP_OF_CAUSE.get(e.cause, "structure"), description=e.name,
                              unit=e.unit, std=e.tolerance, check=e.check)  # fmt: skip
-        rows.append(_Row(source=source, effect=row.model))
+        rows.append(Tolerance(source=source, effect=row.model))
     return rows + _common(d)
 
 
@@ -103,7 +105,7 @@ class SensorUncertainty:
     sensors: tuple[Sensor, ...] = ()
 
     @cached_property
-    def _effects(self) -> tuple[Effect, ...]:
+    def effects(self) -> tuple[Effect, ...]:
         # what turns phases leaves real shapes as they are
         return tuple(e for e in measurement_effects(self.model.channels, self.sensors)
                      if e.tolerance and e.unit in ("-", "deg") and e.cause != "sampling rate")  # fmt: skip
@@ -113,7 +115,7 @@ class SensorUncertainty:
         return tuple(
             ErrorSource(name=f"{e.cause}: {e.location}", group="sensors", description=e.name, unit=e.unit,
                         std=e.tolerance, check=e.check)
-            for e in self._effects
+            for e in self.effects
         )  # fmt: skip
 
     def changes(self, theta, n_mode, clusters) -> ModalSolution:
@@ -122,13 +124,13 @@ class SensorUncertainty:
     def added_to(self, solution: ModalSolution) -> ModalSolution:
         """The same modes with derivatives with respect to the sensors' sources."""
         n_mode = solution.frequency_hz.size
-        change = np.empty((*solution.shape.shape, len(self._effects)))
-        for k, e in enumerate(self._effects):
+        change = np.empty((*solution.shape.shape, len(self.effects)))
+        for k, e in enumerate(self.effects):
             h = e.step_of_size
             for j in range(n_mode):
                 shape, f = solution.shape[:, j : j + 1], float(solution.frequency_hz[j])
                 change[:, j, k] = (e.observe(shape, f, h)[0] - e.observe(shape, f, -h)[0]).real[:, 0] / (2 * h)
-        return replace(solution, frequency_derivative=np.zeros((n_mode, len(self._effects))), shape_derivative=change)
+        return replace(solution, frequency_derivative=np.zeros((n_mode, len(self.effects))), shape_derivative=change)
 
     def fingerprint(self) -> str:
         return _hash(self.sources)
@@ -159,34 +161,36 @@ class TurbineUncertainty:
                    description=description, added=tuple(added))  # fmt: skip
 
     @cached_property
-    def _rows(self) -> tuple[_Row, ...]:
+    def tolerances(self) -> tuple[Tolerance, ...]:
+        """Of structure, soil and rotor-nacelle assembly, in the order of `sources`; the sensors' follow there."""
         # a tolerance of what is updated is that parameter's own prior
         taken = {*self.parameters.names, *(p.name for p in self.description.parameter)}
         return tuple(r for r in turbine_rows(self.description) if r.effect.name not in taken)
 
     @cached_property
-    def _extended(self) -> AffineModel:
+    def extended(self) -> AffineModel:
+        """The model with a parameter for every tolerance."""
         names = {e.name for e in self.added}
         base = Parameters(tuple(p for p in self.parameters if p.name not in names))
-        return extended_model(self.path, [*self.added, *(r.effect for r in self._rows)], parameters=base,
+        return extended_model(self.path, [*self.added, *(r.effect for r in self.tolerances)], parameters=base,
                               sensors=self.sensors, nacelle_angle_deg=self.nacelle_angle_deg)  # fmt: skip
 
     @cached_property
-    def _of_sensors(self) -> SensorUncertainty:
-        return SensorUncertainty(model=self._extended, sensors=self.sensors)
+    def of_sensors(self) -> SensorUncertainty:
+        return SensorUncertainty(model=self.extended, sensors=self.sensors)
 
     @cached_property
     def sources(self) -> tuple[ErrorSource, ...]:
-        return (*(r.source for r in self._rows), *self._of_sensors.sources)
+        return (*(r.source for r in self.tolerances), *self.of_sensors.sources)
 
     def changes(self, theta, n_mode, clusters) -> ModalSolution:
-        names = self._extended.parameters.names
-        neutral = {r.effect.name: r.effect.neutral for r in self._rows}
+        names = self.extended.parameters.names
+        neutral = {r.effect.name: r.effect.neutral for r in self.tolerances}
         own = dict(zip(self.parameters.names, theta, strict=True))
         whole = np.array([own[n] if n in own else neutral[n] for n in names])
-        solution = self._extended.solve(whole, n_mode, derivatives=True, clusters=clusters)
-        picked = [names.index(r.effect.name) for r in self._rows]
-        sensors = self._of_sensors.added_to(solution)
+        solution = self.extended.solve(whole, n_mode, derivatives=True, clusters=clusters)
+        picked = [names.index(r.effect.name) for r in self.tolerances]
+        sensors = self.of_sensors.added_to(solution)
         return replace(
             solution,
             frequency_derivative=frozen_array(

@@ -109,7 +109,7 @@ def _discrepancy(alpha, misfit, n_effective: int) -> tuple[float, str]:
     if above[0] or not above[-1]:
         return float("nan"), (
             f"the misfit goes from {misfit[0]:.4g} at alpha {alpha[0]:g} to {misfit[-1]:.4g} at {alpha[-1]:g} and does "
-            f"not pass the {n_effective} that the stated deviations expect"
+            f"not pass the {n_effective} that the stated standard deviations expect"
         )
     k = int(np.argmax(above))
     part = (n_effective - misfit[k - 1]) / (misfit[k] - misfit[k - 1])

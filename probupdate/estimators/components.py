@@ -50,10 +50,8 @@ class VarianceComponents:
 
 def variance_components(problem: Problem, laplace: Laplace) -> VarianceComponents:
     """Of one problem at the maximum of its posterior."""
-    _, sensitivity = problem.sensitivity(laplace.theta)
+    whitened = whitened_at(problem, laplace)
     _, prior_slope = prior_residual(problem.parameters, laplace.theta)
-    whitened = _Whitened(problem.noise_root @ sensitivity, problem.noise_root @ problem.factor,
-                         prior_slope.T @ prior_slope)  # fmt: skip
     P = whitened.covariance()
     X, B, inner = whitened.slope, whitened.factor, whitened.inner()
     # P X^T (I + B B^T)^-1: what a whitened response of one does to the estimate
@@ -104,8 +102,9 @@ def misfit_by_response(problem: Problem, laplace: Laplace) -> tuple[tuple[str, .
 
 
 @dataclass(frozen=True, eq=False)
-class _Whitened:
-    """slope X (n, n_param) and factor B (n, n_source) over the noise, and the prior's precision."""
+class Whitened:
+    """Responses linear about a maximum, over their noise: slope X (n, n_param), factor B (n, n_source) per standard
+    deviation of each source, and the prior's precision (n_param, n_param)."""
 
     slope: np.ndarray
     factor: np.ndarray
@@ -123,27 +122,45 @@ class _Whitened:
         inner = np.eye(B.shape[1]) + B.T @ B
         return np.linalg.inv(X.T @ X - XB @ np.linalg.solve(inner, XB.T) + self.prior)
 
-    def with_rows(self, slope: np.ndarray, factor: np.ndarray) -> _Whitened:
-        return _Whitened(np.vstack([self.slope, slope]), np.vstack([self.factor, factor]), self.prior)
+    def with_rows(self, slope: np.ndarray, factor: np.ndarray) -> Whitened:
+        return Whitened(np.vstack([self.slope, slope]), np.vstack([self.factor, factor]), self.prior)
 
-    def scaled(self, rows: np.ndarray, by: float) -> _Whitened:
+    def scaled(self, rows: np.ndarray, by: float) -> Whitened:
         """With the noise of some responses smaller by a factor; rows are of independent noise."""
         scale = np.ones(len(self.slope))
         scale[rows] = by
-        return _Whitened(self.slope * scale[:, None], self.factor * scale[:, None], self.prior)
+        return Whitened(self.slope * scale[:, None], self.factor * scale[:, None], self.prior)
 
 
-def _ranked(problem: Problem, laplace: Laplace, now: _Whitened) -> tuple[Measure, ...]:
+def whitened_at(problem: Problem, laplace: Laplace) -> Whitened:
+    """Of one problem at the maximum of its posterior."""
+    _, sensitivity = problem.sensitivity(laplace.theta)
+    _, prior_slope = prior_residual(problem.parameters, laplace.theta)
+    return Whitened(problem.noise_root @ sensitivity, problem.noise_root @ problem.factor, prior_slope.T @ prior_slope)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Candidate:
+    """One more measurement, or a quantity better known: `what` to do, the parameters' covariance (n_param, n_param) with
+    it, and the numbers of the sources of error that it makes `known` (empty for more data)."""
+
+    what: str
+    covariance: np.ndarray
+    known: tuple[int, ...] = ()
+
+
+def _ranked(problem: Problem, laplace: Laplace, now: Whitened) -> tuple[Measure, ...]:
     before = np.sqrt(np.diag(now.covariance()))
     found = []
-    for what, covariance in _candidates(problem, laplace, now):
-        gain = 1 - np.sqrt(np.diag(covariance)) / before
+    for one in candidates(problem, laplace, now):
+        gain = 1 - np.sqrt(np.diag(one.covariance)) / before
         if gain.max() >= LEAST_GAIN:
-            found.append(Measure(what=what, gain=tuple(float(g) for g in gain)))
+            found.append(Measure(what=one.what, gain=tuple(float(g) for g in gain)))
     return tuple(sorted(found, key=lambda m: -max(m.gain))[:MOST_MEASURES])
 
 
-def _candidates(problem: Problem, laplace: Laplace, now: _Whitened) -> Iterator[tuple[str, np.ndarray]]:
+def candidates(problem: Problem, laplace: Laplace, now: Whitened) -> Iterator[Candidate]:
+    """What could be measured next: each tolerance checked, each mode identified better, a mode of the model's more."""
     sources = () if problem.error is None else problem.error.sources
     checks: dict[tuple[str, str], list[int]] = {}
     for k, source in enumerate(sources):
@@ -151,13 +168,14 @@ def _candidates(problem: Problem, laplace: Laplace, now: _Whitened) -> Iterator[
     for (group, check), columns in checks.items():
         names = [sources[k].description for k in columns]
         what = names[0] if len(names) == 1 else f"{group}: {len(names)} tolerances such as {names[0]}"
-        yield f"know exactly: {what} ({check})" if check else f"know exactly: {what}", now.covariance(np.array(columns))
+        yield Candidate(what=f"know exactly: {what} ({check})" if check else f"know exactly: {what}",
+                        covariance=now.covariance(np.array(columns)), known=tuple(columns))  # fmt: skip
     if not problem.weights.covariance:
         yield from _better(problem, now)
     yield from _further_modes(problem, laplace, now)
 
 
-def _better(problem: Problem, now: _Whitened) -> Iterator[tuple[str, np.ndarray]]:
+def _better(problem: Problem, now: Whitened) -> Iterator[Candidate]:
     """A mode whose frequency, or shape, is identified to half its standard deviation."""
     frequency, shape = 0, problem.n_frequency
     variance, missed = problem.std**2, problem.discrepancy_std**2
@@ -169,11 +187,12 @@ def _better(problem: Problem, now: _Whitened) -> Iterator[tuple[str, np.ndarray]
             if rows.size:
                 halved = (variance[rows] - missed[rows]) / 4 + missed[rows]
                 by = float(np.sqrt(np.mean(variance[rows]) / np.mean(halved)))
-                yield f"identify the {what} of {names} twice as exactly", now.scaled(rows, by).covariance()
+                yield Candidate(what=f"identify the {what} of {names} twice as exactly",
+                                covariance=now.scaled(rows, by).covariance())  # fmt: skip
         frequency, shape = frequency + group.size, shape + size
 
 
-def _further_modes(problem: Problem, laplace: Laplace, now: _Whitened) -> Iterator[tuple[str, np.ndarray]]:
+def _further_modes(problem: Problem, laplace: Laplace, now: Whitened) -> Iterator[Candidate]:
     """The frequency of a mode of the model that the data do not have, as exactly as the median of those they have."""
     n_mode = problem.matching.n_mode
     solution = problem.model.solve(laplace.theta, n_mode, derivatives=True)
@@ -192,4 +211,5 @@ def _further_modes(problem: Problem, laplace: Laplace, now: _Whitened) -> Iterat
         f = solution.frequency_hz[i]
         factor = np.zeros((1, now.factor.shape[1])) if change is None else change[i : i + 1] / (share * f)
         slope = solution.frequency_derivative[i : i + 1] / (share * f)
-        yield f"identify the model's mode at {f:.3g} Hz (its frequency)", now.with_rows(slope, factor).covariance()
+        yield Candidate(what=f"identify the model's mode at {f:.3g} Hz (its frequency)",
+                        covariance=now.with_rows(slope, factor).covariance())  # fmt: skip

@@ -12,7 +12,6 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from scipy import optimize
 
 from probupdate.errors import InputError
 from probupdate.estimators.laplace import Laplace, maximum_a_posteriori
@@ -115,6 +114,8 @@ def estimate_discrepancy(
 ) -> Weights:
     """The weights with the discrepancy at which the misfit at the maximum is `expected_misfit`; 0 where it is no more
     without. Raises InputError where no share below MOST explains the misfit."""
+    from scipy import optimize
+
     excess: dict[float, float] = {}
     problem = build_problem(model, data, set_id=set_id, weights=replace(weights, discrepancy=0.0), clusters=clusters)
     start = update(problem, penalty="prior").theta[-1]

@@ -9,19 +9,19 @@ undisturbed one, whatever it runs on.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from concurrent.futures import Executor
 from dataclasses import dataclass
 from pathlib import Path
 
 import emcee
 import numpy as np
-from scipy import special, stats
+from scipy import special
 
 from probupdate.errors import InputError
 from probupdate.estimators.chain_store import ChainStore, Segment
 from probupdate.estimators.emulator import Emulator, EmulatorMove
 from probupdate.estimators.importance import Density
 from probupdate.estimators.surrogate import Outline, Proposal
+from probupdate.executors import Executor, completed, executor
 from probupdate.modes import frozen_array
 from probupdate.parameters import Parameters
 from probupdate.problem import Problem
@@ -207,44 +207,41 @@ def sample(
     *,
     emulator: Emulator | None = None,
     parts: Mapping[str, str] | None = None,
-    executor: Executor | None = None,
+    jobs: int | Executor = 1,
     progress: Progress = silent,
 ) -> Chain:
     """Draw from the posterior of `problem`, keeping segments in `folder`.
 
     `parts` stands for the problem where it differs from problem.parts() (a reduced model built with settings of its
-    own). `executor` (concurrent.futures) runs the ensembles side by side; the numbers are the same without one. Raises
+    own). jobs: processes, or an executor, on which the ensembles run side by side; the numbers are the same on any. Raises
     InputError where the folder holds a chain of another problem or other settings, and says which differ.
     """
     parameters = problem.parameters
     store = _store(parameters, folder, settings, problem.parts() if parts is None else parts)
     rounds = store.read()
-    while True:
-        n_step = sum(len(r[0].theta) for r in rounds)
-        if rounds:
-            chain = _judge(rounds, parameters, settings)
-            # as far as it is known: the worst effective size grows about with the number of steps
-            wanted = n_step if chain.converged else min(settings.max_steps, _forecast(chain, n_step, settings))
-            progress("sampling", n_step, max(wanted, n_step))
-            if chain.converged or n_step >= settings.max_steps:
-                return chain
-            states = [segment.state for segment in rounds[-1]]
-        else:
-            states = [_first_state(problem, surrogate, _n_walker(parameters, settings), settings.seed, k)
-                      for k in range(settings.ensembles)]  # fmt: skip
-        n_more = min(SEGMENT, settings.max_steps - n_step)
-        # those that a killed run finished of this round are kept
-        done = [store.read_one(len(rounds), k) for k in range(settings.ensembles)]
-        wanted_runs = [k for k in range(settings.ensembles) if done[k] is None]
-        jobs = ((problem, surrogate, emulator, states[k], n_more) for k in wanted_runs)
-        if executor is None:
-            fresh = (_run_segment(*job) for job in jobs)
-        else:
-            fresh = (future.result() for future in [executor.submit(_run_segment, *job) for job in jobs])
-        for k, segment in zip(wanted_runs, fresh, strict=True):
-            store.append(segment, len(rounds), k)
-            done[k] = segment
-        rounds.append(done)
+    with executor(jobs) as runs:
+        while True:
+            n_step = sum(len(r[0].theta) for r in rounds)
+            if rounds:
+                chain = _judge(rounds, parameters, settings)
+                # as far as it is known: the worst effective size grows about with the number of steps
+                wanted = n_step if chain.converged else min(settings.max_steps, _forecast(chain, n_step, settings))
+                progress("sampling", n_step, max(wanted, n_step))
+                if chain.converged or n_step >= settings.max_steps:
+                    return chain
+                states = [segment.state for segment in rounds[-1]]
+            else:
+                states = [_first_state(problem, surrogate, _n_walker(parameters, settings), settings.seed, k)
+                          for k in range(settings.ensembles)]  # fmt: skip
+            n_more = min(SEGMENT, settings.max_steps - n_step)
+            # those that a killed run finished of this round are kept
+            done = [store.read_one(len(rounds), k) for k in range(settings.ensembles)]
+            wanted_runs = [k for k in range(settings.ensembles) if done[k] is None]
+            tasks = [(k, problem, surrogate, emulator, states[k], n_more) for k in wanted_runs]
+            for k, segment in completed(_run_numbered, tasks, jobs=runs, least=1):
+                store.append(segment, len(rounds), k)
+                done[k] = segment
+            rounds.append(done)
 
 
 def _first_state(problem: Problem, surrogate: Density, n_walker: int, seed: int, ensemble: int) -> emcee.State:
@@ -263,6 +260,10 @@ def _first_state(problem: Problem, surrogate: Density, n_walker: int, seed: int,
             "narrow the parameters' bounds to what is a structure")  # fmt: skip
     generator = np.random.RandomState(np.random.default_rng([seed, 1, *own]).integers(2**32, size=8))
     return emcee.State(start, random_state=generator.get_state())
+
+
+def _run_numbered(number: int, *segment: object) -> tuple[int, Segment]:
+    return number, _run_segment(*segment)
 
 
 def _run_segment(
@@ -323,6 +324,8 @@ def nested_r_hat(theta: np.ndarray, n_ensemble: int) -> np.ndarray:
     sqrt(1 + B / W): B the variance of the ensembles' means, W the mean variance within an ensemble, over all of its
     walkers and steps. A single ensemble is held against itself, its first half against its second.
     """
+    from scipy import stats
+
     n_step, n_walker, n_param = theta.shape
     if n_ensemble == 1:
         half = n_step // 2

@@ -251,9 +251,10 @@ def sample_population(
     """emcee over mean, scales and, where asked for, correlation; stops at the wanted bulk effective size of the worst
     number with R-hat below its limit, or says that it did not get there."""
     if len(likelihoods.ids) < 2:
-        raise InputError("sets", "fewer than two tell nothing of scatter between sets", "give two or more")
+        raise InputError("sets", "fewer than two do not show any scatter between sets", "give two or more")
     if not (np.isfinite(spread) and spread > 0):
-        raise InputError("spread", f"{spread} is not above zero", "give tau's deviation in prior deviations, as 0.25")
+        raise InputError("spread", f"{spread} is not above zero",
+                         "give the scale of tau in prior standard deviations, as 0.25")  # fmt: skip
     hyper = _Hyper(likelihoods, parameters, coordinates, correlated, spread)
     rng = np.random.default_rng([seed, 11])
     start = _start(hyper, 2 * hyper.n_x + 2, rng)

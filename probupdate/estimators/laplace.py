@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import linalg, optimize
+from scipy import linalg
 
 from probupdate.errors import ConvergenceError, ProbupdateError
 from probupdate.estimators.tikhonov import HALVINGS, ROUNDING, bounded_step, pinned, relaxed
@@ -162,6 +162,8 @@ def _value(problem: Problem, theta: np.ndarray) -> float:
 
 def trust_region(problem: Problem, start: np.ndarray) -> np.ndarray:
     """The end of scipy's bounded trust-region least squares ('trf') on -2 ln posterior, from `start`."""
+    from scipy import optimize
+
     parameters = problem.parameters
     kept: dict[bytes, tuple] = {}
 

@@ -9,6 +9,7 @@ from collections.abc import Mapping
 from contextlib import closing
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -16,7 +17,11 @@ from probupdate.errors import InputError, parsing
 from probupdate.files import whole, write_bytes
 from probupdate.hdf5_file import refuse_unsafe
 from probupdate.modes import frozen_array
+from probupdate.result_table import table_of
 from probupdate.schema import checked
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 # draws kept in the file, over all walkers: far more than any effective size wanted, and megabytes only
 MAX_DRAWS = 100_000
@@ -81,6 +86,17 @@ class Posterior:
     def draws(self) -> np.ndarray:
         """(n_draw, n_param)."""
         return self.theta.reshape(-1, self.theta.shape[2])
+
+    def to_frame(self, *, draws: bool = False) -> pd.DataFrame:
+        """A row a parameter: moments, quantiles, convergence, in the parameter's unit; with `draws` a row a draw."""
+        if draws:
+            return table_of([dict(zip(self.names, row, strict=True)) for row in self.draws.tolist()], self.names)
+        theta = self.draws
+        low, middle, high = np.quantile(theta, [0.05, 0.5, 0.95], axis=0)
+        return table_of([
+            {"name": name, "mean": theta[:, k].mean(), "std": theta[:, k].std(ddof=1), "q05": low[k], "median": middle[k],
+             "q95": high[k], "r_hat": self.r_hat[k], "ess": self.ess[k]} for k, name in enumerate(self.names)
+        ], units=dict.fromkeys(("mean", "std", "q05", "median", "q95"), "of the parameter"))  # fmt: skip
 
     @property
     def summary(self) -> str:

@@ -64,9 +64,11 @@ class PredictiveCheck:
         left = (f"posterior predictive check: misfit {self.misfit:.4g} at the maximum where {self.misfit_expected:.3g} "
                 f"is expected, p = {self.misfit_p:.2g}")  # fmt: skip
         if self.misfit_p < SUSPICIOUS:
-            left += ": no parameters within the prior make this model fit within the stated deviations"
+            left += ": no parameters within the prior make this model fit within the stated standard " \
+                    "deviations"
         elif self.misfit_p > 1 - SUSPICIOUS:
-            left += ": closer than the stated deviations allow by chance; they are too wide or their errors go together"
+            left += ": closer than the stated standard deviations allow by chance; they are too wide or their errors " \
+                    "are correlated"
         way = (f"the update's own distance from the prior: {self.penalty:.4g} where {self.penalty_expected:.3g} is "
                f"expected, p = {self.penalty_p:.2g}")  # fmt: skip
         if self.penalty_p < SUSPICIOUS:
@@ -74,8 +76,8 @@ class PredictiveCheck:
                    "error of the model is taken for a parameter"
         if self.nonlinear < BENT:
             return fit, left, way
-        bent = (f"these p-values are rough: between initial model and maximum responses bend by up to "
-                f"{self.nonlinear:.1f} deviations")  # fmt: skip
+        bent = (f"these p-values are rough: between initial model and maximum responses deviate from linearity "
+                f"by up to {self.nonlinear:.1f} standard deviations")  # fmt: skip
         return fit, left, way, bent
 
 

@@ -201,7 +201,7 @@ def view_sets(
         verdict=population.verdict, linear_share=frozen_array(share), correlation=correlation, notes=tuple(notes),
         advice=advice(rows, scores, share), settings={
             "weights": reference.weights.description, "seed": str(seed), "correlated": str(correlated).lower(),
-            "hyper-prior of tau": f"half-normal, deviation {spread:g} prior deviations", "model": model.name,
+            "hyper-prior of tau": f"half-normal, scale {spread:g} prior standard deviations", "model": model.name,
         },
     )  # fmt: skip
 
@@ -372,7 +372,7 @@ def _notes(
     untrusted = [x.pareto_k for x in (*alone, joint) if x.pareto_k > TRUSTED_K]
     if untrusted:
         notes.append(f"{len(untrusted)} of the posteriors behind (b) and (c) have Pareto k up to {max(untrusted):.2f}: "
-                     "their deviations are rough")
+                     "their standard deviations are rough")
     at_bound = coordinates.back(population.mean)
     width = np.minimum(parameters.std, parameters.upper - parameters.lower)
     near = np.mean((at_bound - parameters.lower < 0.02 * width) | (parameters.upper - at_bound < 0.02 * width), axis=0)
@@ -381,16 +381,16 @@ def _notes(
         notes.append(f"the population's middle lies at a bound: {', '.join(names)}; its tau hangs on that bound")
     counted = _counted(data, problems)
     if counted > 1.5:
-        notes.append(f"the weights' frequency deviations are {counted:.1f} times what identification states: scatter "
-                     "between sets is counted as noise there, and tau tells only what exceeds it; for tau use the "
+        notes.append(f"the weights' frequency standard deviations are {counted:.1f} times what identification states: "
+                     "scatter between sets is counted as noise there, and tau is only what exceeds it; for tau use the "
                      "weights covariance")
     if modes:
         varying = [m.label for m in modes if m.p_value < 0.05]
         notes.append("frequencies that scatter over the sets more than identification states (p < 0.05): "
                      + (", ".join(varying) if varying else "none"))
     else:
-        notes.append("the sets carry no deviations of identification's own: noise and variation of frequencies cannot "
-                     "be told apart")
+        notes.append("the sets carry no standard deviations of identification's own: noise and variation of "
+                     "frequencies are indistinguishable")
     notes.append("sets that were selected for their agreement scatter less than the campaign: tau is theirs")
     return notes
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -12,7 +13,11 @@ from probupdate.estimators.predictive import LeftOut
 from probupdate.files import read_json_table, write_json
 from probupdate.json_rows import from_row, row_of
 from probupdate.modes import frozen_array
+from probupdate.result_table import OWN_UNIT, table_of
 from probupdate.schema import checked
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 FORMAT = 1
 # bits about tau below which it is the hyper-prior's
@@ -83,6 +88,10 @@ class SetViews:
     advice: str
     settings: dict[str, str]
 
+    def to_frame(self) -> pd.DataFrame:
+        """A row a parameter, then derived quantities."""
+        return table_of(self.rows, units=dict.fromkeys(("scatter_mean", "pooled_mean", "joint_mean", "mean"), OWN_UNIT))
+
     @property
     def summary(self) -> str:
         return summary(self)
@@ -118,14 +127,14 @@ def advice(rows: list[SetsRow], scores: LeftOut, linear_share: np.ndarray) -> st
     stand for the full model."""
     gain, error = scores.difference(MANY, ONE)
     if gain > 2 * error and gain > 1:
-        told = (f"A population foretells sets left out better than one value does (ln p {gain:+.1f} +- {error:.1f}): "
+        told = (f"A population predicts sets left out better than one value does (ln p {gain:+.1f} +- {error:.1f}): "
                 "the structure, or what the model lacks, differs from set to set.")
     elif gain < -2 * error and gain < -1:
-        told = (f"One value foretells sets left out better than a population does (ln p {gain:+.1f} +- {error:.1f}): "
+        told = (f"One value predicts sets left out better than a population does (ln p {gain:+.1f} +- {error:.1f}): "
                 "no variation between sets shows beyond the stated noise.")
     else:
-        told = (f"Sets left out do not tell one value from a population (ln p {gain:+.1f} +- {error:.1f}): variation "
-                "between sets is no larger than the stated noise can hide.")
+        told = (f"Sets left out do not distinguish one value from a population (ln p {gain:+.1f} +- {error:.1f}): "
+                "variation between sets is no larger than the stated noise can hide.")
     silent_names = [r.name for r in rows if np.isfinite(r.tau_bits) and r.tau_bits < TOLD_BITS]
     worst = float(np.min(linear_share))
     if worst < RECOMMENDED_SHARE:
@@ -138,11 +147,11 @@ def advice(rows: list[SetsRow], scores: LeftOut, linear_share: np.ndarray) -> st
     text = (
         f"{told} {for_life} (c) is the uncertainty of a parameter that cannot "
         "differ between sets, such as a mass; it is too narrow where sets or the model's error differ. (b) counts the "
-        "noise of each set twice and is an upper figure. (a), the paper's Table 7, tells how repeatable an update is, "
+        "noise of each set twice and is an upper figure. (a), the paper's Table 7, says how repeatable an update is, "
         "not how well a parameter is known: with resolution near 0 it is near 0."
     )
     if silent_names:
-        text += (f" Of {', '.join(silent_names)} the sets tell no variation: there (d) returns its hyper-prior, which "
+        text += (f" Of {', '.join(silent_names)} the sets show no variation: there (d) returns its hyper-prior, which "
                  "is an assumption and should be stated as one.")
     return text
 

@@ -302,7 +302,7 @@ def fit_surrogate(
     current = from_laplace(laplace, parameters)
     best, best_share = current, 0.0
     for done, (spread, power) in enumerate(ROUNDS):
-        progress("posterior's outline", done, len(ROUNDS))
+        progress("posterior's Gaussian approximation", done, len(ROUNDS))
         wide = current.widened(spread)
         theta = wide.draw(n_point, rng)
         value, _ = problem.log_posterior(theta)
@@ -317,7 +317,7 @@ def fit_surrogate(
         tempered = np.maximum(power * weight[known], LEAST_WEIGHT)
         chosen = _straightest(x, value, tempered, current.powers, np.isfinite(parameters.lower))
         current = _refit(current.turned_to(chosen), x, value, tempered)
-    progress("posterior's outline", len(ROUNDS), len(ROUNDS))
+    progress("posterior's Gaussian approximation", len(ROUNDS), len(ROUNDS))
     return best, float(best_share)
 
 

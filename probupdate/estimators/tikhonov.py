@@ -15,7 +15,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import linalg, optimize
+from scipy import linalg
 
 from probupdate.errors import InputError
 from probupdate.modes import frozen_array
@@ -31,7 +31,7 @@ HALVINGS = 12
 ROUNDING = 1e-9
 # a parameter this close to a bound, as a share of its prior deviation, is pinned there
 AT_BOUND = 1e-6
-# near the end, where steps are below this many prior deviations, they are relaxed, to no less than this share
+# near the end, where steps are below this many prior standard deviations, they are relaxed, to no less than this share
 RELAX_BELOW, LEAST_SHARE = 0.1, 0.2
 
 
@@ -143,7 +143,8 @@ def update(
         shares.append(share)
         misfits.append(misfit_at(theta))
         if small or moved < tolerance:
-            converged, status = True, f"settled: no parameter moves by more than {tolerance:g} prior deviations"
+            converged, status = True, (
+                f"settled: no parameter moves by more than {tolerance:g} prior standard deviations")
             break
     progress(f"update, penalty on the {penalty}", max_iteration, max_iteration)
     if converged and np.max(np.abs(path[-1] - path[0]) / parameters.std) < tolerance:
@@ -176,6 +177,8 @@ def _finished(problem, penalty, alpha, path, misfits, shares, penalty_at, conver
 
 def _trust_region(problem: Problem, start, root, max_iteration: int, tolerance: float):
     """Accepted iterates of scipy's least_squares on misfit plus penalty, whether it settled, and its own words."""
+    from scipy import optimize
+
     parameters = problem.parameters
     path = [np.array(start)]
 
@@ -207,8 +210,10 @@ def _trust_region(problem: Problem, start, root, max_iteration: int, tolerance: 
 def bounded_step(matrix: np.ndarray, right: np.ndarray, theta: np.ndarray, parameters) -> np.ndarray:
     """d that minimises |matrix d - right|^2 with theta + d inside the bounds; the plain solution where that is inside.
 
-    Columns are scaled by the prior deviations: their units differ by many orders.
+    Columns are scaled by the prior standard deviations: their units differ by many orders.
     """
+    from scipy import optimize
+
     scaled = matrix * parameters.std
     plain, *_ = np.linalg.lstsq(scaled, right, rcond=None)
     step = plain * parameters.std

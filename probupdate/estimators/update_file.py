@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -13,7 +14,11 @@ from probupdate.files import read_json_table, write_json
 from probupdate.identifiability import BOUND, KNOWN, PARTLY, PRIOR, identifiability
 from probupdate.modes import frozen_array
 from probupdate.parameters import Parameter, Parameters
+from probupdate.result_table import OWN_UNIT, table_of
 from probupdate.schema import checked
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 FORMAT = 1
 # a parameter's resolution below this: the data hardly inform it
@@ -151,6 +156,18 @@ class UpdateRecord:
     def scheme(self, key: str) -> SchemeRecord:
         return next(s for s in self.schemes if s.key == key)
 
+    def to_frame(self) -> pd.DataFrame:
+        """A row a parameter, in its `unit`: initial value and prior, the ends of both readings of Eq. 7, the maximum of
+        the posterior with its Laplace standard deviation."""
+        ends = {s.key: s.theta[-1] for s in self.schemes}
+        std = np.sqrt(np.diag(self.map_covariance))
+        return table_of([
+            {"name": p.name, "unit": p.unit, "initial": p.initial, "prior_std": p.std,
+             **{key: theta[k] for key, theta in ends.items()}, "map": self.map_theta[k], "map_std": std[k],
+             "resolution": self.map_resolution[k], "at_bound": bool(self.map_at_bound[k])}
+            for k, p in enumerate(self.parameters)
+        ], units=dict.fromkeys(("initial", "prior_std", *ends, "map", "map_std"), OWN_UNIT))  # fmt: skip
+
     @property
     def summary(self) -> str:
         return summary(self)
@@ -181,7 +198,8 @@ def summary(record: UpdateRecord) -> str:
     lines.append(f"worst frequency error of {int(used.sum())} modes: {100 * error:.1f} % before, "
                  f"{100 * after:.1f} % at the MAP")  # fmt: skip
     if np.isfinite(record.map_gradient):
-        lines.append(f"projected gradient of ln p at the MAP: {record.map_gradient:.1e} per posterior deviation")
+        lines.append(f"projected gradient of ln p at the MAP: {record.map_gradient:.1e} per posterior standard "
+                     "deviation")
     lines.append(fit_sentence(record))
     at = [p.name for p, b in zip(record.parameters, record.map_at_bound, strict=True) if b]
     if at:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from concurrent.futures import Executor
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
@@ -30,6 +29,7 @@ from probupdate.estimators.update_file import (
     UpdateRecord,
     beyond_chance,
 )
+from probupdate.executors import Executor
 from probupdate.model import Model
 from probupdate.modes import ModalData, ModalSet, frozen_array
 from probupdate.problem import Problem, Weights, build_problem, suspected_channels
@@ -238,7 +238,7 @@ def approach(problem: Problem, laplace: Laplace, seed: int, progress: Progress =
     text = (
         f"{r.size} vectors; on {r.n_verify} points not used to build it the frequencies differ by at most "
         f"{r.max_frequency_error:.1e} of their value where the posterior lies and {r.max_box_error:.1e} within "
-        f"{BOX_DEVIATIONS:g} prior deviations; the MAC is at least {r.min_mac:.6f}"
+        f"{BOX_DEVIATIONS:g} prior standard deviations; the MAC is at least {r.min_mac:.6f}"
     )
     notes = {"reduced basis": text, "outline": share}
     return _approach(problem.with_model(reduced), laplace, surrogate, rng, notes, progress)
@@ -271,11 +271,11 @@ def sample_posterior(
     set_id: str | None = None,
     weights: Weights | None = None,
     settings: SamplerSettings | None = None,
-    executor: Executor | None = None,
+    jobs: int | Executor = 1,
     progress: Progress = silent,
 ) -> Posterior:
     """Maximum, reduced basis, chain, its check against the full model, evidence. The chain's segments are kept in
-    `folder`; `executor` may run its ensembles side by side."""
+    `folder`; jobs: processes or an executor for its ensembles."""
     settings = settings or SamplerSettings()
     problem = build_problem(model, data, set_id=set_id, weights=weights)
     parts = problem.parts() | {"reduction": f"{FREQUENCY_TOLERANCE:g} {BOX_DEVIATIONS:g} {BOX_TOLERANCE:g}"}
@@ -288,7 +288,7 @@ def sample_posterior(
     weighted = importance_sample(fast, prepared.proposal, np.random.default_rng([settings.seed, 6]),
                                  evaluated=prepared.solved, progress=progress)  # fmt: skip
     chain = sample(fast, prepared.proposal, folder, settings, emulator=prepared.emulator, parts=parts,
-                   executor=executor, progress=progress)  # fmt: skip
+                   jobs=jobs, progress=progress)  # fmt: skip
     kept = chain.theta[chain.first :]
     log_posterior = chain.log_posterior[chain.first :]
     checked_laplace = check_laplace(fast, laplace, np.random.default_rng([settings.seed, 4]), progress)

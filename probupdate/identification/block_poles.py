@@ -20,6 +20,8 @@ from probupdate.modes import Sensor, frozen_array
 
 # segments of the spectrum that goes beside a stabilisation diagram: 512 samples are 100 s at 5 Hz
 SPECTRUM_SAMPLES = 512
+# samples after which a channel that moves has moved
+FEW = 256
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -128,15 +130,16 @@ def identify_deviations(
     if reason:
         raise InputError(f"block {block.id}", f"cannot be used any more: {reason}", "do not change records meanwhile")
     record, _ = _prepared(block, campaign, settings, rotor_rpm)
-    found = _identified(record, block, settings, sub_records=settings.sub_records)
+    asked = tuple(sorted({order for order, _ in keys}))
+    found = _identified(record, block, settings, sub_records=settings.sub_records, orders=asked)
     before = {p.order: p for p in (known.poles, *known.others)}
     now = {p.order: p for p in found.by_order}
     parts = []
-    for order in sorted({order for order, _ in keys}):
+    for order in asked:
         index = [k for n, k in keys if n == order]
         parts.append(found.deviations(np.array([_same(before[order], k, now[order], block.id) for k in index]), order))
     return BlockDeviations(
-        key=tuple((n, k) for n in sorted({n for n, _ in keys}) for m, k in keys if m == n),
+        key=tuple((n, k) for n in asked for m, k in keys if m == n),
         ln_frequency=frozen_array(np.concatenate([p.ln_frequency for p in parts])),
         damping_ratio=frozen_array(np.concatenate([p.damping_ratio for p in parts])),
         shape=frozen_array(np.concatenate([p.shape for p in parts], axis=1), complex),
@@ -174,13 +177,16 @@ def _prepared(
     return cleaned.record, (f"{TAKEN_OUT}{', '.join(f'{n}P' for n in cleaned.removed)}",)
 
 
-def _identified(record: np.ndarray, block: Block, settings: BlockSettings, sub_records: int) -> IdentifiedRecord:
+def _identified(
+    record: np.ndarray, block: Block, settings: BlockSettings, sub_records: int, orders: tuple[int, ...] | None = None
+) -> IdentifiedRecord:
     if len(record) < 4 * settings.block_rows:
         raise InputError(f"block {block.id}", f"{len(record)} samples at {settings.target_rate_hz:g} Hz are less than "
                          f"four times {settings.block_rows} block rows", "give longer blocks or fewer block rows")
     return identify_record(
-        record, settings.target_rate_hz, order=settings.order, block_rows=settings.block_rows, spread=settings.spread,
-        sub_records=sub_records, limited=block_references(record.shape[1], settings))
+        record, settings.target_rate_hz, order=settings.order if orders is None else orders[-1],
+        block_rows=settings.block_rows, spread=settings.spread, sub_records=sub_records, orders=orders,
+        limited=block_references(record.shape[1], settings))
 
 
 def block_references(n_channel: int, settings: BlockSettings) -> int | None:
@@ -191,7 +197,8 @@ def block_references(n_channel: int, settings: BlockSettings) -> int | None:
 
 
 def _silent_channels(block: Block, channels: tuple[str, ...]) -> str:
-    still = [c for c, moved in zip(channels, np.ptp(block.data, axis=0) > 0, strict=True) if not moved]
+    # most move within a few samples
+    still = [c for k, c in enumerate(channels) if np.ptp(block.data[:FEW, k]) == 0 and np.ptp(block.data[:, k]) == 0]
     return f"no signal in {', '.join(still)}" if still else ""
 
 

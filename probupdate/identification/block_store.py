@@ -32,7 +32,7 @@ from probupdate.identification.block_poles import (
 )
 from probupdate.identification.ssi import Poles
 from probupdate.modes import frozen_array
-from probupdate.processes import completed
+from probupdate.executors import Executor, Shard, completed
 from probupdate.progress import Progress, silent
 
 FORMAT = 1
@@ -156,30 +156,47 @@ class BlockStore:
             todo.append(start)
         return todo
 
-    def fill(self, *, jobs: int = 1, progress: Progress = silent) -> int:
-        """Identify what is pending, in up to `jobs` processes; returns how many blocks were identified.
+    def fill(self, *, jobs: int | Executor = 1, shard: Shard | None = None, progress: Progress = silent) -> int:
+        """Identify what is pending, in up to `jobs` processes or on an executor; returns how many blocks were
+        identified. shard: of that share of the campaign's blocks only.
 
         Blocks know nothing of one another: the files are the same for any number of processes that run linear
         algebra in one thread each.
         """
-        todo = self.pending()
+        todo = self._of_shard(self.pending(), shard)
         tasks = [(self.folder / (_stem(t) + POLES), *self._task(t)) for t in todo]
         self._run("identifying blocks", _make_poles, tasks, len(self._files), jobs, progress)
         return len(todo)
 
     def fill_deviations(
-        self, wanted: Mapping[pd.Timestamp, Sequence[tuple[int, int]]], *, jobs: int = 1, progress: Progress = silent
+        self, wanted: Mapping[pd.Timestamp, Sequence[tuple[int, int]]], *, jobs: int | Executor = 1,
+        shard: Shard | None = None, progress: Progress = silent,
     ) -> int:
         """Deviations of the poles (model order, index within it) of each block, where they are not stored yet."""
         tasks = []
-        for start, some in wanted.items():
-            path = self.folder / (_stem(start) + DEVIATIONS)
-            stored = _stored_keys(path) if path.exists() else set()
-            if set(some) - stored:
-                keys = tuple(sorted(set(some) | stored))
-                tasks.append((path, self.folder / (_stem(start) + POLES), *self._task(start), keys))
-        self._run("deviations of modes", _make_deviations, tasks, len(wanted), jobs, progress)
+        for start in self._of_shard(list(wanted), shard):
+            stored = self._deviations_there(start)
+            if set(wanted[start]) - stored:
+                keys = tuple(sorted(set(wanted[start]) | stored))
+                poles, path = (self.folder / (_stem(start) + ending) for ending in (POLES, DEVIATIONS))
+                tasks.append((path, poles, *self._task(start), keys))
+        self._run("standard deviations of modes", _make_deviations, tasks, len(wanted), jobs, progress)
         return len(tasks)
+
+    def without_deviations(self, wanted: Mapping[pd.Timestamp, Sequence[tuple[int, int]]]) -> int:
+        """How many blocks lack the deviations of a wanted pole."""
+        return sum(bool(set(some) - self._deviations_there(start)) for start, some in wanted.items())
+
+    def _deviations_there(self, start: pd.Timestamp) -> set[tuple[int, int]]:
+        path = self.folder / (_stem(start) + DEVIATIONS)
+        return _stored_keys(path) if path.exists() else set()
+
+    def _of_shard(self, some: list[pd.Timestamp], shard: Shard | None) -> list[pd.Timestamp]:
+        """Those of a shard's share of all blocks, whatever is there already."""
+        if shard is None:
+            return some
+        mine = set(shard.share(self.starts))
+        return [start for start in some if start in mine]
 
     def _task(self, start: pd.Timestamp) -> tuple:
         """What a block is made of; without what other blocks are made of, as it is sent to other processes."""
@@ -192,7 +209,7 @@ class BlockStore:
     def _origin(self, start: pd.Timestamp, *, timed: bool = False) -> list[str]:
         return [*(_timed if timed else sources)(self._files[start]), *_rotor_words(self._rotor(start))]
 
-    def _run(self, what: str, function, tasks: list, total: int, jobs: int, progress: Progress) -> None:
+    def _run(self, what: str, function, tasks: list, total: int, jobs: int | Executor, progress: Progress) -> None:
         done = total - len(tasks)
         progress(what, done, total)
         for count, _ in enumerate(completed(function, tasks, jobs=jobs), 1):
@@ -229,6 +246,9 @@ def _make_poles(
 ) -> None:
     # before the records are read: a file that changes meanwhile is found out by the next run
     origin = [*sources(files), *_rotor_words(rotor_rpm)]
+    if path.exists() and _read_sources(path) == origin:
+        # by another run on this folder, or by a worker that was lost before it could say so
+        return
     block = identify_block(campaign, start, files, settings, rotor_rpm)
     # deviations of what the block was before more records came
     path.with_name(path.name.replace(POLES, DEVIATIONS)).unlink(missing_ok=True)
@@ -238,6 +258,8 @@ def _make_poles(
 def _make_deviations(
     path: Path, poles: Path, campaign: Campaign, start: pd.Timestamp, files, settings: BlockSettings, rotor_rpm, keys
 ) -> None:
+    if path.exists() and set(keys) <= _stored_keys(path):
+        return
     known = read_block_poles(poles)
     write_block_deviations(path, identify_deviations(campaign, start, files, settings, rotor_rpm, known, keys))
 

@@ -12,7 +12,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import optimize
 
 from probupdate.identification.classification import ClassifierSettings
 from probupdate.identification.reference import ReferenceModes
@@ -85,6 +84,8 @@ def paired(like: Likenesses, model: ReferenceModes) -> tuple[dict[int, int], np.
     """Mode -> mode of the model, one to one, and the probability (n_mode, n_model) that a mode is each; what is left to
     one is that of none. Of modes of like shape the one that moves the sensors more is the likelier, as it is the more
     likely to be seen: a member's own mode drags the level along."""
+    from scipy import optimize
+
     size = np.linalg.norm(model.shape, axis=0)
     weight = -0.5 * ((1 - like.plane) / MODEL_MAC) ** 2 - 0.5 * (np.log(like.ratio) / MODEL_FREQUENCY) ** 2
     weight = weight + OWN_SHAPE * (like.own - 1) + np.log(np.maximum(size / size.max(), LEAST_SIZE))

@@ -11,7 +11,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import signal
 
 from probupdate.errors import InputError
 from probupdate.modes import frozen_array
@@ -91,7 +90,7 @@ def without_harmonics(
     gain = {n: _gain(record, rate_hz, angle, speed, n) for n in used}
     if not any(gain[n] >= LEAST_GAIN for n in others):
         best = max(others, key=lambda n: gain[n])
-        return left(f"the angle told by {line}P does not foretell {best}P (gain {gain[best]:.1f})")
+        return left(f"the angle estimated from {line}P does not predict {best}P (gain {gain[best]:.1f})")
     taken = tuple(n for n in used if gain[n] >= LEAST_GAIN)
     columns = [_columns(angle, speed, n) for n in taken]
     coefficient, *_ = np.linalg.lstsq(np.hstack(columns), record, rcond=None)
@@ -108,6 +107,8 @@ def without_harmonics(
 def _coarse_speed(record, rate_hz, low, high, multiples) -> np.ndarray:
     """(n_sample,) rotor frequency in Hz: the smooth path along which the multiples stand out most from the spectrum
     beside them, over frames."""
+    from scipy import signal
+
     size, hop = round(FRAME_S * rate_hz), round(HOP_S * rate_hz)
     scaled = record / np.maximum(record.std(axis=0), 1e-300)
     frequency, time, spectrum = signal.spectrogram(
@@ -140,6 +141,8 @@ def _speed(angle, rate_hz) -> np.ndarray:
 def _angle(record, rate_hz, coarse, line, smooth_s) -> np.ndarray:
     """(n_sample,) the rotor's angle in rad: the coarse speed integrated, then twice corrected by the phase that the
     demodulated line shows in the combination of channels that has most of it."""
+    from scipy import signal
+
     angle = 2 * np.pi * np.cumsum(coarse) / rate_hz
     window = np.hanning(2 * round(smooth_s * rate_hz / 2) + 3)[1:-1]
     window /= window.sum()

@@ -16,6 +16,7 @@ import pandas as pd
 from probupdate.campaign.reading import Campaign
 from probupdate.campaign.scada import StateRule, block_conditions, with_rated_power
 from probupdate.errors import InputError
+from probupdate.executors import Executor, Shard, executor
 from probupdate.files import write_table
 from probupdate.identification import classification as rules
 from probupdate.identification import tracking
@@ -43,6 +44,7 @@ from probupdate.identification.reference import ReferenceModes, turned
 from probupdate.identification.tracking import Choice, JudgedPoles, Tracked
 from probupdate.modes import ModalData, ModalDeviation, ModalSet, ModelMode, ModeRecord, unit_largest, write_modes
 from probupdate.progress import Progress, silent
+from probupdate.result_table import table_of
 
 # the broad-band amplitude of a block goes by the unit of what was measured
 AMPLITUDE = {"acceleration": "rms_mps2", "velocity": "rms_mps", "displacement": "rms_m"}
@@ -82,6 +84,10 @@ class Identification:
     notes: tuple[str, ...]
     summary: str
 
+    def to_frame(self) -> pd.DataFrame:
+        """A row a set and mode."""
+        return self.data.to_frame()
+
     def write(self, out: str | Path) -> list[Path]:
         """modes.json, modes.deviations.h5 where there are deviations, and modes.poles.csv beside it."""
         out = Path(out)
@@ -101,7 +107,7 @@ def identify(
     settings: SSISettings | None = None,
     state_rule: StateRule | None = None,
     store: str | Path | None = None,
-    jobs: int = 1,
+    jobs: int | Executor = 1,
     progress: Progress = silent,
 ) -> Identification:
     """Identify every block of the campaign by SSI-cov, find the modes that its poles come back at, whatever the model,
@@ -109,8 +115,8 @@ def identify(
 
     A mode without a counterpart among those of interest has a number; without a reference all have. store: folder in
     which the poles of each block are kept as they are found; a run that was killed goes on there, and another model
-    takes the poles from there. None: they are kept while this runs. jobs: processes; the modes are the same for any
-    number. Raises InputError where no block can be used, and where nothing comes back.
+    takes the poles from there. None: they are kept while this runs. jobs: processes, or an executor; the modes are the
+    same on any. Raises InputError where no block can be used, and where nothing comes back.
     """
     settings = settings or SSISettings()
     if reference is not None and reference.shape.shape[0] != len(campaign.sensors):
@@ -118,12 +124,70 @@ def identify(
                          f"{len(campaign.sensors)}", "compute the model's shapes at the campaign's sensors")
     rule = state_rule or StateRule(rated_power_kw=campaign.rated_power_kw)
     rule = with_rated_power(rule, campaign.scada)
-    with tempfile.TemporaryDirectory() if store is None else nullcontext(store) as folder:
+    with tempfile.TemporaryDirectory() if store is None else nullcontext(store) as folder, executor(jobs) as runs:
         blocks = BlockStore(folder, campaign, settings.of_blocks)
-        blocks.fill(jobs=jobs, progress=progress)
+        blocks.fill(jobs=runs, progress=progress)
         found = physical_of(blocks, campaign, settings=settings, rule=rule, progress=progress)
-        return classified(blocks, campaign, found, reference, others=others, settings=settings, rule=rule, jobs=jobs,
+        return classified(blocks, campaign, found, reference, others=others, settings=settings, rule=rule, jobs=runs,
                           progress=progress)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ShardOfBlocks:
+    """What a shard of an identification did: blocks and standard deviations that it computed, blocks of the campaign
+    without poles yet, and those whose chosen poles still lack standard deviations (None until all poles are there)."""
+
+    shard: Shard
+    identified: int
+    with_deviations: int
+    n_block: int
+    left: int
+    left_deviations: int | None
+
+    def to_frame(self) -> pd.DataFrame:
+        """One row: the shard and what it did."""
+        return table_of([{"shard": str(self.shard), "identified": self.identified, "with_std": self.with_deviations,
+                          "blocks": self.n_block, "left": self.left, "left_std": self.left_deviations}])  # fmt: skip
+
+    @property
+    def summary(self) -> str:
+        text = f"shard {self.shard}: {self.identified} blocks identified"
+        if self.left:
+            return (f"{text}; {self.n_block - self.left} of {self.n_block} are there. When all are, the same command "
+                    "computes this shard's standard deviations")
+        text += f", standard deviations of {self.with_deviations}; all {self.n_block} blocks have poles"
+        if self.left_deviations:
+            return f"{text}, {self.left_deviations} lack standard deviations: the other shards' commands once more"
+        return f"{text} and standard deviations: the command without --shard writes the modes"
+
+
+def identify_shard(
+    campaign: Campaign,
+    shard: Shard,
+    *,
+    settings: SSISettings | None = None,
+    state_rule: StateRule | None = None,
+    store: str | Path,
+    jobs: int | Executor = 1,
+    progress: Progress = silent,
+) -> ShardOfBlocks:
+    """One shard's blocks of what `identify` computes, into the store that all shards share: their poles, and where all
+    blocks' poles are there the standard deviations of those chosen. No model is asked; `identify` on the store ends it.
+    """
+    settings = settings or SSISettings()
+    rule = with_rated_power(state_rule or StateRule(rated_power_kw=campaign.rated_power_kw), campaign.scada)
+    with executor(jobs) as runs:
+        blocks = BlockStore(store, campaign, settings.of_blocks)
+        identified = blocks.fill(jobs=runs, shard=shard, progress=progress)
+        n_left, done, n_without = len(blocks.pending()), 0, None
+        if not n_left:
+            found = physical_of(blocks, campaign, settings=settings, rule=rule, progress=progress)
+            first = _followed(blocks, campaign, found, None, settings=settings, rule=rule, progress=progress)
+            wanted = _all_wanted(first.usable, first.chosen) if settings.sub_records else {}
+            done = blocks.fill_deviations(wanted, jobs=runs, shard=shard, progress=progress)
+            n_without = blocks.without_deviations(wanted)
+    return ShardOfBlocks(shard=shard, identified=identified, with_deviations=done, n_block=len(blocks.starts),
+                         left=n_left, left_deviations=n_without)
 
 
 def physical_of(
@@ -145,7 +209,7 @@ def physical_of(
     parts, bands, angles, waves, state = [], [], [], [], []
     chosen = evenly(states)
     for number, k in enumerate(chosen):
-        progress("finding modes", number, len(chosen))
+        progress("classifying modes", number, len(chosen))
         block = blocks.read(usable[k])
         environment = _environment(block, campaign, rule)
         parts.append(block_candidates(pole_stack(block, settings), number, settings.classifier, persistence))
@@ -154,7 +218,7 @@ def physical_of(
         period = environment.get("wave_period_s")
         waves.append(1 / float(period) if period is not None and float(period) > 0 else np.nan)
         state.append(states[k])
-    progress("finding modes", len(chosen), len(chosen))
+    progress("classifying modes", len(chosen), len(chosen))
     return physical_modes(
         gathered(parts), n_block=len(chosen), settings=persistence, state=state, bands=bands, wave_hz=waves,
         angle_deg=angles, sensors=campaign.sensors, block_seconds=60 * campaign.block_minutes,
@@ -177,19 +241,13 @@ def classified(
     rule: StateRule,
     others: ReferenceModes | None = None,
     every: bool = False,
-    jobs: int = 1,
+    jobs: int | Executor = 1,
     progress: Progress = silent,
 ) -> Identification:
     """The second pass: from stored poles to the modes that were found in them, their deviations, and their names.
     every: a column for each, also for one that stands in no block (one setup of several)."""
-    found = []
-    for number, start in enumerate(blocks.starts):
-        progress("telling modes", number, len(blocks.starts))
-        found.append(_held_against(blocks.read(start), campaign, physical.modes, reference, settings, rule))
-    progress("telling modes", len(blocks.starts), len(blocks.starts))
-    usable = [one for one in found if one.judged is not None]
-    followed = tracking.track([one.judged for one in usable], settings.classifier)
-    chosen = {one.block.start: choice for one, choice in zip(usable, followed.choices, strict=True)}
+    first = _followed(blocks, campaign, physical, reference, settings=settings, rule=rule, progress=progress)
+    found, usable, followed, chosen = first.found, first.usable, first.tracked, dict(first.chosen)
     if settings.sub_records:
         chosen |= _without_uncertain(blocks, usable, chosen, followed.centre_hz, settings.classifier, jobs, progress)
         followed = replace(followed, choices=tuple(chosen[one.block.start] for one in usable))
@@ -217,6 +275,32 @@ def classified(
         notes=(*said, *remarks),
         summary="\n".join([_summary([one.block for one in found], data, poles, campaign, rule), *said]),
     )
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _Followed:
+    """Every block held against the campaign's modes, those that can be used, the modes' paths through these, and the
+    poles chosen by start of the block."""
+
+    found: list[_Found]
+    usable: list[_Found]
+    tracked: Tracked
+    chosen: dict[pd.Timestamp, Choice]
+
+
+def _followed(
+    blocks: BlockStore, campaign: Campaign, physical: PhysicalModes, reference: ReferenceModes | None, *,
+    settings: SSISettings, rule: StateRule, progress: Progress,
+) -> _Followed:
+    found = []
+    for number, start in enumerate(blocks.starts):
+        progress("classifying modes", number, len(blocks.starts))
+        found.append(_held_against(blocks.read(start), campaign, physical.modes, reference, settings, rule))
+    progress("classifying modes", len(blocks.starts), len(blocks.starts))
+    usable = [one for one in found if one.judged is not None]
+    tracked = tracking.track([one.judged for one in usable], settings.classifier)
+    chosen = {one.block.start: choice for one, choice in zip(usable, tracked.choices, strict=True)}
+    return _Followed(found=found, usable=usable, tracked=tracked, chosen=chosen)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -330,7 +414,7 @@ def _held_against(
 
 def _without_uncertain(
     blocks: BlockStore, usable: list[_Found], chosen: dict, centre_hz: np.ndarray, settings: ClassifierSettings,
-    jobs: int, progress: Progress,
+    jobs: int | Executor, progress: Progress,
 ) -> dict[pd.Timestamp, Choice]:
     """Choices again in blocks where a chosen pole's deviations are beyond the classifier's limits; start -> choice.
 
@@ -340,9 +424,8 @@ def _without_uncertain(
     centre = {one.block.start: row for one, row in zip(usable, centre_hz, strict=True)}
     known = {start: [np.full(len(j.poles.order), np.nan) for _ in range(2)] for start, j in judged.items()}
     todo, again = dict(chosen), {}
-    by_start = {one.block.start: one for one in usable}
     while todo:
-        wanted = {start: keys for start, choice in todo.items() if (keys := _wanted(by_start[start], choice))}
+        wanted = _all_wanted(usable, todo)
         blocks.fill_deviations(wanted, jobs=jobs, progress=progress)
         todo = {}
         for start, keys in wanted.items():
@@ -357,6 +440,12 @@ def _without_uncertain(
                 judged[start] = replace(one, verdict=verdict)
                 again[start] = todo[start] = tracking.choose(judged[start], centre[start], settings)
     return again
+
+
+def _all_wanted(usable: list[_Found], chosen: Mapping[pd.Timestamp, Choice]) -> dict[pd.Timestamp, dict]:
+    """Start of a block -> poles that stand for modes in it (`_wanted`), of blocks that have any."""
+    by_start = {one.block.start: one for one in usable}
+    return {start: keys for start, choice in chosen.items() if (keys := _wanted(by_start[start], choice))}
 
 
 def _wanted(one: _Found, choice: Choice) -> dict[tuple[int, int], int]:

@@ -11,7 +11,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import signal
 
 from probupdate.campaign.blocks import block_files
 from probupdate.campaign.reading import Campaign
@@ -109,6 +108,8 @@ def propose(
 def spectral_peaks(data: np.ndarray, rate_hz: float) -> list[float]:
     """Frequencies in Hz at which the first singular value of the cross spectra of data (n_sample, n_channel), each
     channel by its own root mean square at that frequency's surroundings, stands out of its running median."""
+    from scipy import signal
+
     size = min(max(2 * (len(data) // (PARTS + 1)), 64), len(data))
     data = signal.detrend(data, axis=0)
     data = data / data.std(axis=0)

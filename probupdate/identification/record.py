@@ -175,6 +175,7 @@ def _size(deviation: ModalDeviation) -> np.ndarray:
 def identify_record(
     data: np.ndarray, rate_hz: float, *, order: int, block_rows: int, spread: int = 0, sub_records: int = 0,
     references: int | tuple[int, ...] | None = None, limited: int | None = None,
+    orders: tuple[int, ...] | None = None,
 ) -> IdentifiedRecord:
     """SSI-cov of one record (n_sample, n_channel), its mean taken out before.
 
@@ -182,7 +183,8 @@ def identify_record(
     `spread` below and above `order` (1 without). sub_records: parts of the record whose scatter gives deviations, 0 for
     none; their deviations are known to 1 / sqrt(2 (sub_records - 1)), 13 % for 30. references: channels whose past is
     used, or how many combinations of channels (`ssi.reference_projection`); without, all. limited: such a number that
-    memory asked for (`references_within`): combinations are chosen without the covariances of all channels.
+    memory asked for (`references_within`): combinations are chosen without the covariances of all channels. orders: only
+    these model orders, `order` among them; lower ones are the same whatever the highest is.
     """
     data = np.asarray(data, dtype=float)
     n_lag = 2 * block_rows - 1
@@ -201,8 +203,9 @@ def identify_record(
         covariance = output_covariances(data, n_lag)
     n_channel, n_reference = covariance.shape[1:]
     highest = max(order, min(order + spread, n_channel * (block_rows - 1), n_reference * block_rows))
-    factorisation = factorise(covariance, block_rows, highest, rate_hz)
-    by_order = poles(factorisation, tuple(range(2 + order % 2, highest + 1, 2)))
+    asked = tuple(range(2 + order % 2, highest + 1, 2)) if orders is None else tuple(sorted(orders))
+    factorisation = factorise(covariance, block_rows, max(asked), rate_hz, whole=scatter is not None)
+    by_order = poles(factorisation, asked)
     chosen = next(one for one in by_order if one.order == order)
     around = tuple(one for one in by_order if one is not chosen and abs(one.order - order) <= spread)
     return IdentifiedRecord(

@@ -13,11 +13,11 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-from scipy import stats
 
 from probupdate.errors import InputError
 from probupdate.files import write_table
 from probupdate.modes import ModalData, frozen_array
+from probupdate.result_table import with_units
 
 COVARIATES = ("wind_speed_mps", "rotor_speed_rpm", "air_temperature_c", "water_level_m", "rms_mps2")
 # a covariate known in fewer blocks than this share of the mode's is left out, rather than the blocks
@@ -79,6 +79,8 @@ def regress(
     std (n_row,): stated deviations; rows without one get the median of the others. Raises InputError where fewer rows
     are left than the coefficients and eight more.
     """
+    from scipy import stats
+
     value, time_h = np.asarray(value, float), np.asarray(time_h, float)
     if np.any(np.diff(time_h) <= 0):
         raise InputError(f"regression of {response}", "times do not rise", "sort the blocks by time, each once")
@@ -127,6 +129,8 @@ def _together(
 ) -> tuple[tuple[tuple[str, str], float], ...]:
     """Pairs of covariates that tell the same, each once, with p of the two together (Wald's F): either alone may seem
     to count for nothing where both do."""
+    from scipy import stats
+
     joint: dict[tuple[str, str], float] = {}
     for k in np.flatnonzero(inflation >= COLLINEAR):
         other = np.corrcoef(table.T)[k] * (np.arange(len(names)) != k)
@@ -139,9 +143,9 @@ def _together(
         coefficient = fit.coefficient[both]
         statistic = float(coefficient @ np.linalg.solve(fit.covariance[np.ix_(both, both)], coefficient)) / 2
         joint[pair] = float(stats.f.sf(statistic, 2, free))
-        notes.append(f"{pair[0]} and {pair[1]} tell the same (correlation {other[twin]:.2f}, variance inflation "
-                     f"{inflation[k]:.0f}): each coefficient alone is hardly known, the two together count with p = "
-                     f"{joint[pair]:.2g}")  # fmt: skip
+        notes.append(f"{pair[0]} and {pair[1]} are indistinguishable (correlation {other[twin]:.2f}, variance "
+                     f"inflation {inflation[k]:.0f}): each coefficient alone is hardly known, the two together count with "
+                     f"p = {joint[pair]:.2g}")  # fmt: skip
     return tuple(joint.items())
 
 
@@ -286,6 +290,10 @@ class ModalRegression:
     fits: Mapping[str, tuple[Regression, ...]]
     table: pd.DataFrame
     notes: tuple[str, ...]
+
+    def to_frame(self) -> pd.DataFrame:
+        """`table`: a row a mode, response and covariate."""
+        return with_units(self.table)
 
     @property
     def summary(self) -> str:

@@ -28,6 +28,7 @@ from probupdate.modes import (
     unit_largest,
     write_modes,
 )
+from probupdate.result_table import with_units
 
 # without labels of a model: modes of two setups are one if they are this close and alike at the references
 SAME_FREQUENCY, SAME_MAC = 0.04, 0.80
@@ -61,6 +62,10 @@ class Merged:
     references: tuple[str, ...]
     table: pd.DataFrame
     summary: str
+
+    def to_frame(self) -> pd.DataFrame:
+        """A row a mode and setup."""
+        return with_units(self.table)
 
     def write(self, out: str | Path) -> list[Path]:
         """modes.json, modes.deviations.h5 and modes.setups.csv beside it."""
@@ -163,7 +168,7 @@ def _mean(setup: Setup) -> _Mean:
     if not sets:
         raise InputError(f"setup {setup.name}", "has no identified mode", "run `probupdate check` on it")
     if any(s.deviation is None for s in sets):
-        raise InputError(f"setup {setup.name}", "a block has no deviations, which merging weighs by",
+        raise InputError(f"setup {setup.name}", "a block has no standard deviations, which merging weights by",
                          "identify with sub-records")
     n_mode, widths = setup.data.n_mode, [s.deviation.n_column for s in sets]
     total, place = sum(widths), np.cumsum([0, *widths])
@@ -316,7 +321,7 @@ def _joined_shapes(setups, means: list[_Mean], rows, channels, references):
             continue
         target = means[base].shape[np.ix_(rows[base], group)]
         if np.linalg.cond(target / np.linalg.norm(target, axis=0)) > LARGEST_CONDITION:
-            raise InputError("references", f"{', '.join(references)} cannot tell modes of "
+            raise InputError("references", f"{', '.join(references)} cannot distinguish modes of "
                              f"{', '.join(f'{np.exp(means[base].ln_frequency[j]):.4g} Hz' for j in group)} apart",
                              "take references in which they differ")
         value = np.zeros((len(channels), len(group)), complex)
@@ -371,7 +376,7 @@ def _summary(setups, means, modal: ModalSet, labels, references, misfit, noise, 
     lines = [f"{len(setups)} setups merged on {', '.join(references)}: {modal.shape.shape[0]} channels, "
              f"{len(labels)} modes"]
     for j, label in enumerate(labels):
-        text = f"{label}: {modal.frequency_hz[j]:.4g} Hz, deviation {modal.frequency_std_hz[j]:.2g} Hz; "
+        text = f"{label}: {modal.frequency_hz[j]:.4g} Hz, standard deviation {modal.frequency_std_hz[j]:.2g} Hz; "
         if np.isfinite(misfit[:, j]).any():
             worst = np.nanmax(misfit[:, j])
             text += f"scaling leaves {100 * worst:.2g} % of the references' motion in the worst setup"
@@ -384,6 +389,6 @@ def _summary(setups, means, modal: ModalSet, labels, references, misfit, noise, 
         if vague and np.isfinite(misfit[:, j]).any():
             text += f"; no shape from {', '.join(vague)}, whose references do not know it well enough"
         if p_value[j] < LEAST_P_VALUE:
-            text += f"; the setups' frequencies disagree (p {p_value[j]:.2g}): the deviation was widened"
+            text += f"; the setups' frequencies disagree (p {p_value[j]:.2g}): the standard deviation was widened"
         lines.append(text)
     return "\n".join(lines)

@@ -20,6 +20,7 @@ from probupdate.identification.criteria import (
     required_modes,
 )
 from probupdate.modes import ModalData, ModalSet, plane_mac, write_modes
+from probupdate.result_table import with_units
 
 PAPER_COV = {"FA1": 0.015, "SS1": 0.015, "FA2": 0.017, "SS2": 0.017}
 # where the deviations that a kept set carries come from
@@ -48,6 +49,10 @@ class Selection:
     def cov(self) -> dict[str, dict[str, float]]:
         return {mode: dict(zip(rows["state"], rows["cov"], strict=True))
                 for mode, rows in self.scatter.groupby("mode", sort=False)}  # fmt: skip
+
+    def to_frame(self) -> pd.DataFrame:
+        """`table`: a row a block."""
+        return with_units(self.table)
 
     def write(self, out: str | Path) -> list[Path]:
         """nine.json, and selection.csv and selection.cov.csv beside it, as a report finds them; a selection of another
@@ -263,5 +268,5 @@ def _summary(data: ModalData, table: pd.DataFrame, scatter: pd.DataFrame, count:
         lines.append("frequency_std_hz of every kept set is what identification states of its half hour; --weights "
                      "measured takes that; what changes between half hours is not in it")  # fmt: skip
         if any(np.isnan(s.frequency_std_hz[s.measured]).any() for s in data.sets):
-            lines.append("some modes of the kept sets came without a deviation of their own")
+            lines.append("some modes of the kept sets came without a standard deviation of their own")
     return "\n".join([*lines, *notes])

@@ -14,6 +14,7 @@ import numpy as np
 from probupdate.campaign.reading import Campaign
 from probupdate.campaign.scada import StateRule, with_rated_power
 from probupdate.errors import InputError
+from probupdate.executors import Executor, executor
 from probupdate.identification.block_store import BlockStore
 from probupdate.identification.counterparts import (
     Likenesses,
@@ -49,7 +50,7 @@ def identify_setups(
     channels: tuple[str, ...] = (),
     settings: SSISettings | None = None,
     store: str | Path | None = None,
-    jobs: int = 1,
+    jobs: int | Executor = 1,
     progress: Progress = silent,
 ) -> Merged:
     """The modes of a structure measured in several setups, in one set of all channels.
@@ -61,11 +62,11 @@ def identify_setups(
     """
     settings, persistence = settings or SSISettings(), PersistenceSettings()
     common = common_channels([(name, c.sensors) for name, c in zip(names, campaigns, strict=True)])
-    with tempfile.TemporaryDirectory() if store is None else nullcontext(store) as folder:
+    with tempfile.TemporaryDirectory() if store is None else nullcontext(store) as folder, executor(jobs) as runs:
         stores, parts, at_common, owner = [], [], [], []
         for k, (campaign, name) in enumerate(zip(campaigns, names, strict=True)):
             blocks = BlockStore(Path(folder) / name, campaign, settings.of_blocks)
-            blocks.fill(jobs=jobs, progress=progress)
+            blocks.fill(jobs=runs, progress=progress)
             stores.append(blocks)
             rows = [campaign.channels.index(c) for c in common]
             for start in blocks.starts:
@@ -88,7 +89,7 @@ def identify_setups(
                 notes.append(f"{name}: shows none of the {len(found.modes.labels)} modes: left out")
                 continue
             rule = with_rated_power(StateRule(rated_power_kw=campaign.rated_power_kw), campaign.scada)
-            result = classified(stores[k], campaign, own, None, settings=settings, rule=rule, jobs=jobs,
+            result = classified(stores[k], campaign, own, None, settings=settings, rule=rule, jobs=runs,
                                 progress=progress, every=True)  # fmt: skip
             columns = [place.get(j, -1) for j in range(len(found.modes.labels))]
             data = replace(result.data, sets=tuple(s.of_modes(columns) for s in result.data.sets), records=(),

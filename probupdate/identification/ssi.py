@@ -37,13 +37,16 @@ class Poles:
 class Factorisation:
     """The block Toeplitz matrix's leading left side: observability (n_channel block_rows, order), one for all orders.
 
-    singular_value (order,) descending; columns 0..n-1 of `observability` are those of model order n.
+    singular_value (order,) descending; columns 0..n-1 of `observability` are those of model order n. whole: of all
+    singular values their squares, left vectors as columns and the squares' rounding (`left_singular`); None where only
+    the leading ones were asked for.
     """
 
     n_channel: int
     sampling_rate_hz: float
     observability: np.ndarray
     singular_value: np.ndarray
+    whole: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None
 
     @property
     def rank(self) -> int:
@@ -198,23 +201,30 @@ def left_singular(
 
 def _leading_of(matrix: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
     size = len(matrix)
-    some = None if count == size else [size - count, size - 1]
-    value, vector = linalg.eigh(matrix @ matrix.T, subset_by_index=some, overwrite_a=True)
+    # of all of them, dividing and conquering is a fifth faster
+    asked = {"driver": "evd"} if count == size else {"subset_by_index": [size - count, size - 1]}
+    value, vector = linalg.eigh(matrix @ matrix.T, overwrite_a=True, **asked)
     return value[::-1], vector[:, ::-1]
 
 
-def factorise(covariance: np.ndarray, block_rows: int, order: int, sampling_rate_hz: float) -> Factorisation:
-    """Leading singular vectors of T = O Gamma, with O = U sqrt(S); O holds C, CA, CA^2, ... one below the other."""
+def factorise(
+    covariance: np.ndarray, block_rows: int, order: int, sampling_rate_hz: float, *, whole: bool = False
+) -> Factorisation:
+    """Leading singular vectors of T = O Gamma, with O = U sqrt(S); O holds C, CA, CA^2, ... one below the other. whole:
+    all of them are kept, which deviations ask for."""
     n_channel, n_reference = covariance.shape[1:]
     most = min(n_channel * (block_rows - 1), n_reference * block_rows)
     if order > most:
         raise InputError("order", f"{order} is above {most}, what {block_rows} block rows allow",
                          "raise the block rows or lower the order")
-    value, vector, _ = left_singular(block_toeplitz(covariance, block_rows), order)
+    toeplitz = block_toeplitz(covariance, block_rows)
+    found = left_singular(toeplitz, min(toeplitz.shape) if whole else order, order)
+    value, vector = found[0][:order], found[1][:, :order]
     singular = np.sqrt(np.maximum(value, 0))
     return Factorisation(
         n_channel=n_channel, sampling_rate_hz=sampling_rate_hz,
         observability=frozen_array(vector * np.sqrt(singular)), singular_value=frozen_array(singular),
+        whole=found if whole else None,
     )
 
 

@@ -20,7 +20,6 @@ from probupdate.identification.ssi import (
     Factorisation,
     Realisation,
     block_toeplitz,
-    left_singular,
     product_sums,
     realisations,
 )
@@ -88,23 +87,24 @@ def toeplitz_products(
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class ObservabilityDeviation:
-    """Deviations of the leading left singular vectors of T, from which those of O follow for every order.
+    """Deviations of the leading left singular vectors u_1..u_n of T, from which those of O follow for every order up to n.
 
-    outside (n, n_channel br, n_sub): the part of du_i outside the span of u_1..u_n, n the highest order; inside
-    (n, n, n_sub): u_l^T du_i at [i, l]. left (n_channel br, n): u; singular (n,); squared_next: s_(n + 1)^2; rounding
-    (n,): of the squared singular values.
+    along (n, n_basis, n_sub): u_l^T du_i at [i, l], NaN where l is i. basis (n_channel br, n_basis): every left singular
+    vector, descending; beyond (n, n_channel br, n_sub): the part of du_i outside their span, None where they span all.
+    singular (n,); squared_next: s_(n + 1)^2; rounding (n,): of the squared singular values. Products are made of `along`
+    for the few columns that are asked for: du_i itself, n_channel br numbers for each i and part, is never formed.
     """
 
-    outside: np.ndarray
-    inside: np.ndarray
-    left: np.ndarray
+    along: np.ndarray
+    basis: np.ndarray
+    beyond: np.ndarray | None
     singular: np.ndarray
     squared_next: float
     rounding: np.ndarray
 
     @property
     def n_sub(self) -> int:
-        return self.outside.shape[2]
+        return self.along.shape[2]
 
     def known(self, order: int) -> bool:
         """False where the order parts two singular values that are equal but for rounding: O has no derivative."""
@@ -113,51 +113,53 @@ class ObservabilityDeviation:
 
     def times(self, state: np.ndarray) -> np.ndarray:
         """dO X (n_column, n_channel br, n_sub) for real X (order, n_column), without the part in the span of O."""
-        order, n = len(state), len(self.singular)
+        order = len(state)
         weight = (np.sqrt(self.singular[:order])[:, None] * state).T
-        far = weight @ self.outside[:order].reshape(order, -1)
-        near = (weight @ self.inside[:order, order:].reshape(order, -1)).reshape(len(weight), n - order, self.n_sub)
-        return far.reshape(len(weight), -1, self.n_sub) + np.matmul(self.left[:, order:], near)
+        mixed = (weight @ self.along[:order].reshape(order, -1)).reshape(len(weight), -1, self.n_sub)
+        found = np.matmul(self.basis[:, order:], mixed[:, order:])
+        if self.beyond is not None:
+            found += (weight @ self.beyond[:order].reshape(order, -1)).reshape(found.shape)
+        return found
 
     def transposed_times(self, rows: np.ndarray, order: int) -> np.ndarray:
         """dO_up^T Y (order, n_column, n_sub) for real Y (n_row, n_column), O_up being O's first n_row; likewise."""
-        far = np.matmul(rows.T, self.outside[:order, : len(rows)])
-        near = np.matmul(rows.T @ self.left[: len(rows), order:], self.inside[:order, order:])
-        return (far + near) * np.sqrt(self.singular[:order])[:, None, None]
+        found = np.matmul(rows.T @ self.basis[: len(rows), order:], self.along[:order, order:])
+        if self.beyond is not None:
+            found += np.matmul(rows.T, self.beyond[:order, : len(rows)])
+        return found * np.sqrt(self.singular[:order])[:, None, None]
 
 
 def observability_deviation(
     covariance: np.ndarray, deviation: np.ndarray, factorisation: Factorisation, block_rows: int
 ) -> ObservabilityDeviation:
-    """Deviations of the singular vectors of all orders of the factorisation, from dR (n_sub, 2 br, n_channel, n_ref).
+    """Deviations of the singular vectors of all orders of a factorisation with all of them (`factorise(whole=True)`), from
+    dR (n_sub, 2 br, n_channel, n_ref).
 
     For u_i, v_i, s_i of T = U S V^T, du_i solves (s_i^2 - T T^T) du_i = s_i dT v_i + T dT^T u_i: along another left
     singular vector u_l, that is division by s_i^2 - s_l^2.
     """
     n = factorisation.rank
     singular = factorisation.singular_value[:n]
-    u = factorisation.observability[:, :n] / np.sqrt(singular)
+    squared, basis, rounding = factorisation.whole
+    u = basis[:, :n]
     toeplitz = block_toeplitz(covariance, block_rows)
-    squared, basis, rounding = left_singular(toeplitz, min(toeplitz.shape), n)
-    others, squared_others = basis[:, n:], squared[n:]
     v = toeplitz.T @ u / singular
     dt_v, dt_u = toeplitz_products(deviation, block_rows, v, u)
     size, n_sub = len(u), dt_v.shape[2]
-    source = dt_v * singular[:, None] + (toeplitz @ dt_u.reshape(len(dt_u), -1)).reshape(size, n, n_sub)
-    flat = source.reshape(size, -1)
+    source = (toeplitz @ dt_u.reshape(len(dt_u), -1)).reshape(size, n, n_sub)
+    source += dt_v * singular[:, None]
+    along = (basis.T @ source.reshape(size, -1)).reshape(-1, n, n_sub)
     # gaps that are nothing but rounding are kept out by `known`; here they only must not divide by zero
-    gap = _divisor(singular**2 - squared_others[:, None])
-    share = (others.T @ flat).reshape(-1, n, n_sub) / gap[:, :, None]
-    outside = others @ share.reshape(len(share), -1)
+    along /= _divisor(singular**2 - squared[:, None])[:, :, None]
+    beyond = None
     if toeplitz.shape[0] > toeplitz.shape[1]:
         # what lies outside the span of T: there T T^T is zero
         beyond = (dt_v / singular[:, None]).reshape(size, -1)
-        outside += beyond - basis @ (basis.T @ beyond)
-    inside = (u.T @ flat).reshape(n, n, n_sub) / _divisor(singular**2 - singular[:, None] ** 2)[:, :, None]
+        beyond = beyond - basis @ (basis.T @ beyond)
+        beyond = np.ascontiguousarray(beyond.reshape(size, n, n_sub).transpose(1, 0, 2))
     return ObservabilityDeviation(
-        outside=np.ascontiguousarray(outside.reshape(size, n, n_sub).transpose(1, 0, 2)),
-        inside=np.ascontiguousarray(inside.transpose(1, 0, 2)), left=u, singular=singular,
-        squared_next=float(squared_others[0]) if len(squared_others) else 0.0, rounding=rounding[:n],
+        along=np.ascontiguousarray(along.transpose(1, 0, 2)), basis=basis, beyond=beyond, singular=singular,
+        squared_next=float(squared[n]) if len(squared) > n else 0.0, rounding=rounding[:n],
     )
 
 

@@ -87,16 +87,56 @@ class Factors(Table):
     out_of_plane: Positive
 
 
-class Joint(Table):
-    """Brace ends at legs or at crossings; bay, face and leg narrow them."""
+class Efthymiou(Table):
+    """Factors of both sides by Efthymiou's equations (`lifetime.efthymiou`). How a joint carries its load is the user's
+    judgement: `kind`; so are the chord's length between its supports, the fixity of its ends (0.5 fixed, 1 pinned), the
+    gap between two braces of a K, and the least factor (DNV-RP-C203 asks for 1.5 where nothing better is known)."""
+
+    kind: Literal["T/Y", "X", "K"]
+    chord_length_m: Positive
+    chord_fixity: Annotated[float, Strict(), Field(ge=0.5, le=1.0)]
+    gap_m: NotNegative | None = None
+    least: Positive
+
+
+class Sides(Table):
+    """Stress factors of chord and brace side, or how to take them."""
+
+    chord: Factors | None = None
+    brace: Factors | None = None
+    efthymiou: Efthymiou | None = None
+    curve: str
+
+
+class Joint(Sides):
+    """Brace ends of a model.toml's turbine at legs or at crossings; bay, face and leg narrow them."""
 
     at: Literal["leg", "crossing"]
     bay: tuple[Annotated[int, Strict(), Field(ge=1)], ...] = ()
     end: Literal["all", "lower", "upper"] = "all"
     leg: tuple[str, ...] = ()
-    chord: Factors | None = None
-    brace: Factors | None = None
-    curve: str
+
+
+class MemberEnd(Sides):
+    """Ends of a SubDyn model's members: those of group `braces` at members of group `chords` (the same group: where two
+    cross); `joints` narrows them."""
+
+    braces: str
+    chords: str
+    joints: tuple[Annotated[int, Strict(), Field(ge=1)], ...] = ()
+
+
+class Site(Table):
+    """What a SubDyn file does not say: the water, and where thrust acts. growth_m: marine growth, on the diameter that
+    waves see; hub_joint: None for the top of the model's [tower]."""
+
+    water_density_kgpm3: Positive
+    gravity_mps2: Positive
+    mudline_m: Number
+    water_level_m: Number
+    growth_m: NotNegative
+    hub_joint: Annotated[int, Strict(), Field(ge=1)] | None = None
+    hub_offset_m: tuple[Number, Number, Number]
 
 
 class Girth(Table):
@@ -136,7 +176,9 @@ class Conditions(Table):
     state: Annotated[tuple[State, ...], Field(min_length=1)]
     curve: dict[str, Law]
     joint: tuple[Joint, ...] = ()
+    member_end: tuple[MemberEnd, ...] = ()
     girth: tuple[Girth, ...] = ()
+    site: Site | None = None
     uncertainty: Uncertainty
     target: Target = Target()
 
@@ -170,7 +212,8 @@ def read_conditions(path: str | Path) -> Conditions:
 
 
 def _keys(table) -> set[str]:
-    kinds = (Water, Wind, Damping, Life, Direction, State, Law, Factors, Joint, Girth, Lognormal, Uncertainty, Target)
+    kinds = (Water, Wind, Damping, Life, Direction, State, Law, Factors, Efthymiou, Joint, MemberEnd, Site, Girth,
+             Lognormal, Uncertainty, Target)  # fmt: skip
     return {name for kind in (table, *kinds) for name in kind.model_fields}
 
 
@@ -179,9 +222,15 @@ def _mistakes(c: Conditions, path: Path) -> Iterator[tuple[str, str, str]]:
         total = sum(item.share for item in items)
         if abs(total - 1) > 1e-6:
             yield f"{key}.share", f"they add up to {total:g}, not 1", "give shares of a year, calm hours as a state too"
-    if not c.joint and not c.girth:
-        yield "joint", "there is no [[joint]] and no [[girth]]", "name at least one detail with its stress factors"
-    for kind, items in (("joint", c.joint), ("girth", c.girth)):
+    if not c.joint and not c.member_end and not c.girth:
+        yield (
+            "joint",
+            "there is no [[joint]], no [[member_end]] and no [[girth]]",
+            "name at least one detail with its stress factors",
+        )
+    if c.site is not None and c.site.mudline_m >= c.site.water_level_m:
+        yield "site.mudline_m", f"{c.site.mudline_m:g} is not below the water level", "give heights in the model's z"
+    for kind, items in (("joint", c.joint), ("member_end", c.member_end), ("girth", c.girth)):
         for k, item in enumerate(items):
             if item.curve not in c.curve:
                 yield (
@@ -189,8 +238,17 @@ def _mistakes(c: Conditions, path: Path) -> Iterator[tuple[str, str, str]]:
                     f"'{item.curve}' is not a [curve] of the file",
                     nearest(item.curve, c.curve),
                 )
-            if kind == "joint" and item.chord is None and item.brace is None:
-                yield f"joint[{k + 1}]", "has stress factors of neither side", "give chord, brace or both"
+            if kind == "girth":
+                continue
+            stated = item.chord is not None or item.brace is not None
+            if stated == (item.efthymiou is not None):
+                problem = (
+                    "has stress factors and asks for Efthymiou's" if stated else "has stress factors of neither side"
+                )
+                yield f"{kind}[{k + 1}]", problem, "give chord, brace or both, or efthymiou"
+            if item.efthymiou is not None and (item.efthymiou.kind == "K") == (item.efthymiou.gap_m is None):
+                problem = "a K joint has a gap" if item.efthymiou.kind == "K" else "only a K joint has a gap"
+                yield f"{kind}[{k + 1}].efthymiou.gap_m", problem, "state it for K, and for K alone"
     for name, own in c.curve.items():
         if own.m2 < own.m1:
             yield (

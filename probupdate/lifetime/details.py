@@ -13,7 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from probupdate.errors import InputError
-from probupdate.lifetime.conditions import Conditions, Factors
+from probupdate.lifetime import efthymiou
+from probupdate.lifetime.conditions import Conditions, Efthymiou, Factors, Sides
 from probupdate.modes import frozen_array
 from probupdate.structure.beam import Tube
 from probupdate.structure.description import nearest
@@ -23,6 +24,8 @@ PLACES = 8
 SAME_POINT_M = 1e-6
 # how far a girth weld may be from the end of an element
 REACH_M = 0.5
+# two braces of a K joint lie in one plane with their chord, to the cosine of half a degree
+ONE_PLANE = 0.99996
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -48,6 +51,13 @@ class Detail:
     beam: Beam
     chord: Beam | None
     section: Tube
+    place_m: np.ndarray
+    chord_along: np.ndarray | None = None
+
+    @property
+    def away(self) -> np.ndarray:
+        """(3,) from the weld along the brace."""
+        return -self.along if self.end else self.along
 
     def rows(self) -> np.ndarray:
         """(3, 12): axial force and the moments that pull at crown and saddle, from the element's end forces, global.
@@ -145,6 +155,8 @@ def _brace_end(frame: Frame, number: int, end: int, chord: Beam, at: str, upper:
         beam=b,
         chord=chord,
         section=b.tube,
+        place_m=frozen_array(place),
+        chord_along=frozen_array(axis / np.linalg.norm(axis)),
     )
 
 
@@ -189,12 +201,49 @@ def girth(frame: Frame, part: str, z_m: float, where: str) -> Detail:
         beam=b,
         chord=None,
         section=b.tube,
+        place_m=frozen_array((start, stop)[end]),
     )
 
 
 def find_details(frame: Frame, conditions: Conditions, where: str) -> tuple[tuple[Detail, ...], tuple[HotSpot, ...]]:
     """What [[joint]] and [[girth]] choose; raises InputError where a table chooses nothing, or two the same side."""
+    refuse_tables(conditions, where, "member_end", "site", reason="is for SubDyn models; this one is a model.toml's")
     ends = brace_ends(frame)
+    chosen = []
+    for k, entry in enumerate(conditions.joint):
+        chosen.append(
+            (
+                f"{where}: joint[{k + 1}]",
+                entry,
+                [
+                    d
+                    for d in ends
+                    if d.at == entry.at
+                    and (not entry.bay or d.bay in entry.bay)
+                    and (not entry.leg or d.leg in entry.leg)
+                    and (entry.end == "all" or d.upper == (entry.end == "upper"))
+                ],
+            )
+        )
+    welds = [[girth(frame, e.part, e.z_m, f"{where}: girth[{k + 1}]")] for k, e in enumerate(conditions.girth)]
+    return hot_spots(conditions, chosen, ends, welds)
+
+
+def refuse_tables(conditions: Conditions, where: str, *names: str, reason: str) -> None:
+    """Raises InputError where a fatigue.toml has tables of another kind of model."""
+    for name in names:
+        if getattr(conditions, name):
+            raise InputError(f"{where}: {name}", reason, "take it out")
+
+
+def hot_spots(
+    conditions: Conditions,
+    chosen: Sequence[tuple[str, Sides, Sequence[Detail]]],
+    ends: Sequence[Detail],
+    welds: Sequence[Sequence[Detail]],
+) -> tuple[tuple[Detail, ...], tuple[HotSpot, ...]]:
+    """Of brace ends that tables (where, table, details) choose among all `ends`, and of the girth welds (a list for each
+    [[girth]])."""
     details: list[Detail] = []
     spots: list[HotSpot] = []
     number: dict[tuple, int] = {}
@@ -207,22 +256,11 @@ def find_details(frame: Frame, conditions: Conditions, where: str) -> tuple[tupl
             details.append(detail)
         return number[key]
 
-    for k, entry in enumerate(conditions.joint):
-        here = f"{where}: joint[{k + 1}]"
-        chosen = [
-            d
-            for d in ends
-            if d.at == entry.at
-            and (not entry.bay or d.bay in entry.bay)
-            and (not entry.leg or d.leg in entry.leg)
-            and (entry.end == "all" or d.upper == (entry.end == "upper"))
-        ]
-        if not chosen:
-            raise InputError(here, "chooses no brace end of the model", "widen bay, leg or end")
-        for detail in chosen:
-            for side, factors in (("chord", entry.chord), ("brace", entry.brace)):
-                if factors is None:
-                    continue
+    for here, entry, found in chosen:
+        if not found:
+            raise InputError(here, "chooses no brace end of the model", "widen what narrows it")
+        for detail in found:
+            for side, factors in _factors(entry, detail, ends, here):
                 at = index(detail)
                 if (at, side) in sides:
                     raise InputError(
@@ -233,15 +271,86 @@ def find_details(frame: Frame, conditions: Conditions, where: str) -> tuple[tupl
                 sides.add((at, side))
                 tube = (detail.beam if side == "brace" else detail.chord).tube
                 spots += _round(at, side, factors, _thickness(conditions, entry.curve, tube.thickness_m), entry.curve)
-    for k, entry in enumerate(conditions.girth):
-        detail = girth(frame, entry.part, entry.z_m, f"{where}: girth[{k + 1}]")
+    for entry, found in zip(conditions.girth, welds, strict=True):
         by = Factors(
             axial_crown=entry.factor, axial_saddle=entry.factor, in_plane=entry.factor, out_of_plane=entry.factor
         )
-        at = index(detail)
-        wall = detail.beam.tube.thickness_m
-        spots += _round(at, "weld", by, _thickness(conditions, entry.curve, wall), entry.curve)
+        for detail in found:
+            at = index(detail)
+            wall = detail.beam.tube.thickness_m
+            spots += _round(at, "weld", by, _thickness(conditions, entry.curve, wall), entry.curve)
     return tuple(details), tuple(spots)
+
+
+def _factors(entry: Sides, detail: Detail, ends: Sequence[Detail], where: str) -> list[tuple[str, Factors]]:
+    """(side, factors) as stated, or by Efthymiou's equations."""
+    if entry.efthymiou is None:
+        return [(side, f) for side, f in (("chord", entry.chord), ("brace", entry.brace)) if f is not None]
+    return list(zip(("chord", "brace"), _by_geometry(entry.efthymiou, detail, ends, where), strict=True))
+
+
+def _by_geometry(entry: Efthymiou, detail: Detail, ends: Sequence[Detail], where: str) -> tuple[Factors, Factors]:
+    """(chord, brace), none below the stated least. Raises InputError outside the equations' ranges, and of a K without a
+    second brace."""
+    own = _geometry(entry, detail)
+    if beyond := efthymiou.beyond_validity(own, entry.gap_m):
+        raise InputError(
+            f"{where}.efthymiou",
+            f"{detail.name}: {'; '.join(beyond)}, for which the equations hold",
+            "give chord and brace factors of such joints, of a finite-element model",
+        )
+    if entry.kind == "T/Y":
+        both = efthymiou.tee(own, entry.chord_fixity)
+    elif entry.kind == "X":
+        both = efthymiou.cross(own)
+    else:
+        partner = _partner(detail, ends)
+        if partner is None:
+            raise InputError(
+                f"{where}.efthymiou",
+                f"{detail.name}: there is no second brace in its plane, on its side of "
+                "the chord, that leans the other way",
+                'take kind = "T/Y"',
+            )
+        both = efthymiou.kay(own, _geometry(entry, partner), entry.gap_m)
+    return tuple(
+        Factors(**{name: max(entry.least, getattr(one, name)) for name in Factors.model_fields}) for one in both
+    )
+
+
+def _geometry(entry: Efthymiou, detail: Detail) -> efthymiou.Geometry:
+    chord, brace = detail.chord.tube, detail.beam.tube
+    return efthymiou.Geometry(
+        chord_diameter_m=chord.diameter_m,
+        chord_wall_m=chord.thickness_m,
+        chord_length_m=entry.chord_length_m,
+        brace_diameter_m=brace.diameter_m,
+        brace_wall_m=brace.thickness_m,
+        angle_deg=float(np.degrees(np.arccos(min(1.0, abs(detail.along @ detail.chord_along))))),
+    )
+
+
+def _partner(detail: Detail, ends: Sequence[Detail]) -> Detail | None:
+    """The other brace of a K: at the same place of the same chord, in its plane and on its side, leaning the other way;
+    the nearest in diameter where there are several."""
+
+    def across(one: Detail) -> np.ndarray:
+        return one.away - detail.chord_along * (detail.chord_along @ one.away)
+
+    mine = across(detail)
+    found = []
+    for other in ends:
+        if other.part == detail.part or other.at != detail.at or np.linalg.norm(other.place_m - detail.place_m) > 1e-3:
+            continue
+        theirs = across(other)
+        cosine = mine @ theirs / (np.linalg.norm(mine) * np.linalg.norm(theirs))
+        leaning = (detail.away @ detail.chord_along) * (other.away @ detail.chord_along)
+        if cosine > ONE_PLANE and leaning < 0:
+            found.append(other)
+    if not found:
+        return None
+    size = detail.beam.tube.diameter_m
+    return min(found, key=lambda d: abs(d.beam.tube.diameter_m - size))
 
 
 def _round(at: int, side: str, f: Factors, scale: float, curve: str) -> list[HotSpot]:

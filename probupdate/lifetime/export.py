@@ -32,6 +32,7 @@ from probupdate.mode_labels import mode_character
 from probupdate.model import ModalSolution, Model
 from probupdate.modes import ModalData
 from probupdate.progress import Progress, silent
+from probupdate.result_table import table_of
 from probupdate.structure.load import load_model, matrices_file, model_sensors
 from probupdate.structure.matrices import read_archive
 from probupdate.structure.parameter_table import read_toml
@@ -39,6 +40,8 @@ from probupdate.structure.subdyn_model import beside, is_subdyn, subdyn_model
 from probupdate.structure.subdyn_values import applied, unspeakable
 
 if TYPE_CHECKING:
+    import pandas as pd
+
     from probupdate.lifetime.fatigue_files import FatigueInput
 
 # draws of the joint distribution that is written, for its check against the posterior's
@@ -88,12 +91,16 @@ class Export:
     left_out: tuple[str, ...]
     truncation: float | None
 
-    def text(self) -> str:
-        """One JSON object."""
-        return json.dumps({
+    def content(self) -> dict:
+        """What --json prints beside the files."""
+        return {
             "folder": str(self.folder), "files": dict(self.files), "draws": len(self.draws), "verdict": self.standing.remark,
             "converged": self.standing.converged, "diagnosis": self.standing.diagnosis, "left_out": list(self.left_out),
-            "superelement_truncation_first_pair": self.truncation})  # fmt: skip
+            "superelement_truncation_first_pair": self.truncation}  # fmt: skip
+
+    def to_frame(self) -> pd.DataFrame:
+        """A row a file, with its SHA-256."""
+        return table_of([{"path": name, "sha256": text} for name, text in self.files.items()], ("path", "sha256"))
 
     @property
     def summary(self) -> str:
@@ -364,15 +371,20 @@ class _Damping:
         return [{label: float(values[k]) for label, values in self.ratio.items()} for k in range(n)]
 
 
+def refuse_without_members(path: Path) -> None:
+    """Raises InputError for a model that has no members with groups to name: matrices, a SubDyn file alone."""
+    if path.suffix != ".toml" or "matrices" in read_toml(path):
+        raise InputError(str(path), "stresses are made of members: of a turbine's model.toml, or of a SubDyn model's TOML",
+                         "leave --fatigue out, or describe the structure in one of them")  # fmt: skip
+
+
 def _fatigue(files: _Files, given: FatigueInput | None, model: Model, path: Path, draws, solved, damping: _Damping, left_out,
              seed: int, progress: Progress) -> dict | None:  # fmt: skip
     """fatigue.csv and what follows from it; a line of `left_out` where there is nothing to make it of."""
     if given is None:
         left_out.append("fatigue.csv, reliability.csv: no fatigue.toml was given (--fatigue)")
         return None
-    if path.suffix != ".toml" or is_subdyn(path) or "matrices" in read_toml(path):
-        raise InputError(str(path), "stresses are made of a turbine described by members (model.toml) only",
-                         "leave --fatigue out, or describe the turbine in a model.toml")  # fmt: skip
+    refuse_without_members(path)
     from probupdate.lifetime.fatigue_files import assess, frequency_factors, write_fatigue
 
     sensors = model_sensors(path) or None

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from probupdate.estimators import components
+from probupdate.estimators.components import candidates, whitened_at
 from probupdate.estimators.laplace import Laplace, prior_residual
 from probupdate.modes import frozen_array
 from probupdate.problem import Problem
@@ -90,45 +90,40 @@ def worth(
     Of a tolerance that becomes known the part that acts on stress directly goes too (parameters and tolerances together);
     of more data it is what comes through the parameters.
     """
-    _, sensitivity = problem.sensitivity(laplace.theta)
-    _, prior_slope = prior_residual(problem.parameters, laplace.theta)
-    X, B = problem.noise_root @ sensitivity, problem.noise_root @ problem.factor
-    now = components._Whitened(X, B, prior_slope.T @ prior_slope)
+    now = whitened_at(problem, laplace)
     sources = () if problem.error is None else problem.error.sources
     through = np.einsum("ij,jk,ik->i", slope, now.covariance(), slope)
     n = slope.shape[1]
     own = np.zeros((len(slope), len(sources))) if direct is None else direct * np.array([s.std for s in sources])
-    both, A = np.hstack([slope, own]), np.hstack([X, B])
+    both, A = np.hstack([slope, own]), np.hstack([now.slope, now.factor])
     precision = A.T @ A
-    precision[:n, :n] += prior_slope.T @ prior_slope
+    precision[:n, :n] += now.prior
     precision[n:, n:] += np.eye(len(sources))
     whole = np.einsum("ij,ji->i", both, np.linalg.solve(precision, both.T))
-    checks: dict[tuple[str, str], list[int]] = {}
-    for k, source in enumerate(sources):
-        checks.setdefault((source.group, source.check), []).append(k)
     found = []
-    for what, P in components._candidates(problem, laplace, now):
-        if checks:
-            # in the order in which they are listed, before all others
-            known = checks.pop(next(iter(checks)))
-            kept = np.setdiff1d(np.arange(n + len(sources)), n + np.array(known))
+    for one in candidates(problem, laplace, now):
+        if one.known:
+            kept = np.setdiff1d(np.arange(n + len(sources)), n + np.array(one.known))
             part = both[:, kept]
-            left = np.einsum("ij,ji->i", part, np.linalg.solve(precision[np.ix_(kept, kept)], part.T))
-            found.append((what, np.maximum(whole - left, 0.0)))
+            gone = whole - np.einsum("ij,ji->i", part, np.linalg.solve(precision[np.ix_(kept, kept)], part.T))
         else:
-            found.append((what, np.maximum(through - np.einsum("ij,jk,ik->i", slope, P, slope), 0.0)))
+            gone = through - np.einsum("ij,jk,ik->i", slope, one.covariance, slope)
+        found.append((one.what, np.maximum(gone, 0.0)))
     return sorted(found, key=lambda item: -float(np.max(item[1])))
 
 
-def tolerance_draws(problem: Problem, thetas: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+def tolerance_draws(
+    problem: Problem, thetas: np.ndarray, rng: np.random.Generator, *, response: np.ndarray | None = None
+) -> np.ndarray:
     """(n, n_source) draws of the tolerances in their units, departures from what is stated, given the data and each of
-    thetas (n, n_param): Gaussian, as responses are linear in them; the mean that is expected of a source in it."""
+    thetas (n, n_param): Gaussian, as responses are linear in them; the mean that is expected of a source in it.
+    `response`: the problem's prediction (n, n_response) at thetas, where it is known already."""
     std = np.array([s.std for s in problem.error.sources])
     mean = np.array([s.mean for s in problem.error.sources])
     B = problem.noise_root @ problem.factor
     root = np.linalg.cholesky(np.linalg.inv(np.eye(B.shape[1]) + B.T @ B))
-    residual = np.array(
-        [problem.noise_root @ (problem.measured - problem.predict(theta) - problem.mean) for theta in thetas]
-    )
+    response = problem.predict_many(thetas).response if response is None else response
+    # what a source is expected to do (its mean) is in the prediction
+    residual = (problem.measured - response) @ problem.noise_root.T
     unit = residual @ B @ (root @ root.T) + rng.standard_normal((len(thetas), B.shape[1])) @ root.T
     return mean + std * unit

@@ -21,7 +21,8 @@ from probupdate.lifetime.stress import Response, StressModel, stress_model
 from probupdate.modes import Sensor, frozen_array
 from probupdate.parameters import Parameters
 from probupdate.progress import Progress, silent
-from probupdate.structure.description import Description
+from probupdate.structure.description import Description, read_description
+from probupdate.structure.subdyn_model import is_subdyn
 from probupdate.structure.turbine_frame import build_frame
 
 YEAR_S = 365.25 * 86400
@@ -154,14 +155,9 @@ def fatigue_model(
 ) -> FatigueModel:
     """Of a model.toml's turbine, on all degrees of freedom. `conditions`: a fatigue.toml, or what was read of one, with
     the `spectra` that its states name (state -> Hz, N^2/Hz)."""
-    path = None if isinstance(conditions, Conditions) else Path(conditions)
-    known = conditions if path is None else read_conditions(path)
-    spectra = dict(spectra or {}) if path is None else thrust_spectra(known, path)
-    if missing := [s.name for s in known.state if s.thrust_spectrum and s.name not in spectra]:
-        raise InputError(
-            f"state {missing[0]}, thrust_spectrum", "is a file beside a fatigue.toml", "give that file's path"
-        )
-    details, spots = find_details(build_frame(description), known, str(path or where))
+    known, path, spectra = _known(conditions, spectra)
+    frames = [build_frame(description, d.heading_deg) for d in known.direction]
+    details, spots = find_details(frames[0], known, str(path or where))
     models = tuple(
         stress_model(
             description,
@@ -172,10 +168,54 @@ def fatigue_model(
             parameters=parameters,
             sensors=sensors,
             spectra=spectra,
+            frame=frame,
         )
-        for d in known.direction
+        for d, frame in zip(known.direction, frames, strict=True)
     )
     return FatigueModel(models=models, details=details, spots=spots, conditions=known, method=method)
+
+
+def fatigue_model_of(
+    model: str | Path,
+    conditions: Conditions | str | Path,
+    *,
+    parameters: Parameters | None = None,
+    sensors: tuple[Sensor, ...] | None = None,
+    method: str = "dirlik",
+    spectra: Mapping[str, tuple[np.ndarray, np.ndarray]] | None = None,
+) -> FatigueModel:
+    """Of a model's file: a model.toml, or the TOML of a SubDyn model. Raises InputError for models without members."""
+    model = Path(model)
+    if not is_subdyn(model):
+        return fatigue_model(
+            read_description(model), str(model), conditions, parameters=parameters, sensors=sensors, method=method,
+            spectra=spectra,
+        )  # fmt: skip
+    from probupdate.lifetime.subdyn_stress import find_subdyn_details, opened, subdyn_stress_model
+
+    known, path, spectra = _known(conditions, spectra)
+    own, where = opened(model), str(path or model)
+    details, spots = find_subdyn_details(own, known, where)
+    models = tuple(
+        subdyn_stress_model(
+            own, details, known, where, heading_deg=d.heading_deg, parameters=parameters, sensors=sensors,
+            spectra=spectra,
+        )
+        for d in known.direction
+    )  # fmt: skip
+    return FatigueModel(models=models, details=details, spots=spots, conditions=known, method=method)
+
+
+def _known(conditions: Conditions | str | Path, spectra) -> tuple[Conditions, Path | None, dict]:
+    """What a fatigue.toml says, its path, and the spectra of thrust that it names."""
+    path = None if isinstance(conditions, Conditions) else Path(conditions)
+    known = conditions if path is None else read_conditions(path)
+    spectra = dict(spectra or {}) if path is None else dict(thrust_spectra(known, path))
+    if missing := [s.name for s in known.state if s.thrust_spectrum and s.name not in spectra]:
+        raise InputError(
+            f"state {missing[0]}, thrust_spectrum", "is a file beside a fatigue.toml", "give that file's path"
+        )
+    return known, path, spectra
 
 
 def basis_error(full: FatigueModel, reduced: FatigueModel, thetas: Sequence[np.ndarray]) -> float:

@@ -11,7 +11,15 @@ import numpy as np
 from probupdate.estimators.laplace import Laplace
 from probupdate.lifetime.conditions import Conditions
 from probupdate.lifetime.factors import PARTS, Gains, gains, tolerance_draws, worth
-from probupdate.lifetime.fatigue import SLOPES, FatigueModel, Stress, basis_error, fatigue_model, solve_many
+from probupdate.lifetime.fatigue import (
+    SLOPES,
+    FatigueModel,
+    Stress,
+    basis_error,
+    fatigue_model,
+    fatigue_model_of,
+    solve_many,
+)
 from probupdate.lifetime.reliability import DamageCurve, Reliability, life_quantiles, reliability, simulated_index
 from probupdate.modes import Sensor
 from probupdate.parameters import Parameters
@@ -88,7 +96,7 @@ def assess(
     """Fatigue and reliability at the design (initial parameters, the file's damping), over the prior and over draws
     (n_draw, n_param) of the posterior with their damping ratios."""
     rng = np.random.default_rng(seed)
-    full = fatigue_model(read_description(path), str(path), given.file, parameters=parameters, sensors=sensors)
+    full = fatigue_model_of(path, given.file, parameters=parameters, sensors=sensors)
     prior = parameters.draw(rng, PRIOR_DRAWS)
     half = BASIS_OF // 2
     model = full.reduced([*draws[rng.permutation(len(draws))[:half]], *prior[:half]])
@@ -207,10 +215,13 @@ def tolerance_slopes(
     """d ln DEL_5 / d u (n_spot, n_source) per unit of each source, by central differences of half a standard deviation
     about the maximum, under the heading of the largest share; zero of sensors' sources, which load nothing."""
     uncertainty = given.problem.model.uncertainty
-    rows = uncertainty._rows
+    rows = getattr(uncertainty, "tolerances", ())
+    if not rows:
+        # a SubDyn model's TOML states none of the structure
+        return np.zeros((len(few.spots), len(given.problem.error.sources)))
     base = few.parameters
     description = extended_description(path, [row.effect for row in rows])
-    model = uncertainty._extended
+    model = uncertainty.extended
     by_name = {p.name: p for p in model.parameters}
     parameters = Parameters((*base, *(by_name[row.effect.name] for row in rows)))
     most = max(few.conditions.direction, key=lambda d: d.share)
@@ -254,7 +265,7 @@ def same_spots(other: FatigueModel, own: FatigueModel) -> list[int]:
 def _with_causes(given, few, curve, dampings, progress, left_out) -> dict[str, tuple[np.ndarray, np.ndarray]]:
     named = given.named
     description = read_description(named.path)
-    model = fatigue_model(description, str(named.path), given.file)
+    model = fatigue_model_of(named.path, given.file)
     if tuple(model.parameters.names) != tuple(named.names):
         left_out.append(f"causes in reliability.csv: {named.path.name} has other parameters than its posterior")
         return {}

@@ -50,6 +50,8 @@ N_MODE, N_WAVE = 30, 20
 # energy of a snapshot, relative, that the basis may leave out
 BASIS_TOLERANCE, LOAD_TOLERANCE = 1e-10, 1e-3
 LABELLED = 10
+# modes whose eigenvalues differ by less than this, relative, are equal but for rounding
+EQUAL = 1e-9
 # modes nearer than this, relative, are a pair
 CLOSE = 0.1
 MANY_TERMS = 60
@@ -152,8 +154,11 @@ class StressModel:
         slow = [inertia, *(np.repeat(sigma, 3)[:, None] * drag for sigma in self._speeds)]
         wave = self.waves.spread @ np.hstack([part(x) for x in slow for part in (np.real, np.imag)])
         # loads of neighbouring frequencies and states are much alike
+        # on the axis of the waves' phase one part of each load is zero
+        norm = np.linalg.norm(wave, axis=0)
+        wave = wave[:, norm > 1e-12 * norm.max(initial=0.0)]
         left, size, _ = np.linalg.svd(wave / np.linalg.norm(wave, axis=0), full_matrices=False)
-        wave = left[:, size > LOAD_TOLERANCE * size[0]]
+        wave = left[:, size > LOAD_TOLERANCE * size.max(initial=0.0)]
         snapshots = []
         for theta in thetas:
             K, _ = self.model.matrices(theta)
@@ -374,19 +379,20 @@ class StressModel:
         dscale = np.array([np.imag(self._scale(row)) / STEP for row in stepped])
         g = 2 * ratio * np.sqrt(value)
         gap = value[None, :] - value[:, None]
-        np.fill_diagonal(gap, 1.0)
+        # one mode, or a pair that symmetry makes equal: there the damping's change has a limit of its own
+        one = np.abs(gap) <= EQUAL * value[None, :]
+        gap[one] = 1.0
         K, M, C, RK, RM = [], [], [], [], []
         for k in range(theta.size):
             dK, dM = (U.T @ _weighted(ts, c[:, k]) @ U for ts, c in ((Kt, dcK), (Mt, dcM)))
-            W = (dK - dM * value[None, :]) / gap
-            np.fill_diagonal(W, -0.5 * np.diag(dM))
-            dvalue = np.diag(dK) - value * np.diag(dM)
+            change = dK - dM * value[None, :]
+            W = np.where(one, -0.5 * dM, change / gap)
             dC = (
                 dM * g[None, :]
                 + g[:, None] * dM
                 + W * g[None, :]
                 + (W * g[None, :]).T
-                + np.diag(ratio / np.sqrt(value) * dvalue)
+                + np.where(one, ratio / np.sqrt(value) * change, 0.0)
             )
             K.append(dK)
             M.append(dM)
@@ -505,13 +511,15 @@ def stress_model(
     parameters: Parameters | None = None,
     sensors: tuple[Sensor, ...] | None = None,
     spectra: Mapping[str, tuple[np.ndarray, np.ndarray]] | None = None,
+    frame: Frame | None = None,
 ) -> StressModel:
     """Of one heading of wind, waves and nacelle, on all degrees of freedom. `details` as `details.find_details` names
-    them in the frame of any heading; loads are those of the members as the file's values have them."""
+    them in the frame of any heading; loads are those of the members as the file's values have them. `frame`: that of
+    the description at this heading, where it has been built already."""
+    frame = build_frame(description, heading_deg) if frame is None else frame
     model = turbine_model(
-        description, where=where, parameters=parameters, sensors=sensors, nacelle_angle_deg=heading_deg
+        description, where=where, parameters=parameters, sensors=sensors, nacelle_angle_deg=heading_deg, frame=frame
     )
-    frame = build_frame(description, heading_deg)
     transform = transformation(frame)
     values = description.values | {p.name: p.initial for p in model.parameters}
     details = tuple(
@@ -639,18 +647,18 @@ def _waves(d: Description, frame: Frame, transform, details: Sequence[Detail], v
             diameter.append(outer)
             length.append(weight * size)
     n = 3 * len(position)
-    spread = _placed(blocks, (transform.shape[0], n))
+    spread = placed_blocks(blocks, (transform.shape[0], n))
     return Waves(
         position_m=frozen_array(np.array(position).reshape(-1, 3)),
         along=frozen_array(np.array(along).reshape(-1, 3)),
         diameter_m=frozen_array(diameter),
         length_m=frozen_array(length),
         spread=sparse.csr_array(transform.T @ spread),
-        of_details=_placed(own, (3 * len(details), n)),
+        of_details=placed_blocks(own, (3 * len(details), n)),
     )
 
 
-def _placed(blocks, shape) -> sparse.csr_array:
+def placed_blocks(blocks, shape) -> sparse.csr_array:
     if not blocks:
         return sparse.csr_array(shape)
     rows = np.concatenate([np.repeat(r, len(c)) for r, c, _ in blocks])

@@ -116,9 +116,10 @@ def _actions(content: Mapping) -> list[object]:
 
 def _hidden_beside_found(hidden: Sequence[str], findings: Sequence[Mapping]) -> Table:
     rows = [(h, f) for h, f in zip_longest(hidden, map(wording.finding_words, findings), fillvalue="-")]
-    return Table(caption="What was hidden in this virtual campaign, and what was found without being told",
+    return Table(caption="What was hidden in this virtual campaign, and what the diagnosis found",
                  columns=(Column(name="hidden", number=False), Column(name="found", number=False)), rows=tuple(rows),
-                 note="Each in its own order. Sizes of findings are departures: a factor of 0.75 is -25 %.")  # fmt: skip
+                 note="Each in its own order. Sizes of findings are changes from the neutral value: a factor of 0.75 "
+                      "is -25 %.")  # fmt: skip
 
 
 def _findings_table(findings: Sequence[Mapping]) -> Table:
@@ -131,10 +132,10 @@ def _findings_table(findings: Sequence[Mapping]) -> Table:
     )  # fmt: skip
     columns = (Column(name="no."), Column(name="kind", number=False), Column(name="cause, place", number=False),
                Column(name="size with standard "
-                           "deviation"), Column(name="course", number=False), Column(name="z", unit="-"),
+                           "deviation"), Column(name="time profile", number=False), Column(name="z", unit="-"),
                Column(name="probability", unit="-"), Column(name="the same before the data", unit="-"),
                Column(name="or else", number=False))  # fmt: skip
-    return Table(caption="Findings, in the order in which they were taken in", columns=columns, rows=rows,
+    return Table(caption="Findings, in the order in which they were included", columns=columns, rows=rows,
                  note="A size is what goes beyond the drawing or data sheet; its standard deviation counts "
                       "tolerances and what "
                  "else is normal. z: the score at which it was found.")
@@ -157,23 +158,23 @@ def _changes(changes: object) -> list[object]:
 def _remaining(run: Run, content: Mapping, shown: Mapping) -> list[object]:
     states = shown["states"]
     both = len(states) > 1
-    then = " before and after the findings are taken in" if both else ""
+    then = " before and after the findings are included" if both else ""
     items: list[object] = [Text(paragraphs=(
-        f"What remains of the measurement after the best update of the model,{then or ' which found nothing'}. Bands "
-        "and deviations hold noise, tolerances and what no model of beams gets right, less what the fit itself took.",
+        f"Residuals of the measurement after the best update of the model,{then or ' which found nothing'}. Bands "
+        "and standard deviations hold noise, tolerances and model discrepancy, less what the fit itself absorbed.",
     ))]  # fmt: skip
     items.append(_picture(figures.mode_residuals(shown["modes"], states), "moderest",
                           "Frequencies: measured less model on average. Bars hold 90 % when nothing is wrong. A close "
                           "pair has two fixed axes and the coupling between them, as its modes turn with the nacelle."))
     if any(row["channels"] for row in shown["channels"]):
         items.append(_picture(figures.residual_map(shown["channels"], states), "restmap",
-                              "Shapes, mode by channel: colour in deviations of what is normal, numbers (from two "
-                              "deviations) in per cent of the shape's largest component. A row of one colour is a "
-                              "sensor; a column, the structure."))  # fmt: skip
+                              "Shapes, mode by channel: colour in standard deviations of normal variation, numbers "
+                              "(from two of them) in per cent of the shape's largest component. A row of one colour is "
+                              "a sensor; a column, the structure."))  # fmt: skip
     if shown.get("sensors"):
         items.append(_picture(figures.residual_layout(shown["sensors"], shown["channels"], states), "restplace",
                               "The same at the sensors' places, each level from above: a channel's arrow has the "
-                              "colour of the mode in which it departs most."))  # fmt: skip
+                              "colour of the mode of its largest residual."))  # fmt: skip
     since = [f["since"] for f in content["findings"] if f.get("since")]
     time = shown["time"]
     items.append(_picture(
@@ -205,13 +206,14 @@ def _slopes(tables: Sequence[Mapping], states: Sequence[str]) -> list[object]:
             if abs(s["slope_z"][-1] or 0.0) > chance]  # fmt: skip
     note = f"Of as many, chance alone gives |z| = {chance:.1f} once in twenty records."
     if len(states) > 1:
-        note = f"Before → after the findings are taken in. {note}"
-    items: list[object] = [Table(caption="Does a frequency follow its surroundings?", columns=columns, rows=rows,
+        note = f"Before → after the findings are included. {note}"
+    items: list[object] = [Table(caption="Does a frequency follow the environmental and operational conditions?",
+                                 columns=columns, rows=rows,
                                  note=note, marked=frozenset(names.index(n) for _, n, _ in left))]  # fmt: skip
     if left:
         statements = tuple(f"{name} follows the {wording.column_words(column)} by more than chance (z = {fixed(z, 1)})."
                            for column, name, z in left)  # fmt: skip
-        items.append(Items(title="Left, and not named", level="warning", statements=statements))
+        items.append(Items(title="Residual, and not named", level="warning", statements=statements))
     return items
 
 
@@ -232,7 +234,7 @@ def _bands_table(bands: Sequence[Mapping], states: Sequence[str]) -> Table:
                Column(name="within 90 % bands (expected)", unit="%"), Column(name="p of all", unit="-"))  # fmt: skip
     return Table(caption="Do the bands hold what they say?", columns=columns, rows=tuple(rows),
                  note="Along independent directions of the full predictive covariance. More than expected: the bands "
-                 "are wider than this record needs, as model form is allowed for; fewer: something is left.")
+                 "are wider than this record needs, as model form is allowed for; fewer: some residual is unexplained.")
 
 
 def _pushed(content: Mapping, shown: Mapping | None) -> list[object]:
@@ -257,8 +259,8 @@ def _measurement(content: Mapping, shown: Mapping | None) -> list[object]:
     items: list[object] = []
     rows = (shown or {}).get("measurement") or ()
     if rows:
-        columns = (Column(name="test", number=False), Column(name="course", number=False),
-                   Column(name="places tried"), Column(name="stands out most", number=False),
+        columns = (Column(name="test", number=False), Column(name="time profile", number=False),
+                   Column(name="places tried"), Column(name="largest score at", number=False),
                    Column(name="z", unit="-"),
                    Column(name="size that fits best"), Column(name="tolerance"))  # fmt: skip
         table = tuple(
@@ -268,7 +270,7 @@ def _measurement(content: Mapping, shown: Mapping | None) -> list[object]:
             for r in rows
         )  # fmt: skip
         threshold = content.get("threshold")
-        note = "At the best update of the model as it is, before any finding is taken in"
+        note = "At the best update of the model as it is, before any finding is included"
         items.append(Table(caption="The measurement's own tests", columns=columns, rows=table,
                            note=note + (f"; |z| up to {threshold:.1f} is chance." if threshold else ".")))
     told = content["details"].get("measurement")

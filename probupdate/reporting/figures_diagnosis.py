@@ -63,7 +63,7 @@ def causes(findings: Sequence[Mapping]) -> Figure:
     axes.invert_yaxis()
     axes.set_xlim(0, 1.12)
     axes.grid(axis="y", visible=False)
-    label_axes(axes, "posterior probability among its rivals [-]", "cause, place")
+    label_axes(axes, "posterior probability among competing hypotheses [-]", "cause, place")
     return figure
 
 

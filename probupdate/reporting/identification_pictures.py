@@ -185,7 +185,7 @@ def mode_drawings(modes: ModalData) -> Iterator[Drawing]:
     if known:
         frequency, std = np.array([s.frequency_hz for s in sets]), np.array([s.frequency_std_hz for s in sets])
         yield Drawing(name="conditions", figure=draw.against_conditions(labels, frequency, std, known),
-                      caption="Departure of each frequency from its median against what was recorded beside it; bars: "
+                      caption="Change of each frequency from its median against the recorded conditions; bars: "
                       "identification's own standard deviations where known. Nothing is fitted here.")
 
 

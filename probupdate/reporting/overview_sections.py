@@ -209,7 +209,7 @@ def _fit_tile(update: UpdateRecord) -> Tile:
     return Tile(label="misfit at the most probable parameters", level=fit_level(update),
                 value=f"{number(ratio, 2)} standard deviations",
                 detail=f"root mean square over {update.n_effective} effective responses; a true model with right "
-                "deviations has 1")
+                "standard deviations has 1")
 
 
 def mode_words(labels) -> str:
@@ -334,7 +334,7 @@ def _known_together(run: Run) -> list[str]:
 
 def provenance_section(run: Run) -> Section:
     columns = (Column(name="what", number=False), Column(name="value", number=False))
-    items: list[object] = [Table(caption="Versions, settings and fingerprints", columns=columns, rows=run.provenance)]
+    items: list[object] = [Table(caption="Versions, settings and hashes", columns=columns, rows=run.provenance)]
     if run.missing:
         items.append(Items(title="Not found in this run", statements=run.missing))
     return Section(anchor="provenance", title="Provenance", items=tuple(items),

@@ -56,7 +56,7 @@ def posterior_section(run: Run) -> Section:
         svg=figures.svg_text(stepped, "traces"),
         caption="Whether the chains have settled. Traces: all walkers at every step; a drift, or a width that still "
         "changes, has not settled. Ranks: parts of the chains against all draws; lines that leave the grey band mean "
-        "that the parts do not tell the same.")
+        "that the parts disagree.")
     items.append(
         Picture(svg=figures.svg_text(figures.marginals(parameters.items, draws, points), "marginals"),
                 caption="Each parameter's posterior (filled), prior (dashed) and point estimates. Grey ground: outside "
@@ -188,7 +188,7 @@ def _truth_table(run: Run) -> Table | None:
         note += (
             "m_h and a_m enter both turbines alike. k_j, k_t, k_TP, k_p and LJF multiply members that the virtual one "
             "has with other element theory and walls and joints off their drawings by a per cent or two. py, tz and qw "
-            "stretch another soil's curves, leg by leg drawn anew, and correspond on the average of the legs only. "
+            "scale another soil's curves, leg by leg drawn anew, and correspond on the average of the legs only. "
         )
     others = [n for n in run.truth["parameters"] if n not in update.parameters.names]
     if others:

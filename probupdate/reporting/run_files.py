@@ -239,11 +239,11 @@ def _provenance(folder, places, head, model, update, posterior):
     if model is not None:
         yield "model", model.name
     if update is not None:
-        yield "fingerprint of the update's problem", update.fingerprint[:16]
+        yield "hash of the update's problem", update.fingerprint[:16]
         for key, value in update.settings.items():
             yield from _said(f"update: {key}", value)
     if posterior is not None:
-        yield "fingerprint of the posterior's problem", posterior.fingerprint[:16]
+        yield "hash of the posterior's problem", posterior.fingerprint[:16]
         for key, value in posterior.record.items():
             if key not in ("map", "notes"):
                 yield from _said(f"posterior: {key}", value)

@@ -96,7 +96,7 @@ def information_section(run: Run) -> Section | None:
         items.append(Items(title="Did the prior expect these data?",
                            statements=tuple(sentence(t, names) for t in found.check.sentences)))
     return Section(anchor="information", title="Information", items=tuple(items),
-                   lead="What the data can tell of each parameter, and which to update.")
+                   lead="Information in the data about each parameter, and which to update.")
 
 
 def _information_table(found: Information, jacket: bool) -> Table:

@@ -30,7 +30,7 @@ SCHEME_WORDS = {
     "prior": "prior penalty (anchored)",
 }
 SOIL_NOTE = (
-    "py, tz and qw stretch the displacement axis of the API curves: a spring's initial stiffness is proportional to "
+    "py, tz and qw scale the displacement axis of the API curves: a spring's initial stiffness is proportional to "
     "1/factor, so a factor below one means a stiffer soil. The pile-head stiffnesses are what can be judged."
 )
 
@@ -93,7 +93,7 @@ def update_section(run: Run) -> Section:
             caption="The iterations of both readings of Eq. 7. The printed one penalises the step from the previous "
             "iterate: the parameters' term of J, the distance from the prior mean, may keep growing as it forgets the "
             "prior. The anchored one ends at the maximum of the posterior (MAP). Distance to the MAP: in posterior "
-            "deviations, root mean square over the parameters, drawn at 0.001 where it is less.",
+            "standard deviations, root mean square over the parameters, drawn at 0.001 where it is less.",
         )
     )
     items += component_items(update)

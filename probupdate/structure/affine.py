@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -47,6 +47,15 @@ class AffineModel:
     wire_matrix: sparse.csr_array | None = None
     derived: Mapping[str, Callable[[np.ndarray], float]] = field(default_factory=dict)
     uncertainty: ModelUncertainty | None = None
+
+    def sharing(self, other: AffineModel) -> AffineModel:
+        """The same model, with the other's matrices in place of its own where these are equal: in memory once."""
+        def shared(own, others):
+            if len(own) != len(others):
+                return own
+            return tuple(b if _same(a, b) else a for a, b in zip(own, others, strict=True))
+
+        return replace(self, stiffness=shared(self.stiffness, other.stiffness), mass=shared(self.mass, other.mass))
 
     @property
     def n_dof(self) -> int:
@@ -155,6 +164,10 @@ class AffineModel:
         if self.parameters.correlation is not None:
             text.append(self.parameters.correlation.tobytes().hex())
         return hashlib.sha256("\n".join(text).encode()).hexdigest()
+
+
+def _same(a: sparse.csc_array, b: sparse.csc_array) -> bool:
+    return a.nnz == b.nnz and all(np.array_equal(getattr(a, part), getattr(b, part)) for part in ("data", "indices", "indptr"))
 
 
 class _Recent:

@@ -70,7 +70,7 @@ def load_model(
     if path.suffix.lower() == ".dat":
         if parameters is not None:
             raise InputError(str(path), "a SubDyn file alone has no parameters", "name groups and parameters in a TOML "
-                             "with [subdyn] file (README, OpenFAST models)")  # fmt: skip
+                             "with [subdyn] file (docs/formats/model.md)")  # fmt: skip
         return subdyn_model(path, sensors=sensors)
     if path.suffix != ".toml":
         raise _no_form(path)
@@ -181,8 +181,10 @@ def turbine_model(
     parameters: Parameters | None = None,
     sensors: Sequence[Sensor] | None = None,
     nacelle_angle_deg: float = 0.0,
+    frame: Frame | None = None,
 ) -> AffineModel:
-    """A turbine's frame as a model of its modes, with `derived` k_xy and k_z, a pile's head stiffness in N/m."""
+    """A turbine's frame as a model of its modes, with `derived` k_xy and k_z, a pile's head stiffness in N/m. `frame`:
+    `build_frame` of this description and heading, where it has been built already."""
     parameters = updated_of(description, where) if parameters is None else parameters
     known = {*NEUTRAL, *(p.name for p in description.effects)}
     for name in parameters.names:
@@ -190,7 +192,7 @@ def turbine_model(
             raise InputError(f"{where}: parameter {name}", "the model has no such parameter", nearest(name, known))
     values = description.values | {p.name: p.initial for p in parameters}
     try:
-        frame = build_frame(description, nacelle_angle_deg)
+        frame = build_frame(description, nacelle_angle_deg) if frame is None else frame
     except InputError as error:
         # what is built knows its parameters, not the file
         raise InputError(f"{where}: {error.where}", error.problem, error.remedy) from None

@@ -39,7 +39,7 @@ class LinearCoefficients:
 def load_matrices(path: str | Path, parameters: Parameters, *, name: str | None = None) -> AffineModel:
     """Read `model.npz` (interfaces.md, form 3); every mistake names the file and the key."""
     path = Path(path)
-    with of_file(path), parsing(str(path), "its arrays do not fit together", "export them anew (README, matrices)"):
+    with of_file(path), parsing(str(path), "its arrays do not fit together", "see docs/formats/model.md"):
         return _matrices(path, parameters, name)
 
 

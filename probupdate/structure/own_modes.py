@@ -6,6 +6,7 @@ import json
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy import sparse
@@ -16,6 +17,7 @@ from probupdate.mode_labels import mode_character
 from probupdate.model import ModalSolution, Model
 from probupdate.modes import Sensor, frozen_array
 from probupdate.parameters import Parameters
+from probupdate.result_table import table_of
 from probupdate.structure.affine import AffineModel
 from probupdate.structure.eigen import lowest_modes
 from probupdate.structure.functions import FunctionModel
@@ -23,8 +25,13 @@ from probupdate.structure.load import load_model, model_sensors
 from probupdate.structure.parameter_table import read_parameters, read_toml
 from probupdate.structure.subdyn_model import beside, is_subdyn
 
+if TYPE_CHECKING:
+    import pandas as pd
+
 # (0.1 Hz)^2 in (rad/s)^2: beside it a free motion's eigenvalue is rounding, and a structure's own keeps its digits
 SHIFT = (2 * np.pi * 0.1) ** 2
+# shapes of unit modal mass smaller than this, beside the largest, are rounding
+UNSEEN = 1e-9
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -49,6 +56,11 @@ class OwnModes:
     def text(self) -> str:
         """One JSON object."""
         return json.dumps(self.content())
+
+    def to_frame(self) -> pd.DataFrame:
+        """A row a mode."""
+        return table_of([{"mode": k, "label": label, "frequency_hz": f} for k, (label, f) in
+                         enumerate(zip(self.labels, self.frequency_hz, strict=True), 1)])
 
     @property
     def summary(self) -> str:
@@ -88,8 +100,8 @@ def own_modes(
             raise
         solution, free = _with_free_motions(opened, count)
         notes = (*notes, f"{free} of these are motions that nothing holds, at 0 Hz (a mechanism or a missing support)")
-    shape = solution.shape / np.where(np.abs(solution.shape).max(axis=0, initial=0) > 0,
-                                      np.abs(solution.shape).max(axis=0, initial=0), 1.0)  # fmt: skip
+    shape = _seen(solution.shape)
+    shape = shape / np.where(np.abs(shape).max(axis=0, initial=0) > 0, np.abs(shape).max(axis=0, initial=0), 1.0)
     return OwnModes(
         model=opened.name, frequency_hz=frozen_array(solution.frequency_hz), labels=_labels(opened, sensors, shape, count),
         channels=opened.channels, shape=frozen_array(shape), notes=notes,
@@ -139,4 +151,10 @@ def _labels(model: Model, sensors, shape: np.ndarray, count: int) -> tuple[str, 
         return tuple(f"mode {j + 1}" for j in range(count))
     nodes = tuple(Sensor(channel=f"{k}{axis}", level="", position_m=place, direction=np.eye(3)[a])
                   for k, place in enumerate(wire.node_m) for a, axis in enumerate("xyz"))  # fmt: skip
-    return mode_character(wire.displacement.reshape(-1, count), nodes).labels
+    return mode_character(_seen(wire.displacement.reshape(-1, count)), nodes).labels
+
+
+def _seen(shape: np.ndarray) -> np.ndarray:
+    """Shapes with those that are rounding alone set to zero: a pile's torsion moves no point of its axis."""
+    largest = np.abs(shape).max(axis=0, initial=0.0)
+    return np.where(largest > UNSEEN * largest.max(initial=0.0), shape, 0.0)

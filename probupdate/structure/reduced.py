@@ -15,7 +15,6 @@ from itertools import cycle, islice
 import numpy as np
 from scipy import linalg, sparse
 from scipy.sparse import csgraph
-from scipy.stats import qmc
 
 from probupdate.errors import ConvergenceError, InputError
 from probupdate.modes import plane_mac
@@ -133,6 +132,8 @@ class _PointSource:
     ones come from the cloud, each once before any comes again."""
 
     def __init__(self, lower, upper, cloud, seed, tolerance):
+        from scipy.stats import qmc
+
         self._sobol = qmc.Sobol(len(lower), seed=np.random.default_rng(seed))
         self._order = iter(()) if cloud is None else cycle(np.random.default_rng([seed, 1]).permutation(len(cloud)))
         self._lower, self._upper, self._cloud, self._tolerance = lower, upper, cloud, tolerance

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Annotated, Literal
@@ -25,6 +25,7 @@ from probupdate.structure.affine import AffineModel
 from probupdate.structure.parameter_table import KEYS, read_toml, updated_parameters
 from probupdate.structure.schema import Number, Table, Vector, nearest
 from probupdate.structure.subdyn_frame import (
+    Element,
     SubDynFrame,
     build_subdyn_frame,
     cross_matrix,
@@ -139,7 +140,7 @@ def read_description(raw: dict, path: Path) -> SubDynDescription:
         key = ".".join(str(step) for step in first["loc"])
         more = f" ({len(rest)} more mistakes in this file)" if rest else ""
         problem = "is no key here" if first["type"] == "extra_forbidden" else first["msg"]
-        raise InputError(f"{path}: {key}", problem, f"see README, OpenFAST models{more}") from None
+        raise InputError(f"{path}: {key}", problem, f"see docs/formats/model.md, a SubDyn file{more}") from None
 
 
 def beside(path: Path, name: str, key: str) -> Path:
@@ -250,7 +251,7 @@ def _model(file, description: SubDynDescription, path: Path, parameters: Paramet
 
 
 @dataclass(frozen=True, kw_only=True)
-class _Targets:
+class Targets:
     """What acts where: (act, id) -> names of parameters."""
 
     names: Mapping[tuple[str, int], tuple[str, ...]]
@@ -259,8 +260,8 @@ class _Targets:
         return self.names.get((act, id), ())
 
 
-def targets_of(file: SubDynFile, description: SubDynDescription, path: Path) -> _Targets:
-    groups = {name: _group(file, name, entry, path) for name, entry in description.group.items()}
+def targets_of(file: SubDynFile, description: SubDynDescription, path: Path) -> Targets:
+    groups = {name: group_of(file, name, entry, path) for name, entry in description.group.items()}
     names: dict[tuple[str, int], tuple[str, ...]] = {}
     seen = set()
     for p in description.parameter:
@@ -284,10 +285,10 @@ def targets_of(file: SubDynFile, description: SubDynDescription, path: Path) -> 
             for id in ids:
                 _check_target(file, p.acts, id, where)
                 names[p.acts, id] = (*names.get((p.acts, id), ()), p.name)
-    return _Targets(names=names)
+    return Targets(names=names)
 
 
-def _group(file: SubDynFile, name: str, entry: GroupEntry, path: Path) -> tuple[str, tuple[int, ...]]:
+def group_of(file: SubDynFile, name: str, entry: GroupEntry, path: Path) -> tuple[str, tuple[int, ...]]:
     """('members', 'reactions', 'masses' or 'joints', ids)."""
     where = f"{path}: group.{name}"
     given = [k for k in ("members", "property_sets", "reactions", "masses", "joints") if getattr(entry, k)]
@@ -397,7 +398,7 @@ class Coefficients:
         return tuple(np.stack([one * f(values) for f in factors], axis=-1) for factors in (self.stiffness, self.mass))
 
 
-def _terms(frame: SubDynFrame, description, targets: _Targets, path: Path, angle_deg: float):
+def _terms(frame: SubDynFrame, description, targets: Targets, path: Path, angle_deg: float):
     """'K' and 'M' -> {factor: reduced matrix}, the constant one first."""
     parts: dict[str, dict] = {"K": {Product(): []}, "M": {Product(): []}}
 
@@ -406,25 +407,8 @@ def _terms(frame: SubDynFrame, description, targets: _Targets, path: Path, angle
 
     file = frame.file
     for dofs, element in zip(frame.dofs, frame.elements, strict=True):
-        id, length = element.member.id, element.length_m
-        stiff, dense = (Product(names=targets(act, id)) for act in ("stiffness", "density"))
-        wall, loss = targets("thickness", id), targets("wall_loss", id)
-        if wall or loss:
-            material, sizes = sizes_at(file, element)
-            common = {"tube": (*material, *sizes), "thickness": wall, "wall_loss": loss}
-            for k, unit in enumerate(stiffness_units(length)):
-                # without shear the length is in the matrix alone, and elements of all lengths share a term
-                own = round(length, 9) if file.shear else 1.0
-                factor = TubePart(times=stiff, index=k, length_m=own, shear=file.shear, **common)
-                add("K", factor, dofs, element.to_global(unit))
-            for k, unit in enumerate(mass_units(length)):
-                add("M", TubePart(times=dense, index=k, **common), dofs, element.to_global(unit))
-        else:
-            stiffness, mass = plain_matrices(file, element)
-            add("K", stiff, dofs, stiffness)
-            add("M", dense, dofs, mass)
-        for name in targets("line_mass", id):
-            add("M", Product(names=(name,)), dofs, element.to_global(mass_units(length)[0]))
+        for kind, factor, matrix in element_terms(file, element, targets):
+            add(kind, factor, dofs, matrix)
     for reaction in file.reactions:
         if reaction.ssi is None or all(reaction.fixed):
             continue
@@ -458,11 +442,34 @@ def _terms(frame: SubDynFrame, description, targets: _Targets, path: Path, angle
     return terms
 
 
+def element_terms(file: SubDynFile, element: Element, targets: Targets) -> Iterator[tuple[str, Product | TubePart, np.ndarray]]:
+    """'K' or 'M', factor and (12, 12) global matrix of everything an element is made of."""
+    id, length = element.member.id, element.length_m
+    stiff, dense = (Product(names=targets(act, id)) for act in ("stiffness", "density"))
+    wall, loss = targets("thickness", id), targets("wall_loss", id)
+    if wall or loss:
+        material, sizes = sizes_at(file, element)
+        common = {"tube": (*material, *sizes), "thickness": wall, "wall_loss": loss}
+        for k, unit in enumerate(stiffness_units(length)):
+            # without shear the length is in the matrix alone, and elements of all lengths share a term
+            own = round(length, 9) if file.shear else 1.0
+            factor = TubePart(times=stiff, index=k, length_m=own, shear=file.shear, **common)
+            yield "K", factor, element.to_global(unit)
+        for k, unit in enumerate(mass_units(length)):
+            yield "M", TubePart(times=dense, index=k, **common), element.to_global(unit)
+    else:
+        stiffness, mass = plain_matrices(file, element)
+        yield "K", stiff, stiffness
+        yield "M", dense, mass
+    for name in targets("line_mass", id):
+        yield "M", Product(names=(name,)), element.to_global(mass_units(length)[0])
+
+
 def assembled_file(file: SubDynFile) -> tuple[SubDynFrame, sparse.csc_array, sparse.csc_array]:
     """A SubDyn file's frame with its stiffness and mass, soil and masses in them."""
     frame = build_subdyn_frame(file)
     entry = SubDynDescription(subdyn=FileEntry(file=file.where))
-    terms = _terms(frame, entry, _Targets(names={}), Path(file.where), 0.0)
+    terms = _terms(frame, entry, Targets(names={}), Path(file.where), 0.0)
     return frame, terms["K"][Product()], terms["M"][Product()]
 
 

@@ -6,7 +6,6 @@ from collections import OrderedDict
 from dataclasses import dataclass, field
 
 import numpy as np
-from scipy.interpolate import CubicSpline
 
 from probupdate.modes import frozen_array
 from probupdate.virtual import excitation, losses, observation, operation
@@ -80,6 +79,8 @@ def make_turbine(file: TurbineFile, truth: Truth, plan: Plan, seed: int) -> Turb
 
 def hour_of_data(turbine: Turbine, gaps: tuple[losses.Gap, ...], channels: tuple[str, ...], hour: int) -> np.ndarray:
     """Accelerations (n_sample, n_channel) in m/s2 of one hour (less at the campaign's end), as the logger has them."""
+    from scipy.interpolate import CubicSpline
+
     plan, truth, seed = turbine.plan, turbine.truth, turbine.seed
     first, last = 3600.0 * hour, min(3600.0 * (hour + 1), 600.0 * plan.n_slot)
     lead, n = int(SPIN_UP_S * RATE_HZ), round((last - first) * RATE_HZ)

@@ -10,7 +10,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.signal import lfilter
 from scipy.special import gamma, ndtr
 
 from probupdate.errors import InputError
@@ -77,6 +76,8 @@ class Plan:
 
 def _relaxing(rng: np.random.Generator, n: int, step_s: float, time_constant_s: float) -> np.ndarray:
     """A unit Ornstein-Uhlenbeck process sampled every step_s, started in its stationary state."""
+    from scipy.signal import lfilter
+
     a = np.exp(-step_s / time_constant_s)
     white = rng.standard_normal(n) * np.sqrt(1 - a * a)
     white[0] = rng.standard_normal()
@@ -108,6 +109,8 @@ def _maintenance(n_slot: int, given: Mapping, rng: np.random.Generator) -> np.nd
 
 
 def _weather(n_slot: int, given: Mapping, rng: np.random.Generator) -> dict[str, np.ndarray]:
+    from scipy.signal import lfilter
+
     mean = given.get("wind_speed_mean_mps", 9.0)
     # Weibull marginal of shape 2.1 through the Gaussian copula of an Ornstein-Uhlenbeck process (10 h)
     quantile = np.clip(ndtr(_relaxing(rng, n_slot, SLOT_S, 10 * 3600.0)), 1e-6, 1 - 1e-6)
@@ -179,6 +182,8 @@ def _pitch_tests(state: np.ndarray, rng: np.random.Generator) -> list[Event]:
 
 def make_plan(n_slot: int, given: Mapping, rng: np.random.Generator) -> Plan:
     """Draw a campaign of n_slot ten-minute slots; `given` is the truth file's [operation]."""
+    from scipy.signal import lfilter
+
     maintenance = _maintenance(n_slot, given, rng)
     weather = _weather(n_slot, given, rng)
     wind = weather["wind_mps"]

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
-from scipy.signal import lfilter
 
 from probupdate.virtual.dynamics import HeadingModes
 from probupdate.virtual.excitation import Loads
@@ -25,6 +24,8 @@ def modal_response(
     With z = v - conj(lambda) q, lambda = omega (-zeta + i sqrt(1 - zeta^2)):  z' = lambda z + f, one complex
     recursion a mode; q = Im z / omega_d, v = Re z + Re(lambda) q.
     """
+    from scipy.signal import lfilter
+
     step = 1 / rate
     omega = 2 * np.pi * frequency_hz
     root = omega * (-damping_ratio + 1j * np.sqrt(1 - damping_ratio**2))

@@ -15,8 +15,9 @@ from probupdate.errors import InputError
 from probupdate.files import holds_nothing, read_text, write_table, write_text
 from probupdate.mode_labels import mode_character
 from probupdate.modes import Sensor
-from probupdate.processes import completed
+from probupdate.executors import Executor, completed
 from probupdate.progress import Progress, silent
+from probupdate.result_table import table_of
 from probupdate.virtual import campaign_files, losses, operation
 from probupdate.virtual.dynamics import N_MODE, HeadingModes
 from probupdate.virtual.effects import refuse_late
@@ -28,6 +29,7 @@ from probupdate.virtual.turbine_file import TurbineFile, read_turbine, reference
 
 if TYPE_CHECKING:
     import pandas
+    import pandas as pd
 
 BLOCK_MINUTES = 30
 START = np.datetime64("2019-06-01T00:00:00")
@@ -54,6 +56,11 @@ class VirtualCampaign:
     damping_ratio: np.ndarray
     seed: int
 
+    def to_frame(self) -> pd.DataFrame:
+        """A row a true mode at the prevailing heading."""
+        return table_of([{"mode": k, "frequency_hz": f, "damping_ratio": z} for k, (f, z) in
+                         enumerate(zip(self.frequency_hz, self.damping_ratio, strict=True), 1)])
+
     @property
     def summary(self) -> str:
         shares = ", ".join(f"{name} {100 * share:.0f} %" for name, share in self.state_share.items())
@@ -73,7 +80,7 @@ def simulate(
     days: float = 1.0,
     truth: str | Path | None = None,
     seed: int,
-    jobs: int = 1,
+    jobs: int | Executor = 1,
     progress: Progress = silent,
 ) -> VirtualCampaign:
     """Write a campaign of `days` into the folder `out`: campaign.toml, scada.csv, acceleration/*.h5, truth.toml.
@@ -82,7 +89,7 @@ def simulate(
     updated). truth: a truth.toml that gives parameters, their source, tolerances' scale, operation and effects;
     None builds the model's initial values with drawn tolerances. The same seed gives the same bytes. A run that
     was interrupted is taken up where it stopped if everything else is equal; another campaign in `out` is refused.
-    jobs: processes that share the hours; the bytes are the same for any number.
+    jobs: processes that share the hours, or an executor; the bytes are the same on any.
     """
     if isinstance(seed, bool) or not isinstance(seed, (int, np.integer)) or seed < 0:
         raise InputError("seed", f"{seed!r} is not a whole number from 0", "give one, such as 1")

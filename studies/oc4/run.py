@@ -39,7 +39,8 @@ def main() -> None:
         ["compare", out["update.json"], out["posterior.nc"], *own, "--out", out["compare.json"]],
         ["diagnose", "--model", str(causes), "--modes", out["modes.json"], "--out", out["diagnosis.json"], "--seed",
          str(a.seed)],
-        ["export", str(a.out), "--to", "lifetime", str(a.out / "lifetime"), "--draws", "50", "--seed", str(a.seed)],
+        ["export", str(a.out), "--to", "lifetime", str(a.out / "lifetime"), "--draws", "50", "--seed", str(a.seed),
+         "--fatigue", str(Path(__file__).with_name("fatigue.toml"))],
     ):  # fmt: skip
         start = time.perf_counter()
         code = probupdate(words)

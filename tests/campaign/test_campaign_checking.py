@@ -123,7 +123,7 @@ def test_missing_scada_columns_say_what_cannot_be_done(campaign_folder, head):
     result = check(read_campaign(campaign_folder([(0, noise())], head=four_channels(head), scada=table)))
     text = "\n".join(result.findings)
     assert "SCADA has no pitch_deg: no criterion 'no pitching'" in text
-    assert "SCADA has no rotor_speed_rpm: no harmonics told from modes" in text
+    assert "SCADA has no rotor_speed_rpm: no harmonics distinguished from modes" in text
     assert "1 of 3 SCADA rows are missing" in text
 
 

@@ -316,7 +316,7 @@ def test_references_wrong_in_all_setups_are_told_by_a_rigid_part_only(tmp_path):
     assert "scale and direction are wrong" in one.message
     # rovers of the lower storey share nothing rigid with the references
     lower = probupdate.check_setups(paths[3:])
-    assert lower.findings == () and any("ref-x, ref-y that is wrong in all setups alike cannot be told" in u
+    assert lower.findings == () and any("ref-x, ref-y that is wrong in all setups alike cannot be found" in u
                                         for u in lower.uses)
 
 

@@ -265,7 +265,7 @@ def test_what_was_hidden_stands_beside_what_was_found():
     words = demonstration._hidden_and_found(demonstration._hidden("default", 2.0), Step("diagnose"))
     assert words.splitlines() == [
         "hidden in this campaign:", "  leg stiffness, leg B, bay 4: factor 0.75, from hour 24 on",
-        "  sensor gain, channel TP-C-y: factor 1.15, all through the record", "found without being told:",
+        "  sensor gain, channel TP-C-y: factor 1.15, all through the record", "found by the diagnosis:",
         "  nothing with a name"]
     assert "nothing" in demonstration._hidden_and_found(demonstration._hidden("none", 1.0), Step("diagnose"))
 

@@ -258,7 +258,7 @@ def test_prior_odds_stand_beside_what_the_data_told(prepared, record):
     (one,) = found.findings
     assert 0 < one.prior_probability <= 1 and found.content()["findings"][0]["prior_probability"] == one.prior_probability
     words = wording.told_words({"posterior_probability": 0.97, "prior_probability": 0.25})
-    assert words == "probability 0.97 among its rivals, 0.25 before the data"
+    assert words == "probability 0.97 among its competing hypotheses, 0.25 before the data"
 
 
 def test_a_logger_s_rate_hardly_ever_steps_and_steel_always_warms():

@@ -62,7 +62,7 @@ def test_without_lines_nothing_is_followed_and_nothing_changes(jacket, seed):
     record = jacket.record(9000, seed=seed)
     for speed in ((6.0, 6.8), (12.6, 13.2), (7.0, 13.0)):
         found = without_harmonics(record, RATE, speed)
-        assert not found.followed and "does not foretell" in found.reason
+        assert not found.followed and "does not predict" in found.reason
         assert (found.record == record).all() and found.removed == {} and np.isnan(found.speed_rpm).all()
 
 

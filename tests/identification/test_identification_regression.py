@@ -87,7 +87,7 @@ def test_what_is_missing_constant_or_the_same_is_said():
     text = " | ".join(fit.notes)
     assert "rare left out: known in 45 of 195 blocks" in text and "still left out: it does not change" in text
     assert "kelvin left out: a combination of level, temperature" in text
-    assert "temperature and twin tell the same" in text and fit.inflation[1] > 10
+    assert "temperature and twin are indistinguishable" in text and fit.inflation[1] > 10
     # the sum is known all the same
     assert fit.coefficient[1] + fit.coefficient[2] == pytest.approx(0.0005, abs=0.0003)
 
@@ -102,7 +102,7 @@ def test_twins_are_said_once_and_tested_together():
     fit = regress("ln f", value + 0.001 * (x["temperature"] - 15), time, twins, std)
     ((pair, p),) = fit.joint
     assert pair == ("temperature", "twin") and p < 1e-3
-    assert sum("tell the same" in note for note in fit.notes) == 1
+    assert sum("are indistinguishable" in note for note in fit.notes) == 1
     # of an effect that is not there the two together say so too
     none = regress("ln f", value - 0.0005 * (x["temperature"] - 15), time, twins, std)
     assert none.joint[0][1] > 1e-3

@@ -16,13 +16,13 @@ import h5py
 import numpy as np
 import pytest
 
-from probupdate import files, processes
+from probupdate import executors, files
 from probupdate.campaign.reading import read_campaign
 from probupdate.errors import InputError
 from probupdate.identification import block_store
 from probupdate.identification.identify import SSISettings, identify
 from probupdate.identification.reference import ReferenceModes
-from probupdate.processes import completed
+from probupdate.executors import completed
 from probupdate.structure.load import REFERENCE_STATES, reference_model
 
 # six channels at two tower levels and one leg: enough for five modes, and quick
@@ -90,11 +90,11 @@ def same_results(out, other) -> bool:
 KILLED = """
 import json, sys
 from probupdate.campaign.reading import read_campaign
-from probupdate import processes
+from probupdate import executors
 from probupdate.identification.identify import SSISettings, identify
 from probupdate.identification.reference import ReferenceModes
 import numpy as np
-processes.LEAST_TASKS = 1
+executors.LEAST_TASKS = 1
 given = json.loads(sys.argv[1])
 rough = ReferenceModes(labels=tuple(given["labels"]), frequency_hz=np.array(given["frequency_hz"]),
                        shape=np.array(given["shape"]), pairs=((0, 1), (3, 4)))
@@ -147,7 +147,7 @@ def test_a_killed_run_goes_on_with_nothing_lost_and_nothing_done_twice(hour, rou
 
 @pytest.mark.long
 def test_the_number_of_processes_changes_nothing(hour, rough, undisturbed, tmp_path, monkeypatch):
-    monkeypatch.setattr(processes, "LEAST_TASKS", 8)
+    monkeypatch.setattr(executors, "LEAST_TASKS", 8)
     before = dict(os.environ)
     run(hour, rough, tmp_path / "modes.json", jobs=3)
     assert same_results(tmp_path / "modes.json", undisturbed)

@@ -162,7 +162,7 @@ def test_setups_that_do_not_fit_are_refused(jacket, sensor_list):
     with pytest.raises(InputError, match="have no channel in common"):
         merge_setups([setups[0], apart])
     bare = tuple(replace(s, deviation=None) for s in setups[1].data.sets)
-    with pytest.raises(InputError, match="setup1: a block has no deviations"):
+    with pytest.raises(InputError, match="setup1: a block has no standard deviations"):
         merge_setups([setups[0], replace(setups[1], data=replace(setups[1].data, sets=bare))])
 
 

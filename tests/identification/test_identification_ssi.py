@@ -3,8 +3,10 @@
 import numpy as np
 import pytest
 from peer_packages import peer
+from scipy import signal
 
 from probupdate.errors import InputError
+from probupdate.identification import preprocessing
 from probupdate.identification.preprocessing import resampled
 from probupdate.identification.record import identify_record
 from probupdate.identification.ssi import (
@@ -258,6 +260,18 @@ def test_what_is_of_interest_passes_without_a_shift(frequency_hz):
 def test_what_would_fold_back_is_stopped(frequency_hz):
     thinned = resampled(sine(frequency_hz), 25.0, 5.0)[50:-50, 0]
     assert np.abs(thinned).max() < 10 ** (-68 / 20)
+
+
+@pytest.mark.parametrize(("rate", "target", "n_sample"), [
+    (25.0, 5.0, 4500), (25.0, 5.0, 4503), (100.0, 12.5, 999), (10.0, 7.0, 3000), (64.0, 5.0, 2047), (25.0, 4.96, 1800),
+    (200.0, 80.0, 40), (25.0, 5.0, 3)])  # fmt: skip
+def test_matrix_products_are_scipy_s_polyphase_filter(rate, target, n_sample, monkeypatch):
+    data = np.random.default_rng(1).standard_normal((n_sample, 3)) + 2.0
+    found = resampled(data, rate, target)
+    monkeypatch.setattr(preprocessing, "_filtered", lambda data, up, down, taps: signal.resample_poly(
+        data, up, down, axis=0, window=taps / up))
+    plain = resampled(data, rate, target)
+    assert found.shape == plain.shape and np.abs(found - plain).max() < 1e-14
 
 
 def test_rates_that_are_no_simple_ratio_are_refused_and_others_kept():

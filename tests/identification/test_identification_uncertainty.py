@@ -53,6 +53,21 @@ def test_deviations_are_finite_differences_of_the_identification(data, reference
             assert np.all(np.abs(found.shape[:, :, j] - shape) < 1e-4 * np.abs(shape).max(axis=0))
 
 
+def test_deviations_of_asked_orders_are_those_among_all_orders(data):
+    """Lower orders and their deviations do not depend on the highest."""
+    everything = identify_record(data, RATE, order=ORDER, block_rows=BLOCK_ROWS, spread=16, sub_records=30)
+    asked = identify_record(data, RATE, order=24, block_rows=BLOCK_ROWS, sub_records=30, orders=(14, 24))
+    assert [one.order for one in asked.by_order] == [14, 24]
+    for one in asked.by_order:
+        (other,) = (p for p in everything.by_order if p.order == one.order)
+        assert one.frequency_hz == pytest.approx(other.frequency_hz, rel=1e-9)
+        index = np.arange(len(one.frequency_hz))
+        a, b = asked.deviations(index, one.order), everything.deviations(index, one.order)
+        for name in ("ln_frequency", "damping_ratio", "shape"):
+            std, other_std = (np.linalg.norm(getattr(d, name), axis=-1) for d in (a, b))
+            assert std == pytest.approx(other_std, rel=1e-6, abs=1e-9)
+
+
 def peer_deviations(ssi, toeplitz, deviation, block_rows, order):
     """(f, zeta, std f, std zeta) of its poles at `order`, ascending in f, from that matrix and those columns."""
     with np.errstate():
@@ -274,7 +289,7 @@ def test_an_order_between_equal_singular_values_has_no_deviations():
     double[:, 0, 0] = double[:, 1, 1] = covariance[:, 0, 0]
     both = np.zeros((10, 10, 2, 2))
     both[:, :, 0, 0] = both[:, :, 1, 1] = moved[:, :, 0, 0]
-    factorisation = factorise(double, 5, 6, 1.0)
+    factorisation = factorise(double, 5, 6, 1.0, whole=True)
     changed = observability_deviation(double, both, factorisation, 5)
     assert [changed.known(n) for n in (1, 2, 3, 4)] == [False, True, False, True]
 

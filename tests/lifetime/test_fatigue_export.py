@@ -210,6 +210,32 @@ def test_tolerances_given_the_data_are_between_their_prior_and_what_is_left(run)
     assert np.all(expected <= 1 + 1e-9) and expected.min() < 0.9
 
 
+class _Still:
+    """A generator without chance."""
+
+    def standard_normal(self, shape):
+        return np.zeros(shape)
+
+
+def test_the_middle_of_tolerances_is_what_the_residual_says_beyond_what_is_expected(run):
+    *_, problem, laplace = run
+    # a mean of its own for every source: the prediction has it, and it must not be taken off once more
+    sources = tuple(replace(s, mean=0.3 * s.std) for s in problem.error.sources)
+    mean = problem.error.factor @ np.full(len(sources), 0.3)
+    told = replace(problem, error=replace(problem.error, sources=sources, mean=mean))
+    thetas = np.array([laplace.theta, laplace.theta * 1.01])
+    found = tolerance_draws(told, thetas, _Still())
+    root, B = told.noise_root, told.factor
+    std = np.array([s.std for s in sources])
+    for theta, row in zip(thetas, found, strict=True):
+        # least squares of the residual, with the prior as further data
+        left = told.measured - told.predict(theta)
+        expected, *_ = np.linalg.lstsq(
+            np.vstack([root @ B, np.eye(len(std))]), np.concatenate([root @ left, np.zeros(len(std))]), rcond=None
+        )
+        np.testing.assert_allclose(row / std - 0.3, expected, atol=1e-8)
+
+
 @pytest.mark.long
 def test_tolerances_move_stress_as_their_parameters_do(run):
     # legs' walls, all alike, is k_j for the legs: with the braces' it is k_j, but for the joints, which follow k_j too

@@ -191,7 +191,7 @@ def spoilt_hdf5(whole: bytes, rng: np.random.Generator) -> bytes:
     return stream.getvalue()
 
 
-BY_SUFFIX = {".json": spoilt_json, ".toml": spoilt_lines, ".csv": spoilt_lines, ".dat": spoilt_lines, ".txt": spoilt_lines,
+BY_SUFFIX = {".json": spoilt_json, ".toml": spoilt_lines, ".csv": spoilt_lines, ".dat": spoilt_lines, ".txt": spoilt_lines, ".uff": spoilt_lines,
              ".npz": spoilt_npz, ".h5": spoilt_hdf5, ".nc": spoilt_hdf5}  # fmt: skip
 
 

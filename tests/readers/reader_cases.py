@@ -280,6 +280,22 @@ def elastodyn(folder: Path) -> Made:
     return [path, *(p for p in folder.iterdir() if p != path)], lambda: read_elastodyn(path)
 
 
+def uff(kind: str):
+    def make(folder: Path) -> Made:
+        import pytest
+
+        pytest.importorskip("pyuff", reason="pyuff is not installed (pip install probupdate[uff])")
+        cases = module_of("io", "test_uff_file")
+        if kind == "modes":
+            cases.write_uff_modes(cases.modes(), cases.sensors(), folder / "modes.uff")
+            return [folder / "modes.uff"], lambda: cases.read_uff_modes(folder / "modes.uff", cases.sensors())
+        cases.records(folder, n=50)
+        path = next(folder.glob("*.uff"))
+        return [path], lambda: cases.read_uff_records(path)
+
+    return make
+
+
 def virtual_turbine(folder: Path) -> Made:
     from probupdate.virtual.turbine_file import read_turbine
 
@@ -399,6 +415,18 @@ def lifetime_table(folder: Path) -> Made:
     return [path], lambda: read_table(path)
 
 
+def joint(folder: Path) -> Made:
+    from probupdate.lifetime.draws import joint_of, read_joint
+
+    drawn = joint_of(("a", "b"), np.random.default_rng(1).standard_normal((400, 2)) @ [[1.0, 0.5], [0.0, 1.0]])
+    path = folder / "joint.json"
+    path.write_text(json.dumps({
+        "kind": "nataf", "parameters": list(drawn.names), "mean": drawn.mean.tolist(), "std": drawn.std.tolist(),
+        "level": drawn.level.tolist(), "quantile": drawn.quantile.T.tolist(),
+        "normal_correlation": drawn.correlation.tolist(), "rank_correlation": drawn.rank_correlation.tolist()}))
+    return [path], lambda: read_joint(path).sample(10, np.random.default_rng(2))
+
+
 def extptfm(folder: Path) -> Made:
     from probupdate.lifetime.superelement import read_extptfm
 
@@ -406,6 +434,30 @@ def extptfm(folder: Path) -> Made:
     rows = "".join(" ".join(str(float(a == b)) for b in range(6)) + "\n" for a in range(6))
     path.write_text("!a reduced file\n" + "".join(f"!{t}\n!dimension: 6\n{rows}" for t in ("Mass", "Damping", "Stiffness")))
     return [path], lambda: read_extptfm(path)
+
+
+def farm(folder: Path) -> Made:
+    from probupdate.farms.description import read_farm
+
+    campaign_files(_made(folder / "A" / "2024-05"))
+    path = folder / "farm.toml"
+    path.write_text('name = "North"\nmodel = "as_built"\nsteps = ["identify", "select", "update", "diagnose"]\nseed = 2\n'
+                    '[identify]\nlowest = 3\nrate_hz = 5.0\n[select]\ncount = 4\npreset = "structure"\n[update]\n'
+                    'weights = "paper"\n[diagnose]\nrecords = false\n[[turbine]]\nname = "A"\ncampaigns = "A/*"\n')
+    return [path], lambda: read_farm(path)
+
+
+def farm_month(folder: Path) -> Made:
+    from probupdate.farms.month import MonthState, _write, read_state
+
+    _write(folder, MonthState(format=1, made_of={"model": "abc"}, finished={"identify": 1.5}, failed_step="select",
+                              failed="modes: none"))  # fmt: skip
+    return [folder / "month.json"], lambda: read_state(folder)
+
+
+def _made(folder: Path) -> Path:
+    folder.mkdir(parents=True, exist_ok=True)
+    return folder
 
 
 # case -> (maker, the functions of the package that it covers)
@@ -435,6 +487,8 @@ CASES: dict[str, tuple[Callable[[Path], Made], tuple[str, ...]]] = {
     "subdyn": (subdyn, ("io.subdyn_file.read_subdyn", "io.ssi_file.read_ssi", "io.fortran_text.read_lines",
                         "structure.subdyn_model.read_description")),
     "elastodyn": (elastodyn, ("io.elastodyn_file.read_elastodyn",)),
+    "uff_modes": (uff("modes"), ("io.uff_file.read_uff_modes",)),
+    "uff_records": (uff("records"), ("io.uff_file.read_uff_records",)),
     "virtual": (virtual_turbine, ("virtual.turbine_file.read_turbine", "virtual.turbine_file.read_toml")),
     "truth": (truth, ("virtual.truth.read_given", "virtual.effects.read_effect")),
     "truth_modes": (truth_modes, ("virtual.truth.read_truth_modes",)),
@@ -445,7 +499,10 @@ CASES: dict[str, tuple[Callable[[Path], Made], tuple[str, ...]]] = {
     "started_run": (started_run, ("demonstration._State",)),
     "fatigue": (fatigue, ("lifetime.conditions.read_conditions",)),
     "lifetime_table": (lifetime_table, ("lifetime.tables.read_table",)),
+    "joint": (joint, ("lifetime.draws.read_joint",)),
     "extptfm": (extptfm, ("lifetime.superelement.read_extptfm",)),
+    "farm": (farm, ("farms.description.read_farm",)),
+    "farm_month": (farm_month, ("farms.month.read_state",)),
     "groups": (groups, ("diagnosis.run._read_groups",)),
 }  # fmt: skip
 

@@ -39,7 +39,8 @@ def test_every_verdict_says_what_to_do(full_run, diagnosis_of, unfigured, verdic
 
 def test_what_was_pushed_and_what_hid_something_is_said(full_run, unfigured):
     text = section_text(full_run)
-    assert "k_j was pushed by +2.4 prior deviations where ±0.9 is expected, and by +0.3 once" in text
+    assert ("k_j is shifted from its prior by +2.4 prior standard deviations where ±0.9 is expected, and by +0.3 once"
+            in text)
     assert "4 blocks left out in which the nacelle turned." in text
 
 
@@ -65,7 +66,7 @@ def test_a_diagnosis_without_a_model_has_no_residuals_and_stands(full_run, diagn
     text = section_text(replace(full_run, diagnosis=content, model=None))
     assert "Tests of the raw records" in text and "clock of T90" in text and "no" in text
     assert "What changed from 2020-01-05T00:00Z on: frequencies" in text and "−0.790" in text
-    assert "What is wrong in the record" in text and "The record departs" in text
+    assert "What is wrong in the record" in text and "The record deviates" in text
     assert diagnosis_section(replace(full_run, diagnosis=None)) is None
 
 

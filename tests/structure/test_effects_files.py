@@ -272,13 +272,13 @@ def test_the_reference_files_tell_of_every_kind_and_their_example_works(state, t
     assert load_model(path).parameters.names[-1] == "face_AB_2"
 
 
-def test_the_readme_s_lines_run(tmp_path, monkeypatch):
-    readme = (Path(__file__).resolve().parents[2] / "README.md").read_text(encoding="utf-8")
-    (block,) = re.findall(r"```py\n(.*?)```", readme, re.DOTALL)
+def test_the_lines_of_the_page_run(tmp_path, monkeypatch):
+    page = (Path(__file__).resolve().parents[2] / "docs" / "howto" / "python.md").read_text(encoding="utf-8")
+    (block,) = re.findall(r"```py\n(.*?)```", page, re.DOTALL)
     (tmp_path / "run").mkdir()
     (tmp_path / "run" / "model.toml").write_bytes(REFERENCE.read_bytes())
     monkeypatch.chdir(tmp_path)
     names: dict = {}
-    exec(compile(block, "README.md", "exec"), names)
+    exec(compile(block, "python.md", "exec"), names)
     assert f"{len(names['effects'])} for the reference" in block
     assert load_model(tmp_path / "run" / "extended.toml").fingerprint() == names["model"].fingerprint()

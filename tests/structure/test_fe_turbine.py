@@ -7,7 +7,7 @@ import pytest
 from scipy import linalg
 from small_turbine import small_turbine
 
-from probupdate.processes import completed
+from probupdate.executors import completed
 from probupdate.structure.assembly import assemble
 from probupdate.structure.beam import Tube
 from probupdate.structure.channels import attach

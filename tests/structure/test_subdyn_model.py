@@ -446,6 +446,17 @@ def test_modes_prints_one_json_object_for_every_form_of_model(framed, capsys):
     assert called.frequency_hz.tolist() == [2.0, 3.0]
 
 
+def test_torsion_of_a_single_pile_moves_none_of_its_joints(tmp_path):
+    path = written(tmp_path, ["0 0 0", "0 0 10", "0 0 20"], ["1 2 1 1 1c 0", "2 3 1 1 1c 0"], [CLAMPED], interface=[3],
+                   div=4, circular=[f"1 {STEEL} 3.0 0.05"])  # fmt: skip
+    found = probupdate.model_modes(path, 8)
+    seen = np.abs(found.shape).max(axis=0)
+    (twist,) = np.flatnonzero(seen == 0)
+    # a quarter of a wave: sqrt(G / rho) / 4 L
+    assert found.frequency_hz[twist] == pytest.approx(np.sqrt(8.076923e10 / 7850) / 80, rel=2e-3)
+    assert found.labels[twist].startswith("L")
+
+
 def test_modes_refuses_what_is_no_model_in_one_line(tmp_path, capsys):
     for name, text in (("none.dat", None), ("empty.dat", ""), ("table.csv", "1,2\n")):
         if text is not None:

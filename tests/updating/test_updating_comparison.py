@@ -128,14 +128,15 @@ def test_a_ridge_names_its_partner(update):
     std = PARAMETERS.std * [0.3, 0.3, 1.0]
     aside = np.add(update.map_theta, [0.5 * std[0], 0, 0])
     moved = compare(update, drawn(update, aside, std, correlation=-0.97))
-    assert "MAP and mean part by 0.5 deviations: the posterior is a ridge with b" in row_of(moved, "a").sentence
+    sentence = row_of(moved, "a").sentence
+    assert "MAP and mean differ by 0.5 posterior standard deviations: the posterior is a ridge with b" in sentence
 
 
 # words
 
 
 def test_estimates_that_agree_are_said_to_agree(comparison):
-    assert row_of(comparison, "a").sentence == "All estimates of a agree within 0.25 posterior deviations."
+    assert row_of(comparison, "a").sentence == "All estimates of a agree within 0.25 posterior standard deviations."
 
 
 @pytest.mark.parametrize("worst", [0, 1, 2])
@@ -150,11 +151,11 @@ def test_the_notes_name_the_parameter_that_eq_7_leaves_farthest(update, worst):
     found = compare(update, drawn(update, update.map_theta, std))
     name = PARAMETERS.names[worst]
     (note,) = [n for n in found.notes if n.startswith("Eq. 7 as printed")]
-    assert "at iteration 1 (0.50 posterior deviations a parameter) and ends 1.70 away" in note
+    assert "at iteration 1 (0.50 posterior standard deviations a parameter) and ends 1.70 away" in note
     assert f"farthest is {name}, " in note
     expected = abs(theta[-1, worst] - update.map_theta[worst]) / row_of(found, name).std
     assert note.endswith(f"{expected:.1f}")
-    assert f"ends {expected:.1f} deviations from the MAP: it penalises the step, and after 2 iterations" in (
+    assert f"ends {expected:.1f} posterior standard deviations from the MAP: it penalises the step, and after 2" in (
         row_of(found, name).sentence
     )
     assert "penalises the step" not in row_of(found, PARAMETERS.names[worst - 1]).sentence

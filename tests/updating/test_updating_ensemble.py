@@ -2,7 +2,6 @@
 
 import json
 import shutil
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
 import emcee
@@ -17,6 +16,7 @@ from probupdate.estimators.ensemble import PriorMove, SamplerSettings, SubsetMov
 from probupdate.estimators.laplace import maximum_a_posteriori
 from probupdate.estimators.posterior_file import effective_size
 from probupdate.estimators.surrogate import Outline, TruncatedGaussian, fit_surrogate
+from probupdate.executors import Executor
 from probupdate.parameters import Parameter, Parameters
 from probupdate.problem import Weights, build_problem
 
@@ -215,6 +215,13 @@ def test_a_folder_with_another_chain_is_refused_and_what_differs_is_named(tmp_pa
     assert named in str(error.value)
 
 
+class LastFirst(Executor):
+    """Tasks end in another order than they were given in."""
+
+    def completed(self, function, tasks, *, least=None):
+        yield from (function(*task) for task in reversed(tasks))
+
+
 def test_ensembles_are_the_same_on_any_executor_and_after_a_kill(tmp_path, monkeypatch):
     monkeypatch.setattr(ensemble, "SEGMENT", 25)
     problem = linear_problem(LINEAR_HZ + 0.05)
@@ -223,10 +230,9 @@ def test_ensembles_are_the_same_on_any_executor_and_after_a_kill(tmp_path, monke
     plain = sample(problem, surrogate, tmp_path / "plain", settings)
     n_walker = plain.theta.shape[1] // 3
     assert plain.theta.shape == (50, 3 * n_walker, 3)
-    with ThreadPoolExecutor(2) as pool:
-        threaded = sample(problem, surrogate, tmp_path / "threads", settings, executor=pool)
-    np.testing.assert_array_equal(threaded.theta, plain.theta)
-    np.testing.assert_array_equal(threaded.log_posterior, plain.log_posterior)
+    other = sample(problem, surrogate, tmp_path / "other", settings, jobs=LastFirst())
+    np.testing.assert_array_equal(other.theta, plain.theta)
+    np.testing.assert_array_equal(other.log_posterior, plain.log_posterior)
     # killed in the second round: one ensemble had finished it, another not
     (tmp_path / "plain" / "segment-00001-1.npz").unlink()
     np.testing.assert_array_equal(sample(problem, surrogate, tmp_path / "plain", settings).theta, plain.theta)

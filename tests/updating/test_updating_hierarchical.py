@@ -205,7 +205,7 @@ def test_the_four_views_of_a_varying_parameter(views, tmp_path):
     assert a.population_cov > a.tau and "varies between sets by" in a.sentence
     total = {name: score.sum() for name, score in views.scores.score.items()}
     assert total[MANY] > total[ONE] + 10 and set(total) == {MANY, ONE, POOLED}
-    assert "A population foretells sets left out better" in views.advice
+    assert "A population predicts sets left out better" in views.advice
     assert np.all(views.linear_share > 0.999)
     assert read_views(views.write(tmp_path / "sets.json")).summary == views.summary
 

@@ -188,7 +188,7 @@ def test_uncorrelated_deviations_give_the_posterior_of_independent_weights():
 
 
 def test_a_covariance_needs_the_sets_deviations():
-    with pytest.raises(InputError, match="no joint deviations"):
+    with pytest.raises(InputError, match="no covariance factors"):
         build_problem(chain_model(), measured_chain(), weights=Weights(covariance=True))
 
 

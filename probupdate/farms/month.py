@@ -1,0 +1,183 @@
+"""One turbine's month through the farm's steps: what is finished is kept, what went wrong is one line on the disk."""
+
+from __future__ import annotations
+
+import hashlib
+import time
+import traceback
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+from probupdate import __version__, verbs
+from probupdate.errors import InputError, ProbupdateError, plain
+from probupdate.farms.description import Farm, Month, Options
+from probupdate.files import PART, read_json_table, write_json, write_text
+from probupdate.outputs import belonging
+from probupdate.reporting import report as write_report
+from probupdate.schema import checked_table
+
+STATE, TRACE = "month.json", "failure.txt"
+FORMAT = 1
+ANEW = "delete it: the month's finished steps are done again"
+
+
+@dataclass(frozen=True, kw_only=True)
+class MonthState:
+    """month.json. made_of: what the steps' results depend on, by name; finished: step -> seconds; failed: the step that
+    went wrong, and why, '' where none did."""
+
+    format: int
+    made_of: Mapping[str, str]
+    finished: Mapping[str, float]
+    failed_step: str = ""
+    failed: str = ""
+
+
+def read_state(folder: Path) -> MonthState | None:
+    """What is known of a month; None before its first step. Raises InputError where month.json is none."""
+    path = folder / STATE
+    if not path.exists():
+        return None
+    found = read_json_table(path, ANEW)
+    checked_table(MonthState, found, path, ANEW)
+    if found["format"] != FORMAT:
+        raise InputError(str(path), f"has format {found['format']}, this version reads {FORMAT}", ANEW)
+    return MonthState(**{name: found[name] for name in MonthState.__dataclass_fields__ if name in found})
+
+
+def is_done(state: MonthState | None, farm: Farm, made_of: Mapping[str, str]) -> bool:
+    return state is not None and not state.failed and dict(state.made_of) == dict(made_of) and \
+        all(step in state.finished for step in farm.steps)  # fmt: skip
+
+
+def made_of(month: Month, farm: Farm) -> dict[str, str]:
+    """What a month's results depend on: the records by name and size (their content is `identify`'s to know), the other
+    files of campaign and model by content, the options, the seed, the version."""
+    records = sorted((p.name, p.stat().st_size) for p in (month.campaign / "acceleration").glob("*") if
+                     p.suffix != PART)  # fmt: skip
+    tables = [p for p in (month.campaign / "campaign.toml", month.campaign / "scada.csv") if p.is_file()]
+    return {
+        "records": _hash([repr(records).encode()]), "campaign": _hash(p.read_bytes() for p in tables),
+        "model": _hash(p.read_bytes() for p in sorted(set(belonging(verbs.model_path(month.model)))) if p.is_file()),
+        "options": _hash([repr(asdict(farm.options)).encode()]), "seed": str(farm.seed), "version": __version__,
+    }  # fmt: skip
+
+
+def _hash(contents: Iterable[bytes]) -> str:
+    found = hashlib.sha256()
+    for content in contents:
+        found.update(hashlib.sha256(content).digest())
+    return found.hexdigest()
+
+
+def run_month(month: Month, farm: Farm, out: Path) -> MonthState:
+    """The steps of a month that are not finished, into its folder of `out`. Never raises for what is wrong with this
+    month: that is in the state that is returned and kept."""
+    folder = out / month.folder
+    step = "the state kept"
+    finished: dict[str, float] = {}
+    now: dict[str, str] = {}
+    try:
+        now = made_of(month, farm)
+        known = read_state(folder)
+        if known is not None and dict(known.made_of) == now:
+            finished = dict(known.finished)
+        for step in farm.steps:
+            if step in finished:
+                continue
+            begun = time.monotonic()
+            _RUN[step](month, folder, farm.options, farm.seed)
+            finished[step] = round(time.monotonic() - begun, 3)
+            _write(folder, MonthState(format=FORMAT, made_of=now, finished=finished))
+    except (ProbupdateError, OSError, MemoryError) as error:
+        return _failed(folder, now, finished, step, _words(error))
+    except Exception as error:
+        # a defect in one month must not end the others; its trace is kept for whoever mends it
+        write_text(folder / TRACE, traceback.format_exc())
+        last = str(error).strip().splitlines() or ["no words"]
+        return _failed(folder, now, finished, step, f"a defect of the program ({type(error).__name__}: {last[0]}); "
+                       f"its trace is in {month.folder.as_posix()}/{TRACE}")  # fmt: skip
+    (folder / TRACE).unlink(missing_ok=True)
+    return MonthState(format=FORMAT, made_of=now, finished=finished)
+
+
+def lost_month(month: Month, farm: Farm, out: Path) -> MonthState:
+    """The state of a month whose process was ended from outside, alone with it."""
+    known = read_state(out / month.folder)
+    finished = {} if known is None else dict(known.finished)
+    step = next((s for s in farm.steps if s not in finished), farm.steps[-1])
+    return _failed(out / month.folder, {} if known is None else dict(known.made_of), finished, step,
+                   "its process was ended from outside (out of memory?); run again with fewer jobs, or more memory")
+
+
+def _failed(folder: Path, now: Mapping[str, str], finished: Mapping[str, float], step: str, text: str) -> MonthState:
+    state = MonthState(format=FORMAT, made_of=now, finished=finished, failed_step=step, failed=plain(text)[:2000])
+    _write(folder, state)
+    return state
+
+
+def _words(error: BaseException) -> str:
+    if isinstance(error, MemoryError):
+        return "out of memory; run again with fewer jobs, or more memory"
+    if isinstance(error, OSError) and error.filename is not None:
+        return f"{error.filename}: {error.strerror}"
+    return str(error)
+
+
+def _write(folder: Path, state: MonthState) -> None:
+    write_json(folder / STATE, asdict(state))
+
+
+def _chosen(folder: Path) -> Path:
+    """The selected sets, or all."""
+    nine = folder / "nine.json"
+    return nine if nine.exists() else folder / "modes.json"
+
+
+def _identify(month: Month, folder: Path, options: Options, seed: int) -> None:
+    # what a step wrote of another model or other records is not taken for this one's
+    for name in ("nine.json", "update.json", "posterior.nc", "compare.json", "diagnosis.json", "report.html"):
+        (folder / name).unlink(missing_ok=True)
+    asked = options.identify
+    verbs.identify(
+        month.campaign, month.model, lowest=asked.lowest, order=asked.order, block_rows=asked.block_rows,
+        rate_hz=asked.rate_hz, harmonics=asked.harmonics, store=folder / "modes.json.blocks",
+    ).write(folder / "modes.json")  # fmt: skip
+
+
+def _select(month: Month, folder: Path, options: Options, seed: int) -> None:
+    scada, asked = month.campaign / "scada.csv", options.select
+    verbs.select(
+        folder / "modes.json", scada=scada if scada.exists() else None, preset=asked.preset, count=asked.count,
+        deviations=asked.deviations, rated_power_kw=asked.rated_power_kw).write(folder / "nine.json")
+
+
+def _update(month: Month, folder: Path, options: Options, seed: int) -> None:
+    verbs.update(month.model, _chosen(folder), **asdict(options.update)).write(folder / "update.json")
+
+
+def _sample(month: Month, folder: Path, options: Options, seed: int) -> None:
+    asked = options.sample
+    verbs.sample(month.model, _chosen(folder), folder / "posterior.nc", seed=seed, target_ess=asked.ess,
+                 ensembles=asked.ensembles, **asdict(options.update))  # fmt: skip
+
+
+def _compare(month: Month, folder: Path, options: Options, seed: int) -> None:
+    verbs.compare(folder / "update.json", folder / "posterior.nc").write(folder / "compare.json")
+
+
+def _diagnose(month: Month, folder: Path, options: Options, seed: int) -> None:
+    asked, out = options.diagnose, folder / "diagnosis.json"
+    verbs.diagnose(month.model, folder / "modes.json", campaign=month.campaign if asked.records else None, seed=seed,
+                   out=out, extend=asked.extend, sampler=False).write(out)  # fmt: skip
+
+
+def _report(month: Month, folder: Path, options: Options, seed: int) -> None:
+    write_report(folder, folder / "report.html")
+
+
+_RUN: dict[str, Callable[[Month, Path, Options, int], None]] = {
+    "identify": _identify, "select": _select, "update": _update, "sample": _sample, "compare": _compare,
+    "diagnose": _diagnose, "report": _report,
+}  # fmt: skip

@@ -1,0 +1,123 @@
+"""A farm's months that are not finished, on an executor or as one shard of an array; then what is known of all of them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from probupdate.errors import InputError, ProbupdateError
+from probupdate.executors import Executor, Shard, executor
+from probupdate.farms.description import Farm, Month, read_farm
+from probupdate.farms.month import MonthState, is_done, lost_month, made_of, read_state, run_month
+from probupdate.farms.page import write_page
+from probupdate.farms.summary import FAILED, WAITING, MonthRow, farm_rows, rows_table, write_rows
+from probupdate.files import holds_nothing, read_json_table, remove_stale, write_json
+from probupdate.progress import Progress, silent
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+HEAD, TABLE, PAGE = "farm.json", "farm.csv", "farm.html"
+ANEW = "give an empty directory, or the farm's own"
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class FarmRun:
+    """rows: what is known of every turbine and month; run: how many months were worked on now; folder holds farm.csv,
+    farm.html and a folder per turbine and month."""
+
+    folder: Path
+    rows: tuple[MonthRow, ...]
+    run: int
+
+    @property
+    def failed(self) -> tuple[MonthRow, ...]:
+        return tuple(row for row in self.rows if row.state == FAILED)
+
+    def to_frame(self) -> pd.DataFrame:
+        """farm.csv: a row a turbine and month."""
+        return rows_table(self.rows)
+
+    @property
+    def summary(self) -> str:
+        done = sum(row.state not in (FAILED, WAITING) for row in self.rows)
+        waiting = sum(row.state == WAITING for row in self.rows)
+        turbines = len({row.turbine for row in self.rows})
+        lines = [f"{turbines} turbines, {len(self.rows)} turbine-months: {done} done ({self.run} worked on now), "
+                 f"{len(self.failed)} failed, {waiting} waiting"]
+        lines += [f"{row.turbine}, {row.month}: failed at {row.failed_step}: {row.failed}" for row in self.failed]
+        lines += [f"{row.turbine}, {row.month}: {'; '.join(row.changes)}" for row in self.rows if row.changes]
+        return "\n".join([*lines, f"open {self.folder / PAGE}"])
+
+
+def farm(
+    description: str | Path, out: str | Path, *, shard: str | Shard | None = None, jobs: int | Executor = 1,
+    progress: Progress = silent,
+) -> FarmRun:
+    """The steps of every turbine and month of a farm.toml into `out`; those that are finished are not repeated, a month
+    that fails is one line of the result and is tried again by the next run, the others go on.
+
+    A month's results are made anew where its records, its model, the options, the seed or the version have changed.
+    shard: '3/8', the share of one job of an array; all jobs write into the same `out`. jobs: processes, or an executor.
+    Raises InputError where the description is wrong or `out` holds something else.
+    """
+    description, out = Path(description), Path(out)
+    read = read_farm(description)
+    share = Shard.of(shard) if isinstance(shard, str) else shard
+    _claim(out, read)
+    known = {month: _known(out / month.folder) for month in read.months}
+    mine = list(read.months) if share is None else share.share(read.months)
+    todo = [month for month in mine if not is_done(known[month], read, _made_of(month, read))]
+    progress("turbine-months", len(mine) - len(todo), len(mine))
+    with executor(jobs) as runs:
+        lost = partial(_lost, farm=read, out=out)
+        results = runs.completed(run_one, [(month, read, out) for month in todo], least=1, lost=lost)
+        for count, (month, state) in enumerate(results, 1):
+            known[month] = state
+            progress("turbine-months", len(mine) - len(todo) + count, len(mine))
+    # what other shards finished meanwhile
+    known = {month: state if month in todo else _known(out / month.folder) for month, state in known.items()}
+    rows = farm_rows(read, known, out)
+    write_rows(rows, out / TABLE)
+    write_page(read, rows, out / PAGE)
+    remove_stale(out)
+    return FarmRun(folder=out, rows=tuple(rows), run=len(todo))
+
+
+def run_one(month: Month, farm: Farm, out: Path) -> tuple[Month, MonthState]:
+    return month, run_month(month, farm, out)
+
+
+def _lost(task: tuple, *, farm: Farm, out: Path) -> tuple[Month, MonthState]:
+    return task[0], lost_month(task[0], farm, out)
+
+
+def _made_of(month: Month, farm: Farm) -> dict[str, str]:
+    try:
+        return made_of(month, farm)
+    except (ProbupdateError, OSError):
+        # said by the month itself
+        return {}
+
+
+def _known(folder: Path) -> MonthState | None:
+    try:
+        return read_state(folder)
+    except InputError as error:
+        return MonthState(format=0, made_of={}, finished={}, failed_step="the state kept", failed=str(error))
+
+
+def _claim(out: Path, farm: Farm) -> None:
+    """Refuses a folder of something else, and one of another farm by name."""
+    path = out / HEAD
+    if path.exists():
+        found = read_json_table(path, ANEW).get("name")
+        if found != farm.name:
+            raise InputError(str(out), f"holds the results of the farm '{found}', not of '{farm.name}'", ANEW)
+    elif out.exists() and not holds_nothing(out):
+        raise InputError(str(out), "is not empty and holds no farm's results", ANEW)
+    else:
+        write_json(path, {"format": 1, "name": farm.name})

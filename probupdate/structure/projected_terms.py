@@ -1,0 +1,92 @@
+"""Many constant matrices on one basis, held as the few entries that each has on the full model.
+
+A term of an effect touches some dozen of a thousand degrees of freedom; on a basis of two hundred vectors it is full. A
+thousand of them would be hundreds of megabytes there, and are two as they are: their sums are projected, not they.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy import sparse
+
+from probupdate.modes import frozen_array
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class ProjectedTerms:
+    """B^T K_t B for constant symmetric K_t (n_dof, n_dof) and a basis B (n_dof, r), and behind them matrices that are
+    given on the basis. row, column (n_entry,): places of the terms' joint pattern; entry (n_term, n_entry): sparse, what
+    each term has there; added: (r, r) each."""
+
+    basis: np.ndarray
+    row: np.ndarray
+    column: np.ndarray
+    entry: sparse.csr_array
+    added: tuple[np.ndarray, ...] = ()
+
+    @classmethod
+    def of(cls, terms: Sequence[sparse.csc_array], basis: np.ndarray, without: Collection[int] = ()) -> ProjectedTerms:
+        """`without`: numbers of terms that count as zero."""
+        pattern, entry = patterned(terms)
+        if without:
+            entry = sparse.csr_array(sparse.diags_array([float(t not in without) for t in range(len(terms))]) @ entry)
+            entry.eliminate_zeros()
+        column = np.repeat(np.arange(pattern.shape[1]), np.diff(pattern.indptr))
+        return cls(basis=frozen_array(basis), row=pattern.indices, column=column, entry=entry)
+
+    def __len__(self) -> int:
+        return self.entry.shape[0] + len(self.added)
+
+    def with_added(self, matrices: Sequence[np.ndarray]) -> ProjectedTerms:
+        """With further terms (r, r), which are not copied."""
+        return replace(self, added=(*self.added, *matrices))
+
+    def total(self, weight: np.ndarray) -> np.ndarray:
+        """sum_t weight_t B^T K_t B (r, r) for weight (n_term,)."""
+        own = self.entry.shape[0]
+        size = len(self.basis)
+        whole = sparse.csr_array((weight[:own] @ self.entry, (self.row, self.column)), shape=(size, size))
+        found = self.basis.T @ (whole @ self.basis)
+        for value, matrix in zip(weight[own:], self.added, strict=True):
+            if value:
+                found += value * matrix
+        return 0.5 * (found + found.T)
+
+    def times(self, weights: np.ndarray, vectors: np.ndarray) -> np.ndarray:
+        """sum_t weights_pt B^T K_t B X (n, r, k) for weights (n, n_term) and X (r, k): for each of the n sums only the
+        rows of B are touched that its terms have entries in."""
+        own, size = self.entry.shape[0], len(self.basis)
+        result = np.zeros((len(weights), self.basis.shape[1], vectors.shape[1]))
+        sums = sparse.csr_array(sparse.csr_array(weights[:, :own]) @ self.entry)
+        motion = self.basis @ vectors
+        for p in range(len(weights)):
+            part = slice(sums.indptr[p], sums.indptr[p + 1])
+            places, values = sums.indices[part], sums.data[part]
+            if len(places):
+                rows, place = np.unique(self.row[places], return_inverse=True)
+                touched = sparse.csr_array((values, (place, self.column[places])), shape=(len(rows), size))
+                result[p] = self.basis[rows].T @ (touched @ motion)
+            for value, matrix in zip(weights[p, own:], self.added, strict=True):
+                if value:
+                    result[p] += value * (matrix @ vectors)
+        return result
+
+
+def patterned(terms: Sequence[sparse.csc_array]) -> tuple[sparse.csc_array, sparse.csr_array]:
+    """The union of the terms' patterns, and their entries on it (n_term, n_entry)."""
+    n = terms[0].shape[0]
+    keys = []
+    for term in terms:
+        columns = np.repeat(np.arange(n), np.diff(term.indptr))
+        keys.append(columns.astype(np.int64) * n + term.indices)
+    union = np.unique(np.concatenate(keys))
+    place = np.concatenate([np.searchsorted(union, k) for k in keys])
+    rows = np.repeat(np.arange(len(terms)), [len(k) for k in keys])
+    data = sparse.csr_array(
+        sparse.coo_array((np.concatenate([t.data for t in terms]), (rows, place)), shape=(len(terms), len(union)))
+    )
+    indptr = np.concatenate([[0], np.cumsum(np.bincount(union // n, minlength=n))])
+    return sparse.csc_array((np.ones(len(union)), union % n, indptr), shape=(n, n)), data
