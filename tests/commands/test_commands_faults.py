@@ -12,6 +12,8 @@ import h5py
 import numpy as np
 import pytest
 
+from probupdate.cli import EXAMPLES
+
 STUDY = Path(__file__).resolve().parents[2] / "studies" / "faults"
 TRIED = ("kill -9 at a drawn moment", "kill -9 as a file takes its place", "two writers", "SIGTERM", "Ctrl-C",
          "full disk (limit on file size)", "input gone midway")  # fmt: skip
@@ -30,6 +32,14 @@ def test_nothing_finished_is_lost_and_nothing_is_left(tmp_path):
     assert sum(one["what"].get("kills", 0) for one in lines) == 18
     bad = ("torn", "again_differs", "parts_left", "orphans", "traceback", "more_lines", "other_exit")
     assert not [one for one in lines if any(one["what"].get(key) for key in bad)]
+
+
+def test_the_study_tries_every_command_or_says_which_it_does_not():
+    sys.path.insert(0, str(STUDY))
+    import faults
+
+    tried = {words[0] for words in faults.commands(Path("i"), Path("o")).values()}
+    assert tried | set(faults.UNTRIED) == set(EXAMPLES) and not tried & set(faults.UNTRIED)
 
 
 def test_the_study_knows_a_torn_file(tmp_path):
