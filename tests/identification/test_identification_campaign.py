@@ -198,4 +198,4 @@ def test_progress_is_told(jacket, reference, write_campaign):
     campaign = read_campaign(write_campaign([jacket.record(9000, seed=0)]))
     identify(campaign, reference, progress=lambda *a: told.append(a))
     assert told[:2] == [("identifying blocks", 0, 1), ("identifying blocks", 1, 1)]
-    assert ("telling modes", 1, 1) in told and told[-1] == ("deviations of modes", 1, 1)
+    assert ("classifying modes", 1, 1) in told and told[-1] == ("standard deviations of modes", 1, 1)
