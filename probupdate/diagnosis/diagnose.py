@@ -159,7 +159,11 @@ def meant(
     if found.statistic[best] < GROSS:
         return [(k, None) for k in rivals_of(setting, fitted, found, best)], False
     free = ~taken(setting, fitted.named) & (np.arange(len(setting.which)) < n_searched)
-    tried = tried_whole(setting, fitted.named, free)
+    try:
+        tried = tried_whole(setting, fitted.named, free)
+    except ConvergenceError:
+        # where the prior expects the parameters the model has no modes that pair with the measured ones
+        return [(k, None) for k in rivals_of(setting, fitted, found, best)], False
     together = tried_together(setting, fitted.named, free, tried) if tried[0].whole else []
     tried = together or tried
     least = GROSS_SHARE * max(tried[0].gain, 0.0)

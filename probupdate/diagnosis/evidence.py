@@ -13,6 +13,7 @@ from probupdate.diagnosis.fitting import FINGERPRINT, Fit, linearised, penalty
 from probupdate.diagnosis.linear import Design
 from probupdate.diagnosis.noise import Noise
 from probupdate.diagnosis.setting import Named, Setting
+from probupdate.errors import ConvergenceError
 
 # errors of fingerprints that are as probable before, in FINGERPRINT
 DOUBTS = (0.2, 0.5, 1.0, 2.0)
@@ -76,14 +77,22 @@ def _compared(setting: Setting, order: list[Rival]) -> list[Rival]:
     def about(theta: np.ndarray, rival: Rival) -> float:
         key = theta.tobytes(), rival.candidate
         if key not in known:
-            known[key] = marginal_evidence(setting, theta, rival.fitted.named, noise)
+            try:
+                known[key] = marginal_evidence(setting, theta, rival.fitted.named, noise)
+            except ConvergenceError:
+                # no modes that pair with the measured ones there
+                known[key] = -np.inf
         return known[key]
 
     result = [best]
     for rival in order[1:]:
         if best.log_posterior - rival.log_posterior < CLOSE:
             places = best.fitted.theta, rival.fitted.theta
-            apart = max(about(p, rival) for p in places) - max(about(p, best) for p in places)
+            own, best_there = (max(about(p, r) for p in places) for r in (rival, best))
+            if not np.isfinite([own, best_there]).all():
+                result.append(rival)
+                continue
+            apart = own - best_there
             sides = _sides(rival.fitted.named[-1]) - _sides(best.fitted.named[-1])
             promised = only_promised(setting, rival.fitted) - only_promised(setting, best.fitted)
             rival = replace(rival, log_evidence=best.log_evidence + apart + sides - promised)

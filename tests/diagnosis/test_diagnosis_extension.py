@@ -154,7 +154,7 @@ def test_findings_of_parameters_leave_the_model_as_it_is(stepped):
     told = extend(prepared, outcome, data)
     assert told.model is None
     (added,) = told.content["added"]
-    assert added["parameter"] == "k3" and "doubted" in added["as"]
+    assert added["parameter"] == "k3" and "in question" in added["as"]
 
 
 def test_a_step_between_the_grids_blocks_is_found_to_the_block(stepped):
