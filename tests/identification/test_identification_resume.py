@@ -236,7 +236,11 @@ def test_a_record_that_came_since_is_identified_and_no_other(filled, rough, tmp_
     assert set(after) == set(whole)
     assert all(after[name][1] == whole[name][1] for name in whole if name.endswith(".poles.npz"))
     grown, modes = (json.loads((tmp_path / name).read_text()) for name in ("grown.json", "modes.json"))
-    assert grown["sets"] == modes["sets"]
+    # standard deviations are computed together for the poles that are asked for, so that sums round otherwise
+    for one, other in zip(grown["sets"], modes["sets"], strict=True):
+        assert {k: v for k, v in one.items() if "std" not in k} == {k: v for k, v in other.items() if "std" not in k}
+        for key in (k for k in one if "std" in k):
+            np.testing.assert_allclose(np.array(one[key], float), np.array(other[key], float), rtol=1e-9, atol=1e-12)
 
 
 def test_a_copied_folder_is_the_same_and_one_changed_sample_is_another(filled, rough, tmp_path):
