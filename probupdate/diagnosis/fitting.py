@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from probupdate.diagnosis.courses import Course
 from probupdate.effects.catalogue import Effect
 from probupdate.diagnosis.expected import all_departures, fingerprints_at, local_at
 from probupdate.diagnosis.linear import Design
@@ -33,8 +32,6 @@ REFRESH, FAR = 6, 1.0
 # elements, mesh, soil and joints follow other theories, half of 66 effects at their true size left less than 8 % of
 # their length, nine of ten less than 13 % (studies/blind/fingerprints.py)
 FINGERPRINT = 0.1
-# share of the variance of such errors along other effects that is kept, in as few directions
-SPANNED = 0.95
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -89,57 +86,20 @@ def design_at(
         same = before.bin_of[np.unique(bin_of, return_index=True)[1]]
         nuisance = tuple(np.concatenate([p, old[same][:, :, n_own:]], axis=2)
                          for p, old in zip(prints, before.nuisance, strict=True))  # fmt: skip
-        effect = tuple(e[same][:, :, : len(setting.effects)] for e in before.effect)
+        effect = tuple(e[same] for e in before.effect)
     else:
         tolerated = [n_own + j for j in setting.tolerated]
         nuisance = tuple(p[:, :, [*range(n_own), *tolerated]] for p in prints)
         effect = tuple(p[:, :, n_own:] for p in prints)
     prior = [local_std(setting.prior, i, theta[k]) for i, k in enumerate(setting.updated)]
     std = np.array([*prior, *(setting.effects[j].tolerance for j in setting.tolerated)])
-    found = tuple((_number(setting, n), n.course, n.prior_std) for n in named if not n.effect.discrete)
-    effect, mistaken = _with_mistaken(setting, named, effect, bin_of, noise)
     return Design(
         bin_of=bin_of, nuisance=nuisance, nuisance_std=std, floor=setting.floor, effect=effect,
-        courses=setting.courses, which=setting.which, noise=noise, named=(*found, *mistaken), n_found=len(found),
+        courses=setting.courses, which=setting.which, noise=noise,
+        named=tuple((_number(setting, n), n.course, n.prior_std) for n in named if not n.effect.discrete),
         doubted=tuple((n.course, tuple(_doubt(setting, q, FINGERPRINT * n.size * e[:, :, _number(setting, n)])
                                        for q, e in enumerate(effect))) for n in named),
     )  # fmt: skip
-
-
-def _with_mistaken(
-    setting: Setting, named: Sequence[Named], effect: tuple[np.ndarray, ...], bin_of: np.ndarray, noise: Noise
-) -> tuple[tuple[np.ndarray, ...], list[tuple[int, Course, float]]]:
-    """What the error of the fingerprints of `named` may look like beside its own responses, as columns behind `effect`
-    per group (n_bin, n_response, n_effect), and these as (column, course, deviation): what the other effects of the
-    structure make along the same course, all of it together as large as a share FINGERPRINT of the fingerprint, in the
-    few directions that hold most of it. A strong effect's error would else be bought as one more cause."""
-    updated = {setting.field.parameters.names[k] for k in setting.updated}
-    # what the updated parameters make is marginalised already
-    rows = np.array([j for j, e in enumerate(setting.effects) if e.parameter and e.parameter not in updated], int)
-    roots = [np.linalg.cholesky(P).T for P in noise.precision]
-    added, mistaken = [[e] for e in effect], []
-    for n in named:
-        if n.effect.observe is not None:
-            continue
-        white = []
-        for E, root, weight in zip(effect, roots, noise.weight, strict=True):
-            there = np.sqrt(np.bincount(bin_of, weight * n.course.value**2, len(E)))
-            white += [there[g] * (root @ E[g]) for g in np.flatnonzero(there)]
-        length = np.linalg.norm(np.concatenate(white), axis=0) if white else np.zeros(len(setting.effects))
-        own = _number(setting, n)
-        others = rows[(rows != own) & (length[rows] > 1e-6 * length[own])]
-        if not len(others) or not n.size * length[own]:
-            continue
-        scale = FINGERPRINT * abs(n.size) * length[own] / np.sqrt(len(others)) / length[others]
-        spanned = np.concatenate(white)[:, others] * scale
-        value, turn = np.linalg.eigh(spanned.T @ spanned)
-        most = np.cumsum(value[::-1]) < SPANNED * value.sum()
-        turn = turn[:, ::-1][:, : int(most.sum()) + 1]
-        first = added[0][0].shape[2] + sum(part.shape[2] for part in added[0][1:])
-        for parts, E in zip(added, effect, strict=True):
-            parts.append((E[:, :, others] * scale) @ turn)
-        mistaken += [(first + k, n.course, 1.0) for k in range(turn.shape[1])]
-    return tuple(np.concatenate(parts, axis=2) if len(parts) > 1 else parts[0] for parts in added), mistaken
 
 
 def _doubt(setting: Setting, group: int, amount: np.ndarray) -> np.ndarray:

@@ -35,10 +35,9 @@ class Design:
     bin_of (n_block,): number of the nacelle angle each block is counted to. nuisance per group (n_bin, n_response,
     n_nuisance) with nuisance_std (n_nuisance,); floor per group (n_response,) deviations of the offsets; effect per
     group (n_bin, n_response, n_effect). Candidates are pairs (effect, course): which (n_candidate, 2). `named`: effects
-    as (effect, its course, deviation of its size), whose sizes are unknowns like c: the first `n_found` were found and
-    are chosen by the fit (None: all), the others are what the error of a found one's fingerprint may look like.
-    `doubted`: courses of effects already found, each with the deviations per group (n_bin, n_response) of their
-    fingerprint times size. What fingerprints are not known by is all multiplied by `doubt`.
+    already found, as (effect, its course, deviation of its size); their sizes are unknowns like c. `doubted`: courses
+    of effects already found, each with the deviations per group (n_bin, n_response) of their fingerprint times size,
+    all of which are multiplied by `doubt`.
     """
 
     bin_of: np.ndarray
@@ -52,13 +51,11 @@ class Design:
     named: tuple[tuple[int, Course, float], ...] = ()
     doubted: tuple[tuple[Course, tuple[np.ndarray, ...]], ...] = ()
     doubt: float = 1.0
-    n_found: int | None = None
 
     @property
     def sizes(self) -> slice:
         """Numbers of the unknowns that are sizes of effects found."""
-        start = self.nuisance_std.size
-        return slice(start, start + (len(self.named) if self.n_found is None else self.n_found))
+        return slice(self.nuisance_std.size, self.n_common)
 
     @property
     def n_bin(self) -> int:
@@ -109,7 +106,7 @@ class Design:
 
     @property
     def n_common(self) -> int:
-        """Unknowns that all groups share: c and the sizes of `named`."""
+        """Unknowns that all groups share: c and the sizes of named effects."""
         return self.nuisance_std.size + len(self.named)
 
     def held(self, n_own: int) -> list[int]:
@@ -123,9 +120,7 @@ class Design:
     @cached_property
     def prior_std(self) -> np.ndarray:
         doubts = [np.full(f.size, self.doubt) for _ in self.doubted for f in self.floor]
-        sizes = np.array([std for _, _, std in self.named])
-        sizes[self.sizes.stop - self.sizes.start :] *= self.doubt
-        return np.concatenate([self.nuisance_std, sizes, *self.floor, *doubts])
+        return np.concatenate([self.nuisance_std, [std for _, _, std in self.named], *self.floor, *doubts])
 
     @cached_property
     def _unknowns(self) -> tuple[tuple[np.ndarray, np.ndarray, np.ndarray], ...]:
