@@ -59,7 +59,8 @@ def _read(path: str | Path) -> tuple[Path, list[dict]]:
     pyuff = _pyuff(path)
     said = str(path), "cannot be read as a universal file", "write it again, as ASCII or binary UFF"
     with parsing(*said), warnings.catch_warnings():
-        warnings.simplefilter("ignore")
+        # what numpy warns of while text becomes numbers is no number
+        warnings.simplefilter("error")
         file = pyuff.UFF(str(path))
         kinds = [int(k) for k in file.get_set_types()]
         wanted = [k for k, kind in enumerate(kinds) if kind in (15, 55, 58, 2411)]
@@ -410,8 +411,7 @@ def _node_dataset(pyuff, places: np.ndarray) -> dict:
 
 
 def _write(pyuff, datasets: Sequence[dict], path: Path) -> Path:
-    with whole(path) as part, warnings.catch_warnings():
-        warnings.simplefilter("ignore")
+    with whole(path) as part:
         file = pyuff.UFF(str(part))
         for k, one in enumerate(datasets):
             file.write_sets(one, mode="add" if k else "overwrite")
