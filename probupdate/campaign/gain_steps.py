@@ -214,6 +214,20 @@ def _prepared(pieces: Sequence[Piece], lowest_hz: float):
     return [p.id for p in pieces], density / power[:, :, None, None], known
 
 
+def _regressed(mean: np.ndarray, density: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Every channel by all others at one line, regressed on the mean (n, n): its own power (n,), and in every piece of
+    density (n_piece, n, n) what it has in common with its prediction and the prediction's power (n_piece, n)."""
+    own = mean.diagonal().real
+    scale = np.sqrt(np.maximum(own, 1e-300))
+    inverse = np.linalg.inv(mean / np.outer(scale, scale) + RIDGE * np.eye(len(own)))
+    # x_c = sum_j a_cj x_j, with density[i, j] the mean of conj(x_i) x_j
+    a = -(inverse / inverse.diagonal()[:, None]).conj()
+    np.fill_diagonal(a, 0)
+    a = a / scale[None, :] * scale[:, None]
+    product = a.conj() @ density
+    return own, np.einsum("bcc->bc", product).real, np.einsum("bcj,cj->bc", product, a).real
+
+
 def _gains(density: np.ndarray) -> np.ndarray:
     """(n_piece, n) gain of every channel over its mean, NaN where it is not predicted."""
     mean = density.mean(axis=0)
@@ -221,16 +235,7 @@ def _gains(density: np.ndarray) -> np.ndarray:
     top, bottom = np.zeros((2, len(density), n))
     best = np.zeros(n)
     for q in range(n_line):
-        own = mean[q].diagonal().real
-        scale = np.sqrt(np.maximum(own, 1e-300))
-        inverse = np.linalg.inv(mean[q] / np.outer(scale, scale) + RIDGE * np.eye(n))
-        # x_c = sum_j a_cj x_j, with density[i, j] the mean of conj(x_i) x_j
-        a = -(inverse / inverse.diagonal()[:, None]).conj()
-        np.fill_diagonal(a, 0)
-        a = a / scale[None, :] * scale[:, None]
-        product = a.conj() @ density[:, q]
-        predicted = np.einsum("bcj,cj->bc", product, a).real
-        together = np.einsum("bcc->bc", product).real
+        own, together, predicted = _regressed(mean[q], density[:, q])
         left = own - 2 * together.mean(axis=0) + predicted.mean(axis=0)
         best = np.maximum(best, 1 - left / own)
         # with the regression as it is the gain of least squares: weighted by what is left unexplained
@@ -250,15 +255,8 @@ def _weights(density: np.ndarray) -> np.ndarray:
     n = mean.shape[1]
     noise, bottom = np.zeros((2, len(density), n))
     for q in range(len(mean)):
-        own = mean[q].diagonal().real
-        scale = np.sqrt(np.maximum(own, 1e-300))
-        inverse = np.linalg.inv(mean[q] / np.outer(scale, scale) + RIDGE * np.eye(n))
-        a = -(inverse / inverse.diagonal()[:, None]).conj()
-        np.fill_diagonal(a, 0)
-        a = a / scale[None, :] * scale[:, None]
-        product = a.conj() @ density[:, q]
-        predicted = np.einsum("bcj,cj->bc", product, a).real
-        left = np.einsum("bcc->bc", density[:, q]).real - 2 * np.einsum("bcc->bc", product).real + predicted
+        own, together, predicted = _regressed(mean[q], density[:, q])
+        left = np.einsum("bcc->bc", density[:, q]).real - 2 * together + predicted
         weight = 1 / np.maximum(left.mean(axis=0), RIDGE * own)
         noise += weight**2 * np.maximum(left, 0) * np.maximum(predicted, 0)
         bottom += weight * np.maximum(predicted, 0)
