@@ -22,10 +22,9 @@ def __getattr__(name: str):
 
         return farm
     if name == "modes":
-        # a module of that name is there too; it can be called (see its end)
-        import importlib
+        from probupdate.verbs import model_modes
 
-        return importlib.import_module("probupdate.modes")
+        return model_modes
     if name in _STEPS:
         from probupdate import verbs
 

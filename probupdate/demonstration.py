@@ -14,12 +14,12 @@ from typing import TYPE_CHECKING
 from probupdate import __version__, verbs
 from probupdate.diagnosis.wording import finding_words
 from probupdate.errors import InputError
-from probupdate.estimators.ensemble import SamplerSettings
-from probupdate.files import holds_nothing, read_json, read_text, write_bytes, write_json, write_text
-from probupdate.executors import beside
-from probupdate.progress import Progress, silent
+from probupdate.updating.ensemble import SamplerSettings
+from probupdate.io.files import holds_nothing, read_json, read_text, write_bytes, write_json, write_text
+from probupdate.runtime.executors import beside
+from probupdate.runtime.progress import Progress, silent
 from probupdate.reporting import report as write_report
-from probupdate.result_table import table_of
+from probupdate.io.result_table import table_of
 from probupdate.structure.load import reference_model
 from probupdate.virtual.effects import hidden_words
 

@@ -8,7 +8,7 @@ import re
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import PurePath
-from typing import Any, TypeVar
+from typing import Any, TypeVar, cast
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -102,7 +102,7 @@ def names_files(data: str, model: str = "model") -> Callable[[F], F]:
                     raise
                 raise InputError(f"{of}, {error.where}", error.problem, error.remedy) from None
 
-        return step
+        return cast(F, step)
 
     return decorate
 

@@ -73,6 +73,10 @@ STUDIES = {
         question="From a posterior to remaining life: is its uncertainty calibrated?",
         runs=(("calibration.py", OUT),), quick=(("calibration.py", OUT, "--turbines", "1", "--minutes", "2"),),
         seeds="the number of the turbine", takes="25 minutes a case at most"),
+    "measured_frame": Study(
+        question="Is the braced storey of a measured frame named from a uniform model, and what stands in the way?",
+        runs=(("run.py", OUT),), quick=(("run.py", OUT, "--discrepancy", "1"),), seeds="1", takes="three minutes",
+        data="shared/data/weimar_frame"),
     "month": Study(
         question="What do a month's records cost, killed and resumed?",
         runs=(("run.py", OUT, "--days", "30"),), quick=(("run.py", OUT, "--days", "0.2"),), seeds="7",
@@ -81,6 +85,10 @@ STUDIES = {
         question="Does the whole job work on an OpenFAST model, measured on another theory?",
         runs=(("run.py", OUT),), quick=(("run.py", OUT, "--hours", "6"),), seeds="1, 2", takes="minutes",
         data="shared/reference/oc4"),
+    "oc4_jacket": Study(
+        question="What does the diagnosis name on the OC4 jacket solved by OpenSees, its SubDyn file as the model?",
+        runs=(("run.py", OUT),), quick=(("run.py", OUT, "--quick"),), seeds="the number of the case",
+        takes="half an hour", data="shared/reference/oc4"),
     "performance": Study(
         question="How fast are modes, identification, diagnosis and sampling?",
         runs=(("benchmark_modal.py",), ("benchmark_identification.py",), ("benchmark_data_first.py",),

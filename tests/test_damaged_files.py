@@ -5,9 +5,7 @@ import pandas as pd
 import pytest
 from damage import damaged
 
-from probupdate.deviation_file import read_deviations, write_deviations
 from probupdate.errors import InputError, parsing
-from probupdate.estimators.posterior_file import Posterior, read_posterior, write_posterior
 from probupdate.identification.block_poles import BlockDeviations, BlockPoles
 from probupdate.identification.block_store import (
     read_block_deviations,
@@ -16,8 +14,10 @@ from probupdate.identification.block_store import (
     write_block_poles,
 )
 from probupdate.identification.ssi import Poles
-from probupdate.modes import ModalDeviation
+from probupdate.modal.deviation_file import read_deviations, write_deviations
+from probupdate.modal.modes import ModalDeviation
 from probupdate.structure.load import load_model
+from probupdate.updating.posterior_file import Posterior, read_posterior, write_posterior
 
 RNG = np.random.default_rng(4)
 SHAPE = RNG.standard_normal((6, 3)) + 1j * RNG.standard_normal((6, 3))

@@ -17,21 +17,21 @@ from probupdate.campaign.reading import CAMPAIGN_KEYS, SENSOR_KEYS, UNITS
 from probupdate.campaign.scada import COLUMNS
 from probupdate.campaign.sensor_findings import SensorFinding
 from probupdate.cli import build_parser
-from probupdate.comparison import Comparison, ComparisonRow
 from probupdate.diagnosis.results import DiagnosisTable, FindingTable, LimitTable
-from probupdate.estimators.set_views_file import SetViews
-from probupdate.estimators.update_file import AlphaRecord, ComponentsRecord, ScatterRecord, SchemeRecord, UpdateRecord
-from probupdate.information import Information
 from probupdate.lifetime.conditions import Conditions, _keys
-from probupdate.modes import read_modes
-from probupdate.problem import build_problem
+from probupdate.modal.modes import read_modes
 from probupdate.reporting.run_files import HEAD_KEYS, PARTS
 from probupdate.structure.description import Description as TurbineDescription
-from probupdate.structure.description import _tables
-from probupdate.structure.effects import EffectKeys
+from probupdate.structure.description_file import _tables
+from probupdate.structure.effect_kinds import EffectKeys
 from probupdate.structure.load import REFERENCE_STATES, reference_model
 from probupdate.structure.parameter_table import KEYS, parameter_from_table
 from probupdate.structure.subdyn_model import ACTS, SubDynDescription
+from probupdate.updating.comparison import Comparison, ComparisonRow
+from probupdate.updating.information import Information
+from probupdate.updating.problem import build_problem
+from probupdate.updating.set_views_file import SetViews
+from probupdate.updating.update_file import AlphaRecord, ComponentsRecord, ScatterRecord, SchemeRecord, UpdateRecord
 from probupdate.virtual.effects import COURSES, COVARIATES, EFFECTS
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -365,9 +365,8 @@ def user_strings(path: Path):
 
 
 # where sentences for users are made; the other modules of the diagnosis follow when their names do
-WORDED = ("cli.py", "comparison.py", "information.py", "demonstration.py", "responses.py", "diagnosis/wording.py",
-          "diagnosis/results.py", "farms/*.py", "reporting/*.py", "estimators/*.py", "identification/*.py",
-          "campaign/*.py")  # fmt: skip
+WORDED = ("cli/*.py", "demonstration.py", "diagnosis/wording.py", "diagnosis/results.py", "farms/*.py", "reporting/*.py",
+          "updating/*.py", "identification/*.py", "campaign/*.py")  # fmt: skip
 
 
 @pytest.mark.parametrize("pattern", WORDED)

@@ -8,14 +8,14 @@ import h5py
 import numpy as np
 import pytest
 
-from probupdate import files
 from probupdate.campaign.name_pattern import name_pattern
 from probupdate.campaign.reading import read_campaign
 from probupdate.campaign.scada import read_scada
-from probupdate.deviation_file import read_deviations, write_deviations
 from probupdate.errors import InputError
-from probupdate.hdf5_file import open_hdf5
-from probupdate.modes import ModalDeviation, read_modes
+from probupdate.io import files
+from probupdate.io.hdf5_file import open_hdf5
+from probupdate.modal.deviation_file import read_deviations, write_deviations
+from probupdate.modal.modes import ModalDeviation, read_modes
 
 N = 3000
 
@@ -182,7 +182,7 @@ def test_a_file_that_ends_or_holds_the_library_is_one_line(tmp_path, monkeypatch
     path = tmp_path / "a.h5"
     with h5py.File(path, "w") as file:
         file["data"] = 1.0
-    from probupdate import hdf5_file, hdf5_probe
+    from probupdate.io import hdf5_file, hdf5_probe
 
     for program, words in (("import os; input(); os._exit(139)", "ends on it"),
                            ("input()\nwhile True: pass", "is not done with it after 1 s")):  # fmt: skip

@@ -1,6 +1,7 @@
 """Imports point one way: every module of the package may import only from lower floors (DESIGN.md, The house)."""
 
 import ast
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -9,21 +10,15 @@ import pytest
 
 PACKAGE = Path(__file__).resolve().parents[1] / "probupdate"
 
-# name -> floor; a module may import a lower floor, its own package, and what PEERS names
+# room -> floor; a module may import rooms of a lower floor, and its own
 FLOOR = {
-    "errors": 0, "progress": 0, "files": 0.02, "hdf5_probe": 0.02, "hdf5_file": 0.03, "schema": 0.03, "executors": 0.05, "deviation_file": 0.05, "json_rows": 0.05,
-    "result_table": 0.05,
-    "identifiability": 0.1, "parameters": 0.1, "modes": 0.1,
-    "model": 0.2, "model_error": 0.3, "mode_labels": 0.2, "io": 0.3,
+    "errors": 0, "runtime": 0.1, "io": 0.2, "model": 0.3, "modal": 0.4,
     "structure": 1, "campaign": 1, "virtual": 1,
-    "effects": 2, "identification": 2,
-    "matching": 2.9, "responses": 2.9, "channel_mistakes": 2.95, "problem": 3,
-    "estimators": 4, "comparison": 5, "information": 5, "diagnosis": 6, "lifetime": 6, "reporting": 7, "verbs": 8,
-    "demonstration": 8.5, "outputs": 8.8, "farms": 8.9, "cli": 9, "__main__": 9.5,
+    "effects": 2, "identification": 2, "updating": 3,
+    "diagnosis": 6, "lifetime": 6, "reporting": 7, "verbs": 8, "demonstration": 8.5, "farms": 8.9, "cli": 9, "__main__": 9.5,
 }  # fmt: skip
-APART = {("identification", "structure"), ("identification", "virtual"), ("problem", "virtual"),
-         ("problem", "campaign"), ("problem", "identification"), ("estimators", "virtual"),
-         ("estimators", "campaign"), ("estimators", "identification")}  # fmt: skip
+APART = {("identification", "structure"), ("identification", "virtual"), ("updating", "virtual"),
+         ("updating", "campaign"), ("updating", "identification")}  # fmt: skip
 MODULES = sorted(PACKAGE.rglob("*.py"))
 
 
@@ -66,6 +61,88 @@ def test_floor_one_rooms_do_not_know_each_other():
             assert not imported_rooms(path) & (rooms - {room(path)})
 
 
+def module_name(path: Path) -> str:
+    """The dotted name within the package; of a room's `__init__` the room's."""
+    return ".".join(path.relative_to(PACKAGE).with_suffix("").parts).removesuffix(".__init__")
+
+
+def imported_names(path: Path, modules: set[str]) -> set[tuple[str, str]]:
+    """(module of the package, name imported from it or "") for every import, those inside functions included."""
+    found = set()
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            found |= {(a.name.removeprefix("probupdate."), "") for a in node.names if a.name.startswith("probupdate.")}
+        elif isinstance(node, ast.ImportFrom) and (node.module or "").split(".")[0] == "probupdate":
+            source = node.module.removeprefix("probupdate").removeprefix(".")
+            for alias in node.names:
+                inner = f"{source}.{alias.name}".removeprefix(".")
+                found.add((inner, "") if inner in modules else (source, alias.name))
+    return found
+
+
+def public_names(room: str) -> list[str]:
+    """`__all__` of a room, as it is written."""
+    for node in ast.parse((PACKAGE / room / "__init__.py").read_text(encoding="utf-8")).body:
+        if isinstance(node, ast.Assign) and getattr(node.targets[0], "id", "") == "__all__":
+            return ast.literal_eval(node.value)
+    return []
+
+
+ROOMS = sorted(p.parent.name for p in PACKAGE.glob("*/__init__.py"))
+NAMES = {module_name(path) for path in MODULES}
+
+
+def circles(graph: dict[str, set[str]]) -> list[str]:
+    """Names that lie on a circle: each reaches itself."""
+    found = []
+    for start in graph:
+        reached, ahead = set(), [start]
+        while ahead:
+            new = graph.get(ahead.pop(), set()) - reached
+            reached |= new
+            ahead += new
+        if start in reached:
+            found.append(start)
+    return found
+
+
+def test_no_modules_import_one_another_in_a_circle():
+    """Type hints included. The package's own `__init__` is left out: it loads steps when they are first used."""
+    graph = {module_name(p): {m for m, _ in imported_names(p, NAMES)} - {"", "__init__"} for p in MODULES}
+    assert circles(graph) == []
+    assert circles({"a": {"b"}, "b": {"c"}, "c": {"b"}}) == ["b", "c"]
+
+
+@pytest.mark.parametrize("room", ROOMS)
+def test_a_room_says_what_is_public_of_it(room):
+    public = public_names(room)
+    assert public and public == sorted(public), f"probupdate/{room}/__init__.py needs __all__, in order"
+    source = (PACKAGE / room / "__init__.py").read_text(encoding="utf-8")
+    assert ast.get_docstring(ast.parse(source)), f"probupdate/{room} does not say what it is for"
+    own = {alias.asname or alias.name for node in ast.parse(source).body if isinstance(node, ast.ImportFrom)
+           for alias in node.names} | {n.name for n in ast.parse(source).body if isinstance(n, ast.FunctionDef)}  # fmt: skip
+    assert not [name for name in public if name not in own and f"{room}.{name}" not in NAMES]
+
+
+@pytest.mark.parametrize("path", MODULES, ids=lambda p: str(p.relative_to(PACKAGE)))
+def test_rooms_are_entered_through_what_they_show(path):
+    for module, name in imported_names(path, NAMES):
+        other, _, inner = module.partition(".")
+        if other in ROOMS and other != room(path):
+            shown = inner or name
+            # a room as a whole is its `__init__`, which holds what it shows
+            assert not shown or shown in public_names(other), f"{module} is {other}'s own: add it to its __all__ or go another way"
+        assert not name.startswith("_") or name == "__version__", f"{name} is {module}'s own"
+
+
+def test_documents_name_public_modules_only():
+    root = PACKAGE.parent
+    for page in (root / "README.md", *root.glob("docs/**/*.md")):
+        for other, inner in re.findall(r"\bprobupdate\.(\w+)\.(\w+)", page.read_text(encoding="utf-8")):
+            if f"{other}.{inner}" in NAMES:
+                assert inner in public_names(other), f"{page.name}: probupdate.{other}.{inner} is the room's own"
+
+
 def test_arviz_is_imported_in_one_module_only():
     users = set()
     for path in MODULES:
@@ -77,16 +154,16 @@ def test_arviz_is_imported_in_one_module_only():
                 names = [node.module or ""]
             if any(name.split(".")[0] == "arviz" for name in names):
                 users.add(path.relative_to(PACKAGE).as_posix())
-    assert users <= {"estimators/posterior_file.py"}
+    assert users <= {"updating/posterior_file.py"}
 
 
-# what writes or opens a file for writing; `files` alone may, so that every file is whole or as it was
+# what writes or opens a file for writing; `io.files` alone may, so that every file is whole or as it was
 WRITING = {"write_text", "write_bytes", "to_csv", "savez", "savez_compressed", "save", "savefig", "to_netcdf", "to_parquet",
            "copyfile", "copy", "move", "symlink_to", "touch", "savetxt", "tofile", "dump"}  # fmt: skip
 
 
 def writes(path: Path) -> list[str]:
-    """Calls in a module that write a file in its own place rather than under a temporary name of `files.whole`."""
+    """Calls in a module that write a file in its own place rather than under a temporary name of `io.files.whole`."""
     found = []
     tree = ast.parse(path.read_text(encoding="utf-8"))
     parts = {item.optional_vars.id for node in ast.walk(tree) if isinstance(node, ast.With) for item in node.items
@@ -109,8 +186,8 @@ def writes(path: Path) -> list[str]:
 
 
 def test_every_file_is_written_whole():
-    found = [text for path in MODULES if path != PACKAGE / "files.py" for text in writes(path)]
-    assert not found, f"write through probupdate.files, whole or not at all: {found}"
+    found = [text for path in MODULES if path != PACKAGE / "io" / "files.py" for text in writes(path)]
+    assert not found, f"write through probupdate.io.files, whole or not at all: {found}"
 
 
 def test_a_write_in_place_is_found(tmp_path, monkeypatch):

@@ -3,3 +3,9 @@
 `reading.read_campaign` opens one, `blocks.blocks` streams its data, `checking.check` says what is wrong with it,
 `scada.block_conditions` tells what the turbine did meanwhile.
 """
+
+# what other rooms and users import; the other modules are this room's own
+__all__ = [
+    "between_setups", "blocks", "checking", "converting", "findings", "heading", "plausible", "quantity", "reading",
+    "rotor_lines", "samples", "scada", "sensor_findings", "universal",
+]  # fmt: skip

@@ -22,9 +22,9 @@ from probupdate.campaign.rigid_bodies import Group, WrongGain, natural_groups, r
 from probupdate.campaign.sensor_findings import SIGMA, SensorFinding
 from probupdate.campaign.spectra import SEGMENT_S
 from probupdate.errors import InputError
-from probupdate.modes import Sensor
-from probupdate.progress import Progress, silent
-from probupdate.result_table import OWN_UNIT, table_of
+from probupdate.io.result_table import OWN_UNIT, table_of
+from probupdate.modal.modes import Sensor
+from probupdate.runtime.progress import Progress, silent
 
 if TYPE_CHECKING:
     import pandas as pd

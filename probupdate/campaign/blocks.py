@@ -9,10 +9,11 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
+from probupdate.campaign.parquet_records import ENDING, parquet_rows
 from probupdate.campaign.reading import Campaign, RecordFile, refuse_absurd
 from probupdate.errors import parsing
-from probupdate.hdf5_file import refuse_outside
-from probupdate.modes import frozen_array
+from probupdate.io.hdf5_file import refuse_outside
+from probupdate.runtime.arrays import frozen_array
 
 # a straight line over a second is harmless to what happens below 2.5 Hz in half an hour; more is not repaired
 LONGEST_REPAIR_S = 1.0
@@ -89,10 +90,13 @@ def read_block(
 
     length = _length(campaign, minutes)
     pieces = []
+    n = round(length.total_seconds() * campaign.sampling_rate_hz)
     for file in files:
+        first, source = _placing(file, start, campaign.sampling_rate_hz)
+        if file.path.suffix == ENDING:
+            pieces.append((first, parquet_rows(file.path, campaign.channels, source, source + n - first)))
+            continue
         with h5py.File(file.path, "r", rdcc_nbytes=CHUNK_CACHE_BYTES) as opened:
-            first, source = _placing(file, start, campaign.sampling_rate_hz)
-            n = round(length.total_seconds() * campaign.sampling_rate_hz)
             rows = _rows(opened, file.path, source, source + n - first)
             pieces.append((first, rows[:, campaign.columns] if campaign.left_out else rows))
     return _assemble(campaign, start, length, pieces)

@@ -31,9 +31,9 @@ from probupdate.campaign.samples import channel_table
 from probupdate.campaign.scada import COLUMNS, SIMILAR, StateRule, block_conditions, misnamed, with_rated_power
 from probupdate.campaign.sensor_findings import SensorFinding
 from probupdate.campaign.spectra import cross_spectra, in_acceleration, most_channels
-from probupdate.files import write_json, write_table
-from probupdate.progress import Progress, silent
-from probupdate.result_table import with_units
+from probupdate.io.files import write_json, write_table
+from probupdate.io.result_table import with_units
+from probupdate.runtime.progress import Progress, silent
 
 # what a column of SCADA is needed for
 USES = {

@@ -13,7 +13,8 @@ import numpy as np
 from scipy import fft
 
 from probupdate.campaign.spectra import CrossSpectra
-from probupdate.modes import Sensor, frozen_array
+from probupdate.modal.modes import Sensor
+from probupdate.runtime.arrays import frozen_array
 
 # delays are sought up to this; within a segment of 40 s such a delay still leaves coherence
 LARGEST_DELAY_S = 2.0

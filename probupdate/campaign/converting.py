@@ -16,10 +16,10 @@ from probupdate.campaign.reading import CampaignHead, read_head
 from probupdate.campaign.sources import pieces
 from probupdate.campaign.timing import file_clock
 from probupdate.errors import InputError, parsing
-from probupdate.files import input_file, read_json, remove_stale, write_json
-from probupdate.hdf5_file import new_hdf5, open_hdf5
-from probupdate.progress import Progress, silent
-from probupdate.result_table import files_table
+from probupdate.io.files import input_file, read_json, remove_stale, write_json
+from probupdate.io.hdf5_file import new_hdf5, open_hdf5
+from probupdate.io.result_table import files_table
+from probupdate.runtime.progress import Progress, silent
 
 # a file written holds at most so much time, so that no reader is asked for more and a kill loses little
 FILE_S = 3600.0

@@ -13,8 +13,8 @@ from typing import Annotated, Literal
 from probupdate.campaign.name_pattern import name_pattern
 from probupdate.campaign.reading import nearest
 from probupdate.errors import InputError
-from probupdate.files import read_toml
-from probupdate.schema import Length, Range, table_as
+from probupdate.io.files import read_toml
+from probupdate.io.schema import Length, Range, table_as
 
 # unit of a numeric time column -> seconds, or the two programs' day numbers
 TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "day": 86400.0}

@@ -17,7 +17,7 @@ from probupdate.campaign.reading import Campaign
 from probupdate.campaign.rigid_bodies import campaign_gains
 from probupdate.campaign.rotor_lines import RateRatio
 from probupdate.campaign.sensor_findings import SensorFinding
-from probupdate.modes import Sensor
+from probupdate.modal.modes import Sensor
 
 # a suspicion counts if this share of the blocks compared has it, or so many of eight blocks in a row
 SHARE, IN_A_ROW, ROW = 0.25, 6, 8

@@ -17,7 +17,7 @@ from probupdate.campaign.blocks import Block
 from probupdate.campaign.mounting import LOWEST_HZ, is_upright
 from probupdate.campaign.quantity import TO_ACCELERATION
 from probupdate.campaign.sensor_findings import SIGMA, SensorFinding
-from probupdate.modes import Sensor
+from probupdate.modal.modes import Sensor
 
 # blocks whose rotor turns faster (rpm) and whose heading moves less (deg) are used, and so many are needed
 SLOWEST_RPM, MOST_TURNED_DEG, FEWEST_BLOCKS = 4.0, 5.0, 5

@@ -16,7 +16,7 @@ import numpy as np
 
 from probupdate.campaign.rigid_bodies import rigid_candidates
 from probupdate.campaign.spectra import CrossSpectra
-from probupdate.modes import Sensor
+from probupdate.modal.modes import Sensor
 
 FLIPPED, SWAPPED, TURNED, SCALED, DEAD, LEVEL_SCALED = "flipped", "swapped", "turned", "scaled", "dead", "level scaled"
 # the lowest motion is sought above this; the waves' own motion of a tower is to one side as well, and may serve

@@ -8,7 +8,7 @@ import numpy as np
 
 from probupdate.campaign.blocks import Block
 from probupdate.errors import InputError
-from probupdate.modes import Sensor
+from probupdate.modal.modes import Sensor
 
 # a column that rises or falls steadily leaves less than this share of its range about a straight line; so many samples
 # of it are looked at first

@@ -13,7 +13,8 @@ from scipy import fft
 
 from probupdate.campaign.blocks import Block
 from probupdate.errors import InputError
-from probupdate.modes import QUANTITIES, Sensor, frozen_array
+from probupdate.modal.modes import QUANTITIES, Sensor
+from probupdate.runtime.arrays import frozen_array
 
 # how often each quantity is to be differentiated to become acceleration
 TO_ACCELERATION = {"acceleration": 0, "velocity": 1, "displacement": 2}

@@ -10,11 +10,12 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
+from probupdate.campaign.parquet_records import ENDING, parquet_head
 from probupdate.campaign.scada import EARLIEST, LATEST, read_scada
 from probupdate.errors import InputError
-from probupdate.files import input_folder, inside, present, read_toml
-from probupdate.hdf5_file import open_hdf5
-from probupdate.modes import Sensor
+from probupdate.io.files import input_file, input_folder, inside, present, read_toml
+from probupdate.io.hdf5_file import open_hdf5
+from probupdate.modal.modes import Sensor
 
 # unit -> factor to SI, by quantity; g is the standard gravity
 UNITS = {
@@ -37,7 +38,7 @@ SENSOR_KEYS = ("channel", "level", "position_m", "direction", "quantity", "unit"
 
 @dataclass(frozen=True, kw_only=True)
 class RecordFile:
-    """One HDF5 file of the campaign; `start` is UTC."""
+    """One HDF5 or Parquet file of the campaign; `start` is UTC."""
 
     path: Path
     start: pd.Timestamp
@@ -110,7 +111,7 @@ def read_head(path: str | Path) -> CampaignHead:
 
 
 def read_campaign(path: str | Path) -> Campaign:
-    """Read campaign.toml, scada.csv (may be absent) and the heads of acceleration/*.h5.
+    """Read campaign.toml, scada.csv (may be absent) and the heads of acceleration/*.h5 and *.parquet.
 
     Raises InputError where a key, a unit or a file is not what the campaign's layout says.
     """
@@ -129,7 +130,7 @@ def read_campaign(path: str | Path) -> Campaign:
         water_depth_m=_positive(where, raw, "water_depth_m") if "water_depth_m" in raw else None,
         rated_power_kw=_positive(where, raw, "rated_power_kw") if "rated_power_kw" in raw else None,
         x_axis_heading_deg=_heading(where, raw),
-        files=_record_files(path / "acceleration", head.sampling_rate_hz, len(head.sensors)),
+        files=_record_files(path / "acceleration", head.sampling_rate_hz, head.channels),
         scada=read_scada(inside(scada, path)) if present(scada) else None,
         columns=columns,
         left_out=left_out,
@@ -213,13 +214,17 @@ def _sensors(where: Path, raw: dict) -> tuple[Sensor, ...]:
     return tuple(sensors)
 
 
-def _record_files(folder: Path, rate_hz: float, n_channel: int) -> tuple[RecordFile, ...]:
-    paths = sorted(folder.glob("*.h5"))
+def _record_files(folder: Path, rate_hz: float, channels: tuple[str, ...]) -> tuple[RecordFile, ...]:
+    paths = sorted([*folder.glob("*.h5"), *folder.glob(f"*{ENDING}")])
     if not paths:
         raise InputError(str(folder), "holds no .h5 file", "put the records there, or convert them")
-    files = []
+    files, n_channel = [], len(channels)
     for path in paths:
         inside(path, folder.parent)
+        if path.suffix == ENDING:
+            start, rate, n_sample = parquet_head(input_file(path, "remove it"), channels)
+            files.append(_checked(path, n_sample, start, rate, rate_hz))
+            continue
         with open_hdf5(path, "cannot be opened as HDF5", "write it again or remove it") as file:
             files.append(_record_file(path, file, rate_hz, n_channel))
     return tuple(sorted(files, key=lambda f: (f.start, f.path.name)))
@@ -241,17 +246,20 @@ def _record_file(path: Path, file, rate_hz: float, n_channel: int) -> RecordFile
             raise InputError(str(path), f"'data' has no attribute '{key}'", "write it beside the samples")
     if data.dtype.kind not in "iuf":
         raise InputError(str(path), f"'data' holds {data.dtype}, not numbers", "write float32")
+    return _checked(path, int(data.shape[0]), data.attrs["start"], data.attrs["sampling_rate_hz"], rate_hz)
+
+
+def _checked(path: Path, n_sample: int, start: object, own_rate: object, rate_hz: float) -> RecordFile:
     try:
-        own = float(data.attrs["sampling_rate_hz"])
+        own = float(own_rate)
     except (TypeError, ValueError):
-        raise InputError(f"{path}, sampling_rate_hz", f"{data.attrs['sampling_rate_hz']!r} is not a number",
+        raise InputError(f"{path}, sampling_rate_hz", f"{own_rate!r} is not a number",
                          "write Hz beside the samples") from None  # fmt: skip
     if not abs(own - rate_hz) <= 1e-6 * rate_hz:
         raise InputError(str(path), f"is sampled at {own:g} Hz, campaign.toml says {rate_hz:g} Hz",
                          "correct the one that is wrong")
-    text = data.attrs["start"]
-    text = text.decode() if isinstance(text, bytes) else str(text)
-    return RecordFile(path=path, start=parse_time(text, f"{path}, start"), n_sample=int(data.shape[0]))
+    text = start.decode() if isinstance(start, bytes) else str(start)
+    return RecordFile(path=path, start=parse_time(text, f"{path}, start"), n_sample=n_sample)
 
 
 def parse_time(text: str, where: str) -> pd.Timestamp:

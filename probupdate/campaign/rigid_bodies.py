@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from probupdate.campaign.sensor_findings import SIGMA, SensorFinding
-from probupdate.modes import Sensor
+from probupdate.modal.modes import Sensor
 
 # gap between parts: this share of the extent along the axis, or of the distances across it
 GAP_SHARE, GAP_ACROSS = 0.02, 0.1

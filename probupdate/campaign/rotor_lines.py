@@ -14,7 +14,7 @@ from scipy import fft
 
 from probupdate.campaign.blocks import Block, block_files, read_block
 from probupdate.campaign.reading import Campaign
-from probupdate.progress import Progress, silent
+from probupdate.runtime.progress import Progress, silent
 
 ROW_S = 600.0
 # of a shorter block lines are sought if it is at least so long

@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 
 from probupdate.errors import InputError, parsing
-from probupdate.files import LARGEST_TEXT, input_file
+from probupdate.io.files import LARGEST_TEXT, input_file
 
 ROW_MINUTES = 10
 # of any time that a file may state; what counts nanoseconds ends in 2262

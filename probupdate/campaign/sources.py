@@ -18,8 +18,8 @@ from probupdate.campaign.description import Description
 from probupdate.campaign.mat_v5 import refuse_damaged
 from probupdate.campaign.reading import nearest
 from probupdate.errors import InputError, parsing
-from probupdate.files import input_file
-from probupdate.hdf5_file import open_hdf5
+from probupdate.io.files import input_file
+from probupdate.io.hdf5_file import open_hdf5
 
 PIECE = 200_000
 # all columns of one piece, as eight-byte numbers
@@ -320,7 +320,7 @@ ABSCISSA = "abscissa"
 
 def _uff(path: Path, d: Description) -> Pieces:
     """Records in time of datasets 58; a column is a channel's name (line 1), node and axis such as '12:+x', or a number."""
-    from probupdate.io.uff_file import read_uff_records
+    from probupdate.campaign.uff_file import read_uff_records
 
     if d.time != ABSCISSA:
         raise InputError(f"{d.path}, time", "is not the abscissa, which states a universal file's rate",

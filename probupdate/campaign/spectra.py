@@ -8,7 +8,8 @@ import numpy as np
 from scipy import fft
 
 from probupdate.campaign.quantity import TO_ACCELERATION
-from probupdate.modes import Sensor, frozen_array
+from probupdate.modal.modes import Sensor
+from probupdate.runtime.arrays import frozen_array
 
 # length of a segment: resolves 0.025 Hz, a tenth of the first mode of the slenderest turbine; less where that would be
 # more frequencies than are needed, at rates for stiffer structures

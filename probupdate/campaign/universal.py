@@ -1,4 +1,4 @@
-"""Universal files out of a campaign and a modes.json, and modes.json out of a universal file (io.uff_file)."""
+"""Universal files out of a campaign and a modes.json, and modes.json out of a universal file (campaign.uff_file)."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ import numpy as np
 
 from probupdate.campaign.blocks import blocks
 from probupdate.campaign.reading import read_campaign, read_head
+from probupdate.campaign.uff_file import read_uff_modes, write_uff_modes, write_uff_records
 from probupdate.errors import InputError
-from probupdate.io.uff_file import read_uff_modes, write_uff_modes, write_uff_records
-from probupdate.modes import Sensor, read_modes, write_modes
-from probupdate.progress import Progress, silent
-from probupdate.result_table import files_table
+from probupdate.io.result_table import files_table
+from probupdate.modal.modes import Sensor, read_modes, write_modes
+from probupdate.runtime.progress import Progress, silent
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -64,7 +64,7 @@ def records_to_universal(source: str | Path, out: str | Path, *, progress: Progr
     """A file of datasets 58 a block of a campaign, in SI units; blocks with lost samples are left out and said.
 
     Raises InputError where nothing is left, where the folder holds a file of the name already, or as
-    `io.uff_file.write_uff_records` does."""
+    `campaign.uff_file.write_uff_records` does."""
     campaign, folder = read_campaign(source), Path(out)
     chosen = tuple(replace(s, unit=SI[s.quantity]) for s in campaign.sensors)
     files, notes, total = [], [], sum(f.n_sample for f in campaign.files)

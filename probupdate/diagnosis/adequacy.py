@@ -8,11 +8,11 @@ from dataclasses import replace
 import numpy as np
 from scipy import stats
 
-from probupdate.diagnosis.courses import Course
+from probupdate.diagnosis.time_profiles import TimeProfile
 from probupdate.diagnosis.fitting import Fit
 from probupdate.diagnosis.linear import Design
 from probupdate.diagnosis.search import Search
-from probupdate.diagnosis.setting import Setting
+from probupdate.diagnosis.problem import DiagnosisProblem
 
 # the pattern of the noise is known to about a tenth of a variance (few columns, states that differ: 0.89 to 1.12 in
 # records whose noise was known), which sums of many squares see though no single score does
@@ -23,53 +23,56 @@ N_CONTRAST = 8
 SPAN = 1e-2
 
 
-def adequacy(setting: Setting, fitted: Fit, found: Search) -> tuple[float, dict[str, float]]:
-    """p of what remains, in the directions that the catalogue spans: constants together, and each course along the
-    record; the smallest of them against its own bootstrap distribution."""
+def adequacy(problem: DiagnosisProblem, fitted: Fit, found: Search) -> tuple[float, dict[str, float]]:
+    """p of what remains, in the directions that the catalogue spans: constants together, and each time profile along
+    the record; the smallest of them against its own bootstrap distribution."""
     design, n_draw = fitted.design, len(found.drawn)
-    own = found.heavier * np.sqrt(neighbours_dispersion(setting, design, fitted.centred))
+    own = found.heavier * np.sqrt(neighbours_dispersion(problem, design, fitted.centred))
     names, rare = [], []
-    usable = _spanning(setting, design)
-    for c, course in enumerate(setting.courses):
-        rows = np.flatnonzero((setting.which[:, 1] == c) & usable)
+    usable = _spanning(problem, design)
+    for c, course in enumerate(problem.courses):
+        rows = np.flatnonzero((problem.which[:, 1] == c) & usable)
         if len(rows) < 5:
             continue
         wider = PATTERN * found.heavier if course.kind == "constant" else own
         z = np.vstack([found.u[None, rows] / wider, found.drawn[:, rows]]) @ _whitening(design, rows)
         names.append(f"{course.name} {course.at}".strip())
         rare.append(stats.chi2.logsf(np.sum(z**2, axis=1), z.shape[1]))
-    # the rarest over the courses, of the record and of every drawn one alike: by ranks among the drawn ones, a record
-    # above all of them along any one course would be rarer than each of these can be
+    if not rare:
+        # so few effects that the residuals' directions are theirs alone
+        return 1.0, {}
+    # the rarest over the time profiles, of the record and of every drawn one alike: by ranks among the drawn ones, a
+    # record above all of them along any one time profile would be rarer than each of these can be
     rarest = np.min(rare, axis=0)
     p = float((1 + np.sum(rarest[1:] <= rarest[0])) / (n_draw + 1))
     return p, {name: float(np.exp(values[0])) for name, values in zip(names, rare, strict=True)}
 
 
-def span_left(setting: Setting, fitted: Fit, course: int) -> tuple[float, int]:
-    """Sum of squares of what remains in the directions the catalogue spans with one course, and their number: zero and
-    one where unknowns can follow all of them."""
+def span_left(problem: DiagnosisProblem, fitted: Fit, course: int) -> tuple[float, int]:
+    """Sum of squares of what remains in the directions the catalogue spans with one time profile, and their number:
+    zero and one where unknowns can follow all of them."""
     design = fitted.design
-    rows = np.flatnonzero((setting.which[:, 1] == course) & _spanning(setting, design))
+    rows = np.flatnonzero((problem.which[:, 1] == course) & _spanning(problem, design))
     if not len(rows):
         return 0.0, 1
     z = design.scores(fitted.centred)[rows] @ _whitening(design, rows)
     return float(z @ z), len(z)
 
 
-def _spanning(setting: Setting, design: Design) -> np.ndarray:
+def _spanning(problem: DiagnosisProblem, design: Design) -> np.ndarray:
     """(n_candidate,) bool: what spans the directions of the remainder; exchanged cables of any two sensors would span
     every shape."""
-    return (design.share_left > 1e-3) & np.array([not setting.effects[j].discrete for j, _ in design.which])
+    return (design.share_left > 1e-3) & np.array([not problem.effects[j].discrete for j, _ in design.which])
 
 
 def _whitening(design: Design, rows: np.ndarray) -> np.ndarray:
     """(n_row, n_direction): u of these candidates -> independent standard normal numbers when nothing is wrong."""
-    value, turn = np.linalg.eigh(design.likeness(rows))
+    value, turn = np.linalg.eigh(design.score_correlation(rows))
     kept = value > SPAN * value[-1]
     return turn[:, kept] / np.sqrt(value[kept]) / np.sqrt(design.information[rows])[:, None]
 
 
-def neighbours_dispersion(setting: Setting, design: Design, centred: Sequence[np.ndarray]) -> float:
+def neighbours_dispersion(problem: DiagnosisProblem, design: Design, centred: Sequence[np.ndarray]) -> float:
     """Mean square, at least one, of what the directions that the catalogue spans show between neighbouring blocks, with
     signs drawn for each pair: one where the pattern of this record's noise is known, and hardly touched by whatever
     lasts for longer than a block."""
@@ -80,11 +83,11 @@ def neighbours_dispersion(setting: Setting, design: Design, centred: Sequence[np
     for _ in range(N_CONTRAST):
         value = np.zeros(n)
         value[: n // 2 * 2] = (rng.choice([-1.0, 1.0], n // 2)[:, None] * [1.0, -1.0]).ravel()
-        contrasts.append(Course(kind="covariate", value=value, column="neighbours"))
-    n_effect = len(setting.effects)
+        contrasts.append(TimeProfile(kind="covariate", value=value, column="neighbours"))
+    n_effect = len(problem.effects)
     which = np.array([(j, c + 1) for c in range(N_CONTRAST) for j in range(n_effect)])
-    between = replace(design, courses=(setting.courses[0], *contrasts), which=which)
-    u, usable, squares, count = between.scores(centred), _spanning(setting, between), 0.0, 0
+    between = replace(design, courses=(problem.courses[0], *contrasts), which=which)
+    u, usable, squares, count = between.scores(centred), _spanning(problem, between), 0.0, 0
     for c in range(N_CONTRAST):
         rows = np.flatnonzero((which[:, 1] == c + 1) & usable)
         if len(rows):

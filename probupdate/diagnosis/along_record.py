@@ -1,10 +1,10 @@
-"""One number a block, followed along the record: does it go with a course, beyond noise and what drifts by itself?
+"""One number a block, followed along the record: does it go with a time profile, beyond noise and what drifts by
+itself?
 
 A series is s_b = offset + turning + a h_b + slow error + noise / sqrt(v_b). The noise is told by differences of
 successive blocks, the slow error (Ornstein-Uhlenbeck, a sixth of the record long) by means over a dozen parts of it,
-both after the course under test is taken out, so that an effect is not counted as its own scatter. a is by weighted
-least squares, its deviation holds both.
-"""
+both after the time profile under test is taken out, so that an effect is not counted as its own scatter. a is by
+weighted least squares, its deviation holds both. """
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from probupdate.diagnosis.courses import Course
-from probupdate.modes import frozen_array
+from probupdate.diagnosis.time_profiles import TimeProfile
+from probupdate.runtime.arrays import frozen_array
 
 # length of slow errors over that of the record; parts whose means tell their size, blocks in each
 SLOW_LENGTH, N_PART, FEWEST_IN_PART = 1 / 6, 12, 3
 # a value this many deviations from those around it is no change but a block gone wrong
 OUTLIER, AROUND = 6.0, 2
-# a course that offset and turning explain to more than this is not told from them
+# a time profile that offset and turning explain to more than this is not told from them
 LEFT = 0.05
 # blocks asked for beside what is fitted
 SPARE = 5
@@ -29,7 +29,7 @@ SPARE = 5
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Contrasts:
     """What is done to a series of each of n_series kinds, whatever its values: per series the map to its residual,
-    to course sizes, to differences and to means over parts. `usable` (n_series, n_course)."""
+    to time profile sizes, to differences and to means over parts. `usable` (n_series, n_course)."""
 
     weight: np.ndarray  # (n_series, n_block), zero where not used
     nuisance: np.ndarray  # (n_block, n_nuisance)
@@ -43,7 +43,7 @@ class Contrasts:
     slow: np.ndarray  # (n_block, n_block) correlation of the slow error
     white_trace: np.ndarray  # (n_series, n_course) what noise of size one adds to the parts' sum of squares
     slow_trace: np.ndarray  # (n_course,) slow error, over the mean weight
-    white_var: np.ndarray  # (n_series, n_course) variance of a course's size for noise, slow error of size one
+    white_var: np.ndarray  # (n_series, n_course) variance of a time profile's size for noise, slow error of size one
     slow_var: np.ndarray
 
 
@@ -53,7 +53,7 @@ def slow_correlation(hours: np.ndarray) -> np.ndarray:
 
 
 def make_contrasts(
-    weight: np.ndarray, nuisance: np.ndarray, courses: Sequence[Course], hours: np.ndarray
+    weight: np.ndarray, nuisance: np.ndarray, courses: Sequence[TimeProfile], hours: np.ndarray
 ) -> Contrasts:
     """weight (n_series, n_block), nuisance (n_block, n_nuisance) with the offset in it."""
     n_block = weight.shape[1]
@@ -150,7 +150,7 @@ def score(contrasts: Contrasts, series: np.ndarray, pools: Sequence[Sequence[int
         clipped = np.clip(difference, -limit, limit)
         plain = np.sum(clipped**2, axis=-1)[..., None]
         total = plain - 2 * a * (clipped @ course.T) + a**2 * np.sum(course**2, axis=1)
-        # where the course's own difference is clipped, the plain sum is the better one
+        # where the time profile's own difference is clipped, the plain sum is the better one
         noise[..., k, :] = np.clip(total, 0.05 * plain, plain) / max(len(before) - n_fit, 1)
         held = c.part @ w
         count = np.where(held > 0, held, np.inf)

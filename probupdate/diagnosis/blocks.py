@@ -1,4 +1,4 @@
-"""Measured blocks as arrays: which sets are used, in what order, with what surroundings."""
+"""Measured blocks as arrays: which sets are used, in what order, with what environmental and operational conditions."""
 
 from __future__ import annotations
 
@@ -10,8 +10,9 @@ import numpy as np
 from scipy.sparse import csgraph
 
 from probupdate.errors import InputError
-from probupdate.matching import close_clusters
-from probupdate.modes import ModalData, frozen_array, rotate_to_real
+from probupdate.modal.matching import close_clusters
+from probupdate.modal.modes import ModalData, rotate_to_real
+from probupdate.runtime.arrays import frozen_array
 
 # a block in which the nacelle turned by more has no one set of modes
 YAW_RANGE_DEG = 2.0
@@ -43,8 +44,8 @@ class Blocks:
     complex, NaN where a mode was not found; groups: modes compared together, one or a close cluster, ascending.
 
     relative_std (n_block, n_group): the deviations the identification states over their median, 1 where it states none.
-    `few`: fewer than FEWEST, all with stated deviations, which are then taken as they are. No channels: frequencies
-    alone, each mode by itself.
+    `few`: fewer than FEWEST, all with stated deviations, which are then taken as they are. `std_alone`: no set states
+    covariances. No channels: frequencies alone, each mode by itself.
     """
 
     ids: tuple[str, ...]
@@ -60,6 +61,7 @@ class Blocks:
     deviations: tuple[BlockDeviation | None, ...]
     notes: tuple[str, ...]
     few: bool = False
+    std_alone: bool = False
 
     def __len__(self) -> int:
         return len(self.ids)
@@ -114,6 +116,7 @@ class Blocks:
             environment=tuple(self.environment[k] for k in chosen),
             relative_std=frozen_array(self.relative_std[chosen]),
             deviations=tuple(self.deviations[k] for k in chosen), notes=self.notes, few=self.few,
+            std_alone=self.std_alone,
         )  # fmt: skip
 
 
@@ -147,11 +150,13 @@ def gather(data: ModalData, where: str = "modes", expected_hz: Mapping[str, floa
     few = len(sets) < FEWEST
     if not sets or (few and not all(_states_deviations(s) for s in sets)):
         raise InputError(
-            where, f"has {len(sets)} usable sets of {len(data.sets)}" + (
-                f"; in {len(turning)} the nacelle turned by more than {YAW_RANGE_DEG:g} deg" if turning else ""),
+            where,
+            f"has {len(sets)} usable sets of {len(data.sets)}"
+            + (f"; in {len(turning)} the nacelle turned by more than {YAW_RANGE_DEG:g} deg" if turning else ""),
             f"give at least {FEWEST}, as the scatter between them is the noise that effects are tested against (a longer "
             "record, or identify shorter blocks: block_minutes in campaign.toml), or state what each set's frequencies "
-            "and shapes are known to (frequency_std_hz, shape_std)")
+            "and shapes are known to (frequency_std_hz, shape_std)",
+        )
     if few:
         notes.append(f"{len(sets)} {'set tells' if len(sets) == 1 else 'sets tell'} nothing of their own scatter: the "
                      "standard deviations stated are taken as they are, with no check")
@@ -224,7 +229,7 @@ def gather(data: ModalData, where: str = "modes", expected_hz: Mapping[str, floa
         frequency_hz=frozen_array(frequency), shape=frozen_array(shape, complex), angle_deg=frozen_array(angle),
         environment=tuple(s.environment for s in sets),
         relative_std=frozen_array(_relative_std(sets, kept, kept_channels, groups)), deviations=deviations,
-        notes=tuple(notes), few=few,
+        notes=tuple(notes), few=few, std_alone=not any(s.deviation is not None for s in sets),
     )  # fmt: skip
 
 

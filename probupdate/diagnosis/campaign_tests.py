@@ -31,8 +31,8 @@ from probupdate.campaign.samples import channel_table
 from probupdate.campaign.scada import StateRule, block_conditions, with_rated_power
 from probupdate.campaign.sensor_findings import SensorFinding
 from probupdate.diagnosis.results import Finding
-from probupdate.modes import ModalData
-from probupdate.progress import Progress, silent
+from probupdate.modal.modes import ModalData
+from probupdate.runtime.progress import Progress, silent
 
 # blocks read, evenly spread; those with a turning rotor from which lines are taken
 MOST_BLOCKS = 48
@@ -109,7 +109,7 @@ def _measured_row(found: SensorFinding, channels: Sequence[str]) -> dict:
 
 
 def rate_finding(tests: Sequence[dict]) -> Finding | None:
-    """The sampling rate as a finding, where the rotor's lines contradict it beyond doubt."""
+    """The sampling rate as a finding, where the rotor's lines contradict it beyond model-error scale."""
     for row in tests:
         if row["cause"] == "sampling rate" and row["suspected"] and "size" in row:
             z = abs(row["size"]) / row["size_std"]

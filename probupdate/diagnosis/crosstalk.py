@@ -1,4 +1,4 @@
-"""Shares of one channel in another, as rivals of what stands out.
+"""Shares of one channel in another, as competing hypotheses of what stands out.
 
 To first order a sensor that is turned is two crosstalks, one each way, and where one of its axes hardly moves it is
 one. They are as many as there are ordered pairs of channels: too many for every fit to follow and for a table of limits
@@ -12,16 +12,20 @@ from dataclasses import replace
 
 import numpy as np
 
-from probupdate.effects.catalogue import Crosstalk, Effect, Swap, Turn
+from probupdate.effects.catalogue import Crosstalk, Effect
 from probupdate.diagnosis.fitting import Fit, design_at
-from probupdate.diagnosis.search import Search, search, tail
-from probupdate.diagnosis.setting import Setting
+from probupdate.diagnosis.search import (
+    MARGIN,
+    Search,
+    gains,
+    model_error_dispersion,
+    model_error_share,
+    search,
+)
+from probupdate.diagnosis.problem import DiagnosisProblem
 
 # of all ordered pairs, how many are refitted
 MOST_OFFERED = 2
-# times the score of the best candidate: on a rigid level the share of a channel that moves alike is a wrong gain, which
-# is the usual cause
-CLEARER = 1.2
 
 
 def crosstalk_effects(channels: Sequence[str]) -> tuple[Effect, ...]:
@@ -36,37 +40,39 @@ def crosstalk_effects(channels: Sequence[str]) -> tuple[Effect, ...]:
     )  # fmt: skip
 
 
-def beside_crosstalk(
-    setting: Setting, fitted: Fit, found: Search, best: int, *, seed: int
-) -> tuple[Setting, Fit, Search]:
-    """Setting, fit and search with the crosstalks, constant or along the course of the `best` candidate, that explain
-    most as last candidates: where the best is a turned sensor or exchanged cables, or they stand out clearly more than
-    it does. The threshold is what it was without them."""
-    j, c = setting.which[best]
-    known = {(e.cause, e.location) for e in setting.effects}
-    rows = [e for e in crosstalk_effects(setting.blocks.channels) if (e.cause, e.location) not in known]
-    constant = [k for k, course in enumerate(setting.courses) if course.kind == "constant"]
+def with_crosstalk(
+    problem: DiagnosisProblem, fitted: Fit, found: Search, *, seed: int, z_included: Sequence[float] = ()
+) -> tuple[DiagnosisProblem, Fit, Search]:
+    """Problem, fit and search with the crosstalks, constant or along the time profile of the best candidate, that with
+    their prior odds promise nearly as much as it does, as last candidates. The threshold is what it was without
+    them."""
+    best = int(np.argmax(found.statistic))
+    _, c = problem.which[best]
+    known = {(e.cause, e.location) for e in problem.effects}
+    rows = [e for e in crosstalk_effects(problem.blocks.channels) if (e.cause, e.location) not in known]
+    constant = [k for k, course in enumerate(problem.courses) if course.kind == "constant"]
     courses = np.unique([*constant, c])
-    everything = _wider(setting, rows, np.tile(courses, (len(rows), 1)))
-    design = design_at(everything, fitted.theta, fitted.named, fitted.design.noise)
-    new = slice(len(setting.which), None)
-    z = np.abs(design.scores(fitted.centred)[new]) / np.sqrt(np.maximum(design.information[new], 1e-300))
-    z = np.where(design.share_left[new] > 1e-3, z, 0.0).reshape(len(rows), len(courses))
-    strongest = np.argsort(-z.max(axis=1), kind="stable")[:MOST_OFFERED]
-    if not isinstance(setting.effects[j].observe, Turn | Swap):
-        strongest = [k for k in strongest if z[k].max() > CLEARER * found.statistic[best]]
+    everything = _wider(problem, rows, np.tile(courses, (len(rows), 1)))
+    design = design_at(everything, fitted.theta, fitted.included, fitted.design.noise)
+    share = model_error_share(everything, fitted.included, z_included)
+    information = np.where(design.share_left > 1e-3, design.information, 0.0) / share
+    gain, _ = gains(everything, design.scores(fitted.centred) / share, information)
+    odds = np.log([everything.effects[j].prior_odds(everything.courses[d].name) for j, d in everything.which])
+    promise = gain / model_error_dispersion(float(found.statistic.max())) + odds
+    of_table = np.where(found.usable, promise[: len(problem.which)], -np.inf)
+    new = promise[len(problem.which):].reshape(len(rows), len(courses))
+    strongest = [k for k in np.argsort(-new.max(axis=1), kind="stable")[:MOST_OFFERED]
+                 if new[k].max() > of_table.max() - MARGIN]
     if not len(strongest):
-        return setting, fitted, found
-    wider = _wider(setting, [rows[k] for k in strongest], courses[np.argmax(z[strongest], axis=1)][:, None])
-    fitted = replace(fitted, design=design_at(wider, fitted.theta, fitted.named, fitted.design.noise))
-    again = search(wider, fitted, seed=seed, heavier=found.heavier)
-    # of so many more candidates, in proportion
-    p = (1 + z.size / len(setting.which)) * tail(found.maxima, float(z.max()))
-    return wider, fitted, replace(again, threshold=found.threshold, p_value=min(found.p_value, p), maxima=found.maxima)
+        return problem, fitted, found
+    wider = _wider(problem, [rows[k] for k in strongest], courses[np.argmax(new[strongest], axis=1)][:, None])
+    fitted = replace(fitted, design=design_at(wider, fitted.theta, fitted.included, fitted.design.noise))
+    again = search(wider, fitted, seed=seed, z_included=z_included, heavier=found.heavier)
+    return wider, fitted, replace(again, threshold=found.threshold, p_value=found.p_value, maxima=found.maxima)
 
 
-def _wider(setting: Setting, rows: Sequence[Effect], courses: np.ndarray) -> Setting:
-    """The setting with these effects as last candidates, each along its courses (n_effect, n)."""
-    numbers = len(setting.effects) + np.arange(len(rows))
+def _wider(problem: DiagnosisProblem, rows: Sequence[Effect], courses: np.ndarray) -> DiagnosisProblem:
+    """The problem with these effects as last candidates, each along its time profiles (n_effect, n)."""
+    numbers = len(problem.effects) + np.arange(len(rows))
     added = np.column_stack([np.repeat(numbers, courses.shape[1]), courses.ravel()])
-    return replace(setting, effects=(*setting.effects, *rows), which=np.vstack([setting.which, added]))
+    return replace(problem, effects=(*problem.effects, *rows), which=np.vstack([problem.which, added]))

@@ -16,25 +16,25 @@ from pathlib import Path
 
 import numpy as np
 
-from probupdate.diagnosis.departures import Reference, modes_with, numbers_of
+from probupdate.diagnosis.mode_numbers import Reference, modes_with, numbers_of
 from probupdate.diagnosis.diagnose import Outcome
 from probupdate.diagnosis.evidence import sizes_std
 from probupdate.diagnosis.expected import local_at
 from probupdate.diagnosis.extension_sampling import not_sampled, sampled, sampler_statements, sampling_command
-from probupdate.diagnosis.field import observed
+from probupdate.diagnosis.predictor import observed
 from probupdate.diagnosis.fitting import Fit
 from probupdate.diagnosis.prepare import Prepared
 from probupdate.diagnosis.results import Diagnosis
-from probupdate.diagnosis.setting import Named, Setting, local_std
+from probupdate.diagnosis.problem import IncludedEffect, DiagnosisProblem, local_std
 from probupdate.effects.tolerances import SensorUncertainty, TurbineUncertainty
 from probupdate.effects.turbine import TurbineEffect
 from probupdate.errors import ConvergenceError, InputError
-from probupdate.estimators.discrepancy import default_likelihood
-from probupdate.estimators.ensemble import SamplerSettings
-from probupdate.estimators.updating import deterministic_update
-from probupdate.modes import ModalData, ModalDeviation, ModalSet, write_modes
-from probupdate.parameters import Parameter
-from probupdate.progress import Progress, silent
+from probupdate.updating.discrepancy import default_likelihood
+from probupdate.updating.ensemble import SamplerSettings
+from probupdate.updating.runs import deterministic_update
+from probupdate.modal.modes import ModalData, ModalDeviation, ModalSet, write_modes
+from probupdate.model.parameters import Parameter
+from probupdate.runtime.progress import Progress, silent
 from probupdate.structure.affine import AffineModel
 from probupdate.structure.extend import Effect as ModelEffect
 from probupdate.structure.extend import extended_model, write_extended
@@ -68,12 +68,12 @@ def extend(
     for what the sensors did), <its stem>.mean.json (the mean that the estimators were given) and
     <its stem>.posterior.nc. `sampler` None: the posterior is not sampled, and the content says so. `parameters_file`
     (where the model's parameters came from, if from another file) and `seed` are for the command that is told."""
-    setting, fitted = outcome.setting, outcome.fitted
+    problem, fitted = outcome.problem, outcome.fitted
     added = _Added.of(prepared, fitted)
-    seen = [n for n in fitted.named if n.effect.observe is not None]
+    seen = [n for n in fitted.included if n.effect.observe is not None]
     files: dict[str, str | None] = {"model": None, "modes": None, "mean": None, "posterior": None}
-    mean, n_block = mean_set(setting, fitted)
-    averaged = ModalData(channels=setting.blocks.channels, sets=(mean,), labels=setting.blocks.labels)
+    mean, n_block = mean_set(problem, fitted)
+    averaged = ModalData(channels=problem.blocks.channels, sets=(mean,), labels=problem.blocks.labels)
     unwritten, places = "", {}
     if out is not None:
         out = Path(out)
@@ -88,11 +88,11 @@ def extend(
                 unwritten = str(error)
         if seen:
             places["modes"] = out.with_name(f"{out.stem}.modes.json")
-            write_modes(corrected(setting, data, seen), places["modes"])
+            write_modes(corrected(problem, data, seen), places["modes"])
         files |= {key: path.name for key, path in places.items()}
     angle = float(mean.environment["nacelle_angle_deg"])
     progress("updating with the findings", 0, 2)
-    alone = replace(averaged, sets=(mean_set(setting, outcome.null, like=fitted)[0],))
+    alone = replace(averaged, sets=(mean_set(problem, outcome.null, like=fitted)[0],))
     before, _ = _updated_if_possible(lambda: _Added().model(prepared, angle), alone)
     progress("updating with the findings", 1, 2)
     after, model = _updated_if_possible(lambda: added.model(prepared, angle), averaged)
@@ -117,12 +117,12 @@ def extend(
     content = {
         "files": files,
         "added": [_told_added(prepared, added, n) | {"size_std": std}
-                  for n, std in zip(fitted.named, sizes_std(setting, fitted), strict=True)],
+                  for n, std in zip(fitted.included, sizes_std(problem, fitted), strict=True)],
         "mean_of_blocks": n_block,
         "before": before,
         "after": after,
         "sampler": chain,
-        "joint": identified(setting, fitted),
+        "joint": identified(problem, fitted),
     }
     content["statements"] = statements(outcome.diagnosis, content)
     if unwritten:
@@ -149,15 +149,15 @@ class _Added:
     each with its name in the file."""
 
     effects: tuple[ModelEffect, ...] = ()
-    groups: tuple[tuple[Named, Group], ...] = ()
+    groups: tuple[tuple[IncludedEffect, Group], ...] = ()
 
     @classmethod
     def of(cls, prepared: Prepared, fitted: Fit) -> _Added:
-        rows = tuple(described(r, n) for n in fitted.named for r in prepared.rows if n.effect is r.effect)
+        rows = tuple(described(r, n) for n in fitted.included for r in prepared.rows if n.effect is r.effect)
         if prepared.description is not None:
             return cls(effects=rows)
         groups, taken = [], list(prepared.prior.names)
-        for n in fitted.named:
+        for n in fitted.included:
             if n.effect.parts:
                 e = n.effect
                 name = group_parameter(e.location or e.cause, taken)
@@ -171,9 +171,9 @@ class _Added:
     def __bool__(self) -> bool:
         return bool(self.effects or self.groups)
 
-    def name_of(self, named: Named) -> str | None:
+    def name_of(self, included: IncludedEffect) -> str | None:
         """The new parameter of a finding that is a group."""
-        return next((group.name for n, group in self.groups if n is named), None)
+        return next((group.name for n, group in self.groups if n is included), None)
 
     def write(self, prepared: Prepared, out: Path) -> Path:
         if self.groups:
@@ -196,13 +196,13 @@ class _Added:
         return replace(made, uncertainty=SensorUncertainty(model=made))
 
 
-def described(row: TurbineEffect, named: Named) -> ModelEffect:
-    """The row's parameter, its course told in its description."""
-    return replace(row.model, location=f"{row.model.location}; diagnosed as {_course_words(named)}")
+def described(row: TurbineEffect, included: IncludedEffect) -> ModelEffect:
+    """The row's parameter, its time profile told in its description."""
+    return replace(row.model, location=f"{row.model.location}; diagnosed as {_course_words(included)}")
 
 
-def _course_words(named: Named) -> str:
-    course, size = named.course, f"{named.size:.4g} {named.effect.unit.removeprefix('-')}".strip()
+def _course_words(included: IncludedEffect) -> str:
+    course, size = included.course, f"{included.size:.4g} {included.effect.unit.removeprefix('-')}".strip()
     return {
         "constant": f"{size} all through the record it was found in",
         "step": f"{size} from block {course.at + 1} of the record on",
@@ -211,12 +211,12 @@ def _course_words(named: Named) -> str:
     }[course.kind]
 
 
-def _told_added(prepared: Prepared, added: _Added, named: Named) -> dict:
+def _told_added(prepared: Prepared, added: _Added, included: IncludedEffect) -> dict:
     """What became of one finding."""
-    effect = named.effect
-    told = {"cause": effect.cause, "location": effect.location, "size": named.size, "course": named.course.name}
+    effect = included.effect
+    told = {"cause": effect.cause, "location": effect.location, "size": included.size, "course": included.course.name}
     row = next((r for r in prepared.rows if r.effect is effect), None)
-    name = row.model.name if row is not None else added.name_of(named)
+    name = row.model.name if row is not None else added.name_of(included)
     if name is not None:
         return told | {"as": "parameter", "parameter": name}
     if effect.observe is not None:
@@ -228,20 +228,20 @@ def _told_added(prepared: Prepared, added: _Added, named: Named) -> dict:
 # Modal sets --------------------------------------------------------------------------------------------------------
 
 
-def corrections(n_channel: int, named: Sequence[Named], values: Sequence[float], frequency_hz: float):
+def corrections(n_channel: int, included: Sequence[IncludedEffect], values: Sequence[float], frequency_hz: float):
     """A (n_channel, n_channel) that sensors with these effects make of shapes near a frequency, and what they add to
-    ln f; `values` of the effects' courses."""
+    ln f; `values` of the effects' time profiles."""
     A, shift = np.eye(n_channel, dtype=complex), 0.0
-    for n, value in sorted(zip(named, values, strict=True), key=lambda pair: pair[0].effect.stage):
+    for n, value in sorted(zip(included, values, strict=True), key=lambda pair: pair[0].effect.stage):
         if value:
             A, more = n.effect.observe(A, frequency_hz, n.size * value)
             shift += more
     return A, shift
 
 
-def corrected(setting: Setting, data: ModalData, named: Sequence[Named]) -> ModalData:
+def corrected(problem: DiagnosisProblem, data: ModalData, included: Sequence[IncludedEffect]) -> ModalData:
     """The sets that the diagnosis used, without what it found the sensors to do."""
-    blocks = setting.blocks
+    blocks = problem.blocks
     rows = [data.channels.index(c) for c in blocks.channels]
     known = {s.id: s for s in data.sets}
     sets = []
@@ -251,7 +251,7 @@ def corrected(setting: Setting, data: ModalData, named: Sequence[Named]) -> Moda
         frequency, frequency_std = np.array(s.frequency_hz), np.array(s.frequency_std_hz)
         changes = None if s.deviation is None else np.array(s.deviation.shape)
         for j in np.flatnonzero(np.isfinite(frequency)):
-            A, shift = corrections(len(rows), named, [n.course.value[b] for n in named], float(frequency[j]))
+            A, shift = corrections(len(rows), included, [n.course.value[b] for n in included], float(frequency[j]))
             undo = np.linalg.inv(A)
             # a channel that was not measured stays so, and takes along only those that were mixed with it
             shape[rows, j] = _applied(undo, shape[rows, j])
@@ -277,27 +277,27 @@ def _applied(A: np.ndarray, x: np.ndarray) -> np.ndarray:
     return np.where((np.abs(A) > 1e-12)[:, lost].any(axis=1), np.nan, result)
 
 
-def mean_set(setting: Setting, fitted: Fit, *, like: Fit | None = None) -> tuple[ModalSet, int]:
+def mean_set(problem: DiagnosisProblem, fitted: Fit, *, like: Fit | None = None) -> tuple[ModalSet, int]:
     """Mean modes of the blocks after every step of `like` (default: of the fit itself) and where the nacelle mostly
     looked then, without what sensors were found to do; and their number. Deviations are those of the mean and, beside
-    them, the floor of model form. Covariates are at their mean in the record."""
-    blocks, design = setting.blocks, fitted.design
+    them, the model discrepancy of model form. Covariates are at their mean in the record."""
+    blocks, design = problem.blocks, fitted.design
     later = np.ones(len(blocks), bool)
-    for n in (like or fitted).named:
+    for n in (like or fitted).included:
         if n.course.kind == "step":
             later &= np.asarray(n.course.value) > 0.5
-    centres, bin_of = setting.bins
+    centres, bin_of = problem.bins
     usable = later & np.all([w > 0 for w in design.noise.weight], axis=0)
     usable = usable if usable.any() else later
     usual = int(np.argmax(np.bincount(bin_of[usable], minlength=len(centres))))
     chosen = later & (bin_of == usual)
-    exact = [n for n in fitted.named if n.exact]
-    local, _ = local_at(setting.field, fitted.theta, exact, np.ones(len(exact)))
-    seen = [n for n in fitted.named if n.effect.observe is not None]
+    exact = [n for n in fitted.included if n.exact]
+    local, _ = local_at(problem.predictor, fitted.theta, exact, np.ones(len(exact)))
+    seen = [n for n in fitted.included if n.effect.observe is not None]
     n_channel, n_mode = len(blocks.channels), len(blocks.labels)
     frequency, frequency_std = np.full(n_mode, np.nan), np.full(n_mode, np.nan)
     shape, std = np.full((n_channel, n_mode), np.nan, complex), np.full((n_channel, n_mode), np.nan)
-    references = setting.field.references(local, float(centres[usual]))
+    references = problem.predictor.references(local, float(centres[usual]))
     for q, group in enumerate(blocks.groups):
         weight = np.where(chosen, design.noise.weight[q], 0.0)
         if not weight.any():
@@ -305,11 +305,11 @@ def mean_set(setting: Setting, fitted: Fit, *, like: Fit | None = None) -> tuple
         k, members = len(group), list(group)
         n_log = 1 if k == 1 else 3
         mean = weight @ fitted.departures[q] / weight.sum()
-        variance = design.noise.covariance[q] / weight.sum() + np.diag(setting.floor[q] ** 2)
+        variance = design.noise.covariance[q] / weight.sum() + np.diag(problem.discrepancy_std[q] ** 2)
         near = float(np.exp(np.trace(references[q].tensor) / k))
         expected = observed(references[q], [(n.effect, n.size) for n in seen])
         A, shift = corrections(n_channel, seen, np.ones(len(seen)), near)
-        axes = setting.field.axes[q]
+        axes = problem.predictor.axes[q]
         there = Reference(tensor=expected.tensor[None], shape=expected.shape[None])
         measured = modes_with(numbers_of(there, axes)[0] + mean, axes)
         told = np.linalg.solve(A, measured.shape)
@@ -363,16 +363,16 @@ def _too_alike(names: Sequence[str], correlation: np.ndarray) -> list[dict]:
             for i in range(len(names)) for j in range(i) if abs(correlation[i, j]) > TOO_ALIKE]  # fmt: skip
 
 
-def identified(setting: Setting, fitted: Fit) -> dict:
+def identified(problem: DiagnosisProblem, fitted: Fit) -> dict:
     """The same from the whole record: of each finding its deviation over its prior's, and pairs that go together."""
-    design, n_own = fitted.design, len(setting.updated)
-    free = [n for n in fitted.named if not n.effect.discrete]
+    design, n_own = fitted.design, len(problem.updated)
+    free = [n for n in fitted.included if not n.effect.discrete]
     rows = design.held(n_own)
     covariance = design.unknowns_cov(rows)
     std = np.sqrt(np.diag(covariance))
-    prior = [local_std(setting.prior, i, fitted.theta[k]) for i, k in enumerate(setting.updated)]
+    prior = [local_std(problem.prior, i, fitted.theta[k]) for i, k in enumerate(problem.updated)]
     share = std / np.concatenate([prior, [n.prior_std for n in free]])
-    names = (*setting.prior.names, *(n.effect.name for n in free))
+    names = (*problem.prior.names, *(n.effect.name for n in free))
     return {
         "findings": [{"name": n.effect.name, "share_of_prior_std": float(s), "identified": bool(s < IDENTIFIED)}
                      for n, s in zip(free, share[n_own:], strict=True)],

@@ -11,12 +11,12 @@ from pathlib import Path
 import numpy as np
 
 from probupdate.errors import ProbupdateError
-from probupdate.estimators.discrepancy import default_likelihood
-from probupdate.estimators.ensemble import SamplerSettings
-from probupdate.estimators.posterior_file import Posterior, write_posterior
-from probupdate.estimators.updating import sample_posterior
-from probupdate.modes import ModalData
-from probupdate.progress import Progress
+from probupdate.updating.discrepancy import default_likelihood
+from probupdate.updating.ensemble import SamplerSettings
+from probupdate.updating.posterior_file import Posterior, write_posterior
+from probupdate.updating.runs import sample_posterior
+from probupdate.modal.modes import ModalData
+from probupdate.runtime.progress import Progress
 from probupdate.structure.affine import AffineModel
 
 # effective draws asked for (a mean is then known to 7 % of a deviation, a deviation to 5 %), and the steps after which

@@ -1,4 +1,4 @@
-"""The model with what has been named so far, fitted to the blocks: the design there, and the best values."""
+"""The model with the included effects, fitted to the blocks: the design there, and the best values."""
 
 from __future__ import annotations
 
@@ -8,41 +8,41 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from probupdate.effects.catalogue import Effect
-from probupdate.diagnosis.expected import all_departures, fingerprints_at, local_at
+from probupdate.diagnosis.expected import all_departures, signatures_at, local_at
 from probupdate.diagnosis.linear import Design
 from probupdate.diagnosis.noise import Noise, estimate_noise
-from probupdate.diagnosis.setting import Named, Setting, local_std, prior_shift
+from probupdate.diagnosis.problem import IncludedEffect, DiagnosisProblem, local_std, prior_shift
 
 # a fit has settled when no parameter moves by more, in posterior deviations
 SETTLED, MOST_STEPS = 0.1, 40
 # steps after which the noise is kept
 WARM = 3
 # a change of -2 ln posterior that does not matter, and the share of it that the linear equations may still promise at
-# the least value: fingerprints are derivatives of the expected modes alone, and where much is left over the departures
+# the least value: signatures are derivatives of the expected modes alone, and where much is left over the departures
 # from them change a little otherwise
 FLAT, FLAT_SHARE = 0.1, 0.03
 # a step is no longer than so many prior deviations at once
 LONGEST, HALVINGS = 1.0, 6
 # steps that may go uphill
 MOST_LEAPS = 8
-# fingerprints of tolerances and effects are computed anew every so many steps on the way, those of the updated
+# signatures of tolerances and effects are computed anew every so many steps on the way, those of the updated
 # parameters after every step longer than this, in posterior deviations
 REFRESH, FAR = 6, 1.0
-# relative error of an effect's fingerprint, response by response: between this model and the virtual turbine, whose
+# relative error of an effect's signature, response by response: between this model and the virtual turbine, whose
 # elements, mesh, soil and joints follow other theories, half of 66 effects at their true size left less than 8 % of
-# their length, nine of ten less than 13 % (studies/blind/fingerprints.py)
-FINGERPRINT = 0.1
+# their length, nine of ten less than 13 % (studies/blind/signatures.py)
+MODEL_ERROR_SCALE = 0.1
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Fit:
-    """theta (n_param of the extended model,), named effects with their sizes, departures per group (n_block,
+    """theta (n_param of the extended model,), included effects with their sizes, departures per group (n_block,
     n_response) from what they predict (zero where not measured), and the design there. `steps` of the iteration,
     `last_step` in posterior deviations, infinite where it stopped without having settled. `short` (n_named,): how much
     farther the linear equations would take each size where the fit itself led no farther down, else zero."""
 
     theta: np.ndarray
-    named: tuple[Named, ...]
+    included: tuple[IncludedEffect, ...]
     departures: tuple[np.ndarray, ...]
     centred: tuple[np.ndarray, ...]
     design: Design
@@ -56,29 +56,35 @@ class Fit:
 
 
 def design_at(
-    setting: Setting, theta: np.ndarray, named: Sequence[Named], noise: Noise, before: Design | None = None
+    problem: DiagnosisProblem,
+    theta: np.ndarray,
+    included: Sequence[IncludedEffect],
+    noise: Noise,
+    before: Design | None = None,
 ) -> Design:
-    """Fingerprints at theta and the named effects, a bin of blocks for each angle before and after each step: an error
+    """Signatures at theta and the included effects, a bin of blocks for each angle before and after each step: an error
     of a few per cent that changes sign with the step looks like the step, which is known better than that.
     With the design of a point nearby (`before`), only those of the updated parameters are computed anew."""
-    field = setting.field
-    names = field.parameters.names
-    centres, angle_of = setting.bins
-    exact = [n for n in named if n.exact]
+    predictor = problem.predictor
+    names = predictor.parameters.names
+    centres, angle_of = problem.bins
+    exact = [n for n in included if n.exact]
     levels = np.column_stack([*(n.course.value for n in exact), angle_of])
     bins, bin_of = np.unique(levels, axis=0, return_inverse=True)
     bin_of = bin_of.ravel()
     own = [Effect(kind="structural", cause="parameter", location=names[k], unit="", tolerance=0.0, slab=1.0,
-                  parameter=names[k]) for k in setting.updated]  # fmt: skip
-    catalogue = own if before is not None else [*own, *setting.effects]
-    columns = list(setting.updated) if before is not None else list(range(len(names)))
+                  parameter=names[k]) for k in problem.updated]  # fmt: skip
+    catalogue = own if before is not None else [*own, *problem.effects]
+    columns = list(problem.updated) if before is not None else list(range(len(names)))
     chosen = tuple(names[k] for k in columns)
     states, state_of = np.unique(bins[:, :-1], axis=0, return_inverse=True)
-    prints = [np.empty((len(bins), len(floor), len(catalogue))) for floor in setting.floor]
+    prints = [
+        np.empty((len(bins), len(discrepancy_std), len(catalogue))) for discrepancy_std in problem.discrepancy_std
+    ]
     for number, state in enumerate(states):
         there = np.flatnonzero(state_of.ravel() == number)
-        local, seen = local_at(field, theta, exact, state)
-        at = fingerprints_at(field, local, catalogue, chosen, centres[bins[there, -1].astype(int)], seen)
+        local, seen = local_at(predictor, theta, exact, state)
+        at = signatures_at(predictor, local, catalogue, chosen, centres[bins[there, -1].astype(int)], seen)
         for whole, part in zip(prints, at, strict=True):
             whole[there] = part
     n_own = len(own)
@@ -88,24 +94,38 @@ def design_at(
                          for p, old in zip(prints, before.nuisance, strict=True))  # fmt: skip
         effect = tuple(e[same] for e in before.effect)
     else:
-        tolerated = [n_own + j for j in setting.tolerated]
+        tolerated = [n_own + j for j in problem.tolerated]
         nuisance = tuple(p[:, :, [*range(n_own), *tolerated]] for p in prints)
         effect = tuple(p[:, :, n_own:] for p in prints)
-    prior = [local_std(setting.prior, i, theta[k]) for i, k in enumerate(setting.updated)]
-    std = np.array([*prior, *(setting.effects[j].tolerance for j in setting.tolerated)])
+    prior = [local_std(problem.prior, i, theta[k]) for i, k in enumerate(problem.updated)]
+    std = np.array([*prior, *(problem.effects[j].tolerance for j in problem.tolerated)])
     return Design(
-        bin_of=bin_of, nuisance=nuisance, nuisance_std=std, floor=setting.floor, effect=effect,
-        courses=setting.courses, which=setting.which, noise=noise,
-        named=tuple((_number(setting, n), n.course, n.prior_std) for n in named if not n.effect.discrete),
-        doubted=tuple((n.course, tuple(_doubt(setting, q, FINGERPRINT * n.size * e[:, :, _number(setting, n)])
-                                       for q, e in enumerate(effect))) for n in named),
-    )  # fmt: skip
+        bin_of=bin_of,
+        nuisance=nuisance,
+        nuisance_std=std,
+        discrepancy_std=problem.discrepancy_std,
+        effect=effect,
+        courses=problem.courses,
+        which=problem.which,
+        noise=noise,
+        included=tuple((_number(problem, n), n.course, n.prior_std) for n in included if not n.effect.discrete),
+        model_errors=tuple(
+            (
+                n.course,
+                tuple(
+                    _model_error_std(problem, q, MODEL_ERROR_SCALE * n.size * e[:, :, _number(problem, n)])
+                    for q, e in enumerate(effect)
+                ),
+            )
+            for n in included
+        ),
+    )
 
 
-def _doubt(setting: Setting, group: int, amount: np.ndarray) -> np.ndarray:
-    """Deviations (n_bin, n_response) of a fingerprint whose error has the size `amount`: half of the variance where it
+def _model_error_std(problem: DiagnosisProblem, group: int, amount: np.ndarray) -> np.ndarray:
+    """Deviations (n_bin, n_response) of a signature whose error has the size `amount`: half of the variance where it
     is, half spread over the responses of its kind (logarithms of frequencies, real parts and phases of each shape)."""
-    k, n_channel = len(setting.blocks.groups[group]), len(setting.blocks.channels)
+    k, n_channel = len(problem.blocks.groups[group]), len(problem.blocks.channels)
     n_log = 1 if k == 1 else 3
     parts = [slice(0, n_log)]
     parts += [slice(start, start + n_channel) for start in range(n_log, amount.shape[1], max(n_channel, 1))]
@@ -117,34 +137,36 @@ def _doubt(setting: Setting, group: int, amount: np.ndarray) -> np.ndarray:
 
 
 def centred_departures(
-    setting: Setting, design: Design, theta: np.ndarray, named: Sequence[Named], departures
+    problem: DiagnosisProblem, design: Design, theta: np.ndarray, included: Sequence[IncludedEffect], departures
 ) -> tuple[np.ndarray, ...]:
     """Departures less what the prior's centre would make: of mean zero when nothing is wrong."""
-    made = design.expected(_prior_centre(setting, design, theta, named))
+    made = design.expected(_prior_centre(problem, design, theta, included))
     return tuple(np.where(w[:, None] > 0, y - m, 0.0) for y, m, w in
                  zip(departures, made, design.noise.weight, strict=True))  # fmt: skip
 
 
-def _prior_centre(setting: Setting, design: Design, theta: np.ndarray, named: Sequence[Named]) -> np.ndarray:
+def _prior_centre(
+    problem: DiagnosisProblem, design: Design, theta: np.ndarray, included: Sequence[IncludedEffect]
+) -> np.ndarray:
     """Where the unknowns' prior is centred, as departures from theta and the sizes."""
     unknowns = np.zeros(design.n_unknown)
-    unknowns[: len(setting.updated)] = prior_shift(setting, theta)
+    unknowns[: len(problem.updated)] = prior_shift(problem, theta)
     # sizes have their prior about zero: what they make is taken back to there
-    unknowns[design.sizes] = [-n.size for n in named if not n.effect.discrete]
+    unknowns[design.sizes] = [-n.size for n in included if not n.effect.discrete]
     return unknowns
 
 
-def _left(setting: Setting, design: Design, theta: np.ndarray, named: Sequence[Named], departures):
+def _left(problem: DiagnosisProblem, design: Design, theta: np.ndarray, included: Sequence[IncludedEffect], departures):
     """Departures less what the unknowns make of them at their most probable. Tolerances of rotor and nacelle turn with
     the heading: they differ from block to block, and in the torsion's small components at the tower many times more
     than the noise does, which differences of blocks would else be taken for."""
-    solved = design.unknowns(centred_departures(setting, design, theta, named, departures))
-    made = design.expected(_prior_centre(setting, design, theta, named) + solved)
+    solved = design.unknowns(centred_departures(problem, design, theta, included, departures))
+    made = design.expected(_prior_centre(problem, design, theta, included) + solved)
     return tuple(y - m for y, m in zip(departures, made, strict=True))
 
 
 def fit(
-    setting: Setting, theta: np.ndarray, named: Sequence[Named] = (), *, base: Fit | None = None
+    problem: DiagnosisProblem, theta: np.ndarray, included: Sequence[IncludedEffect] = (), *, base: Fit | None = None
 ) -> Fit:
     """Gauss-Newton to the most probable parameters and sizes, with all tolerances and model form marginalised. `base`:
     a fit of the same record without one of the effects, whose noise is kept.
@@ -152,54 +174,62 @@ def fit(
     Where it does not settle the fit says so (`settled`), as one that has not converged looks like an effect. Raises
     ConvergenceError where the model has no modes.
     """
-    theta, named = np.array(theta, float), tuple(named)
-    updated = list(setting.updated)
+    theta, included = np.array(theta, float), tuple(included)
+    updated = list(problem.updated)
     step, noise, design = np.inf, None, None
     if base is not None:
         noise, design = base.design.noise, base.design
-    here = all_departures(setting, theta, named)
+    here = all_departures(problem, theta, included)
     renewed, leaps, stalled = base is not None, 0, False
     for number in range(MOST_STEPS):
         # far from where the fit ends the noise is not what it is there
         again = not renewed and step < SETTLED
         if (number < WARM and base is None) or again:
-            noise = noise_of(setting, here if design is None else _left(setting, design, theta, named, here))
+            noise = noise_of(problem, here if design is None else _left(problem, design, theta, included, here))
         if again:
             renewed, step = True, np.inf
         settled = step < SETTLED
         anew = settled or number % REFRESH == (0 if base is None else REFRESH - 1)
         if anew or step > FAR:
-            design = design_at(setting, theta, named, noise, None if anew else design)
+            design = design_at(problem, theta, included, noise, None if anew else design)
         else:
             design = replace(design, noise=noise)
         departures = kept(here, noise)
-        centred = centred_departures(setting, design, theta, named, departures)
+        centred = centred_departures(problem, design, theta, included, departures)
         solved = design.unknowns(centred)
         n_own = len(updated)
-        free = [k for k, n in enumerate(named) if not n.effect.discrete]
+        free = [k for k, n in enumerate(included) if not n.effect.discrete]
         if settled:
-            short = np.zeros(len(named))
+            short = np.zeros(len(included))
             if stalled:
-                short[free] = np.abs(solved[design.sizes] - [named[k].size for k in free])
-            return Fit(theta=theta, named=named, departures=departures, centred=centred, design=design, steps=number,
-                       last_step=step, short=short)  # fmt: skip
-        scale = np.array([local_std(setting.prior, i, theta[k]) for i, k in enumerate(updated)])
-        move = (prior_shift(setting, theta) + solved[:n_own]) / scale
-        change = np.zeros(len(named))
-        change[free] = solved[design.sizes] - np.array([named[k].size for k in free])
+                short[free] = np.abs(solved[design.sizes] - [included[k].size for k in free])
+            return Fit(
+                theta=theta,
+                included=included,
+                departures=departures,
+                centred=centred,
+                design=design,
+                steps=number,
+                last_step=step,
+                short=short,
+            )
+        scale = np.array([local_std(problem.prior, i, theta[k]) for i, k in enumerate(updated)])
+        move = (prior_shift(problem, theta) + solved[:n_own]) / scale
+        change = np.zeros(len(included))
+        change[free] = solved[design.sizes] - np.array([included[k].size for k in free])
         held = design.held(n_own)
-        before = design.misfit(departures, held) + penalty(setting, theta, named, named)
+        before = design.misfit(departures, held) + penalty(problem, theta, included, included)
         # what the linear equations promise
         promised = before - design.misfit(centred, [])
         if promised < FLAT:
             step = 0.0
             continue
-        relative = [d / n.prior_std for d, n in zip(change, named, strict=True)]
+        relative = [d / n.prior_std for d, n in zip(change, included, strict=True)]
         longest = float(np.max(np.abs(np.concatenate([move, relative])), initial=0.0))
         told = sum(int(np.count_nonzero(w)) * y.shape[1] for w, y in zip(noise.weight, departures, strict=True))
         whole = min(1.0, LONGEST / max(longest, 1e-12))
         for share in whole * 0.5 ** np.arange(HALVINGS):
-            trial = _trial(setting, design, theta, named, share * move * scale, share * change, held)
+            trial = _trial(problem, design, theta, included, share * move * scale, share * change, held)
             if trial.misfit < before:
                 break
         else:
@@ -208,19 +238,19 @@ def fit(
                 step, stalled = 0.0, promised > 1.0
                 continue
             if leaps == MOST_LEAPS:
-                return _ended(setting, theta, named, noise, here, number)
-            # noise and fingerprints are others farther on: over the hill, as the equations say
+                return _ended(problem, theta, included, noise, here, number)
+            # noise and signatures are others farther on: over the hill, as the equations say
             leaps, share = leaps + 1, whole
-            trial = _trial(setting, design, theta, named, share * move * scale, share * change, held)
+            trial = _trial(problem, design, theta, included, share * move * scale, share * change, held)
         stalled = False
         # what is left beyond the noise makes the posterior wider
         known = np.sqrt(np.diag(design.unknowns_cov(held)) * max(1.0, trial.misfit / told))
         moved = np.abs(trial.theta[updated] - theta[updated])
-        grown = [abs(trial.named[k].size - named[k].size) for k in free]
+        grown = [abs(trial.included[k].size - included[k].size) for k in free]
         # a step that had to be shortened is not a small one
         step = float(np.max(np.concatenate([moved, grown]) / known, initial=0.0)) * whole / share
-        theta, named, here = trial.theta, trial.named, trial.there
-    return _ended(setting, theta, named, noise, here, MOST_STEPS)
+        theta, included, here = trial.theta, trial.included, trial.there
+    return _ended(problem, theta, included, noise, here, MOST_STEPS)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -228,68 +258,87 @@ class _Trial:
     """Where a step leads, departures there, and -2 ln posterior with the design it was made with."""
 
     theta: np.ndarray
-    named: tuple[Named, ...]
+    included: tuple[IncludedEffect, ...]
     there: tuple[np.ndarray, ...]
     misfit: float
 
 
-def _trial(setting: Setting, design: Design, theta, named, move: np.ndarray, change: np.ndarray, held) -> _Trial:
-    theta, moved = _moved(setting, theta, named, move, change)
-    there = all_departures(setting, theta, moved)
-    misfit = design.misfit(kept(there, design.noise), held) + penalty(setting, theta, moved, named)
-    return _Trial(theta=theta, named=moved, there=there, misfit=misfit)
+def _trial(
+    problem: DiagnosisProblem, design: Design, theta, included, move: np.ndarray, change: np.ndarray, held
+) -> _Trial:
+    theta, moved = _moved(problem, theta, included, move, change)
+    there = all_departures(problem, theta, moved)
+    misfit = design.misfit(kept(there, design.noise), held) + penalty(problem, theta, moved, included)
+    return _Trial(theta=theta, included=moved, there=there, misfit=misfit)
 
 
 def _ended(
-    setting: Setting, theta: np.ndarray, named: tuple[Named, ...], noise: Noise, here: Sequence[np.ndarray], number: int
+    problem: DiagnosisProblem,
+    theta: np.ndarray,
+    included: tuple[IncludedEffect, ...],
+    noise: Noise,
+    here: Sequence[np.ndarray],
+    number: int,
 ) -> Fit:
     """The fit where it stopped without having settled."""
-    design, departures, centred = linearised(setting, theta, named, noise, here)
-    return Fit(theta=theta, named=named, departures=departures, design=design, steps=number, last_step=np.inf,
-               short=np.zeros(len(named)), centred=centred)  # fmt: skip
+    design, departures, centred = linearised(problem, theta, included, noise, here)
+    return Fit(theta=theta, included=included, departures=departures, design=design, steps=number, last_step=np.inf,
+               short=np.zeros(len(included)), centred=centred)  # fmt: skip
 
 
 def linearised(
-    setting: Setting, theta: np.ndarray, named: Sequence[Named], noise: Noise, departures: Sequence[np.ndarray]
+    problem: DiagnosisProblem,
+    theta: np.ndarray,
+    included: Sequence[IncludedEffect],
+    noise: Noise,
+    departures: Sequence[np.ndarray],
 ) -> tuple[Design, tuple[np.ndarray, ...], tuple[np.ndarray, ...]]:
-    """The design at theta and the named effects, with departures from there as far as they count and less what the
+    """The design at theta and the included effects, with departures from there as far as they count and less what the
     prior's centre makes."""
-    design, departures = design_at(setting, theta, named, noise), kept(departures, noise)
-    return design, departures, centred_departures(setting, design, theta, named, departures)
+    design, departures = design_at(problem, theta, included, noise), kept(departures, noise)
+    return design, departures, centred_departures(problem, design, theta, included, departures)
 
 
-def noise_of(setting: Setting, departures: Sequence[np.ndarray]) -> Noise:
+def noise_of(problem: DiagnosisProblem, departures: Sequence[np.ndarray]) -> Noise:
     """From what departures leave, with the pattern that the identification states."""
-    blocks = setting.blocks
+    blocks = problem.blocks
     sizes = tuple(len(g) for g in blocks.groups)
-    return estimate_noise(tuple(departures), setting.measured[1], sizes, blocks.relative_std, blocks.states(),
-                          setting.stated, blocks.few)  # fmt: skip
+    return estimate_noise(tuple(departures), problem.measured[1], sizes, blocks.relative_std, blocks.states(),
+                          problem.stated, blocks.few)  # fmt: skip
 
 
 def kept(departures, noise: Noise):
     return tuple(np.where(w[:, None] > 0, y, 0.0) for y, w in zip(departures, noise.weight, strict=True))
 
 
-def penalty(setting: Setting, theta: np.ndarray, named: Sequence[Named], about: Sequence[Named]) -> float:
+def penalty(
+    problem: DiagnosisProblem, theta: np.ndarray, included: Sequence[IncludedEffect], about: Sequence[IncludedEffect]
+) -> float:
     """-2 ln prior of parameters and sizes, but for constants; of sizes by the normal densities that stand for their
     prior where the effects are `about`: it lies above the prior's own everywhere else, so that a step which lowers it
     lowers that one too (Hunter & Lange 2004)."""
-    total = sum((n.size / at.prior_std) ** 2 for n, at in zip(named, about, strict=True) if not n.effect.discrete)
-    for p, k in zip(setting.prior, setting.updated, strict=True):
+    total = sum((n.size / at.prior_std) ** 2 for n, at in zip(included, about, strict=True) if not n.effect.discrete)
+    for p, k in zip(problem.prior, problem.updated, strict=True):
         normal = p.prior == "normal"
         total += ((theta[k] - p.initial) / p.std if normal else np.log(theta[k] / p.initial) / p.log_std) ** 2
     return float(total)
 
 
-def _moved(setting: Setting, theta: np.ndarray, named: Sequence[Named], move: np.ndarray, change: np.ndarray):
+def _moved(
+    problem: DiagnosisProblem,
+    theta: np.ndarray,
+    included: Sequence[IncludedEffect],
+    move: np.ndarray,
+    change: np.ndarray,
+):
     """theta and sizes after a step, within their bounds."""
-    fresh, updated = theta.copy(), list(setting.updated)
-    fresh[updated] = np.clip(theta[updated] + move, setting.prior.lower, setting.prior.upper)
+    fresh, updated = theta.copy(), list(problem.updated)
+    fresh[updated] = np.clip(theta[updated] + move, problem.prior.lower, problem.prior.upper)
     return fresh, tuple(
         n if n.effect.discrete else replace(n, size=float(np.clip(n.size + d, *n.bounds)))
-        for n, d in zip(named, change, strict=True)
+        for n, d in zip(included, change, strict=True)
     )
 
 
-def _number(setting: Setting, named: Named) -> int:
-    return next(j for j, e in enumerate(setting.effects) if e is named.effect)
+def _number(problem: DiagnosisProblem, included: IncludedEffect) -> int:
+    return next(j for j, e in enumerate(problem.effects) if e is included.effect)

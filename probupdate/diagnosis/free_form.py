@@ -19,13 +19,13 @@ from probupdate.diagnosis.evidence import sizes_std
 from probupdate.diagnosis.expected import departures_at
 from probupdate.diagnosis.fitting import Fit, design_at
 from probupdate.diagnosis.prepare import Prepared
-from probupdate.diagnosis.setting import Setting
+from probupdate.diagnosis.problem import DiagnosisProblem
 from probupdate.diagnosis.small_model import Attachment, SmallModel
 from probupdate.effects.catalogue import Effect
 from probupdate.errors import ConvergenceError
-from probupdate.model import Wireframe
-from probupdate.modes import ModalData
-from probupdate.progress import Progress, silent
+from probupdate.model.interface import Wireframe
+from probupdate.modal.modes import ModalData
+from probupdate.runtime.progress import Progress, silent
 from probupdate.structure.description import Description
 from probupdate.structure.places import place_of
 
@@ -34,8 +34,9 @@ N_POINT, N_DIRECTION = 48, 4
 # prior standard deviation of a spring over the static stiffness of its points, of a mass over the least modal mass
 # there; its upper bound in these
 SHARE, MOST = 0.1, 100.0
-# parts of each kind that the search is given: those that score highest beside the model as it is; scored so many at once
-N_KEPT, PORTION = 40, 160
+# parts of each kind that the search is given: those that score highest beside the model as it is; scored so many at
+# once
+N_KEPT, CHUNK = 40, 160
 # parts at once
 MOST_PARTS = 2
 # points nearer to one another than this share of the structure's extent are one
@@ -154,16 +155,16 @@ def _part(cause: str, location: str, unit: str, std: float, attachment: Attachme
     return effect, replace(attachment, name=name, unit=unit, std=std, lower=0.0, upper=MOST * std)
 
 
-def most_telling(setting: Setting, fitted: Fit, rows: Sequence[tuple[Effect, Attachment]]) -> list[int]:
-    """Numbers of the rows that explain most beside a fit, N_KEPT of each kind: scored by portions, as all of them at
+def most_telling(problem: DiagnosisProblem, fitted: Fit, rows: Sequence[tuple[Effect, Attachment]]) -> list[int]:
+    """Numbers of the rows that explain most beside a fit, N_KEPT of each kind: scored by chunks, as all of them at
     once take gigabytes."""
-    courses = [c for c, course in enumerate(setting.courses) if course.kind in ("constant", "step")]
+    courses = [c for c, course in enumerate(problem.courses) if course.kind in ("constant", "step")]
     best = np.zeros(len(rows))
-    for start in range(0, len(rows), PORTION):
-        part = rows[start : start + PORTION]
-        small = setting.field.small.attached([attachment for _, attachment in part])
+    for start in range(0, len(rows), CHUNK):
+        part = rows[start : start + CHUNK]
+        small = problem.predictor.small.attached([attachment for _, attachment in part])
         which = np.array([(j, c) for j in range(len(part)) for c in courses])
-        wider = replace(setting, field=replace(setting.field, small=small), effects=tuple(e for e, _ in part),
+        wider = replace(problem, predictor=replace(problem.predictor, small=small), effects=tuple(e for e, _ in part),
                         which=which)  # fmt: skip
         theta = np.concatenate([fitted.theta, np.zeros(len(part))])
         design = design_at(wider, theta, (), fitted.design.noise)
@@ -183,8 +184,8 @@ def with_parts(prepared: Prepared, rows: Sequence[tuple[Effect, Attachment]]) ->
 
 def place_words(point: np.ndarray, description: Description | None) -> str:
     """Where a point is: by leg, face and bay where the structure is described, else by its coordinates."""
-    named = place_of(description, point) if description is not None else ""
-    return named or f"({point[0]:.1f}, {point[1]:.1f}, {point[2]:.1f}) m"
+    included = place_of(description, point) if description is not None else ""
+    return included or f"({point[0]:.1f}, {point[1]:.1f}, {point[2]:.1f}) m"
 
 
 def free_form(
@@ -195,26 +196,26 @@ def free_form(
     if prepared.small.wire is None:
         return None
     rows = elementary(prepared.small, lambda point: place_words(point, prepared.description))
-    wider = with_parts(prepared, [rows[k] for k in most_telling(known.setting, known.null, rows)])
+    wider = with_parts(prepared, [rows[k] for k in most_telling(known.problem, known.null, rows)])
     try:
         outcome = examine(wider, data, most=MOST_PARTS, seed=seed, progress=progress)
     except ConvergenceError:
         return None
-    if not any(n.effect.cause in PART_CAUSES for n in outcome.fitted.named):
+    if not any(n.effect.cause in PART_CAUSES for n in outcome.fitted.included):
         return None
     return FreeForm(prepared=wider, outcome=outcome, content=_content(outcome))
 
 
 def _content(outcome: Outcome) -> dict:
-    setting, fitted = outcome.setting, outcome.fitted
-    std = sizes_std(setting, fitted)
+    problem, fitted = outcome.problem, outcome.fitted
+    std = sizes_std(problem, fitted)
     rows = []
-    for number, (n, own) in enumerate(zip(fitted.named, std, strict=True)):
+    for number, (n, own) in enumerate(zip(fitted.included, std, strict=True)):
         step = n.course.kind == "step"
         rows.append({
             "cause": n.effect.cause, "location": n.effect.location, "size": n.size, "size_std": own,
             "unit": n.effect.unit + n.course.unit, "course": n.course.name,
-            "since": setting.blocks.ids[n.course.at] if step else "", "elementary": n.effect.cause in PART_CAUSES,
+            "since": problem.blocks.ids[n.course.at] if step else "", "elementary": n.effect.cause in PART_CAUSES,
             "modes": modes_moved(outcome, number),
         })  # fmt: skip
     return {"parts": rows, "complete": outcome.diagnosis.verdict != "unexplained",
@@ -224,21 +225,21 @@ def _content(outcome: Outcome) -> dict:
 def modes_moved(outcome: Outcome, number: int) -> list[dict]:
     """By how much an effect of the fit moves each group of modes (mean ln f in per cent, where it acts), the largest
     first, of those that move by more than a block scatters."""
-    setting, fitted = outcome.setting, outcome.fitted
-    n = fitted.named[number]
+    problem, fitted = outcome.problem, outcome.fitted
+    n = fitted.included[number]
     if not n.exact:
         return []
-    others = [x for k, x in enumerate(fitted.named) if k != number and x.exact]
-    with_it, without = (departures_at(setting, fitted.theta, named) for named in ([*others, n], others))
+    others = [x for k, x in enumerate(fitted.included) if k != number and x.exact]
+    with_it, without = (departures_at(problem, fitted.theta, included) for included in ([*others, n], others))
     acting = np.flatnonzero(n.course.value > 0.5)
     rows = []
     for q, (a, b) in enumerate(zip(with_it, without, strict=True)):
-        k = len(setting.blocks.groups[q])
+        k = len(problem.blocks.groups[q])
         there = [i for i in acting if fitted.design.noise.weight[q][i] > 0]
         if not there:
             continue
         change = float(np.mean((b - a)[there][:, :k]))
         std = float(np.sqrt(np.mean(np.diag(fitted.design.noise.covariance[q])[:k])))
         if abs(change) > ACTS * std:
-            rows.append({"mode": setting.blocks.group_name(q), "frequency_percent": 100 * change})
+            rows.append({"mode": problem.blocks.group_name(q), "frequency_percent": 100 * change})
     return sorted(rows, key=lambda r: -abs(r["frequency_percent"]))

@@ -34,11 +34,11 @@ from probupdate.diagnosis.prediction import (
     transient,
 )
 from probupdate.diagnosis.prepare import Prepared
-from probupdate.diagnosis.setting import Named, Setting, local_std
+from probupdate.diagnosis.problem import IncludedEffect, DiagnosisProblem, local_std
 from probupdate.diagnosis.stress_ratio import fatigue_change
 from probupdate.errors import ConvergenceError
-from probupdate.modes import Sensor
-from probupdate.progress import Progress, silent
+from probupdate.modal.modes import Sensor
+from probupdate.runtime.progress import Progress, silent
 
 # contiguous stretches of the record, each predicted from the others: so many, or more where one side of a step is short
 N_FOLD, MOST_FOLDS = 5, 24
@@ -68,10 +68,10 @@ def stretches(n_block: int, n_fold: int = N_FOLD) -> np.ndarray:
     return np.arange(n_block) * min(n_fold, n_block) // n_block
 
 
-def how_many(n_block: int, named: Sequence[Named]) -> int:
+def how_many(n_block: int, included: Sequence[IncludedEffect]) -> int:
     """Stretches: none holds more than half of what lies on one side of a step, else nothing is left to tell its size
     from."""
-    sides = [min(n.course.at, n_block - n.course.at) for n in named if n.course.kind == "step"]
+    sides = [min(n.course.at, n_block - n.course.at) for n in included if n.course.kind == "step"]
     wanted = max([N_FOLD, *(-(-2 * n_block // max(side, 1)) for side in sides)])
     return min(wanted, MOST_FOLDS, n_block)
 
@@ -163,25 +163,25 @@ def batch_error(series: np.ndarray) -> float:
     return float(np.sqrt(number * np.var(sums, ddof=1)))
 
 
-def stages(setting: Setting, null: Fit, fitted: Fit) -> list[Fit | None]:
+def stages(problem: DiagnosisProblem, null: Fit, fitted: Fit) -> list[Fit | None]:
     """Fits with none, the first, the first two ... of the effects found; None where one does not settle."""
     between: list[Fit | None] = []
-    for k in range(1, len(fitted.named)):
+    for k in range(1, len(fitted.included)):
         try:
-            one = fit(setting, fitted.theta, fitted.named[:k])
+            one = fit(problem, fitted.theta, fitted.included[:k])
         except ConvergenceError:
             one = None
         between.append(one if one is not None and one.settled else None)
-    return [null, *between, fitted] if fitted.named else [null]
+    return [null, *between, fitted] if fitted.included else [null]
 
 
 def measures(
-    setting: Setting, old: Fit, new: Fit, *, noise: Noise | None = None, n_fold: int | None = None
+    problem: DiagnosisProblem, old: Fit, new: Fit, *, noise: Noise | None = None, n_fold: int | None = None
 ) -> dict:
     """Plain numbers of one step from `old` to `new`, as in diagnosis.json: errors of frequencies are shares (of a pair
     the larger eigenvalue of its tensor's error), largest over modes and stretches of the mean over a stretch, and root
     mean square over single blocks; MAC likewise."""
-    n_fold = n_fold or how_many(len(setting.blocks), new.named)
+    n_fold = n_fold or how_many(len(problem.blocks), new.included)
     first = replace(old.design, noise=noise or old.design.noise)
     found = contest((first, old.centred), (new.design, new.centred), n_fold=n_fold)
     result = {
@@ -191,7 +191,7 @@ def measures(
         "heldout_stretches": len(found.before),
         "heldout_blocks": len(found.by_block),
     }
-    sides = [_errors(setting, found.before), _errors(setting, found.after)]
+    sides = [_errors(problem, found.before), _errors(problem, found.after)]
     for key in sides[0]:
         if not key.startswith("_"):
             result |= {f"{key}_before": sides[0][key], f"{key}_after": sides[1][key]}
@@ -205,19 +205,19 @@ def measures(
 def gains(prepared: Prepared, outcome: Outcome, *, progress: Progress = silent) -> tuple[dict, ...]:
     """Of every finding, added after those before it, what it gains: `measures`, sensors that took no part, how the
     parameters move (in prior deviations) and what it changes of fatigue."""
-    setting = outcome.setting
-    fits = stages(setting, outcome.null, outcome.fitted)
+    problem = outcome.problem
+    fits = stages(problem, outcome.null, outcome.fitted)
     noise = outcome.null.design.noise
-    levels = levels_of(setting.blocks.channels, prepared.sensors)
+    levels = levels_of(problem.blocks.channels, prepared.sensors)
     progress("held-out blocks", 0, len(fits))
-    sensors = [None if f is None else held_out_sensors(setting, f, noise, levels) for f in fits]
+    sensors = [None if f is None else held_out_sensors(problem, f, noise, levels) for f in fits]
     result = []
     for number, (old, new) in enumerate(pairwise(fits), start=1):
         if old is None or new is None:
             result.append({"statement": "gain not measured: the model with the effects up to this one alone does not "
                            "settle"})  # fmt: skip
             continue
-        told = measures(setting, old, new, noise=noise)
+        told = measures(problem, old, new, noise=noise)
         before, after = sensors[number - 1], sensors[number]
         told["heldout_sensors"] = [
             {"level": level, "channels": list(own), "rms_error_before": before[level][0],
@@ -225,17 +225,17 @@ def gains(prepared: Prepared, outcome: Outcome, *, progress: Progress = silent) 
              "max_error_after": after[level][1]}
             for level, own in levels.items()
         ]  # fmt: skip
-        told["parameter_shifts"] = _shifts(setting, old, new)
-        told["fatigue"] = fatigue_change(prepared, setting, old, new)
+        told["parameter_shifts"] = _shifts(problem, old, new)
+        told["fatigue"] = fatigue_change(prepared, problem, old, new)
         result.append(told)
         progress("held-out blocks", number, len(fits))
     return tuple(result)
 
 
-def _shifts(setting: Setting, old: Fit, new: Fit) -> dict[str, float]:
+def _shifts(problem: DiagnosisProblem, old: Fit, new: Fit) -> dict[str, float]:
     """By how many deviations of its prior each parameter moves."""
-    return {p.name: float((new.theta[k] - old.theta[k]) / local_std(setting.prior, i, old.theta[k]))
-            for i, (p, k) in enumerate(zip(setting.prior, setting.updated, strict=True))}  # fmt: skip
+    return {p.name: float((new.theta[k] - old.theta[k]) / local_std(problem.prior, i, old.theta[k]))
+            for i, (p, k) in enumerate(zip(problem.prior, problem.updated, strict=True))}  # fmt: skip
 
 
 def statement(gain: dict) -> str:
@@ -246,15 +246,15 @@ def statement(gain: dict) -> str:
     return f"no significant gain on held-out blocks: log score {size}"
 
 
-def _errors(setting: Setting, predictions: Sequence[Prediction]) -> dict:
+def _errors(problem: DiagnosisProblem, predictions: Sequence[Prediction]) -> dict:
     """Errors of all held-out blocks under one model."""
-    n_channel = len(setting.blocks.channels)
+    n_channel = len(problem.blocks.channels)
     stretch_f, block_f, stretch_mac, block_mac = [], [], [], []
     scores_f, scores_s = [], []
     for p in predictions:
         own_f, own_s = np.zeros((2, len(p.rows))), np.zeros((2, len(p.rows)))
         for q, (r, std, w) in enumerate(zip(p.residual, p.std, p.weight, strict=True)):
-            k = len(setting.blocks.groups[q])
+            k = len(problem.blocks.groups[q])
             n_log = 1 if k == 1 else 3
             rows = np.flatnonzero(w > 0)
             if not len(rows):
@@ -265,8 +265,8 @@ def _errors(setting: Setting, predictions: Sequence[Prediction]) -> dict:
             mean = np.average(r[rows], axis=0, weights=w[rows])[None]
             stretch_f.append(_frequency_errors(mean[:, :n_log]))
             block_f.append(_frequency_errors(r[rows, :n_log]))
-            stretch_mac.append(_mac(mean[:, n_log:], setting.field.axes[q], n_channel))
-            block_mac.append(_mac(r[rows, n_log:], setting.field.axes[q], n_channel))
+            stretch_mac.append(_mac(mean[:, n_log:], problem.predictor.axes[q], n_channel))
+            block_mac.append(_mac(r[rows, n_log:], problem.predictor.axes[q], n_channel))
         scores_f.append(own_f)
         scores_s.append(own_s)
     by_block = {"_crps_frequency": np.concatenate(scores_f, axis=1), "_crps_shape": np.concatenate(scores_s, axis=1)}
@@ -287,21 +287,21 @@ def _errors(setting: Setting, predictions: Sequence[Prediction]) -> dict:
 
 
 def held_out_sensors(
-    setting: Setting, fitted: Fit, noise: Noise, levels: Mapping[str, Sequence[str]], n_fold: int = N_FOLD
+    problem: DiagnosisProblem, fitted: Fit, noise: Noise, levels: Mapping[str, Sequence[str]], n_fold: int = N_FOLD
 ) -> dict[str, tuple[float, float]]:
     """Motion predicted at each level (name -> its channels) from all other channels, effects' times and kinds known:
     name -> (root mean square error over modes, channels and single blocks, the largest error of the mean over a
     stretch), in shares of each shape's largest component."""
-    channels = setting.blocks.channels
-    fold = stretches(len(setting.blocks), n_fold)
+    channels = problem.blocks.channels
+    fold = stretches(len(problem.blocks), n_fold)
     result = {}
     for name, own in levels.items():
         hidden = np.array([channels.index(c) for c in own])
         kept = np.setdiff1d(np.arange(len(channels)), hidden)
-        maps = [_hiding(t, kept, hidden) for t in setting.field.axes]
+        maps = [_hiding(t, kept, hidden) for t in problem.predictor.axes]
         design = with_noise(fitted.design, noise)
         reduced = _mapped(design, [seen for seen, _ in maps])
-        blocks = np.arange(len(setting.blocks))
+        blocks = np.arange(len(problem.blocks))
         mean, _ = posterior(reduced, [y @ seen.T for y, (seen, _) in zip(fitted.centred, maps, strict=True)], blocks)
         told = np.zeros(design.n_unknown)
         carried = np.flatnonzero(~transient(design))
@@ -340,9 +340,9 @@ def _mapped(design: Design, maps: Sequence[np.ndarray]) -> Design:
     return replace(
         design, noise=noise, nuisance=tuple(B @ G for B, G in zip(maps, design.nuisance, strict=True)),
         effect=tuple(B @ E for B, E in zip(maps, design.effect, strict=True)),
-        floor=tuple(np.sqrt(B**2 @ f**2) for B, f in zip(maps, design.floor, strict=True)),
-        doubted=tuple((course, tuple(np.sqrt(s**2 @ (B**2).T) for B, s in zip(maps, spread, strict=True)))
-                      for course, spread in design.doubted),
+        discrepancy_std=tuple(np.sqrt(B**2 @ f**2) for B, f in zip(maps, design.discrepancy_std, strict=True)),
+        model_errors=tuple((course, tuple(np.sqrt(s**2 @ (B**2).T) for B, s in zip(maps, spread, strict=True)))
+                      for course, spread in design.model_errors),
     )  # fmt: skip
 
 

@@ -13,10 +13,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from probupdate.effects.catalogue import GAIN_TOLERANCE, ROTATION_TOLERANCE_DEG, Effect
-from probupdate.diagnosis.departures import Reference
+from probupdate.diagnosis.mode_numbers import Reference
 from probupdate.diagnosis.diagnose import POWER
-from probupdate.diagnosis.setting import FLOOR_PHASE, FLOOR_SHAPE
-from probupdate.modes import Sensor
+from probupdate.diagnosis.problem import DISCREPANCY_PHASE, DISCREPANCY_SHAPE
+from probupdate.modal.modes import Sensor
 
 # what is free may be so many times the largest component
 FREE = 10.0
@@ -45,8 +45,9 @@ class Mended:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class LevelAnswer:
-    """found: per effect taken in, its rivals, best first; `limits` per effect (size, share of its fingerprint left, z);
-    threshold; p_value of the largest z; unexplained: what remains over the threshold, 0 where nothing does."""
+    """found: per effect taken in, its competing hypotheses, best first; `limits` per effect (size, share of its
+    signature left, z); threshold; p_value of the largest z; unexplained: what remains over the threshold, 0 where
+    nothing does."""
 
     found: tuple[tuple[Mended, ...], ...]
     limits: dict[int, tuple[float, float, float]]
@@ -193,23 +194,23 @@ def _without(s: Shapes, effect: Effect, size: float) -> Shapes:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class _Test:
-    """chi2 of the shapes; per effect u = f' V^-1 y, v = f' V^-1 f, raw = f' f over the floor's square; root (n_effect,
-    m) of which random normals make scores."""
+    """chi2 of the shapes; per effect u = f' V^-1 y, v = f' V^-1 f, raw = f' f over the model discrepancy's square; root
+    (n_effect, m) of which random normals make scores."""
 
     chi2: float
     u: np.ndarray
     v: np.ndarray
     raw: np.ndarray
-    likeness: np.ndarray
+    score_correlation: np.ndarray
 
 
 def _test(s: Shapes, tolerated, effects: Sequence[Effect]) -> _Test:
     y = _numbers(s.shape)
-    floor = np.concatenate([np.repeat([FLOOR_SHAPE, FLOOR_PHASE], x.size) for x in s.shape])
+    discrepancy_std = np.concatenate([np.repeat([DISCREPANCY_SHAPE, DISCREPANCY_PHASE], x.size) for x in s.shape])
     U, std = _unknowns(s, tolerated)
-    scaled = U * std / floor[:, None]
-    white = y / floor
-    F = np.array([_change(s, e) for e in effects]).T / floor[:, None] if effects else np.zeros((len(y), 0))
+    scaled = U * std / discrepancy_std[:, None]
+    white = y / discrepancy_std
+    F = np.array([_change(s, e) for e in effects]).T / discrepancy_std[:, None] if effects else np.zeros((len(y), 0))
     inner = np.linalg.cholesky(np.eye(len(std)) + scaled.T @ scaled)
     solve = lambda x: x - scaled @ np.linalg.solve(inner.T, np.linalg.solve(inner, scaled.T @ x))  # noqa: E731
     VF = solve(F)
@@ -217,7 +218,7 @@ def _test(s: Shapes, tolerated, effects: Sequence[Effect]) -> _Test:
     v = np.maximum(np.diag(information), 0.0)
     size = np.sqrt(np.maximum(v, 1e-300))
     return _Test(chi2=float(white @ solve(white)), u=VF.T @ white, v=v, raw=np.sum(F**2, axis=0),
-                 likeness=np.clip(information / np.outer(size, size), -1, 1))  # fmt: skip
+                 score_correlation=np.clip(information / np.outer(size, size), -1, 1))  # fmt: skip
 
 
 def _usable(t: _Test) -> np.ndarray:
@@ -254,7 +255,7 @@ def judge_levels(
     usable = _usable(first)
     z = np.where(usable, first.u / np.sqrt(np.maximum(first.v, 1e-300)), 0.0)
     rng = np.random.default_rng([seed, 33])
-    value, vector = np.linalg.eigh(first.likeness)
+    value, vector = np.linalg.eigh(first.score_correlation)
     drawn = rng.standard_normal((N_DRAW, len(value))) @ (vector * np.sqrt(np.maximum(value, 0.0))).T
     maxima = np.max(np.abs(drawn[:, usable]), axis=1) if usable.any() else np.full(N_DRAW, np.inf)
     threshold = float(np.quantile(maxima, 1 - false_alarm))

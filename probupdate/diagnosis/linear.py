@@ -2,11 +2,10 @@
 
 A block's departures are  y_b = G_b c + eps + sum_j a_j h_jb s_jb + sum_k h_kb D_kb d_k + e_b :  c what is normally
 uncertain (parameters with their prior, tolerances), eps what no model form explains (an offset of each response), s_jb
-the fingerprint of effect j where the nacelle looked, h_jb its course, D_kb the doubt about the fingerprint of an effect
-k that was taken in, e_b noise. Under "nothing is wrong" all a are zero and y is Gaussian, so that for each candidate
-u = X^T V^-1 y has variance v = X^T V^-1 X and z = u / sqrt(v) is standard normal; a = u / v is its size and 1 / sqrt(v)
-that one's deviation. V is never formed: it is the noise plus what a few hundred unknowns add (Woodbury).
-"""
+the signature of effect j where the nacelle looked, h_jb its time profile, D_kb the model error of the signature of an
+effect k that was taken in, e_b noise. Under "nothing is wrong" all a are zero and y is Gaussian, so that for each
+candidate u = X^T V^-1 y has variance v = X^T V^-1 X and z = u / sqrt(v) is standard normal; a = u / v is its size and 1
+/ sqrt(v) that one's deviation. V is never formed: it is the noise plus what a few hundred unknowns add (Woodbury). """
 
 from __future__ import annotations
 
@@ -17,13 +16,12 @@ from functools import cached_property
 import numpy as np
 from scipy import linalg
 
-from probupdate.diagnosis.courses import Course
+from probupdate.diagnosis.time_profiles import TimeProfile
 from probupdate.diagnosis.noise import Noise
 from probupdate.errors import ConvergenceError
-from probupdate.modes import frozen_array
 
-# draws are made in portions of so many numbers
-PORTION = 4_000_000
+# draws are made in chunks of so many numbers, and summed up over blocks in chunks of so many
+CHUNK, SUMMED = 4_000_000, 2_000_000
 # blocks that a group must have on either side of a step to tell it
 FEWEST_BEYOND = 3
 
@@ -33,24 +31,23 @@ class Design:
     """What does not depend on the data.
 
     bin_of (n_block,): number of the nacelle angle each block is counted to. nuisance per group (n_bin, n_response,
-    n_nuisance) with nuisance_std (n_nuisance,); floor per group (n_response,) deviations of the offsets; effect per
-    group (n_bin, n_response, n_effect). Candidates are pairs (effect, course): which (n_candidate, 2). `named`: effects
-    already found, as (effect, its course, deviation of its size); their sizes are unknowns like c. `doubted`: courses
-    of effects already found, each with the deviations per group (n_bin, n_response) of their fingerprint times size,
-    all of which are multiplied by `doubt`.
-    """
+    n_nuisance) with nuisance_std (n_nuisance,); model discrepancy per group (n_response,) deviations of the offsets;
+    effect per group (n_bin, n_response, n_effect). Candidates are pairs (effect, time profile): which (n_candidate, 2).
+    `included`: effects already found, as (effect, its time profile, deviation of its size); their sizes are unknowns
+    like c. `model_errors`: time profiles of effects already found, each with the deviations per group (n_bin,
+    n_response) of their signature times size, all of which are multiplied by `error_scale`. """
 
     bin_of: np.ndarray
     nuisance: tuple[np.ndarray, ...]
     nuisance_std: np.ndarray
-    floor: tuple[np.ndarray, ...]
+    discrepancy_std: tuple[np.ndarray, ...]
     effect: tuple[np.ndarray, ...]
-    courses: tuple[Course, ...]
+    courses: tuple[TimeProfile, ...]
     which: np.ndarray
     noise: Noise
-    named: tuple[tuple[int, Course, float], ...] = ()
-    doubted: tuple[tuple[Course, tuple[np.ndarray, ...]], ...] = ()
-    doubt: float = 1.0
+    included: tuple[tuple[int, TimeProfile, float], ...] = ()
+    model_errors: tuple[tuple[TimeProfile, tuple[np.ndarray, ...]], ...] = ()
+    error_scale: float = 1.0
 
     @property
     def sizes(self) -> slice:
@@ -63,11 +60,12 @@ class Design:
 
     @cached_property
     def _course_values(self) -> tuple[np.ndarray, ...]:
-        """Per group (n_course + 1 + n_named + n_doubted, n_block): candidates' courses centred over the group's blocks,
-        so that no offset of the model is taken for a change; then one, named and doubted ones as they are."""
+        """Per group (n_course + 1 + n_named + n_doubted, n_block): candidates' time profiles centred over the group's
+        blocks, so that no offset of the model is taken for a change; then one, included effects and their model errors
+        as they are."""
         values = np.array([c.value for c in self.courses])
-        known = np.array([np.ones(len(self.bin_of)), *(course.value for _, course, _ in self.named),
-                          *(course.value for course, _ in self.doubted)])  # fmt: skip
+        known = np.array([np.ones(len(self.bin_of)), *(course.value for _, course, _ in self.included),
+                          *(course.value for course, _ in self.model_errors)])  # fmt: skip
         result = []
         for weight in self.noise.weight:
             centred = values - (values @ weight / max(weight.sum(), 1e-300))[:, None]
@@ -91,7 +89,7 @@ class Design:
 
     @cached_property
     def _times(self) -> tuple[np.ndarray, ...]:
-        """Per group (n_bin, n_row, n_row): weighted products of courses, summed over a bin's blocks."""
+        """Per group (n_bin, n_row, n_row): weighted products of time profiles, summed over a bin's blocks."""
         return tuple(np.einsum("cgb,db->gcd", A, h, optimize=True)
                      for A, h in zip(self._aggregators, self._course_values, strict=True))  # fmt: skip
 
@@ -99,46 +97,46 @@ class Design:
     def _offsets(self) -> list[slice]:
         start = self.n_common
         slices = []
-        for floor in self.floor:
-            slices.append(slice(start, start + floor.size))
-            start += floor.size
+        for discrepancy_std in self.discrepancy_std:
+            slices.append(slice(start, start + discrepancy_std.size))
+            start += discrepancy_std.size
         return slices
 
     @property
     def n_common(self) -> int:
-        """Unknowns that all groups share: c and the sizes of named effects."""
-        return self.nuisance_std.size + len(self.named)
+        """Unknowns that all groups share: c and the sizes of included effects."""
+        return self.nuisance_std.size + len(self.included)
 
     def held(self, n_own: int) -> list[int]:
-        """Numbers of the unknowns that a fit chooses: the first n_own parameters and the sizes of named effects."""
+        """Numbers of the unknowns that a fit chooses: the first n_own parameters and the sizes of included effects."""
         return [*range(n_own), *range(self.sizes.start, self.sizes.stop)]
 
     @property
     def n_unknown(self) -> int:
-        return self.n_common + (1 + len(self.doubted)) * sum(f.size for f in self.floor)
+        return self.n_common + (1 + len(self.model_errors)) * sum(f.size for f in self.discrepancy_std)
 
     @cached_property
     def prior_std(self) -> np.ndarray:
-        doubts = [np.full(f.size, self.doubt) for _ in self.doubted for f in self.floor]
-        return np.concatenate([self.nuisance_std, [std for _, _, std in self.named], *self.floor, *doubts])
+        doubts = [np.full(f.size, self.error_scale) for _ in self.model_errors for f in self.discrepancy_std]
+        return np.concatenate([self.nuisance_std, [std for _, _, std in self.included], *self.discrepancy_std, *doubts])
 
     @cached_property
     def _unknowns(self) -> tuple[tuple[np.ndarray, np.ndarray, np.ndarray], ...]:
-        """Per group: numbers of the unknowns that it sees (n,), the course of each (n,) and what one of each makes
-        (n_bin, n_response, n)."""
+        """Per group: numbers of the unknowns that it sees (n,), the time profile of each (n,) and what one of each
+        makes (n_bin, n_response, n)."""
         n_c, n_course = self.nuisance_std.size, len(self.courses)
-        total = sum(f.size for f in self.floor)
+        total = sum(f.size for f in self.discrepancy_std)
         result = []
         for q, rows in enumerate(self._offsets):
-            m = self.floor[q].size
-            number = [np.arange(n_c), n_c + np.arange(len(self.named)), np.arange(rows.start, rows.stop)]
-            course = [np.full(n_c, n_course), n_course + 1 + np.arange(len(self.named)), np.full(m, n_course)]
-            chosen = [effect for effect, _, _ in self.named]
+            m = self.discrepancy_std[q].size
+            number = [np.arange(n_c), n_c + np.arange(len(self.included)), np.arange(rows.start, rows.stop)]
+            course = [np.full(n_c, n_course), n_course + 1 + np.arange(len(self.included)), np.full(m, n_course)]
+            chosen = [effect for effect, _, _ in self.included]
             parts = [self.nuisance[q], self.effect[q][:, :, chosen],
                      np.broadcast_to(np.eye(m), (self.n_bin, m, m))]  # fmt: skip
-            for k, (_, spread) in enumerate(self.doubted):
+            for k, (_, spread) in enumerate(self.model_errors):
                 number.append(np.arange(rows.start, rows.stop) + (k + 1) * total)
-                course.append(np.full(m, n_course + 1 + len(self.named) + k))
+                course.append(np.full(m, n_course + 1 + len(self.included) + k))
                 parts.append(spread[q][:, :, None] * np.eye(m))
             result.append((np.concatenate(number).astype(int), np.concatenate(course).astype(int),
                            np.concatenate(parts, axis=2)))  # fmt: skip
@@ -146,7 +144,8 @@ class Design:
 
     @cached_property
     def _by_course(self) -> tuple[list[tuple[int, np.ndarray, np.ndarray]], ...]:
-        """`_unknowns` per group, sorted: each course with the numbers of those that follow it and what they make."""
+        """`_unknowns` per group, sorted: each time profile with the numbers of those that follow it and what they
+        make."""
         return tuple([(row, number[course == row], made[:, :, course == row]) for row in np.unique(course)]
                      for number, course, made in self._unknowns)  # fmt: skip
 
@@ -161,9 +160,9 @@ class Design:
             information[np.ix_(number, number)] += total
         return information
 
-    def doubting(self, doubt: float) -> Design:
-        """The design with another `doubt`; what does not depend on it is not worked out again."""
-        other = replace(self, doubt=doubt)
+    def with_error_scale(self, error_scale: float) -> Design:
+        """The design with another `error_scale`; what does not depend on it is not worked out again."""
+        other = replace(self, error_scale=error_scale)
         for name in ("_aggregators", "_times", "_unknowns", "_by_course", "_information"):
             vars(other)[name] = getattr(self, name)
         return other
@@ -218,9 +217,14 @@ class Design:
         """v (n_candidate,): one over the square of each candidate's deviation."""
         return self._system[3]
 
+    @property
+    def own_information(self) -> np.ndarray:
+        """(n_candidate,) each candidate's information before the unknowns have taken their part."""
+        return self._system[2]
+
     @cached_property
     def share_left(self) -> np.ndarray:
-        """(n_candidate,) how much of each fingerprint's length remains once all that is normal has taken its part."""
+        """(n_candidate,) how much of each signature's length remains once all that is normal has taken its part."""
         raw = self._system[2]
         return np.sqrt(np.where(raw > 0, self.information / np.where(raw > 0, raw, 1.0), 0.0))
 
@@ -231,7 +235,7 @@ class Design:
                 for A, y in zip(self._aggregators, departures, strict=True)]  # fmt: skip
 
     def _known(self, sums: list[np.ndarray]) -> list[np.ndarray]:
-        """Of `_sums` the rows that unknowns follow, behind the candidates' courses."""
+        """Of `_sums` the rows that unknowns follow, behind the candidates' time profiles."""
         return [total[..., len(self.courses):, :, :] for total in sums]
 
     def scores(self, departures: Sequence[np.ndarray]) -> np.ndarray:
@@ -260,7 +264,7 @@ class Design:
         return right
 
     def unknowns(self, departures: Sequence[np.ndarray]) -> np.ndarray:
-        """Most probable c, sizes, offsets and doubts (n_unknown,) when nothing else is wrong."""
+        """Most probable c, sizes, offsets and model-error scales (n_unknown,) when nothing else is wrong."""
         return self._solve(self._right(self._sums(departures, len(self.courses))))
 
     def misfit(self, departures: Sequence[np.ndarray], held: Sequence[int]) -> float:
@@ -296,8 +300,10 @@ class Design:
     def expected(self, unknowns: np.ndarray) -> list[np.ndarray]:
         """Departures per group (n_block, n_response) that unknowns (n_unknown,) make."""
         result = []
-        for h, floor, sorted_unknowns in zip(self._course_values, self.floor, self._by_course, strict=True):
-            y = np.zeros((len(self.bin_of), floor.size))
+        for h, discrepancy_std, sorted_unknowns in zip(
+            self._course_values, self.discrepancy_std, self._by_course, strict=True
+        ):
+            y = np.zeros((len(self.bin_of), discrepancy_std.size))
             for row, number, made in sorted_unknowns:
                 y += h[row][:, None] * (made @ unknowns[number])[self.bin_of]
             result.append(y)
@@ -314,9 +320,9 @@ class Design:
                 total += time[np.ix_(course, course2)] * (own[:, effect].T @ (precision @ own[:, effect2]))
         return total - B[rows] @ solved[others].T
 
-    def likeness(self, rows: Sequence[int]) -> np.ndarray:
-        """Correlation (n, n) of the z of candidates `rows`: how alike their fingerprints are, courses included, after
-        all that is normal has taken its part."""
+    def score_correlation(self, rows: Sequence[int]) -> np.ndarray:
+        """Correlation (n, n) of the z of candidates `rows`: how alike their signatures are, time profiles included,
+        after all that is normal has taken its part."""
         size = np.sqrt(np.maximum(self.information[np.asarray(rows, int)], 1e-300))
         return np.clip(self.overlap(rows, rows) / np.outer(size, size), -1.0, 1.0)
 
@@ -335,20 +341,32 @@ class Design:
         B, solved, _, _ = self._system
         roots = [np.linalg.cholesky(c) for c in self.noise.covariance]
         n_block = len(self.bin_of)
-        total = n_block * sum(f.size for f in self.floor)
-        portion = max(1, min(n, PORTION // total))
+        total = n_block * sum(f.size for f in self.discrepancy_std)
+        chunk = max(1, min(n, CHUNK // total))
+        # a row for each time profile in each bin: of few blocks many more numbers than the record has
+        n_sum = sum(
+            A.shape[0] * A.shape[1] * f.size for A, f in zip(self._aggregators, self.discrepancy_std, strict=True)
+        )
+        at_once = max(1, SUMMED // n_sum)
         scales = self.noise.scales(rng, n)
-        result = []
-        for start in range(0, n, portion):
-            size = min(portion, n - start)
+        result = np.empty((n, len(self.which)))
+        for start in range(0, n, chunk):
+            size = min(chunk, n - start)
             departures = []
             for q, root in enumerate(roots):
                 white = rng.standard_normal((size, n_block, root.shape[0]))
                 scale = np.where(self.noise.weight[q] > 0, 1 / np.sqrt(np.maximum(self.noise.weight[q], 1e-12)), 0)
-                own = scales[q][start : start + size, None, :] if scales else 1.0
-                departures.append(white @ root.T * scale[None, :, None] * own)
-            sums = self._sums(departures)
+                white = white @ root.T
+                white *= scale[None, :, None]
+                if scales:
+                    white *= scales[q][start : start + size, None, :]
+                departures.append(white)
             unknown = rng.standard_normal((size, self.n_unknown)) * self.prior_std
-            right = self._right(self._known(sums)) + unknown @ self._information
-            result.append(self._raw(sums) + unknown @ B.T - right @ solved.T)
-        return frozen_array(np.concatenate(result))
+            for first in range(0, size, at_once):
+                part = slice(first, first + at_once)
+                sums = self._sums([y[part] for y in departures])
+                right = self._right(self._known(sums)) + unknown[part] @ self._information
+                result[start + first : start + min(first + at_once, size)] = (
+                    self._raw(sums) + unknown[part] @ B.T - right @ solved.T)  # fmt: skip
+        result.setflags(write=False)
+        return result

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import stats
 
-from probupdate.modes import frozen_array
+from probupdate.runtime.arrays import frozen_array
 
 # blocks that must tell a group of modes for its scatter to be told
 FEWEST = 2
@@ -206,7 +206,7 @@ def factored(sample: np.ndarray) -> np.ndarray:
     eigenvalue noise alone would not reach (Marchenko & Pastur 1967).
 
     A sample covariance of n rows, inverted as it is, makes small directions look n / (n - m) times too sure, and
-    fingerprints lean on these; one shrunk to its diagonal loses them where modes mix by more than channels scatter.
+    signatures lean on these; one shrunk to its diagonal loses them where modes mix by more than channels scatter.
     """
     n, m = sample.shape
     std = np.sqrt(np.mean(sample**2, axis=0))

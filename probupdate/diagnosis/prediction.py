@@ -1,7 +1,7 @@
 """What a fitted model says of blocks that took no part in its fit.
 
 The unknowns of a design (parameters, tolerances, sizes of effects: c) are told by the training blocks alone. What no
-model explains, the offset of each response and the doubt about fingerprints, is not carried over: a report uses the
+model explains, the offset of each response and the model error of signatures, is not carried over: a report uses the
 model, not its remainders. So the prediction is X E[c | training] with the offsets at zero, and what is measured departs
 from it by N(0, X Q X^T + R): Q is the covariance of (c - E[c | training], offset), exact under the design's own
 assumptions, R the noise. Everything is linear about a fit to all blocks, whose choice is of second order.
@@ -16,7 +16,7 @@ import numpy as np
 from scipy import linalg, special
 
 from probupdate.diagnosis.linear import Design
-from probupdate.modes import frozen_array
+from probupdate.runtime.arrays import frozen_array
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -42,23 +42,23 @@ class Prediction:
 def columns(design: Design, q: int, g: int) -> tuple[np.ndarray, np.ndarray]:
     """Of group q at angle bin g: X (n_response, n) of the unknowns that act there and their numbers (n,);
     `course_factors` tells what the columns are multiplied with in a block."""
-    m, n_all = design.floor[q].size, design.n_common
-    start, total = n_all + sum(f.size for f in design.floor[:q]), sum(f.size for f in design.floor)
-    known = design.effect[q][g][:, [effect for effect, _, _ in design.named]]
+    m, n_all = design.discrepancy_std[q].size, design.n_common
+    start, total = n_all + sum(f.size for f in design.discrepancy_std[:q]), sum(f.size for f in design.discrepancy_std)
+    known = design.effect[q][g][:, [effect for effect, _, _ in design.included]]
     parts, numbers = [design.nuisance[q][g], known, np.eye(m)], [np.arange(n_all), np.arange(start, start + m)]
-    for k, (_, spread) in enumerate(design.doubted):
+    for k, (_, spread) in enumerate(design.model_errors):
         parts.append(np.diag(spread[q][g]))
         numbers.append(np.arange(start, start + m) + (k + 1) * total)
     return np.concatenate(parts, axis=1), np.concatenate(numbers)
 
 
 def course_factors(design: Design, q: int, blocks: np.ndarray) -> np.ndarray:
-    """(n_block, n) what the columns of group q are multiplied with in each of `blocks`: the course of effects."""
-    m = design.floor[q].size
-    factors = np.ones((len(blocks), design.n_common + (1 + len(design.doubted)) * m))
-    for k, (_, course, _) in enumerate(design.named):
+    """(n_block, n) what the columns of group q are multiplied with in each of `blocks`: the time profile of effects."""
+    m = design.discrepancy_std[q].size
+    factors = np.ones((len(blocks), design.n_common + (1 + len(design.model_errors)) * m))
+    for k, (_, course, _) in enumerate(design.included):
         factors[:, design.nuisance_std.size + k] = course.value[blocks]
-    for k, (course, _) in enumerate(design.doubted):
+    for k, (course, _) in enumerate(design.model_errors):
         start = design.n_common + (k + 1) * m
         factors[:, start : start + m] = course.value[blocks, None]
     return factors
@@ -67,7 +67,7 @@ def course_factors(design: Design, q: int, blocks: np.ndarray) -> np.ndarray:
 def gram(design: Design, blocks: np.ndarray) -> np.ndarray:
     """X^T R^-1 X (n_unknown, n_unknown) of `blocks` (their numbers)."""
     total = np.zeros((design.n_unknown, design.n_unknown))
-    for q in range(len(design.floor)):
+    for q in range(len(design.discrepancy_std)):
         weight = design.noise.weight[q][blocks]
         for g in np.unique(design.bin_of[blocks]):
             there = blocks[(design.bin_of[blocks] == g) & (weight > 0)]
@@ -82,9 +82,9 @@ def gram(design: Design, blocks: np.ndarray) -> np.ndarray:
 def cross(design: Design, blocks: np.ndarray, y: Sequence[np.ndarray], *, weighted: bool = True) -> np.ndarray:
     """X^T R^-1 y (n_unknown,) of `blocks`, y per group (len(blocks), n_response); not `weighted`: X^T y."""
     total = np.zeros(design.n_unknown)
-    for q in range(len(design.floor)):
+    for q in range(len(design.discrepancy_std)):
         weight = design.noise.weight[q][blocks]
-        P = design.noise.precision[q] if weighted else np.eye(design.floor[q].size)
+        P = design.noise.precision[q] if weighted else np.eye(design.discrepancy_std[q].size)
         scale = weight if weighted else (weight > 0).astype(float)
         for g in np.unique(design.bin_of[blocks]):
             there = np.flatnonzero((design.bin_of[blocks] == g) & (weight > 0))
@@ -102,7 +102,7 @@ def predicted(design: Design, blocks: np.ndarray, unknowns: np.ndarray) -> list[
 
 
 def transient(design: Design) -> np.ndarray:
-    """(n_unknown,) bool: offsets and doubts about fingerprints, not carried from training to prediction."""
+    """(n_unknown,) bool: offsets and model errors of signatures, not carried from training to prediction."""
     return np.arange(design.n_unknown) >= design.n_common
 
 
@@ -234,7 +234,7 @@ def _deviations(design: Design, rows: np.ndarray, Q: np.ndarray) -> list[np.ndar
             X, numbers = columns(design, q, g)
             t = course_factors(design, q, rows[there])
             own = Q[np.ix_(numbers, numbers)]
-            # few different courses: constants and steps have one or two
+            # few different time profiles: constants and steps have one or two
             found, place = np.unique(t, axis=0, return_inverse=True)
             spread = np.array([np.sum(((X * f) @ own) * (X * f), axis=1) for f in found])
             variance[there] += spread[place.ravel()]

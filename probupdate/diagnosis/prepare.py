@@ -15,11 +15,12 @@ from probupdate.effects.catalogue import Effect, measurement_effects, parameter_
 from probupdate.diagnosis.small_model import TURNS_DEG, SmallModel, small_model
 from probupdate.effects.turbine import TurbineEffect, turbine_effects
 from probupdate.errors import InputError
-from probupdate.modes import Sensor
-from probupdate.parameters import Parameters
-from probupdate.progress import Progress, silent
+from probupdate.modal.modes import Sensor
+from probupdate.model.parameters import Parameters
+from probupdate.runtime.progress import Progress, silent
 from probupdate.structure.affine import AffineModel
-from probupdate.structure.description import Description, read_description
+from probupdate.structure.description import Description
+from probupdate.structure.description_file import read_description
 from probupdate.structure.extend import extended_model
 from probupdate.structure.load import load_model
 
@@ -30,8 +31,9 @@ N_MODE = 7
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Prepared:
     """`path` of the model's file; small: the model with its effects; prior and updated (numbers in the small model) of
-    the parameters an update would move; effects of structure and surroundings; a user's `own`; `rows` of the catalogue
-    that have a parameter in the model. Effects of sensors are those of the channels a record has (`effects_on`)."""
+    the parameters an update would move; effects of structure and environmental and operational conditions; a user's
+    `own`; `rows` of the catalogue that have a parameter in the model. Effects of sensors are those of the channels a
+    record has (`effects_on`)."""
 
     path: Path
     small: SmallModel

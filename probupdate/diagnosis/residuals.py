@@ -1,5 +1,5 @@
 """What remains before and after the findings, as plain numbers for diagnosis.json: per mode, per channel, along the
-record and against its surroundings; what was pushed; what the sensors say."""
+record and against its environmental and operational conditions; what was pushed; what the sensors say."""
 
 from __future__ import annotations
 
@@ -10,21 +10,21 @@ import numpy as np
 from scipy import linalg, stats
 
 from probupdate.diagnosis.blocks import with_derived
-from probupdate.diagnosis.departures import labels_of
+from probupdate.diagnosis.mode_numbers import labels_of
 from probupdate.diagnosis.diagnose import Outcome
 from probupdate.diagnosis.fitting import Fit
-from probupdate.diagnosis.remainder import (
-    Remainder,
+from probupdate.diagnosis.residual_state import (
+    Residual,
     block_sizes,
     free_directions,
-    portion_share,
+    chunk_share,
     push,
     remainder,
     slope_share,
 )
 from probupdate.diagnosis.search import Search
-from probupdate.diagnosis.setting import Setting
-from probupdate.modes import Sensor
+from probupdate.diagnosis.problem import DiagnosisProblem
+from probupdate.modal.modes import Sensor
 
 # a series over time has at most so many points, all series together so many numbers
 MOST_POINTS, MOST_NUMBERS = 400, 9000
@@ -32,7 +32,7 @@ MOST_POINTS, MOST_NUMBERS = 400, 9000
 N_BIN = 8
 # components of shapes shown over time: those that move most
 N_MOVED = 6
-# surroundings that residuals are drawn against where they are known, with their units
+# environmental and operational conditions that residuals are drawn against where they are known, with their units
 COVARIATES = {
     "water_level_m": "m", "air_temperature_c": "degC", "wind_speed_mps": "m/s", "thrust_share": "of full thrust",
     "rms_mps2": "m/s2", "wave_height_m": "m", "frost_degc": "degC of frost", "rotor_speed_rpm": "rpm",
@@ -41,23 +41,23 @@ COVARIATES = {
 
 def residuals(outcome: Outcome, sensors: Sequence[Sensor] = ()) -> dict:
     """All of it as plain numbers for diagnosis.json. `sensors` tell which way the axes of a close pair point."""
-    setting = outcome.setting
-    n_own = len(setting.updated)
+    problem = outcome.problem
+    n_own = len(problem.updated)
     before = remainder(outcome.null, n_own)
     after = remainder(outcome.fitted, n_own) if outcome.fitted is not outcome.null else None
     both = [before] if after is None else [before, after]
-    words = _words(setting, sensors)
+    words = _words(problem, sensors)
     return {
         "states": ["before", "after"][: len(both)],
-        "n_block": len(setting.blocks),
+        "n_block": len(problem.blocks),
         "modes": _modes(both, words),
-        "channels": _channels(both, setting),
-        "bands": [_bands(r, setting) for r in both],
-        "time": _time(both, setting, words) | {"sizes": [] if after is None else _sizes(outcome, after)},
-        "covariates": _covariates(both, setting, words),
-        "pushed": _pushed(setting, [outcome.null, outcome.fitted][: len(both)]),
-        "sensors": _sensors(setting, sensors),
-        "measurement": _measurement(setting, outcome.first),
+        "channels": _channels(both, problem),
+        "bands": [_bands(r, problem) for r in both],
+        "time": _time(both, problem, words) | {"sizes": [] if after is None else _sizes(outcome, after)},
+        "covariates": _covariates(both, problem, words),
+        "pushed": _pushed(problem, [outcome.null, outcome.fitted][: len(both)]),
+        "sensors": _sensors(problem, sensors),
+        "measurement": _measurement(problem, outcome.first),
     }
 
 
@@ -76,13 +76,13 @@ class Words:
         return tuple(f"{self.group} {p}".strip() for p in self.parts)
 
 
-def _words(setting: Setting, sensors: Sequence[Sensor]) -> tuple[Words, ...]:
-    blocks = setting.blocks
+def _words(problem: DiagnosisProblem, sensors: Sequence[Sensor]) -> tuple[Words, ...]:
+    blocks = problem.blocks
     result = []
     for q, group in enumerate(blocks.groups):
         parts: tuple[str, ...] = ("",)
         if len(group) == 2:
-            ways = [_direction(setting.field.axes[q][:, k], blocks.channels, sensors) for k in range(2)]
+            ways = [_direction(problem.predictor.axes[q][:, k], blocks.channels, sensors) for k in range(2)]
             axes = (f"axis {k + 1}" if way is None else f"along {round(way) % 180} deg" for k, way in enumerate(ways))
             parts = (*axes, "coupling")
         result.append(Words(group=blocks.group_name(q), parts=parts))
@@ -101,16 +101,16 @@ def _direction(shape: np.ndarray, channels: Sequence[str], sensors: Sequence[Sen
     return float(np.degrees(np.arctan2(moved[1], moved[0])) % 180)
 
 
-def _sensors(setting: Setting, sensors: Sequence[Sensor]) -> list[dict]:
+def _sensors(problem: DiagnosisProblem, sensors: Sequence[Sensor]) -> list[dict]:
     known = {s.channel: s for s in sensors}
     return [{"channel": c, "level": known[c].level, "position_m": [float(x) for x in known[c].position_m],
-             "direction": [float(x) for x in known[c].direction]} for c in setting.blocks.channels if c in known]
+             "direction": [float(x) for x in known[c].direction]} for c in problem.blocks.channels if c in known]
 
 
 # Means over the record ---------------------------------------------------------------------------------------------
 
 
-def _modes(both: Sequence[Remainder], words: Sequence[Words]) -> list[dict]:
+def _modes(both: Sequence[Residual], words: Sequence[Words]) -> list[dict]:
     """ln f, or the tensor of a pair, of every group: residual in per cent, deviation expected of it, z."""
     rows = []
     for q, word in enumerate(words):
@@ -122,10 +122,10 @@ def _modes(both: Sequence[Remainder], words: Sequence[Words]) -> list[dict]:
     return rows
 
 
-def _channels(both: Sequence[Remainder], setting: Setting) -> list[dict]:
+def _channels(both: Sequence[Residual], problem: DiagnosisProblem) -> list[dict]:
     """Per mode, channel and part ("in phase", "out of phase"): residual in per cent of the shape's largest component,
     deviation expected of it, z."""
-    blocks = setting.blocks
+    blocks = problem.blocks
     n_channel = len(blocks.channels)
     rows = []
     for q, group in enumerate(blocks.groups):
@@ -142,10 +142,10 @@ def _channels(both: Sequence[Remainder], setting: Setting) -> list[dict]:
     return rows
 
 
-def _bands(r: Remainder, setting: Setting) -> dict:
+def _bands(r: Residual, problem: DiagnosisProblem) -> dict:
     """Shares of independent directions within the bands that hold 50 and 90 % of them when nothing is wrong: of the
     means over the record, and of single blocks about them."""
-    free = [free_directions(axes, 1 if axes.shape[1] == 1 else 3) for axes in setting.field.axes]
+    free = [free_directions(axes, 1 if axes.shape[1] == 1 else 3) for axes in problem.predictor.axes]
     # a group of which no block tells has no directions
     free = [part if w.any() else part[:, :0] for part, w in zip(free, r.design.noise.weight, strict=True)]
     mean, covariance = r.means
@@ -195,25 +195,27 @@ def _shares(white: np.ndarray) -> dict:
 # Along the record --------------------------------------------------------------------------------------------------
 
 
-def _shown(both: Sequence[Remainder], setting: Setting, words: Sequence[Words]) -> list[tuple[int, int, str, float]]:
+def _shown(
+    both: Sequence[Residual], problem: DiagnosisProblem, words: Sequence[Words]
+) -> list[tuple[int, int, str, float]]:
     """(group, response, name, z) of what is drawn over time: frequencies, and the parts of shapes that move most."""
-    blocks = setting.blocks
+    blocks = problem.blocks
     shown, moved = [], []
     for q, word in enumerate(words):
         shown += [(q, i, name, np.nan) for i, name in enumerate(word.names)]
         labels = labels_of(blocks.group_name(q), len(blocks.groups[q]), blocks.channels)
         largest = np.zeros(len(labels))
-        for course in setting.courses:
+        for course in problem.courses:
             if course.kind != "constant":
                 value, std = both[0].along(q, slope_share(both[0], q, course.value))
                 largest = np.maximum(largest, np.abs(value / std))
-        moved += [(q, i, _shape_name(setting, q, i, len(word.names)), float(largest[i]))
+        moved += [(q, i, _shape_name(problem, q, i, len(word.names)), float(largest[i]))
                   for i in range(len(word.names), len(labels))]  # fmt: skip
     return shown + sorted(moved, key=lambda row: -row[3])[:N_MOVED]
 
 
-def _shape_name(setting: Setting, q: int, response: int, n_log: int) -> str:
-    blocks = setting.blocks
+def _shape_name(problem: DiagnosisProblem, q: int, response: int, n_log: int) -> str:
+    blocks = problem.blocks
     n_channel, group = len(blocks.channels), blocks.groups[q]
     number, channel = divmod(response - n_log, n_channel)
     half, member = divmod(number, len(group))
@@ -221,57 +223,65 @@ def _shape_name(setting: Setting, q: int, response: int, n_log: int) -> str:
     return f"{blocks.labels[group[member]]} at {blocks.channels[channel]}, {part}"
 
 
-def _time(both: Sequence[Remainder], setting: Setting, words: Sequence[Words]) -> dict:
+def _time(both: Sequence[Residual], problem: DiagnosisProblem, words: Sequence[Words]) -> dict:
     """Series of what is shown, in per cent about their mean, with the deviation expected of each point."""
-    blocks = setting.blocks
-    shown = _shown(both, setting, words)
+    blocks = problem.blocks
+    shown = _shown(both, problem, words)
     most = max(20, min(MOST_POINTS, MOST_NUMBERS // max(1, (len(both) + 1) * len(shown))))
-    portions = np.array_split(np.arange(len(blocks)), min(len(blocks), most))
-    masks = [np.isin(np.arange(len(blocks)), p) for p in portions]
+    chunks = np.array_split(np.arange(len(blocks)), min(len(blocks), most))
+    masks = [np.isin(np.arange(len(blocks)), p) for p in chunks]
     tables = _tables(both, masks)
-    n_tried = sum(y.shape[1] for y in both[0].left) * sum(c.kind != "constant" for c in setting.courses)
+    n_tried = sum(y.shape[1] for y in both[0].left) * sum(c.kind != "constant" for c in problem.courses)
     return {
-        "start": blocks.ids[0], "hours": [_four(blocks.hours[p].mean()) for p in portions],
-        "blocks_a_point": _three(len(blocks) / len(portions)),
+        "start": blocks.ids[0], "hours": [_four(blocks.hours[p].mean()) for p in chunks],
+        "blocks_a_point": _three(len(blocks) / len(chunks)),
         "by_chance": _two(stats.norm.isf(0.025 / max(n_tried, 1))),
         "series": [{"name": name, "moved_z": _two(z), **_series(tables, q, i, len(both))} for q, i, name, z in shown],
     }  # fmt: skip
 
 
-def _sizes(outcome: Outcome, after: Remainder) -> list[dict]:
+def _sizes(outcome: Outcome, after: Residual) -> list[dict]:
     """Of every effect taken in: the size that each block by itself tells, one Newton step from the fit and about its
-    level; `course` as it was found. `against`: the covariate that the course follows, if it follows one."""
-    setting = outcome.setting
-    blocks = setting.blocks
+    level; `course` as it was found. `against`: the covariate that the time profile follows, if it follows one."""
+    problem = outcome.problem
+    blocks = problem.blocks
     rows = []
-    for named in outcome.fitted.named:
-        number = next(j for j, e in enumerate(setting.effects) if e is named.effect)
+    for included in outcome.fitted.included:
+        number = next(j for j, e in enumerate(problem.effects) if e is included.effect)
         more, std = block_sizes(after, number)
         weight = np.where(np.isfinite(std), std**-2.0, 0.0)
-        # an offset of the model is no size: blocks tell the course about the level of the fit
+        # an offset of the model is no size: blocks tell the time profile about the level of the fit
         more = more - (weight @ more) / weight.sum()
-        course, covariate = named.size * named.course.value, named.course.kind == "covariate"
-        order = np.argsort(named.course.value, kind="stable") if covariate else np.arange(len(blocks))
+        course, covariate = included.size * included.course.value, included.course.kind == "covariate"
+        order = np.argsort(included.course.value, kind="stable") if covariate else np.arange(len(blocks))
         told = []
         for p in np.array_split(order, min(len(blocks), MOST_POINTS // 2)):
             total = float(weight[p].sum())
             if total > 0:
                 share = weight[p] / total
                 told.append((blocks.hours[p].mean(), share @ (course + more)[p], total**-0.5, share @ course[p],
-                             share @ named.course.value[p] + named.course.centre))  # fmt: skip
+                             share @ included.course.value[p] + included.course.centre))  # fmt: skip
         hours, size, size_std, line, against = (list(map(_four, column)) for column in zip(*told, strict=True))
-        rows.append({
-            "cause": named.effect.cause, "location": named.effect.location, "unit": named.effect.unit, "hours": hours,
-            "size": size, "size_std": size_std, "course": line, "course_name": named.course.name,
-            "against": against if covariate else None,
-            "against_unit": COVARIATES.get(named.course.column, "") if covariate else None,
-        })  # fmt: skip
+        rows.append(
+            {
+                "cause": included.effect.cause,
+                "location": included.effect.location,
+                "unit": included.effect.unit,
+                "hours": hours,
+                "size": size,
+                "size_std": size_std,
+                "course": line,
+                "course_name": included.course.name,
+                "against": against if covariate else None,
+                "against_unit": COVARIATES.get(included.course.column, "") if covariate else None,
+            }
+        )
     return rows
 
 
-def _tables(both: Sequence[Remainder], masks: Sequence[np.ndarray]):
-    """[state][group] -> per portion (value (m,), std (m,)) or None."""
-    return [[[None if (share := portion_share(r, q, mask)) is None else r.along(q, share) for mask in masks]
+def _tables(both: Sequence[Residual], masks: Sequence[np.ndarray]):
+    """[state][group] -> per chunk (value (m,), std (m,)) or None."""
+    return [[[None if (share := chunk_share(r, q, mask)) is None else r.along(q, share) for mask in masks]
              for q in range(len(r.left))] for r in both]  # fmt: skip
 
 
@@ -281,18 +291,18 @@ def _series(tables, q: int, i: int, n_state: int) -> dict:
     return {"percent": values, "expected_percent": std}
 
 
-def _covariates(both: Sequence[Remainder], setting: Setting, words: Sequence[Words]) -> list[dict]:
+def _covariates(both: Sequence[Residual], problem: DiagnosisProblem, words: Sequence[Words]) -> list[dict]:
     """Frequencies in bins of each covariate that is known and varies, in per cent about their mean, and the z of a
     slope before and after."""
-    blocks = with_derived(setting.blocks)
+    blocks = with_derived(problem.blocks)
     found = []
     for column, unit in COVARIATES.items():
         values = blocks.covariate(column)
         if values is None:
             continue
         order = np.argsort(values, kind="stable")
-        portions = [p for p in np.array_split(order, min(N_BIN, max(2, len(order) // 4))) if len(p)]
-        masks = [np.isin(np.arange(len(blocks)), p) for p in portions]
+        chunks = [p for p in np.array_split(order, min(N_BIN, max(2, len(order) // 4))) if len(p)]
+        masks = [np.isin(np.arange(len(blocks)), p) for p in chunks]
         tables = _tables(both, masks)
         series = []
         for q, word in enumerate(words):
@@ -302,19 +312,19 @@ def _covariates(both: Sequence[Remainder], setting: Setting, words: Sequence[Wor
                  "slope_percent": [_three(100 * v[i]) for v, _ in slopes]}
                 for i, name in enumerate(word.names)
             ]  # fmt: skip
-        found.append({"column": column, "unit": unit, "centre": [_four(values[p].mean()) for p in portions],
-                      "blocks": [len(p) for p in portions], "series": series})
+        found.append({"column": column, "unit": unit, "centre": [_four(values[p].mean()) for p in chunks],
+                      "blocks": [len(p) for p in chunks], "series": series})
     return found
 
 
 # What was pushed, and what the sensors say --------------------------------------------------------------------------
 
 
-def _pushed(setting: Setting, fits: Sequence[Fit]) -> dict:
+def _pushed(problem: DiagnosisProblem, fits: Sequence[Fit]) -> dict:
     """How far each parameter was pushed, in prior deviations, the deviation that the data would push it by if the prior
     were right, and p of all parameters together."""
-    names = [setting.field.parameters.names[k] for k in setting.updated]
-    told = [push(setting, f) for f in fits]
+    names = [problem.predictor.parameters.names[k] for k in problem.updated]
+    told = [push(problem, f) for f in fits]
     return {
         "parameters": [
             {"name": n, "pushed": [_three(p[i]) for p, _, _ in told], "expected": [_three(e[i]) for _, e, _ in told]}
@@ -324,23 +334,23 @@ def _pushed(setting: Setting, fits: Sequence[Fit]) -> dict:
     }
 
 
-def _measurement(setting: Setting, first: Search) -> list[dict]:
-    """The measurement's own tests at the fit of the model as it is: of each cause and course the place that stands out
-    most, with the number that were tried."""
+def _measurement(problem: DiagnosisProblem, first: Search) -> list[dict]:
+    """The measurement's own tests at the fit of the model as it is: of each cause and time profile the place that
+    stands out most, with the number that were tried."""
     groups: dict[tuple[str, str], list[int]] = {}
     for k, (j, c) in enumerate(first.which):
-        effect = setting.effects[j]
+        effect = problem.effects[j]
         if effect.kind == "measurement" and first.usable[k]:
-            groups.setdefault((effect.cause, setting.courses[c].name), []).append(k)
+            groups.setdefault((effect.cause, problem.courses[c].name), []).append(k)
     rows = []
     for (cause, course), members in groups.items():
         best = max(members, key=lambda k: first.statistic[k])
-        effect = setting.effects[setting.which[best, 0]]
+        effect = problem.effects[problem.which[best, 0]]
         rows.append({
             "cause": cause, "course": course, "location": effect.location, "z": _three(first.z[best]),
             "size": _three(first.size[best]), "size_std": _three(first.size_std[best]),
-            "unit": effect.unit + setting.courses[setting.which[best, 1]].unit, "tolerance": effect.tolerance,
-            "tried": len({int(setting.which[k, 0]) for k in members}),
+            "unit": effect.unit + problem.courses[problem.which[best, 1]].unit, "tolerance": effect.tolerance,
+            "tried": len({int(problem.which[k, 0]) for k in members}),
         })  # fmt: skip
     return rows
 

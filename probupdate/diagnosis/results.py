@@ -13,9 +13,9 @@ import numpy as np
 
 from probupdate.diagnosis import wording
 from probupdate.errors import InputError
-from probupdate.files import read_json_table, write_text
-from probupdate.result_table import OWN_UNIT, table_of
-from probupdate.schema import checked_table
+from probupdate.io.files import read_json_table, write_text
+from probupdate.io.result_table import OWN_UNIT, table_of
+from probupdate.io.schema import checked_table
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -32,8 +32,9 @@ class Alternative:
 
 @dataclass(frozen=True, kw_only=True)
 class Finding:
-    """One effect: cause, place, size with deviation in `unit`, course along the record, score z against what is normal,
-    probability among its rivals with the data and by their prior odds alone, what would split it from them."""
+    """One effect: cause, place, size with deviation in `unit`, time profile along the record, score z against what is
+    normal, probability among its competing hypotheses with the data and by their prior odds alone, what would split it
+    from them."""
 
     kind: str
     cause: str
@@ -52,9 +53,9 @@ class Finding:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Limit:
+class DetectionLimit:
     """The least size of a candidate that would be found in nine of ten records like this one; `share_left` of its
-    fingerprint that what is normal leaves; z as found."""
+    signature that what is normal leaves; z as found."""
 
     kind: str
     cause: str
@@ -73,7 +74,7 @@ class Diagnosis:
     verdict: str
     p_value: float
     findings: tuple[Finding, ...]
-    limits: tuple[Limit, ...] = field(repr=False)
+    limits: tuple[DetectionLimit, ...] = field(repr=False)
     threshold: float
     adequacy_p: float
     notes: tuple[str, ...]

@@ -22,9 +22,9 @@ from probupdate.diagnosis.splitting import splits
 from probupdate.effects.turbine import TurbineEffect
 from probupdate.diagnosis.without_model import diagnose_without_model
 from probupdate.errors import InputError
-from probupdate.estimators.ensemble import SamplerSettings
-from probupdate.modes import ModalData, Sensor
-from probupdate.progress import Progress, silent
+from probupdate.updating.ensemble import SamplerSettings
+from probupdate.modal.modes import ModalData, Sensor
+from probupdate.runtime.progress import Progress, silent
 from probupdate.structure.parameter_table import read_parameters, read_toml
 
 
@@ -44,12 +44,12 @@ def diagnose_files(
     out: str | Path | None = None,
     progress: Progress = silent,
 ) -> Diagnosis:
-    """`model`: a file, or one made ready by `prepare` for many records; None: measurement and surroundings only.
-    `campaign`: its raw records are tested too, and say where the sensors are if `sensors` does not. `groups`: name ->
-    {parameter: change}, or a TOML file of them. `effects`, `rows`: a user's own; see `prepare`. `extend`: measure what
-    each finding gains on held-out blocks, put the findings into model and data, written beside `out` (diagnosis.json's
-    place), and run the estimators again, or where no row explains the record look for elementary parts that do; `sampler`: emcee too, with these settings (True: a bounded run with `seed`).
-    """
+    """`model`: a file, or one made ready by `prepare` for many records; None: measurement and environmental and
+    operational conditions only. `campaign`: its raw records are tested too, and say where the sensors are if `sensors`
+    does not. `groups`: name -> {parameter: change}, or a TOML file of them. `effects`, `rows`: a user's own; see
+    `prepare`. `extend`: measure what each finding gains on held-out blocks, put the findings into model and data,
+    written beside `out` (diagnosis.json's place), and run the estimators again, or where no row explains the record
+    look for elementary parts that do; `sampler`: emcee too, with these settings (True: a bounded run with `seed`). """
     tests = campaign_tests(campaign, progress=progress) if campaign is not None else []
     wrong_rate = rate_finding(tests)
     data = data if wrong_rate is None else with_true_rate(data, wrong_rate)
@@ -99,7 +99,7 @@ def _whole(
     """The diagnosis with what remains before and after its findings, for the report."""
     outcome = examine(prepared, data, seed=seed, progress=progress)
     found = outcome.diagnosis
-    few = outcome.setting.blocks.few
+    few = outcome.problem.blocks.few
     if extended and few and found.findings:
         found = replace(found, notes=(*found.notes, "so few sets leave none to predict: what the findings gain was not "
                                       "measured, and the model was not extended"))  # fmt: skip
@@ -115,7 +115,7 @@ def _whole(
         free = free_form(prepared, outcome, data, seed=seed, progress=progress)
         if free is not None:
             null, fitted = free.outcome.null, free.outcome.fitted
-            gain = measures(free.outcome.setting, null, fitted, noise=null.design.noise)
+            gain = measures(free.outcome.problem, null, fitted, noise=null.design.noise)
             details["free_form"] = {**free.content, "gain": gain}
     return replace(found, splits=found.splits or splits(outcome), details=details)
 

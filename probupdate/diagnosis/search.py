@@ -8,15 +8,21 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import stats
 
-from probupdate.diagnosis.fitting import Fit
+from probupdate.diagnosis.fitting import MODEL_ERROR_SCALE, Fit
 from probupdate.diagnosis.linear import Design
 from probupdate.diagnosis.noise import estimate_noise
-from probupdate.diagnosis.setting import Named, Setting
+from probupdate.diagnosis.problem import DiagnosisProblem, IncludedEffect
+from probupdate.diagnosis.time_profiles import TimeProfile
 
 # false alarms of the whole first search, and of each one after a finding. With the test of the remainder, and what a
 # noise that was itself estimated leaves, a diagnosis stays below 5 %
 FALSE_ALARM, FALSE_NEXT = 0.02, 0.01
 N_BOOTSTRAP = 400
+# ln posterior by which a move may promise less than the best hypothesis known, and a hypothesis be less probable than
+# it, to be looked at: odds of one to 150
+MARGIN = 5.0
+# directions among which the error of a signature is shared out
+DIRECTIONS = 4
 # records whose noise is estimated anew
 N_AGAIN = 30
 # a size that may only be one value is meant where the linear estimate lies within these multiples of it
@@ -25,10 +31,10 @@ MEANT = (0.1, 5.0)
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Search:
-    """Scores of all candidates, `which` (n_candidate, 2) effect and course, at a fit: z signed, the size that fits best
-    and its deviation; `allowed` bool where that size lies on a side the effect can be on; threshold and p of the
-    largest |z| by bootstrap, whose maxima were taken `heavier` times as large because the noise itself was estimated;
-    u of the record and of the drawn ones (n_draw, n_candidate)."""
+    """Scores of all candidates, `which` (n_candidate, 2) effect and time profile, at a fit: z signed, the size that
+    fits best and its deviation; `allowed` bool where that size lies on a side the effect can be on; threshold and p of
+    the largest |z| by bootstrap, whose maxima were taken `heavier` times as large because the noise itself was
+    estimated; u of the record and of the drawn ones (n_draw, n_candidate)."""
 
     which: np.ndarray
     z: np.ndarray
@@ -50,42 +56,41 @@ class Search:
 
 
 def search(
-    setting: Setting, fitted: Fit, *, seed: int, heavier: float | None = None, n_draw: int = N_BOOTSTRAP
-) -> Search:
-    """Score every candidate at the fit and calibrate the largest. `heavier`: that of an earlier search of the same
-    record, found anew if None."""
+    problem: DiagnosisProblem, fitted: Fit, *, seed: int, z_included: Sequence[float] = (),
+    heavier: float | None = None, n_draw: int = N_BOOTSTRAP,
+) -> Search:  # fmt: skip
+    """Score every candidate at the fit and calibrate the largest. `z_included`: scores of the fit's effects; `heavier`:
+    that of an earlier search of the same record, found anew if None."""
     design = fitted.design
     u, v = design.scores(fitted.centred), design.information
-    usable = (design.share_left > 1e-3) & ~taken(setting, fitted.named)
+    found = [j for j, e in enumerate(problem.effects) if any(n.effect is e for n in fitted.included)]
+    usable = (design.share_left > 1e-3) & ~np.isin(problem.which[:, 0], found)
     std = np.where(usable, 1 / np.sqrt(np.where(usable, v, 1.0)), np.inf)
     scale = np.where(usable, std, 0.0)
     z = u * scale
-    can = _possible(setting, scale)
+    can = _possible(problem, scale)
     rng = np.random.default_rng([seed, 21])
     drawn = design.draw(rng, n_draw)
     maxima = np.max(np.where(can(drawn * scale), np.abs(drawn * scale), 0.0), axis=1)
     if heavier is None:
-        heavier = estimated_noise_factor(setting, design, float(np.mean(maxima)), can, usable, seed=seed)
+        heavier = estimated_noise_factor(problem, design, float(np.mean(maxima)), can, usable, seed=seed)
     maxima = maxima * heavier
+    # the threshold is that of noise; what stands out beside a strong effect must exceed that one's model error too
+    wider = np.sqrt(model_error_share(problem, fitted.included, z_included))
+    z, std = z / wider, std * wider
     largest = float(np.max(np.where(can(z), np.abs(z), 0.0)))
-    alarms = FALSE_NEXT if fitted.named else FALSE_ALARM
-    return Search(which=setting.which, z=z, size=np.where(usable, u / np.where(usable, v, 1.0), 0.0), size_std=std,
+    alarms = FALSE_NEXT if fitted.included else FALSE_ALARM
+    return Search(which=problem.which, z=z, size=np.where(usable, u / np.where(usable, v, 1.0), 0.0), size_std=std,
                   allowed=can(z), usable=usable, threshold=exceeded(maxima, alarms), p_value=tail(maxima, largest),
                   maxima=maxima, heavier=heavier, u=u, drawn=drawn)  # fmt: skip
 
 
-def taken(setting: Setting, named: Sequence[Named]) -> np.ndarray:
-    """(n_candidate,) bool: effects that were found already, whatever their course."""
-    found = [j for j, e in enumerate(setting.effects) if any(n.effect is e for n in named)]
-    return np.isin(setting.which[:, 0], found)
-
-
-def _possible(setting: Setting, scale: np.ndarray):
+def _possible(problem: DiagnosisProblem, scale: np.ndarray):
     """z (..., n_candidate) -> bool: whether the size that fits best, z times `scale`, is one the effect can have."""
-    effects = [setting.effects[j] for j, _ in setting.which]
+    effects = [problem.effects[j] for j, _ in problem.which]
     lower, upper = np.array([e.lower for e in effects]), np.array([e.upper for e in effects])
     # what begins in the record begins from neutral; a covariate's sense is not known beforehand
-    both = np.array([setting.courses[c].kind == "covariate" for _, c in setting.which])
+    both = np.array([problem.courses[c].kind == "covariate" for _, c in problem.which])
     only = np.array([e.discrete[0] if e.discrete else np.nan for e in effects])
     single = np.isfinite(only)
 
@@ -97,13 +102,15 @@ def _possible(setting: Setting, scale: np.ndarray):
     return can
 
 
-def estimated_noise_factor(setting: Setting, design: Design, typical: float, can, usable, *, seed: int) -> float:
+def estimated_noise_factor(
+    problem: DiagnosisProblem, design: Design, typical: float, can, usable, *, seed: int
+) -> float:
     """How much larger the largest |z| of a record with nothing wrong is when its noise is estimated from that record,
     as it was here; 1 where the identification states the noise's pattern and only its scale was estimated."""
-    if all(c is not None for c in setting.stated):
+    if all(c is not None for c in problem.stated):
         return 1.0
     rng = np.random.default_rng([seed, 23])
-    sizes = tuple(len(g) for g in setting.blocks.groups)
+    sizes = tuple(len(g) for g in problem.blocks.groups)
     weights = np.column_stack(design.noise.weight)
     relative = 1 / np.sqrt(np.maximum(weights, 1e-12))
     maxima = []
@@ -134,10 +141,53 @@ def exceeded(maxima: np.ndarray, share: float) -> float:
     return float(max(stats.gumbel_r.isf(share, location, scale), np.sort(maxima)[-10]))
 
 
-def chance(p_value: float) -> float:
-    """Least probability that a search found nothing but chance, with even odds before: the bound -e p ln p on the Bayes
-    factor (Sellke, Bayarri & Berger 2001)."""
-    if p_value <= 0:
-        return 0.0
-    bound = -np.e * p_value * np.log(p_value) if p_value < 1 / np.e else 1.0
-    return float(bound / (1 + bound))
+def model_error_dispersion(z: float) -> float:
+    """What log evidence between competing hypotheses is divided by: the error of a signature of z standard deviations
+    lies along a few directions, and between two hypotheses is one of them."""
+    return 1 + (MODEL_ERROR_SCALE * z) ** 2 / DIRECTIONS
+
+
+def model_error_share(
+    problem: DiagnosisProblem, included: Sequence[IncludedEffect], z_included: Sequence[float]
+) -> np.ndarray:
+    """(n_candidate,) by how much the variance of each candidate's score grows beside effects of the structure or its
+    environment that are included: their signatures' error, a share of what they do, follows their own time profile
+    (steps as far as they correlate) and lies along a few directions, of which the candidate's may be one. What a sensor
+    does to shapes is exact, and what is constant has the model's discrepancy anyway."""
+    profiles = np.array([_unit(c) for c in problem.courses])
+    growth = np.ones(len(profiles))
+    for n, z in zip(included, z_included, strict=False):
+        if n.effect.kind != "measurement" and n.course.kind != "constant":
+            alike = np.array([c.kind == n.course.kind for c in problem.courses])
+            growth += alike * (profiles @ _unit(n.course)) ** 2 * (model_error_dispersion(z) - 1)
+    return growth[problem.which[:, 1]]
+
+
+def _unit(profile: TimeProfile) -> np.ndarray:
+    """A time profile of length one, about its mean unless it is constant."""
+    value = profile.value if profile.kind == "constant" else profile.value - np.mean(profile.value)
+    return value / max(float(np.linalg.norm(value)), 1e-300)
+
+
+def gains(problem: DiagnosisProblem, u: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Of every candidate beside a linear model with scores u and information v (n_candidate,): ln Bayes factor, size
+    that explains most on a side that it can be on. The prior of a size is the Cauchy density of `IncludedEffect`."""
+    empty = [IncludedEffect(effect=problem.effects[j], course=problem.courses[c], size=0.0) for j, c in problem.which]
+    only = np.array([n.effect.discrete[0] if n.effect.discrete else np.nan for n in empty])
+    slab, (lower, upper) = np.array([n.slab for n in empty]), np.array([n.bounds for n in empty]).T
+    # an effect that is not linear explains more at its bound than its slope promises there: its side alone counts
+    lower, upper = np.where(lower < 0, -np.inf, 0.0), np.where(upper > 0, np.inf, 0.0)
+    usable = v > 0
+    known = np.where(usable, v, 1.0)
+    free = np.clip(np.where(usable, u / known, 0.0), lower, upper)
+    variance = 0.5 * (slab**2 + free**2)
+    size = np.clip(u / (known + 1 / variance), lower, upper)
+    # the normal density that stands for the prior, and what the prior has over it
+    explained = size * u - 0.5 * size**2 * (known + 1 / variance)
+    prior = (-np.log(np.pi * slab) - np.log1p((size / slab) ** 2)
+             + 0.5 * np.log(2 * np.pi * variance) + 0.5 * size**2 / variance)  # fmt: skip
+    one_sided = np.log(2.0) * ((lower == 0) | (upper == 0))
+    gain = explained - 0.5 * np.log1p(known * variance) + prior + one_sided
+    single = np.isfinite(only)
+    gain = np.where(single, u * only - 0.5 * v * only**2, gain)
+    return np.where(usable, gain, -np.inf), np.where(single, only, size)

@@ -16,9 +16,9 @@ import numpy as np
 from scipy import linalg, sparse
 
 from probupdate.errors import ConvergenceError, InputError
-from probupdate.model import Wireframe
-from probupdate.modes import frozen_array
-from probupdate.parameters import Parameter, Parameters
+from probupdate.model.interface import Wireframe
+from probupdate.runtime.arrays import frozen_array
+from probupdate.model.parameters import Parameter, Parameters
 from probupdate.structure.affine import AffineModel
 from probupdate.structure.eigen import lowest_modes, mode_derivatives
 from probupdate.structure.projected_terms import ProjectedTerms, patterned
@@ -41,7 +41,7 @@ EQUAL = 1e-3
 N_POINT, N_VERIFY = 54, 6
 # relative frequency error the basis may have far from where it was built: a tenth of what model form leaves
 TOLERANCE = 3e-4
-# and the error of what one effect does to ln f, as a share of it or in all, that goes unseen beside a fingerprint's own
+# and the error of what one effect does to ln f, as a share of it or in all, that goes unseen beside a signature's own
 N_CHANGE, CHANGE, UNSEEN = 16, 0.1, 1e-4
 # energy of a direction, as a share of one mode's, below which it is left out of the basis; tried one after the other
 CUTS = (1e-3, 7e-4, 5e-4, 3e-4, 2e-4, 1.5e-4, 1e-4)
@@ -74,8 +74,8 @@ class Attachment:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class SmallModel:
-    """K and M on the basis: stiffness, mass with zeros where a term turns with the nacelle; turning_... the terms that do: number -> (5, r, r), the coefficients of 1, cos a, sin a, cos 2a,
-    sin 2a.
+    """K and M on the basis: stiffness, mass with zeros where a term turns with the nacelle; turning_... the terms that
+    do: number -> (5, r, r), the coefficients of 1, cos a, sin a, cos 2a, sin 2a.
 
     `frequency_error` is the largest relative error found against the full model on points not used for the basis.
     `wire` is the model's picture at rest, at_nodes (3 n_node, r) the motion of its nodes.
@@ -184,8 +184,8 @@ class LocalModel:
         return self.small.at_channels @ modes.vectors[:, :count]
 
     def slopes(self, columns: Sequence[int]) -> Slopes:
-        """For stiffness and mass: derivatives with the parameters `columns`, of what does not turn as weights of the terms
-        (n, n_term), and by number the harmonics (5, r, r) of those that do."""
+        """For stiffness and mass: derivatives with the parameters `columns`, of what does not turn as weights of the
+        terms (n, n_term), and by number the harmonics (5, r, r) of those that do."""
         small, columns = self.small, list(columns)
         cK, cM = small.coefficients(self.theta + 1e-30j * np.eye(self.theta.size)[columns])
         result = []
@@ -283,10 +283,13 @@ def small_model(
     alone = _alone(first.parameters, effects, reach, rng)
     exact_change = [np.log(_modes(sums[0], theta, count)[0][:sure]) for theta in alone]
     snapshots = np.hstack(vectors)
-    energy, turn = np.linalg.eigh(snapshots.T @ (sums[0].K(first.parameters.initial) @ snapshots))
+    # thousands of vectors, held once
+    del vectors
+    energy, directions = _directions(snapshots, sums[0].K(first.parameters.initial))
+    del snapshots
     for cut in CUTS:
         kept = energy > cut
-        basis = snapshots @ (turn[:, kept] / np.sqrt(energy[kept]))
+        basis = directions[:, kept]
         error = max(
             float(np.max(np.abs(_projected_frequencies(sums[k % len(models)], check[k], basis, sure) / f - 1)))
             for k, f in zip(numbers, exact, strict=True)
@@ -298,6 +301,23 @@ def small_model(
     raise ConvergenceError(
         f"{first.name}: the small basis of {kept.sum()} vectors misses frequencies by {error:.1e} where {TOLERANCE:g} "
         f"is needed, and what an effect does to them by {100 * wrong:.0f} % where {100 * CHANGE:.0f} % is", error)
+
+
+def _directions(snapshots: np.ndarray, K: sparse.csc_array) -> tuple[np.ndarray, np.ndarray]:
+    """Principal directions of snapshots S (n_dof, n_snapshot) in the energy norm: energies (n,) and directions
+    (n_dof, n) of unit energy, n the lesser of the two sizes.
+
+    Eigenvectors of S^T K S where snapshots are few; of L^T S S^T L with K = L L^T, which has the same eigenvalues,
+    where they are more than degrees of freedom: the effects' changes alone are some thousands. """
+    n_dof, n_snapshot = snapshots.shape
+    if n_snapshot <= n_dof:
+        energy, turn = np.linalg.eigh(snapshots.T @ (K @ snapshots))
+        seen = np.where(energy > 0, energy, np.inf)
+        return energy, snapshots @ (turn / np.sqrt(seen))
+    root = np.linalg.cholesky(K.toarray())
+    outer = root.T @ (snapshots @ snapshots.T) @ root
+    energy, turn = np.linalg.eigh(0.5 * (outer + outer.T))
+    return energy, linalg.solve_triangular(root, turn, lower=True, trans="T")
 
 
 def _alone(parameters: Parameters, effects: Sequence[int], reach: np.ndarray, rng) -> np.ndarray:

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 from scipy import linalg
 
-from probupdate.diagnosis.departures import labels_of
+from probupdate.diagnosis.mode_numbers import labels_of
 from probupdate.diagnosis.diagnose import SURE, Outcome
 from probupdate.diagnosis.linear import Design
 from probupdate.diagnosis.results import Finding
-from probupdate.diagnosis.setting import Setting
+from probupdate.diagnosis.problem import DiagnosisProblem
 
 # alternatives less probable than this are not looked into; at most so many
 PROBABLE, MOST = 0.02, 3
@@ -21,46 +21,47 @@ N_PLACE = 2
 
 def splits(outcome: Outcome) -> tuple[str, ...]:
     """A sentence for every pair of a finding that is not sure and one of its alternatives."""
-    setting, design = outcome.setting, outcome.null.design
+    problem, design = outcome.problem, outcome.null.design
     sentences = []
     for finding in outcome.diagnosis.findings:
         if finding.posterior_probability >= SURE:
             continue
-        best = _candidate(setting, finding, finding.cause, finding.location)
+        best = _candidate(problem, finding, finding.cause, finding.location)
         for other in finding.alternatives[:MOST]:
-            rival = _candidate(setting, finding, other.cause, other.location)
+            rival = _candidate(problem, finding, other.cause, other.location)
             if best is not None and rival is not None and other.posterior_probability > PROBABLE:
-                sentences.append(_sentence(setting, design, finding, best, rival))
+                sentences.append(_sentence(problem, design, finding, best, rival))
     return tuple(sentences)
 
 
-def _candidate(setting: Setting, finding: Finding, cause: str, location: str) -> int | None:
-    """The candidate of that cause and place whose course is the finding's, or nearest to it; None if it has none."""
-    start = setting.blocks.ids.index(finding.course_start) if finding.course_start in setting.blocks.ids else 0
+def _candidate(problem: DiagnosisProblem, finding: Finding, cause: str, location: str) -> int | None:
+    """The candidate of that cause and place whose time profile is the finding's, or nearest to it; None if it has
+    none."""
+    start = problem.blocks.ids.index(finding.course_start) if finding.course_start in problem.blocks.ids else 0
     found = [
-        (abs(setting.courses[c].at - start), k) for k, (j, c) in enumerate(setting.which)
-        if (setting.effects[j].cause, setting.effects[j].location) == (cause, location)
-        and setting.courses[c].name == finding.course
+        (abs(problem.courses[c].at - start), k) for k, (j, c) in enumerate(problem.which)
+        if (problem.effects[j].cause, problem.effects[j].location) == (cause, location)
+        and problem.courses[c].name == finding.course
     ]  # fmt: skip
     return min(found)[1] if found else None
 
 
-def needed_z(likeness: float) -> float:
-    """|z| from which two causes whose scores correlate by `likeness` are told apart in 95 % of records."""
-    return QUANTILE * np.sqrt(2 / max(1 - likeness, 1e-6))
+def needed_z(score_correlation: float) -> float:
+    """|z| from which two causes whose scores correlate by `score_correlation` are told apart in 95 % of records."""
+    return QUANTILE * np.sqrt(2 / max(1 - score_correlation, 1e-6))
 
 
-def _sentence(setting: Setting, design: Design, finding: Finding, best: int, rival: int) -> str:
-    likeness = float(np.abs(design.likeness([best, rival])[0, 1]))
-    first, second = (setting.effects[setting.which[k, 0]] for k in (best, rival))
-    needed = needed_z(likeness)
-    text = f"{first.name} and {second.name} look alike by {likeness:.2f} once all that is normal has taken its part: "
-    if likeness > 0.999:
+def _sentence(problem: DiagnosisProblem, design: Design, finding: Finding, best: int, rival: int) -> str:
+    score_correlation = float(np.abs(design.score_correlation([best, rival])[0, 1]))
+    first, second = (problem.effects[problem.which[k, 0]] for k in (best, rival))
+    needed = needed_z(score_correlation)
+    text = f"{first.name} and {second.name} look alike by {score_correlation:.2f} once all that is normal has taken its part: "
+    if score_correlation > 0.999:
         return text + f"no record of these modes and channels tells them apart; {_checks(first, second)}"
     text += f"telling them apart asks |z| of {needed:.0f}, here it is {abs(finding.z):.0f}; "
     if finding.course != "constant" and needed > abs(finding.z):
         text += f"about {(needed / abs(finding.z)) ** 2:.0f} times as many blocks would do, or "
-    places = " and ".join(places_of_difference(setting, design, best, rival))
+    places = " and ".join(places_of_difference(problem, design, best, rival))
     return text + f"they differ most in {places}; {_checks(first, second)}"
 
 
@@ -69,12 +70,12 @@ def _checks(first, second) -> str:
     return "on site, " + "; ".join(told) if told else "neither names a check on site"
 
 
-def places_of_difference(setting: Setting, design: Design, best: int, rival: int) -> list[str]:
+def places_of_difference(problem: DiagnosisProblem, design: Design, best: int, rival: int) -> list[str]:
     """The responses in which two causes of the same strength differ most, in deviations, after what is normal has
     taken its part."""
-    blocks = setting.blocks
-    course = setting.courses[setting.which[best, 1]]
-    j, i = (int(setting.which[k, 0]) for k in (best, rival))
+    blocks = problem.blocks
+    course = problem.courses[problem.which[best, 1]]
+    j, i = (int(problem.which[k, 0]) for k in (best, rival))
     prints, noise, columns, names = [], [], [], []
     for q, group in enumerate(blocks.groups):
         weight = design.noise.weight[q]
@@ -83,7 +84,7 @@ def places_of_difference(setting: Setting, design: Design, best: int, rival: int
         columns.append(np.einsum("g,gmk->mk", share, design.nuisance[q]) * design.nuisance_std)
         own = design.noise.covariance[q] / max(weight.sum(), 1e-12)
         # what runs along the record is free of every offset
-        noise.append(own + np.diag(design.floor[q] ** 2) if course.kind == "constant" else own)
+        noise.append(own + np.diag(design.discrepancy_std[q] ** 2) if course.kind == "constant" else own)
         names += labels_of(blocks.group_name(q), len(group), blocks.channels)
     prints, noise, columns = np.concatenate(prints), linalg.block_diag(*noise), np.concatenate(columns)
     precision = np.linalg.inv(noise)

@@ -14,8 +14,9 @@ import numpy as np
 
 from probupdate.diagnosis.fitting import Fit
 from probupdate.diagnosis.prepare import Prepared
-from probupdate.diagnosis.setting import Named, Setting
-from probupdate.modes import Sensor, frozen_array
+from probupdate.diagnosis.problem import IncludedEffect, DiagnosisProblem
+from probupdate.modal.modes import Sensor
+from probupdate.runtime.arrays import frozen_array
 from probupdate.structure import beam as beams
 from probupdate.structure.assembly import assemble, beam_stiffness, node_dofs
 from probupdate.structure.channels import channel_rows
@@ -90,7 +91,7 @@ def _bare(one):
     return replace(one, springs=None)
 
 
-def fatigue_change(prepared: Prepared, setting: Setting, old: Fit, new: Fit) -> dict:
+def fatigue_change(prepared: Prepared, problem: DiagnosisProblem, old: Fit, new: Fit) -> dict:
     """Plain numbers for diagnosis.json: of legs and of braces the most stressed spot, and the loaded spot whose stress
     grows most, each with its ratio of stress and of damage. Effects are as after their step; covariates at their mean.
 
@@ -98,9 +99,9 @@ def fatigue_change(prepared: Prepared, setting: Setting, old: Fit, new: Fit) -> 
     """
     if prepared.description is None:
         return {}
-    rows = [r.model for r in prepared.rows if any(n.effect is r.effect for n in (*old.named, *new.named))]
+    rows = [r.model for r in prepared.rows if any(n.effect is r.effect for n in (*old.included, *new.included))]
     description = extended_description(prepared.path, rows)
-    sides = [member_stresses(description, description.values | _values(setting, f), prepared.sensors,
+    sides = [member_stresses(description, description.values | _values(problem, f), prepared.sensors,
                              str(prepared.path)) for f in (old, new)]  # fmt: skip
     before, after = sides
     faster = after.frequency_hz / before.frequency_hz
@@ -123,18 +124,18 @@ def _spot(before: Stresses, after: Stresses, k: int, faster: float) -> dict:
         f"damage_ratio_m{m}": float(faster * ratio**m) for m in SLOPES}  # fmt: skip
 
 
-def _values(setting: Setting, fitted: Fit) -> dict[str, float]:
+def _values(problem: DiagnosisProblem, fitted: Fit) -> dict[str, float]:
     """Parameters by name, effects in their full size."""
-    names = setting.field.parameters.names
+    names = problem.predictor.parameters.names
     theta = np.array(fitted.theta)
-    for n in fitted.named:
+    for n in fitted.included:
         if n.effect.observe is None:
             for name, amount in n.effect.increments:
                 theta[names.index(name)] += _amount(n) * amount
-    known = {names[k] for k in setting.updated} | {
-        name for n in fitted.named for name, _ in n.effect.increments if n.effect.observe is None}  # fmt: skip
+    known = {names[k] for k in problem.updated} | {
+        name for n in fitted.included for name, _ in n.effect.increments if n.effect.observe is None}  # fmt: skip
     return {name: float(v) for name, v in zip(names, theta, strict=True) if name in known}
 
 
-def _amount(named: Named) -> float:
-    return 0.0 if named.course.kind == "covariate" else named.size
+def _amount(included: IncludedEffect) -> float:
+    return 0.0 if included.course.kind == "covariate" else included.size

@@ -1,8 +1,8 @@
-"""A diagnosis by the data alone: what changes along the record, what follows the surroundings, which sensor is off.
+"""A diagnosis by the data alone: what changes along the record, what follows the environmental and operational
+conditions, which sensor is off.
 
-Structural causes cannot be named without a model: a change of frequencies that no column of the surroundings explains
-is *unexplained*, with the modes that moved, by how much and since when.
-"""
+Structural causes cannot be named without a model: a change of frequencies that no column of the environmental and
+operational conditions explains is *unexplained*, with the modes that moved, by how much and since when. """
 
 from __future__ import annotations
 
@@ -16,23 +16,23 @@ from scipy.special import logsumexp
 from probupdate.diagnosis.along_record import LEFT, Scores, make_contrasts, score
 from probupdate.diagnosis.blocks import Blocks, gather, with_derived
 from probupdate.effects.catalogue import Effect, measurement_effects
-from probupdate.diagnosis.courses import MARGIN, N_STEP, Course, make_courses, step_course
+from probupdate.diagnosis.time_profiles import MARGIN, N_STEP, TimeProfile, make_time_profiles, step_profile
 from probupdate.diagnosis.diagnose import POWER, SURE
 from probupdate.diagnosis.level_shapes import judge_levels, mean_shapes
-from probupdate.diagnosis.own_picture import look, mended
-from probupdate.diagnosis.own_search import (
+from probupdate.diagnosis.empirical_reference import look, mended
+from probupdate.diagnosis.empirical_search import (
     ALL,
     FALSE_ALARM,
     MEAN,
     Found,
-    Watched,
+    Followed,
     allowed_courses,
     search,
     watch,
 )
-from probupdate.diagnosis.results import Alternative, Diagnosis, Finding, Limit
-from probupdate.modes import ModalData, Sensor
-from probupdate.progress import Progress, silent
+from probupdate.diagnosis.results import Alternative, Diagnosis, Finding, DetectionLimit
+from probupdate.modal.modes import ModalData, Sensor
+from probupdate.runtime.progress import Progress, silent
 
 # changes taken out one after the other; effects of sensors at one time
 MOST_CHANGES, MOST_AT_ONCE = 6, 3
@@ -48,7 +48,7 @@ CAUSES = {
     "wave_height_m": ("softening with amplitude", "soil or joints", "storms of equal wind, other sea"),
     "wind_speed_mps": ("frequencies follow the wind", "rotor", "blocks of equal state, other wind"),
 }  # fmt: skip
-# numbers of the environment that describe the block or the operation, not the surroundings
+# numbers of the environment that describe the block or the operation, not the environmental and operational conditions
 NOT_SURROUNDINGS = ("nacelle_", "block_", "power_kw", "pitch_deg", "rotor_speed", "wave_period", "wind_direction",
                     "yaw_", "n_", "sampling_")  # fmt: skip
 
@@ -58,25 +58,25 @@ NOT_SURROUNDINGS = ("nacelle_", "block_", "power_kw", "pitch_deg", "rotor_speed"
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Change:
-    """One thing that changes along the record: its finding (None: no cause is known without a model), the course, and
-    the numbers of the frequencies that went with it. What stays within a sensor's tolerance is no finding."""
+    """One thing that changes along the record: its finding (None: no cause is known without a model), the time profile,
+    and the numbers of the frequencies that went with it. What stays within a sensor's tolerance is no finding."""
 
     finding: Finding | None
-    course: Course
+    course: TimeProfile
     moved: tuple[dict, ...]
     within_tolerance: bool = False
 
 
-def _finer(blocks: Blocks, watched: Watched, known: np.ndarray, row: int, course: Course) -> Course:
-    """The step's block found among all, by least squares: scores do not serve, as each course has a noise of its own,
-    which a step at a wrong place may make small."""
+def _finer(blocks: Blocks, followed: Followed, known: np.ndarray, row: int, course: TimeProfile) -> TimeProfile:
+    """The step's block found among all, by least squares: scores do not serve, as each time profile has a noise of its
+    own, which a step at a wrong place may make small."""
     if course.kind != "step":
         return course
     n = len(blocks)
     at = np.arange(MARGIN, n - MARGIN + 1)
-    root = np.sqrt(watched.weight[row])
-    nuisance = root[:, None] * np.column_stack([np.ones(n), watched.picture.turning, known])
-    both = root[:, None] * np.column_stack([watched.series[row], np.arange(n)[:, None] >= at])
+    root = np.sqrt(followed.weight[row])
+    nuisance = root[:, None] * np.column_stack([np.ones(n), followed.empirical.turning, known])
+    both = root[:, None] * np.column_stack([followed.series[row], np.arange(n)[:, None] >= at])
     rest = both - nuisance @ np.linalg.lstsq(nuisance, both, rcond=None)[0]
     own = np.sum(rest[:, 1:] ** 2, axis=0)
     # what offset and turning explain nearly is no step that could be told
@@ -84,7 +84,7 @@ def _finer(blocks: Blocks, watched: Watched, known: np.ndarray, row: int, course
     taken = np.where(usable, (rest[:, 0] @ rest[:, 1:]) ** 2 / np.where(usable, own, 1.0), 0.0)
     # of times between which the series is not measured the last: the first block that shows it
     best = np.flatnonzero(taken > (1 - 1e-9) * taken.max())
-    return step_course(n, int(at[best[-1]])) if np.any(taken) else course
+    return step_profile(n, int(at[best[-1]])) if np.any(taken) else course
 
 
 def _apart(blocks: Blocks, sensors: Sequence[Sensor]) -> float:
@@ -94,7 +94,7 @@ def _apart(blocks: Blocks, sensors: Sequence[Sensor]) -> float:
 
 def _left_from(blocks: Blocks, sensors: Sequence[Sensor], effect: Effect, at: int) -> float:
     """What an effect that is there or not leaves of all departures when it is taken out from one block on."""
-    return _apart(mended(blocks, effect, effect.discrete[0] * step_course(len(blocks), at).value), sensors)
+    return _apart(mended(blocks, effect, effect.discrete[0] * step_profile(len(blocks), at).value), sensors)
 
 
 def _sharper(blocks: Blocks, sensors: Sequence[Sensor], effect: Effect, at: int) -> int:
@@ -114,14 +114,14 @@ def _sharper(blocks: Blocks, sensors: Sequence[Sensor], effect: Effect, at: int)
 
 
 def mend(
-    blocks: Blocks, watched: Watched, known: np.ndarray, sensors: Sequence[Sensor], row: int, course: Course
+    blocks: Blocks, followed: Followed, known: np.ndarray, sensors: Sequence[Sensor], row: int, course: TimeProfile
 ) -> tuple[Blocks, float, float]:
-    """The blocks without the effect of series `row` that goes with the course, its size and deviation: the size is
-    right when nothing of it is left."""
-    effect = watched.effects[row - watched.n_frequency]
+    """The blocks without the effect of series `row` that goes with the time profile, its size and deviation: the size
+    is right when nothing of it is left."""
+    effect = followed.effects[row - followed.n_frequency]
     n = len(blocks)
-    nuisance = np.column_stack([np.ones(n), watched.picture.turning, known])
-    size, std, now, seen = 0.0, np.inf, blocks, watched
+    nuisance = np.column_stack([np.ones(n), followed.empirical.turning, known])
+    size, std, now, seen = 0.0, np.inf, blocks, followed
     for _ in range(6):
         contrasts = make_contrasts(seen.weight[[row]], nuisance, [course], blocks.hours)
         left = score(contrasts, seen.series[[row]], [[0]])
@@ -130,26 +130,27 @@ def mend(
         now = mended(blocks, effect, size * course.value)
         if abs(more) < 0.1 * std:
             break
-        seen, row = watch(now, (effect,), sensors, known, stated=watched.stated), watched.n_frequency
+        seen, row = watch(now, (effect,), sensors, known, stated=followed.stated), followed.n_frequency
     return now, size, std
 
 
 def left_at(
-    blocks: Blocks, watched: Watched, known: np.ndarray, sensors: Sequence[Sensor], course: Course, found: Found
+    blocks: Blocks, followed: Followed, known: np.ndarray, sensors: Sequence[Sensor], course: TimeProfile, found: Found
 ) -> tuple[float, float]:
-    """The largest score over its threshold that blocks still have along one course: of frequencies, of sensors."""
-    seen = watch(blocks, watched.effects, sensors, known, stated=watched.stated)
-    nuisance = np.column_stack([np.ones(len(blocks)), seen.picture.turning, known])
+    """The largest score over its threshold that blocks still have along one time profile: of frequencies, of
+    sensors."""
+    seen = watch(blocks, followed.effects, sensors, known, stated=followed.stated)
+    nuisance = np.column_stack([np.ones(len(blocks)), seen.empirical.turning, known])
     scores = score(make_contrasts(seen.weight, nuisance, [course], blocks.hours), seen.series, seen.pools)
     over = np.abs(scores.z[:, 0]) / found.threshold
     return float(np.max(over[: seen.n_frequency])), float(np.max(over[seen.n_frequency :], initial=0.0))
 
 
-def moved_frequencies(watched: Watched, scores: Scores, column: int) -> tuple[dict, ...]:
-    """Per number of the frequencies: its change for the course's unit, with deviation and z."""
-    blocks = watched.blocks
+def moved_frequencies(followed: Followed, scores: Scores, column: int) -> tuple[dict, ...]:
+    """Per number of the frequencies: its change for the time profile's unit, with deviation and z."""
+    blocks = followed.blocks
     rows = []
-    for k, (q, i) in enumerate(watched.names):
+    for k, (q, i) in enumerate(followed.names):
         rows.append({"mode": series_name(blocks, q, i), "change_percent": 100 * float(scores.size[k, column]),
                      "std_percent": 100 * float(scores.size_std[k, column]), "z": float(scores.z[k, column])})
     return tuple(r for r in rows if np.isfinite(r["std_percent"]))
@@ -162,10 +163,10 @@ def series_name(blocks: Blocks, q: int, i: int) -> str:
     return blocks.group_name(q) + ("" if len(blocks.groups[q]) == 1 else (" axis 1", " axis 2", " between", "")[i])
 
 
-def course_probability(watched: Watched, found: Found, courses: Sequence[Course], best: int) -> np.ndarray:
-    """(n_course,) how probable it is that the frequencies go with each course, all at the best one's scatter; the times
-    of a step share one prior."""
-    rows = [k for k, (q, i) in enumerate(watched.names) if q != ALL and i != MEAN]
+def course_probability(followed: Followed, found: Found, courses: Sequence[TimeProfile], best: int) -> np.ndarray:
+    """(n_course,) how probable it is that the frequencies go with each time profile, all at the best one's scatter; the
+    times of a step share one prior."""
+    rows = [k for k, (q, i) in enumerate(followed.names) if q != ALL and i != MEAN]
     noise, slow = found.scores.noise[rows, best], found.scores.slow_error[rows, best]
     c = found.contrasts
     variance = noise[:, None] * c.white_var[rows] + slow[:, None] * c.slow_var[rows]
@@ -176,7 +177,7 @@ def course_probability(watched: Watched, found: Found, courses: Sequence[Course]
     return np.exp(gain - logsumexp(gain))
 
 
-def _by_name(courses: Sequence[Course], probability: np.ndarray) -> dict[str, float]:
+def _by_name(courses: Sequence[TimeProfile], probability: np.ndarray) -> dict[str, float]:
     names: dict[str, float] = {}
     for course, p in zip(courses, probability, strict=True):
         names[course.name] = names.get(course.name, 0.0) + float(p)
@@ -184,21 +185,21 @@ def _by_name(courses: Sequence[Course], probability: np.ndarray) -> dict[str, fl
 
 
 def _cause(name: str) -> tuple[str, str, str]:
-    """(cause, location, check) of what goes with a course of that name."""
+    """(cause, location, check) of what goes with a time profile of that name."""
     if name in ("step", "ramp"):
         return f"unexplained {name} of frequencies", "structure", "a model is needed to name it"
     return CAUSES.get(name, (f"frequencies follow {name}", "all modes", f"look at what {name} stands for"))
 
 
-def _surrounding(watched: Watched, found: Found, courses: Sequence[Course]) -> Change:
+def _surrounding(followed: Followed, found: Found, courses: Sequence[TimeProfile]) -> Change:
     """What the frequencies go with."""
-    rows = watched.classes[0]
+    rows = followed.classes[0]
     best = int(np.argmax(np.max(found.over[rows], axis=0)))
-    probability = course_probability(watched, found, courses, int(best))
+    probability = course_probability(followed, found, courses, int(best))
     names = _by_name(courses, probability)
     name = next(iter(names))
     best = int(np.argmax(np.where([c.name == name for c in courses], probability, -1)))
-    course, moved = courses[best], moved_frequencies(watched, found.scores, best)
+    course, moved = courses[best], moved_frequencies(followed, found.scores, best)
     if course.kind in ("step", "ramp") and names[name] >= SURE:
         return Change(finding=None, course=course, moved=moved)
     cause, location, check = _cause(name)
@@ -209,7 +210,7 @@ def _surrounding(watched: Watched, found: Found, courses: Sequence[Course]) -> C
         kind="structural" if course.kind in ("step", "ramp") else "environmental", cause=cause, location=location,
         size=strongest["change_percent"], size_std=strongest["std_percent"],
         unit=f"% of the frequency of {strongest['mode']}{course.unit}", course=name,
-        course_start=watched.blocks.ids[course.at] if course.kind == "step" else "", z=strongest["z"],
+        course_start=followed.blocks.ids[course.at] if course.kind == "step" else "", z=strongest["z"],
         posterior_probability=names[name],
         alternatives=tuple(Alternative(cause=_cause(n)[0], location=_cause(n)[1], posterior_probability=p)
                            for n, p in rivals),
@@ -219,36 +220,42 @@ def _surrounding(watched: Watched, found: Found, courses: Sequence[Course]) -> C
 
 
 def _sensor(
-    blocks: Blocks, watched: Watched, found: Found, courses: Sequence[Course], known, sensors, whole: Sequence[Effect]
+    blocks: Blocks,
+    followed: Followed,
+    found: Found,
+    courses: Sequence[TimeProfile],
+    known,
+    sensors,
+    whole: Sequence[Effect],
 ) -> tuple[list[Change], Blocks] | None:
-    """Effects of sensors that leave nothing along their course; None where they do not explain it. `whole`: effects
-    that are there or not."""
+    """Effects of sensors that leave nothing along their time profile; None where they do not explain it. `whole`:
+    effects that are there or not."""
     row, best = np.unravel_index(int(np.argmax(found.over)), found.over.shape)
-    if row < watched.n_frequency:
-        rows = watched.classes[1]
+    if row < followed.n_frequency:
+        rows = followed.classes[1]
         if not rows or not np.max(found.over[rows][:, best]) > 1:
             return None
         row = rows[int(np.argmax(found.over[rows][:, best]))]
-    course = _finer(blocks, watched, known, int(row), courses[best])
+    course = _finer(blocks, followed, known, int(row), courses[best])
     if course.kind != "step":
         return None
     changes, now = [], blocks
     for number in range(MOST_AT_ONCE):
-        seen = watch(now, watched.effects, sensors, known, stated=watched.stated, course=course.value)
+        seen = watch(now, followed.effects, sensors, known, stated=followed.stated, course=course.value)
         fit, scores = _explained(seen, known, course, found)
         if not number:
             # by what was before the step, its time is told better
             finer = _finer(now, seen, known, int(np.argmax(fit)), course)
             if finer.at != course.at:
                 course = finer
-                seen = watch(now, watched.effects, sensors, known, stated=watched.stated, course=course.value)
+                seen = watch(now, followed.effects, sensors, known, stated=followed.stated, course=course.value)
                 fit, scores = _explained(seen, known, course, found)
         tried = []
         for row in np.argsort(-fit)[:MOST_TRIED]:
             if fit[row] <= ALIKE * fit.max() or (tried and tried[0][0] <= 1):
                 break
             then, size, std = mend(now, seen, known, sensors, int(row), course)
-            of_frequencies, left = left_at(then, watched, known, sensors, course, found)
+            of_frequencies, left = left_at(then, followed, known, sensors, course, found)
             # what is left of frequencies no sensor does
             if of_frequencies <= 1:
                 tried.append((left, int(row), then, size, std))
@@ -258,7 +265,7 @@ def _sensor(
         left, row, then, size, std = tried[0]
         effect = seen.effects[row - seen.n_frequency]
         if left > 1:
-            other = _as_a_whole(now, watched, known, sensors, course, found, whole, seen, fit, once=not number)
+            other = _as_a_whole(now, followed, known, sensors, course, found, whole, seen, fit, once=not number)
             if other is not None and other[0] < left:
                 left, effect, then, course = other
                 size, std = effect.discrete[0], 0.0
@@ -284,11 +291,11 @@ def _sensor(
     return None
 
 
-def _explained(seen: Watched, known: np.ndarray, course: Course, found: Found) -> tuple[np.ndarray, Scores]:
+def _explained(seen: Followed, known: np.ndarray, course: TimeProfile, found: Found) -> tuple[np.ndarray, Scores]:
     """(n_series,) by how much each effect of sensors would better the fit (half a chi-square), all at the scatter that
     was estimated for a block: that of the series itself counts what other effects do to it. Zero for those whose own
     score is not beyond chance where others' are."""
-    nuisance = np.column_stack([np.ones(len(seen.blocks)), seen.picture.turning, known])
+    nuisance = np.column_stack([np.ones(len(seen.blocks)), seen.empirical.turning, known])
     contrasts = make_contrasts(seen.weight, nuisance, [course], seen.blocks.hours)
     scores = score(contrasts, seen.series, seen.pools)
     can = allowed_courses(seen, [course])[:, 0] & contrasts.usable[:, 0]
@@ -302,9 +309,10 @@ def _explained(seen: Watched, known: np.ndarray, course: Course, found: Found) -
     return np.where(can, 0.5 * scores.size[:, 0] ** 2 / variance, 0.0), scores
 
 
-def _as_a_whole(now, watched, known, sensors, course, found, whole, seen, fit, *, once: bool):
-    """(what is left over its threshold, effect, mended blocks, course) of the exchanged or reversed channels that leave
-    least of all departures; the course's time is theirs where nothing else was taken out along it (`once`)."""
+def _as_a_whole(now, followed, known, sensors, course, found, whole, seen, fit, *, once: bool):
+    """(what is left over its threshold, effect, mended blocks, time profile) of the exchanged or reversed channels that
+    leave least of all departures; the time profile's time is theirs where nothing else was taken out along it
+    (`once`)."""
     strong = {seen.effects[k - seen.n_frequency].location for k in np.argsort(-fit)[:8]
               if seen.effects[k - seen.n_frequency].cause == "sensor gain"}  # fmt: skip
     n, tried = len(now), []
@@ -320,9 +328,9 @@ def _as_a_whole(now, watched, known, sensors, course, found, whole, seen, fit, *
     least, at, effect = min(tried, key=lambda t: t[:2])
     if least >= _apart(now, sensors):
         return None
-    own = step_course(n, _sharper(now, sensors, effect, at)) if once else course
+    own = step_profile(n, _sharper(now, sensors, effect, at)) if once else course
     then = mended(now, effect, effect.discrete[0] * own.value)
-    left = max(max(left_at(then, watched, known, sensors, one, found)) for one in (course, own))
+    left = max(max(left_at(then, followed, known, sensors, one, found)) for one in (course, own))
     return left, effect, then, own
 
 
@@ -338,7 +346,7 @@ def diagnose_without_model(
     data: ModalData, sensors: Sequence[Sensor] | None = None, *, campaign_check: Sequence[Mapping] | None = None,
     effects: Sequence[Effect] = (), seed: int = 1, progress: Progress = silent,
 ) -> Diagnosis:
-    """Measurement and surroundings only: what modes.json tells of itself.
+    """Measurement and environmental and operational conditions only: what modes.json tells of itself.
 
     `sensors`: where channels are; without them only gains along the record can be judged. `campaign_check`: findings in
     the raw records (see `campaign_tests.campaign_tests`), listed and counted. `effects`: a user's own of sensors.
@@ -349,7 +357,7 @@ def diagnose_without_model(
                  if e.observe is not None and not e.discrete and set(e.courses) != {"constant"})  # fmt: skip
     whole = tuple(e for e in measurement_effects(blocks.channels, placed) if e.discrete)
     columns = (*surroundings_columns(blocks), *(c for e in effects for c in e.courses))
-    courses = [c for c in make_courses(blocks, tuple(dict.fromkeys(columns))) if c.kind != "constant"]
+    courses = [c for c in make_time_profiles(blocks, tuple(dict.fromkeys(columns))) if c.kind != "constant"]
     known = np.zeros((len(blocks), 0))
     # frequencies, sensors along the record, and constant shapes share the false alarms
     share = FALSE_ALARM / (3 if placed else 2)
@@ -357,19 +365,19 @@ def diagnose_without_model(
     first, left = None, False
     for number in range(MOST_CHANGES + 1):
         progress("diagnosing", number, MOST_CHANGES + 1)
-        watched = watch(blocks, rows, placed, known)
-        found = search(watched, courses, known, seed, share)
-        first = first or (watched, found)
+        followed = watch(blocks, rows, placed, known)
+        found = search(followed, courses, known, seed, share)
+        first = first or (followed, found)
         left = bool(np.max(found.over) > 1)
         if not left or number == MOST_CHANGES:
             break
-        of_sensors = _sensor(blocks, watched, found, courses, known, placed, whole)
+        of_sensors = _sensor(blocks, followed, found, courses, known, placed, whole)
         if of_sensors is not None:
             changes += of_sensors[0]
             blocks = of_sensors[1]
             continue
-        if np.max(found.over[watched.classes[0]]) > 1:
-            change = _surrounding(watched, found, courses)
+        if np.max(found.over[followed.classes[0]]) > 1:
+            change = _surrounding(followed, found, courses)
         else:
             _, best = np.unravel_index(int(np.argmax(found.over)), found.over.shape)
             change = Change(finding=None, course=courses[best], moved=())
@@ -408,7 +416,7 @@ class Steady:
     """What constant shapes tell: findings, limits, p of the largest score, what is left over its threshold."""
 
     findings: tuple[Finding, ...]
-    limits: tuple[Limit, ...]
+    limits: tuple[DetectionLimit, ...]
     p_value: float
     unexplained: float
 
@@ -435,7 +443,7 @@ def _steady(blocks: Blocks, placed, rows: Sequence[Effect], whole, false_alarm: 
     limits = []
     for k, (size, left, z) in answer.limits.items():
         e = able[k]
-        limits.append(Limit(kind=e.kind, cause=e.cause, location=e.location, course="constant", unit=e.unit,
+        limits.append(DetectionLimit(kind=e.kind, cause=e.cause, location=e.location, course="constant", unit=e.unit,
                             limit=size if size <= max(-e.lower, e.upper) else np.inf, share_left=left,
                             z=z))  # fmt: skip
     return Steady(findings=tuple(findings), limits=tuple(limits), p_value=answer.p_value,
@@ -466,9 +474,10 @@ def _notes(blocks: Blocks, placed: Sequence[Sensor], unexplained: Sequence[Chang
     return notes
 
 
-def _limits(watched: Watched, found: Found, courses: Sequence[Course]) -> tuple[Limit, ...]:
-    """The least change of every frequency, and size of every sensor's effect, that would be found along each course."""
-    allowed = allowed_courses(watched, courses)
+def _limits(followed: Followed, found: Found, courses: Sequence[TimeProfile]) -> tuple[DetectionLimit, ...]:
+    """The least change of every frequency, and size of every sensor's effect, that would be found along each time
+    profile."""
+    allowed = allowed_courses(followed, courses)
     best: dict[tuple[int, str], int] = {}
     for k, c in zip(*np.nonzero(allowed & np.isfinite(found.scores.size_std)), strict=True):
         key = (int(k), courses[c].name)
@@ -477,18 +486,18 @@ def _limits(watched: Watched, found: Found, courses: Sequence[Course]) -> tuple[
     limits = []
     for (k, name), c in best.items():
         size = (found.threshold[k] + POWER) * found.scores.size_std[k, c]
-        if k < watched.n_frequency:
-            q, i = watched.names[k]
+        if k < followed.n_frequency:
+            q, i = followed.names[k]
             kind, cause = ("structural", f"{name} of frequency") if name in ("step", "ramp") else (
                 "environmental", _cause(name)[0])
-            place = series_name(watched.blocks, q, i)
-            limits.append(Limit(kind=kind, cause=cause, location=place, course=name, limit=float(100 * size),
+            place = series_name(followed.blocks, q, i)
+            limits.append(DetectionLimit(kind=kind, cause=cause, location=place, course=name, limit=float(100 * size),
                                 unit=f"% of frequency{courses[c].unit}", share_left=1.0, z=float(found.z[k, c])))
             continue
-        effect = watched.effects[k - watched.n_frequency]
+        effect = followed.effects[k - followed.n_frequency]
         size = max(size, effect.tolerance)
         reachable = size <= max(-effect.lower, effect.upper)
-        limits.append(Limit(kind=effect.kind, cause=effect.cause, location=effect.location, course=name,
+        limits.append(DetectionLimit(kind=effect.kind, cause=effect.cause, location=effect.location, course=name,
                             limit=float(size) if reachable else np.inf, unit=effect.unit + courses[c].unit,
                             share_left=1.0, z=float(found.z[k, c])))  # fmt: skip
     return tuple(limits)

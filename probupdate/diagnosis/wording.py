@@ -81,8 +81,9 @@ def free_form_words(content: Mapping) -> list[str]:
         return []
     said = [("something like " if part["elementary"] else "with ") + part_words(part) for part in found["parts"]]
     if any(part["elementary"] for part in found["parts"]):
-        said.append("no row of the catalogue is like that; it says where and in which modes the unknown acts, not what it "
-                    "is")  # fmt: skip
+        said.append(
+            "no row of the catalogue is like that; it says where and in which modes the unknown acts, not what it is"
+        )
     gain = gain_words(found)
     if gain:
         said.append(f"gain on held-out blocks: {gain}")
@@ -127,7 +128,7 @@ def adequacy_words(content: Mapping) -> str:
 
 
 def cause_probability_words(finding: Mapping) -> str:
-    """"probability 0.97, 0.33 before the data": how much of it the data told, where it has rivals."""
+    """"probability 0.97, 0.33 before the data": how much of it the data told, where it has competing hypotheses."""
     p, before = finding.get("posterior_probability"), finding.get("prior_probability")
     if p is None:
         return "probability unknown"

@@ -17,7 +17,7 @@ from itertools import combinations
 import numpy as np
 
 from probupdate.errors import InputError
-from probupdate.modes import Sensor
+from probupdate.modal.modes import Sensor
 
 KINDS = ("structural", "environmental", "measurement")
 COURSES = ("constant", "step", "ramp")

@@ -11,18 +11,21 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
+from typing import cast
 
 import numpy as np
 
-from probupdate.effects.catalogue import Effect, measurement_effects
+from probupdate.effects.catalogue import Effect, Observation, measurement_effects
 from probupdate.effects.turbine import turbine_effects
-from probupdate.model import ModalSolution, Model
-from probupdate.model_error import ErrorSource
-from probupdate.modes import Sensor, frozen_array
-from probupdate.parameters import Parameters
+from probupdate.modal.modes import Sensor
+from probupdate.model.interface import ModalSolution, Model
+from probupdate.model.parameters import Parameters
+from probupdate.model.uncertainty import ErrorSource
+from probupdate.runtime.arrays import frozen_array
 from probupdate.structure.affine import AffineModel
-from probupdate.structure.description import Description, read_description
-from probupdate.structure.effects import KINDS
+from probupdate.structure.description import Description
+from probupdate.structure.description_file import read_description
+from probupdate.structure.effect_kinds import KINDS
 from probupdate.structure.extend import Effect as ModelEffect
 from probupdate.structure.extend import extended_model
 
@@ -126,10 +129,11 @@ class SensorUncertainty:
         n_mode = solution.frequency_hz.size
         change = np.empty((*solution.shape.shape, len(self.effects)))
         for k, e in enumerate(self.effects):
-            h = e.step_of_size
+            # a measurement effect enters by nothing else
+            observe, h = cast(Observation, e.observe), e.step_of_size
             for j in range(n_mode):
                 shape, f = solution.shape[:, j : j + 1], float(solution.frequency_hz[j])
-                change[:, j, k] = (e.observe(shape, f, h)[0] - e.observe(shape, f, -h)[0]).real[:, 0] / (2 * h)
+                change[:, j, k] = np.real(observe(shape, f, h)[0] - observe(shape, f, -h)[0])[:, 0] / (2 * h)
         return replace(solution, frequency_derivative=np.zeros((n_mode, len(self.effects))), shape_derivative=change)
 
     def fingerprint(self) -> str:
@@ -155,7 +159,7 @@ class TurbineUncertainty:
         """Of a model that was loaded from `path`, and extended by the effects `added`."""
         description = read_description(path)
         placed = sensors if sensors is not None else tuple(
-            Sensor(channel=s.channel, level=s.level, position_m=s.position_m, direction=s.direction,
+            Sensor(channel=s.channel, level=s.level, position_m=np.array(s.position_m), direction=np.array(s.direction),
                    quantity=s.quantity, unit=s.unit) for s in description.sensor)  # fmt: skip
         return cls(path=path, parameters=model.parameters, sensors=tuple(placed), nacelle_angle_deg=nacelle_angle_deg,
                    description=description, added=tuple(added))  # fmt: skip
@@ -190,14 +194,13 @@ class TurbineUncertainty:
         whole = np.array([own[n] if n in own else neutral[n] for n in names])
         solution = self.extended.solve(whole, n_mode, derivatives=True, clusters=clusters)
         picked = [names.index(r.effect.name) for r in self.tolerances]
-        sensors = self.of_sensors.added_to(solution)
+        of_frequency, of_shape = solution.both_derivatives
+        sensor_frequency, sensor_shape = self.of_sensors.added_to(solution).both_derivatives
         return replace(
             solution,
-            frequency_derivative=frozen_array(
-                np.hstack([solution.frequency_derivative[:, picked], sensors.frequency_derivative])),
-            shape_derivative=frozen_array(
-                np.concatenate([solution.shape_derivative[:, :, picked], sensors.shape_derivative], axis=2)),
-        )  # fmt: skip
+            frequency_derivative=frozen_array(np.hstack([of_frequency[:, picked], sensor_frequency])),
+            shape_derivative=frozen_array(np.concatenate([of_shape[:, :, picked], sensor_shape], axis=2)),
+        )
 
     def fingerprint(self) -> str:
         return _hash(self.sources)

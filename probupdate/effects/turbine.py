@@ -9,14 +9,16 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import partial
 from itertools import pairwise
+from typing import cast
 
 import numpy as np
 
 from probupdate.effects.catalogue import WARMS_ODDS, Effect
 from probupdate.structure.beam import Tube
 from probupdate.structure.description import Description
-from probupdate.structure.effects import KINDS
+from probupdate.structure.effect_kinds import KINDS
 from probupdate.structure.extend import Effect as ModelEffect
 from probupdate.structure.joints import joint_law
 
@@ -110,7 +112,8 @@ def _three_diameters(d: Description, diameter_m: float, thickness_m: float) -> t
     as that is noticed."""
     tube = Tube(diameter_m=diameter_m, thickness_m=thickness_m)
     length = 1e9 * 3 * diameter_m / d.steel.youngs_modulus_pa
-    return length / tube.second_moment({}), length / tube.area({})
+    # numbers, as the tube's own sizes are
+    return cast(float, length / tube.second_moment({})), cast(float, length / tube.area({}))
 
 
 def _theory(d: Description) -> Iterator[TurbineEffect]:
@@ -258,30 +261,29 @@ def _ice_inertia(d: Description) -> tuple[float, ...]:
 
 
 def _environment(d: Description) -> Iterator[TurbineEffect]:
-    env = {"group": "environmental"}
-    yield _row("water", "water_level", "wetted length", "all members", low=-6.0, high=6.0, tolerance=0.0, slab=1.0,
-               courses=("water_level_m",), unit="m", fingerprint="second bending falls with the water level",
-               check="tide gauge against the second bending", **env)
+    row = partial(_row, group="environmental")
+    yield row("water", "water_level", "wetted length", "all members", low=-6.0, high=6.0, tolerance=0.0, slab=1.0,
+              courses=("water_level_m",), unit="m", fingerprint="second bending falls with the water level",
+              check="tide gauge against the second bending")
     # steel under water has the sea's temperature, which hardly moves within a month
     dry = {"level_m": (d.site.water_level_m, d.tower.station[-1].z_m)}
-    yield _row("warm", "temperature", "temperature of the steel", "above the water", on=dry, low=-80.0, high=80.0,
-               tolerance=0.0, slab=1.5, settings={"relative_per_degc": STEEL_PER_DEGC},
-               courses=("air_temperature_c",), unit="degC", odds=WARMS_ODDS,
-               fingerprint="all frequencies fall with temperature", check="steel temperature sensors", **env)
-    yield _row("thrust", "thrust", "rotor thrust", "hub", low=-5e6, high=5e6, tolerance=0.0, slab=5e5,
-               courses=("thrust_share",), fingerprint="first bending falls with thrust", check="tower bending strain",
-               **env)
-    yield _row("weight", "weight", "P-delta of the weight", "all members", tolerance=0.0, slab=0.5,
-               courses=("constant",), low=-1.0 if d.mesh.geometric_stiffness else 0.0, high=2.0,
-               fingerprint="first bending falls", check="whether the model's mesh.geometric_stiffness is on", **env)
-    yield _row("ice_tower", "mass", "icing", "tower", on={"group": "tower"}, low=0.0, high=4e4, tolerance=0.0,
-               slab=5e3, courses=("step", "frost_degc"), fingerprint="first and second bending fall while it freezes",
-               check="ice detector, inspection", **env)
-    yield _row("ice", "mass", "icing", "rotor", on={"body": "hub"}, settings={"inertia_per_kg_m2": _ice_inertia(d)},
-               low=0.0, high=4e4, tolerance=0.0, slab=5e3, courses=("step", "frost_degc"),
-               fingerprint="first bending and torsion fall while it freezes", check="ice detector, power curve", **env)
+    yield row("warm", "temperature", "temperature of the steel", "above the water", on=dry, low=-80.0, high=80.0,
+              tolerance=0.0, slab=1.5, settings={"relative_per_degc": STEEL_PER_DEGC},
+              courses=("air_temperature_c",), unit="degC", odds=WARMS_ODDS,
+              fingerprint="all frequencies fall with temperature", check="steel temperature sensors")
+    yield row("thrust", "thrust", "rotor thrust", "hub", low=-5e6, high=5e6, tolerance=0.0, slab=5e5,
+              courses=("thrust_share",), fingerprint="first bending falls with thrust", check="tower bending strain")
+    yield row("weight", "weight", "P-delta of the weight", "all members", tolerance=0.0, slab=0.5,
+              courses=("constant",), low=-1.0 if d.mesh.geometric_stiffness else 0.0, high=2.0,
+              fingerprint="first bending falls", check="whether the model's mesh.geometric_stiffness is on")
+    yield row("ice_tower", "mass", "icing", "tower", on={"group": "tower"}, low=0.0, high=4e4, tolerance=0.0,
+              slab=5e3, courses=("step", "frost_degc"), fingerprint="first and second bending fall while it freezes",
+              check="ice detector, inspection")
+    yield row("ice", "mass", "icing", "rotor", on={"body": "hub"}, settings={"inertia_per_kg_m2": _ice_inertia(d)},
+              low=0.0, high=4e4, tolerance=0.0, slab=5e3, courses=("step", "frost_degc"),
+              fingerprint="first bending and torsion fall while it freezes", check="ice detector, power curve")
     for curve, where in (("all", "all legs"), ("py", "all legs, lateral"), ("tz", "all legs, axial")):
-        yield _row(f"soft_{curve}", "soil", "soil softens with amplitude", where,
-                   settings={"curve": curve}, low=-0.95, high=3.0, tolerance=0.0, slab=0.3,
-                   courses=("rms_mps2", "wave_height_m"), fingerprint="second bending falls in storms, not with thrust",
-                   check="storms of equal wind, other sea", **env)
+        yield row(f"soft_{curve}", "soil", "soil softens with amplitude", where,
+                  settings={"curve": curve}, low=-0.95, high=3.0, tolerance=0.0, slab=0.3,
+                  courses=("rms_mps2", "wave_height_m"), fingerprint="second bending falls in storms, not with thrust",
+                  check="storms of equal wind, other sea")

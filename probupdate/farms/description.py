@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 from probupdate.errors import InputError
-from probupdate.files import named_within, read_toml
-from probupdate.schema import Length, Range, refuse_unknown, table_as
+from probupdate.io.files import named_within, read_toml
+from probupdate.io.schema import Length, Range, refuse_unknown, table_as
 from probupdate.structure.load import REFERENCE_STATES
 
 # in the order of the work

@@ -14,14 +14,14 @@ from probupdate import __version__, verbs
 from probupdate.campaign.reading import read_campaign
 from probupdate.errors import InputError, ProbupdateError, plain
 from probupdate.farms.description import Farm, Month, Options
-from probupdate.files import PART, read_json_table, write_json, write_text
-from probupdate.outputs import belonging
+from probupdate.io.files import PART, read_json_table, write_json, write_text
+from probupdate.io.outputs import belonging
+from probupdate.io.schema import checked_table
 from probupdate.reporting import report as write_report
-from probupdate.schema import checked_table
 
 if TYPE_CHECKING:
     from probupdate.diagnosis.prepare import Prepared
-    from probupdate.modes import Sensor
+    from probupdate.modal.modes import Sensor
 
 STATE, TRACE = "month.json", "failure.txt"
 FORMAT = 1

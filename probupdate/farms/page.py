@@ -8,7 +8,7 @@ from pathlib import Path
 from probupdate.diagnosis.wording import probability_words
 from probupdate.farms.description import Farm
 from probupdate.farms.summary import DONE, FAILED, WAITING, MonthRow, by_turbine, labels_of, months_of
-from probupdate.files import write_text
+from probupdate.io.files import write_text
 from probupdate.reporting.elements import MISSING, Column, Items, Picture, Section, Table, number, percent, plural
 
 # verdict -> name of its colour in the style of figures, and its marker

@@ -9,13 +9,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from probupdate.errors import InputError, ProbupdateError
-from probupdate.executors import Executor, Shard, executor
 from probupdate.farms.description import Farm, Month, read_farm
 from probupdate.farms.month import MonthState, is_done, lost_month, made_of, read_state, run_month
 from probupdate.farms.page import write_page
 from probupdate.farms.summary import FAILED, WAITING, MonthRow, farm_rows, rows_table, write_rows
-from probupdate.files import holds_nothing, read_json_table, remove_stale, write_json
-from probupdate.progress import Progress, silent
+from probupdate.io.files import holds_nothing, read_json_table, remove_stale, write_json
+from probupdate.runtime.executors import Executor, Shard, executor
+from probupdate.runtime.progress import Progress, silent
 
 if TYPE_CHECKING:
     import pandas as pd

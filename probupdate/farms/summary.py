@@ -12,12 +12,12 @@ import numpy as np
 from probupdate.diagnosis.results import read_diagnosis
 from probupdate.diagnosis.wording import finding_words, name_of
 from probupdate.errors import InputError
-from probupdate.estimators.update_file import read_update
 from probupdate.farms.description import Farm, Month
 from probupdate.farms.month import MonthState
-from probupdate.files import write_table
-from probupdate.modes import read_modes
-from probupdate.result_table import with_units
+from probupdate.io.files import write_table
+from probupdate.io.result_table import with_units
+from probupdate.modal.modes import read_modes
+from probupdate.updating.update_file import read_update
 
 if TYPE_CHECKING:
     import pandas as pd

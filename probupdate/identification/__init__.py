@@ -2,3 +2,9 @@
 
 `ssi` goes from one record to its poles, `classification` tells which of them are modes of the structure.
 """
+
+# what other rooms and users import; the other modules are this room's own
+__all__ = [
+    "block_poles", "block_store", "classification", "counterparts", "criteria", "harmonics", "identify", "proposal",
+    "reference", "regression", "roving", "selection", "setups", "ssi", "uncertainty",
+]  # fmt: skip

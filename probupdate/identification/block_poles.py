@@ -16,7 +16,8 @@ from probupdate.identification.harmonics import without_harmonics
 from probupdate.identification.preprocessing import resampled
 from probupdate.identification.record import IdentifiedRecord, identify_record, references_within
 from probupdate.identification.ssi import Poles
-from probupdate.modes import Sensor, frozen_array
+from probupdate.modal.modes import Sensor
+from probupdate.runtime.arrays import frozen_array
 
 # segments of the spectrum that goes beside a stabilisation diagram: 512 samples are 100 s at 5 Hz
 SPECTRUM_SAMPLES = 512

@@ -20,8 +20,8 @@ import pandas as pd
 from probupdate.campaign.blocks import block_files
 from probupdate.campaign.reading import Campaign, RecordFile
 from probupdate.campaign.scada import StateRule, block_conditions
-from probupdate.errors import InputError, parsing
-from probupdate.files import PART, archive, read_json_table, remove_stale, write_arrays, write_json
+from probupdate.errors import InputError
+from probupdate.io.files import PART, archive, read_json_table, remove_stale, write_arrays, write_json
 from probupdate.identification.block_poles import (
     BlockDeviations,
     BlockPoles,
@@ -31,9 +31,9 @@ from probupdate.identification.block_poles import (
     identify_deviations,
 )
 from probupdate.identification.ssi import Poles
-from probupdate.modes import frozen_array
-from probupdate.executors import Executor, Shard, completed
-from probupdate.progress import Progress, silent
+from probupdate.runtime.arrays import frozen_array
+from probupdate.runtime.executors import Executor, Shard, completed
+from probupdate.runtime.progress import Progress, silent
 
 FORMAT = 1
 HEAD = "store.json"

@@ -16,7 +16,8 @@ import numpy as np
 from probupdate.errors import InputError
 from probupdate.identification.reference import ReferenceModes
 from probupdate.identification.ssi import Poles
-from probupdate.modes import frozen_array, mac, modal_phase_collinearity
+from probupdate.modal.modes import mac, modal_phase_collinearity
+from probupdate.runtime.arrays import frozen_array
 
 # what became of a pole; in this order the first that applies gives its name
 KEPT, SHAPE, DAMPING, FREQUENCY, COMPLEXITY, UNCERTAIN = (

@@ -15,7 +15,7 @@ import numpy as np
 
 from probupdate.identification.classification import ClassifierSettings
 from probupdate.identification.reference import ReferenceModes
-from probupdate.modes import ModalData, ModalSet, ModelMode, ModeRecord, mac, subspace_mac
+from probupdate.modal.modes import ModalData, ModalSet, ModelMode, ModeRecord, mac, subspace_mac
 
 # what a poor model may miss: standard deviations of 1 - MAC, and of ln f; a mode less alike than NO_MAC at its own
 # frequency is rather none of the model's
@@ -64,11 +64,12 @@ def likenesses(
         some = [there[int(k)] for k in np.linspace(0, len(there) - 1, count)]
         values, single = [], []
         for k in some:
-            shape, model = sets[k].shape, turned_to[k].shape
+            shape, here = sets[k].shape, turned_to[k]
+            model = here.shape
             single.append(mac(shape[:, [j]], model)[0])
             both = j in mate and sets[k].measured[mate[j]]
             value = subspace_mac(model, shape[:, [j, mate[j]]]) if both else single[-1]
-            for pair in turned_to[k].pairs:
+            for pair in here.pairs:
                 # of two modes of the model that turn into each other their plane
                 value[list(pair)] = np.maximum(value[list(pair)], subspace_mac(shape[:, j], model[:, list(pair)])[0])
             values.append(value)

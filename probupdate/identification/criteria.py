@@ -11,9 +11,9 @@ import numpy as np
 
 from probupdate.campaign.scada import STATES
 from probupdate.errors import InputError
-from probupdate.files import read_toml
-from probupdate.modes import ModalSet
-from probupdate.schema import Range, checked, table_as
+from probupdate.io.files import read_toml
+from probupdate.io.schema import Range, checked, table_as
+from probupdate.modal.modes import ModalSet
 
 # a threshold may be infinite, which leaves its criterion out
 Threshold = Annotated[float, Range(0)]

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from probupdate.errors import InputError
-from probupdate.modes import frozen_array
+from probupdate.runtime.arrays import frozen_array
 
 # frames of the spectrogram and their distance; steps of the speed from frame to frame that cost one unit
 FRAME_S, HOP_S, SPEED_STEP = 40.0, 10.0, 0.02

@@ -5,10 +5,12 @@ from __future__ import annotations
 import re
 import tempfile
 from collections import Counter
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass, field, replace
+from functools import lru_cache, partial
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
@@ -16,14 +18,11 @@ import pandas as pd
 from probupdate.campaign.reading import Campaign
 from probupdate.campaign.scada import StateRule, block_conditions, with_rated_power
 from probupdate.errors import InputError
-from probupdate.executors import Executor, Shard, executor
-from probupdate.files import write_table
 from probupdate.identification import classification as rules
 from probupdate.identification import tracking
 from probupdate.identification.block_poles import (
     STAY,
     TAKEN_OUT,
-    BlockDeviations,
     BlockPoles,
     BlockSettings,
     common_quantity,
@@ -42,18 +41,24 @@ from probupdate.identification.physical import (
 from probupdate.identification.preprocessing import PASS_SHARE
 from probupdate.identification.reference import ReferenceModes, turned
 from probupdate.identification.tracking import Choice, JudgedPoles, Tracked
-from probupdate.modes import (
+from probupdate.io.files import write_table
+from probupdate.io.result_table import table_of
+from probupdate.modal.modes import (
     ModalData,
     ModalDeviation,
     ModalSet,
     ModelMode,
     ModeRecord,
-    frozen_array,
+    StoredDeviation,
     unit_largest,
     write_modes,
 )
-from probupdate.progress import Progress, silent
-from probupdate.result_table import table_of
+from probupdate.runtime.arrays import frozen_array
+from probupdate.runtime.executors import Executor, Shard, executor
+from probupdate.runtime.progress import Progress, silent
+
+if TYPE_CHECKING:
+    import xarray
 
 # the broad-band amplitude of a block goes by the unit of what was measured
 AMPLITUDE = {"acceleration": "rms_mps2", "velocity": "rms_mps", "displacement": "rms_m"}
@@ -98,6 +103,10 @@ class Identification:
         """A row a set and mode."""
         return self.data.to_frame()
 
+    def to_xarray(self) -> xarray.Dataset:
+        """The sets as an xarray dataset (`ModalData.to_xarray`)."""
+        return self.data.to_xarray()
+
     def write(self, out: str | Path) -> list[Path]:
         """modes.json, modes.deviations.h5 where there are deviations, and modes.poles.csv beside it."""
         out = Path(out)
@@ -125,8 +134,9 @@ def identify(
 
     A mode without a counterpart among those of interest has a number; without a reference all have. store: folder in
     which the poles of each block are kept as they are found; a run that was killed goes on there, and another model
-    takes the poles from there. None: they are kept while this runs. jobs: processes, or an executor; the modes are the
-    same on any. Raises InputError where no block can be used, and where nothing comes back.
+    takes the poles from there, and the result reads its covariance factors there when asked for them, so that a year
+    fits into memory. None: blocks are kept while this runs. jobs: processes, or an executor; the modes are the same on
+    any. Raises InputError where no block can be used, and where nothing comes back.
     """
     settings = settings or SSISettings()
     if reference is not None and reference.shape.shape[0] != len(campaign.sensors):
@@ -138,8 +148,9 @@ def identify(
         blocks = BlockStore(folder, campaign, settings.of_blocks)
         blocks.fill(jobs=runs, progress=progress)
         found = physical_of(blocks, campaign, settings=settings, rule=rule, progress=progress)
-        return classified(blocks, campaign, found, reference, others=others, settings=settings, rule=rule, jobs=runs,
-                          progress=progress)
+        result = classified(blocks, campaign, found, reference, others=others, settings=settings, rule=rule, jobs=runs,
+                            progress=progress)
+        return in_memory(result) if store is None else result
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -193,7 +204,7 @@ def identify_shard(
         if not n_left:
             found = physical_of(blocks, campaign, settings=settings, rule=rule, progress=progress)
             first = _followed(blocks, campaign, found, None, settings=settings, rule=rule, progress=progress)
-            wanted = _all_wanted(first.usable, first.chosen) if settings.sub_records else {}
+            wanted = _all_wanted(first.standing) if settings.sub_records else {}
             done = blocks.fill_deviations(wanted, jobs=runs, shard=shard, progress=progress)
             n_without = blocks.without_deviations(wanted)
     return ShardOfBlocks(shard=shard, identified=identified, with_deviations=done, n_block=len(blocks.starts),
@@ -257,23 +268,28 @@ def classified(
     """The second pass: from stored poles to the modes that were found in them, their deviations, and their names.
     every: a column for each, also for one that stands in no block (one setup of several)."""
     first = _followed(blocks, campaign, physical, reference, settings=settings, rule=rule, progress=progress)
-    found, usable, followed, chosen = first.found, first.usable, first.tracked, dict(first.chosen)
+    found, usable, followed, standing = first.found, first.usable, first.tracked, dict(first.standing)
     if settings.sub_records:
-        chosen |= _without_uncertain(blocks, usable, chosen, followed.centre_hz, settings.classifier, jobs, progress)
-        followed = replace(followed, choices=tuple(chosen[one.block.start] for one in usable))
-    sets = []
-    for one in found:
-        choice = chosen.get(one.block.start)
-        kept = blocks.read_deviations(one.block.start) if choice is not None and _wanted(one, choice) and \
-            settings.sub_records else None
-        sets.append(_modal_set(one, choice, physical.modes, kept))
+        standing |= _without_uncertain(blocks, first, settings.classifier, jobs, progress)
+        followed = replace(followed, choices=tuple(standing[one.block.start].choice for one in usable))
+    sets = [_modal_set(one, standing.get(one.block.start), physical.modes) for one in found]
     named = _named(sets, physical, reference, others, campaign, settings, every)
-    tables = [_pole_table(one, chosen[one.block.start], settings.order, named.names, reference) for one in usable]
-    sets = [_with_independence(s.of_modes(named.columns), one, chosen.get(one.block.start), named.names, physical.modes)
-            for s, one in zip(sets, found, strict=True)]
+    del sets
+    sets = []
+    for s, one in zip(named.sets, found, strict=True):
+        stands = standing.get(one.block.start)
+        if stands is None:
+            sets.append(s)
+            continue
+        deviation = None
+        if stands.keys and settings.sub_records:
+            keys = tuple(stands.key_of.get(int(j)) for j in named.columns)
+            deviation = StoredDeviation(read=partial(_deviation, blocks, one.block.start, keys))
+        sets.append(replace(s, environment=_with_independence(s, stands.choice, named.names, physical.modes),
+                            deviation=deviation))  # fmt: skip
     data = ModalData(channels=campaign.channels, sets=tuple(sets), labels=named.labels, records=named.records,
                      model_only=named.model_only)  # fmt: skip
-    poles = pd.concat(tables, ignore_index=True)
+    poles = _pole_table(usable, [standing[one.block.start].rows for one in usable], named.names, reference)
     remarks = [f"{b.id}: {text}" for b in (one.block for one in found) for text in (*b.notes, b.excluded) if text]
     said = (*physical.notes, *named.notes)
     centre = np.median(followed.centre_hz, axis=0)
@@ -283,40 +299,64 @@ def classified(
                    for label, k in zip(named.labels, named.columns, strict=True)},
         tracked=replace(followed, labels=named.names),
         notes=(*said, *remarks),
-        summary="\n".join([_summary([one.block for one in found], data, poles, campaign, rule), *said]),
+        summary="\n".join([_summary(found, data, poles, campaign, rule), *said]),
     )
+
+
+def in_memory(identification: Identification) -> Identification:
+    """The same with its covariance factors in memory, before the store goes that they are read from."""
+    sets = tuple(s if s.deviation is None else replace(s, deviation=s.deviation.loaded())
+                 for s in identification.data.sets)  # fmt: skip
+    return replace(identification, data=replace(identification.data, sets=sets))
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class _Followed:
-    """Every block held against the campaign's modes, those that can be used, the modes' paths through these, and the
-    poles chosen by start of the block."""
+    """Every block, those that can be used, the modes' paths through these, what stands for the modes in each by its
+    start, and how a block's stored poles are judged once more."""
 
     found: list[_Found]
     usable: list[_Found]
     tracked: Tracked
-    chosen: dict[pd.Timestamp, Choice]
+    standing: dict[pd.Timestamp, _Standing]
+    judge: Callable[[_Found], _Judged]
+    order: int
 
 
 def _followed(
     blocks: BlockStore, campaign: Campaign, physical: PhysicalModes, reference: ReferenceModes | None, *,
     settings: SSISettings, rule: StateRule, progress: Progress,
 ) -> _Followed:
-    found = []
+    # a year's poles are gigabytes: a block is held against the modes twice, for its votes and for its choice
+    judge = partial(_held_against, blocks, campaign, physical.modes, reference, settings)
+    found, votes = [], []
     for number, start in enumerate(blocks.starts):
-        progress("classifying modes", number, len(blocks.starts))
-        found.append(_held_against(blocks.read(start), campaign, physical.modes, reference, settings, rule))
-    progress("classifying modes", len(blocks.starts), len(blocks.starts))
-    usable = [one for one in found if one.judged is not None]
-    tracked = tracking.track([one.judged for one in usable], settings.classifier)
-    chosen = {one.block.start: choice for one, choice in zip(usable, tracked.choices, strict=True)}
-    return _Followed(found=found, usable=usable, tracked=tracked, chosen=chosen)
+        progress("classifying modes", number, 2 * len(blocks.starts))
+        block = blocks.read(start)
+        slim = replace(block, poles=None, others=(), line_hz=NOTHING, spectrum=NOTHING)
+        one = _Found(block=slim, environment=_environment(block, campaign, rule), usable=block.poles is not None)
+        found.append(one)
+        if one.usable:
+            votes.append(tracking.votes_of(judge(one, block).poles, settings.classifier))
+    usable = [one for one in found if one.usable]
+    centre, support = tracking.paths(votes, physical.modes, settings.classifier)
+    del votes
+    standing = {}
+    for number, (one, row) in enumerate(zip(usable, centre, strict=True)):
+        progress("classifying modes", len(found) + number, len(found) + len(usable))
+        judged = judge(one)
+        choice = tracking.choose(judged.poles, row, settings.classifier)
+        standing[one.block.start] = _standing(judged, choice, settings.order)
+    progress("classifying modes", 2 * len(blocks.starts), 2 * len(blocks.starts))
+    tracked = Tracked(labels=physical.modes.labels, choices=tuple(stands.choice for stands in standing.values()),
+                      centre_hz=frozen_array(centre), support=frozen_array(support))  # fmt: skip
+    return _Followed(found=found, usable=usable, tracked=tracked, standing=standing, judge=judge, order=settings.order)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class _Named:
     """names: of every physical mode, '' for one that is left out; columns: of the result, by place among the physical
-    modes, -1 for a mode of interest that was not found; labels and records of the columns."""
+    modes, -1 for a mode of interest that was not found; labels, records and sets of the columns."""
 
     names: tuple[str, ...]
     columns: tuple[int, ...]
@@ -324,6 +364,20 @@ class _Named:
     records: tuple[ModeRecord, ...]
     model_only: tuple[ModelMode, ...]
     notes: tuple[str, ...]
+    sets: list[ModalSet]
+
+
+class _Each(Sequence):
+    """What a function gives for 0, 1, ..., made when it is asked for."""
+
+    def __init__(self, function: Callable[[int], object], count: int):
+        self._function, self._count = function, count
+
+    def __len__(self) -> int:
+        return self._count
+
+    def __getitem__(self, number):
+        return self._function(range(self._count)[number])
 
 
 def _named(
@@ -346,7 +400,10 @@ def _named(
     if reference is not None:
         model = reference if others is None else reference.joined(others)
         wanted = reference.labels
-        turned_to = [turned(model, campaign.sensors, fore_aft_deg(s.environment, campaign)) for s in sets]
+        # asked for some hundred blocks, of each mode for nearly the same
+        at_block = lru_cache(maxsize=512)(
+            lambda k: turned(model, campaign.sensors, fore_aft_deg(sets[k].environment, campaign)))  # fmt: skip
+        turned_to = _Each(at_block, len(sets))
         pairs = [pair for pair in physical.modes.pairs if seen[list(pair)].all()]
         like = likenesses([s.of_modes(np.where(seen, np.arange(n_mode), -1)) for s in sets], pairs, turned_to)
         partner, probability = paired(like, model)
@@ -358,8 +415,9 @@ def _named(
     labels = (*wanted, *numbers)
     in_pair = {i for pair in physical.modes.pairs for i in pair}
     of_column = {k: j for k, j in enumerate(columns) if j >= 0}
+    own = [s.of_modes(columns) for s in sets]
     records = mode_records(
-        [s.of_modes(columns) for s in sets], labels, like=None if like is None else like.at(columns),
+        own, labels, like=None if like is None else like.at(columns),
         partner={k: partner[j] for k, j in of_column.items() if j in partner},
         probability=None if probability is None else probability[list(columns)] * (np.array(columns) >= 0)[:, None],
         model=model, in_pair={k for k, j in of_column.items() if j in in_pair}, settings=settings.classifier)
@@ -370,7 +428,7 @@ def _named(
         notes += sentences(records, lacking, wanted)
     name = dict(zip(columns, labels, strict=True))
     return _Named(names=tuple(name.get(j, "") for j in range(n_mode)), columns=columns, labels=labels, records=records,
-                  model_only=lacking, notes=tuple(notes))
+                  model_only=lacking, notes=tuple(notes), sets=own)
 
 
 def modal_data(identification: Identification) -> ModalData:
@@ -386,15 +444,40 @@ def fore_aft_deg(environment: Mapping, campaign: Campaign) -> float:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class _Found:
-    """A stored block, without its spectrum and the poles of other orders, and, unless it was excluded, its poles held
-    against the campaign's modes: `judged` with these turned to where the nacelle looked; `single` and `paper` as the
-    paper has it, against the model as it is (without a model, against the campaign's modes)."""
+    """A stored block without its poles and its spectrum, which stay on the disk; usable: it was not excluded."""
 
     block: BlockPoles
     environment: dict
-    judged: JudgedPoles | None = None
-    single: Likeness | None = None
-    paper: np.ndarray | None = None
+    usable: bool
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _Judged:
+    """A block's poles held against the campaign's modes, which are turned to where the nacelle looked; `single` and
+    `paper` as the paper has it, against the model as it is (without a model, against the campaign's modes)."""
+
+    poles: JudgedPoles
+    single: Likeness
+    paper: np.ndarray
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _Standing:
+    """What is kept of a block's poles: the choice; of the poles that stand for modes frequency_hz, damping_ratio
+    (n_mode,), shape (n_channel, n_mode), NaN where none does; keys: (model order, index within its poles) -> place in the
+    block's stack; key_of: mode -> key; rows of the table of poles, the mode as its number."""
+
+    choice: Choice
+    frequency_hz: np.ndarray
+    damping_ratio: np.ndarray
+    shape: np.ndarray
+    keys: dict[tuple[int, int], int]
+    rows: dict[str, np.ndarray]
+
+    @property
+    def key_of(self) -> dict[int, tuple[int, int]]:
+        place = {pole: key for key, pole in self.keys.items()}
+        return {int(j): place[int(p)] for j, p in enumerate(self.choice.pole) if p >= 0}
 
 
 def pole_stack(block: BlockPoles, settings: SSISettings) -> PoleStack:
@@ -403,79 +486,96 @@ def pole_stack(block: BlockPoles, settings: SSISettings) -> PoleStack:
 
 
 def _held_against(
-    block: BlockPoles, campaign: Campaign, modes: ReferenceModes, model: ReferenceModes | None, settings: SSISettings,
-    rule: StateRule,
-) -> _Found:
-    environment = _environment(block, campaign, rule)
-    # the stack holds the poles that are asked again; a campaign has thousands of blocks
-    slim = replace(block, others=(), line_hz=NOTHING, spectrum=NOTHING)
-    if block.poles is None:
-        return _Found(block=slim, environment=environment)
+    blocks: BlockStore, campaign: Campaign, modes: ReferenceModes, model: ReferenceModes | None, settings: SSISettings,
+    one: _Found, block: BlockPoles | None = None,
+) -> _Judged:
+    """`block` if it was read already."""
+    block = block or blocks.read(one.block.start)
     stack = pole_stack(block, settings)
-    here = turned(modes, campaign.sensors, fore_aft_deg(environment, campaign))
+    here = turned(modes, campaign.sensors, fore_aft_deg(one.environment, campaign))
     like = rules.likeness(stack, here)
-    bands = rules.rotor_bands(environment, settings.classifier)
+    bands = rules.rotor_bands(one.environment, settings.classifier)
     judged = JudgedPoles(
         id=block.id, poles=stack, likeness=like, bands=bands, reference=here,
         verdict=rules.block_criteria(stack, like, here, settings.classifier),
     )
     single = like if model is None else rules.likeness(stack, model, like.stability)
-    paper = rules.paper_criteria(stack, single, bands, settings.classifier)
-    return _Found(block=slim, environment=environment, judged=judged, single=single, paper=paper)
+    return _Judged(poles=judged, single=single, paper=rules.paper_criteria(stack, single, bands, settings.classifier))
 
 
 def _without_uncertain(
-    blocks: BlockStore, usable: list[_Found], chosen: dict, centre_hz: np.ndarray, settings: ClassifierSettings,
-    jobs: int | Executor, progress: Progress,
-) -> dict[pd.Timestamp, Choice]:
-    """Choices again in blocks where a chosen pole's deviations are beyond the classifier's limits; start -> choice.
+    blocks: BlockStore, first: _Followed, settings: ClassifierSettings, jobs: int | Executor, progress: Progress,
+) -> dict[pd.Timestamp, _Standing]:
+    """What stands again in blocks where a chosen pole's deviations are beyond the classifier's limits, by start.
 
     Deviations are computed of chosen poles only; each round takes poles away, so that it ends.
     """
-    judged = {one.block.start: one.judged for one in usable}
-    centre = {one.block.start: row for one, row in zip(usable, centre_hz, strict=True)}
-    known = {start: [np.full(len(j.poles.order), np.nan) for _ in range(2)] for start, j in judged.items()}
-    todo, again = dict(chosen), {}
+    place = {one.block.start: k for k, one in enumerate(first.usable)}
+    known: dict[pd.Timestamp, dict[int, tuple[float, float]]] = {}
+    todo, again = dict(first.standing), {}
     while todo:
-        wanted = _all_wanted(usable, todo)
+        wanted = _all_wanted(todo)
         blocks.fill_deviations(wanted, jobs=jobs, progress=progress)
-        todo = {}
-        for start, keys in wanted.items():
-            kept, one = blocks.read_deviations(start), judged[start]
-            for (order, index), pole in keys.items():
-                row = kept.key.index((order, index))
-                known[start][0][pole] = np.linalg.norm(kept.ln_frequency[row])
-                known[start][1][pole] = np.linalg.norm(kept.damping_ratio[row])
-            verdict = rules.block_criteria(one.poles, one.likeness, one.reference, settings,
-                                           ln_frequency_std=known[start][0], damping_std=known[start][1])
-            if np.any((verdict != one.verdict)[list(keys.values())]):
-                judged[start] = replace(one, verdict=verdict)
-                again[start] = todo[start] = tracking.choose(judged[start], centre[start], settings)
+        before, todo = todo, {}
+        for start in wanted:
+            kept, found = blocks.read_deviations(start), {}
+            for key, pole in before[start].keys.items():
+                row = kept.key.index(key)
+                found[pole] = (float(np.linalg.norm(kept.ln_frequency[row])),
+                               float(np.linalg.norm(kept.damping_ratio[row])))  # fmt: skip
+            if all(f <= settings.frequency_std and zeta <= settings.damping_std for f, zeta in found.values()):
+                continue
+            known[start] = known.get(start, {}) | found
+            judged = first.judge(first.usable[place[start]])
+            std = np.full((2, len(judged.poles.poles.order)), np.nan)
+            std[:, list(known[start])] = np.array(list(known[start].values())).T
+            verdict = rules.block_criteria(judged.poles.poles, judged.poles.likeness, judged.poles.reference, settings,
+                                           ln_frequency_std=std[0], damping_std=std[1])
+            judged = replace(judged, poles=replace(judged.poles, verdict=verdict))
+            choice = tracking.choose(judged.poles, first.tracked.centre_hz[place[start]], settings)
+            again[start] = todo[start] = _standing(judged, choice, first.order)
     return again
 
 
-def _all_wanted(usable: list[_Found], chosen: Mapping[pd.Timestamp, Choice]) -> dict[pd.Timestamp, dict]:
-    """Start of a block -> poles that stand for modes in it (`_wanted`), of blocks that have any."""
-    by_start = {one.block.start: one for one in usable}
-    return {start: keys for start, choice in chosen.items() if (keys := _wanted(by_start[start], choice))}
+def _all_wanted(standing: Mapping[pd.Timestamp, _Standing]) -> dict[pd.Timestamp, tuple[tuple[int, int], ...]]:
+    """Start of a block -> keys of the poles that stand for modes in it, of blocks that have any."""
+    return {start: tuple(stands.keys) for start, stands in standing.items() if stands.keys}
 
 
-def _wanted(one: _Found, choice: Choice) -> dict[tuple[int, int], int]:
-    """(model order, index within its poles) -> place in the block's stack, of the poles that stand for modes."""
-    order = one.judged.poles.order
-    return {(int(order[p]), int(p - np.argmax(order == order[p]))): int(p) for p in choice.pole if p >= 0}
+def _standing(judged: _Judged, choice: Choice, chosen_order: int) -> _Standing:
+    poles, like = judged.poles.poles, judged.poles.likeness
+    n_mode = len(choice.pole)
+    frequency, damping = np.full(n_mode, np.nan), np.full(n_mode, np.nan)
+    shape = np.full((len(poles.shape), n_mode), np.nan + 0j)
+    there = np.flatnonzero(choice.pole >= 0)
+    taken = choice.pole[there]
+    frequency[there], damping[there] = poles.frequency_hz[taken], poles.damping_ratio[taken]
+    shape[:, there] = unit_largest(poles.shape[:, taken])
+    keys = {(int(poles.order[p]), int(p - np.argmax(poles.order == poles.order[p]))): int(p) for p in taken}
+    # the number of the mode that a pole stands for, else of the one that it is most like, told by a minus
+    mode = -1 - judged.single.best_mode
+    mode[taken] = there
+    shown = (poles.order == chosen_order) | (choice.criterion == rules.KEPT)
+    rows = {
+        "frequency_hz": poles.frequency_hz, "damping_ratio": poles.damping_ratio, "mpc": like.mpc,
+        "mac": judged.single.best_mac, "mode": mode, "similarity": like.similarity.max(axis=1),
+        "stability": like.stability, "criterion": choice.criterion, "paper_criterion": judged.paper, "order": poles.order,
+    }  # fmt: skip
+    return _Standing(choice=choice, frequency_hz=frequency, damping_ratio=damping, shape=shape, keys=keys,
+                     rows={name: value[shown] for name, value in rows.items()})
 
 
-def _deviation(one: _Found, choice: Choice, kept: BlockDeviations) -> ModalDeviation:
-    """Columns of every mode; NaN for one that was not found."""
-    n_column = kept.ln_frequency.shape[1]
-    ln_frequency, damping = (np.full((len(choice.pole), n_column), np.nan) for _ in range(2))
-    shape = np.full((kept.shape.shape[0], len(choice.pole), n_column), np.nan + 0j)
-    keys = {pole: key for key, pole in _wanted(one, choice).items()}
-    for mode in np.flatnonzero(choice.pole >= 0):
-        row = kept.key.index(keys[int(choice.pole[mode])])
-        ln_frequency[mode], damping[mode] = kept.ln_frequency[row], kept.damping_ratio[row]
-        shape[:, mode] = kept.shape[:, row]
+def _deviation(blocks: BlockStore, start: pd.Timestamp, keys: Sequence[tuple[int, int] | None]) -> ModalDeviation:
+    """Columns of the modes whose poles are named by `keys`; NaN for one that was not found."""
+    kept = blocks.read_deviations(start)
+    n_mode, n_column = len(keys), kept.ln_frequency.shape[1]
+    ln_frequency, damping = (np.full((n_mode, n_column), np.nan) for _ in range(2))
+    shape = np.full((kept.shape.shape[0], n_mode, n_column), np.nan + 0j)
+    for mode, key in enumerate(keys):
+        if key is not None:
+            row = kept.key.index(key)
+            ln_frequency[mode], damping[mode] = kept.ln_frequency[row], kept.damping_ratio[row]
+            shape[:, mode] = kept.shape[:, row]
     return ModalDeviation(ln_frequency=ln_frequency, damping_ratio=damping, shape=shape)
 
 
@@ -495,54 +595,45 @@ def _environment(block: BlockPoles, campaign: Campaign, rule: StateRule) -> dict
     return conditions
 
 
-def _modal_set(
-    one: _Found, choice: Choice | None, reference: ReferenceModes, kept: BlockDeviations | None
-) -> ModalSet:
+def _modal_set(one: _Found, stands: _Standing | None, reference: ReferenceModes) -> ModalSet:
+    """A column a mode of the campaign, without deviations."""
     n_channel, n_mode = reference.shape.shape
-    frequency, damping = np.full(n_mode, np.nan), np.full(n_mode, np.nan)
-    shape = np.full((n_channel, n_mode), np.nan + 0j)
-    if choice is not None:
-        poles = one.judged.poles
-        there = np.flatnonzero(choice.pole >= 0)
-        taken = choice.pole[there]
-        frequency[there], damping[there] = poles.frequency_hz[taken], poles.damping_ratio[taken]
-        shape[:, there] = unit_largest(poles.shape[:, taken])
-    return ModalSet(id=one.block.id, frequency_hz=frequency, damping_ratio=damping, shape=shape,
-                    frequency_std_hz=np.full(n_mode, np.nan), shape_std=np.full((n_channel, n_mode), np.nan),
-                    environment=one.environment, deviation=None if kept is None else _deviation(one, choice, kept))
+    nothing = np.full(n_mode, np.nan)
+    return ModalSet(
+        id=one.block.id, frequency_hz=nothing if stands is None else stands.frequency_hz,
+        damping_ratio=nothing if stands is None else stands.damping_ratio,
+        shape=np.full((n_channel, n_mode), np.nan + 0j) if stands is None else stands.shape,
+        frequency_std_hz=nothing, shape_std=np.full((n_channel, n_mode), np.nan), environment=one.environment)
 
 
-def _with_independence(
-    s: ModalSet, one: _Found, choice: Choice | None, names: tuple[str, ...], modes: ReferenceModes
-) -> ModalSet:
-    """How far the two poles of each pair are apart in their plane, under the names that the pair got."""
-    if choice is None:
-        return s
+def _with_independence(s: ModalSet, choice: Choice, names: tuple[str, ...], modes: ReferenceModes) -> dict:
+    """The set's conditions, and how far the two poles of each pair are apart in their plane, under the names that the
+    pair got."""
     known = {}
     for g, group in enumerate(modes.groups):
         if len(group) > 1 and all(names[i] for i in group):
             # fore-aft first, and numbers ascending
             known["independence_" + "_".join(sorted(names[i] for i in group))] = float(choice.independence[g])
-    return replace(s, environment=dict(s.environment) | known)
+    return dict(s.environment) | known
 
 
 def _pole_table(
-    one: _Found, choice: Choice, order: int, names: tuple[str, ...], model: ReferenceModes | None
+    usable: Sequence[_Found], rows: Sequence[Mapping[str, np.ndarray]], names: tuple[str, ...],
+    model: ReferenceModes | None,
 ) -> pd.DataFrame:
-    poles, like = one.judged.poles, one.judged.likeness
-    mode = np.array(names if model is None else model.labels, dtype=object)[one.single.best_mode]
-    there = choice.pole >= 0
-    mode[choice.pole[there]] = np.array(names, dtype=object)[there]
-    table = pd.DataFrame({
-        "time": one.block.start, "frequency_hz": poles.frequency_hz, "damping_ratio": poles.damping_ratio,
-        "mpc": like.mpc, "mac": one.single.best_mac, "mode": mode, "similarity": like.similarity.max(axis=1),
-        "stability": like.stability, "criterion": choice.criterion, "paper_criterion": one.paper, "order": poles.order,
-    })
-    return table[(table["order"] == order) | (table["criterion"] == rules.KEPT)]
+    """Poles of the chosen order and those that stand for modes, of every block."""
+    columns: dict[str, object] = {
+        "time": pd.DatetimeIndex([one.block.start for one in usable]).repeat([len(r["order"]) for r in rows])}  # fmt: skip
+    for name in rows[0]:
+        columns[name] = np.concatenate([r[name] for r in rows])
+    known = np.array(names if model is None else model.labels, dtype=object)
+    stands, mode = np.array(names, dtype=object), columns["mode"]
+    columns["mode"] = np.where(mode >= 0, stands[np.maximum(mode, 0)], known[np.maximum(-1 - mode, 0)])
+    return pd.DataFrame(columns)
 
 
-def _summary(found: list[BlockPoles], data: ModalData, poles: pd.DataFrame, campaign: Campaign, rule: StateRule) -> str:
-    used = [one for one in found if one.poles is not None]
+def _summary(every: list[_Found], data: ModalData, poles: pd.DataFrame, campaign: Campaign, rule: StateRule) -> str:
+    found, used = [one.block for one in every], [one for one in every if one.usable]
     lines = [f"{len(used)} of {len(found)} blocks identified, {len(poles)} poles"]
     other = Counter(s.quantity for s in campaign.sensors if s.quantity != common_quantity(campaign.sensors))
     lines += [f"{n} channels of {name} were converted to acceleration" for name, n in other.items()]

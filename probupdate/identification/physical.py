@@ -23,7 +23,8 @@ from scipy.spatial.distance import squareform
 from probupdate.errors import InputError
 from probupdate.identification.classification import ClassifierSettings, PoleStack, within
 from probupdate.identification.reference import ReferenceModes, along_axes, heading_of_motion
-from probupdate.modes import Sensor, frozen_array, mac, rotate_to_real, subspace_mac
+from probupdate.modal.modes import Sensor, mac, rotate_to_real, subspace_mac
+from probupdate.runtime.arrays import frozen_array
 
 # one mode at several orders of a block: frequency within 1 % and MAC of 0.9, or a sum of shares of both
 TWIN_FREQUENCY, TWIN_MAC = 0.01, 0.90

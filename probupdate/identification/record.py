@@ -24,7 +24,8 @@ from probupdate.identification.uncertainty import (
     pole_deviations,
     sub_record_covariances,
 )
-from probupdate.modes import ModalDeviation, frozen_array, mac, unit_largest
+from probupdate.modal.modes import ModalDeviation, mac, unit_largest
+from probupdate.runtime.arrays import frozen_array
 
 
 # what the identification of one record may take in memory, and how few combinations of channels are still worth it

@@ -7,7 +7,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from probupdate.errors import InputError
-from probupdate.modes import Sensor, frozen_array
+from probupdate.modal.modes import Sensor
+from probupdate.runtime.arrays import frozen_array
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

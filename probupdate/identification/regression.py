@@ -15,9 +15,10 @@ import numpy as np
 import pandas as pd
 
 from probupdate.errors import InputError
-from probupdate.files import write_table
-from probupdate.modes import ModalData, frozen_array
-from probupdate.result_table import with_units
+from probupdate.io.files import write_table
+from probupdate.io.result_table import with_units
+from probupdate.modal.modes import ModalData
+from probupdate.runtime.arrays import frozen_array
 
 COVARIATES = ("wind_speed_mps", "rotor_speed_rpm", "air_temperature_c", "water_level_m", "rms_mps2")
 # a covariate known in fewer blocks than this share of the mode's is left out, rather than the blocks

@@ -16,9 +16,10 @@ import pandas as pd
 from scipy import special
 
 from probupdate.errors import InputError
-from probupdate.files import write_table
 from probupdate.identification.uncertainty import scaled_deviation
-from probupdate.modes import (
+from probupdate.io.files import write_table
+from probupdate.io.result_table import with_units
+from probupdate.modal.modes import (
     ModalData,
     ModalDeviation,
     ModalSet,
@@ -28,7 +29,6 @@ from probupdate.modes import (
     unit_largest,
     write_modes,
 )
-from probupdate.result_table import with_units
 
 # without labels of a model: modes of two setups are one if they are this close and alike at the references
 SAME_FREQUENCY, SAME_MAC = 0.04, 0.80

@@ -10,7 +10,6 @@ import pandas as pd
 
 from probupdate.campaign.scada import StateRule, block_conditions, with_rated_power
 from probupdate.errors import InputError
-from probupdate.files import write_table
 from probupdate.identification.criteria import (
     SelectionCriteria,
     condition_tests,
@@ -19,8 +18,9 @@ from probupdate.identification.criteria import (
     perpendicular_pairs,
     required_modes,
 )
-from probupdate.modes import ModalData, ModalSet, plane_mac, write_modes
-from probupdate.result_table import with_units
+from probupdate.io.files import write_table
+from probupdate.io.result_table import with_units
+from probupdate.modal.modes import ModalData, ModalSet, plane_mac, write_modes
 
 PAPER_COV = {"FA1": 0.015, "SS1": 0.015, "FA2": 0.017, "SS2": 0.017}
 # where the deviations that a kept set carries come from

@@ -14,7 +14,6 @@ import numpy as np
 from probupdate.campaign.reading import Campaign
 from probupdate.campaign.scada import StateRule, with_rated_power
 from probupdate.errors import InputError
-from probupdate.executors import Executor, executor
 from probupdate.identification.block_store import BlockStore
 from probupdate.identification.counterparts import (
     Likenesses,
@@ -24,7 +23,7 @@ from probupdate.identification.counterparts import (
     paired,
     sentences,
 )
-from probupdate.identification.identify import SSISettings, classified, passed_hz, pole_stack
+from probupdate.identification.identify import SSISettings, classified, in_memory, passed_hz, pole_stack
 from probupdate.identification.physical import (
     Candidates,
     PersistenceSettings,
@@ -37,8 +36,9 @@ from probupdate.identification.physical import (
 from probupdate.identification.preprocessing import PASS_SHARE
 from probupdate.identification.reference import ReferenceModes
 from probupdate.identification.roving import Merged, Setup, common_channels, merge_setups
-from probupdate.modes import rotate_to_real
-from probupdate.progress import Progress, silent
+from probupdate.modal.modes import rotate_to_real
+from probupdate.runtime.executors import Executor, executor
+from probupdate.runtime.progress import Progress, silent
 
 
 def identify_setups(
@@ -92,7 +92,7 @@ def identify_setups(
             result = classified(stores[k], campaign, own, None, settings=settings, rule=rule, jobs=runs,
                                 progress=progress, every=True)  # fmt: skip
             columns = [place.get(j, -1) for j in range(len(found.modes.labels))]
-            data = replace(result.data, sets=tuple(s.of_modes(columns) for s in result.data.sets), records=(),
+            data = replace(result.data, sets=tuple(s.of_modes(columns) for s in in_memory(result).data.sets), records=(),
                            labels=found.modes.labels)  # fmt: skip
             setups.append(Setup(name=name, sensors=campaign.sensors, data=data))
     if reference is None:

@@ -12,7 +12,8 @@ import numpy as np
 from scipy import fft, linalg
 
 from probupdate.errors import InputError
-from probupdate.modes import frozen_array, mac
+from probupdate.modal.modes import mac
+from probupdate.runtime.arrays import frozen_array
 
 # relative to the largest: below it a singular value is rounding; where there are any below SMALL, those below SPLIT are
 # found by themselves

@@ -17,7 +17,8 @@ from probupdate.errors import InputError
 from probupdate.identification import classification as rules
 from probupdate.identification.classification import ClassifierSettings, Likeness, PoleStack
 from probupdate.identification.reference import ReferenceModes
-from probupdate.modes import frozen_array, mac, pair_by_mac
+from probupdate.modal.modes import mac, pair_by_mac
+from probupdate.runtime.arrays import frozen_array
 
 # grid of ln f; width of a vote; what a block without any vote for a place is worth beside one with all of them; cost
 # of a unit of ln f: a move of 1 % asks for a third of a block's full support, so 8 % are believed after three blocks
@@ -64,27 +65,52 @@ class Tracked:
     support: np.ndarray
 
 
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Votes:
+    """One block's votes on where the modes lie: per mode places ln f and weights (n,) of the poles that vote. clear:
+    without what lies where the rotor's multiples passed; every: with it."""
+
+    clear: tuple[tuple[np.ndarray, np.ndarray], ...]
+    every: tuple[tuple[np.ndarray, np.ndarray], ...]
+
+
+def votes_of(block: JudgedPoles, settings: ClassifierSettings) -> Votes:
+    """What `paths` needs of a block, a hundredth of its poles."""
+    both = []
+    for swept in (False, True):
+        place, weight = _votes(block, settings, swept=swept)
+        both.append(tuple((place[w > 0], w[w > 0]) for w in weight.T))
+    return Votes(clear=both[0], every=both[1])
+
+
 def track(blocks: Sequence[JudgedPoles], settings: ClassifierSettings) -> Tracked:
     """Follow every mode over the blocks, which are in the order of time, and choose its pole in each."""
     if not blocks:
         raise InputError("tracking", "there is no block", "identify at least one")
-    labels = blocks[0].reference.labels
-    n_mode = len(labels)
-    centre, support = np.full((len(blocks), n_mode), np.nan), np.zeros((len(blocks), n_mode))
-    clear = [_votes(block, settings, swept=False) for block in blocks]
-    every = [_votes(block, settings, swept=True) for block in blocks]
+    centre, support = paths([votes_of(block, settings) for block in blocks], blocks[0].reference, settings)
+    choices = tuple(choose(block, centre[k], settings) for k, block in enumerate(blocks))
+    return Tracked(labels=blocks[0].reference.labels, choices=choices, centre_hz=frozen_array(centre),
+                   support=frozen_array(support))
+
+
+def paths(
+    votes: Sequence[Votes], reference: ReferenceModes, settings: ClassifierSettings
+) -> tuple[np.ndarray, np.ndarray]:
+    """Where each mode of `reference` lies from block to block, Hz, and the support there: centre_hz and support (n_block,
+    n_mode) of `Tracked`."""
+    n_mode = len(reference.labels)
+    centre, support = np.full((len(votes), n_mode), np.nan), np.zeros((len(votes), n_mode))
     for j in range(n_mode):
-        low, high = _window(blocks[0].reference, j, settings)
+        low, high = _window(reference, j, settings)
         # a mode that lies where the rotor's multiples pass in nearly every block would else be lost
-        hidden = sum(w[:, j].sum() for _, w in clear) < LEAST_CLEAR * sum(w[:, j].sum() for _, w in every)
-        votes = every if hidden else clear
-        path = follow([(x, w[:, j]) for x, w in votes], low, high)
+        hidden = sum(v.clear[j][1].sum() for v in votes) < LEAST_CLEAR * sum(v.every[j][1].sum() for v in votes)
+        own = [(v.every if hidden else v.clear)[j] for v in votes]
+        path = follow(own, low, high)
         if path is not None:
             centre[:, j] = np.exp(path)
-            for k, (x, w) in enumerate(votes):
-                support[k, j] = np.sum(w[np.abs(x - path[k]) <= settings.cluster, j])
-    choices = tuple(choose(block, centre[k], settings) for k, block in enumerate(blocks))
-    return Tracked(labels=labels, choices=choices, centre_hz=frozen_array(centre), support=frozen_array(support))
+            for k, (x, w) in enumerate(own):
+                support[k, j] = np.sum(w[np.abs(x - path[k]) <= settings.cluster])
+    return centre, support
 
 
 def _window(reference: ReferenceModes, mode: int, settings: ClassifierSettings) -> tuple[float, float]:

@@ -23,7 +23,7 @@ from probupdate.identification.ssi import (
     product_sums,
     realisations,
 )
-from probupdate.modes import ModalDeviation
+from probupdate.modal.modes import ModalDeviation
 
 # two squared singular values that differ by less than so many times their rounding have no vectors of their own, and
 # what depends on them has no derivative

@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 
 from probupdate.errors import InputError, parsing
-from probupdate.files import named_within
+from probupdate.io.files import named_within
 from probupdate.io.fortran_text import number, read_lines, unquoted, words
-from probupdate.modes import frozen_array
+from probupdate.runtime.arrays import frozen_array
 
 # keys a rigid rotor-nacelle assembly is made of
 NACELLE = ("NacMass", "NacCMxn", "NacCMyn", "NacCMzn", "NacYIner", "YawBrMass", "Twr2Shft", "OverHang", "ShftTilt",

@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from probupdate.errors import InputError
-from probupdate.files import read_bytes, write_bytes
+from probupdate.io.files import read_bytes, write_bytes
 
 # a quoted word, or what stands between blanks and commas
 WORD = re.compile(r"\"[^\"]*\"|'[^']*'|[^\s,\"']+")

@@ -10,7 +10,7 @@ import numpy as np
 
 from probupdate.errors import InputError
 from probupdate.io.fortran_text import number, read_lines, replaced, unquoted, words, write_lines
-from probupdate.modes import frozen_array
+from probupdate.runtime.arrays import frozen_array
 
 AXES = ("x", "y", "z", "tx", "ty", "tz")
 # SubDyn's own names: the upper triangle, column by column; of Kxy there is no Kyx

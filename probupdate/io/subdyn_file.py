@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import NoReturn
 
 from probupdate.errors import InputError
-from probupdate.files import named_within
+from probupdate.io.files import named_within
 from probupdate.io.fortran_text import integer, logical, number, read_lines, replaced, unquoted, words, write_lines
 from probupdate.io.ssi_file import SsiFile, read_ssi, write_ssi
 
@@ -337,8 +337,8 @@ def _joints(r: _Reader) -> tuple[tuple[Joint, ...], bool]:
             r.fail(f"joint {id} is revolute about no axis", "give JointDirX, JointDirY, JointDirZ", line)
         if kind == "cantilever" and values[8] > 0:
             r.fail(f"joint {id} is rigid and has a stiffness of {values[8]:g}", "write 0; SubDyn refuses it too", line)
-        joints.append(Joint(id=id, position_m=tuple(values[1:4]), kind=kind, direction=tuple(values[5:8]),
-                            stiffness=values[8], line=line))  # fmt: skip
+        joints.append(Joint(id=id, position_m=(values[1], values[2], values[3]), kind=kind,
+                            direction=(values[5], values[6], values[7]), stiffness=values[8], line=line))  # fmt: skip
     return tuple(joints), old
 
 
@@ -349,7 +349,8 @@ def _reactions(r: _Reader, notes: list[str]) -> tuple[Reaction, ...]:
         flags = []
         for word in found[1:7]:
             flag = integer(word)
-            flag = int(logical(word)) if flag is None and logical(word) is not None else flag
+            if flag is None and (said := logical(word)) is not None:
+                flag = int(said)
             if flag not in (0, 1):
                 r.fail(f"'{word}' is no flag of joint {id}", "write 1 (held) or 0 (free)", line)
             flags.append(bool(flag))

@@ -19,7 +19,7 @@ def as_v5(file: SubDynFile) -> SubDynFile:
         return file
     lines: list[str | None] = list(file.lines)
     inserted: dict[int, list[str]] = {}
-    for k, line in enumerate(lines[: file.joints[0].line]):
+    for k, line in enumerate(file.lines[: file.joints[0].line]):
         found = words(line)
         if len(found) > 1 and found[1].upper() in OLD_LINES and logical(found[0]) is not None:
             lines[k] = None

@@ -1,0 +1,4 @@
+"""From a posterior to the lifetime: draws, superelements, stresses at hot spots, fatigue, reliability."""
+
+# what other rooms and users import; the other modules are this room's own
+__all__ = ["conditions", "draws", "export", "fatigue_files", "reliability", "spectral", "stress", "superelement"]

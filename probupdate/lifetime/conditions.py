@@ -15,7 +15,7 @@ import numpy as np
 from pydantic import Field, Strict, ValidationError
 
 from probupdate.errors import InputError
-from probupdate.files import read_toml
+from probupdate.io.files import read_toml
 from probupdate.lifetime.spectral import Curve
 from probupdate.structure.schema import NotNegative, Number, Positive, Table, nearest
 

@@ -15,10 +15,10 @@ import numpy as np
 from probupdate.errors import InputError
 from probupdate.lifetime import efthymiou
 from probupdate.lifetime.conditions import Conditions, Efthymiou, Factors, Sides
-from probupdate.modes import frozen_array
+from probupdate.runtime.arrays import frozen_array
 from probupdate.structure.beam import Tube
-from probupdate.structure.description import nearest
 from probupdate.structure.frame import Beam, Frame
+from probupdate.structure.schema import nearest
 
 PLACES = 8
 SAME_POINT_M = 1e-6

@@ -9,9 +9,9 @@ import numpy as np
 from scipy import stats
 
 from probupdate.errors import InputError, parsing
-from probupdate.files import read_json_table
-from probupdate.modes import frozen_array
-from probupdate.schema import checked_table
+from probupdate.io.files import read_json_table
+from probupdate.io.schema import checked_table
+from probupdate.runtime.arrays import frozen_array
 
 # points of a marginal's quantile function
 LEVELS = 201

@@ -20,24 +20,24 @@ import numpy as np
 
 from probupdate import __version__
 from probupdate.errors import InputError
-from probupdate.estimators.posterior_file import Posterior
-from probupdate.files import read_bytes, read_json, read_text, write_arrays, write_json, write_text
 from probupdate.io.elastodyn_file import named_files
+from probupdate.io.files import read_bytes, read_json, read_text, write_arrays, write_json, write_text
 from probupdate.io.fortran_text import read_lines, write_lines
+from probupdate.io.result_table import table_of
 from probupdate.io.subdyn_file import SubDynFile, read_subdyn, write_subdyn
 from probupdate.lifetime.draws import Joint, equal_draws, joint_of
 from probupdate.lifetime.superelement import READ_BACK, superelement, write_superelement
 from probupdate.lifetime.tables import read_table
-from probupdate.mode_labels import mode_character
-from probupdate.model import ModalSolution, Model
-from probupdate.modes import ModalData
-from probupdate.progress import Progress, silent
-from probupdate.result_table import table_of
+from probupdate.modal.labels import mode_character
+from probupdate.modal.modes import ModalData
+from probupdate.model.interface import ModalSolution, Model
+from probupdate.runtime.progress import Progress, silent
 from probupdate.structure.load import load_model, matrices_file, model_sensors
 from probupdate.structure.matrices import read_archive
 from probupdate.structure.parameter_table import read_toml
 from probupdate.structure.subdyn_model import beside, is_subdyn, subdyn_model
 from probupdate.structure.subdyn_values import applied, unspeakable
+from probupdate.updating.posterior_file import Posterior
 
 if TYPE_CHECKING:
     import pandas as pd

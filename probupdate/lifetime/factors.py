@@ -2,7 +2,7 @@
 
 ln X is linear about the posterior's maximum in the parameters (slope a) and in what the model states and nobody knows,
 its tolerances u (slope b). The error of its value at the estimate and u = 0, a^T (theta^ - theta) - b^T u, has the
-components of the one model (`estimators.components`): identification, model discrepancy, tolerances, through the
+components of the one model (`updating.components`): identification, model discrepancy, tolerances, through the
 estimate and directly at once, and what the prior has left. X itself, its bias and CoV, is drawn: parameters from the
 posterior as it is, tolerances given the data and the parameters (`tolerance_draws`), as stress is not linear in soft
 joints.
@@ -15,10 +15,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from probupdate.estimators.components import candidates, whitened_at
-from probupdate.estimators.laplace import Laplace, prior_residual
-from probupdate.modes import frozen_array
-from probupdate.problem import Problem
+from probupdate.runtime.arrays import frozen_array
+from probupdate.updating.components import candidates, whitened_at
+from probupdate.updating.laplace import Laplace, prior_residual
+from probupdate.updating.problem import Problem
 
 PARTS = ("measurement", "tolerance", "set_to_set", "model_form", "prior")
 

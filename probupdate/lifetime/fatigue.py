@@ -18,10 +18,12 @@ from probupdate.lifetime.conditions import Conditions, read_conditions, thrust_s
 from probupdate.lifetime.details import Detail, HotSpot, find_details, weights
 from probupdate.lifetime.spectral import ranges
 from probupdate.lifetime.stress import Response, StressModel, stress_model
-from probupdate.modes import Sensor, frozen_array
-from probupdate.parameters import Parameters
-from probupdate.progress import Progress, silent
-from probupdate.structure.description import Description, read_description
+from probupdate.modal.modes import Sensor
+from probupdate.model.parameters import Parameters
+from probupdate.runtime.arrays import frozen_array
+from probupdate.runtime.progress import Progress, silent
+from probupdate.structure.description import Description
+from probupdate.structure.description_file import read_description
 from probupdate.structure.subdyn_model import is_subdyn
 from probupdate.structure.turbine_frame import build_frame
 

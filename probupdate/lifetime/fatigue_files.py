@@ -8,7 +8,6 @@ from pathlib import Path
 
 import numpy as np
 
-from probupdate.estimators.laplace import Laplace
 from probupdate.lifetime.conditions import Conditions
 from probupdate.lifetime.factors import PARTS, Gains, gains, tolerance_draws, worth
 from probupdate.lifetime.fatigue import (
@@ -21,12 +20,13 @@ from probupdate.lifetime.fatigue import (
     solve_many,
 )
 from probupdate.lifetime.reliability import DamageCurve, Reliability, life_quantiles, reliability, simulated_index
-from probupdate.modes import Sensor
-from probupdate.parameters import Parameters
-from probupdate.problem import Problem
-from probupdate.progress import Progress, silent
-from probupdate.structure.description import read_description
+from probupdate.modal.modes import Sensor
+from probupdate.model.parameters import Parameters
+from probupdate.runtime.progress import Progress, silent
+from probupdate.structure.description_file import read_description
 from probupdate.structure.extend import extended_description
+from probupdate.updating.laplace import Laplace
+from probupdate.updating.problem import Problem
 
 # sides of details whose reliability is told, the worst first; years for which FORM is simulated
 WORST, PRIOR_DRAWS, CAUSE_DRAWS = 12, 60, 30

@@ -20,7 +20,7 @@ from scipy.interpolate import CubicSpline
 from probupdate.errors import ConvergenceError
 from probupdate.lifetime.conditions import Lognormal, Uncertainty
 from probupdate.lifetime.fatigue import Stress
-from probupdate.modes import frozen_array
+from probupdate.runtime.arrays import frozen_array
 
 # ln of the factor on stress ranges between which damage is tabulated
 RANGE, STEP = 2.5, 0.05

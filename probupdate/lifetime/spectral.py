@@ -13,7 +13,7 @@ import numpy as np
 from scipy.special import gamma, gammainc, gammaincc
 
 from probupdate.errors import InputError
-from probupdate.modes import frozen_array
+from probupdate.runtime.arrays import frozen_array
 
 METHODS = ("dirlik", "tovo-benasciutti")
 # a spectrum with an irregularity factor above it is narrow: Dirlik's fit divides zero by zero there

@@ -24,9 +24,10 @@ from scipy.sparse import linalg as sparse_linalg
 from probupdate.errors import InputError
 from probupdate.lifetime.conditions import Conditions, State, jonswap, kaimal, rotor_admittance, wave_number
 from probupdate.lifetime.details import Detail
-from probupdate.mode_labels import mode_character
-from probupdate.modes import Sensor, frozen_array
-from probupdate.parameters import Parameters
+from probupdate.modal.labels import mode_character
+from probupdate.modal.modes import Sensor
+from probupdate.model.parameters import Parameters
+from probupdate.runtime.arrays import frozen_array
 from probupdate.structure import beam as beams
 from probupdate.structure.affine import STEP, AffineModel
 from probupdate.structure.assembly import beam_stiffness, carried_mass, node_dofs, steel_mass, transformation

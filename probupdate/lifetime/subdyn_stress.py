@@ -18,8 +18,9 @@ from probupdate.io.subdyn_file import SubDynFile
 from probupdate.lifetime.conditions import Conditions, Girth, MemberEnd, Site
 from probupdate.lifetime.details import ONE_PLANE, REACH_M, Detail, HotSpot, hot_spots, refuse_tables
 from probupdate.lifetime.stress import LEAST_POINTS, POINT_EVERY_M, StressModel, Waves, frequency_grid, placed_blocks
-from probupdate.modes import Sensor, frozen_array
-from probupdate.parameters import Parameters
+from probupdate.modal.modes import Sensor
+from probupdate.model.parameters import Parameters
+from probupdate.runtime.arrays import frozen_array
 from probupdate.structure import beam as beams
 from probupdate.structure.load import model_sensors
 from probupdate.structure.parameter_table import read_toml

@@ -15,10 +15,10 @@ from scipy import linalg, sparse
 from scipy.sparse import linalg as sparse_linalg
 
 from probupdate.errors import InputError
-from probupdate.files import archive_arrays, write_arrays, write_text
+from probupdate.io.files import archive_arrays, write_arrays, write_text
 from probupdate.io.fortran_text import number, read_lines
 from probupdate.io.subdyn_file import SubDynFile
-from probupdate.modes import frozen_array
+from probupdate.runtime.arrays import frozen_array
 from probupdate.structure.eigen import lowest_modes
 from probupdate.structure.subdyn_frame import cross_matrix
 from probupdate.structure.subdyn_model import assembled_file

@@ -7,7 +7,7 @@ import re
 from pathlib import Path
 
 from probupdate.errors import InputError, parsing
-from probupdate.files import read_text
+from probupdate.io.files import read_text
 
 
 def read_table(path: str | Path) -> dict[str, list]:

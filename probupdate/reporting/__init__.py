@@ -5,14 +5,15 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from probupdate.files import write_text
-from probupdate.progress import Progress, silent
+from probupdate.io.files import write_text
+from probupdate.runtime.progress import Progress, silent
 
 if TYPE_CHECKING:
     from probupdate.reporting.elements import Section
     from probupdate.reporting.values import Run
 
-__all__ = ["report"]
+# what other rooms and users import; the other modules are this room's own
+__all__ = ["elements", "identification_pictures", "page", "report", "run_files", "style"]
 
 
 def report(run: str | Path, out: str | Path, *, progress: Progress = silent) -> Path:

@@ -12,8 +12,8 @@ from probupdate.campaign.blocks import block_starts
 from probupdate.campaign.reading import Campaign, read_campaign
 from probupdate.campaign.scada import StateRule, row_states, with_rated_power
 from probupdate.errors import InputError
-from probupdate.files import read_json_table
-from probupdate.modes import ModalData
+from probupdate.io.files import read_json_table
+from probupdate.modal.modes import ModalData
 from probupdate.reporting.values import CampaignValues
 
 

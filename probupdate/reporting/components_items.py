@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from probupdate.estimators.update_file import ComponentsRecord, UpdateRecord
 from probupdate.reporting import figures
 from probupdate.reporting.elements import MISSING, Column, Items, Picture, Table, fixed, number, percent
+from probupdate.updating.update_file import ComponentsRecord, UpdateRecord
 
 # a narrowing below this share is left blank
 LEAST_SHOWN = 0.005

@@ -10,8 +10,8 @@ from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 
-from probupdate.model import Wireframe
-from probupdate.modes import Sensor
+from probupdate.modal.modes import Sensor
+from probupdate.model.interface import Wireframe
 from probupdate.reporting.style import (
     BLUE,
     FULL_IN,

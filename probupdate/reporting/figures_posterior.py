@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, MaxNLocator
 from scipy import stats
 
-from probupdate.parameters import Parameter
+from probupdate.model.parameters import Parameter
 from probupdate.reporting.figures_updating import Mark, mark_size, plain_number, unit_label
 from probupdate.reporting.style import (
     BLUE,

@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, MaxNLocator
 
-from probupdate.parameters import Parameter
+from probupdate.model.parameters import Parameter
 from probupdate.reporting.style import (
     BLUE,
     FULL_IN,

@@ -7,12 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from probupdate.diagnosis.wording import finding_words, name_of, prior_shift_words, verdict_words
-from probupdate.estimators.update_file import UpdateRecord, fit_sentence, misses
 from probupdate.reporting.diagnosis_tables import typeset
 from probupdate.reporting.elements import count, fixed, number, sentence
 from probupdate.reporting.standing import BOUND, standings
 from probupdate.reporting.updating_sections import scheme_name, too_close
 from probupdate.reporting.values import Run
+from probupdate.updating.update_file import UpdateRecord, fit_sentence, misses
 
 LEVELS = ("warning", "caution", "good")
 # computed over measured frequency beyond which a pair made by shape is doubted

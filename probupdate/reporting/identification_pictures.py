@@ -11,11 +11,11 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from probupdate.errors import InputError
-from probupdate.files import write_text
 from probupdate.identification.block_poles import BlockPoles
 from probupdate.identification.block_store import stored_block
 from probupdate.identification.classification import ClassifierSettings, rotor_bands
-from probupdate.modes import ModalData, ModalSet, mac, modal_phase_collinearity
+from probupdate.io.files import write_text
+from probupdate.modal.modes import ModalData, ModalSet, mac, modal_phase_collinearity
 from probupdate.reporting import figures_identification as draw
 from probupdate.reporting import figures_measurement as measurement
 from probupdate.reporting.style import FULL_IN, GREY, INK, PALE, save_figure

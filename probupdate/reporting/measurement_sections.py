@@ -9,8 +9,8 @@ import pandas as pd
 
 from probupdate.identification.counterparts import unmatched_sentences
 from probupdate.identification.identify import harmonics_removed
-from probupdate.matching import close_clusters
-from probupdate.modes import ModalData, plane_mac
+from probupdate.modal.matching import close_clusters
+from probupdate.modal.modes import ModalData, plane_mac
 from probupdate.reporting import figures, paper_tables
 from probupdate.reporting.elements import (
     MISSING,

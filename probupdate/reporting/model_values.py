@@ -6,13 +6,13 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from probupdate.estimators.update_file import UpdateRecord
-from probupdate.matching import MIN_MAC, SPARE, channel_rows, close_clusters, match
-from probupdate.model import Model
-from probupdate.modes import ModalData, ModalSet
-from probupdate.problem import SEARCH
+from probupdate.modal.matching import MIN_MAC, SPARE, channel_rows, close_clusters, match
+from probupdate.modal.modes import ModalData, ModalSet
+from probupdate.model.interface import Model
 from probupdate.reporting.values import ModelValues
 from probupdate.reporting.viewer import ShapedModes
+from probupdate.updating.problem import SEARCH
+from probupdate.updating.update_file import UpdateRecord
 
 # modes drawn of a model that nothing was measured on
 N_PLAIN = 6

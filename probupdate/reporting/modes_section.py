@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from probupdate.modes import rotate_to_real
+from probupdate.modal.modes import rotate_to_real
 from probupdate.reporting import figures
 from probupdate.reporting.elements import Notice, Picture, Section, Viewer
 from probupdate.reporting.model_values import compared_modes, drawn_set

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from probupdate.estimators.update_file import UpdateRecord, misses
-from probupdate.identifiability import BLIND, STRONG
 from probupdate.reporting import figures
 from probupdate.reporting.elements import (
     Column,
@@ -38,6 +36,8 @@ from probupdate.reporting.standing import (
 )
 from probupdate.reporting.updating_sections import fit_level, meaning, scheme_name
 from probupdate.reporting.values import Run
+from probupdate.updating.identifiability import BLIND, STRONG
+from probupdate.updating.update_file import UpdateRecord, misses
 
 # a gain in standard deviation below this is not worth a sentence
 LEAST_GAIN = 0.05

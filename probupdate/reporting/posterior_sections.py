@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 
-from probupdate.comparison import ComparisonRow
-from probupdate.estimators.posterior_file import Posterior
-from probupdate.estimators.update_file import UpdateRecord
-from probupdate.identifiability import BLIND, STRONG
 from probupdate.reporting import figures
 from probupdate.reporting.elements import Column, Items, Notice, Picture, Section, Table, count, fixed, number, sentence
 from probupdate.reporting.standing import contraction
 from probupdate.reporting.style import MAP, PRIOR_UPDATE, STEP_UPDATE, TRUTH
 from probupdate.reporting.values import Run
+from probupdate.updating.comparison import ComparisonRow
+from probupdate.updating.identifiability import BLIND, STRONG
+from probupdate.updating.posterior_file import Posterior
+from probupdate.updating.update_file import UpdateRecord
 
 # panels a side beyond which pairs can no longer be read on a page
 MOST_PAIRED = 6

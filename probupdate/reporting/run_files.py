@@ -14,20 +14,20 @@ from typing import TypeVar
 import pandas as pd
 
 from probupdate import __version__
-from probupdate.comparison import Comparison, read_comparison
 from probupdate.diagnosis.results import read_diagnosis
 from probupdate.errors import InputError, parsing
-from probupdate.estimators.posterior_file import Posterior, read_posterior
-from probupdate.estimators.update_file import UpdateRecord, read_update
-from probupdate.files import named_within, read_bytes, read_json_table, read_toml
-from probupdate.model import Model
-from probupdate.modes import ModalData, ModalSet, read_modes
-from probupdate.progress import Progress
+from probupdate.io.files import named_within, read_bytes, read_json_table, read_toml
+from probupdate.io.schema import checked_table
+from probupdate.modal.modes import ModalData, ModalSet, read_modes
+from probupdate.model.interface import Model
 from probupdate.reporting.campaign_values import campaign_values, truth_values
 from probupdate.reporting.model_values import compared_modes, drawn_set, model_values
 from probupdate.reporting.paper_tables import is_the_jacket
 from probupdate.reporting.values import CampaignValues, Run
-from probupdate.schema import checked_table
+from probupdate.runtime.progress import Progress
+from probupdate.updating.comparison import Comparison, read_comparison
+from probupdate.updating.posterior_file import Posterior, read_posterior
+from probupdate.updating.update_file import UpdateRecord, read_update
 
 T = TypeVar("T")
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from probupdate.estimators.set_views_file import SetViews, read_views, tau_interval
-from probupdate.information import METRIC_WORDS, Information, read_information, recommendation
 from probupdate.reporting import paper_tables
 from probupdate.reporting.elements import Column, Items, Notice, Section, Table, Text, fixed, number, percent, sentence
 from probupdate.reporting.values import Run
+from probupdate.updating.information import METRIC_WORDS, Information, read_information, recommendation
+from probupdate.updating.set_views_file import SetViews, read_views, tau_interval
 
 
 def sets_section(run: Run) -> Section | None:

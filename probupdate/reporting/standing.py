@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import stats
 
-from probupdate.estimators.posterior_file import Posterior
-from probupdate.estimators.update_file import UpdateRecord, misses
-from probupdate.identifiability import BOUND, KNOWN, PARTLY, PRIOR, identifiability
+from probupdate.updating.identifiability import BOUND, KNOWN, PARTLY, PRIOR, identifiability
+from probupdate.updating.posterior_file import Posterior
+from probupdate.updating.update_file import UpdateRecord, misses
 
 __all__ = ["BOUND", "KNOWN", "PARTLY", "PRIOR", "Estimate", "Standing", "contraction", "estimate", "names_of",
            "standings"]  # fmt: skip

@@ -15,7 +15,7 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 
-from probupdate.files import whole
+from probupdate.io.files import whole
 
 # widths in inches of figures across the page and of two side by side: letters come out equally large
 FULL_IN, HALF_IN = 7.6, 4.3

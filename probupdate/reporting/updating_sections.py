@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from probupdate.estimators.update_file import ACCUSED, SchemeRecord, UpdateRecord, fit_sentence, misses
-from probupdate.parameters import Parameter
+from probupdate.model.parameters import Parameter
 from probupdate.reporting import figures, paper_tables
 from probupdate.reporting.components_items import component_items
 from probupdate.reporting.elements import (
@@ -24,6 +23,7 @@ from probupdate.reporting.elements import (
 )
 from probupdate.reporting.style import MAP
 from probupdate.reporting.values import Run
+from probupdate.updating.update_file import ACCUSED, SchemeRecord, UpdateRecord, fit_sentence, misses
 
 SCHEME_WORDS = {
     "step": "step penalty (Eq. 7 as printed)",

@@ -8,12 +8,12 @@ from pathlib import Path
 
 import pandas as pd
 
-from probupdate.comparison import Comparison
-from probupdate.estimators.posterior_file import Posterior
-from probupdate.estimators.update_file import UpdateRecord
-from probupdate.model import Model, Wireframe
-from probupdate.modes import ModalData, Sensor
+from probupdate.modal.modes import ModalData, Sensor
+from probupdate.model.interface import Model, Wireframe
 from probupdate.reporting.viewer import ShapedModes
+from probupdate.updating.comparison import Comparison
+from probupdate.updating.posterior_file import Posterior
+from probupdate.updating.update_file import UpdateRecord
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

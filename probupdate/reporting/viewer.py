@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from probupdate.model import Wireframe
-from probupdate.modes import Sensor, rotate_to_real
+from probupdate.modal.modes import Sensor, rotate_to_real
+from probupdate.model.interface import Wireframe
 
 STATE_NAMES = {"measured": "measured", "initial": "initial model", "updated": "updated model"}
 

@@ -1,0 +1,9 @@
+"""The project's own models: a turbine of `model.toml`, a SubDyn file, matrices of any program, a function."""
+
+# what other rooms and users import; the other modules are this room's own
+__all__ = [
+    "affine", "assembly", "beam", "channels", "coefficient", "description", "description_file", "effect_kinds",
+    "eigen", "extend", "extend_matrices", "frame", "functions", "hydrodynamics", "joints", "load", "matrices",
+    "own_modes", "parameter_table", "places", "projected_terms", "reduced", "schema", "soil", "subdyn_frame",
+    "subdyn_model", "subdyn_values", "turbine_frame",
+]  # fmt: skip

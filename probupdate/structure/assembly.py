@@ -29,6 +29,8 @@ from probupdate.structure.frame import Beam, Body, Frame, LineMass, Prestress, t
 # (degrees of freedom (k,) of the frame's nodes, matrix (k, k), coefficient)
 Contribution = tuple[np.ndarray, np.ndarray, Coefficient]
 THEORIES = ("bernoulli-euler", "timoshenko")
+# terms that are transformed in one product: two thousand of effects at once take 200 MB meanwhile
+TOGETHER = 128
 
 
 def node_dofs(*nodes: int) -> np.ndarray:
@@ -298,13 +300,18 @@ def _collect(contributions: Iterable[Contribution], updated: Sequence[str], valu
 
 
 def _sum_terms(collector: TermCollector, transform: sparse.csr_array) -> list[sparse.csc_array]:
-    """T^T B_t T of every term t, symmetric to the last bit.
+    """T^T B_t T of every term t, symmetric to the last bit."""
+    entries = list(collector.keys.values())
+    return [matrix for first in range(0, len(entries), TOGETHER)
+            for matrix in _transformed(entries[first : first + TOGETHER], transform)]  # fmt: skip
 
-    All terms stand below one another in one matrix, as hundreds of small sparse products cost more than two large ones.
-    """
-    (size, n_free), n_term = transform.shape, len(collector.keys)
+
+def _transformed(terms: Sequence[Sequence[tuple]], transform: sparse.csr_array) -> Iterator[sparse.csc_array]:
+    """The same of some terms, which stand below one another in one matrix: hundreds of small sparse products cost more
+    than two large ones."""
+    (size, n_free), n_term = transform.shape, len(terms)
     rows, columns, values = [np.empty(0, int)], [np.empty(0, int)], [np.empty(0)]
-    for term, entries in enumerate(collector.keys.values()):
+    for term, entries in enumerate(terms):
         for dofs, matrix in entries:
             rows.append(term * size + np.repeat(dofs, len(dofs)))
             columns.append(np.tile(dofs, len(dofs)))
@@ -318,14 +325,12 @@ def _sum_terms(collector: TermCollector, transform: sparse.csr_array) -> list[sp
     mirrored = _csr(both.data, term * n_free + both.col, row, both.shape)
     total = 0.5 * (sparse.csr_array(both) + mirrored)
     total.sort_indices()
-    result = []
     for k in range(n_term):
         start = total.indptr[k * n_free : (k + 1) * n_free + 1]
         part = slice(start[0], start[-1])
-        # the rows of a symmetric matrix are its columns
-        entries = (total.data[part].copy(), total.indices[part].copy(), start - start[0])
-        result.append(sparse.csc_array(entries, shape=(n_free, n_free)))
-    return result
+        # the rows of a symmetric matrix are its columns. A term has more starts of columns than entries: in 32 bits
+        entries = (total.data[part].copy(), total.indices[part].astype(np.int32), (start - start[0]).astype(np.int32))
+        yield sparse.csc_array(entries, shape=(n_free, n_free))
 
 
 def _csr(values, rows, columns, shape) -> sparse.csr_array:

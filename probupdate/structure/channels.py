@@ -8,11 +8,11 @@ import numpy as np
 from scipy import sparse
 
 from probupdate.errors import InputError
-from probupdate.modes import Sensor
+from probupdate.modal.modes import Sensor
 from probupdate.structure import beam as beams
 from probupdate.structure.assembly import node_dofs, rigid_motion
-from probupdate.structure.description import nearest
 from probupdate.structure.frame import Beam, Frame
+from probupdate.structure.schema import nearest
 
 # how far from a part's surface a sensor may sit
 REACH_M = 2.0

@@ -12,13 +12,14 @@ import numpy as np
 from scipy import linalg
 
 from probupdate.errors import InputError
-from probupdate.files import read_text, write_text
-from probupdate.modes import Sensor
-from probupdate.parameters import Parameters
+from probupdate.io.files import read_text, write_text
+from probupdate.modal.modes import Sensor
+from probupdate.model.parameters import Parameters
 from probupdate.structure.affine import AffineModel
-from probupdate.structure.description import Description, parse_description
+from probupdate.structure.description import Description
 from probupdate.structure.description import updated as updated_parameters_of
-from probupdate.structure.effects import KINDS
+from probupdate.structure.description_file import parse_description
+from probupdate.structure.effect_kinds import KINDS
 from probupdate.structure.load import turbine_model
 from probupdate.structure.parameter_table import read_toml
 from probupdate.structure.schema import nearest
@@ -26,7 +27,7 @@ from probupdate.structure.schema import nearest
 
 @dataclass(frozen=True, kw_only=True)
 class Effect:
-    """One effect as a parameter: a kind (see `effects.KINDS`), where it acts (`on`) and the kind's own settings.
+    """One effect as a parameter: a kind (see `effect_kinds.KINDS`), where it acts (`on`) and the kind's own settings.
 
     `std`, `lower`, `upper` and `prior` are its prior when it is used as a candidate; `cause` and `location` say it in
     words.

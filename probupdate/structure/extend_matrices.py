@@ -12,8 +12,8 @@ import numpy as np
 from scipy import sparse
 
 from probupdate.errors import InputError
-from probupdate.files import write_arrays, write_text
-from probupdate.parameters import Parameters
+from probupdate.io.files import write_arrays, write_text
+from probupdate.model.parameters import Parameters
 from probupdate.structure.extend import parameter_text
 from probupdate.structure.load import matrices_file
 from probupdate.structure.matrices import SPARSE_PARTS, matrix_of, read_archive

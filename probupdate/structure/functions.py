@@ -10,11 +10,12 @@ import numpy as np
 from scipy import linalg
 
 from probupdate.errors import InputError
-from probupdate.model import ManySolutions, ModalSolution, Wireframe
-from probupdate.model_error import ModelUncertainty
-from probupdate.modes import frozen_array, pair_by_mac
-from probupdate.modes import mac as modal_assurance
-from probupdate.parameters import Parameters
+from probupdate.modal.modes import mac as modal_assurance
+from probupdate.modal.modes import pair_by_mac
+from probupdate.model.interface import ManySolutions, ModalSolution, Wireframe
+from probupdate.model.parameters import Parameters
+from probupdate.model.uncertainty import ModelUncertainty
+from probupdate.runtime.arrays import frozen_array
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

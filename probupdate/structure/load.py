@@ -12,20 +12,23 @@ import numpy as np
 from scipy import sparse
 
 from probupdate.errors import InputError
-from probupdate.files import named_within
-from probupdate.model import Wireframe
-from probupdate.modes import Sensor, frozen_array
-from probupdate.parameters import Parameters
+from probupdate.io.files import named_within
+from probupdate.modal.modes import Sensor
+from probupdate.model.interface import Wireframe
+from probupdate.model.parameters import Parameters
+from probupdate.runtime.arrays import frozen_array
 from probupdate.structure.affine import AffineModel
 from probupdate.structure.assembly import assemble
 from probupdate.structure.channels import channel_rows
-from probupdate.structure.description import NEUTRAL, Description, nearest, parse_description, read_toml
+from probupdate.structure.description import NEUTRAL, Description
 from probupdate.structure.description import updated as updated_of
-from probupdate.structure.effects import EffectKeys
+from probupdate.structure.description_file import parse_description
+from probupdate.structure.effect_kinds import EffectKeys
 from probupdate.structure.frame import Frame
 from probupdate.structure.matrices import load_matrices
-from probupdate.structure.parameter_table import read_parameters, updated_parameters
+from probupdate.structure.parameter_table import read_parameters, read_toml, updated_parameters
 from probupdate.structure.pile_head import pile_head_stiffness
+from probupdate.structure.schema import nearest
 from probupdate.structure.subdyn_model import described_model, is_subdyn, subdyn_model, subdyn_sensors
 from probupdate.structure.turbine_frame import build_frame
 

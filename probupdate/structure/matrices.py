@@ -11,10 +11,10 @@ import numpy as np
 from scipy import sparse
 
 from probupdate.errors import InputError, of_file, parsing
-from probupdate.files import archive_arrays
-from probupdate.model import Wireframe
-from probupdate.modes import frozen_array
-from probupdate.parameters import Parameters
+from probupdate.io.files import archive_arrays
+from probupdate.model.interface import Wireframe
+from probupdate.model.parameters import Parameters
+from probupdate.runtime.arrays import frozen_array
 from probupdate.structure.affine import AffineModel
 
 SPARSE_PARTS = ("_data", "_indices", "_indptr")

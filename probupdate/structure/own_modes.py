@@ -12,12 +12,13 @@ import numpy as np
 from scipy import sparse
 
 from probupdate.errors import InputError
+from probupdate.io.result_table import table_of
 from probupdate.io.subdyn_file import read_subdyn
-from probupdate.mode_labels import mode_character
-from probupdate.model import ModalSolution, Model
-from probupdate.modes import Sensor, frozen_array
-from probupdate.parameters import Parameters
-from probupdate.result_table import table_of
+from probupdate.modal.labels import mode_character
+from probupdate.modal.modes import Sensor
+from probupdate.model.interface import ModalSolution, Model
+from probupdate.model.parameters import Parameters
+from probupdate.runtime.arrays import frozen_array
 from probupdate.structure.affine import AffineModel
 from probupdate.structure.eigen import lowest_modes
 from probupdate.structure.functions import FunctionModel

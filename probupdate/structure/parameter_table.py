@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 
 from probupdate.errors import InputError, of_file
-from probupdate.files import read_toml
-from probupdate.parameters import Parameter, Parameters
-from probupdate.schema import table_as
+from probupdate.io.files import read_toml
+from probupdate.model.parameters import Parameter, Parameters
+from probupdate.io.schema import table_as
 
 
 
@@ -101,5 +101,8 @@ def correlation_matrix(items: Sequence[Parameter], table: Mapping, where: str) -
 def read_parameters(path: str | Path) -> Parameters:
     """Read a file of [[parameter]] tables (and [correlation.<name>] tables) beside a model made of matrices."""
     content = table_as(ParameterFile, read_toml(path), str(path))
+    if content.format != 1:
+        raise InputError(f"{path}, format", f"is {content.format}; this version reads 1",
+                         "use the version that the file was written for")  # fmt: skip
     with of_file(path):
         return updated_parameters(content.parameter, str(path), content.correlation)

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import sparse
 
-from probupdate.modes import frozen_array
+from probupdate.runtime.arrays import frozen_array
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -17,8 +17,8 @@ from scipy import linalg, sparse
 from scipy.sparse import csgraph
 
 from probupdate.errors import ConvergenceError, InputError
-from probupdate.modes import plane_mac
-from probupdate.progress import Progress, silent
+from probupdate.modal.modes import plane_mac
+from probupdate.runtime.progress import Progress, silent
 from probupdate.structure.affine import AffineModel
 from probupdate.structure.reduced_model import CHUNK, ReducedModel, ReductionReport, project
 

@@ -10,8 +10,8 @@ from scipy.linalg import lapack
 from scipy.sparse import csgraph
 
 from probupdate.errors import ConvergenceError, InputError
-from probupdate.model import ManySolutions, ModalSolution, Wireframe
-from probupdate.modes import frozen_array
+from probupdate.model.interface import ManySolutions, ModalSolution, Wireframe
+from probupdate.runtime.arrays import frozen_array
 from probupdate.structure.affine import AffineModel
 
 # what families of basis vectors share by rounding, as a share of a term's largest entry; frequencies feel its square

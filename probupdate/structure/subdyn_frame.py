@@ -18,7 +18,7 @@ from scipy.sparse import csgraph
 
 from probupdate.errors import InputError
 from probupdate.io.subdyn_file import BEAMS, Member, SubDynFile
-from probupdate.modes import frozen_array
+from probupdate.runtime.arrays import frozen_array
 from probupdate.structure import beam as beams
 
 # a hundred times what a jacket has; a slip in NDiv would fill the memory

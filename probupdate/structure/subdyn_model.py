@@ -14,12 +14,13 @@ from pydantic import Field, Strict, ValidationError
 from scipy import sparse
 
 from probupdate.errors import InputError
-from probupdate.files import named_within
 from probupdate.io.elastodyn_file import read_elastodyn
+from probupdate.io.files import named_within
 from probupdate.io.subdyn_file import BEAMS, SubDynFile, read_subdyn
-from probupdate.model import Wireframe
-from probupdate.modes import Sensor, frozen_array
-from probupdate.parameters import Parameters
+from probupdate.modal.modes import Sensor
+from probupdate.model.interface import Wireframe
+from probupdate.model.parameters import Parameters
+from probupdate.runtime.arrays import frozen_array
 from probupdate.structure import beam as beams
 from probupdate.structure.affine import AffineModel
 from probupdate.structure.parameter_table import KEYS, read_toml, updated_parameters

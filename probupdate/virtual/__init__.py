@@ -7,3 +7,6 @@ time. In the vibration also: turbulence, waves, rotor harmonics, yaw and pitch e
 so, nothing follows water level, temperature or amplitude, and weight softens nothing. Never in it: gravity in tilting
 sensors; off-diagonal damping, so that modes are real but for what loggers make of them.
 """
+
+# what other rooms and users import; the other modules are this room's own
+__all__ = ["effects", "modal_blocks", "simulation", "truth", "turbine_file"]

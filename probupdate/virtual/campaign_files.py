@@ -8,9 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
-from probupdate.files import write_text
-from probupdate.hdf5_file import new_hdf5
-from probupdate.modes import Sensor
+from probupdate.io.files import write_text
+from probupdate.io.hdf5_file import new_hdf5
+from probupdate.modal.modes import Sensor
 
 
 def toml_value(value) -> str:

@@ -12,7 +12,7 @@ import numpy as np
 from scipy import sparse
 from scipy.sparse.linalg import LinearOperator, eigsh, splu
 
-from probupdate.modes import frozen_array
+from probupdate.runtime.arrays import frozen_array
 from probupdate.virtual.frame import Structure
 from probupdate.virtual.observation import rotation
 

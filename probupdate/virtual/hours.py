@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from probupdate.modes import frozen_array
+from probupdate.runtime.arrays import frozen_array
 from probupdate.virtual import excitation, losses, observation, operation
 from probupdate.virtual.conditions import slot_amounts
 from probupdate.virtual.dynamics import N_MODE, HeadingModes, factorise, heading_modes

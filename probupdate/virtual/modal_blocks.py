@@ -14,8 +14,9 @@ from pathlib import Path
 import numpy as np
 
 from probupdate.errors import InputError
-from probupdate.mode_labels import mode_character
-from probupdate.modes import ModalData, ModalSet, Sensor, frozen_array
+from probupdate.modal.labels import mode_character
+from probupdate.modal.modes import ModalData, ModalSet, Sensor
+from probupdate.runtime.arrays import frozen_array
 from probupdate.virtual import observation, operation
 from probupdate.virtual.conditions import AMPLITUDE, expected_rms_mps2, slot_amounts
 from probupdate.virtual.dynamics import AERO_DAMPING, N_MODE

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from probupdate.modes import ModalDeviation
+from probupdate.modal.modes import ModalDeviation
 
 # by family of columns FA1, SS1, T1, FA2, SS2
 SCATTER = {"FA1": 1.6, "SS1": 1.6, "T1": 1.6, "FA2": 3.2, "SS2": 3.2}

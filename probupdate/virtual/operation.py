@@ -13,7 +13,7 @@ import numpy as np
 from scipy.special import gamma, ndtr
 
 from probupdate.errors import InputError
-from probupdate.modes import frozen_array
+from probupdate.runtime.arrays import frozen_array
 
 GRID_S = 10.0
 SLOT_S = 600.0

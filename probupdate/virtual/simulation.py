@@ -12,12 +12,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from probupdate.errors import InputError
-from probupdate.files import holds_nothing, read_text, write_table, write_text
-from probupdate.mode_labels import mode_character
-from probupdate.modes import Sensor
-from probupdate.executors import Executor, completed
-from probupdate.progress import Progress, silent
-from probupdate.result_table import table_of
+from probupdate.io.files import holds_nothing, read_text, write_table, write_text
+from probupdate.modal.labels import mode_character
+from probupdate.modal.modes import Sensor
+from probupdate.runtime.executors import Executor, completed
+from probupdate.runtime.progress import Progress, silent
+from probupdate.io.result_table import table_of
 from probupdate.virtual import campaign_files, losses, operation
 from probupdate.virtual.dynamics import N_MODE, HeadingModes
 from probupdate.virtual.effects import refuse_late

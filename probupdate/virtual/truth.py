@@ -11,8 +11,8 @@ from typing import Annotated, Literal
 import numpy as np
 
 from probupdate.errors import InputError, of_file, parsing
-from probupdate.modes import frozen_array
-from probupdate.schema import Range, checked, table_as
+from probupdate.io.schema import Range, checked, table_as
+from probupdate.runtime.arrays import frozen_array
 from probupdate.virtual.effects import read_effect
 from probupdate.virtual.turbine_file import TurbineFile, read_toml, unknown_name
 

@@ -10,10 +10,10 @@ from types import MappingProxyType
 
 import numpy as np
 
-from probupdate import files
 from probupdate.errors import InputError, of_file, parsing
-from probupdate.modes import Sensor
-from probupdate.parameters import Parameter
+from probupdate.io import files
+from probupdate.modal.modes import Sensor
+from probupdate.model.parameters import Parameter
 
 # Table 2 of the paper and the value that leaves the described structure as it is; m_h is the hub's own mass
 NEUTRAL = MappingProxyType({

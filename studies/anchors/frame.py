@@ -14,13 +14,13 @@ import tempfile
 
 import numpy as np
 
-from probupdate.estimators.ensemble import SamplerSettings, sample
-from probupdate.estimators.laplace import maximum_a_posteriori
-from probupdate.estimators.surrogate import fit_surrogate
-from probupdate.modes import ModalData, ModalSet
-from probupdate.parameters import Parameter, Parameters
-from probupdate.problem import Weights, build_problem
+from probupdate.modal.modes import ModalData, ModalSet
+from probupdate.model.parameters import Parameter, Parameters
 from probupdate.structure.functions import FunctionModel
+from probupdate.updating.ensemble import SamplerSettings, sample
+from probupdate.updating.laplace import maximum_a_posteriori
+from probupdate.updating.problem import Weights, build_problem
+from probupdate.updating.surrogate import fit_surrogate
 
 EIGENVALUE = np.array([1025.21, 1138.11, 1099.39, 1002.41, 1052.69])  # (rad/s)^2
 RATIO = np.array([1.53, 1.24, 1.38, 1.50, 1.35])  # roof over first floor

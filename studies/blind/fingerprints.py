@@ -21,7 +21,7 @@ from cases import KINDS, draw_effect
 from run import prepared
 
 from probupdate.diagnosis.expected import departures_at
-from probupdate.diagnosis.setting import Named, settle
+from probupdate.diagnosis.problem import IncludedEffect, diagnosis_problem
 from probupdate.virtual.modal_blocks import simulate_modes
 
 BASE = {"seed": 5, "days": 3.0, "n_block": 8, "states": ("idling",), "missing_share": 0.0, "scatter": 0.0}
@@ -34,14 +34,16 @@ def main() -> None:
     each = parser.parse_args().each
     model = prepared()
     before = simulate_modes(truth={}, **BASE)
-    setting, theta = settle(model, before.data)
-    noisy, _ = settle(model, simulate_modes(truth={}, **BASE | {"scatter": 1.0, "days": 30.0, "n_block": 40}).data)
+    problem, theta = diagnosis_problem(model, before.data)
+    noisy, _ = diagnosis_problem(
+        model, simulate_modes(truth={}, **BASE | {"scatter": 1.0, "days": 30.0, "n_block": 40}).data
+    )
     root = [np.linalg.inv(np.linalg.cholesky(c + 0.1 * np.diag(f**2)))
-            for c, f in zip(noisy.stated, noisy.floor, strict=True)]  # fmt: skip
+            for c, f in zip(noisy.stated, noisy.discrepancy_std, strict=True)]  # fmt: skip
 
-    def shift(own, named=()) -> np.ndarray:
+    def shift(own, included=()) -> np.ndarray:
         """What lies between a record and the plain one, in deviations."""
-        found, plain = departures_at(own, theta, named), departures_at(setting, theta, ())
+        found, plain = departures_at(own, theta, included), departures_at(problem, theta, ())
         return np.concatenate([W @ np.mean(b - a, axis=0) for W, a, b in zip(root, plain, found, strict=True)])
 
     rng, shares = np.random.default_rng(3), []
@@ -51,11 +53,11 @@ def main() -> None:
         for _ in range(each):
             told, words = draw_effect(rng, kind)
             told = {k: v for k, v in told.items() if k not in ("course", "at_hour", "from_hour", "to_hour")}
-            (effect,) = [e for e in setting.effects if (e.cause, e.location) == (kind.cause, words["location"])]
+            (effect,) = [e for e in problem.effects if (e.cause, e.location) == (kind.cause, words["location"])]
             record = simulate_modes(truth={"effect": [told]}, **BASE)
-            own = dataclasses.replace(settle(model, record.data)[0], field=setting.field)
+            own = dataclasses.replace(diagnosis_problem(model, record.data)[0], field=problem.predictor)
             length = np.linalg.norm(shift(own))
-            left = {f: np.linalg.norm(shift(own, (Named(effect=effect, course=setting.courses[0],
+            left = {f: np.linalg.norm(shift(own, (IncludedEffect(effect=effect, course=problem.courses[0],
                                                         size=f * words["size"]),))) for f in FACTORS}  # fmt: skip
             best = min(left, key=left.get)
             shares.append(left[1.0] / length)

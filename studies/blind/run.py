@@ -53,24 +53,25 @@ def prepared():
 
 def ablate(name: str) -> None:
     """Take one safeguard out of the diagnosis, for this process: the study shows what it is for."""
-    import probupdate.diagnosis.diagnose as module
-    from probupdate.diagnosis import setting as settings
+    from probupdate.diagnosis import diagnose, hypotheses
+    from probupdate.diagnosis import problem as settings
 
     if name == "no-floor":
-        settings.FLOOR_LOG = settings.FLOOR_CROSS = settings.FLOOR_SHAPE = settings.FLOOR_PHASE = 1e-6
+        for part in ("LOG", "CROSS", "SHAPE", "PHASE"):
+            setattr(settings, f"DISCREPANCY_{part}", 1e-6)
     elif name == "unconverged":
-        whole = module.fit
+        whole = diagnose.fit
 
-        def once(setting, theta, named=(), **how):
+        def once(problem, theta, included=(), **how):
             from probupdate.diagnosis import fitting
 
             kept, fitting.SETTLED = fitting.SETTLED, 1e9
             try:
-                return whole(setting, theta, named, **how)
+                return whole(problem, theta, included, **how)
             finally:
                 fitting.SETTLED = kept
 
-        module.fit = once
+        diagnose.fit = hypotheses.fit = once
     elif name:
         raise SystemExit(f"ablation '{name}' is unknown: no-floor, unconverged")
 
@@ -88,11 +89,13 @@ def run_case(case: Case) -> dict:
         "threshold": found.threshold, "adequacy_p": found.adequacy_p,
         "findings": [
             {"cause": f.cause, "location": f.location, "course": f.course, "size": f.size, "size_std": f.size_std,
-             "z": f.z, "alternatives": [[a.cause, a.location] for a in f.alternatives]}
+             "z": f.z, "probability": f.posterior_probability,
+             "alternatives": [[a.cause, a.location] for a in f.alternatives],
+             "probabilities": [a.posterior_probability for a in f.alternatives]}
             for f in found.findings
         ],
         # what was taken in where the verdict is "unexplained": the names an analysis without that verdict would give
-        "taken_in": [[n.effect.cause, n.effect.location] for n in outcome.fitted.named],
+        "taken_in": [[n.effect.cause, n.effect.location] for n in outcome.fitted.included],
         "notes": list(found.notes), "left_over": float(outcome.last.statistic.max() / outcome.last.threshold),
         "limits": {f"{x.cause} | {x.location} | {x.course}": x.limit for x in found.limits},
         "cpu_s": time.process_time() - begun,
@@ -120,7 +123,8 @@ def main() -> None:
     parser.add_argument("out", type=Path)
     parser.add_argument("--families", nargs="*", default=list(FAMILIES))
     parser.add_argument("--first", type=int, default=0, help="number of the first case of each family")
-    parser.add_argument("--most", type=int, default=10**6, help="cases of each family at most, those of the table by default")
+    parser.add_argument("--most", type=int, default=10**6,
+                        help="cases of each family at most, those of the table by default")
     parser.add_argument("--processes", type=int, default=2)
     parser.add_argument("--ablation", default="")
     a = parser.parse_args()
@@ -130,7 +134,7 @@ def main() -> None:
     done = {json.loads(line)["id"] for line in path.read_text().splitlines()} if path.is_file() else set()
     stated = Path(__file__).with_name("limits.json")
     limits = json.loads(stated.read_text()) if stated.is_file() else None
-    tasks = [(family, k, limits) for family in a.families 
+    tasks = [(family, k, limits) for family in a.families
              for k in range(a.first, a.first + min(FAMILIES[family], a.most)) if f"{family}-{k:03d}" not in done]
     _start(a.ablation)
     if a.processes <= 1:

@@ -16,9 +16,9 @@ from pathlib import Path
 
 import numpy as np
 
-from probupdate.diagnosis.diagnose import undecided
+from probupdate.diagnosis.search import model_error_dispersion
 from probupdate.diagnosis.fitting import Fit, fit
-from probupdate.diagnosis.setting import Named, Setting, settle
+from probupdate.diagnosis.problem import IncludedEffect, DiagnosisProblem, diagnosis_problem
 
 # of what follows the surroundings: the column, and the catalogue's size over the simulator's (a softening is told per
 # hundredth of a m/s2 there)
@@ -26,31 +26,33 @@ OWN = {"soil softens with amplitude": ("rms_mps2", -100.0), "wetted length": ("w
        "temperature of the steel": ("air_temperature_c", 1.0)}  # fmt: skip
 
 
-def row_of(setting: Setting, fitted: Fit, effect: dict) -> int | None:
+def row_of(problem: DiagnosisProblem, fitted: Fit, effect: dict) -> int | None:
     """The candidate that the hidden effect is, a step at the block where it is told best."""
     name = OWN[effect["cause"]][0] if effect["course"] == "own" else effect["course"]
-    rows = [k for k, (j, c) in enumerate(setting.which) if setting.courses[c].name == name
-            and (setting.effects[j].cause, setting.effects[j].location) == (effect["cause"], effect["location"])]
+    rows = [k for k, (j, c) in enumerate(problem.which) if problem.courses[c].name == name
+            and (problem.effects[j].cause, problem.effects[j].location) == (effect["cause"], effect["location"])]
     return max(rows, key=lambda k: fitted.design.information[k], default=None)
 
 
-def nearest(setting: Setting, fitted: Fit, effect: dict) -> tuple[str, float] | None:
+def nearest(problem: DiagnosisProblem, fitted: Fit, effect: dict) -> tuple[str, float] | None:
     """Rival and log evidence apart; None where the catalogue has no such row."""
-    design, k = fitted.design, row_of(setting, fitted, effect)
+    design, k = fitted.design, row_of(problem, fitted, effect)
     if k is None:
         return None
     unit = np.sqrt(np.maximum(design.information, 1e-300))
     z = effect["size"] * OWN.get(effect["cause"], ("", 1.0))[1] * unit[k]
     best, apart = "", np.inf
-    others = np.flatnonzero((setting.which[:, 0] != setting.which[k, 0]) & (design.share_left > 1e-3))
+    others = np.flatnonzero((problem.which[:, 0] != problem.which[k, 0]) & (design.share_left > 1e-3))
     for other, r in zip(others, design.overlap([k], others)[0] / (unit[k] * unit[others]), strict=True):
-        rival, course = setting.effects[setting.which[other, 0]], setting.courses[setting.which[other, 1]]
-        sizes = rival.discrete or np.clip(r * z / unit[other], *Named(effect=rival, course=course, size=0.0).bounds)
+        rival, course = problem.effects[problem.which[other, 0]], problem.courses[problem.which[other, 1]]
+        sizes = rival.discrete or np.clip(
+            r * z / unit[other], *IncludedEffect(effect=rival, course=course, size=0.0).bounds
+        )
         for own in np.atleast_1d(sizes) * unit[other]:
             loss = 0.5 * (z**2 + own**2 - 2 * r * z * own)
             if loss < apart:
                 best, apart = rival.name, loss
-    return best, float(apart / undecided(z))
+    return best, float(apart / model_error_dispersion(z))
 
 
 def main() -> None:
@@ -60,11 +62,11 @@ def main() -> None:
 
     path = Path(sys.argv[1])
     lines = [json.loads(line) for line in path.read_text().splitlines()]
-    setting, theta = settle(prepared(), simulated(make_case("null", 0)).data)
-    fitted = fit(setting, theta)
+    problem, theta = diagnosis_problem(prepared(), simulated(make_case("null", 0)).data)
+    fitted = fit(problem, theta)
     for line in lines:
         for effect in line["effects"]:
-            told = nearest(setting, fitted, effect)
+            told = nearest(problem, fitted, effect)
             effect["nearest"], effect["apart"] = told if told else ("", None)
     path.write_text("".join(json.dumps(line) + "\n" for line in lines))
 

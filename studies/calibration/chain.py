@@ -21,16 +21,16 @@ import numpy as np
 from probupdate import verbs
 from probupdate.effects.tolerances import TurbineUncertainty
 from probupdate.errors import InputError
-from probupdate.estimators.discrepancy import default_likelihood
-from probupdate.mode_labels import mode_character
-from probupdate.modes import ModalData, ModalSet
-from probupdate.parameters import Parameters
-from probupdate.problem import Weights
-from probupdate.responses import PAPER_COV_FIRST, PAPER_COV_SECOND, SHAPE_FACTOR
+from probupdate.modal.labels import mode_character
+from probupdate.modal.modes import ModalData, ModalSet
+from probupdate.model.parameters import Parameters
 from probupdate.structure.affine import AffineModel
 from probupdate.structure.load import reference_model
 from probupdate.structure.reduced import reduce_basis
 from probupdate.structure.reduced_model import ReducedModel, project
+from probupdate.updating.discrepancy import default_likelihood
+from probupdate.updating.problem import Weights
+from probupdate.updating.responses import PAPER_COV_FIRST, PAPER_COV_SECOND, SHAPE_FACTOR
 from probupdate.virtual import campaign_files, mesh, operation, soil
 from probupdate.virtual.dynamics import N_MODE, heading_modes
 from probupdate.virtual.frame import build_structure

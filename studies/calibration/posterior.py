@@ -17,13 +17,13 @@ from chain import PRIORS, of_kind
 from ranks import weighted_rank
 from scipy import stats
 
-from probupdate.estimators.ensemble import SamplerSettings, sample
-from probupdate.estimators.evidence import TRUSTED_K, pareto_shape
-from probupdate.estimators.laplace import Laplace, maximum_a_posteriori
-from probupdate.estimators.surrogate import fit_surrogate
-from probupdate.estimators.tikhonov import update
-from probupdate.model import ManySolutions
-from probupdate.problem import Problem, build_problem
+from probupdate.model.interface import ManySolutions
+from probupdate.updating.ensemble import SamplerSettings, sample
+from probupdate.updating.evidence import TRUSTED_K, pareto_shape
+from probupdate.updating.laplace import Laplace, maximum_a_posteriori
+from probupdate.updating.problem import Problem, build_problem
+from probupdate.updating.surrogate import fit_surrogate
+from probupdate.updating.tikhonov import update
 
 N_POOL = 10_000
 # pool rows whose frequencies alone miss by this much more than the best row's weigh nothing: their shapes are not asked

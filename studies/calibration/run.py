@@ -21,8 +21,8 @@ from chain import CARRIED, NOISES, PRIORS, RECORDED, STRUCTURES, Bench, make_ben
 from posterior import Pool, gaussian_rank, make_pool, nine_sets, place_of_truth, printed_interval
 
 from probupdate.errors import InputError, ProbupdateError
-from probupdate.estimators.laplace import Laplace, maximum_a_posteriori
-from probupdate.problem import Problem, Weights, build_problem
+from probupdate.updating.laplace import Laplace, maximum_a_posteriori
+from probupdate.updating.problem import Problem, Weights, build_problem
 
 # with the paper's noise every so many replicates have deterministic updates too; one in so many nine sets
 MAXIMUM_EVERY, NINE_EVERY = 5, 20

@@ -17,7 +17,6 @@ import numpy as np
 import pandas as pd
 
 import probupdate
-from probupdate.campaign.reading import read_campaign
 from probupdate.identification import classification as rules
 from probupdate.structure.load import reference_model
 from probupdate.virtual.truth import read_truth_modes

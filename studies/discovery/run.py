@@ -21,7 +21,7 @@ from probupdate.diagnosis.diagnose import Outcome, examine
 from probupdate.diagnosis.extension import extend, updated
 from probupdate.diagnosis.gain import gains
 from probupdate.diagnosis.prepare import prepare
-from probupdate.modes import read_modes, write_modes
+from probupdate.modal.modes import read_modes, write_modes
 from probupdate.structure.load import load_model, nacelle_angle_deg, reference_model
 from probupdate.virtual.modal_blocks import simulate_modes
 
@@ -71,7 +71,7 @@ def draw_month(outcome: Outcome, path: Path) -> None:
     """What is left of the frequencies over the month, before and after the findings."""
     import matplotlib.pyplot as plt
 
-    blocks = outcome.setting.blocks
+    blocks = outcome.problem.blocks
     figure, axes = plt.subplots(2, 2, figsize=(9, 4.6), sharex=True, sharey="row", layout="constrained")
     single = next(q for q, group in enumerate(blocks.groups) if len(group) == 1)
     last = len(blocks.groups) - 1
@@ -145,13 +145,13 @@ def main() -> None:
     found.write(a.out / "diagnosis.json")
     updates = [more.content["before"], more.content["after"], with_shear(a.out)]
     truth = {k: float(v) for k, v in run.truth.parameters.items()}
-    taken = [(n.effect.cause, n.effect.location) for n in outcome.fitted.named]
+    taken = [(n.effect.cause, n.effect.location) for n in outcome.fitted.included]
     story = {
         "blocks": len(run.data.sets), "hidden": list(hidden), "cpu_s": spent,
         "moved_in_deviations": dict(zip(run.data.labels, share_of_scatter(run, plain), strict=True)),
         "verdict": found.verdict, "p_value": found.p_value, "adequacy_p": found.adequacy_p,
         "taken_in": [{"cause": n.effect.cause, "location": n.effect.location, "course": n.course.name,
-                      "block": n.course.at, "size": n.size} for n in outcome.fitted.named],
+                      "block": n.course.at, "size": n.size} for n in outcome.fitted.included],
         "found": {f"{cause}, {where}": (cause, where) in taken for cause, where in WORDS},
         "gains": told, "extension": more.content, "with_shear": updates[2], "notes": list(found.notes), "truth": truth,
     }  # fmt: skip

@@ -1,15 +1,17 @@
 """How many turbine-months an hour, by workers; and what a farm of 70 turbines over twelve months takes.
 
-    OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 python studies/farm/run.py OUT [--days 0.5] [--turbines 4] [--workers 1 2]
+    OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 python studies/farm/run.py OUT [--days 0.5] [--turbines 6] [--workers 1 2]
 
 Virtual turbines are measured for `--days` each, and for twice as long one of them; the farm of them runs on 1, 2, ...
-processes, and on a Dask cluster of as many workers where distributed is installed. Seconds of processor time by step, at
-two lengths of record, give the arithmetic. Everything printed is of one run; OUT/measured.json holds it too.
+processes, on a Dask cluster of as many workers where distributed is installed, and as so many shards at once. Each way's
+results must have the bytes of the first. Seconds of processor time by step, at two lengths of record, give the
+arithmetic. Everything printed is of one run; OUT/measured.json holds it too.
 """
 
 from __future__ import annotations
 
 import argparse
+import hashlib
 import importlib.util
 import json
 import os
@@ -17,15 +19,16 @@ import shutil
 import subprocess
 import sys
 import time
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
 import probupdate
 from probupdate.campaign.reading import read_campaign
-from probupdate.executors import executor, one_thread_each
 from probupdate.farms import month as months
 from probupdate.farms.description import read_farm
+from probupdate.runtime.executors import executor, one_thread_each
 from probupdate.verbs import model_path
 
 PREPARED = "diagnose, once a turbine"
@@ -117,26 +120,79 @@ def peak_mb(description: Path, out: Path) -> float:
     return float(answer.stdout)
 
 
-def wall(description: Path, out: Path, jobs: int, scheduler: str | None = None) -> float:
-    """Seconds by the clock, the workers' start included."""
-    shutil.rmtree(out, ignore_errors=True)
+RESULTS = ("modes.json", "nine.json", "update.json", "diagnosis.json")
+SHARD = """
+import sys
+from probupdate import farm
+run = farm(sys.argv[1], sys.argv[2], shard=sys.argv[3])
+if run.failed:
+    sys.exit(run.summary)
+"""
+
+
+def contents(out: Path) -> dict[str, str]:
+    """Hash of every result of every month, by its path."""
+    return {path.relative_to(out).as_posix(): hashlib.sha256(path.read_bytes()).hexdigest()
+            for name in RESULTS for path in sorted(out.glob(f"*/*/{name}"))}  # fmt: skip
+
+
+def on_executor(description: Path, out: Path, jobs: int, scheduler: str | None = None) -> None:
     months._KEPT.clear()
-    begun = time.monotonic()
     with executor(jobs, scheduler) as runs:
         run = probupdate.farm(description, out, jobs=runs)
     if run.failed:
         raise SystemExit(run.summary)
-    return time.monotonic() - begun
 
 
-def on_dask(description: Path, out: Path, workers: int) -> float | None:
-    if importlib.util.find_spec("distributed") is None:
-        return None
+def on_dask(description: Path, out: Path, workers: int) -> None:
     import distributed
 
     with one_thread_each(), distributed.LocalCluster(n_workers=workers, threads_per_worker=1, processes=True,
                                                      dashboard_address=":0") as cluster:  # fmt: skip
-        return wall(description, out, 1, cluster.scheduler_address)
+        on_executor(description, out, 1, cluster.scheduler_address)
+
+
+def on_shards(description: Path, out: Path, count: int) -> None:
+    """All shards at once, each in a process of its own, as an array of jobs runs them."""
+    started = [subprocess.Popen([sys.executable, "-c", SHARD, str(description), str(out), f"{k}/{count}"])
+               for k in range(1, count + 1)]  # fmt: skip
+    if any([one.wait() for one in started]):
+        raise SystemExit("a shard failed")
+
+
+WAYS = {"processes": on_executor, "dask": on_dask, "shards": on_shards}
+
+
+def processor_seconds() -> float:
+    """Of this process and of all that it has waited for."""
+    found = os.times()
+    return found.user + found.system + found.children_user + found.children_system
+
+
+def throughput(description: Path, out: Path, workers: Sequence[int], n_month: int) -> list[dict]:
+    """Per way and number of workers: seconds by the clock with the workers' start, processor seconds, the load before,
+    turbine-months an hour; every way's results are held against the first's, byte for byte."""
+    rows: list[dict] = []
+    first: dict[str, str] = {}
+    for count in workers:
+        for way, run in WAYS.items():
+            if way == "dask" and importlib.util.find_spec("distributed") is None:
+                print("Dask: distributed is not installed")
+                continue
+            shutil.rmtree(out, ignore_errors=True)
+            load, begun, used = os.getloadavg()[0], time.monotonic(), processor_seconds()
+            run(description, out, count)
+            seconds, used = time.monotonic() - begun, processor_seconds() - used
+            found = contents(out)
+            first = first or found
+            if found != first or len(found) != n_month * len(RESULTS):
+                raise SystemExit(f"{count} {way}: other bytes than those of the first way")
+            rows.append({"way": way, "workers": count, "seconds": seconds, "processor_seconds": used, "load_before": load,
+                         "an_hour": 3600 * n_month / seconds, "ratio": rows[0]["seconds"] / seconds if rows else 1.0})
+            print(f"{count} {way}: {n_month} turbine-months in {seconds:.0f} s by the clock, {used:.0f} s of processor "
+                  f"time, load before {load:.1f}: {3600 * n_month / seconds:.0f} an hour, {rows[-1]['ratio']:.2f} times "
+                  "the first; same bytes", flush=True)  # fmt: skip
+    return rows
 
 
 def arithmetic(measured: dict) -> tuple[float, float]:
@@ -169,13 +225,19 @@ def main() -> None:
     parser = argparse.ArgumentParser()
     parser.add_argument("out", type=Path)
     parser.add_argument("--days", type=float, default=0.5)
-    parser.add_argument("--turbines", type=int, default=4)
+    parser.add_argument("--turbines", type=int, default=6)
     parser.add_argument("--workers", type=int, nargs="+", default=[1, 2])
+    parser.add_argument("--throughput", action="store_true", help="only that; OUT/throughput.json")
     a = parser.parse_args()
     data = a.out / "data"
     description = data / "farm.toml"
     if not description.exists():
         write_farm(data, a.days, a.turbines)
+    if a.throughput:
+        rows = throughput(description, a.out / "farm", a.workers, a.turbines)
+        (a.out / "throughput.json").write_text(json.dumps({"cores": os.cpu_count(), "days": a.days, "rows": rows}, indent=1),
+                                               encoding="utf-8")  # fmt: skip
+        return
     measured: dict = {"cores": os.cpu_count(), "load": os.getloadavg()[0], "days": a.days, "turbines": a.turbines}
     for name, toml in (("short", description), ("long", data / "long.toml")):
         shutil.rmtree(a.out / name, ignore_errors=True)
@@ -184,16 +246,7 @@ def main() -> None:
         measured[name] = {"blocks": blocks, "seconds": taken, "peak_mb": peak_mb(toml, a.out / f"{name}-peak")}
         print(f"{blocks} blocks: " + ", ".join(f"{step} {s:.1f} s" for step, s in taken.items())
               + f"; at most {measured[name]['peak_mb']:.0f} MB", flush=True)
-    measured["wall"] = {}
-    for workers in a.workers:
-        for kind, taken in (("processes", wall(description, a.out / "farm", workers)),
-                            ("dask", on_dask(description, a.out / "farm", workers))):  # fmt: skip
-            if taken is None:
-                print("Dask: distributed is not installed")
-                continue
-            measured["wall"][f"{kind} {workers}"] = taken
-            print(f"{workers} {kind}: {a.turbines} turbine-months in {taken:.0f} s by the clock, "
-                  f"{3600 * a.turbines / taken:.0f} an hour", flush=True)
+    measured["throughput"] = throughput(description, a.out / "farm", a.workers, a.turbines)
     ready = months._prepared(model_path("as_built"), read_campaign(data / "T1" / "0").sensors)
     measured["diagnose"] = {}
     for name, hidden in (("nothing hidden", []), ("two hidden", HIDDEN)):

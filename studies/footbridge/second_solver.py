@@ -92,9 +92,9 @@ def _mac(a: np.ndarray, b: np.ndarray) -> float:
 
 def package_maximum(folder: Path):
     from probupdate import verbs
-    from probupdate.estimators.laplace import maximum_a_posteriori
-    from probupdate.modes import read_modes
-    from probupdate.problem import build_problem
+    from probupdate.modal.modes import read_modes
+    from probupdate.updating.laplace import maximum_a_posteriori
+    from probupdate.updating.problem import build_problem
 
     model = verbs.open_model(folder / "model.npz", HERE / "parameters.toml")
     problem = build_problem(model, read_modes(folder / "modes.json"))

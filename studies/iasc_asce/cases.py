@@ -15,7 +15,7 @@ import frame
 import numpy as np
 from scipy import optimize
 
-from probupdate.modes import ModalData, ModalSet
+from probupdate.modal.modes import ModalData, ModalSet
 
 NOISE = 0.01  # of a frequency, and of a shape's largest component in every component, either part; stated as it is
 SCATTER = 0.03

@@ -34,21 +34,22 @@ from scipy import stats
 
 from probupdate.effects.tolerances import TurbineUncertainty
 from probupdate.errors import ProbupdateError
-from probupdate.estimators.discrepancy import stated_weights
-from probupdate.estimators.laplace import maximum_a_posteriori
 from probupdate.lifetime.conditions import read_conditions
 from probupdate.lifetime.factors import gains, tolerance_draws, total
 from probupdate.lifetime.fatigue import FatigueModel, fatigue_model
 from probupdate.lifetime.fatigue_files import FatigueInput, tolerance_slopes, worst_spots
 from probupdate.lifetime.reliability import DamageCurve
-from probupdate.mode_labels import mode_character
-from probupdate.modes import ModalData, ModalSet
-from probupdate.parameters import Parameters
-from probupdate.problem import build_problem
-from probupdate.structure.description import Description, parse_description, read_description
+from probupdate.modal.labels import mode_character
+from probupdate.modal.modes import ModalData, ModalSet
+from probupdate.model.parameters import Parameters
+from probupdate.structure.description import Description
+from probupdate.structure.description_file import parse_description, read_description
 from probupdate.structure.load import load_model, model_sensors, reference_model
 from probupdate.structure.reduced import reduce_basis
 from probupdate.structure.reduced_model import project
+from probupdate.updating.discrepancy import stated_weights
+from probupdate.updating.laplace import maximum_a_posteriori
+from probupdate.updating.problem import build_problem
 from probupdate.virtual.modal_blocks import BLOCK_S, LABELS
 from probupdate.virtual.modal_noise import identified
 

@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 
 import probupdate
-from probupdate.files import read_json
+from probupdate.io.files import read_json
 from probupdate.lifetime.tables import read_table
 
 HERE = Path(__file__).parent

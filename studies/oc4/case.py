@@ -9,7 +9,7 @@ import numpy as np
 from second_theory import SecondTheory
 
 from probupdate.io.subdyn_file import SubDynFile, read_subdyn
-from probupdate.modes import Sensor
+from probupdate.modal.modes import Sensor
 from probupdate.virtual.campaign_files import write_acceleration, write_campaign_toml
 from probupdate.virtual.response import modal_response
 

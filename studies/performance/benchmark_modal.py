@@ -14,7 +14,7 @@ import numpy as np
 from scipy import sparse
 from scipy.sparse import linalg as sparse_linalg
 
-from probupdate.structure.description import read_description
+from probupdate.structure.description_file import read_description
 from probupdate.structure.load import load_model, reference_model
 from probupdate.structure.reduced import reduce_basis
 from probupdate.structure.turbine_frame import build_frame

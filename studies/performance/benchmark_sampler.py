@@ -14,13 +14,13 @@ import time
 import emcee
 import numpy as np
 
-from probupdate.estimators.ensemble import SamplerSettings, sample
-from probupdate.estimators.laplace import maximum_a_posteriori
-from probupdate.estimators.posterior_file import effective_size
-from probupdate.estimators.updating import approach
-from probupdate.modes import ModalData, ModalSet
-from probupdate.problem import Weights, build_problem
+from probupdate.modal.modes import ModalData, ModalSet
 from probupdate.structure.load import load_model, reference_model
+from probupdate.updating.ensemble import SamplerSettings, sample
+from probupdate.updating.laplace import maximum_a_posteriori
+from probupdate.updating.posterior_file import effective_size
+from probupdate.updating.problem import Weights, build_problem
+from probupdate.updating.runs import approach
 
 COV = (0.015, 0.015, 0.017, 0.017, 0.017)
 

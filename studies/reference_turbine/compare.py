@@ -7,10 +7,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from probupdate.mode_labels import mode_character
-from probupdate.modes import Sensor, mac
+from probupdate.modal.labels import mode_character
+from probupdate.modal.modes import Sensor, mac
 from probupdate.reporting.paper_tables import FREQUENCY_HZ, MAC, MODES, PILE_HEAD_NPM, UPDATED
-from probupdate.structure.description import parse_description, read_description
+from probupdate.structure.description_file import parse_description, read_description
 from probupdate.structure.load import load_model, reference_model, turbine_model
 from probupdate.structure.parameter_table import read_toml
 

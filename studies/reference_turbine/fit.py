@@ -21,11 +21,11 @@ import numpy as np
 from model_files import as_built_text, state_text, table_5
 from scipy.optimize import least_squares
 
-from probupdate.mode_labels import mode_character
-from probupdate.modes import Sensor
-from probupdate.parameters import Parameter, Parameters
+from probupdate.modal.labels import mode_character
+from probupdate.modal.modes import Sensor
+from probupdate.model.parameters import Parameter, Parameters
 from probupdate.reporting.paper_tables import FREQUENCY_HZ, PILE_HEAD_NPM, UPDATED
-from probupdate.structure.description import parse_description
+from probupdate.structure.description_file import parse_description
 from probupdate.structure.load import reference_model, turbine_model
 
 STATES = ("design", "as-built", "updated")

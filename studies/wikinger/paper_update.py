@@ -9,17 +9,17 @@ import numpy as np
 from scipy import stats
 
 from probupdate import verbs
-from probupdate.estimators.laplace import maximum_a_posteriori
-from probupdate.estimators.predictive import PredictiveCheck, predictive_check
-from probupdate.estimators.tikhonov import update
-from probupdate.estimators.update_file import UpdateRecord
-from probupdate.information import METRIC_WORDS, Information, recommendation
-from probupdate.mode_labels import mode_character
-from probupdate.modes import ModalData, ModalSet, Sensor
-from probupdate.problem import Weights, build_problem
+from probupdate.modal.labels import mode_character
+from probupdate.modal.modes import ModalData, ModalSet, Sensor
 from probupdate.reporting import paper_tables as paper
-from probupdate.structure.description import read_description
+from probupdate.structure.description_file import read_description
 from probupdate.structure.load import load_model, reference_model
+from probupdate.updating.information import METRIC_WORDS, Information, recommendation
+from probupdate.updating.laplace import maximum_a_posteriori
+from probupdate.updating.predictive import PredictiveCheck, predictive_check
+from probupdate.updating.problem import Weights, build_problem
+from probupdate.updating.tikhonov import update
+from probupdate.updating.update_file import UpdateRecord
 
 STATES = {"design": "design", "as-built": "as_built", "updated": "updated"}
 COV = tuple(paper.FREQUENCY_COV[name] for name in paper.MODES)

@@ -24,14 +24,14 @@ import paper_update as pages
 from paper_update import rows
 
 from probupdate import verbs
-from probupdate.estimators.posterior_file import read_posterior
-from probupdate.estimators.set_views_file import read_views
-from probupdate.estimators.update_file import read_update
-from probupdate.modes import ModalData, ModalSet, mac, read_modes, write_modes
+from probupdate.modal.modes import ModalData, ModalSet, mac, read_modes, write_modes
 from probupdate.reporting import figures, report
 from probupdate.reporting import paper_tables as paper
 from probupdate.reporting.run_files import read_table
 from probupdate.structure.load import load_model, reference_model
+from probupdate.updating.posterior_file import read_posterior
+from probupdate.updating.set_views_file import read_views
+from probupdate.updating.update_file import read_update
 
 TARGET_ESS = 400
 

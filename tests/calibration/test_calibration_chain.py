@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from probupdate.estimators.ensemble import SamplerSettings, sample
-from probupdate.estimators.laplace import maximum_a_posteriori
-from probupdate.estimators.surrogate import Proposal, from_laplace
-from probupdate.model import ManySolutions
-from probupdate.modes import ModalData, ModalSet
-from probupdate.parameters import Parameter, Parameters
-from probupdate.problem import build_problem
+from probupdate.modal.modes import ModalData, ModalSet
+from probupdate.model.interface import ManySolutions
+from probupdate.model.parameters import Parameter, Parameters
 from probupdate.structure.functions import FunctionModel
+from probupdate.updating.ensemble import SamplerSettings, sample
+from probupdate.updating.laplace import maximum_a_posteriori
+from probupdate.updating.problem import build_problem
+from probupdate.updating.surrogate import Proposal, from_laplace
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "studies" / "calibration"))
 from ranks import band, coverage, histogram, uniformity, weighted_rank

@@ -7,7 +7,7 @@ import pytest
 from probupdate.campaign.blocks import Block
 from probupdate.campaign.quantity import Band, as_quantity
 from probupdate.errors import InputError
-from probupdate.modes import Sensor
+from probupdate.modal.modes import Sensor
 
 RATE, N = 25.0, 45000
 QUANTITY = ("displacement", "velocity", "acceleration")

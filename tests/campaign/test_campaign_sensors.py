@@ -18,7 +18,7 @@ from probupdate.campaign.heading import Sway, block_sway, heading_findings, head
 from probupdate.campaign.reading import read_campaign
 from probupdate.campaign.rigid_bodies import campaign_gains, natural_groups, rigid_candidates, wrong_gains
 from probupdate.campaign.rotor_lines import line_scores, rotor_lines_against_scada
-from probupdate.modes import Sensor
+from probupdate.modal.modes import Sensor
 from probupdate.virtual.simulation import simulate
 
 FRAME = Path(__file__).parents[2].parent / "shared" / "data" / "weimar_frame"

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from probupdate.cli import main
-from probupdate.estimators.posterior_file import read_posterior
-from probupdate.estimators.update_file import read_update
-from probupdate.modes import read_modes
+from probupdate.modal.modes import read_modes
 from probupdate.structure.load import reference_model
+from probupdate.updating.posterior_file import read_posterior
+from probupdate.updating.update_file import read_update
 
 # the parameters the first and second bending pairs see best; the others stay as built
 UPDATED = ("k_t", "k_TP", "tz")

@@ -433,15 +433,15 @@ def test_a_success_seen_from_the_shell_is_silent_on_stderr(estimated, tmp_path):
 
 
 def test_a_defect_rises_with_its_trace(monkeypatch, building):
-    import probupdate.cli
+    from probupdate.cli import estimates, main
 
     def broken(arguments, progress):
         raise ZeroDivisionError("a defect")
 
-    monkeypatch.setattr(probupdate.cli, "run_update", broken)
+    monkeypatch.setattr(estimates, "run_update", broken)
     # Python then prints the trace and exits with 1, which is no code of ours
     with pytest.raises(ZeroDivisionError, match="a defect"):
-        probupdate.cli.main(update(building))
+        main(update(building))
 
 
 # Channels exchanged or reversed -------------------------------------------------------------------------------------

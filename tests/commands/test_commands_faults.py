@@ -36,16 +36,16 @@ def test_nothing_finished_is_lost_and_nothing_is_left(tmp_path):
 
 def test_the_study_tries_every_command_or_says_which_it_does_not():
     sys.path.insert(0, str(STUDY))
-    import faults
+    import fault_inputs
 
-    tried = {words[0] for words in faults.commands(Path("i"), Path("o")).values()}
-    assert tried | set(faults.UNTRIED) == set(EXAMPLES) and not tried & set(faults.UNTRIED)
+    tried = {words[0] for words in fault_inputs.commands(Path("i"), Path("o")).values()}
+    assert tried | set(fault_inputs.UNTRIED) == set(EXAMPLES) and not tried & set(fault_inputs.UNTRIED)
 
 
 def test_the_study_knows_a_torn_file(tmp_path):
     """What judges the trials, on files of which a half is there."""
     sys.path.insert(0, str(STUDY))
-    import faults
+    from fault_bench import is_whole
 
     np.savez(tmp_path / "a.npz", a=np.arange(100.0))
     (tmp_path / "a.json").write_text(json.dumps({"a": list(range(100))}))
@@ -54,9 +54,9 @@ def test_the_study_knows_a_torn_file(tmp_path):
     with h5py.File(tmp_path / "a.h5", "w") as file:
         file["data"] = np.random.default_rng(1).standard_normal(5000)
     for path in list(tmp_path.iterdir()):
-        assert faults.is_whole(path), path.name
+        assert is_whole(path), path.name
         path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
-        assert not faults.is_whole(path), path.name
+        assert not is_whole(path), path.name
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
@@ -75,9 +75,9 @@ def test_a_signal_while_the_program_is_being_loaded_is_one_line(number):
 
 def test_a_signal_that_falls_into_an_exec_keeps_the_exit_code(tmp_path):
     """Python itself ends by the signal where a KeyboardInterrupt has passed through an exec, caught or not."""
-    code = ("import os, signal, sys\nfrom probupdate import cli, __main__\n"
+    code = ("import os, signal, sys\nfrom probupdate import __main__\nfrom probupdate.cli import beginning\n"
             "def action(a, progress): exec('import os, signal; os.kill(os.getpid(), signal.SIGTERM)')\n"
-            "cli.run_modes = action\nsys.argv = ['probupdate', 'modes', 'design']\nsys.exit(__main__.main())")
+            "beginning.run_modes = action\nsys.argv = ['probupdate', 'modes', 'design']\nsys.exit(__main__.main())")
     (tmp_path / "run.py").write_text(code)
     ended = subprocess.run([sys.executable, tmp_path / "run.py"], capture_output=True, text=True)
     assert ended.returncode == 130 and ended.stderr == "probupdate modes: interrupted; what was finished is kept\n"

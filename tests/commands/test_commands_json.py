@@ -14,8 +14,8 @@ from command_cases import write_building, write_campaign
 
 import probupdate
 from probupdate.cli import EXAMPLES, build_parser, main
-from probupdate.modes import ModalData, ModalDeviation, ModalSet, read_modes, write_modes
-from probupdate.result_table import OWN_UNIT, json_object, plain_value, table_of, with_units
+from probupdate.io.result_table import OWN_UNIT, json_object, plain_value, table_of, with_units
+from probupdate.modal.modes import ModalData, ModalDeviation, ModalSet, read_modes, write_modes
 
 PACKAGE = Path(probupdate.__file__).parent
 KEYS = {"command", "summary", "files", "table"}
@@ -25,13 +25,15 @@ def verbs() -> dict[str, argparse.ArgumentParser]:
     return next(a for a in build_parser()._actions if isinstance(a, argparse._SubParsersAction)).choices
 
 
-def classes() -> dict[str, ast.ClassDef]:
-    return {
-        node.name: node
-        for path in PACKAGE.rglob("*.py")
-        for node in ast.parse(path.read_text("utf-8")).body
-        if isinstance(node, ast.ClassDef)
-    }
+def class_of(name: str, module: str) -> ast.ClassDef:
+    """The class that a module means by a name: its own, or the one it imports; rooms may have classes of one name."""
+    path = PACKAGE.parent / f"{module.replace('.', '/')}.py"
+    for node in ast.walk(ast.parse(path.read_text("utf-8"))):
+        if isinstance(node, ast.ClassDef) and node.name == name:
+            return node
+        if isinstance(node, ast.ImportFrom) and any(alias.name == name for alias in node.names):
+            return class_of(name, node.module)
+    raise AssertionError(f"{module} knows no {name}")
 
 
 @pytest.mark.parametrize("verb", sorted(EXAMPLES))
@@ -44,14 +46,16 @@ def test_no_command_is_without_an_example():
 
 
 def test_every_steps_result_has_a_table_and_a_summary():
-    known, seen = classes(), set()
+    seen = set()
     for step in [*probupdate._STEPS, "demo", "farm"]:
-        told = inspect.signature(inspect.unwrap(getattr(probupdate, step))).return_annotation
+        function = inspect.unwrap(getattr(probupdate, step))
+        told = inspect.signature(function).return_annotation
         for name in str(told).split(" | "):
             if name == "Model":
                 continue
-            own = {node.name for node in known[name].body if isinstance(node, ast.FunctionDef)}
-            fields = {node.target.id for node in known[name].body if isinstance(node, ast.AnnAssign)}
+            found = class_of(name, function.__module__)
+            own = {node.name for node in found.body if isinstance(node, ast.FunctionDef)}
+            fields = {node.target.id for node in found.body if isinstance(node, ast.AnnAssign)}
             assert "to_frame" in own, f"{step} returns {name}, which has no to_frame()"
             assert "summary" in own | fields, f"{step} returns {name}, which has no summary"
             seen.add(name)

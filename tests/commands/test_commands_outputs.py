@@ -11,10 +11,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from probupdate import files
 from probupdate.cli import build_parser, given_paths, main
 from probupdate.errors import InputError
-from probupdate.outputs import refuse_overwriting
+from probupdate.io import files
+from probupdate.io.outputs import refuse_overwriting
 
 
 def run(*arguments, **options):
@@ -112,7 +112,7 @@ def test_only_the_dead_lose_their_temporary_files(tmp_path):
 
 
 def test_two_writers_at_once_leave_one_whole_file(tmp_path):
-    code = ("import sys, numpy as np\nfrom probupdate import files\n"
+    code = ("import sys, numpy as np\nfrom probupdate.io import files\n"
             "for k in range(60): files.write_arrays(sys.argv[1], {'a': np.full(20000, int(sys.argv[2]))})")
     path = tmp_path / "a.npz"
     both = [subprocess.Popen([sys.executable, "-c", code, path, str(k)]) for k in (1, 2)]

@@ -10,8 +10,8 @@ import pytest
 from scipy import linalg, signal
 
 from probupdate.cli import main
-from probupdate.estimators.update_file import read_update
-from probupdate.modes import read_modes
+from probupdate.modal.modes import read_modes
+from probupdate.updating.update_file import read_update
 
 RATE_HZ, MINUTES, BLOCK_MINUTES, STIFFER = 40.0, 40, 10, 1.10
 MASS_KG, DAMPING = 2e4, 0.01

@@ -21,11 +21,11 @@ import probupdate
 from probupdate import demonstration
 from probupdate.cli import build_parser, main
 from probupdate.errors import InputError
-from probupdate.estimators.posterior_file import GROUPS, read_posterior, write_posterior
-from probupdate.estimators.update_file import read_update
 from probupdate.structure.functions import FunctionModel
 from probupdate.structure.load import load_model
 from probupdate.structure.parameter_table import read_parameters
+from probupdate.updating.posterior_file import GROUPS, read_posterior, write_posterior
+from probupdate.updating.update_file import read_update
 
 BRIDGE = Path(__file__).resolve().parents[3] / "shared" / "data" / "footbridge"
 STUDY = Path(__file__).resolve().parents[2] / "studies" / "footbridge"

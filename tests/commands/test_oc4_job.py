@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from probupdate.cli import main
-from probupdate.estimators.update_file import read_update
 from probupdate.io.subdyn_file import read_subdyn
-from probupdate.modes import ModalData, ModalSet, write_modes
+from probupdate.modal.modes import ModalData, ModalSet, write_modes
 from probupdate.structure.load import load_model
+from probupdate.updating.update_file import read_update
 
 STUDY = Path(__file__).resolve().parents[2] / "studies" / "oc4"
 OC4 = Path(__file__).resolve().parents[3] / "shared" / "reference" / "oc4"

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from probupdate.modes import ModalData, ModalSet
+from probupdate.modal.modes import ModalData, ModalSet
 
 N_STOREY, N_BLOCK = 5, 40
 CHANNELS = tuple(f"{axis}{storey}" for storey in range(1, N_STOREY + 1) for axis in "xy")

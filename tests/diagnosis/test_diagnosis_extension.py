@@ -12,18 +12,18 @@ import probupdate
 from probupdate.cli import main
 from probupdate.diagnosis import extension_sampling
 from probupdate.effects.catalogue import Delay, Effect, Gain, Rate, Turn
-from probupdate.diagnosis.courses import Course, step_course
+from probupdate.diagnosis.time_profiles import TimeProfile, step_profile
 from probupdate.diagnosis.diagnose import examine
 from probupdate.diagnosis.extension import corrected, corrections, described, extend, mean_set, size_statements
 from probupdate.diagnosis.prepare import prepare
-from probupdate.diagnosis.setting import Named, settle
+from probupdate.diagnosis.problem import IncludedEffect, diagnosis_problem
 from probupdate.diagnosis.step_time import sharpened
 from probupdate.effects.turbine import turbine_effects
 from probupdate.errors import ConvergenceError
-from probupdate.estimators.ensemble import SamplerSettings
-from probupdate.estimators.posterior_file import read_posterior
-from probupdate.modes import mac, read_modes
-from probupdate.structure.description import read_description
+from probupdate.updating.ensemble import SamplerSettings
+from probupdate.updating.posterior_file import read_posterior
+from probupdate.modal.modes import mac, read_modes
+from probupdate.structure.description_file import read_description
 from probupdate.structure.extend import extended_model, write_extended
 from probupdate.structure.load import load_model, reference_model
 
@@ -33,20 +33,25 @@ def prepared(frame_file):
     return prepare(frame_file)
 
 
-def named(observe, size, course):
-    return Named(effect=Effect(kind="measurement", cause="test", location="", unit="-", tolerance=0.0, slab=1.0,
-                               observe=observe), course=course, size=size)  # fmt: skip
+def included(observe, size, course):
+    return IncludedEffect(
+        effect=Effect(
+            kind="measurement", cause="test", location="", unit="-", tolerance=0.0, slab=1.0, observe=observe
+        ),
+        course=course,
+        size=size,
+    )
 
 
 def test_corrected_sets_are_those_without_the_sensors_faults(prepared, record):
     """A late logger, a turned sensor, a gain from the tenth block on and a fast clock, put in by the observations and
     taken out again."""
     true = record(1)
-    setting, _ = settle(prepared, true)
+    problem, _ = diagnosis_problem(prepared, true)
     n = len(true.sets)
-    constant = Course(kind="constant", value=np.ones(n))
-    faults = (named(Gain(3), 0.2, step_course(n, 10)), named(Turn(((4, 5),)), 12.0, constant),
-              named(Delay((0, 1)), 8.0, constant), named(Rate(), 0.01, constant))  # fmt: skip
+    constant = TimeProfile(kind="constant", value=np.ones(n))
+    faults = (included(Gain(3), 0.2, step_profile(n, 10)), included(Turn(((4, 5),)), 12.0, constant),
+              included(Delay((0, 1)), 8.0, constant), included(Rate(), 0.01, constant))  # fmt: skip
     sets = []
     for b, s in enumerate(true.sets):
         shape, frequency = np.array(s.shape), np.array(s.frequency_hz)
@@ -58,30 +63,32 @@ def test_corrected_sets_are_those_without_the_sensors_faults(prepared, record):
             assert abs(abs(np.angle(late)) - 2 * np.pi * frequency[j] / 1.01 * 8e-3) < 1e-9
             shape[[0, 1], j] *= late
         sets.append(replace(s, shape=shape, frequency_hz=frequency / 1.01))
-    found = corrected(setting, replace(true, sets=tuple(sets)), faults)
+    found = corrected(problem, replace(true, sets=tuple(sets)), faults)
     for was, now in zip(true.sets, found.sets, strict=True):
         np.testing.assert_allclose(now.frequency_hz, was.frequency_hz, rtol=1e-12)
         np.testing.assert_allclose(now.shape, was.shape, atol=1e-12)
 
 
 def test_deviations_are_corrected_as_the_shapes_are():
-    A, shift = corrections(4, [named(Gain(2), 0.25, None)], [1.0], 1.0)
+    A, shift = corrections(4, [included(Gain(2), 0.25, None)], [1.0], 1.0)
     assert shift == 0.0 and A[2, 2] == 1.25 and np.allclose(np.delete(np.diag(A), 2), 1.0)
-    assert corrections(4, [named(Gain(2), 0.25, None)], [0.0], 1.0)[0][2, 2] == 1.0
+    assert corrections(4, [included(Gain(2), 0.25, None)], [0.0], 1.0)[0][2, 2] == 1.0
 
 
 def test_mean_of_blocks_is_that_of_frequencies_and_shapes(stepped):
     """Against plain means of the blocks: pairs of this frame have their axes in x and y."""
     outcome = stepped[2]
-    found, n = mean_set(outcome.setting, outcome.fitted)
-    later = outcome.setting.blocks.taken(np.arange(18, 40))
+    found, n = mean_set(outcome.problem, outcome.fitted)
+    later = outcome.problem.blocks.taken(np.arange(18, 40))
     assert n == 22
     plain = later.frequency_hz.mean(axis=0)
     # pairs 1.5 % apart are mixed with the noise of shapes: a mean of ordered frequencies is off by less than that of
     # twenty-two blocks of 0.1 %
     np.testing.assert_allclose(found.frequency_hz, plain, rtol=3e-3 / np.sqrt(22))
-    floor = outcome.setting.floor[0][0]
-    assert np.all(found.frequency_std_hz > floor * plain) and np.all(found.frequency_std_hz < 2 * floor * plain)
+    discrepancy_std = outcome.problem.discrepancy_std[0][0]
+    assert np.all(found.frequency_std_hz > discrepancy_std * plain) and np.all(
+        found.frequency_std_hz < 2 * discrepancy_std * plain
+    )
     one = later.shape[0]
     assert np.min(np.diag(mac(one, found.shape))) > 0.999
 
@@ -135,7 +142,7 @@ def test_an_extended_turbine_is_the_old_one_until_its_parameter_moves(tmp_path):
     those of the model the size was fitted in."""
     path = reference_model("updated")
     row = next(r for r in turbine_effects(read_description(path)) if r.model.name == "brace_BC_2")
-    told = described(row, Named(effect=row.effect, course=step_course(40, 20), size=-0.6))
+    told = described(row, IncludedEffect(effect=row.effect, course=step_profile(40, 20), size=-0.6))
     model = load_model(write_extended(path, [told], tmp_path / "diagnosis.model.toml"))
     assert model.parameters.names[-1] == "brace_BC_2"
     assert "block 21" in next(p.description for p in model.parameters if p.name == "brace_BC_2")
@@ -159,12 +166,12 @@ def test_findings_of_parameters_leave_the_model_as_it_is(stepped):
 
 def test_a_step_between_the_grids_blocks_is_found_to_the_block(stepped):
     outcome = stepped[2]
-    setting = outcome.setting
-    (one,) = outcome.fitted.named
-    assert one.course.at == 18 and outcome.diagnosis.findings[0].course_start == setting.blocks.ids[18]
+    problem = outcome.problem
+    (one,) = outcome.fitted.included
+    assert one.course.at == 18 and outcome.diagnosis.findings[0].course_start == problem.blocks.ids[18]
     # from the block before it, whatever the grid holds
-    effect = next(j for j, e in enumerate(setting.effects) if e is one.effect)
-    assert sharpened(setting, outcome.null, effect, step_course(len(setting.blocks), 17)).at == 18
+    effect = next(j for j, e in enumerate(problem.effects) if e is one.effect)
+    assert sharpened(problem, outcome.null, effect, step_profile(len(problem.blocks), 17)).at == 18
 
 
 # The posterior with the findings ------------------------------------------------------------------------------------
@@ -184,7 +191,7 @@ def grouped(frame_file, record, tmp_path_factory):
 
 def test_a_group_that_is_found_becomes_a_parameter_of_a_model_of_matrices(grouped):
     prepared, _, outcome, told, out = grouped
-    (one,) = outcome.fitted.named
+    (one,) = outcome.fitted.included
     (added,) = told.content["added"]
     assert (added["as"], added["parameter"], told.model) == ("parameter", "lower_storeys", "diagnosis.model.toml")
     model = load_model(out.with_name(told.model))

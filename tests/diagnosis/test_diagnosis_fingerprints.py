@@ -5,15 +5,15 @@ import pytest
 
 from probupdate.diagnosis.blocks import gather
 from probupdate.effects.catalogue import measurement_effects
-from probupdate.diagnosis.departures import Reference, modes_with, numbers_of, numbers_of_modes
+from probupdate.diagnosis.mode_numbers import Reference, modes_with, numbers_of, numbers_of_modes
 from probupdate.diagnosis.evidence import length_std
-from probupdate.diagnosis.expected import all_departures, fingerprints_at
-from probupdate.diagnosis.field import build_field, effect_fingerprints
+from probupdate.diagnosis.expected import all_departures, signatures_at
+from probupdate.diagnosis.predictor import build_predictor, effect_signatures
 from probupdate.diagnosis.fitting import fit, linearised, noise_of
 from probupdate.diagnosis.prepare import prepare
-from probupdate.diagnosis.setting import Named, settle
+from probupdate.diagnosis.problem import IncludedEffect, diagnosis_problem
 from probupdate.diagnosis.small_model import TURNS_DEG, small_model
-from probupdate.modes import Sensor
+from probupdate.modal.modes import Sensor
 from probupdate.structure.extend import extended_model
 from probupdate.structure.load import load_model, reference_model
 from probupdate.virtual.modal_blocks import simulate_modes
@@ -43,7 +43,7 @@ def test_fingerprints_are_the_differences_of_identified_modes(prepared, record):
     blocks = gather(record())
     assert [len(g) for g in blocks.groups] == [2, 2]
     small, theta = prepared.small, np.array([1.03, 0.98, 1.0, 1.05, 0.97])
-    field = build_field(small, blocks, theta)
+    field = build_predictor(small, blocks, theta)
     sensors = tuple(
         Sensor(channel=c, level=c[1], position_m=[0, 0, float(c[1])], direction=np.eye(3)["xy".index(c[0])])
         for c in blocks.channels
@@ -52,7 +52,7 @@ def test_fingerprints_are_the_differences_of_identified_modes(prepared, record):
     local = small.at(theta)
     (here,) = field.slopes(local, [0.0], local.slopes(range(theta.size)))
     for q in range(2):
-        found = effect_fingerprints(effects, small.parameters.names, *here[q], field.axes[q])
+        found = effect_signatures(effects, small.parameters.names, *here[q], field.axes[q])
         for j, effect in enumerate(effects):
             h, sides = 1e-4 if effect.observe is None else effect.step_of_size, []
             for sign in (1, -1):
@@ -117,31 +117,31 @@ def test_fingerprints_between_the_nodes_are_those_of_the_angle_itself(turbine):
     """Straight lines over 10 degrees miss an effect that turns with the heading by a hundredth (10 degrees in radians,
     squared, over eight; four times that for what turns twice as fast)."""
     record = simulate_modes(truth={}, seed=3, days=2.0, n_block=12).data
-    setting, theta = settle(turbine, record)
-    local = setting.field.small.at(theta)
-    names = setting.field.parameters.names
+    problem, theta = diagnosis_problem(turbine, record)
+    local = problem.predictor.small.at(theta)
+    names = problem.predictor.parameters.names
     angles = np.array([14.0, 187.0, 355.0, 358.0])
-    lines = fingerprints_at(setting.field, local, setting.effects, names, angles)
+    lines = signatures_at(problem.predictor, local, problem.effects, names, angles)
     slopes = local.slopes(range(len(names)))
-    for k, exact in enumerate(setting.field.slopes(local, angles, slopes)):
+    for k, exact in enumerate(problem.predictor.slopes(local, angles, slopes)):
         for q, (reference, tensor, shape) in enumerate(exact):
-            own = effect_fingerprints(setting.effects, names, reference, tensor, shape, setting.field.axes[q])
+            own = effect_signatures(problem.effects, names, reference, tensor, shape, problem.predictor.axes[q])
             length = np.abs(lines[q]).max(axis=(0, 1))
             # at its usual size it must do something that could be seen at all
-            seen = length * np.array([e.slab for e in setting.effects]) > 1e-6
+            seen = length * np.array([e.slab for e in problem.effects]) > 1e-6
             assert seen.sum() > 0.9 * len(seen)
             assert np.all(np.abs(lines[q][k] - own).max(axis=0)[seen] < 0.02 * length[seen])
 
 
 def test_a_fingerprints_length_is_as_uncertain_as_draws_of_the_parameters_make_it(turbine):
     record = simulate_modes(truth={}, seed=4, days=10.0, n_block=30).data
-    setting, theta = settle(turbine, record)
-    fitted = fit(setting, theta)
-    (water,) = [e for e in setting.effects if e.cause == "wetted length"]
-    (course,) = [c for c in setting.courses if c.column == "water_level_m"]
-    told = length_std(setting, fitted, Named(effect=water, course=course, size=1.0))
-    names, rows = tuple(name for name, _ in water.increments), list(setting.updated)
-    field, rng, made = setting.field, np.random.default_rng(2), []
+    problem, theta = diagnosis_problem(turbine, record)
+    fitted = fit(problem, theta)
+    (water,) = [e for e in problem.effects if e.cause == "wetted length"]
+    (course,) = [c for c in problem.courses if c.column == "water_level_m"]
+    told = length_std(problem, fitted, IncludedEffect(effect=water, course=course, size=1.0))
+    names, rows = tuple(name for name, _ in water.increments), list(problem.updated)
+    field, rng, made = problem.predictor, np.random.default_rng(2), []
     covariance = fitted.design.unknowns_cov(range(len(rows)))
     for number in range(61):
         theta = fitted.theta.copy()
@@ -149,7 +149,7 @@ def test_a_fingerprints_length_is_as_uncertain_as_draws_of_the_parameters_make_i
             # a tenth of the deviation, so that only what is of first order counts
             theta[rows] += 0.1 * rng.multivariate_normal(np.zeros(len(rows)), covariance)
         local = field.small.at(np.clip(theta, field.parameters.lower, field.parameters.upper))
-        made.append([f[0, :, 0] for f in fingerprints_at(field, local, [water], names, setting.bins[0][:1])])
+        made.append([f[0, :, 0] for f in signatures_at(field, local, [water], names, problem.bins[0][:1])])
     precision = fitted.design.noise.precision
     lengths = [sum(x @ P @ y for x, P, y in zip(own, precision, made[0], strict=True)) for own in made]
     drawn = 10 * np.std(lengths[1:]) / lengths[0]
@@ -191,17 +191,17 @@ def test_what_a_pair_of_one_frequency_is_mixed_by_changes_nothing():
 def test_departures_far_from_the_model_change_as_the_design_says(prepared, record):
     """Where half of a storey is amiss what is left over is large; its derivative with the parameters is still that of
     the fingerprints, to the second order of the differences."""
-    setting, _ = settle(prepared, record(6, storey=3, factor=0.5))
+    problem, _ = diagnosis_problem(prepared, record(6, storey=3, factor=0.5))
     theta = np.array([1.1, 0.9, 1.2, 1.0, 0.95])
-    noise = noise_of(setting, all_departures(setting, theta, ()))
-    design, departures, _ = linearised(setting, theta, (), noise, all_departures(setting, theta, ()))
+    noise = noise_of(problem, all_departures(problem, theta, ()))
+    design, departures, _ = linearised(problem, theta, (), noise, all_departures(problem, theta, ()))
     assert max(np.abs(y).max() for y in departures) > 0.2
-    for number, k in enumerate(setting.updated):
+    for number, k in enumerate(problem.updated):
         sides = []
         for h in (1e-4, -1e-4):
             moved = theta.copy()
             moved[k] += h
-            sides.append(all_departures(setting, moved, ()))
+            sides.append(all_departures(problem, moved, ()))
         unknowns = np.zeros(design.n_unknown)
         unknowns[number] = 1.0
         for plus, minus, made, w in zip(*sides, design.expected(unknowns), noise.weight, strict=True):

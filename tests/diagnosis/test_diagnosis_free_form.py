@@ -11,8 +11,8 @@ from probupdate.diagnosis.free_form import PART_CAUSES, elementary, free_form, p
 from probupdate.diagnosis.gain import measures
 from probupdate.diagnosis.prepare import prepare
 from probupdate.diagnosis.wording import free_form_words
-from probupdate.model import Wireframe
-from probupdate.modes import ModalData, ModalSet
+from probupdate.modal.modes import ModalData, ModalSet
+from probupdate.model.interface import Wireframe
 from probupdate.structure.load import reference_model
 from probupdate.structure.parameter_table import read_parameters
 from tests.diagnosis.conftest import CHANNELS, MASS, N_BLOCK, N_STOREY, storeys
@@ -71,7 +71,7 @@ def test_a_part_outside_the_catalogue_is_placed_and_sized(frame, hidden, cause, 
     # a spring makes modes along x faster, a mass all of them slower
     assert part["modes"] and all((m["frequency_percent"] > 0) == ("spring" in hidden) for m in part["modes"])
     outcome = found.outcome
-    gain = measures(outcome.setting, outcome.null, outcome.fitted, noise=outcome.null.design.noise)
+    gain = measures(outcome.problem, outcome.null, outcome.fitted, noise=outcome.null.design.noise)
     assert gain["significant"]
     said = free_form_words({"details": {"free_form": found.content | {"gain": gain}}})
     assert said[0].startswith(f"something like {cause}, {where}") and "no row of the catalogue" in said[1]
@@ -115,7 +115,7 @@ def test_points_are_where_members_meet_or_end_and_then_far_apart():
 
 @pytest.mark.numbers
 def test_points_of_the_turbine_have_names():
-    from probupdate.structure.description import read_description
+    from probupdate.structure.description_file import read_description
     from probupdate.structure.load import load_model
     from probupdate.structure.places import place_of
 

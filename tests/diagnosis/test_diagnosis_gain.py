@@ -7,7 +7,7 @@ import pytest
 from scipy import stats
 
 from probupdate.diagnosis import gain
-from probupdate.diagnosis.courses import Course, step_course
+from probupdate.diagnosis.time_profiles import TimeProfile, step_profile
 from probupdate.diagnosis.expected import departures_at
 from probupdate.diagnosis.fitting import centred_departures, design_at, fit
 from probupdate.diagnosis.linear import Design
@@ -18,7 +18,7 @@ N_BLOCK, N_EFFECT, N_NUISANCE = 60, 3, 3
 SIZES = (5, 4)
 
 
-def make_design(seed=3, named=(), n_block=N_BLOCK, floor=0.3, doubted=(), noise=1.0):
+def make_design(seed=3, included=(), n_block=N_BLOCK, discrepancy_std=0.3, model_errors=(), noise=1.0):
     rng = np.random.default_rng(seed)
     bin_of = rng.integers(0, 2, n_block)
     covariances = [noise**2 * (a @ a.T / m + np.eye(m)) for m in SIZES for a in [rng.standard_normal((m, m))]]
@@ -30,9 +30,9 @@ def make_design(seed=3, named=(), n_block=N_BLOCK, floor=0.3, doubted=(), noise=
     effect = tuple(rng.standard_normal((2, m, N_EFFECT)) for m in SIZES)
     return Design(
         bin_of=bin_of, nuisance=nuisance, nuisance_std=np.array([0.5, 1.0, 2.0]),
-        floor=tuple(np.full(m, floor) for m in SIZES), effect=effect,
-        courses=(Course(kind="constant", value=np.ones(n_block)),), which=np.zeros((0, 2), int), noise=noises,
-        named=tuple(named), doubted=tuple(doubted),
+        discrepancy_std=tuple(np.full(m, discrepancy_std) for m in SIZES), effect=effect,
+        courses=(TimeProfile(kind="constant", value=np.ones(n_block)),), which=np.zeros((0, 2), int), noise=noises,
+        included=tuple(included), model_errors=tuple(model_errors),
     )  # fmt: skip
 
 
@@ -66,10 +66,10 @@ def stacked(y, places):
 def test_predictive_density_is_that_of_the_written_out_joint_normal():
     """Route two knows no Woodbury and no posterior: training and held-out numbers are one normal vector, the held-out
     ones with an offset that has nothing to do with the training's share of what predicts them."""
-    named = ((1, step_course(N_BLOCK, 25), 0.8), (2, Course(kind="covariate", value=np.sin(np.arange(N_BLOCK)),
+    included = ((1, step_profile(N_BLOCK, 25), 0.8), (2, TimeProfile(kind="covariate", value=np.sin(np.arange(N_BLOCK)),
                                                            column="water_level_m"), 0.4))  # fmt: skip
-    doubt = tuple(np.random.default_rng(7).uniform(0.1, 0.3, (2, m)) for m in SIZES)
-    design = make_design(named=named, doubted=((named[0][1], doubt),))
+    error_scale = tuple(np.random.default_rng(7).uniform(0.1, 0.3, (2, m)) for m in SIZES)
+    design = make_design(included=included, model_errors=((included[0][1], error_scale),))
     y = design.simulate(np.random.default_rng(8))
     held = gain.stretches(N_BLOCK) == 1
     found = predict(design, y, held)
@@ -116,13 +116,13 @@ def shifted(design, course, rng):
 @pytest.mark.parametrize("snr", [6.0, 12.0])
 def test_gain_of_a_true_step_is_about_half_its_squared_snr(snr):
     """log score: d^2 / 2 +- d for an effect of SNR d, d told by the design alone."""
-    course = step_course(N_BLOCK, 30)
+    course = step_profile(N_BLOCK, 30)
     plain = make_design()
     rng = np.random.default_rng(10)
-    trial = make_design(named=((0, course, 1.0),))
+    trial = make_design(included=((0, course, 1.0),))
     d_unit = 1 / np.sqrt(trial.unknowns_cov([N_NUISANCE])[0, 0] ** -1 - 1.0) ** -1
     size = snr / d_unit
-    extended = make_design(named=((0, course, size),))
+    extended = make_design(included=((0, course, size),))
     gains, errors = [], []
     for _ in range(8):
         y = shifted(plain, size * course.value, rng)
@@ -143,10 +143,10 @@ def test_gain_of_a_true_constant_is_about_half_its_squared_snr(noise):
     """However small the noise is beside the offset that hides it: 0.02 is a hundredth of the departure. What a
     prediction from four fifths of the record misses of the whole record's is then many times the noise."""
     plain, snr = make_design(noise=noise), 8.0
-    constant = Course(kind="constant", value=np.ones(N_BLOCK))
-    trial = make_design(named=((0, constant, 1.0),), noise=noise)
+    constant = TimeProfile(kind="constant", value=np.ones(N_BLOCK))
+    trial = make_design(included=((0, constant, 1.0),), noise=noise)
     size = snr * np.sqrt(1 / (1 / trial.unknowns_cov([N_NUISANCE])[0, 0] - 1.0))
-    extended, rng = make_design(named=((0, constant, size),), noise=noise), np.random.default_rng(13)
+    extended, rng = make_design(included=((0, constant, size),), noise=noise), np.random.default_rng(13)
     found = []
     for _ in range(12):
         y = shifted(plain, size * constant.value, rng)
@@ -163,10 +163,10 @@ def test_gain_where_one_stretch_alone_tells_an_unknown():
     """A tolerance that shows at one heading, which the nacelle had in the first stretch only: left out, that stretch is
     foretold far worse than the rest, which must not make what all share less than nothing."""
     snr, rng = 8.0, np.random.default_rng(14)
-    constant = Course(kind="constant", value=np.ones(N_BLOCK))
+    constant = TimeProfile(kind="constant", value=np.ones(N_BLOCK))
 
-    def only_once(named=()):
-        design = make_design(named=named, noise=0.02)
+    def only_once(included=()):
+        design = make_design(included=included, noise=0.02)
         nuisance = tuple(a.copy() for a in design.nuisance)
         for a in nuisance:
             a[0, :, 2] = 0.0
@@ -195,7 +195,7 @@ def test_a_wrong_effect_gains_nothing():
     """Twenty records with nothing wrong: an effect taken in all the same is significant at most at the rate of its two
     errors."""
     plain, rng = make_design(), np.random.default_rng(11)
-    extended = make_design(named=((0, step_course(N_BLOCK, 20), 1.0),))
+    extended = make_design(included=((0, step_profile(N_BLOCK, 20), 1.0),))
     found = [gain.contest((plain, y), (extended, y)) for y in (plain.simulate(rng) for _ in range(20))]
     # an effect that is not there costs, or gains by chance as much as its own error
     assert np.mean([c.elpd for c in found]) < 0.5
@@ -205,12 +205,12 @@ def test_a_wrong_effect_gains_nothing():
 
 def test_error_of_a_constant_effect_counts_that_all_blocks_share_what_is_unknown():
     """More blocks make nothing surer where an offset common to all of them hides it."""
-    short, long = (make_design(n_block=n, floor=0.5) for n in (40, 160))
+    short, long = (make_design(n_block=n, discrepancy_std=0.5) for n in (40, 160))
     ratio = []
     for plain in (short, long):
         n = len(plain.bin_of)
-        course = Course(kind="constant", value=np.ones(n))
-        extended = make_design(n_block=n, floor=0.5, named=((0, course, 2.0),))
+        course = TimeProfile(kind="constant", value=np.ones(n))
+        extended = make_design(n_block=n, discrepancy_std=0.5, included=((0, course, 2.0),))
         y = shifted(plain, 1.5 * course.value, np.random.default_rng(12))
         found = gain.contest((plain, y), (extended, y))
         ratio.append(found.elpd / found.elpd_se)
@@ -221,7 +221,7 @@ def test_error_of_a_constant_effect_counts_that_all_blocks_share_what_is_unknown
 def test_each_side_of_a_step_is_told_by_other_stretches():
     class One:
         def __init__(self, at):
-            self.course = step_course(48, at)
+            self.course = step_profile(48, at)
 
     assert gain.how_many(48, []) == gain.how_many(48, [One(24)]) == gain.N_FOLD
     for at in (8, 40):
@@ -269,24 +269,24 @@ def test_predictions_of_a_model_fitted_to_the_other_blocks_are_those_of_the_line
     """The plain way: from where nothing is known the model is fitted to the other blocks alone, and the held-out ones
     are predicted from there; frequencies of every stretch."""
     outcome = stepped[2]
-    setting, fitted = outcome.setting, outcome.fitted
-    noise, (one,) = fitted.design.noise, fitted.named
+    problem, fitted = outcome.problem, outcome.fitted
+    noise, (one,) = fitted.design.noise, fitted.included
     for number in range(gain.N_FOLD):
-        held = gain.stretches(len(setting.blocks)) == number
+        held = gain.stretches(len(problem.blocks)) == number
         linear = predict(gain.with_noise(fitted.design, noise), fitted.centred, held)
         train = np.flatnonzero(~held)
         cut = replace(one, size=0.5 * one.size, course=replace(one.course, value=one.course.value[train]))
-        less = replace(setting, blocks=setting.blocks.taken(train), which=np.zeros((0, 2), int),
-                       courses=(Course(kind="constant", value=np.ones(len(train))),))  # fmt: skip
-        again = fit(less, setting.prior.initial, (cut,))
+        less = replace(problem, blocks=problem.blocks.taken(train), which=np.zeros((0, 2), int),
+                       courses=(TimeProfile(kind="constant", value=np.ones(len(train))),))  # fmt: skip
+        again = fit(less, problem.prior.initial, (cut,))
         # it came all the way, and not to the very place
-        assert again.settled and abs(again.named[0].size - cut.size) > 0.3 * abs(one.size)
+        assert again.settled and abs(again.included[0].size - cut.size) > 0.3 * abs(one.size)
         assert not np.array_equal(again.theta, fitted.theta)
-        named = (replace(one, size=again.named[0].size),)
-        design = design_at(setting, again.theta, named, noise)
-        seen = departures_at(setting, again.theta, named)
+        included = (replace(one, size=again.included[0].size),)
+        design = design_at(problem, again.theta, included, noise)
+        seen = departures_at(problem, again.theta, included)
         refitted = predict(gain.with_noise(design, noise),
-                           centred_departures(setting, design, again.theta, named, seen), held)  # fmt: skip
+                           centred_departures(problem, design, again.theta, included, seen), held)  # fmt: skip
         for q in range(len(seen)):
             # what is predicted: frequencies seen there less what is left of them
             known = seen[q][held].mean(axis=0)[:3] - fitted.departures[q][held].mean(axis=0)[:3]

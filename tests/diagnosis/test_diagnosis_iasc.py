@@ -88,16 +88,16 @@ def test_frequencies_of_the_frame_are_those_of_opensees():
                         1 if m.kind == "column" else 2)  # fmt: skip
         length = np.linalg.norm(frame.position_m(m.ends[1]) - frame.position_m(m.ends[0]))
         mass[list(m.ends)] += frame.DENSITY_KGPM3 * area * length / 2
-    for floor, slab in enumerate(frame.SLAB_KG):
-        nodes = np.arange(frame.N_PLAN * (floor + 1), frame.N_PLAN * (floor + 2))
-        centre = np.array([frame.BAY_M, frame.BAY_M, frame.STOREY_M * (floor + 1)])
-        ops.node(100 + floor, *centre.tolist())
-        ops.fix(100 + floor, 0, 0, 1, 1, 1, 0)
-        ops.rigidDiaphragm(3, 100 + floor, *[int(n) + 1 for n in nodes])
+    for discrepancy_std, slab in enumerate(frame.SLAB_KG):
+        nodes = np.arange(frame.N_PLAN * (discrepancy_std + 1), frame.N_PLAN * (discrepancy_std + 2))
+        centre = np.array([frame.BAY_M, frame.BAY_M, frame.STOREY_M * (discrepancy_std + 1)])
+        ops.node(100 + discrepancy_std, *centre.tolist())
+        ops.fix(100 + discrepancy_std, 0, 0, 1, 1, 1, 0)
+        ops.rigidDiaphragm(3, 100 + discrepancy_std, *[int(n) + 1 for n in nodes])
         away = sum(mass[n, 0] * np.sum((frame.position_m(n) - centre) ** 2) for n in nodes)
         turning = 4 * slab * (frame.BAY_M**2 / 6 + frame.BAY_M**2 / 2) + away
         along = float(4 * slab + mass[nodes, 0].sum())
-        ops.mass(100 + floor, along, along, 0.0, 0.0, 0.0, float(turning))
+        ops.mass(100 + discrepancy_std, along, along, 0.0, 0.0, 0.0, float(turning))
         for n in nodes:
             ops.mass(int(n) + 1, 0.0, 0.0, float(mass[n, 2]), 1e-6, 1e-6, 0.0)
     ops.constraints("Transformation")

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from probupdate.diagnosis.courses import Course, step_course
-from probupdate.diagnosis.evidence import DOUBTS, linear_evidence, over_doubts
+from probupdate.diagnosis import linear
+from probupdate.diagnosis.time_profiles import TimeProfile, step_profile
+from probupdate.diagnosis.evidence import ERROR_SCALES, linear_evidence, over_error_scales
 from probupdate.diagnosis.linear import Design
 from probupdate.diagnosis.noise import Noise, estimate_noise
-from probupdate.diagnosis.search import chance
 
 N_BLOCK, N_EFFECT, N_NUISANCE = 12, 4, 3
 SIZES = (5, 4)
@@ -25,15 +25,15 @@ def design():
     weights[1][4] = 0.0
     noise = Noise(covariance=tuple(covariances), precision=tuple(np.linalg.inv(c) for c in covariances),
                   weight=tuple(weights))  # fmt: skip
-    courses = (Course(kind="constant", value=np.ones(N_BLOCK)), step_course(N_BLOCK, 5),
-               Course(kind="covariate", value=rng.standard_normal(N_BLOCK), column="water_level_m"))  # fmt: skip
+    courses = (TimeProfile(kind="constant", value=np.ones(N_BLOCK)), step_profile(N_BLOCK, 5),
+               TimeProfile(kind="covariate", value=rng.standard_normal(N_BLOCK), column="water_level_m"))  # fmt: skip
     which = np.array([(j, c) for j in range(N_EFFECT) for c in range(3)])
     return Design(
         bin_of=bin_of, nuisance=tuple(rng.standard_normal((2, m, N_NUISANCE)) for m in SIZES),
-        nuisance_std=np.array([0.5, 1.0, 2.0]), floor=tuple(np.full(m, 0.3) for m in SIZES),
+        nuisance_std=np.array([0.5, 1.0, 2.0]), discrepancy_std=tuple(np.full(m, 0.3) for m in SIZES),
         effect=tuple(rng.standard_normal((2, m, N_EFFECT)) for m in SIZES), courses=courses, which=which, noise=noise,
-        named=((1, step_course(N_BLOCK, 7), 0.8),),
-        doubted=((step_course(N_BLOCK, 7), tuple(rng.uniform(0.1, 0.6, (2, m)) for m in SIZES)),),
+        included=((1, step_profile(N_BLOCK, 7), 0.8),),
+        model_errors=((step_profile(N_BLOCK, 7), tuple(rng.uniform(0.1, 0.6, (2, m)) for m in SIZES)),),
     )  # fmt: skip
 
 
@@ -56,19 +56,19 @@ def dense(design):
 
     for k, std in enumerate(design.nuisance_std):
         columns.append(std * stacked(lambda q, b, k=k: design.nuisance[q][design.bin_of[b], :, k]))
-    for effect, course, std in design.named:
+    for effect, course, std in design.included:
         columns.append(std * stacked(
             lambda q, b, e=effect, c=course: c.value[b] * design.effect[q][design.bin_of[b], :, e]))
     for q, m in enumerate(SIZES):
         for r in range(m):
-            columns.append(design.floor[q][r] * stacked(
+            columns.append(design.discrepancy_std[q][r] * stacked(
                 lambda p, b, q=q, r=r: (np.arange(SIZES[p]) == r) * float(p == q)))
-    for course, spread in design.doubted:
+    for course, spread in design.model_errors:
         for q, m in enumerate(SIZES):
             for r in range(m):
                 def one(p, b, q=q, r=r, c=course, s=spread):
                     here = (np.arange(SIZES[p]) == r) * float(p == q)
-                    return design.doubt * c.value[b] * here * s[q][design.bin_of[b], r]
+                    return design.error_scale * c.value[b] * here * s[q][design.bin_of[b], r]
 
                 columns.append(stacked(one))
     low_rank = np.column_stack(columns)
@@ -97,12 +97,12 @@ def test_scores_information_and_likeness_are_those_of_the_written_out_covariance
     np.testing.assert_allclose(design.information, np.diag(information), rtol=1e-8)
     size = np.sqrt(np.diag(information))
     rows = np.arange(len(design.which))
-    np.testing.assert_allclose(design.likeness(rows), information / np.outer(size, size), atol=1e-8)
+    np.testing.assert_allclose(design.score_correlation(rows), information / np.outer(size, size), atol=1e-8)
 
 
-@pytest.mark.parametrize("doubt", [1.0, 0.2])
-def test_misfit_is_that_of_the_written_out_covariance(design, doubt):
-    design = replace(design, doubt=doubt)
+@pytest.mark.parametrize("error_scale", [1.0, 0.2])
+def test_misfit_is_that_of_the_written_out_covariance(design, error_scale):
+    design = replace(design, error_scale=error_scale)
     _, V, stacked = dense(design)
     y = [np.random.default_rng(5).standard_normal((N_BLOCK, m)) * (design.noise.weight[q][:, None] > 0)
          for q, m in enumerate(SIZES)]  # fmt: skip
@@ -122,31 +122,31 @@ def test_evidence_is_the_mean_density_over_how_well_fingerprints_are_known(desig
     rng = np.random.default_rng(6)
     y = [rng.standard_normal((N_BLOCK, m)) * (design.noise.weight[q][:, None] > 0) for q, m in enumerate(SIZES)]
     densities = []
-    for doubt in DOUBTS:
-        _, V, stacked = dense(replace(design, doubt=doubt))
+    for error_scale in ERROR_SCALES:
+        _, V, stacked = dense(replace(design, error_scale=error_scale))
         densities.append(stats.multivariate_normal.logpdf(stacked(lambda q, b: y[q][b]), cov=V))
     powers = 0.5 * len(V) * np.log(2 * np.pi)
-    told = over_doubts(design, lambda d: linear_evidence(d, y))
+    told = over_error_scales(design, lambda d: linear_evidence(d, y))
     assert told == pytest.approx(np.log(np.mean(np.exp(densities))) + powers, abs=1e-8)
     # nothing found, nothing to doubt
-    plain = replace(design, doubted=())
-    assert over_doubts(plain, lambda d: linear_evidence(d, y)) == linear_evidence(plain, y)
+    plain = replace(design, model_errors=())
+    assert over_error_scales(plain, lambda d: linear_evidence(d, y)) == linear_evidence(plain, y)
 
 
 def test_a_long_fingerprint_that_fits_is_not_held_against_a_short_one_that_does_not(design):
     """Twenty times as long a fingerprint that the record follows to a hundredth, and one that leaves three deviations:
     a doubt of a tenth of its length alone would choose the second."""
     long = tuple(20 * e[:, :, 1] for e in design.effect)
-    step = design.doubted[0][0]
-    plain = replace(design, named=(), doubted=())
-    doubted = replace(plain, doubted=((step, tuple(0.1 * np.abs(e) for e in long)),))
+    step = design.model_errors[0][0]
+    plain = replace(design, included=(), model_errors=())
+    model_errors = replace(plain, model_errors=((step, tuple(0.1 * np.abs(e) for e in long)),))
     nothing_left = [np.zeros((N_BLOCK, m)) for m in SIZES]
     other = [np.zeros((N_BLOCK, m)) for m in SIZES]
     other[0][0] = 1.0
     other[0] *= np.sqrt(3**2 / plain.misfit(other, []))
     behind = linear_evidence(plain, other)
-    assert linear_evidence(doubted, nothing_left) < behind
-    assert over_doubts(doubted, lambda d: linear_evidence(d, nothing_left)) > behind
+    assert linear_evidence(model_errors, nothing_left) < behind
+    assert over_error_scales(model_errors, lambda d: linear_evidence(d, nothing_left)) > behind
 
 
 def test_draws_have_the_covariance_of_the_scores(design):
@@ -159,12 +159,6 @@ def test_draws_have_the_covariance_of_the_scores(design):
     # an entry of a sample covariance of n unit normals has deviation at most sqrt(2 / n); 78 of them, 4.5 deviations
     assert np.max(np.abs(found - information / np.outer(size, size))) < 4.5 * np.sqrt(2 / n)
     assert np.max(np.abs(drawn.mean(axis=0) / size)) < 4.5 / np.sqrt(n)
-
-
-def test_chance_keeps_a_share_at_the_threshold_and_none_far_beyond_it():
-    # Sellke, Bayarri & Berger 2001, table 1: p = .05, .01, .001 leave at least .289, .111 and .0184
-    assert [chance(p) for p in (0.05, 0.01, 0.001)] == pytest.approx([0.289, 0.111, 0.0184], abs=1e-3)
-    assert chance(0.9) == 0.5 and chance(1e-30) < 1e-25
 
 
 def test_noise_is_not_blown_up_by_a_step_or_a_stray_block():
@@ -182,7 +176,7 @@ def test_noise_is_not_blown_up_by_a_step_or_a_stray_block():
 
 def test_a_group_with_two_blocks_beyond_a_step_does_not_tell_of_it(design):
     """One of two blocks gone wrong is no step: the other group alone tells of it."""
-    late = replace(design, courses=(*design.courses[:1], step_course(N_BLOCK, N_BLOCK - 4), *design.courses[2:]))
+    late = replace(design, courses=(*design.courses[:1], step_profile(N_BLOCK, N_BLOCK - 4), *design.courses[2:]))
     weight = design.noise.weight[1].copy()
     weight[N_BLOCK - 4 : N_BLOCK - 2] = 0.0
     few = replace(late, noise=replace(design.noise, weight=(design.noise.weight[0], weight)))
@@ -215,3 +209,13 @@ def test_unknowns_that_change_shapes_without_bound_are_let_go_and_nothing_else(d
     # twice the column is 1.4 times a column without bound
     assert np.allclose(z[0], z[1], rtol=1e-4, atol=1e-4)
     assert not np.allclose(z[0], design.scores(y) / np.sqrt(design.information), atol=1e-2)
+
+
+def test_drawn_records_are_the_same_summed_up_at_once_or_one_by_one(design, monkeypatch):
+    whole = design.draw(np.random.default_rng(4), 9)
+    monkeypatch.setattr(linear, "SUMMED", 1)
+    # a sum of a record's numbers in another order differs by rounding
+    np.testing.assert_allclose(
+        design.draw(np.random.default_rng(4), 9), whole, rtol=1e-10, atol=1e-10 * np.abs(whole).max()
+    )
+    assert not whole.flags.writeable

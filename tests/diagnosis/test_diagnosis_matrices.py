@@ -9,19 +9,20 @@ import pytest
 import probupdate
 from probupdate.diagnosis import wording
 from probupdate.diagnosis.crosstalk import crosstalk_effects
-from probupdate.diagnosis.departures import numbers_of_modes
-from probupdate.diagnosis.diagnose import NOT_SETTLED, beside_the_last, examine, finding, refit
-from probupdate.diagnosis.evidence import only_promised, ranked, rival_of, sizes_std
+from probupdate.diagnosis.mode_numbers import numbers_of_modes
+from probupdate.diagnosis.diagnose import NOT_SETTLED, NOT_TESTED, diagnose, examine
+from probupdate.diagnosis.evidence import log_evidence, only_promised, sizes_std
 from probupdate.diagnosis.expected import all_departures, local_at
-from probupdate.diagnosis.field import effect_fingerprints, observed
+from probupdate.diagnosis.predictor import effect_signatures, observed
 from probupdate.diagnosis.fitting import fit, linearised
+from probupdate.diagnosis.hypotheses import Comparison, Hypothesis, log_prior, moves_from, without
 from probupdate.diagnosis.prepare import prepare
-from probupdate.diagnosis.search import search
-from probupdate.diagnosis.setting import Named, settle
+from probupdate.diagnosis.search import gains
+from probupdate.diagnosis.problem import IncludedEffect, diagnosis_problem
 from probupdate.effects.catalogue import measurement_effects
 from probupdate.errors import InputError
-from probupdate.estimators.ensemble import SamplerSettings
-from probupdate.modes import Sensor
+from probupdate.modal.modes import ModalData, ModalSet, Sensor
+from probupdate.updating.ensemble import SamplerSettings
 
 # a chain of one segment: same seed, same numbers, converged or not
 QUICK = SamplerSettings(seed=7, target_ess=50, max_steps=200)
@@ -74,18 +75,18 @@ def test_mass_of_a_storey_that_is_in_no_catalogue_is_not_named(prepared, record)
 
 
 def test_a_fit_that_does_not_settle_is_unexplained_and_costs_nothing_found(prepared, record, monkeypatch):
-    from probupdate.diagnosis import diagnose as module
+    from probupdate.diagnosis import hypotheses as module
     from probupdate.errors import ConvergenceError
 
     whole = module.fit
 
-    def unsettled(setting, theta, named=(), **how):
-        if named and not how:
+    def unsettled(problem, theta, included=(), **how):
+        if included and not how:
             raise ConvergenceError("did not settle", theta)
-        return whole(setting, theta, named, **how)
+        return whole(problem, theta, included, **how)
 
     monkeypatch.setattr(module, "fit", unsettled)
-    found = module.diagnose(prepared, record(5, gain=("y4", 1.12)))
+    found = diagnose(prepared, record(5, gain=("y4", 1.12)))
     assert found.verdict == "unexplained" and found.details["nearest"] == ["sensor gain, y4"]
     assert any("did not settle" in note for note in found.notes)
 
@@ -121,23 +122,23 @@ def test_a_gain_that_is_grossly_wrong_is_named_and_not_taken_for_a_reversed_chan
 
 @pytest.mark.parametrize("factor", [0.5, 2.0, 9.81])
 def test_a_fit_ends_where_it_ends_from_wherever_it_starts(prepared, record, factor):
-    setting, theta = settle(prepared, record(7, gain=("y2", factor)))
-    (gain,) = [e for e in setting.effects if (e.cause, e.location) == ("sensor gain", "y2")]
-    constant = next(c for c in setting.courses if c.kind == "constant")
+    problem, theta = diagnosis_problem(prepared, record(7, gain=("y2", factor)))
+    (gain,) = [e for e in problem.effects if (e.cause, e.location) == ("sensor gain", "y2")]
+    constant = next(c for c in problem.courses if c.kind == "constant")
     for share in (0.6, 1.0, 1.5):
-        fitted = fit(setting, theta, (Named(effect=gain, course=constant, size=share * (factor - 1)),))
-        (std,) = sizes_std(setting, fitted)
-        assert fitted.settled and fitted.named[0].size == pytest.approx(factor - 1, abs=1.5 * std)
+        fitted = fit(problem, theta, (IncludedEffect(effect=gain, course=constant, size=share * (factor - 1)),))
+        (std,) = sizes_std(problem, fitted)
+        assert fitted.settled and fitted.included[0].size == pytest.approx(factor - 1, abs=1.5 * std)
 
 
 @pytest.mark.parametrize("factor", [0.1, 0.5, 2.0, 9.81])
 def test_a_gain_that_is_there_already_changes_by_its_size_and_not_on_top_of_itself(prepared, record, factor):
     """Against departures of modes that are measured with a little more of it, and with another channel's on top."""
-    setting, theta = settle(prepared, record(1))
-    local, _ = local_at(setting.field, theta, (), ())
-    own, other = (next(e for e in setting.effects if (e.cause, e.location) == ("sensor gain", c)) for c in ("y2", "x3"))
+    problem, theta = diagnosis_problem(prepared, record(1))
+    local, _ = local_at(problem.predictor, theta, (), ())
+    own, other = (next(e for e in problem.effects if (e.cause, e.location) == ("sensor gain", c)) for c in ("y2", "x3"))
     seen, h = [(own, factor - 1)], 1e-4
-    for axes, reference in zip(setting.field.axes, setting.field.references(local, 0.0), strict=True):
+    for axes, reference in zip(problem.predictor.axes, problem.predictor.references(local, 0.0), strict=True):
         k = len(reference.tensor)
         value, turn = np.linalg.eigh(reference.tensor)
 
@@ -146,47 +147,98 @@ def test_a_gain_that_is_there_already_changes_by_its_size_and_not_on_top_of_itse
             return numbers_of_modes(np.exp(value)[None], measured[None], axes)[0][0]
 
         none = np.zeros((k, k, 0)), np.zeros((*reference.shape.shape, 0))
-        prints = effect_fingerprints([own, other], (), reference, *none, axes, seen)
+        prints = effect_signatures([own, other], (), reference, *none, axes, seen)
         for column, more in enumerate((lambda d: [(own, factor - 1 + d)], lambda d: [*seen, (other, d)])):
             plain = (departs(more(h)) - departs(more(-h))) / (2 * h)
             np.testing.assert_allclose(prints[:, column], plain, atol=1e-5 * np.abs(plain).max() + 1e-9)
 
 
-def test_an_effect_that_can_be_on_the_other_side_only_is_no_rival(prepared, record):
+def _candidate(problem, cause, location, course):
+    (j,) = [j for j, e in enumerate(problem.effects) if (e.cause, e.location) == (cause, location)]
+    (k,) = [k for k, (i, c) in enumerate(problem.which) if i == j and problem.courses[c] is course]
+    return k
+
+
+def test_an_effect_that_can_be_on_the_other_side_only_promises_nothing(prepared, record):
     outcome = examine(prepared, record(5, gain=("y4", 1.12)))
-    setting = outcome.setting
-    (j,) = [j for j, e in enumerate(setting.effects) if (e.cause, e.location) == ("sensor gain", "y4")]
-    (candidate,) = [k for k, (i, c) in enumerate(setting.which) if i == j and setting.courses[c].kind == "constant"]
-    assert refit(setting, outcome.null, outcome.first, candidate).size == pytest.approx(0.12, abs=0.05)
-    lossy = replace(setting.effects[j], upper=0.0)
-    only = replace(setting, effects=(*setting.effects[:j], lossy, *setting.effects[j + 1 :]))
-    assert refit(only, outcome.null, outcome.first, candidate) is None
+    problem, design = outcome.problem, outcome.null.design
+    candidate = _candidate(problem, "sensor gain", "y4", problem.courses[0])
+    u, v = design.scores(outcome.null.centred), design.information
+    gain, size = gains(problem, u, v)
+    assert gain[candidate] > 20 and size[candidate] == pytest.approx(0.12, abs=0.05)
+    j = problem.which[candidate, 0]
+    lossy = replace(problem.effects[j], upper=0.0)
+    only = replace(problem, effects=(*problem.effects[:j], lossy, *problem.effects[j + 1 :]))
+    gain, size = gains(only, u, v)
+    assert gain[candidate] < 0 and size[candidate] == 0
 
 
-def test_a_first_choice_that_the_second_finding_makes_worse_gives_way(prepared, record):
-    """Two effects; the first search's second best is put where the best was, as if it had looked better alone."""
-    outcome = examine(prepared, record(4, storey=2, factor=0.9, from_block=20, gain=("y4", 1.12)))
-    setting, first = outcome.setting, outcome.first
-    assert {f.location for f in outcome.diagnosis.findings} == {"k3", "y4"}
+def _hypothesis(problem, null, *parts):
+    """A fitted hypothesis of (cause, location, time profile, size)."""
+    included, candidates = [], []
+    for cause, location, course, size in parts:
+        k = _candidate(problem, cause, location, course)
+        candidates.append(k)
+        included.append(IncludedEffect(effect=problem.effects[problem.which[k, 0]], course=course, size=size))
+    fitted = fit(problem, null.theta, included, base=null)
+    return Hypothesis(candidates=tuple(candidates), z=(9.0,) * len(parts), fitted=fitted,
+                      log_prior=log_prior(problem, candidates), log_evidence=log_evidence(problem, fitted))  # fmt: skip
 
-    def chosen(base, found, location):
-        (j,) = [j for j, e in enumerate(setting.effects) if e.location == location and e.cause in (
-            "parameter", "sensor gain")]
-        rows = np.flatnonzero(setting.which[:, 0] == j)
-        return refit(setting, base, found, int(rows[np.argmax(found.statistic[rows])]))
 
-    wrong, right = chosen(outcome.null, first, "k4"), chosen(outcome.null, first, "k3")
-    second = search(setting, wrong.fitted, seed=1)
-    gain = chosen(wrong.fitted, second, "y4")
-    findings = [finding(setting, first, [wrong, right]), finding(setting, second, [gain])]
-    fitted, rivals, findings = beside_the_last(
-        setting, gain.fitted, [first, second], [[wrong, right], [gain]], findings)
-    assert [f.location for f in findings] == ["k3", "y4"] and [n.effect.location for n in fitted.named] == ["k3", "y4"]
-    assert rivals[0][0].candidate == right.candidate
-    assert findings[0].size == pytest.approx(-0.1, abs=0.03)
-    # what stays is not touched
-    again, _, same = beside_the_last(setting, fitted, [first, second], rivals, findings)
-    assert again is fitted and [f.location for f in same] == ["k3", "y4"]
+@pytest.fixture(scope="module")
+def loosened(prepared, record):
+    """A storey that loosens at block 18: the problem and the model as it is."""
+    problem, theta = diagnosis_problem(prepared, record(4, storey=2, factor=0.9, from_block=18, gain=("y4", 1.12)))
+    step = next(c for c in problem.courses if c.kind == "step" and c.at == 18)
+    return problem, fit(problem, theta), step
+
+
+def test_what_a_move_promises_is_what_its_fit_finds(loosened):
+    """An effect added, left out and exchanged: to first order against the evidence of the fits, at one noise."""
+    problem, null, step = loosened
+    one = _hypothesis(problem, null, ("sensor gain", "y4", problem.courses[0], 0.1))
+    k3, k4 = (("parameter", k, step, -0.05) for k in ("k3", "k4"))
+    both = _hypothesis(problem, null, ("sensor gain", "y4", problem.courses[0], 0.1), k3)
+    wrong = _hypothesis(problem, null, ("sensor gain", "y4", problem.courses[0], 0.1), k4)
+    design = one.fitted.design
+    gain, size = gains(problem, design.scores(one.fitted.centred), design.information)
+    number = _candidate(problem, "parameter", "k3", step)
+    found = both.log_evidence - one.log_evidence
+    # a tenth of the stiffness is not quite linear
+    assert size[number] == pytest.approx(both.fitted.included[1].size, rel=0.1)
+    assert gain[number] == pytest.approx(found, rel=0.25)
+    _, lost = without(problem, both.fitted, 1)
+    assert lost == pytest.approx(-found, rel=0.25)
+    # what was chosen wrongly is exchanged: the right one promises most of all that may stand in its place
+    moves = moves_from(problem, wrong, add=False, best=wrong.log_posterior)
+    beside = [m for m in moves if m.candidates[0] == wrong.candidates[0]]
+    assert beside[0].candidates[1] == number and beside[0].promise > 10
+
+
+def test_the_prior_of_hypotheses_is_shared_out(loosened):
+    problem, _, step = loosened
+    every = np.exp([log_prior(problem, [k]) for k in range(len(problem.which))])
+    assert every.sum() == pytest.approx(1)
+    # any time of a step is as probable as any other, all together as the constant
+    j = problem.which[_candidate(problem, "parameter", "k3", step), 0]
+    own = [[p for p, (i, c) in zip(every, problem.which, strict=True) if i == j and problem.courses[c].kind == kind]
+           for kind in ("constant", "step")]  # fmt: skip
+    assert len(own[1]) > 3 and np.ptp(own[1]) < 1e-12 and sum(own[0]) == pytest.approx(sum(own[1]))
+
+
+def test_hypotheses_are_compared_about_the_same_parameters(loosened):
+    """What a fit's own parameters do to evidence says nothing about its effect: the same effect twice, the second
+    with another evidence of its own, is as probable; and what differs is the misfit about the same point."""
+    problem, null, step = loosened
+    own = _hypothesis(problem, null, ("parameter", "k3", step, -0.05))
+    again = replace(own, log_evidence=own.log_evidence - 15.0)
+    keys, relative = Comparison().order(problem, {frozenset([1]): own, frozenset([2]): again})
+    assert keys[0] == frozenset([1]) and relative == pytest.approx([0.0, 0.0], abs=1e-6)
+    # another effect stays behind by what it leaves
+    other = _hypothesis(problem, null, ("parameter", "k4", step, -0.05))
+    near = replace(other, log_evidence=own.log_evidence - 1.0)
+    keys, relative = Comparison().order(problem, {frozenset([1]): own, frozenset([2]): near})
+    assert keys[0] == frozenset([1]) and relative[1] < -10
 
 
 def test_same_seed_same_numbers_and_a_file_as_agreed(prepared, record, tmp_path):
@@ -214,58 +266,79 @@ def test_a_group_of_an_unknown_parameter_is_refused(frame_file):
         prepare(frame_file, groups={"lost": {"k9": 0.1}})
 
 
-def test_rivals_are_compared_about_the_same_parameters(prepared, record):
-    """What a fit's own parameters do to evidence says nothing about its effect: the same effect twice, the second
-    with another evidence of its own, is as probable; and what differs is the misfit about the same point."""
-    setting, theta = settle(prepared, record(4, storey=2, factor=0.9, from_block=18))
-    effects = {(e.cause, e.location): j for j, e in enumerate(setting.effects)}
-    step = next(k for k, c in enumerate(setting.courses) if c.kind == "step" and c.at == 18)
-
-    def candidate(*name):
-        j = effects[name]
-        (k,) = np.flatnonzero((setting.which == (j, step)).all(axis=1))
-        return int(k), Named(effect=setting.effects[j], course=setting.courses[step], size=-0.05)
-
-    (k3, loose), (k4, other) = candidate("parameter", "k3"), candidate("parameter", "k4")
-    fitted = fit(setting, theta, (loose,))
-    own = rival_of(setting, k3, fitted)
-    again = replace(own, candidate=k4, log_evidence=own.log_evidence - 15.0)
-    first, second = ranked(setting, [own, again])
-    assert second.log_evidence == pytest.approx(first.log_evidence, abs=1e-6)
-    # a real rival stays behind by what it leaves
-    worse = rival_of(setting, k4, fit(setting, theta, (other,), base=fitted))
-    near = replace(worse, log_evidence=own.log_evidence - 1.0)
-    assert ranked(setting, [own, near])[1].log_evidence < own.log_evidence - 10
-
-
 def test_what_a_stalled_fit_only_promises_is_no_evidence(prepared, record):
-    setting, theta = settle(prepared, record(4, storey=2, factor=0.9, from_block=18))
-    effect = next(e for e in setting.effects if (e.cause, e.location) == ("parameter", "k3"))
-    course = next(c for c in setting.courses if c.kind == "step" and c.at == 18)
-    fitted = fit(setting, theta, (Named(effect=effect, course=course, size=-0.1),))
-    at_rest = only_promised(setting, fitted)
+    problem, theta = diagnosis_problem(prepared, record(4, storey=2, factor=0.9, from_block=18))
+    effect = next(e for e in problem.effects if (e.cause, e.location) == ("parameter", "k3"))
+    course = next(c for c in problem.courses if c.kind == "step" and c.at == 18)
+    fitted = fit(problem, theta, (IncludedEffect(effect=effect, course=course, size=-0.1),))
+    at_rest = only_promised(problem, fitted)
     (std,) = np.sqrt(np.diag(fitted.design.unknowns_cov([fitted.design.nuisance_std.size])))
-    short = (replace(fitted.named[0], size=fitted.named[0].size + 5 * std),)
+    short = (replace(fitted.included[0], size=fitted.included[0].size + 5 * std),)
     design, departures, centred = linearised(
-        setting, fitted.theta, short, fitted.design.noise, all_departures(setting, fitted.theta, short))
-    stalled = replace(fitted, named=short, departures=departures, design=design, centred=centred)
+        problem, fitted.theta, short, fitted.design.noise, all_departures(problem, fitted.theta, short))
+    stalled = replace(fitted, included=short, departures=departures, design=design, centred=centred)
     # five deviations of the size, whatever the parameters make up for; a fifth for what is not linear
-    assert at_rest >= 0 and only_promised(setting, stalled) - at_rest > 0.8 * 0.5 * 5**2
+    assert at_rest >= 0 and only_promised(problem, stalled) - at_rest > 0.8 * 0.5 * 5**2
 
 
 def test_prior_odds_stand_beside_what_the_data_told(prepared, record):
     found = probupdate.diagnose(prepared, record(5, gain=("y4", 1.12)), extend=False)
     (one,) = found.findings
-    assert 0 < one.prior_probability <= 1 and found.content()["findings"][0]["prior_probability"] == one.prior_probability
+    assert (
+        0 < one.prior_probability <= 1 and found.content()["findings"][0]["prior_probability"] == one.prior_probability
+    )
     words = wording.cause_probability_words({"posterior_probability": 0.97, "prior_probability": 0.25})
     assert words == "probability 0.97 among its competing hypotheses, 0.25 before the data"
 
 
 def test_a_logger_s_rate_hardly_ever_steps_and_steel_always_warms():
-    rate = next(e for e in measurement_effects(["a"], [Sensor(channel="a", level="top", position_m=(0.0, 0.0, 1.0),
-                direction=(1.0, 0.0, 0.0), quantity="acceleration", unit="m/s2")]) if e.cause == "sampling rate")  # fmt: skip
+    rate = next(
+        e
+        for e in measurement_effects(
+            ["a"],
+            [
+                Sensor(
+                    channel="a",
+                    level="top",
+                    position_m=(0.0, 0.0, 1.0),
+                    direction=(1.0, 0.0, 0.0),
+                    quantity="acceleration",
+                    unit="m/s2",
+                )
+            ],
+        )
+        if e.cause == "sampling rate"
+    )
     assert rate.prior_odds("step") < 0.01 < rate.prior_odds("constant") < 1
     pairs = [e for e in crosstalk_effects(("a", "b", "c"))]
     assert sum(e.odds for e in pairs) == pytest.approx(1.0)
     with pytest.raises(InputError, match="prior odds"):
         replace(rate, odds=0.0)
+
+
+def test_a_model_of_two_storeys_and_two_modes_is_judged_and_says_what_was_not_tested(tmp_path):
+    """So few effects that their time profiles span no directions of their own."""
+    k, m = np.array([[2.0, -1.0], [-1.0, 1.0]]) * 1e6, np.eye(2) * 1e3
+    np.savez(tmp_path / "model.npz", K0=np.zeros((2, 2)), M0=m, K_a=np.diag([1e6, 0.0]), K_b=k - np.diag([1e6, 0.0]),
+             channel=np.array(["F1", "F2"]), channel_dof=np.arange(2))  # fmt: skip
+    rows = [
+        f'[[parameter]]\nname = "{n}"\nunit = "-"\ninitial = 1.0\nstd = 0.1\nlower = 0.5\nupper = 2.0\n' for n in "ab"
+    ]
+    (tmp_path / "parameters.toml").write_text("".join(rows))
+    value, phi = np.linalg.eigh(k / 1e3)
+    rng, sets = np.random.default_rng(5), []
+    for hour in range(12):
+        f = np.sqrt(value) / (2 * np.pi) * (1 + 1e-3 * rng.standard_normal(2))
+        shape = phi / np.abs(phi).max(axis=0) + 5e-3 * rng.standard_normal((2, 2))
+        sets.append(
+            ModalSet(
+                id=f"2025-01-01T{hour:02d}:00:00",
+                frequency_hz=f,
+                damping_ratio=np.full(2, 0.01),
+                shape=shape.astype(complex),
+                frequency_std_hz=1e-3 * f,
+                shape_std=np.full((2, 2), 5e-3),
+            )
+        )
+    found = examine(prepare(tmp_path / "model.npz"), ModalData(channels=("F1", "F2"), sets=tuple(sets))).diagnosis
+    assert found.verdict == "none" and NOT_TESTED in found.notes

@@ -102,3 +102,22 @@ def test_blocks_at_a_step_and_blocks_of_a_quiet_record_count_whole():
         assert np.all(noise_of(y, pattern).weight[0] == 1.0)
         y[25:] += 0.04
         assert np.all(noise_of(y, pattern).weight[0] == 1.0)
+
+
+@pytest.mark.parametrize("n", [24, 48])
+@pytest.mark.parametrize("real", [False, True])
+def test_standard_deviations_alone_are_believed_where_blocks_scatter_so(n, real):
+    """Independent noise as stated, at any scale; and the same standard deviations made by one common turn."""
+    from probupdate.diagnosis.problem import _agrees
+
+    rng, p = np.random.default_rng(12), 40
+    std = 0.01 * (1 + rng.random(p))
+    if real:
+        # phases that do not scatter at all
+        std[p // 2 :] = 0.01
+    for scale in (0.5, 1.0, 3.0):
+        noise = scale * std * rng.standard_normal((n, p))
+        noise[:, p // 2 :] *= not real
+        assert _agrees(np.diag(std**2), noise)
+    turned = std * rng.standard_normal((n, 1)) + 0.2 * std * rng.standard_normal((n, p))
+    assert not _agrees(np.diag(1.04 * std**2), turned)

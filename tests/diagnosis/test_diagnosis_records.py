@@ -7,7 +7,7 @@ import pytest
 
 import probupdate
 from probupdate.diagnosis.blocks import gather, with_derived
-from probupdate.diagnosis.departures import numbers_of_modes
+from probupdate.diagnosis.mode_numbers import numbers_of_modes
 from probupdate.diagnosis.prepare import prepare
 from probupdate.errors import InputError
 
@@ -94,7 +94,7 @@ def test_as_many_modes_as_the_matrices_have_and_no_more(prepared, record):
 
 def test_a_covariate_told_in_a_part_of_the_record_is_missed_aloud(frame_file, record):
     from probupdate.effects.catalogue import Effect
-    from probupdate.diagnosis.setting import settle
+    from probupdate.diagnosis.problem import diagnosis_problem
 
     prepared = prepare(frame_file)
     own = Effect(kind="environmental", cause="tide", location="all", unit="-", tolerance=0.0, slab=0.1,
@@ -103,7 +103,7 @@ def test_a_covariate_told_in_a_part_of_the_record_is_missed_aloud(frame_file, re
     data = record(8)
     for known, said in ((len(data.sets), False), (len(data.sets) // 2, True)):
         sets = tuple(s if k < known else replace(s, environment={}) for k, s in enumerate(data.sets))
-        notes = settle(prepared, replace(data, sets=sets))[0].blocks.notes
+        notes = diagnosis_problem(prepared, replace(data, sets=sets))[0].blocks.notes
         assert any("water_level_m is told in" in note for note in notes) is said
 
 

@@ -8,15 +8,15 @@ import pytest
 from scipy import stats
 
 import probupdate
-from probupdate.diagnosis.courses import Course, step_course
+from probupdate.diagnosis.time_profiles import TimeProfile, step_profile
 from probupdate.diagnosis.diagnose import examine
 from probupdate.diagnosis.linear import Design
 from probupdate.diagnosis.noise import Noise
 from probupdate.diagnosis.prepare import prepare
-from probupdate.diagnosis.remainder import Remainder, free_directions, slope_share
+from probupdate.diagnosis.residual_state import Residual, free_directions, slope_share
 from probupdate.diagnosis.residuals import residuals, whitened
 from probupdate.diagnosis.splitting import needed_z
-from probupdate.modes import Sensor
+from probupdate.modal.modes import Sensor
 from probupdate.reporting import figures, report
 
 N_BLOCK, SIZES, HELD = 14, (5, 4), [0, 1, 3]
@@ -31,28 +31,28 @@ def design():
     weights[0][3] = 0.0
     noise = Noise(covariance=tuple(covariances), precision=tuple(np.linalg.inv(c) for c in covariances),
                   weight=tuple(weights))  # fmt: skip
-    courses = (Course(kind="constant", value=np.ones(N_BLOCK)), step_course(N_BLOCK, 5))
+    courses = (TimeProfile(kind="constant", value=np.ones(N_BLOCK)), step_profile(N_BLOCK, 5))
     return Design(
         bin_of=rng.integers(0, 2, N_BLOCK), nuisance=tuple(rng.standard_normal((2, m, 3)) for m in SIZES),
-        nuisance_std=np.array([0.7, 1.0, 1.5]), floor=tuple(np.full(m, 0.4) for m in SIZES),
+        nuisance_std=np.array([0.7, 1.0, 1.5]), discrepancy_std=tuple(np.full(m, 0.4) for m in SIZES),
         effect=tuple(rng.standard_normal((2, m, 2)) for m in SIZES), courses=courses,
         which=np.array([(j, c) for j in range(2) for c in range(2)]), noise=noise,
-        named=((1, step_course(N_BLOCK, 7), 0.9),),
-        doubted=((step_course(N_BLOCK, 7), tuple(rng.uniform(0.1, 0.6, (2, m)) for m in SIZES)),),
+        included=((1, step_profile(N_BLOCK, 7), 0.9),),
+        model_errors=((step_profile(N_BLOCK, 7), tuple(rng.uniform(0.1, 0.6, (2, m)) for m in SIZES)),),
     )  # fmt: skip
 
 
-def fitted(design, departures) -> Remainder:
+def fitted(design, departures) -> Residual:
     """The remainder after the best values of the unknowns HELD are taken off."""
     solved = design.unknowns(departures)
     chosen = np.zeros_like(solved)
     chosen[HELD] = solved[HELD]
     left = tuple(np.where(w[:, None] > 0, y - m, 0.0) for y, m, w in
                  zip(departures, design.expected(chosen), design.noise.weight, strict=True))  # fmt: skip
-    return Remainder(design=design, left=left, held=np.array(HELD), held_cov=design.unknowns_cov(HELD))
+    return Residual(design=design, left=left, held=np.array(HELD), held_cov=design.unknowns_cov(HELD))
 
 
-def shares(r: Remainder, q: int):
+def shares(r: Residual, q: int):
     course = slope_share(r, q, np.sin(np.arange(N_BLOCK)))
     return {"mean": r.mean_share(q), "slope": course}
 

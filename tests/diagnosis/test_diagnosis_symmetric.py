@@ -9,7 +9,7 @@ import probupdate
 from probupdate.diagnosis.blocks import gather, pairs_of
 from probupdate.diagnosis.diagnose import FARTHEST, SENSIBLE
 from probupdate.errors import InputError
-from probupdate.modes import ModalData, ModalSet, write_modes
+from probupdate.modal.modes import ModalData, ModalSet, write_modes
 from probupdate.structure.eigen import mode_derivatives
 
 N_STOREY, STIFFNESS, MASS = 6, 2.0e8, 1.0e5
@@ -39,7 +39,9 @@ def model(tmp_path_factory):
     for name in CHANNELS:
         one = np.eye(N_STOREY)[int(name[1]) - 1]
         arrays[f"K_k{name}"] = frame(one, zero) if name[0] == "x" else frame(zero, one)
-        tables.append(f'[[parameter]]\nname = "k{name}"\nunit = "-"\ninitial = 1.0\nstd = 0.3\nlower = 0.05\nupper = 12.0\n')
+        tables.append(
+            f'[[parameter]]\nname = "k{name}"\nunit = "-"\ninitial = 1.0\nstd = 0.3\nlower = 0.05\nupper = 12.0\n'
+        )
     np.savez(folder / "model.npz", **arrays)
     (folder / "parameters.toml").write_text("".join(tables))
     return folder / "model.npz"
@@ -126,7 +128,9 @@ def test_a_reference_and_a_present_state(model):
 
 def test_two_equal_states_are_silent(model):
     data = record(8, n_set=2)
-    assert found_in(model, data).verdict == "none" and found_in(model, replace(data, sets=data.sets[:1])).verdict == "none"
+    assert (
+        found_in(model, data).verdict == "none" and found_in(model, replace(data, sets=data.sets[:1])).verdict == "none"
+    )
 
 
 def test_frequencies_before_and_after(model):

@@ -14,10 +14,11 @@ from probupdate.diagnosis.along_record import make_contrasts, score
 from probupdate.campaign.sensor_findings import SensorFinding
 from probupdate.diagnosis.campaign_tests import _measured_row, rate_finding, with_true_rate
 from probupdate.effects.catalogue import Effect
-from probupdate.diagnosis.courses import Course, step_course
+from probupdate.diagnosis.time_profiles import TimeProfile, step_profile
 from probupdate.diagnosis.without_model import diagnose_without_model
 from probupdate.errors import InputError
-from probupdate.modes import ModalData, ModalSet, frozen_array, write_modes
+from probupdate.modal.modes import ModalData, ModalSet, write_modes
+from probupdate.runtime.arrays import frozen_array
 from probupdate.virtual.modal_blocks import simulate_modes
 
 
@@ -155,7 +156,7 @@ def test_scores_are_those_of_plain_generalised_least_squares():
     """No slow error, equal weights: the score of a step is the difference of two means over its deviation."""
     rng = np.random.default_rng(1)
     y = rng.standard_normal((500, 1, 60))
-    courses = [step_course(60, 20)]
+    courses = [step_profile(60, 20)]
     contrasts = make_contrasts(np.ones((1, 60)), np.ones((60, 1)), courses, np.arange(60.0))
     found = score(contrasts, y, [[0]])
     plain = y[:, 0, 20:].mean(axis=1) - y[:, 0, :20].mean(axis=1)
@@ -171,7 +172,7 @@ def test_a_slow_error_is_no_step():
     hours = np.arange(80.0)
     slow = np.linalg.cholesky(np.exp(-np.abs(hours[:, None] - hours) / 15.0) + 1e-9 * np.eye(80))
     y = rng.standard_normal((300, 1, 80)) + 2.0 * (rng.standard_normal((300, 80)) @ slow.T)[:, None]
-    steps = [step_course(80, at) for at in range(8, 73, 8)]
+    steps = [step_profile(80, at) for at in range(8, 73, 8)]
     found = score(make_contrasts(np.ones((1, 80)), np.ones((80, 1)), steps, hours), y, [[0]])
     white = np.abs(found.size) / np.sqrt(np.array([1 / s.at + 1 / (80 - s.at) for s in steps]))
     assert np.mean(np.max(white[:, 0], axis=1) > 4) > 0.5
@@ -192,9 +193,9 @@ def test_a_clock_told_wrong_by_the_rotor_is_a_finding_and_taken_out():
 
 def test_a_covariate_that_steps_hides_no_step():
     """Where a column and a step are one and the same neither is told from the other."""
-    column = Course(kind="covariate", value=frozen_array((np.arange(60) >= 20) - 0.5), column="state")
+    column = TimeProfile(kind="covariate", value=frozen_array((np.arange(60) >= 20) - 0.5), column="state")
     nuisance = np.column_stack([np.ones(60), column.value])
-    assert not make_contrasts(np.ones((1, 60)), nuisance, [step_course(60, 20)], np.arange(60.0)).usable[0, 0]
+    assert not make_contrasts(np.ones((1, 60)), nuisance, [step_profile(60, 20)], np.arange(60.0)).usable[0, 0]
 
 
 def test_what_sensors_say_of_one_another_is_a_row_with_size_and_time():

@@ -7,6 +7,7 @@ import shutil
 import signal
 import subprocess
 import sys
+import threading
 import time
 from dataclasses import replace
 
@@ -16,11 +17,11 @@ from farm_cases import DESCRIPTION, write_campaign, write_farm
 import probupdate
 from probupdate.cli import main
 from probupdate.errors import InputError
-from probupdate.executors import processes
 from probupdate.farms import month as months
 from probupdate.farms.description import read_farm
 from probupdate.farms.run import run_one
-from probupdate.modes import read_modes
+from probupdate.modal.modes import read_modes
+from probupdate.runtime.executors import executor, one_thread_each, processes
 
 RESULTS = ("modes.json", "nine.json", "update.json", "diagnosis.json")
 
@@ -128,6 +129,87 @@ def test_two_shards_give_the_whole(described, undisturbed, tmp_path):
     assert {key for key, row in table(out).items() if row["state"] == "done"} == {("A", "2024-05"), ("A", "2024-06")}
     second = probupdate.farm(described, out, shard="2/2")
     assert second.run == 2 and "4 done" in second.summary and results(out) == results(undisturbed[0])
+
+
+def finished_steps(out):
+    """Of every month that is known, what its finished steps wrote."""
+    wrote = {"identify": "modes.json", "select": "nine.json", "update": "update.json", "diagnose": "diagnosis.json"}
+    return [(p.parent / wrote[step]).relative_to(out) for p in out.glob("*/*/month.json")
+            for step in json.loads(p.read_text())["finished"]]  # fmt: skip
+
+
+def until(there, *children, seconds=120):
+    deadline = time.monotonic() + seconds
+    while not there() and time.monotonic() < deadline and all(child.poll() is None for child in children):
+        time.sleep(0.01)
+    assert there()
+
+
+def test_two_shards_killed_and_resumed_lose_nothing_and_write_nothing_twice(described, undisturbed, tmp_path):
+    out = tmp_path / "out"
+    shards = [started(described, out, shard=f"{k}/2") for k in (1, 2)]
+    until(lambda: len(list(out.glob("*/*/month.json"))) >= 2, *shards)
+    for child in shards:
+        child.kill()
+        child.wait()
+    kept, left = finished_steps(out), changed(out)
+    assert kept and len(results(out)) < 16
+    again = [started(described, out, shard=f"{k}/2") for k in (1, 2)]
+    assert [child.wait(timeout=300) for child in again] == [0, 0]
+    assert results(out) == results(undisturbed[0]) and probupdate.farm(described, out).run == 0
+    after = changed(out)
+    assert all(after[name] == left[name] for name in kept)
+    poles = [name for name in left if name.name.endswith(".poles.npz")]
+    assert poles and all(after[name] == left[name] for name in poles)
+
+
+def test_two_runs_of_one_farm_on_one_folder_give_the_bytes_of_one(described, undisturbed, tmp_path):
+    """Without shards both do all months; what one has just written the other takes, or writes once more."""
+    out = tmp_path / "out"
+    both = [started(described, out) for _ in range(2)]
+    assert [child.wait(timeout=300) for child in both] == [0, 0]
+    assert results(out) == results(undisturbed[0]) and probupdate.farm(described, out).run == 0
+    assert not list(out.rglob("*.part")) and [row["state"] for row in table(out).values()] == ["done"] * 4
+
+
+@pytest.mark.filterwarnings("ignore::DeprecationWarning", "ignore::ResourceWarning", "ignore::UserWarning",
+                            "ignore::pytest.PytestUnraisableExceptionWarning")  # fmt: skip
+def test_a_dask_worker_killed_at_a_month_loses_nothing_and_no_finished_step_is_done_twice(
+    described, undisturbed, tmp_path
+):
+    distributed = pytest.importorskip("distributed", reason="the extra `dask` is not installed")
+    out, found = tmp_path / "out", []
+    with one_thread_each(), distributed.LocalCluster(
+            n_workers=2, threads_per_worker=1, processes=True, dashboard_address=":0",
+            local_directory=str(tmp_path / "dask")) as cluster:  # fmt: skip
+        def run():
+            with executor(1, cluster.scheduler_address) as runs:
+                found.append(probupdate.farm(described, out, jobs=runs))
+
+        thread = threading.Thread(target=run)
+        thread.start()
+        until(lambda: list(out.glob("*/*/month.json")))
+        with distributed.Client(cluster.scheduler_address, set_as_default=False) as client:
+            # those that are at a month
+            busy = [address for address, tasks in client.processing().items() if tasks]
+            pid = client.run(os.getpid, workers=busy[:1])[busy[0]]
+        kept = finished_steps(out)
+        left = changed(out)
+        os.kill(pid, signal.SIGKILL)
+        thread.join(300)
+        assert not thread.is_alive()
+    (run,) = found
+    assert not run.failed and len(run.rows) == 4 and results(out) == results(undisturbed[0])
+    after = changed(out)
+    assert kept and all(after[name] == left[name] for name in kept)
+
+
+def test_an_update_has_the_same_bytes_in_processes(described, undisturbed, tmp_path):
+    modes, model = undisturbed[0] / "B" / "2024-06" / "modes.json", described.parent / "model.npz"
+    for jobs in (1, 2):
+        probupdate.update(model, modes, jobs=jobs).write(tmp_path / f"{jobs}.json")
+    first = json.loads((tmp_path / "1.json").read_text())
+    assert len(first["sets"]["ids"]) > 2 and (tmp_path / "1.json").read_bytes() == (tmp_path / "2.json").read_bytes()
 
 
 @pytest.fixture

@@ -15,7 +15,7 @@ import pytest
 from scipy import signal
 
 from probupdate.identification.reference import ReferenceModes
-from probupdate.modes import Sensor
+from probupdate.modal.modes import Sensor
 
 RATE = 5.0
 LABELS = ("FA1", "SS1", "T1", "FA2", "SS2")

@@ -10,7 +10,7 @@ from probupdate.campaign.reading import read_campaign
 from probupdate.errors import InputError
 from probupdate.identification.identify import SSISettings, fore_aft_deg, identify, modal_data, unit_largest
 from probupdate.identification.reference import ReferenceModes
-from probupdate.modes import mac, plane_mac, read_modes
+from probupdate.modal.modes import mac, plane_mac, read_modes
 
 IDLING = {"power_kw": -20.0, "rotor_speed_rpm": 0.3, "rotor_speed_rpm_min": 0.2, "rotor_speed_rpm_max": 0.5,
           "nacelle_heading_deg": 0.0, "wind_speed_mps": 3.0}  # fmt: skip

@@ -10,7 +10,7 @@ from probupdate.identification import classification as rules
 from probupdate.identification.classification import ClassifierSettings, PoleStack
 from probupdate.identification.reference import ReferenceModes, turned
 from probupdate.identification.tracking import JudgedPoles, choose
-from probupdate.modes import mac
+from probupdate.modal.modes import mac
 
 SETTINGS = ClassifierSettings()
 NO_BANDS = np.zeros((0, 2))

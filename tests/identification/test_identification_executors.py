@@ -21,11 +21,11 @@ from test_identification_resume import (  # noqa: F401  fixtures among them
     undisturbed,
 )
 
-from probupdate import executors
 from probupdate.campaign.reading import read_campaign
 from probupdate.errors import InputError, ProbupdateError
-from probupdate.executors import Executor, Shard, completed, dask_cluster, executor, processes
 from probupdate.identification.identify import SSISettings, identify_shard
+from probupdate.runtime import executors
+from probupdate.runtime.executors import Executor, Shard, completed, dask_cluster, executor, processes
 
 needs_dask = pytest.mark.skipif(importlib.util.find_spec("distributed") is None,
                                 reason="the extra `dask` is not installed")  # fmt: skip
@@ -93,7 +93,7 @@ given = json.loads(sys.argv[1])
 socket.gethostname = lambda: given["host"]
 from probupdate.campaign.reading import read_campaign
 from probupdate.identification.identify import SSISettings, identify_shard
-from probupdate.executors import Shard
+from probupdate.runtime.executors import Shard
 from pathlib import Path
 import time
 def gently(what, done, total):

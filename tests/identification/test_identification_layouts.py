@@ -10,7 +10,7 @@ from probupdate.campaign.reading import read_campaign
 from probupdate.errors import InputError
 from probupdate.identification.identify import SSISettings, identify
 from probupdate.identification.proposal import propose
-from probupdate.modes import mac, plane_mac
+from probupdate.modal.modes import mac, plane_mac
 
 
 def response(mass, stiffness, damping_ratio, rate_hz, n, seed, quantity="acceleration"):

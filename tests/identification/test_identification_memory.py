@@ -9,7 +9,7 @@ from scipy import signal
 from probupdate.errors import InputError
 from probupdate.identification.block_poles import BlockSettings, block_references
 from probupdate.identification.record import identify_record, memory_bytes, references_within
-from probupdate.modes import mac
+from probupdate.modal.modes import mac
 
 OPTIONS = {"block_rows": 12, "highest_order": 18, "sub_records": 8}
 

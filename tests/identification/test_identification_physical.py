@@ -15,7 +15,7 @@ from probupdate.identification.physical import (
     gathered,
     physical_modes,
 )
-from probupdate.modes import mac, plane_mac
+from probupdate.modal.modes import mac, plane_mac
 
 MODES_HZ, N_BLOCK, ORDERS = (0.33, 1.25, 1.9), 30, (14, 16, 18, 20, 22)
 

@@ -6,7 +6,7 @@ import pytest
 
 from probupdate.errors import InputError
 from probupdate.identification.regression import regress, regress_modes, whitened
-from probupdate.modes import ModalData, ModalSet
+from probupdate.modal.modes import ModalData, ModalSet
 
 
 def slow(rng, time, std, hours):

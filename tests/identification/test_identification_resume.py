@@ -1,5 +1,6 @@
 """The store of identified blocks: killed and resumed, any number of processes, other campaigns refused."""
 
+import gc
 import io
 import json
 import os
@@ -16,13 +17,16 @@ import h5py
 import numpy as np
 import pytest
 
-from probupdate import executors, files
+from probupdate.runtime import executors
+from probupdate.io import files
 from probupdate.campaign.reading import read_campaign
 from probupdate.errors import InputError
-from probupdate.identification import block_store
+from probupdate.identification import block_store, tracking
+from probupdate.identification.classification import PoleStack
 from probupdate.identification.identify import SSISettings, identify
 from probupdate.identification.reference import ReferenceModes
-from probupdate.executors import completed
+from probupdate.modal.modes import ModalDeviation, StoredDeviation
+from probupdate.runtime.executors import completed
 from probupdate.structure.load import REFERENCE_STATES, reference_model
 
 # six channels at two tower levels and one leg: enough for five modes, and quick
@@ -90,7 +94,7 @@ def same_results(out, other) -> bool:
 KILLED = """
 import json, sys
 from probupdate.campaign.reading import read_campaign
-from probupdate import executors
+from probupdate.runtime import executors
 from probupdate.identification.identify import SSISettings, identify
 from probupdate.identification.reference import ReferenceModes
 import numpy as np
@@ -327,3 +331,35 @@ def test_a_mistake_in_a_process_comes_back_in_one_line():
     with pytest.raises(InputError, match="state 'sunk' is unknown") as here:
         list(completed(reference_model, [("sunk",)] * 2, jobs=2, least=1))
     assert here.value.remedy == "choose from " + ", ".join(REFERENCE_STATES)
+
+
+def test_without_a_store_the_result_is_the_same_and_covariance_factors_are_in_it(hour, rough, undisturbed, tmp_path):
+    campaign, settings = read_campaign(hour), SSISettings(**SETTINGS)
+    alone = identify(campaign, rough, settings=settings)
+    alone.write(tmp_path / "modes.json")
+    for ending in ("json", "deviations.h5", "poles.csv"):
+        assert (tmp_path / f"modes.{ending}").read_bytes() == undisturbed.with_name(f"modes.{ending}").read_bytes()
+    kept = identify(campaign, rough, settings=settings, store=f"{undisturbed}.blocks")
+    for result, kind in ((alone, ModalDeviation), (kept, StoredDeviation)):
+        there = [s.deviation for s in result.data.sets if s.deviation]
+        assert len(there) > N_BLOCK / 2 and all(isinstance(one, kind) for one in there)
+
+
+def test_poles_of_one_block_are_in_memory_at_a_time(hour, rough, undisturbed, monkeypatch):
+    """A year's are gigabytes: what is kept of a block are its votes, then its choice."""
+    alive = []
+
+    def counted(function):
+        def called(*arguments):
+            alive.append(sum(isinstance(one, PoleStack) for one in gc.get_objects()))
+            return function(*arguments)
+
+        return called
+
+    for name in ("votes_of", "paths", "choose"):
+        monkeypatch.setattr(tracking, name, counted(getattr(tracking, name)))
+    gc.collect()
+    before = sum(isinstance(one, PoleStack) for one in gc.get_objects())
+    identify(read_campaign(hour), rough, settings=SSISettings(**SETTINGS), store=f"{undisturbed}.blocks")
+    # the one at hand, and the one before it until its name is given to the next
+    assert len(alive) > 2 * N_BLOCK / 2 and max(alive) - before <= 2

@@ -12,7 +12,7 @@ from probupdate.campaign.reading import read_campaign
 from probupdate.errors import InputError
 from probupdate.identification.identify import SSISettings, identify
 from probupdate.identification.roving import Setup, merge_setups
-from probupdate.modes import ModalData, ModalDeviation, ModalSet, mac, plane_mac, read_modes, unit_largest
+from probupdate.modal.modes import ModalData, ModalDeviation, ModalSet, mac, plane_mac, read_modes, unit_largest
 
 # references at one leg and the highest tower level; three setups share out the other fourteen channels
 REFERENCES = [0, 1, 16, 17]

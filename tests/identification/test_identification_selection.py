@@ -17,7 +17,7 @@ from probupdate.identification.criteria import (
 )
 from probupdate.identification.selection import inconsistency, select, shape_scatter
 from probupdate.identification.ssi import identify_poles
-from probupdate.modes import ModalData, ModalSet, mac, read_modes
+from probupdate.modal.modes import ModalData, ModalSet, mac, read_modes
 
 LABELS = ("FA1", "SS1", "T1", "FA2", "SS2")
 TRUE_HZ = np.array([0.316, 0.323, 1.29, 1.93, 2.02])

@@ -18,7 +18,7 @@ from probupdate.identification.ssi import (
     reference_projection,
     stability,
 )
-from probupdate.modes import mac
+from probupdate.modal.modes import mac
 
 RATE, BLOCK_ROWS, ORDER = 5.0, 30, 20
 

@@ -20,7 +20,7 @@ from probupdate.identification.uncertainty import (
     sub_record_covariances,
     toeplitz_products,
 )
-from probupdate.modes import unit_largest
+from probupdate.modal.modes import unit_largest
 
 RATE, BLOCK_ROWS, ORDER, SPREAD = 5.0, 30, 20, 8
 

@@ -9,8 +9,8 @@ from probupdate.campaign.reading import read_campaign
 from probupdate.identification.identify import identify
 from probupdate.identification.reference import ReferenceModes
 from probupdate.identification.selection import select
-from probupdate.mode_labels import close_pairs
-from probupdate.modes import plane_mac
+from probupdate.modal.labels import close_pairs
+from probupdate.modal.modes import plane_mac
 from probupdate.virtual.simulation import simulate
 from probupdate.virtual.truth import read_truth_modes
 

@@ -9,15 +9,15 @@ from scipy import sparse, stats
 
 from probupdate.cli import main
 from probupdate.errors import InputError
-from probupdate.estimators.posterior_file import Posterior, write_posterior
 from probupdate.io.subdyn_file import read_subdyn
 from probupdate.lifetime.draws import equal_draws, joint_of
 from probupdate.lifetime.export import export_lifetime, read_table, with_initial
 from probupdate.lifetime.superelement import frequencies, read_extptfm, superelement
-from probupdate.modes import ModalData, ModalSet
+from probupdate.modal.modes import ModalData, ModalSet
 from probupdate.structure.load import load_model
 from probupdate.structure.subdyn_model import assembled_file
 from probupdate.structure.subdyn_values import applied
+from probupdate.updating.posterior_file import Posterior, write_posterior
 from tests.subdyn_text import STEEL, subdyn
 
 TOML = """name = "a frame"

@@ -10,18 +10,18 @@ import pytest
 from probupdate.cli import main
 from probupdate.effects.tolerances import TurbineUncertainty
 from probupdate.errors import InputError
-from probupdate.estimators.laplace import maximum_a_posteriori
-from probupdate.estimators.posterior_file import Posterior, write_posterior
 from probupdate.lifetime import fatigue_files
 from probupdate.lifetime.export import export_lifetime, read_table
 from probupdate.lifetime.factors import gains, tolerance_draws, total
 from probupdate.lifetime.fatigue import fatigue_model
 from probupdate.lifetime.fatigue_files import FatigueInput
-from probupdate.mode_labels import mode_character
-from probupdate.modes import ModalData, ModalSet
-from probupdate.problem import Weights, build_problem
-from probupdate.structure.description import read_description
+from probupdate.modal.labels import mode_character
+from probupdate.modal.modes import ModalData, ModalSet
+from probupdate.structure.description_file import read_description
 from probupdate.structure.load import load_model, model_sensors
+from probupdate.updating.laplace import maximum_a_posteriori
+from probupdate.updating.posterior_file import Posterior, write_posterior
+from probupdate.updating.problem import Weights, build_problem
 from tests.lifetime.test_stress import CONDITIONS, UPDATED, _toml
 from tests.small_turbine import small_turbine
 

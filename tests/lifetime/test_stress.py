@@ -14,7 +14,7 @@ from probupdate.lifetime import stress as stresses
 from probupdate.lifetime.conditions import Conditions, jonswap, kaimal, read_conditions, wave_number
 from probupdate.lifetime.fatigue import fatigue_model
 from probupdate.lifetime.spectral import rainflow
-from probupdate.structure.description import parse_description
+from probupdate.structure.description_file import parse_description
 from tests.small_turbine import small_turbine
 
 CONDITIONS = {

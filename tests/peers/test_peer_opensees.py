@@ -12,7 +12,7 @@ from small_turbine import small_turbine
 
 from probupdate.structure import beam as beams
 from probupdate.structure.assembly import assemble, node_dofs
-from probupdate.structure.description import parse_description
+from probupdate.structure.description_file import parse_description
 from probupdate.structure.eigen import lowest_modes
 from probupdate.structure.frame import Support, tube_property
 from probupdate.structure.turbine_frame import build_frame

@@ -17,7 +17,7 @@ import probupdate
 
 HERE = Path(__file__).resolve().parent
 PACKAGE = Path(probupdate.__file__).parent
-for folder in ("updating", "report", "io"):
+for folder in ("updating", "reporting", "campaign"):
     sys.path.append(str(HERE.parent / folder))
 sys.path.append(str(HERE.parent))
 
@@ -41,7 +41,7 @@ def update_record():
 
 
 def modes(folder: Path) -> Made:
-    from probupdate.modes import ModalData, ModalDeviation, ModalSet, read_modes, write_modes
+    from probupdate.modal.modes import ModalData, ModalDeviation, ModalSet, read_modes, write_modes
 
     rng = np.random.default_rng(1)
     sets = [ModalSet(id=f"2019-06-03T0{k}:00Z", frequency_hz=np.array([0.3, 0.31, 1.2]), shape=rng.standard_normal((4, 3)),
@@ -56,14 +56,14 @@ def modes(folder: Path) -> Made:
 
 
 def deviations(folder: Path) -> Made:
-    from probupdate.deviation_file import read_deviations
+    from probupdate.modal.deviation_file import read_deviations
 
     path = modes(folder)[0][1]
     return [path], lambda: read_deviations(folder / "modes.json", path.name)
 
 
 def update(folder: Path) -> Made:
-    from probupdate.estimators.update_file import read_update
+    from probupdate.updating.update_file import read_update
 
     path = update_record().write(folder / "update.json")
     return [path], lambda: read_update(path).summary
@@ -72,7 +72,7 @@ def update(folder: Path) -> Made:
 def posterior(folder: Path) -> Made:
     from updating_records import gaussian_draws, posterior_of
 
-    from probupdate.estimators.posterior_file import read_posterior, write_posterior
+    from probupdate.updating.posterior_file import read_posterior, write_posterior
 
     found = update_record()
     path = write_posterior(posterior_of(found, gaussian_draws(found, n=400)), folder / "posterior.nc")
@@ -82,7 +82,7 @@ def posterior(folder: Path) -> Made:
 def comparison(folder: Path) -> Made:
     from updating_records import gaussian_draws, posterior_of
 
-    from probupdate.comparison import compare, read_comparison
+    from probupdate.updating.comparison import compare, read_comparison
 
     found = update_record()
     path = compare(found, posterior_of(found, gaussian_draws(found, n=4000))).write(folder / "compare.json")
@@ -92,8 +92,8 @@ def comparison(folder: Path) -> Made:
 def information(folder: Path) -> Made:
     from updating_cases import LINEAR_HZ, LINEAR_PARAMETERS, SLOPE, linear_data, linear_model
 
-    from probupdate.information import information, read_information, write_information
-    from probupdate.problem import Weights, build_problem
+    from probupdate.updating.information import information, read_information, write_information
+    from probupdate.updating.problem import Weights, build_problem
 
     problem = build_problem(linear_model(LINEAR_PARAMETERS, SLOPE), linear_data(LINEAR_HZ, cov=0.01),
                             weights=Weights(shapes="none"))  # fmt: skip
@@ -102,8 +102,8 @@ def information(folder: Path) -> Made:
 
 
 def views(folder: Path) -> Made:
-    from probupdate.estimators.predictive import LeftOut
-    from probupdate.estimators.set_views_file import ModeScatter, SetsRow, SetViews, read_views
+    from probupdate.updating.predictive import LeftOut
+    from probupdate.updating.set_views_file import ModeScatter, SetsRow, SetViews, read_views
 
     row = {f: 1.0 for f in SetsRow.__dataclass_fields__} | {"name": "k", "unit": "-", "sentence": "it varies"}
     mode = {f: 0.01 for f in ModeScatter.__dataclass_fields__} | {"label": "FA1", "n_set": 3}
@@ -120,7 +120,7 @@ def diagnosis(folder: Path) -> Made:
     from probupdate.diagnosis.results import read_diagnosis
     from probupdate.reporting.diagnosis_section import diagnosis_section
 
-    report = module_of("report", "conftest")
+    report = module_of("reporting", "conftest")
     path = folder / "diagnosis.json"
     path.write_text(json.dumps(report.made_up_diagnosis(report.made_up_sensors())))
     assert callable(diagnosis_section)
@@ -160,6 +160,15 @@ def campaign(folder: Path) -> Made:
 
     paths = campaign_files(folder)
     return paths, lambda: [b.data.sum() for _, b in zip(range(20), blocks(read_campaign(folder)), strict=False)]
+
+
+def parquet_campaign(folder: Path) -> Made:
+    import pytest
+
+    pytest.importorskip("pyarrow", reason="pyarrow is not installed (pip install probupdate[parquet])")
+    _, read = campaign(folder)
+    module_of("campaign", "test_campaign_parquet").as_parquet(folder)
+    return sorted((folder / "acceleration").glob("*.parquet")), read
 
 
 def head(folder: Path) -> Made:
@@ -225,7 +234,7 @@ def turbine(folder: Path) -> Path:
 
 
 def model_description(folder: Path) -> Made:
-    from probupdate.structure.description import read_description
+    from probupdate.structure.description_file import read_description
 
     path = turbine(folder)
     return [path], lambda: read_description(path)
@@ -285,7 +294,7 @@ def uff(kind: str):
         import pytest
 
         pytest.importorskip("pyuff", reason="pyuff is not installed (pip install probupdate[uff])")
-        cases = module_of("io", "test_uff_file")
+        cases = module_of("campaign", "test_uff_file")
         if kind == "modes":
             cases.write_uff_modes(cases.modes(), cases.sensors(), folder / "modes.uff")
             return [folder / "modes.uff"], lambda: cases.read_uff_modes(folder / "modes.uff", cases.sensors())
@@ -353,7 +362,7 @@ def block_deviations(folder: Path) -> Made:
 def chain(folder: Path) -> Made:
     import emcee
 
-    from probupdate.estimators.chain_store import ChainStore, Segment
+    from probupdate.updating.chain_store import ChainStore, Segment
 
     def store():
         return ChainStore(folder / "chain", {"model": "abc"}, {"ensembles": 1, "seed": 1})
@@ -462,16 +471,17 @@ def _made(folder: Path) -> Path:
 
 # case -> (maker, the functions of the package that it covers)
 CASES: dict[str, tuple[Callable[[Path], Made], tuple[str, ...]]] = {
-    "modes": (modes, ("modes.read_modes", "files.read_json", "files.read_text", "files.read_bytes")),
-    "deviations": (deviations, ("deviation_file.read_deviations",)),
-    "update": (update, ("estimators.update_file.read_update", "files.read_json_table")),
-    "posterior": (posterior, ("estimators.posterior_file.read_posterior",)),
-    "comparison": (comparison, ("comparison.read_comparison",)),
-    "information": (information, ("information.read_information",)),
-    "views": (views, ("estimators.set_views_file.read_views",)),
+    "modes": (modes, ("modal.modes.read_modes", "io.files.read_json", "io.files.read_text", "io.files.read_bytes")),
+    "deviations": (deviations, ("modal.deviation_file.read_deviations",)),
+    "update": (update, ("updating.update_file.read_update", "io.files.read_json_table")),
+    "posterior": (posterior, ("updating.posterior_file.read_posterior",)),
+    "comparison": (comparison, ("updating.comparison.read_comparison",)),
+    "information": (information, ("updating.information.read_information",)),
+    "views": (views, ("updating.set_views_file.read_views",)),
     "diagnosis": (diagnosis, ("diagnosis.results.read_diagnosis",)),
-    "criteria": (criteria, ("identification.criteria.read_criteria", "files.read_toml")),
+    "criteria": (criteria, ("identification.criteria.read_criteria", "io.files.read_toml")),
     "campaign": (campaign, ("campaign.reading.read_campaign", "campaign.blocks.read_block")),
+    "parquet": (parquet_campaign, ("campaign.reading.read_campaign", "campaign.blocks.read_block")),
     "head": (head, ("campaign.reading.read_head",)),
     "scada": (scada, ("campaign.scada.read_scada",)),
     "convert": (convert_description, ("campaign.description.read_description",)),
@@ -480,21 +490,21 @@ CASES: dict[str, tuple[Callable[[Path], Made], tuple[str, ...]]] = {
     "npy": (source(".npy"), ("campaign.sources.pieces",)),
     "mat5": (source("5.mat"), ("campaign.sources.pieces",)),
     "mat73": (source("73.mat"), ("campaign.sources.pieces",)),
-    "model": (model_description, ("structure.description.read_description",)),
+    "model": (model_description, ("structure.description_file.read_description",)),
     "turbine_model": (turbine_model, ("structure.load.load_model",)),
     "parameters": (parameters, ("structure.parameter_table.read_parameters",)),
     "matrices": (matrices, ("structure.matrices.load_matrices", "structure.matrices.read_archive")),
     "subdyn": (subdyn, ("io.subdyn_file.read_subdyn", "io.ssi_file.read_ssi", "io.fortran_text.read_lines",
                         "structure.subdyn_model.read_description")),
     "elastodyn": (elastodyn, ("io.elastodyn_file.read_elastodyn",)),
-    "uff_modes": (uff("modes"), ("io.uff_file.read_uff_modes",)),
-    "uff_records": (uff("records"), ("io.uff_file.read_uff_records",)),
+    "uff_modes": (uff("modes"), ("campaign.uff_file.read_uff_modes",)),
+    "uff_records": (uff("records"), ("campaign.uff_file.read_uff_records",)),
     "virtual": (virtual_turbine, ("virtual.turbine_file.read_turbine", "virtual.turbine_file.read_toml")),
     "truth": (truth, ("virtual.truth.read_given", "virtual.effects.read_effect")),
     "truth_modes": (truth_modes, ("virtual.truth.read_truth_modes",)),
     "block_poles": (block_poles, ("identification.block_store.read_block_poles",)),
     "block_deviations": (block_deviations, ("identification.block_store.read_block_deviations",)),
-    "chain": (chain, ("estimators.chain_store.ChainStore",)),
+    "chain": (chain, ("updating.chain_store.ChainStore",)),
     "run": (run, ("reporting.run_files.read_run", "reporting.run_files.read_table")),
     "started_run": (started_run, ("demonstration._State",)),
     "fatigue": (fatigue, ("lifetime.conditions.read_conditions",)),

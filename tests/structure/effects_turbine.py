@@ -2,8 +2,8 @@
 
 from small_turbine import small_turbine
 
-from probupdate.structure.description import parse_description
-from probupdate.structure.effects import KINDS
+from probupdate.structure.description_file import parse_description
+from probupdate.structure.effect_kinds import KINDS
 from probupdate.structure.load import turbine_model
 
 # one of every kind, in several places: kind, on, settings, value off neutral, bounds

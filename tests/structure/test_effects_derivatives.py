@@ -5,7 +5,7 @@ import pytest
 from effects_turbine import SAMPLES, model, plain, sample, with_effects
 
 from probupdate.structure.description import NEUTRAL
-from probupdate.structure.effects import KINDS
+from probupdate.structure.effect_kinds import KINDS
 from probupdate.structure.reduced import reduce_basis
 
 N_MODE = 7

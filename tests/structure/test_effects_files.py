@@ -11,10 +11,10 @@ from small_turbine import SENSORS
 
 from probupdate.effects.turbine import turbine_effects
 from probupdate.errors import InputError
-from probupdate.modes import Sensor
-from probupdate.parameters import Parameter, Parameters
-from probupdate.structure.description import parse_description, read_description
-from probupdate.structure.effects import KINDS
+from probupdate.modal.modes import Sensor
+from probupdate.model.parameters import Parameter, Parameters
+from probupdate.structure.description_file import parse_description, read_description
+from probupdate.structure.effect_kinds import KINDS
 from probupdate.structure.extend import Effect, extended_model, extended_text, parameter_text, write_extended
 from probupdate.structure.load import load_model, reference_model
 from probupdate.structure.parameter_table import KEYS

@@ -11,7 +11,7 @@ from scipy.sparse import linalg as sparse_linalg
 
 from probupdate.structure import beam as beams
 from probupdate.structure.assembly import assemble, node_dofs
-from probupdate.structure.description import parse_description
+from probupdate.structure.description_file import parse_description
 from probupdate.structure.eigen import lowest_modes
 from probupdate.structure.frame import Support
 from probupdate.structure.turbine_frame import build_frame

@@ -13,7 +13,7 @@ from small_turbine import small_turbine
 from probupdate.structure import beam as beam_elements
 from probupdate.structure.assembly import assemble, axial_forces
 from probupdate.structure.coefficient import Coefficient
-from probupdate.structure.description import parse_description
+from probupdate.structure.description_file import parse_description
 from probupdate.structure.eigen import lowest_modes
 from probupdate.structure.frame import Beam, Body, Frame, Hinge, NodeSpring, Prestress, Support
 from probupdate.structure.turbine_frame import build_frame

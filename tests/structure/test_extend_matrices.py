@@ -5,7 +5,7 @@ import pytest
 from scipy import sparse
 
 from probupdate.errors import InputError
-from probupdate.parameters import Parameter, Parameters
+from probupdate.model.parameters import Parameter, Parameters
 from probupdate.structure.extend_matrices import Group, group_parameter, write_grouped
 from probupdate.structure.load import load_model
 from probupdate.structure.matrices import SPARSE_PARTS

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from probupdate.errors import InputError
-from probupdate.modes import Sensor
-from probupdate.parameters import Parameter, Parameters
-from probupdate.structure.description import parse_description, read_description
+from probupdate.modal.modes import Sensor
+from probupdate.model.parameters import Parameter, Parameters
+from probupdate.structure.description_file import parse_description, read_description
 from probupdate.structure.load import load_model, reference_model, turbine_model
 
 

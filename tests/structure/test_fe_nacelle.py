@@ -5,7 +5,7 @@ import pytest
 from small_turbine import POINT, small_turbine
 
 from probupdate.errors import InputError
-from probupdate.structure.description import parse_description
+from probupdate.structure.description_file import parse_description
 from probupdate.structure.load import nacelle_angle_deg, turbine_model
 
 N_MODE = 8

@@ -8,7 +8,7 @@ from probupdate.errors import InputError
 from probupdate.structure import beam, joints, soil
 from probupdate.structure.assembly import assemble
 from probupdate.structure.coefficient import Coefficient
-from probupdate.structure.description import parse_description
+from probupdate.structure.description_file import parse_description
 from probupdate.structure.frame import Beam, Frame, LineSpring, NodeSpring
 from probupdate.structure.pile_head import head_stiffness, pile_head_stiffness
 from probupdate.structure.turbine_frame import PileMoments, build_frame

@@ -7,11 +7,12 @@ import pytest
 from scipy import linalg
 from small_turbine import small_turbine
 
-from probupdate.executors import completed
+from probupdate.runtime.executors import completed
 from probupdate.structure.assembly import assemble
 from probupdate.structure.beam import Tube
 from probupdate.structure.channels import attach
-from probupdate.structure.description import NEUTRAL, parse_description
+from probupdate.structure.description import NEUTRAL
+from probupdate.structure.description_file import parse_description
 from probupdate.structure.load import turbine_model
 from probupdate.structure.turbine_frame import build_frame, leg_point
 

@@ -8,10 +8,10 @@ from scipy import linalg, sparse
 from small_turbine import ORDER, small_turbine
 
 from probupdate.errors import InputError
-from probupdate.parameters import Parameter, Parameters
+from probupdate.model.parameters import Parameter, Parameters
 from probupdate.structure import eigen
 from probupdate.structure.affine import AffineModel
-from probupdate.structure.description import parse_description
+from probupdate.structure.description_file import parse_description
 from probupdate.structure.load import turbine_model
 from probupdate.structure.matrices import LinearCoefficients
 

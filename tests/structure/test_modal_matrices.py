@@ -9,8 +9,8 @@ import pytest
 from scipy import sparse
 
 from probupdate.errors import InputError
-from probupdate.files import archive_arrays
-from probupdate.parameters import Parameter, Parameters
+from probupdate.io.files import archive_arrays
+from probupdate.model.parameters import Parameter, Parameters
 from probupdate.structure.functions import FunctionModel
 from probupdate.structure.load import load_model
 from probupdate.structure.matrices import load_matrices
@@ -359,3 +359,10 @@ def test_an_array_of_which_the_head_promises_more_than_there_is(tmp_path):
         np.lib.format.write_array_header_1_0(stream, {"descr": "<f8", "fortran_order": False, "shape": (10**9,)})
     with pytest.raises(InputError, match=r"K_k2\.npy: holds objects, or not as many numbers"):
         load_model(path)
+
+
+def test_parameters_of_a_later_format_are_refused(tmp_path):
+    path = tmp_path / "parameters.toml"
+    path.write_text('format = 99\n[[parameter]]\nname = "a"\nunit = "-"\ninitial = 1.0\nstd = 0.1\n')
+    with pytest.raises(InputError, match=r"parameters\.toml, format: is 99; this version reads 1"):
+        read_parameters(path)

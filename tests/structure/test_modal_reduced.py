@@ -9,10 +9,10 @@ from scipy import linalg, sparse
 from small_turbine import small_turbine
 
 from probupdate.errors import ConvergenceError, InputError
-from probupdate.modes import plane_mac
-from probupdate.parameters import Parameter, Parameters
+from probupdate.modal.modes import plane_mac
+from probupdate.model.parameters import Parameter, Parameters
 from probupdate.structure.affine import AffineModel
-from probupdate.structure.description import parse_description
+from probupdate.structure.description_file import parse_description
 from probupdate.structure.load import turbine_model
 from probupdate.structure.matrices import LinearCoefficients, load_matrices
 from probupdate.structure.parameter_table import read_parameters

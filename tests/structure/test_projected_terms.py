@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 from scipy import sparse
 
+from probupdate.diagnosis.small_model import _directions
+from probupdate.structure import assembly
 from probupdate.structure.load import load_model, reference_model
 from probupdate.structure.projected_terms import ProjectedTerms
 
@@ -53,3 +55,35 @@ def test_equal_matrices_of_two_models_are_held_once():
     theta = model.parameters.initial
     for a, b in zip(shared.matrices(theta), other.matrices(theta), strict=True):
         assert (a != b).nnz == 0
+
+
+def test_terms_transformed_together_or_one_by_one_are_equal(monkeypatch):
+    path = reference_model("as_built")
+    model = load_model(path)
+    monkeypatch.setattr(assembly, "TOGETHER", 1)
+    alone = load_model(path)
+    for some, others in ((model.stiffness, alone.stiffness), (model.mass, alone.mass)):
+        assert len(some) == len(others) > 1
+        for a, b in zip(some, others, strict=True):
+            assert np.array_equal(a.data, b.data) and np.array_equal(a.indices, b.indices)
+            assert np.array_equal(a.indptr, b.indptr)
+
+
+def test_directions_of_many_snapshots_are_those_of_their_own_gram_matrix():
+    """More snapshots than degrees of freedom: the lesser matrix has the same energies, and the directions span the same."""
+    root = RNG.standard_normal((N_DOF, N_DOF)) + 6 * np.eye(N_DOF)
+    K = sparse.csc_array(root @ root.T)
+    # a few strong directions, others a thousandth of them
+    snapshots = RNG.standard_normal((N_DOF, N_DOF)) * np.geomspace(1, 1e-3, N_DOF) @ RNG.standard_normal((N_DOF, 90))
+    energy, directions = _directions(snapshots, K)
+    gram, turn = np.linalg.eigh(snapshots.T @ (K @ snapshots))
+    np.testing.assert_allclose(energy, gram[-N_DOF:], rtol=1e-6)
+    kept = energy > 1e-3 * energy[-1]
+    here, there = directions[:, kept], snapshots @ (turn[:, -kept.sum():] / np.sqrt(gram[-kept.sum():]))
+    np.testing.assert_allclose(here.T @ (K @ here), np.eye(kept.sum()), atol=1e-9)
+    cosines = np.linalg.svd(here.T @ (K @ there), compute_uv=False)
+    assert cosines.min() > 1 - 1e-7
+    # fewer snapshots than degrees of freedom: from their own Gram matrix
+    few_energy, few = _directions(snapshots[:, :7], K)
+    assert few.shape == (N_DOF, 7) and len(few_energy) == 7
+    np.testing.assert_allclose(few.T @ (K @ few), np.eye(7), atol=1e-6)

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from probupdate.mode_labels import mode_character
-from probupdate.modes import Sensor, mac
-from probupdate.structure.description import parse_description, read_description
+from probupdate.modal.labels import mode_character
+from probupdate.modal.modes import Sensor, mac
+from probupdate.structure.description_file import parse_description, read_description
 from probupdate.structure.load import load_model, reference_model, turbine_model
 from probupdate.structure.parameter_table import read_toml
 

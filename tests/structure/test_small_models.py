@@ -7,11 +7,11 @@ import pytest
 from scipy import sparse
 
 from probupdate.errors import InputError
-from probupdate.modes import ModalData, ModalSet
-from probupdate.parameters import Parameter, Parameters
-from probupdate.problem import build_problem
+from probupdate.modal.modes import ModalData, ModalSet
+from probupdate.model.parameters import Parameter, Parameters
 from probupdate.structure.affine import AffineModel
 from probupdate.structure.own_modes import own_modes
+from probupdate.updating.problem import build_problem
 
 K_STOREY, MASS = 2.0e6, 5.0e3  # N/m, kg
 

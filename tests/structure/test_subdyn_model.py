@@ -12,8 +12,8 @@ import probupdate
 from probupdate.cli import main
 from probupdate.errors import InputError
 from probupdate.io.subdyn_file import read_subdyn
-from probupdate.modes import Sensor
-from probupdate.parameters import Parameter, Parameters
+from probupdate.modal.modes import Sensor
+from probupdate.model.parameters import Parameter, Parameters
 from probupdate.structure.load import load_model
 from probupdate.structure.subdyn_frame import build_subdyn_frame, direction_cosines, plain_matrices, rigid_body_mass, tube
 from probupdate.structure.subdyn_frame import box as box_section

@@ -6,10 +6,10 @@ from scipy import stats
 from updating_cases import LINEAR_HZ, LINEAR_PARAMETERS, SLOPE, chain_problem, linear_problem
 
 from probupdate.errors import InputError
-from probupdate.estimators import alpha as alpha_module
-from probupdate.estimators.alpha import ALPHAS, alpha_path, choose
-from probupdate.estimators.laplace import maximum_a_posteriori, trust_region
-from probupdate.estimators.tikhonov import update
+from probupdate.updating import alpha as alpha_module
+from probupdate.updating.alpha import ALPHAS, alpha_path, choose
+from probupdate.updating.laplace import maximum_a_posteriori, trust_region
+from probupdate.updating.tikhonov import update
 
 # one parameter's effect is large, the data are noisier than a model at its prior: every rule has an answer
 DATA = LINEAR_HZ + np.array([0.05, -0.06, 0.12, 0.28, -0.45])

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from updating_records import PARAMETERS, gaussian_draws, posterior_of, record
 
-from probupdate.comparison import compare, read_comparison
 from probupdate.errors import InputError
-from probupdate.parameters import Parameters
+from probupdate.model.parameters import Parameters
+from probupdate.updating.comparison import compare, read_comparison
 
 
 @pytest.fixture(scope="module")

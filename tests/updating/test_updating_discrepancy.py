@@ -9,11 +9,11 @@ from updating_cases import CHAIN_TRUTH, chain_model, measured_chain
 from probupdate import verbs
 from probupdate.cli import main
 from probupdate.errors import InputError
-from probupdate.estimators.discrepancy import estimate_discrepancy, expected_misfit
-from probupdate.estimators.laplace import maximum_a_posteriori
-from probupdate.modes import ModalData
-from probupdate.problem import Weights, build_problem
-from probupdate.responses import SHAPE_FACTOR
+from probupdate.modal.modes import ModalData
+from probupdate.updating.discrepancy import estimate_discrepancy, expected_misfit
+from probupdate.updating.laplace import maximum_a_posteriori
+from probupdate.updating.problem import Weights, build_problem
+from probupdate.updating.responses import SHAPE_FACTOR
 
 STATED, MISSED = 1e-3, 6e-3
 

@@ -6,12 +6,12 @@ import pytest
 from test_updating_ensemble import COVARIANCE, LIMIT, N_WALKER, PARAMETERS, exact_draws, outline, target
 from updating_cases import LINEAR_HZ, linear_problem
 
-from probupdate.estimators import emulator as emulator_module
-from probupdate.estimators.emulator import FLATTER, EmulatorMove, fit_emulator
-from probupdate.estimators.ensemble import SubsetMove, SurrogateMove
-from probupdate.estimators.laplace import maximum_a_posteriori
-from probupdate.estimators.posterior_file import effective_size
-from probupdate.estimators.surrogate import from_laplace
+from probupdate.updating import emulator as emulator_module
+from probupdate.updating.emulator import FLATTER, EmulatorMove, fit_emulator
+from probupdate.updating.ensemble import SubsetMove, SurrogateMove
+from probupdate.updating.laplace import maximum_a_posteriori
+from probupdate.updating.posterior_file import effective_size
+from probupdate.updating.surrogate import from_laplace
 
 
 def test_linear_responses_are_answered_exactly():

@@ -11,14 +11,14 @@ from scipy import stats
 from updating_cases import LINEAR_HZ, LINEAR_PARAMETERS, linear_data, linear_model, linear_problem
 
 from probupdate.errors import InputError
-from probupdate.estimators import ensemble
-from probupdate.estimators.ensemble import PriorMove, SamplerSettings, SubsetMove, SurrogateMove, moves, sample
-from probupdate.estimators.laplace import maximum_a_posteriori
-from probupdate.estimators.posterior_file import effective_size
-from probupdate.estimators.surrogate import Outline, TruncatedGaussian, fit_surrogate
-from probupdate.executors import Executor
-from probupdate.parameters import Parameter, Parameters
-from probupdate.problem import Weights, build_problem
+from probupdate.model.parameters import Parameter, Parameters
+from probupdate.runtime.executors import Executor
+from probupdate.updating import ensemble
+from probupdate.updating.ensemble import PriorMove, SamplerSettings, SubsetMove, SurrogateMove, moves, sample
+from probupdate.updating.laplace import maximum_a_posteriori
+from probupdate.updating.posterior_file import effective_size
+from probupdate.updating.problem import Weights, build_problem
+from probupdate.updating.surrogate import Outline, TruncatedGaussian, fit_surrogate
 
 # of a z-score: seeds are fixed, and chance exceeds it once in some ten thousand
 LIMIT = 4.0

@@ -16,18 +16,18 @@ from updating_cases import (
     linear_problem,
 )
 
-from probupdate.estimators.ensemble import SamplerSettings, sample
-from probupdate.estimators.evidence import (
+from probupdate.model.parameters import Parameter, Parameters
+from probupdate.updating.ensemble import SamplerSettings, sample
+from probupdate.updating.evidence import (
     TRUSTED_K,
     check_laplace,
     estimate_evidence,
     log_prior_constant,
     pareto_shape,
 )
-from probupdate.estimators.laplace import maximum_a_posteriori
-from probupdate.estimators.surrogate import Proposal, fit_surrogate
-from probupdate.parameters import Parameter, Parameters
-from probupdate.problem import build_problem
+from probupdate.updating.laplace import maximum_a_posteriori
+from probupdate.updating.problem import build_problem
+from probupdate.updating.surrogate import Proposal, fit_surrogate
 
 LIMIT = 4.0
 CUT = Parameters((

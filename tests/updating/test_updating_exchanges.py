@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from updating_cases import CHANNELS, CHAIN_TRUTH, chain_model, measured_chain
 
-from probupdate.channel_mistakes import channel_mistake
-from probupdate.modes import ModalData
+from probupdate.modal.channel_mistakes import channel_mistake
+from probupdate.modal.modes import ModalData
 
 MODEL = chain_model()
 

@@ -9,8 +9,8 @@ from updating_cases import LINEAR_HZ
 from updating_records import PARAMETERS, record
 
 from probupdate.errors import InputError
-from probupdate.estimators.update_file import fit_sentence, parameters_from_table, parameters_to_table, read_update
-from probupdate.parameters import Parameter, Parameters
+from probupdate.model.parameters import Parameter, Parameters
+from probupdate.updating.update_file import fit_sentence, parameters_from_table, parameters_to_table, read_update
 
 
 @pytest.fixture(scope="module")

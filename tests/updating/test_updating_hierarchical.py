@@ -7,16 +7,16 @@ from scipy import integrate, stats
 from updating_cases import LINEAR_HZ, LINEAR_PARAMETERS, SLOPE, arviz_psislw, linear_data, linear_model
 
 from probupdate.errors import InputError
-from probupdate.estimators.hierarchical import SPREAD, coordinates_of, linearise, lkj_factor, sample_population
-from probupdate.estimators.predictive import population_left_out, population_score, smoothed_weights
-from probupdate.estimators.set_views import joint_posterior, mode_scatter, view_sets
-from probupdate.estimators.set_views_file import MANY, ONE, POOLED, TOLD_BITS, read_views
-from probupdate.information import information
-from probupdate.modes import ModalData, ModalDeviation
-from probupdate.parameters import Parameter, Parameters
-from probupdate.problem import build_problem
+from probupdate.modal.modes import ModalData, ModalDeviation
+from probupdate.model.parameters import Parameter, Parameters
 from probupdate.reporting.sets_section import information_section, sets_section
 from probupdate.reporting.values import Run
+from probupdate.updating.hierarchical import SPREAD, coordinates_of, linearise, lkj_factor, sample_population
+from probupdate.updating.information import information
+from probupdate.updating.predictive import population_left_out, population_score, smoothed_weights
+from probupdate.updating.problem import build_problem
+from probupdate.updating.set_views import joint_posterior, mode_scatter, view_sets
+from probupdate.updating.set_views_file import MANY, ONE, POOLED, TOLD_BITS, read_views
 
 NOISE = 0.002
 SINGLE = [(j,) for j in range(5)]

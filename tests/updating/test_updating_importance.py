@@ -8,8 +8,11 @@ from updating_cases import LINEAR_HZ, LINEAR_PARAMETERS, linear_problem, modal_s
 
 from probupdate import verbs
 from probupdate.errors import InputError
-from probupdate.estimators.ensemble import _first_state, nested_r_hat
-from probupdate.estimators.importance import (
+from probupdate.modal.modes import ModalData
+from probupdate.model.parameters import Parameter, Parameters
+from probupdate.structure.functions import FunctionModel
+from probupdate.updating.ensemble import _first_state, nested_r_hat
+from probupdate.updating.importance import (
     Mixture,
     PriorDensity,
     StudentT,
@@ -17,12 +20,9 @@ from probupdate.estimators.importance import (
     fitted_proposal,
     importance_sample,
 )
-from probupdate.estimators.laplace import distinct_maxima, maximum_a_posteriori, trust_region
-from probupdate.estimators.surrogate import Proposal, fit_surrogate, from_laplace
-from probupdate.modes import ModalData
-from probupdate.parameters import Parameter, Parameters
-from probupdate.problem import Weights, build_problem
-from probupdate.structure.functions import FunctionModel
+from probupdate.updating.laplace import distinct_maxima, maximum_a_posteriori, trust_region
+from probupdate.updating.problem import Weights, build_problem
+from probupdate.updating.surrogate import Proposal, fit_surrogate, from_laplace
 
 OFFSET, N_CHANNEL = 20.0, 6
 SHAPE = np.linalg.qr(np.random.default_rng(5).standard_normal((N_CHANNEL, N_CHANNEL)))[0]

@@ -8,9 +8,9 @@ from updating_cases import LINEAR_HZ, LINEAR_PARAMETERS, SLOPE, chain_problem, l
 from updating_records import gaussian_draws, posterior_of, record
 
 from probupdate.errors import InputError
-from probupdate.information import CARRY, LEAVE, UPDATE, information, read_information
-from probupdate.parameters import Parameter, Parameters
-from probupdate.problem import Weights, build_problem
+from probupdate.model.parameters import Parameter, Parameters
+from probupdate.updating.information import CARRY, LEAVE, UPDATE, information, read_information
+from probupdate.updating.problem import Weights, build_problem
 
 COV = 0.01
 W = np.diag(1 / (COV * LINEAR_HZ) ** 2)

@@ -18,14 +18,14 @@ from updating_cases import (
 )
 
 from probupdate.errors import ConvergenceError
-from probupdate.estimators import laplace as laplace_module
-from probupdate.estimators import tikhonov
-from probupdate.estimators.laplace import maximum_a_posteriori, prior_residual
-from probupdate.estimators.tikhonov import update
-from probupdate.modes import ModalData
-from probupdate.parameters import Parameter, Parameters
-from probupdate.problem import Problem, Weights, build_problem
+from probupdate.modal.modes import ModalData
+from probupdate.model.parameters import Parameter, Parameters
 from probupdate.structure.functions import FunctionModel
+from probupdate.updating import laplace as laplace_module
+from probupdate.updating import tikhonov
+from probupdate.updating.laplace import maximum_a_posteriori, prior_residual
+from probupdate.updating.problem import Problem, Weights, build_problem
+from probupdate.updating.tikhonov import update
 
 MEASURED = LINEAR_HZ + np.array([0.03, -0.06, 0.10, 0.15, -0.30])
 MIXED = Parameters((

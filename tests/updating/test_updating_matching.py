@@ -15,12 +15,12 @@ from updating_cases import (
 )
 
 from probupdate.errors import InputError
-from probupdate.matching import SPARE, assign, channel_rows, close_clusters, match
-from probupdate.model import ModalSolution
-from probupdate.modes import ModalData
-from probupdate.parameters import Parameter, Parameters
-from probupdate.problem import build_problem
+from probupdate.modal.matching import SPARE, assign, channel_rows, close_clusters, match
+from probupdate.modal.modes import ModalData
+from probupdate.model.interface import ModalSolution
+from probupdate.model.parameters import Parameter, Parameters
 from probupdate.structure.functions import FunctionModel
+from probupdate.updating.problem import build_problem
 
 ROWS = np.arange(len(CHANNELS))
 

@@ -16,15 +16,15 @@ from updating_cases import (
 
 from probupdate import verbs
 from probupdate.effects.tolerances import SensorUncertainty, TurbineUncertainty
-from probupdate.estimators.components import variance_components
-from probupdate.estimators.discrepancy import state_model_error
-from probupdate.estimators.hierarchical import Population, coordinates_of, linearise
-from probupdate.estimators.laplace import maximum_a_posteriori
-from probupdate.estimators.shared_error import shared_error
-from probupdate.estimators.tikhonov import update
-from probupdate.model_error import ErrorSource, marginal_root
-from probupdate.problem import Weights, build_problem
+from probupdate.model.uncertainty import ErrorSource, marginal_root
 from probupdate.structure.load import load_model, reference_model
+from probupdate.updating.components import variance_components
+from probupdate.updating.discrepancy import state_model_error
+from probupdate.updating.hierarchical import Population, coordinates_of, linearise
+from probupdate.updating.laplace import maximum_a_posteriori
+from probupdate.updating.problem import Weights, build_problem
+from probupdate.updating.shared_error import shared_error
+from probupdate.updating.tikhonov import update
 
 SHARP = Weights(frequency_cov=(0.01,) * 4, shape_std=False, shape_factor=1.0)
 FREQUENCIES = Weights(shapes="none", tolerances=True, frequency_floor=1e-9)
@@ -166,7 +166,7 @@ def test_every_source_of_a_turbine_has_a_standard_deviation_and_a_group(turbine)
 
 def test_tolerances_of_a_turbine_against_differences_of_the_file(turbine):
     """The nacelle a per cent heavier, written into the file, moves ln f as its source says."""
-    from probupdate.structure.description import parse_description
+    from probupdate.structure.description_file import parse_description
     from probupdate.structure.load import turbine_model
     from probupdate.structure.parameter_table import read_toml
 

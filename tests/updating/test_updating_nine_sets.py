@@ -17,9 +17,9 @@ from updating_cases import (
     modal_set,
 )
 
-from probupdate.estimators.nine_sets import update_sets
-from probupdate.modes import ModalData
-from probupdate.problem import Weights
+from probupdate.modal.modes import ModalData
+from probupdate.updating.problem import Weights
+from probupdate.updating.set_wise_updates import update_sets
 
 N_SET = 150
 STD = 0.01 * LINEAR_HZ

@@ -6,9 +6,9 @@ from scipy import stats
 from updating_cases import CHAIN_PARAMETERS, LINEAR_HZ, LINEAR_PARAMETERS, SLOPE, chain_model, linear_data, linear_model
 from updating_cases import measured_chain as chain_data
 
-from probupdate.estimators.laplace import maximum_a_posteriori
-from probupdate.estimators.predictive import bits_gained, predictive_check
-from probupdate.problem import Weights, build_problem
+from probupdate.updating.laplace import maximum_a_posteriori
+from probupdate.updating.predictive import bits_gained, predictive_check
+from probupdate.updating.problem import Weights, build_problem
 
 COV = 0.01
 N_DATA = 80

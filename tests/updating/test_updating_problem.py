@@ -22,11 +22,11 @@ from updating_cases import (
 )
 
 from probupdate.errors import InputError
-from probupdate.modes import ModalData
-from probupdate.parameters import Parameter, Parameters
-from probupdate.problem import Weights, build_problem, paper_weights
-from probupdate.structure.description import parse_description
+from probupdate.modal.modes import ModalData
+from probupdate.model.parameters import Parameter, Parameters
+from probupdate.structure.description_file import parse_description
 from probupdate.structure.load import load_model, reference_model, turbine_model
+from probupdate.updating.problem import Weights, build_problem, paper_weights
 
 PAPER = Weights(frequency_cov=(0.015, 0.015, 0.017, 0.017), shape_std=False)
 POINTS = [CHAIN_TRUTH, CHAIN_PARAMETERS.initial, np.array([2.5, 0.8, 1.2, -0.01])]

@@ -8,9 +8,9 @@ from scipy import stats
 from updating_cases import CHAIN_TRUTH, CHANNELS, chain_model, measured_chain, turned
 
 from probupdate.errors import InputError
-from probupdate.estimators.laplace import maximum_a_posteriori
-from probupdate.modes import ModalData, ModalDeviation, mac
-from probupdate.problem import Weights, build_problem
+from probupdate.modal.modes import ModalData, ModalDeviation, mac
+from probupdate.updating.laplace import maximum_a_posteriori
+from probupdate.updating.problem import Weights, build_problem
 
 COV = 0.003
 POINTS = [CHAIN_TRUTH, np.array([1.0, 1.0, 1.0, 0.02]), np.array([2.5, 0.8, 1.2, -0.01])]

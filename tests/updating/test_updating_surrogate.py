@@ -15,8 +15,10 @@ from updating_cases import (
     linear_problem,
 )
 
-from probupdate.estimators.laplace import maximum_a_posteriori
-from probupdate.estimators.surrogate import (
+from probupdate.model.parameters import Parameter, Parameters
+from probupdate.updating.laplace import maximum_a_posteriori
+from probupdate.updating.problem import build_problem
+from probupdate.updating.surrogate import (
     ROUNDS,
     Outline,
     TruncatedGaussian,
@@ -27,8 +29,6 @@ from probupdate.estimators.surrogate import (
     log_stretch,
     to_coordinates,
 )
-from probupdate.parameters import Parameter, Parameters
-from probupdate.problem import build_problem
 
 N_DRAW = 20_000
 # of a z-score: with the two dozen moments tested here chance exceeds it once in a thousand runs, and seeds are fixed

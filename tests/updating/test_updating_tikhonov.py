@@ -16,12 +16,12 @@ from updating_cases import (
 )
 
 from probupdate.errors import InputError
-from probupdate.estimators.laplace import maximum_a_posteriori
-from probupdate.estimators.tikhonov import bounded_step, update
-from probupdate.modes import ModalData
-from probupdate.parameters import Parameter, Parameters
-from probupdate.problem import build_problem
+from probupdate.modal.modes import ModalData
+from probupdate.model.parameters import Parameter, Parameters
 from probupdate.structure.functions import FunctionModel
+from probupdate.updating.laplace import maximum_a_posteriori
+from probupdate.updating.problem import build_problem
+from probupdate.updating.tikhonov import bounded_step, update
 
 MEASURED = LINEAR_HZ + np.array([0.03, -0.06, 0.10, 0.15, -0.30])
 STD = 0.01 * LINEAR_HZ

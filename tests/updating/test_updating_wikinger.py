@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from probupdate import verbs
-from probupdate.estimators.laplace import maximum_a_posteriori, trust_region
-from probupdate.modes import read_modes
-from probupdate.problem import build_problem, paper_weights
+from probupdate.modal.modes import read_modes
 from probupdate.reporting import paper_tables as paper
+from probupdate.updating.laplace import maximum_a_posteriori, trust_region
+from probupdate.updating.problem import build_problem, paper_weights
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "studies" / "wikinger"))
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 from scipy import sparse
 
-from probupdate.modes import ModalData, ModalSet
-from probupdate.parameters import Parameter, Parameters
-from probupdate.problem import Problem, Weights, build_problem
+from probupdate.modal.modes import ModalData, ModalSet
+from probupdate.model.parameters import Parameter, Parameters
 from probupdate.structure.affine import AffineModel
 from probupdate.structure.functions import FunctionModel
+from probupdate.updating.problem import Problem, Weights, build_problem
 
 N_LEVEL = 9
 LEVELS = (1, 3, 4, 6, 8)

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 from updating_cases import LINEAR_HZ, linear_data, linear_model
 
-from probupdate.estimators.posterior_file import Posterior
-from probupdate.estimators.update_file import UpdateRecord
-from probupdate.estimators.updating import deterministic_update
-from probupdate.parameters import Parameter, Parameters
+from probupdate.model.parameters import Parameter, Parameters
+from probupdate.updating.posterior_file import Posterior
+from probupdate.updating.runs import deterministic_update
+from probupdate.updating.update_file import UpdateRecord
 
 # a is known by the data alone, b half, c not at all; b wants beyond its bound
 SLOPE = np.array([[0.05, 0.01, 0.0], [0.10, -0.02, 0.0], [0.02, 0.08, 0.0], [0.30, 0.05, 0.0], [-0.20, 0.25, 0.0]])

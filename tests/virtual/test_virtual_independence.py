@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from probupdate.modes import mac, subspace_mac
+from probupdate.modal.modes import mac, subspace_mac
 from probupdate.structure import load
 from probupdate.virtual import dynamics, frame, truth, turbine_file
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from probupdate.errors import InputError
-from probupdate.modes import read_modes, write_modes
+from probupdate.modal.modes import read_modes, write_modes
 from probupdate.virtual import dynamics, frame, modal_blocks, modal_noise, turbine_file
 
 BUSY = {

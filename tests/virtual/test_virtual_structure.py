@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from probupdate.errors import InputError
-from probupdate.modes import mac, subspace_mac
+from probupdate.modal.modes import mac, subspace_mac
 from probupdate.virtual import dynamics, frame, truth, turbine_file
 
 AS_BUILT = Path(frame.__file__).resolve().parents[1] / "reference" / "as_built.toml"

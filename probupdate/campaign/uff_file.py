@@ -1,0 +1,419 @@
+"""Universal files (UFF): modes as dataset 55, records as dataset 58, places of nodes as 15 or 2411, through `pyuff`.
+
+A channel is a node and a direction. Where sensors are given, with their places, components at a node are projected on
+their directions, so that oblique ones are as good as others; where none are, channels are called by node and axis, such
+as '12:+x'. Modes are written with six digits and without standard deviations, as the format has no more. Units are SI.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from probupdate.errors import InputError, parsing
+from probupdate.io.files import input_file, whole
+from probupdate.modal.modes import ModalData, ModalSet, Sensor
+from probupdate.runtime.arrays import frozen_array
+
+# read whole, with three copies in memory
+LARGEST = 2**30
+# how far a node may be from the sensor it is taken for, and how far the lines of a file may be from one rate
+SAME_PLACE_M, SAME_RATE = 1e-3, 1e-4
+AXES = {1: "+x", 2: "+y", 3: "+z", -1: "-x", -2: "-y", -3: "-z"}
+# datasets 58 that are records in time, and the code of each quantity
+RECORD, TIME = 1, 17
+QUANTITIES = {"displacement": 8, "velocity": 11, "acceleration": 12}
+SET_LINE, CHANNEL_LINE = "set ", "channel "
+# analyses of dataset 55 that hold modes
+NORMAL, COMPLEX = 2, (3, 7)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class UffRecords:
+    """Records of one file on one clock: data (n_sample, n_channel) float64, `names` from the files' first lines or ''
+    where they have none, `places` such as '12:+x', rate_hz and first_s, where the abscissa begins."""
+
+    names: tuple[str, ...]
+    places: tuple[str, ...]
+    rate_hz: float
+    first_s: float
+    data: np.ndarray
+
+
+def _pyuff(where: Path):
+    try:
+        import pyuff
+    except ImportError:
+        raise InputError(
+            str(where), "universal files need the package pyuff, which is not installed", "pip install probupdate[uff]"
+        ) from None
+    return pyuff
+
+
+def _read(path: str | Path) -> tuple[Path, list[dict]]:
+    """Every dataset that pyuff reads."""
+    path = input_file(path, "check the path", largest=LARGEST)
+    pyuff = _pyuff(path)
+    said = str(path), "cannot be read as a universal file", "write it again, as ASCII or binary UFF"
+    with parsing(*said), warnings.catch_warnings():
+        # what numpy warns of while text becomes numbers is no number
+        warnings.simplefilter("error")
+        file = pyuff.UFF(str(path))
+        kinds = [int(k) for k in file.get_set_types()]
+        wanted = [k for k, kind in enumerate(kinds) if kind in (15, 55, 58, 2411)]
+        found = [file.read_sets(k) for k in wanted]
+        found = [d if isinstance(d, dict) else {} for d in found]
+    return path, [d for d in found if d]
+
+
+def _number(value, where: str, what: str) -> float:
+    """A finite number, whatever the parser made of it."""
+    with parsing(where, f"its {what} is no number", "write it again"):
+        number = float(np.real(value))
+    if not np.isfinite(number):
+        raise InputError(where, f"its {what} is {number}", "write it again")
+    return number
+
+
+def _whole(value, where: str, what: str) -> int:
+    number = _number(value, where, what)
+    if number != int(number) or abs(number) >= 2**53:
+        raise InputError(where, f"its {what} is {number:g}, not a whole number", "write it again")
+    return int(number)
+
+
+def _text(value) -> str:
+    text = " ".join(str(value or "").split())
+    return "" if text.upper() == "NONE" else text
+
+
+# Modes --------------------------------------------------------------------------------------------------------------
+
+
+def read_uff_modes(path: str | Path, sensors: Sequence[Sensor] | None = None) -> ModalData:
+    """Modes of datasets 55 (normal modes and complex eigenvalues): one set a load case, its name as `write_uff_modes`
+    leaves it, else the case's number. sensors: channels in that order, found by the places of the file's nodes; None:
+    every component of every node that moves. Standard deviations are NaN. Raises InputError naming the file."""
+    path, found = _read(path)
+    modes = [d for d in found if d.get("type") == 55 and d.get("analysis_type") in (NORMAL, *COMPLEX)]
+    if not modes:
+        raise InputError(
+            str(path),
+            "holds no modes (dataset 55 of normal modes or complex eigenvalues)",
+            "export the modes as dataset 55",
+        )
+    rows = [_mode(d, f"{path}, mode {k + 1}") for k, d in enumerate(modes)]
+    nodes = sorted({node for row in rows for node in row["motion"]})
+    if sensors is None:
+        named, project = _components(nodes, rows)
+    else:
+        named, project = _projected(path, _places(path, found), sensors)
+    cases: dict[int, list[dict]] = {}
+    for row in rows:
+        cases.setdefault(row["case"], []).append(row)
+    count = max(max(row["mode"] for row in own) for own in cases.values())
+    if count > 10_000:
+        raise InputError(str(path), f"numbers a mode {count}", "number them from 1 without gaps")
+    sets, ids = [], []
+    for case, own in cases.items():
+        numbers = [row["mode"] for row in own]
+        if len(set(numbers)) < len(numbers) or min(numbers) < 1:
+            raise InputError(
+                f"{path}, load case {case}", "mode numbers are not 1, 2, 3, ... once each", "number them so"
+            )
+        frequency, damping = np.full(count, np.nan), np.full(count, np.nan)
+        shape = np.full((len(named), count), np.nan, complex)
+        for row in own:
+            j = row["mode"] - 1
+            frequency[j], damping[j], shape[:, j] = row["hz"], row["damping"], project(row["motion"])
+        ids.append(own[0]["set"] or str(case))
+        sets.append(
+            ModalSet(
+                id=ids[-1],
+                frequency_hz=frequency,
+                damping_ratio=damping,
+                shape=shape,
+                frequency_std_hz=np.full(count, np.nan),
+                shape_std=np.full(shape.shape, np.nan),
+            )
+        )
+    if len(set(ids)) < len(ids):
+        raise InputError(str(path), "two load cases have one name", "give each its own in line 4")
+    return ModalData(channels=named, sets=tuple(sets))
+
+
+def _mode(d: Mapping, where: str) -> dict:
+    """One dataset 55: hz, damping ratio, case, mode, set's name, motion node -> (3,) complex."""
+    if d["analysis_type"] == NORMAL:
+        hz, damping = _number(d["freq"], where, "frequency"), _number(d["modal_damp_vis"], where, "damping")
+        if not 0 <= damping < 1:
+            raise InputError(where, f"its viscous damping ratio is {damping:g}", "give a share of critical, below 1")
+        # what is zero was not given
+        damping = damping or np.nan
+    else:
+        pole = complex(_number(np.real(d["eig"]), where, "eigenvalue"), _number(np.imag(d["eig"]), where, "eigenvalue"))
+        hz, damping = abs(pole) / (2 * np.pi), -pole.real / abs(pole) if pole else 0.0
+    if not 0 < hz < 1e6:
+        raise InputError(where, f"its frequency is {hz:g} Hz", "give eigenvalues in rad/s, frequencies in Hz")
+    numbers, parts = np.atleast_1d(d.get("node_nums", ())), [np.atleast_1d(d.get(f"r{k}", ())) for k in (1, 2, 3)]
+    if any(part.shape != numbers.shape for part in parts) or not numbers.size:
+        raise InputError(where, "has not three components at every node", "export translations x, y, z")
+    motion = np.array(parts, complex).T
+    if not np.all(np.isfinite(motion)):
+        raise InputError(where, "has components that are no numbers", "write it again")
+    line = _text(d.get("id4"))
+    return {
+        "hz": hz,
+        "damping": damping,
+        "case": _whole(d["load_case"], where, "load case"),
+        "mode": _whole(d["mode_n"], where, "mode number"),
+        "set": line.removeprefix(SET_LINE) if line.startswith(SET_LINE) else "",
+        "motion": {_whole(n, where, "node"): row for n, row in zip(numbers, motion, strict=True)},
+    }
+
+
+def _components(nodes: Sequence[int], rows: Sequence[Mapping]):
+    """Channels 'node:+axis' of what moves in some mode, and a mode's values there."""
+    chosen = [(n, k) for n in nodes for k in range(3) if any(n in r["motion"] and r["motion"][n][k] != 0 for r in rows)]
+
+    def project(motion: Mapping[int, np.ndarray]) -> np.ndarray:
+        return np.array([motion[n][k] if n in motion else np.nan for n, k in chosen], complex)
+
+    return tuple(f"{n}:{AXES[k + 1]}" for n, k in chosen), project
+
+
+def _places(path: Path, found: Sequence[Mapping]) -> dict[int, np.ndarray]:
+    """Node -> position (3,) in m of datasets 15 and 2411."""
+    places = {}
+    for d in found:
+        if d.get("type") not in (15, 2411):
+            continue
+        numbers = d.get("node_nums", d.get("grid_global", ()))
+        for number, *xyz in zip(np.atleast_1d(numbers), *(np.atleast_1d(d.get(a, ())) for a in "xyz"), strict=False):
+            node = _whole(number, f"{path}, nodes", "number")
+            places[node] = np.array([_number(v, f"{path}, node {node}", "position") for v in xyz])
+    return places
+
+
+def _projected(path: Path, places: Mapping[int, np.ndarray], sensors: Sequence[Sensor]):
+    """The sensors' channels and a mode's values there, by the node at each sensor's place."""
+    if not places:
+        raise InputError(
+            str(path),
+            "says of no node where it is (dataset 15 or 2411)",
+            "export the nodes too, or read it without sensors",
+        )
+    numbers, at = list(places), np.array(list(places.values()))
+    node = []
+    for s in sensors:
+        distance = np.linalg.norm(at - s.position_m, axis=1)
+        if distance.min() > SAME_PLACE_M:
+            raise InputError(
+                f"{path}, {s.channel}",
+                f"its nearest node, {numbers[int(distance.argmin())]}, is {distance.min():.3g} m away",
+                "mend position_m, or the file's units (m)",
+            )
+        node.append(numbers[int(distance.argmin())])
+
+    def project(motion: Mapping[int, np.ndarray]) -> np.ndarray:
+        return np.array(
+            [motion[n] @ s.direction if n in motion else np.nan for n, s in zip(node, sensors, strict=True)]
+        )
+
+    return tuple(s.channel for s in sensors), project
+
+
+def write_uff_modes(data: ModalData, sensors: Sequence[Sensor], path: str | Path) -> tuple[Path, tuple[str, ...]]:
+    """Datasets 15 and 55 (complex eigenvalues) of all sets, a load case each; what the format could not hold is told
+    beside the path. Raises InputError where a channel has no sensor, or two of one place cannot be told from each other."""
+    path = Path(path)
+    pyuff, by_name = _pyuff(path), {s.channel: s for s in sensors}
+    for channel in data.channels:
+        if channel not in by_name:
+            raise InputError(f"{path}, {channel}", "no sensor of the campaign has this name", "name the channels alike")
+    chosen = [by_name[c] for c in data.channels]
+    places, rows = _nodes(chosen)
+    inverse = [np.linalg.pinv(np.array([chosen[k].direction for k in own])) for own in rows]
+    for own, back in zip(rows, inverse, strict=True):
+        directions = np.array([chosen[k].direction for k in own])
+        if np.abs(directions @ back - np.eye(len(own))).max() > 1e-6:
+            raise InputError(
+                f"{path}, {chosen[own[0]].channel}",
+                "and others of its place look one way: a node has three components",
+                "leave one of them out",
+            )
+    datasets, notes = [_node_dataset(pyuff, places)], []
+    for case, one in enumerate(data.sets, 1):
+        for j in range(one.frequency_hz.size):
+            values = one.shape[:, j]
+            if not np.isfinite(one.frequency_hz[j]) or not np.all(np.isfinite(values)):
+                notes.append(f"set {one.id}, mode {j + 1}: not measured at all channels, left out")
+                continue
+            motion = np.array([back @ values[own] for own, back in zip(rows, inverse, strict=True)])
+            zeta = one.damping_ratio[j] if np.isfinite(one.damping_ratio[j]) else 0.0
+            pole = 2 * np.pi * one.frequency_hz[j] * (-zeta + 1j * np.sqrt(1 - zeta**2))
+            datasets.append(
+                pyuff.prepare_55(
+                    id1="modes",
+                    id2="NONE",
+                    id3="NONE",
+                    id4=f"{SET_LINE}{one.id}"[:80],
+                    id5="NONE",
+                    model_type=1,
+                    analysis_type=COMPLEX[0],
+                    data_ch=2,
+                    spec_data_type=8,
+                    data_type=5,
+                    n_data_per_node=3,
+                    r1=motion[:, 0],
+                    r2=motion[:, 1],
+                    r3=motion[:, 2],
+                    load_case=case,
+                    mode_n=j + 1,
+                    eig=complex(pole),
+                    modal_a=0j,
+                    modal_b=0j,
+                    node_nums=np.arange(1, len(places) + 1),
+                )
+            )
+    notes.append("standard deviations, covariances and environment have no place in a universal file")
+    return _write(pyuff, datasets, path), tuple(notes)
+
+
+# Records ------------------------------------------------------------------------------------------------------------
+
+
+def read_uff_records(path: str | Path) -> UffRecords:
+    """Records in time (datasets 58) of one file, on one clock. Raises InputError naming the file where it has none, or
+    they are uneven, of several rates or lengths."""
+    path, found = _read(path)
+    records = [d for d in found if d.get("type") == 58 and d.get("func_type") == RECORD]
+    if not records:
+        raise InputError(str(path), "holds no record in time (dataset 58 of function type 1)", "export time histories")
+    names, places, columns, clocks = [], [], [], []
+    for k, d in enumerate(records, 1):
+        where = f"{path}, record {k}"
+        if _whole(d.get("abscissa_spacing", 0), where, "abscissa spacing") != 1:
+            raise InputError(where, "has a time for every sample of its own (uneven spacing)", "export even spacing")
+        step = _number(d.get("abscissa_inc", 0), where, "time step")
+        if not 1e-9 < step < 1e9:
+            raise InputError(where, f"its time step is {step:g} s", "give seconds")
+        node, direction = (_whole(d.get(key, 0), where, key) for key in ("rsp_node", "rsp_dir"))
+        values = np.atleast_1d(d.get("data", ()))
+        if np.iscomplexobj(values) or values.ndim != 1 or not values.size:
+            raise InputError(where, "is not a row of real numbers", "export time histories")
+        line = _text(d.get("id1"))
+        names.append(line.removeprefix(CHANNEL_LINE))
+        places.append(f"{node}:{AXES.get(direction, direction)}")
+        columns.append(np.asarray(values, float))
+        clocks.append((step, _number(d.get("abscissa_min", 0), where, "first time"), values.size))
+    step, first, size = clocks[0]
+    for k, (other, start, n) in enumerate(clocks[1:], 2):
+        if abs(other / step - 1) > SAME_RATE or abs(start - first) > 0.5 * step or n != size:
+            raise InputError(
+                f"{path}, record {k}",
+                f"has {n} samples every {other:g} s from {start:g} s, the first {size} "
+                f"every {step:g} s from {first:g} s",
+                "write records of one clock into one file",
+            )
+    return UffRecords(
+        names=tuple(names),
+        places=tuple(places),
+        rate_hz=1 / step,
+        first_s=first,
+        data=frozen_array(np.column_stack(columns)),
+    )
+
+
+def write_uff_records(
+    data: np.ndarray, rate_hz: float, sensors: Sequence[Sensor], path: str | Path, *, start: str
+) -> Path:
+    """Datasets 15 and 58 of a record (n_sample, n_channel), its columns the sensors'; `start` (ISO 8601) in line 3.
+
+    Raises InputError where a sensor does not look along an axis, or a sample is lost: the format knows neither."""
+    path, data = Path(path), np.asarray(data)
+    pyuff = _pyuff(path)
+    places, rows = _nodes(sensors)
+    datasets = [_node_dataset(pyuff, places)]
+    node_of = {k: number for number, own in enumerate(rows, 1) for k in own}
+    for k, s in enumerate(sensors):
+        axis = int(np.argmax(np.abs(s.direction)))
+        if abs(abs(s.direction[axis]) - 1) > 1e-6:
+            raise InputError(
+                f"{path}, {s.channel}",
+                "does not look along x, y or z, as a record of a universal file does",
+                "leave it out",
+            )
+        if not np.all(np.isfinite(data[:, k])):
+            raise InputError(
+                f"{path}, {s.channel}",
+                f"has {int(np.sum(~np.isfinite(data[:, k])))} lost samples, for which a universal file has no word",
+                "write blocks without gaps",
+            )
+        datasets.append(
+            {
+                "type": 58,
+                "binary": 0,
+                "id1": f"{CHANNEL_LINE}{s.channel}"[:80],
+                "id2": s.level[:80] or "NONE",
+                "id3": start[:80],
+                "func_type": RECORD,
+                "func_id": k + 1,
+                "load_case_id": 1,
+                "rsp_node": node_of[k],
+                "rsp_dir": (axis + 1) * (1 if s.direction[axis] > 0 else -1),
+                "ref_node": 0,
+                "ref_dir": 0,
+                "abscissa_spacing": 1,
+                "abscissa_spec_data_type": TIME,
+                "abscissa_axis_lab": "time",
+                "abscissa_axis_units_lab": "s",
+                "ordinate_spec_data_type": QUANTITIES[s.quantity],
+                "ordinate_axis_lab": s.quantity[:20],
+                "ordinate_axis_units_lab": s.unit[:20],
+                "orddenom_spec_data_type": 0,
+                "data": np.asarray(data[:, k], float),
+                "x": np.arange(len(data)) / rate_hz,
+            }
+        )
+    return _write(pyuff, datasets, path)
+
+
+def _nodes(sensors: Sequence[Sensor]) -> tuple[np.ndarray, list[list[int]]]:
+    """Places (n_node, 3) of the sensors and the numbers of those at each."""
+    places: list[np.ndarray] = []
+    rows: list[list[int]] = []
+    for k, s in enumerate(sensors):
+        same = next((j for j, p in enumerate(places) if np.linalg.norm(p - s.position_m) <= SAME_PLACE_M), None)
+        if same is None:
+            places.append(s.position_m)
+            rows.append([])
+            same = -1
+        rows[same].append(k)
+    return np.array(places), rows
+
+
+def _node_dataset(pyuff, places: np.ndarray) -> dict:
+    n = len(places)
+    none = np.zeros(n, int)
+    return pyuff.prepare_15(
+        node_nums=np.arange(1, n + 1),
+        def_cs=none,
+        disp_cs=none,
+        color=none,
+        x=places[:, 0],
+        y=places[:, 1],
+        z=places[:, 2],
+    )
+
+
+def _write(pyuff, datasets: Sequence[dict], path: Path) -> Path:
+    with whole(path) as part:
+        file = pyuff.UFF(str(part))
+        for k, one in enumerate(datasets):
+            file.write_sets(one, mode="add" if k else "overwrite")
+    return path

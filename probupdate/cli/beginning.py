@@ -1,0 +1,60 @@
+"""Commands to begin with: the demonstration, a virtual campaign, the modes of a model."""
+
+from __future__ import annotations
+
+import argparse
+
+from probupdate.cli.options import MODEL_HELP, AddCommand, positive, seeded
+from probupdate.cli.terminal import say, tell
+from probupdate.io.files import write_text
+from probupdate.runtime.progress import Progress
+
+
+def run_demo(a: argparse.Namespace, progress: Progress) -> None:
+    import probupdate
+
+    tell(a, probupdate.demo(a.out, seed=a.seed, days=a.days, hide=a.hide, jobs=a.jobs, progress=progress,
+                            say=(lambda text: None) if a.json else say))
+
+
+def run_simulate(a: argparse.Namespace, progress: Progress) -> None:
+    import probupdate
+
+    tell(a, probupdate.simulate(
+        a.out, model=a.model, days=a.days, truth=a.truth, seed=a.seed, jobs=a.jobs, progress=progress))
+
+
+def run_modes(a: argparse.Namespace, progress: Progress) -> None:
+    import probupdate
+
+    result = probupdate.model_modes(a.model, a.count, parameters=a.parameters)
+    if a.out:
+        write_text(a.out, result.text() + "\n")
+    tell(a, result, **result.content())
+
+
+def add_commands(verb: AddCommand) -> None:
+    """Their arguments and options; `verb` makes the parser of a command."""
+    p = verb("demo", run_demo, "the whole job on a virtual campaign, ending with OUT/report.html")
+    p.add_argument("out", metavar="OUT", help="directory to write; an interrupted demo goes on where it stopped")
+    p.add_argument("--days", type=positive(float, "days"), default=1.0, help="length of the campaign (default 1)")
+    p.add_argument("--hide", default="default", metavar="TRUTH",
+                   help="truth.toml of effects to hide in the virtual turbine, none, or default: one of the structure, "
+                        "one of a sensor")
+    p.add_argument("--jobs", type=positive(int, "jobs"), default=2,
+                   help="processes (default 2: the sampler beside the diagnosis)")
+    seeded(p)
+
+    p = verb("simulate", run_simulate, "a virtual turbine, measured: a campaign with its truth")
+    p.add_argument("out", metavar="OUT", help="campaign directory to write")
+    p.add_argument("--model", help="model.toml whose geometry is built anew (default: the updated reference turbine)")
+    p.add_argument("--days", type=positive(float, "days"), default=1.0, help="length of the campaign (default 1)")
+    p.add_argument("--truth", help="truth.toml: parameters and effects to build in instead of drawing them")
+    p.add_argument("--jobs", type=positive(int, "jobs"), default=1, help="processes (1); the bytes do not depend on it")
+    seeded(p)
+
+    p = verb("modes", run_modes, "a model's own frequencies, labels and shapes, of every form of model")
+    p.add_argument("model", metavar="MODEL", help=MODEL_HELP)
+    p.add_argument("--parameters", help="parameters.toml of a model made of matrices")
+    p.add_argument("--count", type=positive(int, "sets"), default=10, help="how many modes (10)")
+    p.add_argument("--out", help="write frequency_hz, label, channel, shape and notes to a JSON file too")

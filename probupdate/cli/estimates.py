@@ -1,0 +1,139 @@
+"""Commands from modes to parameters."""
+
+from __future__ import annotations
+
+import argparse
+
+from probupdate.cli.options import (
+    AddCommand,
+    alpha_option,
+    on_every_mode,
+    on_modes,
+    on_workers,
+    positive,
+    seeded,
+    weights_option,
+)
+from probupdate.cli.process import one_thread
+from probupdate.cli.terminal import tell
+from probupdate.errors import InputError
+from probupdate.runtime.progress import Progress
+
+
+def run_update(a: argparse.Namespace, progress: Progress) -> None:
+    one_thread()
+    import probupdate
+    from probupdate.runtime.executors import executor
+
+    with executor(a.jobs, a.scheduler) as runs:
+        result = probupdate.update(
+            a.model, a.modes, parameters=a.parameters, set_id=a.set, weights=weights_option(a), alpha=a.alpha,
+            frequencies=a.frequencies, shapes=a.shapes, method=a.method, discrepancy=a.discrepancy,
+            tolerances=a.tolerances, iterations=a.iterations, every_mode=a.every_mode, jobs=runs, progress=progress)
+    result.write(a.out)
+    tell(a, result, [a.out], first=False)
+    refuse_suspected(a, result.set_id, result.suspected)
+
+
+def refuse_suspected(a: argparse.Namespace, set_id: str, suspected: str) -> None:
+    """What was written stands, for whoever wants to see it; but there is a mistake in what was given."""
+    if suspected:
+        raise InputError(f"{a.modes}, set {set_id}", f"shapes are not the model's; {suspected}",
+                         f"{a.out} holds the result of the data as they stand")
+
+
+def run_sample(a: argparse.Namespace, progress: Progress) -> None:
+    one_thread()
+    import probupdate
+    from probupdate.runtime.executors import executor
+
+    with executor(a.jobs, a.scheduler) as runs:
+        result = probupdate.sample(
+            a.model, a.modes, a.out, parameters=a.parameters, set_id=a.set, weights=weights_option(a), seed=a.seed,
+            frequencies=a.frequencies, shapes=a.shapes, ensembles=a.ensembles, discrepancy=a.discrepancy,
+            tolerances=a.tolerances, target_ess=a.ess, max_steps=a.max_steps, every_mode=a.every_mode, jobs=runs,
+            progress=progress)
+    tell(a, result, [a.out], first=False)
+    refuse_suspected(a, str(result.record.get("set_id", "")), str(result.record.get("suspected", "")))
+
+
+def run_compare(a: argparse.Namespace, progress: Progress) -> None:
+    import probupdate
+
+    result = probupdate.compare(a.update, a.posterior, model=a.model, parameters=a.parameters)
+    result.write(a.out)
+    tell(a, result, [a.out], first=False)
+
+
+def run_sets(a: argparse.Namespace, progress: Progress) -> None:
+    import probupdate
+
+    result = probupdate.sets(
+        a.model, a.modes, parameters=a.parameters, weights=weights_option(a), frequencies=a.frequencies,
+        shapes=a.shapes, discrepancy=a.discrepancy, tolerances=a.tolerances, correlated=a.correlated, spread=a.spread,
+        seed=a.seed,
+        progress=progress)
+    result.write(a.out)
+    tell(a, result, [a.out], first=False)
+
+
+def run_inform(a: argparse.Namespace, progress: Progress) -> None:
+    import probupdate
+
+    result = probupdate.inform(
+        a.model, a.modes, parameters=a.parameters, set_id=a.set, weights=weights_option(a), frequencies=a.frequencies,
+        shapes=a.shapes, discrepancy=a.discrepancy, tolerances=a.tolerances, every=a.every, at=a.at,
+        posterior=a.posterior, seed=a.seed,
+        progress=progress)
+    result.write(a.out)
+    tell(a, result, [a.out], first=False)
+
+
+def add_commands(verb: AddCommand) -> None:
+    """Their arguments and options; `verb` makes the parser of a command."""
+    p = verb("update", run_update, "the sensitivity-based Tikhonov update in both readings, for every set")
+    on_modes(p)
+    on_every_mode(p)
+    p.add_argument("--alpha", type=alpha_option, default=1.0,
+                   help="regularisation coefficient of Eq. 6 (1), or the rule that chooses it: l-curve, discrepancy, "
+                   "evidence")
+    p.add_argument("--method", choices=("gauss-newton", "levenberg-marquardt"), default="gauss-newton",
+                   help="how the anchored reading is solved (gauss-newton)")
+    p.add_argument("--iterations", type=positive(int, "iterations"), default=50, help="at most so many steps (50)")
+    on_workers(p, "processes for the updates of the sets (1); the numbers do not depend on it", 1)
+    p.add_argument("--out", required=True, help="update.json")
+
+    p = verb("sample", run_sample, "the posterior of the same problem by emcee; resumes where it was stopped")
+    on_modes(p)
+    on_every_mode(p)
+    p.add_argument("--ess", type=positive(int, "draws"), default=1000, help="effective draws of the worst parameter (1000)")
+    on_workers(p, "processes for the ensembles (1); the numbers do not depend on it", 1)
+    p.add_argument("--ensembles", type=positive(int, "ensembles"), default=4, help="independent ensembles, judged together (4)")
+    p.add_argument("--max-steps", type=positive(int, "steps"), default=20000, help="give up, and say so, after these (20000)")
+    p.add_argument("--out", required=True, help="posterior.nc; the chain is kept beside it")
+    seeded(p)
+
+    p = verb("compare", run_compare, "where update and posterior part, and why")
+    p.add_argument("update", metavar="UPDATE", help="update.json of `update`")
+    p.add_argument("posterior", metavar="POSTERIOR", help="posterior.nc of `sample`, of the same model, set and weights")
+    p.add_argument("--model", help="for its derived quantities over the posterior, such as a pile's head stiffness")
+    p.add_argument("--parameters", help="parameters.toml of a model made of matrices")
+    p.add_argument("--out", required=True, help="compare.json")
+
+    p = verb("sets", run_sets, "all sets in four views: scatter, pooled, one posterior, a population with its scatter")
+    on_modes(p, one=False)
+    p.add_argument("--correlated", action="store_true", help="let parameters vary together between sets")
+    p.add_argument("--spread", type=positive(float, "deviations"), default=0.25,
+                   help="scale of the hyper-prior of a parameter's "
+                   "scatter between sets, in its prior standard deviations (0.25)")
+    p.add_argument("--out", required=True, help="sets.json")
+    seeded(p)
+
+    p = verb("inform", run_inform, "which parameters the data inform, which compensate one another, which to update")
+    on_modes(p)
+    p.add_argument("--every", action="store_true", help="all rows of a model.toml, those with update = false too")
+    p.add_argument("--at", choices=("initial", "map"), default="initial", help="where slopes are taken: the initial "
+                   "parameters (default) or the maximum of the posterior; over a wide prior they differ")
+    p.add_argument("--posterior", help="posterior.nc: adds what was sampled")
+    p.add_argument("--out", required=True, help="information.json")
+    seeded(p)

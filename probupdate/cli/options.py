@@ -1,0 +1,121 @@
+"""Options that several commands have, and what their values may be."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable
+
+
+MODEL_HELP = "model.toml, a SubDyn .dat, or model.npz with --parameters; 'design', 'as_built', 'updated' name the reference turbine"
+# makes the parser of a command: its name, the function that runs it, what it does
+AddCommand = Callable[[str, Callable, str], argparse.ArgumentParser]
+
+
+def weights_option(a: argparse.Namespace) -> str | tuple[float, ...]:
+    """'paper', 'measured', or the frequencies' CoVs, one number a mode."""
+    return tuple(a.frequency_cov) if a.frequency_cov else a.weights
+
+
+# the largest value of an option: beyond it lies a slip of the pen, or a job that no memory or lifetime holds
+MOST = {
+    "days": 3660, "jobs": 4096, "modes": 100_000, "order": 500, "block rows": 5000, "Hz": 100_000, "kW": 1_000_000,
+    "sets": 1_000_000, "iterations": 100_000, "draws": 1_000_000, "ensembles": 64, "steps": 10_000_000, "CoV": 10.0,
+    "deviations": 100.0, "reduced modes": 1000,
+}  # fmt: skip
+LARGEST_SEED = 2**63 - 1
+
+
+def positive(kind: type, what: str = "") -> Callable[[str], float]:
+    def convert(text: str):
+        value = kind(text)
+        if not value > 0:
+            raise argparse.ArgumentTypeError(f"{text} is not above zero")
+        if value > MOST.get(what, float("inf")):
+            raise argparse.ArgumentTypeError(f"{text} {what} are more than {MOST[what]:g}, the most there can be")
+        return value
+
+    convert.__name__ = kind.__name__
+    return convert
+
+
+def seed_option(text: str) -> int:
+    value = int(text)
+    if not 0 <= value <= LARGEST_SEED:
+        raise argparse.ArgumentTypeError(f"{text} is not from 0 to {LARGEST_SEED}")
+    return value
+
+
+seed_option.__name__ = "int"
+
+
+def alpha_option(text: str) -> float | str:
+    if text in ("l-curve", "discrepancy", "evidence"):
+        return text
+    try:
+        return positive(float)(text)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{text} is neither a number nor l-curve, discrepancy, evidence") from None
+
+
+def discrepancy_option(text: str) -> float | str:
+    if text == "auto":
+        return text
+    try:
+        share = 0.0 if float(text) == 0 else positive(float)(text)
+    except (ValueError, argparse.ArgumentTypeError):
+        raise argparse.ArgumentTypeError(f"{text} is neither a share above zero nor auto") from None
+    if share >= 1:
+        raise argparse.ArgumentTypeError(f"{text} is the whole frequency and more; a share is meant: {share / 100:g} for "
+                                         f"{share:g} %")  # fmt: skip
+    return share
+
+
+def seeded(p: argparse.ArgumentParser) -> None:
+    """The option of whatever draws numbers."""
+    p.add_argument("--seed", type=seed_option, default=1, help="same seed, same numbers (default 1)")
+
+
+def on_workers(p: argparse.ArgumentParser, text: str, default: int | None = None) -> None:
+    """Where independent tasks run; `text` says of what, `default` how many processes."""
+    where = p.add_mutually_exclusive_group()
+    where.add_argument("--jobs", type=positive(int, "jobs"), default=default, help=text)
+    where.add_argument("--scheduler", metavar="ADDRESS", help="the workers of that Dask cluster instead, such as "
+                       "tcp://10.0.0.1:8786; they must see the same paths (needs `pip install probupdate[dask]`)")
+
+
+def on_model(p: argparse.ArgumentParser, required: bool = True) -> None:
+    """A model of any form."""
+    without = "" if required else "; without, poles that come back are numbered"
+    p.add_argument("--model", required=required, help=MODEL_HELP + without)
+    p.add_argument("--parameters", help="parameters.toml of a model made of matrices")
+
+
+def on_modes(p: argparse.ArgumentParser, one: bool = True) -> None:
+    """Model, modes and what is compared of them; `one`: of one set."""
+    on_model(p)
+    p.add_argument("--modes", required=True, help="modes.json; nine.json from `select`")
+    if one:
+        p.add_argument("--set", help="id of the set to use (default: the file's reference set, or its first)")
+    weights = p.add_mutually_exclusive_group()
+    weights.add_argument("--weights", choices=("measured", "covariance", "paper"), default="measured",
+                         help="W_Lambda from the file's standard deviations (default), from their full covariance "
+                         "where the file has it, or from the paper's CoVs 0.015 / 0.017, tenfold for shapes")
+    p.add_argument("--frequencies", choices=("hz", "log"), default="hz", help="as they are (default) or logarithms")
+    p.add_argument("--shapes", choices=("plane", "components", "mac", "none"), default="plane",
+                   help="shapes by components with close pairs as planes (default), every one by components, as "
+                   "one MAC each, or not at all")
+    weights.add_argument("--frequency-cov", type=positive(float, "CoV"), nargs="+", metavar="COV",
+                         help="CoV of each frequency instead, tenfold for shapes")
+    p.add_argument("--discrepancy", type=discrepancy_option, metavar="SHARE",
+                   help="what the model may miss of every frequency, such as 0.005, and ten times that of shapes; "
+                   "'auto' (default with --weights measured or covariance, else 0) takes as much as the misfit at "
+                   "the maximum shows")
+    p.add_argument("--tolerances", action=argparse.BooleanOptionalAction, default=None,
+                   help="marginalise the tolerances of structure, soil, rotor-nacelle assembly and sensors "
+                   "(default with --weights measured or covariance)")
+
+
+def on_every_mode(p: argparse.ArgumentParser) -> None:
+    """The option that takes modes beyond those of interest."""
+    p.add_argument("--every-mode", action="store_true", help="take modes beyond those of interest too, where "
+                   "identification found them alike to the model's")

@@ -1,0 +1,98 @@
+"""The parser of all commands: their groups in --help, an example of each."""
+
+from __future__ import annotations
+
+import argparse
+import textwrap
+from collections.abc import Callable
+from typing import NoReturn
+
+from probupdate import __version__
+from probupdate.cli import beginning, estimates, records, results
+
+
+# the commands as --help lists them, in the order in which a job needs them
+GROUPS = {
+    "to begin with": ("demo", "simulate", "modes"),
+    "from records to modes": ("convert", "check", "identify", "select", "regress", "figures"),
+    "from modes to parameters": ("update", "sample", "compare", "sets", "inform"),
+    "what is wrong": ("diagnose",),
+    "many turbines": ("farm",),
+    "to hand on": ("report", "export"),
+}
+
+
+def commands_by_group(about: dict[str, str]) -> str:
+    """A line or two for each command below its group; about: command -> what it does."""
+    others = [verb for verb in about if not any(verb in group for group in GROUPS.values())]
+    width = max(map(len, about)) + 4
+    lines = []
+    for title, verbs in {**GROUPS, **({"further": tuple(others)} if others else {})}.items():
+        lines.append(f"{title}:")
+        for verb in verbs:
+            told = textwrap.wrap(about[verb], 79 - width)
+            lines += [f"  {verb:<{width - 2}}{told[0]}", *(" " * width + more for more in told[1:])]
+        lines.append("")
+    return "\n".join([*lines, "`probupdate VERB --help` lists a command's arguments and options, with an example."])
+
+
+class _Parser(argparse.ArgumentParser):
+    """One line for a wrong option too; the usage stands in --help."""
+
+    def error(self, message: str) -> NoReturn:
+        self.exit(2, f"{self.prog}: {message}; see {self.prog} --help\n")
+
+
+# keys of --json beyond those that every command has
+JSON_MORE = {
+    "modes": "; frequency_hz, label, channel, shape, notes", "check": "; campaigns where there are several",
+    "diagnose": "; verdict", "export": "; folder, files with SHA-256, draws, verdict, converged, diagnosis, left_out",
+}  # fmt: skip
+# a command of each verb as it is typed in a run directory of the names that `report` looks for
+EXAMPLES = {
+    "demo": "demo out",
+    "simulate": "simulate run/campaign --days 1 --seed 1",
+    "modes": "modes as_built --count 8",
+    "convert": "convert records run/campaign",
+    "check": "check run/campaign --out run/check.json",
+    "identify": "identify run/campaign --model run/model.toml --out run/modes.json",
+    "select": "select run/modes.json --scada run/campaign/scada.csv --out run/nine.json",
+    "regress": "regress run/modes.json --state idling --out run/regression.csv",
+    "update": "update --model run/model.toml --modes run/nine.json --out run/update.json",
+    "sample": "sample --model run/model.toml --modes run/nine.json --out run/posterior.nc",
+    "compare": "compare run/update.json run/posterior.nc --model run/model.toml --out run/compare.json",
+    "sets": "sets --model run/model.toml --modes run/nine.json --out run/sets.json",
+    "inform": "inform --model run/model.toml --modes run/nine.json --out run/information.json",
+    "diagnose": "diagnose --model run/model.toml --modes run/modes.json --campaign run/campaign --out run/diagnosis.json",
+    "figures": "figures run/modes.json --campaign run/campaign --format pdf --out run/figures",
+    "export": "export run --to lifetime run-lifetime",
+    "farm": "farm data/farm.toml --out farm --jobs 4",
+    "report": "report run --out run/report.html",
+}
+
+
+def build_parser() -> argparse.ArgumentParser:
+    parser = _Parser(
+        prog="probupdate",
+        description="Update a jacket's finite-element model from measured vibration, deterministically and as a\n"
+        "posterior, and compare the two. Each step reads and writes files: enter at any of them.",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("--version", action="version", version=f"probupdate {__version__}")
+    verbs = parser.add_subparsers(dest="verb", required=True, metavar="VERB", help="one of the commands below",
+                                  parser_class=_Parser)  # fmt: skip
+    about: dict[str, str] = {}
+
+    def verb(name: str, run: Callable, text: str) -> argparse.ArgumentParser:
+        about[name] = text
+        added = verbs.add_parser(name, description=f"{text[0].upper()}{text[1:]}.",
+                                 epilog=f"example: probupdate {EXAMPLES[name]}")
+        added.set_defaults(action=run)
+        added.add_argument("--json", action="store_true", help="print one JSON object instead: command, summary, files, "
+                           "table (columns with units, rows)" + JSON_MORE.get(name, ""))
+        return added
+
+    for group in (beginning, records, estimates, results):
+        group.add_commands(verb)
+    parser.epilog = commands_by_group(about)
+    return parser

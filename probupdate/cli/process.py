@@ -1,0 +1,44 @@
+"""The process of a command: signals that end it, threads of its linear algebra."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import signal
+from collections.abc import Iterator
+from typing import NoReturn
+
+
+class Interrupted(KeyboardInterrupt):
+    """Raised for a signal. Python gives up the exit code where a KeyboardInterrupt itself has passed through an `exec`,
+    as where dataclasses are made, even if it is caught after that."""
+
+
+@contextlib.contextmanager
+def ended_by_signals() -> Iterator[None]:
+    """SIGTERM ends a run as Ctrl-C does: temporary files are removed, processes ended. Where Ctrl-C is ignored, as in the
+    background, it stays so."""
+
+    def end(number: int, frame: object) -> NoReturn:
+        raise Interrupted
+
+    before = {}
+    try:
+        for number in (signal.SIGTERM, signal.SIGINT):
+            if signal.getsignal(number) is not signal.SIG_IGN:
+                before[number] = signal.signal(number, end)
+    except ValueError:
+        # not in the main thread: whoever runs this there answers for signals
+        yield
+        return
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def one_thread() -> None:
+    """Of linear algebra, here and in the processes started: the same bits wherever a task runs, whatever is left after
+    an interruption. Read when numpy is first imported."""
+    os.environ.update(OMP_NUM_THREADS="1", OPENBLAS_NUM_THREADS="1", MKL_NUM_THREADS="1")

@@ -1,0 +1,124 @@
+"""A run of the command line: arguments in, an exit code out, a user's mistakes in one line."""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import errno
+import os
+import sys
+import tempfile
+import warnings
+from collections.abc import Sequence
+from pathlib import Path
+
+from probupdate.cli.parser import build_parser
+from probupdate.cli.process import ended_by_signals
+from probupdate.cli.terminal import complain, terminal_progress
+from probupdate.errors import InputError, ProbupdateError
+from probupdate.io.outputs import refuse_overwriting
+
+# verbs whose result is a directory; the others write files
+WRITE_FOLDERS = ("convert", "demo", "simulate", "figures", "export", "farm")
+
+
+def writes_folder(a: argparse.Namespace) -> bool:
+    """Whether --out, or OUT, is a directory: of `convert` where records come out."""
+    if a.verb == "convert" and a.to != "campaign":
+        return a.to == "uff" and Path(a.sources).is_dir()
+    return a.verb in WRITE_FOLDERS
+
+
+def refuse_unwritable(out: str, *, folder: bool) -> None:
+    """Before hours of work, not after them: a result that cannot be written. Directories to it are made later."""
+    path = Path(out)
+    try:
+        path.stat()
+    except (FileNotFoundError, NotADirectoryError):
+        pass
+    except (OSError, ValueError) as error:
+        raise InputError(out, f"is no usable name ({getattr(error, 'strerror', None) or error})",
+                         "name another place") from None
+    if folder and path.exists() and not path.is_dir():
+        raise InputError(out, "is a file where a directory is to be written", "name a directory")
+    if not folder and path.is_dir():
+        raise InputError(out, "is a directory where a file is to be written", "name a file in it")
+    above = next(p for p in (path, *path.parents) if p.exists())
+    if above != path and not above.is_dir():
+        raise InputError(out, f"cannot be written, as {above} is no directory", "name another place")
+    try:
+        # permissions alone do not tell: a file system may be read-only, or none
+        with tempfile.TemporaryFile(dir=above if above.is_dir() else above.parent):
+            pass
+    except OSError as error:
+        raise InputError(out, f"nothing can be written to {above} ({error.strerror})",
+                         "name another place, or change its permissions") from None
+
+
+def given_paths(a: argparse.Namespace) -> list[str]:
+    """Every text among the arguments but --out that is none of an option's choices, as a folder may be named so
+    (`convert raw campaign` with --to campaign); others that are no paths do no harm."""
+    (verbs,) = (action for action in build_parser()._actions if action.dest == "verb")
+    chosen = {action.dest for action in verbs.choices[a.verb]._actions if action.choices}
+    return [v for key, value in vars(a).items() if key not in {"out", "verb", "action", *chosen}
+            for v in (value if isinstance(value, list) else [value]) if isinstance(v, str)]
+
+
+# errors of a path that a user named; others are the machine's
+OF_PATHS = {errno.EISDIR, errno.ENOTDIR, errno.ENOENT, errno.EEXIST, errno.EACCES, errno.EPERM, errno.ENAMETOOLONG,
+            errno.ELOOP, errno.EROFS}  # fmt: skip
+
+
+FULL = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG}
+
+
+def _os_words(error: OSError) -> str:
+    where = str(error.filename) if error.filename is not None else "a file or the output"
+    reason = error.strerror or str(error) or type(error).__name__
+    if error.errno in FULL:
+        return f"{where}: {reason}; make room or name another place; what was finished is kept"
+    return f"{where}: {reason}; check the path"
+
+
+def _drop_output() -> None:
+    """What is still buffered must not raise once more at exit."""
+    with contextlib.suppress(OSError, ValueError, AttributeError):
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    program = "probupdate"
+    try:
+        with ended_by_signals():
+            a = build_parser().parse_args(arguments)
+            program = f"probupdate {a.verb}"
+            # an announcement of another package's next release, once a day and machine; it says nothing of this run
+            warnings.filterwarnings("ignore", message=r"\s*ArviZ is undergoing a major refactor", category=FutureWarning)
+            if a.out:
+                refuse_unwritable(a.out, folder=writes_folder(a))
+                refuse_overwriting(a.verb, a.out, given_paths(a))
+            with terminal_progress() as progress:
+                a.action(a, progress)
+    except InputError as error:
+        complain(f"{program}: {error}")
+        return 2
+    except ProbupdateError as error:
+        complain(f"{program}: {error}")
+        return 1
+    except BrokenPipeError:
+        # whoever read the output has gone
+        _drop_output()
+        return 1
+    except KeyboardInterrupt:
+        complain(f"{program}: interrupted; what was finished is kept")
+        return 130
+    except OSError as error:
+        complain(f"{program}: {_os_words(error)}")
+        _drop_output()
+        return 2 if error.errno in OF_PATHS else 1
+    except MemoryError:
+        complain(f"{program}: out of memory; give less at a time, or a machine with more; what was finished "
+                 "is kept")
+        return 1
+    # what is not foreseen is a defect of this program: it rises with its trace, and Python exits with 1
+    return 0

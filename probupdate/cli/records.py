@@ -1,0 +1,156 @@
+"""Commands from records to modes."""
+
+from __future__ import annotations
+
+import argparse
+import os
+
+from probupdate.cli.options import AddCommand, on_model, on_workers, positive
+from probupdate.cli.process import one_thread
+from probupdate.cli.terminal import say, tell
+from probupdate.errors import InputError
+from probupdate.runtime.progress import Progress
+
+
+def run_convert(a: argparse.Namespace, progress: Progress) -> None:
+    import probupdate
+
+    result = probupdate.convert(
+        a.sources, a.out, to=a.to, description=a.description, sensors=a.sensors, progress=progress)
+    tell(a, result, *([result.files] if a.json else []))
+
+
+def run_check(a: argparse.Namespace, progress: Progress) -> None:
+    import probupdate
+
+    several = len(a.campaign) > 1
+    if several and a.out:
+        raise InputError("--out", "holds one campaign's check", "check each setup with --out, and all of them without")
+    results = [probupdate.check(campaign, progress=progress) for campaign in a.campaign]
+    if not several:
+        if a.out:
+            results[0].write(a.out)
+        tell(a, results[0], *([[a.out]] if a.out and a.json else []))
+        return
+    between = probupdate.check_setups(a.campaign, progress=progress)
+    if a.json:
+        summaries = {str(c): r.summary.splitlines() for c, r in zip(a.campaign, results, strict=True)}
+        tell(a, between, campaigns=summaries)
+        return
+    for result in results:
+        say(result.summary)
+    say(f"between {len(a.campaign)} setups:")
+    tell(a, between)
+
+
+def run_identify(a: argparse.Namespace, progress: Progress) -> None:
+    one_thread()
+    import probupdate
+    from probupdate.runtime.executors import executor
+
+    settings = {"order": a.order, "block_rows": a.block_rows, "rate_hz": a.rate, "harmonics": a.harmonics,
+                "store": f"{a.out}.blocks", "progress": progress}  # fmt: skip
+    if a.shard and len(a.campaign) > 1:
+        raise InputError("--shard", "shares out the blocks of one campaign", "identify setups without it, with --jobs")
+    with executor(a.jobs or os.cpu_count() or 1, a.scheduler) as runs:
+        if a.shard:
+            tell(a, probupdate.identify_shard(a.campaign[0], a.shard, a.model, jobs=runs, **settings))
+            return
+        options = {**settings, "parameters": a.parameters, "lowest": a.lowest, "jobs": runs}
+        if len(a.campaign) == 1:
+            result = probupdate.identify(a.campaign[0], a.model, **options)
+        else:
+            result = probupdate.identify_setups(a.campaign, a.model, **options)
+        tell(a, result, result.write(a.out))
+
+
+def run_select(a: argparse.Namespace, progress: Progress) -> None:
+    import probupdate
+
+    result = probupdate.select(
+        a.modes, scada=a.scada, criteria=a.criteria, preset=a.preset, deviations=a.deviations,
+        rated_power_kw=a.rated_power, count=a.count)
+    tell(a, result, result.write(a.out))
+
+
+def run_regress(a: argparse.Namespace, progress: Progress) -> None:
+    import probupdate
+
+    chosen = {"covariates": tuple(a.covariates)} if a.covariates else {}
+    result = probupdate.regress(a.modes, state=a.state, **chosen)
+    tell(a, result, [result.write(a.out)])
+
+
+def run_figures(a: argparse.Namespace, progress: Progress) -> None:
+    import probupdate
+
+    result = probupdate.figures(a.modes, a.out, campaign=a.campaign, block=a.block, kind=a.format)
+    tell(a, result, *([result.files] if a.json else []))
+
+
+def add_commands(verb: AddCommand) -> None:
+    """Their arguments and options; `verb` makes the parser of a command."""
+    p = verb("convert", run_convert, "records of other programs (CSV, Parquet, .mat, .npy, .npz, UFF) into a campaign; "
+             "modes and records from and to universal files")
+    p.add_argument("sources", metavar="SOURCES", help="folder of the files to convert; with --to modes a .uff, with "
+                   "--to uff a modes.json or a campaign")
+    p.add_argument("out", metavar="OUT", help="campaign directory with campaign.toml and convert.toml (an interrupted "
+                   "conversion goes on where it stopped); with --to modes.json, .uff, or a folder of them")
+    p.add_argument("--to", choices=("campaign", "modes", "uff"), default="campaign", help="records of a campaign "
+                   "(default); modes: a modes.json from a UFF's dataset 55; uff: a universal file")
+    p.add_argument("--description", help="convert.toml (default: the campaign's)")
+    p.add_argument("--sensors", metavar="CAMPAIGN", help="its campaign.toml says where the channels of modes are")
+
+    p = verb("check", run_check, "what a campaign holds, what is wrong with it, what can be done with it")
+    p.add_argument("campaign", metavar="CAMPAIGN", nargs="+", help="directory with campaign.toml and acceleration/; "
+                   "several: setups of one structure, whose references are compared too")
+    p.add_argument("--out", help="write the findings as JSON too")
+
+    p = verb("identify", run_identify, "modes of every block by SSI-cov, and every pole with what became of it")
+    p.add_argument("campaign", metavar="CAMPAIGN", nargs="+", help="a campaign's folder; several: setups of one "
+                   "structure with sensors in common, merged into one set")
+    on_model(p, required=False)
+    p.add_argument("--lowest", type=positive(int, "modes"), help="look for the model's lowest so many modes, whatever they are "
+                   "(default: first and second bending and torsion of a tower)")
+    p.add_argument("--out", required=True, help="modes.json; the poles go beside it, and each block's as it is found "
+                   "(OUT.blocks): a run that was stopped goes on there")
+    on_workers(p, "processes (default: one a core; at most one for 40 blocks, as starting one takes as long as those); "
+               "the modes do not depend on it")
+    p.add_argument("--shard", metavar="I/N", help="only the I-th of N shares of the blocks, as one job of an array does: "
+                   "all jobs write into one OUT.blocks; given again when all blocks are there, their standard deviations; "
+                   "then without --shard, which writes OUT")
+    p.add_argument("--order", type=positive(int, "order"), help="model order (20 with a model, as the paper)")
+    p.add_argument("--block-rows", type=positive(int, "block rows"), help="block rows of the Toeplitz matrix (30 with a model)")
+    p.add_argument("--rate", type=positive(float, "Hz"), help="sampling rate after decimation in Hz (5 with a model; without, "
+                   "all three are proposed from the record and said)")
+    p.add_argument("--harmonics", choices=("keep", "remove"), default="keep", help="keep them (default), or remove: take the rotor's multiples "
+                   "out of records in which its angle can be followed; each block says what was done")
+
+    p = verb("select", run_select, "the sets an update may trust (Table 1), and the most consistent one")
+    p.add_argument("modes", metavar="MODES", help="modes.json of `identify`")
+    p.add_argument("--scada", help="scada.csv (default: the environment kept in MODES)")
+    p.add_argument("--preset", choices=("turbine", "structure"), default="turbine", help="what is asked: Table 1 "
+                   "(default), or of another structure nothing of rotor and nacelle, only that its modes are identified")
+    p.add_argument("--criteria", help="TOML file with thresholds of Table 1, such as "
+                   "pitch_range_deg = 2.0 (docs/howto/select.md)")
+    p.add_argument("--deviations", choices=("campaign", "identification"), default="campaign",
+                   help="what kept sets carry: scatter over all blocks, as the paper (default), or what identification "
+                   "states of each")
+    p.add_argument("--rated-power", type=positive(float, "kW"), metavar="KW",
+                   help="the turbine's, for turbine states from --scada (default: the highest power in it)")
+    p.add_argument("--count", type=positive(int, "sets"), default=9, help="how many sets to keep (default 9)")
+    p.add_argument("--out", required=True, help="modes file of the selected sets, nine.json in a run directory")
+
+    p = verb("regress", run_regress, "how frequencies and damping follow wind, rotor, temperature, water and amplitude")
+    p.add_argument("modes", metavar="MODES", help="modes.json of a campaign")
+    p.add_argument("--covariates", nargs="+", metavar="NAME", help="keys of the sets' environment (default: wind "
+                   "speed, rotor speed, air temperature, water level, rms)")
+    p.add_argument("--state", help="blocks of that turbine state only, such as idling")
+    p.add_argument("--out", required=True, help="table as CSV")
+
+    p = verb("figures", run_figures, "an identification's figures as files: poles, stabilisation, maps, conditions")
+    p.add_argument("modes", metavar="MODES", help="modes.json; poles and blocks are taken from beside it")
+    p.add_argument("--campaign", help="its folder, for wind, turbine states and rotor speed")
+    p.add_argument("--block", help="id of the block whose stabilisation is drawn (default: the reference set's)")
+    p.add_argument("--format", choices=("png", "svg", "pdf"), default="png", help="of the files (png)")
+    p.add_argument("--out", required=True, help="folder to write into")

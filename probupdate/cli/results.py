@@ -1,0 +1,89 @@
+"""Commands on what is wrong, on many turbines, and to hand results on."""
+
+from __future__ import annotations
+
+import argparse
+
+from probupdate.cli.options import MODEL_HELP, AddCommand, on_workers, positive, seeded
+from probupdate.cli.process import one_thread
+from probupdate.cli.terminal import tell
+from probupdate.errors import ProbupdateError
+from probupdate.runtime.progress import Progress
+
+
+def run_diagnose(a: argparse.Namespace, progress: Progress) -> None:
+    import probupdate
+
+    result = probupdate.diagnose(
+        a.model, a.modes, campaign=a.campaign, parameters=a.parameters, seed=a.seed, out=a.out, groups=a.groups,
+        extend=not a.no_extend, sampler=not a.no_sampler, progress=progress)
+    tell(a, result, result.write(a.out), verdict=result.verdict)
+
+
+def run_export(a: argparse.Namespace, progress: Progress) -> None:
+    import probupdate
+
+    result = probupdate.export(
+        a.run, a.out, to=a.to, draws=a.draws, superelement_modes=a.superelement_modes, accept=a.accept, seed=a.seed,
+        fatigue=a.fatigue, progress=progress)
+    tell(a, result, **result.content())
+
+
+def run_farm(a: argparse.Namespace, progress: Progress) -> None:
+    one_thread()
+    import probupdate
+    from probupdate.runtime.executors import executor
+
+    with executor(a.jobs, a.scheduler) as runs:
+        result = probupdate.farm(a.description, a.out, shard=a.shard, jobs=runs, progress=progress)
+    tell(a, result, [], failed=len(result.failed))
+    if result.failed:
+        raise ProbupdateError(f"{len(result.failed)} of {len(result.rows)} turbine-months failed, each with its reason above "
+                              "and in farm.csv; the others are done: mend what is said, then run it again")
+
+
+def run_report(a: argparse.Namespace, progress: Progress) -> None:
+    import probupdate
+
+    result = probupdate.report(a.run, a.out, progress=progress)
+    tell(a, result, *([[result.path]] if a.json else []))
+
+
+def add_commands(verb: AddCommand) -> None:
+    """Their arguments and options; `verb` makes the parser of a command."""
+    p = verb("diagnose", run_diagnose, "what the simulation or the measurement gets wrong: cause, place, size, limits")
+    p.add_argument("--model", help=MODEL_HELP + "; without one: the data alone")
+    p.add_argument("--parameters", help="parameters.toml of a model made of matrices")
+    p.add_argument("--modes", required=True, help="modes.json of `identify`: a set a block")
+    p.add_argument("--campaign", help="campaign directory: where the sensors are; its raw records are tested too")
+    p.add_argument("--groups", help="TOML file of named groups of a model's parameters, [name] parameter = change")
+    p.add_argument("--no-extend", action="store_true",
+                   help="leave out the gain on held-out blocks and the model and data with the findings in them")
+    p.add_argument("--no-sampler", action="store_true", help="leave out the posterior with the findings by emcee "
+                   "(40 s for a turbine); the command that samples it is said instead")
+    p.add_argument("--out", required=True, help="diagnosis.json; files with the findings in them go beside it")
+    seeded(p)
+
+    p = verb("export", run_export, "what a lifetime-extension analysis takes: draws, joint distribution, models, "
+             "superelements, modes; each file read back and checked")
+    p.add_argument("run", metavar="RUN", help="directory with model.toml (or model.npz) and posterior.nc")
+    p.add_argument("--to", choices=("lifetime",), required=True, help="what the files are for")
+    p.add_argument("out", metavar="OUT", help="folder to write, new or empty")
+    p.add_argument("--draws", type=positive(int, "draws"), default=100, help="how many equally weighted draws (100)")
+    p.add_argument("--superelement-modes", type=positive(int, "reduced modes"), default=10, help="Craig-Bampton modes (10)")
+    p.add_argument("--fatigue", metavar="FILE", help="fatigue.toml with sea and wind states, details, S-N curves and "
+                   "uncertainties: also damage-equivalent stress ranges, model factors, reliability")
+    p.add_argument("--accept", action="store_true", help="export a run that did not converge or whose diagnosis is "
+                   "unexplained; every file says so")
+    seeded(p)
+
+    p = verb("farm", run_farm, "many turbines and months, each through the steps that farm.toml names; resumable")
+    p.add_argument("description", metavar="FARM", help="farm.toml: turbines, their models and folders of campaigns, steps")
+    on_workers(p, "turbine-months side by side (1), a process each; the results do not depend on it", 1)
+    p.add_argument("--shard", metavar="I/N", help="only the I-th of N shares of the turbine-months, as one job of an array "
+                   "does: all jobs write into one OUT")
+    p.add_argument("--out", required=True, help="directory to write; a run that was stopped goes on where it stopped")
+
+    p = verb("report", run_report, "one self-contained page of a run directory")
+    p.add_argument("run", metavar="RUN", help="directory that the steps wrote into; what is missing there is left out")
+    p.add_argument("--out", required=True, help="the page, report.html")

@@ -1,0 +1,74 @@
+"""What a command says: results on standard output, progress and errors on standard error."""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import sys
+import time
+from collections.abc import Iterator, Sequence
+
+from probupdate.errors import plain
+from probupdate.runtime.progress import Progress
+
+
+@contextlib.contextmanager
+def terminal_progress() -> Iterator[Progress]:
+    """A bar per task on a terminal; elsewhere a line every ten seconds, so that a log shows life too."""
+    if not sys.stderr.isatty():
+        last: dict[str, float] = {}
+
+        def line(what: str, done: int, total: int) -> None:
+            now = time.monotonic()
+            started = last.setdefault(what, now)
+            if now - started >= 10:
+                last[what] = now
+                sys.stderr.write(f"  {what}: {done} of {total}\n")
+                sys.stderr.flush()
+
+        yield line
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
+    from rich.progress import Progress as Bars
+
+    columns = (TextColumn("  {task.description:<34}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    with Bars(*columns, console=Console(stderr=True), transient=True) as bars:
+        tasks: dict[str, int] = {}
+
+        def bar(what: str, done: int, total: int) -> None:
+            if what not in tasks:
+                tasks[what] = bars.add_task(what, total=total)
+            bars.update(tasks[what], completed=done, total=total)
+
+        yield bar
+
+
+def say(text: str) -> None:
+    """Results go to standard output, progress and errors to standard error."""
+    if sys.stdout is None:
+        return
+    # names out of files may hold what a terminal obeys, or what its encoding has not
+    text = plain(text.rstrip("\n"), keep="\n\t") + "\n"
+    encoding = sys.stdout.encoding or "utf-8"
+    sys.stdout.write(text.encode(encoding, "backslashreplace").decode(encoding))
+    sys.stdout.flush()
+
+
+def complain(text: str) -> None:
+    """One line on standard error, if that is still there."""
+    with contextlib.suppress(OSError, AttributeError, ValueError):
+        sys.stderr.write(plain(text) + "\n")
+        sys.stderr.flush()
+
+
+def tell(a: argparse.Namespace, result, files: Sequence = (), *, first: bool = True, **more) -> None:
+    """What a step found: the lines of its summary and the files it wrote (first, or behind it), or with --json one
+    object with its table and `more` keys."""
+    if a.json:
+        from probupdate.io.result_table import json_object
+
+        say(json_object(a.verb, result.summary, result.to_frame(), files, **more))
+        return
+    written = [f"wrote {path}" for path in files]
+    say("\n".join([*written, result.summary] if first else [result.summary, *written]))

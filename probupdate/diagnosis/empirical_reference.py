@@ -1,0 +1,216 @@
+"""Blocks described by themselves: their mean modes as reference, departures from it, what each sensor effect would do.
+
+No model is asked. The axes of a close pair are the directions in which the levels move to +x and +y, so that they stay
+where the sensors are. What turns with the nacelle is taken up by low harmonics of its angle.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from probupdate.diagnosis.blocks import Blocks
+from probupdate.effects.catalogue import Effect
+from probupdate.diagnosis.mode_numbers import Reference, modes_with, n_response, numbers_of_modes, stated_columns
+from probupdate.diagnosis.noise import Noise, estimate_noise
+from probupdate.modal.modes import Sensor
+from probupdate.runtime.arrays import frozen_array
+
+# nacelle angles are counted to sectors of this width where a sensor effect's signature is needed
+SECTOR_DEG = 15.0
+# harmonics of the nacelle's angle are kept where they move by this share of the strongest; blocks asked for each
+TURNING_SHARE, BLOCKS_A_COLUMN = 0.03, 6
+# cosine from which two levels are said to move alike
+AGREEING = 0.97
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class EmpiricalReference:
+    """axes per group (n_channel, k); departures per group (n_block, n_response), zero where not used; used per group
+    (n_block,) bool; turning (n_block, n_turning) harmonics of the nacelle's angle, of mean zero; sector_of (n_block,);
+    expected per sector and group, mean per group over all angles, as Reference."""
+
+    axes: tuple[np.ndarray, ...]
+    departures: tuple[np.ndarray, ...]
+    used: tuple[np.ndarray, ...]
+    turning: np.ndarray
+    sector_of: np.ndarray
+    expected: tuple[tuple[Reference, ...], ...]
+    mean: tuple[Reference, ...]
+
+
+def look(blocks: Blocks, sensors: Sequence[Sensor] = (), course: np.ndarray | None = None) -> EmpiricalReference:
+    """The blocks' own picture. Where something is known to change by `course` (n_block,), what is expected is what was
+    before: where the time profile is zero."""
+    before = blocks if course is None else blocks.taken(np.flatnonzero(course == 0))
+    axes = tuple(own_axes(before, q, sensors) for q in range(len(blocks.groups)))
+    turning = turning_columns(blocks.angle_deg)
+    sector = np.round(blocks.angle_deg / SECTOR_DEG).astype(int)
+    names, sector_of = np.unique(sector, return_inverse=True)
+    departures, used, expected, mean = [], [], [], []
+    for q, group in enumerate(blocks.groups):
+        there = np.flatnonzero(blocks.present[:, q])
+        members = list(group)
+        y, independent = numbers_of_modes(
+            blocks.frequency_hz[there][:, members], blocks.shape[there][:, :, members], axes[q])
+        # a pair that is not told apart has shapes, but no tensor
+        there, y = there[independent], y[independent]
+        beside = np.zeros((len(there), 0)) if course is None else course[there, None]
+        columns = np.column_stack([np.ones(len(there)), turning[there], beside])
+        slope = np.linalg.lstsq(columns, y, rcond=None)[0]
+        full = np.zeros((len(blocks), y.shape[1]))
+        full[there] = y - slope[0]
+        departures.append(frozen_array(full))
+        ok = np.zeros(len(blocks), bool)
+        ok[there] = True
+        used.append(frozen_array(ok, bool))
+        mean.append(modes_with(slope[0], axes[q]))
+        at = np.array([turning[sector_of == s].mean(axis=0) for s in range(len(names))]).reshape(len(names), -1)
+        expected.append([modes_with(slope[0] + row @ slope[1 : 1 + len(row)], axes[q]) for row in at])
+    return EmpiricalReference(axes=axes, departures=tuple(departures), used=tuple(used), turning=turning,
+                   sector_of=frozen_array(sector_of, int), expected=tuple(zip(*expected, strict=True)),
+                   mean=tuple(mean))  # fmt: skip
+
+
+def turning_columns(angle_deg: np.ndarray) -> np.ndarray:
+    """(n_block, n) principal parts of cos, sin of the angle and of its double, as far as they move and blocks allow.
+
+    To first order in what is not symmetric about the tower's axis, the mass of the nacelle gives just these.
+    """
+    angle = np.radians(angle_deg)
+    columns = np.column_stack([np.cos(angle), np.sin(angle), np.cos(2 * angle), np.sin(2 * angle)])
+    columns = columns - columns.mean(axis=0)
+    left, size, _ = np.linalg.svd(columns, full_matrices=False)
+    # a turn by less than two degrees is none
+    kept = (size > TURNING_SHARE * size[0]) & (size > 0.01 * np.sqrt(len(angle)))
+    kept &= np.arange(len(size)) < len(angle) // BLOCKS_A_COLUMN - 1
+    return frozen_array(left[:, kept] * np.sqrt(len(angle)))
+
+
+def own_axes(blocks: Blocks, q: int, sensors: Sequence[Sensor]) -> np.ndarray:
+    """Real shapes (n_channel, k) that span a group's mean plane, largest component of each 1."""
+    members = list(blocks.groups[q])
+    there = np.flatnonzero(blocks.present[:, q])
+    basis = np.linalg.qr(blocks.shape[there][:, :, members])[0]
+    plane = np.linalg.eigh(np.einsum("nck,ndk->cd", basis, basis.conj()).real)[1][:, -len(members):]
+    if len(members) == 2:
+        turn = _to_axes(blocks.channels, sensors, plane)
+        plane = plane if turn is None else plane @ turn
+    # signs stay: the largest component may be a reversed sensor's
+    return frozen_array(plane / np.max(np.abs(plane), axis=0))
+
+
+def _to_axes(channels, sensors: Sequence[Sensor], plane: np.ndarray) -> np.ndarray | None:
+    """(2, 2) that makes the plane's first vector move the levels to x and its second to y; None where they do not say.
+
+    Each level moves by M = s T^-1, with its own s: the direction that the levels have in common, by rank one.
+    """
+    row = {c: k for k, c in enumerate(channels)}
+    levels: dict[str, list[Sensor]] = {}
+    for s in sensors:
+        if s.channel in row and abs(s.direction[2]) < 0.3:
+            levels.setdefault(s.level, []).append(s)
+    motions = []
+    for there in levels.values():
+        direction = np.array([s.direction[:2] for s in there])
+        if np.linalg.matrix_rank(direction, tol=0.3) == 2:
+            moved = (np.linalg.pinv(direction) @ plane[[row[s.channel] for s in there]]).ravel()
+            # every level has one vote, however far it moves
+            motions.append(moved / np.linalg.norm(moved))
+    if not motions:
+        return None
+    # one that is reversed, or near a node, is not asked: the largest number of levels that agree decides
+    alike = np.abs(np.array(motions) @ np.array(motions).T) > AGREEING
+    agreed = np.array(motions)[alike[np.argmax(alike.sum(axis=1))]]
+    common = np.linalg.svd(agreed)[2][0].reshape(2, 2)
+    return None if np.linalg.cond(common) > 20 else np.linalg.inv(common)
+
+
+def signatures(effects: Sequence[Effect], empirical: EmpiricalReference) -> tuple[np.ndarray, ...]:
+    """Per group (n_sector, n_response, n_effect): departure per unit of each effect of sensors."""
+    result = []
+    for q, axes in enumerate(empirical.axes):
+        k = axes.shape[1]
+        table = np.zeros((len(empirical.expected), n_response(k, len(axes)), len(effects)))
+        for s, expected in enumerate(empirical.expected):
+            value, vector = np.linalg.eigh(expected[q].tensor)
+            shape, frequency = expected[q].shape @ vector, np.exp(value)
+            seen = [e.observe(shape, float(np.exp(np.mean(value))), sign * e.step_of_size)
+                    for e in effects for sign in (1, -1)]  # fmt: skip
+            y, _ = numbers_of_modes(np.array([frequency * np.exp(shift) for _, shift in seen]),
+                                    np.array([x for x, _ in seen]), axes)  # fmt: skip
+            step = np.array([e.step_of_size for e in effects])
+            table[s] = ((y[0::2] - y[1::2]) / (2 * step[:, None])).T
+        result.append(table)
+    return tuple(result)
+
+
+def stated_patterns(blocks: Blocks, empirical: EmpiricalReference) -> list[np.ndarray | None]:
+    """Per group the mean over blocks of what the identification says its responses' covariance is, None without."""
+    result: list[np.ndarray | None] = []
+    for q, group in enumerate(blocks.groups):
+        members, total, number = list(group), 0.0, 0
+        for b in np.flatnonzero(empirical.used[q]):
+            d = blocks.deviations[b]
+            if d is None:
+                continue
+            columns = stated_columns(blocks.frequency_hz[b, members], blocks.shape[b][:, members],
+                                     d.ln_frequency[members], d.shape[:, members], empirical.axes[q])  # fmt: skip
+            if columns is not None:
+                total, number = total + columns.T @ columns, number + 1
+        result.append(total / number if number > np.sum(empirical.used[q]) / 2 else None)
+    return result
+
+
+def residuals(empirical: EmpiricalReference, known: np.ndarray) -> tuple[np.ndarray, ...]:
+    """Departures per group without what the nacelle's angle and `known` (n_block, n_known) explain.
+
+    Response by response: as a signature turns with the nacelle too, its product with them is no low harmonic.
+    """
+    columns = np.column_stack([np.ones(len(known)), empirical.turning, known])
+    rest = []
+    for y, ok in zip(empirical.departures, empirical.used, strict=True):
+        slope = np.linalg.lstsq(columns[ok], y[ok], rcond=None)[0]
+        rest.append(np.where(ok[:, None], y - columns @ slope, 0.0))
+    return tuple(rest)
+
+
+def own_noise(
+    blocks: Blocks, empirical: EmpiricalReference, rest: tuple[np.ndarray, ...], stated: Sequence[np.ndarray | None]
+) -> Noise:
+    """Scatter of a block by its residuals `rest`; `stated` patterns of it.
+
+    What ties frequencies to shapes is left out: a real change moves both, in a proportion that noise does not have.
+    """
+    sizes = tuple(len(g) for g in blocks.groups)
+    return untied(estimate_noise(rest, empirical.used, sizes, blocks.relative_std, blocks.states(), stated), sizes)
+
+
+def untied(noise: Noise, sizes: Sequence[int]) -> Noise:
+    """Without covariances between frequencies and shapes."""
+    covariances = []
+    for k, covariance in zip(sizes, noise.covariance, strict=True):
+        of_shape = np.arange(len(covariance)) >= (1 if k == 1 else 3)
+        covariances.append(frozen_array(np.where(of_shape[:, None] == of_shape[None, :], covariance, 0.0)))
+    precision = tuple(frozen_array(np.linalg.inv(c)) for c in covariances)
+    return Noise(covariance=tuple(covariances), precision=precision, weight=noise.weight)
+
+
+def mended(blocks: Blocks, effect: Effect, size: np.ndarray) -> Blocks:
+    """The blocks as sensors without `effect` had seen them; size (n_block,). Such effects are linear in shapes."""
+    shape, frequency = np.array(blocks.shape), np.array(blocks.frequency_hz)
+    centre = np.nanmedian(frequency, axis=0)
+    n_channel = shape.shape[1]
+    for value in np.unique(size[size != 0]):
+        there = size == value
+        for group in blocks.groups:
+            members = list(group)
+            near = float(np.exp(np.mean(np.log(centre[members]))))
+            seen, shift = effect.observe(np.eye(n_channel, dtype=complex), near, float(value))
+            rows = np.ix_(there, np.arange(n_channel), members)
+            back = np.linalg.inv(seen)
+            shape[rows] = np.einsum("cd,bdk->bck", back, np.nan_to_num(shape[rows])) + 0 * shape[rows]
+            frequency[np.ix_(there, members)] *= np.exp(-shift)
+    return replace(blocks, shape=frozen_array(shape, complex), frequency_hz=frozen_array(frequency))

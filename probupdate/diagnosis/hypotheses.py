@@ -1,0 +1,421 @@
+"""Best-first search over hypotheses: sets of up to three (effect, time profile), each fitted, all compared by evidence.
+
+From every hypothesis that is looked at, one effect is added, exchanged or left out. What such a move promises is known
+to first order for all candidates at once; the most promising are fitted. Probabilities are over all that were fitted,
+the model as it is among them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence, Set
+from dataclasses import dataclass, replace
+from types import MappingProxyType
+
+import numpy as np
+
+from probupdate.diagnosis.crosstalk import with_crosstalk
+from probupdate.diagnosis.evidence import (
+    linear_evidence,
+    log_evidence,
+    log_size_prior,
+    marginal_evidence,
+    only_promised,
+    over_error_scales,
+)
+from probupdate.diagnosis.expected import all_departures
+from probupdate.diagnosis.fitting import Fit, fit, linearised
+from probupdate.diagnosis.large_faults import Tried, tried_together, tried_whole
+from probupdate.diagnosis.search import (
+    MARGIN,
+    Search,
+    gains,
+    model_error_dispersion,
+    model_error_share,
+    search,
+)
+from probupdate.diagnosis.problem import IncludedEffect, DiagnosisProblem
+from probupdate.diagnosis.step_time import sharpened, sharpened_again
+from probupdate.effects.catalogue import Effect
+from probupdate.errors import ConvergenceError
+
+# hypotheses of one number of effects from which moves are made; of one kind of move, how many are fitted
+WIDTH, MOST_MOVES = 2, 6
+# scores from which first order says little: large faults are tried at their own size, and the noise is estimated anew
+LARGE = 20.0
+# share of the most that any large fault explains from which another one is fitted; least share of a signature's
+# length that must be left once all that is normal has taken its part
+SHARE, LEAST_LEFT = 0.25, 1e-3
+# score correlation with a large effect from which another one is tried in its place
+ALIKE = 0.7
+# hypotheses from which moves are made, at most
+MOST_LOOKED = 10
+# blocks by which two steps may lie apart and be one
+SAME_TIME = 2
+# ln evidence within which two hypotheses are compared about the same parameters
+CLOSE = 40.0
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Hypothesis:
+    """Effects with their time profiles beside the model (`candidates`, rows of the problem's `which`, in the order of
+    `fitted.included`), fitted; score z of each when it was proposed; ln prior probability of the set; ln evidence by
+    Laplace's method at its own noise."""
+
+    candidates: tuple[int, ...]
+    z: tuple[float, ...]
+    fitted: Fit
+    log_prior: float
+    log_evidence: float
+
+    @property
+    def log_posterior(self) -> float:
+        return self.log_evidence + self.log_prior
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Explored:
+    """All that was fitted, the most probable first, with the ln posterior of each relative to it (n,); the first search
+    (the model as it is) and that at the most probable one. `left_over`: whether one more effect would make the record
+    more probable there, to first order. `problem` with the crosstalks that were taken up."""
+
+    problem: DiagnosisProblem
+    hypotheses: tuple[Hypothesis, ...]
+    log_posterior: np.ndarray
+    first: Search
+    last: Search
+    left_over: bool
+
+
+def log_prior(problem: DiagnosisProblem, candidates: Sequence[int]) -> float:
+    """ln prior probability of these effects and time profiles over that of none: a change is as probable as not, shared
+    out by the catalogue's odds, and at any of a step's times alike."""
+    shares = _shares(problem)
+    return float(np.sum(np.log(shares[list(candidates)])))
+
+
+def _shares(problem: DiagnosisProblem) -> np.ndarray:
+    """(n_candidate,) that sum to one, but for crosstalks, which were not in the catalogue."""
+    names = [problem.courses[c].name for _, c in problem.which]
+    odds = np.array([problem.effects[j].prior_odds(name) for (j, _), name in zip(problem.which, names, strict=True)])
+    steps = max(sum(c.kind == "step" for c in problem.courses), 1)
+    odds = odds / np.where([name == "step" for name in names], steps, 1)
+    return odds / odds.sum()
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Move:
+    """From one hypothesis to another: `candidates` of the new one with their scores, effects to begin with, ln
+    posterior that is promised relative to where it is made from, parameters to begin with if not those of there."""
+
+    candidates: tuple[int, ...]
+    z: tuple[float, ...]
+    included: tuple[IncludedEffect, ...]
+    promise: float
+    theta: np.ndarray | None = None
+
+
+def without(problem: DiagnosisProblem, fitted: Fit, number: int) -> tuple[Fit, float]:
+    """The fit with the effect of that number taken out where it is, and the ln evidence relative to it with all
+    parameters to first order about there."""
+    included = tuple(n for i, n in enumerate(fitted.included) if i != number)
+    noise = fitted.design.noise
+    there = all_departures(problem, fitted.theta, included)
+    design, departures, centred = linearised(problem, fitted.theta, included, noise, there)
+    rest = replace(fitted, included=included, design=design, departures=departures, centred=centred)
+    return rest, _about_itself(rest) - _about_itself(fitted)
+
+
+def _about_itself(fitted: Fit) -> float:
+    return log_size_prior(fitted.included) + over_error_scales(
+        fitted.design, lambda d: linear_evidence(d, fitted.centred)
+    )
+
+
+def moves_from(
+    problem: DiagnosisProblem, here: Hypothesis, *, add: bool, best: float,
+    rivals: Mapping[tuple[int, str], Set[tuple[int, str]]] = MappingProxyType({}),
+) -> list[Move]:  # fmt: skip
+    """What may be made of a hypothesis, the most promising first: one effect added (if `add`), left out or exchanged;
+    of each the MOST_MOVES most promising whose ln posterior, as promised, may come near `best`. A large effect may be
+    exchanged for any of its `rivals` (each an effect with the name of its time profile), whatever first order
+    promises."""
+    priors = np.log(_shares(problem))
+    effect_of, names = problem.which[:, 0], [problem.courses[c].name for _, c in problem.which]
+    states = [(None, here.fitted, 0.0)] if add else []
+    states += [(i, *without(problem, here.fitted, i)) for i in range(len(here.candidates))]
+    least, result = best - MARGIN - here.log_posterior, []
+    for out, base, lost in states:
+        others, scores = (tuple(x for i, x in enumerate(own) if i != out) for own in (here.candidates, here.z))
+        lost -= 0.0 if out is None else priors[here.candidates[out]]
+        if out is not None and lost > least:
+            result.append(Move(candidates=others, z=scores, included=base.included, promise=lost))
+        wider = model_error_share(problem, base.included, scores)
+        u, v = base.design.scores(base.centred) / wider, base.design.information / wider
+        raw = base.design.own_information / wider
+        usable = (v > LEAST_LEFT**2 * raw) & ~np.isin(effect_of, effect_of[list(others)])
+        z = np.where(usable, u / np.sqrt(np.where(usable, v, 1.0)), 0.0)
+        gain, size = gains(problem, u, np.where(usable, v, 0.0))
+        scale = model_error_dispersion(float(np.abs(z).max()))
+        if out is None:
+            promise = gain / scale + priors
+            # first order errs by a few of the odds between two that explain as much
+            enough = max(least, promise.max() - 2 * MARGIN)
+        else:
+            # beside what the effect itself promises there
+            own = here.candidates[out]
+            promise, enough = (gain - gain[own]) / scale + priors - priors[own], least
+            if abs(here.z[out]) > LARGE:
+                # what a large effect leaves is beyond first order: what looks like it, and what was as probable when it
+                # was added
+                its = rivals.get((int(effect_of[own]), names[own]), frozenset())
+                among = np.array([(int(j), name) in its for j, name in zip(effect_of, names, strict=True)])
+                size_of = np.sqrt(np.maximum(base.design.information, 1e-300))
+                alike = np.abs(base.design.overlap([own], range(len(v)))[0]) / (size_of * size_of[own])
+                promise = np.where(usable & (among | (alike > ALIKE)), alike, -np.inf)
+            # the hypothesis itself, but for the time of a step
+            promise[(effect_of == effect_of[own]) & np.array([name == names[own] for name in names])] = -np.inf
+        order = np.argsort(-promise, kind="stable")
+        _, first = np.unique(effect_of[order], return_index=True)
+        for k in [k for k in order[np.sort(first)][:MOST_MOVES] if promise[k] > enough]:
+            n = IncludedEffect(
+                effect=problem.effects[effect_of[k]], course=problem.courses[problem.which[k, 1]], size=0.0
+            )
+            if n.course.kind == "step":
+                n = replace(n, course=sharpened(problem, base, int(effect_of[k]), n.course))
+            n = replace(n, size=float(size[k] if n.effect.discrete else np.clip(size[k], *np.multiply(0.6, n.bounds))))
+            result.append(Move(candidates=(*others, int(k)), z=(*scores, float(z[k])), included=(*base.included, n),
+                               promise=float(promise[k])))  # fmt: skip
+    return sorted(result, key=lambda m: -m.promise)
+
+
+def large_moves(problem: DiagnosisProblem, here: Hypothesis, found: Search, n_searched: int) -> list[Move]:
+    """One or two effects added that were tried at their own size, where first order says little: the parameters of the
+    fit without them were bent to follow."""
+    theta = np.array(problem.predictor.parameters.initial)
+    included = here.fitted.included
+    taken = np.isin(problem.which[:, 0], problem.which[list(here.candidates), 0])
+    free = ~taken & (np.arange(len(problem.which)) < n_searched)
+    try:
+        alone = tried_whole(problem, included, free)
+        # of two large ones each hides the other
+        together = tried_together(problem, included, free, alone) if alone[0].whole else None
+    except ConvergenceError:
+        # where the prior expects the parameters the model has no modes that pair with the measured ones
+        return []
+    result = []
+    for first, tried in ([(), alone], *([((together[0],), together[1])] if together else ())):
+        least = SHARE * max(tried[0].gain, 0.0)
+        for t in [t for t in tried if t.whole and t.gain > least][:MOST_MOVES]:
+            parts = (*first, t)
+            result.append(Move(candidates=(*here.candidates, *(p.candidate for p in parts)), theta=theta,
+                               z=(*here.z, *(float(found.z[p.candidate]) for p in parts)),
+                               included=(*included, *(_begun(problem, p) for p in parts)), promise=0.5 * t.gain))
+    return result
+
+
+def _begun(problem: DiagnosisProblem, tried: Tried) -> IncludedEffect:
+    j, c = problem.which[tried.candidate]
+    return IncludedEffect(effect=problem.effects[j], course=problem.courses[c], size=tried.size)
+
+
+def explore(problem: DiagnosisProblem, null: Fit, *, most: int, seed: int, progress) -> Explored:
+    """Fit the hypotheses that matter, from the model as it is (`null`) on, with at most so many effects."""
+    n_searched = len(problem.which)
+    start = Hypothesis(candidates=(), z=(), fitted=null, log_prior=0.0, log_evidence=log_evidence(problem, null))
+    known: dict[frozenset, Hypothesis] = {frozenset(): start}
+    searches: dict[frozenset, Search] = {}
+    left_over: dict[frozenset, bool] = {}
+    compared = Comparison()
+    first, renewed = None, set()
+    while len(searches) < MOST_LOOKED:
+        keys, relative = compared.order(problem, known)
+        levels = [len(k) for k in searches]
+        open_keys = [k for k, r in zip(keys, relative, strict=True)
+                     if k not in searches and (k == keys[0] or (r > -MARGIN and levels.count(len(k)) < WIDTH))]
+        if first is not None and not open_keys:
+            break
+        key = open_keys[0] if first is not None else frozenset()
+        here = known[key]
+        if key and key not in renewed:
+            here = _renewed(problem, here)
+            renewed.add(key)
+            known |= {k: _with_noise_and_times_of(h, known[key], here) for k, h in known.items()
+                      if len(k) == len(key) and k not in renewed}  # fmt: skip
+            known[key] = here
+            # what its own noise and times made less probable is looked at when its turn comes again
+            if dict(zip(*compared.order(problem, known), strict=True))[key] < -MARGIN:
+                continue
+        progress("diagnosing", min(len(key), most), most + 1)
+        found = search(problem, here.fitted, seed=seed, z_included=here.z, heavier=first.heavier if first else None)
+        first = first or found
+        searches[key] = found
+        over = left_over[key] = bool(found.statistic.max() > found.threshold)
+        add = len(here.candidates) < most and over
+        if not key and not add:
+            break
+        if add:
+            problem, fitted, found = with_crosstalk(problem, here.fitted, found, seed=seed, z_included=here.z)
+            here, searches[key] = replace(here, fitted=fitted), found
+            known[key] = here
+        large = found.statistic.max() > LARGE
+        best_known = max(h.log_posterior for h in known.values())
+        moves = large_moves(problem, here, found, n_searched) if add and large else []
+        together = any(len(m.candidates) > len(here.candidates) + 1 for m in moves)
+        moves += moves_from(problem, here, add=add and not together, best=best_known, rivals=_rivals(known, key))
+        if add:
+            # a score that nothing known makes probable is chance
+            left_over[key] = any(len(m.candidates) > len(key) and m.promise > 0 for m in moves)
+        for move in moves:
+            there = key_of(problem, move.candidates)
+            if there in known:
+                continue
+            fitted = _fitted(problem, here, move, large)
+            if fitted is not None:
+                known[there] = fitted
+    keys, relative = compared.order(problem, known)
+    if keys[0] not in searches:
+        last = known[keys[0]]
+        found = search(problem, last.fitted, seed=seed, z_included=last.z, heavier=first.heavier)
+        searches[keys[0]] = found
+        left_over[keys[0]] = bool(found.statistic.max() > found.threshold)
+    return Explored(problem=problem, hypotheses=tuple(known[k] for k in keys), log_posterior=np.array(relative),
+                    first=first, last=searches[keys[0]], left_over=left_over[keys[0]])
+
+
+def _rivals(known: Mapping[frozenset, Hypothesis], key: frozenset) -> dict[tuple[int, str], set[tuple[int, str]]]:
+    """For each effect (with the name of its time profile) of a hypothesis those that were about as probable in its
+    place, there or with fewer others beside it."""
+    result: dict[tuple[int, str], set[tuple[int, str]]] = {one: set() for one in key}
+    for held, h in known.items():
+        for one in held & key if held <= key else ():
+            rest = held - {one}
+            result[one] |= {next(iter(other - rest)) for other, g in known.items()
+                            if len(other) == len(held) and rest < other and g.log_posterior > h.log_posterior - CLOSE}
+    return {one: others - key for one, others in result.items()}
+
+
+def key_of(problem: DiagnosisProblem, candidates: Sequence[int]) -> frozenset:
+    """Effects with the kinds of their time profiles: steps of other times are one hypothesis."""
+    return frozenset((int(j), problem.courses[c].name) for j, c in problem.which[list(candidates)])
+
+
+def _fitted(problem: DiagnosisProblem, here: Hypothesis, move: Move, large: bool) -> Hypothesis | None:
+    """The hypothesis that a move leads to; None where the model has no modes there or nothing is left of an effect."""
+    theta = here.fitted.theta if move.theta is None else move.theta
+    try:
+        # what is very wrong makes the noise of the fit without it wrong too
+        fitted = fit(problem, theta, move.included, base=None if large else here.fitted)
+    except ConvergenceError:
+        return None
+    if any(not n.effect.discrete and abs(n.size) < 1e-6 * n.slab for n in fitted.included):
+        # it cannot be on the side that the score asked for
+        return None
+    return _hypothesis(problem, move.candidates, move.z, fitted)
+
+
+def _hypothesis(
+    problem: DiagnosisProblem, candidates: tuple[int, ...], z: tuple[float, ...], fitted: Fit
+) -> Hypothesis:
+    return Hypothesis(candidates=candidates, z=z, fitted=fitted, log_prior=log_prior(problem, candidates),
+                      log_evidence=log_evidence(problem, fitted))
+
+
+def _renewed(problem: DiagnosisProblem, here: Hypothesis) -> Hypothesis:
+    """The same with its own noise, as what a strong effect does to the shapes changes how they scatter, and with the
+    times of its steps found anew; where the model then has no modes, as it was, marked as not settled."""
+    try:
+        fitted = fit(problem, here.fitted.theta, here.fitted.included)
+        included = sharpened_again(problem, fitted)
+        same = all(
+            np.array_equal(a.course.value, b.course.value) for a, b in zip(included, fitted.included, strict=True)
+        )
+        fitted = fitted if same else fit(problem, fitted.theta, included)
+    except ConvergenceError:
+        fitted = replace(here.fitted, last_step=np.inf)
+    return _hypothesis(problem, here.candidates, here.z, fitted)
+
+
+def _with_noise_and_times_of(one: Hypothesis, before: Hypothesis, after: Hypothesis) -> Hypothesis:
+    """A competing hypothesis with the noise and the times of steps that were found anew for another one: it is not less
+    probable for what it was not offered."""
+    found = [n.course for n in after.fitted.included if n.course.kind == "step"]
+    included = []
+    for n in one.fitted.included:
+        near = [c for c in found if n.course.kind == "step" and abs(c.at - n.course.at) <= SAME_TIME
+                and (not n.effect.discrete or np.isin(c.value, (0.0, 1.0)).all())]  # fmt: skip
+        included.append(replace(n, course=near[0]) if near else n)
+    return replace(one, fitted=replace(one.fitted, included=tuple(included)),
+                   log_evidence=one.log_evidence + after.log_evidence - before.log_evidence)  # fmt: skip
+
+
+class Comparison:
+    """Hypotheses by posterior probability, those near the best with their evidence relative to its, each pair about the
+    parameters of both fits, whichever is the better for each, and at the best one's noise. Signatures of all that is
+    marginalised differ from one fit's parameters to the next, which alone moves evidence by ten and more, of both
+    alike; and far from its own fit neither is linear."""
+
+    def __init__(self):
+        self._known: dict[tuple, float] = {}
+
+    def order(
+        self, problem: DiagnosisProblem, known: dict[frozenset, Hypothesis]
+    ) -> tuple[list[frozenset], list[float]]:
+        """Keys, the most probable first, with the ln posterior relative to it. A fit that has not settled stands where
+        it stopped, below what its hypothesis could reach."""
+        best = max(known, key=lambda k: known[k].log_posterior)
+        relative = {k: self._relative(problem, h, known[best]) for k, h in known.items()}
+        top = max(relative.values())
+        keys = sorted(relative, key=lambda k: -relative[k])
+        return keys, [relative[k] - top for k in keys]
+
+    def _relative(self, problem: DiagnosisProblem, one: Hypothesis, best: Hypothesis) -> float:
+        apart = one.log_posterior - best.log_posterior
+        if one is best or apart < -CLOSE:
+            return apart
+        noise = best.fitted.design.noise
+
+        def about(theta: np.ndarray, h: Hypothesis) -> float:
+            key = theta.tobytes(), id(h), id(noise)
+            if key not in self._known:
+                try:
+                    value = marginal_evidence(problem, theta, h.fitted.included, noise)
+                except ConvergenceError:
+                    # no modes that pair with the measured ones there
+                    value = -np.inf
+                self._known[key] = value, h, noise
+            return self._known[key][0]
+
+        places = one.fitted.theta, best.fitted.theta
+        own, other = (max(about(p, h) for p in places) for h in (one, best))
+        if not np.isfinite([own, other]).all():
+            return apart
+        promised = only_promised(problem, one.fitted) - only_promised(problem, best.fitted)
+        return own - other - promised + one.log_prior - best.log_prior
+
+
+def exchanged(explored: Explored, number: int) -> tuple[list[Effect | None], list[float], list[float]]:
+    """What may be meant instead of an effect of the most probable hypothesis: the effect itself, others, none of them
+    (None), each with its most probable time profile beside all the other effects; ln evidence and ln prior of each
+    relative to it."""
+    problem, best = explored.problem, explored.hypotheses[0]
+    effect_of = problem.which[:, 0]
+    own = int(effect_of[best.candidates[number]])
+    rest = frozenset(int(effect_of[k]) for i, k in enumerate(best.candidates) if i != number)
+    prior = np.array([h.log_prior for h in explored.hypotheses])
+    evidence = explored.log_posterior - prior
+    # of time profiles of one effect the most probable stands first
+    first: dict[frozenset, int] = {}
+    for row, h in enumerate(explored.hypotheses):
+        first.setdefault(frozenset(int(effect_of[k]) for k in h.candidates), row)
+    found: dict[int | None, int] = {}
+    for held, row in first.items():
+        other = held - rest
+        if rest <= held and own not in held and len(other) <= 1:
+            found[next(iter(other), None)] = row
+    effects: list[Effect | None] = [problem.effects[own]]
+    apart, before = [0.0], [0.0]
+    for j, row in found.items():
+        effects.append(None if j is None else problem.effects[j])
+        apart.append(float(evidence[row] - evidence[0]))
+        before.append(float(prior[row] - prior[0]))
+    return effects, apart, before

@@ -1,0 +1,159 @@
+"""Numbers of modes, measured or expected: frequencies, the tensor of a close pair, aligned complex shapes.
+
+A single mode gives ln f and its shape, scaled by one complex number. A close pair gives the tensor R diag(ln f) R^T in
+fixed axes (it is smooth where the two frequencies meet, the single modes are not) and its two shapes combined linearly.
+Shapes are told from fixed shapes of the group's own, its axes (n_channel, k), real and with largest components of one:
+S (A^+ S)^-1 - A is what lies outside their plane, real parts first, then imaginary parts. A departure is the difference
+of measured and expected numbers, so that neither rescales the other's scatter.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from probupdate.errors import ConvergenceError
+from probupdate.runtime.arrays import frozen_array
+
+# a measured pair whose shapes are nearer to each other than this (smallest singular value of the unit shapes' frame)
+# does not tell its tensor: what the noise does to it grows with the square of one over this
+INDEPENDENCE = 0.5
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Reference:
+    """Expected modes of one group: tensor (k, k) of ln f in the axes of `shape` (n_channel, k), possibly complex; of n
+    blocks with n in front."""
+
+    tensor: np.ndarray
+    shape: np.ndarray
+
+    @cached_property
+    def frequency_hz(self) -> float:
+        """The group's, geometric mean of its modes'."""
+        return float(np.exp(np.trace(self.tensor) / self.tensor.shape[0]))
+
+
+def n_response(k: int, n_channel: int) -> int:
+    """Numbers a group of k modes gives."""
+    return (1 if k == 1 else 3) + 2 * n_channel * k
+
+
+def labels_of(names: str, k: int, channels: tuple[str, ...]) -> tuple[str, ...]:
+    """What each response of a group is, in order."""
+    tensor = (f"ln f {names}",) if k == 1 else tuple(f"ln f {names} {part}" for part in ("11", "22", "12"))
+    shapes = tuple(f"{part} {names} {i + 1} {c}" for part in ("shape", "phase") for i in range(k) for c in channels)
+    return tensor + shapes
+
+
+def tensor_numbers(tensor: np.ndarray) -> np.ndarray:
+    """(..., k, k) symmetric -> (..., 1 or 3), so that squares add up to the tensor's."""
+    if tensor.shape[-1] == 1:
+        return tensor[..., 0]
+    return np.stack([tensor[..., 0, 0], tensor[..., 1, 1], np.sqrt(0.5) * (tensor[..., 0, 1] + tensor[..., 1, 0])], -1)
+
+
+def _stack(tensor: np.ndarray, shape: np.ndarray) -> np.ndarray:
+    """tensor (..., k, k) and complex shape parts (..., n_channel, k) as numbers."""
+    flat = np.swapaxes(shape, -1, -2).reshape(*shape.shape[:-2], -1)
+    return np.concatenate([tensor_numbers(tensor), flat.real, flat.imag], axis=-1)
+
+
+def _inverse(shape: np.ndarray) -> np.ndarray:
+    """Pseudo-inverse (k, n_channel) of (n_channel, k) with columns far from alike."""
+    return np.linalg.solve(shape.T.conj() @ shape, shape.T.conj())
+
+
+def numbers_of_modes(frequency_hz: np.ndarray, shape: np.ndarray, axes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Of n blocks, frequency_hz (n, k) and complex shape (n, n_channel, k) with the group's axes (n_channel, k) -> (n,
+    n_response) and independent (n,) bool: False where the pair's shapes are too alike to tell anything, or a single one
+    lies across its axis; zero there."""
+    k = frequency_hz.shape[1]
+    log = np.log(frequency_hz)
+    independent = np.ones(len(shape), bool)
+    if not axes.size:
+        # frequencies alone
+        return log, independent
+    in_plane = _inverse(axes) @ shape
+    if k == 1:
+        # a shape across the axis, scaled to it, would be as large as one over what is along it
+        along = np.abs(in_plane[:, 0, 0]) * np.linalg.norm(axes)
+        independent = along > INDEPENDENCE * np.linalg.norm(shape[:, :, 0], axis=1)
+        tensor = log[:, :, None]
+    else:
+        # each shape's direction in the plane, along its own main phase
+        turned = in_plane * np.exp(-0.5j * np.angle(np.sum(in_plane**2, axis=1)))[:, None, :]
+        directions = turned.real / np.linalg.norm(turned.real, axis=1, keepdims=True)
+        left, singular, right = np.linalg.svd(directions)
+        independent = singular[:, -1] > INDEPENDENCE
+        turn = left @ right
+        tensor = np.einsum("nik,nk,njk->nij", turn, log, turn)
+    # what is not told is not looked at; it may have no inverse
+    in_plane = np.where(independent[:, None, None], in_plane, np.eye(k))
+    aligned = np.swapaxes(np.linalg.solve(np.swapaxes(in_plane, 1, 2), np.swapaxes(shape, 1, 2)), 1, 2)
+    result = _stack(tensor, aligned - axes)
+    return np.where(independent[:, None], result, 0.0), independent
+
+
+def numbers_of(reference: Reference, axes: np.ndarray) -> np.ndarray:
+    """(n, n_response) of n blocks' expected modes."""
+    value, turn = np.linalg.eigh(reference.tensor)
+    return numbers_of_modes(np.exp(value), reference.shape @ turn, axes)[0]
+
+
+def modes_with(numbers: np.ndarray, axes: np.ndarray) -> Reference:
+    """The inverse, of one block's numbers (n_response,)."""
+    k = axes.shape[1]
+    n_log = 1 if k == 1 else 3
+    tensor = np.array([[numbers[0]]]) if k == 1 else np.array(
+        [[numbers[0], np.sqrt(0.5) * numbers[2]], [np.sqrt(0.5) * numbers[2], numbers[1]]])
+    real, imaginary = np.split(numbers[n_log:], 2)
+    return Reference(tensor=tensor, shape=axes + (real + 1j * imaginary).reshape(k, -1).T)
+
+
+def fingerprint(
+    reference: Reference, tensor_change: np.ndarray, shape_change: np.ndarray, axes: np.ndarray
+) -> np.ndarray:
+    """First-order change of the numbers (n_response, n) with changes of the tensor (k, k, n) in the reference's own
+    axes and of its shapes (n_channel, k, n), both without regard to what the alignment takes away."""
+    if not axes.size:
+        return frozen_array(_stack(tensor_change.transpose(2, 0, 1), shape_change.transpose(2, 0, 1)).T)
+    onto = _inverse(axes)
+    in_plane = onto @ reference.shape
+    try:
+        back = np.linalg.inv(in_plane)
+    except np.linalg.LinAlgError:
+        raise ConvergenceError(
+            "a mode of the model lies across the measured one that it is paired with", axes
+        ) from None
+    turning = np.einsum("kc,cjn,ji->kin", onto, shape_change, back)
+    aligned = np.einsum("cjn,ji->cin", shape_change, back)
+    outside = aligned - np.einsum("cj,jin->cin", reference.shape @ back, turning)
+    if in_plane.shape[0] == 1:
+        tensor = tensor_change
+    else:
+        left, _, right = np.linalg.svd(in_plane.real / np.linalg.norm(in_plane.real, axis=0))
+        turn = left @ right
+        spin = 0.5 * (turning - turning.transpose(1, 0, 2)).real
+        here = turn @ reference.tensor @ turn.T
+        tensor = np.einsum("ia,abn,jb->ijn", turn, tensor_change, turn)
+        tensor = tensor + np.einsum("ijn,jk->ikn", spin, here) - np.einsum("ij,jkn->ikn", here, spin)
+    return frozen_array(_stack(tensor.transpose(2, 0, 1), outside.transpose(2, 0, 1)).T)
+
+
+def stated_columns(
+    frequency_hz: np.ndarray, shape: np.ndarray, d_log: np.ndarray, d_shape: np.ndarray, axes: np.ndarray
+) -> np.ndarray | None:
+    """What the identification's deviations of one block, d_log (k, n) of ln f and d_shape (n_channel, k, n), make of
+    its numbers (n, n_response); None where they are not known or the pair tells nothing."""
+    largest = max(np.max(np.abs(d_log), initial=0.0), np.max(np.abs(d_shape), initial=0.0))
+    if not (np.isfinite(largest) and largest > 0):
+        return None
+    h = 1e-4 / largest
+    (up, sure), (down, sure_too) = (
+        numbers_of_modes(frequency_hz * np.exp(s * d_log.T), shape + s * d_shape.transpose(2, 0, 1), axes)
+        for s in (h, -h)
+    )
+    return (up - down) / (2 * h) if sure.all() and sure_too.all() else None

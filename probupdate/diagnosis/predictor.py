@@ -1,0 +1,260 @@
+"""What the model expects of every group of modes at any nacelle angle, and how that changes with every effect."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache
+
+import numpy as np
+from scipy.optimize import linear_sum_assignment
+
+from probupdate.diagnosis.blocks import Blocks
+from probupdate.effects.catalogue import Effect
+from probupdate.diagnosis.mode_numbers import Reference, fingerprint
+from probupdate.diagnosis.small_model import LocalModel, Slopes, SmallModel, SmallModes
+from probupdate.errors import InputError
+from probupdate.modal.matching import assign
+from probupdate.runtime.arrays import frozen_array
+
+# a computed mode this near (in ln f) to a group's, of which no measured one is left, turns with it by chance: what a
+# few per cent of any stiffness does to their shapes has no bound
+MATE = 0.02
+# a mode that moves the sensors less than this share of what another does is seen by none of them
+UNSEEN = 1e-3
+# least share of a measured shape that lies in the plane of the computed mode it is paired with (and of its equals)
+LOOKS_LIKE = 0.5
+# a computed mode's frequency this far off (in ln f) counts little less for a pairing than a shape without score
+# correlation
+CLOSENESS = 0.2
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class ModalPredictor:
+    """rows of the model's channels that were measured; groups with their measured planes (n_channel, k) and ln f;
+    axes (n_channel, k) of each group, shapes of the measured plane along the model's, from which measured and expected
+    ones are told."""
+
+    small: SmallModel
+    rows: np.ndarray
+    planes: tuple[np.ndarray, ...]
+    log_frequency: tuple[np.ndarray, ...]
+    axes: tuple[np.ndarray, ...]
+
+    @property
+    def parameters(self):
+        return self.small.parameters
+
+    def _members(self, local: LocalModel, modes: SmallModes) -> tuple[np.ndarray, list[tuple[int, ...]]]:
+        """shapes at the measured channels (n_channel, n_search) and the computed modes of every group, ascending, with
+        their mates."""
+        shape, groups = self._paired(local, modes)
+        return shape, self._with_mates(groups, np.log(modes.frequency_hz[: shape.shape[1]]))
+
+    def _paired(self, local: LocalModel, modes: SmallModes) -> tuple[np.ndarray, list[tuple[int, ...]]]:
+        count = min(self.small.n_search, modes.frequency_hz.size)
+        shape = local.shapes(modes, count)[self.rows]
+        log = np.log(modes.frequency_hz[:count])
+        score, sizes = [], []
+        if not len(shape):
+            # frequencies alone: in their order, as the cheapest pairing of two rising rows never crosses
+            away = np.abs(np.array([expected.mean() for expected in self.log_frequency])[:, None] - log)
+            return shape, [(int(i),) for i in np.sort(linear_sum_assignment(away)[1])]
+        seen = _seen(shape)
+        for plane, expected in zip(self.planes, self.log_frequency, strict=True):
+            share = np.sum((plane.T @ shape) ** 2, axis=0) / np.where(seen, np.sum(shape**2, axis=0), 1.0)
+            near = np.exp(-0.5 * ((log - expected.mean()) / CLOSENESS) ** 2)
+            score += [np.where(seen, share + near, -1.0)] * plane.shape[1]
+            sizes.append(plane.shape[1])
+        chosen = assign(np.array(score))
+        groups, start = [], 0
+        for k in sizes:
+            groups.append(tuple(sorted(int(i) for i in chosen[start : start + k])))
+            start += k
+        return shape, groups
+
+    @staticmethod
+    def _with_mates(groups: list[tuple[int, ...]], log: np.ndarray) -> list[tuple[int, ...]]:
+        """Each group's computed modes with those next to them that no group has: which direction of their common plane
+        was measured is not known from the model."""
+        taken = {i for group in groups for i in group}
+        result = []
+        for group in groups:
+            mates = [i for i in range(len(log)) if i not in taken and np.min(np.abs(log[list(group)] - log[i])) < MATE]
+            taken.update(mates)
+            result.append(tuple(sorted((*group, *mates))))
+        return result
+
+    def references(self, local: LocalModel, angle_deg: float) -> tuple[Reference, ...]:
+        """Expected modes of every group."""
+        modes = local.solve(angle_deg, self.small.n_search)
+        shape, groups = self._members(local, modes)
+        return tuple(
+            self._reference(modes, shape, members, axes)[0] for members, axes in zip(groups, self.axes, strict=True)
+        )
+
+    @staticmethod
+    def _reference(modes, shape, members, axes) -> tuple[Reference, np.ndarray]:
+        """With `turn` (n_member, k): the directions of the members' plane that are nearest to the axes."""
+        own = shape[:, list(members)]
+        left, _, right = np.linalg.svd(own.T @ axes, full_matrices=False)
+        turn = left @ right
+        log = np.log(modes.frequency_hz[list(members)])
+        return Reference(tensor=turn.T @ np.diag(log) @ turn, shape=own @ turn), turn
+
+    def slopes(
+        self, local: LocalModel, angles_deg: Sequence[float], slopes: Slopes
+    ) -> list[list[tuple[Reference, np.ndarray, np.ndarray]]]:
+        """At every angle for every group its reference, and the change of the tensor (k, k, n_param) and of the shapes
+        (n_channel, k, n_param) in the group's axes with each parameter of `slopes` (see LocalModel.slopes)."""
+        places, own_shapes = [], []
+        for angle in angles_deg:
+            modes = local.solve(angle)
+            shape, groups = self._members(local, modes)
+            places.append((angle, modes, groups))
+            own_shapes.append(shape)
+        result = []
+        for (_, modes, groups), shape, changes in zip(places, own_shapes, local.derivatives(slopes, places),
+                                                      strict=True):  # fmt: skip
+            here = []
+            for members, axes, (coupling, d_shape) in zip(groups, self.axes, changes, strict=True):
+                reference, turn = self._reference(modes, shape, members, axes)
+                value = (2 * np.pi * modes.frequency_hz[list(members)]) ** 2
+                gap = value[:, None] - value[None, :]
+                near = np.abs(gap) < 1e-9 * value[:, None]
+                log = 0.5 * np.log(value)
+                divided = np.where(
+                    near, 0.5 / value[:, None], (log[:, None] - log[None, :]) / np.where(near, 1.0, gap)
+                )
+                here.append((reference, np.einsum("ia,ijp,jb->abp", turn, coupling * divided[:, :, None], turn),
+                             np.einsum("cjp,jk->ckp", d_shape[self.rows], turn)))  # fmt: skip
+            result.append(here)
+        return result
+
+
+def observed(reference: Reference, effects: Sequence[tuple[Effect, float]]) -> Reference:
+    """The reference as sensors with these effects and sizes see it, each where it stands on the way of a signal."""
+    if not effects:
+        return reference
+    shape, shift = np.array(reference.shape, complex), 0.0
+    for effect, size in sorted(effects, key=lambda e: e[0].stage):
+        shape, more = effect.observe(shape, reference.frequency_hz, size)
+        shift += more
+    tensor = reference.tensor + shift * np.eye(len(reference.tensor)) if shift else reference.tensor
+    return Reference(tensor=tensor, shape=shape)
+
+
+def effect_signatures(
+    effects: Sequence[Effect], names: tuple[str, ...], reference: Reference, tensor: np.ndarray, shape: np.ndarray,
+    axes: np.ndarray, seen: Sequence[tuple[Effect, float]] = (),
+) -> np.ndarray:
+    """Departure per unit size of every effect (n_response, n_effect) for one group, told from `axes` (n_channel, k), at
+    one angle, where the sensors have the effects `seen` already, with their sizes: of these the size changes, any other
+    is one more. tensor (k, k, n_param) and shape (n_channel, k, n_param) are the changes of the plain reference with
+    the parameters `names`."""
+    amounts = _increments(tuple(effects), names)
+    d_tensor, d_shape = tensor @ amounts, (_seen_change(reference, shape, seen) @ amounts).astype(complex)
+    for j, effect in enumerate(effects):
+        if effect.observe is None:
+            continue
+        h, there = effect.step_of_size, any(e is effect for e, _ in seen)
+        # a gain on top of a gain of ten does ten times what a larger one does
+        up, down = (
+            observed(reference, [(e, size + d * (e is effect)) for e, size in seen] if there else [*seen, (effect, d)])
+            for d in (h, -h)
+        )
+        d_tensor[:, :, j] = (up.tensor - down.tensor) / (2 * h)
+        d_shape[:, :, j] = (up.shape - down.shape) / (2 * h)
+    return fingerprint(observed(reference, seen), d_tensor, d_shape, axes)
+
+
+def _seen_change(reference: Reference, shape: np.ndarray, seen: Sequence[tuple[Effect, float]]) -> np.ndarray:
+    """Changes of shape (n_channel, k, n) as sensors with these effects see them; all observations are linear."""
+    if not seen:
+        return shape
+    flat = Reference(tensor=reference.tensor, shape=shape.reshape(shape.shape[0], -1))
+    return observed(flat, seen).shape.reshape(shape.shape)
+
+
+@lru_cache(maxsize=8)
+def _increments(effects: tuple[Effect, ...], names: tuple[str, ...]) -> np.ndarray:
+    """How much of each parameter a unit of each effect is (n_param, n_effect)."""
+    column = {name: k for k, name in enumerate(names)}
+    amounts = np.zeros((len(names), len(effects)))
+    for j, effect in enumerate(effects):
+        for name, amount in effect.increments if effect.observe is None else ():
+            amounts[column[name], j] += amount
+    return amounts
+
+
+def build_predictor(small: SmallModel, blocks: Blocks, theta: np.ndarray) -> ModalPredictor:
+    """Pair the measured groups with the model's modes at theta; raises InputError for channels it does not have."""
+    start = _without_axes(small, blocks, blocks.groups)
+    local = small.at(theta)
+    shape, groups = start._members(local, local.solve())
+    axes = tuple(_along(plane, shape[:, list(members)]) for plane, members in zip(start.planes, groups, strict=True))
+    return replace(start, axes=axes)
+
+
+def expected_frequencies(small: SmallModel, blocks: Blocks, theta: np.ndarray) -> dict[str, float]:
+    """Where the model at theta has each measured mode, in Hz by label, each paired by itself: NaN where it looks like
+    none of the model's, not there where the sensors see no mode that is left. Raises as `build_predictor`."""
+    start = _without_axes(small, blocks, tuple((j,) for j in range(len(blocks.labels))))
+    modes = small.at(theta).solve()
+    shape, members = start._paired(small.at(theta), modes)
+    found, seen = {}, _seen(shape)
+    for name, plane, (i,) in zip(blocks.labels, start.planes, members, strict=True):
+        if not seen[i]:
+            continue
+        if not len(shape):
+            found[name] = float(modes.frequency_hz[i])
+            continue
+        # equal modes have no shapes but their plane's
+        near = np.abs(np.log(modes.frequency_hz[: shape.shape[1]] / modes.frequency_hz[i])) < MATE
+        basis = np.linalg.qr(shape[:, near])[0]
+        alike = np.sum((basis.T @ plane) ** 2) > LOOKS_LIKE
+        found[name] = float(modes.frequency_hz[i]) if alike else np.nan
+    return found
+
+
+def _seen(shape: np.ndarray) -> np.ndarray:
+    """(n_mode,) bool: modes of unit modal mass whose shapes (n_channel, n_mode) are not across all sensors."""
+    size = np.linalg.norm(shape, axis=0)
+    if not len(shape):
+        return np.ones(shape.shape[1], bool)
+    return size > UNSEEN * np.max(size, initial=0.0)
+
+
+def _without_axes(small: SmallModel, blocks: Blocks, groups: Sequence[tuple[int, ...]]) -> ModalPredictor:
+    missing = [c for c in blocks.channels if c not in small.channels]
+    if missing:
+        raise InputError(f"channel {missing[0]}", f"is in the measured modes but not in the model {small.name}",
+                         "name the model's channels as the data's")  # fmt: skip
+    rows, measured = np.array([small.channels.index(c) for c in blocks.channels], int), sum(map(len, groups))
+    if measured > small.n_search:
+        raise InputError("modes", f"holds {measured} modes where {small.n_search} of the model {small.name} are known",
+                         "leave out the highest modes, or give matrices of more degrees of freedom")  # fmt: skip
+    planes, logs = [], []
+    for group in groups:
+        members = list(group)
+        there = np.flatnonzero(blocks.tells(members))
+        logs.append(np.median(np.log(blocks.frequency_hz[there][:, members]), axis=0))
+        if not blocks.channels:
+            planes.append(np.zeros((0, len(members))))
+            continue
+        basis = np.linalg.qr(blocks.shape[there][:, :, members])[0]
+        projector = np.einsum("nck,ndk->cd", basis, basis.conj()).real
+        planes.append(np.linalg.eigh(projector)[1][:, -len(members):])
+    return ModalPredictor(small=small, rows=rows, planes=tuple(planes), log_frequency=tuple(logs), axes=())
+
+
+def _along(plane: np.ndarray, shape: np.ndarray) -> np.ndarray:
+    """Shapes (n_channel, k) of an orthonormal plane along these, as far as it allows, largest component 1; of more
+    modes than the plane has directions none is its own."""
+    if not plane.size:
+        return frozen_array(plane)
+    turned = plane
+    if shape.shape[1] == plane.shape[1]:
+        left, _, right = np.linalg.svd(plane.T @ (shape / np.linalg.norm(shape, axis=0)))
+        turned = plane @ (left @ right)
+    return frozen_array(turned / np.max(np.abs(turned), axis=0))

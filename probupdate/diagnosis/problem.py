@@ -1,0 +1,243 @@
+"""What a diagnosis works with, made ready once: blocks, catalogue, time profiles, what is updated, and effects with
+sizes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from probupdate.diagnosis.blocks import Blocks, gather, with_derived
+from probupdate.effects.catalogue import Effect
+from probupdate.diagnosis.time_profiles import TimeProfile, make_time_profiles
+from probupdate.diagnosis.mode_numbers import numbers_of_modes, stated_columns
+from probupdate.diagnosis.predictor import ModalPredictor, build_predictor, expected_frequencies
+from probupdate.diagnosis.noise import factored
+from probupdate.diagnosis.prepare import Prepared
+from probupdate.modal.modes import ModalData
+from probupdate.runtime.arrays import frozen_array
+from probupdate.model.parameters import Parameters
+
+# references are computed at every angle that differs by this, signatures for every one that differs by BIN_DEG: what
+# rotor and nacelle do to the torsion's small components at the tower turns with the heading, many times the noise
+ANGLE_DEG, BIN_DEG = 1.0, 2.0
+# times the largest eigenvalue that noise as stated has, from which it is not as stated
+BEYOND_EDGE = 2.0
+# columns in whose own unit an effect's prior scale is given
+NATURAL = ("water_level_m", "air_temperature_c", "thrust_share")
+# departures of a model of beams that nothing listed explains: ln f, its cross term in a pair, share of a shape's
+# largest component, phase in rad
+DISCREPANCY_LOG, DISCREPANCY_CROSS, DISCREPANCY_SHAPE, DISCREPANCY_PHASE = 3e-3, 2e-3, 1e-2, 1e-2
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class IncludedEffect:
+    """An effect taken into the reference with its time profile and size."""
+
+    effect: Effect
+    course: TimeProfile
+    size: float
+
+    @property
+    def scale(self) -> float:
+        """What the effect's prior scale is divided by along this time profile: a prior scale is per unit of a column
+        that means something by itself (metres of water, degrees, share of the thrust), else over the column's whole
+        range."""
+        return per_range(self.course)
+
+    @property
+    def slab(self) -> float:
+        return self.effect.slab / self.scale
+
+    @property
+    def prior_std(self) -> float:
+        """Of the normal density about zero whose logarithm has the slope of the size's prior where the size is: a
+        Cauchy density of scale `slab`, as gains of ten happen and a normal prior would draw them back by a fifth."""
+        return float(np.sqrt(0.5 * (self.slab**2 + self.size**2)))
+
+    @property
+    def log_prior_ratio(self) -> float:
+        """ln of the size's prior density over that of the normal one that stands for it in the linear equations."""
+        ratio, variance = self.size / self.slab, self.prior_std**2
+        cauchy = -np.log(np.pi * self.slab) - np.log1p(ratio**2)
+        return float(cauchy + 0.5 * np.log(2 * np.pi * variance) + 0.5 * self.size**2 / variance)
+
+    @property
+    def bounds(self) -> tuple[float, float]:
+        """Sizes with which the effect stays within its bounds wherever the time profile goes, on either side of a
+        covariate's mean."""
+        if self.course.kind != "covariate":
+            return self.effect.lower, self.effect.upper
+        reach = float(np.max(np.abs(self.course.value)))
+        return -max(-self.effect.lower, self.effect.upper) / reach, max(-self.effect.lower, self.effect.upper) / reach
+
+    @property
+    def exact(self) -> bool:
+        """Whether the reference holds it as it is; else through its signature."""
+        return self.course.kind in ("constant", "step")
+
+
+def per_range(course: TimeProfile) -> float:
+    if course.kind != "covariate" or course.column in NATURAL:
+        return 1.0
+    return float(np.ptp(course.value))
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class DiagnosisProblem:
+    """What a diagnosis works with: model field, blocks, catalogue, the updated parameters among the model's,
+    model-discrepancy standard deviations of model form per group (n_response,)."""
+
+    predictor: ModalPredictor
+    blocks: Blocks
+    effects: tuple[Effect, ...]
+    updated: tuple[int, ...]
+    prior: Parameters
+    courses: tuple[TimeProfile, ...]
+    which: np.ndarray
+    discrepancy_std: tuple[np.ndarray, ...]
+
+    @property
+    def angles(self) -> np.ndarray:
+        return np.round(self.blocks.angle_deg / ANGLE_DEG) * ANGLE_DEG
+
+    @property
+    def bins(self) -> tuple[np.ndarray, np.ndarray]:
+        """Centre angle of each bin, and each block's bin."""
+        key = np.round(self.blocks.angle_deg / BIN_DEG).astype(int) % round(360 / BIN_DEG)
+        found, place = np.unique(key, return_inverse=True)
+        return found * BIN_DEG, place
+
+    @cached_property
+    def measured(self) -> tuple[tuple[np.ndarray, ...], tuple[np.ndarray, ...]]:
+        """Per group the measured modes' numbers (n_block, n_response), zero where nothing is told, and which blocks
+        tell (n_block,)."""
+        numbers, used = [], []
+        for q, group in enumerate(self.blocks.groups):
+            rows, members = np.flatnonzero(self.blocks.present[:, q]), list(group)
+            y = np.zeros((len(self.blocks), self.discrepancy_std[q].size))
+            tells = np.array(self.blocks.present[:, q])
+            if len(rows):
+                y[rows], tells[rows] = numbers_of_modes(
+                    self.blocks.frequency_hz[rows][:, members], self.blocks.shape[rows][:, :, members],
+                    self.predictor.axes[q])
+            numbers.append(frozen_array(y))
+            used.append(frozen_array(tells, bool))
+        return tuple(numbers), tuple(used)
+
+    @cached_property
+    def stated(self) -> tuple[np.ndarray | None, ...]:
+        """Per group the mean over blocks of what the identification says its numbers' covariance is, None without."""
+        blocks = self.blocks
+        known = [k for k, d in enumerate(blocks.deviations) if d is not None]
+        if len(known) < len(blocks) / 2:
+            return tuple(None for _ in blocks.groups)
+        result = []
+        for q, (group, axes) in enumerate(zip(blocks.groups, self.predictor.axes, strict=True)):
+            members, rows = list(group), []
+            for k in known:
+                if not blocks.present[k, q]:
+                    continue
+                d, weight = blocks.deviations[k], blocks.relative_std[k, q] ** -2.0
+                columns = stated_columns(blocks.frequency_hz[k, members], blocks.shape[k][:, members],
+                                         d.ln_frequency[members], d.shape[:, members], axes)  # fmt: skip
+                if columns is not None:
+                    rows.append(np.sqrt(weight) * columns)
+            if blocks.few:
+                total = np.concatenate(rows) if rows else np.zeros((0, self.discrepancy_std[q].size))
+                result.append(total.T @ total / len(rows) if rows else None)
+                continue
+            if len(rows) < len(blocks) / 3:
+                result.append(None)
+                continue
+            # each block's deviations come from few parts of it
+            covariance = factored(np.concatenate(rows)) * sum(map(len, rows)) / len(rows)
+            numbers = self.measured[0][q][self.measured[1][q]]
+            result.append(covariance if not blocks.std_alone or _agrees(covariance, numbers) else None)
+        return tuple(result)
+
+    @property
+    def tolerated(self) -> tuple[int, ...]:
+        """Effects with a tolerance, each a nuisance of its own; updated parameters already are one."""
+        own = {self.predictor.parameters.names[k] for k in self.updated}
+        return tuple(j for j, e in enumerate(self.effects) if e.tolerance > 0 and e.parameter not in own)
+
+
+def _agrees(covariance: np.ndarray, numbers: np.ndarray) -> bool:
+    """Whether neighbouring blocks' numbers (n_block, n_response) scatter as a stated covariance says, but for its scale:
+    without covariances the shapes of a close pair, which turn as one, are said to be many times better known along that
+    turn than they are. The largest eigenvalue of noise that is as stated ends at (1 + sqrt(p / n))^2 (Marchenko & Pastur
+    1967)."""
+    difference = np.diff(numbers, axis=0) / np.sqrt(2)
+    std = np.sqrt(np.diag(covariance))
+    used = std > 0
+    value, turn = np.linalg.eigh(covariance[np.ix_(used, used)] / np.outer(std[used], std[used]))
+    kept = value > 1e-6 * value[-1]
+    white = (difference[:, used] / std[used]) @ turn[:, kept] / np.sqrt(value[kept])
+    if len(white) < 2:
+        return True
+    square = np.mean(white**2, axis=0)
+    # shapes that are real have phases without scatter
+    there = square > 1e-3 * square.max()
+    n, p = len(white), np.count_nonzero(there)
+    largest = np.linalg.svd(white[:, there], compute_uv=False)[0] ** 2 / n
+    return bool(largest < BEYOND_EDGE * (1 + np.sqrt(p / n)) ** 2 * np.median(square[there]))
+
+
+def diagnosis_problem(prepared: Prepared, data: ModalData) -> tuple[DiagnosisProblem, np.ndarray]:
+    """The problem of a diagnosis and the parameters it starts from."""
+    theta = np.array(prepared.small.parameters.initial)
+    blocks = gather(data, expected_hz=expected_frequencies(prepared.small, gather(data), theta))
+    predictor = build_predictor(prepared.small, blocks, theta)
+    effects = prepared.effects_on(blocks.channels)
+    told, columns = with_derived(blocks), _columns(effects)
+    courses = make_time_profiles(told, columns)
+    notes = [*blocks.notes, *told.little_known(columns)]
+    if prepared.small.turns and not blocks.headings_told:
+        notes.append("no set tells where the nacelle looked (nacelle_angle_deg): taken as in the model; where it "
+                     "looked elsewhere, what turning it does to the modes is taken for something else")
+    blocks = replace(blocks, notes=tuple(notes))
+    which = _candidates(effects, courses)
+    n_channel = len(blocks.channels)
+    discrepancy_std = tuple(_discrepancy_std(len(g), n_channel) for g in blocks.groups)
+    return DiagnosisProblem(
+        predictor=predictor,
+        blocks=blocks,
+        effects=effects,
+        updated=prepared.updated,
+        prior=prepared.prior,
+        courses=courses,
+        which=which,
+        discrepancy_std=discrepancy_std,
+    ), theta
+
+
+def _columns(effects: Sequence[Effect]) -> tuple[str, ...]:
+    known = ("constant", "step", "ramp")
+    return tuple(dict.fromkeys(c for e in effects for c in e.courses if c not in known))
+
+
+def _candidates(effects: Sequence[Effect], courses: Sequence[TimeProfile]) -> np.ndarray:
+    return np.array([(j, c) for j, e in enumerate(effects) for c, course in enumerate(courses)
+                     if course.name in e.courses])  # fmt: skip
+
+
+def _discrepancy_std(k: int, n_channel: int) -> np.ndarray:
+    logs = [DISCREPANCY_LOG] if k == 1 else [DISCREPANCY_LOG, DISCREPANCY_LOG, DISCREPANCY_CROSS]
+    return np.array([*logs, *[DISCREPANCY_SHAPE] * (k * n_channel), *[DISCREPANCY_PHASE] * (k * n_channel)])
+
+
+def local_std(prior: Parameters, number: int, value: float) -> float:
+    """The prior's deviation at `value`: of a lognormal in proportion to it."""
+    p = prior.items[number]
+    return p.std if p.prior == "normal" else p.log_std * value
+
+
+def prior_shift(problem: DiagnosisProblem, theta: np.ndarray) -> np.ndarray:
+    """How far the prior's centre lies from theta, to first order there (n_updated,)."""
+    shift = []
+    for p, k in zip(problem.prior, problem.updated, strict=True):
+        shift.append(p.initial - theta[k] if p.prior == "normal" else theta[k] * np.log(p.initial / theta[k]))
+    return np.array(shift)

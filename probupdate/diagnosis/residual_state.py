@@ -1,0 +1,178 @@
+"""What remains after the best fit, before and after effects were taken in, against what chance and tolerances leave.
+
+At the most probable parameters (and sizes of effects) departures are r = y - G_h c_h. When nothing more is wrong
+cov(r) = W - G_h C_h G_h^T: W is the noise with tolerances, the model discrepancy of model form and the model error of
+signatures that were taken in, C_h the posterior covariance of what was fitted. All that is shown is a sum over blocks
+of r (a mean, a slope, a bin's mean) over its own deviation, so that it is standard normal when the model is right; the
+fit's own appetite is counted. """
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy import linalg, stats
+
+from probupdate.diagnosis.fitting import Fit
+from probupdate.diagnosis.linear import Design
+from probupdate.diagnosis.problem import DiagnosisProblem, local_std, prior_shift
+
+# of the parameters' joint test: directions that the data inform less, as a share of the prior's variance, are left out
+INFORMED = 0.05
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Residual:
+    """What a fit leaves: per group `left` (n_block, n_response), zero where not measured; `held` the unknowns of the
+    design that the fit chose, `held_cov` their posterior covariance."""
+
+    design: Design
+    left: tuple[np.ndarray, ...]
+    held: np.ndarray
+    held_cov: np.ndarray
+
+    def spread(self, q: int, share: np.ndarray) -> np.ndarray:
+        """Covariance (m, m) of sum_b share_b r_b of group q; share (n_block,)."""
+        return self.spread_between(q, share, q, share) + self.own_noise(q, share)
+
+    def own_noise(self, q: int, share: np.ndarray) -> np.ndarray:
+        weight = self.design.noise.weight[q]
+        there = weight > 0
+        scale = float(np.sum(share[there] ** 2 / weight[there]))
+        return scale * self.design.noise.covariance[q] + np.diag(self._offset_variance(q, share))
+
+    def _offset_variance(self, q: int, share: np.ndarray) -> np.ndarray:
+        """(m,) what the model discrepancy of model form adds, and the model error of signatures of effects that were
+        taken in."""
+        design = self.design
+        share = np.where(design.noise.weight[q] > 0, share, 0.0)
+        variance = (design.discrepancy_std[q] * share.sum()) ** 2
+        for course, spread in design.model_errors:
+            by_bin = np.bincount(design.bin_of, share * course.value, design.n_bin)
+            variance = variance + (by_bin @ spread[q]) ** 2
+        return variance
+
+    def spread_between(self, q: int, share: np.ndarray, p: int, other: np.ndarray) -> np.ndarray:
+        """What tolerances add and the fit takes away of the covariance between two sums."""
+        first, second = self._summed(q, share), self._summed(p, other)
+        return (first * self._tolerated**2) @ second.T - first[:, self.held] @ self.held_cov @ second[:, self.held].T
+
+    @cached_property
+    def _tolerated(self) -> np.ndarray:
+        """(n_common,) deviations of what was not fitted, zero for what was."""
+        std = np.array(self.design.prior_std[: self.design.n_common])
+        std[self.held] = 0.0
+        return std
+
+    def _summed(self, q: int, share: np.ndarray) -> np.ndarray:
+        """(m, n_common) what common unknowns make of a sum over blocks."""
+        design = self.design
+        share = np.where(design.noise.weight[q] > 0, share, 0.0)
+        by_bin = np.bincount(design.bin_of, share, design.n_bin)
+        columns = [np.einsum("g,gmk->mk", by_bin, design.nuisance[q])]
+        for effect, course, _ in design.included:
+            there = np.bincount(design.bin_of, share * course.value, design.n_bin)
+            columns.append(np.einsum("g,gm->m", there, design.effect[q][:, :, effect])[:, None])
+        return np.concatenate(columns, axis=1)
+
+    def along(self, q: int, share: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """sum_b share_b r_b (m,) of group q and its deviation (m,)."""
+        weight = self.design.noise.weight[q]
+        there = weight > 0
+        value = np.where(there, share, 0.0) @ self.left[q]
+        # the diagonal of `spread`
+        summed = self._summed(q, share)
+        own = np.sum(share[there] ** 2 / weight[there]) * np.diag(self.design.noise.covariance[q])
+        variance = own + self._offset_variance(q, share) + summed**2 @ self._tolerated**2
+        held = summed[:, self.held]
+        variance -= np.sum((held @ self.held_cov) * held, axis=1)
+        return value, np.sqrt(np.maximum(variance, 1e-300))
+
+    def mean_share(self, q: int) -> np.ndarray:
+        weight = self.design.noise.weight[q]
+        return weight / max(weight.sum(), 1e-12)
+
+    @cached_property
+    def means(self) -> tuple[np.ndarray, np.ndarray]:
+        """Means over blocks of all groups' responses in a row (n,), and their full covariance (n, n)."""
+        shares = [self.mean_share(q) for q in range(len(self.left))]
+        sizes = [y.shape[1] for y in self.left]
+        at = np.concatenate([[0], np.cumsum(sizes)])
+        covariance = np.zeros((at[-1], at[-1]))
+        for q, share in enumerate(shares):
+            for p in range(q + 1):
+                block = self.spread_between(q, share, p, shares[p])
+                if p == q:
+                    block = block + self.own_noise(q, share)
+                covariance[at[q] : at[q + 1], at[p] : at[p + 1]] = block
+                covariance[at[p] : at[p + 1], at[q] : at[q + 1]] = block.T
+        return np.concatenate([s @ y for s, y in zip(shares, self.left, strict=True)]), covariance
+
+
+def remainder(fitted: Fit, n_own: int) -> Residual:
+    """Of a fit with n_own updated parameters."""
+    design = fitted.design
+    held = np.array(design.held(n_own))
+    return Residual(design=design, left=fitted.departures, held=held, held_cov=design.unknowns_cov(held))
+
+
+def slope_share(r: Residual, q: int, value: np.ndarray) -> np.ndarray:
+    """Shares (n_block,) of blocks whose sum is the slope of a response on `value`."""
+    weight = r.design.noise.weight[q]
+    centred = value - (weight @ value) / max(weight.sum(), 1e-12)
+    size = float(weight @ centred**2)
+    return weight * centred / size if size > 0 else np.zeros_like(weight)
+
+
+def chunk_share(r: Residual, q: int, chosen: np.ndarray) -> np.ndarray | None:
+    """Shares whose sum is the mean over the chosen blocks less that over all; None where none of them was measured."""
+    weight = r.design.noise.weight[q]
+    own = np.where(chosen, weight, 0.0)
+    return own / own.sum() - weight / max(weight.sum(), 1e-12) if own.sum() > 0 else None
+
+
+def free_directions(shape: np.ndarray, n_log: int) -> np.ndarray:
+    """(m, n) orthonormal: responses of a group less those that aligning its shapes to `shape` (n_channel, k) takes
+    away."""
+    n_channel, k = shape.shape
+    m = n_log + 2 * n_channel * k
+    taken = []
+    for i in range(k):
+        real = slice(n_log + i * n_channel, n_log + (i + 1) * n_channel)
+        imaginary = slice(real.start + k * n_channel, real.stop + k * n_channel)
+        for j in range(k):
+            for re, im in ((shape[:, j].real, shape[:, j].imag), (-shape[:, j].imag, shape[:, j].real)):
+                row = np.zeros(m)
+                row[real], row[imaginary] = re, im
+                taken.append(row)
+    return linalg.null_space(np.array(taken))
+
+
+def block_sizes(r: Residual, effect: int) -> tuple[np.ndarray, np.ndarray]:
+    """The size of an effect that fits each block best, by its signature (n_block,), and its deviation by the block's
+    noise; infinite where nothing was measured."""
+    design = r.design
+    top, bottom = np.zeros(len(design.bin_of)), np.zeros(len(design.bin_of))
+    for q, y in enumerate(r.left):
+        prints = design.effect[q][:, :, effect]
+        weighted = prints @ design.noise.precision[q]
+        top += design.noise.weight[q] * np.einsum("bm,bm->b", weighted[design.bin_of], y)
+        bottom += design.noise.weight[q] * np.einsum("gm,gm->g", weighted, prints)[design.bin_of]
+    known = bottom > 0
+    return np.where(known, top / np.where(known, bottom, 1.0), 0.0), np.where(
+        known, 1 / np.sqrt(np.where(known, bottom, 1.0)), np.inf)
+
+
+def push(problem: DiagnosisProblem, fitted: Fit) -> tuple[np.ndarray, np.ndarray, float]:
+    """Shift of each updated parameter over its prior's deviation (n,), the deviation expected of that, and p of all
+    shifts together: c_hat is N(0, S - C) when the prior is right, S prior's and C posterior covariance."""
+    n = len(problem.updated)
+    std = np.array([local_std(problem.prior, i, fitted.theta[k]) for i, k in enumerate(problem.updated)])
+    shift = -prior_shift(problem, fitted.theta) / std
+    learnt = np.eye(n) - fitted.design.unknowns_cov(range(n)) / np.outer(std, std)
+    value, turn = np.linalg.eigh(learnt)
+    informed = value > INFORMED
+    statistic = float(np.sum((turn[:, informed].T @ shift) ** 2 / value[informed]))
+    p = float(stats.chi2.sf(statistic, int(informed.sum()))) if informed.any() else 1.0
+    return shift, np.sqrt(np.maximum(np.diag(learnt), 0.0)), p

@@ -1,0 +1,64 @@
+"""How an effect may run along the record: constant, a step, a ramp, or with a column of the environment."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from probupdate.diagnosis.blocks import Blocks
+from probupdate.runtime.arrays import frozen_array
+
+# times of a step that are tried; finer ones are found in the refit
+N_STEP = 16
+# blocks that must lie on either side of a step
+MARGIN = 4
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class TimeProfile:
+    """`value` (n_block,): what the effect's size is multiplied with. kind "constant", "step", "ramp" or "covariate";
+    `column` of the environment, `unit` what the size is per, `at` the first block after a step, `centre` what was
+    taken off a covariate."""
+
+    kind: str
+    value: np.ndarray
+    column: str = ""
+    at: int = 0
+    centre: float = 0.0
+
+    @property
+    def name(self) -> str:
+        return self.column or self.kind
+
+    @property
+    def unit(self) -> str:
+        """What is put behind the size's unit."""
+        return f" per {_UNITS.get(self.column, 'unit')}" if self.kind == "covariate" else ""
+
+
+_UNITS = {"water_level_m": "m", "air_temperature_c": "degC", "wind_speed_mps": "m/s", "rms_mps2": "m/s2",
+          "power_kw": "kW", "wave_height_m": "m", "thrust_share": "of full thrust", "frost_degc": "degC of frost"}
+
+
+def make_time_profiles(blocks: Blocks, columns: tuple[str, ...]) -> tuple[TimeProfile, ...]:
+    """constant, steps, ramp, and the named columns that the blocks tell and that vary."""
+    n, margin = len(blocks), 1 if blocks.few else MARGIN
+    courses = [TimeProfile(kind="constant", value=frozen_array(np.ones(n)))]
+    if n >= 2 * margin + (not blocks.few):
+        for at in np.unique(np.linspace(margin, n - margin, min(N_STEP, n - 2 * margin + 1)).astype(int)):
+            courses.append(step_profile(n, int(at)))
+    if n >= 2 * MARGIN + 1:
+        span = blocks.hours[-1] - blocks.hours[0]
+        courses.append(TimeProfile(kind="ramp", value=frozen_array((blocks.hours - blocks.hours[0]) / span)))
+    for column in columns:
+        values = blocks.covariate(column)
+        if values is not None:
+            centre = float(np.mean(values))
+            courses.append(
+                TimeProfile(kind="covariate", value=frozen_array(values - centre), column=column, centre=centre))
+    return tuple(courses)
+
+
+def step_profile(n: int, at: int) -> TimeProfile:
+    return TimeProfile(kind="step", value=frozen_array(np.arange(n) >= at), at=at)

@@ -1,0 +1,483 @@
+"""Every file that is written, and every one that is opened for reading: whole or not at all, and nothing that waits.
+
+Written: under a temporary name in the same folder (host, process and a random token in it), to the disk, then renamed; a
+killed run, a full disk or a second writer leaves the old file or a new one, never a part. Read: regular files only, of a
+bounded size, JSON and TOML of bounded depth and with numbers that the program can hold.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import difflib
+import errno
+import functools
+import itertools
+import json
+import os
+import re
+import secrets
+import shutil
+import socket
+import stat
+import time
+import tomllib
+import zipfile
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from pathlib import Path
+from typing import IO, Any, BinaryIO
+
+import numpy as np
+
+from probupdate.errors import InputError, ProbupdateError, parsing
+
+DEEPEST = 64
+LARGEST_TEXT = 512 * 2**20
+LARGEST_TOML = 8 * 2**20
+# arrays of one archive, unpacked
+LARGEST_ARCHIVE = 1 * 2**30
+PART = ".part"
+# what another computer left over is removed when nobody can be writing it any more
+OLD_S = 7 * 86400.0
+INT64 = 2**63
+# names of a folder among which one like a missing file's is looked for
+MOST_NAMES = 1000
+# a cell that a spreadsheet would take for a formula; numbers may begin with a sign
+FORMULA = re.compile(r"\s*[=@]|\s*[+\-](?![\d.]|inf|nan)|[\t\r]", re.IGNORECASE)
+
+
+# Writing ------------------------------------------------------------------------------------------------------------
+
+
+@contextlib.contextmanager
+def whole(path: str | Path) -> Iterator[Path]:
+    """The temporary path to write to; it takes the place of `path` where the block ends without an error.
+
+    Raises OSError with the file's name where the disk is full or nothing may be written, InputError where `path` is a
+    link or no file. Folders above are made.
+    """
+    path = Path(path)
+    _refuse_target(path)
+    with named(path):
+        path.parent.mkdir(parents=True, exist_ok=True)
+        _tidied(path.parent.absolute())
+        # a name may have 255 bytes
+        short = os.fsdecode(os.fsencode(path.name)[:120])
+        part = path.with_name(f"{short}.{_host()}.{os.getpid()}.{secrets.token_hex(4)}{PART}")
+    try:
+        with named(path):
+            yield part
+            _to_disk(part)
+            if path.exists():
+                with contextlib.suppress(OSError):
+                    shutil.copymode(path, part)
+            os.replace(part, path)
+            _to_disk(path.parent)
+    finally:
+        with contextlib.suppress(OSError):
+            part.unlink()
+
+
+@contextlib.contextmanager
+def whole_stream(path: str | Path) -> Iterator[BinaryIO]:
+    """`whole`, as an unbuffered stream to write to and read from."""
+    with whole(path) as part, part.open("w+b", buffering=0) as stream:
+        yield stream
+
+
+def write_bytes(path: str | Path, content: bytes) -> Path:
+    with whole(path) as part:
+        part.write_bytes(content)
+    return Path(path)
+
+
+def write_text(path: str | Path, text: str) -> Path:
+    return write_bytes(path, text.encode("utf-8"))
+
+
+def write_json(path: str | Path, content: object) -> Path:
+    """JSON without NaN or infinity, indented by one."""
+    return write_text(path, json.dumps(content, indent=1, allow_nan=False))
+
+
+def write_json_rows(
+    path: str | Path, before: Mapping[str, object], key: str, rows: Iterable[object], after: Mapping[str, object]
+) -> Path:
+    """`write_json` of {**before, key: [*rows], **after}, byte for byte, with one row in memory at a time."""
+    with whole(path) as part, part.open("w", encoding="utf-8", newline="") as stream:
+        stream.write("{")
+        for name, value in before.items():
+            stream.write(f"\n {json.dumps(name)}: {_indented(value, 1)},")
+        stream.write(f"\n {json.dumps(key)}: [")
+        count = 0
+        for row in rows:
+            stream.write(f"{',' if count else ''}\n  {_indented(row, 2)}")
+            count += 1
+        stream.write("\n ]" if count else "]")
+        for name, value in after.items():
+            stream.write(f",\n {json.dumps(name)}: {_indented(value, 1)}")
+        stream.write("\n}")
+    return Path(path)
+
+
+def _indented(value: object, depth: int) -> str:
+    # no text of JSON has a line break of its own
+    return json.dumps(value, indent=1, allow_nan=False).replace("\n", "\n" + " " * depth)
+
+
+def write_arrays(path: str | Path, arrays: Mapping[str, Any]) -> Path:
+    """An .npz file of arrays."""
+    with whole(path) as part, part.open("wb") as stream:
+        np.savez(stream, **arrays)
+    return Path(path)
+
+
+def write_table(path: str | Path, frame: Any, float_format: str | None = "%.6g") -> Path:
+    """A pandas frame as CSV; text that a spreadsheet would take for a formula is preceded by an apostrophe."""
+    safe = frame.copy(deep=False)
+    for column in safe:
+        if safe[column].dtype.kind not in "biufcmM":
+            safe[column] = safe[column].map(_no_formula)
+    safe.columns = [_no_formula(c) for c in safe.columns]
+    text = safe.to_csv(index=False, float_format=float_format, lineterminator="\n")
+    return write_text(path, text)
+
+
+def _no_formula(cell: Any) -> Any:
+    return f"'{cell}" if isinstance(cell, str) and FORMULA.match(cell) else cell
+
+
+def holds_nothing(folder: str | Path) -> bool:
+    """Whether a folder is absent, or has no file: what a run leaves that ended before it wrote one, empty folders and
+    temporary files, is nothing."""
+    return all(here.is_dir() or here.name.endswith(PART) for here in Path(folder).rglob("*"))
+
+
+def remove_stale(folder: str | Path) -> None:
+    """Remove temporary files in a folder whose writer is gone: of this computer and dead, or a week old."""
+    for part in Path(folder).glob(f"*{PART}"):
+        with contextlib.suppress(OSError):
+            if _is_stale(part):
+                part.unlink()
+
+
+def _is_stale(part: Path) -> bool:
+    found = re.fullmatch(r".*\.([^.]+)\.(\d{1,10})\.[0-9a-f]{8}", part.name.removesuffix(PART), re.DOTALL)
+    if found and found[1] == _host():
+        return not _alive(int(found[2]))
+    return time.time() - part.lstat().st_mtime > OLD_S
+
+
+def _alive(process: int) -> bool:
+    try:
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return False
+    except (OSError, OverflowError):
+        return True
+    try:
+        # Linux: one that has ended and that nobody has asked about yet still has its number
+        state = Path(f"/proc/{process}/stat").read_text(encoding="ascii", errors="replace")
+        return state.rpartition(")")[2].split()[0] != "Z"
+    except (OSError, IndexError):
+        return True
+
+
+@functools.cache
+def _tidied(folder: Path) -> None:
+    """Once a folder and process: an earlier run's remains."""
+    remove_stale(folder)
+
+
+@functools.cache
+def _host() -> str:
+    return re.sub(r"[^A-Za-z0-9-]", "-", socket.gethostname())[:32] or "host"
+
+
+def _refuse_target(path: Path) -> None:
+    try:
+        mode = path.lstat().st_mode
+    except (FileNotFoundError, NotADirectoryError):
+        return
+    except (OSError, ValueError) as error:
+        raise InputError(_shown(path), f"is no name of a file ({_why(error)})", "name another file") from None
+    if stat.S_ISLNK(mode):
+        raise InputError(str(path), "is a link, and what it leads to is not written over", "name the file itself")
+    if not stat.S_ISREG(mode):
+        raise InputError(str(path), f"is {_kind(mode)}, not a file", "name a file")
+
+
+def _to_disk(path: Path) -> None:
+    handle = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    except OSError as error:
+        # some network folders cannot be asked that
+        if error.errno not in (errno.EINVAL, errno.ENOTSUP, errno.EBADF):
+            raise
+    finally:
+        os.close(handle)
+
+
+@contextlib.contextmanager
+def named(path: Path) -> Iterator[None]:
+    """Errors of the machine name the file that is meant; of HDF5 too, which hides their number in its words."""
+    try:
+        yield
+    except ProbupdateError:
+        raise
+    except OSError as error:
+        number = error.errno or _hidden_number(error)
+        if number is None:
+            raise ProbupdateError(f"{path}: cannot be written ({_why(error)})") from error
+        raise OSError(number, os.strerror(number), str(path)) from error
+    except (RuntimeError, ValueError) as error:
+        number = _hidden_number(error)
+        if number is None:
+            raise
+        raise OSError(number, os.strerror(number), str(path)) from error
+
+
+def _hidden_number(error: BaseException) -> int | None:
+    while error is not None:
+        found = re.search(r"errno = (\d+)", str(error))
+        if found:
+            return int(found[1])
+        error = error.__context__
+    return None
+
+
+# Reading ------------------------------------------------------------------------------------------------------------
+
+
+def input_file(path: str | Path, remedy: str = "check the path", *, largest: int | None = None) -> Path:
+    """The path, if a regular file lies there that may be opened without waiting. Raises InputError otherwise."""
+    path = Path(path)
+    try:
+        found = path.stat()
+    except (FileNotFoundError, NotADirectoryError):
+        raise InputError(_shown(path), "no such file", remedy + _alike(path)) from None
+    except (OSError, ValueError) as error:
+        raise InputError(_shown(path), f"cannot be read ({_why(error)})", remedy) from None
+    if not stat.S_ISREG(found.st_mode):
+        raise InputError(_shown(path), f"is {_kind(found.st_mode)}, not a file", remedy)
+    if largest is not None and found.st_size > largest:
+        raise InputError(_shown(path), f"has {found.st_size / 2**20:.0f} MB, more than the {largest / 2**20:.0f} MB "
+                         "that such a file may have", remedy)
+    return path
+
+
+def _alike(path: Path) -> str:
+    """'; did you mean ...?' where the folder has one name that is nearly the missing one."""
+    try:
+        names = [entry.name for entry in itertools.islice(os.scandir(path.parent), MOST_NAMES)]
+    except (OSError, ValueError):
+        return ""
+    close = difflib.get_close_matches(path.name, names, n=1, cutoff=0.75)
+    return f"; did you mean '{path.with_name(close[0])}'?" if close else ""
+
+
+def input_folder(path: str | Path, problem: str = "is not a directory", remedy: str = "check the path") -> Path:
+    path = Path(path)
+    try:
+        good = stat.S_ISDIR(path.stat().st_mode)
+    except (FileNotFoundError, NotADirectoryError):
+        good = False
+    except (OSError, ValueError) as error:
+        raise InputError(_shown(path), f"cannot be read ({_why(error)})", remedy) from None
+    if not good:
+        raise InputError(_shown(path), problem, remedy)
+    return path
+
+
+def inside(path: Path, folder: Path) -> Path:
+    """The path, refused where a link leads it out of the folder that it belongs to."""
+    try:
+        good = path.resolve().is_relative_to(folder.resolve())
+    except (OSError, RuntimeError, ValueError):
+        good = False
+    if not good:
+        raise InputError(_shown(path), f"leads out of {folder} by a link", "copy the file there")
+    return path
+
+
+def named_within(name: str, folder: Path, where: str, *, root: Path | None = None, remedy: str = "put it beside") -> Path:
+    """The path that a file in `folder` names, relative to it: in the folder `root` (that folder where None) or below.
+    Raises InputError at `where` for a name that is none, or that leads out. Backslashes are those of Windows."""
+    try:
+        path = (folder.resolve() / name.replace("\\", "/")).resolve()
+        # asked here, as a name may be too long for the file system
+        path.is_file()
+        good = path.is_relative_to(folder.resolve() if root is None else root.resolve())
+    except (OSError, RuntimeError, ValueError) as error:
+        raise InputError(where, f"'{name:.80}' is no name of a file ({_why(error)})", remedy) from None
+    if not good:
+        raise InputError(where, f"'{name:.200}' leaves the folder {(root or folder).name or root or folder}", remedy)
+    return path
+
+
+def present(path: Path) -> bool:
+    """Whether something has that name, even a link to nothing."""
+    return os.path.lexists(path)
+
+
+def read_bytes(path: str | Path, remedy: str = "check the path", *, largest: int = LARGEST_TEXT) -> bytes:
+    path = input_file(path, remedy, largest=largest)
+    try:
+        with path.open("rb") as stream:
+            return stream.read(largest + 1)
+    except OSError as error:
+        raise InputError(_shown(path), f"cannot be read ({_why(error)})", remedy) from None
+
+
+def read_text(path: str | Path, remedy: str = "save it as UTF-8", *, largest: int = LARGEST_TEXT) -> str:
+    try:
+        return read_bytes(path, remedy, largest=largest).decode("utf-8")
+    except UnicodeDecodeError as error:
+        raise InputError(_shown(Path(path)), f"is no UTF-8 text ({error})", "save it as UTF-8") from None
+
+
+def read_json(path: str | Path, remedy: str = "mend the file at that place", *, absent: str = "check the path",
+              nan: bool = False) -> Any:
+    """The content of a JSON file: at most DEEPEST levels, integers of 64 bit, no infinite number, no key twice; NaN only
+    where `nan` says that the caller looks for it."""
+    path = input_file(path, absent, largest=LARGEST_TEXT)
+    with _format(path, "JSON", remedy):
+        text = read_bytes(path, absent).decode("utf-8")
+        content = json.loads(text, parse_constant=_constant if not nan else None, object_pairs_hook=_table,
+                             parse_int=_integer if re.search(r"\d{19}", text) else None,
+                             parse_float=_float if re.search(r"\d{300}|[eE]\+?0*[1-9]\d\d", text) else None)  # fmt: skip
+        _refuse_deep(content)
+        if re.search(r"\\u[dD][89a-fA-F]", text):
+            json.dumps(content, ensure_ascii=False).encode("utf-8")
+    return content
+
+
+def read_json_table(path: str | Path, remedy: str, *, absent: str = "check the path", nan: bool = False) -> dict:
+    """A JSON file whose outermost value is a table."""
+    content = read_json(path, remedy, absent=absent, nan=nan)
+    if not isinstance(content, dict):
+        raise InputError(str(path), "is no JSON table", remedy)
+    return content
+
+
+def read_toml(path: str | Path, remedy: str = "mend the file at that place", *, absent: str = "check the path") -> dict:
+    """The content of a TOML file: at most DEEPEST levels, integers of 64 bit, no number that overflows."""
+    path = input_file(path, absent, largest=LARGEST_TOML)
+    with _format(path, "TOML", remedy):
+        content = tomllib.loads(read_bytes(path, absent, largest=LARGEST_TOML).decode("utf-8"), parse_float=_float)
+        _refuse_deep(content, integers=True)
+    return content
+
+
+def archive_arrays(path: str | Path, problem: str, remedy: str, *, largest: int = LARGEST_ARCHIVE) -> dict[str, np.ndarray]:
+    """The arrays of an .npz file by name, as `archive` opens it."""
+    with archive(path, problem, remedy, largest=largest) as opened:
+        return {key: opened[key] for key in opened.files}
+
+
+@contextlib.contextmanager
+def archive(path: str | Path, problem: str, remedy: str, *, largest: int = LARGEST_ARCHIVE) -> Iterator[Any]:
+    """An .npz file, each array read as it is asked for: no objects, none larger than its member, together at most
+    `largest` bytes. What is wrong inside the block is wrong with the file."""
+    path = input_file(path, remedy)
+    # opened here: numpy leaves the file open where it turns out to be no archive
+    with parsing(str(path), problem, remedy), path.open("rb") as stream:
+        # numpy takes whatever is no archive for a pickle and advises to load it as one
+        if not zipfile.is_zipfile(stream):
+            raise InputError(str(path), f"{problem} (no .npz archive)", remedy)
+        _refuse_bomb(path, stream, remedy, largest)
+        stream.seek(0)
+        with np.load(stream, allow_pickle=False) as opened:
+            yield opened
+
+
+def _refuse_bomb(path: Path, stream: IO[bytes], remedy: str, largest: int) -> None:
+    """The sizes that heads declare, before anything of that size is asked for."""
+    with zipfile.ZipFile(stream) as zipped:
+        members = zipped.infolist()
+        names = [m.filename for m in members]
+        if len(set(names)) < len(names):
+            raise InputError(str(path), "holds an array twice", remedy)
+        total = sum(m.file_size for m in members)
+        if total > largest:
+            raise InputError(str(path), f"holds {total / 2**20:.0f} MB unpacked, more than {largest / 2**20:.0f} MB",
+                             "give large matrices as CSR parts, or in single precision")
+        for member in members:
+            if not member.filename.endswith(".npy"):
+                continue
+            with zipped.open(member) as opened:
+                version = np.lib.format.read_magic(opened)
+                head = np.lib.format.read_array_header_1_0 if version == (1, 0) else (
+                    np.lib.format.read_array_header_2_0)
+                shape, _, dtype = head(opened)
+                size = int(np.prod([int(n) for n in shape], dtype=object)) * dtype.itemsize
+                if dtype.hasobject or size != member.file_size - opened.tell():
+                    raise InputError(f"{path}, {member.filename}", "holds objects, or not as many numbers as its head "
+                                     "says", remedy)
+
+
+@contextlib.contextmanager
+def _format(path: Path, kind: str, remedy: str) -> Iterator[None]:
+    try:
+        yield
+    except RecursionError:
+        raise InputError(str(path), f"not {kind} (nested deeper than {DEEPEST} levels)", remedy) from None
+    except ValueError as error:
+        raise InputError(str(path), f"not {kind} ({error})", remedy) from None
+
+
+def _refuse_deep(content: object, *, integers: bool = False) -> None:
+    level: list = [content]
+    for _ in range(DEEPEST + 1):
+        nested = []
+        for holder in level:
+            values = holder.values() if isinstance(holder, dict) else holder if isinstance(holder, list) else ()
+            nested += [v for v in values if isinstance(v, dict | list)]
+            if integers and any(type(v) is int and not -INT64 <= v < INT64 for v in values):
+                raise ValueError("an integer beyond 64 bit")
+        if not nested:
+            return
+        level = nested
+    raise ValueError(f"nested deeper than {DEEPEST} levels")
+
+
+def _integer(text: str) -> int:
+    # Python itself refuses some thousand digits, in quadratic time below that
+    if len(text) > 20 or not -INT64 <= int(text) < INT64:
+        raise ValueError(f"integer {text[:24]}{'...' if len(text) > 24 else ''} is beyond 64 bit")
+    return int(text)
+
+
+def _float(text: str) -> float:
+    value = float(text)
+    if np.isinf(value) and "inf" not in text:
+        raise ValueError(f"number {text[:24]} overflows")
+    return value
+
+
+def _constant(text: str) -> float:
+    raise ValueError(f"{text} is no JSON")
+
+
+def _table(pairs: list[tuple[str, Any]]) -> dict:
+    table = dict(pairs)
+    if len(table) < len(pairs):
+        seen: set[str] = set()
+        twice = next(key for key, _ in pairs if key in seen or seen.add(key))
+        raise ValueError(f"key '{twice[:60]}' stands twice in a table")
+    return table
+
+
+def _kind(mode: int) -> str:
+    kinds: tuple[tuple[Callable[[int], bool], str], ...] = (
+        (stat.S_ISDIR, "a directory"), (stat.S_ISFIFO, "a pipe"), (stat.S_ISSOCK, "a socket"),
+        (stat.S_ISCHR, "a device"), (stat.S_ISBLK, "a device"), (stat.S_ISLNK, "a link"))  # fmt: skip
+    return next((text for test, text in kinds if test(mode)), "something else")
+
+
+def _why(error: BaseException) -> str:
+    return getattr(error, "strerror", None) or str(error) or type(error).__name__
+
+
+def _shown(path: Path) -> str:
+    return str(path).replace("\0", "\\0")

@@ -1,0 +1,120 @@
+"""Which one exchange of two channels, or one reversed channel, would make measured shapes a model's."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+
+from probupdate.modal.matching import assign, close_clusters
+from probupdate.modal.modes import ModalSet, mac, rotate_to_real, subspace_mac
+
+# mean of 1 - MAC over the modes from which shapes are far from a model's; what a change must bring it down to, as a
+# share; and how much worse others must be, or they explain as much
+FAR, EXPLAINED, DISTINCT = 0.05, 0.3, 2.0
+# more candidates than so many are no explanation
+MOST_CANDIDATES = 3
+# every pair of so many channels is tried; of more, pairs of those whose components are farthest from the model's
+MOST_CHANNELS = 48
+
+
+@dataclass(frozen=True, kw_only=True)
+class ChannelMistake:
+    """A change of the measured channels with which shapes are the model's: candidates, one or two names each (a reversed
+    channel, or two exchanged), the best first, others explain as much; mac_before, mac_after: means over the modes."""
+
+    candidates: tuple[tuple[str, ...], ...]
+    mac_before: float
+    mac_after: float
+
+    @property
+    def sentence(self) -> str:
+        first, *others = (_told(c) for c in self.candidates)
+        also = f" (or {' or '.join(others)}, which explains as much)" if others else ""
+        return (f"{first}{also} would explain it: the mean MAC of the modes would be {self.mac_after:.2f} instead of "
+                f"{self.mac_before:.2f}")  # fmt: skip
+
+    @property
+    def remedy(self) -> str:
+        kind = "its sign" if len(self.candidates[0]) == 1 else "which cable is whose"
+        return f"check {kind} at {' and '.join(self.candidates[0])} and mend campaign.toml or the shapes, then try again"
+
+
+def _told(channels: tuple[str, ...]) -> str:
+    return f"channel {channels[0]} with the opposite sign" if len(channels) == 1 else (
+        f"channels {channels[0]} and {channels[1]} exchanged")  # fmt: skip
+
+
+def channel_mistake(
+    modal_set: ModalSet, channels: Sequence[str], computed: Sequence[np.ndarray]
+) -> ChannelMistake | None:
+    """computed: shapes (n_channel, n_mode) at the measured channels, of one model at one or more parameters. None where
+    the shapes are alike, or no single change makes them so."""
+    shape = np.real(rotate_to_real(modal_set.shape))
+    used = [j for j in range(shape.shape[1]) if modal_set.measured[j] and np.isfinite(shape[:, j]).sum() > 2]
+    if len(used) < 2 or len(channels) < 3:
+        return None
+    clusters = [[used.index(j) for j in c if j in used] for c in close_clusters(modal_set.frequency_hz)]
+    shape, clusters = shape[:, used], [c for c in clusters if c]
+    best: ChannelMistake | None = None
+    for model in computed:
+        found = _at(shape, clusters, tuple(channels), model)
+        if found is not None and (best is None or found.mac_after > best.mac_after):
+            best = found
+    return best
+
+
+def _at(shape, clusters, channels, model) -> ChannelMistake | None:
+    before = _loss(shape, clusters, model)
+    if not before > FAR:
+        return None
+    loss: dict[tuple[str, ...], float] = {(channels[i],): _loss(_reversed(shape, i), clusters, model) for i in range(len(channels))}
+    for i, j in combinations(_tried(shape, clusters, model), 2):
+        order = np.arange(len(channels))
+        order[[i, j]] = j, i
+        loss[channels[i], channels[j]] = _loss(shape[order], clusters, model)
+    ranked = sorted(loss, key=loss.__getitem__)
+    least = loss[ranked[0]]
+    alike = [c for c in ranked if loss[c] < DISTINCT * least + 1e-3]
+    if least > EXPLAINED * before or len(alike) > MOST_CANDIDATES:
+        return None
+    return ChannelMistake(candidates=tuple(alike), mac_before=1 - before, mac_after=1 - least)
+
+
+def _reversed(shape: np.ndarray, channel: int) -> np.ndarray:
+    changed = shape.copy()
+    changed[channel] *= -1
+    return changed
+
+
+def _loss(shape: np.ndarray, clusters: list[list[int]], model: np.ndarray) -> float:
+    """Mean of 1 - MAC over the modes, each with a computed mode of its own."""
+    return float(1 - np.mean(_best(shape, clusters, model)[1]))
+
+
+def _best(shape, clusters, model) -> tuple[np.ndarray, np.ndarray]:
+    criterion = np.zeros((shape.shape[1], model.shape[1]))
+    for members in clusters:
+        single = len(members) == 1
+        criterion[members] = mac(shape[:, members], model) if single else subspace_mac(model, shape[:, members])
+    criterion = np.nan_to_num(criterion)
+    if criterion.shape[1] < len(criterion):
+        criterion = np.hstack([criterion, np.zeros((len(criterion), len(criterion) - criterion.shape[1]))])
+    column = assign(criterion)
+    return column, criterion[np.arange(len(criterion)), column]
+
+
+def _tried(shape, clusters, model) -> list[int]:
+    """Channels whose exchange is tried."""
+    if len(shape) <= MOST_CHANNELS:
+        return list(range(len(shape)))
+    column, _ = _best(shape, clusters, model)
+    away = np.zeros(len(shape))
+    for j, i in enumerate(column):
+        if i < model.shape[1]:
+            a, b = np.nan_to_num(shape[:, j]), model[:, i]
+            scaled = b * (a @ b) / max(b @ b, 1e-300)
+            away += (a - scaled) ** 2 / max(a @ a, 1e-300)
+    return sorted(np.argsort(-away)[:MOST_CHANNELS])

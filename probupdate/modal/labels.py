@@ -1,0 +1,82 @@
+"""Names for the global modes of a tower-like structure: FA1, SS1, T1, FA2, ... from what its sensors see."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from probupdate.modal.modes import Sensor
+from probupdate.runtime.arrays import frozen_array
+
+FAMILIES = ("FA", "SS", "T")
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class ModeCharacter:
+    """How each mode moves: share (n_mode, 3) of the squared motion at the sensors that is fore-aft (with pitch),
+    side-side (with roll) and rotation about the vertical axis of each level as a rigid plane; `local` (n_mode,)
+    is the remainder: heave and distortion of the level. The four add up to 1.
+    """
+
+    share: np.ndarray
+    local: np.ndarray
+    labels: tuple[str, ...]
+
+
+def mode_character(
+    shape: np.ndarray, sensors: tuple[Sensor, ...], *, local_limit: float = 0.5
+) -> ModeCharacter:
+    """Label modes (n_channel, n_mode), ascending in frequency, rows in the sensors' order.
+
+    Channels of one level (equal z within 0.1 m) are fitted by a rigid plane's motion about the vertical axis
+    through the origin. A level with a single sensor position tells translation only. Modes with `local` above
+    `local_limit` get labels L1, L2, ...: they belong to single members, not to the structure.
+    """
+    shape = np.asarray(shape, float)
+    level = np.array([round(float(s.position_m[2]), 1) for s in sensors])
+    direction = np.array([s.direction for s in sensors])
+    position = np.array([s.position_m for s in sensors])
+    n_mode = shape.shape[1]
+    part = np.zeros((n_mode, 3))
+    total = np.sum(shape**2, axis=0)
+    for z in np.unique(level):
+        rows = np.flatnonzero(level == z)
+        d, (x, y, _) = direction[rows], position[rows].T
+        several = len({(round(a, 2), round(b, 2)) for a, b in zip(x, y, strict=True)}) > 1
+        # u = (u_x + ... , u_y + ..., r_x y - r_y x) of a rigid plane; pitch goes with FA, roll with SS
+        motions = [(0, d[:, 0]), (1, d[:, 1])]
+        if several:
+            motions += [(0, -d[:, 2] * x), (1, d[:, 2] * y), (2, d[:, 1] * x - d[:, 0] * y)]
+        motions = [(family, column) for family, column in motions if np.any(np.abs(column) > 1e-9)]
+        if not motions:
+            continue
+        columns = np.column_stack([column for _, column in motions])
+        amplitude, *_ = np.linalg.lstsq(columns, shape[rows], rcond=None)
+        for family in range(3):
+            chosen = [k for k, (f, _) in enumerate(motions) if f == family]
+            part[:, family] += np.sum((columns[:, chosen] @ amplitude[chosen]) ** 2, axis=0)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        share = np.where(total[:, None] > 0, part / total[:, None], 0.0)
+    # a level that is not symmetric about the axis couples the three; then their sum may pass 1 a little
+    share = share / np.maximum(share.sum(axis=1, keepdims=True), 1.0)
+    local = 1 - share.sum(axis=1)
+    count = dict.fromkeys((*FAMILIES, "L"), 0)
+    labels = []
+    for j in range(n_mode):
+        family = "L" if local[j] > local_limit else FAMILIES[int(np.argmax(share[j]))]
+        count[family] += 1
+        labels.append(f"{family}{count[family]}")
+    return ModeCharacter(share=frozen_array(share), local=frozen_array(local), labels=tuple(labels))
+
+
+def close_pairs(frequency_hz: np.ndarray, labels: tuple[str, ...], gap: float = 0.1) -> tuple[tuple[int, int], ...]:
+    """Pairs (FAk, SSk) whose frequencies differ by less than `gap` of their mean: to be compared as a plane."""
+    pairs = []
+    for i, label in enumerate(labels):
+        partner = "SS" + label[2:]
+        if label.startswith("FA") and partner in labels:
+            j = labels.index(partner)
+            if abs(frequency_hz[i] - frequency_hz[j]) < gap * 0.5 * (frequency_hz[i] + frequency_hz[j]):
+                pairs.append((min(i, j), max(i, j)))
+    return tuple(sorted(pairs))

@@ -1,0 +1,365 @@
+"""Which computed mode is which measured mode: by shape, not by order; close modes by the plane they span."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from probupdate.errors import InputError
+from probupdate.modal.modes import ModalSet, mac, rotate_to_real, subspace_mac
+from probupdate.model.interface import ModalSolution, Model
+from probupdate.runtime.arrays import frozen_array
+
+# measured modes whose frequencies differ by less than this share of their mean are compared as a plane: within it the
+# single shapes turn into each other with the noise
+PAIR_GAP = 0.10
+# shapes of close modes whose least direction is less than this of the largest span no plane
+NO_PLANE = 1e-3
+# below this criterion a computed mode is not taken for a measured one
+MIN_MAC = 0.50
+# a pairing stands where every other one is worse by at least this MAC for each mode that would change its partner
+CLEAR = 0.15
+# modes that move the measured channels less than this share of what a paired mode does are no alternative to it
+SEEN = 0.05
+# a computed mode of which a measured shape has at least this MAC may be what that shape has turned towards
+TURNED = 0.05
+# an alternative farther in frequency than the paired mode by this much more (in ln f) is none, however alike its shape
+APART = 0.3
+# where fewer than half of the measured modes have this MAC with any computed one, the set is taken for another
+# structure's, or its channels for swapped
+OWN_MAC = 0.60
+# frequencies that differ by a common factor beyond this are taken for given in another unit: no model is so wrong
+OTHER_UNIT = 3.0
+# computed modes beyond the highest matched one that every evaluation carries: the highest measured mode may trade its
+# place with the next one and is followed; a note is made where draws use the last
+SPARE = 1
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class ModeGroup:
+    """Measured modes that are compared together: one, or the two (or more) of a close cluster, ascending in f."""
+
+    measured: tuple[int, ...]
+    computed: tuple[int, ...]
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Matching:
+    """groups: every mode that is used. criterion (n_measured, n_computed) holds MAC, or for members of a cluster the
+    MAC of the computed shape with its best match in the measured plane; rows of NaN for modes not measured.
+    `left_out`: a sentence for each mode of the data that is not used. n_mode: computed modes an evaluation needs.
+    """
+
+    groups: tuple[ModeGroup, ...]
+    criterion: np.ndarray
+    left_out: tuple[str, ...]
+    n_mode: int
+
+    @property
+    def measured(self) -> tuple[int, ...]:
+        """Used modes of the data, by group."""
+        return tuple(j for group in self.groups for j in group.measured)
+
+    @property
+    def computed(self) -> tuple[int, ...]:
+        return tuple(i for group in self.groups for i in group.computed)
+
+    @property
+    def pairs(self) -> tuple[tuple[int, ...], ...]:
+        """Measured modes compared as planes."""
+        return tuple(group.measured for group in self.groups if len(group.measured) > 1)
+
+
+def channel_rows(model: Model, channels: tuple[str, ...]) -> np.ndarray:
+    """Row of each measured channel in the model's shapes; raises InputError for one the model does not have."""
+    row = {name: k for k, name in enumerate(model.channels)}
+    missing = [name for name in channels if name not in row]
+    if missing:
+        raise InputError(
+            f"channel {missing[0]}",
+            f"is in the measured modes but not in the model {model.name} ({len(missing)} of {len(channels)} missing)",
+            "name the model's channels as the data's, or load the model with the campaign's sensors",
+        )
+    return np.array([row[name] for name in channels])
+
+
+def close_clusters(frequency_hz: np.ndarray, gap: float = PAIR_GAP) -> list[tuple[int, ...]]:
+    """Runs of measured modes, ascending in frequency, whose neighbours differ by less than `gap` of their mean."""
+    order = [int(j) for j in np.argsort(frequency_hz) if np.isfinite(frequency_hz[j])]
+    clusters: list[list[int]] = []
+    for j in order:
+        if clusters:
+            below = frequency_hz[clusters[-1][-1]]
+            if frequency_hz[j] - below < gap * 0.5 * (frequency_hz[j] + below):
+                clusters[-1].append(j)
+                continue
+        clusters.append([j])
+    return [tuple(c) for c in clusters]
+
+
+def match(
+    modal_set: ModalSet,
+    solution: ModalSolution,
+    rows: np.ndarray,
+    *,
+    labels: tuple[str, ...] = (),
+    clusters: list[tuple[int, ...]] | None = None,
+    min_mac: float = MIN_MAC,
+    refuse: bool = True,
+) -> Matching:
+    """Pair measured with computed modes one to one by the largest sum of criteria.
+
+    `solution` holds more modes than were measured; `rows` its rows for the measured channels. `clusters` fixes which
+    measured modes are compared as planes (default: by frequency, `close_clusters`). Raises InputError where no mode
+    can be used, where the set is not this model's, where frequencies are in another unit, where a mode has two computed
+    ones to choose from, where close modes have one shape, and where only one of a close pair was measured. `refuse`
+    False: all but the first are no error, for a picture of a poor model.
+    """
+    name = labels or tuple(f"mode {j + 1}" for j in range(modal_set.frequency_hz.size))
+    given = clusters
+    clusters = close_clusters(modal_set.frequency_hz) if clusters is None else clusters
+    measured = np.real(rotate_to_real(modal_set.shape))
+    computed = solution.shape[rows]
+    components = np.isfinite(measured).sum(axis=0)
+    if np.all(components[modal_set.measured] <= 1) and modal_set.measured.any():
+        return _by_frequency(modal_set, solution.frequency_hz)
+    used, left_out = _usable(modal_set, measured, name)
+    if refuse:
+        for cluster in clusters:
+            absent = [name[j] for j in cluster if j not in used]
+            if absent and len(absent) < len(cluster):
+                present = next(name[j] for j in cluster if j in used)
+                _refuse_half_a_pair(modal_set.id, present, absent, "they are compared as a plane in the other sets")
+    # given clusters may come from another set, whose pair had its frequencies the other way round
+    present = [[j for j in c if j in used] for c in clusters]
+    clusters = [tuple(sorted(c, key=lambda j: modal_set.frequency_hz[j])) for c in present if c]
+    if refuse:
+        for cluster in clusters:
+            if len(cluster) > 1:
+                _refuse_equal_shapes(modal_set.id, [name[j] for j in cluster], measured[:, list(cluster)])
+    criterion = _criteria(measured, computed, clusters)
+    visible = np.linalg.norm(computed, axis=0)
+    n_computed = computed.shape[1]
+    # of a model with fewer modes than were measured, the columns beyond its own stand for no partner
+    beyond = np.full((len(used), max(0, len(used) - n_computed)), np.nan)
+    pairs = assign(np.hstack([criterion[used], beyond])) if used else np.zeros(0, int)
+    partner = {j: int(i) for j, i in zip(used, pairs, strict=True) if i < n_computed}
+    if refuse and len(partner) > 1:
+        _refuse_another_unit(modal_set, solution.frequency_hz, partner, criterion)
+    partner = _nearer(partner, criterion, modal_set.frequency_hz, solution.frequency_hz, visible)
+    groups, unlike = _alike(clusters, partner, criterion, min_mac, name, modal_set.id)
+    left_out += unlike
+    if refuse and sum(len(group.measured) for group in groups) >= 0.5 * len(used):
+        _refuse_ambiguous(modal_set, groups, partner, criterion, visible, name, solution.frequency_hz)
+    if refuse and partner:
+        _refuse_another_structure(modal_set.id, criterion, partner, name)
+    if not groups:
+        raise InputError(
+            f"set {modal_set.id}", f"none of its modes can be used ({'; '.join(left_out)})",
+            "check channel names, signs and units of the shapes, or identify these modes",
+        )
+    if refuse and given is None:
+        _refuse_lonely(modal_set, groups, criterion, visible, name, solution.frequency_hz)
+    highest = max(i for group in groups for i in group.computed)
+    return Matching(
+        groups=tuple(groups), criterion=frozen_array(criterion), left_out=tuple(left_out),
+        n_mode=min(highest + 1 + SPARE, computed.shape[1]),
+    )  # fmt: skip
+
+
+def _usable(modal_set: ModalSet, measured: np.ndarray, name: Sequence[str]) -> tuple[list[int], list[str]]:
+    """Modes that can be compared, and what to say of those that cannot. measured (n_channel, n_mode), real shapes."""
+    used: list[int] = []
+    left_out: list[str] = []
+    for j in range(modal_set.frequency_hz.size):
+        if not modal_set.measured[j]:
+            left_out.append(f"{name[j]} was not identified in set {modal_set.id}")
+        elif np.isfinite(measured[:, j]).sum() < 2:
+            left_out.append(f"{name[j]} has fewer than two measured shape components in set {modal_set.id}")
+        else:
+            used.append(j)
+    return used, left_out
+
+
+def _criteria(measured: np.ndarray, computed: np.ndarray, clusters: Sequence[tuple[int, ...]]) -> np.ndarray:
+    """MAC of every measured mode (rows) with every computed one; of modes in one cluster that of the plane they span.
+    NaN for modes in no cluster."""
+    criterion = np.full((measured.shape[1], computed.shape[1]), np.nan)
+    for cluster in clusters:
+        members = list(cluster)
+        alone = len(members) == 1
+        criterion[members] = (mac(measured[:, members], computed) if alone else
+                              subspace_mac(computed, measured[:, members]))  # fmt: skip
+    return criterion
+
+
+def _alike(
+    clusters: Sequence[tuple[int, ...]], partner: dict[int, int], criterion: np.ndarray, min_mac: float,
+    name: Sequence[str], set_id: str,
+) -> tuple[list[ModeGroup], list[str]]:  # fmt: skip
+    """Clusters whose members all have a partner with at least `min_mac`, and what to say of the others."""
+    groups: list[ModeGroup] = []
+    left_out: list[str] = []
+    for cluster in clusters:
+        names = " and ".join(name[j] for j in cluster)
+        alone = [name[j] for j in cluster if j not in partner]
+        if alone:
+            left_out.append(f"{names} of set {set_id}: the model has {criterion.shape[1]} modes, "
+                            f"and others resemble them better than {' and '.join(alone)}")  # fmt: skip
+            continue
+        # a computed member may be the better half of a plane: the worst of the members decides
+        if not all(criterion[j, partner[j]] >= min_mac for j in cluster):
+            worst = min(cluster, key=lambda j: criterion[j, partner[j]])
+            best = criterion[worst, partner[worst]]
+            reason = f"best MAC left {best:.2f}, {min_mac:.2f} wanted" if np.isfinite(best) else \
+                "too few channels to compare shapes by"
+            left_out.append(f"{names} of set {set_id}: no computed mode resembles {name[worst]} ({reason})")
+            continue
+        groups.append(ModeGroup(measured=cluster, computed=tuple(sorted(int(partner[j]) for j in cluster))))
+    return groups, left_out
+
+
+def _by_frequency(modal_set: ModalSet, computed_hz: np.ndarray) -> Matching:
+    """One sensor or none: a shape of one component is like any other, so that modes are paired by frequency, in its
+    order."""
+    from scipy import optimize
+
+    used = [int(j) for j in np.argsort(modal_set.frequency_hz) if modal_set.measured[j]]
+    if len(used) > len(computed_hz):
+        raise InputError(f"set {modal_set.id}", f"has {len(used)} modes at one sensor at most, and the model {len(computed_hz)}",
+                         "measure with more sensors, so that shapes say which mode is which")  # fmt: skip
+    away = np.abs(np.log(computed_hz[None, :] / modal_set.frequency_hz[used][:, None]))
+    # the cheapest pairing of two rising rows of frequencies never crosses
+    _, column = optimize.linear_sum_assignment(away)
+    column = np.sort(column)
+    criterion = np.full((modal_set.frequency_hz.size, len(computed_hz)), np.nan)
+    criterion[used, column] = 1.0
+    return Matching(
+        groups=tuple(ModeGroup(measured=(j,), computed=(int(i),)) for j, i in zip(used, column, strict=True)),
+        criterion=frozen_array(criterion),
+        left_out=("the shapes of all modes, which have one component at most: modes are paired by frequency alone",),
+        n_mode=min(int(column.max()) + 1 + SPARE, len(computed_hz)),
+    )  # fmt: skip
+
+
+def _nearer(partner, criterion, measured_hz, computed_hz, visible) -> dict[int, int]:
+    """The partners (measured -> computed mode), a free mode instead of one that is about as alike and much farther off
+    in frequency: on few levels a mode of thrice the frequency may have the shape by a hundredth better."""
+    away = np.abs(np.log(computed_hz[None, :] / measured_hz[:, None]))
+    result = dict(partner)
+    for j, i in partner.items():
+        free = [k for k in range(len(computed_hz)) if k not in result.values() and visible[k] >= SEEN * visible[i]
+                and criterion[j, k] > criterion[j, i] - CLEAR and away[j, k] + APART < away[j, i]]  # fmt: skip
+        if free:
+            result[j] = min(free, key=lambda k: away[j, k])
+    return result
+
+
+def _refuse_equal_shapes(set_id: str, names: list[str], shape: np.ndarray) -> None:
+    """The second direction of a plane that is none would be rounding's, and so would be what it is paired with."""
+    known = shape[np.all(np.isfinite(shape), axis=1)]
+    if len(known) < len(names):
+        return
+    largest = np.max(np.abs(known), axis=0)
+    singular = np.linalg.svd(known / np.where(largest > 0, largest, 1.0), compute_uv=False)
+    if np.all(largest > 0) and singular[-1] < NO_PLANE * singular[0]:
+        raise InputError(f"set {set_id}, {' and '.join(names)}", "their shapes are the same: they span no plane",
+                         "check that the modes are two different ones")  # fmt: skip
+
+
+def _refuse_another_structure(set_id, criterion, partner, name) -> None:
+    # NaN: too few channels to tell
+    best = {j: criterion[j, i] for j, i in partner.items() if np.isfinite(criterion[j, i])}
+    alike = sum(value >= OWN_MAC for value in best.values())
+    if alike < 0.5 * len(best):
+        listed = ", ".join(f"{name[j]} {value:.2f}" for j, value in best.items())
+        raise InputError(
+            f"set {set_id}",
+            f"its modes are not this model's: the best MACs are {listed}, and half of them should reach {OWN_MAC:.2f}",
+            "check the order, names and signs of the channels, and that the model is of this structure",
+        )
+
+
+def _refuse_another_unit(modal_set, computed_hz, partner, criterion) -> None:
+    ratios = [modal_set.frequency_hz[j] / computed_hz[i] for j, i in partner.items() if criterion[j, i] >= OWN_MAC]
+    ratio = float(np.median(ratios)) if ratios else 1.0
+    if max(ratio, 1 / ratio) > OTHER_UNIT:
+        raise InputError(
+            f"set {modal_set.id}", f"its frequencies are {ratio:.3g} times (median) those of modes of like shape",
+            "give Hz (rad/s are 6.28 times as many), or check the model's units",
+        )
+
+
+def _refuse_ambiguous(modal_set, groups, partner, criterion, visible, name, frequency_hz) -> None:
+    """Every group keeps its computed modes if any other choice costs at least CLEAR a mode in summed MACs."""
+    rows = [j for group in groups for j in group.measured]
+    score = np.nan_to_num(criterion[rows], nan=-1.0)
+    column = np.array([partner[j] for j in rows], int)
+    best = score[np.arange(len(rows)), column].sum()
+    ends = np.cumsum([len(group.measured) for group in groups])
+    places = [slice(end - len(group.measured), end) for group, end in zip(groups, ends, strict=True)]
+    for group, here in zip(groups, places, strict=True):
+        for i in group.computed:
+            # a mode that hardly moves the channels has a shape there by chance, one far off in frequency is another's
+            away = np.min(np.abs(np.log(frequency_hz[:, None] / modal_set.frequency_hz[list(group.measured)])), axis=1)
+            trial = np.where((visible < SEEN * visible[i]) | (away > away[i] + APART), -1.0, score)
+            trial[:, column] = score[:, column]
+            trial[here, i] = -1.0
+            other = assign(trial)
+            # which member of a group has which of its modes is no difference
+            changed = max(1, sum(len(set(other[g]) - set(column[g])) for g in places))
+            loss = (best - trial[np.arange(len(rows)), other].sum()) / changed
+            new = sorted(set(other[here]) - set(group.computed))
+            if loss < CLEAR and new:
+                row, k = here.start, int(new[0])
+                names = " and ".join(name[m] for m in group.measured)
+                found = " and ".join(f"mode {m + 1} at {frequency_hz[m]:.4g} Hz with MAC {score[row, m]:.2f}"
+                                     for m in (i, k))  # fmt: skip
+                raise InputError(
+                    f"set {modal_set.id}, {names}", f"two computed modes are about as alike, {found}",
+                    "measure more channels, compare close modes as planes (--shapes plane), or leave it out (null)",
+                )
+
+
+def _refuse_lonely(modal_set, groups, criterion, visible, name, frequency_hz) -> None:
+    """A mode measured alone whose computed mode has a close one beside it that no measured mode is paired with."""
+    taken = {i for group in groups for i in group.computed}
+    for group in groups:
+        if len(group.measured) > 1:
+            continue
+        (j,), (i,) = group.measured, group.computed
+        close = np.abs(frequency_hz - frequency_hz[i]) < PAIR_GAP * 0.5 * (frequency_hz + frequency_hz[i])
+        mates = [int(k) for k in np.flatnonzero(close & (visible >= SEEN * visible[i])) if k not in taken]
+        other = {"FA": "SS", "SS": "FA"}.get(name[j][:2], "") + name[j][2:]
+        unmeasured = [name[k] for k in np.flatnonzero(~modal_set.measured)]
+        for k in mates:
+            if other in unmeasured:
+                _refuse_half_a_pair(modal_set.id, name[j], [other], f"computed modes {i + 1} and {k + 1} are at "
+                                    f"{frequency_hz[i]:.4g} and {frequency_hz[k]:.4g} Hz")  # fmt: skip
+            if criterion[j, k] >= TURNED:
+                found = (f"computed modes {i + 1} and {k + 1} at {frequency_hz[i]:.4g} and {frequency_hz[k]:.4g} Hz "
+                         f"have MACs of {criterion[j, i]:.2f} and {criterion[j, k]:.2f} with it")  # fmt: skip
+                _refuse_half_a_pair(modal_set.id, name[j], ["its mate"], found)
+
+
+def _refuse_half_a_pair(set_id: str, present: str, absent: list[str], reason: str) -> None:
+    raise InputError(
+        f"set {set_id}, {present}", f"is one of a close pair of which {' and '.join(absent)} was not measured "
+        f"({reason}): a single one turns within the pair's plane by chance",
+        f"identify both, use another set, or leave {present} out too (null)",
+    )
+
+
+def assign(criterion: np.ndarray) -> np.ndarray:
+    """Column of each row (n_row,) with the largest sum of criteria (n_row, n_column), one to one."""
+    from scipy import optimize
+
+    score = np.nan_to_num(criterion, nan=-1.0)
+    best = np.argmax(score, axis=1)
+    # mostly every row's best column is its own, and no assignment problem need be solved
+    if np.unique(best).size == best.size:
+        return best
+    _, columns = optimize.linear_sum_assignment(-score)
+    return columns

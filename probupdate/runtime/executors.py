@@ -1,0 +1,356 @@
+"""Where independent tasks run: in this process, in several, or on a Dask cluster; results are yielded as they come.
+
+Tasks know nothing of one another and run linear algebra in one thread each, so that their results are the same wherever
+they run.
+"""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import re
+import signal
+import threading
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
+from dataclasses import dataclass
+from itertools import islice
+from multiprocessing.connection import wait as wait_for_any
+from typing import Any, TypeVar, final
+
+import numpy as np
+
+from probupdate import __version__
+from probupdate.errors import InputError, ProbupdateError
+
+# what a worker must not start: several threads of linear algebra for each of several processes
+ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+# starting a process, with all that it imports, costs seconds, the time of so many blocks: fewer are not shared out
+LEAST_TASKS = 40
+# tasks that wait at a worker beside the one that it runs
+WAITING = 2
+# how long a scheduler is given to answer, s
+ANSWER_S = 10
+START_WORKERS = ("start them in this environment with `OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 dask worker ADDRESS "
+                 "--nworkers N --nthreads 1`")
+
+
+T = TypeVar("T")
+
+
+@dataclass(frozen=True)
+class Shard:
+    """The `number`th (from 1) of `count` shares of a job, each run by itself, as jobs of an array are."""
+
+    number: int
+    count: int
+
+    def __post_init__(self):
+        if not (isinstance(self.number, int) and isinstance(self.count, int) and 1 <= self.number <= self.count):
+            raise InputError("shard", f"{self} is none", "write 1/8 for the first of eight, 8/8 for the last")
+
+    @classmethod
+    def of(cls, text: str) -> Shard:
+        """Of '3/8'. Raises InputError for other texts."""
+        found = re.fullmatch(r"(\d{1,6})/(\d{1,6})", text)
+        if not found:
+            raise InputError("shard", f"'{text}' is none", "write 1/8 for the first of eight, 8/8 for the last")
+        return cls(int(found[1]), int(found[2]))
+
+    def share(self, items: Sequence[T]) -> list[T]:
+        """Every count-th item, so that no share has all that is slow."""
+        return list(items[self.number - 1 :: self.count])
+
+    def chunk(self, items: Sequence[T]) -> list[T]:
+        """Neighbours, where these have something in common that is made once."""
+        return list(items[(self.number - 1) * len(items) // self.count : self.number * len(items) // self.count])
+
+    def __str__(self) -> str:
+        return f"{self.number}/{self.count}"
+
+
+class Executor(ABC):
+    """Runs tasks; what it has started ends with its `with` block. `processes`, `dask_cluster` and `SERIAL` are there.
+    """
+
+    def __enter__(self) -> Executor:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+        self.close(at_once=kind is not None and not issubclass(kind, Exception))
+
+    @abstractmethod
+    def completed(
+        self, function: Callable, tasks: Sequence[tuple], *, least: int | None = None,
+        lost: Callable[[tuple], object] | None = None,
+    ) -> Iterator[object]:
+        """function(*task) of every task, in the order in which they end. `function` must be importable by name.
+        least: tasks that are worth a process of their own. lost: of a task that ends the process it runs in, also
+        alone, the result is lost(task), and the others go on; without, that is an error."""
+
+    def close(self, *, at_once: bool = False) -> None:
+        """at_once: what is running is given up; the next run does it again."""
+
+
+def completed(
+    function: Callable, tasks: Sequence[tuple], *, jobs: int | Executor = 1, least: int | None = None
+) -> Iterator[object]:
+    """function(*task) of every task, in the order in which they end, on an executor or in up to `jobs` processes."""
+    with executor(jobs) as runs:
+        yield from runs.completed(function, tasks, least=least)
+
+
+@contextmanager
+def executor(jobs: int | Executor = 1, scheduler: str | None = None) -> Iterator[Executor]:
+    """An executor for a `with` block: one that is given stays open, any other ends with the block. scheduler: address of
+    a Dask cluster, such as 'tcp://10.0.0.1:8786'. Raises InputError where there is none, or `jobs` is no number."""
+    if isinstance(jobs, Executor):
+        yield jobs
+        return
+    if isinstance(jobs, bool) or not isinstance(jobs, int | np.integer) or jobs < 1:
+        raise InputError("jobs", f"{jobs!r} is no number of processes", "give 1 or more")
+    with processes(int(jobs)) if scheduler is None else dask_cluster(scheduler) as runs:
+        yield runs
+
+
+def processes(jobs: int) -> Executor:
+    """Up to `jobs` processes of this machine, started when there is work for them and kept for the next tasks."""
+    return SERIAL if jobs == 1 else _Processes(jobs)
+
+
+def dask_cluster(address: str) -> Executor:
+    """The workers of a Dask scheduler. They must see the files under the same paths and have this version installed;
+    a task whose worker has gone is given to another. Needs the extra `dask`."""
+    return _DaskCluster(address)
+
+
+@final
+class _Serial(Executor):
+    def completed(self, function, tasks, *, least=None, lost=None):
+        yield from (function(*task) for task in tasks)
+
+
+SERIAL: Executor = _Serial()
+
+
+@final
+class _Processes(Executor):
+    def __init__(self, jobs: int):
+        self._jobs = jobs
+        self._pool: ProcessPoolExecutor | None = None
+        self._size = 0
+        self._others: set[int | None] = set()
+
+    def completed(self, function, tasks, *, least=None, lost=None):
+        size = self._size or min(self._jobs, len(tasks) // max(LEAST_TASKS if least is None else least, 1))
+        if size <= 1 and lost is None:
+            yield from SERIAL.completed(function, tasks)
+            return
+        left = list(enumerate(tasks))
+        while left:
+            # which of the tasks that were running ended the processes nobody knows: each is tried alone
+            ended: set[int] = set()
+            try:
+                for number, result in self._shared_out(function, left, max(size, 1)):
+                    ended.add(number)
+                    yield result
+            except BrokenProcessPool:
+                self.close()
+                if lost is None:
+                    raise _ended() from None
+            left = [item for item in left if item[0] not in ended]
+            suspects, left = left[: (1 + WAITING) * max(size, 1)], left[(1 + WAITING) * max(size, 1) :]
+            for _, task in suspects:
+                yield _alone(function, task, lost)
+
+    def _shared_out(self, function: Callable, tasks: list[tuple[int, tuple]], size: int) -> Iterator[tuple[int, object]]:
+        """(number, result) as they come, tasks begun in their order."""
+        pool = self._pool or self._start(size)
+        running: dict[Future, int] = {}
+        waiting = iter(tasks)
+        try:
+            while True:
+                for number, task in islice(waiting, (1 + WAITING) * self._size - len(running)):
+                    with one_thread_each():
+                        running[pool.submit(function, *task)] = number
+                if not running:
+                    return
+                for future in wait(running, return_when=FIRST_COMPLETED).done:
+                    yield running.pop(future), future.result()
+        except KeyboardInterrupt:
+            # nobody waits for what they are at
+            self.close(at_once=True)
+            raise
+        finally:
+            for future in running:
+                future.cancel()
+
+    def _start(self, size: int) -> ProcessPoolExecutor:
+        self._others = {child.pid for child in multiprocessing.active_children()}
+        self._size = size
+        self._pool = ProcessPoolExecutor(size, multiprocessing.get_context("spawn"), initializer=_end_with_parent)
+        return self._pool
+
+    def close(self, *, at_once: bool = False) -> None:
+        pool, self._pool, self._size = self._pool, None, 0
+        if pool is None:
+            return
+        if at_once:
+            _terminate_others_than(self._others)
+        pool.shutdown(wait=True, cancel_futures=True)
+
+
+@final
+class _DaskCluster(Executor):
+    def __init__(self, address: str):
+        distributed = _distributed()
+        if not re.fullmatch(r"(?:[a-z]+://)?[\w.\-\[\]:]+:\d{1,5}/?", address):
+            raise InputError("scheduler", f"'{address}' is no address", "write it as tcp://10.0.0.1:8786")
+        try:
+            self._client = distributed.Client(address, timeout=ANSWER_S, set_as_default=False)
+        except (OSError, TimeoutError, ValueError) as error:
+            raise InputError("scheduler", f"nothing answers at {address} ({type(error).__name__})",
+                             "start one with `dask scheduler` and give its address") from None
+
+    def completed(self, function, tasks, *, least=None, lost=None):
+        distributed = _distributed()
+        waiting = iter(tasks)
+        given: dict[str, tuple] = {}
+        running = distributed.as_completed(loop=self._client.loop)
+        try:
+            self._submit(running, function, waiting, self._room(), given)
+            for future in running:
+                task = given.pop(future.key)
+                yield self._result(future, task, lost)
+                # what came back is dropped at the worker; as many follow as have room
+                future.release()
+                self._submit(running, function, waiting, self._room() - running.count(), given)
+        finally:
+            left = list(running.futures)
+            if left:
+                self._client.cancel(left)
+
+    def _room(self) -> int:
+        workers = self._client.scheduler_info(n_workers=-1)["workers"]
+        return (1 + WAITING) * max(len(workers), 1)
+
+    def _submit(
+        self, running: Any, function: Callable, waiting: Iterator[tuple], count: int, given: dict[str, tuple]
+    ) -> None:
+        for task in islice(waiting, max(count, 0)):
+            future = self._client.submit(_at_worker, __version__, function, task, pure=False)
+            given[future.key] = task
+            running.add(future)
+
+    def _result(self, future: Any, task: tuple, lost: Callable[[tuple], object] | None) -> object:
+        distributed = _distributed()
+        try:
+            return future.result()
+        except distributed.KilledWorker as error:
+            if lost is not None:
+                return lost(task)
+            raise ProbupdateError(f"a task ended every worker that it was given to, the last at {error.last_worker.address} "
+                                  "(out of memory?); what was finished is kept: run again, with more memory a worker") from None
+        except distributed.CancelledError:
+            raise ProbupdateError("the Dask scheduler has gone; what was finished is kept: start it and run again") from None
+
+    def close(self, *, at_once: bool = False) -> None:
+        self._client.close(timeout=ANSWER_S)
+
+
+def _distributed() -> Any:
+    try:
+        import distributed  # pyright: ignore[reportMissingImports]  (an extra of its own)
+    except ImportError:
+        raise InputError("scheduler", "a Dask cluster needs the package distributed, which is not installed",
+                         "install it: pip install probupdate[dask]") from None
+    return distributed
+
+
+def _at_worker(version: str, function: Callable, task: tuple) -> object:
+    """A task at a Dask worker, which may have joined late: refused where its numbers might differ by rounding."""
+    threads = _distributed().get_worker().state.nthreads
+    if version != __version__:
+        raise InputError("scheduler", f"a worker has version {__version__} of probupdate, this is {version}",
+                         "install one version everywhere")
+    if threads != 1 or any(os.environ.get(name) != "1" for name in ONE_THREAD[:2]):
+        raise InputError("scheduler", "a worker runs several threads, so that its numbers differ in the last digits",
+                         START_WORKERS)
+    return function(*task)
+
+
+def _alone(function: Callable, task: tuple, lost: Callable[[tuple], object] | None) -> object:
+    with one_thread_each(), ProcessPoolExecutor(1, multiprocessing.get_context("spawn"),
+                                                initializer=_end_with_parent) as pool:  # fmt: skip
+        try:
+            return pool.submit(function, *task).result()
+        except BrokenProcessPool:
+            if lost is None:
+                raise _ended() from None
+            return lost(task)
+
+
+def _ended() -> ProbupdateError:
+    return ProbupdateError("a process ended by itself (out of memory, killed, or a script without `if __name__ == "
+                           "'__main__'`); what was finished is kept: run again, or with one job")
+
+
+def _terminate_others_than(others: set[int | None]) -> None:
+    for child in multiprocessing.active_children():
+        if child.pid not in others:
+            child.terminate()
+
+
+@contextmanager
+def beside(function: Callable[..., T], *arguments) -> Iterator[Callable[[], T]]:
+    """`function(*arguments)` in a process of its own while the block runs; what is yielded waits for its result. An
+    error in the block ends that process. `function` must be importable by name."""
+    others = {child.pid for child in multiprocessing.active_children()}
+    with one_thread_each(), ProcessPoolExecutor(1, multiprocessing.get_context("spawn"),
+                                                initializer=_end_with_parent) as pool:  # fmt: skip
+        future = pool.submit(function, *arguments)
+
+        def result() -> T:
+            try:
+                return future.result()
+            except BrokenProcessPool:
+                raise _ended() from None
+
+        try:
+            yield result
+        except BaseException:
+            _terminate_others_than(others)
+            raise
+
+
+@contextmanager
+def one_thread_each() -> Iterator[None]:
+    """Processes started within run linear algebra in one thread; this process's environment is put back after."""
+    before = {name: os.environ.get(name) for name in ONE_THREAD}
+    os.environ.update(dict.fromkeys(ONE_THREAD, "1"))
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            if value is None:
+                os.environ.pop(name, None)
+            else:
+                os.environ[name] = value
+
+
+def _end_with_parent() -> None:
+    """A worker whose parent was killed would wait for work for ever: nothing else tells it. Ctrl-C goes to all of a
+    terminal's processes: the parent answers it and ends its workers."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    parent = multiprocessing.parent_process()
+    if parent is None:
+        return
+
+    def watch() -> None:
+        wait_for_any([parent.sentinel])
+        os._exit(1)
+
+    threading.Thread(target=watch, daemon=True).start()

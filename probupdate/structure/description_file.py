@@ -1,0 +1,76 @@
+"""model.toml read: one line for the first mistake in it, of the schema or of what its tables say together."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import get_args
+
+from pydantic import ValidationError
+
+from probupdate.errors import InputError
+from probupdate.structure.description import Description
+from probupdate.structure.description_checks import CHECKS
+from probupdate.structure.parameter_table import read_toml
+from probupdate.structure.schema import Mistake, Table, nearest
+
+
+def read_description(path: str | Path) -> Description:
+    """model.toml -> Description; raises one InputError with the first mistake and the number of the others."""
+    path = Path(path)
+    return parse_description(read_toml(path), str(path))
+
+
+def parse_description(raw: dict, where: str) -> Description:
+    try:
+        description = Description.model_validate(raw)
+    except ValidationError as error:
+        raise _first([_translate(e) for e in error.errors()], where) from None
+    mistakes = [m for check in CHECKS for m in check(description)]
+    if mistakes:
+        raise _first(mistakes, where)
+    return description
+
+
+def _first(mistakes: list[Mistake], where: str) -> InputError:
+    # a key that is missing may be there misspelt, which says more
+    key, problem, remedy = min(mistakes, key=lambda m: m[1].startswith("is missing"))
+    rest = len(mistakes) - 1
+    more = f" ({rest} more mistake{'s' if rest > 1 else ''} in this file)" if rest else ""
+    return InputError(f"{where}: {key}" if key else where, problem, remedy + more)
+
+
+def _known_keys(location: tuple) -> set[str]:
+    """The keys the schema allows in the table that `location` lies in."""
+    model = Description
+    for step in location[:-1]:
+        if isinstance(step, int):
+            continue
+        field = model.model_fields.get(step)
+        candidates = [] if field is None else _tables(field.annotation)
+        if not candidates:
+            return set()
+        model = candidates[0]
+    return set(model.model_fields)
+
+
+def _tables(annotation) -> list[type[Table]]:
+    if isinstance(annotation, type):
+        return [annotation] if issubclass(annotation, Table) else []
+    return [table for argument in get_args(annotation) for table in _tables(argument)]
+
+
+def _translate(error: dict) -> Mistake:
+    location = tuple(step for step in error["loc"] if step != "[key]")
+    key = ""
+    for step in location:
+        key += f"[{step + 1}]" if isinstance(step, int) else f".{step}" if key else str(step)
+    kind, value = error["type"], error["input"]
+    if kind == "extra_forbidden":
+        return key, "is not a key of this file", nearest(str(location[-1]), _known_keys(location))
+    if kind == "missing":
+        return key, "is missing", "add it"
+    if kind == "finite_number":
+        return key, f"{value} is not a finite number", "give a number in SI units"
+    message = error["msg"].removeprefix("Value error, ")
+    shown = repr(value) if not isinstance(value, dict | list | tuple) else f"a {type(value).__name__}"
+    return key, f"{shown} is wrong: {message[0].lower()}{message[1:]}", "correct the value"

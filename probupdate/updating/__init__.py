@@ -1,0 +1,12 @@
+"""Updating: one frozen problem, the estimators that solve it, and what their results say beside one another.
+
+`responses` are what is compared, `problem` puts them together; `tikhonov`, `laplace`, `ensemble`, `importance`,
+`hierarchical` and the others solve it, `runs` from data to result; `comparison` and `information` read results.
+"""
+
+# what other rooms and users import; the other modules are this room's own
+__all__ = [
+    "alpha", "comparison", "components", "discrepancy", "ensemble", "evidence", "hierarchical", "identifiability",
+    "information", "laplace", "posterior_file", "predictive", "problem", "responses", "runs", "set_views",
+    "set_views_file", "tikhonov", "update_file",
+]  # fmt: skip

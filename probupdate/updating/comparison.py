@@ -1,0 +1,313 @@
+"""Where the deterministic update and the posterior part, and why: one row and one sentence for each parameter."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from probupdate.errors import InputError, parsing
+from probupdate.io.files import read_json_table, write_json
+from probupdate.io.result_table import OWN_UNIT, table_of
+from probupdate.io.schema import checked
+from probupdate.updating.identifiability import BLIND, KNOWN, PARTLY, PRIOR, STRONG, identifiability
+from probupdate.updating.posterior_file import Posterior
+from probupdate.updating.update_file import BLIND_RESOLUTION, UpdateRecord, fit_sentence, misses
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+FORMAT = 1
+# estimates closer than this many posterior deviations are the same for any use of them
+CLOSE = 0.25
+# the anchored update and the maximum are two routes to one number
+SAME = 0.01
+HIGH_CORRELATION = 0.95
+RIDGE = 0.7
+
+
+# of a row's numbers those in the parameter's unit
+IN_UNIT = ("prior_mean", "prior_std", "initial", "step", "anchored", "map", "mean", "median", "std", "low", "high", "nine_mean")
+
+
+@dataclass(frozen=True, kw_only=True)
+class ComparisonRow:
+    """One parameter. `step`, `anchored` are the ends of Eq. 7 as printed and anchored; low, high the 5 and 95 %
+    quantiles; distances are from the posterior mean in posterior deviations; contraction is the posterior over the
+    prior deviation (of the prior as cut by its bounds); nine_* the updates of all sets, total_cov by the law of total
+    variance; resolution the diagonal R_jj at the maximum."""
+
+    name: str
+    unit: str
+    prior_mean: float
+    prior_std: float
+    initial: float
+    step: float
+    anchored: float
+    map: float
+    mean: float
+    median: float
+    std: float
+    cov: float
+    low: float
+    high: float
+    skewness: float
+    step_distance: float
+    anchored_distance: float
+    map_distance: float
+    contraction: float
+    resolution: float
+    nine_mean: float
+    nine_cov: float
+    total_cov: float
+    identified: str
+    flags: tuple[str, ...]
+    sentence: str
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Comparison:
+    """rows by parameter; correlation (n_param, n_param) of the posterior; derived: quantity -> estimate -> value, with
+    "mean" and "cov" of the posterior; notes: what holds for the whole, uncertain things first."""
+
+    names: tuple[str, ...]
+    rows: tuple[ComparisonRow, ...]
+    correlation: np.ndarray
+    derived: Mapping[str, Mapping[str, float]]
+    notes: tuple[str, ...]
+    converged: bool
+    settings: Mapping[str, str] = field(default_factory=dict)
+
+    def to_frame(self) -> pd.DataFrame:
+        """A row a parameter; what is about its value in its `unit`, shares and distances without."""
+        return table_of(self.rows, units=dict.fromkeys(IN_UNIT, OWN_UNIT))
+
+    @property
+    def summary(self) -> str:
+        width = max(5, *(len(r.name) for r in self.rows))
+        columns = "".join(f" {name:>10}" for name in ("Eq. 7", "anchored", "MAP", "mean"))
+        head = f"{'':<{width}} {'prior':>16}{columns} {'CoV':>7} {'width':>6} {'R':>5}  data say"
+        lines = [head]
+        for r in self.rows:
+            prior = f"{r.initial:.4g}+-{r.prior_std:.2g}"
+            lines.append(
+                f"{r.name:<{width}} {prior:>16} {r.step:>10.4g} {r.anchored:>10.4g} {r.map:>10.4g} {r.mean:>10.4g} "
+                f"{r.cov:>7.3f} {r.contraction:>6.2f} {r.resolution:>5.2f}  {'; '.join((r.identified, *r.flags))}"
+            )
+        lines.append("width: posterior over prior standard deviation, both within the bounds (+- above); R: share of "
+                     "the MAP that the data determine (resolution)")
+        return "\n".join([*lines, *self.notes])
+
+    def write(self, path: str | Path) -> Path:
+        return write_comparison(self, path)
+
+
+def compare(update: UpdateRecord, posterior: Posterior, derived: Mapping[str, object] | None = None) -> Comparison:
+    """Put both estimators side by side. `derived` (quantity -> callable of theta) is evaluated over the posterior.
+
+    Raises InputError where the two belong to different problems: other model, data, weights or prior.
+    """
+    if update.fingerprint != posterior.fingerprint:
+        differ = "other parameters" if update.parameters.names != posterior.names else "another model, set or weights"
+        raise InputError(
+            "the posterior", f"does not fit the update: it is of {differ}",
+            "run `update` and `sample` with the same --model, --modes, --set and weights",
+        )
+    draws = posterior.draws
+    correlation = np.corrcoef(draws.T) if draws.shape[1] > 1 else np.ones((1, 1))
+    rows = tuple(
+        _row(k, update, posterior, draws[:, k], correlation[k]) for k in range(len(posterior.names))
+    )
+    values: dict[str, dict[str, float]] = {name: dict(states) for name, states in update.derived.items()}
+    for name, compute in (derived or {}).items():
+        chosen = draws[:: max(1, len(draws) // 200)]
+        found = np.array([compute(theta) for theta in chosen])
+        values.setdefault(name, {}).update(mean=float(found.mean()), cov=_cov(found))
+        if update.sets is not None and name in update.sets.derived:
+            each = update.sets.derived[name]
+            values[name].update(nine_mean=float(each.mean()), nine_cov=_cov(each))
+    return Comparison(
+        names=posterior.names, rows=rows, correlation=correlation, derived=values,
+        notes=tuple(_notes(update, posterior, rows)), converged=posterior.converged,
+        settings={"weights": update.settings.get("weights", ""), "set": update.set_id},
+    )
+
+
+def _cov(values: np.ndarray) -> float:
+    """Deviation over |mean|, NaN where the mean is zero."""
+    mean = float(np.mean(values))
+    return float(np.std(values, ddof=1)) / abs(mean) if mean else float("nan")
+
+
+def _row(
+    k: int, update: UpdateRecord, posterior: Posterior, draws: np.ndarray, correlation: np.ndarray
+) -> ComparisonRow:
+    from scipy import stats
+
+    parameter = update.parameters.items[k]
+    mean, std = float(draws.mean()), float(draws.std(ddof=1))
+    prior_std = float(parameter.distribution.std())
+    prior_mean = float(parameter.distribution.mean())
+    step, anchored = float(update.scheme("step").theta[-1, k]), float(update.scheme("prior").theta[-1, k])
+    top = float(update.map_theta[k])
+    contraction = std / prior_std
+    others = np.where(np.arange(len(correlation)) == k, 0.0, correlation)
+    partner = int(np.argmax(np.abs(others)))
+    low, high = np.quantile(draws, [0.05, 0.95])
+    flags = []
+    if update.map_at_bound[k]:
+        side = "lower" if abs(top - parameter.lower) <= abs(parameter.upper - top) else "upper"
+        flags.append(f"pinned at its {side} bound at the MAP")
+    for key, name in (("step", "Eq. 7 as printed"), ("prior", "the anchored update")):
+        if update.scheme(key).at_bound[k] and not update.map_at_bound[k]:
+            flags.append(f"{name} ends at a bound")
+    if abs(others[partner]) > HIGH_CORRELATION:
+        flags.append(f"absorbed by {posterior.names[partner]}: correlation {others[partner]:+.2f}")
+    identified = identifiability(contraction, at_bound=bool(update.map_at_bound[k]), misses=misses(update))
+    if contraction < STRONG and identified == PARTLY:
+        flags.append("narrow only as far as the stated standard deviations hold, which the data exceed")
+    sets = update.sets
+    row = dict(
+        name=parameter.name, unit=parameter.unit, prior_mean=prior_mean, prior_std=prior_std,
+        initial=parameter.initial, step=step, anchored=anchored, map=top, mean=mean, median=float(np.median(draws)),
+        std=std, cov=std / abs(mean) if mean else float("nan"), low=float(low), high=float(high),
+        skewness=float(stats.skew(draws)), step_distance=(step - mean) / std, anchored_distance=(anchored - mean) / std,
+        map_distance=(top - mean) / std, contraction=contraction, resolution=float(update.map_resolution[k]),
+        nine_mean=float(sets.theta_map[:, k].mean()) if sets else float("nan"),
+        nine_cov=float(sets.cov[k]) if sets else float("nan"),
+        total_cov=float(sets.total_std[k] / abs(sets.theta_map[:, k].mean())) if sets else float("nan"),
+        identified=identified, flags=tuple(flags),
+    )  # fmt: skip
+    sentence = _sentence(row, parameter, update, posterior.names[partner], float(others[partner]))
+    return ComparisonRow(sentence=sentence, **row)
+
+
+def _sentence(row: dict, parameter, update: UpdateRecord, partner: str, correlation: float) -> str:
+    """Why the estimates part, or that they do not."""
+    name, std = row["name"], row["std"]
+    parts = []
+    if row["identified"] == PRIOR:
+        parts.append(f"the data do not inform {name}: its posterior is {100 * row['contraction']:.0f} % as wide as its "
+                     "prior")  # fmt: skip
+    gap = abs(row["map_distance"])
+    cut = abs(row["prior_mean"] - parameter.initial) > 0.1 * row["prior_std"]
+    if gap > CLOSE:
+        if any("pinned" in flag for flag in row["flags"]):
+            reason = "the density is highest at the bound while its mass lies inside"
+        elif row["identified"] == PRIOR and cut:
+            reason = (f"the bounds cut the prior, whose mean is {row['prior_mean']:.3g} for a mode of "
+                      f"{parameter.initial:.3g}")  # fmt: skip
+        elif abs(row["skewness"]) > 0.3:
+            reason = f"the posterior is skewed ({row['skewness']:+.1f})"
+        elif abs(correlation) > RIDGE:
+            reason = (f"the posterior is a ridge with {partner} (correlation {correlation:+.2f}), whose top is not its "
+                      "middle")  # fmt: skip
+        else:
+            reason = "other parameters' bounds and skewness shift the mass along with them"
+        parts.append(f"MAP and mean differ by {gap:.1f} posterior standard deviations: {reason}")
+    scheme = update.scheme("prior")
+    if abs(row["anchored"] - row["map"]) > SAME * std:
+        if scheme.alpha != 1:
+            reason = f"alpha is {scheme.alpha:g}, not 1"
+        elif any(p.prior == "lognormal" for p in update.parameters):
+            reason = "Eq. 6 knows Gaussian priors only, the posterior has lognormal ones"
+        elif not scheme.converged:
+            reason = f"the update did not settle ({scheme.status})"
+        else:
+            reason = "it settled on another maximum"
+        away = abs(row["anchored"] - row["map"]) / std
+        parts.append(f"the anchored update ends {away:.2f} posterior standard deviations from the MAP: {reason}")
+    printed = update.scheme("step")
+    apart = abs(row["step"] - row["map"]) / std
+    if apart > CLOSE:
+        text = (f"Eq. 7 as printed ends {apart:.1f} posterior standard deviations from the MAP: it penalises the step, "
+                f"and after {len(printed.theta) - 1} iterations has forgotten the prior")  # fmt: skip
+        if row["resolution"] < 0.5:
+            text += " that the data do not replace"
+        parts.append(text)
+    if row["resolution"] < BLIND_RESOLUTION and row["contraction"] < BLIND:
+        parts.append(
+            f"narrower than its prior ({100 * row['contraction']:.0f} %) though the data hardly determine it at the "
+            f"maximum (resolution {row['resolution']:.2f}): bounds and curvature away from the maximum do it"
+        )
+    elif row["resolution"] > STRONG and row["contraction"] > BLIND:
+        parts.append(
+            f"as wide as its prior ({100 * row['contraction']:.0f} %) though the data determine it at the "
+            f"maximum (resolution {row['resolution']:.2f}): another one does the same, or the maximum is not typical"
+        )
+    if not parts:
+        return f"All estimates of {name} agree within {CLOSE:g} posterior standard deviations."
+    text = "; ".join(parts)
+    return text[0].upper() + text[1:] + "."
+
+
+def _notes(update: UpdateRecord, posterior: Posterior, rows: tuple[ComparisonRow, ...]) -> list[str]:
+    notes = [posterior.verdict] if not posterior.converged else []
+    notes.append(fit_sentence(update))
+    pinned = [r.name for r in rows if any("pinned" in f for f in r.flags)]
+    if pinned:
+        notes.append(f"pinned at a bound at the MAP: {', '.join(pinned)}; their results hang on those bounds")
+    for kind in (KNOWN, PARTLY, PRIOR):
+        names = [r.name for r in rows if r.identified == kind]
+        if names:
+            notes.append(f"{kind}: {', '.join(names)}")
+    printed = update.scheme("step")
+    worst = max(rows, key=lambda r: abs(r.step - r.map) / r.std)
+    notes.append(
+        f"Eq. 7 as printed passes closest to the MAP at iteration {printed.closest_iteration} "
+        f"({printed.distance_to_map[printed.closest_iteration]:.2f} posterior standard deviations a parameter) "
+        f"and ends {printed.distance_to_map[-1]:.2f} away; farthest is {worst.name}, "
+        f"{abs(worst.step - worst.map) / worst.std:.1f}"
+    )
+    anchored = update.scheme("prior")
+    notes.append(f"the anchored update ends {anchored.distance_to_map[-1]:.1e} posterior standard deviations from the "
+                 "MAP")
+    if update.sets is not None:
+        notes.append(
+            f"CoVs over {len(update.sets.ids)} sets show how updates scatter, not how uncertain a parameter is: "
+            "one that the data do not inform hardly scatters (see its resolution)"
+        )
+    notes += list(update.left_out)
+    return notes
+
+
+def write_comparison(comparison: Comparison, path: str | Path) -> Path:
+    path = Path(path)
+    content = {
+        "format": FORMAT, "names": list(comparison.names), "rows": [_nulls(asdict(r)) for r in comparison.rows],
+        "correlation": comparison.correlation.tolist(),
+        "derived": {k: _nulls(v) for k, v in comparison.derived.items()}, "notes": list(comparison.notes),
+        "converged": comparison.converged, "settings": dict(comparison.settings),
+    }  # fmt: skip
+    return write_json(path, content)
+
+
+def _nulls(table: Mapping) -> dict:
+    return {k: None if isinstance(v, float) and not np.isfinite(v) else v for k, v in table.items()}
+
+
+def _numbers(table: Mapping) -> dict:
+    return {k: float("nan") if v is None else tuple(v) if isinstance(v, list) else v for k, v in table.items()}
+
+
+def read_comparison(path: str | Path) -> Comparison:
+    """Read compare.json; raises InputError where it is none, or its parts do not fit together."""
+    path, again = Path(path), "write it again with `probupdate compare`"
+    content = read_json_table(path, again, absent="write it with `probupdate compare`")
+    if content.pop("format", None) != FORMAT:
+        raise InputError(str(path), "is no compare.json, or of another version's format", again)
+    with parsing(str(path), "is no compare.json", again):
+        found = Comparison(
+            names=tuple(content["names"]), rows=tuple(ComparisonRow(**_numbers(row)) for row in content["rows"]),
+            correlation=np.array(content["correlation"], float),
+            derived={k: _numbers(v) for k, v in content["derived"].items()}, notes=tuple(content["notes"]),
+            converged=content["converged"], settings=content["settings"],
+        )
+    checked(found, path, again)
+    n = len(found.names)
+    if tuple(r.name for r in found.rows) != found.names or found.correlation.shape != (n, n):
+        raise InputError(str(path), f"its rows or its correlation do not fit its {n} parameters", again)
+    return found

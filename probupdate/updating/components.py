@@ -1,0 +1,215 @@
+"""What the variance of every parameter's estimate is made of, and what to measure next to narrow it.
+
+With responses linear about the maximum, the estimate is theta = P S^T W (y - g) + P W_Theta theta_0 with P the
+posterior's covariance and W = W_Lambda. Its error is the sum of independent parts: of identification, of the model's
+discrepancy, of each source of the model's error, and of what the prior has left. Their variances add up to P exactly,
+as P S^T W S P + P W_Theta P = P.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from probupdate.runtime.arrays import frozen_array
+from probupdate.updating.laplace import Laplace, prior_residual
+from probupdate.updating.problem import Problem
+
+IDENTIFICATION, DISCREPANCY, PRIOR = "identification", "model discrepancy", "prior"
+# a measure that narrows no parameter by this share is not worth a line
+LEAST_GAIN = 0.02
+MOST_MEASURES = 12
+
+
+@dataclass(frozen=True, kw_only=True)
+class Measure:
+    """What one more measurement, or a better known quantity, would narrow: `what` to do, and by which share the
+    standard deviation of each parameter would fall, (n_param,)."""
+
+    what: str
+    gain: tuple[float, ...]
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class VarianceComponents:
+    """names of the components; std (n_component, n_param) of each in the parameters' estimate; their squares add up to
+    those of total (n_param,), the Gauss-Newton standard deviation at the maximum. sources: the same for every single
+    source of the model's error (n_source, n_param), with its `source_names`. measures: what to measure next, the most
+    useful first."""
+
+    parameters: tuple[str, ...]
+    names: tuple[str, ...]
+    std: np.ndarray
+    total: np.ndarray
+    source_names: tuple[str, ...]
+    source_std: np.ndarray
+    measures: tuple[Measure, ...]
+
+
+def variance_components(problem: Problem, laplace: Laplace) -> VarianceComponents:
+    """Of one problem at the maximum of its posterior."""
+    whitened = whitened_at(problem, laplace)
+    _, prior_slope = prior_residual(problem.parameters, laplace.theta)
+    P = whitened.covariance()
+    X, B, inner = whitened.slope, whitened.factor, whitened.inner()
+    # P X^T (I + B B^T)^-1: what a whitened response of one does to the estimate
+    gain = P @ (X.T - (X.T @ B) @ np.linalg.solve(inner, B.T))
+    of_sources = gain @ B
+    noise = problem.noise_root * problem.discrepancy_std
+    discrepancy = np.sum((gain @ noise) ** 2, axis=1)
+    identification = np.maximum(np.sum(gain**2, axis=1) - discrepancy, 0.0)
+    groups: dict[str, np.ndarray] = {}
+    sources = () if problem.error is None else problem.error.sources
+    for k, source in enumerate(sources):
+        groups[source.group] = groups.get(source.group, 0.0) + of_sources[:, k] ** 2
+    parts = {IDENTIFICATION: identification, DISCREPANCY: discrepancy, **groups,
+             PRIOR: np.sum((P @ prior_slope.T) ** 2, axis=1)}  # fmt: skip
+    return VarianceComponents(
+        parameters=problem.parameters.names, names=tuple(parts),
+        std=frozen_array(np.sqrt(np.array(list(parts.values())))), total=frozen_array(np.sqrt(np.diag(P))),
+        source_names=tuple(s.description for s in sources), source_std=frozen_array(np.abs(of_sources.T)),
+        measures=_ranked(problem, laplace, whitened),
+    )
+
+
+def misfit_by_response(problem: Problem, laplace: Laplace) -> tuple[tuple[str, ...], np.ndarray, np.ndarray]:
+    """Names of the responses (each frequency, each group's shapes), chi-square of each by its own marginal covariance
+    at the maximum, and what is expected of it; they do not add up where errors go together."""
+    residual = problem.measured - problem.predict(laplace.theta)
+    covariance = np.linalg.pinv(problem.noise_root.T @ problem.noise_root) + problem.factor @ problem.factor.T
+    names, chi_square, expected = [], [], []
+    frequency, shape = 0, problem.n_frequency
+    for group in problem.groups:
+        labels = [problem.mode_labels[problem.used[frequency + k]] for k in range(group.size)]
+        for k, label in enumerate(labels):
+            row = frequency + k
+            names.append(f"frequency of {label}")
+            chi_square.append(residual[row] ** 2 / covariance[row, row])
+            expected.append(1.0)
+        size = group.shape_response.size
+        if size:
+            rows = slice(shape, shape + size)
+            own = residual[rows]
+            names.append(f"shape of {' and '.join(labels)}")
+            mac = group.shapes == "mac"
+            chi_square.append(own @ own / problem.std[shape] ** 2 if mac else
+                              own @ np.linalg.pinv(covariance[rows, rows], hermitian=True) @ own)  # fmt: skip
+            expected.append(float(group.n_effective - group.size))
+        frequency, shape = frequency + group.size, shape + size
+    return tuple(names), np.array(chi_square), np.array(expected)
+
+
+@dataclass(frozen=True, eq=False)
+class Whitened:
+    """Responses linear about a maximum, over their noise: slope X (n, n_param), factor B (n, n_source) per standard
+    deviation of each source, and the prior's precision (n_param, n_param)."""
+
+    slope: np.ndarray
+    factor: np.ndarray
+    prior: np.ndarray
+
+    def inner(self) -> np.ndarray:
+        return np.eye(self.factor.shape[1]) + self.factor.T @ self.factor
+
+    def covariance(self, left_out: np.ndarray | None = None) -> np.ndarray:
+        """P, with the sources of these columns known exactly."""
+        X, B = self.slope, self.factor
+        if left_out is not None:
+            B = np.delete(B, left_out, axis=1)
+        XB = X.T @ B
+        inner = np.eye(B.shape[1]) + B.T @ B
+        return np.linalg.inv(X.T @ X - XB @ np.linalg.solve(inner, XB.T) + self.prior)
+
+    def with_rows(self, slope: np.ndarray, factor: np.ndarray) -> Whitened:
+        return Whitened(np.vstack([self.slope, slope]), np.vstack([self.factor, factor]), self.prior)
+
+    def scaled(self, rows: np.ndarray, by: float) -> Whitened:
+        """With the noise of some responses smaller by a factor; rows are of independent noise."""
+        scale = np.ones(len(self.slope))
+        scale[rows] = by
+        return Whitened(self.slope * scale[:, None], self.factor * scale[:, None], self.prior)
+
+
+def whitened_at(problem: Problem, laplace: Laplace) -> Whitened:
+    """Of one problem at the maximum of its posterior."""
+    _, sensitivity = problem.sensitivity(laplace.theta)
+    _, prior_slope = prior_residual(problem.parameters, laplace.theta)
+    return Whitened(problem.noise_root @ sensitivity, problem.noise_root @ problem.factor, prior_slope.T @ prior_slope)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Candidate:
+    """One more measurement, or a quantity better known: `what` to do, the parameters' covariance (n_param, n_param) with
+    it, and the numbers of the sources of error that it makes `known` (empty for more data)."""
+
+    what: str
+    covariance: np.ndarray
+    known: tuple[int, ...] = ()
+
+
+def _ranked(problem: Problem, laplace: Laplace, now: Whitened) -> tuple[Measure, ...]:
+    before = np.sqrt(np.diag(now.covariance()))
+    found = []
+    for one in candidates(problem, laplace, now):
+        gain = 1 - np.sqrt(np.diag(one.covariance)) / before
+        if gain.max() >= LEAST_GAIN:
+            found.append(Measure(what=one.what, gain=tuple(float(g) for g in gain)))
+    return tuple(sorted(found, key=lambda m: -max(m.gain))[:MOST_MEASURES])
+
+
+def candidates(problem: Problem, laplace: Laplace, now: Whitened) -> Iterator[Candidate]:
+    """What could be measured next: each tolerance checked, each mode identified better, a mode of the model's more."""
+    sources = () if problem.error is None else problem.error.sources
+    checks: dict[tuple[str, str], list[int]] = {}
+    for k, source in enumerate(sources):
+        checks.setdefault((source.group, source.check), []).append(k)
+    for (group, check), columns in checks.items():
+        names = [sources[k].description for k in columns]
+        what = names[0] if len(names) == 1 else f"{group}: {len(names)} tolerances such as {names[0]}"
+        yield Candidate(what=f"know exactly: {what} ({check})" if check else f"know exactly: {what}",
+                        covariance=now.covariance(np.array(columns)), known=tuple(columns))  # fmt: skip
+    if not problem.weights.covariance:
+        yield from _better(problem, now)
+    yield from _further_modes(problem, laplace, now)
+
+
+def _better(problem: Problem, now: Whitened) -> Iterator[Candidate]:
+    """A mode whose frequency, or shape, is identified to half its standard deviation."""
+    frequency, shape = 0, problem.n_frequency
+    variance, missed = problem.std**2, problem.discrepancy_std**2
+    for group in problem.groups:
+        names = " and ".join(problem.mode_labels[problem.used[frequency + k]] for k in range(group.size))
+        size = group.shape_response.size
+        for what, rows in (("frequency", np.arange(frequency, frequency + group.size)),
+                           ("shape", np.arange(shape, shape + size))):  # fmt: skip
+            if rows.size:
+                halved = (variance[rows] - missed[rows]) / 4 + missed[rows]
+                by = float(np.sqrt(np.mean(variance[rows]) / np.mean(halved)))
+                yield Candidate(what=f"identify the {what} of {names} twice as exactly",
+                                covariance=now.scaled(rows, by).covariance())  # fmt: skip
+        frequency, shape = frequency + group.size, shape + size
+
+
+def _further_modes(problem: Problem, laplace: Laplace, now: Whitened) -> Iterator[Candidate]:
+    """The frequency of a mode of the model that the data do not have, as exactly as the median of those they have."""
+    n_mode = problem.matching.n_mode
+    solution = problem.model.solve(laplace.theta, n_mode, derivatives=True)
+    taken = {i for cluster in problem._clusters(solution.shape) for i in cluster}
+    highest = max(taken)
+    share = float(np.median([s / f for g in problem.groups for s, f in
+                             zip(g.frequency_std_hz, g.frequency_hz, strict=True)]))  # fmt: skip
+    unknown = getattr(problem.model, "uncertainty", None)
+    change = None
+    if problem.error is not None and unknown is not None:
+        change = unknown.changes(laplace.theta, min(n_mode, highest + 2), ()).frequency_derivative
+        change = change * np.array([s.std for s in problem.error.sources])
+    for i in range(min(n_mode, highest + 2)):
+        if i in taken:
+            continue
+        f = solution.frequency_hz[i]
+        factor = np.zeros((1, now.factor.shape[1])) if change is None else change[i : i + 1] / (share * f)
+        slope = solution.frequency_derivative[i : i + 1] / (share * f)
+        yield Candidate(what=f"identify the model's mode at {f:.3g} Hz (its frequency)",
+                        covariance=now.with_rows(slope, factor).covariance())  # fmt: skip

@@ -1,0 +1,387 @@
+"""The posterior by emcee: several independent ensembles, started from draws of the proposal, run until three criteria
+hold.
+
+Any number of independent ensembles share one judgement; they may run on any executor. The chain is kept in segments
+beside the result (`chain_store`): a killed run goes on where its last segment ended, with the same numbers as an
+undisturbed one, whatever it runs on.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import emcee
+import numpy as np
+from scipy import special
+
+from probupdate.errors import InputError
+from probupdate.model.parameters import Parameters
+from probupdate.runtime.arrays import frozen_array
+from probupdate.runtime.executors import Executor, completed, executor
+from probupdate.runtime.progress import Progress, silent
+from probupdate.updating.chain_store import ChainStore, Segment
+from probupdate.updating.emulator import Emulator, EmulatorMove
+from probupdate.updating.importance import Density
+from probupdate.updating.problem import Problem
+from probupdate.updating.surrogate import Outline, Proposal
+
+# steps between looks at convergence, and the unit that is written to disk
+SEGMENT = 200
+# rounds in which walkers that begin where the model has no modes are drawn anew
+START_ROUNDS = 100
+# nested R-hat over independent ensembles (Margossian et al. 2024): their means part by at most a seventh of a standard
+# deviation, where each has some fifty independent draws
+R_HAT_LIMIT = 1.01
+AUTOCORRELATION_TIMES = 50
+# share of the chain at its start that is left out
+BURN_IN = 0.2
+# where part of what a move proposes is far: full jumps along differences of walkers carry them between modes
+JUMP_SHARE = 0.1
+# share of proposals from the surrogate
+SURROGATE_SHARE = 0.5
+# share of proposals that come from many moves on an emulator
+EMULATOR_SHARE = 0.6
+# proposals that do not depend on the walkers are drawn so many at once
+POOL = 2000
+# share of proposals of one or two parameters from their prior
+PRIOR_SHARE = 0.15
+# share of proposals of some parameters along differences of walkers, at most how many of them, and the share of those
+# that are as long as the difference
+SUBSET_SHARE, MOST_OF_SUBSET, FULL_LENGTH = 0.15, 4, 0.3
+
+
+@dataclass(frozen=True, kw_only=True)
+class SamplerSettings:
+    """walkers_per_parameter: emcee's ensemble size over the number of parameters; two more than twice their number are
+    always taken. target_ess: effective draws wanted of the worst parameter. max_steps: the run gives up after these,
+    and says so. ensembles: so many independent ones, each with its own start and random numbers, judged together:
+    walkers of one ensemble depend on one another, so that only ensembles can tell that they agree.
+    """
+
+    seed: int = 1
+    walkers_per_parameter: int = 2
+    target_ess: int = 1000
+    max_steps: int = 20000
+    ensembles: int = 4
+
+    def __post_init__(self):
+        if isinstance(self.seed, bool) or not isinstance(self.seed, int | np.integer) or self.seed < 0:
+            raise InputError("seed", f"{self.seed!r} is no whole number from 0 on", "give one, such as 1")
+        for name in ("walkers_per_parameter", "target_ess", "max_steps", "ensembles"):
+            if getattr(self, name) < 1:
+                raise InputError(name, f"{getattr(self, name)} is below 1", "give a positive number")
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Chain:
+    """theta (n_step, n_walker, n_param), log_posterior (n_step, n_walker), acceptance share of all moves, number of
+    evaluated parameter vectors and of those that the full model answered. `first` is the first step after burn-in.
+
+    r_hat, ess, tail, tau (n_param,): nested R-hat over ensembles (of a single one, over its halves in time), bulk and
+    tail effective size with walkers as chains, emcee's integrated autocorrelation time in steps.
+    """
+
+    theta: np.ndarray
+    log_posterior: np.ndarray
+    first: int
+    acceptance: float
+    evaluated: int
+    fallback: int
+    r_hat: np.ndarray
+    ess: np.ndarray
+    tail: np.ndarray
+    tau: np.ndarray
+    converged: bool
+    verdict: str
+
+    @property
+    def draws(self) -> np.ndarray:
+        """(n_draw, n_param) after burn-in, walker by walker within a step."""
+        return self.theta[self.first :].reshape(-1, self.theta.shape[2])
+
+
+def moves(
+    parameters: Parameters, surrogate: Density, emulator: Emulator | None = None
+) -> list[tuple[emcee.moves.Move, float]]:
+    """Differential evolution, part of it with full-length jumps, and of a few parameters only; all parameters from
+    the surrogate; one or two parameters from their prior; with an emulator, many of these on its quick density first.
+
+    Not offered: DESnookerMove of emcee 3.1.6 leaves the wrong variance, GaussianMove with a full covariance moves all
+    walkers alike.
+    """
+
+    def plain() -> list[tuple[emcee.moves.Move, float]]:
+        # objects of their own, as they keep pools of draws
+        return [
+            (emcee.moves.DEMove(), 1 - JUMP_SHARE - SURROGATE_SHARE - PRIOR_SHARE - SUBSET_SHARE),
+            (emcee.moves.DEMove(gamma0=1.0), JUMP_SHARE),
+            (SurrogateMove(surrogate), SURROGATE_SHARE),
+            (PriorMove(parameters), PRIOR_SHARE),
+            (SubsetMove(), SUBSET_SHARE),
+        ]
+
+    if emulator is None:
+        return plain()
+    outer = [(move, (1 - EMULATOR_SHARE) * share) for move, share in plain()]
+    return [*outer, (EmulatorMove(emulator, plain()), EMULATOR_SHARE)]
+
+
+class SubsetMove(emcee.moves.RedBlueMove):
+    """One to MOST_OF_SUBSET parameters of each walker along the difference of two walkers of the other half, the others
+    kept (the crossover of Vrugt's and ter Braak's adaptive chains).
+
+    Where all parameters at once are rarely accepted, a few are; where two do each other's work, both move along.
+    """
+
+    def get_proposal(self, sample, complement, random):
+        others = np.concatenate(complement, axis=0)
+        n_walker, n_param = sample.shape
+        number = random.randint(1, min(MOST_OF_SUBSET, n_param) + 1, size=n_walker)
+        order = np.argsort(random.uniform(size=(n_walker, n_param)), axis=1)
+        first = random.randint(len(others), size=n_walker)
+        second = (first + random.randint(1, len(others), size=n_walker)) % len(others)
+        # ter Braak's length, randomised: symmetric, so that the density alone decides
+        length = 2.38 / np.sqrt(2 * number) * random.uniform(0.2, 1.2, size=n_walker)
+        length = np.where(random.uniform(size=n_walker) < FULL_LENGTH, 1.0, length)
+        step = length[:, None] * (others[first] - others[second])
+        return sample + np.where(order < number[:, None], step, 0.0), np.zeros(n_walker)
+
+
+class PriorMove(emcee.moves.RedBlueMove):
+    """One or two parameters of each walker anew from their marginal priors, the others kept.
+
+    Parameters the data hardly inform are redrawn at once. Where two do each other's work, as the pile's shaft and tip
+    do, the posterior has arms along either that a Gaussian outline does not have; this walks along them.
+    """
+
+    def __init__(self, parameters: Parameters):
+        super().__init__()
+        self._parameters = parameters
+        self._pool = np.empty((0, len(parameters)))
+
+    def get_proposal(self, sample, complement, random):
+        n_walker, n_param = sample.shape
+        if len(self._pool) < n_walker:
+            uniform = random.uniform(size=(max(n_walker, POOL), n_param))
+            drawn = np.column_stack([p.distribution.ppf(uniform[:, k]) for k, p in enumerate(self._parameters)])
+            self._pool = np.clip(drawn, self._parameters.lower, self._parameters.upper)
+        fresh, self._pool = self._pool[:n_walker], self._pool[n_walker:]
+        order = np.argsort(random.uniform(size=(n_walker, n_param)), axis=1)
+        number = 1 + (random.uniform(size=(n_walker, 1)) < 0.5)
+        theta = np.where(order < number, fresh, sample)
+        # what was kept cancels
+        return theta, self._parameters.log_marginals(sample) - self._parameters.log_marginals(theta)
+
+
+class SurrogateMove(emcee.moves.RedBlueMove):
+    """Independent draws of the surrogate, a share of them from a wider one: the ratio of densities corrects for what it
+    misses.
+
+    Where the posterior's tail is heavier than the surrogate's a walker would stay for hundreds of steps, as the density
+    proposed there is far too low; the wider share bounds that. Mixed with other moves it need not know everything.
+    """
+
+    def __init__(self, surrogate: Density):
+        super().__init__()
+        self._proposal = Proposal(outline=surrogate) if isinstance(surrogate, Outline) else surrogate
+        self._pool = None
+
+    def get_proposal(self, sample, complement, random):
+        n = len(sample)
+        if self._pool is None or len(self._pool) < n:
+            # thousands at once cost little more than one
+            self._pool = self._proposal.draw(max(n, POOL), random)
+        theta, self._pool = self._pool[:n], self._pool[n:]
+        density = self._proposal.log_density(np.concatenate([sample, theta]))
+        # a draw outside the bounds has no density, and no posterior either: it is refused
+        return theta, density[:n] - np.where(np.isfinite(density[n:]), density[n:], 0.0)
+
+
+def sample(
+    problem: Problem,
+    surrogate: Density,
+    folder: str | Path,
+    settings: SamplerSettings,
+    *,
+    emulator: Emulator | None = None,
+    parts: Mapping[str, str] | None = None,
+    jobs: int | Executor = 1,
+    progress: Progress = silent,
+) -> Chain:
+    """Draw from the posterior of `problem`, keeping segments in `folder`.
+
+    `parts` stands for the problem where it differs from problem.parts() (a reduced model built with settings of its
+    own). jobs: processes, or an executor, on which the ensembles run side by side; the numbers are the same on any. Raises
+    InputError where the folder holds a chain of another problem or other settings, and says which differ.
+    """
+    parameters = problem.parameters
+    store = _store(parameters, folder, settings, problem.parts() if parts is None else parts)
+    rounds = store.read()
+    with executor(jobs) as runs:
+        while True:
+            n_step = sum(len(r[0].theta) for r in rounds)
+            if rounds:
+                chain = _judge(rounds, parameters, settings)
+                # as far as it is known: the worst effective size grows about with the number of steps
+                wanted = n_step if chain.converged else min(settings.max_steps, _forecast(chain, n_step, settings))
+                progress("sampling", n_step, max(wanted, n_step))
+                if chain.converged or n_step >= settings.max_steps:
+                    return chain
+                states = [segment.state for segment in rounds[-1]]
+            else:
+                states = [_first_state(problem, surrogate, _n_walker(parameters, settings), settings.seed, k)
+                          for k in range(settings.ensembles)]  # fmt: skip
+            n_more = min(SEGMENT, settings.max_steps - n_step)
+            # those that a killed run finished of this round are kept
+            done = [store.read_one(len(rounds), k) for k in range(settings.ensembles)]
+            wanted_runs = [k for k in range(settings.ensembles) if done[k] is None]
+            tasks = [(k, problem, surrogate, emulator, states[k], n_more) for k in wanted_runs]
+            for k, segment in completed(_run_numbered, tasks, jobs=runs, least=1):
+                store.append(segment, len(rounds), k)
+                done[k] = segment
+            rounds.append(done)
+
+
+def _first_state(problem: Problem, surrogate: Density, n_walker: int, seed: int, ensemble: int) -> emcee.State:
+    """Walkers where the model has modes: from one that has none emcee knows no step."""
+    own = [] if ensemble == 0 else [ensemble]
+    draw, rng = getattr(surrogate, "draw_inside", surrogate.draw), np.random.default_rng([seed, 0, *own])
+    start = draw(n_walker, rng)
+    for _ in range(START_ROUNDS):
+        without = ~np.isfinite(problem.log_posterior(start)[0])
+        if not without.any():
+            break
+        start[without] = draw(int(without.sum()), rng)
+    else:
+        raise InputError(
+            "model", f"has no modes at {without.sum()} of {n_walker} starts, {START_ROUNDS} times drawn anew",
+            "narrow the parameters' bounds to what is a structure")  # fmt: skip
+    generator = np.random.RandomState(np.random.default_rng([seed, 1, *own]).integers(2**32, size=8))
+    return emcee.State(start, random_state=generator.get_state())
+
+
+def _run_numbered(number: int, *segment: object) -> tuple[int, Segment]:
+    return number, _run_segment(*segment)
+
+
+def _run_segment(
+    problem: Problem, surrogate: Density, emulator: Emulator | None, state: emcee.State, n_step: int
+) -> Segment:
+    """One ensemble's next steps; nothing outside is read or changed, so that it may run anywhere."""
+    counts = {"evaluated": 0, "fallback": 0}
+
+    def log_probability(theta: np.ndarray) -> np.ndarray:
+        value, fallback = problem.log_posterior(theta)
+        counts["evaluated"] += int(np.isfinite(value).sum())
+        counts["fallback"] += int(fallback.sum())
+        return value
+
+    # anew for every segment: nothing that the moves remember crosses from one to the next, so that a run that was
+    # stopped between them goes on with the same numbers
+    sampler = emcee.EnsembleSampler(
+        len(state.coords), len(problem.parameters), log_probability, vectorize=True,
+        moves=moves(problem.parameters, surrogate, emulator),
+    )  # fmt: skip
+    state = sampler.run_mcmc(state, n_step, skip_initial_state_check=True)
+    return Segment(theta=sampler.get_chain(), log_posterior=sampler.get_log_prob(), state=state,
+                   accepted=float(np.mean(sampler.acceptance_fraction)), **counts)  # fmt: skip
+
+
+def _n_walker(parameters: Parameters, settings: SamplerSettings) -> int:
+    n_walker = max(2 * len(parameters) + 2, settings.walkers_per_parameter * len(parameters))
+    return n_walker + n_walker % 2
+
+
+def claim_folder(
+    parameters: Parameters, folder: str | Path, settings: SamplerSettings, parts: Mapping[str, str]
+) -> None:
+    """Refuse a folder with another chain, as `sample` does, before any work is spent on this one."""
+    _store(parameters, folder, settings, parts)
+
+
+def _store(parameters, folder, settings: SamplerSettings, parts: Mapping[str, str]) -> ChainStore:
+    kept = {"seed": int(settings.seed), "ensembles": settings.ensembles, "walkers": _n_walker(parameters, settings),
+            "parameters": list(parameters.names), "steps of a segment": SEGMENT,
+            "emcee": emcee.__version__}  # fmt: skip
+    return ChainStore(Path(folder), parts, kept)
+
+
+def _forecast(chain: Chain, n_step: int, settings: SamplerSettings) -> int:
+    smallest = min(float(np.min(chain.ess)), float(np.min(chain.tail)))
+    factor = max(
+        settings.target_ess / max(smallest, 1.0),
+        AUTOCORRELATION_TIMES * float(np.max(chain.tau)) / (settings.ensembles * n_step),
+        1.0,
+    )
+    return int(np.ceil(n_step * factor / SEGMENT)) * SEGMENT
+
+
+def nested_r_hat(theta: np.ndarray, n_ensemble: int) -> np.ndarray:
+    """theta (n_step, n_walker, n_param), ensembles side by side -> (n_param,), on ranks turned to normal scores.
+
+    sqrt(1 + B / W): B the variance of the ensembles' means, W the mean variance within an ensemble, over all of its
+    walkers and steps. A single ensemble is held against itself, its first half against its second.
+    """
+    from scipy import stats
+
+    n_step, n_walker, n_param = theta.shape
+    if n_ensemble == 1:
+        half = n_step // 2
+        groups = np.array([theta[:half].reshape(-1, n_param), theta[n_step - half :].reshape(-1, n_param)])
+    else:
+        groups = theta.reshape(n_step, n_ensemble, n_walker // n_ensemble, n_param).swapaxes(0, 1)
+        groups = groups.reshape(n_ensemble, -1, n_param)
+    r_hat = np.full(n_param, np.inf)
+    for k in range(n_param):
+        values = groups[:, :, k]
+        ranks = stats.rankdata(values).reshape(values.shape)
+        z = special.ndtri((ranks - 0.375) / (values.size + 0.25))
+        within = float(np.mean(np.var(z, axis=1, ddof=1)))
+        if np.ptp(values) > 0 and within > 0:
+            r_hat[k] = np.sqrt(1 + np.var(np.mean(z, axis=1), ddof=1) / within)
+    return r_hat
+
+
+def _judge(rounds: list[list[Segment]], parameters, settings: SamplerSettings) -> Chain:
+    from probupdate.updating.posterior_file import effective_size, tail_size
+
+    # walkers of all ensembles side by side
+    theta = np.concatenate([np.concatenate([s.theta for s in r], axis=1) for r in rounds])
+    log_posterior = np.concatenate([np.concatenate([s.log_posterior for s in r], axis=1) for r in rounds])
+    segments = [s for r in rounds for s in r]
+    n_step = len(theta)
+    first = int(BURN_IN * n_step)
+    kept = theta[first:]
+    _, ess = effective_size(kept)
+    tail = tail_size(kept)
+    r_hat = nested_r_hat(kept, settings.ensembles)
+    # tol=0: emcee only warns of short chains; the criterion below is judged here, and a walker that never moved has no
+    # autocorrelation: its time is NaN, which no criterion passes
+    with np.errstate(invalid="ignore"):
+        tau = emcee.autocorr.integrated_time(kept, tol=0, has_walkers=True)
+    times = settings.ensembles * len(kept) / float(np.max(tau))
+    checks = (
+        (float(np.max(r_hat)) < R_HAT_LIMIT, f"nested R-hat {np.max(r_hat):.4f} "
+         f"({parameters.names[int(np.argmax(r_hat))]}), wanted below {R_HAT_LIMIT}"),
+        (times > AUTOCORRELATION_TIMES, f"{times:.0f} autocorrelation times ({parameters.names[int(np.argmax(tau))]}), "
+         f"wanted {AUTOCORRELATION_TIMES}"),
+        (float(np.min(ess)) >= settings.target_ess, f"effective size {np.min(ess):.0f} "
+         f"({parameters.names[int(np.argmin(ess))]}), wanted {settings.target_ess}"),
+        (float(np.min(tail)) >= settings.target_ess, f"in the tails {np.min(tail):.0f} "
+         f"({parameters.names[int(np.argmin(tail))]}), wanted {settings.target_ess}"),
+    )  # fmt: skip
+    converged = all(held for held, _ in checks)
+    if converged:
+        verdict = "Converged: " + "; ".join(text.split(",")[0] for _, text in checks)
+    else:
+        verdict = "NOT converged: " + "; ".join(text for held, text in checks if not held)
+    verdict += f"; {settings.ensembles} ensembles of {n_step} steps."
+    return Chain(
+        theta=frozen_array(theta), log_posterior=frozen_array(log_posterior),
+        first=first, acceptance=float(np.mean([s.accepted for s in segments])),
+        evaluated=sum(s.evaluated for s in segments), fallback=sum(s.fallback for s in segments),
+        r_hat=frozen_array(r_hat), ess=frozen_array(ess), tail=frozen_array(tail), tau=frozen_array(tau),
+        converged=converged, verdict=verdict,
+    )

@@ -1,0 +1,300 @@
+"""Parameters that vary from set to set: their mean and their scatter, told apart from the noise of each set.
+
+theta_j of set j is drawn from a population of mean mu and covariance D R D, D = diag(tau); its data see theta_j only
+(Behmanesh et al. 2015; Sedehi et al. 2019). Each set's likelihood enters to second order about where the population
+puts it, so that theta_j is integrated out in closed form; the error of that is measured on the full model. A parameter
+that is positive by its bounds varies by its logarithm (tau is then a CoV), others as they are.
+
+Hyper-priors: mu has the parameters' own prior; tau_k is half-normal with deviation `spread` times the prior's; R, where
+asked for, is LKJ with eta = 2 (Lewandowski, Kurowicka & Joe 2009). An error of the model that all sets share moves mu,
+not tau; one that the sets' weights already count as noise lowers tau.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import emcee
+import numpy as np
+from scipy import special
+
+from probupdate.errors import InputError
+from probupdate.model.parameters import Parameters
+from probupdate.runtime.arrays import frozen_array
+from probupdate.runtime.progress import Progress, silent
+from probupdate.updating.ensemble import SubsetMove
+from probupdate.updating.posterior_file import effective_size
+from probupdate.updating.problem import Problem
+
+# deviation of tau's half-normal hyper-prior, in prior deviations of the parameter
+SPREAD = 0.25
+LKJ_ETA = 2.0
+SEGMENT, MAX_STEPS, BURN_IN = 400, 12_000, 0.2
+# walkers as chains: some fifty independent draws of each, far more than quantiles of tau need over all of them
+R_HAT_LIMIT = 1.02
+# share of moves that redraw one or two scales and with them the mean, and of those of a few numbers along differences
+REDRAW_SHARE, SUBSET_SHARE = 0.5, 0.3
+# the Gaussian that stands for the prior in proposals of the mean is so many times as wide in variance
+PROPOSAL_VARIANCE = 1.3
+N_PRIOR = 20_000
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Coordinates:
+    """u = ln theta where `logarithmic` (n_param,), else theta; `scale` (n_param,) is the prior's deviation in u."""
+
+    logarithmic: np.ndarray
+    scale: np.ndarray
+
+    def to(self, theta: np.ndarray) -> np.ndarray:
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return np.where(self.logarithmic, np.log(np.where(self.logarithmic, theta, 1.0)), theta)
+
+    def back(self, u: np.ndarray) -> np.ndarray:
+        return np.where(self.logarithmic, np.exp(np.where(self.logarithmic, u, 0.0)), u)
+
+    def rate(self, theta: np.ndarray) -> np.ndarray:
+        """d theta / d u (..., n_param)."""
+        return np.where(self.logarithmic, theta, 1.0)
+
+
+def coordinates_of(parameters: Parameters) -> Coordinates:
+    """Logarithms for parameters that their bounds or prior keep positive."""
+    logarithmic = np.array([p.initial > 0 and (p.lower >= 0 or p.prior == "lognormal") for p in parameters])
+    relative = np.array([p.log_std if p.prior == "lognormal" else p.std / abs(p.initial or 1.0) for p in parameters])
+    return Coordinates(logarithmic=frozen_array(logarithmic, bool),
+                       scale=frozen_array(np.where(logarithmic, relative, parameters.std)))  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class SetLikelihoods:
+    """ln p(Lambda_S of set j | theta) = value + gradient d - d^T precision d / 2, d = u - centre: value (n_set,),
+    gradient, centre (n_set, n_param), precision (n_set, n_param, n_param)."""
+
+    ids: tuple[str, ...]
+    centre: np.ndarray
+    value: np.ndarray
+    gradient: np.ndarray
+    precision: np.ndarray
+
+    def at(self, u: np.ndarray) -> np.ndarray:
+        """(n, n_set) of one u (n, n_param) for all sets."""
+        return self.own(np.broadcast_to(u[:, None], (len(u), *self.centre.shape)))
+
+    def own(self, u: np.ndarray) -> np.ndarray:
+        """(n, n_set) of u (n, n_set, n_param), one a set."""
+        d = u - self.centre
+        return self.value + np.sum(d * (self.gradient - 0.5 * np.einsum("njk,jkl->njl", d, self.precision)), axis=2)
+
+    def marginal(self, mean: np.ndarray, factor: np.ndarray) -> np.ndarray:
+        """ln of the integral over u_j ~ N(mean, factor factor^T), (n, n_set); mean (n, n_param), factor (n, n_param,
+        n_param). Exact for these quadratics, at any scale down to zero."""
+        slope, root = self._inner(mean, factor)
+        white = np.linalg.solve(root, slope[..., None])[..., 0]
+        shrink = np.log(np.diagonal(root, axis1=2, axis2=3)).sum(axis=2)
+        return self.at(mean) - shrink + 0.5 * np.sum(white**2, axis=2)
+
+    def draw_own(self, mean: np.ndarray, factor: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+        """u_j given the population and the set's data, (n, n_set, n_param)."""
+        slope, root = self._inner(mean, factor)
+        turned = np.swapaxes(root, 2, 3)
+        middle = np.linalg.solve(turned, np.linalg.solve(root, slope[..., None]))
+        epsilon = middle + np.linalg.solve(turned, rng.standard_normal(slope.shape)[..., None])
+        return mean[:, None] + (factor[:, None] @ epsilon)[..., 0]
+
+    def _inner(self, mean, factor):
+        """C^T b and the Cholesky factor of 1 + C^T H C, with b the gradient at the mean."""
+        b = self.gradient - np.einsum("njk,jkl->njl", mean[:, None] - self.centre, self.precision)
+        spread = np.swapaxes(factor, 1, 2)[:, None] @ self.precision @ factor[:, None]
+        return np.einsum("nkl,njk->njl", factor, b), np.linalg.cholesky(np.eye(mean.shape[1]) + spread)
+
+    def chosen(self, numbers: Sequence[int]) -> SetLikelihoods:
+        """Of some of the sets."""
+        pick = list(numbers)
+        return SetLikelihoods(ids=tuple(self.ids[j] for j in pick), centre=self.centre[pick], value=self.value[pick],
+                              gradient=self.gradient[pick], precision=self.precision[pick])  # fmt: skip
+
+    def without(self, number: int) -> SetLikelihoods:
+        return self.chosen([j for j in range(len(self.ids)) if j != number])
+
+
+def linearise(problems: Sequence[Problem], theta: np.ndarray, coordinates: Coordinates) -> SetLikelihoods:
+    """Each set's likelihood with its responses linear in u about theta (n_set, n_param)."""
+    value, gradient, precision = [], [], []
+    for problem, point in zip(problems, theta, strict=True):
+        response, sensitivity = problem.sensitivity(point)
+        slope = problem.weighted((sensitivity * coordinates.rate(point)).T).T
+        residual = problem.weighted(problem.measured - response)
+        value.append(float(problem.log_likelihood(point)[0]))
+        gradient.append(slope.T @ residual)
+        precision.append(slope.T @ slope)
+    return SetLikelihoods(
+        ids=tuple(p.set_id for p in problems), centre=frozen_array(coordinates.to(np.asarray(theta))),
+        value=frozen_array(value), gradient=frozen_array(gradient), precision=frozen_array(precision),
+    )
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Population:
+    """Draws of the population: mean (n, n_param) in u, tau (n, n_param), factor (n, n_param, n_param) with covariance
+    factor factor^T; log_likelihood (n, n_set) of each set, its own parameters integrated out."""
+
+    mean: np.ndarray
+    tau: np.ndarray
+    factor: np.ndarray
+    log_likelihood: np.ndarray
+    r_hat: float
+    ess: float
+    converged: bool
+    verdict: str
+
+    def draw_new(self, rng: np.random.Generator) -> np.ndarray:
+        """u of a set not yet measured (n, n_param), one for each draw."""
+        return self.mean + (self.factor @ rng.standard_normal(self.mean.shape)[..., None])[..., 0]
+
+
+class _Hyper:
+    """The density of x = (mean of u, w of tau, w of R); every w is standard normal by its hyper-prior."""
+
+    def __init__(
+        self, likelihoods: SetLikelihoods, parameters: Parameters, coordinates: Coordinates, correlated, spread
+    ):
+        self.likelihoods, self.parameters, self.coordinates = likelihoods, parameters, coordinates
+        self.n, self.correlated = len(parameters), correlated
+        self.n_x = 2 * self.n + (self.n * (self.n - 1) // 2 if correlated else 0)
+        self.spread = spread * coordinates.scale
+        drawn = coordinates.to(parameters.draw(np.random.default_rng(0), N_PRIOR))
+        self.prior_mean = drawn.mean(axis=0)
+        self.prior_precision = np.linalg.inv(np.atleast_2d(np.cov(drawn.T)) * PROPOSAL_VARIANCE)
+
+    def scales(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """tau (n, n_param) and the factor of the covariance."""
+        w = x[:, self.n : 2 * self.n]
+        # half-normal by its distribution function: 2 Phi(tau / s) - 1 = Phi(w)
+        tau = -self.spread * special.ndtri(0.5 * special.ndtr(-w))
+        tau = np.where(w > -6, tau, self.spread * np.sqrt(np.pi / 2) * special.ndtr(w))
+        root = lkj_factor(x[:, 2 * self.n :], self.n) if self.correlated else np.eye(self.n)
+        return tau, tau[:, :, None] * root
+
+    def __call__(self, x: np.ndarray) -> np.ndarray:
+        mean = x[:, : self.n]
+        theta = self.coordinates.back(mean)
+        value = self.parameters.log_density(theta)
+        inside = np.isfinite(value)
+        value = value + np.log(self.coordinates.rate(theta)).sum(axis=1) - 0.5 * np.sum(x[:, self.n :] ** 2, axis=1)
+        if inside.any():
+            value[inside] += self.likelihoods.marginal(mean[inside], self.scales(x[inside])[1]).sum(axis=1)
+        return np.where(inside, value, -np.inf)
+
+    def conditional(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Mean (n, n_param) and lower factor of the precision of mu given tau, R, with a Gaussian for its prior."""
+        like, (_, factor) = self.likelihoods, self.scales(x)
+        slope, root = like._inner(np.broadcast_to(like.centre[:1], (len(x), self.n)), factor)
+        # d of the marginal at the first centre; its curvature is H - H C M^-1 C^T H
+        half = np.linalg.solve(root, np.swapaxes(factor, 1, 2)[:, None] @ like.precision)
+        curvature = like.precision - np.swapaxes(half, 2, 3) @ half
+        at = like.gradient - np.einsum("jk,jkl->jl", like.centre[:1] - like.centre, like.precision)
+        gradient = at - (np.swapaxes(half, 2, 3) @ np.linalg.solve(root, slope[..., None]))[..., 0]
+        precision = curvature.sum(axis=1) + self.prior_precision
+        right = gradient.sum(axis=1) + self.prior_precision @ (self.prior_mean - like.centre[0])
+        middle = like.centre[0] + np.linalg.solve(precision, right[..., None])[..., 0]
+        return middle, np.linalg.cholesky(precision)
+
+
+def lkj_factor(w: np.ndarray, n: int) -> np.ndarray:
+    """Lower Cholesky factors (m, n, n) of correlation matrices from standard normals w (m, n (n - 1) / 2): partial
+    correlations are beta distributed, and the matrices follow LKJ (vine method of Lewandowski, Kurowicka & Joe)."""
+    factor, k = np.zeros((len(w), n, n)), 0
+    factor[:, 0, 0] = 1.0
+    left = np.ones((len(w), n))
+    for i in range(n - 1):
+        a = LKJ_ETA + 0.5 * (n - 2 - i)
+        for j in range(i + 1, n):
+            partial = 2 * special.betaincinv(a, a, special.ndtr(w[:, k])) - 1
+            factor[:, j, i] = partial * np.sqrt(left[:, j])
+            left[:, j] = left[:, j] * (1 - partial**2)
+            k += 1
+        factor[:, i + 1, i + 1] = np.sqrt(left[:, i + 1])
+    return factor
+
+
+class _Redraw(emcee.moves.RedBlueMove):
+    """One or two w of each walker from their hyper-prior, then the mean from its conditional given the new scales."""
+
+    def __init__(self, hyper: _Hyper):
+        super().__init__()
+        self._hyper = hyper
+
+    def get_proposal(self, sample, complement, random):
+        hyper, n = self._hyper, self._hyper.n
+        w = sample[:, n:]
+        order = np.argsort(random.uniform(size=w.shape), axis=1)
+        fresh = np.where(order < random.randint(0, 3, size=(len(w), 1)), random.standard_normal(w.shape), w)
+        fresh = np.concatenate([sample[:, :n], fresh], axis=1)
+        middle, root = hyper.conditional(np.concatenate([sample, fresh]))
+        m = len(sample)
+        z = random.standard_normal((m, n))
+        fresh[:, :n] = middle[m:] + np.linalg.solve(np.swapaxes(root[m:], 1, 2), z[..., None])[..., 0]
+        before = (np.swapaxes(root[:m], 1, 2) @ (sample[:, :n] - middle[:m])[..., None])[..., 0]
+        log_det = np.log(np.diagonal(root, axis1=1, axis2=2)).sum(axis=1)
+        factors = log_det[:m] - 0.5 * np.sum(before**2, axis=1) - log_det[m:] + 0.5 * np.sum(z**2, axis=1)
+        factors += 0.5 * np.sum(fresh[:, n:] ** 2, axis=1) - 0.5 * np.sum(w**2, axis=1)
+        return fresh, factors
+
+
+def sample_population(
+    likelihoods: SetLikelihoods, parameters: Parameters, coordinates: Coordinates, *, seed: int,
+    correlated: bool = False, spread: float = SPREAD, target_ess: int = 500, r_hat_limit: float = R_HAT_LIMIT,
+    progress: Progress = silent,
+) -> Population:
+    """emcee over mean, scales and, where asked for, correlation; stops at the wanted bulk effective size of the worst
+    number with R-hat below its limit, or says that it did not get there."""
+    if len(likelihoods.ids) < 2:
+        raise InputError("sets", "fewer than two do not show any scatter between sets", "give two or more")
+    if not (np.isfinite(spread) and spread > 0):
+        raise InputError("spread", f"{spread} is not above zero",
+                         "give the scale of tau in prior standard deviations, as 0.25")  # fmt: skip
+    hyper = _Hyper(likelihoods, parameters, coordinates, correlated, spread)
+    rng = np.random.default_rng([seed, 11])
+    start = _start(hyper, 2 * hyper.n_x + 2, rng)
+    moves = [(_Redraw(hyper), REDRAW_SHARE), (SubsetMove(), SUBSET_SHARE),
+             (emcee.moves.DEMove(), 0.8 * (1 - REDRAW_SHARE - SUBSET_SHARE)),
+             (emcee.moves.DEMove(gamma0=1.0), 0.2 * (1 - REDRAW_SHARE - SUBSET_SHARE))]  # fmt: skip
+    sampler = emcee.EnsembleSampler(*start.shape, hyper, vectorize=True, moves=moves)
+    random = np.random.RandomState(np.random.default_rng([seed, 12]).integers(2**32, size=8))
+    state, judged = emcee.State(start, random_state=random.get_state()), (np.inf, 0.0)
+    while sampler.iteration < MAX_STEPS and not (judged[0] < r_hat_limit and judged[1] >= target_ess):
+        progress("population", sampler.iteration, MAX_STEPS)
+        # looked at ever more rarely: judging a chain takes as long as many of its steps
+        n_more = min(max(SEGMENT, sampler.iteration // 3), MAX_STEPS - sampler.iteration)
+        state = sampler.run_mcmc(state, n_more, skip_initial_state_check=True)
+        kept = sampler.get_chain(discard=int(BURN_IN * sampler.iteration))
+        r_hat, ess = effective_size(kept)
+        judged = float(np.max(r_hat)), float(np.min(ess))
+    progress("population", MAX_STEPS, MAX_STEPS)
+    converged = judged[0] < r_hat_limit and judged[1] >= target_ess
+    words = f"{sampler.iteration} steps, R-hat {judged[0]:.4f}, effective size {judged[1]:.0f} of the worst number"
+    flat = kept.reshape(-1, hyper.n_x)
+    flat = flat[:: max(1, int(np.ceil(len(flat) / 8000)))]
+    tau, factor = hyper.scales(flat)
+    return Population(
+        mean=frozen_array(flat[:, : hyper.n]), tau=frozen_array(tau), factor=frozen_array(factor),
+        log_likelihood=frozen_array(likelihoods.marginal(flat[:, : hyper.n], factor)), r_hat=judged[0], ess=judged[1],
+        converged=converged, verdict=f"converged: {words}" if converged else f"NOT converged after {words}",
+    )
+
+
+def _start(hyper: _Hyper, n_walker: int, rng: np.random.Generator) -> np.ndarray:
+    """Scales from their hyper-prior, means from their conditional, held within the bounds."""
+    x = 0.5 * rng.standard_normal((n_walker, hyper.n_x))
+    x[:, : hyper.n] = 0.0
+    middle, root = hyper.conditional(x)
+    u = middle + np.linalg.solve(np.swapaxes(root, 1, 2), rng.standard_normal(middle.shape)[..., None])[..., 0]
+    theta, parameters = hyper.coordinates.back(u), hyper.parameters
+    # a little inside, and not all at one place
+    width = np.minimum(parameters.std, parameters.upper - parameters.lower)
+    low = parameters.lower + width * rng.uniform(0.001, 0.05, theta.shape)
+    high = parameters.upper - width * rng.uniform(0.001, 0.05, theta.shape)
+    x[:, : hyper.n] = hyper.coordinates.to(np.clip(theta, low, high))
+    return x

@@ -1,0 +1,364 @@
+"""Importance sampling of the posterior: fast draws and the evidence where a proposal fits, and a check of the chain.
+
+The proposal is a mixture: a truncated Gaussian approximation for every maximum that was found, Student t distributions
+fitted to weighted draws in rounds (population Monte Carlo: Cappe, Guillin, Marin & Robert 2004), and a share of the
+prior, which bounds the weights and shows a mode that was missed (defensive mixture: Hesterberg 1995). It is frozen
+before the draws that count: estimates from the draws it was fitted to would be biased.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from scipy import linalg, special
+
+from probupdate.model.parameters import Parameters
+from probupdate.runtime.arrays import frozen_array
+from probupdate.runtime.progress import Progress, silent
+from probupdate.updating.evidence import TRUSTED_K, log_prior_constant, pareto_shape
+from probupdate.updating.problem import Problem
+from probupdate.updating.surrogate import Proposal
+
+# below this k importance sampling alone is trusted, up to TRUSTED_K of the evidence its draws may be averaged at all
+GOOD_K = 0.5
+# draws that count, and those of one round of fitting; rounds at most and at least, as one round's draws may miss an arm
+# of the posterior, and the effective share at which they stop
+N_DRAW, N_ROUND, ROUNDS, FEWEST, ENOUGH = 4000, 2000, 8, 4, 0.4
+# share of draws from the prior, and of those from the Gaussian approximations beside fitted distributions
+PRIOR_SHARE, OUTLINE_SHARE = 0.05, 0.25
+# Student t distributions: degrees of freedom (tails heavier than any posterior's of a few stiffnesses), how much wider
+# than the weighted draws, and how many a maximum
+DEGREES, SPREAD, PER_MAXIMUM = 5.0, 1.2, 4
+EM_STEPS = 15
+# of a mean's difference: chance exceeds it once in some ten thousand, ten parameters at once; and what nobody minds
+MOST_Z, LEAST_APART = 4.5, 0.1
+# weights are flattened until so many draws count, as few would make a thin fit
+FLATTENED = 60.0
+CHUNK = 500
+
+
+class Density(Protocol):
+    """What proposes draws: (n, n_param), and their normalised ln density (n,)."""
+
+    def draw(self, n: int, random) -> np.ndarray: ...
+
+    def log_density(self, theta: np.ndarray) -> np.ndarray: ...
+
+
+@dataclass(frozen=True, eq=False)
+class PriorDensity:
+    """The prior's own marginals, without their correlation."""
+
+    parameters: Parameters
+
+    def draw(self, n: int, random) -> np.ndarray:
+        uniform = random.uniform(size=(n, len(self.parameters)))
+        drawn = np.column_stack([p.distribution.ppf(uniform[:, k]) for k, p in enumerate(self.parameters)])
+        return np.clip(drawn, self.parameters.lower, self.parameters.upper)
+
+    def log_density(self, theta: np.ndarray) -> np.ndarray:
+        value = np.full(len(theta), -np.inf)
+        inside = self.parameters.inside(theta)
+        value[inside] = self.parameters.log_marginals(theta[inside])
+        return value
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class StudentT:
+    """A multivariate Student t of DEGREES in u = ln(theta) where `logarithmic` (n_param,), else theta. Draws may lie
+    outside the parameters' bounds, where the posterior is zero."""
+
+    centre: np.ndarray
+    factor: np.ndarray
+    logarithmic: np.ndarray
+
+    def draw(self, n: int, random) -> np.ndarray:
+        # inverse distribution functions, so that any generator of uniform numbers serves
+        size = len(self.centre)
+        z = special.ndtri(random.uniform(size=(n, size)))
+        chi = 2 * special.gammaincinv(0.5 * DEGREES, random.uniform(size=n))
+        u = self.centre + (z / np.sqrt(chi / DEGREES)[:, None]) @ self.factor.T
+        with np.errstate(over="ignore"):
+            return np.where(self.logarithmic, np.exp(np.where(self.logarithmic, u, 0.0)), u)
+
+    def log_density(self, theta: np.ndarray) -> np.ndarray:
+        known = np.all(np.where(self.logarithmic, theta > 0, True), axis=1)
+        value = np.full(len(theta), -np.inf)
+        u = coordinates(theta[known], self.logarithmic)
+        value[known] = self.of_coordinates(u) - np.sum(np.where(self.logarithmic, u, 0.0), axis=1)
+        return value
+
+    def of_coordinates(self, u: np.ndarray) -> np.ndarray:
+        """Per du, (n,) of u (n, n_param)."""
+        n = len(self.centre)
+        z = linalg.solve_triangular(self.factor, (u - self.centre).T, lower=True)
+        constant = special.gammaln(0.5 * (DEGREES + n)) - special.gammaln(0.5 * DEGREES)
+        constant -= 0.5 * n * np.log(DEGREES * np.pi) + np.sum(np.log(np.diag(self.factor)))
+        return constant - 0.5 * (DEGREES + n) * np.log1p(np.sum(z**2, axis=0) / DEGREES)
+
+
+def coordinates(theta: np.ndarray, logarithmic: np.ndarray) -> np.ndarray:
+    """u (n, n_param)."""
+    return np.where(logarithmic, np.log(np.where(logarithmic, theta, 1.0)), theta)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Mixture:
+    """Components with their weights (n,); draws may lie outside the bounds of the parameters."""
+
+    parameters: Parameters
+    components: tuple[Density, ...]
+    weight: np.ndarray
+
+    def draw(self, n: int, random) -> np.ndarray:
+        chosen = np.searchsorted(np.cumsum(self.weight)[:-1], random.uniform(size=n), side="right")
+        parts = [component.draw(n, random) for component in self.components]
+        return np.array([parts[k][row] for row, k in enumerate(chosen)])
+
+    def log_density(self, theta: np.ndarray) -> np.ndarray:
+        """Inside the bounds; -inf outside, where nobody asks for it."""
+        value = np.full(len(theta), -np.inf)
+        inside = self.parameters.inside(theta)
+        if inside.any():
+            parts = [np.log(w) + c.log_density(theta[inside])
+                     for w, c in zip(self.weight, self.components, strict=True)]  # fmt: skip
+            value[inside] = np.logaddexp.reduce(parts)
+        return value
+
+    def draw_inside(self, n: int, random) -> np.ndarray:
+        """n draws (n, n_param) within the bounds."""
+        found = np.empty((0, len(self.parameters)))
+        while len(found) < n:
+            fresh = self.draw(2 * n, random)
+            found = np.vstack([found, fresh[self.parameters.inside(fresh)]])
+        return found[:n]
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class WeightedDraws:
+    """theta (n, n_param) with normalised weights (n,), their effective number and Pareto k; log_evidence with its
+    standard deviation; evaluated: how many points were solved in all."""
+
+    names: tuple[str, ...]
+    theta: np.ndarray
+    weight: np.ndarray
+    effective: float
+    pareto_k: float
+    log_evidence: float
+    log_evidence_std: float
+    evaluated: int
+    without_modes: int
+
+    @property
+    def mean(self) -> np.ndarray:
+        return self.weight @ self.theta
+
+    @property
+    def std(self) -> np.ndarray:
+        return np.sqrt(self.weight @ (self.theta - self.mean) ** 2)
+
+    @property
+    def mean_error(self) -> np.ndarray:
+        """Standard error (n_param,) of the means, by the weights."""
+        return np.sqrt(self.weight**2 @ (self.theta - self.mean) ** 2)
+
+    def quantile(self, share: Sequence[float]) -> np.ndarray:
+        """(n_share, n_param)."""
+        found = np.empty((len(share), self.theta.shape[1]))
+        for k in range(self.theta.shape[1]):
+            order = np.argsort(self.theta[:, k])
+            below = np.cumsum(self.weight[order]) - 0.5 * self.weight[order]
+            found[:, k] = np.interp(share, below, self.theta[order, k])
+        return found
+
+    @property
+    def good(self) -> bool:
+        """Whether these draws stand for the posterior by themselves."""
+        return self.pareto_k < GOOD_K
+
+
+def log_posterior(problem: Problem, theta: np.ndarray, what: str, progress: Progress) -> np.ndarray:
+    """(n,), -inf outside the bounds."""
+    value = np.full(len(theta), -np.inf)
+    inside = np.flatnonzero(problem.parameters.inside(theta))
+    for start in range(0, inside.size, CHUNK):
+        progress(what, start, inside.size)
+        rows = inside[start : start + CHUNK]
+        value[rows] = problem.log_posterior(theta[rows])[0]
+    progress(what, inside.size, inside.size)
+    return value
+
+
+def fitted_proposal(
+    problem: Problem, outlines: Sequence[Proposal], rng: np.random.Generator, progress: Progress = silent
+) -> tuple[Mixture, int]:
+    """A frozen mixture for this posterior, and how many points were solved for it.
+
+    The Gaussian approximations as they are where their draws serve; else rounds of Student t distributions fitted to
+    all weighted draws so far, each weighed by the mixture of all that proposed them.
+    """
+    parameters = problem.parameters
+    prior = PriorDensity(parameters)
+    n_out = len(outlines)
+    current = Mixture(parameters=parameters, components=(*outlines, prior),
+                      weight=frozen_array([*(n_out * [(1 - PRIOR_SHARE) / n_out]), PRIOR_SHARE]))  # fmt: skip
+    logarithmic = parameters.lower >= 0
+    proposed: list[Mixture] = []
+    theta, value = np.empty((0, len(parameters))), np.empty(0)
+    for _ in range(ROUNDS):
+        proposed.append(current)
+        theta = np.vstack([theta, current.draw(N_ROUND, rng)])
+        value = np.append(value, log_posterior(problem, theta[-N_ROUND:], "proposal", progress))
+        inside = np.isfinite(value)
+        known = np.array([m.log_density(theta[inside]) for m in proposed])
+        log_weight = value[inside] - (special.logsumexp(known, axis=0) - np.log(len(proposed)))
+        share = _shares(value[inside], known, log_weight)
+        if len(proposed) >= FEWEST and share.max() >= ENOUGH:
+            break
+        parts, of_part = _fit(coordinates(theta[inside], logarithmic), _flattened(log_weight), PER_MAXIMUM * n_out,
+                              logarithmic, rng)  # fmt: skip
+        of_all = [*((1 - OUTLINE_SHARE - PRIOR_SHARE) * of_part), *(n_out * [OUTLINE_SHARE / n_out]), PRIOR_SHARE]
+        current = Mixture(parameters=parameters, components=(*parts, *outlines, prior), weight=frozen_array(of_all))
+    return proposed[int(np.argmax(share))], len(theta)
+
+
+def _shares(value: np.ndarray, known: np.ndarray, log_weight: np.ndarray) -> np.ndarray:
+    """The effective share that draws of each proposal would have, (n_proposal,), from all draws of all of them.
+
+    (int p)^2 / int p^2 / q by importance sampling from their mixture: a proposal is judged on what the others found
+    too, as its own draws do not show what it misses. value, log_weight (n,), known (n_proposal, n) ln densities.
+    """
+    total = 2 * special.logsumexp(log_weight) - np.log(value.size)
+    return np.exp([total - special.logsumexp(log_weight + value - q) for q in known])
+
+
+def importance_sample(
+    problem: Problem, proposal: Mixture, rng: np.random.Generator, *, evaluated: int = 0, progress: Progress = silent
+) -> WeightedDraws:
+    """N_DRAW fresh draws of a frozen proposal."""
+    theta = proposal.draw(N_DRAW, rng)
+    value = log_posterior(problem, theta, "importance sampling", progress)
+    log_weight = log_ratio(value, proposal, theta) + log_prior_constant(problem.parameters, rng)
+    weight = _weights(log_weight)
+    log_evidence = float(special.logsumexp(log_weight) - np.log(N_DRAW))
+    return WeightedDraws(
+        names=problem.parameters.names, theta=frozen_array(theta), weight=frozen_array(weight),
+        effective=float(1 / np.sum(weight**2)),
+        pareto_k=float(pareto_shape(log_weight[np.isfinite(log_weight)])), log_evidence=log_evidence,
+        log_evidence_std=float(np.std(weight * N_DRAW) / np.sqrt(N_DRAW)), evaluated=evaluated + N_DRAW,
+        without_modes=int(np.sum(problem.parameters.inside(theta) & ~np.isfinite(value))),
+    )
+
+
+def log_ratio(value: np.ndarray, proposal: Mixture, theta: np.ndarray) -> np.ndarray:
+    """ln of posterior over proposal (n,), -inf where the posterior is zero."""
+    ratio = np.full(len(theta), -np.inf)
+    inside = np.isfinite(value)
+    ratio[inside] = value[inside] - proposal.log_density(theta[inside])
+    return ratio
+
+
+def _weights(log_weight: np.ndarray) -> np.ndarray:
+    relative = np.exp(log_weight - np.max(log_weight))
+    return relative / relative.sum()
+
+
+def _flattened(log_weight: np.ndarray) -> np.ndarray:
+    """Weights to the largest power at which FLATTENED draws count."""
+    low, high = 0.0, 1.0
+    if 1 / np.sum(_weights(log_weight) ** 2) >= FLATTENED:
+        return _weights(log_weight)
+    for _ in range(30):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if 1 / np.sum(_weights(middle * log_weight) ** 2) >= FLATTENED else (low, middle)
+    return _weights(low * log_weight)
+
+
+def _fit(u, weight, count: int, logarithmic, rng) -> tuple[list[StudentT], np.ndarray]:
+    """`count` Student t distributions with their shares, by expectation maximisation on weighted points u (n, n_param).
+    """
+    n_param = u.shape[1]
+    mean = weight @ u
+    scale = np.sqrt(weight @ (u - mean) ** 2) + 1e-12 * (1 + np.abs(mean))
+    x = (u - mean) / scale
+    whole = (x * weight[:, None]).T @ x
+    centres = x[rng.choice(len(x), size=count, p=weight)]
+    covariances, share = [whole.copy() for _ in range(count)], np.full(count, 1 / count)
+    for _ in range(EM_STEPS):
+        log_p, distance = np.empty((count, len(x))), np.empty((count, len(x)))
+        for k in range(count):
+            factor = linalg.cholesky(covariances[k] + 1e-6 * np.eye(n_param), lower=True)
+            z = linalg.solve_triangular(factor, (x - centres[k]).T, lower=True)
+            distance[k] = np.sum(z**2, axis=0)
+            log_p[k] = np.log(share[k]) - np.sum(np.log(np.diag(factor)))
+            log_p[k] -= 0.5 * (DEGREES + n_param) * np.log1p(distance[k] / DEGREES)
+        belongs = np.exp(log_p - special.logsumexp(log_p, axis=0)) * weight
+        share = np.maximum(belongs.sum(axis=1), 1e-3)
+        share = share / share.sum()
+        for k in range(count):
+            near = belongs[k] * (DEGREES + n_param) / (DEGREES + distance[k])
+            centres[k] = near @ x / max(near.sum(), 1e-300)
+            d = x - centres[k]
+            own = (d * near[:, None]).T @ d / max(belongs[k].sum(), 1e-300)
+            # a component of few points leans on the whole
+            lean = n_param / (n_param + belongs[k].sum() ** 2 / max(np.sum(belongs[k] ** 2), 1e-300))
+            covariances[k] = (1 - lean) * own + lean * whole
+    parts = []
+    for k in range(count):
+        factor = linalg.cholesky(SPREAD * covariances[k] + 1e-6 * np.eye(n_param), lower=True)
+        parts.append(StudentT(centre=frozen_array(mean + scale * centres[k]),
+                              factor=frozen_array(scale[:, None] * factor), logarithmic=logarithmic))  # fmt: skip
+    return parts, share
+
+
+@dataclass(frozen=True, kw_only=True)
+class Agreement:
+    """Importance sampling beside a chain: effective draws of N_DRAW, Pareto k, ln evidence, and the largest difference
+    of the two means of a parameter, in standard errors of both (`z`) and in posterior standard deviations (`apart`)."""
+
+    effective: float
+    n_draw: int
+    pareto_k: float
+    log_evidence: float
+    log_evidence_std: float
+    evaluated: int
+    z: float
+    apart: float
+    parameter: str
+    without_modes: int
+
+    @property
+    def agrees(self) -> bool:
+        """False where both claim an answer and the answers differ: one of them has missed a part of the posterior."""
+        return self.pareto_k >= GOOD_K or self.z < MOST_Z or self.apart < LEAST_APART
+
+    @property
+    def sentence(self) -> str:
+        text = (f"importance sampling: {self.effective:.0f} effective of {self.n_draw} draws, Pareto k "
+                f"{self.pareto_k:.2f}, ln evidence {self.log_evidence:.3f} +- {self.log_evidence_std:.3f}")  # fmt: skip
+        if self.without_modes:
+            text += (f"; {self.without_modes} draws within the bounds have no modes and probability zero: the bounds "
+                     "allow what is no structure, such as a negative stiffness")  # fmt: skip
+        if self.pareto_k >= TRUSTED_K:
+            return f"{text}: it confirms nothing"
+        text += (f"; its means are within {self.apart:.2f} posterior standard deviations of the chain's "
+                 f"({self.parameter}, {self.z:.1f} standard errors)")  # fmt: skip
+        return text if self.agrees else f"{text}: THEY DISAGREE, use neither"
+
+
+def agree(weighted: WeightedDraws, chain) -> Agreement:
+    """Of a chain with draws (n_draw, n_param) and effective sizes ess (n_param,)."""
+    draws = chain.draws
+    std = draws.std(axis=0, ddof=1)
+    gap = np.abs(weighted.mean - draws.mean(axis=0))
+    error = np.hypot(weighted.mean_error, std / np.sqrt(np.maximum(chain.ess, 1.0)))
+    worst = int(np.argmax(gap / error))
+    return Agreement(
+        effective=weighted.effective, n_draw=len(weighted.theta), pareto_k=weighted.pareto_k,
+        log_evidence=weighted.log_evidence, log_evidence_std=weighted.log_evidence_std, evaluated=weighted.evaluated,
+        z=float(gap[worst] / error[worst]), apart=float(gap[worst] / std[worst]), parameter=weighted.names[worst],
+        without_modes=weighted.without_modes,
+    )

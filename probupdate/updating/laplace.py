@@ -1,0 +1,215 @@
+"""The maximum of the posterior and the Gaussian around it: where the sampler starts and what it is checked against."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import linalg
+
+from probupdate.errors import ConvergenceError, ProbupdateError
+from probupdate.runtime.arrays import frozen_array
+from probupdate.updating.problem import Problem
+from probupdate.updating.tikhonov import HALVINGS, ROUNDING, bounded_step, pinned, relaxed
+
+MAX_ITERATION = 200
+# in prior deviations
+TOLERANCE = 1e-7
+# a step is lengthened to at most so many times itself where steps shrink slowly
+LONGEST = 2.0
+# maxima whose log densities differ by less than this are told apart by their parameters only
+SAME_HEIGHT = 1e-3
+# a further maximum counts if its evidence by Laplace is within so much of the largest
+NEGLIGIBLE = 12.0
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Laplace:
+    """theta (n_param,) the maximum of p(theta | data) inside the bounds; covariance (n_param, n_param) of the
+    Gauss-Newton Gaussian with its free directions; gradient (n_param,) of ln p there, not zero where at_bound.
+
+    projected_gradient: its largest component that the bounds leave, per posterior deviation: how far, in ln p, the
+    point is from the exact maximum. resolution (n_param,) is the diagonal of P S^T W_Lambda S: 1 where the data alone
+    decide, 0 where the prior does. `others`: log densities below the maximum of further maxima that starts ended in.
+    """
+
+    theta: np.ndarray
+    covariance: np.ndarray
+    precision: np.ndarray
+    gradient: np.ndarray
+    projected_gradient: float
+    at_bound: np.ndarray
+    resolution: np.ndarray
+    log_posterior: float
+    misfit: float
+    others: tuple[float, ...]
+
+
+def prior_residual(parameters, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """r (n,) and dr/dtheta (n, n) with -2 ln prior(theta) = r^T r + const inside the bounds.
+
+    A lognormal density's factor 1/theta is kept by completing the square: in z = ln(theta / median) / s it shifts the
+    centre by C s, C the correlation and s the logarithmic deviations of the lognormal parameters.
+    """
+    n = len(parameters)
+    z, slope, log_std = np.empty(n), np.empty(n), np.zeros(n)
+    for k, p in enumerate(parameters):
+        if p.prior == "normal":
+            z[k], slope[k] = (theta[k] - p.initial) / p.std, 1 / p.std
+        else:
+            log_std[k] = p.log_std
+            z[k], slope[k] = np.log(theta[k] / p.initial) / p.log_std, 1 / (theta[k] * p.log_std)
+    correlation = np.eye(n) if parameters.correlation is None else parameters.correlation
+    factor = linalg.cholesky(correlation, lower=True)
+    white = linalg.solve_triangular(factor, np.column_stack([z + correlation @ log_std, np.diag(slope)]), lower=True)
+    return white[:, 0], white[:, 1:]
+
+
+def maximum_a_posteriori(problem: Problem, starts: Sequence[np.ndarray]) -> Laplace:
+    """Bounded Gauss-Newton from every start; the highest maximum wins.
+
+    Starts at which the model has no modes are left out. Raises ConvergenceError, with the best parameters as estimate,
+    where no start settles, and what the model says where it has modes at none.
+    """
+    ends = [end for end in (_climb(problem, np.asarray(start, float)) for start in starts) if np.isfinite(end[1])]
+    if not ends:
+        problem.predict(np.asarray(starts[0], float))
+    if not any(end[2] for end in ends):
+        # where full steps jump about, the trust region of a well-kept library mostly does not
+        ends += [_climb(problem, trust_region(problem, end[0])) for end in ends]
+    settled = [end for end in ends if end[2]]
+    if not settled:
+        best = min(ends, key=lambda end: end[1])
+        raise ConvergenceError(
+            f"the posterior's maximum was not reached within {MAX_ITERATION} iterations from any of {len(starts)} "
+            "starts: the measured modes may not be this model's; check the order of the channels, units and pairing",
+            best[0],
+        )
+    theta, lowest, _ = min(settled, key=lambda end: end[1])
+    std = problem.parameters.std
+    others = sorted({
+        round(float(0.5 * (end[1] - lowest)), 3) for end in settled
+        if np.max(np.abs(end[0] - theta) / std) > 1e-3 and 0.5 * (end[1] - lowest) > SAME_HEIGHT
+    })  # fmt: skip
+    return _laplace(problem, theta, tuple(others))
+
+
+def distinct_maxima(problem: Problem, found: Laplace, starts: Sequence[np.ndarray]) -> tuple[Laplace, ...]:
+    """`found` and the further maxima that climbs from `starts` end in, highest mass first: those whose Laplace evidence
+    is within NEGLIGIBLE of the largest. Starts that do not settle are left out."""
+    kept = [found]
+    for start in starts:
+        theta, _, settled = _climb(problem, np.asarray(start, float))
+        if not settled or any(_same(theta, other) for other in kept):
+            continue
+        kept.append(_laplace(problem, theta, ()))
+    mass = np.array([_log_mass(x) for x in kept])
+    order = np.argsort(-mass)
+    return tuple(kept[k] for k in order if mass[k] > mass.max() - NEGLIGIBLE)
+
+
+def _same(theta: np.ndarray, other: Laplace) -> bool:
+    """Within a posterior standard deviation a parameter: one broad maximum, not two."""
+    apart = theta - other.theta
+    return float(apart @ other.precision @ apart) < len(theta)
+
+
+def _log_mass(laplace: Laplace) -> float:
+    return laplace.log_posterior + 0.5 * np.linalg.slogdet(laplace.covariance)[1]
+
+
+def _laplace(problem: Problem, theta: np.ndarray, others: tuple[float, ...]) -> Laplace:
+    """The Gauss-Newton Gaussian at a maximum."""
+    residual, slope, data_slope = _system(problem, theta)
+    precision = slope.T @ slope
+    at_bound = pinned(theta, problem.parameters)
+    covariance = np.linalg.inv(precision)
+    resolution = np.diag(covariance @ data_slope.T @ data_slope)
+    value, _ = problem.log_posterior(theta)
+    gradient = -slope.T @ residual
+    # at a bound only what points inside could be followed
+    parameters = problem.parameters
+    outward = np.where(theta - parameters.lower <= parameters.upper - theta, gradient < 0, gradient > 0)
+    free = np.where(at_bound & outward, 0.0, gradient)
+    return Laplace(
+        theta=frozen_array(theta), covariance=frozen_array(covariance), precision=frozen_array(precision),
+        gradient=frozen_array(gradient),
+        projected_gradient=float(np.max(np.abs(free) * np.sqrt(np.diag(covariance)))),
+        at_bound=frozen_array(at_bound, bool),
+        resolution=frozen_array(resolution), log_posterior=float(value[0]),
+        misfit=float(problem.misfit(problem.predict(theta))), others=others,
+    )
+
+
+def _system(problem: Problem, theta: np.ndarray):
+    """Residual and its slope of the whole posterior, and the data's part of the slope."""
+    response, sensitivity = problem.sensitivity(theta)
+    prior, prior_slope = prior_residual(problem.parameters, theta)
+    data_slope = problem.weighted(sensitivity.T).T
+    residual = np.concatenate([problem.weighted(response - problem.measured), prior])
+    return residual, np.vstack([data_slope, prior_slope]), data_slope
+
+
+def _value(problem: Problem, theta: np.ndarray) -> float:
+    """-2 ln posterior + const; infinite where bounds allow what has no modes, such as a negative stiffness."""
+    prior, _ = prior_residual(problem.parameters, theta)
+    try:
+        return float(problem.misfit(problem.predict(theta)) + prior @ prior)
+    except (ProbupdateError, np.linalg.LinAlgError):
+        return np.inf
+
+
+def trust_region(problem: Problem, start: np.ndarray) -> np.ndarray:
+    """The end of scipy's bounded trust-region least squares ('trf') on -2 ln posterior, from `start`."""
+    from scipy import optimize
+
+    parameters = problem.parameters
+    kept: dict[bytes, tuple] = {}
+
+    def system(theta):
+        key = theta.tobytes()
+        if key not in kept:
+            kept.clear()
+            try:
+                kept[key] = _system(problem, theta)
+            except (ProbupdateError, np.linalg.LinAlgError):
+                # a step that is no number is shortened; its slope is not asked for
+                kept[key] = (np.full(problem.measured.size + len(parameters), np.inf),)
+        return kept[key]
+
+    # it wants a start strictly inside
+    inside = 1e-6 * np.minimum(parameters.std, parameters.upper - parameters.lower)
+    begin = np.clip(start, parameters.lower + inside, parameters.upper - inside)
+    found = optimize.least_squares(
+        lambda theta: system(theta)[0], begin, jac=lambda theta: system(theta)[1], method="trf",
+        bounds=(parameters.lower, parameters.upper), x_scale=parameters.std, max_nfev=MAX_ITERATION,
+    )
+    return found.x
+
+
+def _climb(problem: Problem, theta: np.ndarray) -> tuple[np.ndarray, float, bool]:
+    """theta, -2 ln posterior + const, settled."""
+    parameters = problem.parameters
+    value = _value(problem, theta)
+    if not np.isfinite(value):
+        return theta, value, False
+    share, last = 1.0, None
+    for _ in range(MAX_ITERATION):
+        residual, slope, _ = _system(problem, theta)
+        step = bounded_step(slope, -residual, theta, parameters)
+        share, trial, fresh = relaxed(step / parameters.std, last, share, LONGEST), theta, value
+        last = step / parameters.std
+        for _ in range(HALVINGS):
+            trial = np.clip(theta + share * step, parameters.lower, parameters.upper)
+            fresh = _value(problem, trial)
+            if fresh <= value * (1 + ROUNDING):
+                break
+            share *= 0.5
+        small = float(np.max(np.abs(step) / parameters.std))
+        if fresh > value * (1 + ROUNDING):
+            return theta, value, False
+        theta, value = trial, fresh
+        if small * share < TOLERANCE:
+            return theta, value, True
+    return theta, value, False

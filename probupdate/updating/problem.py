@@ -1,0 +1,388 @@
+"""The one updating problem both estimators solve: responses Lambda, their weights, the parameters and their prior.
+
+Responses are frequencies and shapes of the matched modes (Eq. 4), see `responses`. A measured cluster is represented by
+an orthonormal basis of its plane, scaled so that its largest row is 1; a single mode by its shape with largest
+component 1; a shape that counts as one MAC by an orthonormal basis.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from probupdate.errors import InputError, ProbupdateError
+from probupdate.modal.channel_mistakes import ChannelMistake, channel_mistake
+from probupdate.modal.matching import Matching, assign, channel_rows, match
+from probupdate.modal.modes import ModalData
+from probupdate.model.interface import ModalSolution, Model
+from probupdate.model.uncertainty import ResponseError, marginal_root
+from probupdate.runtime.arrays import frozen_array
+from probupdate.updating.responses import ResponseGroup, Weights, joint_root, paper_weights, response_group
+
+__all__ = ["Prediction", "Problem", "Weights", "build_problem", "paper_weights"]
+
+# modes looked through for the measured ones at the initial parameters, beyond their number
+SEARCH = 10
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Prediction:
+    """Of n parameter vectors: response (n, n_response); computed (n, n_used) the model's modes taken for the measured
+    ones; frequency_hz (n, n_used); mac (n, n_used), for members of a cluster that of its worst direction; fallback
+    (n,) bool: answered by the full model because a reduced one does not cover it."""
+
+    response: np.ndarray
+    computed: np.ndarray
+    frequency_hz: np.ndarray
+    mac: np.ndarray
+    fallback: np.ndarray
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Problem:
+    """Measured responses Lambda_S, their covariance, and the model that predicts them; see `build_problem`.
+
+    The covariance W_Lambda^-1 holds identification, model discrepancy and, where `error` states them, the sources of
+    the model's error (`model_error`), which also have a mean: all estimators see the same Gaussian likelihood.
+    """
+
+    model: Model
+    set_id: str
+    mode_labels: tuple[str, ...]
+    matching: Matching
+    groups: tuple[ResponseGroup, ...]
+    weights: Weights
+    error: ResponseError | None = None
+
+    @property
+    def parameters(self):
+        return self.model.parameters
+
+    @cached_property
+    def measured(self) -> np.ndarray:
+        """Lambda_S (n_response,): frequencies by group, then shape components by group, mode and channel."""
+        parts = [g.frequency_response for g in self.groups] + [g.shape_response for g in self.groups]
+        return frozen_array(np.concatenate(parts))
+
+    @cached_property
+    def std(self) -> np.ndarray:
+        """sigma of each response (n_response,) without the model's error, but for a MAC, one datum, whose expectation
+        holds it."""
+        parts = [g.frequency_response_std for g in self.groups] + [g.shape_response_std for g in self.groups]
+        std = np.concatenate(parts)
+        if self.error is not None:
+            for rows in self._mac_rows:
+                std[rows] = np.sqrt(std[rows] ** 2 + np.sum(self.error.factor[rows] ** 2))
+        return frozen_array(std)
+
+    @cached_property
+    def _mac_rows(self) -> tuple[slice, ...]:
+        """The responses of each shape that counts as one MAC."""
+        found, start = [], self.n_frequency
+        for g in self.groups:
+            if g.shapes == "mac":
+                found.append(slice(start, start + g.shape_response.size))
+            start += g.shape_response.size
+        return tuple(found)
+
+    @cached_property
+    def discrepancy_std(self) -> np.ndarray:
+        """The part of each response's standard deviation (n_response,) that is the model's discrepancy."""
+        parts = [g.discrepancy_std for g in self.groups]
+        return frozen_array(np.concatenate([p[0] for p in parts] + [p[1] for p in parts]))
+
+    @cached_property
+    def noise_root(self) -> np.ndarray:
+        """R (n_effective or n_response, n_response) with R^T R the inverse covariance of identification and model
+        discrepancy alone."""
+        return frozen_array(joint_root(self.groups, self.weights) if self.weights.covariance else np.diag(1 / self.std))
+
+    @cached_property
+    def factor(self) -> np.ndarray:
+        """B (n_response, n_source) of the model's error in W_Lambda^-1 = C + B B^T; no columns where none is stated."""
+        if self.error is None:
+            return np.zeros((self.measured.size, 0))
+        factor = np.array(self.error.factor)
+        for rows in self._mac_rows:
+            factor[rows] = 0.0
+        return frozen_array(factor)
+
+    @cached_property
+    def _marginal(self) -> tuple[np.ndarray, float]:
+        root, log_det = marginal_root(self.noise_root, self.factor)
+        return frozen_array(root), log_det
+
+    @property
+    def root(self) -> np.ndarray | None:
+        """R (n_effective, n_response) with W_Lambda = R^T R; None where responses are independent."""
+        if self.error is None:
+            return self.noise_root if self.weights.covariance else None
+        return self._marginal[0]
+
+    @cached_property
+    def mean(self) -> np.ndarray:
+        """m (n_response,): what the model is expected to miss of every response; part of `predict`."""
+        return np.zeros(self.measured.size) if self.error is None else self.error.mean
+
+    def weighted(self, residual: np.ndarray) -> np.ndarray:
+        """W_Lambda^(1/2) residual: (..., n_response) -> (..., n_response), or (..., n_effective) of a covariance."""
+        return residual / self.std if self.root is None else residual @ self.root.T
+
+    @cached_property
+    def n_frequency(self) -> int:
+        return sum(g.frequency_hz.size for g in self.groups)
+
+    @property
+    def n_effective(self) -> int:
+        """Responses less the numbers fitted to align shapes: the expected chi-square of a true model at truth."""
+        return sum(g.n_effective for g in self.groups)
+
+    @property
+    def used(self) -> tuple[int, ...]:
+        """Modes of the data, in the order of the responses' frequencies."""
+        return self.matching.measured
+
+    def predict_many(self, theta: np.ndarray) -> Prediction:
+        """Lambda_M(theta) for theta (n, n_param) inside the bounds."""
+        theta = np.atleast_2d(np.asarray(theta, float))
+        solved = self.model.solve_many(theta, self.matching.n_mode)
+        computed, criterion = self._assign(solved.shape)
+        frequency = np.take_along_axis(solved.frequency_hz, computed, axis=1)
+        response = np.log(frequency) if self.weights.frequencies == "log" else frequency
+        parts, mac, start = [response], np.empty(computed.shape), 0
+        for group in self.groups:
+            k = group.size
+            columns = computed[:, start : start + k]
+            shape = np.take_along_axis(solved.shape[:, group.rows], columns[:, None, :], axis=2)
+            if group.shapes != "none":
+                parts.append(group.aligned(shape).transpose(0, 2, 1).reshape(len(theta), -1))
+            if k == 1:
+                mac[:, start] = np.take_along_axis(criterion[:, start], columns, axis=1)[:, 0]
+            else:
+                q, _ = np.linalg.qr(shape)
+                mac[:, start : start + k] = (
+                    np.linalg.svd(group.plane.T @ q, compute_uv=False)[:, -1:] ** 2
+                )
+            start += k
+        return Prediction(
+            response=np.concatenate(parts, axis=1) + self.mean, computed=computed, frequency_hz=frequency, mac=mac,
+            fallback=solved.fallback,
+        )
+
+    def _assign(self, shape: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """shape (n, n_channel, n_mode) -> computed (n, n_used) and the criterion (n, n_used, n_mode)."""
+        criterion = np.empty((len(shape), self.n_frequency, shape.shape[2]))
+        if all(group.rows.size <= 1 for group in self.groups):
+            # one sensor or none: no shape says which mode is which, their order does
+            criterion[:] = 1.0
+            return np.tile(np.array(self.matching.computed), (len(shape), 1)), criterion
+        start = 0
+        for group in self.groups:
+            k = group.size
+            rows = shape[:, group.rows]
+            inside = np.einsum("ck,ncm->nkm", group.plane, rows)
+            share = np.sum(inside**2, axis=1) / np.sum(rows**2, axis=1)
+            criterion[:, start : start + k] = share[:, None]
+            start += k
+        # mostly every group's best columns are its own: no sum can be larger, and no assignment problem need be solved
+        score, chosen, start = np.nan_to_num(criterion, nan=-1.0), [], 0
+        for group in self.groups:
+            best = np.argsort(-score[:, start], axis=1, kind="stable")[:, : group.size]
+            chosen.append(np.sort(best, axis=1))
+            start += group.size
+        computed = np.concatenate(chosen, axis=1)
+        in_order = np.sort(computed, axis=1)
+        for row in np.flatnonzero(np.any(in_order[:, 1:] == in_order[:, :-1], axis=1)):
+            computed[row] = _ascending_in_groups(assign(criterion[row]), self.groups)
+        return computed, criterion
+
+    def predict(self, theta: np.ndarray) -> np.ndarray:
+        """Lambda_M(theta) (n_response,), with what the model is expected to miss."""
+        return self.predict_many(theta).response[0]
+
+    def sensitivity(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Lambda_M (n_response,) and S (n_response, n_param), Eq. 5, exact, through the alignment of shapes."""
+        clusters = self._clusters(self.model.solve(theta, self.matching.n_mode).shape)
+        solution = self.model.solve(
+            theta, self.matching.n_mode, derivatives=True, clusters=tuple(c for c in clusters if len(c) > 1)
+        )
+        response, slope = self._response_slope(solution, clusters)
+        return response + self.mean, slope
+
+    def _clusters(self, shape: np.ndarray) -> tuple[tuple[int, ...], ...]:
+        """The computed modes (n_channel, n_mode) of each group."""
+        computed, _ = self._assign(shape[None])
+        clusters, start = [], 0
+        for group in self.groups:
+            clusters.append(tuple(int(i) for i in computed[0, start : start + group.size]))
+            start += group.size
+        return tuple(clusters)
+
+    def _response_slope(self, solution: ModalSolution, clusters) -> tuple[np.ndarray, np.ndarray]:
+        """Responses (n_response,) and their derivatives (n_response, n) with respect to whatever the solution's are."""
+        response = [solution.frequency_hz[list(c)] for c in clusters]
+        slope = [solution.frequency_derivative[list(c)] for c in clusters]
+        if self.weights.frequencies == "log":
+            slope = [change / f[:, None] for change, f in zip(slope, response, strict=True)]
+            response = [np.log(f) for f in response]
+        for group, columns in zip(self.groups, clusters, strict=True):
+            if group.shapes == "none":
+                continue
+            members = list(columns)
+            shape = solution.shape[group.rows][:, members]
+            change = solution.shape_derivative[group.rows][:, members]
+            response.append(group.aligned(shape[None])[0].T.ravel())
+            slope.append(group.aligned_derivative(shape, change).transpose(1, 0, 2).reshape(-1, change.shape[2]))
+        return np.concatenate(response), np.concatenate(slope)
+
+    def with_error(self, theta: np.ndarray) -> Problem:
+        """The same problem with its model's sources of error marginalised, their effect taken at theta (n_param,)."""
+        unknown = getattr(self.model, "uncertainty", None)
+        if unknown is None or not unknown.sources:
+            return self
+        n_mode = self.matching.n_mode
+        clusters = self._clusters(self.model.solve(theta, n_mode).shape)
+        # modes above the measured ones are not asked for their derivatives
+        n_mode = min(n_mode, max(max(c) for c in clusters) + 1)
+        solution = unknown.changes(theta, n_mode, tuple(c for c in clusters if len(c) > 1))
+        _, slope = self._response_slope(solution, clusters)
+        return replace(self, error=ResponseError.of(unknown.sources, slope, theta))
+
+    def noise_alone(self) -> Problem:
+        """The same problem with the covariance of identification and discrepancy alone, its mean kept: where sources
+        of error are common to several sets, they are marginalised over all of them together."""
+        if self.error is None:
+            return self
+        return replace(self, error=replace(self.error, factor=np.zeros_like(self.error.factor)))
+
+    def misfit(self, response: np.ndarray) -> np.ndarray:
+        """(Lambda_S - Lambda_M)^T W_Lambda (Lambda_S - Lambda_M), first term of Eq. 6; response (..., n_response)."""
+        return np.sum(self.weighted(self.measured - response) ** 2, axis=-1)
+
+    @cached_property
+    def _log_constant(self) -> float:
+        """ln of the Gaussian density of the responses where the misfit is zero; a MAC is one datum."""
+        added = 0.0 if self.error is None else -0.5 * self._marginal[1]
+        if self.weights.covariance:
+            root = self.noise_root
+            return float(0.5 * np.linalg.slogdet(root @ root.T)[1] - 0.5 * len(root) * np.log(2 * np.pi)) + added
+        counted = np.ones(self.std.size, bool)
+        for rows in self._mac_rows:
+            counted[rows.start + 1 : rows.stop] = False
+        std = self.std[counted]
+        return float(-np.sum(np.log(std)) - 0.5 * std.size * np.log(2 * np.pi)) + added
+
+    def log_likelihood(self, theta: np.ndarray) -> np.ndarray:
+        """ln p(Lambda_S | theta) (n,), Gaussian with W_Lambda as inverse covariance, constants kept."""
+        return self._log_constant - 0.5 * self.misfit(self.predict_many(theta).response)
+
+    def log_posterior(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """ln p(theta | Lambda_S) + const, and which rows fell back to a full model, both (n,); -inf out of bounds, and where
+        bounds allow what has no modes, such as a negative stiffness."""
+        theta = np.atleast_2d(np.asarray(theta, float))
+        value = self.parameters.log_density(theta)
+        fallback = np.zeros(len(theta), bool)
+        inside = np.isfinite(value)
+        if not inside.any():
+            return value, fallback
+        try:
+            predicted = self.predict_many(theta[inside])
+        except (ProbupdateError, np.linalg.LinAlgError):
+            if len(theta) == 1:
+                return np.array([-np.inf]), fallback
+            rows = [self.log_posterior(row) for row in theta]
+            return np.concatenate([r[0] for r in rows]), np.concatenate([r[1] for r in rows])
+        value[inside] += self._log_constant - 0.5 * self.misfit(predicted.response)
+        fallback[inside] = predicted.fallback
+        return value, fallback
+
+    def with_model(self, model: Model) -> Problem:
+        """The same problem answered by another model of the same modes, such as a reduced one."""
+        return replace(self, model=model)
+
+    def parts(self) -> dict[str, str]:
+        """A hash of each part of the problem, by what a user would have changed."""
+        weights = [self.std] if self.root is None else [self.std, self.root, self.mean]
+        return {
+            "model": self.model.fingerprint(),
+            "prior": _hash(repr((tuple(self.parameters), None if self.parameters.correlation is None
+                                 else self.parameters.correlation.tolist()))),
+            "measured modes": _hash(self.measured, *(g.rows.astype(np.int64) for g in self.groups), self.set_id),
+            "weights": _hash(*weights, self.weights.frequencies, self.weights.shapes),
+            "pairing": _hash(repr((self.matching.measured, self.matching.pairs, self.matching.n_mode))),
+        }  # fmt: skip
+
+    def fingerprint(self) -> str:
+        """A hash of model, prior, data and weights: two chains with the same one sample the same posterior."""
+        return _hash(*(text for pair in self.parts().items() for text in pair))
+
+
+def with_mistake(error: InputError, likely: ChannelMistake) -> InputError:
+    """The same refusal with what would explain it."""
+    return InputError(error.where, f"{error.problem}; {likely.sentence}", likely.remedy)
+
+
+def suspected_channels(
+    model: Model, data: ModalData, theta: Sequence[np.ndarray], *, set_id: str | None = None
+) -> ChannelMistake | None:
+    """An exchange or reversal of channels with which the set's shapes would be the model's at one of theta (n_param,)."""
+    rows = channel_rows(model, data.channels)
+    n_mode = min(data.n_mode + SEARCH, model.n_available)
+    return channel_mistake(data.set(set_id), data.channels, [model.solve(t, n_mode).shape[rows] for t in theta])
+
+
+def _hash(*parts: str | np.ndarray) -> str:
+    digest = hashlib.sha256()
+    for part in parts:
+        digest.update(part.encode() if isinstance(part, str) else np.ascontiguousarray(part).tobytes())
+        digest.update(b"|")
+    return digest.hexdigest()
+
+
+def _ascending_in_groups(columns: np.ndarray, groups: tuple[ResponseGroup, ...]) -> np.ndarray:
+    result, start = np.array(columns), 0
+    for group in groups:
+        k = group.size
+        result[start : start + k] = np.sort(result[start : start + k])
+        start += k
+    return result
+
+
+def build_problem(
+    model: Model,
+    data: ModalData,
+    *,
+    set_id: str | None = None,
+    weights: Weights | None = None,
+    clusters: list[tuple[int, ...]] | None = None,
+) -> Problem:
+    """Match the set's modes with the model's at the initial parameters and collect its responses.
+
+    `weights` default to the deviations in the file. `clusters` fixes which modes are compared as planes, so that many
+    sets are treated alike. Raises InputError where a deviation is missing or no mode can be matched.
+    """
+    if not len(model.parameters):
+        raise InputError(model.name, "has no parameters to update", "list at least one [[parameter]] in its TOML")
+    modal_set = data.set(set_id)
+    weights = weights or Weights()
+    rows = channel_rows(model, data.channels)
+    if clusters is None and weights.shapes == "components":
+        clusters = [(j,) for j in range(data.n_mode)]
+    solution = model.solve(model.parameters.initial, min(data.n_mode + SEARCH, model.n_available))
+    try:
+        matching = match(modal_set, solution, rows, labels=data.labels, clusters=clusters)
+    except InputError as error:
+        likely = channel_mistake(modal_set, data.channels, [solution.shape[rows]])
+        raise error if likely is None else with_mistake(error, likely) from None
+    labels = data.labels or tuple(f"mode {j + 1}" for j in range(data.n_mode))
+    groups = tuple(response_group(modal_set, list(g.measured), rows, weights, labels) for g in matching.groups)
+    problem = Problem(
+        model=model, set_id=modal_set.id, mode_labels=labels, matching=matching, groups=groups, weights=weights
+    )
+    if not weights.tolerances:
+        return problem
+    return problem.with_error(model.parameters.initial if weights.at is None else np.array(weights.at))

@@ -1,0 +1,406 @@
+"""What is compared, and with which weight: the responses Lambda of one group of modes and their deviations.
+
+Frequencies stand in Hz or as logarithms. Shapes are taken in one of four ways (`Weights.shapes`):
+"plane": a single mode by its components, a close cluster by the plane it spans, as its members turn into each other;
+"components": every mode by its own components, as in the paper, close pairs too;
+"mac": like "plane", but each shape or plane counts as one datum (1 - MAC over its expectation under the deviations);
+"none": frequencies only, shapes serve the pairing.
+A single mode's computed shape is scaled to the measured one, a cluster's shapes are combined linearly to the measured
+plane: fitting k x k numbers to a group of k modes takes as many degrees of freedom from its residual.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy import linalg
+
+from probupdate.errors import InputError
+from probupdate.modal.modes import ModalSet, rotate_to_real
+from probupdate.runtime.arrays import frozen_array
+
+FREQUENCIES = ("hz", "log")
+SHAPES = ("plane", "components", "mac", "none")
+# The paper: CoV of the frequencies of the first and second bending modes (Sec. 4); a shape component's deviation is
+# ten times the frequency's CoV, here of the largest component, as a CoV of a component near zero means nothing.
+PAPER_COV_FIRST, PAPER_COV_SECOND = 0.015, 0.017
+SHAPE_FACTOR = 10.0
+# the smallest deviation a measured shape component is believed to, as a share of the largest component: components
+# that served as a reference have deviation zero
+SHAPE_FLOOR = 0.02
+# the same for frequencies, where deviations come as a covariance: a few times what a model's mesh leaves
+FREQUENCY_FLOOR = 5e-4
+# both where tolerances are stated beside them: what two independent programs differ by where theory, parameters and
+# soil are the same (0.13 % of the first pair, 0.1 to 0.6 % of a shape's largest component)
+FORM_FLOOR, FORM_SHAPE_FLOOR = 1e-3, 2.5e-3
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Weights:
+    """Which responses are compared and where their deviations come from; W_Lambda is the inverse of their covariance.
+
+    frequency_cov (n_mode,): CoV of each mode of the data, or None for the file's frequency_std_hz. With `shape_std`
+    the file's shape deviations are used where it has them; else, or where it has none, sigma of a component is
+    shape_factor times the frequency's CoV times the largest component. With `covariance` all of these give way to the
+    set's own deviations (ModalSet.deviation), joint over frequencies and shapes of all modes, plus independent floors.
+
+    discrepancy: what the model itself may miss at its best parameters, a share of every frequency, shape_factor times
+    that of the largest component of shapes; independent, added in squares to whatever the above give. `discrepancy_by`
+    says where it comes from (`updating.discrepancy`).
+
+    tolerances: the sources of error that the model itself states (`model_error`) are marginalised, their effect taken
+    at the parameters `at`, or at the initial ones.
+    """
+
+    frequency_cov: tuple[float, ...] | None = None
+    shape_std: bool = True
+    shape_factor: float = SHAPE_FACTOR
+    shape_floor: float = SHAPE_FLOOR
+    covariance: bool = False
+    frequency_floor: float = FREQUENCY_FLOOR
+    frequencies: str = "hz"
+    shapes: str = "plane"
+    discrepancy: float = 0.0
+    discrepancy_by: str = "as stated"
+    tolerances: bool = False
+    at: tuple[float, ...] | None = None
+
+    def __post_init__(self):
+        for name, value, known in (("frequencies", self.frequencies, FREQUENCIES), ("shapes", self.shapes, SHAPES)):
+            if value not in known:
+                raise InputError(name, f"'{value}' is unknown", f"choose from {', '.join(known)}")
+        for name in ("shape_factor", "shape_floor", "frequency_floor"):
+            value = getattr(self, name)
+            if not (np.isfinite(value) and value > 0):
+                raise InputError(name, f"{value} is not above zero", "give a share, such as 0.02")
+        if not (np.isfinite(self.discrepancy) and self.discrepancy >= 0):
+            raise InputError("discrepancy", f"{self.discrepancy} is no share from 0 on",
+                             "give what the model may miss of a frequency, such as 0.005")  # fmt: skip
+        if self.covariance and self.frequency_cov is not None:
+            raise InputError("weights", "frequency CoVs are given and a full covariance is asked for", "choose one")
+        if self.covariance and self.shapes == "mac":
+            raise InputError("weights", "a MAC has one standard deviation, no covariance", "compare shapes as plane")
+
+    @property
+    def description(self) -> str:
+        rule = f"{self.shape_factor:g} times the frequency's CoV, of the largest component"
+        if self.covariance:
+            text = (
+                f"full covariance of the set's own identification, joint over modes, plus a model discrepancy of "
+                f"{100 * self.frequency_floor:g} % of each frequency and {100 * self.shape_floor:g} % of the largest "
+                "component"
+            )
+        elif self.frequency_cov is None:
+            text = (
+                f"frequencies: standard deviations of the file; shape components: those of the file, at least "
+                f"{100 * self.shape_floor:g} % of the largest component, or where it has none {rule}"
+            )
+        else:
+            text = f"frequencies: CoV {', '.join(f'{c:g}' for c in self.frequency_cov)}; shape components: {rule}"
+        if self.discrepancy:
+            text += (
+                f"; model discrepancy of {100 * self.discrepancy:.3g} % of each frequency and "
+                f"{100 * self.shape_factor * self.discrepancy:.3g} % of the largest component added in squares "
+                f"({self.discrepancy_by})"
+            )
+        if self.tolerances:
+            text += "; stated tolerances of the model and of its sensors marginalised"
+        return f"{text}; {self.compared}"
+
+    @property
+    def floors(self) -> tuple[float, float]:
+        """Independent deviations beside a covariance: of frequencies (relative) and of shapes (of the largest)."""
+        return (float(np.hypot(self.frequency_floor, self.discrepancy)),
+                float(np.hypot(self.shape_floor, self.shape_factor * self.discrepancy)))  # fmt: skip
+
+    @property
+    def compared(self) -> str:
+        """What the responses are, in words."""
+        frequency = {"hz": "frequencies in Hz", "log": "logarithms of frequencies"}[self.frequencies]
+        shape = {
+            "plane": "components of shapes, close pairs as planes", "components": "components of every shape",
+            "mac": "one MAC a shape, close pairs as planes", "none": "no shapes",
+        }[self.shapes]  # fmt: skip
+        return f"compared are {frequency}, {shape}"
+
+
+def paper_weights(labels: tuple[str, ...], frequency_hz: np.ndarray, **responses: str) -> Weights:
+    """CoV 0.015 for first and 0.017 for higher modes; first are those labelled FA1 or SS1, or unlabelled below 1 Hz."""
+    first = [name[-1] == "1" and name[:2] in ("FA", "SS") for name in labels] if labels else frequency_hz < 1.0
+    cov = tuple(PAPER_COV_FIRST if f else PAPER_COV_SECOND for f in first)
+    return Weights(frequency_cov=cov, shape_std=False, **responses)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class ResponseGroup:
+    """Measured side of one group of k modes: frequencies ascending with deviations (k,), the basis of its shapes
+    (n, k) and the deviation of its rows (n,), for the n rows of the model that were measured.
+
+    `changes` (k + n k, n_column): the set's own first-order deviations of the k frequencies (as responses) and of the
+    basis, mode by mode; None where the deviations are independent. frequency_discrepancy_hz (k,), shape_discrepancy
+    (n,): the part of the standard deviations that is the model's discrepancy, not the measurement's.
+    """
+
+    frequency_hz: np.ndarray
+    frequency_std_hz: np.ndarray
+    rows: np.ndarray
+    basis: np.ndarray
+    shape_std: np.ndarray
+    frequencies: str = "hz"
+    shapes: str = "plane"
+    changes: np.ndarray | None = None
+    frequency_discrepancy_hz: np.ndarray | None = None
+    shape_discrepancy: np.ndarray | None = None
+
+    @property
+    def size(self) -> int:
+        """How many modes are compared together."""
+        return self.basis.shape[1]
+
+    @property
+    def n_effective(self) -> int:
+        """Expected chi-square of a true model at the truth."""
+        shapes = {"none": 0, "mac": 1}.get(self.shapes, self.basis.size - self.size**2)
+        return self.size + shapes
+
+    @cached_property
+    def frequency_response(self) -> np.ndarray:
+        return np.log(self.frequency_hz) if self.frequencies == "log" else self.frequency_hz
+
+    @cached_property
+    def frequency_response_std(self) -> np.ndarray:
+        return self.frequency_std_hz / self.frequency_hz if self.frequencies == "log" else self.frequency_std_hz
+
+    @cached_property
+    def shape_response(self) -> np.ndarray:
+        """Components mode by mode (k n,), empty where shapes are not compared."""
+        return np.zeros(0) if self.shapes == "none" else self.basis.T.ravel()
+
+    @cached_property
+    def shape_response_std(self) -> np.ndarray:
+        return np.zeros(0) if self.shapes == "none" else np.tile(self.shape_std, self.size)
+
+    @cached_property
+    def discrepancy_std(self) -> tuple[np.ndarray, np.ndarray]:
+        """Of the frequencies' responses (k,) and of the shapes' (k n,), empty where shapes are not compared."""
+        scale = self.frequency_hz if self.frequencies == "log" else 1.0
+        shape = np.zeros(0) if self.shapes == "none" else np.tile(self.shape_discrepancy, self.size)
+        return self.frequency_discrepancy_hz / scale, shape
+
+    @cached_property
+    def scaled_basis(self) -> np.ndarray:
+        return self.basis / self.shape_std[:, None]
+
+    @cached_property
+    def plane(self) -> np.ndarray:
+        """Orthonormal basis of the unweighted plane: what MAC is computed with."""
+        return np.linalg.qr(self.basis)[0]
+
+    @cached_property
+    def complement(self) -> np.ndarray:
+        """Orthonormal basis (n, n - k) of what is orthogonal to the plane: where a residual carries information."""
+        return linalg.null_space(self.basis.T)
+
+    def aligned(self, shape: np.ndarray) -> np.ndarray:
+        """Computed shapes (m, n, k) combined to the measured basis: the responses of shapes (m, n, k).
+
+        Independent deviations: the combination Y T closest to the basis over its deviations. A covariance: the one
+        whose part within the measured plane is the measured basis itself, so that all of the residual lies across it,
+        where scale and rotation, that nothing determines, have no part.
+        """
+        if self.changes is not None:
+            return shape @ np.linalg.solve(self.plane.T @ shape, self.plane.T @ self.basis)
+        aligned, _, _ = align(shape / self.shape_std[:, None], self.scaled_basis)
+        return aligned * self.shape_std[:, None]
+
+    def aligned_derivative(self, shape: np.ndarray, change: np.ndarray) -> np.ndarray:
+        """d aligned (n, k, n_param) from shape (n, k) and its change (n, k, n_param)."""
+        if self.changes is not None:
+            inside = self.plane.T @ shape
+            turn = np.linalg.solve(inside, self.plane.T @ self.basis)
+            moved = np.einsum("cjp,jk->ckp", change, turn)
+            back = shape @ np.linalg.inv(inside)
+            return moved - np.einsum("cj,dj,dkp->ckp", back, self.plane, moved, optimize=True)
+        scale = self.shape_std[:, None]
+        over, d_over = shape / scale, change / scale[:, :, None]
+        aligned, turn, inverse = align(over[None], self.scaled_basis)
+        return align_derivative(over, d_over, turn[0], inverse[0], self.scaled_basis - aligned[0]) * scale[:, :, None]
+
+
+def align(shape: np.ndarray, basis: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Y T with T (n, k, k) that brings it closest to the basis X in the least-squares sense, T, and (Y^T Y)^-1.
+
+    shape Y (n, n_row, k) and basis X (n_row, k), both over the rows' deviations.
+    """
+    # columns to unit length first: T is free, so this only helps the condition of Y^T Y
+    size = np.linalg.norm(shape, axis=1, keepdims=True)
+    unit = shape / size
+    inverse = np.linalg.inv(np.swapaxes(unit, 1, 2) @ unit)
+    inverse = inverse / (np.swapaxes(size, 1, 2) * size)
+    turn = inverse @ (np.swapaxes(shape, 1, 2) @ basis)
+    return shape @ turn, turn, inverse
+
+
+def align_derivative(shape, change, turn, inverse, residual) -> np.ndarray:
+    """d(Y T) (n_row, k, n_param) from dY: (1 - P) dY T + Y (Y^T Y)^-1 dY^T R with the projector P and R = X - Y T."""
+    moved = np.einsum("cjp,jk->ckp", change, turn)
+    projected = np.einsum("cj,jl,dl,dkp->ckp", shape, inverse, shape, moved, optimize=True)
+    turned = np.einsum("cj,jl,dlp,dk->ckp", shape, inverse, change, residual, optimize=True)
+    return moved - projected + turned
+
+
+def joint_root(groups: tuple[ResponseGroup, ...], weights: Weights) -> np.ndarray:
+    """R (n_effective, n_response) with W_Lambda = R^T R, the inverse covariance of all responses together.
+
+    Shapes count by their part across the measured planes; the floors are independent of everything.
+    """
+    n_frequency = sum(g.size for g in groups)
+    pick, changes, floor = [], [], []
+    for g in groups:
+        changes.append(g.changes[: g.size])
+        floor.append(weights.floors[0] * (np.ones(g.size) if g.frequencies == "log" else g.frequency_hz))
+    for g in groups:
+        if g.shapes != "none":
+            across = np.kron(np.eye(g.size), g.complement.T)
+            pick.append(across)
+            changes.append(across @ g.changes[g.size :])
+            floor.append(np.full(len(across), weights.floors[1]))
+    changes, floor = np.vstack(changes), np.concatenate(floor)
+    factor = linalg.cholesky(changes @ changes.T + np.diag(floor**2), lower=True)
+    return linalg.solve_triangular(factor, linalg.block_diag(np.eye(n_frequency), *pick), lower=True)
+
+
+def _without_shape(modal_set: ModalSet, members: list[int], rows, weights: Weights, labels) -> ResponseGroup:
+    """Frequencies alone, of a set that tells no shape."""
+    frequency, nothing = modal_set.frequency_hz[members], np.zeros((0, len(members)))
+    if weights.covariance:
+        raise InputError(f"set {modal_set.id}", "has no shape, whose covariance is asked for",
+                         "give --weights measured with --shapes none")  # fmt: skip
+    floor = weights.frequency_floor if weights.tolerances else 0.0
+    missed = np.hypot(weights.discrepancy, floor) * frequency
+    std = np.hypot(_frequency_std(modal_set, members, weights, labels), missed)
+    return ResponseGroup(
+        frequency_hz=frozen_array(frequency), rows=rows, frequencies=weights.frequencies, shapes="none",
+        frequency_std_hz=frozen_array(std), basis=frozen_array(nothing), shape_std=frozen_array(np.zeros(0)),
+        frequency_discrepancy_hz=frozen_array(missed), shape_discrepancy=frozen_array(np.zeros(0)))
+
+
+def response_group(modal_set: ModalSet, members: list[int], rows, weights: Weights, labels) -> ResponseGroup:
+    """The measured side of modes that `matching.match` grouped; raises InputError where a deviation is missing."""
+    where = f"set {modal_set.id}, {' and '.join(labels[j] for j in members)}"
+    frequency = modal_set.frequency_hz[members]
+    turned = rotate_to_real(modal_set.shape[:, members])
+    kept = np.all(np.isfinite(turned), axis=1)
+    shape = turned.real[kept]
+    if not len(shape) and weights.shapes != "none":
+        raise InputError(where, "has no component of its shape", "compare frequencies alone (--shapes none)")
+    if not len(shape):
+        return _without_shape(modal_set, members, rows[kept], weights, labels)
+    # scaled per mode to largest component 1 first, so that neither of a plane's shapes outweighs the other
+    largest = np.max(np.abs(shape), axis=0)
+    if np.any(largest == 0):
+        raise InputError(where, "its shape is zero everywhere", "give the components, null where not measured")
+    given = modal_set.shape_std[kept][:, members] / largest
+    if np.any(given < 0):
+        raise InputError(f"{where}, shape_std", "is negative", "give standard deviations, null where unknown")
+    u, singular, v = np.linalg.svd(shape / largest, full_matrices=False)
+    if len(members) == 1:
+        sign = np.sign(shape[np.argmax(np.abs(shape))])
+        basis, to_basis = shape / largest * sign, np.diag(sign)
+    else:
+        size = np.max(np.linalg.norm(u, axis=1))
+        basis, to_basis = u / size, v.T / singular / size
+    common = dict(
+        frequency_hz=frozen_array(frequency), rows=rows[kept], frequencies=weights.frequencies, shapes=weights.shapes,
+    )
+    if weights.covariance:
+        phase = np.nansum(modal_set.shape[:, members].conj() * turned, axis=0)
+        phase = phase / np.abs(phase)
+        changes = _own_changes(modal_set, members, kept, phase / largest, to_basis, weights, where)
+        spread = np.sqrt(np.sum(changes**2, axis=1))
+        k, n = len(members), len(basis)
+        own = frequency if weights.frequencies == "log" else 1.0
+        std = np.hypot(spread[:k] * own, weights.floors[0] * frequency)
+        sigma = np.sqrt(np.mean(spread[k:].reshape(k, n) ** 2, axis=0) + weights.floors[1] ** 2)
+        return ResponseGroup(
+            frequency_std_hz=frozen_array(std), basis=frozen_array(basis), shape_std=frozen_array(sigma),
+            changes=frozen_array(changes), frequency_discrepancy_hz=frozen_array(weights.floors[0] * frequency),
+            shape_discrepancy=frozen_array(np.full(n, weights.floors[1])), **common,
+        )
+    std = _frequency_std(modal_set, members, weights, labels)
+    sigma, below = _shape_std(given, to_basis, weights, weights.shape_factor * float(np.mean(std / frequency)))
+    # what no tolerance holds: of shapes it is within their floor
+    floor = weights.frequency_floor if weights.tolerances else 0.0
+    added = weights.shape_factor * weights.discrepancy
+    missed = np.hypot(weights.discrepancy, floor) * frequency, np.hypot(below, added)
+    std, sigma = np.hypot(std, missed[0]), np.hypot(sigma, added)
+    if weights.shapes == "mac":
+        # k - sum of squared cosines is |Q - P Q|^2 of an orthonormal basis Q: over its expectation, one datum
+        size = np.linalg.norm(basis[:, 0])
+        basis = basis / size
+        left = 1 - np.sum(basis**2, axis=1)
+        sigma, shape_missed = (np.full(len(basis), np.sqrt(len(members) * float(np.sum(s**2 * left)) / size**2))
+                               for s in (sigma, missed[1]))
+        missed = missed[0], shape_missed
+    return ResponseGroup(
+        frequency_std_hz=frozen_array(std), basis=frozen_array(basis), shape_std=frozen_array(sigma),
+        frequency_discrepancy_hz=frozen_array(missed[0]), shape_discrepancy=frozen_array(missed[1]), **common,
+    )
+
+
+def _shape_std(given: np.ndarray, to_basis: np.ndarray, weights: Weights, rule: float) -> tuple[np.ndarray, np.ndarray]:
+    """Standard deviation of each row of the basis (n,) from those of the shapes (n, k), and the part of it (n,) that
+    the floor adds to what was measured."""
+    if not (weights.shape_std and np.any(np.isfinite(given))):
+        return np.full(len(given), rule), np.zeros(len(given))
+    # deviations of the shapes carried to the basis; one per row, so that a turned basis has the same
+    variance = np.mean(given**2 @ to_basis**2, axis=1)
+    sigma = np.where(np.isfinite(variance), np.sqrt(variance), rule)
+    return np.maximum(sigma, weights.shape_floor), np.sqrt(np.maximum(weights.shape_floor**2 - sigma**2, 0.0))
+
+
+def _own_changes(modal_set: ModalSet, members, kept, factor, to_basis, weights: Weights, where: str) -> np.ndarray:
+    """ResponseGroup.changes: the set's deviations carried to the responses.
+
+    How the turn onto the real axis itself deviates is left out: it moves real parts by imaginary ones, which are small.
+    """
+    deviation = modal_set.deviation
+    if deviation is None:
+        raise InputError(
+            where, "the set has no covariance factors, which a full covariance needs",
+            "keep the .deviations.h5 file that `identify` writes beside modes.json, or choose --weights measured",
+        )
+    ln_frequency = np.asarray(deviation.ln_frequency)[members]
+    shape = np.asarray(deviation.shape)[kept][:, members]
+    if not (np.all(np.isfinite(ln_frequency)) and np.all(np.isfinite(shape))):
+        raise InputError(f"{where}, deviations", "are not given for every measured component",
+                         "identify the set again, or choose --weights measured")  # fmt: skip
+    real = np.real(shape * factor[None, :, None])
+    basis = np.einsum("cjp,jk->kcp", real, to_basis).reshape(-1, real.shape[2])
+    scale = 1.0 if weights.frequencies == "log" else modal_set.frequency_hz[members][:, None]
+    return np.vstack([ln_frequency * scale, basis])
+
+
+def _frequency_std(modal_set: ModalSet, members, weights: Weights, labels) -> np.ndarray:
+    frequency = modal_set.frequency_hz[members]
+    if weights.frequency_cov is not None:
+        if len(weights.frequency_cov) != modal_set.frequency_hz.size:
+            raise InputError(
+                "frequency CoV", f"{len(weights.frequency_cov)} given for {modal_set.frequency_hz.size} modes",
+                "give one for each mode of the file, in its order",
+            )
+        for j in members:
+            if not (np.isfinite(weights.frequency_cov[j]) and weights.frequency_cov[j] > 0):
+                raise InputError(f"frequency CoV of {labels[j]}", f"{weights.frequency_cov[j]} is not above zero",
+                                 "give a share of the frequency, such as 0.015")  # fmt: skip
+        return np.array(weights.frequency_cov)[members] * frequency
+    std = modal_set.frequency_std_hz[members]
+    for j, value in zip(members, std, strict=True):
+        if not (np.isfinite(value) and value > 0):
+            raise InputError(
+                f"set {modal_set.id}, frequency_std_hz of {labels[j]}", "is missing or not above zero",
+                "add it, or give --weights paper or --frequency-cov",
+            )
+    return std

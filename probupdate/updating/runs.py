@@ -1,0 +1,392 @@
+"""The whole deterministic update of a modal data file, and the whole sampling run, as two functions."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from probupdate.errors import ConvergenceError, InputError
+from probupdate.modal.modes import ModalData, ModalSet
+from probupdate.model.interface import Model
+from probupdate.runtime.arrays import frozen_array
+from probupdate.runtime.executors import Executor
+from probupdate.runtime.progress import Progress, silent
+from probupdate.structure.affine import AffineModel
+from probupdate.structure.reduced import reduce_basis
+from probupdate.updating.alpha import alpha_path, choose
+from probupdate.updating.components import misfit_by_response, variance_components
+from probupdate.updating.emulator import Emulator, fit_emulator
+from probupdate.updating.ensemble import BURN_IN, SamplerSettings, claim_folder, sample
+from probupdate.updating.evidence import check_laplace, estimate_evidence
+from probupdate.updating.importance import Mixture, agree, fitted_proposal, importance_sample
+from probupdate.updating.laplace import Laplace, distinct_maxima, maximum_a_posteriori
+from probupdate.updating.posterior_file import MAX_DRAWS, Posterior
+from probupdate.updating.problem import Problem, Weights, build_problem, suspected_channels
+from probupdate.updating.set_wise_updates import update_sets
+from probupdate.updating.surrogate import Outline, Proposal, fit_surrogate
+from probupdate.updating.tikhonov import TikhonovUpdate, update
+from probupdate.updating.update_file import (
+    SCHEME_NAMES,
+    AlphaRecord,
+    ComponentsRecord,
+    ScatterRecord,
+    SchemeRecord,
+    UpdateRecord,
+    beyond_chance,
+)
+
+# models with fewer degrees of freedom are solved as they are
+REDUCE_FROM = 200
+# relative frequency error a reduced basis may leave in the region the sampler visits
+FREQUENCY_TOLERANCE = 1e-5
+# the box around it, in prior deviations cut at the bounds, and what may be off there
+BOX_DEVIATIONS, BOX_TOLERANCE = 4.0, 1e-3
+# checks of the first basis, on which nothing but the outline depends
+N_COARSE = 32
+# draws of the outline that stand for the region
+N_REGION = 400
+# posterior draws answered by the full model too, as a check of the reduced one
+N_CHECK = 24
+# an update that does not settle is put down to the data where a mode has a lower MAC than this before and after
+SETTLING_MAC = 0.80
+# from this effective share of its draws the outline is proposed from alone: surfaces would cost more than they spare,
+# and what they foretell in a second arm of the posterior is wrong
+OUTLINE_SERVES = 0.3
+# draws of the prior from which further maxima are looked for
+N_START = 12
+# draws whose responses are kept for pictures
+N_PREDICTED = 300
+
+
+def deterministic_update(
+    model: Model,
+    data: ModalData,
+    *,
+    set_id: str | None = None,
+    weights: Weights | None = None,
+    alpha: float | str = 1.0,
+    method: str = "gauss-newton",
+    iterations: int = 50,
+    model_at: Callable[[ModalSet], Model] | None = None,
+    jobs: int | Executor = 1,
+    progress: Progress = silent,
+) -> UpdateRecord:
+    """Both readings of Eq. 7 and the posterior's maximum for one set, then every set of the data (Table 7).
+
+    `model` stands in that one set's surroundings; `model_at` gives it in another set's. `alpha` is a number or one of
+    alpha.RULES; `method` solves the anchored reading by Gauss-Newton or Levenberg-Marquardt steps. jobs: processes, or an
+    executor, for the sets.
+    """
+    problem = build_problem(model, data, set_id=set_id, weights=weights)
+    path = alpha_path(problem, progress=progress)
+    rule = alpha if isinstance(alpha, str) else "by hand"
+    if isinstance(alpha, str):
+        alpha = choose(path, alpha)
+    runs = {
+        key: update(problem, penalty=key, alpha=alpha, max_iteration=iterations, progress=progress,
+                    method=method if key == "prior" else "gauss-newton")
+        for key in ("step", "prior")
+    }  # fmt: skip
+    laplace = find_maximum(problem, [run.theta[-1] for run in runs.values()] + [model.parameters.initial])
+    schemes = tuple(_scheme(problem, key, run, laplace) for key, run in runs.items())
+    sets = None
+    if len(data.sets) > 1:
+        clusters = [group.measured for group in problem.matching.groups]
+        scatter = update_sets(
+            model, data, weights=problem.weights, clusters=clusters,
+            iterations=max(1, schemes[0].closest_iteration), model_at=model_at, jobs=jobs, progress=progress,
+        )
+        if len(scatter.ids) > 1:
+            names = [n for n in ScatterRecord.__dataclass_fields__]
+            sets = ScatterRecord(**{name: getattr(scatter, name) for name in names})
+    predicted = problem.predict_many(np.array([model.parameters.initial, laplace.theta]))
+    theta = {"initial": model.parameters.initial, "step": runs["step"].theta[-1], "prior": runs["prior"].theta[-1],
+             "map": laplace.theta}  # fmt: skip
+    modal_set = data.set(set_id)
+    std = np.concatenate([g.frequency_std_hz for g in problem.groups])
+    computed = _in_data_order(problem, np.array(problem.matching.computed, float) + 1, data.n_mode)
+    likely = suspected_channels(model, data, [model.parameters.initial, laplace.theta], set_id=set_id)
+    return UpdateRecord(
+        model=model.name,
+        fingerprint=problem.fingerprint(),
+        parameters=model.parameters,
+        set_id=modal_set.id,
+        labels=problem.mode_labels,
+        measured_hz=modal_set.frequency_hz,
+        measured_std_hz=_in_data_order(problem, std, data.n_mode),
+        initial_hz=_in_data_order(problem, predicted.frequency_hz[0], data.n_mode),
+        initial_mac=_in_data_order(problem, predicted.mac[0], data.n_mode),
+        initial_misfit=float(problem.misfit(predicted.response[0])),
+        computed_mode=np.nan_to_num(computed),
+        schemes=schemes,
+        pairs=problem.matching.pairs,
+        left_out=problem.matching.left_out,
+        map_theta=laplace.theta,
+        map_covariance=laplace.covariance,
+        map_resolution=laplace.resolution,
+        map_at_bound=laplace.at_bound,
+        map_misfit=laplace.misfit,
+        map_hz=_in_data_order(problem, predicted.frequency_hz[1], data.n_mode),
+        map_mac=_in_data_order(problem, predicted.mac[1], data.n_mode),
+        n_response=problem.measured.size,
+        n_effective=problem.n_effective,
+        other_maxima=laplace.others,
+        derived={
+            name: {state: float(compute(values)) for state, values in theta.items()}
+            for name, compute in getattr(model, "derived", {}).items()
+        },
+        sets=sets,
+        settings={"weights": problem.weights.description, "alpha": f"{alpha:g} ({rule})",
+                  "iterations at most": str(iterations), "anchored by": method},
+        map_gradient=laplace.projected_gradient,
+        alpha_path=AlphaRecord(alpha=path.alpha, theta=path.theta, misfit=path.misfit, penalty=path.penalty,
+                               log_evidence=path.log_evidence, chosen=path.chosen, remarks=path.remarks),
+        components=_components(problem, laplace),
+        suspected="" if likely is None else f"{likely.sentence}; {likely.remedy}",
+    )
+
+
+def _components(problem: Problem, laplace: Laplace) -> ComponentsRecord:
+    parts = variance_components(problem, laplace)
+    responses, chi_square, expected = misfit_by_response(problem, laplace)
+    n_param = len(parts.parameters)
+    return ComponentsRecord(
+        names=parts.names, std=parts.std, source_names=parts.source_names, source_std=parts.source_std,
+        measures=tuple(m.what for m in parts.measures),
+        gain=frozen_array(np.array([m.gain for m in parts.measures]).reshape(-1, n_param)),
+        responses=responses, chi_square=frozen_array(chi_square), expected=frozen_array(expected),
+    )
+
+
+def find_maximum(problem: Problem, starts: list[np.ndarray]) -> Laplace:
+    """`maximum_a_posteriori`; where it does not settle because shapes are not this model's, that is the user's."""
+    try:
+        return maximum_a_posteriori(problem, starts)
+    except ConvergenceError as error:
+        mac = problem.predict_many(np.array([problem.parameters.initial, error.estimate])).mac
+        if mac.max(axis=0).min() >= SETTLING_MAC:
+            raise
+        listed = ", ".join(f"{problem.mode_labels[j]} {a:.2f} and {b:.2f}"
+                           for j, a, b in zip(problem.used, *mac, strict=True))  # fmt: skip
+        raise InputError(
+            f"set {problem.set_id}", "the update does not settle, and its modes may not be this model's: MACs at the "
+            f"initial and the best parameters are {listed}", "check the order, names and signs of the channels, and "
+            "that the model is of this structure",
+        ) from None
+
+
+def _in_data_order(problem: Problem, values: np.ndarray, n_mode: int) -> np.ndarray:
+    result = np.full(n_mode, np.nan)
+    result[list(problem.used)] = values
+    return frozen_array(result)
+
+
+def _scheme(problem: Problem, key: str, run: TikhonovUpdate, laplace: Laplace) -> SchemeRecord:
+    n_mode = len(problem.mode_labels)
+    apart = run.theta - laplace.theta
+    distance = np.sqrt(np.einsum("ij,jk,ik->i", apart, laplace.precision, apart) / apart.shape[1])
+    return SchemeRecord(
+        key=key, name=SCHEME_NAMES[key], theta=run.theta,
+        objective={"responses": run.misfit, "parameters": run.penalty, "total": run.objective},
+        distance_to_map=frozen_array(distance), share=run.share,
+        frequency_hz=_in_data_order(problem, run.frequency_hz[-1], n_mode),
+        mac=_in_data_order(problem, run.mac[-1], n_mode), at_bound=run.at_bound, converged=run.converged,
+        status=run.status, alpha=run.alpha,
+    )
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Approach:
+    """What a chain needs: the problem on a fast model, a Gaussian approximation of the posterior about its highest
+    maximum, a frozen proposal with `solved` points that it was fitted to, and what to say of them."""
+
+    problem: Problem
+    surrogate: Outline
+    proposal: Mixture
+    solved: int
+    emulator: Emulator | None
+    notes: dict[str, object]
+
+
+def approach(problem: Problem, laplace: Laplace, seed: int, progress: Progress = silent) -> Approach:
+    """Outline the posterior and reduce the model for it.
+
+    A first basis covers BOX_DEVIATIONS prior deviations to BOX_TOLERANCE; with it the outline is fitted, and where
+    that lies a second basis holds to FREQUENCY_TOLERANCE. Models that are small or cannot be reduced stay as they are.
+    """
+    model, parameters = problem.model, problem.parameters
+    rng = np.random.default_rng([seed, 2])
+    if not isinstance(model, AffineModel) or model.n_dof < REDUCE_FROM:
+        surrogate, share = fit_surrogate(problem, laplace, rng, progress)
+        text = "none: every evaluation solves the model as it is"
+        return _approach(problem, laplace, surrogate, rng, {"reduced basis": text, "outline": share}, progress)
+    # data may hold a parameter far from its prior: the box goes where the posterior does
+    own = np.sqrt(np.diag(laplace.covariance))
+    lower = np.minimum(parameters.initial - BOX_DEVIATIONS * parameters.std, laplace.theta - BOX_DEVIATIONS * own)
+    upper = np.maximum(parameters.initial + BOX_DEVIATIONS * parameters.std, laplace.theta + BOX_DEVIATIONS * own)
+    lower, upper = np.maximum(lower, parameters.lower), np.minimum(upper, parameters.upper)
+    options = {"n_mode": problem.matching.n_mode, "seed": seed, "progress": progress}
+    coarse = reduce_basis(model, frequency_tolerance=BOX_TOLERANCE, n_verify=N_COARSE, box=(lower, upper), **options)
+    # the first outlines of a sharp posterior reach far out of the box: the basis answers there too, worse, as nothing
+    # but the outline depends on it; the full model took a minute for what the next round corrects
+    everywhere = replace(coarse, lower=np.full_like(lower, -np.inf), upper=np.full_like(upper, np.inf))
+    surrogate, share = fit_surrogate(problem.with_model(everywhere), laplace, rng, progress)
+    points = surrogate.draw(N_REGION, rng)
+    box = np.minimum(lower, points.min(axis=0)), np.maximum(upper, points.max(axis=0))
+    reduced = reduce_basis(model, frequency_tolerance=FREQUENCY_TOLERANCE, points=points, box=box, **options)
+    r = reduced.report
+    text = (
+        f"{r.size} vectors; on {r.n_verify} points not used to build it the frequencies differ by at most "
+        f"{r.max_frequency_error:.1e} of their value where the posterior lies and {r.max_box_error:.1e} within "
+        f"{BOX_DEVIATIONS:g} prior standard deviations; the MAC is at least {r.min_mac:.6f}"
+    )
+    notes = {"reduced basis": text, "outline": share}
+    return _approach(problem.with_model(reduced), laplace, surrogate, rng, notes, progress)
+
+
+def _approach(problem: Problem, laplace: Laplace, surrogate: Outline, rng, notes, progress: Progress) -> Approach:
+    """Further maxima from draws of the prior, and a proposal for all of them; with response surfaces where even that
+    misses too much of a single sharp ridge."""
+    starts = problem.parameters.draw(rng, N_START)
+    maxima = distinct_maxima(problem, laplace, starts)
+    outlines = [surrogate]
+    for other in maxima:
+        if other is not laplace:
+            outlines.append(fit_surrogate(problem, other, rng, progress)[0])
+    proposal, solved = fitted_proposal(problem, [Proposal(outline=x) for x in outlines], rng, progress)
+    notes = notes | {"maxima": len(maxima)}
+    emulator = None
+    if notes["outline"] < OUTLINE_SERVES and len(maxima) == 1:
+        emulator = fit_emulator(problem, surrogate, rng, progress)
+        notes = notes | {"emulator": emulator.error}
+    return Approach(problem=problem, surrogate=surrogate, proposal=proposal, solved=solved, emulator=emulator,
+                    notes=notes)  # fmt: skip
+
+
+def sample_posterior(
+    model: Model,
+    data: ModalData,
+    folder: str | Path,
+    *,
+    set_id: str | None = None,
+    weights: Weights | None = None,
+    settings: SamplerSettings | None = None,
+    jobs: int | Executor = 1,
+    progress: Progress = silent,
+) -> Posterior:
+    """Maximum, reduced basis, chain, its check against the full model, evidence. The chain's segments are kept in
+    `folder`; jobs: processes or an executor for its ensembles."""
+    settings = settings or SamplerSettings()
+    problem = build_problem(model, data, set_id=set_id, weights=weights)
+    parts = problem.parts() | {"reduction": f"{FREQUENCY_TOLERANCE:g} {BOX_DEVIATIONS:g} {BOX_TOLERANCE:g}"}
+    claim_folder(problem.parameters, folder, settings, parts)
+    anchored = update(problem, penalty="prior", progress=progress)
+    laplace = find_maximum(problem, [anchored.theta[-1], model.parameters.initial])
+    prepared = approach(problem, laplace, settings.seed, progress)
+    fast = prepared.problem
+    # numbers of their own, so that a chain's length changes none of the others
+    weighted = importance_sample(fast, prepared.proposal, np.random.default_rng([settings.seed, 6]),
+                                 evaluated=prepared.solved, progress=progress)  # fmt: skip
+    chain = sample(fast, prepared.proposal, folder, settings, emulator=prepared.emulator, parts=parts,
+                   jobs=jobs, progress=progress)  # fmt: skip
+    kept = chain.theta[chain.first :]
+    log_posterior = chain.log_posterior[chain.first :]
+    checked_laplace = check_laplace(fast, laplace, np.random.default_rng([settings.seed, 4]), progress)
+    # what a chain that has not converged says of it is not stated, and takes thousands of evaluations
+    evidence = None
+    if chain.converged:
+        evidence = estimate_evidence(fast, prepared.proposal, kept, log_posterior,
+                                     np.random.default_rng([settings.seed, 5]), progress)  # fmt: skip
+    thin = max(1, int(np.ceil(kept.shape[0] * kept.shape[1] / MAX_DRAWS)))
+    kept, log_posterior = kept[::thin], log_posterior[::thin]
+    rng = np.random.default_rng([settings.seed, 3])
+    flat = kept.reshape(-1, kept.shape[2])
+    shown = flat[rng.choice(len(flat), size=min(N_PREDICTED, len(flat)), replace=False)]
+    predicted = fast.predict_many(shown)
+    checked = shown[:N_CHECK]
+    full = problem.predict_many(checked)
+    frequency_error = float(np.max(np.abs(predicted.frequency_hz[: len(checked)] / full.frequency_hz - 1)))
+    misfit_error = 0.5 * float(
+        np.max(np.abs(problem.misfit(predicted.response[: len(checked)]) - problem.misfit(full.response)))
+    )
+    edge = float(np.mean(predicted.computed.max(axis=1) == problem.matching.n_mode - 1))
+    # where the model itself has no further modes, none was left out of the search
+    if problem.matching.n_mode >= getattr(model, "full", model).n_available:
+        edge = 0.0
+    unstated = "ln evidence is not stated, as the chain has not converged"
+    agreement = agree(weighted, chain)
+    statements = [agreement.sentence, checked_laplace.sentence, unstated if evidence is None else evidence.sentence]
+    likely = suspected_channels(model, data, [model.parameters.initial, laplace.theta], set_id=set_id)
+    if laplace.misfit > beyond_chance(problem.n_effective):
+        statements.insert(0, f"MISFIT BEYOND CHANCE: chi-square at the maximum {laplace.misfit:.4g} for "
+                          f"{problem.n_effective} effective responses; the posterior is not to be trusted")  # fmt: skip
+    if likely is not None:
+        statements.insert(0, f"SUSPECT: the measured shapes are not this model's, and {likely.sentence}; {likely.remedy}")
+    if prepared.notes["maxima"] > 1:
+        statements.insert(0, f"{prepared.notes['maxima']} separate maxima of the posterior, all of them sampled")
+    record = prepared.notes | {
+        "set_id": problem.set_id, "weights": problem.weights.description, "seed": settings.seed,
+        "walkers": kept.shape[1], "steps": chain.theta.shape[0], "thinned by": thin,
+        "left out at the start": f"{100 * BURN_IN:g} % of the steps", "acceptance": chain.acceptance,
+        "evaluated": chain.evaluated, "fallback": chain.fallback,
+        "autocorrelation time": float(np.max(chain.tau)),
+        "full model on posterior draws": f"{len(checked)} draws: frequencies within {frequency_error:.1e}, "
+        f"log-likelihood within {misfit_error:.1e}",
+        "map": laplace.theta.tolist(), "n_effective": problem.n_effective, "model": model.name,
+        "median misfit": float(np.median(problem.misfit(predicted.response))),
+        "worst mac": float(np.min(predicted.mac)), "laplace": asdict(checked_laplace),
+        **({} if evidence is None else {"evidence": asdict(evidence)}),
+        **({} if likely is None else {"suspected": f"{likely.sentence}; {likely.remedy}"}),
+        "importance sampling": asdict(agreement), "tail effective size": chain.tail.tolist(),
+        "ensembles": settings.ensembles, "projected gradient at the map": laplace.projected_gradient,
+        "statements": statements, "notes": _notes(problem, laplace, edge, misfit_error),
+    }  # fmt: skip
+    log_prior = model.parameters.log_density(kept)
+    return Posterior(
+        names=model.parameters.names,
+        theta=frozen_array(kept.transpose(1, 0, 2)),
+        log_likelihood=frozen_array((log_posterior - log_prior).T),
+        log_posterior=frozen_array(log_posterior.T),
+        prior=frozen_array(model.parameters.draw(rng, 4000)),
+        response_labels=tuple(_response_labels(problem, data)),
+        measured=problem.measured,
+        std=problem.std,
+        predicted=frozen_array(predicted.response),
+        frequency_hz=frozen_array(predicted.frequency_hz),
+        mode_labels=tuple(problem.mode_labels[j] for j in problem.used),
+        r_hat=chain.r_hat,
+        ess=chain.ess,
+        converged=chain.converged and agreement.agrees,
+        verdict=chain.verdict if agreement.agrees else f"NOT converged: {agreement.sentence}",
+        fingerprint=problem.fingerprint(),
+        record=record,
+    )
+
+
+def _notes(problem: Problem, laplace: Laplace, edge: float, misfit_error: float) -> list[str]:
+    notes = []
+    if edge > 0:
+        notes.append(f"in {100 * edge:.0f} % of draws a measured mode pairs with the highest mode computed: a still "
+                     "higher one might fit better")  # fmt: skip
+    if misfit_error > 0.1:
+        notes.append(f"the reduced basis shifts the log-likelihood by up to {misfit_error:.2g} on posterior draws")
+    if laplace.others:
+        notes.append(f"the posterior has further maxima, {', '.join(f'{x:g}' for x in laplace.others)} below in ln p")
+    notes += list(problem.matching.left_out)
+    return notes
+
+
+def _response_labels(problem: Problem, data: ModalData) -> list[str]:
+    frequency = "ln f" if problem.weights.frequencies == "log" else "f"
+    labels = [f"{frequency} {problem.mode_labels[j]}" for j in problem.used]
+    channels = problem.model.channels
+    for matched, group in zip(problem.matching.groups, problem.groups, strict=True):
+        if group.shapes == "none":
+            continue
+        name = "+".join(problem.mode_labels[j] for j in matched.measured)
+        for k in range(group.basis.shape[1]):
+            labels += [f"shape {name} {k + 1} {channels[row]}" for row in group.rows]
+    return labels

@@ -1,0 +1,409 @@
+"""The same sets read in four ways, side by side: (a) scatter of their updates, (b) their posteriors pooled, (c) one
+posterior for all, (d) a population whose mean and scatter are inferred. What each is for stands beside it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import optimize, special, stats
+
+from probupdate.errors import InputError
+from probupdate.modal.modes import ModalData, ModalSet
+from probupdate.model.interface import Model
+from probupdate.model.parameters import Parameters
+from probupdate.runtime.arrays import frozen_array
+from probupdate.runtime.progress import Progress, silent
+from probupdate.updating.hierarchical import (
+    SPREAD,
+    Coordinates,
+    Population,
+    SetLikelihoods,
+    coordinates_of,
+    linearise,
+    sample_population,
+)
+from probupdate.updating.laplace import Laplace, prior_residual
+from probupdate.updating.predictive import (
+    LeftOut,
+    bits_gained,
+    population_left_out,
+    population_score,
+    smoothed_weights,
+)
+from probupdate.updating.problem import Problem, Weights, build_problem
+from probupdate.updating.set_views_file import (
+    MANY,
+    ONE,
+    POOLED,
+    ModeScatter,
+    SetsRow,
+    SetViews,
+    advice,
+    parameter_sentence,
+)
+from probupdate.updating.set_wise_updates import each_set
+from probupdate.updating.shared_error import SharedError, shared_error
+from probupdate.updating.surrogate import Outline, Proposal, TruncatedGaussian
+
+# draws of posteriors of linearised sets, and how often their proposal is fitted to them again
+N_DRAW, ROUNDS = 8000, 4
+TRUSTED_K = 0.7
+# draws of the prior whose covariance stands for it where the shared error shifts the mean
+N_PRIOR = 20_000
+# draws of the population that the full model answers too, and of derived quantities
+N_CHECK, N_DERIVED = 40, 120
+# effective sizes of the population at the first linearisation and at the last
+FIRST_ESS, LAST_ESS = 150, 500
+# where only a mean is taken to linearise about
+FIRST_R_HAT = 1.1
+# below this share of effective draws the linearised sets do not stand for the full model
+LINEAR_SHARE = 0.5
+
+
+@dataclass(frozen=True, eq=False)
+class _Weighted:
+    """Draws theta (n, n_param) with normalised weights (n,), ln evidence, Pareto k."""
+
+    theta: np.ndarray
+    weight: np.ndarray
+    log_evidence: float
+    pareto_k: float
+
+    def mean(self) -> np.ndarray:
+        return self.weight @ self.theta
+
+    def variance(self) -> np.ndarray:
+        return self.weight @ (self.theta - self.mean()) ** 2
+
+    def resampled(self, n: int, rng: np.random.Generator) -> np.ndarray:
+        return self.theta[rng.choice(len(self.theta), size=n, p=self.weight)]
+
+
+def joint_posterior(
+    likelihoods: SetLikelihoods, parameters: Parameters, coordinates: Coordinates, rng: np.random.Generator
+) -> _Weighted:
+    """One posterior of all these sets by importance sampling, the proposal fitted again to its own draws."""
+    gaussian = _gaussian(likelihoods, parameters, coordinates)
+    powers = tuple(0 if x else 1 for x in coordinates.logarithmic)
+    best = None
+    for _ in range(ROUNDS):
+        outline = Outline(gaussian=gaussian, powers=powers, lower=parameters.lower, upper=parameters.upper,
+                          origin=np.zeros(len(parameters)))  # fmt: skip
+        proposal = Proposal(outline=outline)
+        theta = proposal.draw(N_DRAW, rng)
+        u = coordinates.to(theta)
+        log_weight = parameters.log_density(theta) + likelihoods.at(u).sum(axis=1) - proposal.log_density(theta)
+        smooth, k = smoothed_weights(log_weight)
+        peak = log_weight.max()
+        evidence = float(peak + np.log(np.mean(np.exp(log_weight - peak))))
+        found = _Weighted(theta, np.exp(smooth), evidence, k)
+        if best is None or k < best.pareto_k:
+            best = found
+        if k < 0.3:
+            break
+        middle = found.weight @ u
+        covariance = (u - middle).T @ (found.weight[:, None] * (u - middle))
+        gaussian = TruncatedGaussian(
+            centre=middle, gradient=np.zeros(len(parameters)), lower=gaussian.lower, upper=gaussian.upper,
+            precision=np.linalg.inv(covariance * 1.2 + 1e-12 * np.diag(coordinates.scale**2)))
+    return best
+
+
+def _gaussian(likelihoods: SetLikelihoods, parameters: Parameters, coordinates: Coordinates):
+    """The Gaussian at the maximum of all these sets' posterior in u, found by Newton steps held within the bounds."""
+    lower, upper = coordinates.to(parameters.lower), coordinates.to(parameters.upper)
+    u = coordinates.to(parameters.initial)
+    step_limit = 2 * coordinates.scale
+    for _ in range(60):
+        gradient, precision = _slopes(likelihoods, parameters, coordinates, u)
+        scaled = precision * np.outer(coordinates.scale, coordinates.scale)
+        room_low = np.maximum((lower - u) / coordinates.scale, -step_limit / coordinates.scale)
+        room_high = np.minimum((upper - u) / coordinates.scale, step_limit / coordinates.scale)
+        root = np.linalg.cholesky(scaled).T
+        right = np.linalg.solve(root.T, gradient * coordinates.scale)
+        step = optimize.lsq_linear(root, right, bounds=(np.minimum(room_low, -1e-12), np.maximum(room_high, 1e-12)))
+        u = np.clip(u + coordinates.scale * step.x, lower, upper)
+        if np.max(np.abs(step.x)) < 1e-6:
+            break
+    gradient, precision = _slopes(likelihoods, parameters, coordinates, u)
+    return TruncatedGaussian(centre=u, gradient=gradient, precision=precision, lower=lower, upper=upper)
+
+
+def _slopes(likelihoods, parameters, coordinates, u):
+    theta = coordinates.back(u)
+    residual, slope = prior_residual(parameters, theta)
+    slope = slope * coordinates.rate(theta)
+    d = u - likelihoods.centre
+    gradient = (likelihoods.gradient - np.einsum("jk,jkl->jl", d, likelihoods.precision)).sum(axis=0)
+    return (gradient - slope.T @ residual + coordinates.logarithmic,
+            likelihoods.precision.sum(axis=0) + slope.T @ slope)  # fmt: skip
+
+
+def view_sets(
+    model: Model,
+    data: ModalData,
+    *,
+    weights: Weights | None = None,
+    model_at: Callable[[ModalSet], Model] | None = None,
+    correlated: bool = False,
+    spread: float = SPREAD,
+    seed: int = 1,
+    progress: Progress = silent,
+) -> SetViews:
+    """All four views of the sets of `data`, with the model in each set's surroundings where `model_at` gives it.
+
+    correlated: let parameters vary together between sets (n (n - 1) / 2 numbers more, of which nine sets tell little).
+    spread: deviation of tau's hyper-prior, in prior deviations. Raises InputError with fewer than two usable sets.
+    """
+    reference = build_problem(model if model_at is None else model_at(data.set()), data, weights=weights)
+    clusters = [group.measured for group in reference.matching.groups]
+    failed: list[str] = []
+    found = list(each_set(model, data, weights=reference.weights, clusters=clusters, model_at=model_at, failed=failed,
+                          progress=progress))  # fmt: skip
+    if len(found) < 2:
+        why = f" ({'; '.join(failed)})" if failed else ""
+        raise InputError("sets", f"{len(found)} of {len(data.sets)} can be updated{why}, and views of several sets "
+                         "compare at least two", "give two sets or more")  # fmt: skip
+    problems, maxima = [p for p, _ in found], [x for _, x in found]
+    parameters, rng = model.parameters, np.random.default_rng([seed, 31])
+    coordinates = coordinates_of(parameters)
+    options = {"seed": seed, "correlated": correlated, "spread": spread, "progress": progress}
+    centres = np.array([_inside(x.theta, parameters, coordinates) for x in maxima])
+    noise = [p.noise_alone() for p in problems]
+    likelihoods = linearise(noise, centres, coordinates)
+    first = sample_population(likelihoods, parameters, coordinates, target_ess=FIRST_ESS, r_hat_limit=FIRST_R_HAT,
+                              **options)  # fmt: skip
+    # once more about where the population puts each set
+    own = likelihoods.draw_own(first.mean[::20], first.factor[::20], rng).mean(axis=0)
+    centres = np.array([_inside(x, parameters, coordinates) for x in coordinates.back(own)])
+    likelihoods, shared = linearise(noise, centres, coordinates), shared_error(problems, centres, coordinates)
+    population = sample_population(likelihoods, parameters, coordinates, target_ess=LAST_ESS, **options)
+    every = range(len(problems))
+    alone = [joint_posterior(_common([j], likelihoods, shared), parameters, coordinates, rng) for j in every]
+    joint = joint_posterior(_common(every, likelihoods, shared), parameters, coordinates, rng)
+    scores = _left_out(likelihoods, shared, population, alone, joint, parameters, coordinates, rng, options)
+    share = _confirmed(noise, likelihoods, population, coordinates, parameters, rng)
+    if shared is not None:
+        drawn = coordinates.to(parameters.draw(rng, N_PRIOR))
+        population = shared.widened(population, np.linalg.inv(np.atleast_2d(np.cov(drawn.T))), rng)
+    rows = _rows(parameters, coordinates, maxima, alone, joint, population, spread, rng)
+    rows += _derived_rows(model, maxima, alone, joint, population, coordinates, parameters, rng)
+    modes = tuple(mode_scatter(data))
+    correlation = None
+    if correlated:
+        covariance = population.factor @ np.swapaxes(population.factor, 1, 2)
+        each = covariance / (population.tau[:, :, None] * population.tau[:, None, :])
+        correlation = frozen_array(np.median(each, axis=0))
+    notes = _notes(data, problems, parameters, scores, share, population, alone, joint, modes, failed, coordinates)
+    return SetViews(
+        ids=likelihoods.ids, rows=tuple(rows), modes=modes, scores=scores, converged=population.converged,
+        verdict=population.verdict, linear_share=frozen_array(share), correlation=correlation, notes=tuple(notes),
+        advice=advice(rows, scores, share), settings={
+            "weights": reference.weights.description, "seed": str(seed), "correlated": str(correlated).lower(),
+            "hyper-prior of tau": f"half-normal, scale {spread:g} prior standard deviations", "model": model.name,
+        },
+    )  # fmt: skip
+
+
+def _inside(theta, parameters: Parameters, coordinates: Coordinates) -> np.ndarray:
+    """Held within the bounds, and off zero where a logarithm is taken."""
+    low = np.where(coordinates.logarithmic, np.maximum(parameters.lower, 1e-3 * parameters.std), parameters.lower)
+    return np.clip(theta, low, parameters.upper)
+
+
+def _common(keep, likelihoods: SetLikelihoods, shared: SharedError | None) -> SetLikelihoods:
+    """The likelihoods of these sets at one common theta, with the term of the sources of error that they share."""
+    pick = list(keep)
+    parts = [likelihoods.chosen(pick), *([] if shared is None else [shared.joint_term(pick)])]
+    joined = {name: frozen_array(np.concatenate([getattr(x, name) for x in parts]))
+              for name in ("centre", "value", "gradient", "precision")}  # fmt: skip
+    return SetLikelihoods(ids=tuple(name for x in parts for name in x.ids), **joined)
+
+
+def _left_out(
+    likelihoods, shared, population: Population, alone, joint, parameters, coordinates, rng, options
+) -> LeftOut:
+    n = len(likelihoods.ids)
+    one, many = np.empty(n), np.empty(n)
+    k, refitted = np.empty(n), np.zeros(n, bool)
+    for j in range(n):
+        rest = likelihoods.without(j)
+        others = _common([k for k in range(n) if k != j], likelihoods, shared)
+        one[j] = joint.log_evidence - joint_posterior(others, parameters, coordinates, rng).log_evidence
+        many[j], k[j] = population_left_out(population, j)
+        if k[j] > TRUSTED_K and n > 2:
+            again = sample_population(rest, parameters, coordinates, target_ess=FIRST_ESS, **options)
+            many[j], refitted[j] = population_score(again, likelihoods, j), True
+    score = {POOLED: [x.log_evidence for x in alone], ONE: one, MANY: many}
+    return LeftOut(ids=likelihoods.ids, score={name: frozen_array(v) for name, v in score.items()},
+                   pareto_k=frozen_array(k), refitted=frozen_array(refitted, bool))  # fmt: skip
+
+
+def _confirmed(problems, likelihoods, population, coordinates, parameters, rng) -> np.ndarray:
+    """Effective share of draws of each set's own parameters when the full model's likelihood weighs them (n_set,)."""
+    pick = np.linspace(0, len(population.mean) - 1, N_CHECK).astype(int)
+    own = likelihoods.draw_own(population.mean[pick], population.factor[pick], rng)
+    quick, shares = likelihoods.own(own), []
+    for j, problem in enumerate(problems):
+        theta = coordinates.back(own[:, j])
+        inside = parameters.inside(theta)
+        weight = np.zeros(len(theta))
+        if inside.any():
+            off = problem.log_likelihood(theta[inside]) - quick[inside, j]
+            weight[inside] = np.exp(off - off.max())
+        shares.append(weight.sum() ** 2 / np.sum(weight**2) / len(weight) if weight.any() else 0.0)
+    return np.array(shares)
+
+
+def _cov(values: np.ndarray, weight: np.ndarray | None = None) -> tuple[float, float]:
+    mean = float(np.average(values, weights=weight))
+    std = float(np.sqrt(np.average((values - mean) ** 2, weights=weight)))
+    return mean, std / abs(mean) if mean else float("nan")
+
+
+def _rows(parameters, coordinates, maxima: list[Laplace], alone, joint, population: Population, spread, rng):
+    theta_map = np.array([x.theta for x in maxima])
+    new = np.clip(coordinates.back(population.draw_new(rng)), parameters.lower, parameters.upper)
+    middle = coordinates.back(population.mean)
+    rows = []
+    for k, p in enumerate(parameters):
+        within = float(np.mean([x.variance()[k] for x in alone]))
+        means = np.array([x.mean()[k] for x in alone])
+        scale = 1.0 if coordinates.logarithmic[k] else 1 / max(abs(float(np.mean(middle[:, k]))), 1e-300)
+        tau = population.tau[:, k] * scale
+        hyper = spread * coordinates.scale[k]
+        # of the hyper-prior's distribution function; tau of the chain is autocorrelated, by its worst number
+        bits = bits_gained(2 * special.ndtr(population.tau[:, k] / hyper) - 1, population.ess)
+        low, mid, high = np.quantile(tau, [0.05, 0.5, 0.95])
+        scatter = _cov(theta_map[:, k])
+        row = dict(
+            name=p.name, unit=p.unit, prior_cov=_ratio(float(p.distribution.std()), float(p.distribution.mean())),
+            scatter_mean=scatter[0], scatter_cov=_ratio(float(np.std(theta_map[:, k], ddof=1)), scatter[0]),
+            resolution=float(np.mean([x.resolution[k] for x in maxima])), pooled_mean=float(means.mean()),
+            pooled_cov=_ratio(float(np.sqrt(within + np.var(means, ddof=1))), float(means.mean())),
+            joint_mean=float(joint.mean()[k]),
+            joint_cov=_ratio(float(np.sqrt(joint.variance()[k])), float(joint.mean()[k])),
+            mean=float(middle[:, k].mean()), mean_cov=_cov(middle[:, k])[1], tau=float(mid), tau_low=float(low),
+            tau_high=float(high), tau_prior=float(stats.norm.ppf(0.75) * hyper * scale), tau_bits=bits,
+            population_cov=_cov(new[:, k])[1],
+        )  # fmt: skip
+        rows.append(SetsRow(sentence=parameter_sentence(row), **row))
+    return rows
+
+
+def _ratio(std: float, mean: float) -> float:
+    return std / abs(mean) if mean else float("nan")
+
+
+def _derived_rows(model, maxima, alone, joint, population, coordinates, parameters, rng):
+    derived = getattr(model, "derived", {})
+    if not derived:
+        return []
+    n = N_DERIVED
+    per_set = max(2, n // len(alone))
+    pick = rng.choice(len(population.mean), size=n)
+    new = np.clip(coordinates.back(population.draw_new(rng)), parameters.lower, parameters.upper)[pick]
+    middle, shared = coordinates.back(population.mean)[pick], joint.resampled(n, rng)
+    own = [x.resampled(per_set, rng) for x in alone]
+    nan, rows = float("nan"), []
+    for name, compute in derived.items():
+        tops = np.array([compute(x.theta) for x in maxima])
+        each = np.array([[compute(t) for t in theta] for theta in own])
+        pooled = np.sqrt(each.var(axis=1).mean() + each.mean(axis=1).var(ddof=1))
+        one, centre, fresh = (np.array([compute(t) for t in theta]) for theta in (shared, middle, new))
+        rows.append(SetsRow(
+            name=name, unit="N/m", prior_cov=nan, scatter_mean=float(tops.mean()),
+            scatter_cov=_ratio(float(tops.std(ddof=1)), float(tops.mean())), resolution=nan,
+            pooled_mean=float(each.mean()), pooled_cov=_ratio(float(pooled), float(each.mean())),
+            joint_mean=_cov(one)[0], joint_cov=_cov(one)[1], mean=_cov(centre)[0], mean_cov=_cov(centre)[1], tau=nan,
+            tau_low=nan, tau_high=nan, tau_prior=nan, tau_bits=nan, population_cov=_cov(fresh)[1],
+            sentence=f"{name} follows from the parameters, {n} draws a view",
+        ))  # fmt: skip
+    return rows
+
+
+def mode_scatter(data: ModalData) -> list[ModeScatter]:
+    """Scatter of each frequency over the sets against what identification states of each set (Cochran's Q, its interval
+    of the variation by Viechtbauer 2007); nothing where no set states it."""
+    found = []
+    labels = data.labels or tuple(f"mode {j + 1}" for j in range(data.n_mode))
+    for j, label in enumerate(labels):
+        ln, std = [], []
+        for s in data.sets:
+            if s.deviation is not None and np.isfinite(s.frequency_hz[j]):
+                stated = float(np.sqrt(np.sum(s.deviation.ln_frequency[j] ** 2)))
+                if stated > 0:
+                    ln.append(np.log(s.frequency_hz[j]))
+                    std.append(stated)
+        if len(ln) < 3:
+            continue
+        ln, variance, free = np.array(ln), np.array(std) ** 2, len(ln) - 1
+
+        def excess(tau2: float, ln=ln, variance=variance) -> float:
+            weight = 1 / (variance + tau2)
+            return float(np.sum(weight * (ln - np.sum(weight * ln) / weight.sum()) ** 2))
+
+        def at(quantile: float, excess=excess, ln=ln) -> float:
+            """tau whose Q is that quantile, 0 where even none is too much."""
+            if excess(0.0) <= quantile:
+                return 0.0
+            top = np.var(ln)
+            while excess(top) > quantile:
+                top *= 4
+            return float(np.sqrt(optimize.brentq(lambda t: excess(t) - quantile, 0.0, top)))
+
+        low, high = at(float(stats.chi2.ppf(0.95, free))), at(float(stats.chi2.ppf(0.05, free)))
+        found.append(ModeScatter(
+            label=label, n_set=len(ln), scatter=float(np.std(ln, ddof=1)), stated=float(np.sqrt(variance.mean())),
+            variation=at(float(free)), low=low, high=high, p_value=float(stats.chi2.sf(excess(0.0), free))))
+    return found
+
+
+def _notes(
+    data, problems: list[Problem], parameters, scores, share, population, alone, joint, modes, failed, coordinates
+) -> list[str]:
+    notes = [] if population.converged else [f"population: {population.verdict}"]
+    notes += [f"no update: {text}" for text in failed]
+    if np.min(share) < LINEAR_SHARE:
+        worst = int(np.argmin(share))
+        notes.append("linearised about where the population puts them, sets do not stand for the full model: effective "
+                     f"share {share[worst]:.2f} of draws in set {scores.ids[worst]}; take (b) to (d) as rough")
+    untrusted = [x.pareto_k for x in (*alone, joint) if x.pareto_k > TRUSTED_K]
+    if untrusted:
+        notes.append(f"{len(untrusted)} of the posteriors behind (b) and (c) have Pareto k up to {max(untrusted):.2f}: "
+                     "their standard deviations are rough")
+    at_bound = coordinates.back(population.mean)
+    width = np.minimum(parameters.std, parameters.upper - parameters.lower)
+    near = np.mean((at_bound - parameters.lower < 0.02 * width) | (parameters.upper - at_bound < 0.02 * width), axis=0)
+    names = [p.name for p, x in zip(parameters, near, strict=True) if x > 0.2]
+    if names:
+        notes.append(f"the population's middle lies at a bound: {', '.join(names)}; its tau hangs on that bound")
+    counted = _counted(data, problems)
+    if counted > 1.5:
+        notes.append(f"the weights' frequency standard deviations are {counted:.1f} times what identification states: "
+                     "scatter between sets is counted as noise there, and tau is only what exceeds it; for tau use the "
+                     "weights covariance")
+    if modes:
+        varying = [m.label for m in modes if m.p_value < 0.05]
+        notes.append("frequencies that scatter over the sets more than identification states (p < 0.05): "
+                     + (", ".join(varying) if varying else "none"))
+    else:
+        notes.append("the sets carry no standard deviations of identification's own: noise and variation of "
+                     "frequencies are indistinguishable")
+    notes.append("sets that were selected for their agreement scatter less than the campaign: tau is theirs")
+    return notes
+
+
+def _counted(data: ModalData, problems: list[Problem]) -> float:
+    """Median of the weights' deviation of ln f over identification's own; NaN where that is not stated."""
+    ratios = []
+    for problem in problems:
+        modal_set = data.set(problem.set_id)
+        if modal_set.deviation is None:
+            continue
+        own = np.sqrt(np.sum(modal_set.deviation.ln_frequency**2, axis=1))[list(problem.used)]
+        used = np.concatenate([g.frequency_std_hz / g.frequency_hz for g in problem.groups])
+        ratios += (used / own).tolist()
+    return float(np.nanmedian(ratios)) if ratios else float("nan")

@@ -1,0 +1,229 @@
+"""sets.json: the four views of a campaign's sets, what they say in words, and the table for a terminal."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from probupdate.errors import InputError, parsing
+from probupdate.io.files import read_json_table, write_json
+from probupdate.io.json_rows import from_row, row_of
+from probupdate.io.result_table import OWN_UNIT, table_of
+from probupdate.io.schema import checked
+from probupdate.runtime.arrays import frozen_array
+from probupdate.updating.predictive import LeftOut
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+FORMAT = 1
+# bits about tau below which it is the hyper-prior's
+TOLD_BITS = 0.1
+# effective share of the population's draws, in the worst set, from which on view (d) is recommended
+RECOMMENDED_SHARE = 0.2
+POOLED, ONE, MANY = "each set alone", "one value for all sets", "a population"
+
+
+@dataclass(frozen=True, kw_only=True)
+class SetsRow:
+    """One parameter or derived quantity. scatter_*: of the maxima; pooled_*: law of total variance; joint_*: one
+    posterior of all sets; mean_*: of the population's middle, tau_*: its scatter between sets over the mean (median, 5
+    and 95 %), tau_prior the hyper-prior's median, tau_bits what the data say of it; population_cov: of a set not yet
+    measured, uncertainty of the middle included. NaN where it does not apply."""
+
+    name: str
+    unit: str
+    prior_cov: float
+    scatter_mean: float
+    scatter_cov: float
+    resolution: float
+    pooled_mean: float
+    pooled_cov: float
+    joint_mean: float
+    joint_cov: float
+    mean: float
+    mean_cov: float
+    tau: float
+    tau_low: float
+    tau_high: float
+    tau_prior: float
+    tau_bits: float
+    population_cov: float
+    sentence: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class ModeScatter:
+    """ln f of one mode over the sets: its deviation, what identification states (root mean square), the variation left
+    (0 where the scatter is less than stated) with its 90 % interval, and p of no variation at all."""
+
+    label: str
+    n_set: int
+    scatter: float
+    stated: float
+    variation: float
+    low: float
+    high: float
+    p_value: float
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class SetViews:
+    """rows by parameter, then derived quantities; scores: view -> ln p of sets left out; population: how its sampling
+    ended; linear_share (n_set,): effective share of draws that the full model confirms; correlation (n_param, n_param):
+    the population's, its median, where it was asked for."""
+
+    ids: tuple[str, ...]
+    rows: tuple[SetsRow, ...]
+    modes: tuple[ModeScatter, ...]
+    scores: LeftOut
+    converged: bool
+    verdict: str
+    linear_share: np.ndarray
+    correlation: np.ndarray | None
+    notes: tuple[str, ...]
+    advice: str
+    settings: dict[str, str]
+
+    def to_frame(self) -> pd.DataFrame:
+        """A row a parameter, then derived quantities."""
+        return table_of(self.rows, units=dict.fromkeys(("scatter_mean", "pooled_mean", "joint_mean", "mean"), OWN_UNIT))
+
+    @property
+    def summary(self) -> str:
+        return summary(self)
+
+    def write(self, path: str | Path) -> Path:
+        return write_views(self, path)
+
+
+def tau_interval(row: SetsRow) -> str:
+    """5 to 95 % of tau; an upper limit alone where the sets identify none, or where none at all is as probable."""
+    if not np.isfinite(row.tau):
+        return ""
+    limit = row.tau_bits < TOLD_BITS or row.tau_low < 0.2 * row.tau
+    return f"< {row.tau_high:.3f}" if limit else f"{row.tau_low:.3f}-{row.tau_high:.3f}"
+
+
+def parameter_sentence(row: dict) -> str:
+    """What the sets say of one parameter's variation."""
+    name = row["name"]
+    if row["tau_bits"] < TOLD_BITS:
+        text = (f"the sets do not identify how {name} varies: tau is below {row['tau_high']:.2g} (95 %), which is the "
+                f"hyper-prior's own (median {row['tau_prior']:.2g})")  # fmt: skip
+        if row["resolution"] < 0.1:
+            text += ", nor what it is"
+        return text
+    if row["tau_low"] < 0.2 * row["tau"]:
+        return f"{name} varies between sets by at most {row['tau_high']:.2g} (95 %), perhaps not at all"
+    return f"{name} varies between sets by {row['tau']:.2g} ({row['tau_low']:.2g} to {row['tau_high']:.2g})"
+
+
+def advice(rows: list[SetsRow], scores: LeftOut, linear_share: np.ndarray) -> str:
+    """Which view for what, with what the scores say of it; (d) is not recommended where its linearised sets do not
+    stand for the full model."""
+    gain, error = scores.difference(MANY, ONE)
+    if gain > 2 * error and gain > 1:
+        told = (f"A population predicts sets left out better than one value does (ln p {gain:+.1f} +- {error:.1f}): "
+                "the structure, or what the model lacks, differs from set to set.")
+    elif gain < -2 * error and gain < -1:
+        told = (f"One value predicts sets left out better than a population does (ln p {gain:+.1f} +- {error:.1f}): "
+                "no variation between sets shows beyond the stated noise.")
+    else:
+        told = (f"Sets left out do not distinguish one value from a population (ln p {gain:+.1f} +- {error:.1f}): "
+                "variation between sets is no larger than the stated noise can hide.")
+    silent_names = [r.name for r in rows if np.isfinite(r.tau_bits) and r.tau_bits < TOLD_BITS]
+    worst = float(np.min(linear_share))
+    if worst < RECOMMENDED_SHARE:
+        for_life = (f"(d) is not recommended: of its draws an effective share of {100 * worst:.0f} % stands for the "
+                    "full model in the worst set; for a lifetime analysis take (b), which is an upper figure.")  # fmt: skip
+    else:
+        for_life = ("For a lifetime analysis take (d): the middle with its standard deviation for what is the same in "
+                    "all conditions, and the population CoV where every condition (a month, a sea state) has its own "
+                    "value; it has the middle's uncertainty, so that nothing is added to it.")  # fmt: skip
+    text = (
+        f"{told} {for_life} (c) is the uncertainty of a parameter that cannot "
+        "differ between sets, such as a mass; it is too narrow where sets or the model's error differ. (b) counts the "
+        "noise of each set twice and is an upper figure. (a), the paper's Table 7, says how repeatable an update is, "
+        "not how well a parameter is known: with resolution near 0 it is near 0."
+    )
+    if silent_names:
+        text += (f" Of {', '.join(silent_names)} the sets show no variation: there (d) returns its hyper-prior, which "
+                 "is an assumption and should be stated as one.")
+    return text
+
+
+def summary(views: SetViews) -> str:
+    """The table and the paragraph."""
+    width = max(9, *(len(r.name) for r in views.rows))
+    head = (f"{'':<{width}} {'prior':>6} | {'(a) mean':>10} {'CoV':>6} | {'(b) mean':>10} {'CoV':>6} | "
+            f"{'(c) mean':>10} {'CoV':>6} | {'(d) mean':>10} {'CoV':>6} {'tau':>6} {'5-95 %':>14} {'new CoV':>7}")
+    lines = [head]
+    for r in views.rows:
+        interval = tau_interval(r)
+        lines.append(
+            f"{r.name:<{width}} {_three(r.prior_cov)} | {r.scatter_mean:>10.4g} {_three(r.scatter_cov)} | "
+            f"{r.pooled_mean:>10.4g} {_three(r.pooled_cov)} | {r.joint_mean:>10.4g} {_three(r.joint_cov)} | "
+            f"{r.mean:>10.4g} {_three(r.mean_cov)} {_three(r.tau)} {interval:>14} {_three(r.population_cov):>7}"
+        )
+    lines.append("(a) scatter of the updates, (b) posteriors pooled, (c) one posterior for all, (d) population: its "
+                 "middle, its scatter tau between sets over the mean, and the CoV of a set not yet measured")
+    lines += [f"{r.sentence}" for r in views.rows if np.isfinite(r.tau)]
+    lines += [f"{m.label}: scatter of f {100 * m.scatter:.3f} %, stated noise {100 * m.stated:.3f} %, variation "
+              f"{100 * m.variation:.3f} % ({100 * m.low:.3f} to {100 * m.high:.3f}), p {m.p_value:.2g}"
+              for m in views.modes]  # fmt: skip
+    total = {name: float(np.sum(v)) for name, v in views.scores.score.items()}
+    lines.append("ln p of sets left out: " + ", ".join(f"{name} {value:.1f}" for name, value in total.items()))
+    lines.append(f"population {views.verdict}; {int(views.scores.refitted.sum())} of {len(views.ids)} refitted without "
+                 f"their set (Pareto k up to {np.max(views.scores.pareto_k):.2f}); full model confirms a share of "
+                 f"{np.min(views.linear_share):.2f} or more")  # fmt: skip
+    return "\n".join([*lines, *views.notes, views.advice])
+
+
+def _three(value: float) -> str:
+    return f"{value:6.3f}" if np.isfinite(value) else f"{'':6}"
+
+
+def write_views(views: SetViews, path: str | Path) -> Path:
+    path = Path(path)
+    scores = {"score": {k: v.tolist() for k, v in views.scores.score.items()},
+              "pareto_k": _nulls(views.scores.pareto_k.tolist()), "refitted": views.scores.refitted.tolist()}
+    content = {
+        "format": FORMAT, "ids": list(views.ids), "rows": [row_of(r) for r in views.rows],
+        "modes": [row_of(m) for m in views.modes], "scores": scores, "converged": views.converged,
+        "verdict": views.verdict, "linear_share": views.linear_share.tolist(),
+        "correlation": None if views.correlation is None else views.correlation.tolist(), "notes": list(views.notes),
+        "advice": views.advice, "settings": views.settings,
+    }  # fmt: skip
+    return write_json(path, content)
+
+
+def _nulls(values: list[float]) -> list[float | None]:
+    return [v if np.isfinite(v) else None for v in values]
+
+
+def read_views(path: str | Path) -> SetViews:
+    """Read sets.json; raises InputError where it is none."""
+    path, again = Path(path), "write it with `probupdate sets`"
+    c = read_json_table(path, again, absent=again)
+    if c.pop("format", None) != FORMAT:
+        raise InputError(str(path), "is no sets.json, or of another version's format", again)
+    with parsing(str(path), "is no sets.json", again):
+        ids, scores = tuple(c["ids"]), c["scores"]
+        k = [np.nan if v is None else v for v in scores["pareto_k"]]
+        left_out = LeftOut(ids=ids, score={name: frozen_array(v) for name, v in scores["score"].items()},
+                           pareto_k=frozen_array(k), refitted=frozen_array(scores["refitted"], bool))
+        views = SetViews(
+            ids=ids, rows=tuple(from_row(SetsRow, r) for r in c["rows"]),
+            modes=tuple(from_row(ModeScatter, m) for m in c["modes"]), scores=left_out, converged=c["converged"],
+            verdict=c["verdict"], linear_share=frozen_array(c["linear_share"]),
+            correlation=None if c["correlation"] is None else frozen_array(c["correlation"]), notes=tuple(c["notes"]),
+            advice=c["advice"], settings=c["settings"],
+        )
+    checked(views, path, again)
+    if any(np.shape(v) != (len(ids),) for v in (*left_out.score.values(), left_out.pareto_k, views.linear_share)):
+        raise InputError(str(path), f"does not hold one score for each of its {len(ids)} sets", again)
+    return views

@@ -1,0 +1,373 @@
+"""A Gaussian cut at the bounds that stands in for the posterior: it starts chains, proposes moves, and marks the region
+a reduced basis must answer well. Nothing is concluded from it.
+
+The Laplace approximation is exact at the maximum only; where responses are curved over the posterior's width, a
+quadratic fitted to the log density over that width is closer by orders of magnitude in its importance weights.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from scipy import linalg, special
+
+from probupdate.model.parameters import Parameters
+from probupdate.runtime.arrays import frozen_array
+from probupdate.runtime.progress import Progress, silent
+from probupdate.updating.laplace import Laplace
+from probupdate.updating.problem import Problem
+
+# rounds of fitting: how far the points that are fitted to spread (times the Gaussian's variance), and the power of the
+# importance weights, which would single out few points at first
+ROUNDS = ((2.0, 0.1), (2.0, 0.2), (1.5, 0.3), (1.3, 0.5), *4 * ((1.1, 0.5),))
+# points per coefficient of the quadratic
+POINTS_PER_COEFFICIENT = 8
+# of the fitted coefficients, as a share of the points
+RIDGE = 1e-3
+# least curvature along any direction, as a share of the diagonals': the fit may be flat or turn up inside the bounds
+LEAST_CURVATURE = 0.02
+# log weights further below the largest than this count as this
+LEAST_WEIGHT = -15.0
+# a parameter's coordinate changes where the squares a quadratic misses fall to this share
+CLEARLY_LESS = 0.98
+# where coordinates begin, below a lower bound that is not positive: this share of the prior deviation
+ORIGIN_BELOW = 0.05
+# share of proposals that come from an outline of so many times its variance
+WIDE_SHARE, WIDE = 0.15, 2.5
+# against division by a column that does not vary
+TINY = 1e-12
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class TruncatedGaussian:
+    """A Gaussian with exponent g^T d - d^T H d / 2, d = theta - centre, cut to [lower, upper] one parameter after
+    another: each from its conditional on those before it, between its own bounds (the proposal of Geweke, Hajivassiliou
+    and Keane, and of Genz).
+
+    Draws and density are exact and the density is normalised, at any correlation and however far out the bounds cut.
+    It is the Gaussian's density in the box itself where parameters are uncorrelated, and close to it otherwise when the
+    hardest cut comes first.
+    """
+
+    centre: np.ndarray
+    gradient: np.ndarray
+    precision: np.ndarray
+    lower: np.ndarray
+    upper: np.ndarray
+
+    def exponent(self, theta: np.ndarray) -> np.ndarray:
+        """(n,) of theta (n, n_param): the Gaussian's without its constant and without bounds."""
+        d = theta - self.centre
+        return d @ self.gradient - 0.5 * np.einsum("ij,jk,ik->i", d, self.precision, d)
+
+    def widened(self, factor: float) -> TruncatedGaussian:
+        """The same mean before the bounds cut it, `factor` times the variance."""
+        return TruncatedGaussian(
+            centre=self.centre, gradient=self.gradient / factor, precision=self.precision / factor,
+            lower=self.lower, upper=self.upper,
+        )
+
+    @cached_property
+    def _stages(self) -> _Stages:
+        return _stages(self)
+
+    def draw(self, n: int, random) -> np.ndarray:
+        """n independent draws (n, n_param); `random` has uniform(size=n)."""
+        stages = self._stages
+        z, theta = np.zeros((n, len(stages.order))), np.empty((n, len(stages.order)))
+        for k, j in enumerate(stages.order):
+            low, high = stages.cut(k, z)
+            z[:, k] = _truncated_normal(low, high, random.uniform(size=n))
+            theta[:, j] = stages.mean[k] + stages.scale[k] * (z[:, : k + 1] @ stages.factor[k, : k + 1])
+        # rounding may leave a draw a hair outside
+        return np.clip(theta, self.lower, self.upper)
+
+    def log_density(self, theta: np.ndarray) -> np.ndarray:
+        """(n,) of theta (n, n_param) inside the bounds, normalised."""
+        stages = self._stages
+        z = linalg.solve_triangular(
+            stages.factor, ((theta[:, stages.order] - stages.mean) / stages.scale).T, lower=True
+        ).T
+        value = -0.5 * np.sum(z**2 + np.log(2 * np.pi), axis=1) - np.sum(np.log(np.diag(stages.factor) * stages.scale))
+        return value - np.sum(_log_probability(*stages.cuts(z)), axis=1)
+
+
+@dataclass(frozen=True, eq=False)
+class _Stages:
+    """Parameters in the order they are drawn, with mean, scale and bounds (n_param,) in that order and the lower
+    Cholesky factor of their correlation: theta = mean + scale * (factor @ z)."""
+
+    order: np.ndarray
+    mean: np.ndarray
+    scale: np.ndarray
+    factor: np.ndarray
+    lower: np.ndarray
+    upper: np.ndarray
+
+    def cut(self, k: int, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Bounds (n,) of the k-th standard normal, given those before it."""
+        before = z[:, :k] @ self.factor[k, :k]
+        return (self.lower[k] - before) / self.factor[k, k], (self.upper[k] - before) / self.factor[k, k]
+
+    def cuts(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The same of all at once, (n, n_param): chains ask for densities of two dozen walkers thousands of times."""
+        own = np.diag(self.factor)
+        before = z @ (self.factor - np.diag(own)).T
+        return (self.lower - before) / own, (self.upper - before) / own
+
+
+def _stages(gaussian: TruncatedGaussian) -> _Stages:
+    """The parameter whose bounds leave least goes first, then the one they leave least given the first at its mean
+    between them, and so on."""
+    size = 1 / np.sqrt(np.diag(gaussian.precision))
+    inverse = np.linalg.inv(gaussian.precision * np.outer(size, size))
+    mean = gaussian.centre + size * (inverse @ (gaussian.gradient * size))
+    scale = size * np.sqrt(np.diag(inverse))
+    correlation = inverse / np.sqrt(np.outer(np.diag(inverse), np.diag(inverse)))
+    low, high = (gaussian.lower - mean) / scale, (gaussian.upper - mean) / scale
+    order, shift, left = [], np.zeros(len(mean)), correlation.copy()
+    for _ in range(len(mean)):
+        rest = np.setdiff1d(np.arange(len(mean)), order)
+        std = np.sqrt(np.maximum(np.diag(left), 1e-12))
+        a, b = (low - shift) / std, (high - shift) / std
+        chance = _log_probability(a, b)
+        j = rest[np.argmin(chance[rest])]
+        order.append(j)
+        column = left[:, j] / std[j]
+        shift = shift + column * _truncated_mean(a[j], b[j])
+        left = left - np.outer(column, column)
+    order = np.array(order)
+    return _Stages(order, mean[order], scale[order], linalg.cholesky(correlation[np.ix_(order, order)], lower=True),
+                   low[order], high[order])  # fmt: skip
+
+
+def _truncated_mean(a: float, b: float) -> float:
+    """Of the standard normal between a and b."""
+    if a > 0:
+        return -_truncated_mean(-b, -a)
+    log_probability = float(_log_probability(np.array([a]), np.array([b]))[0])
+    ends = [np.exp(-0.5 * x * x - log_probability) if np.isfinite(x) else 0.0 for x in (a, b)]
+    return float(np.clip((ends[0] - ends[1]) / np.sqrt(2 * np.pi), a, b))
+
+
+def _log_probability(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """ln of the standard normal's probability between a and b, exact in relative terms far in both tails."""
+    turned = a > 0
+    low, high = np.where(turned, -b, a), np.where(turned, -a, b)
+    upper = special.log_ndtr(high)
+    return upper + np.log(-np.expm1(special.log_ndtr(low) - upper))
+
+
+def _truncated_normal(a: np.ndarray, b: np.ndarray, uniform: np.ndarray) -> np.ndarray:
+    """Standard normal between a and b by inverting its distribution function."""
+    # the function is exact in relative terms on its lower side only: turn the interval there
+    turned = a > 0
+    low, high = np.where(turned, -b, a), np.where(turned, -a, b)
+    below = special.ndtr(low)
+    x = special.ndtri(below + uniform * (special.ndtr(high) - below))
+    # so far out that the probability underflows, all of it lies at the nearer end
+    x = np.clip(np.where(np.isfinite(x), x, high), low, high)
+    return np.where(turned, -x, x)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Outline:
+    """A truncated Gaussian in coordinates u of the parameters: u = x, ln x or -1 / x for powers (n_param,) of 1, 0 and
+    -1, x = theta - origin. `gaussian` lives in u.
+
+    The origin is 0 for parameters that are positive by their bounds, and else a little below the lower bound: that is
+    where a relative change of a stiffness leaves none.
+    """
+
+    gaussian: TruncatedGaussian
+    powers: tuple[int, ...]
+    lower: np.ndarray
+    upper: np.ndarray
+    origin: np.ndarray
+
+    def draw(self, n: int, random) -> np.ndarray:
+        """n independent draws (n, n_param)."""
+        theta = from_coordinates(self.gaussian.draw(n, random), self.powers) + self.origin
+        return np.clip(theta, self.lower, self.upper)
+
+    def log_density(self, theta: np.ndarray) -> np.ndarray:
+        """(n,) of theta (n, n_param) inside the bounds, normalised."""
+        x = theta - self.origin
+        return self.gaussian.log_density(to_coordinates(x, self.powers)) - log_stretch(x, self.powers)
+
+    def widened(self, factor: float) -> Outline:
+        """`factor` times the variance, in its coordinates."""
+        return replace(self, gaussian=self.gaussian.widened(factor))
+
+    def turned_to(self, powers: tuple[int, ...]) -> Outline:
+        """The same slope and, but for what the coordinates bend, the same curvature at the centre in other ones."""
+        x = from_coordinates(self.gaussian.centre[None], self.powers)
+        rate = np.exp(_log_rates(x, powers) - _log_rates(x, self.powers))[0]
+        # the density per du has the slope of ln |dx / du| too, which is 0, 1 and 2 x per unit of u
+        own, new = (np.array([{1: 0.0, 0: 1.0, -1: 2 * t}[power] for t, power in zip(x[0], chosen, strict=True)])
+                    for chosen in (self.powers, powers))  # fmt: skip
+        return _outline(
+            to_coordinates(x, powers)[0], (self.gaussian.gradient - own) * rate + new,
+            self.gaussian.precision * np.outer(rate, rate), powers, self,
+        )
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Proposal:
+    """Draws of the outline, a share of them from a wider one: where the posterior's tail is heavier than the outline's,
+    the ratio of their densities stays bounded."""
+
+    outline: Outline
+
+    @cached_property
+    def _wide(self) -> Outline:
+        return self.outline.widened(WIDE)
+
+    def draw(self, n: int, random) -> np.ndarray:
+        """n independent draws (n, n_param)."""
+        wide = random.uniform(size=n) < WIDE_SHARE
+        return np.where(wide[:, None], self._wide.draw(n, random), self.outline.draw(n, random))
+
+    def log_density(self, theta: np.ndarray) -> np.ndarray:
+        """(n,) of theta (n, n_param) inside the bounds, normalised."""
+        # both in the same coordinates, which are computed once
+        x = theta - self.outline.origin
+        u, stretch = to_coordinates(x, self.outline.powers), log_stretch(x, self.outline.powers)
+        own, wide = (outline.gaussian.log_density(u) for outline in (self.outline, self._wide))
+        return np.logaddexp(np.log(1 - WIDE_SHARE) + own - stretch, np.log(WIDE_SHARE) + wide - stretch)
+
+
+def _outline(centre, gradient, precision, powers, like: Outline) -> Outline:
+    """With the bounds and the origin of another one."""
+    # an open end stays one in every coordinate that is used with it
+    low, high = (to_coordinates((bound - like.origin)[None], powers)[0] for bound in (like.lower, like.upper))
+    gaussian = TruncatedGaussian(centre=frozen_array(centre), gradient=frozen_array(gradient),
+                                 precision=frozen_array(precision), lower=low, upper=high)  # fmt: skip
+    return replace(like, gaussian=gaussian, powers=tuple(powers))
+
+
+def _origin(parameters: Parameters) -> np.ndarray:
+    below = parameters.lower - ORIGIN_BELOW * np.minimum(parameters.std, parameters.upper - parameters.lower)
+    return np.where((parameters.lower > 0) | ~np.isfinite(parameters.lower), 0.0, below)
+
+
+def to_coordinates(x: np.ndarray, powers: tuple[int, ...]) -> np.ndarray:
+    """u (n, n_param) of x = theta - origin (n, n_param)."""
+    how = {1: lambda x: x, 0: np.log, -1: lambda x: -1 / x}
+    return np.stack([how[power](x[:, k]) for k, power in enumerate(powers)], axis=1)
+
+
+def from_coordinates(u: np.ndarray, powers: tuple[int, ...]) -> np.ndarray:
+    """x (n, n_param) of u (n, n_param)."""
+    how = {1: lambda x: x, 0: np.exp, -1: lambda x: -1 / x}
+    return np.stack([how[power](u[:, k]) for k, power in enumerate(powers)], axis=1)
+
+
+def _log_rates(x: np.ndarray, powers: tuple[int, ...]) -> np.ndarray:
+    """ln dx_k / du_k (n, n_param)."""
+    how = {1: np.zeros_like, 0: np.log, -1: lambda x: 2 * np.log(x)}
+    return np.stack([how[power](x[:, k]) for k, power in enumerate(powers)], axis=1)
+
+
+def log_stretch(x: np.ndarray, powers: tuple[int, ...]) -> np.ndarray:
+    """ln |dx / du| (n,) of x (n, n_param)."""
+    return _log_rates(x, powers).sum(axis=1)
+
+
+def from_laplace(laplace: Laplace, parameters: Parameters) -> Outline:
+    """The Laplace approximation; its gradient is not zero at a bound the maximum is pinned to."""
+    origin = _origin(parameters)
+    gaussian = TruncatedGaussian(
+        centre=frozen_array(laplace.theta - origin), gradient=laplace.gradient, precision=laplace.precision,
+        lower=frozen_array(parameters.lower - origin), upper=frozen_array(parameters.upper - origin),
+    )
+    return Outline(gaussian=gaussian, powers=(1,) * len(parameters), lower=parameters.lower, upper=parameters.upper,
+                   origin=frozen_array(origin))  # fmt: skip
+
+
+def fit_surrogate(
+    problem: Problem, laplace: Laplace, rng: np.random.Generator, progress: Progress = silent
+) -> tuple[Outline, float]:
+    """The best of a few quadratic fits to the log posterior, the Laplace approximation among them, and the effective
+    share of its importance weights, 1 for a posterior that is such a Gaussian.
+
+    Each fit chooses the coordinates in which a quadratic misses least: stiffnesses in series add as reciprocals, those
+    in parallel as themselves, and a posterior that is curved in one is straight in the other.
+    """
+    parameters = problem.parameters
+    n = len(parameters)
+    n_point = max(400, POINTS_PER_COEFFICIENT * (1 + n + n * (n + 1) // 2))
+    current = from_laplace(laplace, parameters)
+    best, best_share = current, 0.0
+    for done, (spread, power) in enumerate(ROUNDS):
+        progress("posterior's Gaussian approximation", done, len(ROUNDS))
+        wide = current.widened(spread)
+        theta = wide.draw(n_point, rng)
+        value, _ = problem.log_posterior(theta)
+        weight = value - wide.log_density(theta)
+        weight -= weight.max()
+        share = np.exp(weight).sum() ** 2 / np.exp(2 * weight).sum() / n_point
+        if share > best_share:
+            best, best_share = wide, share
+        # those without modes have no height to fit
+        known = np.isfinite(value)
+        x, value = theta[known] - current.origin, value[known]
+        tempered = np.maximum(power * weight[known], LEAST_WEIGHT)
+        chosen = _straightest(x, value, tempered, current.powers, np.isfinite(parameters.lower))
+        current = _refit(current.turned_to(chosen), x, value, tempered)
+    progress("posterior's Gaussian approximation", len(ROUNDS), len(ROUNDS))
+    return best, float(best_share)
+
+
+def _straightest(x, value, log_weight, powers, positive) -> tuple[int, ...]:
+    """Powers, changed one parameter after another where a quadratic then misses clearly less."""
+
+    def missed(trial) -> float:
+        columns, root, _, ridge = _least_squares(to_coordinates(x, trial), log_weight)
+        target = (value - value.max() + log_stretch(x, trial)) * root
+        found = np.linalg.solve(columns.T @ columns + ridge, columns.T @ target)
+        return float(np.sum((target - columns @ found) ** 2))
+
+    powers, least = list(powers), missed(powers)
+    for k in np.flatnonzero(positive):
+        for power in (1, 0, -1):
+            trial = [*powers[:k], power, *powers[k + 1 :]]
+            if power != powers[k] and (value_missed := missed(trial)) < CLEARLY_LESS * least:
+                powers, least = trial, value_missed
+    return tuple(powers)
+
+
+def _least_squares(u, log_weight, centre=None):
+    """Columns 1, d, d d^T of d = (u - centre) / scale, each of unit size and times the root of the weights (n,); the
+    sizes, and the ridge on all but the constant."""
+    scale = u.std(axis=0) + TINY
+    d = (u - (u.mean(axis=0) if centre is None else centre)) / scale
+    i, j = np.triu_indices(u.shape[1])
+    columns = np.column_stack([np.ones(len(d)), d, d[:, i] * d[:, j]])
+    weight = np.exp(log_weight)
+    root = np.sqrt(weight / weight.mean())
+    columns *= root[:, None]
+    size = np.sqrt(np.mean(columns**2, axis=0)) + TINY
+    ridge = RIDGE * len(d) * np.diag([0.0] + [1.0] * (columns.shape[1] - 1))
+    return columns / size, root, size, ridge
+
+
+def _refit(current: Outline, x, value, log_weight) -> Outline:
+    """Weighted least squares for what the quadratic misses, in its coordinates."""
+    gaussian = current.gaussian
+    u = to_coordinates(x, current.powers)
+    columns, root, size, ridge = _least_squares(u, log_weight, gaussian.centre)
+    missed = value - value.max() + log_stretch(x, current.powers) - gaussian.exponent(u)
+    found = np.linalg.solve(columns.T @ columns + ridge, columns.T @ (missed * root)) / size
+    n, scale = u.shape[1], u.std(axis=0) + TINY
+    i, j = np.triu_indices(n)
+    bend = np.zeros((n, n))
+    bend[i, j] = found[1 + n :]
+    precision = gaussian.precision * np.outer(scale, scale) - (bend + bend.T)
+    size = np.sqrt(np.abs(np.diag(precision))) + TINY
+    curvature, direction = np.linalg.eigh(precision / np.outer(size, size))
+    precision = (direction * np.maximum(curvature, LEAST_CURVATURE)) @ direction.T * np.outer(size, size)
+    return _outline(gaussian.centre, gaussian.gradient + found[1 : 1 + n] / scale, precision / np.outer(scale, scale),
+                    current.powers, current)  # fmt: skip

@@ -1,0 +1,459 @@
+"""update.json: both readings of the deterministic update, the posterior's maximum beside them, every set's update."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from probupdate.errors import InputError, of_file, parsing
+from probupdate.io.files import read_json_table, write_json
+from probupdate.io.result_table import OWN_UNIT, table_of
+from probupdate.io.schema import checked
+from probupdate.model.parameters import Parameter, Parameters
+from probupdate.runtime.arrays import frozen_array
+from probupdate.updating.identifiability import BOUND, KNOWN, PARTLY, PRIOR, identifiability
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+FORMAT = 1
+# a parameter's resolution below this: the data hardly inform it
+BLIND_RESOLUTION = 0.1
+# CoV of frequencies below which a good fit says nothing of the model's own error: two theories of one turbine differ by
+# 0.5 to 1.2 % at equal parameters, and ten parameters took that in (studies/calibration)
+SHARP = 0.005
+# standard deviations of a chi-square variable beyond which a misfit is none of chance
+ACCUSED = 3.0
+SCHEME_NAMES = {"step": "Eq. 7 as printed (penalty on the step)", "prior": "anchored (penalty on the prior)"}
+
+
+# the setting that names measured modes which were taken though they look unlike the model's
+UNLIKE = "modes unlike the model's"
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class SchemeRecord:
+    """One reading of Eq. 7: theta (n_iteration + 1, n_param); objective: term -> (n_iteration + 1,);
+    distance_to_map (n_iteration + 1,), the Mahalanobis distance over sqrt(n_param) in the Laplace posterior;
+    frequency_hz, mac (n_mode,) at the end in the data's order, NaN where a mode is not used."""
+
+    key: str
+    name: str
+    theta: np.ndarray
+    objective: Mapping[str, np.ndarray]
+    distance_to_map: np.ndarray
+    share: np.ndarray
+    frequency_hz: np.ndarray
+    mac: np.ndarray
+    at_bound: np.ndarray
+    converged: bool
+    status: str
+    alpha: float
+
+    @property
+    def closest_iteration(self) -> int:
+        """Where the scheme passes closest to the maximum of the posterior."""
+        return int(np.argmin(self.distance_to_map))
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class ScatterRecord:
+    """Updates of all sets; see nine_sets.SetScatter."""
+
+    ids: tuple[str, ...]
+    theta_map: np.ndarray
+    theta_step: np.ndarray
+    iterations: int
+    variance: np.ndarray
+    resolution: np.ndarray
+    derived: Mapping[str, np.ndarray]
+    failed: tuple[str, ...]
+    cov: np.ndarray
+    total_std: np.ndarray
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class AlphaRecord:
+    """The anchored update over alpha; see alpha.AlphaPath."""
+
+    alpha: np.ndarray
+    theta: np.ndarray
+    misfit: np.ndarray
+    penalty: np.ndarray
+    log_evidence: np.ndarray
+    chosen: Mapping[str, float]
+    remarks: Mapping[str, str]
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class ComponentsRecord:
+    """What the variance of the parameters' estimate is made of, std (n_component, n_param), and what to measure next,
+    gain (n_measure, n_param); misfit_share (n_group,): of the misfit at the maximum by group of responses. See
+    components.VarianceComponents."""
+
+    names: tuple[str, ...]
+    std: np.ndarray
+    source_names: tuple[str, ...]
+    source_std: np.ndarray
+    measures: tuple[str, ...]
+    gain: np.ndarray
+    responses: tuple[str, ...]
+    chi_square: np.ndarray
+    expected: np.ndarray
+
+    def accused(self) -> tuple[str, ...]:
+        """Responses whose chi-square is far beyond what is expected of them, the worst first."""
+        beyond = (self.chi_square - self.expected) / np.sqrt(2 * np.maximum(self.expected, 1.0))
+        return tuple(self.responses[k] for k in np.argsort(-beyond) if beyond[k] > ACCUSED)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class UpdateRecord:
+    """What update.json holds; mode arrays (n_mode,) are in the data's order with NaN for modes not used.
+
+    computed_mode: number of the model's mode at the initial parameters, from 1, 0 for none. n_effective: responses less
+    fitted scales, the chi-square a true model would have. suspected: channels whose exchange or sign would explain why
+    the shapes are not the model's, empty where none would. derived: quantity -> {"initial", "step", "prior", "map"}.
+    map_gradient: the largest that the bounds leave at the maximum, per posterior deviation.
+    """
+
+    model: str
+    fingerprint: str
+    parameters: Parameters
+    set_id: str
+    labels: tuple[str, ...]
+    measured_hz: np.ndarray
+    measured_std_hz: np.ndarray
+    initial_hz: np.ndarray
+    initial_mac: np.ndarray
+    initial_misfit: float
+    computed_mode: np.ndarray
+    schemes: tuple[SchemeRecord, ...]
+    pairs: tuple[tuple[int, ...], ...]
+    left_out: tuple[str, ...]
+    map_theta: np.ndarray
+    map_covariance: np.ndarray
+    map_resolution: np.ndarray
+    map_at_bound: np.ndarray
+    map_misfit: float
+    map_hz: np.ndarray
+    map_mac: np.ndarray
+    n_response: int
+    n_effective: int
+    other_maxima: tuple[float, ...]
+    derived: Mapping[str, Mapping[str, float]]
+    sets: ScatterRecord | None
+    settings: Mapping[str, str] = field(default_factory=dict)
+    map_gradient: float = float("nan")
+    alpha_path: AlphaRecord | None = None
+    components: ComponentsRecord | None = None
+    suspected: str = ""
+
+    def scheme(self, key: str) -> SchemeRecord:
+        return next(s for s in self.schemes if s.key == key)
+
+    def to_frame(self) -> pd.DataFrame:
+        """A row a parameter, in its `unit`: initial value and prior, the ends of both readings of Eq. 7, the maximum of
+        the posterior with its Laplace standard deviation."""
+        ends = {s.key: s.theta[-1] for s in self.schemes}
+        std = np.sqrt(np.diag(self.map_covariance))
+        return table_of([
+            {"name": p.name, "unit": p.unit, "initial": p.initial, "prior_std": p.std,
+             **{key: theta[k] for key, theta in ends.items()}, "map": self.map_theta[k], "map_std": std[k],
+             "resolution": self.map_resolution[k], "at_bound": bool(self.map_at_bound[k])}
+            for k, p in enumerate(self.parameters)
+        ], units=dict.fromkeys(("initial", "prior_std", *ends, "map", "map_std"), OWN_UNIT))  # fmt: skip
+
+    @property
+    def summary(self) -> str:
+        return summary(self)
+
+    def write(self, path: str | Path) -> Path:
+        return write_update(self, path)
+
+
+def summary(record: UpdateRecord) -> str:
+    """A dozen lines for a terminal."""
+    lines = []
+    if misses(record):
+        lines.append("MISFIT BEYOND CHANCE: the model at its best does not explain these modes, and its parameters are "
+                     "not to be trusted")  # fmt: skip
+    if record.suspected:
+        lines.append(f"SUSPECT: the measured shapes are not this model's, and {record.suspected}")
+    for key in ("step", "prior"):
+        s = record.scheme(key)
+        settled = "settled" if s.converged else "NOT settled"
+        lines.append(
+            f"{s.name}: {len(s.theta) - 1} iterations, {settled}, responses' misfit "
+            f"{s.objective['responses'][0]:.4g} -> {s.objective['responses'][-1]:.4g}; closest to the MAP at "
+            f"iteration {s.closest_iteration}"
+        )
+    used = np.isfinite(record.initial_hz)
+    error = np.nanmax(np.abs(record.initial_hz[used] / record.measured_hz[used] - 1))
+    after = np.nanmax(np.abs(record.map_hz[used] / record.measured_hz[used] - 1))
+    lines.append(f"worst frequency error of {int(used.sum())} modes: {100 * error:.1f} % before, "
+                 f"{100 * after:.1f} % at the MAP")  # fmt: skip
+    if np.isfinite(record.map_gradient):
+        lines.append(f"projected gradient of ln p at the MAP: {record.map_gradient:.1e} per posterior standard "
+                     "deviation")
+    lines.append(fit_sentence(record))
+    at = [p.name for p, b in zip(record.parameters, record.map_at_bound, strict=True) if b]
+    if at:
+        lines.append(f"pinned at a bound at the MAP: {', '.join(at)}")
+    lines += _information(record)
+    lines += _components(record)
+    lines += _alphas(record)
+    for name, values in record.derived.items():
+        lines.append(f"{name}: {values['initial']:.3g} -> {values['map']:.3g} N/m at the MAP")
+    if UNLIKE in record.settings:
+        lines.append(f"taken although unlike the model's: {record.settings[UNLIKE]}")
+    lines += [f"left out: {text}" for text in record.left_out]
+    if record.other_maxima:
+        nearest = record.other_maxima[0]
+        lines.append(f"{len(record.other_maxima)} lower maxima were met, nearest {nearest:.2f} below in ln p")
+    if record.sets is not None and record.sets.failed:
+        lines += [f"no update: {text}" for text in record.sets.failed]
+    return "\n".join(lines)
+
+
+def _information(record: UpdateRecord) -> list[str]:
+    """How much the data say of each parameter, by the Gaussian approximation at the MAP.
+
+    For independent Gaussian parameters width^2 = 1 - resolution. Where it is more, another parameter can do the same.
+    """
+    width = np.sqrt(np.diag(record.map_covariance)) / record.parameters.std
+    rows = [f"{p.name} {r:.2f} / {w:.2f}"
+            for p, r, w in zip(record.parameters, record.map_resolution, width, strict=True)]  # fmt: skip
+    lines = [f"resolution by the data / standard deviation over the prior's, at the MAP: {', '.join(rows)}"]
+    said = [identifiability(w, at_bound=bool(b), misses=misses(record))
+            for w, b in zip(width, record.map_at_bound, strict=True)]  # fmt: skip
+    for kind in (KNOWN, PARTLY, PRIOR, BOUND):
+        names = [p.name for p, s in zip(record.parameters, said, strict=True) if s == kind]
+        if names:
+            lines.append(f"{kind}: {', '.join(names)}")
+    return lines
+
+
+def _alphas(record: UpdateRecord) -> list[str]:
+    path = record.alpha_path
+    if path is None:
+        return []
+    found = [f"{rule} {value:.2g}" for rule, value in path.chosen.items() if np.isfinite(value)]
+    lines = [f"alpha would be, by {', '.join(found)}"] if found else []
+    return lines + [f"no alpha by {rule}: {remark}" for rule, remark in path.remarks.items()]
+
+
+def misses(record: UpdateRecord) -> bool:
+    """Whether the misfit at the maximum is beyond what the stated covariance allows by chance."""
+    return record.map_misfit > beyond_chance(record.n_effective)
+
+
+def beyond_chance(n_effective: int) -> float:
+    """The chi-square from which a misfit is none of chance."""
+    return n_effective + ACCUSED * np.sqrt(2 * n_effective)
+
+
+def fit_sentence(record: UpdateRecord) -> str:
+    """Whether the model at its best fits the data within the stated standard deviations."""
+    ratio = record.map_misfit / record.n_effective
+    text = f"chi-square at the MAP {record.map_misfit:.4g} for {record.n_effective} effective responses"
+    if misses(record):
+        accused = () if record.components is None else record.components.accused()
+        where = f", most of all {', '.join(accused[:3])}" if accused else ""
+        return (f"{text}: the model misses the data by {np.sqrt(ratio):.1f} times the stated standard deviations"
+                f"{where}; no parameter counts as strongly identified until the model's error is stated: --discrepancy "
+                "auto (the default) or a share, or compare shapes with --shapes mac")  # fmt: skip
+    if record.map_misfit < record.n_effective - ACCUSED * np.sqrt(2 * record.n_effective):
+        return (f"{text}: the fit is {1 / np.sqrt(max(ratio, 1e-12)):.1f} times closer than the stated standard "
+                "deviations expect; they are too wide for these data or their errors go together, and posterior widths "
+                "are too wide with them")  # fmt: skip
+    text = f"{text}: the model fits the data within the stated standard deviations"
+    cov = float(np.nanmedian(record.measured_std_hz / record.measured_hz))
+    if cov >= SHARP:
+        return text
+    return (f"{text}, {100 * cov:.2g} % of the frequencies (median); an error of the model itself that parameters took "
+            "in does not show in the fit, and posterior widths leave it out unless --tolerances or --discrepancy "
+            "states it")  # fmt: skip
+
+
+def _components(record: UpdateRecord) -> list[str]:
+    """Which part of every parameter's variance comes from where, and what to measure next."""
+    parts = record.components
+    if parts is None:
+        return []
+    share = parts.std**2 / np.sum(parts.std**2, axis=0)
+    rows = []
+    for k, p in enumerate(record.parameters):
+        order = [j for j in np.argsort(-share[:, k]) if share[j, k] >= 0.1][:3]
+        rows.append(f"{p.name}: {', '.join(f'{parts.names[j]} {100 * share[j, k]:.0f} %' for j in order)}")
+    lines = [f"variance of the estimates at the MAP from: {'; '.join(rows)}"]
+    for what, gain in list(zip(parts.measures, parts.gain, strict=True))[:3]:
+        best = [k for k in np.argsort(-gain)[:3] if gain[k] >= 0.02]
+        told = ", ".join(f"{record.parameters.names[k]} -{100 * gain[k]:.0f} %" for k in best)
+        lines.append(f"what to measure next: {what} (standard deviation of {told})")
+    return lines
+
+
+def _plain(value):
+    if isinstance(value, np.ndarray):
+        if value.dtype == bool:
+            return value.tolist()
+        return _nulls(value.tolist())
+    if isinstance(value, Mapping):
+        return {k: _plain(v) for k, v in value.items()}
+    if isinstance(value, tuple | list):
+        return [_plain(v) for v in value]
+    if isinstance(value, np.generic):
+        return _nulls(value.item())
+    return _nulls(value)
+
+
+def _nulls(value):
+    if isinstance(value, list):
+        return [_nulls(v) for v in value]
+    return None if isinstance(value, float) and not np.isfinite(value) else value
+
+
+def parameters_to_table(parameters: Parameters) -> dict:
+    """JSON form; infinite bounds become null."""
+    items = [_plain(asdict(p)) for p in parameters]
+    correlation = None if parameters.correlation is None else parameters.correlation.tolist()
+    return {"items": items, "correlation": correlation}
+
+
+def parameters_from_table(table: Mapping) -> Parameters:
+    items = []
+    for entry in table["items"]:
+        low, high = entry["lower"], entry["upper"]
+        bounds = {"lower": -np.inf if low is None else low, "upper": np.inf if high is None else high}
+        items.append(Parameter(**(dict(entry) | bounds)))
+    correlation = table.get("correlation")
+    return Parameters(tuple(items), None if correlation is None else np.array(correlation))
+
+
+def write_update(record: UpdateRecord, path: str | Path) -> Path:
+    path = Path(path)
+    content = {"format": FORMAT}
+    for name in record.__dataclass_fields__:
+        value = getattr(record, name)
+        if name == "parameters":
+            content[name] = parameters_to_table(value)
+        elif name == "schemes":
+            content[name] = [{k: _plain(getattr(s, k)) for k in s.__dataclass_fields__} for s in value]
+        elif name in ("sets", "alpha_path", "components"):
+            names = () if value is None else value.__dataclass_fields__
+            content[name] = {k: _plain(getattr(value, k)) for k in names} or None
+        else:
+            content[name] = _plain(value)
+    return write_json(path, content)
+
+
+def _array(value, dtype=float) -> np.ndarray:
+    if dtype is bool:
+        return frozen_array(value, bool)
+    filled = np.array(value, dtype=object)
+    return frozen_array(np.where(filled == None, np.nan, filled).astype(float))  # noqa: E711
+
+
+def read_update(path: str | Path) -> UpdateRecord:
+    """Read update.json; raises InputError where it is none, or its parts do not fit together."""
+    again = "write it again with `probupdate update`"
+    content = read_json_table(path, again, absent="write it with `probupdate update`")
+    _refuse_format(path, content, again)
+    with of_file(path), parsing(str(path), "is no update.json", again):
+        record = checked(_record(content), path, again)
+    for what, found, wanted in _sizes(record):
+        if found != wanted:
+            raise InputError(f"{path}, {what}", f"is {found}, the rest of the file says {wanted}",
+                             "write it again with `probupdate update`")  # fmt: skip
+    if record.n_effective < 1 or not record.map_misfit >= 0 or np.any(np.diag(record.map_covariance) < 0):
+        raise InputError(str(path), "has a negative misfit or variance, or no responses", again)
+    used = np.isfinite(record.initial_hz)
+    if not used.any() or not np.all(record.measured_hz[used] > 0) or np.any(record.measured_std_hz < 0):
+        raise InputError(f"{path}, measured_hz", "holds no measured mode, or one without a positive frequency", again)
+    if record.components is not None and not np.all(np.sum(record.components.std**2, axis=0) > 0):
+        raise InputError(f"{path}, components", "hold a parameter without any variance", again)
+    return record
+
+
+def _refuse_format(path: str | Path, content: dict, again: str) -> None:
+    if content.pop("format", None) != FORMAT:
+        raise InputError(str(path), "is no update.json, or of another version's format", again)
+
+
+def _record(content: dict) -> UpdateRecord:
+    arrays = ("theta", "distance_to_map", "share", "frequency_hz", "mac")
+    schemes = tuple(
+        SchemeRecord(**(s | {k: _array(s[k]) for k in arrays}
+                        | {"objective": {k: _array(v) for k, v in s["objective"].items()},
+                           "at_bound": _array(s["at_bound"], bool)}))
+        for s in content["schemes"]
+    )  # fmt: skip
+    sets = content["sets"]
+    if sets is not None:
+        arrays = ("theta_map", "theta_step", "variance", "resolution", "cov", "total_std")
+        sets = ScatterRecord(**(
+            sets | {k: _array(sets[k]) for k in arrays}
+            | {"ids": tuple(sets["ids"]), "failed": tuple(sets["failed"]),
+               "derived": {k: _array(v) for k, v in sets["derived"].items()}}))  # fmt: skip
+    path = content.get("alpha_path")
+    if path is not None:
+        arrays = ("alpha", "theta", "misfit", "penalty", "log_evidence")
+        path = AlphaRecord(**(path | {k: _array(path[k]) for k in arrays} | {
+            "chosen": {k: float("nan") if v is None else v for k, v in path["chosen"].items()}}))  # fmt: skip
+    parts = content.get("components")
+    if parts is not None:
+        arrays = ("std", "source_std", "gain", "chi_square", "expected")
+        n_param = len(content["parameters"]["items"])
+        shaped = {k: _array(parts[k]) for k in arrays}
+        shaped |= {k: shaped[k].reshape(-1, n_param) for k in ("std", "source_std", "gain")}
+        words = {k: tuple(str(x) for x in parts[k]) for k in ("names", "source_names", "measures", "responses")}
+        parts = ComponentsRecord(**(parts | shaped | words))
+    gradient = content.get("map_gradient")
+    arrays = ("measured_hz", "measured_std_hz", "initial_hz", "initial_mac", "computed_mode", "map_theta",
+              "map_covariance", "map_resolution", "map_hz", "map_mac")  # fmt: skip
+    return UpdateRecord(**(content | {k: _array(content[k]) for k in arrays} | {
+        "parameters": parameters_from_table(content["parameters"]), "schemes": schemes, "sets": sets,
+        "alpha_path": path, "components": parts, "map_gradient": float("nan") if gradient is None else gradient,
+        "labels": tuple(content["labels"]), "pairs": tuple(tuple(p) for p in content["pairs"]),
+        "left_out": tuple(content["left_out"]), "other_maxima": tuple(content["other_maxima"]),
+        "derived": {k: {state: float("nan") if v is None else v for state, v in states.items()}
+                    for k, states in content["derived"].items()},
+        "map_at_bound": _array(content["map_at_bound"], bool)}))  # fmt: skip
+
+
+def _sizes(record: UpdateRecord):
+    """What must agree in size: (name, found, wanted)."""
+    n_mode, n_param = len(record.labels), len(record.parameters)
+    yield "schemes", tuple(s.key for s in record.schemes), tuple(SCHEME_NAMES)
+    for name in ("measured_hz", "measured_std_hz", "initial_hz", "initial_mac", "computed_mode", "map_hz", "map_mac"):
+        yield name, getattr(record, name).shape, (n_mode,)
+    for name in ("map_theta", "map_resolution", "map_at_bound"):
+        yield name, getattr(record, name).shape, (n_param,)
+    yield "map_covariance", record.map_covariance.shape, (n_param, n_param)
+    for s in record.schemes:
+        n = len(s.theta)
+        found = {"theta": (s.theta, (n, n_param)), "at_bound": (s.at_bound, (n_param,)), "share": (s.share, (n - 1,)),
+                 "distance_to_map": (s.distance_to_map, (n,)), "frequency_hz": (s.frequency_hz, (n_mode,)),
+                 "mac": (s.mac, (n_mode,))} | {k: (v, (n,)) for k, v in s.objective.items()}  # fmt: skip
+        for name, (array, wanted) in found.items():
+            yield f"{s.key}: {name}", array.shape, wanted
+    if record.alpha_path is not None:
+        n = record.alpha_path.alpha.size
+        yield "alpha_path: theta", record.alpha_path.theta.shape, (n, n_param)
+        for name in ("misfit", "penalty", "log_evidence"):
+            yield f"alpha_path: {name}", getattr(record.alpha_path, name).shape, (n,)
+    if (parts := record.components) is not None:
+        for name, rows in (("std", parts.names), ("source_std", parts.source_names), ("gain", parts.measures)):
+            yield f"components: {name}", getattr(parts, name).shape, (len(rows), n_param)
+        for name in ("chi_square", "expected"):
+            yield f"components: {name}", getattr(parts, name).shape, (len(parts.responses),)
+    if record.sets is not None:
+        for name in ("theta_map", "theta_step", "variance", "resolution"):
+            yield f"sets: {name}", getattr(record.sets, name).shape, (len(record.sets.ids), n_param)
+        for name in ("cov", "total_std"):
+            yield f"sets: {name}", getattr(record.sets, name).shape, (n_param,)

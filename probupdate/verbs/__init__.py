@@ -1,0 +1,41 @@
+"""The steps of the command line as functions: each reads files, returns one frozen result that can write itself."""
+
+from probupdate.verbs.estimating import compare, inform, sample, sets, unmatched, update
+from probupdate.verbs.finishing import diagnose, export, figures, report
+from probupdate.verbs.identifying import identify, identify_setups, identify_shard, regress, select
+from probupdate.verbs.models import model_modes, model_path, open_model
+from probupdate.verbs.records import check, check_setups, convert
+from probupdate.verbs.sought import modes_of_interest
+from probupdate.virtual.simulation import simulate
+
+__all__ = [
+    "check",
+    "check_setups",
+    "compare",
+    "convert",
+    "diagnose",
+    "estimating",
+    "export",
+    "figures",
+    "finishing",
+    "identify",
+    "identify_setups",
+    "identify_shard",
+    "identifying",
+    "inform",
+    "model_modes",
+    "model_path",
+    "models",
+    "modes_of_interest",
+    "open_model",
+    "records",
+    "regress",
+    "report",
+    "sample",
+    "select",
+    "sets",
+    "simulate",
+    "sought",
+    "unmatched",
+    "update",
+]

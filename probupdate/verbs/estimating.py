@@ -1,0 +1,266 @@
+"""Steps from modal sets to parameters: update, sample, compare, sets, inform."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from probupdate.errors import InputError, names_files
+from probupdate.modal.modes import ModalData, read_modes
+from probupdate.runtime.executors import Executor
+from probupdate.runtime.progress import Progress, silent
+from probupdate.structure.load import load_model
+from probupdate.updating.comparison import Comparison
+from probupdate.updating.comparison import compare as compare_results
+from probupdate.updating.discrepancy import state_model_error, stated_weights
+from probupdate.updating.posterior_file import Posterior, read_posterior, write_posterior
+from probupdate.updating.problem import Weights, build_problem
+from probupdate.updating.update_file import UNLIKE, UpdateRecord, read_update
+from probupdate.verbs.models import ModelAt, model_path, open_model
+
+if TYPE_CHECKING:
+    from probupdate.model.interface import Model
+    from probupdate.updating.information import Information
+    from probupdate.updating.set_views_file import SetViews
+
+# where `inform` takes slopes
+PLACES = {"initial": "the initial parameters", "map": "the maximum of the posterior"}
+
+
+def likelihood(
+    weights: str | tuple[float, ...] | Weights, model: Model, data: ModalData, *, set_id: str | None,
+    frequencies: str, shapes: str, discrepancy: float | str | None, tolerances: bool | None, progress: Progress,
+) -> Weights:
+    """What is compared and all that is stated of its error: one value, the same for every estimator that is given these
+    arguments. discrepancy None: 'auto' with the measurement's own standard deviations, else none."""
+    chosen = stated_weights(weights, data, frequencies=frequencies, shapes=shapes, tolerances=tolerances)
+    if discrepancy is None:
+        discrepancy = "auto" if isinstance(weights, str) and weights in ("measured", "covariance") else 0.0
+    return state_model_error(model, data, weights=chosen, discrepancy=discrepancy, set_id=set_id, progress=progress)
+
+
+def compared_modes(modes: str | Path | ModalData, set_id: str | None, every_mode: bool = False) -> ModalData:
+    """Sets of which at least one mode was identified, as the others cannot be updated; of their modes those that are
+    compared with a model."""
+    whole = modes if isinstance(modes, ModalData) else read_modes(modes)
+    data = whole.compared(every_mode)
+    kept = tuple(s for s in data.sets if np.any(s.measured))
+    if set_id is not None:
+        data.set(set_id)
+    if not kept:
+        where = "modes" if whole is modes else str(modes)
+        raise InputError(where, "no set has an identified mode", "check the identification")
+    reference = data.reference_set if any(s.id == data.reference_set for s in kept) else None
+    return replace(data, sets=kept, reference_set=reference)
+
+
+def unmatched(modes: str | Path | ModalData, every_mode: bool = False) -> dict[str, tuple[str, ...]]:
+    """What the identification said of modes and model that do not match: sentences on measured modes that are 'left
+    out', and on those that are 'taken' although they look unlike the model's."""
+    whole = modes if isinstance(modes, ModalData) else read_modes(modes)
+    used = whole.compared(every_mode).labels
+    left, taken = [], []
+    for one in whole.records:
+        place = f"{one.label} ({one.frequency_hz:.4g} Hz, in {one.found} of {one.blocks} blocks)"
+        if not one.found or not one.match:
+            continue
+        if one.label in used and one.match == "unlike":
+            taken.append(f"{place}: MAC {one.mac:.2f} with the model's {one.model_label}, which it looks unlike; a "
+                         "parameter that bends that shape may be missing (probupdate diagnose)")  # fmt: skip
+        elif one.label not in used and one.match == "none":
+            left.append(f"{place}: no mode of the model is like it")
+        elif one.label not in used:
+            left.append(f"{place}: the model's {one.model_label} (MAC {one.mac:.2f}), not one of interest; "
+                        "--every-mode takes those that are alike")  # fmt: skip
+    left += [f"the model's {one.label} ({one.frequency_hz:.4g} Hz): in no block, although the excitation should show it"
+             for one in whole.model_only if one.expected]  # fmt: skip
+    return {"left out": tuple(left), "taken": tuple(taken)}
+
+
+@names_files("modes")
+def update(
+    model,
+    modes: str | Path | ModalData,
+    *,
+    parameters: str | Path | None = None,
+    set_id: str | None = None,
+    weights: str | tuple[float, ...] | Weights = "measured",
+    frequencies: str = "hz",
+    shapes: str = "plane",
+    discrepancy: float | str | None = None,
+    tolerances: bool | None = None,
+    alpha: float | str = 1.0,
+    method: str = "gauss-newton",
+    iterations: int = 50,
+    every_mode: bool = False,
+    jobs: int | Executor = 1,
+    progress: Progress = silent,
+) -> UpdateRecord:
+    """The sensitivity-based Tikhonov update (Eq. 4-7) in both readings, the MAP, and the same for every set.
+
+    `frequencies` ("hz", "log") and `shapes` ("plane", "components", "mac", "none") choose the responses; `alpha` is a
+    number or one of "l-curve", "discrepancy", "evidence"; `method` solves the anchored reading. `tolerances` of
+    structure, soil, rotor-nacelle assembly and sensors are marginalised; `discrepancy`: share of every frequency that
+    the model may miss beside them, ten times that of shapes, or 'auto', as large as the misfit says. Both are on by
+    default where `weights` are the measurement's own, "measured" or "covariance".
+    every_mode: also modes that identification numbered, where they are alike to one of the model's. jobs: processes, or
+    an executor, for the updates of the sets; the numbers are the same on any.
+    """
+    from probupdate.updating.runs import deterministic_update
+
+    data = compared_modes(modes, set_id, every_mode)
+    model_at, modal_set = ModelAt(model, parameters, str(modes)), data.set(set_id)
+    chosen = likelihood(weights, model_at(modal_set), data, set_id=set_id, frequencies=frequencies, shapes=shapes,
+                         discrepancy=discrepancy, tolerances=tolerances, progress=progress)  # fmt: skip
+    record = deterministic_update(
+        model_at(modal_set), data, set_id=set_id, alpha=alpha, iterations=iterations, method=method, weights=chosen,
+        model_at=model_at, jobs=jobs, progress=progress,
+    )
+    said = unmatched(modes, every_mode)
+    settings = record.settings | model_at.setting(modal_set)
+    if said["taken"]:
+        settings |= {UNLIKE: "; ".join(said["taken"])}
+    return replace(record, settings=settings, left_out=(*record.left_out, *said["left out"]))
+
+
+@names_files("modes")
+def sample(
+    model,
+    modes: str | Path | ModalData,
+    out: str | Path,
+    *,
+    parameters: str | Path | None = None,
+    set_id: str | None = None,
+    weights: str | tuple[float, ...] | Weights = "measured",
+    frequencies: str = "hz",
+    shapes: str = "plane",
+    discrepancy: float | str | None = None,
+    tolerances: bool | None = None,
+    seed: int = 1,
+    target_ess: int = 1000,
+    max_steps: int = 20000,
+    ensembles: int = 4,
+    every_mode: bool = False,
+    jobs: int | Executor = 1,
+    progress: Progress = silent,
+) -> Posterior:
+    """Sample the posterior of the same problem into `out`; the chain is kept beside it (`<out>.chain/`) and goes on
+    where it stopped. jobs: processes, or an executor, for the `ensembles`; the numbers are the same on any."""
+    from probupdate.updating.ensemble import SamplerSettings
+    from probupdate.updating.runs import sample_posterior
+
+    data = compared_modes(modes, set_id, every_mode)
+    out = Path(out)
+    settings = SamplerSettings(seed=seed, target_ess=target_ess, max_steps=max_steps, ensembles=ensembles)
+    model_at, modal_set = ModelAt(model, parameters, str(modes)), data.set(set_id)
+    chosen = likelihood(weights, model_at(modal_set), data, set_id=set_id, frequencies=frequencies, shapes=shapes,
+                         discrepancy=discrepancy, tolerances=tolerances, progress=progress)  # fmt: skip
+    posterior = sample_posterior(
+        model_at(modal_set), data, out.with_name(out.name + ".chain"), set_id=set_id, weights=chosen,
+        settings=settings, jobs=jobs, progress=progress,
+    )
+    posterior = replace(posterior, record=posterior.record | model_at.setting(modal_set))
+    write_posterior(posterior, out)
+    return posterior
+
+
+@names_files("update")
+def compare(
+    update: str | Path | UpdateRecord,
+    posterior: str | Path | Posterior,
+    *,
+    model=None,
+    parameters: str | Path | None = None,
+) -> Comparison:
+    """Where update and posterior part, and why. With a model, its derived quantities (pile-head stiffness) too."""
+    record = update if isinstance(update, UpdateRecord) else read_update(update)
+    drawn = posterior if isinstance(posterior, Posterior) else read_posterior(posterior)
+    if model is None:
+        return compare_results(record, drawn)
+    opened = open_model(model, parameters)
+    if opened.parameters.names != record.parameters.names:
+        raise InputError(opened.name, "has other parameters than the update", "give the model that was updated")
+    return compare_results(record, drawn, getattr(opened, "derived", None))
+
+
+@names_files("modes")
+def sets(
+    model,
+    modes: str | Path | ModalData,
+    *,
+    parameters: str | Path | None = None,
+    weights: str | tuple[float, ...] | Weights = "measured",
+    frequencies: str = "hz",
+    shapes: str = "plane",
+    discrepancy: float | str | None = None,
+    tolerances: bool | None = None,
+    correlated: bool = False,
+    spread: float = 0.25,
+    seed: int = 1,
+    progress: Progress = silent,
+) -> SetViews:
+    """All sets of the file in four views side by side: scatter of their updates, posteriors pooled, one posterior for
+    all, and a population with its scatter between sets; with scores of sets left out. See `updating.set_views`."""
+    from probupdate.updating.set_views import view_sets
+
+    data = compared_modes(modes, None)
+    model_at = ModelAt(model, parameters, str(modes))
+    chosen = likelihood(weights, model_at(data.set()), data, set_id=None, frequencies=frequencies, shapes=shapes,
+                         discrepancy=discrepancy, tolerances=tolerances, progress=progress)  # fmt: skip
+    return view_sets(
+        model_at(data.set()), data, weights=chosen,
+        model_at=model_at, correlated=correlated, spread=spread, seed=seed, progress=progress,
+    )
+
+
+@names_files("modes")
+def inform(
+    model,
+    modes: str | Path | ModalData,
+    *,
+    parameters: str | Path | None = None,
+    set_id: str | None = None,
+    weights: str | tuple[float, ...] | Weights = "measured",
+    frequencies: str = "hz",
+    shapes: str = "plane",
+    discrepancy: float | str | None = None,
+    tolerances: bool | None = None,
+    every: bool = False,
+    at: str = "initial",
+    posterior: str | Path | Posterior | None = None,
+    seed: int = 1,
+    progress: Progress = silent,
+) -> Information:
+    """Which parameters the data inform and how much, which compensate one another, whether the prior expected the data.
+
+    `every`: all rows of a model.toml, those with update = false too. `posterior`: adds what was sampled. `at`: where
+    slopes are taken, 'initial' (before anything is measured) or 'map' (the maximum of this set's posterior)."""
+    from probupdate.structure.parameter_table import every_parameter
+    from probupdate.updating.information import information
+    from probupdate.updating.predictive import predictive_check
+    from probupdate.updating.runs import find_maximum
+
+    if at not in PLACES:
+        raise InputError("at", f"'{at}' is unknown", f"choose from {', '.join(PLACES)}")
+    data = compared_modes(modes, set_id)
+    model_at, modal_set = ModelAt(model, parameters, str(modes)), data.set(set_id)
+    chosen = likelihood(weights, model_at(modal_set), data, set_id=set_id, frequencies=frequencies, shapes=shapes,
+                         discrepancy=discrepancy, tolerances=tolerances, progress=progress)  # fmt: skip
+    problem = build_problem(model_at(modal_set), data, set_id=set_id, weights=chosen)
+    maximum = find_maximum(problem, [problem.parameters.initial])
+    check = predictive_check(problem, maximum, seed=seed)
+    found = dict(zip(problem.parameters.names, maximum.theta, strict=True))
+    if every:
+        if not model_at.turns:
+            raise InputError(str(model), "has no parameters beside the updated ones", "leave --every out")
+        angle = model_at.angle_deg(modal_set)
+        whole = load_model(model_path(model), parameters=every_parameter(model_path(model)), nacelle_angle_deg=angle)
+        problem = build_problem(model_at.with_uncertainty(whole, angle), data, set_id=set_id,
+                                weights=replace(chosen, at=None))  # fmt: skip
+    drawn = posterior if posterior is None or isinstance(posterior, Posterior) else read_posterior(posterior)
+    whole = problem.parameters
+    point = whole.initial if at == "initial" else [found.get(p.name, p.initial) for p in whole]
+    return replace(information(problem, theta=point, place=PLACES[at], posterior=drawn), check=check)

@@ -1,0 +1,187 @@
+"""Steps from results to their readers: diagnose, export, report, figures."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from probupdate.campaign.reading import read_campaign
+from probupdate.campaign.scada import StateRule, row_states
+from probupdate.errors import InputError, names_files
+from probupdate.io.result_table import files_table
+from probupdate.modal.modes import ModalData, read_modes
+from probupdate.reporting import report as write_report
+from probupdate.reporting.run_files import PARTS, run_places
+from probupdate.runtime.progress import Progress, silent
+from probupdate.structure.load import load_model
+from probupdate.structure.subdyn_model import is_subdyn
+from probupdate.updating.posterior_file import read_posterior
+from probupdate.updating.problem import build_problem
+from probupdate.verbs.estimating import compared_modes, likelihood
+from probupdate.verbs.models import ModelAt, model_path
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from probupdate.diagnosis.results import Diagnosis
+    from probupdate.lifetime.export import Export
+
+
+@names_files("modes")
+def diagnose(
+    model,
+    modes: str | Path | ModalData,
+    *,
+    campaign: str | Path | None = None,
+    parameters: str | Path | None = None,
+    seed: int = 1,
+    progress: Progress = silent,
+    **options,
+) -> Diagnosis:
+    """What the simulation, or the measurement, gets wrong: verdict, causes with place and size, what would not be seen.
+
+    `model` None: measurement and surroundings only. `campaign` tells where the sensors are, and its raw records are
+    tested too. `options`: see `diagnosis.run.diagnose_files` (own effects, groups of parameters).
+    """
+    from probupdate.diagnosis.blocks import gather
+    from probupdate.diagnosis.run import diagnose_files
+
+    data = modes if isinstance(modes, ModalData) else read_modes(modes)
+    data = data if model is None else data.compared()
+    # before a minute of preparation is spent on them
+    gather(data, "modes" if isinstance(modes, ModalData) else str(modes))
+    records = read_campaign(campaign) if campaign else None
+    path = model_path(model) if isinstance(model, str | Path) else model
+    return diagnose_files(path, data, campaign=records, parameters=parameters, seed=seed, progress=progress, **options)
+
+
+@names_files("run", "run")
+def export(
+    run: str | Path, out: str | Path, *, to: str = "lifetime", draws: int = 100, superelement_modes: int = 10,
+    accept: bool = False, seed: int = 1, fatigue: str | Path | None = None, progress: Progress = silent,
+) -> Export:  # fmt: skip
+    """What a lifetime-extension analysis takes of a run directory: draws, joint distribution, models, superelements and
+    modes, each read back and checked. A run that did not converge, or whose diagnosis is unexplained, needs `accept`.
+
+    fatigue: a fatigue.toml with sea and wind states, details, S-N curves and uncertainties; then damage-equivalent stress
+    ranges of every hot spot and draw, model factors and reliability over the years are written too."""
+    from probupdate.diagnosis.results import read_diagnosis
+    from probupdate.lifetime.export import export_lifetime
+
+    if to != "lifetime":
+        raise InputError("to", f"'{to}' is unknown", "choose lifetime")
+    folder = Path(run)
+    places = run_places(folder)
+    for name, remedy in (("model", "put model.toml or model.npz there"), ("posterior.nc", "run `probupdate sample`")):
+        if name not in places:
+            raise InputError(str(folder), f"has no {PARTS[name]}", remedy)
+    parameters = places.get("parameters")
+    found = read_diagnosis(places["diagnosis.json"]) if "diagnosis.json" in places else None
+    causes = () if found is None else tuple(f"{f['cause']} {f['location']}".strip() for f in found["findings"])
+    return export_lifetime(
+        read_posterior(places["posterior.nc"]), load_model(places["model"], parameters=parameters), places["model"],
+        Path(out), parameters_file=parameters, modes=read_modes(places["modes.json"]) if "modes.json" in places else None,
+        diagnosis=None if found is None else found["verdict"], findings=causes, n_draw=draws, n_mode=superelement_modes, accept=accept, seed=seed, source=places, progress=progress,
+        fatigue=None if fatigue is None else _fatigue_input(folder, places, Path(fatigue), found, progress),
+    )  # fmt: skip
+
+
+def _fatigue_input(folder: Path, places, fatigue: Path, diagnosis, progress: Progress):
+    """The one model's problem at its maximum, as `sample` makes it with its default weights of nine.json, else modes.json;
+    set-wise updates of update.json; and the diagnosis's extended model with its draws, where they are there."""
+    from probupdate.lifetime.conditions import read_conditions
+    from probupdate.lifetime.export import refuse_without_members
+    from probupdate.lifetime.fatigue_files import FatigueInput, Named
+    from probupdate.structure.description_file import read_description
+    from probupdate.updating.laplace import maximum_a_posteriori
+    from probupdate.updating.update_file import read_update
+
+    # before minutes of work are spent on the rest
+    read_conditions(fatigue)
+    refuse_without_members(places["model"])
+    problem, laplace = None, None
+    modes = next((places[name] for name in ("nine.json", "modes.json") if name in places), None)
+    if modes is not None:
+        data = compared_modes(modes, None)
+        model_at = ModelAt(places["model"], places.get("parameters"), str(modes))
+        model = model_at(data.set(None))
+        weights = likelihood("measured", model, data, set_id=None, frequencies="hz", shapes="plane", discrepancy=None,
+                              tolerances=None, progress=progress)  # fmt: skip
+        problem = build_problem(model, data, weights=weights)
+        laplace = maximum_a_posteriori(problem, [model.parameters.initial, np.array(weights.at)] if weights.at is not None
+                                       else [model.parameters.initial])  # fmt: skip
+    updates = read_update(places["update.json"]).sets if "update.json" in places else None
+    named = None
+    extended = diagnosis and diagnosis.get("extended_model")
+    if extended and (folder / extended).is_file() and not is_subdyn(places["model"]):
+        path, drawn = folder / extended, folder / "diagnosis.posterior.nc"
+        effects = {p.name: p.description for p in read_description(path).effects}
+        own = {p.name for p in read_description(places["model"]).effects}
+        causes = tuple((n, words or n) for n, words in effects.items() if n not in own)
+        if drawn.is_file() and causes:
+            posterior = read_posterior(drawn)
+            named = Named(path=path, names=tuple(posterior.names), draws=posterior.draws, causes=causes)
+    return FatigueInput(file=fatigue, problem=problem, laplace=laplace, named=named,
+                        set_updates=None if updates is None else np.asarray(updates.theta_map))  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Written:
+    """A file that a step wrote."""
+
+    path: Path
+
+    def __str__(self) -> str:
+        return str(self.path)
+
+    @property
+    def summary(self) -> str:
+        return f"wrote {self.path}"
+
+    def to_frame(self) -> pd.DataFrame:
+        """One row."""
+        return files_table(page=(self.path,))
+
+
+def report(run: str | Path, out: str | Path, *, progress: Progress = silent) -> Written:
+    """One self-contained page of a run directory."""
+    return Written(write_report(run, out, progress=progress))
+
+
+@dataclass(frozen=True)
+class Figures:
+    """Files of a folder of figures."""
+
+    files: tuple[Path, ...]
+
+    def to_frame(self) -> pd.DataFrame:
+        """A row a file."""
+        return files_table(figure=self.files[:-1], legend=self.files[-1:])
+
+    @property
+    def summary(self) -> str:
+        return f"{len(self.files) - 1} figures in {self.files[0].parent}, what they show in {self.files[-1].name}"
+
+
+@names_files("modes")
+def figures(
+    modes: str | Path, out: str | Path, *, campaign: str | Path | None = None, block: str | None = None,
+    kind: str = "png",
+) -> Figures:
+    """Figures of an identification as files: Figs. 4-7, stabilisation of one block, maps of MAC and MPC, Argand plots,
+    frequency against conditions. Poles and blocks are taken from beside modes.json, wind and rotor from the campaign.
+    """
+    from probupdate.reporting.identification_pictures import write_figures
+    from probupdate.reporting.run_files import POLE_COLUMNS, read_table
+
+    modes = Path(modes)
+    table, scada = modes.with_name(f"{modes.stem}.poles.csv"), None
+    if campaign is not None and (opened := read_campaign(campaign)).scada is not None:
+        state = row_states(opened.scada, StateRule(rated_power_kw=opened.rated_power_kw))
+        scada = opened.scada.tz_localize(None).reset_index().assign(state=state)
+    return Figures(files=tuple(write_figures(
+        modes, out, modes=read_modes(modes), scada=scada, block_id=block, kind=kind,
+        poles=read_table(table, POLE_COLUMNS, time="time") if table.exists() else None)))

@@ -1,0 +1,218 @@
+"""Steps from records to modal sets: identify, select, regress."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from probupdate.campaign.reading import Campaign, read_campaign
+from probupdate.campaign.scada import StateRule, read_scada
+from probupdate.errors import InputError, names_files
+from probupdate.identification.block_poles import block_references
+from probupdate.identification.criteria import TURBINE, preset_criteria, read_criteria
+from probupdate.identification.identify import Identification, ShardOfBlocks, SSISettings
+from probupdate.identification.identify import identify as identify_campaign
+from probupdate.identification.identify import identify_shard as identify_campaign_shard
+from probupdate.identification.proposal import propose
+from probupdate.identification.regression import COVARIATES, ModalRegression, regress_modes
+from probupdate.identification.roving import Merged
+from probupdate.identification.selection import CAMPAIGN, Selection
+from probupdate.identification.selection import select as select_sets
+from probupdate.identification.setups import identify_setups as identify_campaigns
+from probupdate.modal.modes import Sensor, read_modes
+from probupdate.runtime.executors import Executor, Shard
+from probupdate.runtime.progress import Progress, silent
+from probupdate.structure.subdyn_model import is_subdyn
+from probupdate.verbs.models import has_geometry, model_path, open_model
+from probupdate.verbs.records import setup_names
+from probupdate.verbs.sought import reference_modes
+
+# fewest parts of a block that give standard deviations: known to 40 % then
+LEAST_PARTS = 4
+# the paper's sampling rate after decimation
+PAPER_HZ = 5.0
+
+
+@names_files("campaign")
+def identify(
+    campaign: str | Path,
+    model=None,
+    *,
+    parameters: str | Path | None = None,
+    lowest: int | None = None,
+    order: int | None = None,
+    block_rows: int | None = None,
+    rate_hz: float | None = None,
+    harmonics: str = "keep",
+    store: str | Path | None = None,
+    jobs: int | Executor = 1,
+    progress: Progress = silent,
+) -> Identification:
+    """Modes of every block by SSI-cov, found in the campaign's own poles; then named by the model's modes at its
+    sensors, the global ones or, for structures of other kinds, its `lowest`; others, and all without a model, have
+    numbers.
+
+    rate_hz: to which records are thinned out; with a turbine's model 5 Hz, as the paper, and order 20 with 30 block
+    rows; without one all three are proposed from the record where they are not given, which the summary says.
+    harmonics: 'remove' takes the rotor's out of records where its angle can be followed.
+    store: folder in which the blocks' poles are kept, so that a killed run goes on (the command line keeps them beside
+    its --out); jobs: processes, or an executor (`probupdate.runtime.executors`). A script that asks for several processes needs
+    `if __name__ == "__main__"`.
+    """
+    opened = read_campaign(campaign)
+    settings, said = ssi_settings([opened], model, order=order, block_rows=block_rows, rate_hz=rate_hz,
+                               harmonics=harmonics)  # fmt: skip
+    reference, others = None, None
+    if model is not None:
+        reference, others = reference_at(campaign, opened.sensors, model, parameters, lowest, settings.target_rate_hz)
+    found = identify_campaign(opened, reference, others=others, settings=settings, store=store, jobs=jobs,
+                              progress=progress)
+    return replace(found, notes=(*said, *found.notes), summary="\n".join([found.summary, *said]))
+
+
+@names_files("campaign")
+def identify_shard(
+    campaign: str | Path,
+    shard: str | Shard,
+    model=None,
+    *,
+    store: str | Path,
+    order: int | None = None,
+    block_rows: int | None = None,
+    rate_hz: float | None = None,
+    harmonics: str = "keep",
+    jobs: int | Executor = 1,
+    progress: Progress = silent,
+) -> ShardOfBlocks:
+    """The share of a campaign's blocks that one job of an array computes ('3/8'), into the store that all share. Run
+    again when all blocks have poles, it adds their standard deviations; then `identify` with that store has nothing
+    left to compute but the modes. model: for the settings of identification only."""
+    opened = read_campaign(campaign)
+    settings, _ = ssi_settings([opened], model, order=order, block_rows=block_rows, rate_hz=rate_hz, harmonics=harmonics)
+    share = shard if isinstance(shard, Shard) else Shard.of(shard)
+    return identify_campaign_shard(opened, share, settings=settings, store=store, jobs=jobs, progress=progress)
+
+
+def identify_setups(
+    campaigns: Sequence[str | Path],
+    model=None,
+    *,
+    parameters: str | Path | None = None,
+    lowest: int | None = None,
+    order: int | None = None,
+    block_rows: int | None = None,
+    rate_hz: float | None = None,
+    harmonics: str = "keep",
+    store: str | Path | None = None,
+    jobs: int | Executor = 1,
+    progress: Progress = silent,
+) -> Merged:
+    """Several setups of one structure, a campaign folder each, with some channels in common (named alike, at one
+    place): its modes out of all setups' poles, each setup's part of them merged into one set of all channels. Options
+    as of `identify`.
+
+    store: folder below which each setup keeps its blocks, under its campaign folder's name.
+    """
+    paths = [Path(c) for c in campaigns]
+    names = setup_names(paths)
+    opened = [read_campaign(path) for path in paths]
+    settings, said = ssi_settings(opened, model, order=order, block_rows=block_rows, rate_hz=rate_hz, harmonics=harmonics)
+    reference, others, channels = None, None, ()
+    if model is not None:
+        sensors = tuple({s.channel: s for c in opened for s in c.sensors}.values())
+        channels = tuple(s.channel for s in sensors)
+        reference, others = reference_at(paths[0], sensors, model, parameters, lowest, settings.target_rate_hz)
+    merged = identify_campaigns(opened, names, reference=reference, others=others, channels=channels,
+                                settings=settings, store=store, jobs=jobs, progress=progress)
+    return replace(merged, summary="\n".join([merged.summary, *said]))
+
+
+def _is_turbine(model) -> bool:
+    """Whether the paper's rate and order suit it: a model of members, not matrices or a callable."""
+    return model is not None and (has_geometry(model) or (isinstance(model, str | Path) and is_subdyn(model_path(model))))
+
+
+def ssi_settings(
+    campaigns: Sequence[Campaign], model, *, order: int | None, block_rows: int | None, rate_hz: float | None,
+    harmonics: str,
+) -> tuple[SSISettings, list[str]]:
+    """What is given; the rest as the paper, where the model is a turbine's, or as the record proposes; and what is to be
+    said of that."""
+    given = {"order": order, "block_rows": block_rows, "target_rate_hz": rate_hz}
+    given = {name: value for name, value in given.items() if value is not None}
+    said = []
+    if _is_turbine(model) or len(given) == 3:
+        chosen = {"target_rate_hz": PAPER_HZ} | given
+    else:
+        found = propose(campaigns, rate_hz=rate_hz, block_rows=block_rows)
+        chosen = {"order": found.order, "block_rows": found.block_rows, "target_rate_hz": found.target_rate_hz} | given
+        said.append(found.sentence)
+    settings = SSISettings(**chosen, harmonics=harmonics)
+    for n_channel in sorted({len(c.sensors) for c in campaigns}):
+        few = block_references(n_channel, settings.of_blocks)
+        if few is not None:
+            said.append(f"{n_channel} channels: the past of {few} combinations of them is used, as that of all would take "
+                        "more memory than is allowed; every channel has its shape")  # fmt: skip
+    # a part must be longer than the lags
+    parts = int(min(c.block_minutes for c in campaigns) * 60 * settings.target_rate_hz) // (2 * settings.block_rows + 1)
+    if parts < settings.sub_records:
+        kept = parts if parts >= LEAST_PARTS else 0
+        said.append(f"blocks of {campaigns[0].block_minutes:g} min are short: standard deviations "
+                    + (f"from {kept} parts of each" if kept else "cannot be estimated, longer blocks would have them"))
+        settings = replace(settings, sub_records=kept)
+    return settings, said
+
+
+def reference_at(campaign, sensors: tuple[Sensor, ...], model, parameters, lowest, rate_hz: float):
+    turbine = open_model(model, parameters, sensors if has_geometry(model) else None)
+    missing = [s.channel for s in sensors if s.channel not in turbine.channels]
+    if missing:
+        raise InputError(
+            f"{campaign}: channel {missing[0]}", f"is not a channel of the model {turbine.name}",
+            "name the model's channels as the campaign's",
+        )
+    reference, others = reference_modes(turbine, sensors, lowest)
+    highest = float(np.max(reference.frequency_hz))
+    if rate_hz <= 2 * highest:
+        raise InputError(
+            "rate_hz",
+            f"{rate_hz:g} Hz holds nothing above {0.5 * rate_hz:g} Hz, and the model's highest mode looked for is at "
+            f"{highest:.3g} Hz",
+            f"give more than {2.5 * highest:.2g} Hz",
+        )
+    return reference, others
+
+
+@names_files("modes")
+def select(
+    modes: str | Path,
+    *,
+    scada: str | Path | None = None,
+    criteria: str | Path | None = None,
+    preset: str = TURBINE,
+    deviations: str = CAMPAIGN,
+    rated_power_kw: float | None = None,
+    count: int = 9,
+) -> Selection:
+    """The sets an update may trust by the criteria of Table 1, and the most consistent one.
+
+    preset: 'turbine' (Table 1) or 'structure', which asks nothing of rotor and nacelle. criteria: a TOML file with
+    thresholds other than the preset's. rated_power_kw: of the turbine, for the states told
+    from `scada`; without, the highest power in it. deviations: see `identification.selection.select`.
+    """
+    return select_sets(
+        read_modes(modes), read_scada(scada) if scada else None, count=count, deviations=deviations,
+        criteria=read_criteria(criteria, preset) if criteria else preset_criteria(preset),
+        state_rule=StateRule(rated_power_kw=rated_power_kw),
+    )
+
+
+@names_files("modes")
+def regress(
+    modes: str | Path, *, covariates: tuple[str, ...] = COVARIATES, state: str | None = None
+) -> ModalRegression:
+    """How frequency and damping of every mode follow wind, rotor speed, temperature, water level and amplitude."""
+    return regress_modes(read_modes(modes), covariates=covariates, state=state)

@@ -1,0 +1,105 @@
+"""The model a step is given, and as it stood while a set was measured."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from probupdate.effects.tolerances import SensorUncertainty, TurbineUncertainty
+from probupdate.errors import names_files
+from probupdate.io.files import read_bytes
+from probupdate.modal.modes import ModalSet, Sensor
+from probupdate.structure.load import REFERENCE_STATES, load_model, nacelle_angle_deg, reference_model
+from probupdate.structure.own_modes import OwnModes, own_modes
+from probupdate.structure.subdyn_model import is_subdyn, subdyn_sensors, turns_nacelle
+
+if TYPE_CHECKING:
+    from probupdate.model.interface import Model
+
+
+def model_path(model: str | Path) -> Path:
+    """A file, or one of 'design', 'as_built', 'updated' for the reference turbine."""
+    return reference_model(str(model)) if str(model) in REFERENCE_STATES else Path(model)
+
+
+def open_model(
+    model, parameters: str | Path | None = None, sensors: tuple[Sensor, ...] | None = None, *,
+    nacelle_angle_deg: float = 0.0,
+) -> Model:
+    """A path, a name of the reference turbine's states, or a model already made (such as a FunctionModel)."""
+    if not isinstance(model, str | Path):
+        return model
+    return load_model(model_path(model), parameters=parameters, sensors=sensors, nacelle_angle_deg=nacelle_angle_deg)
+
+
+@dataclass(frozen=True, eq=False)
+class ModelAt:
+    """The model as it stood while a set was measured: a turbine's rotor and nacelle look where they did then."""
+
+    model: object
+    parameters: str | Path | None
+    where: str
+
+    def angle_deg(self, modal_set: ModalSet) -> float:
+        """0 for models that cannot be turned."""
+        return nacelle_angle_deg(modal_set.environment, f"{self.where}, set {modal_set.id}") if self.turns else 0.0
+
+    @cached_property
+    def turns(self) -> bool:
+        if not has_geometry(self.model):
+            return False
+        path = model_path(self.model)
+        return not path.is_file() or not is_subdyn(path) or turns_nacelle(path)
+
+    def __call__(self, modal_set: ModalSet) -> Model:
+        angle = self.angle_deg(modal_set)
+        if angle not in self._opened:
+            opened = open_model(self.model, self.parameters, nacelle_angle_deg=angle)
+            self._opened[angle] = self.with_uncertainty(opened, angle)
+        return self._opened[angle]
+
+    def with_uncertainty(self, opened: Model, angle_deg: float) -> Model:
+        """The model with the sources of its error: a turbine's tolerances, and sensors' where there is no more to know."""
+        if getattr(opened, "uncertainty", self) is not None:
+            return opened
+        path = model_path(self.model) if isinstance(self.model, str | Path) else None
+        if path is not None and path.is_file() and is_subdyn(path):
+            # its TOML states no tolerances of the structure
+            known = SensorUncertainty(model=opened, sensors=subdyn_sensors(path))
+        elif self.turns:
+            known = TurbineUncertainty.of(model_path(self.model), opened, None, angle_deg)
+        else:
+            known = SensorUncertainty(model=opened)
+        return replace(opened, uncertainty=known)
+
+    @cached_property
+    def _opened(self) -> dict[float, Model]:
+        return {}
+
+    def setting(self, modal_set: ModalSet) -> dict[str, str]:
+        """What to say of it beside a result."""
+        if not self.turns:
+            return {}
+        text = f"{self.angle_deg(modal_set):g} deg counter-clockwise of the model's x axis"
+        if "nacelle_angle_deg" not in modal_set.environment:
+            text = "as in the model: the set does not state where it looked"
+        return {"nacelle": text}
+
+
+def has_geometry(model) -> bool:
+    """Whether sensors can be placed on it: a model.toml with members, not matrices or a callable."""
+    if not isinstance(model, str | Path):
+        return False
+    path = model_path(model)
+    # what cannot be read is told by whoever reads it
+    return not path.is_file() or path.suffix.lower() == ".dat" or (
+        path.suffix == ".toml" and b"[matrices]" not in read_bytes(path))
+
+
+@names_files("model")
+def model_modes(model, count: int = 10, *, parameters: str | Path | None = None) -> OwnModes:
+    """A model's own frequencies, labels and shapes; the command `modes`. `model`: a file in any form, a model, or a
+    function theta -> (frequency_hz, shape) with `parameters`."""
+    return own_modes(model_path(model) if isinstance(model, str | Path) else model, count, parameters=parameters)

@@ -1,0 +1,64 @@
+"""Steps on records: check, convert."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from probupdate.campaign.between_setups import SetupComparison, compare_setups
+from probupdate.campaign.checking import CampaignCheck
+from probupdate.campaign.checking import check as check_campaign
+from probupdate.campaign.converting import Conversion
+from probupdate.campaign.converting import convert as convert_files
+from probupdate.campaign.reading import read_campaign
+from probupdate.errors import InputError, names_files
+from probupdate.runtime.progress import Progress, silent
+
+if TYPE_CHECKING:
+    from probupdate.campaign.universal import Translation
+
+
+@names_files("campaign")
+def check(campaign: str | Path, *, progress: Progress = silent) -> CampaignCheck:
+    """What a campaign holds, what is wrong with it, what can be done with it."""
+    return check_campaign(read_campaign(campaign), progress=progress)
+
+
+def check_setups(campaigns: Sequence[str | Path], *, progress: Progress = silent) -> SetupComparison:
+    """Setups of one structure, a campaign folder each, with some channels in common: gains of references that differ
+    between setups, or are wrong in all. What each holds alone is `check`'s."""
+    paths = [Path(c) for c in campaigns]
+    return compare_setups([read_campaign(path) for path in paths], setup_names(paths), progress=progress)
+
+
+def setup_names(paths: Sequence[Path]) -> list[str]:
+    """The folders' own names. Raises InputError where two are alike."""
+    names = [path.resolve().name for path in paths]
+    if len(set(names)) < len(names):
+        raise InputError("setups", "two campaign folders have one name", "name each folder by its setup")
+    return names
+
+
+def convert(
+    sources: str | Path, out: str | Path, *, to: str = "campaign", description: str | Path | None = None,
+    sensors: str | Path | None = None, progress: Progress = silent,
+) -> Conversion | Translation:  # fmt: skip
+    """Records of other programs (CSV, Parquet, MATLAB, NumPy, UFF) into a campaign's layout, as its convert.toml says.
+
+    to 'modes': a universal file's modes (dataset 55) into a modes.json; to 'uff': a modes.json into a universal file, or
+    a campaign's blocks into a folder of them (dataset 58). `sensors`: the campaign, or campaign.toml, that says where the
+    channels of a modes.json are."""
+    if to == "campaign":
+        return convert_files(sources, out, description=description, progress=progress)
+    if to not in ("modes", "uff"):
+        raise InputError("to", f"'{to}' is unknown", "choose from campaign, modes, uff")
+    from probupdate.campaign.universal import modes_from_universal, modes_to_universal, records_to_universal
+
+    if to == "modes":
+        return modes_from_universal(sources, out, sensors=sensors)
+    if Path(sources).is_dir():
+        return records_to_universal(sources, out, progress=progress)
+    if sensors is None:
+        raise InputError(str(sources), "does not say where its channels are", "name the campaign (--sensors)")
+    return modes_to_universal(sources, out, sensors=sensors)

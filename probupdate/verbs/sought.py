@@ -1,0 +1,77 @@
+"""The modes of a model that identification names: the global ones, as the sensors see them."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from probupdate.errors import InputError
+from probupdate.identification.reference import ReferenceModes
+from probupdate.modal.labels import close_pairs, mode_character
+from probupdate.modal.modes import Sensor, mac
+
+if TYPE_CHECKING:
+    from probupdate.model.interface import Model
+
+# global modes looked for: first and second bending pairs and the torsion between them (the paper's first five)
+MODES_OF_INTEREST = ("FA1", "SS1", "T1", "FA2", "SS2")
+# computed modes searched for them
+SEARCH = 24
+# least motion of the sensors, beside the largest of a family of modes, of one that is the structure's and no member's
+LOCAL = 0.03
+
+
+def modes_of_interest(model: Model, sensors: tuple[Sensor, ...], lowest: int | None = None) -> ReferenceModes:
+    """The model's first and second bending modes and its torsion, as seen by the sensors; or its `lowest` modes,
+    whatever they are."""
+    return reference_modes(model, sensors, lowest)[0]
+
+
+def reference_modes(
+    model: Model, sensors: tuple[Sensor, ...], lowest: int | None = None
+) -> tuple[ReferenceModes, ReferenceModes | None]:
+    """The modes of interest, and the others that were computed to find them."""
+    solution = model.solve(model.parameters.initial, min(max(SEARCH, lowest or 0), model.n_available))
+    rows = [model.channels.index(s.channel) for s in sensors]
+    shape = solution.shape[rows]
+    labels = global_labels(solution.frequency_hz, shape, sensors)
+    chosen = [labels.index(label) for label in MODES_OF_INTEREST if label in labels]
+    if lowest is not None:
+        chosen = list(range(min(lowest, len(solution.frequency_hz))))
+    if not chosen:
+        raise InputError(
+            f"{model.name}", f"none of its lowest {SEARCH} modes is a global one at the campaign's sensors "
+            f"({', '.join(labels)})", "check the sensors' positions and directions, or name how many of the "
+            "lowest modes to look for (--lowest)",
+        )  # fmt: skip
+    seen = np.linalg.norm(shape, axis=0) > 0
+    rest = [i for i in range(len(solution.frequency_hz)) if i not in chosen and seen[i]]
+    return tuple(_as_reference(solution.frequency_hz, shape, labels, some) if some else None for some in (chosen, rest))
+
+
+def global_labels(frequency_hz: np.ndarray, shape: np.ndarray, sensors: tuple[Sensor, ...]) -> tuple[str, ...]:
+    """Names of unit-mass shapes (n_channel, n_mode) at the sensors. A member's own mode drags the level along a little
+    and would pass for a bending mode: one that moves the sensors by less than LOCAL of what the largest of its family
+    does, or that has the shape of a larger one within 2 % of its frequency, is local."""
+    size = np.linalg.norm(shape, axis=0)
+    first = mode_character(shape, sensors).labels
+    family = np.array([label.rstrip("0123456789") for label in first])
+    largest = {name: size[family == name].max() for name in set(family)}
+    seen = np.array([size[k] > LOCAL * largest[name] for k, name in enumerate(family)])
+    near = np.abs(np.log(frequency_hz / frequency_hz[:, None])) < 0.02
+    shadowed = near & (mac(shape, shape) > 0.95) & (size > size[:, None])
+    own = np.flatnonzero(seen & ~shadowed.any(axis=1))
+    names = dict(zip(own, mode_character(shape[:, own], sensors).labels, strict=True))
+    last = sum(name.startswith("L") for name in names.values())
+    for k in range(len(first)):
+        if k not in names:
+            last += 1
+            names[k] = f"L{last}"
+    return tuple(names[k] for k in range(len(first)))
+
+
+def _as_reference(frequency_hz, shape, labels, chosen: list[int]) -> ReferenceModes:
+    names = tuple(labels[i] for i in chosen)
+    return ReferenceModes(labels=names, frequency_hz=frequency_hz[chosen], shape=shape[:, chosen],
+                          pairs=close_pairs(frequency_hz[chosen], names))  # fmt: skip

@@ -1,0 +1,295 @@
+"""modes.json round trip and mode-shape criteria against their definitions."""
+
+import dataclasses
+import functools
+import json
+import pickle
+
+import numpy as np
+import pytest
+
+from probupdate.errors import InputError
+from probupdate.io.files import write_json, write_json_rows
+from probupdate.modal.modes import (
+    ModalData,
+    ModalDeviation,
+    ModalSet,
+    StoredDeviation,
+    mac,
+    modal_phase_collinearity,
+    normalise,
+    pair_by_mac,
+    plane_mac,
+    read_modes,
+    rotate_to_real,
+    subspace_mac,
+    write_modes,
+)
+
+RNG = np.random.default_rng(7)
+
+
+def complex_shape(n_channel=6, n_mode=3):
+    return RNG.standard_normal((n_channel, n_mode)) + 1j * RNG.standard_normal((n_channel, n_mode))
+
+
+def test_mac_is_one_for_any_complex_multiple_and_at_most_one_for_complex_shapes():
+    a = complex_shape()
+    assert np.diag(mac(a, a * (0.3 - 2j))) == pytest.approx(np.ones(3))
+    assert np.all(mac(a, complex_shape()) <= 1 + 1e-12)
+
+
+def test_mac_leaves_out_unmeasured_components():
+    a = complex_shape(n_mode=1)
+    b = a.copy()
+    b[2] = np.nan
+    assert mac(a, b)[0, 0] == pytest.approx(1.0)
+
+
+def test_subspace_mac_is_one_for_any_turned_member_of_the_plane():
+    plane = RNG.standard_normal((8, 2))
+    turned = plane @ np.array([[np.cos(0.7), -np.sin(0.7)], [np.sin(0.7), np.cos(0.7)]])
+    assert subspace_mac(turned, plane) == pytest.approx([1.0, 1.0])
+    assert plane_mac(plane, turned) == pytest.approx(1.0)
+    away = np.linalg.svd(plane)[0][:, [5]]
+    assert subspace_mac(away, plane) == pytest.approx([0.0], abs=1e-12)
+
+
+def test_phase_collinearity_is_one_for_a_rotated_real_shape_and_zero_for_a_circle():
+    real = RNG.standard_normal((9, 1))
+    assert modal_phase_collinearity(real * np.exp(0.4j)) == pytest.approx([1.0])
+    circle = np.exp(2j * np.pi * np.arange(8) / 8)[:, None]
+    assert modal_phase_collinearity(circle) == pytest.approx([0.0], abs=1e-12)
+
+
+def test_rotate_to_real_undoes_a_phase():
+    real = normalise(RNG.standard_normal((9, 2)))
+    assert np.allclose(rotate_to_real(real * np.exp(1.1j)), real)
+
+
+def test_pairing_maximises_the_sum_and_leaves_nan_out():
+    score = np.array([[0.9, 0.8, np.nan], [0.85, 0.1, np.nan]])
+    assert sorted(pair_by_mac(score)) == [(0, 1), (1, 0)]
+
+
+def sample_data():
+    frequency = np.array([0.32, 1.9, np.nan])
+    shape = complex_shape(4, 3)
+    shape[:, 2] = np.nan
+    shape[1, 0] = np.nan
+    one = ModalSet(
+        id="a", frequency_hz=frequency, shape=shape, damping_ratio=np.array([0.01, np.nan, np.nan]),
+        frequency_std_hz=frequency * 0.01, shape_std=np.abs(shape.real) * 0.1, environment={"water_level_m": 0.2},
+    )  # fmt: skip
+    return ModalData(channels=("a", "b", "c", "d"), sets=(one,), labels=("FA1", "FA2", "T1"), reference_set="a")
+
+
+def test_modes_json_round_trip(tmp_path):
+    data = sample_data()
+    write_modes(data, tmp_path / "modes.json")
+    again = read_modes(tmp_path / "modes.json")
+    assert again.channels == data.channels and again.labels == data.labels and again.reference_set == "a"
+    one, two = data.sets[0], again.sets[0]
+    for name in ("frequency_hz", "shape", "damping_ratio", "frequency_std_hz", "shape_std"):
+        assert np.array_equal(getattr(one, name), getattr(two, name), equal_nan=True), name
+    assert dict(two.environment) == {"water_level_m": 0.2}
+    assert "NaN" not in (tmp_path / "modes.json").read_text()
+
+
+def minimal():
+    return {"channels": ["a", "b"], "sets": [{"id": "1", "frequency_hz": [1.0], "shape_re": [[1.0, 0.5]]}]}
+
+
+def write(tmp_path, content):
+    path = tmp_path / "m.json"
+    path.write_text(content if isinstance(content, str) else json.dumps(content))
+    return path
+
+
+def test_minimal_file_and_null_rows(tmp_path):
+    content = minimal()
+    content["sets"].append({"id": "2", "frequency_hz": [None], "shape_re": [None]})
+    data = read_modes(write(tmp_path, content))
+    assert not data.sets[1].measured[0] and np.all(np.isnan(data.sets[1].shape))
+
+
+@pytest.mark.parametrize(
+    ("change", "word"),
+    [
+        (lambda c: c.update(channels=["a"]), "shape_re"),
+        (lambda c: c.update(channels=["a", "a"]), "twice"),
+        (lambda c: c.update(sets=[]), "no set"),
+        (lambda c: c.update(chanels=["a"]), "did you mean 'channels'"),
+        (lambda c: c["sets"][0].update(frequency_hz=[-1.0]), "not positive"),
+        (lambda c: c["sets"][0].update(frequency_hz=["x"]), "numbers"),
+        (lambda c: c["sets"][0].update(frequency_std=[0.1]), "did you mean 'frequency_std_hz'"),
+        (lambda c: c["sets"][0].update(frequency_std_hz=[-0.1]), "negative"),
+        (lambda c: c["sets"][0].update(damping_ratio=[0.9]), r"set .*, damping_ratio: 0.9 .* are these per cent\?"),
+        (lambda c: c["sets"][0].update(damping_ratio=[1.2]), "fractions, 0.01 for 1 %"),
+        (lambda c: c["sets"].append(dict(c["sets"][0])), "share one id"),
+        (lambda c: c.update(labels=["a", "b"]), "labels"),
+        (lambda c: c.update(reference_set="zz"), "reference_set"),
+    ],
+)
+def test_each_mistake_is_named(tmp_path, change, word):
+    content = minimal()
+    change(content)
+    with pytest.raises(InputError, match=word):
+        read_modes(write(tmp_path, content))
+
+
+def test_a_file_that_is_no_json_or_not_there(tmp_path):
+    with pytest.raises(InputError, match="not JSON"):
+        read_modes(write(tmp_path, "{"))
+    with pytest.raises(InputError, match="no such file"):
+        read_modes(tmp_path / "none.json")
+
+
+# Deviations ---------------------------------------------------------------------------------------------------------
+
+
+def deviating_data(ids=("2019-06-03T10:00Z", "a/b")):
+    """Two modes, the second not measured in the second set; numbers that float32 holds exactly."""
+    sets = []
+    for k, name in enumerate(ids):
+        columns = RNG.integers(-8, 8, (2, 5)) / 64
+        shape = (RNG.integers(-8, 8, (3, 2, 5)) + 1j * RNG.integers(-8, 8, (3, 2, 5))) / 64
+        frequency = np.array([0.32, 1.9 if k == 0 else np.nan])
+        if k:
+            columns[1], shape[:, 1] = np.nan, np.nan
+        sets.append(ModalSet(
+            id=name, frequency_hz=frequency, shape=complex_shape(3, 2), damping_ratio=np.array([0.01, 0.02]),
+            frequency_std_hz=np.full(2, np.nan), shape_std=np.full((3, 2), np.nan),
+            deviation=ModalDeviation(ln_frequency=columns, damping_ratio=columns / 4, shape=shape),
+        ))
+    return ModalData(channels=("a", "b", "c"), sets=tuple(sets))
+
+
+def test_standard_deviations_are_the_columns_root_sum_of_squares():
+    one = deviating_data().sets[0]
+    for j in range(2):
+        assert one.frequency_std_hz[j] == pytest.approx(
+            one.frequency_hz[j] * np.linalg.norm(one.deviation.ln_frequency[j]))
+        assert one.damping_ratio_std[j] == pytest.approx(np.linalg.norm(one.deviation.damping_ratio[j]))
+        for c in range(3):
+            assert one.shape_std[c, j] == pytest.approx(np.linalg.norm(one.deviation.shape[c, j].real))
+
+
+def test_a_given_standard_deviation_stays_and_without_columns_there_is_none():
+    one = deviating_data().sets[0]
+    kept = dataclasses.replace(one, frequency_std_hz=np.array([0.5, np.nan]))
+    assert kept.frequency_std_hz == pytest.approx([0.5, one.frequency_std_hz[1]])
+    assert np.all(np.isnan(sample_data().sets[0].damping_ratio_std))
+    assert sample_data().sets[0].deviation is None
+
+
+def test_deviations_round_trip_beside_modes_json_and_twice_the_same_bytes(tmp_path):
+    data = deviating_data(ids=("2019-06-03T10:00Z", "a/b"))
+    write_modes(data, tmp_path / "m.json")
+    first = (tmp_path / "m.deviations.h5").read_bytes()
+    again = read_modes(tmp_path / "m.json")
+    for one, two in zip(data.sets, again.sets, strict=True):
+        for name in ("ln_frequency", "damping_ratio", "shape"):
+            assert np.array_equal(getattr(one.deviation, name), getattr(two.deviation, name), equal_nan=True)
+        for name in ("frequency_std_hz", "damping_ratio_std", "shape_std"):
+            assert np.array_equal(getattr(one, name), getattr(two, name), equal_nan=True)
+    write_modes(again, tmp_path / "m.json")
+    assert (tmp_path / "m.deviations.h5").read_bytes() == first
+
+
+@pytest.mark.parametrize("ids", [("..", "%2F"), ("", "."), ("a/b", "a%2Fb")])
+def test_any_id_is_a_group_of_its_own(tmp_path, ids):
+    data = deviating_data(ids=ids)
+    write_modes(data, tmp_path / "m.json")
+    for one, two in zip(data.sets, read_modes(tmp_path / "m.json").sets, strict=True):
+        assert np.array_equal(one.deviation.shape, two.deviation.shape, equal_nan=True)
+
+
+def test_mistakes_with_deviations_are_named(tmp_path):
+    write_modes(deviating_data(), tmp_path / "m.json")
+    content = json.loads((tmp_path / "m.json").read_text())
+    for name, word in (("../m.deviations.h5", "no file name"), (3, "no file name"), ("none.h5", "does not exist"),
+                       ("m.json", "no file of covariance factors")):
+        with pytest.raises(InputError, match=word):
+            read_modes(write(tmp_path, content | {"deviations": name}))
+    fewer = content | {"channels": ["a", "b"]}
+    fewer["sets"] = [{"id": "a/b", "frequency_hz": [1.0], "shape_re": [[1.0, 0.5]]}]
+    with pytest.raises(InputError, match=r"set a/b: its covariance is of \(3, 2\) channels and modes"):
+        read_modes(write(tmp_path, fewer))
+    with pytest.raises(InputError, match="do not belong together"):
+        ModalDeviation(ln_frequency=np.zeros((2, 4)), damping_ratio=np.zeros((2, 5)), shape=np.zeros((3, 2, 4)))
+    content["sets"][0]["damping_ratio_std"] = [-1.0, None]
+    with pytest.raises(InputError, match="damping_ratio_std: a standard deviation is negative"):
+        read_modes(write(tmp_path, content))
+
+
+def test_a_set_without_columns_reads_beside_one_that_has_them(tmp_path):
+    write_modes(deviating_data(), tmp_path / "m.json")
+    content = json.loads((tmp_path / "m.json").read_text())
+    content["sets"].append(content["sets"][0] | {"id": "mine"})
+    assert read_modes(write(tmp_path, content)).sets[2].deviation is None
+
+
+def test_columns_read_when_asked_are_those_in_memory(tmp_path):
+    data, reads = deviating_data(), []
+
+    def read(k):
+        reads.append(k)
+        return data.sets[k].deviation
+
+    stored = dataclasses.replace(data, sets=tuple(
+        dataclasses.replace(s, deviation=StoredDeviation(read=functools.partial(read, k))) for k, s in enumerate(data.sets)))
+    write_modes(data, tmp_path / "m.json")
+    write_modes(stored, tmp_path / "s.json")
+    assert (tmp_path / "m.deviations.h5").read_bytes() == (tmp_path / "s.deviations.h5").read_bytes()
+    # nothing is kept: once a set for its standard deviations, once for the file
+    assert sorted(reads) == sorted([*range(len(data.sets))] * 2)
+    one, two = (x.of_modes([1, -1]).sets[0] for x in (data, stored))
+    for name in ("ln_frequency", "damping_ratio", "shape"):
+        assert np.array_equal(getattr(one.deviation, name), getattr(two.deviation, name), equal_nan=True)
+        assert np.isnan(np.moveaxis(getattr(two.deviation, name), -2, 0)[1]).all()
+
+
+def test_modes_json_written_set_by_set_is_that_of_the_whole(tmp_path):
+    """Line breaks within words, no set, a key behind the sets."""
+    rows = [{"id": "a\nb", "f": [1.0, None], "e": {}}, {"id": "ä", "f": [], "e": {"x": 0.1}}]
+    for some in (rows, []):
+        one, two = tmp_path / "one.json", tmp_path / "two.json"
+        write_json(one, {"format": 2, "labels": ["FA1"], "sets": some, "deviations": "m.h5"})
+        write_json_rows(two, {"format": 2, "labels": ["FA1"]}, "sets", iter(some), {"deviations": "m.h5"})
+        assert one.read_bytes() == two.read_bytes()
+    with pytest.raises(ValueError, match="not JSON compliant"):
+        write_json_rows(two, {}, "sets", [{"f": np.nan}], {})
+    assert one.read_bytes() == two.read_bytes() and not list(tmp_path.glob("*.part"))
+
+
+def test_a_dataset_of_the_sets_is_written_and_read_by_xarray(tmp_path):
+    xarray = pytest.importorskip("xarray")
+    data = deviating_data()
+    sets = [dataclasses.replace(s, environment={"state": "idling", "water_level_m": 0.25 * k} if k else {"state": "rated"})
+            for k, s in enumerate(data.sets)]  # fmt: skip
+    data = dataclasses.replace(data, sets=tuple(sets), labels=("FA1", "SS1"))
+    data.to_xarray().to_netcdf(tmp_path / "modes.nc", engine="h5netcdf")
+    with xarray.open_dataset(tmp_path / "modes.nc", engine="h5netcdf") as found:
+        assert found.sizes == {"set": len(sets), "channel": 3, "mode": 2} and found.frequency_hz.attrs["units"] == "Hz"
+        for k, s in enumerate(sets):
+            one = found.sel(set=s.id)
+            assert np.array_equal(one.frequency_hz, s.frequency_hz, equal_nan=True)
+            assert np.array_equal(one.shape_re + 1j * one.shape_im, s.shape, equal_nan=True)
+            assert str(one.state.values) == s.environment["state"]
+            assert np.isnan(one.water_level_m) if k == 0 else one.water_level_m == 0.25 * k
+        assert found.damping_ratio_std.sel(mode="SS1").dims == ("set",)
+    with pytest.raises(InputError, match="condition channel: has the name of something else"):
+        dataclasses.replace(data, sets=(dataclasses.replace(sets[0], environment={"channel": 1.0}),)).to_xarray()
+
+
+def test_a_set_goes_to_another_process_and_stays_read_only():
+    one = dataclasses.replace(deviating_data().sets[0], environment={"state": "idling", "water_level_m": 0.5})
+    two = pickle.loads(pickle.dumps(one))
+    for name in ("frequency_hz", "frequency_std_hz", "damping_ratio_std", "shape", "shape_std"):
+        assert np.array_equal(getattr(one, name), getattr(two, name), equal_nan=True)
+        assert not getattr(two, name).flags.writeable
+    assert dict(two.environment) == dict(one.environment)
+    assert np.array_equal(one.deviation.shape, two.deviation.shape, equal_nan=True)
+    with pytest.raises(TypeError):
+        two.environment["state"] = "rated"

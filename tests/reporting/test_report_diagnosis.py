@@ -1,0 +1,196 @@
+"""The section of a diagnosis: every verdict in words to act on, every part shown or left out, wrong files refused."""
+
+from __future__ import annotations
+
+import json
+import re
+from dataclasses import replace
+
+import pytest
+
+from probupdate.diagnosis import wording
+from probupdate.errors import InputError
+from probupdate.reporting.diagnosis_section import chosen_limits, diagnosis_section
+from probupdate.reporting.figures_diagnosis import limit_text
+from probupdate.reporting.findings import findings
+from probupdate.reporting.page import render
+from probupdate.reporting.run_files import read_run
+from probupdate.runtime.progress import silent
+
+
+def section_text(run) -> str:
+    return render([diagnosis_section(run)], title=run.title)
+
+
+@pytest.mark.parametrize(("verdict", "words"), [
+    ("named", ("it has a name", "joints loosened, face AB, bay 2: inspect the weld toes.", "−62.0 ± 4.0 %",
+               "diagnosis.model", "log score better by 41.2 ± 6.0")),
+    ("ambiguous", ("which of several, is open", "telling joints from braces", "0.19")),
+    ("unexplained", ("no listed cause explains", "Do not read the updated parameters", "scour, leg A")),
+    ("none", ("Nothing beyond tolerances was found", "below the limits", "1 candidate would not be seen",
+              "1 exchanged or reversed channel tested for: each would be seen.")),
+])
+def test_every_verdict_says_what_to_do(full_run, diagnosis_of, unfigured, verdict, words):
+    text = section_text(replace(full_run, diagnosis=diagnosis_of(verdict)))
+    for word in words:
+        assert word in text, word
+    assert ("Predicting held-out blocks" in text) == (verdict in ("named", "ambiguous"))
+
+
+def test_what_was_pushed_and_what_hid_something_is_said(full_run, unfigured):
+    text = section_text(full_run)
+    assert ("k_j is shifted from its prior by +2.4 prior standard deviations where ±0.9 is expected, and by +0.3 once"
+            in text)
+    assert "4 blocks left out in which the nacelle turned." in text
+
+
+def test_what_is_left_along_a_covariate_is_an_alarm(full_run, diagnosis_of, unfigured):
+    content = diagnosis_of("named")
+    content["details"]["residuals"]["covariates"][0]["series"][2]["slope_z"][1] = -6.1
+    text = section_text(replace(full_run, diagnosis=content))
+    assert "FA1/SS1 coupling follows the water level by more than chance (z = −6.1)." in text
+    assert "by more than chance" not in section_text(full_run)
+
+
+def test_the_verdict_of_the_page_mentions_a_finding_before_its_numbers(full_run, diagnosis_of):
+    assert any("joints loosened" in f.text for f in findings(full_run))
+    assert not any("disagree" in f.text for f in findings(replace(full_run, diagnosis=diagnosis_of("none"))))
+
+
+def test_a_diagnosis_without_a_model_has_no_residuals_and_stands(full_run, diagnosis_of, unfigured):
+    content = diagnosis_of("named")
+    content |= {"parameters": [], "limits": [], "adequacy_p": None,
+                "details": {"measurement": [{"test": "clock of T90", "p": 0.3, "wrong": False}],
+                            "changes": [{"course": "step", "since": "2020-01-05T00:00Z", "frequencies": [
+                                {"mode": "T1", "change_percent": -0.79, "std_percent": 0.04, "z": -20.0}]}]}}
+    text = section_text(replace(full_run, diagnosis=content, model=None))
+    assert "Tests of the raw records" in text and "clock of T90" in text and "no" in text
+    assert "What changed from 2020-01-05T00:00Z on: frequencies" in text and "−0.790" in text
+    assert "What is wrong in the record" in text and "The record deviates" in text
+    assert diagnosis_section(replace(full_run, diagnosis=None)) is None
+
+
+def test_an_extension_is_shown_whatever_it_holds(full_run, diagnosis_of, unfigured):
+    content = diagnosis_of("named") | {"extension": {
+        "identifiable": True, "width": 0.31, "mean_of_blocks": 20,
+        "parameters": [{"name": "joint_AB_2", "mean": 0.4, "std": 0.03}],
+        "remarks": ["k_t moves back to its prior"], "more": {"chi_square": 12.0}}}  # fmt: skip
+    text = section_text(replace(full_run, diagnosis=content))
+    for word in ("The model with what was found", "yes", "joint_AB_2", "k_t moves back to its prior.", "chi square",
+                 ">20<"):
+        assert word in text
+
+
+def extension_with(**sampler):
+    """An extension of one parameter, its chain as given."""
+    return {"files": {"posterior": "diagnosis.posterior.nc"}, "after": {"misfit": 3.0, "parameters": [
+        {"name": "joint_AB_2", "prior": 1.0, "prior_std": 0.3, "deterministic": 0.412, "map": 0.413, "std": 0.051}]},
+        "sampler": sampler, "statements": ["the posterior with the findings, in words"]}  # fmt: skip
+
+
+CHAIN = {"asked": True, "effective_draws_asked": 200, "steps_at_most": 400, "seed": 1, "converged": True,
+         "verdict": "Converged: R-hat 1.0050 (joint_AB_2); 400 steps.", "draws": 7680, "walkers": 24, "steps": 400,
+         "acceptance": 0.51, "command": "probupdate sample --model m", "parameters": [
+             {"name": "joint_AB_2", "mean": 0.437, "std": 0.063, "q05": 0.341, "q50": 0.431, "q95": 0.559,
+              "r_hat": 1.005, "effective_draws": 812.0}]}  # fmt: skip
+
+
+def test_the_estimators_stand_side_by_side(full_run, diagnosis_of, unfigured):
+    content = diagnosis_of("named") | {"extension": extension_with(**CHAIN)}
+    text = section_text(replace(full_run, diagnosis=content))
+    for word in ("The estimators with the findings in the model", "0.412", "0.413 ± 0.0510", "0.437 ± 0.0630", "0.341",
+                 "0.559", "1.005", ">812<", "7680 draws", "asked for 200 effective draws in at most 400 steps",
+                 "Converged: R-hat 1.0050"):
+        assert word in text, word
+    assert "provisional" not in text
+    # told beside the others, and not once more alone
+    assert len(re.findall(r">[^<]*0\.437", text)) == 1
+
+
+def test_a_chain_that_has_not_converged_is_a_warning(full_run, diagnosis_of, unfigured):
+    told = CHAIN | {"converged": False, "verdict": "NOT converged: R-hat 1.2 (joint_AB_2), wanted below 1.01."}
+    text = section_text(replace(full_run, diagnosis=diagnosis_of("named") | {"extension": extension_with(**told)}))
+    assert "The chain has not converged: its means and intervals are provisional." in text
+    assert "NOT converged: R-hat 1.2" in text
+
+
+def test_an_extension_without_a_chain_has_no_such_table(full_run, diagnosis_of, unfigured):
+    told = {"asked": False, "reason": "this was not asked for", "command": "probupdate sample --model m",
+            "parameters": []}  # fmt: skip
+    text = section_text(replace(full_run, diagnosis=diagnosis_of("named") | {"extension": extension_with(**told)}))
+    assert "side by side" not in text and "The estimators with" not in text
+    assert "this was not asked for" in text and "probupdate sample --model m" in text
+
+
+@pytest.mark.parametrize(("mistake", "words"), [
+    ("{", "not JSON"), ("[]", "is no JSON table"), ("{}", "has no 'verdict'"),
+    (lambda c: c | {"verdict": "perhaps"}, "'perhaps' is none of named, ambiguous"),
+    (lambda c: c | {"findings": [{"cause": "scour"}]}, r"has no 'findings\.0\.kind'"),
+])
+def test_a_wrong_file_is_one_clear_line(diagnosis_of, tmp_path, mistake, words):
+    text = mistake if isinstance(mistake, str) else json.dumps(mistake(diagnosis_of("named")))
+    (tmp_path / "diagnosis.json").write_text(text)
+    with pytest.raises(InputError, match=words):
+        read_run(tmp_path, silent)
+
+
+def test_a_measured_gain_is_shown_with_sensors_and_fatigue(full_run, diagnosis_of, unfigured):
+    content = diagnosis_of("named")
+    spot = {"place": "leg A, bay 1", "stress_ratio": 1.31, "damage_ratio_m3": 2.25, "damage_ratio_m5": 3.86}
+    content["findings"][0]["gain"] |= {
+        "mac_before": 0.98, "mac_after": 0.997, "statement": "better", "heldout_sensors": [
+            {"level": "TP", "channels": ["a"], "rms_error_before": 0.04, "rms_error_after": 0.02}],
+        "fatigue": {"per": "tower-top motion", "slopes": [3, 5], "leg": {"most_stressed": spot}}}  # fmt: skip
+    text = section_text(replace(full_run, diagnosis=content))
+    for word in ("0.9970", "4.00", "leg A, bay 1", "damage ratio, m = 3", "2.25", "Per tower-top motion.", "2.10"):
+        assert word in text, word
+
+
+def test_raw_records_are_told_apart_by_suspicion(full_run, diagnosis_of, unfigured):
+    content = diagnosis_of("none")
+    content["details"]["measurement"] = [
+        {"kind": "measurement", "cause": "clock offset", "channels": ["T90-x"], "statement": "T90: clock of 5 ms",
+         "suspected": True},
+        {"kind": "measurement", "cause": "sampling rate", "channels": [], "statement": "rotor lines agree",
+         "suspected": False, "size": 0.0, "size_std": 1e-4}]  # fmt: skip
+    text = section_text(replace(full_run, diagnosis=content))
+    assert text.index("Suspected in the raw records") < text.index("T90: clock of 5 ms.")
+    assert text.index("Raw records without a fault") < text.index("rotor lines agree.")
+    # no heading with nothing below it
+    assert "Tests of the raw records" not in text
+
+
+def test_limits_drawn_are_of_every_kind_and_cause_first():
+    rows = [{"kind": kind, "cause": f"{kind} {c}", "location": str(k), "course": "constant", "limit": 1.0 + k + c,
+             "unit": "m"} for kind in ("structural", "measurement") for c in range(3) for k in range(9)]  # fmt: skip
+    rows.append({**rows[0], "cause": "beyond reach", "limit": None})
+    chosen = chosen_limits(rows, most=12)
+    assert len(chosen) == 8 and {x["cause"] for x in chosen} == {x["cause"] for x in rows[:-1]}
+    for cause in {x["cause"] for x in chosen}:
+        best = min(x["limit"] for x in rows if x["cause"] == cause and x["limit"])
+        assert best in [x["limit"] for x in chosen if x["cause"] == cause]
+
+
+@pytest.mark.parametrize(("value", "std", "unit", "cause", "text"), [
+    (-0.364, 0.019, "-", "lateral soil stiffness", "-36.4 +- 1.9 %"), (1.234, 0.1, "m", "scour", "+1.23 +- 0.10 m"),
+    (0.101, 0.013, "-", "sensor gain", "+10.1 +- 1.3 %"), (1.0, 0.0, "-", "swapped channels", "+1"),
+    (2.87e6, 4e5, "kg m2", "RNA inertia", "+2.87e+06 +- 4e+05 kg m2"),
+    (0.21, 0.02, "-", "parameter", "+0.210 +- 0.020"),
+    (0.098, 0.01, "- per m", "soil softens with amplitude", "+9.8 +- 1.0 % per m"),
+    (None, None, "m", "scour", "of unknown size"),
+])
+def test_sizes_are_told_with_their_deviation_and_unit(value, std, unit, cause, text):
+    assert wording.amount(value, std, unit, cause) == text
+
+
+def test_a_gain_within_two_errors_is_said_to_be_none():
+    gain = {"heldout_elpd": 3.0, "heldout_elpd_se": 2.0}
+    assert wording.gain_words({"gain": gain}).startswith("none that is significant")
+    assert wording.gain_words({"gain": gain | {"heldout_elpd": 9.0}}).startswith("log score better by 9.0")
+    assert wording.gain_words({"gain": {}}) == ""
+
+
+def test_limits_have_their_unit():
+    assert limit_text({"limit": -0.56, "unit": "-", "cause": "brace stiffness lost"}) == "56 %"
+    assert limit_text({"limit": 42000.0, "unit": "kg", "cause": "nacelle mass"}) == "42\u202f000 kg"
+    assert limit_text({"limit": 1.3, "unit": "-", "cause": "parameter"}) == "1.3"

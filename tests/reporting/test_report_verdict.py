@@ -1,0 +1,274 @@
+"""The verdict: what the first lines say is what the numbers are, and nothing that forbids their use is buried."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from probupdate.model.parameters import Parameter, Parameters
+from probupdate.reporting.elements import Items, Table
+from probupdate.reporting.findings import findings
+from probupdate.reporting.overview_sections import remarkable, verdict_section
+from probupdate.reporting.posterior_sections import _paired, comparison_section
+from probupdate.reporting.standing import (
+    BOUND,
+    KNOWN,
+    PARTLY,
+    PRIOR,
+    contraction,
+    estimate,
+    names_of,
+    standings,
+)
+from probupdate.reporting.updating_sections import update_section
+
+
+@pytest.fixture
+def run(full_run, unfigured):
+    return full_run
+
+
+@pytest.fixture
+def sound(run):
+    """A run that nothing speaks against: fits as it should, nothing found, no parameter shifted."""
+    diagnosis = dict(run.diagnosis, verdict="none", findings=[], parameters=[], details={})
+    return replace(run, diagnosis=diagnosis, update=replace(run.update, map_misfit=float(run.update.n_effective)))
+
+
+def alarming(run) -> list[str]:
+    return [f.text for f in findings(run) if f.level == "warning"]
+
+
+def tables(section) -> dict[str, Table]:
+    return {i.caption: i for i in section.items if isinstance(i, Table)}
+
+
+def test_a_model_that_fits_is_said_to_fit_with_its_worst_frequency(sound):
+    section = verdict_section(sound)
+    after = 100 * np.nanmax(np.abs(np.median(sound.posterior.frequency_hz, axis=0) / sound.update.measured_hz - 1))
+    assert section.headline.startswith("The updated model fits") and f"within {after:.1f} %" in section.headline
+    assert "The sampler converged." in section.headline
+    # py, far above its prior, is said; without it nothing is left to say
+    theta = np.array(sound.posterior.theta)
+    theta[..., :] = sound.update.parameters.initial + 0.3 * sound.update.parameters.std * np.random.default_rng(
+        1).standard_normal(theta.shape)
+    section = verdict_section(replace(sound, posterior=replace(sound.posterior, theta=theta)))
+    assert section.level == "good" and section.headline.endswith("No check speaks against the parameters.")
+
+
+def shifted(run, p: float, size: float):
+    """The same with one parameter shifted by that many prior standard deviations where +-0.9 is expected."""
+    told = {"parameters": [{"name": "k_t", "pushed": [size], "expected": [0.9]}], "p_together": [p]}
+    rows = [{"name": "k_t", "unit": "-", "prior": 1.0, "prior_std": 0.2, "value": 1.5, "std": 0.1, "pushed": size}]
+    content = dict(run.diagnosis, parameters=rows, details={"residuals": {"states": ["best"], "pushed": told}})
+    return replace(run, diagnosis=content)
+
+
+@pytest.mark.parametrize(("p", "size", "level"), [(0.007, 3.2, "warning"), (0.2, 3.2, "caution"), (0.5, 0.3, "good")])
+def test_the_verdict_has_the_colour_of_its_worst_finding(sound, p, size, level):
+    """A shift that chance does not explain is in the headline, not eight sections below a green one."""
+    section = verdict_section(shifted(sound, p, size))
+    assert section.level == level
+    assert ("k_t far from the prior" in section.headline) == (level != "good")
+    if level != "good":
+        assert any(f"{size:+.1f}" in t for t in section.items[0].statements) and section.items[0].level == level
+
+
+def test_widths_that_are_too_wide_are_not_green(sound):
+    close = replace(sound, update=replace(sound.update, map_misfit=0.05 * sound.update.n_effective))
+    section = verdict_section(shifted(close, 0.5, 0.1))
+    assert section.level == "caution" and "too wide" in section.headline
+    notices = [i for i in update_section(close).items if getattr(i, "kind", "") == "notice"]
+    assert [n.level for n in notices if "too wide" in n.text] == ["caution"]
+
+
+def test_after_is_one_estimate_with_its_own_interval(run):
+    """However skewed a posterior: the value that stands beside an interval lies in it."""
+    after = estimate(run.update, run.posterior)
+    assert np.all(after.low < after.theta) and np.all(after.theta < after.high)
+    far = replace(run, update=replace(run.update, map_theta=run.update.parameters.lower + 1e-3))
+    table = tables(verdict_section(far))["What is known of each parameter"]
+    names = [c.name for c in table.columns]
+    for row in table.rows:
+        low, high = (float(x.replace("\u202f", "").replace("\u2212", "-")) for x in
+                     row[names.index("90 % interval")].split(" to "))
+        value = float(row[names.index("after")].replace("\u202f", "").replace("\u2212", "-"))
+        assert low <= value <= high
+    bare = estimate(run.update, None)
+    assert bare.low is None and bare.name == "MAP" and np.array_equal(bare.theta, run.update.map_theta)
+
+
+def test_why_eq_7_fits_closer_is_said_at_the_figure(run):
+    picture = next(i for i in verdict_section(run).items if getattr(i, "kind", "") == "picture")
+    printed = run.update.scheme("step")
+    exact = replace(printed, frequency_hz=run.update.measured_hz)
+    closer = replace(run, update=replace(run.update, schemes=tuple(
+        exact if s.key == "step" else s for s in run.update.schemes)))
+    words = next(i for i in verdict_section(closer).items if getattr(i, "kind", "") == "picture").caption
+    assert "forgets more of the prior" in words and "initial within" in picture.alt
+
+
+def test_a_model_that_misses_is_said_to_miss(run):
+    """Misfit of 6.25 a response: 2.5 deviations."""
+    update = replace(run.update, map_misfit=6.25 * run.update.n_effective)
+    section = verdict_section(replace(run, update=update))
+    assert "does not fit" in section.headline and "2.5 times the stated standard deviations" in section.headline
+    assert section.level == "warning"
+    assert any("2.5 times" in text for text in alarming(replace(run, update=update)))
+
+
+def test_a_posterior_that_did_not_converge_is_in_the_headline_and_among_the_alarms(run):
+    posterior = replace(run.posterior, converged=False, verdict="NOT converged: R-hat 1.29")
+    broken = replace(run, posterior=posterior)
+    section = verdict_section(broken)
+    assert "did NOT converge" in section.headline and section.level == "warning"
+    first = section.items[0]
+    assert isinstance(first, Items) and first.level == "warning"
+    assert "NOT converged: R-hat 1.29" in first.statements
+
+
+def test_without_a_posterior_or_an_update_the_headline_says_so(run):
+    assert "No posterior was sampled" in verdict_section(replace(run, posterior=None)).headline
+    nothing = replace(run, update=None, posterior=None, comparison=None)
+    diagnosed = verdict_section(nothing)
+    assert diagnosed.headline == "Modes were identified and diagnosed; no model has been updated in this run."
+    bare = verdict_section(replace(nothing, diagnosis=None))
+    assert bare.headline == "Modes were identified; no model has been updated in this run." and bare.lead == ""
+
+
+def test_every_parameter_stands_in_one_class(run):
+    found = standings(run.update, run.posterior)
+    classes = [set(names_of(found, kind)) for kind in (KNOWN, PARTLY, PRIOR, BOUND)]
+    assert sum(map(len, classes)) == len(set().union(*classes)) == len(run.update.parameters)
+    width = contraction(run.update, run.posterior)
+    for s, w in zip(found, width, strict=True):
+        assert s.kind == (KNOWN if w < 0.5 else PARTLY if w <= 0.9 else PRIOR)
+
+
+def test_a_bound_outweighs_a_narrow_posterior(run):
+    """tz is narrow, so it would be strongly identified; at its bound it is not said to be."""
+    k = run.update.parameters.index("tz")
+    assert standings(run.update, run.posterior)[k].kind == KNOWN
+    theta = np.array(run.update.map_theta)
+    theta[k] = run.update.parameters.lower[k]
+    update = replace(run.update, map_theta=theta, map_at_bound=np.arange(10) == k)
+    stand = standings(update, run.posterior)[k]
+    assert stand.kind == BOUND and stand.words == "at its lower bound"
+    pinned = replace(run, update=update)
+    assert any("tz at its lower bound of 0.0200" in text for text in alarming(pinned))
+    assert tables(verdict_section(pinned))["What is known of each parameter"].marked == {k}
+
+
+def test_without_draws_the_width_is_that_of_the_gaussian(run):
+    """The made-up covariance at the maximum is that of a tenth of each prior's standard deviation."""
+    assert contraction(run.update, None) == pytest.approx(0.1)
+
+
+def test_fallbacks_are_a_remark_when_few_and_an_alarm_when_many(run):
+    few = [t for t in remarkable(run) if "reduced basis" in t]
+    assert few and "12 of 120\u202f000" in few[0] and not any("reduced basis" in t for t in alarming(run))
+    many = replace(run.posterior, record=dict(run.posterior.record, fallback=60000))
+    assert any("reduced basis" in t for t in alarming(replace(run, posterior=many)))
+
+
+def test_before_and_after_stand_on_the_first_screen(run):
+    rows = tables(verdict_section(run))["Frequencies before and after"].rows
+    assert [r[0] for r in rows] == list(run.update.labels)
+    assert rows[3][2] == "1.570" and rows[3][3] == f"{100 * (1.57 / run.update.measured_hz[3] - 1):+.1f}".replace(
+        "-", "\u2212")
+
+
+def test_truth_stands_beside_what_was_found_where_it_is_known(run):
+    known = {n: float(v) for n, v in zip(run.update.parameters.names, run.update.map_theta, strict=True)}
+    known["k_t"] = 3.9
+    known["D_l"] = 1.0
+    section = comparison_section(replace(run, truth={"parameters": known}))
+    table = tables(section)["Truth beside what was found"]
+    inside = {row[0]: row[6] for row in table.rows}
+    assert inside["k_t"] == "no" and inside["py"] == "yes" and "D_l" not in inside and "D_l" in table.note
+    assert table.marked == {k for k, row in enumerate(table.rows) if row[6] == "no"}
+    assert "outside for" in verdict_section(replace(run, truth={"parameters": known})).lead
+    assert "Truth beside what was found" not in tables(comparison_section(run))
+
+
+def test_the_papers_numbers_are_marked_as_another_turbines(run):
+    found = tables(update_section(run))
+    for number in ("3", "4", "5", "6"):
+        table = next(t for caption, t in found.items() if f"(Table {number})" in caption)
+        assert "another realisation" in table.note and any(c.paper for c in table.columns)
+    plain = tables(update_section(replace(run, jacket=False)))
+    assert not any("another realisation" in t.note for t in plain.values())
+
+
+def test_pairs_are_drawn_of_the_best_informed_and_the_others_named():
+    names = tuple(f"p{k}" for k in range(17))
+    ratio = np.full(17, 0.95)
+    ratio[[2, 9, 5, 16, 0, 11, 7]] = [0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7]
+    chosen, words = _paired(names, ratio)
+    assert chosen == [0, 2, 5, 9, 11, 16] and "p7" in words and "p9" not in words
+    chosen, words = _paired(names, np.linspace(0.95, 1, 17))
+    assert len(chosen) == 6
+    assert _paired(("a", "b"), np.array([0.5, 0.5])) == ([0, 1], "All parameters in pairs.")
+
+
+def test_a_parameter_that_every_set_leaves_at_its_bound_has_no_cov(run):
+    from probupdate.updating.update_file import ScatterRecord
+
+    k = run.update.parameters.index("py")
+    theta = np.tile(run.update.map_theta, (9, 1)) * (1 + 0.01 * np.random.default_rng(3).standard_normal((9, 10)))
+    theta[:, k] = run.update.parameters.lower[k]
+    sets = ScatterRecord(
+        ids=tuple(map(str, range(9))), theta_map=theta, theta_step=theta, iterations=3, variance=np.ones((9, 10)),
+        resolution=np.full((9, 10), 0.5), derived={}, failed=(), cov=np.ones(10), total_std=np.ones(10))
+    found = tables(update_section(replace(run, update=replace(run.update, sets=sets))))
+    table = next(t for caption, t in found.items() if "(Table 7)" in caption)
+    row = next(r for r in table.rows if r[0] == "py")
+    assert row[4].endswith("*") and row[5] == "\u2013" and "at a bound in every set" in table.note
+    assert not next(r for r in table.rows if r[0] == "k_t")[4].endswith("*")
+
+
+def test_a_single_parameter_and_a_short_chain_make_a_page(full_run, undrawn):
+    """What a first try looks like: one parameter, a handful of steps."""
+    from probupdate.reporting import compose
+
+    run = full_run
+    one = Parameters((Parameter(name="k", unit="-", initial=1.0, std=0.2),))
+    update = replace(
+        run.update, parameters=one, map_theta=np.array([1.1]), map_covariance=np.eye(1) * 0.01,
+        map_resolution=np.array([0.5]), map_at_bound=np.array([False]), derived={},
+        schemes=tuple(replace(s, theta=s.theta[:, 1:2], at_bound=np.array([False])) for s in run.update.schemes))
+    posterior = replace(
+        run.posterior, names=("k",), theta=1.1 + 0.1 * np.random.default_rng(1).standard_normal((8, 5, 1)),
+        prior=np.ones((10, 1)), r_hat=np.ones(1), ess=np.full(1, 9.0))
+    html = compose(replace(run, update=update, posterior=posterior, comparison=None, jacket=False))
+    assert "Of 1 parameter the data identify" in html
+
+
+def test_components_stand_with_what_to_measure_next(full_run, monkeypatch):
+    """Shares by hand: 3 and 4 of a total of 5 are 36 and 64 %; a component of nothing is not drawn."""
+    from probupdate.reporting import figures
+    from probupdate.updating.update_file import ComponentsRecord
+
+    n = len(full_run.update.parameters)
+    gain = np.zeros((2, n))
+    gain[0, :3] = [0.25, 0.1, 0.001]
+    parts = ComponentsRecord(
+        names=("identification", "model discrepancy", "prior"), source_names=(), source_std=np.zeros((0, n)),
+        std=np.array([[3.0] * n, [0.0] * n, [4.0] * n]), measures=("sensor at T66", "longer record"), gain=gain,
+        responses=("frequency of FA1", "shape of T1"), chi_square=np.array([30.0, 15.0]), expected=np.array([1.0, 17.0]))
+    drawn = {}
+    draw = figures.variance_shares
+    monkeypatch.setattr(figures, "variance_shares", lambda *a: drawn.update(given=a) or draw(*a))
+    with_parts = replace(full_run, update=replace(full_run.update, components=parts))
+    section = update_section(with_parts)
+    found = tables(section)
+    row = found["Components of each parameter's variance"].rows[0]
+    assert row[2:] == ("5.00", "36", "0", "64")
+    assert list(drawn["given"][1]) == ["identification", "prior"] and np.allclose(drawn["given"][2].sum(axis=0), 1)
+    assert found["What to measure next"].rows[0][:4] == ("sensor at T66", "25", "10", "\u2013")
+    assert found["Fit of each response at the MAP"].marked == {0}
+    assert any("frequency of FA1" in t for i in section.items if isinstance(i, Items) for t in i.statements)
+    words = [t for i in verdict_section(with_parts).items if isinstance(i, Items) for t in i.statements]
+    assert any("sensor at T66 (narrows k_j by 25 %, k_t by 10 %)" in t for t in words)
