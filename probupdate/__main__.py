@@ -12,10 +12,7 @@ INTERRUPTED = 130
 
 def main() -> int:
     """The exit code of the command line."""
-    for number in (signal.SIGTERM, signal.SIGINT):
-        # a run in the background is started with Ctrl-C ignored
-        if signal.getsignal(number) is not signal.SIG_IGN:
-            signal.signal(number, _end)
+    ready()
     from probupdate.cli import main as command_line
 
     code = command_line()
@@ -23,6 +20,14 @@ def main() -> int:
         # there is nothing left to end, and the exit code is the work's
         signal.signal(number, signal.SIG_IGN)
     return code
+
+
+def ready() -> None:
+    """From here on a signal is answered, in one line."""
+    for number in (signal.SIGTERM, signal.SIGINT):
+        # a run in the background is started with Ctrl-C ignored
+        if signal.getsignal(number) is not signal.SIG_IGN:
+            signal.signal(number, _end)
 
 
 def _end(number: int, frame: FrameType | None) -> NoReturn:

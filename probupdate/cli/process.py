@@ -5,8 +5,11 @@ from __future__ import annotations
 import contextlib
 import os
 import signal
+import sys
 from collections.abc import Iterator
-from typing import NoReturn
+from typing import Any, NoReturn
+
+from probupdate.runtime.signals import ENDING
 
 
 class Interrupted(KeyboardInterrupt):
@@ -17,23 +20,37 @@ class Interrupted(KeyboardInterrupt):
 @contextlib.contextmanager
 def ended_by_signals() -> Iterator[None]:
     """SIGTERM ends a run as Ctrl-C does: temporary files are removed, processes ended. Where Ctrl-C is ignored, as in the
-    background, it stays so."""
+    background, it stays so. An exception that a library makes of the signal's, or prints, is the signal's all the same."""
+    came: list[int] = []
 
     def end(number: int, frame: object) -> NoReturn:
+        came.append(number)
         raise Interrupted
+
+    said_before = sys.unraisablehook
+
+    def say(unraisable: Any) -> None:
+        if not came:
+            said_before(unraisable)
 
     before = {}
     try:
-        for number in (signal.SIGTERM, signal.SIGINT):
+        for number in ENDING:
             if signal.getsignal(number) is not signal.SIG_IGN:
                 before[number] = signal.signal(number, end)
     except ValueError:
         # not in the main thread: whoever runs this there answers for signals
         yield
         return
+    sys.unraisablehook = say
     try:
         yield
+    except Exception as error:
+        if came:
+            raise Interrupted from error
+        raise
     finally:
+        sys.unraisablehook = said_before
         for number, handler in before.items():
             signal.signal(number, handler)
 

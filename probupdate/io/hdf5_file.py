@@ -19,6 +19,7 @@ from typing import Any
 from probupdate.errors import InputError, parsing
 from probupdate.io import hdf5_probe
 from probupdate.io.files import input_file, whole_stream
+from probupdate.runtime.signals import held_back
 
 # a file is looked through in milliseconds; large packed chunks are unpacked, 20 MB a second at worst
 SECONDS = 3
@@ -71,10 +72,11 @@ class _Patient:
 
 @contextlib.contextmanager
 def new_hdf5(path: str | Path) -> Iterator[Any]:
-    """An h5py.File to fill; it is at `path` where the block ends without an error. Raises OSError on a full disk."""
+    """An h5py.File to fill; it is at `path` where the block ends without an error. Raises OSError on a full disk. A
+    signal that ends the run is answered after the block."""
     import h5py
 
-    with whole_stream(path) as unbuffered:
+    with held_back(), whole_stream(path) as unbuffered:
         stream = _Patient(unbuffered)
         try:
             with h5py.File(stream, "w") as file:

@@ -22,6 +22,7 @@ WITHOUT_RIGHTS = ["setpriv", f"--bounding-set={RIGHTS}", f"--inh-caps={RIGHTS}"]
 HANGS_S = 900.0
 # share of a short process's time in which Python starts, before there is anything of this program
 OWN_START = 0.15
+SIGNALS = (signal.SIGTERM, signal.SIGINT)
 # a process whose parent was killed has this long to notice it
 ORPHAN_S = 10.0
 
@@ -94,14 +95,17 @@ class Forked(_Process):
 
     def __init__(self, words: list[str], temporary: Path, rights: bool, stdout: int | None, before: Callable):
         super().__init__()
+        start = importlib.import_module("probupdate.__main__")
+        # until the program's own first line is reached a signal waits: before it there is only this fork
+        signal.pthread_sigmask(signal.SIG_BLOCK, SIGNALS)
         self.pid = os.fork()
         if self.pid:
+            signal.pthread_sigmask(signal.SIG_UNBLOCK, SIGNALS)
             os.close(self._to)
             return
         code = 1
         try:
             os.setsid()
-            signal.signal(signal.SIGINT, signal.default_int_handler)
             nowhere = os.open(os.devnull, os.O_RDWR)
             for number, to in ((0, nowhere), (1, nowhere if stdout is None else stdout), (2, self._to)):
                 os.dup2(to, number)
@@ -109,7 +113,9 @@ class Forked(_Process):
             os.environ["TMPDIR"] = tempfile.tempdir = str(temporary)
             before()
             sys.argv = ["probupdate", *words]
-            code = importlib.import_module("probupdate.__main__").main()
+            start.ready()
+            signal.pthread_sigmask(signal.SIG_UNBLOCK, SIGNALS)
+            code = start.main()
         except SystemExit as end:
             code = end.code or 0
         except BaseException:
