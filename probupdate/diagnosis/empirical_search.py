@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import stats
 
 from probupdate.diagnosis.along_record import Contrasts, Scores, draw_slow, make_contrasts, outliers, score
 from probupdate.diagnosis.blocks import Blocks
@@ -22,7 +21,7 @@ from probupdate.diagnosis.empirical_reference import (
     stated_patterns,
     untied,
 )
-from probupdate.diagnosis.search import tail
+from probupdate.diagnosis.search import exceeded, tail
 from probupdate.modal.modes import Sensor
 from probupdate.runtime.arrays import frozen_array
 
@@ -175,7 +174,7 @@ def search(
     threshold, p = np.full(len(z), np.inf), []
     for rows, drawn in zip(followed.classes, maxima, strict=True):
         if len(rows):
-            threshold[rows] = stats.gumbel_r.ppf(1 - false_alarm, *stats.gumbel_r.fit(drawn))
+            threshold[rows] = exceeded(drawn, false_alarm)
             p.append(tail(drawn, float(np.max(np.abs(z[rows])))))
     return Found(contrasts=contrasts, scores=scores, z=z, threshold=frozen_array(threshold),
                  p_value=min(1.0, min(p) * FALSE_ALARM / false_alarm))  # fmt: skip

@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from scipy import special
 
-from probupdate.diagnosis.expected import all_departures, signatures_at
+from probupdate.diagnosis.expected import departures_at, signatures_at
 from probupdate.diagnosis.fitting import MODEL_ERROR_SCALE, Fit, linearised, penalty
 from probupdate.diagnosis.linear import Design
 from probupdate.diagnosis.noise import Noise
@@ -89,7 +89,7 @@ def marginal_evidence(
 ) -> float:
     """ln p(blocks | included effects near their sizes) with all parameters to first order about theta, but for a
     constant of record and noise."""
-    design, _, centred = linearised(problem, theta, included, noise, all_departures(problem, theta, included))
+    design, _, centred = linearised(problem, theta, included, noise, departures_at(problem, theta, included))
     return log_size_prior(included) + over_error_scales(design, lambda d: linear_evidence(d, centred))
 
 

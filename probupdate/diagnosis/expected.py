@@ -18,54 +18,89 @@ from probupdate.diagnosis.small_model import LocalModel
 
 # signatures are computed at headings this far apart; between these by straight lines
 NODE_DEG = 10.0
+N_NODE = round(360 / NODE_DEG)
+
+
+class ModelAnswers:
+    """What a model is asked for more than once: references by parameters and angle, slopes by parameters, before sensors
+    see them."""
+
+    def __init__(self, predictor: ModalPredictor):
+        self.predictor = predictor
+        self._references: dict[tuple, tuple[Reference, ...]] = {}
+        self._slopes: dict[tuple, list] = {}
+
+    def references(self, theta: np.ndarray, angle_deg: float) -> tuple[Reference, ...]:
+        """Expected modes of every group."""
+        key = theta.tobytes(), angle_deg
+        if key not in self._references:
+            self._references[key] = self.predictor.references(self.predictor.small.at(theta), angle_deg)
+        return self._references[key]
+
+    def slopes(self, theta: np.ndarray, names: tuple[str, ...], nodes: np.ndarray) -> list:
+        """`ModalPredictor.slopes` of the parameters `names` at these numbers of NODE_DEG."""
+        key = theta.tobytes(), names, nodes.tobytes()
+        if key not in self._slopes:
+            self._slopes[key] = _node_slopes(self.predictor, self.predictor.small.at(theta), names, nodes)
+        return self._slopes[key]
 
 
 def departures_at(
     problem: DiagnosisProblem,
     theta: np.ndarray,
     included: Sequence[IncludedEffect],
-    plain: PlainReferences | None = None,
+    answers: ModelAnswers | None = None,
 ) -> tuple[np.ndarray, ...]:
-    """Per group departures (n_block, n_response) of the measured numbers from the model's with constants and steps in
-    it, zero where nothing is told. `plain`: what the model was asked for before, kept between calls."""
-    expected = _expected(problem, theta, included, plain or PlainReferences(problem.predictor))
+    """Per group departures (n_block, n_response) of the measured numbers from the model's with all that is included,
+    zero where nothing is measured. `answers`: what the model was asked for before, kept between calls."""
+    expected = _expected(problem, theta, included, answers or ModelAnswers(problem.predictor))
     return tuple(np.where(used[:, None], y - there, 0.0) for y, used, there in
                  zip(*problem.measured, expected, strict=True))  # fmt: skip
 
 
-class PlainReferences:
-    """Expected modes of every group by parameters and angle, before sensors see them, each computed once."""
-
-    def __init__(self, predictor: ModalPredictor):
-        self._field, self._local, self._known = predictor, {}, {}
-
-    def __call__(self, theta: np.ndarray, angle_deg: float) -> tuple[Reference, ...]:
-        state = theta.tobytes()
-        if (state, angle_deg) not in self._known:
-            if state not in self._local:
-                self._local[state] = self._field.small.at(theta)
-            self._known[state, angle_deg] = self._field.references(self._local[state], angle_deg)
-        return self._known[state, angle_deg]
-
-
 def _expected(
-    problem: DiagnosisProblem, theta: np.ndarray, included: Sequence[IncludedEffect], plain: PlainReferences
+    problem: DiagnosisProblem, theta: np.ndarray, included: Sequence[IncludedEffect], answers: ModelAnswers
 ) -> list[np.ndarray]:
     """Per group the numbers of the expected modes in every block (n_block, n_response), as the sensors see them."""
-    exact = [n for n in included if n.exact]
+    exact, linear = [n for n in included if n.exact], [n for n in included if not n.exact]
     levels = np.column_stack([*(n.course.value for n in exact), problem.angles])
     found, place = np.unique(levels, axis=0, return_inverse=True)
     place = place.ravel()
     seen_there = []
     for level in found:
         moved, seen = _state(problem.predictor, theta, exact, level[:-1])
-        seen_there.append([observed(r, seen) for r in plain(moved, level[-1])])
+        seen_there.append([observed(r, seen) for r in answers.references(moved, level[-1])])
     result = []
     for q, axes in enumerate(problem.predictor.axes):
         own = Reference(tensor=np.array([r[q].tensor for r in seen_there]),
                         shape=np.array([r[q].shape for r in seen_there]))  # fmt: skip
         result.append(numbers_of(own, axes)[place])
+    if linear:
+        _add_linear(problem, theta, exact, linear, answers, result)
     return result
+
+
+def _add_linear(
+    problem: DiagnosisProblem, theta: np.ndarray, exact: Sequence[IncludedEffect], linear: Sequence[IncludedEffect],
+    answers: ModelAnswers, expected: list[np.ndarray],
+) -> None:  # fmt: skip
+    """Adds what ramps and covariates make, by their signatures at what else is included there: beside a reversed channel
+    they move the channel the other way."""
+    centres, bin_of = problem.bins
+    names = tuple(dict.fromkeys(name for n in linear for name, _ in n.effect.increments))
+    values = np.column_stack([np.zeros(len(bin_of)), *(n.course.value for n in exact)])
+    states, state_of = np.unique(values, axis=0, return_inverse=True)
+    place, nodes, share = _nodes(centres)
+    for number, state in enumerate(states):
+        rows = np.flatnonzero(state_of.ravel() == number)
+        moved, seen = _state(problem.predictor, theta, exact, state[1:])
+        at_nodes = answers.slopes(moved, names, nodes)
+        signature = _between_nodes(
+            problem.predictor, at_nodes, [n.effect for n in linear], names, nodes, (place, share), seen
+        )
+        for made, y in zip(signature, expected, strict=True):
+            for k, n in enumerate(linear):
+                y[rows] += n.size * n.course.value[rows, None] * made[bin_of[rows]][:, :, k]
 
 
 def local_at(
@@ -100,56 +135,41 @@ def signatures_at(
 ) -> list[np.ndarray]:
     """Per group (n_angle, n_response, n_effect): signatures at nodes of NODE_DEG, straight lines between them.
     `names`: the parameters that the effects move."""
+    place, nodes, share = _nodes(angles_deg)
+    at_nodes = _node_slopes(predictor, local, names, nodes)
+    return _between_nodes(predictor, at_nodes, effects, names, nodes, (place, share), seen)
+
+
+def _nodes(angles_deg: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The node below each angle, the nodes that are needed, and the share of the way to the next node."""
     place = np.asarray(angles_deg) / NODE_DEG
     before = np.floor(place).astype(int)
     share = place - before
-    n_node = round(360 / NODE_DEG)
-    needed = np.unique(np.concatenate([before, before[share > 0] + 1]) % n_node)
+    return before, np.unique(np.concatenate([before, before[share > 0] + 1]) % N_NODE), share
+
+
+def _node_slopes(predictor: ModalPredictor, local: LocalModel, names: tuple[str, ...], nodes: np.ndarray) -> list:
     slopes = local.slopes([predictor.parameters.names.index(name) for name in names])
+    return predictor.slopes(local, nodes * NODE_DEG, slopes)
+
+
+def _between_nodes(
+    predictor: ModalPredictor,
+    at_nodes: list,
+    effects: Sequence[Effect],
+    names: tuple[str, ...],
+    nodes: np.ndarray,
+    angles: tuple[np.ndarray, np.ndarray],
+    seen: Sequence[tuple[Effect, float]],
+) -> list[np.ndarray]:
+    before, share = angles
     table: list[dict[int, np.ndarray]] = [{} for _ in predictor.axes]
-    for node, found in zip(needed, predictor.slopes(local, needed * NODE_DEG, slopes), strict=True):
+    for node, found in zip(nodes, at_nodes, strict=True):
         for rows, axes, (reference, tensor, shape) in zip(table, predictor.axes, found, strict=True):
             rows[node] = effect_signatures(effects, names, reference, tensor, shape, axes, seen)
     result = []
     for rows in table:
-        low = np.array([rows[k % n_node] for k in before])
-        high = np.array([rows[(k + (s > 0)) % n_node] for k, s in zip(before, share, strict=True)])
+        low = np.array([rows[k % N_NODE] for k in before])
+        high = np.array([rows[(k + (s > 0)) % N_NODE] for k, s in zip(before, share, strict=True)])
         result.append(low + share[:, None, None] * (high - low))
     return result
-
-
-class DeparturesBeside:
-    """Departures at one theta with other effects and sizes in the reference than those of `included`, whose ramps and
-    covariates are taken off as they are there; what the model is asked for is kept between calls."""
-
-    def __init__(self, problem: DiagnosisProblem, theta: np.ndarray, included: Sequence[IncludedEffect]):
-        self._setting, self._theta, self._plain = problem, theta, PlainReferences(problem.predictor)
-        nothing = [np.zeros((len(problem.blocks), discrepancy_std.size)) for discrepancy_std in problem.discrepancy_std]
-        self._along = _without_linear(problem, theta, included, nothing)
-
-    def __call__(self, included: Sequence[IncludedEffect]) -> tuple[np.ndarray, ...]:
-        found = departures_at(self._setting, self._theta, included, self._plain)
-        return tuple(y + a for y, a in zip(found, self._along, strict=True))
-
-
-def all_departures(
-    problem: DiagnosisProblem, theta: np.ndarray, included: Sequence[IncludedEffect]
-) -> tuple[np.ndarray, ...]:
-    """`departures_at` less what ramps and covariates make."""
-    return DeparturesBeside(problem, theta, included)(included)
-
-
-def _without_linear(problem, theta, included, departures):
-    """Takes off what ramps and covariates make, by the signatures at theta without them."""
-    linear = [n for n in included if not n.exact]
-    if not linear:
-        return departures
-    result = [np.array(y) for y in departures]
-    centres, bin_of = problem.bins
-    names = tuple(dict.fromkeys(name for n in linear for name, _ in n.effect.increments))
-    local = problem.predictor.small.at(theta)
-    for made, y in zip(signatures_at(problem.predictor, local, [n.effect for n in linear], names, centres), result,
-                       strict=True):  # fmt: skip
-        for k, n in enumerate(linear):
-            y -= n.size * n.course.value[:, None] * made[bin_of][:, :, k]
-    return tuple(result)

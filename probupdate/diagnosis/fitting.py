@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from probupdate.effects.catalogue import Effect
-from probupdate.diagnosis.expected import all_departures, signatures_at, local_at
+from probupdate.diagnosis.expected import departures_at, signatures_at, local_at
 from probupdate.diagnosis.linear import Design
 from probupdate.diagnosis.noise import Noise, estimate_noise
 from probupdate.diagnosis.problem import IncludedEffect, DiagnosisProblem, local_std, prior_shift
@@ -179,7 +179,7 @@ def fit(
     step, noise, design = np.inf, None, None
     if base is not None:
         noise, design = base.design.noise, base.design
-    here = all_departures(problem, theta, included)
+    here = departures_at(problem, theta, included)
     renewed, leaps, stalled = base is not None, 0, False
     for number in range(MOST_STEPS):
         # far from where the fit ends the noise is not what it is there
@@ -267,7 +267,7 @@ def _trial(
     problem: DiagnosisProblem, design: Design, theta, included, move: np.ndarray, change: np.ndarray, held
 ) -> _Trial:
     theta, moved = _moved(problem, theta, included, move, change)
-    there = all_departures(problem, theta, moved)
+    there = departures_at(problem, theta, moved)
     misfit = design.misfit(kept(there, design.noise), held) + penalty(problem, theta, moved, included)
     return _Trial(theta=theta, included=moved, there=there, misfit=misfit)
 

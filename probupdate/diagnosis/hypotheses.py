@@ -22,7 +22,7 @@ from probupdate.diagnosis.evidence import (
     only_promised,
     over_error_scales,
 )
-from probupdate.diagnosis.expected import all_departures
+from probupdate.diagnosis.expected import departures_at
 from probupdate.diagnosis.fitting import Fit, fit, linearised
 from probupdate.diagnosis.large_faults import Tried, tried_together, tried_whole
 from probupdate.diagnosis.search import (
@@ -119,7 +119,7 @@ def without(problem: DiagnosisProblem, fitted: Fit, number: int) -> tuple[Fit, f
     parameters to first order about there."""
     included = tuple(n for i, n in enumerate(fitted.included) if i != number)
     noise = fitted.design.noise
-    there = all_departures(problem, fitted.theta, included)
+    there = departures_at(problem, fitted.theta, included)
     design, departures, centred = linearised(problem, fitted.theta, included, noise, there)
     rest = replace(fitted, included=included, design=design, departures=departures, centred=centred)
     return rest, _about_itself(rest) - _about_itself(fitted)

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from probupdate.effects.catalogue import Effect
-from probupdate.diagnosis.expected import DeparturesBeside
+from probupdate.diagnosis.expected import ModelAnswers, departures_at
 from probupdate.diagnosis.fitting import kept, linearised, noise_of
 from probupdate.diagnosis.linear import Design
 from probupdate.diagnosis.search import gains
@@ -52,8 +52,8 @@ def tried_whole(problem: DiagnosisProblem, included: Sequence[IncludedEffect], c
     """The `candidates` (bool) beside what is included already, each effect's best time profile of every kind, the most
     telling first. All where the prior expects the parameters, as those of a fit were bent to follow what is wrong."""
     theta = np.array(problem.predictor.parameters.initial)
-    beside = DeparturesBeside(problem, theta, included)
-    here = beside(included)
+    answers = ModelAnswers(problem.predictor)
+    here = departures_at(problem, theta, included, answers)
     noise = noise_of(problem, here)
     design, departures, centred = linearised(problem, theta, included, noise, here)
     centre = [y - c for y, c in zip(departures, centred, strict=True)]
@@ -63,7 +63,7 @@ def tried_whole(problem: DiagnosisProblem, included: Sequence[IncludedEffect], c
 
     def surprise(tried: Sequence[IncludedEffect]) -> float:
         """-2 ln posterior with the scale of all noise as it then must be, but for a constant."""
-        left = kept(beside(tried), noise)
+        left = kept(departures_at(problem, theta, tried, answers), noise)
         return told * np.log(design.misfit(tuple(y - c for y, c in zip(left, centre, strict=True)), []))
 
     misfit, before = design.misfit(centred, []), surprise(included)

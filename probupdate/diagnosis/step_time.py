@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from probupdate.diagnosis.time_profiles import MARGIN, TimeProfile, step_profile
-from probupdate.diagnosis.expected import DeparturesBeside
+from probupdate.diagnosis.expected import ModelAnswers, departures_at
 from probupdate.diagnosis.fitting import Fit, kept
 from probupdate.diagnosis.problem import IncludedEffect, DiagnosisProblem
 from probupdate.runtime.arrays import frozen_array
@@ -30,14 +30,15 @@ def sharpened(problem: DiagnosisProblem, fitted: Fit, effect: int, course: TimeP
 def sharpened_again(problem: DiagnosisProblem, fitted: Fit) -> tuple[IncludedEffect, ...]:
     """The fit's included effects, each step at the time that leaves least, where need be within a block: where another
     effect was still unknown the scores may have been misled."""
-    included, beside = list(fitted.included), DeparturesBeside(problem, fitted.theta, fitted.included)
+    included, answers = list(fitted.included), ModelAnswers(problem.predictor)
     held, noise = fitted.design.held(len(problem.updated)), fitted.design.noise
     for i, n in enumerate(included):
         if n.course.kind != "step":
             continue
 
         def left(course: TimeProfile, n=n, i=i) -> float:
-            there = beside([*included[:i], replace(n, course=course), *included[i + 1 :]])
+            tried = [*included[:i], replace(n, course=course), *included[i + 1 :]]
+            there = departures_at(problem, fitted.theta, tried, answers)
             return fitted.design.misfit(kept(there, noise), held)
 
         # where two leave the same the one that is there

@@ -5,9 +5,10 @@ import pytest
 
 from probupdate.diagnosis.blocks import gather
 from probupdate.effects.catalogue import measurement_effects
+from probupdate.diagnosis.time_profiles import TimeProfile
 from probupdate.diagnosis.mode_numbers import Reference, modes_with, numbers_of, numbers_of_modes
 from probupdate.diagnosis.evidence import length_std
-from probupdate.diagnosis.expected import all_departures, signatures_at
+from probupdate.diagnosis.expected import departures_at, signatures_at
 from probupdate.diagnosis.predictor import build_predictor, effect_signatures
 from probupdate.diagnosis.fitting import fit, linearised, noise_of
 from probupdate.diagnosis.prepare import prepare
@@ -193,17 +194,43 @@ def test_departures_far_from_the_model_change_as_the_design_says(prepared, recor
     the fingerprints, to the second order of the differences."""
     problem, _ = diagnosis_problem(prepared, record(6, storey=3, factor=0.5))
     theta = np.array([1.1, 0.9, 1.2, 1.0, 0.95])
-    noise = noise_of(problem, all_departures(problem, theta, ()))
-    design, departures, _ = linearised(problem, theta, (), noise, all_departures(problem, theta, ()))
+    noise = noise_of(problem, departures_at(problem, theta, ()))
+    design, departures, _ = linearised(problem, theta, (), noise, departures_at(problem, theta, ()))
     assert max(np.abs(y).max() for y in departures) > 0.2
     for number, k in enumerate(problem.updated):
         sides = []
         for h in (1e-4, -1e-4):
             moved = theta.copy()
             moved[k] += h
-            sides.append(all_departures(problem, moved, ()))
+            sides.append(departures_at(problem, moved, ()))
         unknowns = np.zeros(design.n_unknown)
         unknowns[number] = 1.0
         for plus, minus, made, w in zip(*sides, design.expected(unknowns), noise.weight, strict=True):
             change = ((plus - minus) / 2e-4)[w > 0]
             np.testing.assert_allclose(change, -made[w > 0], atol=1e-4 * np.abs(made).max())
+
+
+def test_a_ramp_beside_a_reversed_channel_is_seen_through_it(prepared, record):
+    """What goes along a ramp enters by its signature: beside what the sensors do already, as a constant does that is as
+    large as the ramp is in that block."""
+    problem, theta = diagnosis_problem(prepared, record(6))
+    constant = next(c for c in problem.courses if c.kind == "constant")
+    n = len(problem.blocks)
+    ramp = TimeProfile(kind="ramp", value=np.linspace(0.0, 1.0, n))
+    reversed_ = next(e for e in problem.effects if e.cause == "sensor polarity")
+    storey = next(e for e in problem.effects if e.observe is None)
+    known = IncludedEffect(effect=reversed_, course=constant, size=reversed_.discrete[0])
+    size = 0.01
+    plain = departures_at(problem, theta, (known,))
+    along = departures_at(problem, theta, (known, IncludedEffect(effect=storey, course=ramp, size=size)))
+    whole = departures_at(problem, theta, (known, IncludedEffect(effect=storey, course=constant, size=size)))
+    unseen = departures_at(problem, theta, (IncludedEffect(effect=storey, course=constant, size=size),))
+    without = departures_at(problem, theta, ())
+    for a, b, c, d, e in zip(along, plain, whole, unseen, without, strict=True):
+        moved = np.abs(c[-1] - b[-1]).max()
+        # to the second order of one per cent of stiffness
+        np.testing.assert_allclose((a - b)[-1], (c - b)[-1], atol=0.02 * moved)
+        np.testing.assert_allclose((a - b)[0], 0.0, atol=1e-12)
+    # the reversed channel matters: it moves otherwise than it would if it were not
+    assert max(np.abs((c - b) - (d - e)).max() / np.abs(c - b).max()
+               for b, c, d, e in zip(plain, whole, unseen, without, strict=True)) > 0.2  # fmt: skip

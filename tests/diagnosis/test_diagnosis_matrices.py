@@ -12,7 +12,7 @@ from probupdate.diagnosis.crosstalk import crosstalk_effects
 from probupdate.diagnosis.mode_numbers import numbers_of_modes
 from probupdate.diagnosis.diagnose import NOT_SETTLED, NOT_TESTED, diagnose, examine
 from probupdate.diagnosis.evidence import log_evidence, only_promised, sizes_std
-from probupdate.diagnosis.expected import all_departures, local_at
+from probupdate.diagnosis.expected import departures_at, local_at
 from probupdate.diagnosis.predictor import effect_signatures, observed
 from probupdate.diagnosis.fitting import fit, linearised
 from probupdate.diagnosis.hypotheses import Comparison, Hypothesis, log_prior, moves_from, without
@@ -275,7 +275,7 @@ def test_what_a_stalled_fit_only_promises_is_no_evidence(prepared, record):
     (std,) = np.sqrt(np.diag(fitted.design.unknowns_cov([fitted.design.nuisance_std.size])))
     short = (replace(fitted.included[0], size=fitted.included[0].size + 5 * std),)
     design, departures, centred = linearised(
-        problem, fitted.theta, short, fitted.design.noise, all_departures(problem, fitted.theta, short))
+        problem, fitted.theta, short, fitted.design.noise, departures_at(problem, fitted.theta, short))
     stalled = replace(fitted, included=short, departures=departures, design=design, centred=centred)
     # five deviations of the size, whatever the parameters make up for; a fifth for what is not linear
     assert at_rest >= 0 and only_promised(problem, stalled) - at_rest > 0.8 * 0.5 * 5**2
