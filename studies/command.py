@@ -78,9 +78,10 @@ STUDIES = {
         runs=(("run.py", OUT),), quick=(("run.py", OUT, "--discrepancy", "1"),), seeds="1", takes="three minutes",
         data="shared/data/weimar_frame"),
     "month": Study(
-        question="What do a month's records cost, killed and resumed?",
-        runs=(("run.py", OUT, "--days", "30"),), quick=(("run.py", OUT, "--days", "0.2"),), seeds="7",
-        takes="18 minutes"),
+        question="What do a month's records cost, killed and resumed, and the blocks of a year?",
+        runs=(("run.py", OUT, "--days", "30"), ("year.py", f"{OUT}/year", "--blocks", "500", "1500", "4500")),
+        quick=(("run.py", OUT, "--days", "0.2"), ("year.py", f"{OUT}/year", "--blocks", "30", "60")), seeds="7, 1",
+        takes="25 minutes"),
     "oc4": Study(
         question="Does the whole job work on an OpenFAST model, measured on another theory?",
         runs=(("run.py", OUT),), quick=(("run.py", OUT, "--hours", "6"),), seeds="1, 2", takes="minutes",
@@ -144,7 +145,7 @@ def main(name: str, arguments: list[str] | None = None) -> int:
     begun = time.monotonic()
     with open(out / "printed.txt", "w", encoding="utf-8") as printed:
         for script, *options in runs:
-            words = [sys.executable, str(HERE / name / script), *(str(out) if x == OUT else x for x in options)]
+            words = [sys.executable, str(HERE / name / script), *(x.replace(OUT, str(out)) for x in options)]
             with subprocess.Popen(words, stdout=subprocess.PIPE, text=True, env=environment) as job:
                 for line in job.stdout:
                     sys.stdout.write(line)
