@@ -1,6 +1,7 @@
 """The project's papers say what is there: commands, options, files, keys, tests and links exist, the example runs."""
 
 import ast
+import csv
 import dataclasses
 import json
 import pydoc
@@ -39,6 +40,7 @@ sys.path.insert(0, str(ROOT))
 from studies.command import APART  # noqa: E402
 from studies.command import STUDIES as RUN_ALIKE  # noqa: E402
 from studies.command import main as study_command  # noqa: E402
+from studies.performance import history  # noqa: E402
 
 PAPERS = ("README.md", "DESIGN.md", "VALIDATION.md", "CHANGELOG.md")
 PAGES = tuple(sorted(p.relative_to(ROOT).as_posix() for p in ROOT.glob("docs/**/*.md")))
@@ -326,6 +328,23 @@ def test_every_study_runs_by_the_same_command_and_stands_in_the_table(capsys):
         with pytest.raises(SystemExit) as ended:
             study_command(name, ["--help"])
         assert ended.value.code == 0 and study.question in " ".join(capsys.readouterr().out.split())
+
+
+def test_the_page_of_benchmarks_is_that_of_their_table(tmp_path):
+    with open(history.TABLE, encoding="utf-8", newline="") as stream:
+        rows = list(csv.DictReader(stream))
+    assert set(rows[0]) == set(history.COLUMNS) and all(float(row["value"]) > 0 for row in rows)
+    assert text("docs/benchmarks.md") == history.page(rows), "run studies/performance/history.py"
+    (tmp_path / "study.json").write_text(json.dumps(dict.fromkeys(history.COLUMNS[:5], "1")))
+    (tmp_path / "printed.txt").write_text(
+        "without deviations: 33 ms; 6 projected references 22 ms; plain numpy 0.08 s, ratio 2.4\n"
+        "reduced basis, 1000 at once                      1700.0     20.10\nwithout surfaces over stretch: 25.8\n"
+        "by the clock 3.0 s, ratios 1.20 and 2.10; pages are NOT the same\n")  # fmt: skip
+    found = history.found(tmp_path)
+    # a page that came out otherwise has no ratio
+    assert {row["ratio"]: row["value"] for row in found} == {
+        "identification": "2.4", "reduced basis": "20.10", "sampler": "25.8"}
+    assert len(history.merged(history.merged(rows, found), found)) == len(rows) + 3
 
 
 # left-hand words of the glossary that have no other meaning here; keys and names of code stand in backticks
