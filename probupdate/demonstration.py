@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import time
 import tomllib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,7 +16,7 @@ from probupdate.diagnosis.wording import finding_words
 from probupdate.errors import InputError
 from probupdate.updating.ensemble import SamplerSettings
 from probupdate.io.files import holds_nothing, read_json, read_text, write_bytes, write_json, write_text
-from probupdate.runtime.executors import beside
+from probupdate.runtime.executors import beside, executor
 from probupdate.runtime.progress import Progress, silent
 from probupdate.reporting import report as write_report
 from probupdate.io.result_table import table_of
@@ -78,8 +78,9 @@ def demo(
     The virtual turbine is built by a formulation of its own (finer mesh, other element and soil law, drawn
     tolerances), in the reference turbine's updated state, and measured; the model starts as built. `hide`: a truth.toml
     of effects that the model is not told of, "none", or "default", one of the structure from half of the record on
-    (HIDDEN) and one of a sensor; what it was is said after the diagnosis. jobs: with two or more the sampler runs beside
-    the diagnosis, in a process of its own; a script needs `if __name__ == "__main__"` then.
+    (HIDDEN) and one of a sensor; what it was is said after the diagnosis. jobs: with two or more hours, blocks and
+    sections of the report are shared out, and update and sampler run beside the diagnosis, with the same bytes; a script
+    needs `if __name__ == "__main__"` then.
     """
     out = Path(out)
     hidden = _hidden(hide, days)
@@ -94,44 +95,40 @@ def demo(
     modes, nine = out / "modes.json", out / "nine.json"
     files = {"update": out / "update.json", "posterior": out / "posterior.nc", "compare": out / "compare.json"}
     steps = _Steps(state, say)
-    with steps.of("simulate") as wanted:
-        if wanted:
-            truth = None
-            if hidden:
-                truth = write_text(out / "hidden.toml", hidden)
-            simulated = verbs.simulate(campaign, model=TRUTH_STATE, days=days, seed=seed, truth=truth, progress=progress)
-            # what was hidden is said after the diagnosis
-            say("\n".join(line for line in simulated.summary.splitlines() if "hidden" not in line))
-    with steps.of("identify") as wanted:
-        if wanted:
-            found = verbs.identify(campaign, model, store=out / "modes.json.blocks", progress=progress)
-            found.write(modes)
-            say(found.summary)
-    with steps.of("select") as wanted:
-        if wanted:
-            chosen = verbs.select(modes, scada=campaign / "scada.csv")
-            chosen.write(nine)
-            say(chosen.summary)
-    with steps.of("update") as wanted:
-        if wanted:
-            updated = verbs.update(model, nine, weights=WEIGHTS, progress=progress)
-            updated.write(files["update"])
-            say(updated.summary)
-    with _sampling(steps, jobs, model, nine, files["posterior"], seed, progress):
-        with steps.of("diagnose") as wanted:
+    with executor(jobs) as runs:
+        shared = runs if jobs > 1 else 1
+        with steps.of("simulate") as wanted:
             if wanted:
-                # asked of all blocks, with the model as it was before any update
-                diagnosis = verbs.diagnose(model, modes, campaign=campaign, seed=seed, out=out / "diagnosis.json",
-                                           sampler=False, progress=progress)  # fmt: skip
-                diagnosis.write(out / "diagnosis.json")
-                say(diagnosis.summary)
-                say(_hidden_and_found(hidden, diagnosis))
-    with steps.of("compare", again=True):
-        compared = verbs.compare(files["update"], files["posterior"], model=model)
-        compared.write(files["compare"])
-        say(compared.summary)
-    with steps.of("report", again=True):
-        page = write_report(out, out / "report.html", progress=progress)
+                truth = None
+                if hidden:
+                    truth = write_text(out / "hidden.toml", hidden)
+                simulated = verbs.simulate(
+                    campaign, model=TRUTH_STATE, days=days, seed=seed, truth=truth, jobs=shared, progress=progress
+                )
+                # what was hidden is said after the diagnosis
+                say("\n".join(line for line in simulated.summary.splitlines() if "hidden" not in line))
+        with steps.of("identify") as wanted:
+            if wanted:
+                found = verbs.identify(campaign, model, store=out / "modes.json.blocks", jobs=shared, progress=progress)
+                found.write(modes)
+                say(found.summary)
+        with steps.of("select") as wanted:
+            if wanted:
+                chosen = verbs.select(modes, scada=campaign / "scada.csv")
+                chosen.write(nine)
+                say(chosen.summary)
+        # the diagnosis is asked of all blocks, with the model as it was before any update
+        steps.side_by_side({
+            "update": (_update, model, nine, files["update"]),
+            "sample": (_sample, model, nine, files["posterior"], seed),
+            "diagnose": (_diagnose, model, modes, campaign, out / "diagnosis.json", seed, hidden),
+        }, jobs, progress)  # fmt: skip
+        with steps.of("compare", again=True):
+            compared = verbs.compare(files["update"], files["posterior"], model=model)
+            compared.write(files["compare"])
+            say(compared.summary)
+        with steps.of("report", again=True):
+            page = write_report(out, out / "report.html", jobs=runs, progress=progress)
     seconds = time.monotonic() - begun
     summary = f"{seconds:.0f} s; open {page}"
     return Demonstration(folder=out, seconds=seconds, summary=summary)
@@ -159,24 +156,28 @@ def _hidden_and_found(hidden: str, diagnosis) -> str:
                       *(f"  {f}" for f in found)])  # fmt: skip
 
 
-@contextmanager
-def _sampling(steps: _Steps, jobs: int, model: Path, nine: Path, out: Path, seed: int, progress: Progress):
-    """The step "sample" before what stands in this block, or with two jobs beside it."""
-    if jobs < 2 or steps.done("sample") or steps.done("diagnose"):
-        with steps.of("sample") as wanted:
-            if wanted:
-                steps.say(_sample(model, nine, out, seed, progress))
-        yield
-        return
-    with beside(_sample, model, nine, out, seed) as drawn:
-        yield
-        with steps.of("sample") as wanted:
-            if wanted:
-                steps.say(drawn())
+def _update(model: Path, nine: Path, out: Path, progress: Progress = silent) -> str:
+    updated = verbs.update(model, nine, weights=WEIGHTS, progress=progress)
+    updated.write(out)
+    return updated.summary
 
 
 def _sample(model: Path, nine: Path, out: Path, seed: int, progress: Progress = silent) -> str:
     return verbs.sample(model, nine, out, weights=WEIGHTS, seed=seed, target_ess=TARGET_ESS, progress=progress).summary
+
+
+def _diagnose(
+    model: Path, modes: Path, campaign: Path, out: Path, seed: int, hidden: str, progress: Progress = silent
+) -> str:
+    diagnosis = verbs.diagnose(model, modes, campaign=campaign, seed=seed, out=out, sampler=False, progress=progress)
+    diagnosis.write(out)
+    return f"{diagnosis.summary}\n{_hidden_and_found(hidden, diagnosis)}"
+
+
+def _timed(step: Callable[..., str], *arguments) -> tuple[str, float]:
+    """What a step says, and its seconds."""
+    begun = time.monotonic()
+    return step(*arguments), time.monotonic() - begun
 
 
 # step -> what it does, in the order of the work; the last two are done anew each time
@@ -188,31 +189,65 @@ STEPS = {
 
 
 class _Steps:
-    """A heading before each step, a line with its time after it."""
+    """A heading before each step, a line with its time after it; what is said comes in the order of STEPS."""
 
     def __init__(self, state: _State, say: Callable[[str], None]):
         self._state, self._say = state, say
 
-    def say(self, text: str) -> None:
-        self._say(text)
-
-    def done(self, step: str) -> bool:
-        return self._state.done(step)
-
     @contextmanager
     def of(self, step: str, again: bool = False) -> Iterator[bool]:
         """Whether the step is still to be done; it is finished when the block ends without an error."""
-        head = f"[{list(STEPS).index(step) + 1}/{len(STEPS)}] {step}"
         if not again and self._state.done(step):
-            self._say(f"{head}: finished before")
+            self._say(f"{_head(step)}: finished before")
             yield False
             return
         begun = time.monotonic()
-        self._say(f"\n{head}: {STEPS[step]}")
+        self._say(f"\n{_head(step)}: {STEPS[step]}")
         yield True
         if not again:
             self._state.finish(step)
-        self._say(f"{head}: finished in {time.monotonic() - begun:.1f} s")
+        self._say(f"{_head(step)}: finished in {time.monotonic() - begun:.1f} s")
+
+    def side_by_side(self, work: Mapping[str, tuple], jobs: int, progress: Progress) -> None:
+        """Steps that do not need one another, name -> (function, *arguments): with two jobs the last here, the others in
+        a process beside it; what they say follows when all have ended."""
+        *others, last = work
+        others = [step for step in others if not self._state.done(step)]
+        if jobs < 2 or not others or self._state.done(last):
+            for step, task in work.items():
+                with self.of(step) as wanted:
+                    if wanted:
+                        self._say(_timed(*task, progress)[0])
+            return
+        self._say(f"\n{', '.join(map(_head, [*others, last]))}: side by side")
+        ended: dict[str, tuple[str, float]] = {}
+
+        def end(step: str, result: tuple[str, float]) -> None:
+            ended[step] = result
+            self._state.finish(step)
+
+        with beside(*((_timed, *work[step]) for step in others)) as waiting:
+
+            def watching(what: str, done: int, total: int) -> None:
+                for step, future in zip(others, waiting, strict=True):
+                    if step not in ended and future.done():
+                        end(step, future.result())
+                progress(what, done, total)
+
+            end(last, _timed(*work[last], watching))
+            for step, future in zip(others, waiting, strict=True):
+                if step not in ended:
+                    end(step, future.result())
+        for step in work:
+            if step not in ended:
+                self._say(f"{_head(step)}: finished before")
+                continue
+            text, seconds = ended[step]
+            self._say(f"\n{_head(step)}: {STEPS[step]}\n{text}\n{_head(step)}: finished in {seconds:.1f} s")
+
+
+def _head(step: str) -> str:
+    return f"[{list(STEPS).index(step) + 1}/{len(STEPS)}] {step}"
 
 
 def _finished(path: Path) -> dict:

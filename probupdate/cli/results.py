@@ -45,7 +45,7 @@ def run_farm(a: argparse.Namespace, progress: Progress) -> None:
 def run_report(a: argparse.Namespace, progress: Progress) -> None:
     import probupdate
 
-    result = probupdate.report(a.run, a.out, progress=progress)
+    result = probupdate.report(a.run, a.out, jobs=a.jobs, progress=progress)
     tell(a, result, *([[result.path]] if a.json else []))
 
 
@@ -87,3 +87,4 @@ def add_commands(verb: AddCommand) -> None:
     p = verb("report", run_report, "one self-contained page of a run directory")
     p.add_argument("run", metavar="RUN", help="directory that the steps wrote into; what is missing there is left out")
     p.add_argument("--out", required=True, help="the page, report.html")
+    p.add_argument("--jobs", type=positive(int, "jobs"), default=2, help="processes (2); the page is the same")

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from probupdate.io.files import write_text
+from probupdate.runtime.executors import Executor, completed, executor
 from probupdate.runtime.progress import Progress, silent
 
 if TYPE_CHECKING:
@@ -15,49 +17,55 @@ if TYPE_CHECKING:
 # what other rooms and users import; the other modules are this room's own
 __all__ = ["elements", "identification_pictures", "page", "report", "run_files", "style"]
 
+# the page's sections in their order -> the module of each
+SECTIONS = {
+    "verdict_section": "overview_sections", "measured_section": "measurement_sections",
+    "identification_section": "measurement_sections", "selection_section": "measurement_sections",
+    "modes_section": "modes_section", "update_section": "updating_sections", "posterior_section": "posterior_sections",
+    "comparison_section": "posterior_sections", "sets_section": "sets_section", "information_section": "sets_section",
+    "diagnosis_section": "diagnosis_section", "provenance_section": "overview_sections",
+}  # fmt: skip
+# three quarters of a page's time: begun first, and worth a process each
+SLOW = ("diagnosis_section", "posterior_section", "identification_section")
 
-def report(run: str | Path, out: str | Path, *, progress: Progress = silent) -> Path:
+
+def report(run: str | Path, out: str | Path, *, jobs: int | Executor = 1, progress: Progress = silent) -> Path:
     """Read the run directory `run` and write the page to `out`; returns the path written.
 
     Whatever the directory lacks is left out and named on the page; a file that is there but cannot be read raises
-    InputError, as does a directory that holds nothing of a run.
+    InputError, as does a directory that holds nothing of a run. jobs: processes, or an executor, for the sections; the
+    page is the same on any.
     """
     from probupdate.reporting.run_files import read_run
 
-    contents = read_run(Path(run), progress)
-    out = Path(out)
-    return write_text(out, compose(contents, progress))
+    with executor(jobs) as runs:
+        # they import while the files are read
+        runs.prepare(len(SLOW), "probupdate.reporting.run_files", "probupdate.reporting.figures")
+        return write_text(Path(out), compose(read_run(Path(run), progress), jobs=runs, progress=progress))
 
 
-def compose(run: Run, progress: Progress = silent) -> str:
+def compose(run: Run, *, jobs: int | Executor = 1, progress: Progress = silent) -> str:
     """The page of a run's values as HTML text."""
-    from probupdate.reporting import diagnosis_section as diagnosis
-    from probupdate.reporting import measurement_sections as measurement
-    from probupdate.reporting import modes_section as modes
-    from probupdate.reporting import overview_sections as overview
-    from probupdate.reporting import posterior_sections as posterior
-    from probupdate.reporting import sets_section as sets
-    from probupdate.reporting import updating_sections as updating
     from probupdate.reporting.page import render
 
-    builders = (
-        overview.verdict_section, measurement.measured_section, measurement.identification_section,
-        measurement.selection_section, modes.modes_section, updating.update_section, posterior.posterior_section,
-        posterior.comparison_section, sets.sets_section, sets.information_section, diagnosis.diagnosis_section,
-        overview.provenance_section,
-    )
     # a diagnosis needs no update: its page does not go section by section through what was never meant to be there
     diagnosed_only = run.diagnosis is not None and run.update is None and run.posterior is None
-    sections = []
-    for done, build in enumerate(builders):
-        progress("report", done, len(builders))
-        # those on sets, information and diagnosis are there where their files are
-        section = build(run)
-        if section is not None and not (diagnosed_only and _hollow(section)):
-            sections.append(section)
-    progress("report", len(builders), len(builders))
+    progress("report", 0, len(SECTIONS))
+    built: dict[str, Section | None] = {}
+    order = [*SLOW, *(name for name in SECTIONS if name not in SLOW)]
+    for name, section in completed(_built, [(name, run) for name in order], jobs=jobs, least=1):
+        built[name] = section
+        progress("report", len(built), len(SECTIONS))
+    # those on sets, information and diagnosis are there where their files are
+    sections = [section for section in map(built.__getitem__, SECTIONS)
+                if section is not None and not (diagnosed_only and _hollow(section))]
     footer = "Written by probupdate. This page needs no network and no other file."
     return render(sections, title=run.title, subtitle=_subtitle(run), footer=footer)
+
+
+def _built(name: str, run: Run) -> tuple[str, Section | None]:
+    """The section of a name of SECTIONS, None where its files are not there."""
+    return name, getattr(import_module(f"probupdate.reporting.{SECTIONS[name]}"), name)(run)
 
 
 def _hollow(section: Section) -> bool:

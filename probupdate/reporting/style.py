@@ -9,9 +9,12 @@ from __future__ import annotations
 import functools
 import io
 import re
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 import matplotlib
 from matplotlib.axes import Axes
+from matplotlib.axis import Axis, Tick
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 
@@ -106,13 +109,38 @@ def save_figure(figure: Figure, path) -> None:
             figure.savefig(part, format=path.suffix[1:], dpi=160, facecolor="white", metadata=metadata)
 
 
+@contextmanager
+def ticks_found_once(figure: Figure) -> Iterator[None]:
+    """matplotlib finds an axis's ticks some ten times while it draws a figure, for labels, frames, titles and both rounds
+    of its layout: within this block once for each place and range of the axis. The picture is the same."""
+    found = [axis for axes in figure.axes for axis in (axes.xaxis, axes.yaxis)]
+    for axis in found:
+        # an attribute of this one axis, in front of its class's method
+        axis._update_ticks = functools.partial(_ticks, axis, {})
+    try:
+        yield
+    finally:
+        for axis in found:
+            del axis._update_ticks
+
+
+def _ticks(axis: Axis, known: dict) -> list[Tick]:
+    state = (*axis.get_view_interval(), *axis.axes.bbox.bounds)
+    if state not in known:
+        # ticks are moved, not made anew: what was found for another state no longer holds
+        known.clear()
+        known[state] = type(axis)._update_ticks(axis)
+    return known[state]
+
+
 def svg_text(figure: Figure, prefix: str) -> str:
     """The figure as an <svg> element for inline use; `prefix` keeps its ids apart from other figures' ids."""
     stream = io.StringIO()
     with matplotlib.rc_context(_STYLE):
         figure.set_dpi(160)
         # not savefig, which draws everything once more before, for a layout that the drawing itself makes too
-        FigureCanvasSVG(figure).print_svg(stream, metadata={"Date": None, "Creator": None})
+        with ticks_found_once(figure):
+            FigureCanvasSVG(figure).print_svg(stream, metadata={"Date": None, "Creator": None})
     text = stream.getvalue()
     text = text[text.index("<svg"):]
     # the page scales it: no fixed size, and no declarations a page does not need

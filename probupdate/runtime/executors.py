@@ -17,6 +17,7 @@ from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wai
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from dataclasses import dataclass
+from importlib import import_module
 from itertools import islice
 from multiprocessing.connection import wait as wait_for_any
 from typing import Any, TypeVar, final
@@ -90,6 +91,9 @@ class Executor(ABC):
         """function(*task) of every task, in the order in which they end. `function` must be importable by name.
         least: tasks that are worth a process of their own. lost: of a task that ends the process it runs in, also
         alone, the result is lost(task), and the others go on; without, that is an error."""
+
+    def prepare(self, count: int, *modules: str) -> None:
+        """Start up to `count` processes and import `modules` there while the caller makes its tasks ready."""
 
     def close(self, *, at_once: bool = False) -> None:
         """at_once: what is running is given up; the next run does it again."""
@@ -165,6 +169,12 @@ class _Processes(Executor):
             suspects, left = left[: (1 + WAITING) * max(size, 1)], left[(1 + WAITING) * max(size, 1) :]
             for _, task in suspects:
                 yield _alone(function, task, lost)
+
+    def prepare(self, count, *modules):
+        pool = self._pool or self._start(self._jobs)
+        with one_thread_each():
+            for _ in range(min(count, self._size)):
+                pool.submit(_import_all, modules)
 
     def _shared_out(self, function: Callable, tasks: list[tuple[int, tuple]], size: int) -> Iterator[tuple[int, object]]:
         """(number, result) as they come, tasks begun in their order."""
@@ -298,6 +308,11 @@ def _ended() -> ProbupdateError:
                            "'__main__'`); what was finished is kept: run again, or with one job")
 
 
+def _import_all(modules: tuple[str, ...]) -> None:
+    for name in modules:
+        import_module(name)
+
+
 def _terminate_others_than(others: set[int | None]) -> None:
     for child in multiprocessing.active_children():
         if child.pid not in others:
@@ -305,24 +320,21 @@ def _terminate_others_than(others: set[int | None]) -> None:
 
 
 @contextmanager
-def beside(function: Callable[..., T], *arguments) -> Iterator[Callable[[], T]]:
-    """`function(*arguments)` in a process of its own while the block runs; what is yielded waits for its result. An
-    error in the block ends that process. `function` must be importable by name."""
+def beside(*tasks: tuple) -> Iterator[list[Future]]:
+    """The tasks (function, *arguments) one after the other in a process of their own while the block runs; yields their
+    futures. An error in the block ends that process. Functions must be importable by name."""
     others = {child.pid for child in multiprocessing.active_children()}
     with one_thread_each(), ProcessPoolExecutor(1, multiprocessing.get_context("spawn"),
                                                 initializer=_end_with_parent) as pool:  # fmt: skip
-        future = pool.submit(function, *arguments)
-
-        def result() -> T:
-            try:
-                return future.result()
-            except BrokenProcessPool:
-                raise _ended() from None
-
+        futures = [pool.submit(*task) for task in tasks]
         try:
-            yield result
-        except BaseException:
+            yield futures
+        except BaseException as error:
+            for future in futures:
+                future.cancel()
             _terminate_others_than(others)
+            if isinstance(error, BrokenProcessPool):
+                raise _ended() from None
             raise
 
 

@@ -15,6 +15,7 @@ from probupdate.io.result_table import files_table
 from probupdate.modal.modes import ModalData, read_modes
 from probupdate.reporting import report as write_report
 from probupdate.reporting.run_files import PARTS, run_places
+from probupdate.runtime.executors import Executor
 from probupdate.runtime.progress import Progress, silent
 from probupdate.structure.load import load_model
 from probupdate.structure.subdyn_model import is_subdyn
@@ -146,9 +147,10 @@ class Written:
         return files_table(page=(self.path,))
 
 
-def report(run: str | Path, out: str | Path, *, progress: Progress = silent) -> Written:
-    """One self-contained page of a run directory."""
-    return Written(write_report(run, out, progress=progress))
+def report(run: str | Path, out: str | Path, *, jobs: int | Executor = 1, progress: Progress = silent) -> Written:
+    """One self-contained page of a run directory. jobs: processes, or an executor, for its sections; the page is the same
+    on any."""
+    return Written(write_report(run, out, jobs=jobs, progress=progress))
 
 
 @dataclass(frozen=True)

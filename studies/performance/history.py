@@ -81,7 +81,7 @@ def draw(rows: list[dict[str, str]], path: Path) -> None:
             place = [commits.index(row["commit"]) for row in mine]
             axes.plot(place, [float(row["value"]) for row in mine], color=color, marker=marker, ms=5, label=name)
         axes.set_yscale("log")
-        axes.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
+        axes.set_yticks([1, 2, 5, 10, 20, 50], ["1", "2", "5", "10", "20", "50"])
         axes.yaxis.set_minor_formatter(lambda value, _: "")
         axes.set_xticks(range(len(commits)), commits)
         style.label_axes(axes, "commit", "ratio [-]")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import operator
 import re
 import shutil
 import signal
@@ -245,7 +246,7 @@ def test_a_demonstration_started_again_repeats_no_finished_step(tmp_path, monkey
 
     for name in ("simulate", "identify", "select", "update", "sample", "diagnose", "compare"):
         monkeypatch.setattr(demonstration.verbs, name, step(name))
-    monkeypatch.setattr(demonstration, "write_report", lambda run, out, progress: Path(out))
+    monkeypatch.setattr(demonstration, "write_report", lambda run, out, jobs, progress: Path(out))
     out = tmp_path / "demo"
     with pytest.raises(KeyboardInterrupt):
         probupdate.demo(out, seed=3)
@@ -259,6 +260,53 @@ def test_a_demonstration_started_again_repeats_no_finished_step(tmp_path, monkey
         probupdate.demo(out, seed=3, hide="none")
     with pytest.raises(InputError, match="is no file"):
         probupdate.demo(tmp_path / "other", hide=tmp_path / "missing.toml")
+
+
+def _steps(folder: Path, said: list[str]) -> demonstration._Steps:
+    folder.mkdir(exist_ok=True)
+    return demonstration._Steps(demonstration._State(folder, {"seed": 1}), said.append)
+
+
+def test_steps_side_by_side_are_reported_in_their_order(tmp_path):
+    said: list[str] = []
+    steps = _steps(tmp_path / "demo", said)
+
+    def diagnose(progress):
+        finished, deadline = steps._state._content["finished"], time.monotonic() + 120
+        while "sample" not in finished and time.monotonic() < deadline:
+            progress("searching", 0, 1)
+            time.sleep(0.01)
+        # what ran beside it is known to be finished before it ends itself
+        assert finished == ["update", "sample"]
+        return "found"
+
+    work = {"update": (operator.add, "up", "dated"), "sample": (operator.add, "sam", "pled"), "diagnose": (diagnose,)}
+    steps.side_by_side(work, 2, lambda *_: None)
+    heads = [re.findall(r"\[(\d)/8\] (\w+)", text)[0] for text in said[1:]]
+    assert heads == [("4", "update"), ("5", "sample"), ("6", "diagnose")]
+    assert [text.splitlines()[2] for text in said[1:]] == ["updated", "sampled", "found"]
+    # a finished folder, with either number of jobs
+    for jobs in (1, 2):
+        again: list[str] = []
+        _steps(tmp_path / "demo", again).side_by_side(work, jobs, lambda *_: None)
+        assert again == [f"[{k}/8] {name}: finished before" for k, name in ((4, "update"), (5, "sample"), (6, "diagnose"))]
+
+
+def test_an_error_of_a_step_beside_ends_the_others_at_once(tmp_path):
+    steps = _steps(tmp_path / "demo", [])
+
+    def diagnose(progress):
+        deadline = time.monotonic() + 120
+        while time.monotonic() < deadline:
+            progress("searching", 0, 1)
+            time.sleep(0.01)
+        return "found"
+
+    work = {"update": (operator.truediv, 1, 0), "sample": (time.sleep, 600), "diagnose": (diagnose,)}
+    begun = time.monotonic()
+    with pytest.raises(ZeroDivisionError):
+        steps.side_by_side(work, 2, lambda *_: None)
+    assert time.monotonic() - begun < 110 and steps._state._content["finished"] == []
 
 
 def test_what_was_hidden_stands_beside_what_was_found():

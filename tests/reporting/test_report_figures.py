@@ -5,14 +5,16 @@ from __future__ import annotations
 import re
 import subprocess
 import sys
+from contextlib import nullcontext
 
 import matplotlib
 import numpy as np
 import pytest
+from matplotlib.axis import Axis
 from matplotlib.figure import Figure
 
 from probupdate.model.parameters import Parameter
-from probupdate.reporting import figures, figures_identification
+from probupdate.reporting import figures, figures_identification, style
 
 
 def standard(name: str) -> Parameter:
@@ -142,6 +144,32 @@ def test_svg_is_the_same_every_time(full_run, built):
         assert first == again
         assert first.startswith("<svg") and first.endswith("</svg>")
         assert "<dc:date>" not in first and "<metadata" not in first
+
+
+def test_ticks_found_once_are_the_same_picture(full_run, monkeypatch):
+    update, count, pictures = Axis._update_ticks, [0, 0], []
+
+    def counted(axis):
+        count[len(pictures)] += 1
+        return update(axis)
+
+    monkeypatch.setattr(Axis, "_update_ticks", counted)
+    for way in (style.ticks_found_once, nullcontext):
+        monkeypatch.setattr(style, "ticks_found_once", way)
+        # places and ranges that change from round to round: equal scales, a colour bar, aligned labels of dates
+        pictures.append([figures.svg_text(figure, "a") for figure in _moving(full_run)])
+    assert pictures[0] == pictures[1]
+    # once for each round of the layout and for the drawing, in place of some ten times
+    assert 2.5 * count[0] < count[1]
+
+
+def _moving(run) -> list[Figure]:
+    modes = run.modes
+    time = np.array([s.id[:-1] for s in modes.sets], dtype="datetime64[m]")
+    return [figures.sensor_layout(None, run.campaign.sensors),
+            figures.mpc_map(time, modes.labels, np.full((len(time), modes.n_mode), 0.9)),
+            figures.frequencies_by_block(time, np.array([s.frequency_hz for s in modes.sets]), modes.labels,
+                                         np.arange(len(time)) < 9)]  # fmt: skip
 
 
 def test_prefix_keeps_the_ids_of_two_figures_apart(built):

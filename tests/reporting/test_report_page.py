@@ -103,6 +103,11 @@ def test_page_is_the_same_for_the_same_run(full_run, unfigured):
     assert compose(full_run) == compose(full_run)
 
 
+def test_page_is_the_same_in_two_processes(full_run):
+    few = replace(full_run, **dict.fromkeys(("campaign", "modes", "poles", "nine", "model", "posterior", "diagnosis")))
+    assert compose(few, jobs=2) == compose(few)
+
+
 def test_size_is_bounded(page):
     assert len(page.encode()) < 5e6
 
