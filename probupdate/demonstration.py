@@ -286,7 +286,8 @@ class _State:
         return step in self._content["finished"]
 
     def finish(self, step: str) -> None:
-        self._content["finished"].append(step)
+        finished = {step, *self._content["finished"]}
+        self._content["finished"] = [name for name in STEPS if name in finished]
         self._write()
 
     def _write(self) -> None:

@@ -285,6 +285,8 @@ def test_steps_side_by_side_are_reported_in_their_order(tmp_path):
     heads = [re.findall(r"\[(\d)/8\] (\w+)", text)[0] for text in said[1:]]
     assert heads == [("4", "update"), ("5", "sample"), ("6", "diagnose")]
     assert [text.splitlines()[2] for text in said[1:]] == ["updated", "sampled", "found"]
+    # whichever ended first
+    assert steps._state._content["finished"] == ["update", "sample", "diagnose"]
     # a finished folder, with either number of jobs
     for jobs in (1, 2):
         again: list[str] = []
