@@ -2,8 +2,8 @@
 
     OMP_NUM_THREADS=1 python studies/performance/benchmark_report.py RUN [--repeat 1]
 
-RUN: a folder that the demonstration wrote, or writes now. All of it is timed in turns in one run, so that ratios do not depend on what
-else the machine does as much as seconds do; pages are compared byte by byte.
+RUN: a folder that the demonstration wrote, or writes now. All of it is timed in turns in one run, so that ratios do not
+depend on what else the machine does as much as seconds do; pages are compared byte by byte.
 """
 
 from __future__ import annotations
