@@ -211,14 +211,17 @@ class _Steps:
     def side_by_side(self, work: Mapping[str, tuple], jobs: int, progress: Progress) -> None:
         """Steps that do not need one another, name -> (function, *arguments): with two jobs the last here, the others in
         a process beside it; what they say follows when all have ended."""
-        *others, last = work
-        others = [step for step in others if not self._state.done(step)]
+        *first, last = work
+        others = [step for step in first if not self._state.done(step)]
         if jobs < 2 or not others or self._state.done(last):
             for step, task in work.items():
                 with self.of(step) as wanted:
                     if wanted:
                         self._say(_timed(*task, progress)[0])
             return
+        for step in first:
+            if step not in others:
+                self._say(f"{_head(step)}: finished before")
         self._say(f"\n{', '.join(map(_head, [*others, last]))}: side by side")
         ended: dict[str, tuple[str, float]] = {}
 
@@ -238,10 +241,7 @@ class _Steps:
             for step, future in zip(others, waiting, strict=True):
                 if step not in ended:
                     end(step, future.result())
-        for step in work:
-            if step not in ended:
-                self._say(f"{_head(step)}: finished before")
-                continue
+        for step in [*others, last]:
             text, seconds = ended[step]
             self._say(f"\n{_head(step)}: {STEPS[step]}\n{text}\n{_head(step)}: finished in {seconds:.1f} s")
 

@@ -272,12 +272,12 @@ def test_steps_side_by_side_are_reported_in_their_order(tmp_path):
     steps = _steps(tmp_path / "demo", said)
 
     def diagnose(progress):
-        finished, deadline = steps._state._content["finished"], time.monotonic() + 120
-        while "sample" not in finished and time.monotonic() < deadline:
+        deadline = time.monotonic() + 120
+        while not steps._state.done("sample") and time.monotonic() < deadline:
             progress("searching", 0, 1)
             time.sleep(0.01)
         # what ran beside it is known to be finished before it ends itself
-        assert finished == ["update", "sample"]
+        assert steps._state._content["finished"] == ["update", "sample"]
         return "found"
 
     work = {"update": (operator.add, "up", "dated"), "sample": (operator.add, "sam", "pled"), "diagnose": (diagnose,)}
@@ -287,6 +287,13 @@ def test_steps_side_by_side_are_reported_in_their_order(tmp_path):
     assert [text.splitlines()[2] for text in said[1:]] == ["updated", "sampled", "found"]
     # whichever ended first
     assert steps._state._content["finished"] == ["update", "sample", "diagnose"]
+    # one taken up between the two: what was finished comes first
+    (tmp_path / "half").mkdir()
+    said.clear()
+    steps = _steps(tmp_path / "half", said)
+    steps._state.finish("update")
+    steps.side_by_side(work | {"diagnose": (lambda progress: "found",)}, 2, lambda *_: None)
+    assert [re.findall(r"\[(\d)/8\]", text)[0] for text in said] == ["4", "5", "5", "6"]
     # a finished folder, with either number of jobs
     for jobs in (1, 2):
         again: list[str] = []
