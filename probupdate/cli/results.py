@@ -87,4 +87,4 @@ def add_commands(verb: AddCommand) -> None:
     p = verb("report", run_report, "one self-contained page of a run directory")
     p.add_argument("run", metavar="RUN", help="directory that the steps wrote into; what is missing there is left out")
     p.add_argument("--out", required=True, help="the page, report.html")
-    p.add_argument("--jobs", type=positive(int, "jobs"), default=2, help="processes (2); the page is the same")
+    p.add_argument("--jobs", type=positive(int, "jobs"), default=1, help="processes (1); the page is the same")
