@@ -16,15 +16,20 @@ if TYPE_CHECKING:
 __all__ = ["elements", "identification_pictures", "page", "report", "run_files", "style"]
 
 
-def report(run: str | Path, out: str | Path, *, progress: Progress = silent) -> Path:
-    """Read the run directory `run` and write the page to `out`; returns the path written.
+def report(
+    run: str | Path, out: str | Path, *, campaign: str | Path | None = None, model: str | Path | None = None,
+    parameters: str | Path | None = None, progress: Progress = silent,
+) -> Path:  # fmt: skip
+    """Read the run directory `run` and write the page to `out`; returns the path written. campaign, model, parameters:
+    where the records, the model and its table of parameters lie, if not in the directory under their usual names.
 
     Whatever the directory lacks is left out and named on the page; a file that is there but cannot be read raises
     InputError, as does a directory that holds nothing of a run.
     """
     from probupdate.reporting.run_files import read_run
 
-    contents = read_run(Path(run), progress)
+    given = {"campaign": campaign, "model": model, "parameters": parameters}
+    contents = read_run(Path(run), progress, {name: Path(path) for name, path in given.items() if path is not None})
     out = Path(out)
     return write_text(out, compose(contents, progress))
 

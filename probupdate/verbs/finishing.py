@@ -146,9 +146,13 @@ class Written:
         return files_table(page=(self.path,))
 
 
-def report(run: str | Path, out: str | Path, *, progress: Progress = silent) -> Written:
-    """One self-contained page of a run directory."""
-    return Written(write_report(run, out, progress=progress))
+def report(
+    run: str | Path, out: str | Path, *, campaign: str | Path | None = None, model: str | Path | None = None,
+    parameters: str | Path | None = None, progress: Progress = silent,
+) -> Written:  # fmt: skip
+    """One self-contained page of a run directory; campaign, model, parameters: where these lie, if not in it."""
+    return Written(write_report(run, out, campaign=campaign, model=None if model is None else model_path(model),
+                                parameters=parameters, progress=progress))  # fmt: skip
 
 
 @dataclass(frozen=True)
