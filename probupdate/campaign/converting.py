@@ -12,13 +12,13 @@ import pandas as pd
 
 from probupdate.campaign.description import Description, read_description
 from probupdate.campaign.plausible import refuse_time
-from probupdate.campaign.reading import CampaignHead, read_head
+from probupdate.campaign.reading import CampaignHead, channels_attribute, read_head
 from probupdate.campaign.sources import pieces
 from probupdate.campaign.timing import file_clock
 from probupdate.errors import InputError, parsing
 from probupdate.io.files import input_file, read_json, remove_stale, write_json
 from probupdate.io.hdf5_file import new_hdf5, open_hdf5
-from probupdate.io.result_table import files_table
+from probupdate.io.result_table import files_table, plural
 from probupdate.runtime.progress import Progress, silent
 
 # a file written holds at most so much time, so that no reader is asked for more and a kill loses little
@@ -42,7 +42,7 @@ class Conversion:
 
     @property
     def summary(self) -> str:
-        text = f"{len(self.files)} files written, {len(self.kept)} kept from before, {self.samples} samples a channel"
+        text = f"{plural(len(self.files), 'file')} written, {len(self.kept)} kept from before, {self.samples} samples a channel"
         return "\n".join([text, *(f"  {n}" for n in self.notes)])
 
 
@@ -231,6 +231,7 @@ class _Writer:
             data = file.create_dataset("data", data=np.concatenate(self.rows))
             data.attrs["start"] = self.start.isoformat().replace("+00:00", "Z")
             data.attrs["sampling_rate_hz"] = self.head.sampling_rate_hz
+            data.attrs["channels"] = channels_attribute(self.head.channels)
             data.attrs["source"], data.attrs["source_key"] = self.source, self.key
         self.files.append(path)
         self.spans.append((self.start, self.start + pd.Timedelta(seconds=self.size / self.head.sampling_rate_hz)))

@@ -17,6 +17,7 @@ import pandas as pd
 
 from probupdate.campaign.reading import Campaign
 from probupdate.campaign.scada import StateRule, block_conditions, with_rated_power
+from probupdate.campaign.usable import remedy
 from probupdate.errors import InputError
 from probupdate.identification import classification as rules
 from probupdate.identification import tracking
@@ -42,7 +43,8 @@ from probupdate.identification.preprocessing import PASS_SHARE
 from probupdate.identification.reference import ReferenceModes, turned
 from probupdate.identification.tracking import Choice, JudgedPoles, Tracked
 from probupdate.io.files import write_table
-from probupdate.io.result_table import table_of
+from probupdate.io.result_table import plural, table_of
+from probupdate.modal.labels import TURBINE, family
 from probupdate.modal.modes import (
     ModalData,
     ModalDeviation,
@@ -226,7 +228,7 @@ def physical_of(
         states.append(str(_environment(block, campaign, rule).get("state", "unknown")))
     if not usable:
         raise InputError(str(campaign.path), f"none of {len(blocks.starts)} blocks can be used; the first: {reason}",
-                         "run `probupdate check` to see what is missing")
+                         remedy(campaign))
     parts, bands, angles, waves, state = [], [], [], [], []
     chosen = evenly(states)
     for number, k in enumerate(chosen):
@@ -393,7 +395,7 @@ def _named(
     mated = np.zeros(n_mode, bool)
     for pair in physical.modes.turning:
         mated[list(pair)] = seen[list(pair)].any()
-    notes = [f"{f:.4g} Hz comes back but is found as a mode in {int(n)} blocks: left out" for f, n, kept in
+    notes = [f"{f:.4g} Hz comes back but is found as a mode in {plural(int(n), 'block')}: left out" for f, n, kept in
              zip(physical.modes.frequency_hz, measured.sum(axis=0), seen | mated, strict=True) if not kept]  # fmt: skip
     partner, like, probability, model = {}, None, None, None
     wanted: tuple[str, ...] = ()
@@ -636,7 +638,7 @@ def _summary(every: list[_Found], data: ModalData, poles: pd.DataFrame, campaign
     found, used = [one.block for one in every], [one for one in every if one.usable]
     lines = [f"{len(used)} of {len(found)} blocks identified, {len(poles)} poles"]
     other = Counter(s.quantity for s in campaign.sensors if s.quantity != common_quantity(campaign.sensors))
-    lines += [f"{n} channels of {name} were converted to acceleration" for name, n in other.items()]
+    lines += [f"{plural(n, 'channel')} of {name} converted to acceleration" for name, n in other.items()]
     reasons = Counter("gap" if one.excluded.startswith("gap") else one.excluded for one in found if one.excluded)
     if reasons:
         lines.append("left out: " + ", ".join(f"{n} for {name}" for name, n in reasons.items()))
@@ -644,21 +646,25 @@ def _summary(every: list[_Found], data: ModalData, poles: pd.DataFrame, campaign
         f = np.array([s.frequency_hz[j] for s in data.sets])
         f = f[np.isfinite(f)]
         text = f"mean {np.mean(f):.4f} Hz, CoV {np.std(f, ddof=1) / np.mean(f):.4f}" if len(f) > 1 else "too few"
-        lines.append(f"{label}: in {len(f)} blocks, {text}")
-    states = Counter(str(s.environment["state"]) for s in data.sets)
-    lines.append("states: " + ", ".join(f"{n} {name}" for name, n in states.most_common()))
+        lines.append(f"{label}: in {plural(len(f), 'block')}, {text}")
+    of_turbine = any(family(label) == TURBINE[0] for label in data.labels)
+    if campaign.scada is not None or of_turbine:
+        states = Counter(str(s.environment["state"]) for s in data.sets)
+        lines.append("states: " + ", ".join(f"{n} {name}" for name, n in states.most_common()))
     if rule.rated_power_kw is not None and campaign.rated_power_kw is None:
         lines.append(f"rated power taken as the highest recorded, {rule.rated_power_kw:.0f} kW")
     if campaign.scada is not None and "nacelle_heading_deg" in campaign.scada:
         axis = f"{campaign.x_axis_heading_deg:g} deg of the compass"
         lines.append(f"fore-aft is where the nacelle looks; the model's x axis lies at {axis}")
-    else:
+    elif of_turbine:
         lines.append("no nacelle heading in SCADA: fore-aft is the model's x axis")
     lines += harmonics_removed(note for block in found for note in block.notes)
     lined = int((poles["criterion"] == "harmonic").sum()) if "criterion" in poles else 0
     if lined:
         lines.append(f"{lined} poles follow the rotor's speed and count as its lines")
-    if campaign.scada is None or "rotor_speed_rpm" not in campaign.scada:
+    if campaign.scada is None and not of_turbine:
+        lines.append("no SCADA: lines of a rotating machine were not looked for, and may be among the modes")
+    elif campaign.scada is None or "rotor_speed_rpm" not in campaign.scada:
         lines.append("no rotor speed in SCADA: harmonics were not looked for, and may be among the modes")
     return "\n".join(lines)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from probupdate.io.result_table import plural
 from probupdate.reporting import figures
 from probupdate.reporting.elements import (
     Column,
@@ -18,7 +19,6 @@ from probupdate.reporting.elements import (
     fixed,
     number,
     percent,
-    plural,
     sentence,
 )
 from probupdate.reporting.findings import MANY_FALLBACKS, findings, worst
@@ -47,13 +47,13 @@ def verdict_section(run: Run) -> Section:
     found = findings(run)
     doubts = [f.text for f in found] + _not_to_be_read(run)
     items: list[object] = []
-    if doubts:
-        items.append(Items(title="What not to rely on", statements=tuple(doubts), level=worst(found), width="half"))
     actions = tuple(dict.fromkeys(f.action for f in found if f.action)) + tuple(_next_measurement(run))
     if run.update is not None and not found:
         actions = ("Use the parameters with their intervals; no check of this run speaks against it.", *actions)
     if actions:
         items.append(Items(title="What to do", statements=actions, width="half"))
+    if doubts:
+        items.append(Items(title="What not to rely on", statements=tuple(doubts), level=worst(found), width="half"))
     if run.update is not None:
         items.append(_errors_picture(run))
     shown = len(items)
@@ -66,7 +66,9 @@ def verdict_section(run: Run) -> Section:
     if remarks:
         items.append(Items(title="What to keep in mind", statements=tuple(remarks)))
     if run.missing:
-        items.append(Notice(level="missing", text="; ".join(run.missing) + "."))
+        elsewhere = " If records or model lie elsewhere: probupdate report --campaign, --model." if (
+            run.campaign is None or run.model is None) else ""  # fmt: skip
+        items.append(Notice(level="missing", text="; ".join(run.missing) + "." + elsewhere))
     level = worst(found) if run.update is not None or found else "plain"
     # a run without an update has little more to show: nothing of it is folded
     return Section(anchor="verdict", title="Verdict", items=tuple(items), lead=_lead(run),
@@ -275,7 +277,7 @@ def _errors_picture(run: Run) -> Picture:
                     f"{after.name}: "
                     "it penalises only the step, so that with every iteration it forgets more of the prior and follows "
                     "errors of measurement and model too. A closer fit is no better estimate; it is not recommended.")
-    return Picture(svg=figures.svg_text(errors, "errors"), caption=caption,
+    return Picture(svg=figures.svg_text(errors, "errors"), caption=caption, width="half",
                    alt="Error of each mode's frequency in per cent of the measured one, by state of the model: "
                    f"initial within {percent(_worst(update.measured_hz, update.initial_hz))} %, {after.name} within "
                    f"{percent(_worst(update.measured_hz, after.frequency_hz))} %.")

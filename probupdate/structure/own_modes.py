@@ -14,7 +14,7 @@ from scipy import sparse
 from probupdate.errors import InputError
 from probupdate.io.result_table import table_of
 from probupdate.io.subdyn_file import read_subdyn
-from probupdate.modal.labels import mode_character
+from probupdate.modal.labels import NEUTRAL, TURBINE, mode_character
 from probupdate.modal.modes import Sensor
 from probupdate.model.interface import ModalSolution, Model
 from probupdate.model.parameters import Parameters
@@ -33,12 +33,21 @@ if TYPE_CHECKING:
 SHIFT = (2 * np.pi * 0.1) ** 2
 # shapes of unit modal mass smaller than this, beside the largest, are rounding
 UNSEEN = 1e-9
+# modes where it is not said how many
+MOST = 10
+# lowest frequency (Hz) times greatest extent (m) of structures that stand: 40 for a jacket with its turbine, 50 for
+# buildings, 100 for footbridges; a bar of steel alone has 1280 (a quarter of the speed of sound in it). Wide on purpose
+LEAST_SPEED, MOST_SPEED = 2.0, 500.0
+# lowest frequency, Hz, where the extent is not known
+LEAST_HZ, MOST_HZ = 0.02, 1000.0
+UNITS_ADVICE = ("check the units (N, m, kg, Pa: E in MPa makes 0.001 of it, densities or masses in t 32 times of it) and that "
+                "K and M are not exchanged")
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class OwnModes:
-    """frequency_hz (n_mode,) ascending at the initial parameters; labels FA1, SS1, T1, L1, ... where the model has
-    geometry, mode 1, ... elsewhere; shape (n_channel, n_mode), largest component 1. `notes`: what the model's files
+    """frequency_hz (n_mode,) ascending at the initial parameters; labels FA1, SS1, T1, L1, ... of a turbine, X1, Y1, T1,
+    L1, ... of matrices whose nodes have places, mode 1, ... elsewhere; shape (n_channel, n_mode), largest component 1. `notes`: what the model's files
     hold that has no effect."""
 
     model: str
@@ -71,27 +80,30 @@ class OwnModes:
 
 
 def own_modes(
-    model: str | Path | Model | Callable, count: int = 10, *, parameters: Parameters | str | Path | None = None
+    model: str | Path | Model | Callable, count: int | None = None, *, parameters: Parameters | str | Path | None = None
 ) -> OwnModes:
-    """The lowest modes of a model at its initial parameters.
+    """The lowest modes of a model at its initial parameters: `count` of them, or where None is given as many as it has,
+    at most MOST. Frequencies that no structure of the model's extent has are said among the notes.
 
     `model`: a file as `load_model` takes it, a model, or a function theta (n_param,) -> (frequency_hz, shape), which
     needs `parameters`. Raises InputError where it has fewer modes than `count`, or cannot be read.
     """
-    if count < 1:
+    if count is not None and count < 1:
         raise InputError("count", f"{count} modes are asked for", "ask for one or more")
-    sensors, notes = None, ()
-    if isinstance(parameters, str | Path):
-        parameters = read_parameters(parameters)
+    sensors, notes, of_matrices = None, (), False
     if isinstance(model, str | Path):
         path = Path(model)
         sensors, notes = model_sensors(path), _notes(path)
+        # a turbine's geometry has sensors with places, or none
+        of_matrices = sensors is None
         opened = load_model(path, parameters=parameters, sensors=() if sensors == () else None)
     elif hasattr(model, "solve"):
         opened = model
     else:
-        opened = _wrapped(model, parameters)
+        opened = _wrapped(model, read_parameters(parameters) if isinstance(parameters, str | Path) else parameters)
     most = opened.n_available
+    if count is None:
+        count = min(MOST, most)
     if count > most:
         raise InputError(opened.name, f"{count} modes are asked for, it has {most}", f"ask for at most {most} (--count)")
     try:
@@ -101,12 +113,32 @@ def own_modes(
             raise
         solution, free = _with_free_motions(opened, count)
         notes = (*notes, f"{free} of these are motions that nothing holds, at 0 Hz (a mechanism or a missing support)")
+    notes = (*notes, *_implausible(opened, solution.frequency_hz))
     shape = _seen(solution.shape)
     shape = shape / np.where(np.abs(shape).max(axis=0, initial=0) > 0, np.abs(shape).max(axis=0, initial=0), 1.0)
     return OwnModes(
-        model=opened.name, frequency_hz=frozen_array(solution.frequency_hz), labels=_labels(opened, sensors, shape, count),
+        model=opened.name, frequency_hz=frozen_array(solution.frequency_hz),
+        labels=_labels(opened, sensors, shape, count, NEUTRAL if of_matrices else TURBINE),
         channels=opened.channels, shape=frozen_array(shape), notes=notes,
     )  # fmt: skip
+
+
+def _implausible(model: Model, frequency_hz: np.ndarray) -> tuple[str, ...]:
+    """A sentence where the lowest frequency above zero is none of a structure, or none of one of the model's size."""
+    own = frequency_hz[frequency_hz > 0]
+    if not len(own):
+        return ()
+    lowest, wire = float(own[0]), model.wireframe(model.parameters.initial)
+    extent = 0.0 if wire is None else float(np.max(np.ptp(wire.node_m, axis=0)))
+    if extent > 0:
+        if LEAST_SPEED <= lowest * extent <= MOST_SPEED:
+            return ()
+        usual = f"{LEAST_SPEED / extent:.2g} to {MOST_SPEED / extent:.2g} Hz is usual for an extent of {extent:.3g} m"
+    elif LEAST_HZ <= lowest <= MOST_HZ:
+        return ()
+    else:
+        usual = f"{LEAST_HZ:g} to {MOST_HZ:g} Hz is usual for structures"
+    return (f"implausible: the lowest frequency is {lowest:.3g} Hz; {usual}: {UNITS_ADVICE}",)
 
 
 def _with_free_motions(model: AffineModel, count: int) -> tuple[ModalSolution, int]:
@@ -143,7 +175,7 @@ def _notes(path: Path) -> tuple[str, ...]:
     return read_subdyn(path).notes
 
 
-def _labels(model: Model, sensors, shape: np.ndarray, count: int) -> tuple[str, ...]:
+def _labels(model: Model, sensors, shape: np.ndarray, count: int, families: tuple[str, str, str]) -> tuple[str, ...]:
     """By the sensors where their places are known, by the whole structure where it has a picture."""
     if sensors:
         return mode_character(shape, sensors).labels
@@ -152,7 +184,7 @@ def _labels(model: Model, sensors, shape: np.ndarray, count: int) -> tuple[str, 
         return tuple(f"mode {j + 1}" for j in range(count))
     nodes = tuple(Sensor(channel=f"{k}{axis}", level="", position_m=place, direction=np.eye(3)[a])
                   for k, place in enumerate(wire.node_m) for a, axis in enumerate("xyz"))  # fmt: skip
-    return mode_character(_seen(wire.displacement.reshape(-1, count)), nodes).labels
+    return mode_character(_seen(wire.displacement.reshape(-1, count)), nodes, families=families).labels
 
 
 def _seen(shape: np.ndarray) -> np.ndarray:

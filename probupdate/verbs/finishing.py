@@ -21,7 +21,7 @@ from probupdate.structure.load import load_model
 from probupdate.structure.subdyn_model import is_subdyn
 from probupdate.updating.posterior_file import read_posterior
 from probupdate.updating.problem import build_problem
-from probupdate.verbs.estimating import compared_modes, likelihood
+from probupdate.verbs.estimating import compared_modes, likelihood, refuse_other_kinds
 from probupdate.verbs.models import ModelAt, model_path
 
 if TYPE_CHECKING:
@@ -50,6 +50,8 @@ def diagnose(
     from probupdate.diagnosis.blocks import gather
     from probupdate.diagnosis.run import diagnose_files
 
+    if model is not None:
+        refuse_other_kinds(model, modes)
     data = modes if isinstance(modes, ModalData) else read_modes(modes)
     data = data if model is None else data.compared()
     # before a minute of preparation is spent on them
@@ -147,10 +149,14 @@ class Written:
         return files_table(page=(self.path,))
 
 
-def report(run: str | Path, out: str | Path, *, jobs: int | Executor = 1, progress: Progress = silent) -> Written:
-    """One self-contained page of a run directory. jobs: processes, or an executor, for its sections; the page is the same
-    on any."""
-    return Written(write_report(run, out, jobs=jobs, progress=progress))
+def report(
+    run: str | Path, out: str | Path, *, campaign: str | Path | None = None, model: str | Path | None = None,
+    parameters: str | Path | None = None, jobs: int | Executor = 1, progress: Progress = silent,
+) -> Written:  # fmt: skip
+    """One self-contained page of a run directory; campaign, model, parameters: where these lie, if not in it. jobs:
+    processes, or an executor, for its sections; the page is the same on any."""
+    return Written(write_report(run, out, campaign=campaign, model=None if model is None else model_path(model),
+                                parameters=parameters, jobs=jobs, progress=progress))  # fmt: skip
 
 
 @dataclass(frozen=True)

@@ -13,11 +13,11 @@ import numpy as np
 
 from probupdate.errors import InputError
 from probupdate.io.files import holds_nothing, read_text, write_table, write_text
+from probupdate.io.result_table import table_of
 from probupdate.modal.labels import mode_character
 from probupdate.modal.modes import Sensor
 from probupdate.runtime.executors import Executor, completed
 from probupdate.runtime.progress import Progress, silent
-from probupdate.io.result_table import table_of
 from probupdate.virtual import campaign_files, losses, operation
 from probupdate.virtual.dynamics import N_MODE, HeadingModes
 from probupdate.virtual.effects import refuse_late
@@ -188,7 +188,7 @@ def _write_hours(drawn: _Drawn, folder: Path, hours: tuple[int, ...]) -> int:
     for hour in hours:
         data = hour_of_data(drawn.turbine, drawn.gaps, drawn.channels, hour)
         campaign_files.write_acceleration(
-            _hour_path(folder, hour), data, START + np.timedelta64(3600 * hour, "s"), RATE_HZ)
+            _hour_path(folder, hour), data, START + np.timedelta64(3600 * hour, "s"), RATE_HZ, drawn.channels)
     return len(hours)
 
 
