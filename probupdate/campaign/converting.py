@@ -12,7 +12,7 @@ import pandas as pd
 
 from probupdate.campaign.description import Description, read_description
 from probupdate.campaign.plausible import refuse_time
-from probupdate.campaign.reading import CampaignHead, read_head
+from probupdate.campaign.reading import CampaignHead, channels_attribute, read_head
 from probupdate.campaign.sources import pieces
 from probupdate.campaign.timing import file_clock
 from probupdate.errors import InputError, parsing
@@ -231,6 +231,7 @@ class _Writer:
             data = file.create_dataset("data", data=np.concatenate(self.rows))
             data.attrs["start"] = self.start.isoformat().replace("+00:00", "Z")
             data.attrs["sampling_rate_hz"] = self.head.sampling_rate_hz
+            data.attrs["channels"] = channels_attribute(self.head.channels)
             data.attrs["source"], data.attrs["source_key"] = self.source, self.key
         self.files.append(path)
         self.spans.append((self.start, self.start + pd.Timedelta(seconds=self.size / self.head.sampling_rate_hz)))

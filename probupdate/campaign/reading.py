@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,7 +13,7 @@ import pandas as pd
 
 from probupdate.campaign.parquet_records import ENDING, parquet_head
 from probupdate.campaign.scada import EARLIEST, LATEST, read_scada
-from probupdate.errors import InputError
+from probupdate.errors import InputError, parsing
 from probupdate.io.files import input_file, input_folder, inside, present, read_toml
 from probupdate.io.hdf5_file import open_hdf5
 from probupdate.modal.modes import Sensor
@@ -218,7 +219,7 @@ def _record_files(folder: Path, rate_hz: float, channels: tuple[str, ...]) -> tu
     paths = sorted([*folder.glob("*.h5"), *folder.glob(f"*{ENDING}")])
     if not paths:
         raise InputError(str(folder), "holds no .h5 file", "put the records there, or convert them")
-    files, n_channel = [], len(channels)
+    files = []
     for path in paths:
         inside(path, folder.parent)
         if path.suffix == ENDING:
@@ -226,13 +227,19 @@ def _record_files(folder: Path, rate_hz: float, channels: tuple[str, ...]) -> tu
             files.append(_checked(path, n_sample, start, rate, rate_hz))
             continue
         with open_hdf5(path, "cannot be opened as HDF5", "write it again or remove it") as file:
-            files.append(_record_file(path, file, rate_hz, n_channel))
+            files.append(_record_file(path, file, rate_hz, channels))
     return tuple(sorted(files, key=lambda f: (f.start, f.path.name)))
 
 
-def _record_file(path: Path, file, rate_hz: float, n_channel: int) -> RecordFile:
+def channels_attribute(channels: tuple[str, ...]) -> str:
+    """What the attribute `channels` of a dataset holds: a JSON list of its columns' names."""
+    return json.dumps(channels, ensure_ascii=False)
+
+
+def _record_file(path: Path, file, rate_hz: float, channels: tuple[str, ...]) -> RecordFile:
     import h5py
 
+    n_channel = len(channels)
     data = file.get("data")
     if not isinstance(data, h5py.Dataset):
         raise InputError(str(path), "holds no dataset 'data'", "write the samples under that name")
@@ -246,7 +253,27 @@ def _record_file(path: Path, file, rate_hz: float, n_channel: int) -> RecordFile
             raise InputError(str(path), f"'data' has no attribute '{key}'", "write it beside the samples")
     if data.dtype.kind not in "iuf":
         raise InputError(str(path), f"'data' holds {data.dtype}, not numbers", "write float32")
+    # files of other programs need not have it
+    if "channels" in data.attrs:
+        _refuse_renamed(path, data.attrs["channels"], channels)
     return _checked(path, int(data.shape[0]), data.attrs["start"], data.attrs["sampling_rate_hz"], rate_hz)
+
+
+def _refuse_renamed(path: Path, attribute: object, channels: tuple[str, ...]) -> None:
+    where = f"{path}, attribute channels"
+    with parsing(where, "is no JSON list of names", "write it as `convert` does, or leave it out"):
+        own = [str(name) for name in json.loads(attribute)]
+    if own == list(channels):
+        return
+    if len(own) != len(channels):
+        raise InputError(where, f"names {len(own)} channels, campaign.toml lists {len(channels)}", "mend the one that is wrong")
+    k = next(k for k, name in enumerate(own) if name != channels[k])
+    if sorted(own) == sorted(channels):
+        raise InputError(where, f"column {k + 1} is '{own[k]}', campaign.toml has '{channels[k]}' there: the [[sensor]] "
+                         "tables were put in another order", f"order them {', '.join(own)}, or convert again")
+    raise InputError(where, f"column {k + 1} is '{own[k]}', campaign.toml calls it '{channels[k]}': a [[sensor]] was "
+                     "renamed or replaced after the files were written", f"name it '{own[k]}' again, or convert again into "
+                     "a new folder")
 
 
 def _checked(path: Path, n_sample: int, start: object, own_rate: object, rate_hz: float) -> RecordFile:

@@ -6,6 +6,7 @@ v5 and UFF, which have no other way and are refused beyond a size. Nothing in a 
 
 from __future__ import annotations
 
+import json
 import math
 import zipfile
 from collections.abc import Callable, Iterable, Iterator
@@ -28,6 +29,8 @@ LARGEST_PIECE = 256 * 2**20
 LARGEST_V5 = 300 * 2**20
 # kinds of v5 variables that are read
 NUMBERS = ("double", "single", "int8", "int16", "int32", "int64", "uint8", "uint16", "uint32", "uint64")
+# of columns, where it is not the stated one
+SEPARATORS = (";", "\t", "|", ",")
 Pieces = Iterator[tuple[np.ndarray | None, np.ndarray]]
 
 
@@ -112,8 +115,13 @@ def _column_name(path: Path, names, wanted: str | int, what: str):
             raise InputError(f"{path}, {what}", f"there is no column {wanted} among {len(names)}", "count from 1")
         return names[wanted - 1]
     if wanted not in names:
+        known = tuple(map(str, names[:40]))
+        if len(known) == 1 and (other := next((s for s in SEPARATORS if s in known[0]), None)) is not None:
+            raise InputError(f"{path}, {what}", f"there is no column '{wanted}': the whole line '{known[0]}' is one column",
+                             f"give its separator in convert.toml: separator = {json.dumps(other)}")
+        key = "time" if what == "time" else "[columns]"
         raise InputError(f"{path}, {what}", f"there is no column '{wanted}'",
-                         f"name it in [columns]; {nearest(wanted, tuple(map(str, names[:40])))}")
+                         f"mend {key} in convert.toml; {nearest(wanted, known)}")
     return wanted
 
 

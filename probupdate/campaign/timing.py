@@ -21,6 +21,8 @@ OFF = 0.75
 UNEVEN_SAID, UNEVEN = 0.05, 0.3
 # seconds from 1970 that 64 bits of nanoseconds hold: 1678 to 2261
 MOST_S = 9.2e9
+# seconds from 1970 before which no record was made: what counts less has another origin
+FIRST_S = 3.1e7
 
 
 def file_clock(path: Path, told: Description, rate_hz: float) -> Clock:
@@ -124,6 +126,10 @@ class Clock:
                 origin = DAY_NUMBERS[told.time_unit]
             else:
                 unit, offset = TIME_UNITS[told.time_unit], self.start
+                if offset is None and 0 <= value[0] * unit < FIRST_S:
+                    raise InputError(where, f"its first value is {value[0]:g} {told.time_unit}: it counts from the beginning "
+                                     "of the record, which is not stated",
+                                     f'add start to {told.path}, such as start = "2024-05-01T00:00:00Z"')
             if offset is None and told.zone is None:
                 raise InputError(where, "its time zone is not stated", f"add zone to {told.path}, such as \"UTC\"")
             wrong = np.abs(value - origin + (0.0 if offset is None else offset.value / 1e9 / unit)) > MOST_S / unit

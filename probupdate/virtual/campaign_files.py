@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -61,8 +61,11 @@ def write_campaign_toml(
     write_text(folder / "campaign.toml", text)
 
 
-def write_acceleration(path: Path, data: np.ndarray, start: np.datetime64, rate_hz: float) -> None:
-    """One file: dataset `data` (n_sample, n_channel) float32 with `start` (ISO 8601, UTC) and the sampling rate.
+def write_acceleration(
+    path: Path, data: np.ndarray, start: np.datetime64, rate_hz: float, channels: Sequence[str] = ()
+) -> None:
+    """One file: dataset `data` (n_sample, n_channel) float32 with `start` (ISO 8601, UTC), the sampling rate and, where
+    given, the names of its columns.
 
     It gets its name only when complete, so that an interrupted run can be taken up again.
     """
@@ -70,3 +73,5 @@ def write_acceleration(path: Path, data: np.ndarray, start: np.datetime64, rate_
         dataset = file.create_dataset("data", data=np.asarray(data, np.float32))
         dataset.attrs["start"] = f"{start.astype('datetime64[ms]')}Z"
         dataset.attrs["sampling_rate_hz"] = float(rate_hz)
+        if channels:
+            dataset.attrs["channels"] = json.dumps(list(channels), ensure_ascii=False)

@@ -188,7 +188,7 @@ def _write_hours(drawn: _Drawn, folder: Path, hours: tuple[int, ...]) -> int:
     for hour in hours:
         data = hour_of_data(drawn.turbine, drawn.gaps, drawn.channels, hour)
         campaign_files.write_acceleration(
-            _hour_path(folder, hour), data, START + np.timedelta64(3600 * hour, "s"), RATE_HZ)
+            _hour_path(folder, hour), data, START + np.timedelta64(3600 * hour, "s"), RATE_HZ, drawn.channels)
     return len(hours)
 
 

@@ -457,3 +457,52 @@ def test_memory_of_a_large_source_stays_small(job, tmp_path):
     done = subprocess.run([sys.executable, "-c", code, str(raw), str(campaign)], capture_output=True, text=True,
                           check=True)
     assert int(done.stdout) < 40 * 1024  # kB
+
+
+# Names of channels kept with the samples ----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("old", "new", "words"), [
+    ('channel = "a-y"', 'channel = "roof"', "column 2 is 'a-y', campaign.toml calls it 'roof'"),
+    ("a-x", "a-y", "tables were put in another order; order them a-x, a-y"),
+])
+def test_channels_renamed_or_reordered_after_conversion_are_refused(job, head, old, new, words):
+    raw, campaign = job("")
+    (campaign / "convert.toml").write_text(write_csv(raw, noise()))
+    convert(raw, campaign)
+    assert read_campaign(campaign).channels == ("a-x", "a-y")
+    changed = head.replace(old, new) if old != "a-x" else head.replace("a-x", "?").replace("a-y", "a-x").replace("?", "a-y")
+    (campaign / "campaign.toml").write_text(changed)
+    with pytest.raises(InputError, match=words):
+        read_campaign(campaign)
+
+
+def test_files_without_names_of_channels_stay_readable_and_names_that_are_none_are_refused(campaign_folder, signal, write_file):
+    folder = campaign_folder([(0, signal(6000))])
+    assert read_campaign(folder).channels == ("a-x", "a-y")
+    write_file(folder, "1.h5", START, signal(10), attributes={"channels": "a-x and a-y"})
+    with pytest.raises(InputError, match="attribute channels: is no JSON list of names"):
+        read_campaign(folder)
+    write_file(folder, "1.h5", START, signal(10), attributes={"channels": '["a-x"]'})
+    with pytest.raises(InputError, match="names 1 channels, campaign.toml lists 2"):
+        read_campaign(folder)
+
+
+@pytest.mark.parametrize("zone", ["", 'zone = "UTC"\n'])
+def test_seconds_without_a_start_ask_for_the_start(job, zone):
+    raw, campaign = job(f'files = "*.csv"\ntime = "when"\ntime_unit = "s"\n{zone}{COLUMNS}')
+    table(noise(), np.arange(6000) / RATE).to_csv(raw / "r.csv", index=False)
+    with pytest.raises(InputError, match=r"counts from the beginning of the record.*; add start to .*convert\.toml"):
+        convert(raw, campaign)
+
+
+def test_columns_that_are_not_found_say_why(job):
+    raw, campaign = job('files = "*.csv"\ntime = "when"' + COLUMNS)
+    text = table(noise(), [t.isoformat() for t in stamps()])
+    text.to_csv(raw / "r.csv", index=False, sep=";")
+    with pytest.raises(InputError, match="the whole line 'when;east;north;other' is one column.*separator = \";\""):
+        convert(raw, campaign)
+    text.to_csv(raw / "r.csv", index=False)
+    (campaign / "convert.toml").write_text('files = "*.csv"\ntime = "whem"' + COLUMNS)
+    with pytest.raises(InputError, match="there is no column 'whem'; mend time in convert.toml; did you mean 'when'"):
+        convert(raw, campaign)
