@@ -31,6 +31,7 @@ from probupdate.campaign.samples import channel_table
 from probupdate.campaign.scada import COLUMNS, SIMILAR, StateRule, block_conditions, misnamed, with_rated_power
 from probupdate.campaign.sensor_findings import SensorFinding
 from probupdate.campaign.spectra import cross_spectra, in_acceleration, most_channels
+from probupdate.campaign.usable import leave_out, uncovered
 from probupdate.io.files import write_json, write_table
 from probupdate.io.result_table import with_units
 from probupdate.runtime.progress import Progress, silent
@@ -211,7 +212,9 @@ def _coverage(campaign: Campaign, head: pd.DataFrame, overlaps: int) -> list[str
     if len(starts) < span:
         found.append(f"{span - len(starts)} of {span} blocks between the first and the last have no record")
     gone = head["excluded"] != ""
-    if gone.any():
+    if advice := uncovered(campaign):
+        found.append(f"no record covers a whole block: {advice}")
+    elif gone.any():
         found.append(f"{int(gone.sum())} blocks have gaps too long to repair: {', '.join(head['id'][gone][:6])}"
                      + (" and more" if gone.sum() > 6 else ""))
     if overlaps:
@@ -268,9 +271,10 @@ def _uses(campaign: Campaign, head: pd.DataFrame, table: pd.DataFrame) -> tuple[
     spoilt = table[(table["longest_gap_s"] > 0) | table["flat"]]
     good = (head["excluded"] == "") & ~head["id"].isin(spoilt["id"][spoilt["flat"]])
     uses = [f"identify {int(good.sum())} blocks"]
-    alone = Counter(c[0] for c in spoilt.groupby("id")["channel"].agg(tuple) if len(c) == 1)
-    uses += [f'identify {n} more without {channel}: write leave_out = ["{channel}"] into campaign.toml'
-             for channel, n in alone.most_common(3)]  # fmt: skip
+    few = max(1, len(campaign.channels) // 3)
+    alone = Counter(c for c in spoilt.groupby("id")["channel"].agg(tuple) if len(c) <= few < len(campaign.channels))
+    uses += [f"identify {n} more without {', '.join(channels)}: {leave_out(channels)}"
+             for channels, n in alone.most_common(3)]
     if campaign.left_out:
         uses.append(f"{', '.join(campaign.left_out)} left out, as campaign.toml says")
     states = Counter(head["state"][good])

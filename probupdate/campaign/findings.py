@@ -26,6 +26,8 @@ SCALE_FACTOR = 8.0
 # factors that a unit taken for another makes
 UNIT_FACTORS = {9.80665: "g and m/s2", 1e3: "mm and m", 1e2: "cm and m", 10.0: "cm and mm", 9806.65: "mg and m/s2",
                 980.665: "g and cm/s2"}
+# lost samples that are mentioned, as a share
+MISSING = 0.02
 # slow wandering of a channel's mean within a block, in its own deviations: of anything; of one alone among its like
 WANDER, WANDER_ALONE = 5.0, 2.0
 # clocks that differ by less are not mentioned, whatever the statistics: no mode shape below 3 Hz is hurt by 2 degrees
@@ -69,13 +71,17 @@ def channel_findings(table: pd.DataFrame, sensors: Sequence[Sensor]) -> list[str
     """Sentences on each channel's own samples."""
     found: list[str] = []
     n_block = table["id"].nunique()
+    # where all lack a sample no channel is at fault, but the record
+    common = float(table.groupby("id")["missing"].min().mean()) if len(sensors) > 1 else 0.0
+    if common > MISSING:
+        found.append(f"all channels lack {100 * common:.1f} % of their samples: the records do not cover the blocks")
     for sensor in sensors:
         rows = table[table["channel"] == sensor.channel]
-        found += _own_samples(sensor.channel, rows, n_block)
+        found += _own_samples(sensor.channel, rows, n_block, common)
     return found + _wandering(table, sensors, n_block) + _beside(table, sensors)
 
 
-def _own_samples(name: str, rows: pd.DataFrame, n_block: int) -> list[str]:
+def _own_samples(name: str, rows: pd.DataFrame, n_block: int, common: float) -> list[str]:
     found = []
     if rows["flat"].any():
         found.append(f"{name} is flat in {int(rows['flat'].sum())} of {n_block} blocks")
@@ -88,7 +94,7 @@ def _own_samples(name: str, rows: pd.DataFrame, n_block: int) -> list[str]:
     if clipped := int(rows["clipped"].sum()):
         found.append(f"{name} stands at its extreme value for {clipped} samples: clipped")
     share = float(rows["missing"].mean())
-    if share > 0.02:
+    if share - common > MISSING:
         found.append(f"{name} lacks {100 * share:.1f} % of its samples")
     return found
 

@@ -17,6 +17,7 @@ import pandas as pd
 
 from probupdate.campaign.reading import Campaign
 from probupdate.campaign.scada import StateRule, block_conditions, with_rated_power
+from probupdate.campaign.usable import remedy
 from probupdate.errors import InputError
 from probupdate.identification import classification as rules
 from probupdate.identification import tracking
@@ -226,7 +227,7 @@ def physical_of(
         states.append(str(_environment(block, campaign, rule).get("state", "unknown")))
     if not usable:
         raise InputError(str(campaign.path), f"none of {len(blocks.starts)} blocks can be used; the first: {reason}",
-                         "run `probupdate check` to see what is missing")
+                         remedy(campaign))
     parts, bands, angles, waves, state = [], [], [], [], []
     chosen = evenly(states)
     for number, k in enumerate(chosen):

@@ -14,6 +14,7 @@ import numpy as np
 
 from probupdate.campaign.blocks import block_files
 from probupdate.campaign.reading import Campaign
+from probupdate.campaign.usable import remedy
 from probupdate.errors import InputError
 from probupdate.identification.block_poles import usable_block
 
@@ -62,20 +63,22 @@ def propose(
     where nothing stands out of the spectra."""
     peaks: list[float] = []
     looked = 0
-    reason = "there is none"
+    reason = ""
     for campaign in campaigns:
         files = block_files(campaign)
         starts = list(files)
         wanted = max(1, -(-BLOCKS // len(campaigns)))
         for start in [starts[int(k)] for k in np.linspace(0, len(starts) - 1, min(wanted, len(starts)))]:
             block, why = usable_block(campaign, start, files[start])
-            reason = why or reason
+            reason = reason or why
             if not why:
                 looked += 1
                 peaks += spectral_peaks(block.data, campaign.sampling_rate_hz)
     where = str(campaigns[0].path)
+    if not looked:
+        raise InputError(where, f"no block can be used; the first: {reason}", remedy(campaigns[0]))
     if not peaks:
-        raise InputError(f"{where}, settings", f"no peak stands out of the spectra ({reason}), so no rate is proposed",
+        raise InputError(f"{where}, settings", "no peak stands out of the spectra, so no rate is proposed",
                          "give --rate, at least twice the highest frequency of interest, and --order")  # fmt: skip
     distinct = _distinct(np.sort(peaks), least=1 if looked < 3 else max(2, looked // 4))
     jump = np.flatnonzero(distinct[1:] > GAP * distinct[:-1])

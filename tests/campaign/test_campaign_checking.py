@@ -9,6 +9,7 @@ import pytest
 from probupdate.campaign.blocks import blocks
 from probupdate.campaign.checking import check
 from probupdate.campaign.reading import read_campaign
+from probupdate.campaign.usable import remedy, uncovered
 from probupdate.errors import InputError
 
 
@@ -132,3 +133,28 @@ def test_progress_is_told(campaign_folder, head):
     campaign = read_campaign(campaign_folder([(0, noise())], head=four_channels(head)))
     check(campaign, progress=lambda *a: told.append(a))
     assert told[-1] == ("checking blocks", 2, 2)
+
+
+def test_records_shorter_than_a_block_are_the_blocks_fault_not_the_sensors(campaign_folder, head):
+    data = noise(n=4500)  # 7.5 minutes of blocks of 10
+    campaign = read_campaign(campaign_folder([(0, data)], head=four_channels(head)))
+    text = "\n".join(check(campaign).findings)
+    assert "no record covers a whole block: set block_minutes in campaign.toml to 3.7 or less" in text
+    assert "all channels lack 25.0 %" in text and "a-x lacks" not in text and "gaps too long" not in text
+    # a record that begins within a block may be longer than one and hold none
+    long = read_campaign(campaign_folder([(300, noise(n=8000))], head=four_channels(head)))
+    assert uncovered(long).startswith("set block_minutes in campaign.toml to 6.6 or less")
+    whole = read_campaign(campaign_folder([(300, noise(n=9000)), (1200, noise(n=300))], head=four_channels(head)))
+    assert uncovered(whole) == ""
+
+
+@pytest.mark.parametrize(("value", "dead"), [(0.0, [1]), (np.nan, [1]), (0.0, [1, 3])])
+def test_dead_channels_are_named_with_the_advice_of_check(campaign_folder, head, value, dead):
+    data = noise(channels=4)
+    data[:, dead] = value
+    campaign = read_campaign(campaign_folder([(0, data)], head=four_channels(head)))
+    names = [campaign.channels[k] for k in dead]
+    advice = f"write leave_out = {json.dumps(names)} into campaign.toml"
+    assert remedy(campaign) == f"{advice}: 2 of 2 blocks can be used without it"
+    if len(dead) == 1:
+        assert f"identify 2 more without {names[0]}: {advice}" in check(campaign).uses
