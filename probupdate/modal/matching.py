@@ -30,6 +30,8 @@ APART = 0.3
 # where fewer than half of the measured modes have this MAC with any computed one, the set is taken for another
 # structure's, or its channels for swapped
 OWN_MAC = 0.60
+# measured shapes this much alike are one shape within what shapes are measured to
+SAME = 0.95
 # frequencies that differ by a common factor beyond this are taken for given in another unit: no model is so wrong
 OTHER_UNIT = 3.0
 # computed modes beyond the highest matched one that every evaluation carries: the highest measured mode may trade its
@@ -152,7 +154,7 @@ def match(
     groups, unlike = _alike(clusters, partner, criterion, min_mac, name, modal_set.id)
     left_out += unlike
     if refuse and sum(len(group.measured) for group in groups) >= 0.5 * len(used):
-        _refuse_ambiguous(modal_set, groups, partner, criterion, visible, name, solution.frequency_hz)
+        _refuse_ambiguous(modal_set, measured, groups, partner, criterion, visible, name, solution.frequency_hz)
     if refuse and partner:
         _refuse_another_structure(modal_set.id, criterion, partner, name)
     if not groups:
@@ -292,7 +294,7 @@ def _refuse_another_unit(modal_set, computed_hz, partner, criterion) -> None:
         )
 
 
-def _refuse_ambiguous(modal_set, groups, partner, criterion, visible, name, frequency_hz) -> None:
+def _refuse_ambiguous(modal_set, measured, groups, partner, criterion, visible, name, frequency_hz) -> None:
     """Every group keeps its computed modes if any other choice costs at least CLEAR a mode in summed MACs."""
     rows = [j for group in groups for j in group.measured]
     score = np.nan_to_num(criterion[rows], nan=-1.0)
@@ -313,14 +315,35 @@ def _refuse_ambiguous(modal_set, groups, partner, criterion, visible, name, freq
             loss = (best - trial[np.arange(len(rows)), other].sum()) / changed
             new = sorted(set(other[here]) - set(group.computed))
             if loss < CLEAR and new:
-                row, k = here.start, int(new[0])
-                names = " and ".join(name[m] for m in group.measured)
-                found = " and ".join(f"mode {m + 1} at {frequency_hz[m]:.4g} Hz with MAC {score[row, m]:.2f}"
-                                     for m in (i, k))  # fmt: skip
-                raise InputError(
-                    f"set {modal_set.id}, {names}", f"two computed modes are about as alike, {found}",
-                    "measure more channels, compare close modes as planes (--shapes plane), or leave it out (null)",
-                )
+                differ = [(g, p) for g, p in zip(groups, places, strict=True) if set(other[p]) != set(column[p])]
+                _refuse_two_pairings(modal_set.id, group, differ, (column, other), score, measured, name, frequency_hz)
+
+
+def _refuse_two_pairings(set_id, group, differ, choices, score, measured, name, frequency_hz) -> None:
+    """Of a group that two choices pair differently; differ: every group that they do, with its places in a choice."""
+    names = [" and ".join(name[m] for m in one.measured) for one, _ in differ]
+    own = " and ".join(name[m] for m in group.measured)
+
+    def said(choice, here) -> str:
+        return " and ".join(f"mode {choice[r] + 1} at {frequency_hz[choice[r]]:.4g} Hz with MAC "
+                            f"{max(score[r, choice[r]], 0.0):.2f}" for r in range(here.start, here.stop))  # fmt: skip
+
+    remedy = "measure more channels, compare close modes as planes (--shapes plane), or leave it out (null)"
+    if len(differ) == 1:
+        alone = len(group.measured) == 1
+        found = (" and " if alone else ", or ").join(said(choice, differ[0][1]) for choice in choices)
+        raise InputError(f"set {set_id}, {own}", f"two computed modes are about as alike, {found}", remedy)
+    found = ", or ".join("; ".join(f"{n} as {said(choice, here)}" for n, (_, here) in zip(names, differ, strict=True))
+                         for choice in choices)
+    rows = [m for one, _ in differ for m in one.measured]
+    known = np.all(np.isfinite(measured[:, rows]), axis=1)
+    alike = mac(measured[known][:, rows], measured[known][:, rows]) - np.eye(len(rows))
+    if alike.max() >= SAME:
+        a, b = (name[rows[k]] for k in np.unravel_index(np.argmax(alike), alike.shape))
+        raise InputError(f"set {set_id}, {a} and {b}", f"their measured shapes are the same (MAC {alike.max():.2f}), so that "
+                         f"two pairings are about as alike: {found}", "check that they are two different modes, measure "
+                         "more channels, or leave one out (null)")
+    raise InputError(f"set {set_id}, {own}", f"two pairings with the model are about as alike in all: {found}", remedy)
 
 
 def _refuse_lonely(modal_set, groups, criterion, visible, name, frequency_hz) -> None:

@@ -12,7 +12,7 @@ from probupdate.reporting.elements import count, fixed, number, sentence
 from probupdate.reporting.standing import BOUND, standings
 from probupdate.reporting.updating_sections import scheme_name, too_close
 from probupdate.reporting.values import Run
-from probupdate.updating.update_file import UpdateRecord, fit_sentence, misses
+from probupdate.updating.update_file import UpdateRecord, fit_sentence, misses, stated_error
 
 LEVELS = ("warning", "caution", "good")
 # computed over measured frequency beyond which a pair made by shape is doubted
@@ -54,8 +54,8 @@ def _of_fit(run: Run) -> list[Finding]:
         return []
     if misses(update):
         return [Finding(level="warning", short="the model does not fit", text=sentence(fit_sentence(update)),
-                        action="Find what the model lacks (`probupdate diagnose`), or state its error with "
-                        "--discrepancy or --tolerances and update again.")]  # fmt: skip
+                        action="Find what the model lacks (`probupdate diagnose`), or state "
+                        f"{'more of its' if stated_error(update) else 'its'} error with --discrepancy and update again.")]
     if too_close(update):
         return [Finding(
             level="caution", short="the stated standard deviations are too wide for these data",

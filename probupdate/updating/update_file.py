@@ -15,6 +15,7 @@ from probupdate.io.result_table import OWN_UNIT, table_of
 from probupdate.io.schema import checked
 from probupdate.model.parameters import Parameter, Parameters
 from probupdate.runtime.arrays import frozen_array
+from probupdate.updating import components
 from probupdate.updating.identifiability import BOUND, KNOWN, PARTLY, PRIOR, identifiability
 
 if TYPE_CHECKING:
@@ -257,16 +258,28 @@ def beyond_chance(n_effective: int) -> float:
     return n_effective + ACCUSED * np.sqrt(2 * n_effective)
 
 
+def stated_error(record: UpdateRecord) -> tuple[str, ...]:
+    """What is stated of the model's own error and of its sensors', by the components of the estimates' variance."""
+    parts = record.components
+    if parts is None:
+        return ()
+    return tuple(name for name, std in zip(parts.names, parts.std, strict=True)
+                 if name not in (components.IDENTIFICATION, components.PRIOR) and np.any(std > 0))
+
+
 def fit_sentence(record: UpdateRecord) -> str:
     """Whether the model at its best fits the data within the stated standard deviations."""
+    stated = ", ".join(stated_error(record))
     ratio = record.map_misfit / record.n_effective
     text = f"chi-square at the MAP {record.map_misfit:.4g} for {record.n_effective} effective responses"
     if misses(record):
         accused = () if record.components is None else record.components.accused()
         where = f", most of all {', '.join(accused[:3])}" if accused else ""
+        remedy = ("until the model's error is stated: --discrepancy auto (the default) or a share, or compare shapes with "
+                  "--shapes mac" if not stated else f"as the stated error ({stated}) does not explain it: find what the "
+                  "model lacks (probupdate diagnose), or state a larger --discrepancy")  # fmt: skip
         return (f"{text}: the model misses the data by {np.sqrt(ratio):.1f} times the stated standard deviations"
-                f"{where}; no parameter counts as strongly identified until the model's error is stated: --discrepancy "
-                "auto (the default) or a share, or compare shapes with --shapes mac")  # fmt: skip
+                f"{where}; no parameter counts as strongly identified {remedy}")
     if record.map_misfit < record.n_effective - ACCUSED * np.sqrt(2 * record.n_effective):
         return (f"{text}: the fit is {1 / np.sqrt(max(ratio, 1e-12)):.1f} times closer than the stated standard "
                 "deviations expect; they are too wide for these data or their errors go together, and posterior widths "
@@ -275,9 +288,11 @@ def fit_sentence(record: UpdateRecord) -> str:
     cov = float(np.nanmedian(record.measured_std_hz / record.measured_hz))
     if cov >= SHARP:
         return text
-    return (f"{text}, {100 * cov:.2g} % of the frequencies (median); an error of the model itself that parameters took "
-            "in does not show in the fit, and posterior widths leave it out unless --tolerances or --discrepancy "
-            "states it")  # fmt: skip
+    text = f"{text}, {100 * cov:.2g} % of the frequencies (median)"
+    if stated:
+        return f"{text}; posterior widths hold the stated error of the model ({stated})"
+    return (f"{text}; an error of the model itself that parameters took in does not show in the fit, and posterior widths "
+            "leave it out unless it is stated (--discrepancy and a share)")  # fmt: skip
 
 
 def _components(record: UpdateRecord) -> list[str]:

@@ -10,7 +10,7 @@ from updating_records import PARAMETERS, record
 
 from probupdate.errors import InputError
 from probupdate.model.parameters import Parameter, Parameters
-from probupdate.updating.update_file import fit_sentence, parameters_from_table, parameters_to_table, read_update
+from probupdate.updating.update_file import ComponentsRecord, fit_sentence, parameters_from_table, parameters_to_table, read_update
 
 
 @pytest.fixture(scope="module")
@@ -102,6 +102,22 @@ def test_sharp_deviations_that_fit_leave_the_models_error_out(update):
     assert "--discrepancy" not in fit_sentence(fine)
     sharp = replace(fine, measured_std_hz=0.001 * LINEAR_HZ)
     assert "fits the data within" in fit_sentence(sharp) and "--discrepancy" in fit_sentence(sharp)
+
+
+def test_advice_does_not_ask_for_what_is_stated(update):
+    fine = replace(update, map_misfit=40.0, n_effective=40, measured_std_hz=0.001 * LINEAR_HZ)
+    n = len(update.parameters)
+    parts = ComponentsRecord(
+        names=("identification", "model discrepancy", "sensors", "prior"), std=np.outer([0.1, 0.0, 0.2, 0.1], np.ones(n)),
+        source_names=(), source_std=np.zeros((0, n)), measures=(), gain=np.zeros((0, n)), responses=(),
+        chi_square=np.zeros(0), expected=np.zeros(0))  # fmt: skip
+    stated = replace(fine, components=parts)
+    assert fit_sentence(stated).endswith("posterior widths hold the stated error of the model (sensors)")
+    far = fit_sentence(replace(stated, map_misfit=400.0))
+    assert "the stated error (sensors) does not explain it" in far and "auto" not in far
+    assert "--discrepancy auto" in fit_sentence(replace(fine, map_misfit=400.0))
+    none = replace(parts, std=np.outer([0.1, 0.0, 0.0, 0.1], np.ones(n)))
+    assert fit_sentence(replace(fine, components=none)) == fit_sentence(fine)
 
 
 # broken files

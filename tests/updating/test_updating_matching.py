@@ -314,3 +314,19 @@ def test_members_of_a_plane_that_trade_places_are_no_second_change():
                              shape=np.column_stack([axes[0], axes[1], near, axes[5], axes[6]]))  # fmt: skip
     with pytest.raises(InputError, match="about as alike"):
         match(modal_set([1.0, 1.01], axes[:, :2]), solution, ROWS)
+
+
+def test_two_measured_modes_of_one_shape_are_the_mistake_that_is_named():
+    """Equal rows of shape_re: each computed mode is as alike to one as to the other, whatever its MAC."""
+    axes = np.eye(len(CHANNELS))
+    first, second = axes[0], np.sqrt(0.6) * axes[0] + np.sqrt(0.4) * axes[1]
+    solution = ModalSolution(theta=CHAIN_TRUTH, frequency_hz=np.array([1.1, 1.2, 2.5, 3.0]),
+                             shape=np.column_stack([first, second, axes[5], axes[6]]))  # fmt: skip
+    twice = modal_set([1.0, 1.3, 2.5], np.column_stack([first, first, axes[5]]))
+    with pytest.raises(InputError) as error:
+        match(twice, solution, ROWS, clusters=[(0,), (1,), (2,)])
+    said = str(error.value)
+    assert "mode 1 and mode 2: their measured shapes are the same (MAC 1.00)" in said
+    assert "check that they are two different modes" in said
+    # as paired and exchanged: the two sums are equal, which two MACs of one mode did not show
+    assert said.count("MAC 0.60") == 2 and said.count("with MAC 1.00") == 2 and "two computed modes" not in said
