@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
+import fcntl
+import os
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
@@ -77,3 +80,33 @@ def _is(path: Path, question: str) -> bool:
         return getattr(path, question)()
     except (OSError, ValueError):
         return False
+
+
+@contextlib.contextmanager
+def sole_writer(folder: Path) -> Iterator[None]:
+    """Within, no other process may be in a block of the same folder, which is made: raises InputError where one is. The
+    lock goes with the process, however it ends."""
+    folder.mkdir(parents=True, exist_ok=True)
+    path = folder / "writer.lock"
+    descriptor = _locked(folder, path)
+    try:
+        yield
+    finally:
+        with contextlib.suppress(OSError):
+            path.unlink()
+        os.close(descriptor)
+
+
+def _locked(folder: Path, path: Path) -> int:
+    while True:
+        descriptor = os.open(path, os.O_RDWR | os.O_CREAT, 0o644)
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            # one that has just ended may have removed the file between the two calls
+            if path.exists() and path.stat().st_ino == os.fstat(descriptor).st_ino:
+                return descriptor
+        except BlockingIOError:
+            os.close(descriptor)
+            raise InputError(str(folder), "another run is writing into it",
+                             "wait until it ends (the same command goes on from there), or give another --out") from None
+        os.close(descriptor)

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from probupdate.errors import InputError, names_files
+from probupdate.io.outputs import sole_writer
 from probupdate.modal.modes import ModalData, read_modes
 from probupdate.runtime.executors import Executor
 from probupdate.runtime.progress import Progress, silent
@@ -148,7 +149,7 @@ def sample(
     progress: Progress = silent,
 ) -> Posterior:
     """Sample the posterior of the same problem into `out`; the chain is kept beside it (`<out>.chain/`) and goes on
-    where it stopped. jobs: processes, or an executor, for the `ensembles`; the numbers are the same on any."""
+    where it stopped. A second run into the same `out` at the same time is refused. jobs: processes, or an executor, for the `ensembles`; the numbers are the same on any."""
     from probupdate.updating.ensemble import SamplerSettings
     from probupdate.updating.runs import sample_posterior
 
@@ -158,12 +159,13 @@ def sample(
     model_at, modal_set = ModelAt(model, parameters, str(modes)), data.set(set_id)
     chosen = likelihood(weights, model_at(modal_set), data, set_id=set_id, frequencies=frequencies, shapes=shapes,
                          discrepancy=discrepancy, tolerances=tolerances, progress=progress)  # fmt: skip
-    posterior = sample_posterior(
-        model_at(modal_set), data, out.with_name(out.name + ".chain"), set_id=set_id, weights=chosen,
-        settings=settings, jobs=jobs, progress=progress,
-    )
-    posterior = replace(posterior, record=posterior.record | model_at.setting(modal_set))
-    write_posterior(posterior, out)
+    chain = out.with_name(out.name + ".chain")
+    with sole_writer(chain):
+        posterior = sample_posterior(
+            model_at(modal_set), data, chain, set_id=set_id, weights=chosen, settings=settings, jobs=jobs,
+            progress=progress)
+        posterior = replace(posterior, record=posterior.record | model_at.setting(modal_set))
+        write_posterior(posterior, out)
     return posterior
 
 

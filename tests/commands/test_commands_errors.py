@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from command_cases import CHANNELS, PARAMETERS, campaign_text, matrices, modes_table, write_campaign
 
+from probupdate.io.outputs import sole_writer
 from probupdate.structure.load import reference_model
 
 
@@ -268,6 +269,20 @@ def test_a_second_chain_in_the_folder_of_the_first(estimated, tmp_path, refused)
     assert "seed is 2 here and 1 there" in refused(*sample, "--seed", "2")
     assert "the weights or what is compared differ" in refused(*sample, "--weights", "paper")
     assert contents(tmp_path) == before
+
+
+def test_a_second_sampler_on_the_same_out_is_refused_while_the_first_runs(building, refused):
+    out = building["folder"] / "posterior.nc"
+    sample = ["sample", "--model", building["model"], "--modes", building["modes"], "--out", out, "--weights", "paper",
+              "--shapes", "none"]  # fmt: skip
+    chain = out.with_name("posterior.nc.chain")
+    with sole_writer(chain):
+        said = refused(*sample)
+    assert "posterior.nc.chain: another run is writing into it; wait until it ends" in said
+    # nothing of the refused run, and no lock, is left; the next one may write
+    assert not out.exists() and not list(chain.iterdir())
+    with sole_writer(chain):
+        pass
 
 
 # Campaigns ----------------------------------------------------------------------------------------------------------
