@@ -57,5 +57,5 @@ def add_commands(verb: AddCommand) -> None:
     p = verb("modes", run_modes, "a model's own frequencies, labels and shapes, of every form of model")
     p.add_argument("model", metavar="MODEL", help=MODEL_HELP)
     p.add_argument("--parameters", help="parameters.toml of a model made of matrices")
-    p.add_argument("--count", type=positive(int, "sets"), default=10, help="how many modes (10)")
+    p.add_argument("--count", type=positive(int, "modes"), help="how many modes (10, or as many as there are)")
     p.add_argument("--out", help="write frequency_hz, label, channel, shape and notes to a JSON file too")

@@ -31,6 +31,30 @@ def _check_walls(d: Description) -> Iterator[Mistake]:
                    "check the unit: metres")  # fmt: skip
 
 
+# what no structural metal, water or soil is beyond, wide on purpose: a value outside is in another unit
+RANGES = {
+    "steel.youngs_modulus_pa": (1e10, 1e12, "Pa: steel has 2.1e11"),
+    "steel.density_kgpm3": (500.0, 25e3, "kg/m3: steel has 7850"),
+    "site.water_density_kgpm3": (500.0, 5000.0, "kg/m3: sea water has 1025"),
+    "site.gravity_mps2": (1.0, 30.0, "m/s2: 9.81 on this planet"),
+    "soil.submerged_unit_weight_npm3": (500.0, 1e5, "N/m3: clay has some 9000"),
+}  # fmt: skip
+# undrained shear strength ten metres down, Pa: below it no clay stands
+LEAST_STRENGTH_PA = 1000.0
+
+
+def _check_units(d: Description) -> Iterator[Mistake]:
+    for key, (low, high, unit) in RANGES.items():
+        table, name = key.split(".")
+        value = getattr(getattr(d, table), name)
+        if not low <= value <= high:
+            yield key, f"{value:g} is outside {low:g} to {high:g}, what there is", f"give it in {unit}"
+    strength = d.soil.undrained_shear_strength_pa
+    if strength.at_mudline + 10.0 * strength.gradient_per_m < LEAST_STRENGTH_PA:
+        yield ("soil.undrained_shear_strength_pa", f"{strength.at_mudline:g} at the mudline and {strength.gradient_per_m:g} a "
+               f"metre are less than {LEAST_STRENGTH_PA:g} Pa ten metres down", "give Pa, not kPa")
+
+
 def _check_levels(d: Description) -> Iterator[Mistake]:
     jacket, tp = d.jacket, d.transition_piece
     ordered = (
@@ -252,6 +276,6 @@ def check_sums(d: Description) -> Iterator[Mistake]:
 
 
 CHECKS: tuple[Callable[[Description], Iterator[Mistake]], ...] = (
-    _check_walls, _check_levels, _check_bays, _check_names, _check_sensors, _check_parameters, _check_section_range,
+    _check_walls, _check_units, _check_levels, _check_bays, _check_names, _check_sensors, _check_parameters, _check_section_range,
     check_sums,
 )  # fmt: skip

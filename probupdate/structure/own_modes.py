@@ -33,6 +33,15 @@ if TYPE_CHECKING:
 SHIFT = (2 * np.pi * 0.1) ** 2
 # shapes of unit modal mass smaller than this, beside the largest, are rounding
 UNSEEN = 1e-9
+# modes where it is not said how many
+MOST = 10
+# lowest frequency (Hz) times greatest extent (m) of structures that stand: 40 for a jacket with its turbine, 50 for
+# buildings, 100 for footbridges; a bar of steel alone has 1280 (a quarter of the speed of sound in it). Wide on purpose
+LEAST_SPEED, MOST_SPEED = 2.0, 500.0
+# lowest frequency, Hz, where the extent is not known
+LEAST_HZ, MOST_HZ = 0.02, 1000.0
+UNITS_ADVICE = ("check the units (N, m, kg, Pa: E in MPa makes 0.001 of it, densities or masses in t 32 times of it) and that "
+                "K and M are not exchanged")
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -71,14 +80,15 @@ class OwnModes:
 
 
 def own_modes(
-    model: str | Path | Model | Callable, count: int = 10, *, parameters: Parameters | str | Path | None = None
+    model: str | Path | Model | Callable, count: int | None = None, *, parameters: Parameters | str | Path | None = None
 ) -> OwnModes:
-    """The lowest modes of a model at its initial parameters.
+    """The lowest modes of a model at its initial parameters: `count` of them, or where None is given as many as it has,
+    at most MOST. Frequencies that no structure of the model's extent has are said among the notes.
 
     `model`: a file as `load_model` takes it, a model, or a function theta (n_param,) -> (frequency_hz, shape), which
     needs `parameters`. Raises InputError where it has fewer modes than `count`, or cannot be read.
     """
-    if count < 1:
+    if count is not None and count < 1:
         raise InputError("count", f"{count} modes are asked for", "ask for one or more")
     sensors, notes = None, ()
     if isinstance(parameters, str | Path):
@@ -92,6 +102,8 @@ def own_modes(
     else:
         opened = _wrapped(model, parameters)
     most = opened.n_available
+    if count is None:
+        count = min(MOST, most)
     if count > most:
         raise InputError(opened.name, f"{count} modes are asked for, it has {most}", f"ask for at most {most} (--count)")
     try:
@@ -101,12 +113,31 @@ def own_modes(
             raise
         solution, free = _with_free_motions(opened, count)
         notes = (*notes, f"{free} of these are motions that nothing holds, at 0 Hz (a mechanism or a missing support)")
+    notes = (*notes, *_implausible(opened, solution.frequency_hz))
     shape = _seen(solution.shape)
     shape = shape / np.where(np.abs(shape).max(axis=0, initial=0) > 0, np.abs(shape).max(axis=0, initial=0), 1.0)
     return OwnModes(
         model=opened.name, frequency_hz=frozen_array(solution.frequency_hz), labels=_labels(opened, sensors, shape, count),
         channels=opened.channels, shape=frozen_array(shape), notes=notes,
     )  # fmt: skip
+
+
+def _implausible(model: Model, frequency_hz: np.ndarray) -> tuple[str, ...]:
+    """A sentence where the lowest frequency above zero is none of a structure, or none of one of the model's size."""
+    own = frequency_hz[frequency_hz > 0]
+    if not len(own):
+        return ()
+    lowest, wire = float(own[0]), model.wireframe(model.parameters.initial)
+    extent = 0.0 if wire is None else float(np.max(np.ptp(wire.node_m, axis=0)))
+    if extent > 0:
+        if LEAST_SPEED <= lowest * extent <= MOST_SPEED:
+            return ()
+        usual = f"{LEAST_SPEED / extent:.2g} to {MOST_SPEED / extent:.2g} Hz is usual for an extent of {extent:.3g} m"
+    elif LEAST_HZ <= lowest <= MOST_HZ:
+        return ()
+    else:
+        usual = f"{LEAST_HZ:g} to {MOST_HZ:g} Hz is usual for structures"
+    return (f"implausible: the lowest frequency is {lowest:.3g} Hz; {usual}: {UNITS_ADVICE}",)
 
 
 def _with_free_motions(model: AffineModel, count: int) -> tuple[ModalSolution, int]:

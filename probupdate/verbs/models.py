@@ -99,7 +99,7 @@ def has_geometry(model) -> bool:
 
 
 @names_files("model")
-def model_modes(model, count: int = 10, *, parameters: str | Path | None = None) -> OwnModes:
+def model_modes(model, count: int | None = None, *, parameters: str | Path | None = None) -> OwnModes:
     """A model's own frequencies, labels and shapes; the command `modes`. `model`: a file in any form, a model, or a
     function theta -> (frequency_hz, shape) with `parameters`."""
     return own_modes(model_path(model) if isinstance(model, str | Path) else model, count, parameters=parameters)

@@ -31,7 +31,11 @@ def modes_of_interest(model: Model, sensors: tuple[Sensor, ...], lowest: int | N
 def reference_modes(
     model: Model, sensors: tuple[Sensor, ...], lowest: int | None = None
 ) -> tuple[ReferenceModes, ReferenceModes | None]:
-    """The modes of interest, and the others that were computed to find them."""
+    """The modes of interest, and the others that were computed to find them. Raises InputError where the model has fewer
+    than `lowest`, or no global mode at the sensors."""
+    if lowest is not None and lowest > model.n_available:
+        raise InputError(model.name, f"{lowest} modes are to be looked for (--lowest), it has {model.n_available}",
+                         f"ask for at most {model.n_available}")
     solution = model.solve(model.parameters.initial, min(max(SEARCH, lowest or 0), model.n_available))
     rows = [model.channels.index(s.channel) for s in sensors]
     shape = solution.shape[rows]

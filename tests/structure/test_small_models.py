@@ -8,10 +8,12 @@ from scipy import sparse
 
 from probupdate.errors import InputError
 from probupdate.modal.modes import ModalData, ModalSet
+from probupdate.model.interface import Wireframe
 from probupdate.model.parameters import Parameter, Parameters
 from probupdate.structure.affine import AffineModel
 from probupdate.structure.own_modes import own_modes
 from probupdate.updating.problem import build_problem
+from probupdate.verbs.sought import reference_modes
 
 K_STOREY, MASS = 2.0e6, 5.0e3  # N/m, kg
 
@@ -84,3 +86,35 @@ def test_a_model_smaller_than_the_record_takes_its_own_modes_and_says_the_rest(n
     assert [k for k in range(n_measured) if f"mode {k + 1}" in " ".join(said)] == list(range(seen, n_measured))
     # frequencies go with the root of the stiffness
     assert problem.misfit(problem.predict(np.array([1.02**2]))) < 1e-12
+
+
+def test_without_a_count_a_small_model_gives_what_it_has():
+    assert len(own_modes(shear_building(3)).frequency_hz) == 3
+    with pytest.raises(InputError, match="4 modes are asked for, it has 3"):
+        own_modes(shear_building(3), 4)
+
+
+@pytest.mark.parametrize(("stiffness", "mass", "height", "said"), [
+    (1.0, 1.0, 9.0, ""), (1.0, 1.0, None, ""),
+    (1e-6, 1.0, 9.0, "0.0014"), (1e-6, 1.0, None, "0.00142 Hz; 0.02 to 1000 Hz"),  # E in MPa
+    (1.0, 1e-3, 30.0, "Hz; 0.067 to 17 Hz is usual for an extent of 30 m"),  # masses in t
+    (None, None, 9.0, "exchanged"), (None, None, None, "exchanged"),
+])
+def test_frequencies_of_no_structure_are_said_to_be(stiffness, mass, height, said):
+    model = shear_building(3)
+    if stiffness is None:
+        model = replace(model, stiffness=(model.mass[0],), mass=(model.stiffness[0],))
+    else:
+        model = replace(model, stiffness=(stiffness * model.stiffness[0],), mass=(mass * model.mass[0],))
+    if height is not None:
+        nodes = np.column_stack([np.zeros((3, 2)), height * np.array([0.0, 0.5, 1.0])])
+        wire = Wireframe(node_m=nodes, line=np.array([[0, 1], [1, 2]]), line_group=("", ""))
+        model = replace(model, wire=wire, wire_matrix=sparse.csr_array(np.zeros((9, 3))))
+    notes = own_modes(model, 3).notes
+    assert len(notes) == bool(said)
+    assert all(said in note and note.startswith("implausible: the lowest frequency is") for note in notes)
+
+
+def test_more_modes_to_look_for_than_the_model_has_are_refused():
+    with pytest.raises(InputError, match=r"building: 7 modes are to be looked for \(--lowest\), it has 3; ask for at most 3"):
+        reference_modes(shear_building(3), (), lowest=7)
