@@ -245,7 +245,7 @@ def _quantities(campaign: Campaign) -> list[str]:
 
 def _scada_findings(campaign: Campaign) -> list[str]:
     if campaign.scada is None:
-        return ["no scada.csv: states, yawing, pitching and harmonics are not known"]
+        return ["no scada.csv: nothing is known of operation and weather (of a turbine: states, yawing, pitching, harmonics)"]
     missing = [c for c in COLUMNS if c not in campaign.scada]
     similar = misnamed(campaign.scada.columns, SIMILAR)
     found = [f"SCADA has no {c}{_maybe(similar.get(c))}: no {USES[c]}" for c in missing if c in USES]

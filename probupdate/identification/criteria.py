@@ -13,6 +13,7 @@ from probupdate.campaign.scada import STATES
 from probupdate.errors import InputError
 from probupdate.io.files import read_toml
 from probupdate.io.schema import Range, checked, table_as
+from probupdate.modal.labels import across, along_x, is_bending
 from probupdate.modal.modes import ModalSet
 
 # a threshold may be infinite, which leaves its criterion out
@@ -125,7 +126,7 @@ def required_modes(
     """Which modes a set must have; `sets` are all blocks, of which those with data count for required_share. Raises
     InputError for a name that is no mode, and where no mode is in so many blocks."""
     if criteria.required is None:
-        bending = [j for j, label in enumerate(labels) if label.startswith(("FA", "SS"))]
+        bending = [j for j, label in enumerate(labels) if is_bending(label)]
         if bending:
             return bending
         measured = [s.measured for s in sets if not s.environment.get("excluded")]
@@ -143,8 +144,8 @@ def required_modes(
 
 
 def perpendicular_pairs(labels: tuple[str, ...]) -> list[tuple[int, int]]:
-    """(FAk, SSk) of one number k."""
-    return [(j, labels.index("SS" + t[2:])) for j, t in enumerate(labels) if t[:2] == "FA" and "SS" + t[2:] in labels]
+    """(FAk, SSk), or (Xk, Yk), of one number k."""
+    return [(j, labels.index(across(t))) for j, t in enumerate(labels) if along_x(t) and across(t) in labels]
 
 
 def pair_angle_deg(s: ModalSet, i: int, j: int) -> float:

@@ -44,6 +44,7 @@ from probupdate.identification.reference import ReferenceModes, turned
 from probupdate.identification.tracking import Choice, JudgedPoles, Tracked
 from probupdate.io.files import write_table
 from probupdate.io.result_table import table_of
+from probupdate.modal.labels import TURBINE, family
 from probupdate.modal.modes import (
     ModalData,
     ModalDeviation,
@@ -646,20 +647,24 @@ def _summary(every: list[_Found], data: ModalData, poles: pd.DataFrame, campaign
         f = f[np.isfinite(f)]
         text = f"mean {np.mean(f):.4f} Hz, CoV {np.std(f, ddof=1) / np.mean(f):.4f}" if len(f) > 1 else "too few"
         lines.append(f"{label}: in {len(f)} blocks, {text}")
-    states = Counter(str(s.environment["state"]) for s in data.sets)
-    lines.append("states: " + ", ".join(f"{n} {name}" for name, n in states.most_common()))
+    of_turbine = any(family(label) == TURBINE[0] for label in data.labels)
+    if campaign.scada is not None or of_turbine:
+        states = Counter(str(s.environment["state"]) for s in data.sets)
+        lines.append("states: " + ", ".join(f"{n} {name}" for name, n in states.most_common()))
     if rule.rated_power_kw is not None and campaign.rated_power_kw is None:
         lines.append(f"rated power taken as the highest recorded, {rule.rated_power_kw:.0f} kW")
     if campaign.scada is not None and "nacelle_heading_deg" in campaign.scada:
         axis = f"{campaign.x_axis_heading_deg:g} deg of the compass"
         lines.append(f"fore-aft is where the nacelle looks; the model's x axis lies at {axis}")
-    else:
+    elif of_turbine:
         lines.append("no nacelle heading in SCADA: fore-aft is the model's x axis")
     lines += harmonics_removed(note for block in found for note in block.notes)
     lined = int((poles["criterion"] == "harmonic").sum()) if "criterion" in poles else 0
     if lined:
         lines.append(f"{lined} poles follow the rotor's speed and count as its lines")
-    if campaign.scada is None or "rotor_speed_rpm" not in campaign.scada:
+    if campaign.scada is None and not of_turbine:
+        lines.append("no SCADA: lines of a rotating machine were not looked for, and may be among the modes")
+    elif campaign.scada is None or "rotor_speed_rpm" not in campaign.scada:
         lines.append("no rotor speed in SCADA: harmonics were not looked for, and may be among the modes")
     return "\n".join(lines)
 

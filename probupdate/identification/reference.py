@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from probupdate.errors import InputError
+from probupdate.modal.labels import across, along_x
 from probupdate.modal.modes import Sensor
 from probupdate.runtime.arrays import frozen_array
 
@@ -52,11 +53,11 @@ class ReferenceModes:
             object.__setattr__(self, "turning", tuple(named for pair in self.pairs if (named := self._named(pair))))
 
     def _named(self, pair: tuple[int, int]) -> tuple[int, int] | None:
-        """(fore-aft, side-side) of a pair whose labels say so."""
-        names = [self.labels[i] for i in pair]
-        if {name[:2] for name in names} != {"FA", "SS"} or names[0][2:] != names[1][2:]:
+        """(along x, along y) of a pair whose labels say so: of a turbine (fore-aft, side-side)."""
+        first, second = (self.labels[i] for i in pair)
+        if across(first) != second:
             return None
-        return pair if names[0].startswith("FA") else pair[::-1]
+        return pair if along_x(first) else pair[::-1]
 
     def only(self, chosen, labels: tuple[str, ...] | None = None, *, number: bool = False) -> ReferenceModes:
         """The modes `chosen`, in that order; numbered anew, or with `labels`. A pair that loses a mode is none."""

@@ -20,6 +20,7 @@ from probupdate.identification.criteria import (
 )
 from probupdate.io.files import write_table
 from probupdate.io.result_table import with_units
+from probupdate.modal.labels import is_bending
 from probupdate.modal.modes import ModalData, ModalSet, plane_mac, write_modes
 
 PAPER_COV = {"FA1": 0.015, "SS1": 0.015, "FA2": 0.017, "SS2": 0.017}
@@ -97,7 +98,7 @@ def select(
     sets = data.sets if scada is None else _with_conditions(data.sets, scada, state_rule or StateRule())
     tests, notes = condition_tests(sets, criteria)
     seldom = [label for j, label in enumerate(labels) if j not in required]
-    if criteria.required is None and seldom and not any(label.startswith(("FA", "SS")) for label in labels):
+    if criteria.required is None and seldom and not any(map(is_bending, labels)):
         notes.append(f"modes not asked for, as fewer than {100 * criteria.required_share:g} % of the blocks have them: "
                      f"{', '.join(seldom)}")
     pairs = perpendicular_pairs(data.labels)

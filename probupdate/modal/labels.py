@@ -1,4 +1,5 @@
-"""Names for the global modes of a tower-like structure: FA1, SS1, T1, FA2, ... from what its sensors see."""
+"""Names for the global modes of a tower-like structure, from what its sensors see: FA1, SS1, T1, FA2, ... of a turbine,
+X1, Y1, T1, X2, ... of a structure without a nacelle, L1, L2, ... of single members."""
 
 from __future__ import annotations
 
@@ -9,7 +10,28 @@ import numpy as np
 from probupdate.modal.modes import Sensor
 from probupdate.runtime.arrays import frozen_array
 
-FAMILIES = ("FA", "SS", "T")
+# bending along x, bending along y, torsion: fore-aft is where a nacelle looks, and without one there is no fore-aft
+TURBINE, NEUTRAL = ("FA", "SS", "T"), ("X", "Y", "T")
+ACROSS = {first: second for pair in (TURBINE[:2], NEUTRAL[:2]) for first, second in (pair, pair[::-1])}
+
+
+def family(label: str) -> str:
+    """A label without its number."""
+    return label.rstrip("0123456789")
+
+
+def is_bending(label: str) -> bool:
+    return family(label) in ACROSS
+
+
+def across(label: str) -> str | None:
+    """The label of bending in the other direction, of the same number; None of a label that is none of bending."""
+    return ACROSS[family(label)] + label[len(family(label)) :] if is_bending(label) else None
+
+
+def along_x(label: str) -> bool:
+    """Whether it is the first of a pair of bending modes."""
+    return is_bending(label) and family(label) in (TURBINE[0], NEUTRAL[0])
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -25,9 +47,10 @@ class ModeCharacter:
 
 
 def mode_character(
-    shape: np.ndarray, sensors: tuple[Sensor, ...], *, local_limit: float = 0.5
+    shape: np.ndarray, sensors: tuple[Sensor, ...], *, families: tuple[str, str, str] = TURBINE, local_limit: float = 0.5
 ) -> ModeCharacter:
-    """Label modes (n_channel, n_mode), ascending in frequency, rows in the sensors' order.
+    """Label modes (n_channel, n_mode), ascending in frequency, rows in the sensors' order; `families` names bending along
+    x, along y and torsion.
 
     Channels of one level (equal z within 0.1 m) are fitted by a rigid plane's motion about the vertical axis
     through the origin. A level with a single sensor position tells translation only. Modes with `local` above
@@ -61,21 +84,22 @@ def mode_character(
     # a level that is not symmetric about the axis couples the three; then their sum may pass 1 a little
     share = share / np.maximum(share.sum(axis=1, keepdims=True), 1.0)
     local = 1 - share.sum(axis=1)
-    count = dict.fromkeys((*FAMILIES, "L"), 0)
+    count = dict.fromkeys((*families, "L"), 0)
     labels = []
     for j in range(n_mode):
-        family = "L" if local[j] > local_limit else FAMILIES[int(np.argmax(share[j]))]
-        count[family] += 1
-        labels.append(f"{family}{count[family]}")
+        name = "L" if local[j] > local_limit else families[int(np.argmax(share[j]))]
+        count[name] += 1
+        labels.append(f"{name}{count[name]}")
     return ModeCharacter(share=frozen_array(share), local=frozen_array(local), labels=tuple(labels))
 
 
 def close_pairs(frequency_hz: np.ndarray, labels: tuple[str, ...], gap: float = 0.1) -> tuple[tuple[int, int], ...]:
-    """Pairs (FAk, SSk) whose frequencies differ by less than `gap` of their mean: to be compared as a plane."""
+    """Pairs of bending, (FAk, SSk) or (Xk, Yk), whose frequencies differ by less than `gap` of their mean: to be compared
+    as a plane."""
     pairs = []
     for i, label in enumerate(labels):
-        partner = "SS" + label[2:]
-        if label.startswith("FA") and partner in labels:
+        partner = across(label) if along_x(label) else None
+        if partner in labels:
             j = labels.index(partner)
             if abs(frequency_hz[i] - frequency_hz[j]) < gap * 0.5 * (frequency_hz[i] + frequency_hz[j]):
                 pairs.append((min(i, j), max(i, j)))

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from probupdate.errors import InputError
+from probupdate.modal.labels import across
 from probupdate.modal.modes import ModalSet, mac, rotate_to_real, subspace_mac
 from probupdate.model.interface import ModalSolution, Model
 from probupdate.runtime.arrays import frozen_array
@@ -355,7 +356,7 @@ def _refuse_lonely(modal_set, groups, criterion, visible, name, frequency_hz) ->
         (j,), (i,) = group.measured, group.computed
         close = np.abs(frequency_hz - frequency_hz[i]) < PAIR_GAP * 0.5 * (frequency_hz + frequency_hz[i])
         mates = [int(k) for k in np.flatnonzero(close & (visible >= SEEN * visible[i])) if k not in taken]
-        other = {"FA": "SS", "SS": "FA"}.get(name[j][:2], "") + name[j][2:]
+        other = across(name[j])
         unmeasured = [name[k] for k in np.flatnonzero(~modal_set.measured)]
         for k in mates:
             if other in unmeasured:

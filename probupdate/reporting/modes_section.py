@@ -16,6 +16,8 @@ from probupdate.reporting.viewer import align, viewer_data
 MODE_NAMES = {
     "FA1": "first fore-aft bending", "SS1": "first side-side bending", "T1": "first torsion",
     "FA2": "second fore-aft bending", "SS2": "second side-side bending",
+    "X1": "first bending along x", "Y1": "first bending along y",
+    "X2": "second bending along x", "Y2": "second bending along y",
 }
 
 

@@ -14,7 +14,7 @@ from scipy import sparse
 from probupdate.errors import InputError
 from probupdate.io.result_table import table_of
 from probupdate.io.subdyn_file import read_subdyn
-from probupdate.modal.labels import mode_character
+from probupdate.modal.labels import NEUTRAL, TURBINE, mode_character
 from probupdate.modal.modes import Sensor
 from probupdate.model.interface import ModalSolution, Model
 from probupdate.model.parameters import Parameters
@@ -46,8 +46,8 @@ UNITS_ADVICE = ("check the units (N, m, kg, Pa: E in MPa makes 0.001 of it, dens
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class OwnModes:
-    """frequency_hz (n_mode,) ascending at the initial parameters; labels FA1, SS1, T1, L1, ... where the model has
-    geometry, mode 1, ... elsewhere; shape (n_channel, n_mode), largest component 1. `notes`: what the model's files
+    """frequency_hz (n_mode,) ascending at the initial parameters; labels FA1, SS1, T1, L1, ... of a turbine, X1, Y1, T1,
+    L1, ... of matrices whose nodes have places, mode 1, ... elsewhere; shape (n_channel, n_mode), largest component 1. `notes`: what the model's files
     hold that has no effect."""
 
     model: str
@@ -90,12 +90,14 @@ def own_modes(
     """
     if count is not None and count < 1:
         raise InputError("count", f"{count} modes are asked for", "ask for one or more")
-    sensors, notes = None, ()
+    sensors, notes, of_matrices = None, (), False
     if isinstance(parameters, str | Path):
         parameters = read_parameters(parameters)
     if isinstance(model, str | Path):
         path = Path(model)
         sensors, notes = model_sensors(path), _notes(path)
+        # a turbine's geometry has sensors with places, or none
+        of_matrices = sensors is None
         opened = load_model(path, parameters=parameters, sensors=() if sensors == () else None)
     elif hasattr(model, "solve"):
         opened = model
@@ -117,7 +119,8 @@ def own_modes(
     shape = _seen(solution.shape)
     shape = shape / np.where(np.abs(shape).max(axis=0, initial=0) > 0, np.abs(shape).max(axis=0, initial=0), 1.0)
     return OwnModes(
-        model=opened.name, frequency_hz=frozen_array(solution.frequency_hz), labels=_labels(opened, sensors, shape, count),
+        model=opened.name, frequency_hz=frozen_array(solution.frequency_hz),
+        labels=_labels(opened, sensors, shape, count, NEUTRAL if of_matrices else TURBINE),
         channels=opened.channels, shape=frozen_array(shape), notes=notes,
     )  # fmt: skip
 
@@ -174,7 +177,7 @@ def _notes(path: Path) -> tuple[str, ...]:
     return read_subdyn(path).notes
 
 
-def _labels(model: Model, sensors, shape: np.ndarray, count: int) -> tuple[str, ...]:
+def _labels(model: Model, sensors, shape: np.ndarray, count: int, families: tuple[str, str, str]) -> tuple[str, ...]:
     """By the sensors where their places are known, by the whole structure where it has a picture."""
     if sensors:
         return mode_character(shape, sensors).labels
@@ -183,7 +186,7 @@ def _labels(model: Model, sensors, shape: np.ndarray, count: int) -> tuple[str, 
         return tuple(f"mode {j + 1}" for j in range(count))
     nodes = tuple(Sensor(channel=f"{k}{axis}", level="", position_m=place, direction=np.eye(3)[a])
                   for k, place in enumerate(wire.node_m) for a, axis in enumerate("xyz"))  # fmt: skip
-    return mode_character(_seen(wire.displacement.reshape(-1, count)), nodes).labels
+    return mode_character(_seen(wire.displacement.reshape(-1, count)), nodes, families=families).labels
 
 
 def _seen(shape: np.ndarray) -> np.ndarray:

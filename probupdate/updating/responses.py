@@ -18,6 +18,7 @@ import numpy as np
 from scipy import linalg
 
 from probupdate.errors import InputError
+from probupdate.modal.labels import family, is_bending
 from probupdate.modal.modes import ModalSet, rotate_to_real
 from probupdate.runtime.arrays import frozen_array
 
@@ -127,8 +128,9 @@ class Weights:
 
 
 def paper_weights(labels: tuple[str, ...], frequency_hz: np.ndarray, **responses: str) -> Weights:
-    """CoV 0.015 for first and 0.017 for higher modes; first are those labelled FA1 or SS1, or unlabelled below 1 Hz."""
-    first = [name[-1] == "1" and name[:2] in ("FA", "SS") for name in labels] if labels else frequency_hz < 1.0
+    """CoV 0.015 for first and 0.017 for higher modes; first are those of first bending (FA1, SS1, X1, Y1), or unlabelled
+    below 1 Hz."""
+    first = [is_bending(name) and name == f"{family(name)}1" for name in labels] if labels else frequency_hz < 1.0
     cov = tuple(PAPER_COV_FIRST if f else PAPER_COV_SECOND for f in first)
     return Weights(frequency_cov=cov, shape_std=False, **responses)
 

@@ -22,6 +22,8 @@ from probupdate.identification.roving import Merged
 from probupdate.identification.selection import CAMPAIGN, Selection
 from probupdate.identification.selection import select as select_sets
 from probupdate.identification.setups import identify_setups as identify_campaigns
+from probupdate.modal.labels import NEUTRAL
+from probupdate.modal.labels import TURBINE as TURBINE_LABELS
 from probupdate.modal.modes import Sensor, read_modes
 from probupdate.runtime.executors import Executor, Shard
 from probupdate.runtime.progress import Progress, silent
@@ -32,6 +34,8 @@ from probupdate.verbs.sought import reference_modes
 
 # fewest parts of a block that give standard deviations: known to 40 % then
 LEAST_PARTS = 4
+# columns of SCADA that only a turbine has
+OF_TURBINES = ("power_kw", "rotor_speed_rpm", "pitch_deg", "nacelle_heading_deg", "yaw_rate_degps")
 # the paper's sampling rate after decimation
 PAPER_HZ = 5.0
 
@@ -67,7 +71,8 @@ def identify(
                                harmonics=harmonics)  # fmt: skip
     reference, others = None, None
     if model is not None:
-        reference, others = reference_at(campaign, opened.sensors, model, parameters, lowest, settings.target_rate_hz)
+        reference, others = reference_at(campaign, opened.sensors, model, parameters, lowest, settings.target_rate_hz,
+                                         families_of([opened], model))
     found = identify_campaign(opened, reference, others=others, settings=settings, store=store, jobs=jobs,
                               progress=progress)
     return replace(found, notes=(*said, *found.notes), summary="\n".join([found.summary, *said]))
@@ -124,7 +129,8 @@ def identify_setups(
     if model is not None:
         sensors = tuple({s.channel: s for c in opened for s in c.sensors}.values())
         channels = tuple(s.channel for s in sensors)
-        reference, others = reference_at(paths[0], sensors, model, parameters, lowest, settings.target_rate_hz)
+        reference, others = reference_at(paths[0], sensors, model, parameters, lowest, settings.target_rate_hz,
+                                         families_of(opened, model))
     merged = identify_campaigns(opened, names, reference=reference, others=others, channels=channels,
                                 settings=settings, store=store, jobs=jobs, progress=progress)
     return replace(merged, summary="\n".join([merged.summary, *said]))
@@ -166,7 +172,13 @@ def ssi_settings(
     return settings, said
 
 
-def reference_at(campaign, sensors: tuple[Sensor, ...], model, parameters, lowest, rate_hz: float):
+def families_of(campaigns: Sequence[Campaign], model) -> tuple[str, str, str]:
+    """What bending is called: fore-aft and side-side of a turbine, by its model or by what was recorded of it."""
+    recorded = any(c.scada is not None and not set(OF_TURBINES).isdisjoint(c.scada.columns) for c in campaigns)
+    return TURBINE_LABELS if recorded or has_geometry(model) else NEUTRAL
+
+
+def reference_at(campaign, sensors: tuple[Sensor, ...], model, parameters, lowest, rate_hz: float, families):
     turbine = open_model(model, parameters, sensors if has_geometry(model) else None)
     missing = [s.channel for s in sensors if s.channel not in turbine.channels]
     if missing:
@@ -174,7 +186,7 @@ def reference_at(campaign, sensors: tuple[Sensor, ...], model, parameters, lowes
             f"{campaign}: channel {missing[0]}", f"is not a channel of the model {turbine.name}",
             "name the model's channels as the campaign's",
         )
-    reference, others = reference_modes(turbine, sensors, lowest)
+    reference, others = reference_modes(turbine, sensors, lowest, families)
     highest = float(np.max(reference.frequency_hz))
     if rate_hz <= 2 * highest:
         raise InputError(

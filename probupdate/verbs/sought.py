@@ -8,28 +8,31 @@ import numpy as np
 
 from probupdate.errors import InputError
 from probupdate.identification.reference import ReferenceModes
-from probupdate.modal.labels import close_pairs, mode_character
+from probupdate.modal.labels import TURBINE, close_pairs, family, mode_character
 from probupdate.modal.modes import Sensor, mac
 
 if TYPE_CHECKING:
     from probupdate.model.interface import Model
 
-# global modes looked for: first and second bending pairs and the torsion between them (the paper's first five)
-MODES_OF_INTEREST = ("FA1", "SS1", "T1", "FA2", "SS2")
+# global modes looked for, (family, number): first and second bending pairs and the torsion between them (the paper's
+# first five: FA1, SS1, T1, FA2, SS2)
+MODES_OF_INTEREST = ((0, 1), (1, 1), (2, 1), (0, 2), (1, 2))
 # computed modes searched for them
 SEARCH = 24
 # least motion of the sensors, beside the largest of a family of modes, of one that is the structure's and no member's
 LOCAL = 0.03
 
 
-def modes_of_interest(model: Model, sensors: tuple[Sensor, ...], lowest: int | None = None) -> ReferenceModes:
+def modes_of_interest(
+    model: Model, sensors: tuple[Sensor, ...], lowest: int | None = None, families: tuple[str, str, str] = TURBINE
+) -> ReferenceModes:
     """The model's first and second bending modes and its torsion, as seen by the sensors; or its `lowest` modes,
     whatever they are."""
-    return reference_modes(model, sensors, lowest)[0]
+    return reference_modes(model, sensors, lowest, families)[0]
 
 
 def reference_modes(
-    model: Model, sensors: tuple[Sensor, ...], lowest: int | None = None
+    model: Model, sensors: tuple[Sensor, ...], lowest: int | None = None, families: tuple[str, str, str] = TURBINE
 ) -> tuple[ReferenceModes, ReferenceModes | None]:
     """The modes of interest, and the others that were computed to find them. Raises InputError where the model has fewer
     than `lowest`, or no global mode at the sensors."""
@@ -39,8 +42,9 @@ def reference_modes(
     solution = model.solve(model.parameters.initial, min(max(SEARCH, lowest or 0), model.n_available))
     rows = [model.channels.index(s.channel) for s in sensors]
     shape = solution.shape[rows]
-    labels = global_labels(solution.frequency_hz, shape, sensors)
-    chosen = [labels.index(label) for label in MODES_OF_INTEREST if label in labels]
+    labels = global_labels(solution.frequency_hz, shape, sensors, families)
+    wanted = [f"{families[k]}{number}" for k, number in MODES_OF_INTEREST]
+    chosen = [labels.index(label) for label in wanted if label in labels]
     if lowest is not None:
         chosen = list(range(min(lowest, len(solution.frequency_hz))))
     if not chosen:
@@ -54,19 +58,21 @@ def reference_modes(
     return tuple(_as_reference(solution.frequency_hz, shape, labels, some) if some else None for some in (chosen, rest))
 
 
-def global_labels(frequency_hz: np.ndarray, shape: np.ndarray, sensors: tuple[Sensor, ...]) -> tuple[str, ...]:
+def global_labels(
+    frequency_hz: np.ndarray, shape: np.ndarray, sensors: tuple[Sensor, ...], families: tuple[str, str, str] = TURBINE
+) -> tuple[str, ...]:
     """Names of unit-mass shapes (n_channel, n_mode) at the sensors. A member's own mode drags the level along a little
     and would pass for a bending mode: one that moves the sensors by less than LOCAL of what the largest of its family
     does, or that has the shape of a larger one within 2 % of its frequency, is local."""
     size = np.linalg.norm(shape, axis=0)
-    first = mode_character(shape, sensors).labels
-    family = np.array([label.rstrip("0123456789") for label in first])
-    largest = {name: size[family == name].max() for name in set(family)}
-    seen = np.array([size[k] > LOCAL * largest[name] for k, name in enumerate(family)])
+    first = mode_character(shape, sensors, families=families).labels
+    kind = np.array([family(label) for label in first])
+    largest = {name: size[kind == name].max() for name in set(kind)}
+    seen = np.array([size[k] > LOCAL * largest[name] for k, name in enumerate(kind)])
     near = np.abs(np.log(frequency_hz / frequency_hz[:, None])) < 0.02
     shadowed = near & (mac(shape, shape) > 0.95) & (size > size[:, None])
     own = np.flatnonzero(seen & ~shadowed.any(axis=1))
-    names = dict(zip(own, mode_character(shape[:, own], sensors).labels, strict=True))
+    names = dict(zip(own, mode_character(shape[:, own], sensors, families=families).labels, strict=True))
     last = sum(name.startswith("L") for name in names.values())
     for k in range(len(first)):
         if k not in names:

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from probupdate.modal.labels import close_pairs, mode_character
+from probupdate.modal.labels import NEUTRAL, across, close_pairs, is_bending, mode_character
 from probupdate.modal.modes import Sensor
 
 
@@ -62,3 +62,13 @@ def test_close_pairs_are_named_by_family_and_number():
     labels = ("FA1", "SS1", "T1", "FA2", "SS2")
     assert close_pairs(np.array([0.32, 0.322, 1.2, 1.9, 2.0]), labels) == ((0, 1), (3, 4))
     assert close_pairs(np.array([0.32, 0.40, 1.2, 1.9, 2.0]), labels) == ((3, 4),)
+
+
+def test_a_structure_without_a_nacelle_has_neutral_names(sensors):
+    shape = np.column_stack([motion(sensors, ux=1), motion(sensors, uy=1), motion(sensors, rz=0.3)])
+    labels = mode_character(shape, sensors, families=NEUTRAL).labels
+    assert labels == ("X1", "Y1", "T1")
+    # they pair as a turbine's do
+    assert close_pairs(np.array([0.32, 0.322, 1.2]), labels) == ((0, 1),)
+    assert across("Y12") == "X12" and across("FA1") == "SS1" and across("T1") is None and across("mode 1") is None
+    assert is_bending("X1") and not is_bending("L1")
