@@ -45,7 +45,8 @@ def run_farm(a: argparse.Namespace, progress: Progress) -> None:
 def run_report(a: argparse.Namespace, progress: Progress) -> None:
     import probupdate
 
-    result = probupdate.report(a.run, a.out, jobs=a.jobs, progress=progress)
+    result = probupdate.report(
+        a.run, a.out, campaign=a.campaign, model=a.model, parameters=a.parameters, jobs=a.jobs, progress=progress)
     tell(a, result, *([[result.path]] if a.json else []))
 
 
@@ -86,5 +87,8 @@ def add_commands(verb: AddCommand) -> None:
 
     p = verb("report", run_report, "one self-contained page of a run directory")
     p.add_argument("run", metavar="RUN", help="directory that the steps wrote into; what is missing there is left out")
+    p.add_argument("--campaign", help="directory of the records and SCADA (default: campaign/ in RUN)")
+    p.add_argument("--model", help=MODEL_HELP + " (default: model.toml or model.npz in RUN)")
+    p.add_argument("--parameters", help="parameters.toml of a model made of matrices")
     p.add_argument("--out", required=True, help="the page, report.html")
     p.add_argument("--jobs", type=positive(int, "jobs"), default=1, help="processes (1); the page is the same")

@@ -29,8 +29,12 @@ SECTIONS = {
 SLOW = ("diagnosis_section", "posterior_section", "identification_section")
 
 
-def report(run: str | Path, out: str | Path, *, jobs: int | Executor = 1, progress: Progress = silent) -> Path:
-    """Read the run directory `run` and write the page to `out`; returns the path written.
+def report(
+    run: str | Path, out: str | Path, *, campaign: str | Path | None = None, model: str | Path | None = None,
+    parameters: str | Path | None = None, jobs: int | Executor = 1, progress: Progress = silent,
+) -> Path:  # fmt: skip
+    """Read the run directory `run` and write the page to `out`; returns the path written. campaign, model, parameters:
+    where the records, the model and its table of parameters lie, if not in the directory under their usual names.
 
     Whatever the directory lacks is left out and named on the page; a file that is there but cannot be read raises
     InputError, as does a directory that holds nothing of a run. jobs: processes, or an executor, for the sections; the
@@ -38,10 +42,12 @@ def report(run: str | Path, out: str | Path, *, jobs: int | Executor = 1, progre
     """
     from probupdate.reporting.run_files import read_run
 
+    given = {"campaign": campaign, "model": model, "parameters": parameters}
+    given = {name: Path(path) for name, path in given.items() if path is not None}
     with executor(jobs) as runs:
         # they import while the files are read
         runs.prepare(len(SLOW), "probupdate.reporting.run_files", "probupdate.reporting.figures")
-        return write_text(Path(out), compose(read_run(Path(run), progress), jobs=runs, progress=progress))
+        return write_text(Path(out), compose(read_run(Path(run), progress, given), jobs=runs, progress=progress))
 
 
 def compose(run: Run, *, jobs: int | Executor = 1, progress: Progress = silent) -> str:

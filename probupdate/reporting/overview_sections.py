@@ -66,7 +66,9 @@ def verdict_section(run: Run) -> Section:
     if remarks:
         items.append(Items(title="What to keep in mind", statements=tuple(remarks)))
     if run.missing:
-        items.append(Notice(level="missing", text="; ".join(run.missing) + "."))
+        elsewhere = " If records or model lie elsewhere: probupdate report --campaign, --model." if (
+            run.campaign is None or run.model is None) else ""  # fmt: skip
+        items.append(Notice(level="missing", text="; ".join(run.missing) + "." + elsewhere))
     level = worst(found) if run.update is not None or found else "plain"
     # a run without an update has little more to show: nothing of it is folded
     return Section(anchor="verdict", title="Verdict", items=tuple(items), lead=_lead(run),

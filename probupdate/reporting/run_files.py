@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 import hashlib
+import os
 import platform
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -67,13 +68,17 @@ class HeadTable:
     title: str | None = None
 
 
-def read_run(folder: Path, progress: Progress) -> Run:
-    """Everything the directory holds. Raises InputError where it is no directory, holds nothing of a run, or holds a
-    file that cannot be read or does not belong to the others."""
+def read_run(folder: Path, progress: Progress, given: Mapping[str, Path] | None = None) -> Run:
+    """Everything the directory holds; given: campaign, model and parameters that lie elsewhere. Raises InputError where it
+    is no directory, holds nothing of a run, or holds a file that cannot be read or does not belong to the others."""
     if not folder.is_dir():
         raise InputError(str(folder), "is not a directory", "give the directory that the steps wrote into")
-    head = _head(folder)
-    places = _places(folder, head)
+    head, given = _head(folder), given or {}
+    places = _places(folder, head) | {name: path for name, path in given.items() if name in PARTS}
+    for name, path in given.items():
+        if not path.exists():
+            raise InputError(f"--{name}", f"'{path}' does not exist", "mend the path")
+    parameters = given.get("parameters") or _named(folder, head, "parameters")
     missing = tuple(words for name, words in PARTS.items() if name not in places)
     if len(missing) == len(PARTS):
         raise InputError(str(folder), "holds nothing of a run", f"expected some of {', '.join(PARTS)}")
@@ -94,7 +99,7 @@ def read_run(folder: Path, progress: Progress) -> Run:
     comparison = read("compare.json", read_comparison)
     diagnosis = read("diagnosis.json", read_diagnosis)
     data = compared_modes(nine or modes, update)
-    model = read("model", lambda path: _load_model(path, head, folder, campaign, drawn_set(data, update)))
+    model = read("model", lambda path: _load_model(path, parameters, folder, campaign, drawn_set(data, update)))
     progress("reading the run", steps, steps)
     _refuse_strangers(folder, model, update, posterior, comparison)
     truth_file = places["campaign"] / "truth.toml" if "campaign" in places else None
@@ -181,16 +186,12 @@ def read_table(path: Path, needed: tuple[str, ...], time: str | None = None) -> 
 
 
 def _load_model(
-    path: Path, head: Mapping, folder: Path, campaign: CampaignValues | None, modal_set: ModalSet | None
+    path: Path, parameters: Path | None, folder: Path, campaign: CampaignValues | None, modal_set: ModalSet | None
 ) -> Model:
     """The model at the campaign's sensors with the nacelle as in that set, as the steps saw it."""
     from probupdate.structure.load import load_model, nacelle_angle_deg
 
-    parameters = _named(folder, head, "parameters")
-    if path.suffix == ".npz":
-        return load_model(path, parameters=parameters)
-
-    if "matrices" in read_toml(path):
+    if path.suffix == ".npz" or (path.suffix == ".toml" and "matrices" in read_toml(path)):
         return load_model(path, parameters=parameters)
     angle = 0.0 if modal_set is None else nacelle_angle_deg(modal_set.environment, f"{folder}, set {modal_set.id}")
     sensors = None if campaign is None else campaign.sensors
@@ -235,7 +236,7 @@ def _provenance(folder, places, head, model, update, posterior):
     held = [places["campaign"] / name for name in ("campaign.toml", "scada.csv")] if "campaign" in places else []
     for path in (*places.values(), *held):
         if path.is_file():
-            yield path.relative_to(folder).as_posix(), f"SHA-256 {hashlib.sha256(read_bytes(path, largest=LARGEST_HASHED)).hexdigest()[:16]}"
+            yield Path(os.path.relpath(path, folder)).as_posix(), f"SHA-256 {hashlib.sha256(read_bytes(path, largest=LARGEST_HASHED)).hexdigest()[:16]}"
     if model is not None:
         yield "model", model.name
     if update is not None:

@@ -147,10 +147,14 @@ class Written:
         return files_table(page=(self.path,))
 
 
-def report(run: str | Path, out: str | Path, *, jobs: int | Executor = 1, progress: Progress = silent) -> Written:
-    """One self-contained page of a run directory. jobs: processes, or an executor, for its sections; the page is the same
-    on any."""
-    return Written(write_report(run, out, jobs=jobs, progress=progress))
+def report(
+    run: str | Path, out: str | Path, *, campaign: str | Path | None = None, model: str | Path | None = None,
+    parameters: str | Path | None = None, jobs: int | Executor = 1, progress: Progress = silent,
+) -> Written:  # fmt: skip
+    """One self-contained page of a run directory; campaign, model, parameters: where these lie, if not in it. jobs:
+    processes, or an executor, for its sections; the page is the same on any."""
+    return Written(write_report(run, out, campaign=campaign, model=None if model is None else model_path(model),
+                                parameters=parameters, jobs=jobs, progress=progress))  # fmt: skip
 
 
 @dataclass(frozen=True)

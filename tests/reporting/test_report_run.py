@@ -126,6 +126,23 @@ def test_the_page_of_a_directory_is_written(directory, undrawn, tmp_path):
     assert "June &lt;b&gt;" in page and 'class="notice missing"' not in page.split('id="measured"')[0]
 
 
+def test_records_and_model_that_lie_elsewhere_are_named(directory, undrawn, tmp_path):
+    """As the commands on data of one's own leave them: beside the run directory, not in it."""
+    run = tmp_path / "run"
+    run.mkdir()
+    for path in directory.iterdir():
+        to = tmp_path if path.name in ("campaign", "model.npz", "parameters.toml") else run
+        (to / path.name).symlink_to(path)
+    assert set(read_run(run, silent).missing) == {PARTS["campaign"], PARTS["model"]}
+    given = {"campaign": tmp_path / "campaign", "model": tmp_path / "model.npz", "parameters": tmp_path / "parameters.toml"}
+    found = read_run(run, silent, given)
+    assert found.missing == () and found.model is not None
+    assert dict(found.provenance)["../model.npz"].startswith("SHA-256 ")
+    assert str(tmp_path) not in report(run, tmp_path / "r.html", **given).read_text(encoding="utf-8")
+    with pytest.raises(InputError, match="--campaign: '.*/nowhere' does not exist; mend the path"):
+        report(run, tmp_path / "r.html", campaign=tmp_path / "nowhere")
+
+
 @pytest.mark.parametrize("name", [n for n in PARTS if n not in ("model",)])
 def test_a_part_that_is_not_there_is_named(own, name):
     (own / name).unlink()
