@@ -33,7 +33,7 @@ from probupdate.campaign.sensor_findings import SensorFinding
 from probupdate.campaign.spectra import cross_spectra, in_acceleration, most_channels
 from probupdate.campaign.usable import leave_out, uncovered
 from probupdate.io.files import write_json, write_table
-from probupdate.io.result_table import with_units
+from probupdate.io.result_table import plural, with_units
 from probupdate.runtime.progress import Progress, silent
 
 # what a column of SCADA is needed for
@@ -130,8 +130,8 @@ def check(campaign: Campaign, *, progress: Progress = silent) -> CampaignCheck:
     elif stride > 1:
         uses = (*uses, f"channels were compared with one another in every {stride}th block")
     summary = "\n".join([
-        f"{campaign.name}: {len(campaign.sensors)} channels at {campaign.sampling_rate_hz:g} Hz, {len(campaign.files)} "
-        f"files, {len(head)} blocks of {campaign.block_minutes:g} minutes",
+        f"{campaign.name}: {plural(len(campaign.sensors), 'channel')} at {campaign.sampling_rate_hz:g} Hz, "
+        f"{plural(len(campaign.files), 'file')}, {plural(len(head), 'block')} of {campaign.block_minutes:g} minutes",
         *(f"found: {t}" for t in findings), *(f"can do: {t}" for t in uses),
     ])
     return CampaignCheck(
@@ -215,10 +215,10 @@ def _coverage(campaign: Campaign, head: pd.DataFrame, overlaps: int) -> list[str
     if advice := uncovered(campaign):
         found.append(f"no record covers a whole block: {advice}")
     elif gone.any():
-        found.append(f"{int(gone.sum())} blocks have gaps too long to repair: {', '.join(head['id'][gone][:6])}"
+        found.append(f"{plural(int(gone.sum()), 'block')} with gaps too long to repair: {', '.join(head['id'][gone][:6])}"
                      + (" and more" if gone.sum() > 6 else ""))
     if overlaps:
-        found.append(f"files overlap in {overlaps} blocks; the file that starts first is used")
+        found.append(f"files overlap in {plural(overlaps, 'block')}; the file that starts first is used")
     return found
 
 
@@ -245,7 +245,7 @@ def _quantities(campaign: Campaign) -> list[str]:
 
 def _scada_findings(campaign: Campaign) -> list[str]:
     if campaign.scada is None:
-        return ["no scada.csv: nothing is known of operation and weather (of a turbine: states, yawing, pitching, harmonics)"]
+        return ["no scada.csv: nothing is known of operation and weather (a turbine's states, harmonics)"]
     missing = [c for c in COLUMNS if c not in campaign.scada]
     similar = misnamed(campaign.scada.columns, SIMILAR)
     found = [f"SCADA has no {c}{_maybe(similar.get(c))}: no {USES[c]}" for c in missing if c in USES]
@@ -270,7 +270,7 @@ def _uses(campaign: Campaign, head: pd.DataFrame, table: pd.DataFrame) -> tuple[
     # as identification takes them: no long gap and no channel without any signal
     spoilt = table[(table["longest_gap_s"] > 0) | table["flat"]]
     good = (head["excluded"] == "") & ~head["id"].isin(spoilt["id"][spoilt["flat"]])
-    uses = [f"identify {int(good.sum())} blocks"]
+    uses = [f"identify {plural(int(good.sum()), 'block')}"]
     few = max(1, len(campaign.channels) // 3)
     alone = Counter(c for c in spoilt.groupby("id")["channel"].agg(tuple) if len(c) <= few < len(campaign.channels))
     uses += [f"identify {n} more without {', '.join(channels)}: {leave_out(channels)}"

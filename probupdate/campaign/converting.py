@@ -18,7 +18,7 @@ from probupdate.campaign.timing import file_clock
 from probupdate.errors import InputError, parsing
 from probupdate.io.files import input_file, read_json, remove_stale, write_json
 from probupdate.io.hdf5_file import new_hdf5, open_hdf5
-from probupdate.io.result_table import files_table
+from probupdate.io.result_table import files_table, plural
 from probupdate.runtime.progress import Progress, silent
 
 # a file written holds at most so much time, so that no reader is asked for more and a kill loses little
@@ -42,7 +42,7 @@ class Conversion:
 
     @property
     def summary(self) -> str:
-        text = f"{len(self.files)} files written, {len(self.kept)} kept from before, {self.samples} samples a channel"
+        text = f"{plural(len(self.files), 'file')} written, {len(self.kept)} kept from before, {self.samples} samples a channel"
         return "\n".join([text, *(f"  {n}" for n in self.notes)])
 
 

@@ -9,7 +9,8 @@ from probupdate.diagnosis.wording import probability_words
 from probupdate.farms.description import Farm
 from probupdate.farms.summary import DONE, FAILED, WAITING, MonthRow, by_turbine, labels_of, months_of
 from probupdate.io.files import write_text
-from probupdate.reporting.elements import MISSING, Column, Items, Picture, Section, Table, number, percent, plural
+from probupdate.io.result_table import plural
+from probupdate.reporting.elements import MISSING, Column, Items, Picture, Section, Table, number, percent
 
 # verdict -> name of its colour in the style of figures, and its marker
 MARKS = {"none": ("GREEN", "o"), "named": ("RED", "X"), "ambiguous": ("ORANGE", "^"), "unexplained": ("PURPLE", "s"),

@@ -43,7 +43,7 @@ from probupdate.identification.preprocessing import PASS_SHARE
 from probupdate.identification.reference import ReferenceModes, turned
 from probupdate.identification.tracking import Choice, JudgedPoles, Tracked
 from probupdate.io.files import write_table
-from probupdate.io.result_table import table_of
+from probupdate.io.result_table import plural, table_of
 from probupdate.modal.labels import TURBINE, family
 from probupdate.modal.modes import (
     ModalData,
@@ -395,7 +395,7 @@ def _named(
     mated = np.zeros(n_mode, bool)
     for pair in physical.modes.turning:
         mated[list(pair)] = seen[list(pair)].any()
-    notes = [f"{f:.4g} Hz comes back but is found as a mode in {int(n)} blocks: left out" for f, n, kept in
+    notes = [f"{f:.4g} Hz comes back but is found as a mode in {plural(int(n), 'block')}: left out" for f, n, kept in
              zip(physical.modes.frequency_hz, measured.sum(axis=0), seen | mated, strict=True) if not kept]  # fmt: skip
     partner, like, probability, model = {}, None, None, None
     wanted: tuple[str, ...] = ()
@@ -638,7 +638,7 @@ def _summary(every: list[_Found], data: ModalData, poles: pd.DataFrame, campaign
     found, used = [one.block for one in every], [one for one in every if one.usable]
     lines = [f"{len(used)} of {len(found)} blocks identified, {len(poles)} poles"]
     other = Counter(s.quantity for s in campaign.sensors if s.quantity != common_quantity(campaign.sensors))
-    lines += [f"{n} channels of {name} were converted to acceleration" for name, n in other.items()]
+    lines += [f"{plural(n, 'channel')} of {name} converted to acceleration" for name, n in other.items()]
     reasons = Counter("gap" if one.excluded.startswith("gap") else one.excluded for one in found if one.excluded)
     if reasons:
         lines.append("left out: " + ", ".join(f"{n} for {name}" for name, n in reasons.items()))
@@ -646,7 +646,7 @@ def _summary(every: list[_Found], data: ModalData, poles: pd.DataFrame, campaign
         f = np.array([s.frequency_hz[j] for s in data.sets])
         f = f[np.isfinite(f)]
         text = f"mean {np.mean(f):.4f} Hz, CoV {np.std(f, ddof=1) / np.mean(f):.4f}" if len(f) > 1 else "too few"
-        lines.append(f"{label}: in {len(f)} blocks, {text}")
+        lines.append(f"{label}: in {plural(len(f), 'block')}, {text}")
     of_turbine = any(family(label) == TURBINE[0] for label in data.labels)
     if campaign.scada is not None or of_turbine:
         states = Counter(str(s.environment["state"]) for s in data.sets)

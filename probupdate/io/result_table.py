@@ -99,3 +99,8 @@ def plain_value(value: Any) -> Any:
     if hasattr(value, "isoformat"):
         return value.isoformat() if value == value else None
     return str(value)
+
+
+def plural(count: int, noun: str) -> str:
+    """A number of things, in words: '1 file', '2 files'."""
+    return f"{count} {noun}" if count == 1 else f"{count} {noun}s"

@@ -444,6 +444,15 @@ def _refuse_misspelt(where: str, table: Mapping, known: set[str]) -> None:
             raise InputError(where, f"unknown key '{key}'", f"did you mean '{close[0]}'?")
 
 
+# what a file is by its ending that is given for modal sets and is no JSON
+NO_MODES = {
+    ".npz": "an archive of arrays such as a model's", ".toml": "a TOML file such as a model's or a campaign's",
+    ".dat": "a table such as a SubDyn file", ".csv": "a table", ".h5": "an HDF5 file such as a record",
+    ".nc": "a NetCDF file such as a posterior", ".uff": "a universal file (probupdate convert --to modes)",
+    ".unv": "a universal file (probupdate convert --to modes)",
+}  # fmt: skip
+
+
 def read_modes(path: str | Path) -> ModalData:
     """Read `modes.json` (interfaces: channels, sets; optional labels, reference_set)."""
     path = Path(path)
@@ -452,7 +461,15 @@ def read_modes(path: str | Path) -> ModalData:
 
 
 def _read_modes(path: Path) -> ModalData:
-    content = read_json(path, absent="check the path, or run `probupdate identify` first", nan=True)
+    absent = "check the path, or run `probupdate identify` first"
+    try:
+        content = read_json(path, absent=absent, nan=True)
+    except InputError:
+        kind = NO_MODES.get(path.suffix.lower())
+        if kind is None or not path.is_file():
+            raise
+        raise InputError(str(path), f"is {kind}, not modal sets", "give a modes.json, as `probupdate identify` writes it"
+                         ) from None
     if not isinstance(content, dict) or not isinstance(content.get("sets"), list) or "channels" not in content:
         raise InputError(str(path), "'channels' or 'sets' is missing", "see docs/formats/modes.md")
     _refuse_misspelt(str(path), content, {"channels", "sets", "labels", "reference_set", "deviations", "format",

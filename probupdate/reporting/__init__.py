@@ -79,7 +79,7 @@ def _hollow(section: Section) -> bool:
 
 
 def _subtitle(run: Run) -> str:
-    from probupdate.reporting.elements import plural
+    from probupdate.io.result_table import plural
 
     parts = []
     if run.campaign is not None:

@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from statistics import NormalDist
 
 from probupdate.diagnosis import wording
+from probupdate.io.result_table import plural
 from probupdate.reporting import figures
 from probupdate.reporting.diagnosis_tables import extension_items, gain_items, plain_table, row_table, sentence, typeset
 from probupdate.reporting.elements import (
@@ -22,7 +23,6 @@ from probupdate.reporting.elements import (
     fixed,
     number,
     percent,
-    plural,
 )
 from probupdate.reporting.values import Run
 

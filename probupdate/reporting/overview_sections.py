@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from probupdate.io.result_table import plural
 from probupdate.reporting import figures
 from probupdate.reporting.elements import (
     Column,
@@ -18,7 +19,6 @@ from probupdate.reporting.elements import (
     fixed,
     number,
     percent,
-    plural,
     sentence,
 )
 from probupdate.reporting.findings import MANY_FALLBACKS, findings, worst

@@ -15,7 +15,8 @@ from urllib.parse import quote
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup, escape
 
-from probupdate.reporting.elements import MISSING, Picture, Section, Table, plain_text, plural
+from probupdate.io.result_table import plural
+from probupdate.reporting.elements import MISSING, Picture, Section, Table, plain_text
 
 _FOLDER = Path(__file__).parent
 
@@ -24,7 +25,8 @@ def render(sections: Sequence[Section], *, title: str, subtitle: str = "", foote
     """The page as text. Every string is escaped; only the drawings, the style and the script are taken as they are. The
     page's policy lets nothing be fetched, and no script run but this one."""
     environment = Environment(
-        loader=FileSystemLoader(_FOLDER), autoescape=True, undefined=StrictUndefined, trim_blocks=False
+        loader=FileSystemLoader(_FOLDER), autoescape=True, undefined=StrictUndefined, trim_blocks=False,
+        finalize=_plus_minus,
     )
     environment.filters |= {"csv_link": csv_link, "csv_name": csv_name, "folded": _folded}
     trusted = [replace(s, items=tuple(_trusted(i) for i in s.items)) for s in sections]
@@ -41,11 +43,16 @@ def render(sections: Sequence[Section], *, title: str, subtitle: str = "", foote
     )
 
 
+def _plus_minus(value: object) -> object:
+    """Sentences are written for the terminal, where it is +-; not within drawings, style and script."""
+    return value.replace("+-", "±") if isinstance(value, str) and not isinstance(value, Markup) else value
+
+
 def _trusted(item: object) -> object:
     """A picture's drawing as it is, read out as one image with its alternative text."""
     if not isinstance(item, Picture):
         return item
-    words = escape(item.alt or item.caption)
+    words = escape(_plus_minus(item.alt or item.caption))
     return replace(item, svg=Markup(item.svg.replace("<svg", f'<svg role="img" aria-label="{words}"', 1)))
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from probupdate.io.result_table import plural
 from probupdate.model.parameters import Parameter
 from probupdate.reporting import figures, paper_tables
 from probupdate.reporting.components_items import component_items
@@ -18,7 +19,6 @@ from probupdate.reporting.elements import (
     fixed,
     number,
     percent,
-    plural,
     sentence,
 )
 from probupdate.reporting.style import MAP

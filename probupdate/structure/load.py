@@ -64,12 +64,15 @@ def load_model(
     `nacelle_angle_deg` turns rotor and nacelle counter-clockwise from where the file has them (towards the model's x
     axis); a model of matrices stands as it was exported.
     """
-    path = Path(path)
+    path, table = Path(path), "the parameters"
     if isinstance(parameters, str | Path):
-        parameters = read_parameters(parameters)
+        parameters, table = read_parameters(parameters), str(parameters)
     if path.suffix == ".npz":
         _refuse_sensors(path, sensors)
-        return load_matrices(path, parameters or _beside(path))
+        if parameters is None:
+            table = str(_beside(path))
+            parameters = read_parameters(table)
+        return load_matrices(path, parameters, table=table)
     if path.suffix.lower() == ".dat":
         if parameters is not None:
             raise InputError(str(path), "a SubDyn file alone has no parameters", "name groups and parameters in a TOML "
@@ -82,7 +85,7 @@ def load_model(
         return described_model(raw, path, parameters=parameters, sensors=sensors, nacelle_angle_deg=nacelle_angle_deg)
     if "matrices" in raw:
         _refuse_sensors(path, sensors)
-        return _matrix_model(path, raw, parameters)
+        return _matrix_model(path, raw, parameters, table)
     return turbine_model(parse_description(raw, str(path)), where=str(path), parameters=parameters, sensors=sensors,
                          nacelle_angle_deg=nacelle_angle_deg)  # fmt: skip
 
@@ -91,6 +94,8 @@ def _no_form(path: Path) -> InputError:
     """Why a path of another ending is no model, and what was probably meant."""
     forms = "a model is a model.toml, a model.npz or a SubDyn .dat"
     meant = difflib.get_close_matches(str(path).lower(), REFERENCE_STATES, n=1, cutoff=0.6)
+    if (path / "campaign.toml").is_file():
+        return InputError(str(path), "is a campaign's folder, not a model's file", forms)
     if path.is_dir():
         held = [f.name for ending in FORMS for f in sorted(path.glob(f"*{ending}"))]
         return InputError(str(path), "is a directory, not a model's file", f"did you mean '{path / held[0]}'?" if held else forms)
@@ -134,10 +139,11 @@ def _refuse_sensors(path: Path, sensors) -> None:
         raise InputError(str(path), "a model of matrices has its own channels only", "leave the sensors to the model")
 
 
-def _beside(path: Path) -> Parameters:
+def _beside(path: Path) -> Path:
+    """The table of parameters of a model.npz."""
     for candidate in (path.with_suffix(".toml"), path.with_name("parameters.toml")):
         if candidate.exists():
-            return read_parameters(candidate)
+            return candidate
     raise InputError(
         str(path), "its parameters are not known",
         f"write {path.with_name('parameters.toml').name} beside it, one [[parameter]] table each with name, unit, "
@@ -145,7 +151,7 @@ def _beside(path: Path) -> Parameters:
     )  # fmt: skip
 
 
-def _matrix_model(path: Path, raw: dict, parameters: Parameters | None) -> AffineModel:
+def _matrix_model(path: Path, raw: dict, parameters: Parameters | None, table: str) -> AffineModel:
     allowed = ("format", "name", "matrices", "parameter", "correlation")
     for key in raw:
         if key not in allowed:
@@ -154,8 +160,8 @@ def _matrix_model(path: Path, raw: dict, parameters: Parameters | None) -> Affin
     if parameters is None:
         if "parameter" not in raw:
             raise InputError(f"{path}: parameter", "there is none", "list at least one [[parameter]]")
-        parameters = updated_parameters(raw["parameter"], str(path), raw.get("correlation"))
-    return load_matrices(file, parameters, name=raw.get("name"))
+        parameters, table = updated_parameters(raw["parameter"], str(path), raw.get("correlation")), str(path)
+    return load_matrices(file, parameters, name=raw.get("name"), table=table)
 
 
 def _named_file(path: Path, raw: dict) -> Path:

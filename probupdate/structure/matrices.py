@@ -36,14 +36,17 @@ class LinearCoefficients:
         )
 
 
-def load_matrices(path: str | Path, parameters: Parameters, *, name: str | None = None) -> AffineModel:
-    """Read `model.npz` (interfaces.md, form 3); every mistake names the file and the key."""
+def load_matrices(
+    path: str | Path, parameters: Parameters, *, name: str | None = None, table: str | Path = "the parameters"
+) -> AffineModel:
+    """Read `model.npz` (interfaces.md, form 3); every mistake names the file and the key, and `table`, where the
+    parameters stand, if it may be theirs."""
     path = Path(path)
     with of_file(path), parsing(str(path), "its arrays do not fit together", "see docs/formats/model.md"):
-        return _matrices(path, parameters, name)
+        return _matrices(path, parameters, name, str(table))
 
 
-def _matrices(path: Path, parameters: Parameters, name: str | None) -> AffineModel:
+def _matrices(path: Path, parameters: Parameters, name: str | None, table: str) -> AffineModel:
     content = read_archive(path)
     stiffness, mass, stiffness_order, mass_order = [], [], [], []
     for kind, matrices, order in (("K", stiffness, stiffness_order), ("M", mass, mass_order)):
@@ -57,9 +60,10 @@ def _matrices(path: Path, parameters: Parameters, name: str | None) -> AffineMod
     for parameter in parameters.names:
         if parameter not in used:
             raise InputError(
-                f"{path}, K_{parameter}", "there is neither this matrix nor its M_", "mend the parameter's name"
+                f"{path}, K_{parameter}", f"there is neither this matrix nor its M_ for '{parameter}' of {table}",
+                "mend the parameter's name",
             )
-    _refuse_unused(path, content, used)
+    _refuse_unused(path, content, used, table)
     n = stiffness[0].shape[0]
     channels, channel_matrix = _channels(path, content, n)
     wire, wire_matrix = _wireframe(path, content, n)
@@ -131,7 +135,7 @@ def _real(where: str, raw: np.ndarray) -> np.ndarray:
     return raw.astype(float)
 
 
-def _refuse_unused(path: Path, content: Mapping, used: set[str]) -> None:
+def _refuse_unused(path: Path, content: Mapping, used: set[str], table: str) -> None:
     """A matrix without its parameter is part of no K(theta): harmless only if that is meant, so it is said."""
     for key in content:
         if key[:2] in ("K_", "M_"):
@@ -141,7 +145,7 @@ def _refuse_unused(path: Path, content: Mapping, used: set[str]) -> None:
             if name not in used and key not in used:
                 raise InputError(
                     f"{path}, {key}", f"no parameter is named '{name}'",
-                    "list it among the parameters, or leave the matrix out of the file",
+                    f"list it in {table}, or leave the matrix out of the file",
                 )
 
 

@@ -91,8 +91,6 @@ def own_modes(
     if count is not None and count < 1:
         raise InputError("count", f"{count} modes are asked for", "ask for one or more")
     sensors, notes, of_matrices = None, (), False
-    if isinstance(parameters, str | Path):
-        parameters = read_parameters(parameters)
     if isinstance(model, str | Path):
         path = Path(model)
         sensors, notes = model_sensors(path), _notes(path)
@@ -102,7 +100,7 @@ def own_modes(
     elif hasattr(model, "solve"):
         opened = model
     else:
-        opened = _wrapped(model, parameters)
+        opened = _wrapped(model, read_parameters(parameters) if isinstance(parameters, str | Path) else parameters)
     most = opened.n_available
     if count is None:
         count = min(MOST, most)

@@ -20,7 +20,7 @@ from probupdate.updating.discrepancy import state_model_error, stated_weights
 from probupdate.updating.posterior_file import Posterior, read_posterior, write_posterior
 from probupdate.updating.problem import Weights, build_problem
 from probupdate.updating.update_file import UNLIKE, UpdateRecord, read_update
-from probupdate.verbs.models import ModelAt, model_path, open_model
+from probupdate.verbs.models import ModelAt, model_path, open_model, refuse_no_model
 
 if TYPE_CHECKING:
     from probupdate.model.interface import Model
@@ -41,6 +41,15 @@ def likelihood(
     if discrepancy is None:
         discrepancy = "auto" if isinstance(weights, str) and weights in ("measured", "covariance") else 0.0
     return state_model_error(model, data, weights=chosen, discrepancy=discrepancy, set_id=set_id, progress=progress)
+
+
+def refuse_other_kinds(model, modes: object) -> None:
+    """Raises InputError where model or modes stand in the other's place, or are neither a path nor what they should be."""
+    refuse_no_model(model)
+    if hasattr(modes, "solve"):
+        raise InputError("modes", "a model was given in the modes' place", "give the model first, then the modes")
+    if not isinstance(modes, str | Path | ModalData):
+        raise InputError("modes", f"a {type(modes).__name__} is no modal data", "give a path or ModalData")
 
 
 def compared_modes(modes: str | Path | ModalData, set_id: str | None, every_mode: bool = False) -> ModalData:
@@ -112,6 +121,7 @@ def update(
     """
     from probupdate.updating.runs import deterministic_update
 
+    refuse_other_kinds(model, modes)
     data = compared_modes(modes, set_id, every_mode)
     model_at, modal_set = ModelAt(model, parameters, str(modes)), data.set(set_id)
     chosen = likelihood(weights, model_at(modal_set), data, set_id=set_id, frequencies=frequencies, shapes=shapes,
@@ -153,6 +163,7 @@ def sample(
     from probupdate.updating.ensemble import SamplerSettings
     from probupdate.updating.runs import sample_posterior
 
+    refuse_other_kinds(model, modes)
     data = compared_modes(modes, set_id, every_mode)
     out = Path(out)
     settings = SamplerSettings(seed=seed, target_ess=target_ess, max_steps=max_steps, ensembles=ensembles)
@@ -208,6 +219,7 @@ def sets(
     all, and a population with its scatter between sets; with scores of sets left out. See `updating.set_views`."""
     from probupdate.updating.set_views import view_sets
 
+    refuse_other_kinds(model, modes)
     data = compared_modes(modes, None)
     model_at = ModelAt(model, parameters, str(modes))
     chosen = likelihood(weights, model_at(data.set()), data, set_id=None, frequencies=frequencies, shapes=shapes,
@@ -247,6 +259,7 @@ def inform(
 
     if at not in PLACES:
         raise InputError("at", f"'{at}' is unknown", f"choose from {', '.join(PLACES)}")
+    refuse_other_kinds(model, modes)
     data = compared_modes(modes, set_id)
     model_at, modal_set = ModelAt(model, parameters, str(modes)), data.set(set_id)
     chosen = likelihood(weights, model_at(modal_set), data, set_id=set_id, frequencies=frequencies, shapes=shapes,

@@ -21,7 +21,7 @@ from probupdate.structure.load import load_model
 from probupdate.structure.subdyn_model import is_subdyn
 from probupdate.updating.posterior_file import read_posterior
 from probupdate.updating.problem import build_problem
-from probupdate.verbs.estimating import compared_modes, likelihood
+from probupdate.verbs.estimating import compared_modes, likelihood, refuse_other_kinds
 from probupdate.verbs.models import ModelAt, model_path
 
 if TYPE_CHECKING:
@@ -50,6 +50,8 @@ def diagnose(
     from probupdate.diagnosis.blocks import gather
     from probupdate.diagnosis.run import diagnose_files
 
+    if model is not None:
+        refuse_other_kinds(model, modes)
     data = modes if isinstance(modes, ModalData) else read_modes(modes)
     data = data if model is None else data.compared()
     # before a minute of preparation is spent on them

@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from probupdate.effects.tolerances import SensorUncertainty, TurbineUncertainty
-from probupdate.errors import names_files
+from probupdate.errors import InputError, names_files
 from probupdate.io.files import read_bytes
-from probupdate.modal.modes import ModalSet, Sensor
+from probupdate.modal.modes import ModalData, ModalSet, Sensor
 from probupdate.structure.load import REFERENCE_STATES, load_model, nacelle_angle_deg, reference_model
 from probupdate.structure.own_modes import OwnModes, own_modes
 from probupdate.structure.subdyn_model import is_subdyn, subdyn_sensors, turns_nacelle
@@ -24,12 +24,23 @@ def model_path(model: str | Path) -> Path:
     return reference_model(str(model)) if str(model) in REFERENCE_STATES else Path(model)
 
 
+def refuse_no_model(model) -> None:
+    """Raises InputError for what is neither a file's path nor a model."""
+    if isinstance(model, str | Path) or (hasattr(model, "solve") and hasattr(model, "parameters")):
+        return
+    kind = type(model).__name__
+    if isinstance(model, ModalData):
+        raise InputError("model", "modal data were given in the model's place", "give the model first, then the modes")
+    raise InputError("model", f"a {kind} is no model", "give a path, a model or a FunctionModel around a function")
+
+
 def open_model(
     model, parameters: str | Path | None = None, sensors: tuple[Sensor, ...] | None = None, *,
     nacelle_angle_deg: float = 0.0,
 ) -> Model:
     """A path, a name of the reference turbine's states, or a model already made (such as a FunctionModel)."""
     if not isinstance(model, str | Path):
+        refuse_no_model(model)
         return model
     return load_model(model_path(model), parameters=parameters, sensors=sensors, nacelle_angle_deg=nacelle_angle_deg)
 

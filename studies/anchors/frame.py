@@ -92,7 +92,7 @@ def main() -> int:
     exact, drawn = quadrature(), by_chain()
     sys.stdout.write("| | quadrature | chain | published (DREAM) | truth |\n|---|---|---|---|---|\n")
     for k, (name, published) in enumerate(PUBLISHED.items()):
-        cells = [f"{m:.0f} +- {s:.0f}" for m, s in (exact[k], drawn[k], published)]
+        cells = [f"{m:.0f} ± {s:.0f}" for m, s in (exact[k], drawn[k], published)]
         sys.stdout.write(f"| {name} | {' | '.join(cells)} | 1190 |\n")
     return 0
 

@@ -428,7 +428,7 @@ def tables(folder: Path) -> str:
             own = inside.mean(axis=1)
             error = own.std(ddof=1) / np.sqrt(len(own)) if len(own) > 1 else float("nan")
             rows.append(
-                f"| {case} | {len(good)} ({len(lines) - len(good)} refused) | {kind} | {100 * inside.mean():.1f} +- "
+                f"| {case} | {len(good)} ({len(lines) - len(good)} refused) | {kind} | {100 * inside.mean():.1f} ± "
                 f"{100 * error:.1f} % | {', '.join(f'{100 * x:.0f}' for x in inside.mean(axis=0))} | "
                 f"{np.median(std):.4f} | {np.sqrt(np.mean((true - mean) ** 2)):.4f} | {np.mean(mean - true):+.4f} |"
             )

@@ -13,7 +13,10 @@ import numpy as np
 import pytest
 from command_cases import CHANNELS, PARAMETERS, campaign_text, matrices, modes_table, write_campaign
 
+import probupdate
+from probupdate.errors import InputError
 from probupdate.io.outputs import sole_writer
+from probupdate.modal.modes import read_modes
 from probupdate.structure.load import reference_model
 
 
@@ -269,6 +272,33 @@ def test_a_second_chain_in_the_folder_of_the_first(estimated, tmp_path, refused)
     assert "seed is 2 here and 1 there" in refused(*sample, "--seed", "2")
     assert "the weights or what is compared differ" in refused(*sample, "--weights", "paper")
     assert contents(tmp_path) == before
+
+
+@pytest.mark.parametrize("verb", [probupdate.update, probupdate.sets, probupdate.inform, probupdate.diagnose])
+def test_model_and_modes_in_the_wrong_order_or_of_another_kind(building, verb):
+    modes = read_modes(building["modes"])
+    model = probupdate.open_model(building["model"])
+    for given, words in (
+        ((modes, building["model"]), "modal data were given in the model's place"),
+        ((building["model"], model), "a model was given in the modes' place"),
+        ((building["modes"], building["model"]), "model.npz: is an archive of arrays such as a model's, not modal sets"),
+        ((building["model"], 3), "no modal data"), ((np.sin, building["modes"]), "a ufunc is no model"),
+    ):
+        with pytest.raises(InputError, match=words):
+            verb(*given)
+
+
+def test_files_in_the_wrong_place_are_named_by_what_they_are(building, refused):
+    update = ["--out", building["folder"] / "u.json"]
+    assert "model.npz: is an archive of arrays such as a model's, not modal sets; give a modes.json" in refused(
+        "update", "--model", building["model"], "--modes", building["model"], *update)
+    campaign = write_campaign(building["folder"] / "campaign")
+    assert "campaign: is a campaign's folder, not a model's file" in refused(
+        "update", "--model", campaign, "--modes", building["modes"], *update)
+    table = building["folder"] / "other.toml"
+    table.write_text(Path(building["parameters"]).read_text().replace('"low"', '"lower"'))
+    assert f"model.npz, K_lower: there is neither this matrix nor its M_ for 'lower' of {table}" in refused(
+        "modes", building["model"], "--parameters", table)
 
 
 def test_a_second_sampler_on_the_same_out_is_refused_while_the_first_runs(building, refused):

@@ -163,7 +163,7 @@ def test_a_velocity_among_accelerations_is_converted(jacket, reference, write_ca
     mixed[:, 3] = np.fft.irfft(np.where(line > 0.04, spectrum, 0), 9000)
     campaign = read_campaign(write_campaign([mixed], quantity="velocity"))
     result = identify(campaign, reference)
-    assert "1 channels of velocity were converted to acceleration" in result.summary
+    assert "1 channel of velocity converted to acceleration" in result.summary
     assert any("TP-B-x converted to acceleration" in note for note in result.notes)
     converted = result.data.sets[0]
     # one record, two estimates: what the band leaves out moves them by less than three deviations of half an hour
