@@ -13,6 +13,7 @@ from probupdate.campaign.reading import Campaign, read_campaign
 from probupdate.campaign.scada import StateRule, row_states, with_rated_power
 from probupdate.errors import InputError
 from probupdate.io.files import read_json_table
+from probupdate.io.result_table import plural
 from probupdate.modal.modes import ModalData
 from probupdate.reporting.values import CampaignValues
 
@@ -73,7 +74,7 @@ def _coverage(campaign: Campaign) -> list[tuple[str, str]]:
     hour = pd.Timedelta(hours=1)
     return [
         ("recorded", f"{files[0].start:%Y-%m-%d %H:%M} to {reached:%Y-%m-%d %H:%M} UTC"),
-        ("records", f"{held / hour:.1f} of {span / hour:.1f} hours in {len(files)} files"),
+        ("records", f"{held / hour:.1f} of {span / hour:.1f} hours in {plural(len(files), 'file')}"),
     ]
 
 

@@ -13,6 +13,7 @@ from probupdate.model.parameters import Parameter
 from probupdate.reporting.style import (
     BLUE,
     FULL_IN,
+    HALF_IN,
     GREEN,
     GREY,
     GRID,
@@ -61,7 +62,7 @@ def plain_number(value: float, _position: int | None = None) -> str:
 @styled
 def frequency_errors(labels: Sequence[str], measured_hz, computed_hz: Mapping[str, Sequence[float]]) -> Figure:
     """Computed over measured frequency minus one, in per cent, for each mode and each state of the model."""
-    figure = new_figure(FULL_IN, 0.9 + 0.36 * len(labels))
+    figure = new_figure(HALF_IN, 1.2 + 0.15 * len(computed_hz) + 0.32 * len(labels))
     axes = figure.subplots()
     measured_hz = np.asarray(measured_hz, float)
     roles = (PRIOR, STEP_UPDATE, PRIOR_UPDATE, MAP, POSTERIOR)
@@ -78,7 +79,7 @@ def frequency_errors(labels: Sequence[str], measured_hz, computed_hz: Mapping[st
     axes.xaxis.set_major_formatter(FuncFormatter(plain_number))
     axes.grid(axis="y", visible=False)
     label_axes(axes, "computed frequency minus measured [% of measured]", "mode")
-    figure.legend(loc="outside upper left", ncols=2)
+    figure.legend(loc="outside upper left")
     return figure
 
 

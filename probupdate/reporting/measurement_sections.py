@@ -80,7 +80,7 @@ def measured_section(run: Run) -> Section:
     if campaign.findings:
         items.append(Items(title="Found on reading the records", statements=campaign.findings))
     return Section(anchor="measured", title="What was measured", items=tuple(items),
-                   lead="Sensors, records and the turbine's own data, before anything was computed from them.")
+                   lead="Sensors, records and SCADA, before anything was computed from them.")
 
 
 def _modal_facts(modes: ModalData) -> Table:
@@ -108,7 +108,7 @@ def _sensor_table(campaign: CampaignValues) -> Table:
 def _scada(campaign: CampaignValues, jacket: bool) -> list[object]:
     scada = campaign.scada
     if scada is None or "wind_speed_mps" not in scada:
-        return [Notice(level="missing", text="SCADA with a wind speed, so wind and turbine state are not shown.")]
+        return [Notice(level="missing", text="SCADA with a wind speed, so conditions over time are not shown.")]
     state = scada["state"].astype(str) if "state" in scada else pd.Series("unknown", index=scada.index)
     figure = figures.wind_and_state(scada["time"].to_numpy(), scada["wind_speed_mps"].to_numpy(float), list(state),
                                     cut_in_mps=CUT_IN_MPS if jacket else None,

@@ -47,13 +47,13 @@ def verdict_section(run: Run) -> Section:
     found = findings(run)
     doubts = [f.text for f in found] + _not_to_be_read(run)
     items: list[object] = []
-    if doubts:
-        items.append(Items(title="What not to rely on", statements=tuple(doubts), level=worst(found), width="half"))
     actions = tuple(dict.fromkeys(f.action for f in found if f.action)) + tuple(_next_measurement(run))
     if run.update is not None and not found:
         actions = ("Use the parameters with their intervals; no check of this run speaks against it.", *actions)
     if actions:
         items.append(Items(title="What to do", statements=actions, width="half"))
+    if doubts:
+        items.append(Items(title="What not to rely on", statements=tuple(doubts), level=worst(found), width="half"))
     if run.update is not None:
         items.append(_errors_picture(run))
     shown = len(items)
@@ -277,7 +277,7 @@ def _errors_picture(run: Run) -> Picture:
                     f"{after.name}: "
                     "it penalises only the step, so that with every iteration it forgets more of the prior and follows "
                     "errors of measurement and model too. A closer fit is no better estimate; it is not recommended.")
-    return Picture(svg=figures.svg_text(errors, "errors"), caption=caption,
+    return Picture(svg=figures.svg_text(errors, "errors"), caption=caption, width="half",
                    alt="Error of each mode's frequency in per cent of the measured one, by state of the model: "
                    f"initial within {percent(_worst(update.measured_hz, update.initial_hz))} %, {after.name} within "
                    f"{percent(_worst(update.measured_hz, after.frequency_hz))} %.")

@@ -106,7 +106,7 @@ def read_run(folder: Path, progress: Progress, given: Mapping[str, Path] | None 
     names = update.parameters.names if update is not None else model.parameters.names if model is not None else ()
     return Run(
         folder=folder,
-        title=_title(folder, head, places, model),
+        title=_title(folder, head, places, model, campaign),
         missing=missing,
         warnings=tuple(_warnings(head, data, update, posterior)),
         provenance=tuple(_provenance(folder, places, head, model, update, posterior)),
@@ -165,10 +165,12 @@ def _named(folder: Path, head: Mapping, key: str) -> Path | None:
     return path
 
 
-def _title(folder: Path, head: Mapping, places: Mapping[str, Path], model: Model | None) -> str:
-    """run.json's title, the model's name where it has one of its own, the directory's name."""
+def _title(
+    folder: Path, head: Mapping, places: Mapping[str, Path], model: Model | None, campaign: CampaignValues | None
+) -> str:
+    """run.json's title, the model's name where it has one of its own, the campaign's, the directory's."""
     own = model is not None and model.name != places["model"].stem
-    return str(head.get("title") or (model.name if own else folder.resolve().name))
+    return str(head.get("title") or (model.name if own else folder.resolve().name if campaign is None else campaign.name))
 
 
 def read_table(path: Path, needed: tuple[str, ...], time: str | None = None) -> pd.DataFrame:

@@ -1,0 +1,109 @@
+"""A headless browser driven through its own protocol over a pipe: a page at any width, what it logs, its print."""
+
+from __future__ import annotations
+
+import base64
+import json
+import os
+import selectors
+import shutil
+import subprocess
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
+SECONDS = 60.0
+
+
+class Page:
+    """One page; `complaints`: errors that it logged or threw, in order."""
+
+    def __init__(self, to_browser: int, from_browser: int):
+        self._out, self._in, self._rest, self._number = to_browser, from_browser, b"", 0
+        self.complaints: list[str] = []
+        self._loaded = False
+        target = self._ask("Target.createTarget", session=None, url="about:blank")["targetId"]
+        self._session = self._ask("Target.attachToTarget", session=None, targetId=target, flatten=True)["sessionId"]
+        for domain in ("Page", "Runtime", "Log"):
+            self._ask(f"{domain}.enable")
+
+    def show(self, path: Path, width: int, height: int = 900) -> None:
+        """Load the file on a screen of that size."""
+        self._ask("Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=1, mobile=False)
+        self._loaded = False
+        self._ask("Page.navigate", url=path.as_uri())
+        while not self._loaded:
+            self._message()
+
+    def value(self, script: str) -> object:
+        """What a JavaScript expression, or a promise of one, gives."""
+        found = self._ask("Runtime.evaluate", expression=script, returnByValue=True, awaitPromise=True)
+        assert "exceptionDetails" not in found, found
+        return found["result"].get("value")
+
+    def picture(self, path: Path) -> None:
+        """A PNG of what the screen shows."""
+        path.write_bytes(base64.b64decode(self._ask("Page.captureScreenshot", format="png")["data"]))
+
+    def pdf(self) -> bytes:
+        """The page as it prints, on the paper that its style asks for."""
+        return base64.b64decode(self._ask("Page.printToPDF", preferCSSPageSize=True, printBackground=True)["data"])
+
+    def _ask(self, method: str, session: str | None = "", **parameters: object) -> dict:
+        self._number += 1
+        message = {"id": self._number, "method": method, "params": parameters}
+        if session is not None:
+            message["sessionId"] = self._session
+        content = json.dumps(message).encode() + b"\0"
+        while content:
+            content = content[os.write(self._out, content) :]
+        while True:
+            answer = self._message()
+            if answer.get("id") == self._number:
+                assert "error" not in answer, (method, answer)
+                return answer["result"]
+
+    def _message(self) -> dict:
+        end = time.monotonic() + SECONDS
+        with selectors.DefaultSelector() as waiting:
+            waiting.register(self._in, selectors.EVENT_READ)
+            while b"\0" not in self._rest:
+                assert waiting.select(max(end - time.monotonic(), 0)), "the browser does not answer"
+                piece = os.read(self._in, 2**20)
+                assert piece, "the browser has ended"
+                self._rest += piece
+        text, self._rest = self._rest.split(b"\0", 1)
+        message = json.loads(text)
+        method, content = message.get("method"), message.get("params", {})
+        if method == "Page.loadEventFired":
+            self._loaded = True
+        elif method == "Runtime.exceptionThrown":
+            self.complaints.append(str(content["exceptionDetails"].get("exception", content)))
+        elif method == "Runtime.consoleAPICalled" and content["type"] in ("error", "warning", "assert"):
+            self.complaints.append(str(content["args"]))
+        elif method == "Log.entryAdded" and content["entry"]["level"] in ("error", "warning"):
+            self.complaints.append(content["entry"]["text"])
+        return message
+
+
+@contextmanager
+def browser(profile: Path) -> Iterator[Page]:
+    """A browser of its own, ended with the block."""
+    # the child reads commands from descriptor 3 and answers on 4
+    read_in, write_in = os.pipe()
+    read_out, write_out = os.pipe()
+
+    command = ["sh", "-c", f'exec "$0" "$@" 3<&{read_in} 4>&{write_out}', BROWSER, "--headless", "--no-sandbox",
+               "--disable-gpu", "--hide-scrollbars", f"--user-data-dir={profile}", "--remote-debugging-pipe"]  # fmt: skip
+    child = subprocess.Popen(command, pass_fds=(read_in, write_out), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    os.close(read_in)
+    os.close(write_out)
+    try:
+        yield Page(write_in, read_out)
+    finally:
+        os.close(write_in)
+        child.kill()
+        child.wait()
+        os.close(read_out)
