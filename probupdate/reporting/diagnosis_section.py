@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from itertools import zip_longest
 from collections.abc import Mapping, Sequence
+from itertools import zip_longest
 from statistics import NormalDist
 
 from probupdate.diagnosis import wording

@@ -13,10 +13,10 @@ from probupdate.model.parameters import Parameter
 from probupdate.reporting.style import (
     BLUE,
     FULL_IN,
-    HALF_IN,
     GREEN,
     GREY,
     GRID,
+    HALF_IN,
     INK,
     MAP,
     ORANGE,

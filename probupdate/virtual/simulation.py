@@ -13,11 +13,11 @@ import numpy as np
 
 from probupdate.errors import InputError
 from probupdate.io.files import holds_nothing, read_text, write_table, write_text
+from probupdate.io.result_table import table_of
 from probupdate.modal.labels import mode_character
 from probupdate.modal.modes import Sensor
 from probupdate.runtime.executors import Executor, completed
 from probupdate.runtime.progress import Progress, silent
-from probupdate.io.result_table import table_of
 from probupdate.virtual import campaign_files, losses, operation
 from probupdate.virtual.dynamics import N_MODE, HeadingModes
 from probupdate.virtual.effects import refuse_late

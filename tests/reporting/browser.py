@@ -8,6 +8,7 @@ import os
 import selectors
 import shutil
 import subprocess
+import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -15,6 +16,14 @@ from pathlib import Path
 
 BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
 SECONDS = 60.0
+# the browser reads commands from descriptor 3 and answers on 4, wherever the pipes are
+LAUNCH = """import os, sys
+ends = [os.dup(int(text)) for text in sys.argv[1:3]]
+while min(ends) < 5:
+    ends = [os.dup(end) for end in ends]
+for number, end in zip((3, 4), ends):
+    os.dup2(end, number)
+os.execv(sys.argv[3], sys.argv[3:])"""
 
 
 class Page:
@@ -42,6 +51,10 @@ class Page:
         found = self._ask("Runtime.evaluate", expression=script, returnByValue=True, awaitPromise=True)
         assert "exceptionDetails" not in found, found
         return found["result"].get("value")
+
+    def print_style(self, on: bool) -> None:
+        """Lay the page out as for paper."""
+        self._ask("Emulation.setEmulatedMedia", media="print" if on else "")
 
     def picture(self, path: Path) -> None:
         """A PNG of what the screen shows."""
@@ -91,11 +104,9 @@ class Page:
 @contextmanager
 def browser(profile: Path) -> Iterator[Page]:
     """A browser of its own, ended with the block."""
-    # the child reads commands from descriptor 3 and answers on 4
     read_in, write_in = os.pipe()
     read_out, write_out = os.pipe()
-
-    command = ["sh", "-c", f'exec "$0" "$@" 3<&{read_in} 4>&{write_out}', BROWSER, "--headless", "--no-sandbox",
+    command = [sys.executable, "-c", LAUNCH, str(read_in), str(write_out), BROWSER, "--headless", "--no-sandbox",
                "--disable-gpu", "--hide-scrollbars", f"--user-data-dir={profile}", "--remote-debugging-pipe"]  # fmt: skip
     child = subprocess.Popen(command, pass_fds=(read_in, write_out), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     os.close(read_in)

@@ -6,15 +6,14 @@ import base64
 import hashlib
 import json
 import re
-import shutil
 import subprocess
 from dataclasses import replace
 
 import pytest
+from browser import BROWSER, browser
 
 from probupdate.reporting import compose
 
-BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
 pytestmark = pytest.mark.skipif(BROWSER is None, reason="no headless browser: install chromium")
 
 PROBE = """<script>
@@ -112,3 +111,92 @@ def test_a_long_table_is_named_on_paper(html):
     for box in re.findall(r'<div class="tablebox.*?</div>', html, re.DOTALL):
         rows = box.count("<tr") - 1
         assert ("not printed" in box) == (rows > 40) == (" long" in box[:60])
+
+
+# With its figures ---------------------------------------------------------------------------------------------------
+
+# A4 less the style's margins, in CSS pixels of 1/96 inch
+PAPER_PX = (184 / 25.4 * 96, 269 / 25.4 * 96)
+# what sticks out of the screen or of its own frame, which may move sideways
+OUTSIDE = """(() => {
+  const framed = (e) => e.closest(".tablebox, figure, .links, .viewer");
+  const within = (e) => { const f = e.closest("figure, .tablebox"); return f && getComputedStyle(f).overflowX === "auto"; };
+  const wide = (e) => e.getBoundingClientRect().right > window.innerWidth + 1;
+  const own = [...document.querySelectorAll("main *")].filter((e) => wide(e) && !framed(e) && !e.closest("svg"));
+  const boxes = [...document.querySelectorAll("figure, .tablebox, figure > svg")].filter((e) => wide(e) && !within(e));
+  return [...own, ...boxes].map((e) => e.outerHTML.slice(0, 80));
+})()"""
+
+
+@pytest.fixture(scope="module")
+def drawn(full_run, tmp_path_factory):
+    """The page as a run with every part gives it."""
+    path = tmp_path_factory.mktemp("drawn") / "page.html"
+    path.write_text(compose(replace(full_run, title="a run")), encoding="utf-8")
+    return path
+
+
+@pytest.fixture(scope="module")
+def page(tmp_path_factory):
+    with browser(tmp_path_factory.mktemp("profile")) as opened:
+        yield opened
+
+
+@pytest.mark.parametrize("width", [400, 800, 1400])
+def test_nothing_is_wider_than_the_screen_and_nothing_is_complained_of(page, drawn, width):
+    page.complaints.clear()
+    page.show(drawn, width)
+    for fold in ("closed", "open"):
+        if fold == "open":
+            page.value("document.querySelector('#every-fold').click()")
+            assert page.value("document.querySelectorAll('details:not([open])').length") == 0
+        assert page.value("document.documentElement.scrollWidth") == page.value("window.innerWidth") == width, fold
+        assert page.value(OUTSIDE) == [], fold
+    assert page.complaints == []
+
+
+def test_an_error_on_a_page_is_seen(page, tmp_path):
+    """What the test above would find."""
+    path = tmp_path / "bad.html"
+    path.write_text("<main><p style='width: 900px'>wide</p></main><script>missing()</script><img src='http://0.0.0.0/a'>")
+    page.complaints.clear()
+    page.show(path, 400)
+    assert page.value("document.documentElement.scrollWidth") > 400 and len(page.value(OUTSIDE)) == 1
+    assert any("missing" in text for text in page.complaints)
+
+
+def test_the_first_screen_is_for_who_decides(page, drawn):
+    page.show(drawn, 1400, 1000)
+    ends = page.value("""Object.fromEntries([["verdict", "#verdict .headline"], ["picture", "#verdict figure svg"],
+      ["items", "#verdict .items li"]].map(([k, s]) => [k, document.querySelector(s).getBoundingClientRect().bottom]))""")
+    assert all(0 < bottom <= 1000 for bottom in ends.values()), ends
+    titles = page.value("""[...document.querySelectorAll("#verdict > .flow .items h3")].map((e) =>
+      [e.innerText, e.getBoundingClientRect().bottom])""")
+    assert [name for name, _ in titles] == ["What to do", "What not to rely on"]
+    assert all(bottom <= 1000 for _, bottom in titles)
+
+
+def test_it_prints_on_ten_to_fifteen_pages_and_cuts_no_figure(page, drawn):
+    page.show(drawn, round(PAPER_PX[0]))
+    pages = len(re.findall(rb"/Type\s*/Page(?![s\w])", page.pdf()))
+    assert 10 <= pages <= 15
+    page.print_style(True)
+    try:
+        sizes = page.value("""[...document.querySelectorAll("figure, .viewer, .tablebox")].map((e) => {
+          const r = e.getBoundingClientRect(), s = getComputedStyle(e);
+          return [e.className, r.right, r.height, s.breakInside, e.scrollWidth - e.clientWidth]; })""")
+    finally:
+        page.print_style(False)
+    shown = [row for row in sizes if row[2] > 0]
+    assert len(shown) > 10
+    for name, right, height, inside, beyond in shown:
+        assert right <= PAPER_PX[0] + 1 and beyond <= 1, name
+        # a figure goes to one page and fits on it; tables may run over two
+        assert "tablebox" in name or "half" in name or (inside == "avoid" and height <= PAPER_PX[1]), name
+
+
+def test_every_figure_has_a_sentence_that_says_what_to_see(drawn):
+    captions = re.findall(r"<figure.*?<figcaption>(.*?)</figcaption></figure>", drawn.read_text(encoding="utf-8"), re.DOTALL)
+    assert len(captions) > 10
+    for caption in captions:
+        assert len(caption) > 40 and caption.rstrip().endswith("."), caption

@@ -10,7 +10,13 @@ from updating_records import PARAMETERS, record
 
 from probupdate.errors import InputError
 from probupdate.model.parameters import Parameter, Parameters
-from probupdate.updating.update_file import ComponentsRecord, fit_sentence, parameters_from_table, parameters_to_table, read_update
+from probupdate.updating.update_file import (
+    ComponentsRecord,
+    fit_sentence,
+    parameters_from_table,
+    parameters_to_table,
+    read_update,
+)
 
 
 @pytest.fixture(scope="module")
