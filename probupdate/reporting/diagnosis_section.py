@@ -165,7 +165,7 @@ def _remaining(run: Run, content: Mapping, shown: Mapping) -> list[object]:
     ))]  # fmt: skip
     items.append(_picture(figures.mode_residuals(shown["modes"], states), "moderest",
                           "Frequencies: measured less model on average. Bars hold 90 % when nothing is wrong. A close "
-                          "pair has two fixed axes and the coupling between them, as its modes turn with the nacelle."))
+                          "pair has two fixed axes and the coupling between them, as its modes turn in their plane."))
     if any(row["channels"] for row in shown["channels"]):
         items.append(_picture(figures.residual_map(shown["channels"], states), "restmap",
                               "Shapes, mode by channel: colour in standard deviations of normal variation, numbers "

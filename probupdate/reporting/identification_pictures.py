@@ -90,8 +90,8 @@ def pole_drawings(
                   f"All poles up to {upper:.3g} Hz, no post-processing (the paper's Fig. 5).{dashed}")
     passed = np.nan_to_num(poles["mac"].to_numpy(float)) >= 0.80
     yield drawing("fig6_mac", {"MAC ≥ 0.80": (time[passed], frequency[passed])}, {"MAC ≥ 0.80": plain},
-                  "Poles whose shape has a MAC of 0.80 or more with a mode of the model (Fig. 6). Harmonics of the "
-                  "rotor that bend the tower as its first mode does are still among them.")
+                  "Poles whose shape has a MAC of 0.80 or more with a mode of the model (Fig. 6). Lines of a "
+                  "rotor that move the structure as its first mode does are still among them.")
     if "paper_criterion" in poles:
         kept = (poles["paper_criterion"] == "kept").to_numpy()
         name = "after the complexity criterion"

@@ -187,7 +187,8 @@ def _frequency_tables(run: Run) -> list[object]:
     states = block_states(modes)
     groups = [("all", np.ones(len(states), bool))]
     order = [*STATES_ORDER, *sorted(set(states) - set(STATES_ORDER))]
-    groups += [(name, states == name) for name in order if name and np.any(states == name)]
+    known = [name for name in order if name and np.any(states == name)]
+    groups += [(name, states == name) for name in known if known != ["unknown"]]
     several = len(modes.sets) > 1
     rows, marked = [], set()
     for j, label in enumerate(labels):
