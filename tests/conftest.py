@@ -1,5 +1,8 @@
+from pathlib import Path
+
 import pytest
 from peer_packages import opensees
+from validation import Collector, Row, properties
 
 # what takes minutes and is of numbers, not of the language's version: .ci/run asks the default Python only
 NUMBERS = {"calibration", "diagnosis", "identification", "structure", "updating", "virtual"}
@@ -26,3 +29,28 @@ def ops(opensees_module):
     opensees_module.wipe()
     yield opensees_module
     opensees_module.wipe()
+
+
+def pytest_addoption(parser):
+    parser.addoption("--validation", metavar="FILE", help="write what tests measured for VALIDATION.md (tests/validation.py)")
+
+
+def pytest_configure(config):
+    path = config.getoption("--validation")
+    # processes of xdist report to the one that gathers
+    if path and not hasattr(config, "workerinput"):
+        config.pluginmanager.register(Collector(Path(path)))
+
+
+@pytest.fixture
+def validation(request):
+    """validation(what=, reference=, why=, unit=) -> a row of VALIDATION.md; its `error(error, below)` asserts and keeps."""
+    rows = []
+
+    def row(**words: str) -> Row:
+        rows.append(Row(**words))
+        return rows[-1]
+
+    yield row
+    assert rows and all(one.quantities for one in rows), "a row without anything measured"
+    request.node.user_properties.extend(properties(rows))

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from validation import MARK, Row, properties, written
 
 import probupdate
 from probupdate.campaign.reading import CAMPAIGN_KEYS, SENSOR_KEYS, UNITS
@@ -192,6 +193,43 @@ def test_tests_and_studies_named_in_the_validation_exist():
             assert re.search(rf"^def {function}\(", text(path), re.MULTILINE), f"{path}::{function}"
     for path in set(re.findall(r"`(studies/[\w/.]+)`", text("VALIDATION.md"))):
         assert (ROOT / path).exists(), path
+
+
+def recorded_by_tests() -> dict[str, tuple[str, str]]:
+    """Test -> what and reference of each that states its own row of the validation, as its source has them."""
+    found = {}
+    for path in sorted((ROOT / "tests").rglob("test_*.py")):
+        for function in ast.parse(path.read_text(encoding="utf-8")).body:
+            if not isinstance(function, ast.FunctionDef) or "validation" not in {a.arg for a in function.args.args}:
+                continue
+            calls = [n for n in ast.walk(function) if isinstance(n, ast.Call) and getattr(n.func, "id", "") == "validation"]
+            assert len(calls) == 1, f"{function.name}: one row a test"
+            words = {k.arg: ast.literal_eval(k.value) for k in calls[0].keywords}
+            found[f"{path.relative_to(ROOT).as_posix()}::{function.name}"] = (words["what"], words["reference"])
+    return found
+
+
+def test_marked_rows_of_the_validation_are_those_that_tests_state():
+    marked = {}
+    for line in text("VALIDATION.md").splitlines():
+        cells = [cell.strip() for cell in line.strip("|").split("|")]
+        if line.startswith("| ") and len(cells) == 5 and cells[3].endswith(MARK):
+            marked[cells[4].strip("`")] = (cells[0], cells[1])
+    assert len(marked) > 10 and marked == recorded_by_tests()
+
+
+def test_a_row_holds_what_was_asserted_and_the_worst_of_all_cases():
+    one, two = (Row(what="pile", reference="closed form", why="mesh") for _ in range(2))
+    one.error([1e-7, -3e-7], below=1e-6)
+    two.error(2e-7, below=1e-6)
+    with pytest.raises(AssertionError, match="pile: 2e-06 is not below 1e-06"):
+        Row(what="pile", reference="closed form").error(-2e-6, below=1e-6)
+    measured = {"tests/a.py::b": [row for _, row in properties([one, two])]}
+    page = "| what | else |\n| old | by hand | 1 | 2 | `tests/a.py::b` |\n| other | | | | `tests/a.py::bc` |"
+    assert written(page, measured).splitlines()[1:] == [
+        f"| pile | closed form | 1e-6: mesh | 3e-7 {MARK} | `tests/a.py::b` |", "| other | | | | `tests/a.py::bc` |"]
+    with pytest.raises(ValueError, match="c: 0 rows"):
+        written(page, {"tests/a.py::c": measured["tests/a.py::b"]})
 
 
 @pytest.mark.parametrize("name", (*PAPERS, *PAGES))

@@ -37,7 +37,7 @@ RANGES = {
     "steel.density_kgpm3": (500.0, 25e3, "kg/m3: steel has 7850"),
     "site.water_density_kgpm3": (500.0, 5000.0, "kg/m3: sea water has 1025"),
     "site.gravity_mps2": (1.0, 30.0, "m/s2: 9.81 on this planet"),
-    "soil.submerged_unit_weight_npm3": (500.0, 1e5, "N/m3: clay has some 9000"),
+    "soil.submerged_unit_weight_npm3": (500.0, np.inf, "N/m3: clay has some 9000"),
 }  # fmt: skip
 # undrained shear strength ten metres down, Pa: below it no clay stands
 LEAST_STRENGTH_PA = 1000.0

@@ -47,7 +47,9 @@ def frequency_equation(b, mu):
     [(0, 1.875104, 4.694091), (0.5, 1.419964, 4.111133), (1, 1.247917, 4.031139), (2, 1.076196, 3.982573)],
 )
 @pytest.mark.parametrize("direction", [UP, ASKEW], ids=["upright", "askew"])
-def test_cantilever_with_tip_mass_has_the_roots_of_its_frequency_equation(mu, first, second, direction):
+def test_cantilever_with_tip_mass_has_the_roots_of_its_frequency_equation(mu, first, second, direction, validation):
+    row = validation(what="cantilever with tip mass, first two pairs, upright and askew", unit="on beta L",
+                     reference="roots of its frequency equation", why="the printed digits")  # fmt: skip
     tube, length, number = beam.Tube(diameter_m=0.5, thickness_m=0.02), 20.0, 24
     EI, mass = E * tube.second_moment({}), RHO * tube.area({})
     # the mass as a carried one: the frequency equation knows no rotary inertia
@@ -57,13 +59,15 @@ def test_cantilever_with_tip_mass_has_the_roots_of_its_frequency_equation(mu, fi
     )
     b = np.sqrt(2 * np.pi * found * length**2 * np.sqrt(mass / EI))
     for pair, root in ((b[:2], first), (b[2:], second)):
-        assert np.all(np.abs(pair - root) < 5e-6)
+        row.error(pair - root, below=5e-6)
         assert abs(frequency_equation(root, mu)) < 2e-4 * np.cosh(root)
         exact = optimize.brentq(frequency_equation, root - 1e-3, root + 1e-3, args=(mu,))
         assert np.all(pair >= exact * (1 - 1e-9))
 
 
-def test_tower_check_values():
+def test_tower_check_values(validation):
+    row = validation(what="steel tower with tip mass, 8 and 32 elements", reference="published check values", unit="Hz",
+                     why="the printed digits")  # fmt: skip
     tube, length = beam.Tube(diameter_m=6.0, thickness_m=0.04), 72.0
     mass = RHO * tube.area({})
 
@@ -71,8 +75,8 @@ def test_tower_check_values():
         body = Body(node=number, mass=Coefficient(378e3))
         return frequencies(line(tube, length, number, density=1e-9, per_metre=mass, bodies=[body]), 4)[::2]
 
-    assert found(8) == pytest.approx([0.545181, 5.466589], abs=1e-6)
-    assert found(32) == pytest.approx([0.545181, 5.466367], abs=2e-6)
+    row.error(found(8) - [0.545181, 5.466589], below=1e-6, of="8")
+    row.error(found(32) - [0.545181, 5.466367], below=2e-6, of="32")
 
 
 def test_rotary_inertia_costs_what_it_should():
@@ -85,7 +89,7 @@ def test_rotary_inertia_costs_what_it_should():
     assert loss[1] > 5 * loss[0]
 
 
-def test_frequencies_converge_with_the_fourth_power_of_the_element_length():
+def test_frequencies_converge_with_the_fourth_power_of_the_element_length(validation):
     tube = beam.Tube(diameter_m=0.5, thickness_m=0.02)
     exact = 4.694091132974175**2 / (2 * np.pi * 400) * np.sqrt(E * tube.second_moment({}) / (RHO * tube.area({})))
     error = [
@@ -93,7 +97,8 @@ def test_frequencies_converge_with_the_fourth_power_of_the_element_length():
         for n in (4, 8, 16)
     ]
     rate = np.log2(np.array(error[:-1]) / error[1:])
-    assert np.all(np.abs(rate - 4) < 0.25)
+    validation(what="convergence of frequencies", reference="fourth power of the element's length",
+               unit="on the exponent").error(rate - 4, below=0.25)  # fmt: skip
 
 
 def pinned(number):
@@ -102,7 +107,7 @@ def pinned(number):
 
 
 @pytest.mark.parametrize("theory", ["bernoulli-euler", "timoshenko"])
-def test_pinned_stocky_beam_has_the_closed_form_of_its_theory(theory):
+def test_pinned_stocky_beam_has_the_closed_form_of_its_theory(theory, validation):
     """A beam with hinges, mode n with k = n pi / L: EI k^4 / (rho A + rho I k^2) of Rayleigh, or Timoshenko's (1922)
     quadratic. Elements with constant shear converge with the square of their length, the others with its fourth
     power; two meshes extrapolate to the limit."""
@@ -122,7 +127,10 @@ def test_pinned_stocky_beam_has_the_closed_form_of_its_theory(theory):
     coarse, fine = (frequencies(line(tube, length, n, held=pinned(n)), 4, theory) for n in (32, 64))
     order = 4 if theory == "bernoulli-euler" else 2
     assert np.log2((coarse / exact - 1) / (fine / exact - 1)) == pytest.approx(np.full(4, order), abs=0.05)
-    assert (2**order * fine - coarse) / (2**order - 1) == pytest.approx(exact, rel=1e-6)
+    validation(
+        what="pinned stocky beam, Bernoulli-Euler with rotary inertia and Timoshenko", reference="closed form",
+        why="what two meshes extrapolate to",
+    ).error((2**order * fine - coarse) / (2**order - 1) / exact - 1, below=1e-6)
 
 
 def test_shear_coefficient_is_cowpers():
@@ -136,7 +144,8 @@ def test_shear_coefficient_is_cowpers():
 
 
 @pytest.mark.parametrize("theory", ["bernoulli-euler", "timoshenko"])
-def test_tip_deflection_is_exact_with_one_element(theory):
+def test_tip_deflection_is_exact_with_one_element(theory, validation):
+    row = validation(what="static deflection of one element, both theories", reference="closed form", why="exact in theory")
     tube, length = beam.Tube(diameter_m=2.0, thickness_m=0.05), 10.0
     assembled = assemble(line(tube, length, 1, direction=ASKEW), updated=(), values={}, theory=theory)
     flexibility = np.linalg.inv(assembled.stiffness[0].toarray())
@@ -144,10 +153,12 @@ def test_tip_deflection_is_exact_with_one_element(theory):
     phi = tube.shear_flexibility({}, length, NU) if theory == "timoshenko" else 0.0
     transverse = length**3 / (3 * EI) * (1 + phi / 4)  # P L / (kappa G A) = phi L^3 / (12 E I)
     x, y, _ = beam.axes(np.zeros(3), ASKEW)
-    assert y @ flexibility[:3, :3] @ y == pytest.approx(transverse, rel=1e-12)
-    assert x @ flexibility[:3, :3] @ x == pytest.approx(length / EA, rel=1e-10)
-    assert x @ flexibility[3:, 3:] @ x == pytest.approx(length * (1 + NU) / EI, rel=1e-12)
-    assert np.cross(x, y) @ flexibility[3:, :3] @ y == pytest.approx(length**2 / (2 * EI), rel=1e-12)
+    row.error(y @ flexibility[:3, :3] @ y / transverse - 1, below=1e-12, of="bending, torsion")
+    # small beside bending, whose rounding it has
+    row.error(x @ flexibility[:3, :3] @ x / (length / EA) - 1, below=1e-10, of="along")
+    row.error(x @ flexibility[3:, 3:] @ x / (length * (1 + NU) / EI) - 1, below=1e-12, of="bending, torsion")
+    turned = np.cross(x, y) @ flexibility[3:, :3] @ y
+    row.error(turned / (length**2 / (2 * EI)) - 1, below=1e-12, of="bending, torsion")
 
 
 @pytest.mark.parametrize("theory", ["bernoulli-euler", "timoshenko"])
@@ -219,7 +230,7 @@ def test_interpolation_of_rigid_motion_and_of_a_bent_beam():
 
 
 @pytest.mark.parametrize("tension", [2e6, -2e6])
-def test_geometric_stiffness_stiffens_a_pinned_beam_as_a_string_does(tension):
+def test_geometric_stiffness_stiffens_a_pinned_beam_as_a_string_does(tension, validation):
     tube, length, number = beam.Tube(diameter_m=0.5, thickness_m=0.02), 20.0, 16
     EI, mass = E * tube.second_moment({}), RHO * tube.area({})
     frame = line(tube, length, number, held=pinned(number))
@@ -234,7 +245,8 @@ def test_geometric_stiffness_stiffens_a_pinned_beam_as_a_string_does(tension):
     value = linalg.eigh(K, assembled.mass[0].toarray(), eigvals_only=True)
     k = np.pi / length
     exact = (EI * k**4 + tension * k**2) / (mass + RHO * tube.second_moment({}) * k**2)
-    assert value[:2] == pytest.approx(exact, rel=1e-5)
+    validation(what="geometric stiffness of a tensioned pinned beam", reference="closed form",
+               why="mesh").error(value[:2] / exact - 1, below=1e-5)  # fmt: skip
 
 
 def test_weight_compresses_a_column_by_what_stands_on_it():
@@ -268,12 +280,14 @@ def test_rigid_arm_carries_a_body_as_mass_and_inertia_at_the_tip():
     assert pytest.approx(exact, rel=1e-9, abs=1e-3) == M
 
 
-def test_hydrodynamic_check_values():
-    assert hydrodynamics.added_mass(1.42, 0.0, 1.0, 1025.0) == pytest.approx(1623.27, abs=0.005)
-    assert hydrodynamics.flooding_mass(1.42 - 2 * 0.046, 1025.0) == pytest.approx(1419.74, abs=0.005)
-    assert hydrodynamics.growth_mass(1.42, 0.05, 1300.0) == pytest.approx(300.18, abs=0.005)
+def test_hydrodynamic_check_values(validation):
+    row = validation(what="added, flooding and growth mass", reference="published check values", unit="kg/m",
+                     why="the printed digits")  # fmt: skip
+    row.error(hydrodynamics.added_mass(1.42, 0.0, 1.0, 1025.0) - 1623.27, below=0.005)
+    row.error(hydrodynamics.flooding_mass(1.42 - 2 * 0.046, 1025.0) - 1419.74, below=0.005)
+    row.error(hydrodynamics.growth_mass(1.42, 0.05, 1300.0) - 300.18, below=0.005)
     with_growth = hydrodynamics.added_mass(1.42, 0.05, 1.0, 1025.0) - hydrodynamics.added_mass(1.42, 0, 1.0, 1025.0)
-    assert with_growth == pytest.approx(236.68, abs=0.005)
+    row.error(with_growth - 236.68, below=0.005)
 
 
 def test_tube_properties_with_scaled_diameter_wall_and_loss():
@@ -287,10 +301,10 @@ def test_tube_properties_with_scaled_diameter_wall_and_loss():
     assert tube.area(values) == pytest.approx(np.pi * 0.033 * (1.094 - 0.033))
 
 
-def test_lanczos_agrees_with_a_dense_solution():
+def test_lanczos_agrees_with_a_dense_solution(validation):
     frame = line(beam.Tube(diameter_m=2.0, thickness_m=0.05), 30.0, 6)
     assembled = assemble(frame, updated=(), values={}, theory="timoshenko")
     value, phi = lowest_modes(assembled.stiffness[0], assembled.mass[0], 8)
     dense = linalg.eigh(assembled.stiffness[0].toarray(), assembled.mass[0].toarray(), eigvals_only=True)
-    assert value == pytest.approx(dense[:8], rel=1e-9)
+    validation(what="Lanczos", reference="dense solution").error(value / dense[:8] - 1, below=1e-9)
     assert phi.T @ assembled.mass[0] @ phi == pytest.approx(np.eye(8), abs=1e-10)
