@@ -121,10 +121,10 @@ def mode_records(
         }
         if model is not None:
             i = partner.get(j)
-            likely = [] if probability is None else [
-                int(k) for k in np.argsort(-probability[j]) if probability[j, k] > 0.01]
-            found["alternatives"] = tuple((model.labels[k], float(probability[j, k])) for k in likely[:3])
-            if i is None:
+            chance = np.zeros(0) if probability is None else probability[j]
+            likely = [int(k) for k in np.argsort(-chance) if chance[k] > 0.01]
+            found["alternatives"] = tuple((model.labels[k], float(chance[k])) for k in likely[:3])
+            if i is None or like is None:
                 found["match"] = "none"
             else:
                 limit = settings.plane_mac if j in in_pair else settings.mac

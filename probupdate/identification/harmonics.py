@@ -120,7 +120,8 @@ def _coarse_speed(record, rate_hz, low, high, multiples) -> np.ndarray:
               (round(shift / step), -round(shift / step))]  # fmt: skip
     above = level - np.median(beside, axis=0)
     grid = np.arange(low, high + 0.001, 0.001)
-    reward = sum(np.array([np.interp(n * grid, frequency, column) for column in above.T]) for n in multiples)
+    along = (np.array([np.interp(n * grid, frequency, column) for column in above.T]) for n in multiples)
+    reward = np.asarray(sum(along))
     cost = 0.5 * ((grid[:, None] - grid) / (SPEED_STEP * np.mean(grid))) ** 2
     total, came = reward[0], []
     for row in reward[1:]:

@@ -507,7 +507,7 @@ def _as_modes(
 
 
 def _real(shape: np.ndarray) -> np.ndarray:
-    real = rotate_to_real(shape).real
+    real = np.real(rotate_to_real(shape))
     return real / np.linalg.norm(real, axis=0)
 
 
@@ -531,10 +531,10 @@ def _by_frequency(c: Candidates, rows: np.ndarray, basis: np.ndarray) -> tuple[n
         if mac(c.shape[:, [two[0]]], c.shape[:, [two[1]]])[0, 0] < 0.5:
             lower.append(two[0])
             higher.append(two[1])
+    shapes = basis
     if lower:
-        shapes = _real(np.column_stack([leading_direction(c.shape[:, part]) for part in (lower, higher)]))
-    if not lower or mac(shapes[:, :1], shapes[:, 1:])[0, 0] > 0.8:
-        shapes = basis
+        own = _real(np.column_stack([leading_direction(c.shape[:, part]) for part in (lower, higher)]))
+        shapes = basis if mac(own[:, :1], own[:, 1:])[0, 0] > 0.8 else own
     alike = mac(c.shape[:, rows], shapes)
     first = alike[:, 0] >= alike[:, 1]
     parts = [rows[first], rows[~first]]
@@ -546,7 +546,8 @@ def _numbered(c: Candidates, modes: list[_Mode], notes: tuple[str, ...]) -> Phys
     damping = np.array([np.median(c.damping[m.rows]) for m in modes])
     rising = np.argsort(middle, kind="stable")
     place = {int(old): new for new, old in enumerate(rising)}
-    pairs = {tuple(sorted((place[k], place[m.mate]))) for k, m in enumerate(modes) if m.mate >= 0}
+    mates = [(place[k], place[m.mate]) for k, m in enumerate(modes) if m.mate >= 0]
+    pairs = {(min(pair), max(pair)) for pair in mates}
     turning = tuple((place[k], place[m.mate]) for k, m in enumerate(modes) if m.turns and m.mate > k)
     frequency = np.exp(middle[rising])
     shape = np.column_stack([modes[k].shape for k in rising])

@@ -243,7 +243,7 @@ def realisations(factorisation: Factorisation, orders: tuple[int, ...]) -> tuple
         n = min(order, factorisation.rank)
         state = linalg.solve_triangular(r[:n, :n], projected[:n, :n])
         eigenvalue, vector = np.linalg.eig(state)
-        oscillating = np.flatnonzero(eigenvalue.imag > 0)
+        oscillating = np.flatnonzero(np.imag(eigenvalue) > 0)
         rising = np.argsort(np.abs(np.log(eigenvalue[oscillating])))
         result.append(Realisation(
             eigenvalue=eigenvalue, vector=vector, oscillating=oscillating[rising], output=observability[:m, :n],
@@ -261,7 +261,7 @@ def _poles(order: int, realisation: Realisation) -> Poles:
     pole = realisation.continuous
     return Poles(
         order=order, frequency_hz=frozen_array(np.abs(pole) / (2 * np.pi)),
-        damping_ratio=frozen_array(-pole.real / np.abs(pole)),
+        damping_ratio=frozen_array(-np.real(pole) / np.abs(pole)),
         shape=frozen_array(realisation.output @ realisation.vector[:, realisation.oscillating], complex),
     )
 

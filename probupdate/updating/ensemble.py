@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import emcee
 import numpy as np
@@ -23,9 +24,8 @@ from probupdate.runtime.executors import Executor, completed, executor
 from probupdate.runtime.progress import Progress, silent
 from probupdate.updating.chain_store import ChainStore, Segment
 from probupdate.updating.emulator import Emulator, EmulatorMove
-from probupdate.updating.importance import Density
 from probupdate.updating.problem import Problem
-from probupdate.updating.surrogate import Outline, Proposal
+from probupdate.updating.surrogate import Density, Outline, Proposal
 
 # steps between looks at convergence, and the unit that is written to disk
 SEGMENT = 200
@@ -235,13 +235,13 @@ def sample(
                           for k in range(settings.ensembles)]  # fmt: skip
             n_more = min(SEGMENT, settings.max_steps - n_step)
             # those that a killed run finished of this round are kept
-            done = [store.read_one(len(rounds), k) for k in range(settings.ensembles)]
-            wanted_runs = [k for k in range(settings.ensembles) if done[k] is None]
-            tasks = [(k, problem, surrogate, emulator, states[k], n_more) for k in wanted_runs]
+            kept = {k: store.read_one(len(rounds), k) for k in range(settings.ensembles)}
+            done = {k: segment for k, segment in kept.items() if segment is not None}
+            tasks = [(k, problem, surrogate, emulator, states[k], n_more) for k in kept if k not in done]
             for k, segment in completed(_run_numbered, tasks, jobs=runs, least=1):
                 store.append(segment, len(rounds), k)
                 done[k] = segment
-            rounds.append(done)
+            rounds.append([done[k] for k in range(settings.ensembles)])
 
 
 def _first_state(problem: Problem, surrogate: Density, n_walker: int, seed: int, ensemble: int) -> emcee.State:
@@ -249,6 +249,7 @@ def _first_state(problem: Problem, surrogate: Density, n_walker: int, seed: int,
     own = [] if ensemble == 0 else [ensemble]
     draw, rng = getattr(surrogate, "draw_inside", surrogate.draw), np.random.default_rng([seed, 0, *own])
     start = draw(n_walker, rng)
+    without = np.ones(n_walker, bool)
     for _ in range(START_ROUNDS):
         without = ~np.isfinite(problem.log_posterior(start)[0])
         if not without.any():
@@ -262,7 +263,7 @@ def _first_state(problem: Problem, surrogate: Density, n_walker: int, seed: int,
     return emcee.State(start, random_state=generator.get_state())
 
 
-def _run_numbered(number: int, *segment: object) -> tuple[int, Segment]:
+def _run_numbered(number: int, *segment: Any) -> tuple[int, Segment]:
     return number, _run_segment(*segment)
 
 

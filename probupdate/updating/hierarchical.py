@@ -264,6 +264,7 @@ def sample_population(
     sampler = emcee.EnsembleSampler(*start.shape, hyper, vectorize=True, moves=moves)
     random = np.random.RandomState(np.random.default_rng([seed, 12]).integers(2**32, size=8))
     state, judged = emcee.State(start, random_state=random.get_state()), (np.inf, 0.0)
+    kept = np.empty((0, *start.shape))
     while sampler.iteration < MAX_STEPS and not (judged[0] < r_hat_limit and judged[1] >= target_ess):
         progress("population", sampler.iteration, MAX_STEPS)
         # looked at ever more rarely: judging a chain takes as long as many of its steps

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 from scipy import linalg, special
@@ -20,7 +19,7 @@ from probupdate.runtime.arrays import frozen_array
 from probupdate.runtime.progress import Progress, silent
 from probupdate.updating.evidence import TRUSTED_K, log_prior_constant, pareto_shape
 from probupdate.updating.problem import Problem
-from probupdate.updating.surrogate import Proposal
+from probupdate.updating.surrogate import Density, Proposal
 
 # below this k importance sampling alone is trusted, up to TRUSTED_K of the evidence its draws may be averaged at all
 GOOD_K = 0.5
@@ -38,14 +37,6 @@ MOST_Z, LEAST_APART = 4.5, 0.1
 # weights are flattened until so many draws count, as few would make a thin fit
 FLATTENED = 60.0
 CHUNK = 500
-
-
-class Density(Protocol):
-    """What proposes draws: (n, n_param), and their normalised ln density (n,)."""
-
-    def draw(self, n: int, random) -> np.ndarray: ...
-
-    def log_density(self, theta: np.ndarray) -> np.ndarray: ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -207,7 +198,7 @@ def fitted_proposal(
                       weight=frozen_array([*(n_out * [(1 - PRIOR_SHARE) / n_out]), PRIOR_SHARE]))  # fmt: skip
     logarithmic = parameters.lower >= 0
     proposed: list[Mixture] = []
-    theta, value = np.empty((0, len(parameters))), np.empty(0)
+    theta, value, share = np.empty((0, len(parameters))), np.empty(0), np.empty(0)
     for _ in range(ROUNDS):
         proposed.append(current)
         theta = np.vstack([theta, current.draw(N_ROUND, rng)])

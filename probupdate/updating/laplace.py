@@ -95,7 +95,7 @@ def maximum_a_posteriori(problem: Problem, starts: Sequence[np.ndarray]) -> Lapl
     return _laplace(problem, theta, tuple(others))
 
 
-def distinct_maxima(problem: Problem, found: Laplace, starts: Sequence[np.ndarray]) -> tuple[Laplace, ...]:
+def distinct_maxima(problem: Problem, found: Laplace, starts: Sequence[np.ndarray] | np.ndarray) -> tuple[Laplace, ...]:
     """`found` and the further maxima that climbs from `starts` end in, highest mass first: those whose Laplace evidence
     is within NEGLIGIBLE of the largest. Starts that do not settle are left out."""
     kept = [found]

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -208,7 +209,7 @@ class Approach:
     proposal: Mixture
     solved: int
     emulator: Emulator | None
-    notes: dict[str, object]
+    notes: dict[str, Any]
 
 
 def approach(problem: Problem, laplace: Laplace, seed: int, progress: Progress = silent) -> Approach:
@@ -237,7 +238,7 @@ def approach(problem: Problem, laplace: Laplace, seed: int, progress: Progress =
     points = surrogate.draw(N_REGION, rng)
     box = np.minimum(lower, points.min(axis=0)), np.maximum(upper, points.max(axis=0))
     reduced = reduce_basis(model, frequency_tolerance=FREQUENCY_TOLERANCE, points=points, box=box, **options)
-    r = reduced.report
+    r = reduced.verification
     text = (
         f"{r.size} vectors; on {r.n_verify} points not used to build it the frequencies differ by at most "
         f"{r.max_frequency_error:.1e} of their value where the posterior lies and {r.max_box_error:.1e} within "
