@@ -15,6 +15,7 @@ import numpy as np
 
 from probupdate.errors import InputError
 from probupdate.identification.reference import ReferenceModes
+from probupdate.identification.settings import CONSTANTS
 from probupdate.identification.ssi import Poles
 from probupdate.modal.modes import mac, modal_phase_collinearity
 from probupdate.runtime.arrays import frozen_array
@@ -26,13 +27,11 @@ KEPT, SHAPE, DAMPING, FREQUENCY, COMPLEXITY, UNCERTAIN = (
 HARMONIC, CLUSTER, DUPLICATE, UNSTABLE, OTHER_ORDER = (
     "harmonic", "cluster", "duplicate", "unstable", "other order",
 )
-# of several poles of one mode similarity (stability + 0.1)^2 / (damping + 1 %) decides, damping below 0.5 % counted as
-# that: no structure has less, and a pole of noise may have any
-STABILITY_FLOOR, DAMPING_FLOOR, LEAST_DAMPING = 0.1, 0.01, 0.005
-# a pole's twin at another order: frequency within 1 %, MAC (of a pair: S2MAC to its plane) of at least 0.90
-TWIN_FREQUENCY, TWIN_MAC = 0.01, 0.90
-# a pole so far in ln f beyond the range of a mode's poles over the campaign is none of it
-RANGE_MARGIN = 0.05
+STABILITY_FLOOR, DAMPING_FLOOR, LEAST_DAMPING = (
+    CONSTANTS.stability_floor, CONSTANTS.damping_floor, CONSTANTS.least_damping,
+)
+TWIN_FREQUENCY, TWIN_MAC = CONSTANTS.twin_frequency, CONSTANTS.twin_mac
+RANGE_MARGIN = CONSTANTS.range_margin
 
 
 @dataclass(frozen=True, kw_only=True)

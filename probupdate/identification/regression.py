@@ -15,24 +15,21 @@ import numpy as np
 import pandas as pd
 
 from probupdate.errors import InputError
+from probupdate.identification.settings import CONSTANTS
 from probupdate.io.files import write_table
 from probupdate.io.result_table import with_units
 from probupdate.modal.modes import ModalData, ModalSet
 from probupdate.runtime.arrays import frozen_array
 
 COVARIATES = ("wind_speed_mps", "rotor_speed_rpm", "air_temperature_c", "water_level_m", "rms_mps2")
-# a covariate known in fewer blocks than this share of the mode's is left out, rather than the blocks
-LEAST_KNOWN = 0.5
-# variance inflation from which two covariates are said to tell the same
-COLLINEAR = 10.0
-# standardised innovations beyond this are left out: one of a million by chance
-OUTLIER = 5.0
+LEAST_KNOWN = CONSTANTS.least_known
+COLLINEAR = CONSTANTS.collinear
+OUTLIER = CONSTANTS.outlier
 # sizes of the slow error beside the noise that a fit weighs, and how many lengths of it
 RATIOS, N_HOURS = (0.0, 0.1, 0.25, 0.5, 1.0, 2.0, 5.0), 9
 # at most so many rounds of leaving outliers out
 ROUNDS = 10
-# rows a fit asks for beside its coefficients
-SPARE_ROWS = 8
+SPARE_ROWS = CONSTANTS.spare_rows
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -16,6 +16,7 @@ import pandas as pd
 from scipy import special
 
 from probupdate.errors import InputError
+from probupdate.identification.settings import CONSTANTS
 from probupdate.identification.uncertainty import scaled_deviation
 from probupdate.io.files import write_table
 from probupdate.io.result_table import with_units
@@ -30,16 +31,11 @@ from probupdate.modal.modes import (
     write_modes,
 )
 
-# without labels of a model: modes of two setups are one if they are this close and alike at the references
-SAME_FREQUENCY, SAME_MAC = 0.04, 0.80
-# a mode is one of the structure if so large a share of the setups have it, and two
-LEAST_SETUPS = 1 / 3
-# references that hold two modes of an unresolved pair in proportions closer than this cannot tell them apart
-LARGEST_CONDITION = 30.0
-# references whose motion in a mode is known worse than this give no scale
-LARGEST_DEVIATION = 0.25
-# setups whose frequencies agree worse than this by chance have measured different structures
-LEAST_P_VALUE = 0.01
+SAME_FREQUENCY, SAME_MAC = CONSTANTS.same_frequency, CONSTANTS.same_mac
+LEAST_SETUPS = CONSTANTS.least_setups
+LARGEST_CONDITION = CONSTANTS.largest_condition
+LARGEST_DEVIATION = CONSTANTS.largest_std
+LEAST_P_VALUE = CONSTANTS.least_p_value
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

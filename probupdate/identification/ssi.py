@@ -12,12 +12,11 @@ import numpy as np
 from scipy import fft, linalg
 
 from probupdate.errors import InputError
+from probupdate.identification.settings import CONSTANTS
 from probupdate.modal.modes import mac
 from probupdate.runtime.arrays import frozen_array
 
-# relative to the largest: below it a singular value is rounding; where there are any below SMALL, those below SPLIT are
-# found by themselves
-LEAST_SINGULAR, SMALL, SPLIT = 1e-7, 1e-5, 1e-3
+LEAST_SINGULAR, SMALL, SPLIT = CONSTANTS.least_singular, CONSTANTS.small_singular, CONSTANTS.split_singular
 EPS = float(np.finfo(float).eps)
 
 

@@ -16,6 +16,7 @@ import numpy as np
 from scipy import fft, linalg
 
 from probupdate.errors import InputError
+from probupdate.identification.settings import CONSTANTS
 from probupdate.identification.ssi import (
     Factorisation,
     Realisation,
@@ -25,9 +26,7 @@ from probupdate.identification.ssi import (
 )
 from probupdate.modal.modes import ModalDeviation
 
-# two squared singular values that differ by less than so many times their rounding have no vectors of their own, and
-# what depends on them has no derivative
-LEAST_GAP = 1e3
+LEAST_GAP = CONSTANTS.least_gap
 
 
 def sub_record_covariances(

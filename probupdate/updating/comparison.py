@@ -15,18 +15,17 @@ from probupdate.io.result_table import OWN_UNIT, table_of
 from probupdate.io.schema import checked
 from probupdate.updating.identifiability import BLIND, KNOWN, PARTLY, PRIOR, STRONG, identifiability
 from probupdate.updating.posterior_file import Posterior
+from probupdate.updating.settings import CONSTANTS
 from probupdate.updating.update_file import BLIND_RESOLUTION, UpdateRecord, fit_sentence, misses
 
 if TYPE_CHECKING:
     import pandas as pd
 
 FORMAT = 1
-# estimates closer than this many posterior deviations are the same for any use of them
-CLOSE = 0.25
-# the anchored update and the maximum are two routes to one number
-SAME = 0.01
-HIGH_CORRELATION = 0.95
-RIDGE = 0.7
+CLOSE = CONSTANTS.close
+SAME = CONSTANTS.same
+HIGH_CORRELATION = CONSTANTS.high_correlation
+RIDGE = CONSTANTS.ridge
 
 
 # of a row's numbers those in the parameter's unit

@@ -25,18 +25,16 @@ from probupdate.runtime.progress import Progress, silent
 from probupdate.updating.chain_store import ChainStore, Segment
 from probupdate.updating.emulator import Emulator, EmulatorMove
 from probupdate.updating.problem import Problem
+from probupdate.updating.settings import CONSTANTS, SamplerSettings
 from probupdate.updating.surrogate import Density, Outline, Proposal
 
 # steps between looks at convergence, and the unit that is written to disk
 SEGMENT = 200
 # rounds in which walkers that begin where the model has no modes are drawn anew
 START_ROUNDS = 100
-# nested R-hat over independent ensembles (Margossian et al. 2024): their means part by at most a seventh of a standard
-# deviation, where each has some fifty independent draws
-R_HAT_LIMIT = 1.01
-AUTOCORRELATION_TIMES = 50
-# share of the chain at its start that is left out
-BURN_IN = 0.2
+R_HAT_LIMIT = CONSTANTS.r_hat_limit
+AUTOCORRELATION_TIMES = CONSTANTS.autocorrelation_times
+BURN_IN = CONSTANTS.burn_in
 # where part of what a move proposes is far: full jumps along differences of walkers carry them between modes
 JUMP_SHARE = 0.1
 # share of proposals from the surrogate
@@ -50,28 +48,6 @@ PRIOR_SHARE = 0.15
 # share of proposals of some parameters along differences of walkers, at most how many of them, and the share of those
 # that are as long as the difference
 SUBSET_SHARE, MOST_OF_SUBSET, FULL_LENGTH = 0.15, 4, 0.3
-
-
-@dataclass(frozen=True, kw_only=True)
-class SamplerSettings:
-    """walkers_per_parameter: emcee's ensemble size over the number of parameters; two more than twice their number are
-    always taken. target_ess: effective draws wanted of the worst parameter. max_steps: the run gives up after these,
-    and says so. ensembles: so many independent ones, each with its own start and random numbers, judged together:
-    walkers of one ensemble depend on one another, so that only ensembles can tell that they agree.
-    """
-
-    seed: int = 1
-    walkers_per_parameter: int = 2
-    target_ess: int = 1000
-    max_steps: int = 20000
-    ensembles: int = 4
-
-    def __post_init__(self):
-        if isinstance(self.seed, bool) or not isinstance(self.seed, int | np.integer) or self.seed < 0:
-            raise InputError("seed", f"{self.seed!r} is no whole number from 0 on", "give one, such as 1")
-        for name in ("walkers_per_parameter", "target_ess", "max_steps", "ensembles"):
-            if getattr(self, name) < 1:
-                raise InputError(name, f"{getattr(self, name)} is below 1", "give a positive number")
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

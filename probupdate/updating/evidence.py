@@ -18,14 +18,14 @@ from probupdate.model.parameters import Parameters
 from probupdate.runtime.progress import Progress, silent
 from probupdate.updating.laplace import Laplace
 from probupdate.updating.problem import Problem
+from probupdate.updating.settings import CONSTANTS
 from probupdate.updating.surrogate import Density, from_laplace
 
 # draws of the proposal that are evaluated, and most draws of the chain that are used
 N_PROPOSED, N_CHAIN = 4000, 4000
 # draws of the Laplace approximation that judge it
 N_LAPLACE = 1000
-# above this k the weights' mean is not to be trusted at any affordable number of draws
-TRUSTED_K = 0.7
+TRUSTED_K = CONSTANTS.trusted_k
 # draws that say which share of a correlated prior lies within its bounds
 N_PRIOR = 200_000
 CHUNK = 500

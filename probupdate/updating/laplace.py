@@ -11,17 +11,15 @@ from scipy import linalg
 from probupdate.errors import ConvergenceError, ProbupdateError
 from probupdate.runtime.arrays import frozen_array
 from probupdate.updating.problem import Problem
+from probupdate.updating.settings import CONSTANTS
 from probupdate.updating.tikhonov import HALVINGS, ROUNDING, bounded_step, pinned, relaxed
 
 MAX_ITERATION = 200
-# in prior deviations
-TOLERANCE = 1e-7
+TOLERANCE = CONSTANTS.map_tolerance
 # a step is lengthened to at most so many times itself where steps shrink slowly
 LONGEST = 2.0
-# maxima whose log densities differ by less than this are told apart by their parameters only
-SAME_HEIGHT = 1e-3
-# a further maximum counts if its evidence by Laplace is within so much of the largest
-NEGLIGIBLE = 12.0
+SAME_HEIGHT = CONSTANTS.same_height
+NEGLIGIBLE = CONSTANTS.negligible
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -22,11 +22,11 @@ from probupdate.model.interface import ModalSolution, Model
 from probupdate.model.uncertainty import ErrorSource, ResponseError, marginal_root
 from probupdate.runtime.arrays import frozen_array
 from probupdate.updating.responses import ResponseGroup, Weights, joint_root, paper_weights, response_group
+from probupdate.updating.settings import CONSTANTS
 
 __all__ = ["Prediction", "Problem", "Weights", "build_problem", "paper_weights"]
 
-# modes looked through for the measured ones at the initial parameters, beyond their number
-SEARCH = 10
+SEARCH = CONSTANTS.search
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -22,21 +22,15 @@ from probupdate.errors import InputError
 from probupdate.modal.labels import family, is_bending
 from probupdate.modal.modes import ModalSet, rotate_to_real
 from probupdate.runtime.arrays import frozen_array
+from probupdate.updating.settings import CONSTANTS
 
 FREQUENCIES = ("hz", "log")
 SHAPES = ("plane", "components", "mac", "none")
-# The paper: CoV of the frequencies of the first and second bending modes (Sec. 4); a shape component's deviation is
-# ten times the frequency's CoV, here of the largest component, as a CoV of a component near zero means nothing.
-PAPER_COV_FIRST, PAPER_COV_SECOND = 0.015, 0.017
-SHAPE_FACTOR = 10.0
-# the smallest deviation a measured shape component is believed to, as a share of the largest component: components
-# that served as a reference have deviation zero
-SHAPE_FLOOR = 0.02
-# the same for frequencies, where deviations come as a covariance: a few times what a model's mesh leaves
-FREQUENCY_FLOOR = 5e-4
-# both where tolerances are stated beside them: what two independent programs differ by where theory, parameters and
-# soil are the same (0.13 % of the first pair, 0.1 to 0.6 % of a shape's largest component)
-FORM_FLOOR, FORM_SHAPE_FLOOR = 1e-3, 2.5e-3
+PAPER_COV_FIRST, PAPER_COV_SECOND = CONSTANTS.paper_cov_first, CONSTANTS.paper_cov_second
+SHAPE_FACTOR = CONSTANTS.shape_factor
+SHAPE_FLOOR = CONSTANTS.shape_floor
+FREQUENCY_FLOOR = CONSTANTS.frequency_floor
+FORM_FLOOR, FORM_SHAPE_FLOOR = CONSTANTS.form_floor, CONSTANTS.form_shape_floor
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -161,7 +155,7 @@ class ResponseGroup:
     def own_changes(self) -> np.ndarray:
         """`changes`. Raises ValueError where the deviations are independent."""
         if self.changes is None:
-            raise ValueError("the group has no first-order deviations: collect it with Weights(covariance=True)")
+            raise ValueError("the group has no covariance factors: collect it with Weights(covariance=True)")
         return self.changes
 
     @property

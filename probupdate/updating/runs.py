@@ -20,13 +20,14 @@ from probupdate.structure.reduced import reduce_basis
 from probupdate.updating.alpha import alpha_path, choose
 from probupdate.updating.components import misfit_by_response, variance_components
 from probupdate.updating.emulator import Emulator, fit_emulator
-from probupdate.updating.ensemble import BURN_IN, SamplerSettings, claim_folder, sample
+from probupdate.updating.ensemble import BURN_IN, claim_folder, sample
 from probupdate.updating.evidence import check_laplace, estimate_evidence
 from probupdate.updating.importance import Mixture, agree, fitted_proposal, importance_sample
 from probupdate.updating.laplace import Laplace, distinct_maxima, maximum_a_posteriori
 from probupdate.updating.posterior_file import MAX_DRAWS, Posterior
 from probupdate.updating.problem import Problem, Weights, build_problem, suspected_channels
 from probupdate.updating.set_wise_updates import update_sets
+from probupdate.updating.settings import CONSTANTS, SamplerSettings, UpdateSettings
 from probupdate.updating.surrogate import Outline, Proposal, fit_surrogate
 from probupdate.updating.tikhonov import TikhonovUpdate, update
 from probupdate.updating.update_file import (
@@ -39,23 +40,17 @@ from probupdate.updating.update_file import (
     beyond_chance,
 )
 
-# models with fewer degrees of freedom are solved as they are
-REDUCE_FROM = 200
-# relative frequency error a reduced basis may leave in the region the sampler visits
-FREQUENCY_TOLERANCE = 1e-5
-# the box around it, in prior deviations cut at the bounds, and what may be off there
-BOX_DEVIATIONS, BOX_TOLERANCE = 4.0, 1e-3
+REDUCE_FROM = CONSTANTS.reduce_from
+FREQUENCY_TOLERANCE = CONSTANTS.frequency_tolerance
+BOX_DEVIATIONS, BOX_TOLERANCE = CONSTANTS.box_std, CONSTANTS.box_tolerance
 # checks of the first basis, on which nothing but the outline depends
 N_COARSE = 32
 # draws of the outline that stand for the region
 N_REGION = 400
 # posterior draws answered by the full model too, as a check of the reduced one
 N_CHECK = 24
-# an update that does not settle is put down to the data where a mode has a lower MAC than this before and after
-SETTLING_MAC = 0.80
-# from this effective share of its draws the outline is proposed from alone: surfaces would cost more than they spare,
-# and what they foretell in a second arm of the posterior is wrong
-OUTLINE_SERVES = 0.3
+SETTLING_MAC = CONSTANTS.settling_mac
+OUTLINE_SERVES = CONSTANTS.gaussian_serves
 # draws of the prior from which further maxima are looked for
 N_START = 12
 # draws whose responses are kept for pictures
@@ -68,27 +63,24 @@ def deterministic_update(
     *,
     set_id: str | None = None,
     weights: Weights | None = None,
-    alpha: float | str = 1.0,
-    method: str = "gauss-newton",
-    iterations: int = 50,
+    settings: UpdateSettings | None = None,
     model_at: Callable[[ModalSet], Model] | None = None,
     jobs: int | Executor = 1,
     progress: Progress = silent,
 ) -> UpdateRecord:
     """Both readings of Eq. 7 and the posterior's maximum for one set, then every set of the data (Table 7).
 
-    `model` stands in that one set's surroundings; `model_at` gives it in another set's. `alpha` is a number or one of
-    alpha.RULES; `method` solves the anchored reading by Gauss-Newton or Levenberg-Marquardt steps. jobs: processes, or an
-    executor, for the sets.
+    `model` stands in that one set's environmental conditions; `model_at` gives it in another set's. jobs: processes, or
+    an executor, for the sets.
     """
+    settings = settings or UpdateSettings()
     problem = build_problem(model, data, set_id=set_id, weights=weights)
     path = alpha_path(problem, progress=progress)
-    rule = alpha if isinstance(alpha, str) else "by hand"
-    if isinstance(alpha, str):
-        alpha = choose(path, alpha)
+    rule = settings.alpha if isinstance(settings.alpha, str) else "by hand"
+    alpha = choose(path, settings.alpha) if isinstance(settings.alpha, str) else settings.alpha
     runs = {
-        key: update(problem, penalty=key, alpha=alpha, max_iteration=iterations, progress=progress,
-                    method=method if key == "prior" else "gauss-newton")
+        key: update(problem, penalty=key, alpha=alpha, max_iteration=settings.iterations, progress=progress,
+                    method=settings.method if key == "prior" else "gauss-newton")
         for key in ("step", "prior")
     }  # fmt: skip
     laplace = find_maximum(problem, [run.theta[-1] for run in runs.values()] + [model.parameters.initial])
@@ -141,7 +133,7 @@ def deterministic_update(
         },
         sets=sets,
         settings={"weights": problem.weights.description, "alpha": f"{alpha:g} ({rule})",
-                  "iterations at most": str(iterations), "anchored by": method},
+                  "iterations at most": str(settings.iterations), "anchored by": settings.method},
         map_gradient=laplace.projected_gradient,
         alpha_path=AlphaRecord(alpha=path.alpha, theta=path.theta, misfit=path.misfit, penalty=path.penalty,
                                log_evidence=path.log_evidence, chosen=path.chosen, remarks=path.remarks),

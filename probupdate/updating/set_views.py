@@ -45,12 +45,13 @@ from probupdate.updating.set_views_file import (
     parameter_sentence,
 )
 from probupdate.updating.set_wise_updates import each_set
+from probupdate.updating.settings import CONSTANTS
 from probupdate.updating.shared_error import SharedError, shared_error
 from probupdate.updating.surrogate import Outline, Proposal, TruncatedGaussian
 
 # draws of posteriors of linearised sets, and how often their proposal is fitted to them again
 N_DRAW, ROUNDS = 8000, 4
-TRUSTED_K = 0.7
+TRUSTED_K = CONSTANTS.trusted_k
 # draws of the prior whose covariance stands for it where the shared error shifts the mean
 N_PRIOR = 20_000
 # draws of the population that the full model answers too, and of derived quantities
@@ -59,8 +60,7 @@ N_CHECK, N_DERIVED = 40, 120
 FIRST_ESS, LAST_ESS = 150, 500
 # where only a mean is taken to linearise about
 FIRST_R_HAT = 1.1
-# below this share of effective draws the linearised sets do not stand for the full model
-LINEAR_SHARE = 0.5
+LINEAR_SHARE = CONSTANTS.linear_share
 
 
 @dataclass(frozen=True, eq=False)

@@ -22,18 +22,15 @@ from probupdate.errors import InputError
 from probupdate.runtime.arrays import frozen_array
 from probupdate.runtime.progress import Progress, silent
 from probupdate.updating.problem import Problem
+from probupdate.updating.settings import CONSTANTS
 
 PENALTIES = ("step", "prior")
 METHODS = ("gauss-newton", "levenberg-marquardt")
-# an iteration is the last when no parameter moves by more than this share of its prior deviation
-TOLERANCE = 1e-6
+TOLERANCE = CONSTANTS.update_tolerance
 HALVINGS = 12
-# relative noise of the objective: eigenvalues are solved to about 1e-12, and misfits multiply that
-ROUNDING = 1e-9
-# a parameter this close to a bound, as a share of its prior deviation, is pinned there
-AT_BOUND = 1e-6
-# near the end, where steps are below this many prior standard deviations, they are relaxed, to no less than this share
-RELAX_BELOW, LEAST_SHARE = 0.1, 0.2
+ROUNDING = CONSTANTS.rounding
+AT_BOUND = CONSTANTS.at_bound
+RELAX_BELOW, LEAST_SHARE = CONSTANTS.relax_below, CONSTANTS.least_share
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -17,18 +17,15 @@ from probupdate.model.parameters import Parameter, Parameters
 from probupdate.runtime.arrays import frozen_array
 from probupdate.updating import components
 from probupdate.updating.identifiability import BOUND, KNOWN, PARTLY, PRIOR, identifiability
+from probupdate.updating.settings import CONSTANTS
 
 if TYPE_CHECKING:
     import pandas as pd
 
 FORMAT = 1
-# a parameter's resolution below this: the data hardly inform it
-BLIND_RESOLUTION = 0.1
-# CoV of frequencies below which a good fit says nothing of the model's own error: two theories of one turbine differ by
-# 0.5 to 1.2 % at equal parameters, and ten parameters took that in (studies/calibration)
-SHARP = 0.005
-# standard deviations of a chi-square variable beyond which a misfit is none of chance
-ACCUSED = 3.0
+BLIND_RESOLUTION = CONSTANTS.blind_resolution
+SHARP = CONSTANTS.sharp
+ACCUSED = CONSTANTS.accused
 SCHEME_NAMES = {"step": "Eq. 7 as printed (penalty on the step)", "prior": "anchored (penalty on the prior)"}
 
 
