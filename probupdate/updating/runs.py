@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from probupdate.errors import ConvergenceError, InputError
+from probupdate.modal.channel_mistakes import ChannelMistake
 from probupdate.modal.modes import ModalData, ModalSet
 from probupdate.model.interface import Model
 from probupdate.runtime.arrays import frozen_array
@@ -25,7 +26,7 @@ from probupdate.updating.evidence import check_laplace, estimate_evidence
 from probupdate.updating.importance import Mixture, agree, fitted_proposal, importance_sample
 from probupdate.updating.laplace import Laplace, distinct_maxima, maximum_a_posteriori
 from probupdate.updating.posterior_file import MAX_DRAWS, Posterior
-from probupdate.updating.problem import Problem, Weights, build_problem, suspected_channels
+from probupdate.updating.problem import Prediction, Problem, Weights, build_problem, suspected_channels
 from probupdate.updating.set_wise_updates import update_sets
 from probupdate.updating.settings import CONSTANTS, SamplerSettings, UpdateSettings
 from probupdate.updating.surrogate import Outline, Proposal, fit_surrogate
@@ -299,35 +300,19 @@ def sample_posterior(
     flat = kept.reshape(-1, kept.shape[2])
     shown = flat[rng.choice(len(flat), size=min(N_PREDICTED, len(flat)), replace=False)]
     predicted = fast.predict_many(shown)
-    checked = shown[:N_CHECK]
-    full = problem.predict_many(checked)
-    frequency_error = float(np.max(np.abs(predicted.frequency_hz[: len(checked)] / full.frequency_hz - 1)))
-    misfit_error = 0.5 * float(
-        np.max(np.abs(problem.misfit(predicted.response[: len(checked)]) - problem.misfit(full.response)))
-    )
-    edge = float(np.mean(predicted.computed.max(axis=1) == problem.matching.n_mode - 1))
-    # where the model itself has no further modes, none was left out of the search
-    if problem.matching.n_mode >= getattr(model, "full", model).n_available:
-        edge = 0.0
-    unstated = "ln evidence is not stated, as the chain has not converged"
+    against = _against_full(problem, predicted, shown[:N_CHECK])
     agreement = agree(weighted, chain)
-    statements = [agreement.sentence, checked_laplace.sentence, unstated if evidence is None else evidence.sentence]
     likely = suspected_channels(model, data, [model.parameters.initial, laplace.theta], set_id=set_id)
-    if laplace.misfit > beyond_chance(problem.n_effective):
-        statements.insert(0, f"MISFIT BEYOND CHANCE: chi-square at the maximum {laplace.misfit:.4g} for "
-                          f"{problem.n_effective} effective responses; the posterior is not to be trusted")  # fmt: skip
-    if likely is not None:
-        statements.insert(0, f"SUSPECT: the measured shapes are not this model's, and {likely.sentence}; {likely.remedy}")
-    if prepared.notes["maxima"] > 1:
-        statements.insert(0, f"{prepared.notes['maxima']} separate maxima of the posterior, all of them sampled")
+    unstated = "ln evidence is not stated, as the chain has not converged"
+    statements = [*_warnings(problem, laplace, likely, prepared.notes["maxima"]), agreement.sentence,
+                  checked_laplace.sentence, unstated if evidence is None else evidence.sentence]
     record = prepared.notes | {
         "set_id": problem.set_id, "weights": problem.weights.description, "seed": settings.seed,
         "walkers": kept.shape[1], "steps": chain.theta.shape[0], "thinned by": thin,
         "left out at the start": f"{100 * BURN_IN:g} % of the steps", "acceptance": chain.acceptance,
         "evaluated": chain.evaluated, "fallback": chain.fallback,
         "autocorrelation time": float(np.max(chain.tau)),
-        "full model on posterior draws": f"{len(checked)} draws: frequencies within {frequency_error:.1e}, "
-        f"log-likelihood within {misfit_error:.1e}",
+        "full model on posterior draws": against.sentence,
         "map": laplace.theta.tolist(), "n_effective": problem.n_effective, "model": model.name,
         "median misfit": float(np.median(problem.misfit(predicted.response))),
         "worst mac": float(np.min(predicted.mac)), "laplace": asdict(checked_laplace),
@@ -335,7 +320,7 @@ def sample_posterior(
         **({} if likely is None else {"suspected": f"{likely.sentence}; {likely.remedy}"}),
         "importance sampling": asdict(agreement), "tail effective size": chain.tail.tolist(),
         "ensembles": settings.ensembles, "projected gradient at the map": laplace.projected_gradient,
-        "statements": statements, "notes": _notes(problem, laplace, edge, misfit_error),
+        "statements": statements, "notes": _notes(problem, laplace, against),
     }  # fmt: skip
     log_prior = model.parameters.log_density(kept)
     return Posterior(
@@ -359,13 +344,55 @@ def sample_posterior(
     )
 
 
-def _notes(problem: Problem, laplace: Laplace, edge: float, misfit_error: float) -> list[str]:
+class _AgainstFull(NamedTuple):
+    """Of n posterior draws answered by the full model too: largest relative difference of a frequency, of the
+    log-likelihood; and the share of all draws that pair a measured mode with the highest mode computed."""
+
+    n: int
+    frequency: float
+    log_likelihood: float
+    at_highest: float
+
+    @property
+    def sentence(self) -> str:
+        return f"{self.n} draws: frequencies within {self.frequency:.1e}, log-likelihood within {self.log_likelihood:.1e}"
+
+
+def _against_full(problem: Problem, predicted: Prediction, checked: np.ndarray) -> _AgainstFull:
+    """`predicted`: by the reduced model, the first of them at `checked`."""
+    n, full = len(checked), problem.predict_many(checked)
+    at_highest = float(np.mean(predicted.computed.max(axis=1) == problem.matching.n_mode - 1))
+    # where the model itself has no further modes, none was left out of the search
+    if problem.matching.n_mode >= getattr(problem.model, "full", problem.model).n_available:
+        at_highest = 0.0
+    return _AgainstFull(
+        n=n, at_highest=at_highest,
+        frequency=float(np.max(np.abs(predicted.frequency_hz[:n] / full.frequency_hz - 1))),
+        log_likelihood=0.5 * float(
+            np.max(np.abs(problem.misfit(predicted.response[:n]) - problem.misfit(full.response)))),
+    )
+
+
+def _warnings(problem: Problem, laplace: Laplace, likely: ChannelMistake | None, maxima: int) -> list[str]:
+    """What is to be read before any number of the posterior."""
+    said = []
+    if maxima > 1:
+        said.append(f"{maxima} separate maxima of the posterior, all of them sampled")
+    if likely is not None:
+        said.append(f"SUSPECT: the measured shapes are not this model's, and {likely.sentence}; {likely.remedy}")
+    if laplace.misfit > beyond_chance(problem.n_effective):
+        said.append(f"MISFIT BEYOND CHANCE: chi-square at the maximum {laplace.misfit:.4g} for {problem.n_effective} "
+                    "effective responses; the posterior is not to be trusted")
+    return said
+
+
+def _notes(problem: Problem, laplace: Laplace, against: _AgainstFull) -> list[str]:
     notes = []
-    if edge > 0:
-        notes.append(f"in {100 * edge:.0f} % of draws a measured mode pairs with the highest mode computed: a still "
+    if against.at_highest > 0:
+        notes.append(f"in {100 * against.at_highest:.0f} % of draws a measured mode pairs with the highest mode computed: a still "
                      "higher one might fit better")  # fmt: skip
-    if misfit_error > 0.1:
-        notes.append(f"the reduced basis shifts the log-likelihood by up to {misfit_error:.2g} on posterior draws")
+    if against.log_likelihood > 0.1:
+        notes.append(f"the reduced basis shifts the log-likelihood by up to {against.log_likelihood:.2g} on posterior draws")
     if laplace.others:
         notes.append(f"the posterior has further maxima, {', '.join(f'{x:g}' for x in laplace.others)} below in ln p")
     notes += list(problem.matching.left_out)
