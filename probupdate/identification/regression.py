@@ -363,8 +363,8 @@ def _in_time(data: ModalData, state: str | None) -> tuple[list[ModalSet], np.nda
 
 
 def _columns(sets: Sequence[ModalSet], covariates: Sequence[str]) -> dict[str, np.ndarray]:
-    """Covariates (n_set,), NaN where a set lacks one. The standard ones may be absent, and that is noted; a name that no
-    set knows and nobody listed is a slip."""
+    """Covariates (n_set,), NaN where a set lacks one. The standard ones may be absent, and that is noted; a name that
+    no set knows and nobody listed is a slip."""
     columns = {name: np.array([_number(s.environment.get(name)) for s in sets]) for name in covariates}
     unknown = [name for name in covariates if name not in COVARIATES and not np.isfinite(columns[name]).any()]
     if unknown:

@@ -1,7 +1,7 @@
 """Numbers that decide what identification finds.
 
-`CONSTANTS` is the one value of all that decide something; modules take theirs from it under a name of their own. What is
-a matter of speed or of files alone stays where it is used. docs/reference/settings.md is made of these rows.
+`CONSTANTS` is the one value of all that decide something; modules take theirs from it under a name of their own. What
+is a matter of speed or of files alone stays where it is used. docs/reference/settings.md is made of these rows.
 """
 
 from __future__ import annotations
@@ -17,7 +17,8 @@ class IdentificationSettings:
     5 Hz), else as the record proposes."""
 
     order: int | None = stated(None, "-", "model order", "paper: 20")
-    block_rows: int | None = stated(None, "-", "block rows of the Toeplitz matrix", "30: two periods of 0.3 Hz at 5 Hz")
+    block_rows: int | None = stated(
+        None, "-", "block rows of the Toeplitz matrix", "30: two periods of 0.3 Hz at 5 Hz")
     rate_hz: float | None = stated(None, "Hz", "sampling rate after decimation", "paper: 5")
     harmonics: str = stated("keep", "-", "the rotor's harmonics stay in the record ('keep') or are taken out ('remove')")
 

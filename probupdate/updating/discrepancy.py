@@ -38,8 +38,8 @@ class LikelihoodSettings:
     frequencies: str = stated("hz", "-", "frequencies are compared as they are ('hz') or as logarithms ('log')")
     shapes: str = stated("plane", "-", "shapes are compared as 'plane', 'components', 'mac' or 'none'")
     discrepancy: float | str | None = stated(
-        None, "-", "share of every frequency that the model may miss, 'auto' for as much as the misfit says; None: 'auto' "
-        "with the measurement's own standard deviations, else 0")
+        None, "-", "share of every frequency that the model may miss, 'auto' for as much as the misfit says; None: "
+        "'auto' with the measurement's own standard deviations, else 0")
     tolerances: bool | None = stated(
         None, "-", "stated tolerances of model and sensors are marginalised; None: with the measurement's own "
         "standard deviations")

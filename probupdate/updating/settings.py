@@ -1,7 +1,7 @@
 """Numbers that decide what updating finds and says.
 
-`CONSTANTS` is the one value of all that decide something; modules take theirs from it under a name of their own. What is
-a matter of speed or of files alone stays where it is used. docs/reference/settings.md is made of these rows.
+`CONSTANTS` is the one value of all that decide something; modules take theirs from it under a name of their own. What
+is a matter of speed or of files alone stays where it is used. docs/reference/settings.md is made of these rows.
 """
 
 from __future__ import annotations
