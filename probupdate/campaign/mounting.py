@@ -348,9 +348,37 @@ def _directions(bending: _Bending, sensors) -> list[Suspicion]:
 def _profile(bending: _Bending, sensors) -> list[Suspicion]:
     """How far each level goes along x and along y: the two in one proportion everywhere, and in between what a
     cantilever does; and how far the vertical channels of a level go for their distance from the axis."""
+    reach, upright = _reach(bending, sensors)
+    found = _scaled_verticals(upright)
+    mean = {key: float(np.exp(np.mean(np.log(list(values.values()))))) for key, values in reach.items()}
+    height = {s.level: float(s.position_m[2]) for s in sensors}
+    both = sorted({v for _, v in mean if ("x", v) in mean and ("y", v) in mean}, key=height.get)
+    if len(both) < 3:
+        return found
+    proportion = {v: np.log(mean["x", v] / mean["y", v]) for v in both}
+    usual = np.median(list(proportion.values()))
+    off = {v: float(p - usual) for v, p in proportion.items()}
+    names = _exchanged_levels(reach, mean, both, off)
+    if names:
+        return [*found, Suspicion(kind=SWAPPED, channels=names)]
+    odd = {v: p for v, p in off.items() if abs(p) > np.log(PROFILE_LIMIT)}
+    if odd:
+        found += [_scaled_level(reach, mean, [v for v in both if v == level or v not in odd], height, level, p)
+                  for level, p in odd.items() if min(len(reach["x", level]), len(reach["y", level])) == 1]
+        return found
+    typical = {v: np.sqrt(mean["x", v] * mean["y", v]) for v in both}
+    for level in both[1:-1]:
+        wanted = _wanted(both, typical, height, level)
+        if wanted and not 0.5 < typical[level] / wanted < 2.0:
+            names = (*reach["x", level], *reach["y", level])
+            found.append(Suspicion(kind=LEVEL_SCALED, channels=names, size=float(typical[level] / wanted)))
+    return found
+
+
+def _reach(bending: _Bending, sensors) -> tuple[dict[tuple[str, str], dict[str, float]], dict[str, dict[str, float]]]:
+    """How far channels go, by name: horizontal ones by axis and level, vertical ones by level."""
     reach: dict[tuple[str, str], dict[str, float]] = {}
     upright: dict[str, dict[str, float]] = {}
-    height = {s.level: float(s.position_m[2]) for s in sensors}
     for row, i in enumerate(bending.members):
         size = float(np.linalg.norm(bending.along[row]))
         if not np.isfinite(size) or size == 0 or not np.isfinite(bending.expected[row]).all():
@@ -360,48 +388,46 @@ def _profile(bending: _Bending, sensors) -> list[Suspicion]:
             reach.setdefault((axis, sensors[i].level), {})[sensors[i].channel] = size
         else:
             upright.setdefault(sensors[i].level, {})[sensors[i].channel] = size
-    found = [Suspicion(kind=SCALED, channels=(channel,), size=value / np.median(list(values.values())))
-             for values in upright.values() if len(values) >= 4 for channel, value in values.items()
-             if not 1 / VERTICAL_LIMIT < value / np.median(list(values.values())) < VERTICAL_LIMIT]
-    mean = {key: float(np.exp(np.mean(np.log(list(values.values()))))) for key, values in reach.items()}
-    both = sorted({v for _, v in mean if ("x", v) in mean and ("y", v) in mean}, key=height.get)
-    if len(both) < 3:
-        return found
-    proportion = {v: np.log(mean["x", v] / mean["y", v]) for v in both}
-    usual = np.median(list(proportion.values()))
-    odd = {v: float(p - usual) for v, p in proportion.items() if abs(p - usual) > np.log(PROFILE_LIMIT)}
-    # two levels exchanged along one axis are off by the same factor to opposite sides
-    milder = {v: float(p - usual) for v, p in proportion.items() if abs(p - usual) > 0.75 * np.log(PROFILE_LIMIT)}
-    if len(milder) == 2:
-        (a, off_a), (b, off_b) = milder.items()
-        if abs(off_a + off_b) < 0.35 * max(abs(off_a), abs(off_b)):
-            for axis in ("x", "y"):
-                order = [mean[axis, v] for v in both]
-                changed = [mean[axis, b if v == a else a if v == b else v] for v in both]
-                if order != sorted(order) and changed == sorted(changed) and all(
-                        len(reach[axis, v]) == 1 for v in (a, b)):
-                    names = (*reach[axis, a], *reach[axis, b])
-                    return [*found, Suspicion(kind=SWAPPED, channels=names)]
-    for level, off in odd.items():
-        if min(len(reach["x", level]), len(reach["y", level])) > 1:
-            continue
-        away = {}
-        for axis in ("x", "y"):
-            wanted = _wanted(both, {v: mean[axis, v] for v in both if v == level or v not in odd}, height, level)
-            away[axis] = abs(np.log(mean[axis, level] / wanted)) if wanted else 0.0
-        axis = "x" if away["x"] >= away["y"] else "y"
-        sure = abs(away["x"] - away["y"]) > 0.5 * abs(off)
-        other = reach["y" if axis == "x" else "x", level]
-        factor = np.exp(off if axis == "x" else -off)
-        found.append(Suspicion(kind=SCALED, channels=tuple(reach[axis, level]), size=float(factor),
-                               ambiguous_with=() if sure else tuple(other)))
-    for level in both[1:-1] if not odd else ():
-        typical = {v: np.sqrt(mean["x", v] * mean["y", v]) for v in both}
-        wanted = _wanted(both, typical, height, level)
-        if wanted and not 0.5 < typical[level] / wanted < 2.0:
-            names = (*reach["x", level], *reach["y", level])
-            found.append(Suspicion(kind=LEVEL_SCALED, channels=names, size=float(typical[level] / wanted)))
-    return found
+    return reach, upright
+
+
+def _scaled_verticals(upright: dict[str, dict[str, float]]) -> list[Suspicion]:
+    """Vertical channels unlike the others of their level, of four at least."""
+    return [Suspicion(kind=SCALED, channels=(channel,), size=value / np.median(list(values.values())))
+            for values in upright.values() if len(values) >= 4 for channel, value in values.items()
+            if not 1 / VERTICAL_LIMIT < value / np.median(list(values.values())) < VERTICAL_LIMIT]
+
+
+def _exchanged_levels(reach, mean, both: list[str], off: dict[str, float]) -> tuple[str, ...]:
+    """Channels of two levels exchanged along one axis: they are off by the same factor to opposite sides, and reach
+    rises with height once they are put back."""
+    mild = {v: p for v, p in off.items() if abs(p) > 0.75 * np.log(PROFILE_LIMIT)}
+    if len(mild) != 2:
+        return ()
+    (a, off_a), (b, off_b) = mild.items()
+    if not abs(off_a + off_b) < 0.35 * max(abs(off_a), abs(off_b)):
+        return ()
+    for axis in ("x", "y"):
+        order = [mean[axis, v] for v in both]
+        changed = [mean[axis, b if v == a else a if v == b else v] for v in both]
+        alone = all(len(reach[axis, v]) == 1 for v in (a, b))
+        if order != sorted(order) and changed == sorted(changed) and alone:
+            return (*reach[axis, a], *reach[axis, b])
+    return ()
+
+
+def _scaled_level(reach, mean, usual: list[str], height, level: str, off: float) -> Suspicion:
+    """The channel of a level whose two axes are out of proportion: the one that is farther from what its neighbours
+    among the `usual` levels say."""
+    away = {}
+    for axis in ("x", "y"):
+        wanted = _wanted(usual, {v: mean[axis, v] for v in usual}, height, level)
+        away[axis] = abs(np.log(mean[axis, level] / wanted)) if wanted else 0.0
+    axis = "x" if away["x"] >= away["y"] else "y"
+    sure = abs(away["x"] - away["y"]) > 0.5 * abs(off)
+    other = reach["y" if axis == "x" else "x", level]
+    return Suspicion(kind=SCALED, channels=tuple(reach[axis, level]), size=float(np.exp(off if axis == "x" else -off)),
+                     ambiguous_with=() if sure else tuple(other))
 
 
 def _wanted(order, reach, height, level) -> float | None:

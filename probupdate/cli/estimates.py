@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from typing import Any
 
 from probupdate.cli.options import (
     AddCommand,
@@ -20,6 +21,12 @@ from probupdate.errors import InputError
 from probupdate.runtime.progress import Progress
 
 
+def compared(a: argparse.Namespace) -> dict[str, Any]:
+    """What every step on modes is given beside its own options."""
+    return {"parameters": a.parameters, "weights": weights_option(a), "frequencies": a.frequencies, "shapes": a.shapes,
+            "discrepancy": a.discrepancy, "tolerances": a.tolerances}  # fmt: skip
+
+
 def run_update(a: argparse.Namespace, progress: Progress) -> None:
     one_thread()
     import probupdate
@@ -27,9 +34,8 @@ def run_update(a: argparse.Namespace, progress: Progress) -> None:
 
     with executor(a.jobs, a.scheduler) as runs:
         result = probupdate.update(
-            a.model, a.modes, parameters=a.parameters, set_id=a.set, weights=weights_option(a), alpha=a.alpha,
-            frequencies=a.frequencies, shapes=a.shapes, method=a.method, discrepancy=a.discrepancy,
-            tolerances=a.tolerances, iterations=a.iterations, every_mode=a.every_mode, jobs=runs, progress=progress)
+            a.model, a.modes, set_id=a.set, **compared(a), alpha=a.alpha, method=a.method, iterations=a.iterations,
+            every_mode=a.every_mode, jobs=runs, progress=progress)
     result.write(a.out)
     tell(a, result, [a.out], first=False)
     refuse_suspected(a, result.set_id, result.suspected)
@@ -49,10 +55,8 @@ def run_sample(a: argparse.Namespace, progress: Progress) -> None:
 
     with executor(a.jobs, a.scheduler) as runs:
         result = probupdate.sample(
-            a.model, a.modes, a.out, parameters=a.parameters, set_id=a.set, weights=weights_option(a), seed=a.seed,
-            frequencies=a.frequencies, shapes=a.shapes, ensembles=a.ensembles, discrepancy=a.discrepancy,
-            tolerances=a.tolerances, target_ess=a.ess, max_steps=a.max_steps, every_mode=a.every_mode, jobs=runs,
-            progress=progress)
+            a.model, a.modes, a.out, set_id=a.set, **compared(a), seed=a.seed, target_ess=a.ess, max_steps=a.max_steps,
+            ensembles=a.ensembles, every_mode=a.every_mode, jobs=runs, progress=progress)
     tell(a, result, [a.out], first=False)
     refuse_suspected(a, str(result.record.get("set_id", "")), str(result.record.get("suspected", "")))
 
@@ -69,10 +73,7 @@ def run_sets(a: argparse.Namespace, progress: Progress) -> None:
     import probupdate
 
     result = probupdate.sets(
-        a.model, a.modes, parameters=a.parameters, weights=weights_option(a), frequencies=a.frequencies,
-        shapes=a.shapes, discrepancy=a.discrepancy, tolerances=a.tolerances, correlated=a.correlated, spread=a.spread,
-        seed=a.seed,
-        progress=progress)
+        a.model, a.modes, **compared(a), correlated=a.correlated, spread=a.spread, seed=a.seed, progress=progress)
     result.write(a.out)
     tell(a, result, [a.out], first=False)
 
@@ -81,9 +82,7 @@ def run_inform(a: argparse.Namespace, progress: Progress) -> None:
     import probupdate
 
     result = probupdate.inform(
-        a.model, a.modes, parameters=a.parameters, set_id=a.set, weights=weights_option(a), frequencies=a.frequencies,
-        shapes=a.shapes, discrepancy=a.discrepancy, tolerances=a.tolerances, every=a.every, at=a.at,
-        posterior=a.posterior, seed=a.seed,
+        a.model, a.modes, set_id=a.set, **compared(a), every=a.every, at=a.at, posterior=a.posterior, seed=a.seed,
         progress=progress)
     result.write(a.out)
     tell(a, result, [a.out], first=False)

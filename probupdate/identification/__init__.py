@@ -6,5 +6,5 @@
 # what other rooms and users import; the other modules are this room's own
 __all__ = [
     "block_poles", "block_store", "classification", "counterparts", "criteria", "harmonics", "identify", "proposal",
-    "reference", "regression", "roving", "selection", "setups", "ssi", "uncertainty",
+    "reference", "regression", "roving", "selection", "settings", "setups", "ssi", "uncertainty",
 ]  # fmt: skip

@@ -77,6 +77,11 @@ class BlockPoles:
     line_hz: np.ndarray
     spectrum: np.ndarray
 
+    @property
+    def every_order(self) -> tuple[Poles, ...]:
+        """`poles` and `others`; none of an excluded block."""
+        return () if self.poles is None else (self.poles, *self.others)
+
 
 def common_quantity(sensors: tuple[Sensor, ...]) -> str:
     """The quantity that all channels measure; acceleration where they measure several, and are converted."""
@@ -133,7 +138,7 @@ def identify_deviations(
     record, _ = _prepared(block, campaign, settings, rotor_rpm)
     asked = tuple(sorted({order for order, _ in keys}))
     found = _identified(record, block, settings, sub_records=settings.sub_records, orders=asked)
-    before = {p.order: p for p in (known.poles, *known.others)}
+    before = {p.order: p for p in known.every_order}
     now = {p.order: p for p in found.by_order}
     parts = []
     for order in asked:

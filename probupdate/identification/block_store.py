@@ -21,7 +21,6 @@ from probupdate.campaign.blocks import block_files
 from probupdate.campaign.reading import Campaign, RecordFile
 from probupdate.campaign.scada import StateRule, block_conditions
 from probupdate.errors import InputError
-from probupdate.io.files import PART, archive, read_json_table, remove_stale, write_arrays, write_json
 from probupdate.identification.block_poles import (
     BlockDeviations,
     BlockPoles,
@@ -31,6 +30,7 @@ from probupdate.identification.block_poles import (
     identify_deviations,
 )
 from probupdate.identification.ssi import Poles
+from probupdate.io.files import PART, archive, read_json_table, remove_stale, write_arrays, write_json
 from probupdate.runtime.arrays import frozen_array
 from probupdate.runtime.executors import Executor, Shard, completed
 from probupdate.runtime.progress import Progress, silent
@@ -292,7 +292,7 @@ def _stored_keys(path: Path) -> set[tuple[int, int]]:
 
 def write_block_poles(path: Path, block: BlockPoles, origin: list[str]) -> None:
     """One npz file; shapes in single precision, far below their scatter, as most of a month's bytes are theirs."""
-    every = () if block.poles is None else (block.poles, *block.others)
+    every = block.every_order
     head = {
         "id": block.id, "start": block.start.isoformat(), "minutes": block.minutes, "quantity": block.quantity,
         "excluded": block.excluded, "notes": list(block.notes), "rms": None if np.isnan(block.rms) else block.rms,

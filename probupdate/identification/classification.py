@@ -15,6 +15,7 @@ import numpy as np
 
 from probupdate.errors import InputError
 from probupdate.identification.reference import ReferenceModes
+from probupdate.identification.settings import CONSTANTS
 from probupdate.identification.ssi import Poles
 from probupdate.modal.modes import mac, modal_phase_collinearity
 from probupdate.runtime.arrays import frozen_array
@@ -26,13 +27,11 @@ KEPT, SHAPE, DAMPING, FREQUENCY, COMPLEXITY, UNCERTAIN = (
 HARMONIC, CLUSTER, DUPLICATE, UNSTABLE, OTHER_ORDER = (
     "harmonic", "cluster", "duplicate", "unstable", "other order",
 )
-# of several poles of one mode similarity (stability + 0.1)^2 / (damping + 1 %) decides, damping below 0.5 % counted as
-# that: no structure has less, and a pole of noise may have any
-STABILITY_FLOOR, DAMPING_FLOOR, LEAST_DAMPING = 0.1, 0.01, 0.005
-# a pole's twin at another order: frequency within 1 %, MAC (of a pair: S2MAC to its plane) of at least 0.90
-TWIN_FREQUENCY, TWIN_MAC = 0.01, 0.90
-# a pole so far in ln f beyond the range of a mode's poles over the campaign is none of it
-RANGE_MARGIN = 0.05
+STABILITY_FLOOR, DAMPING_FLOOR, LEAST_DAMPING = (
+    CONSTANTS.stability_floor, CONSTANTS.damping_floor, CONSTANTS.least_damping,
+)
+TWIN_FREQUENCY, TWIN_MAC = CONSTANTS.twin_frequency, CONSTANTS.twin_mac
+RANGE_MARGIN = CONSTANTS.range_margin
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -143,12 +142,12 @@ def likeness(poles: PoleStack, reference: ReferenceModes, stability: np.ndarray 
     """`stability` (n_pole,) as given, else told from the stack's own orders."""
     single = mac(poles.shape, reference.shape)
     similarity = np.column_stack([
-        _plane_likeness(poles.shape, reference.shape[:, list(g)]) if len(g) > 1 else single[:, g[0]]
+        _plane_likeness(poles.shape, reference.shape[:, list(g)]) if len(g) > 1 else single[:, list(g)].ravel()
         for g in reference.groups
     ])
     nearness = 1.0
     if reference.range_hz is not None:
-        away = _outside(poles.frequency_hz, reference)
+        away = _outside(poles.frequency_hz, reference.range_hz, reference.groups)
         similarity = np.where(away <= RANGE_MARGIN, similarity, 0.0)
         # with few channels several modes have one shape: then the nearest in frequency
         nearness = np.exp(-0.5 * (away / RANGE_MARGIN) ** 2)
@@ -161,9 +160,9 @@ def likeness(poles: PoleStack, reference: ReferenceModes, stability: np.ndarray 
     )
 
 
-def _outside(frequency_hz: np.ndarray, reference: ReferenceModes) -> np.ndarray:
+def _outside(frequency_hz: np.ndarray, range_hz: np.ndarray, groups: tuple[tuple[int, ...], ...]) -> np.ndarray:
     """(n_pole, n_group) distance in ln f of each pole from the range of each group."""
-    low, high = (np.log(np.array([ends(reference.range_hz[list(g), side]) for g in reference.groups]))
+    low, high = (np.log(np.array([ends(range_hz[list(g), side]) for g in groups]))
                  for side, ends in ((0, np.min), (1, np.max)))  # fmt: skip
     place = np.log(frequency_hz)[:, None]
     return np.maximum(np.maximum(low - place, place - high), 0.0)
@@ -193,8 +192,9 @@ def _stability(poles: PoleStack, similarity: np.ndarray, paired: np.ndarray) -> 
 
 def rotor_bands(conditions: Mapping[str, float | str], settings: ClassifierSettings) -> np.ndarray:
     """(n_harmonic, 2) frequencies in Hz that the multiples of the rotor speed swept in a block; empty without SCADA."""
-    low, high = conditions.get("rotor_speed_rpm_min"), conditions.get("rotor_speed_rpm_max")
-    if low is None or high is None or not np.isfinite([low, high]).all():
+    swept = [conditions.get(f"rotor_speed_rpm_{end}") for end in ("min", "max")]
+    low, high = (float(x) if x is not None else np.nan for x in swept)
+    if not np.isfinite([low, high]).all():
         return np.zeros((0, 2))
     range_hz = np.array([low * (1 - settings.harmonic_tolerance), high * (1 + settings.harmonic_tolerance)]) / 60
     return np.array(settings.harmonics)[:, None] * range_hz
@@ -236,7 +236,8 @@ def block_criteria(
         ratio = poles.frequency_hz / np.array([reference.group_hz(g) for g in reference.groups])[group]
         elsewhere = (ratio < settings.frequency_window[0]) | (ratio > settings.frequency_window[1])
     else:
-        elsewhere = _outside(poles.frequency_hz, reference)[np.arange(len(group)), group] > RANGE_MARGIN
+        away = _outside(poles.frequency_hz, reference.range_hz, reference.groups)
+        elsewhere = away[np.arange(len(group)), group] > RANGE_MARGIN
     verdict = np.full(len(group), KEPT, dtype=object)
     # asked in this order: the first that fails gives its name, so the last written is the first asked
     for std, limit in ((ln_frequency_std, settings.frequency_std), (damping_std, settings.damping_std)):

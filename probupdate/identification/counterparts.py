@@ -15,19 +15,15 @@ import numpy as np
 
 from probupdate.identification.classification import ClassifierSettings
 from probupdate.identification.reference import ReferenceModes
+from probupdate.identification.settings import CONSTANTS
 from probupdate.modal.modes import ModalData, ModalSet, ModelMode, ModeRecord, mac, subspace_mac
 
-# what a poor model may miss: standard deviations of 1 - MAC, and of ln f; a mode less alike than NO_MAC at its own
-# frequency is rather none of the model's
-MODEL_MAC, MODEL_FREQUENCY, NO_MAC = 0.15, 0.20, 0.35
-# how much being alike by itself, beside its plane, decides which of a pair is which
-OWN_SHAPE = 1.0
-# how much less likely a mode is at most for its small motion of the sensors
-LEAST_SIZE = 0.02
+MODEL_MAC, MODEL_FREQUENCY, NO_MAC = CONSTANTS.model_mac, CONSTANTS.model_frequency, CONSTANTS.no_mac
+OWN_SHAPE = CONSTANTS.own_shape
+LEAST_SIZE = CONSTANTS.least_size
 # blocks that are compared at most, evenly over those that have the mode
 MOST_BLOCKS = 200
-# a mode of the model that moves the sensors by less than this share of what its others do need not be seen
-SEEN = 0.05
+SEEN = CONSTANTS.seen
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -121,10 +117,10 @@ def mode_records(
         }
         if model is not None:
             i = partner.get(j)
-            likely = [] if probability is None else [
-                int(k) for k in np.argsort(-probability[j]) if probability[j, k] > 0.01]
-            found["alternatives"] = tuple((model.labels[k], float(probability[j, k])) for k in likely[:3])
-            if i is None:
+            chance = np.zeros(0) if probability is None else probability[j]
+            likely = [int(k) for k in np.argsort(-chance) if chance[k] > 0.01]
+            found["alternatives"] = tuple((model.labels[k], float(chance[k])) for k in likely[:3])
+            if i is None or like is None:
                 found["match"] = "none"
             else:
                 limit = settings.plane_mac if j in in_pair else settings.mac

@@ -13,20 +13,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from probupdate.errors import InputError
+from probupdate.identification.settings import CONSTANTS
 from probupdate.runtime.arrays import frozen_array
 
-# frames of the spectrogram and their distance; steps of the speed from frame to frame that cost one unit
-FRAME_S, HOP_S, SPEED_STEP = 40.0, 10.0, 0.02
-# the demodulated line is smoothed over one of these: the shorter, the better it follows a speed that wanders within 20
-# to 60 s; the longer, the less it takes of what is random beside the line
-SMOOTH_S = (25.0, 45.0, 70.0)
-# the angle's own share of power over that of decoys, from which it is believed: random motion, ten freedoms against six
-# times ten, passes by chance in one of 30 000
-LEAST_GAIN = 5.0
-# decoys turn this much faster or slower, in Hz of the harmonic: far beyond the resolution of half an hour, near enough
-# that a mode at the harmonic feeds them alike
-DECOYS_HZ = (-0.013, -0.009, -0.005, 0.005, 0.009, 0.013)
-LEAST_RPM = 3.0
+FRAME_S, HOP_S, SPEED_STEP = CONSTANTS.frame_s, CONSTANTS.hop_s, CONSTANTS.speed_step
+SMOOTH_S = CONSTANTS.smooth_s
+LEAST_GAIN = CONSTANTS.least_gain
+DECOYS_HZ = CONSTANTS.decoys_hz
+LEAST_RPM = CONSTANTS.least_rpm
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -120,7 +114,8 @@ def _coarse_speed(record, rate_hz, low, high, multiples) -> np.ndarray:
               (round(shift / step), -round(shift / step))]  # fmt: skip
     above = level - np.median(beside, axis=0)
     grid = np.arange(low, high + 0.001, 0.001)
-    reward = sum(np.array([np.interp(n * grid, frequency, column) for column in above.T]) for n in multiples)
+    along = (np.array([np.interp(n * grid, frequency, column) for column in above.T]) for n in multiples)
+    reward = np.asarray(sum(along))
     cost = 0.5 * ((grid[:, None] - grid) / (SPEED_STEP * np.mean(grid))) ** 2
     total, came = reward[0], []
     for row in reward[1:]:

@@ -10,7 +10,7 @@ from contextlib import nullcontext
 from dataclasses import dataclass, field, replace
 from functools import lru_cache, partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar, overload
 
 import numpy as np
 import pandas as pd
@@ -65,6 +65,8 @@ if TYPE_CHECKING:
 # the broad-band amplitude of a block goes by the unit of what was measured
 AMPLITUDE = {"acceleration": "rms_mps2", "velocity": "rms_mps", "displacement": "rms_m"}
 NOTHING = frozen_array(np.zeros(0))
+
+T = TypeVar("T")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -369,16 +371,24 @@ class _Named:
     sets: list[ModalSet]
 
 
-class _Each(Sequence):
+class _Each(Sequence[T]):
     """What a function gives for 0, 1, ..., made when it is asked for."""
 
-    def __init__(self, function: Callable[[int], object], count: int):
+    def __init__(self, function: Callable[[int], T], count: int):
         self._function, self._count = function, count
 
     def __len__(self) -> int:
         return self._count
 
-    def __getitem__(self, number):
+    @overload
+    def __getitem__(self, number: int) -> T: ...
+
+    @overload
+    def __getitem__(self, number: slice) -> Sequence[T]: ...
+
+    def __getitem__(self, number: int | slice) -> T | Sequence[T]:
+        if isinstance(number, slice):
+            return [self._function(k) for k in range(self._count)[number]]
         return self._function(range(self._count)[number])
 
 
@@ -393,23 +403,24 @@ def _named(
     seen = np.ones(n_mode, bool) if every else seen
     # the other direction of a single mode that turns with the nacelle is no mode that was lost
     mated = np.zeros(n_mode, bool)
-    for pair in physical.modes.turning:
+    for pair in physical.modes.turning or ():
         mated[list(pair)] = seen[list(pair)].any()
     notes = [f"{f:.4g} Hz comes back but is found as a mode in {plural(int(n), 'block')}: left out" for f, n, kept in
              zip(physical.modes.frequency_hz, measured.sum(axis=0), seen | mated, strict=True) if not kept]  # fmt: skip
-    partner, like, probability, model = {}, None, None, None
-    wanted: tuple[str, ...] = ()
+    partner: dict[int, int] = {}
+    like, probability, model, wanted = None, None, None, ()
+    label_of: dict[int, str] = {}
     if reference is not None:
-        model = reference if others is None else reference.joined(others)
+        model = whole = reference if others is None else reference.joined(others)
         wanted = reference.labels
         # asked for some hundred blocks, of each mode for nearly the same
         at_block = lru_cache(maxsize=512)(
-            lambda k: turned(model, campaign.sensors, fore_aft_deg(sets[k].environment, campaign)))  # fmt: skip
+            lambda k: turned(whole, campaign.sensors, fore_aft_deg(sets[k].environment, campaign)))  # fmt: skip
         turned_to = _Each(at_block, len(sets))
         pairs = [pair for pair in physical.modes.pairs if seen[list(pair)].all()]
-        like = likenesses([s.of_modes(np.where(seen, np.arange(n_mode), -1)) for s in sets], pairs, turned_to)
+        like = likenesses([s.of_modes(np.where(seen, np.arange(n_mode), -1).tolist()) for s in sets], pairs, turned_to)
         partner, probability = paired(like, model)
-    label_of = {j: model.labels[i] for j, i in partner.items() if model.labels[i] in wanted}
+        label_of = {j: model.labels[i] for j, i in partner.items() if model.labels[i] in wanted}
     place = {label: j for j, label in label_of.items()}
     rest = [j for j in range(n_mode) if seen[j] and j not in label_of]
     columns = (*(place.get(label, -1) for label in wanted), *rest)
@@ -483,8 +494,8 @@ class _Standing:
 
 
 def pole_stack(block: BlockPoles, settings: SSISettings) -> PoleStack:
-    near = tuple(p for p in block.others if p.order >= settings.order - settings.below)
-    return rules.stacked((block.poles, *near))
+    own = block.every_order[:1]
+    return rules.stacked((*own, *(p for p in block.others if p.order >= settings.order - settings.below)))
 
 
 def _held_against(
@@ -629,7 +640,7 @@ def _pole_table(
     for name in rows[0]:
         columns[name] = np.concatenate([r[name] for r in rows])
     known = np.array(names if model is None else model.labels, dtype=object)
-    stands, mode = np.array(names, dtype=object), columns["mode"]
+    stands, mode = np.array(names, dtype=object), np.asarray(columns["mode"])
     columns["mode"] = np.where(mode >= 0, stands[np.maximum(mode, 0)], known[np.maximum(-1 - mode, 0)])
     return pd.DataFrame(columns)
 

@@ -23,33 +23,22 @@ from scipy.spatial.distance import squareform
 from probupdate.errors import InputError
 from probupdate.identification.classification import ClassifierSettings, PoleStack, within
 from probupdate.identification.reference import ReferenceModes, along_axes, heading_of_motion
+from probupdate.identification.settings import CONSTANTS
 from probupdate.modal.modes import Sensor, mac, rotate_to_real, subspace_mac
 from probupdate.runtime.arrays import frozen_array
 
 # one mode at several orders of a block: frequency within 1 % and MAC of 0.9, or a sum of shares of both
-TWIN_FREQUENCY, TWIN_MAC = 0.01, 0.90
-# one mode in several blocks: what scatter and a slow drift leave between neighbours
-NEAR_FREQUENCY, NEAR_MAC = 0.015, 0.80
-# the frequency of a structure moves by less than this between its 10 % and 90 % quantiles; waves and lines by more
-LARGEST_SPREAD = 0.15
-# and from one block to the next by less than this, or four times the Cramer-Rao bound
-LARGEST_JUMP = 0.01
-# clusters of one direction, or within one plane, closer than this in ln f may be one mode that moved, or turned; so far
-# about a strong mode lie poles of noise and of waves that have its shape
-SAME_MODE, DOUBLE = 0.10, 0.25
-# a cluster spans a plane if its second direction has this share of the squared shapes; what lies in the plane has MAC
-PLANE_SHARE, IN_PLANE = 0.12, 0.85
-# two poles of one order that are less alike than this are two modes
-APART_MAC = 0.5
-# single modes closer than this, or than their half-power bandwidths, are compared as a plane
-CLOSE = 0.02
-# what comes back is a line of the rotor if so large a share of its members lies where multiples of the rotor's speed
-# were in those blocks, and its own frequency lies there in at most so large a share of all blocks
-FOLLOWS, BY_CHANCE = 0.9, 0.7
-# of waves is what lies so near in ln f to their peak and is damped by as much, as no idling structure is
-WAVE_WIDTH, WAVE_DAMPING = 0.15, 0.025
-# a candidate begins or continues a cluster where its neighbours have this share of what makes a mode
-CORE = 0.5
+TWIN_FREQUENCY, TWIN_MAC = CONSTANTS.twin_frequency, CONSTANTS.twin_mac
+NEAR_FREQUENCY, NEAR_MAC = CONSTANTS.near_frequency, CONSTANTS.near_mac
+LARGEST_SPREAD = CONSTANTS.largest_spread
+LARGEST_JUMP = CONSTANTS.largest_jump
+SAME_MODE, DOUBLE = CONSTANTS.same_mode, CONSTANTS.double
+PLANE_SHARE, IN_PLANE = CONSTANTS.plane_share, CONSTANTS.in_plane
+APART_MAC = CONSTANTS.apart_mac
+CLOSE = CONSTANTS.close
+FOLLOWS, BY_CHANCE = CONSTANTS.follows, CONSTANTS.by_chance
+WAVE_WIDTH, WAVE_DAMPING = CONSTANTS.wave_width, CONSTANTS.wave_damping
+CORE = CONSTANTS.core
 # blocks that are clustered at most; more are taken evenly over the campaign, state by state
 MOST_BLOCKS = 720
 
@@ -507,7 +496,7 @@ def _as_modes(
 
 
 def _real(shape: np.ndarray) -> np.ndarray:
-    real = rotate_to_real(shape).real
+    real = np.real(rotate_to_real(shape))
     return real / np.linalg.norm(real, axis=0)
 
 
@@ -531,10 +520,10 @@ def _by_frequency(c: Candidates, rows: np.ndarray, basis: np.ndarray) -> tuple[n
         if mac(c.shape[:, [two[0]]], c.shape[:, [two[1]]])[0, 0] < 0.5:
             lower.append(two[0])
             higher.append(two[1])
+    shapes = basis
     if lower:
-        shapes = _real(np.column_stack([leading_direction(c.shape[:, part]) for part in (lower, higher)]))
-    if not lower or mac(shapes[:, :1], shapes[:, 1:])[0, 0] > 0.8:
-        shapes = basis
+        own = _real(np.column_stack([leading_direction(c.shape[:, part]) for part in (lower, higher)]))
+        shapes = basis if mac(own[:, :1], own[:, 1:])[0, 0] > 0.8 else own
     alike = mac(c.shape[:, rows], shapes)
     first = alike[:, 0] >= alike[:, 1]
     parts = [rows[first], rows[~first]]
@@ -546,7 +535,8 @@ def _numbered(c: Candidates, modes: list[_Mode], notes: tuple[str, ...]) -> Phys
     damping = np.array([np.median(c.damping[m.rows]) for m in modes])
     rising = np.argsort(middle, kind="stable")
     place = {int(old): new for new, old in enumerate(rising)}
-    pairs = {tuple(sorted((place[k], place[m.mate]))) for k, m in enumerate(modes) if m.mate >= 0}
+    mates = [(place[k], place[m.mate]) for k, m in enumerate(modes) if m.mate >= 0]
+    pairs = {(min(pair), max(pair)) for pair in mates}
     turning = tuple((place[k], place[m.mate]) for k, m in enumerate(modes) if m.turns and m.mate > k)
     frequency = np.exp(middle[rising])
     shape = np.column_stack([modes[k].shape for k in rising])

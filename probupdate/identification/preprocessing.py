@@ -7,10 +7,9 @@ from fractions import Fraction
 import numpy as np
 
 from probupdate.errors import InputError
+from probupdate.identification.settings import CONSTANTS
 
-# the filter passes up to this share of the new Nyquist frequency and stops, by STOP_DB, from its mirror image above:
-# what folds back lands above the passed band
-PASS_SHARE, STOP_DB = 0.9, 70.0
+PASS_SHARE, STOP_DB = CONSTANTS.pass_share, CONSTANTS.stop_db
 # outputs that are made together: more take products of taps that are zero, fewer more products
 GROUP = 16
 

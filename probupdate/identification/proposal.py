@@ -17,17 +17,13 @@ from probupdate.campaign.reading import Campaign
 from probupdate.campaign.usable import remedy
 from probupdate.errors import InputError
 from probupdate.identification.block_poles import usable_block
+from probupdate.identification.settings import CONSTANTS
 
-# parts of a block whose spectra are averaged, overlapping by half; a peak stands out by so many standard deviations of
-# the logarithm of such a mean, and by a factor of three at least
-PARTS, STANDS_OUT, LEAST_LOG = 16, 6.0, 1.1
+PARTS, STANDS_OUT, LEAST_LOG = CONSTANTS.proposal_parts, CONSTANTS.stands_out, CONSTANTS.least_log
 # blocks that are looked at, evenly over the campaign
 BLOCKS = 6
-# a peak this many times above the one below it in frequency is another thing's: mains, a machine
-GAP = 3.0
-# the rate is that many times the highest frequency; the lags cover so many periods of the lowest: where block rows are
-# limited, the rate is lowered for that
-RATE, PERIODS = 2.5, 2.0
+GAP = CONSTANTS.gap
+RATE, PERIODS = CONSTANTS.rate, CONSTANTS.periods
 ROWS, ORDERS = (20, 60), (20, 60)
 # a block has so many samples for each block row at least; channels times block rows at most: time goes with the third
 # power

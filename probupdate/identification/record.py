@@ -27,7 +27,6 @@ from probupdate.identification.uncertainty import (
 from probupdate.modal.modes import ModalDeviation, mac, unit_largest
 from probupdate.runtime.arrays import frozen_array
 
-
 # what the identification of one record may take in memory, and how few combinations of channels are still worth it
 MEMORY_BYTES, FEWEST_REFERENCES = 2**30, 4
 # lags by which combinations are chosen where all of them would not fit

@@ -57,20 +57,21 @@ class ReferenceModes:
         first, second = (self.labels[i] for i in pair)
         if across(first) != second:
             return None
-        return pair if along_x(first) else pair[::-1]
+        return pair if along_x(first) else (pair[1], pair[0])
 
     def only(self, chosen, labels: tuple[str, ...] | None = None, *, number: bool = False) -> ReferenceModes:
         """The modes `chosen`, in that order; numbered anew, or with `labels`. A pair that loses a mode is none."""
         chosen = [int(i) for i in chosen]
         place = {old: new for new, old in enumerate(chosen)}
 
-        def moved(pairs):
+        def moved(pairs: tuple[tuple[int, int], ...]) -> tuple[tuple[int, int], ...]:
             return tuple((place[i], place[j]) for i, j in pairs if i in place and j in place)
 
         names = tuple(str(k + 1) for k in range(len(chosen))) if number else tuple(self.labels[i] for i in chosen)
         return ReferenceModes(
             labels=labels or names, frequency_hz=self.frequency_hz[chosen], shape=self.shape[:, chosen],
-            pairs=tuple(sorted(tuple(sorted(pair)) for pair in moved(self.pairs))), turning=moved(self.turning),
+            pairs=tuple(sorted((min(pair), max(pair)) for pair in moved(self.pairs))),
+            turning=moved(self.turning or ()),
             range_hz=None if self.range_hz is None else self.range_hz[chosen])
 
     def joined(self, others: ReferenceModes) -> ReferenceModes:
@@ -81,7 +82,7 @@ class ReferenceModes:
             frequency_hz=np.concatenate([self.frequency_hz, others.frequency_hz]),
             shape=np.concatenate([self.shape, others.shape], axis=1),
             pairs=(*self.pairs, *((i + n, j + n) for i, j in others.pairs)),
-            turning=(*self.turning, *((i + n, j + n) for i, j in others.turning)))
+            turning=(*(self.turning or ()), *((i + n, j + n) for i, j in others.turning or ())))
 
     @property
     def groups(self) -> tuple[tuple[int, ...], ...]:
@@ -101,7 +102,7 @@ def turned(reference: ReferenceModes, sensors: tuple[Sensor, ...], angle_deg: fl
     """
     shape = np.array(reference.shape)
     turn = np.radians(angle_deg)
-    for i, j in reference.turning:
+    for i, j in reference.turning or ():
         fore, side = horizontal(shape[:, i], sensors), horizontal(shape[:, j], sensors)
         # side-side is to turn counter-clockwise from fore-aft at the levels that move
         sign = np.sign(np.sum(fore[:, 0] * side[:, 1] - fore[:, 1] * side[:, 0])) or 1.0

@@ -15,22 +15,21 @@ import numpy as np
 import pandas as pd
 
 from probupdate.errors import InputError
+from probupdate.identification.settings import CONSTANTS
 from probupdate.io.files import write_table
 from probupdate.io.result_table import with_units
-from probupdate.modal.modes import ModalData
+from probupdate.modal.modes import ModalData, ModalSet
 from probupdate.runtime.arrays import frozen_array
 
 COVARIATES = ("wind_speed_mps", "rotor_speed_rpm", "air_temperature_c", "water_level_m", "rms_mps2")
-# a covariate known in fewer blocks than this share of the mode's is left out, rather than the blocks
-LEAST_KNOWN = 0.5
-# variance inflation from which two covariates are said to tell the same
-COLLINEAR = 10.0
-# standardised innovations beyond this are left out: one of a million by chance
-OUTLIER = 5.0
+LEAST_KNOWN = CONSTANTS.least_known
+COLLINEAR = CONSTANTS.collinear
+OUTLIER = CONSTANTS.outlier
 # sizes of the slow error beside the noise that a fit weighs, and how many lengths of it
 RATIOS, N_HOURS = (0.0, 0.1, 0.25, 0.5, 1.0, 2.0, 5.0), 9
-# rows a fit asks for beside its coefficients
-SPARE_ROWS = 8
+# at most so many rounds of leaving outliers out
+ROUNDS = 10
+SPARE_ROWS = CONSTANTS.spare_rows
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -100,12 +99,7 @@ def regress(
     mean = table[rows, 1:].mean(axis=0)
     table[:, 1:] -= mean
     rows = _without_gross(table, value, noise, rows)
-    for _ in range(10):
-        fit = _fit(table[rows], value[rows], noise[rows], time_h[rows])
-        far = np.abs(fit.innovation) > OUTLIER
-        if not far.any() or rows.sum() - far.sum() < table.shape[1] + SPARE_ROWS:
-            break
-        rows[np.flatnonzero(rows)[far]] = False
+    fit, rows = _without_outliers(table, value, noise, time_h, rows)
     spread = table[rows, 1:].std(axis=0, ddof=1)
     residual = np.full(len(value), np.nan)
     residual[rows] = value[rows] - table[rows] @ fit.coefficient
@@ -123,6 +117,19 @@ def regress(
         slow_std=float(fit.scale * fit.ratio), slow_hours=float(fit.hours),
         residual=frozen_array(residual), joint=joint, notes=tuple(notes),
     )  # fmt: skip
+
+
+def _without_outliers(table, value, noise, time_h, rows) -> tuple[_Fit, np.ndarray]:
+    """The fit after its outliers were left out, round by round as long as enough rows stay, and the rows that stay."""
+    rows, number = rows.copy(), 0
+    while True:
+        fit = _fit(table[rows], value[rows], noise[rows], time_h[rows])
+        far, number = np.abs(fit.innovation) > OUTLIER, number + 1
+        if not far.any() or rows.sum() - far.sum() < table.shape[1] + SPARE_ROWS:
+            return fit, rows
+        rows[np.flatnonzero(rows)[far]] = False
+        if number == ROUNDS:
+            return fit, rows
 
 
 def _together(
@@ -191,7 +198,7 @@ def _without_gross(table, value, noise, rows) -> np.ndarray:
     """Rows without what a robust fit (least absolute deviations, reweighted) finds off by far; such rows would widen
     the scale by which outliers are told."""
     x, y = table[rows] / noise[rows, None], value[rows] / noise[rows]
-    weight = np.ones(len(y))
+    weight, residual, scale = np.ones(len(y)), y, 0.0
     for _ in range(30):
         coefficient = np.linalg.lstsq(x * np.sqrt(weight)[:, None], y * np.sqrt(weight), rcond=None)[0]
         residual = y - x @ coefficient
@@ -322,6 +329,24 @@ def regress_modes(
     state: blocks of that turbine state only. Stated deviations weight the blocks where sets have them. Raises
     InputError where no set has a time or no mode can be fitted.
     """
+    sets, hours = _in_time(data, state)
+    columns = _columns(sets, covariates)
+    labels = data.labels or tuple(str(j + 1) for j in range(data.n_mode))
+    fits: dict[str, tuple[Regression, ...]] = {}
+    notes: list[str] = []
+    for j, label in enumerate(labels):
+        made, said = _fits_of_mode(sets, j, hours, columns)
+        notes += [f"{label}{text}" for text in said]
+        if made:
+            fits[label] = made
+    if not fits:
+        raise InputError("regression", f"no mode can be fitted; the first: {notes[0]}", "measure on")
+    rows = [row for label, made in fits.items() for fit in made for row in _table_rows(label, fit)]
+    return ModalRegression(fits=fits, table=pd.DataFrame(rows), notes=tuple(dict.fromkeys(notes)))
+
+
+def _in_time(data: ModalData, state: str | None) -> tuple[list[ModalSet], np.ndarray]:
+    """Usable sets of that turbine state by their start, and hours (n_set,) since the first."""
     sets = [s for s in data.sets if not s.environment.get("excluded")]
     sets = [s for s in sets if state is None or s.environment.get("state") == state]
     if not sets:
@@ -333,36 +358,38 @@ def regress_modes(
         raise InputError("regression", f"sets such as {sets[0].id} are not named by a time",
                          "name sets by their start in UTC, ISO 8601") from None  # fmt: skip
     order = np.argsort(time, kind="stable")
-    sets = [sets[k] for k in order]
     hours = (time[order] - time[order][0]).total_seconds().to_numpy() / 3600
+    return [sets[k] for k in order], hours
+
+
+def _columns(sets: Sequence[ModalSet], covariates: Sequence[str]) -> dict[str, np.ndarray]:
+    """Covariates (n_set,), NaN where a set lacks one. The standard ones may be absent, and that is noted; a name that
+    no set knows and nobody listed is a slip."""
     columns = {name: np.array([_number(s.environment.get(name)) for s in sets]) for name in covariates}
-    # the standard ones may be absent, and that is noted; a name that no set knows and nobody listed is a slip
     unknown = [name for name in covariates if name not in COVARIATES and not np.isfinite(columns[name]).any()]
     if unknown:
         known = sorted({key for s in sets for key, v in s.environment.items() if np.isfinite(_number(v))})
         raise InputError(f"covariate {unknown[0]}", "is a number in no set", f"choose from {', '.join(known)}")
-    labels = data.labels or tuple(str(j + 1) for j in range(data.n_mode))
-    fits: dict[str, tuple[Regression, ...]] = {}
-    notes: list[str] = []
-    for j, label in enumerate(labels):
-        f, zeta = np.array([s.frequency_hz[j] for s in sets]), np.array([s.damping_ratio[j] for s in sets])
-        f_std = np.array([s.frequency_std_hz[j] for s in sets]) / f
-        zeta_std = np.array([s.damping_ratio_std[j] for s in sets])
-        made = []
-        for response, value, std in (("ln frequency", np.log(f), f_std), ("damping ratio", zeta, zeta_std)):
-            try:
-                fit = regress(response, value, hours, columns, std if np.isfinite(std).any() else None)
-            except InputError as error:
-                notes.append(f"{label}: {error}")
-                continue
-            made.append(fit)
-            notes += [f"{label}, {response}: {note}" for note in fit.notes]
-        if made:
-            fits[label] = tuple(made)
-    if not fits:
-        raise InputError("regression", f"no mode can be fitted; the first: {notes[0]}", "measure on")
-    rows = [row for label, made in fits.items() for fit in made for row in _table_rows(label, fit)]
-    return ModalRegression(fits=fits, table=pd.DataFrame(rows), notes=tuple(dict.fromkeys(notes)))
+    return columns
+
+
+def _fits_of_mode(
+    sets: Sequence[ModalSet], j: int, hours: np.ndarray, columns: Mapping[str, np.ndarray]
+) -> tuple[tuple[Regression, ...], list[str]]:
+    """The regressions of ln f and of damping that can be made, and what is to be said after the mode's label."""
+    f, zeta = np.array([s.frequency_hz[j] for s in sets]), np.array([s.damping_ratio[j] for s in sets])
+    f_std = np.array([s.frequency_std_hz[j] for s in sets]) / f
+    zeta_std = np.array([s.damping_ratio_std[j] for s in sets])
+    made, said = [], []
+    for response, value, std in (("ln frequency", np.log(f), f_std), ("damping ratio", zeta, zeta_std)):
+        try:
+            fit = regress(response, value, hours, columns, std if np.isfinite(std).any() else None)
+        except InputError as error:
+            said.append(f": {error}")
+            continue
+        made.append(fit)
+        said += [f", {response}: {note}" for note in fit.notes]
+    return tuple(made), said
 
 
 def _number(value) -> float:

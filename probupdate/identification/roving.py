@@ -16,6 +16,7 @@ import pandas as pd
 from scipy import special
 
 from probupdate.errors import InputError
+from probupdate.identification.settings import CONSTANTS
 from probupdate.identification.uncertainty import scaled_deviation
 from probupdate.io.files import write_table
 from probupdate.io.result_table import with_units
@@ -30,16 +31,11 @@ from probupdate.modal.modes import (
     write_modes,
 )
 
-# without labels of a model: modes of two setups are one if they are this close and alike at the references
-SAME_FREQUENCY, SAME_MAC = 0.04, 0.80
-# a mode is one of the structure if so large a share of the setups have it, and two
-LEAST_SETUPS = 1 / 3
-# references that hold two modes of an unresolved pair in proportions closer than this cannot tell them apart
-LARGEST_CONDITION = 30.0
-# references whose motion in a mode is known worse than this give no scale
-LARGEST_DEVIATION = 0.25
-# setups whose frequencies agree worse than this by chance have measured different structures
-LEAST_P_VALUE = 0.01
+SAME_FREQUENCY, SAME_MAC = CONSTANTS.same_frequency, CONSTANTS.same_mac
+LEAST_SETUPS = CONSTANTS.least_setups
+LARGEST_CONDITION = CONSTANTS.largest_condition
+LARGEST_DEVIATION = CONSTANTS.largest_std
+LEAST_P_VALUE = CONSTANTS.least_p_value
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -167,10 +163,11 @@ def _mean(setup: Setup) -> _Mean:
     sets = [s for s in setup.data.sets if s.measured.any()]
     if not sets:
         raise InputError(f"setup {setup.name}", "has no identified mode", "run `probupdate check` on it")
-    if any(s.deviation is None for s in sets):
+    known = [s.deviation for s in sets if s.deviation is not None]
+    if len(known) < len(sets):
         raise InputError(f"setup {setup.name}", "a block has no standard deviations, which merging weights by",
                          "identify with sub-records")
-    n_mode, widths = setup.data.n_mode, [s.deviation.n_column for s in sets]
+    n_mode, widths = setup.data.n_mode, [d.n_column for d in known]
     total, place = sum(widths), np.cumsum([0, *widths])
     n_channel = len(setup.data.channels)
     value, damping = np.full(n_mode, np.nan), np.full(n_mode, np.nan)
@@ -178,7 +175,7 @@ def _mean(setup: Setup) -> _Mean:
     d_value, d_damping = np.zeros((n_mode, total)), np.zeros((n_mode, total))
     d_shape, count = np.zeros((n_channel, n_mode, total), complex), np.zeros(n_mode, int)
     for j in range(n_mode):
-        some = [k for k, s in enumerate(sets) if s.measured[j] and np.isfinite(s.deviation.ln_frequency[j]).all()]
+        some = [k for k, s in enumerate(sets) if s.measured[j] and np.isfinite(known[k].ln_frequency[j]).all()]
         if not some:
             continue
         count[j] = len(some)
@@ -188,22 +185,22 @@ def _mean(setup: Setup) -> _Mean:
         damping[j] = sum(sets[k].damping_ratio[j] for k in some) * weight
         for k in some:
             columns = slice(place[k], place[k + 1])
-            d_value[j, columns] = weight * sets[k].deviation.ln_frequency[j]
-            d_damping[j, columns] = weight * sets[k].deviation.damping_ratio[j]
+            d_value[j, columns] = weight * known[k].ln_frequency[j]
+            d_damping[j, columns] = weight * known[k].damping_ratio[j]
     for group in _groups(value, damping):
-        some = [k for k, s in enumerate(sets) if np.isfinite(s.deviation.shape[:, group]).all()]
+        some = [k for k, d in enumerate(known) if np.isfinite(d.shape[:, group]).all()]
         if not some:
             # its frequency stays: other setups may know the shape
             shape[:, group], d_shape[:, group] = np.nan, np.nan
             continue
-        best = min(some, key=lambda k: np.linalg.norm(sets[k].deviation.shape[:, group]))
+        best = min(some, key=lambda k: np.linalg.norm(known[k].shape[:, group]))
         gathered = np.zeros((n_channel, len(group)), complex)
         # the block that the others are scaled to has deviations too: in a pair they turn all of them
         d_own, d_target = (np.zeros((n_channel, len(group), total), complex) for _ in range(2))
-        d_target[:, :, place[best]: place[best + 1]] = sets[best].deviation.shape[:, group]
+        d_target[:, :, place[best]: place[best + 1]] = known[best].shape[:, group]
         for k in some:
             d_own[...] = 0
-            d_own[:, :, place[k]: place[k + 1]] = sets[k].deviation.shape[:, group]
+            d_own[:, :, place[k]: place[k + 1]] = known[k].shape[:, group]
             scaled, d_scaled = scaled_to(
                 sets[k].shape[:, group], d_own, sets[best].shape[:, group], d_target=d_target)
             gathered += scaled / len(some)
@@ -342,8 +339,8 @@ def _joined_shapes(setups, means: list[_Mean], rows, channels, references):
             d_value[index] += weight * d_scaled
             weights[index] += weight
         reached = np.flatnonzero(weights > 0)
-        shape[np.ix_(reached, group)] = value[reached] / weights[reached, None]
-        d_shape[np.ix_(reached, group)] = d_value[reached] / weights[reached, None, None]
+        shape[np.ix_(reached, np.array(group, int))] = value[reached] / weights[reached, None]
+        d_shape[np.ix_(reached, np.array(group, int))] = d_value[reached] / weights[reached, None, None]
     for j in range(n_mode):
         told = np.flatnonzero(np.isfinite(shape[:, j]))
         if len(told):

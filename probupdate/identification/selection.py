@@ -161,7 +161,7 @@ def shape_scatter(sets: list[ModalSet], pairs: list[tuple[int, int]], least: int
     found = np.full((n_channel, n_mode), np.nan)
     paired = {j for pair in pairs for j in pair}
     for group in [*pairs, *((j,) for j in range(n_mode) if j not in paired)]:
-        columns = [s.shape[:, list(group)].real for s in sets if s.measured[list(group)].all()]
+        columns = [np.real(s.shape[:, list(group)]) for s in sets if s.measured[list(group)].all()]
         if len(columns) < least:
             continue
         rows = np.all([np.isfinite(c).all(axis=1) for c in columns], axis=0)
@@ -186,7 +186,7 @@ def _with_conditions(sets, scada: pd.DataFrame, rule: StateRule) -> tuple[ModalS
             raise InputError(f"set {s.id}", "its id is no time, or its environment has no block_minutes, so SCADA "
                              "cannot be joined", "leave --scada out, or name sets by their start in UTC") from None
         start = start.tz_localize("UTC") if start.tzinfo is None else start
-        result.append(replace(s, environment=dict(s.environment) | block_conditions(scada, start, minutes, rule)))
+        result.append(replace(s, environment={**s.environment, **block_conditions(scada, start, minutes, rule)}))
     return tuple(result)
 
 
@@ -204,7 +204,7 @@ def inconsistency(sets: list[ModalSet], required: list[int], pairs: list[tuple[i
         rows = np.all([np.isfinite(s.shape[:, [i, j]]).all(axis=1) for s in sets], axis=0)
         if rows.sum() < 3:
             continue
-        planes = [np.linalg.qr(s.shape[rows][:, [i, j]].real)[0] for s in sets]
+        planes = [np.linalg.qr(np.real(s.shape[rows][:, [i, j]]))[0] for s in sets]
         # the plane closest to all of them: leading eigenvectors of the mean projector
         mean = np.linalg.eigh(np.mean([q @ q.T for q in planes], axis=0))[1][:, -2:]
         angle = np.array([np.arccos(np.sqrt(min(plane_mac(q, mean), 1.0))) for q in planes])[:, None]

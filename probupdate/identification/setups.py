@@ -127,7 +127,7 @@ def _own_part(
             continue
         chosen.append(j)
         direction = leading_direction(np.array(mine).T, np.array(weight))
-        real = rotate_to_real(direction[:, None]).real[:, 0]
+        real = np.real(rotate_to_real(direction[:, None]))[:, 0]
         shapes.append(real / np.abs(real).max())
     if not chosen:
         return None, {}, absent

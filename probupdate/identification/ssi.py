@@ -12,12 +12,11 @@ import numpy as np
 from scipy import fft, linalg
 
 from probupdate.errors import InputError
+from probupdate.identification.settings import CONSTANTS
 from probupdate.modal.modes import mac
 from probupdate.runtime.arrays import frozen_array
 
-# relative to the largest: below it a singular value is rounding; where there are any below SMALL, those below SPLIT are
-# found by themselves
-LEAST_SINGULAR, SMALL, SPLIT = 1e-7, 1e-5, 1e-3
+LEAST_SINGULAR, SMALL, SPLIT = CONSTANTS.least_singular, CONSTANTS.small_singular, CONSTANTS.split_singular
 EPS = float(np.finfo(float).eps)
 
 
@@ -243,7 +242,7 @@ def realisations(factorisation: Factorisation, orders: tuple[int, ...]) -> tuple
         n = min(order, factorisation.rank)
         state = linalg.solve_triangular(r[:n, :n], projected[:n, :n])
         eigenvalue, vector = np.linalg.eig(state)
-        oscillating = np.flatnonzero(eigenvalue.imag > 0)
+        oscillating = np.flatnonzero(np.imag(eigenvalue) > 0)
         rising = np.argsort(np.abs(np.log(eigenvalue[oscillating])))
         result.append(Realisation(
             eigenvalue=eigenvalue, vector=vector, oscillating=oscillating[rising], output=observability[:m, :n],
@@ -261,7 +260,7 @@ def _poles(order: int, realisation: Realisation) -> Poles:
     pole = realisation.continuous
     return Poles(
         order=order, frequency_hz=frozen_array(np.abs(pole) / (2 * np.pi)),
-        damping_ratio=frozen_array(-pole.real / np.abs(pole)),
+        damping_ratio=frozen_array(-np.real(pole) / np.abs(pole)),
         shape=frozen_array(realisation.output @ realisation.vector[:, realisation.oscillating], complex),
     )
 

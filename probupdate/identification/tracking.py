@@ -17,16 +17,13 @@ from probupdate.errors import InputError
 from probupdate.identification import classification as rules
 from probupdate.identification.classification import ClassifierSettings, Likeness, PoleStack
 from probupdate.identification.reference import ReferenceModes
+from probupdate.identification.settings import CONSTANTS
 from probupdate.modal.modes import mac, pair_by_mac
 from probupdate.runtime.arrays import frozen_array
 
-# grid of ln f; width of a vote; what a block without any vote for a place is worth beside one with all of them; cost
-# of a unit of ln f: a move of 1 % asks for a third of a block's full support, so 8 % are believed after three blocks
-GRID, VOTE_WIDTH, FLOOR, COST = 0.0025, 0.01, 0.05, 100.0
-# share of a mode's votes that must lie clear of the rotor's multiples for these to be left out altogether
-LEAST_CLEAR = 0.2
-# two tracks of a pair further apart than this share tell its poles by frequency too, not by direction alone
-NEARNESS = 0.03
+GRID, VOTE_WIDTH, FLOOR, COST = CONSTANTS.track_grid, CONSTANTS.vote_width, CONSTANTS.vote_floor, CONSTANTS.move_cost
+LEAST_CLEAR = CONSTANTS.least_clear
+NEARNESS = CONSTANTS.nearness
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -16,6 +16,7 @@ import numpy as np
 from scipy import fft, linalg
 
 from probupdate.errors import InputError
+from probupdate.identification.settings import CONSTANTS
 from probupdate.identification.ssi import (
     Factorisation,
     Realisation,
@@ -25,9 +26,7 @@ from probupdate.identification.ssi import (
 )
 from probupdate.modal.modes import ModalDeviation
 
-# two squared singular values that differ by less than so many times their rounding have no vectors of their own, and
-# what depends on them has no derivative
-LEAST_GAP = 1e3
+LEAST_GAP = CONSTANTS.least_gap
 
 
 def sub_record_covariances(
@@ -140,6 +139,8 @@ def observability_deviation(
     """
     n = factorisation.rank
     singular = factorisation.singular_value[:n]
+    if factorisation.whole is None:
+        raise ValueError("the factorisation has its leading singular vectors alone: factorise(..., whole=True)")
     squared, basis, rounding = factorisation.whole
     u = basis[:, :n]
     toeplitz = block_toeplitz(covariance, block_rows)
@@ -211,11 +212,11 @@ def _eigen_deviation(
     mu, psi = realisation.eigenvalue, realisation.vector[:, chosen]
     q, r = np.linalg.qr(observability[:-m])
     residual = observability[m:] @ psi - (observability[:-m] @ psi) * mu[chosen]
-    parts = changed.times(np.column_stack([psi.real, psi.imag]))
+    parts = changed.times(np.column_stack([np.real(psi), np.imag(psi)]))
     turned = parts[:k] + 1j * parts[k:]  # (k, rows, n_sub): dO psi
     shift = turned[:, m:] - mu[chosen][:, None, None] * turned[:, :-m]
     first = np.matmul(q.T, shift).transpose(1, 0, 2)
-    parts = changed.transposed_times(np.column_stack([residual.real, residual.imag]), n)
+    parts = changed.transposed_times(np.column_stack([np.real(residual), np.imag(residual)]), n)
     second = (parts[:, :k] + 1j * parts[:, k:]).reshape(n, -1)
     second = linalg.solve_triangular(r, second, trans="T")
     moved = linalg.solve_triangular(r, first.reshape(n, -1) + second)

@@ -238,7 +238,7 @@ def _mistakes(c: Conditions, path: Path) -> Iterator[tuple[str, str, str]]:
                     f"'{item.curve}' is not a [curve] of the file",
                     nearest(item.curve, c.curve),
                 )
-            if kind == "girth":
+            if isinstance(item, Girth):
                 continue
             stated = item.chord is not None or item.brace is not None
             if stated == (item.efthymiou is not None):

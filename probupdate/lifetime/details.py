@@ -7,8 +7,9 @@ angle.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Hashable, Sequence
 from dataclasses import dataclass
+from typing import Any, Protocol, cast
 
 import numpy as np
 
@@ -16,7 +17,7 @@ from probupdate.errors import InputError
 from probupdate.lifetime import efthymiou
 from probupdate.lifetime.conditions import Conditions, Efthymiou, Factors, Sides
 from probupdate.runtime.arrays import frozen_array
-from probupdate.structure.beam import Tube
+from probupdate.structure.coefficient import Values
 from probupdate.structure.frame import Beam, Frame
 from probupdate.structure.schema import nearest
 
@@ -26,6 +27,29 @@ SAME_POINT_M = 1e-6
 REACH_M = 0.5
 # two braces of a K joint lie in one plane with their chord, to the cosine of half a degree
 ONE_PLANE = 0.99996
+
+
+class Section(Hashable, Protocol):
+    """A circular section as stress needs it, of any kind of model; m, m^2, m^4 at given parameter values."""
+
+    @property
+    def diameter_m(self) -> float: ...
+
+    @property
+    def thickness_m(self) -> float: ...
+
+    def outer(self, values: Values) -> Any: ...
+
+    def area(self, values: Values) -> Any: ...
+
+    def second_moment(self, values: Values) -> Any: ...
+
+
+class Walled(Protocol):
+    """A member with such a section."""
+
+    @property
+    def tube(self) -> Section: ...
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -48,9 +72,9 @@ class Detail:
     along: np.ndarray
     crown: np.ndarray
     saddle: np.ndarray
-    beam: Beam
-    chord: Beam | None
-    section: Tube
+    beam: Walled
+    chord: Walled | None
+    section: Section
     place_m: np.ndarray
     chord_along: np.ndarray | None = None
 
@@ -269,7 +293,7 @@ def hot_spots(
                         "let each end be chosen once",
                     )
                 sides.add((at, side))
-                tube = (detail.beam if side == "brace" else detail.chord).tube
+                tube = (detail.beam if side == "brace" else _chord(detail)).tube
                 spots += _round(at, side, factors, _thickness(conditions, entry.curve, tube.thickness_m), entry.curve)
     for entry, found in zip(conditions.girth, welds, strict=True):
         by = Factors(
@@ -312,14 +336,21 @@ def _by_geometry(entry: Efthymiou, detail: Detail, ends: Sequence[Detail], where
                 "the chord, that leans the other way",
                 'take kind = "T/Y"',
             )
-        both = efthymiou.kay(own, _geometry(entry, partner), entry.gap_m)
-    return tuple(
+        both = efthymiou.kay(own, _geometry(entry, partner), cast(float, entry.gap_m))
+    chord, brace = (
         Factors(**{name: max(entry.least, getattr(one, name)) for name in Factors.model_fields}) for one in both
     )
+    return chord, brace
+
+
+def _chord(detail: Detail) -> Walled:
+    if detail.chord is None:
+        raise ValueError(f"{detail.name} is a weld round a member: it has no chord")
+    return detail.chord
 
 
 def _geometry(entry: Efthymiou, detail: Detail) -> efthymiou.Geometry:
-    chord, brace = detail.chord.tube, detail.beam.tube
+    chord, brace = _chord(detail).tube, detail.beam.tube
     return efthymiou.Geometry(
         chord_diameter_m=chord.diameter_m,
         chord_wall_m=chord.thickness_m,

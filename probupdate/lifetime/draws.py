@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from importlib import import_module
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from scipy import stats
@@ -114,7 +116,7 @@ def to_openturns(joint: Joint):
     """The same distribution as an `openturns.JointDistribution`: marginals with densities constant between quantiles and
     a normal copula, for its samplers and its FORM. Needs `pip install probupdate[openturns]`."""
     try:
-        import openturns as ot
+        ot: Any = import_module("openturns")
     except ImportError:
         raise InputError("openturns", "is not installed", "pip install probupdate[openturns]") from None
     marginals = []

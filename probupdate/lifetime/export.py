@@ -259,7 +259,9 @@ def _models(files: _Files, model: Model, path: Path, parameters_file, draws, lef
     return solved
 
 
-def _model_files(folder: Path, path: Path, parameters_file, values, remark: str, left_out: list[str]) -> dict[str, Model]:
+def _model_files(
+    folder: Path, path: Path, parameters_file, values, remark: str, left_out: list[str]
+) -> dict[str, Model | None]:
     """Write a model at one draw; name of each file -> the model opened again from it, None where it is a part of one."""
     if is_subdyn(path):
         written: dict[str, Model | None] = {}
@@ -289,7 +291,8 @@ def _model_files(folder: Path, path: Path, parameters_file, values, remark: str,
 
 def _toml_model(folder: Path, path: Path, values, remark: str) -> dict[str, Model | None]:
     """The user's TOML with the draw as initial values, and the files it names."""
-    raw, written = read_toml(path), {}
+    raw = read_toml(path)
+    written: dict[str, Model | None] = {}
     if "matrices" in raw:
         source, _ = matrices_file(path)
         written[raw["matrices"]["file"]] = None
@@ -349,7 +352,7 @@ def with_initial(text: str, values: Mapping[str, float], where: str) -> str:
         value, old = float(left.pop(name[1])), re.search(r"^initial\s*=\s*([^\s#]+)", table, flags=re.M)
         cov = re.search(r"^cov\s*=\s*([^\s#]+)", table, flags=re.M)
         table = re.sub(r"^initial\s*=\s*[^\s#]+", f"initial = {value!r}", table, count=1, flags=re.M)
-        if cov is not None:
+        if cov is not None and old is not None:
             std = float(cov[1]) * abs(float(old[1]))
             table = re.sub(r"^cov\s*=\s*[^\s#]+", f"std = {std!r}", table, count=1, flags=re.M)
         tables[k] = table
@@ -407,7 +410,7 @@ def _fatigue(files: _Files, given: FatigueInput | None, model: Model, path: Path
 
 def _labels_of(model: Model, path: Path):
     """ModalSolution -> names of its modes, by their shapes where the sensors' places are known."""
-    sensors = model_sensors(path)
+    sensors = model_sensors(path) or ()
     known = bool(sensors) and tuple(s.channel for s in sensors) == tuple(model.channels)
     return lambda one: (mode_character(one.shape, sensors).labels if known else
                         tuple(f"mode {j + 1}" for j in range(one.frequency_hz.size)))  # fmt: skip

@@ -63,7 +63,7 @@ def gains(problem: Problem, laplace: Laplace) -> Gains:
     XB = X.T @ B
     P = np.linalg.inv(X.T @ X - XB @ np.linalg.solve(inner, XB.T) + prior_slope.T @ prior_slope)
     gain = P @ (X.T - XB @ np.linalg.solve(inner, B.T))
-    sources = () if problem.error is None else problem.error.sources
+    sources = problem.error_sources
     return Gains(
         theta=frozen_array(laplace.theta),
         covariance=frozen_array(P),
@@ -91,7 +91,7 @@ def worth(
     of more data it is what comes through the parameters.
     """
     now = whitened_at(problem, laplace)
-    sources = () if problem.error is None else problem.error.sources
+    sources = problem.error_sources
     through = np.einsum("ij,jk,ik->i", slope, now.covariance(), slope)
     n = slope.shape[1]
     own = np.zeros((len(slope), len(sources))) if direct is None else direct * np.array([s.std for s in sources])
@@ -118,8 +118,8 @@ def tolerance_draws(
     """(n, n_source) draws of the tolerances in their units, departures from what is stated, given the data and each of
     thetas (n, n_param): Gaussian, as responses are linear in them; the mean that is expected of a source in it.
     `response`: the problem's prediction (n, n_response) at thetas, where it is known already."""
-    std = np.array([s.std for s in problem.error.sources])
-    mean = np.array([s.mean for s in problem.error.sources])
+    std = np.array([s.std for s in problem.error_sources])
+    mean = np.array([s.mean for s in problem.error_sources])
     B = problem.noise_root @ problem.factor
     root = np.linalg.cholesky(np.linalg.inv(np.eye(B.shape[1]) + B.T @ B))
     response = problem.predict_many(thetas).response if response is None else response

@@ -63,7 +63,7 @@ class FatigueModel:
         all_of = [self.parameters.initial, *thetas]
         return replace(self, models=tuple(m.reduced(all_of) for m in self.models))
 
-    def picked(self, spots: Sequence[int]) -> FatigueModel:
+    def picked(self, spots: Sequence[int] | np.ndarray) -> FatigueModel:
         """With these hot spots only, in this order."""
         chosen = sorted({self.spots[k].detail for k in spots})
         new = {old: k for k, old in enumerate(chosen)}
@@ -81,7 +81,7 @@ class FatigueModel:
         found = [m.solve(theta, damping or {}, derivatives=derivatives) for m in self.models]
         change = None
         if derivatives:
-            change = np.stack([self._of_spots(r.change) for r in found], axis=1)
+            change = np.stack([self._of_spots(r.change) for r in found if r.change is not None], axis=1)
         return Stress(
             owner=self,
             responses=tuple(found),
@@ -210,9 +210,12 @@ def fatigue_model_of(
 
 def _known(conditions: Conditions | str | Path, spectra) -> tuple[Conditions, Path | None, dict]:
     """What a fatigue.toml says, its path, and the spectra of thrust that it names."""
-    path = None if isinstance(conditions, Conditions) else Path(conditions)
-    known = conditions if path is None else read_conditions(path)
-    spectra = dict(spectra or {}) if path is None else dict(thrust_spectra(known, path))
+    if isinstance(conditions, Conditions):
+        known, path, spectra = conditions, None, dict(spectra or {})
+    else:
+        path = Path(conditions)
+        known = read_conditions(path)
+        spectra = dict(thrust_spectra(known, path))
     if missing := [s.name for s in known.state if s.thrust_spectrum and s.name not in spectra]:
         raise InputError(
             f"state {missing[0]}, thrust_spectrum", "is a file beside a fatigue.toml", "give that file's path"

@@ -60,6 +60,11 @@ class FatigueInput:
     set_updates: np.ndarray | None = None
     named: Named | None = None
 
+    @property
+    def updated(self) -> tuple[Problem, Laplace] | None:
+        """Problem and maximum; None where no modes lie in the run."""
+        return None if self.problem is None or self.laplace is None else (self.problem, self.laplace)
+
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class FatigueResult:
@@ -117,17 +122,18 @@ def assess(
     centre = few.solve(mean, _mean_damping(dampings), derivatives=True)
     slope = centre.equivalent_change(SLOPES[1]).T
     parts, direct, gain = None, None, None
-    if given.problem is None:
+    if given.updated is None:
         left_out.append("parts of model factors: no modes lie in the run, or none of them is matched")
     else:
-        gain = gains(given.problem, given.laplace)
+        problem, laplace = given.updated
+        gain = gains(problem, laplace)
         if gain.sources:
             direct = tolerance_slopes(path, few, given, _mean_damping(dampings), progress)
-            unknown = tolerance_draws(given.problem, draws, rng)
+            unknown = tolerance_draws(problem, draws, rng)
             factor["updated"] = list(np.array(factor["updated"]) + unknown @ direct.T)
         parts = dict(gain.parts(slope, direct))
         parts["set_to_set"] = _set_to_set(slope, given.set_updates, parts["measurement"])
-        stated = np.array([s.std for s in given.problem.error.sources]) if direct is not None else np.zeros(0)
+        stated = np.array([s.std for s in problem.error_sources]) if direct is not None else np.zeros(0)
         if direct is not None:
             factor["design"] = list(
                 np.array(factor["design"]) + (stated * rng.standard_normal((len(prior), len(stated)))) @ direct.T
@@ -144,7 +150,7 @@ def assess(
         for name, m in moments.items()
     }
     measures = []
-    for what, less in [] if given.problem is None else worth(given.problem, given.laplace, slope, direct)[:MEASURES]:
+    for what, less in [] if given.updated is None else worth(*given.updated, slope, direct)[:MEASURES]:
         mean_of, std_of = moments["updated"]
         left = np.sqrt(np.maximum(std_of**2 - less, 0.0))
         measures.append(
@@ -214,11 +220,14 @@ def tolerance_slopes(
 ) -> np.ndarray:
     """d ln DEL_5 / d u (n_spot, n_source) per unit of each source, by central differences of half a standard deviation
     about the maximum, under the heading of the largest share; zero of sensors' sources, which load nothing."""
-    uncertainty = given.problem.model.uncertainty
+    if given.updated is None:
+        raise ValueError("tolerances have an effect about a maximum: give the problem and its maximum")
+    problem, laplace = given.updated
+    uncertainty = getattr(problem.model, "uncertainty", None)
     rows = getattr(uncertainty, "tolerances", ())
-    if not rows:
+    if uncertainty is None or not rows:
         # a SubDyn model's TOML states none of the structure
-        return np.zeros((len(few.spots), len(given.problem.error.sources)))
+        return np.zeros((len(few.spots), len(problem.error_sources)))
     base = few.parameters
     description = extended_description(path, [row.effect for row in rows])
     model = uncertainty.extended
@@ -230,7 +239,7 @@ def tolerance_slopes(
         description, str(path), one, parameters=parameters, sensors=few.models[0].sensors, spectra=few.models[0].spectra
     )
     wide = wide.picked(same_spots(wide, few))
-    neutral = np.array([*given.laplace.theta, *(row.effect.neutral for row in rows)])
+    neutral = np.array([*laplace.theta, *(row.effect.neutral for row in rows)])
     std = np.array([row.source.std for row in rows])
     rng = np.random.default_rng(0)
     n = len(base)
@@ -238,9 +247,9 @@ def tolerance_slopes(
     spread[:, n:] += std * rng.standard_normal((WIDE_OF, len(rows)))
     low = np.array([row.effect.lower for row in rows])
     spread[:, n:] = np.clip(spread[:, n:], low, [row.effect.upper for row in rows])
-    wide = wide.reduced(spread)
-    found = np.zeros((len(few.spots), len(given.problem.error.sources)))
-    names = [s.name for s in given.problem.error.sources]
+    wide = wide.reduced([*spread])
+    found = np.zeros((len(few.spots), len(problem.error_sources)))
+    names = [s.name for s in problem.error_sources]
     middle = np.log(wide.solve(neutral, damping).equivalent_mpa(SLOPES[1]))
     for k, row in enumerate(rows):
         progress("tolerances' effect on stress", k, len(rows))
@@ -310,13 +319,15 @@ def frequency_factors(
 ) -> list[dict]:
     """Rows of model_factors.csv: X = frequency at the draws over that at the design, for modes that all have.
     label_modes: ModalSolution -> labels."""
-    slope, direct, at = None, None, ()
-    if gain is not None:
+    slope, direct = np.zeros((0, 0)), None
+    at: Sequence[str] = ()
+    if gain is not None and given.problem is not None:
         model, n = given.problem.model, len(design[0])
         one = model.solve(gain.theta, n, derivatives=True)
-        at, slope = label_modes(one), one.frequency_derivative / one.frequency_hz[:, None]
-        if gain.sources:
-            direct = model.uncertainty.changes(gain.theta, n, ()).frequency_derivative / one.frequency_hz[:, None]
+        at, slope = label_modes(one), one.both_derivatives[0] / one.frequency_hz[:, None]
+        unknown = getattr(model, "uncertainty", None)
+        if gain.sources and unknown is not None:
+            direct = unknown.changes(gain.theta, n, ()).frequency_derivative / one.frequency_hz[:, None]
     rows = []
     for k, label in enumerate(design[0]):
         if not all(label in own for own in labels):
@@ -328,7 +339,7 @@ def frequency_factors(
             "bias": float(np.exp(ratio.mean())),
             "cov": float(ratio.std(ddof=1)) if len(ratio) > 1 else 0.0,
         }
-        if label in at:
+        if gain is not None and label in at:
             j = list(at).index(label)
             parts = gain.parts(slope[j : j + 1], None if direct is None else direct[j : j + 1])
             row |= {name: float(v[0]) for name, v in parts.items()}

@@ -36,7 +36,7 @@ def form(
     fails. Raises ConvergenceError where the iteration does not settle.
     """
     u = np.zeros((*shape, n_variable))
-    g0 = limit(u)[0]
+    g0, step = limit(u)[0], np.inf
     for number in range(ITERATIONS):
         g, slope = limit(u)
         size = np.sum(slope**2, axis=-1)

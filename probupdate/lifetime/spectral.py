@@ -62,7 +62,7 @@ class Ranges:
             total = total + weight * (_exponential if kind == "e" else _rayleigh)(scale, m, low, high)
         return self.rate * total
 
-    def damage(self, curve: Curve, factor=1.0) -> np.ndarray:
+    def damage(self, curve: Curve, factor: float | np.ndarray = 1.0) -> np.ndarray:
         """(...,) Miner's sum per second with every range times `factor` (broadcast); ranges in MPa."""
         factor = np.asarray(factor, float)
         scaled = Ranges(rate=self.rate, weight=self.weight, scale=tuple(factor * s for s in self.scale), kind=self.kind)
@@ -143,7 +143,7 @@ def tovo_benasciutti(m: np.ndarray) -> Ranges:
 
 def _positive(m: np.ndarray) -> np.ndarray:
     m = np.asarray(m)
-    if m.shape[0] != 4 or not np.all(np.isfinite(m)) or np.any(m.real <= 0):
+    if m.shape[0] != 4 or not np.all(np.isfinite(m)) or np.any(np.real(m) <= 0):
         raise InputError(
             "spectral moments",
             "m_0, m_1, m_2, m_4 are not all finite and positive",

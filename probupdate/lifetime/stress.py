@@ -36,6 +36,8 @@ from probupdate.structure.coefficient import Coefficients, TermCollector, build_
 from probupdate.structure.description import Description
 from probupdate.structure.frame import Frame
 from probupdate.structure.load import turbine_model
+from probupdate.structure.subdyn_frame import SubDynFrame
+from probupdate.structure.subdyn_model import Coefficients as SubDynCoefficients
 from probupdate.structure.turbine_frame import build_frame
 
 # frequencies of stress: relative steps below and above where modes may lie; of the latter 0.008 is 0.8 of a damping
@@ -128,14 +130,14 @@ class StressModel:
 
     model: AffineModel
     sensors: tuple[Sensor, ...]
-    frame: Frame
+    frame: Frame | SubDynFrame
     details: tuple[Detail, ...]
     heading_deg: float
     conditions: Conditions
     site: tuple[float, float, float, float]
     stiffness_rows: tuple[sparse.csr_array, ...]
     mass_rows: tuple[sparse.csr_array, ...]
-    coefficients: Coefficients
+    coefficients: Coefficients | SubDynCoefficients
     waves: Waves
     hub: np.ndarray
     frequency_hz: np.ndarray
@@ -332,7 +334,7 @@ class StressModel:
             z = m.stress(q0) - m.scale * case.own - thrust_alone[:, :wet] * back
             w = thrust_alone * closed
             moments.append(self._moments(z, case.elevation) + self._moments(w, case.thrust))
-            if derivatives:
+            if slopes is not None:
                 q, p = q0 - alone[:, :wet] * back, alone * closed
                 dz, dw = (slopes.of(x, m, rate) for x in (q, p))
                 dz = [d - ds[:, None] * case.own for d, ds in zip(dz, slopes.scale, strict=True)]
@@ -416,7 +418,7 @@ class StressModel:
 
 def _gram(a: np.ndarray, b: np.ndarray, weights: np.ndarray) -> np.ndarray:
     """(4, n, 3, 3) sum_f weights Re(a_i conj b_j)."""
-    both = np.concatenate([a.real, a.imag], axis=-1), np.concatenate([b.real, b.imag], axis=-1)
+    both = tuple(np.concatenate([np.real(x), np.imag(x)], axis=-1) for x in (a, b))
     return np.array([np.matmul(both[0] * np.tile(w, 2), both[1].transpose(0, 2, 1)) for w in weights])
 
 
@@ -471,7 +473,7 @@ class _Slopes:
 def _times(real, x: np.ndarray) -> np.ndarray:
     """A real matrix times a complex one: half of what complex products cost."""
     n = x.shape[1]
-    both = np.asarray(real @ np.hstack([x.real, x.imag]))
+    both = np.asarray(real @ np.hstack([np.real(x), np.imag(x)]))
     return both[:, :n] + 1j * both[:, n:]
 
 
@@ -531,7 +533,7 @@ def stress_model(
     updated = tuple(model.parameters.names)
     collected = TermCollector(updated, values), TermCollector(updated, values)
     for row, detail in enumerate(details):
-        b = detail.beam
+        b = frame.beams[detail.number]
         start, end = frame.node_m[b.start], frame.node_m[b.end]
         pick = detail.rows()
         sources = (
@@ -555,8 +557,8 @@ def stress_model(
             Sensor(
                 channel=s.channel,
                 level=s.level,
-                position_m=s.position_m,
-                direction=s.direction,
+                position_m=np.array(s.position_m),
+                direction=np.array(s.direction),
                 quantity=s.quantity,
                 unit=s.unit,
             )

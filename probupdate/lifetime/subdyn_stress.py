@@ -292,7 +292,7 @@ def subdyn_stress_model(
     site = conditions.site
     return StressModel(
         model=model,
-        sensors=sensors if sensors is not None else model_sensors(own.path),
+        sensors=sensors if sensors is not None else model_sensors(own.path) or (),
         frame=own.frame,
         details=tuple(details),
         heading_deg=float(heading_deg),

@@ -30,6 +30,7 @@ QUANTITIES = ("acceleration", "velocity", "displacement")
 OTHER_QUANTITIES = ("strain", "inclination", "tilt", "rotation", "angular velocity", "force", "pressure", "temperature")
 
 
+NOT_STATED = frozen_array(())
 # no sensor is farther from the origin of its model
 FARTHEST_M = 1e7
 
@@ -138,7 +139,7 @@ def _columns(value: np.ndarray, columns: Sequence[int], axis: int) -> np.ndarray
     """Picked along an axis; NaN where the column is -1."""
     there = np.asarray(columns, int)
     picked = np.array(np.take(value, np.maximum(there, 0), axis=axis))
-    index = [slice(None)] * picked.ndim
+    index: list[slice | np.ndarray] = [slice(None)] * picked.ndim
     index[axis] = there < 0
     picked[tuple(index)] = np.nan
     return picked
@@ -161,12 +162,12 @@ class ModalSet:
     frequency_std_hz: np.ndarray
     shape_std: np.ndarray
     environment: Mapping[str, float] = field(default_factory=dict)
-    damping_ratio_std: np.ndarray | None = None
+    damping_ratio_std: np.ndarray = field(default_factory=lambda: NOT_STATED)
     deviation: ModalDeviation | StoredDeviation | None = None
 
     def __post_init__(self):
         n_mode = np.size(self.frequency_hz)
-        if self.damping_ratio_std is None:
+        if self.damping_ratio_std is None or self.damping_ratio_std is NOT_STATED:
             object.__setattr__(self, "damping_ratio_std", np.full(n_mode, np.nan))
         for name in ("frequency_hz", "damping_ratio", "frequency_std_hz", "damping_ratio_std"):
             value = frozen_array(getattr(self, name))
@@ -199,7 +200,7 @@ class ModalSet:
         estimated = {
             "frequency_std_hz": self.frequency_hz * np.sqrt(np.sum(deviation.ln_frequency**2, axis=1)),
             "damping_ratio_std": np.sqrt(np.sum(deviation.damping_ratio**2, axis=1)),
-            "shape_std": np.sqrt(np.sum(deviation.shape.real**2, axis=2)),
+            "shape_std": np.sqrt(np.sum(np.real(deviation.shape) ** 2, axis=2)),
         }
         for name, value in estimated.items():
             given = getattr(self, name)
@@ -564,8 +565,9 @@ def _records(path: Path, content: Mapping, key: str, kind: type) -> tuple:
     return tuple(found)
 
 
-def _plain(value, kind: str):
-    """A JSON value as a field of that kind."""
+def _plain(value, kind: str | type):
+    """A JSON value as a field of that kind, a name as annotations are written in this module."""
+    kind = str(kind)
     if kind == "float":
         return np.nan if value is None else float(value)
     if kind == "int":
@@ -617,8 +619,8 @@ def _set_content(s: ModalSet) -> dict:
         "damping_ratio": _nulls(s.damping_ratio),
         "frequency_std_hz": _nulls(s.frequency_std_hz),
         "damping_ratio_std": _nulls(s.damping_ratio_std),
-        "shape_re": _nulls(s.shape.real.T),
-        "shape_im": _nulls(s.shape.imag.T),
+        "shape_re": _nulls(np.real(s.shape).T),
+        "shape_im": _nulls(np.imag(s.shape).T),
         "shape_std": _nulls(s.shape_std.T),
         "environment": {k: (v if isinstance(v, str) or np.isfinite(v) else None) for k, v in s.environment.items()},
     }
@@ -673,7 +675,7 @@ def modal_phase_collinearity(shape: np.ndarray) -> np.ndarray:
     ((S_xx - S_yy)^2 + 4 S_xy^2) / (S_xx + S_yy)^2 with x, y the real and imaginary parts (Pappa 1993).
     """
     shape = np.atleast_2d(np.asarray(shape, complex).T).T
-    x, y = np.nan_to_num(shape.real), np.nan_to_num(shape.imag)
+    x, y = np.nan_to_num(np.real(shape)), np.nan_to_num(np.imag(shape))
     sxx, syy, sxy = (x * x).sum(0), (y * y).sum(0), (x * y).sum(0)
     with np.errstate(invalid="ignore", divide="ignore"):
         return ((sxx - syy) ** 2 + 4 * sxy**2) / (sxx + syy) ** 2
@@ -707,9 +709,10 @@ def normalise(shape: np.ndarray) -> np.ndarray:
 
 def unit_largest(shape: np.ndarray) -> np.ndarray:
     """Columns turned to lie along the real axis, the largest real part +1 (what imaginary part is left stays)."""
-    real = rotate_to_real(shape)
-    largest = np.argmax(np.abs(np.nan_to_num(real.real)), axis=0)
-    return real / real.real[largest, np.arange(real.shape[1])]
+    turned = rotate_to_real(shape)
+    real = np.real(turned)
+    largest = np.argmax(np.abs(np.nan_to_num(real)), axis=0)
+    return turned / real[largest, np.arange(real.shape[1])]
 
 
 def pair_by_mac(criterion: np.ndarray) -> list[tuple[int, int]]:

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import ArrayLike, DTypeLike
 
 
-def frozen_array(value, dtype=float) -> np.ndarray:
+def frozen_array(value: ArrayLike, dtype: DTypeLike = float) -> np.ndarray:
     """A read-only copy: what a frozen result holds."""
     array = np.array(value, dtype=dtype)
     array.setflags(write=False)

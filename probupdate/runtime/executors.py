@@ -85,9 +85,9 @@ class Executor(ABC):
 
     @abstractmethod
     def completed(
-        self, function: Callable, tasks: Sequence[tuple], *, least: int | None = None,
-        lost: Callable[[tuple], object] | None = None,
-    ) -> Iterator[object]:
+        self, function: Callable[..., T], tasks: Sequence[tuple], *, least: int | None = None,
+        lost: Callable[[tuple], T] | None = None,
+    ) -> Iterator[T]:
         """function(*task) of every task, in the order in which they end. `function` must be importable by name.
         least: tasks that are worth a process of their own. lost: of a task that ends the process it runs in, also
         alone, the result is lost(task), and the others go on; without, that is an error."""
@@ -100,8 +100,8 @@ class Executor(ABC):
 
 
 def completed(
-    function: Callable, tasks: Sequence[tuple], *, jobs: int | Executor = 1, least: int | None = None
-) -> Iterator[object]:
+    function: Callable[..., T], tasks: Sequence[tuple], *, jobs: int | Executor = 1, least: int | None = None
+) -> Iterator[T]:
     """function(*task) of every task, in the order in which they end, on an executor or in up to `jobs` processes."""
     with executor(jobs) as runs:
         yield from runs.completed(function, tasks, least=least)

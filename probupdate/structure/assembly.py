@@ -24,7 +24,7 @@ from probupdate.structure.coefficient import (
     build_coefficients,
     parameter,
 )
-from probupdate.structure.frame import Beam, Body, Frame, LineMass, Prestress, tube_property
+from probupdate.structure.frame import Beam, Body, Frame, Hinge, LineMass, Prestress, tube_property
 
 # (degrees of freedom (k,) of the frame's nodes, matrix (k, k), coefficient)
 Contribution = tuple[np.ndarray, np.ndarray, Coefficient]
@@ -91,6 +91,7 @@ class HingeSoftening:
     """
 
     beam: Beam
+    hinge: Hinge
     length_m: float
     shear: Shear | None
     power: int | None
@@ -99,40 +100,40 @@ class HingeSoftening:
     def names(self) -> tuple[str, ...]:
         modulus = self.beam.stiffness * self.beam.bending * self.beam.axial
         inside = (name for factor in modulus.factors for name in factor.names)
-        hinge = self.beam.hinge
+        hinge = self.hinge
         return tuple(sorted({*inside, *self.beam.tube.names, *self.beam.shear, *hinge.bending, *hinge.slip}))
 
     def __call__(self, values: Values):
-        return self._slip(values) if self.power is None else self._bending(values)
+        return self._slip(values) if self.power is None else self._bending(values, self.power)
 
     def _slip(self, values: Values):
         beam = self.beam
         modulus = beam.youngs_modulus_pa * (beam.stiffness * beam.axial).value(values)
         stiffness = modulus * beam.tube.area(values)
-        flexibility = 1e-9 * sum(values[name] for name in beam.hinge.slip)
+        flexibility = 1e-9 * sum(values[name] for name in self.hinge.slip)
         return stiffness**2 * flexibility / self.length_m / (1 + flexibility * stiffness / self.length_m)
 
-    def _bending(self, values: Values):
+    def _bending(self, values: Values, power: int):
         beam, phi = self.beam, 0.0 if self.shear is None else self.shear(values)
         modulus = beam.youngs_modulus_pa * (beam.stiffness * beam.bending).value(values)
         bending = modulus * beam.tube.second_moment(values) / (1 + phi)
-        flexibility = 1e-9 * sum(values[name] for name in beam.hinge.bending)
-        return bending**2 * flexibility * phi**self.power / (1 + flexibility * bending * (4 + phi) / self.length_m)
+        flexibility = 1e-9 * sum(values[name] for name in self.hinge.bending)
+        return bending**2 * flexibility * phi**power / (1 + flexibility * bending * (4 + phi) / self.length_m)
 
 
-def _hinge_stiffness(beam: Beam, length: float, matrices: Mapping[str, np.ndarray], theory: str):
+def _hinge_stiffness(beam: Beam, hinge: Hinge, length: float, matrices: Mapping[str, np.ndarray], theory: str):
     """Local matrices with their coefficients; the mass keeps the shapes of the unbroken beam, which the hinge changes
     inside this one element only."""
     counted = _shear(beam, length, theory)
-    parts = [(None, matrices["axial"])] if beam.hinge.slip else []
-    if beam.hinge.bending:
-        rotations = np.array([4, 5]) + 6 * beam.hinge.end
+    parts: list[tuple[int | None, np.ndarray]] = [(None, matrices["axial"])] if hinge.slip else []
+    if hinge.bending:
+        rotations = np.array([4, 5]) + 6 * hinge.end
         plain, shear = matrices["bending"][rotations], matrices["shear"][rotations]
         parts.append((0, plain.T @ plain))
         if counted is not None:
             parts += [(1, plain.T @ shear + shear.T @ plain), (2, shear.T @ shear)]
     for power, matrix in parts:
-        function = HingeSoftening(beam=beam, length_m=length, shear=counted, power=power)
+        function = HingeSoftening(beam=beam, hinge=hinge, length_m=length, shear=counted, power=power)
         key = ("hinge", beam.part, beam.start, beam.end, power)
         yield matrix, Coefficient(-1.0, (Factor(key=key, names=function.names, function=function),))
 
@@ -158,7 +159,7 @@ def beam_stiffness(beam: Beam, start: np.ndarray, end: np.ndarray, theory: str) 
     for shear, key in zip(_shear_series(beam, length, theory, 1), ("bending", "shear"), strict=False):
         yield dofs, beams.to_global(matrices[key], frame_axes), bending * shear
     if beam.hinge is not None:
-        for matrix, coefficient in _hinge_stiffness(beam, length, matrices, theory):
+        for matrix, coefficient in _hinge_stiffness(beam, beam.hinge, length, matrices, theory):
             yield dofs, beams.to_global(matrix, frame_axes), coefficient
     if beam.springs is not None:
         yield from _moments(dofs, beams.to_global(beams.transverse_moments(length), frame_axes), beam.springs.lateral)

@@ -30,7 +30,7 @@ class Attachment:
 
 def attach(frame: Frame, position_m: np.ndarray, part: str | None) -> Attachment:
     """The nearest point of the part (of any part where None); gap_m is the distance from its surface, 0 inside."""
-    best = None
+    best: tuple[tuple[float, float], Attachment] | None = None
     for beam in frame.beams:
         if part is not None and beam.part != part:
             continue
@@ -42,6 +42,8 @@ def attach(frame: Frame, position_m: np.ndarray, part: str | None) -> Attachment
         gap = max(0.0, distance - 0.5 * beam.tube.diameter_m)
         if best is None or (gap, distance) < best[0]:
             best = (gap, distance), Attachment(beam=beam, xi=xi, arm_m=arm, gap_m=gap)
+    if best is None:
+        raise ValueError(f"the frame has no beam of part {part}")
     return best[1]
 
 

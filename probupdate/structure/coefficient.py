@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-Values = Mapping[str, np.ndarray]
+Values = Mapping[str, float | np.ndarray]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -21,11 +21,11 @@ class Factor:
 
     key: tuple
     names: tuple[str, ...]
-    function: Callable[[Values], np.ndarray]
+    function: Callable[[Values], float | np.ndarray]
     component: int | None = None
 
-    def of(self, evaluated: np.ndarray) -> np.ndarray:
-        return evaluated if self.component is None else evaluated[..., self.component]
+    def of(self, evaluated: float | np.ndarray) -> float | np.ndarray:
+        return evaluated if self.component is None else np.asarray(evaluated)[..., self.component]
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,7 +40,7 @@ class Coefficient:
             return Coefficient(self.scale * other.scale, self.factors + other.factors)
         return Coefficient(self.scale * other, self.factors)
 
-    def value(self, values: Values) -> np.ndarray:
+    def value(self, values: Values) -> float | np.ndarray:
         product = self.scale
         for factor in self.factors:
             product = product * factor.of(factor.function(values))
@@ -94,7 +94,7 @@ class Coefficients:
 
     names: tuple[str, ...]
     fixed: Mapping[str, float]
-    tables: tuple[Callable[[Values], np.ndarray], ...]
+    tables: tuple[Callable[[Values], float | np.ndarray], ...]
     stiffness_terms: tuple[tuple[tuple[int, int | None], ...], ...]
     mass_terms: tuple[tuple[tuple[int, int | None], ...], ...]
 
@@ -145,7 +145,7 @@ class TermCollector:
 
     def __init__(self, updated: tuple[str, ...], initial: Mapping[str, float]):
         self.updated, self.initial = frozenset(updated), initial
-        self._frozen: dict[tuple, np.ndarray] = {}
+        self._frozen: dict[tuple, float | np.ndarray] = {}
         self.keys: dict[tuple, list] = {}
         self.factors: dict[tuple, Factor] = {}
 

@@ -12,6 +12,8 @@ from probupdate.structure.effect_kinds import EffectKeys
 from probupdate.structure.parameter_table import KEYS, updated_parameters
 from probupdate.structure.schema import NotNegative, Number, Positive, Table, Vector
 
+Group = Literal["leg", "brace", "pile", "column", "strut", "tie", "tower"]
+
 # Table 2 of the paper: name -> the value at which it leaves the described structure as it is; m_h stands for the
 # mass of the body named "hub" and so has no such value
 NEUTRAL = {
@@ -43,7 +45,7 @@ class Steel(Table):
 class Mesh(Table):
     theory: Literal["bernoulli-euler", "timoshenko"]
     geometric_stiffness: Annotated[bool, Strict()]
-    elements_per_member: dict[Literal["leg", "brace", "pile", "column", "strut", "tie", "tower"],
+    elements_per_member: dict[Group,
                               Annotated[int, Strict(), Field(ge=1, le=200)]]  # fmt: skip
 
 

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import get_args
 
 from pydantic import ValidationError
+from pydantic_core import ErrorDetails
 
 from probupdate.errors import InputError
 from probupdate.structure.description import Description
@@ -59,7 +60,7 @@ def _tables(annotation) -> list[type[Table]]:
     return [table for argument in get_args(annotation) for table in _tables(argument)]
 
 
-def _translate(error: dict) -> Mistake:
+def _translate(error: ErrorDetails) -> Mistake:
     location = tuple(step for step in error["loc"] if step != "[key]")
     key = ""
     for step in location:

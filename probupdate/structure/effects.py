@@ -44,7 +44,7 @@ class Effects:
         self._faces = faces(d)
         self._entries = [p for p in d.parameter if p.kind is not None]
         # an element asks for a dozen kinds: a turbine with a hundred tolerances is meshed in half the time
-        self._of: dict[str, list] = {}
+        self._of: dict[str | None, list] = {}
         for p in self._entries:
             self._of.setdefault(p.kind, []).append(p)
         self._found: set[str] = set()
@@ -93,7 +93,7 @@ class Effects:
         """Where members of a group must have a node: ends of bands, connections."""
         levels = set()
         for p in self._entries:
-            if group in KINDS[p.kind].groups and p.on.group in (None, group):
+            if group in KINDS[str(p.kind)].groups and p.on.group in (None, group):
                 levels.update(p.on.level_m or ())
                 levels.update(() if p.at_m is None else (p.at_m,))
         return tuple(sorted(levels))

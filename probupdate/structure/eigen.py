@@ -138,7 +138,7 @@ def mode_derivatives(K, M, value, phi, dK_phi, dM_phi, clusters):
     this is the plain derivative; for several, and for modes equal to rounding, the rotation among them is left out.
     """
     n, n_mode = phi.shape
-    cluster_of = {j: (j,) for j in range(n_mode)}
+    cluster_of: dict[int, tuple[int, ...]] = {j: (j,) for j in range(n_mode)}
     for cluster in clusters:
         for j in cluster:
             cluster_of[j] = tuple(cluster)

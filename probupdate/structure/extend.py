@@ -63,7 +63,7 @@ class Effect:
 
     def table(self) -> dict:
         """As a [[parameter]] of model.toml, neutral at first."""
-        table = {"name": self.name, "description": self.description, "kind": self.kind}
+        table: dict[str, object] = {"name": self.name, "description": self.description, "kind": self.kind}
         if self.on:
             table["on"] = {key: list(v) if isinstance(v, tuple) else v for key, v in self.on.items()}
         table |= {key: list(v) if isinstance(v, tuple) else v for key, v in self.settings.items()}

@@ -232,8 +232,8 @@ def _own_sensors(description: Description) -> tuple[Sensor, ...]:
     if not description.sensor:
         raise InputError(description.name, "lists no [[sensor]]", "add the channels, or give a campaign's")
     return tuple(
-        Sensor(channel=s.channel, level=s.level, position_m=s.position_m, direction=s.direction, quantity=s.quantity,
-               unit=s.unit)
+        Sensor(channel=s.channel, level=s.level, position_m=np.array(s.position_m), direction=np.array(s.direction),
+               quantity=s.quantity, unit=s.unit)
         for s in description.sensor
     )  # fmt: skip
 

@@ -31,9 +31,9 @@ class LinearCoefficients:
 
     def __call__(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         one = np.ones((*theta.shape[:-1], 1), theta.dtype)
-        return tuple(
-            np.concatenate([one, theta[..., list(order)]], axis=-1) for order in (self.stiffness_order, self.mass_order)
-        )
+        stiffness, mass = (np.concatenate([one, theta[..., list(order)]], axis=-1)
+                           for order in (self.stiffness_order, self.mass_order))  # fmt: skip
+        return stiffness, mass
 
 
 def load_matrices(

@@ -6,7 +6,7 @@ import json
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 from scipy import sparse
@@ -91,16 +91,16 @@ def own_modes(
     if count is not None and count < 1:
         raise InputError("count", f"{count} modes are asked for", "ask for one or more")
     sensors, notes, of_matrices = None, (), False
+    opened: Model
     if isinstance(model, str | Path):
         path = Path(model)
         sensors, notes = model_sensors(path), _notes(path)
         # a turbine's geometry has sensors with places, or none
         of_matrices = sensors is None
         opened = load_model(path, parameters=parameters, sensors=() if sensors == () else None)
-    elif hasattr(model, "solve"):
-        opened = model
     else:
-        opened = _wrapped(model, read_parameters(parameters) if isinstance(parameters, str | Path) else parameters)
+        stated = read_parameters(parameters) if isinstance(parameters, str | Path) else parameters
+        opened = cast("Model", model) if hasattr(model, "solve") else _wrapped(model, stated)
     most = opened.n_available
     if count is None:
         count = min(MOST, most)
@@ -109,7 +109,7 @@ def own_modes(
     try:
         solution = opened.solve(opened.parameters.initial, count)
     except InputError:
-        if not isinstance(model, str | Path) or not is_subdyn(Path(model)):
+        if not (isinstance(opened, AffineModel) and isinstance(model, str | Path) and is_subdyn(Path(model))):
             raise
         solution, free = _with_free_motions(opened, count)
         notes = (*notes, f"{free} of these are motions that nothing holds, at 0 Hz (a mechanism or a missing support)")
@@ -156,9 +156,10 @@ def _with_free_motions(model: AffineModel, count: int) -> tuple[ModalSolution, i
                          shape=frozen_array(model.channel_matrix @ phi)), int(np.sum(value == 0))  # fmt: skip
 
 
-def _wrapped(function, parameters: Parameters | None) -> FunctionModel:
-    if not callable(function):
-        raise InputError("model", f"a {type(function).__name__} is no model", "give a file, a model or a function")
+def _wrapped(given: object, parameters: Parameters | None) -> FunctionModel:
+    if not callable(given):
+        raise InputError("model", f"a {type(given).__name__} is no model", "give a file, a model or a function")
+    function: Any = given
     if parameters is None:
         raise InputError("model", "a function has no parameters of its own", "give them: parameters=Parameters(...)")
     _, shape = function(np.array(parameters.initial))

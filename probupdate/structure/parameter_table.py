@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import cast
 
 import numpy as np
 
 from probupdate.errors import InputError, of_file
 from probupdate.io.files import read_toml
-from probupdate.model.parameters import Parameter, Parameters
 from probupdate.io.schema import table_as
-
+from probupdate.model.parameters import Parameter, Parameters
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -52,10 +52,11 @@ def parameter_from_table(table: Mapping, where: str) -> Parameter:
         raise InputError(where, "needs exactly one of 'cov' and 'std'", "keep one of them")
     if row.cov is not None and row.initial == 0:
         raise InputError(where, "'cov' of an initial value of zero says nothing", "give 'std' in the parameter's unit")
+    std = row.std if row.cov is None else row.cov * abs(row.initial)
     try:
         return Parameter(
             name=row.name, unit=row.unit, initial=row.initial, lower=row.lower, upper=row.upper, prior=row.prior,
-            std=row.std if row.std is not None else row.cov * abs(row.initial), description=row.description)  # fmt: skip
+            std=cast(float, std), description=row.description)  # fmt: skip
     except InputError as error:
         # the parameter knows its name, not the file it came from
         raise InputError(where, error.problem, error.remedy) from None

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import cast
 
 import numpy as np
 from scipy import sparse
@@ -14,6 +15,8 @@ from probupdate.structure.frame import Frame
 
 def pile_frame(frame: Frame) -> Frame:
     """The pile alone with its springs; nodes keep their order among themselves."""
+    if frame.pile_head is None:
+        raise ValueError("a frame without piles has no pile of its own")
     kept = [beam for beam in frame.beams if beam.part == frame.pile_part]
     nodes = sorted({node for beam in kept for node in (beam.start, beam.end)})
     number = {node: k for k, node in enumerate(nodes)}
@@ -61,7 +64,5 @@ def pile_head_stiffness(frame: Frame, *, updated, values, theory: str) -> dict[s
     """{"k_xy": ..., "k_z": ...}, callables of theta in N/m, for any one of the equal piles."""
     pile = pile_frame(frame)
     assembled = assemble(pile, updated=updated, values=values, theory=theory)
-    return {
-        name: PileHead(pile=assembled, head=pile.pile_head, direction=direction)
-        for name, direction in (("k_xy", 0), ("k_z", 2))
-    }
+    head = cast(int, pile.pile_head)
+    return {name: PileHead(pile=assembled, head=head, direction=k) for name, k in (("k_xy", 0), ("k_z", 2))}

@@ -301,7 +301,7 @@ def _orthonormal(basis, K):
     return basis
 
 
-def clusters_of(frequency_hz: Sequence[float], gap: float = CLUSTER_GAP) -> list[list[int]]:
+def clusters_of(frequency_hz: Sequence[float] | np.ndarray, gap: float = CLUSTER_GAP) -> list[list[int]]:
     """Runs of modes whose neighbours are closer than `gap` of the frequency."""
     groups = [[0]]
     for j in range(1, len(frequency_hz)):

@@ -96,6 +96,13 @@ class ReducedModel:
     def derived(self):
         return self.full.derived
 
+    @property
+    def verification(self) -> ReductionReport:
+        """`report`. Raises ValueError where the basis was not verified."""
+        if self.report is None:
+            raise ValueError("the basis was not verified: make it by reduce_basis")
+        return self.report
+
     def covers(self, theta: np.ndarray) -> np.ndarray:
         """(...,) bool: inside the box the basis was built and verified for."""
         return np.all((theta >= self.lower) & (theta <= self.upper), axis=-1)

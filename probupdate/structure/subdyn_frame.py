@@ -427,7 +427,7 @@ def plain_matrices(file: SubDynFile, element: Element) -> tuple[np.ndarray, np.n
         factors = stiffness_factors(section, length, file.shear)
         stiffness = sum(c * unit for c, unit in zip(factors, stiffness_units(length), strict=True))
         mass = sum(c * unit for c, unit in zip(mass_factors(section), mass_units(length), strict=True))
-        return element.to_global(stiffness), element.to_global(mass)
+        return element.to_global(np.asarray(stiffness)), element.to_global(np.asarray(mass))
     values = file.set_of(member).values
     if member.kind == "rigid":
         return np.zeros((12, 12)), element.to_global(values[0] * translational_mass(length))

@@ -396,7 +396,9 @@ class Coefficients:
     def __call__(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         values = dict(self.fixed) | {name: theta[..., k] for k, name in enumerate(self.names)}
         one = np.ones(theta.shape[:-1], theta.dtype)
-        return tuple(np.stack([one * f(values) for f in factors], axis=-1) for factors in (self.stiffness, self.mass))
+        stiffness, mass = (np.stack([one * f(values) for f in factors], axis=-1)
+                           for factors in (self.stiffness, self.mass))  # fmt: skip
+        return stiffness, mass
 
 
 def _terms(frame: SubDynFrame, description, targets: Targets, path: Path, angle_deg: float):
@@ -480,7 +482,7 @@ def assembled_file(file: SubDynFile) -> tuple[SubDynFrame, sparse.csc_array, spa
 def joint_sensors(file: SubDynFile) -> tuple[Sensor, ...]:
     """The three displacements of every joint as channels J<id>x, J<id>y, J<id>z."""
     return tuple(
-        Sensor(channel=f"J{joint.id}{axis}", level=f"{joint.position_m[2]:g} m", position_m=joint.position_m,
+        Sensor(channel=f"J{joint.id}{axis}", level=f"{joint.position_m[2]:g} m", position_m=np.array(joint.position_m),
                direction=np.eye(3)[k], quantity="displacement", unit="m")
         for joint in file.joints for k, axis in enumerate("xyz")
     )  # fmt: skip
@@ -497,8 +499,9 @@ def _own_sensors(file: SubDynFile, description: SubDynDescription, path: Path) -
         if entry.joint is not None and entry.joint not in places:
             raise InputError(f"{path}: sensor {entry.channel}", f"joint {entry.joint} is not in {file.where}",
                              "mend its number")  # fmt: skip
-        result.append(Sensor(channel=entry.channel, level=entry.level, direction=entry.direction, unit=entry.unit,
-                             position_m=entry.position_m or places[entry.joint], quantity=entry.quantity))  # fmt: skip
+        at = places[entry.joint] if entry.joint is not None and not entry.position_m else entry.position_m
+        result.append(Sensor(channel=entry.channel, level=entry.level, direction=np.array(entry.direction),
+                             position_m=np.array(at), quantity=entry.quantity, unit=entry.unit))  # fmt: skip
     names = [s.channel for s in result]
     twice = sorted({n for n in names if names.count(n) > 1})
     if twice:
@@ -509,7 +512,7 @@ def _own_sensors(file: SubDynFile, description: SubDynDescription, path: Path) -
 def _channel_rows(frame: SubDynFrame, sensors: Sequence[Sensor], joints: Mapping[str, int], path: Path):
     """(n_channel, n_free): a sensor follows its joint rigidly, or the nearest beam where no joint is named."""
     rows = sparse.lil_array((len(sensors), frame.n_full))
-    places = {joint.position_m: joint for joint in frame.file.joints}
+    places = {tuple(joint.position_m): joint for joint in frame.file.joints}
     for number, sensor in enumerate(sensors):
         joint = joints.get(sensor.channel)
         at = places.get(tuple(float(x) for x in sensor.position_m))

@@ -15,7 +15,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise
-from typing import NamedTuple
+from typing import NamedTuple, cast
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -23,7 +23,7 @@ from scipy.spatial.transform import Rotation
 from probupdate.structure import joints, soil
 from probupdate.structure.beam import Tube
 from probupdate.structure.coefficient import Coefficient, inverse, parameter, product
-from probupdate.structure.description import Description, TubeEntry
+from probupdate.structure.description import Description, Group, TubeEntry
 from probupdate.structure.effects import Effects, Place, bay_at, ends
 from probupdate.structure.frame import (
     Beam,
@@ -89,7 +89,7 @@ class _Mesh:
         rise = b[2] - a[2]
         if cut and abs(rise) > SAME_POINT_M:
             stops |= _inside(self.cuts, a[2], rise)
-        number = self.d.mesh.elements_per_member[group]
+        number = self.d.mesh.elements_per_member[cast(Group, group)]
         fractions = [0.0]
         for low, high in pairwise(sorted(stops)):
             n = int(np.ceil((high - low) * number - 1e-9))

@@ -16,15 +16,14 @@ from probupdate.errors import InputError
 from probupdate.runtime.arrays import frozen_array
 from probupdate.runtime.progress import Progress, silent
 from probupdate.updating.problem import Problem
+from probupdate.updating.settings import CONSTANTS
 from probupdate.updating.tikhonov import update
 
 RULES = ("l-curve", "discrepancy", "evidence")
 # two values a decade
 ALPHAS = np.logspace(-2, 2, 9)
-# curvature, of ln misfit over ln penalty, from which on there is a corner
-LEAST_BEND = 0.1
-# of each update along the path, in prior deviations: it is drawn, and its rules are good to a few per cent
-TOLERANCE = 1e-3
+LEAST_BEND = CONSTANTS.least_bend
+TOLERANCE = CONSTANTS.alpha_tolerance
 # Gauss-Newton steps to and fro where alpha is small and bounds or curvature turn it back; the trust region, slower
 # where it is not, goes on from there
 STEPS, REGION_STEPS = 10, 60

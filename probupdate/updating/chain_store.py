@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import emcee
 import numpy as np
@@ -36,7 +37,7 @@ class ChainStore:
     """Segments as npz files in a folder. Opening it claims the folder: raises InputError where another chain is there,
     naming every part of the problem and every setting that differs."""
 
-    def __init__(self, folder: Path, parts: Mapping[str, str], settings: Mapping[str, object]):
+    def __init__(self, folder: Path, parts: Mapping[str, str], settings: Mapping[str, Any]):
         self._folder, self._n_ensemble = folder, int(settings["ensembles"])
         head = {"format": FORMAT, "problem": dict(parts), "settings": dict(settings)}
         path = folder / "chain.json"

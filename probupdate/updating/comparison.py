@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -15,18 +15,17 @@ from probupdate.io.result_table import OWN_UNIT, table_of
 from probupdate.io.schema import checked
 from probupdate.updating.identifiability import BLIND, KNOWN, PARTLY, PRIOR, STRONG, identifiability
 from probupdate.updating.posterior_file import Posterior
+from probupdate.updating.settings import CONSTANTS
 from probupdate.updating.update_file import BLIND_RESOLUTION, UpdateRecord, fit_sentence, misses
 
 if TYPE_CHECKING:
     import pandas as pd
 
 FORMAT = 1
-# estimates closer than this many posterior deviations are the same for any use of them
-CLOSE = 0.25
-# the anchored update and the maximum are two routes to one number
-SAME = 0.01
-HIGH_CORRELATION = 0.95
-RIDGE = 0.7
+CLOSE = CONSTANTS.close
+SAME = CONSTANTS.same
+HIGH_CORRELATION = CONSTANTS.high_correlation
+RIDGE = CONSTANTS.ridge
 
 
 # of a row's numbers those in the parameter's unit
@@ -105,7 +104,9 @@ class Comparison:
         return write_comparison(self, path)
 
 
-def compare(update: UpdateRecord, posterior: Posterior, derived: Mapping[str, object] | None = None) -> Comparison:
+def compare(
+    update: UpdateRecord, posterior: Posterior, derived: Mapping[str, Callable[[np.ndarray], float]] | None = None
+) -> Comparison:
     """Put both estimators side by side. `derived` (quantity -> callable of theta) is evaluated over the posterior.
 
     Raises InputError where the two belong to different problems: other model, data, weights or prior.
@@ -170,7 +171,7 @@ def _row(
     if contraction < STRONG and identified == PARTLY:
         flags.append("narrow only as far as the stated standard deviations hold, which the data exceed")
     sets = update.sets
-    row = dict(
+    row: dict[str, Any] = dict(
         name=parameter.name, unit=parameter.unit, prior_mean=prior_mean, prior_std=prior_std,
         initial=parameter.initial, step=step, anchored=anchored, map=top, mean=mean, median=float(np.median(draws)),
         std=std, cov=std / abs(mean) if mean else float("nan"), low=float(low), high=float(high),

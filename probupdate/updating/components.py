@@ -61,7 +61,7 @@ def variance_components(problem: Problem, laplace: Laplace) -> VarianceComponent
     discrepancy = np.sum((gain @ noise) ** 2, axis=1)
     identification = np.maximum(np.sum(gain**2, axis=1) - discrepancy, 0.0)
     groups: dict[str, np.ndarray] = {}
-    sources = () if problem.error is None else problem.error.sources
+    sources = problem.error_sources
     for k, source in enumerate(sources):
         groups[source.group] = groups.get(source.group, 0.0) + of_sources[:, k] ** 2
     parts = {IDENTIFICATION: identification, DISCREPANCY: discrepancy, **groups,
@@ -161,7 +161,7 @@ def _ranked(problem: Problem, laplace: Laplace, now: Whitened) -> tuple[Measure,
 
 def candidates(problem: Problem, laplace: Laplace, now: Whitened) -> Iterator[Candidate]:
     """What could be measured next: each tolerance checked, each mode identified better, a mode of the model's more."""
-    sources = () if problem.error is None else problem.error.sources
+    sources = problem.error_sources
     checks: dict[tuple[str, str], list[int]] = {}
     for k, source in enumerate(sources):
         checks.setdefault((source.group, source.check), []).append(k)
@@ -202,14 +202,14 @@ def _further_modes(problem: Problem, laplace: Laplace, now: Whitened) -> Iterato
                              zip(g.frequency_std_hz, g.frequency_hz, strict=True)]))  # fmt: skip
     unknown = getattr(problem.model, "uncertainty", None)
     change = None
-    if problem.error is not None and unknown is not None:
+    if problem.error_sources and unknown is not None:
         change = unknown.changes(laplace.theta, min(n_mode, highest + 2), ()).frequency_derivative
-        change = change * np.array([s.std for s in problem.error.sources])
+        change = change * np.array([s.std for s in problem.error_sources])
     for i in range(min(n_mode, highest + 2)):
         if i in taken:
             continue
         f = solution.frequency_hz[i]
         factor = np.zeros((1, now.factor.shape[1])) if change is None else change[i : i + 1] / (share * f)
-        slope = solution.frequency_derivative[i : i + 1] / (share * f)
+        slope = solution.both_derivatives[0][i : i + 1] / (share * f)
         yield Candidate(what=f"identify the model's mode at {f:.3g} Hz (its frequency)",
                         covariance=now.with_rows(slope, factor).covariance())  # fmt: skip

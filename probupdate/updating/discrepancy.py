@@ -9,7 +9,7 @@ O'Hagan 2001, Bayesian calibration of computer models). The simplest remedy, one
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -17,17 +17,44 @@ from probupdate.errors import InputError
 from probupdate.modal.modes import ModalData
 from probupdate.model.interface import Model
 from probupdate.runtime.progress import Progress, silent
+from probupdate.runtime.settings import stated
 from probupdate.updating.laplace import Laplace, maximum_a_posteriori
 from probupdate.updating.problem import Problem, Weights, build_problem, paper_weights, suspected_channels, with_mistake
 from probupdate.updating.responses import FORM_FLOOR, FORM_SHAPE_FLOOR
+from probupdate.updating.settings import CONSTANTS
 from probupdate.updating.tikhonov import update
 
-# to how many prior standard deviations the place is told at which the sources of error are linearised
-PLACE = 0.01
-# shares that are looked through; beyond the last the model and the data have nothing to do with one another
-LEAST, MOST = 1e-5, 0.2
-# relative: one set of modes tells it to about 1 / sqrt(2 n)
-ACCURACY = 0.01
+PLACE = CONSTANTS.place
+LEAST, MOST = CONSTANTS.least_discrepancy, CONSTANTS.most_discrepancy
+ACCURACY = CONSTANTS.discrepancy_accuracy
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class LikelihoodSettings:
+    """What is compared and what is stated of its error: one value, the same for every estimator that is given it."""
+
+    weights: str | tuple[float, ...] | Weights = stated(
+        "measured", "-", "standard deviations of the responses: 'measured', 'covariance', 'paper', or a CoV a mode")
+    frequencies: str = stated("hz", "-", "frequencies are compared as they are ('hz') or as logarithms ('log')")
+    shapes: str = stated("plane", "-", "shapes are compared as 'plane', 'components', 'mac' or 'none'")
+    discrepancy: float | str | None = stated(
+        None, "-", "share of every frequency that the model may miss, 'auto' for as much as the misfit says; None: "
+        "'auto' with the measurement's own standard deviations, else 0")
+    tolerances: bool | None = stated(
+        None, "-", "stated tolerances of model and sensors are marginalised; None: with the measurement's own "
+        "standard deviations")
+
+    def likelihood(
+        self, model: Model, data: ModalData, *, set_id: str | None = None, progress: Progress = silent
+    ) -> Weights:
+        """As plain numbers, of this set (the reference set where None)."""
+        chosen = stated_weights(self.weights, data, frequencies=self.frequencies, shapes=self.shapes,
+                                tolerances=self.tolerances)  # fmt: skip
+        discrepancy = self.discrepancy
+        if discrepancy is None:
+            own = isinstance(self.weights, str) and self.weights in ("measured", "covariance")
+            discrepancy = "auto" if own else 0.0
+        return state_model_error(model, data, weights=chosen, discrepancy=discrepancy, set_id=set_id, progress=progress)
 
 
 def expected_misfit(problem: Problem, laplace: Laplace) -> float:
@@ -99,8 +126,7 @@ def default_likelihood(
     model: Model, data: ModalData, *, set_id: str | None = None, progress: Progress = silent
 ) -> Weights:
     """What `update` and `sample` take where no option is given."""
-    weights = stated_weights("measured", data)
-    return state_model_error(model, data, weights=weights, discrepancy="auto", set_id=set_id, progress=progress)
+    return LikelihoodSettings().likelihood(model, data, set_id=set_id, progress=progress)
 
 
 def estimate_discrepancy(

@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import emcee
 import numpy as np
@@ -23,20 +24,17 @@ from probupdate.runtime.executors import Executor, completed, executor
 from probupdate.runtime.progress import Progress, silent
 from probupdate.updating.chain_store import ChainStore, Segment
 from probupdate.updating.emulator import Emulator, EmulatorMove
-from probupdate.updating.importance import Density
 from probupdate.updating.problem import Problem
-from probupdate.updating.surrogate import Outline, Proposal
+from probupdate.updating.settings import CONSTANTS, SamplerSettings
+from probupdate.updating.surrogate import Density, Outline, Proposal
 
 # steps between looks at convergence, and the unit that is written to disk
 SEGMENT = 200
 # rounds in which walkers that begin where the model has no modes are drawn anew
 START_ROUNDS = 100
-# nested R-hat over independent ensembles (Margossian et al. 2024): their means part by at most a seventh of a standard
-# deviation, where each has some fifty independent draws
-R_HAT_LIMIT = 1.01
-AUTOCORRELATION_TIMES = 50
-# share of the chain at its start that is left out
-BURN_IN = 0.2
+R_HAT_LIMIT = CONSTANTS.r_hat_limit
+AUTOCORRELATION_TIMES = CONSTANTS.autocorrelation_times
+BURN_IN = CONSTANTS.burn_in
 # where part of what a move proposes is far: full jumps along differences of walkers carry them between modes
 JUMP_SHARE = 0.1
 # share of proposals from the surrogate
@@ -50,28 +48,6 @@ PRIOR_SHARE = 0.15
 # share of proposals of some parameters along differences of walkers, at most how many of them, and the share of those
 # that are as long as the difference
 SUBSET_SHARE, MOST_OF_SUBSET, FULL_LENGTH = 0.15, 4, 0.3
-
-
-@dataclass(frozen=True, kw_only=True)
-class SamplerSettings:
-    """walkers_per_parameter: emcee's ensemble size over the number of parameters; two more than twice their number are
-    always taken. target_ess: effective draws wanted of the worst parameter. max_steps: the run gives up after these,
-    and says so. ensembles: so many independent ones, each with its own start and random numbers, judged together:
-    walkers of one ensemble depend on one another, so that only ensembles can tell that they agree.
-    """
-
-    seed: int = 1
-    walkers_per_parameter: int = 2
-    target_ess: int = 1000
-    max_steps: int = 20000
-    ensembles: int = 4
-
-    def __post_init__(self):
-        if isinstance(self.seed, bool) or not isinstance(self.seed, int | np.integer) or self.seed < 0:
-            raise InputError("seed", f"{self.seed!r} is no whole number from 0 on", "give one, such as 1")
-        for name in ("walkers_per_parameter", "target_ess", "max_steps", "ensembles"):
-            if getattr(self, name) < 1:
-                raise InputError(name, f"{getattr(self, name)} is below 1", "give a positive number")
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -235,13 +211,13 @@ def sample(
                           for k in range(settings.ensembles)]  # fmt: skip
             n_more = min(SEGMENT, settings.max_steps - n_step)
             # those that a killed run finished of this round are kept
-            done = [store.read_one(len(rounds), k) for k in range(settings.ensembles)]
-            wanted_runs = [k for k in range(settings.ensembles) if done[k] is None]
-            tasks = [(k, problem, surrogate, emulator, states[k], n_more) for k in wanted_runs]
+            kept = {k: store.read_one(len(rounds), k) for k in range(settings.ensembles)}
+            done = {k: segment for k, segment in kept.items() if segment is not None}
+            tasks = [(k, problem, surrogate, emulator, states[k], n_more) for k in kept if k not in done]
             for k, segment in completed(_run_numbered, tasks, jobs=runs, least=1):
                 store.append(segment, len(rounds), k)
                 done[k] = segment
-            rounds.append(done)
+            rounds.append([done[k] for k in range(settings.ensembles)])
 
 
 def _first_state(problem: Problem, surrogate: Density, n_walker: int, seed: int, ensemble: int) -> emcee.State:
@@ -249,6 +225,7 @@ def _first_state(problem: Problem, surrogate: Density, n_walker: int, seed: int,
     own = [] if ensemble == 0 else [ensemble]
     draw, rng = getattr(surrogate, "draw_inside", surrogate.draw), np.random.default_rng([seed, 0, *own])
     start = draw(n_walker, rng)
+    without = np.ones(n_walker, bool)
     for _ in range(START_ROUNDS):
         without = ~np.isfinite(problem.log_posterior(start)[0])
         if not without.any():
@@ -262,7 +239,7 @@ def _first_state(problem: Problem, surrogate: Density, n_walker: int, seed: int,
     return emcee.State(start, random_state=generator.get_state())
 
 
-def _run_numbered(number: int, *segment: object) -> tuple[int, Segment]:
+def _run_numbered(number: int, *segment: Any) -> tuple[int, Segment]:
     return number, _run_segment(*segment)
 
 

@@ -18,14 +18,14 @@ from probupdate.model.parameters import Parameters
 from probupdate.runtime.progress import Progress, silent
 from probupdate.updating.laplace import Laplace
 from probupdate.updating.problem import Problem
-from probupdate.updating.surrogate import Proposal, from_laplace
+from probupdate.updating.settings import CONSTANTS
+from probupdate.updating.surrogate import Density, from_laplace
 
 # draws of the proposal that are evaluated, and most draws of the chain that are used
 N_PROPOSED, N_CHAIN = 4000, 4000
 # draws of the Laplace approximation that judge it
 N_LAPLACE = 1000
-# above this k the weights' mean is not to be trusted at any affordable number of draws
-TRUSTED_K = 0.7
+TRUSTED_K = CONSTANTS.trusted_k
 # draws that say which share of a correlated prior lies within its bounds
 N_PRIOR = 200_000
 CHUNK = 500
@@ -75,7 +75,7 @@ class LaplaceCheck:
 
 
 def estimate_evidence(
-    problem: Problem, proposal: Proposal, theta: np.ndarray, log_posterior: np.ndarray, rng: np.random.Generator,
+    problem: Problem, proposal: Density, theta: np.ndarray, log_posterior: np.ndarray, rng: np.random.Generator,
     progress: Progress = silent,
 ) -> Evidence:
     """From a converged chain theta (n_step, n_walker, n_param) and its log_posterior (n_step, n_walker).
@@ -182,7 +182,7 @@ def pareto_shape(log_weight: np.ndarray) -> float:
 
 def log_prior_constant(parameters: Parameters, rng: np.random.Generator) -> float:
     """What ln p(theta) of a correlated prior lacks to be normalised within the bounds; 0 for independent ones."""
-    if parameters.normalised:
+    if parameters.normalised or parameters.correlation is None:
         return 0.0
     n = len(parameters)
     constant = -0.5 * n * np.log(2 * np.pi) - 0.5 * np.linalg.slogdet(parameters.correlation)[1]

@@ -26,13 +26,12 @@ from probupdate.runtime.progress import Progress, silent
 from probupdate.updating.ensemble import SubsetMove
 from probupdate.updating.posterior_file import effective_size
 from probupdate.updating.problem import Problem
+from probupdate.updating.settings import CONSTANTS
 
-# deviation of tau's half-normal hyper-prior, in prior deviations of the parameter
-SPREAD = 0.25
-LKJ_ETA = 2.0
+SPREAD = CONSTANTS.population_spread
+LKJ_ETA = CONSTANTS.lkj_eta
 SEGMENT, MAX_STEPS, BURN_IN = 400, 12_000, 0.2
-# walkers as chains: some fifty independent draws of each, far more than quantiles of tau need over all of them
-R_HAT_LIMIT = 1.02
+R_HAT_LIMIT = CONSTANTS.population_r_hat_limit
 # share of moves that redraw one or two scales and with them the mean, and of those of a few numbers along differences
 REDRAW_SHARE, SUBSET_SHARE = 0.5, 0.3
 # the Gaussian that stands for the prior in proposals of the mean is so many times as wide in variance
@@ -264,6 +263,7 @@ def sample_population(
     sampler = emcee.EnsembleSampler(*start.shape, hyper, vectorize=True, moves=moves)
     random = np.random.RandomState(np.random.default_rng([seed, 12]).integers(2**32, size=8))
     state, judged = emcee.State(start, random_state=random.get_state()), (np.inf, 0.0)
+    kept = np.empty((0, *start.shape))
     while sampler.iteration < MAX_STEPS and not (judged[0] < r_hat_limit and judged[1] >= target_ess):
         progress("population", sampler.iteration, MAX_STEPS)
         # looked at ever more rarely: judging a chain takes as long as many of its steps

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-# posterior over prior standard deviation: below the first the data decide, above the second the parameter keeps its
-# prior
-STRONG, BLIND = 0.5, 0.9
+from probupdate.updating.settings import CONSTANTS
+
+STRONG, BLIND = CONSTANTS.strong, CONSTANTS.blind
 KNOWN, PARTLY, PRIOR, BOUND = "strongly identified", "weakly identified", "keeps its prior", "at a bound"
 
 

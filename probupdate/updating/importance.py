@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 from scipy import linalg, special
@@ -20,10 +19,10 @@ from probupdate.runtime.arrays import frozen_array
 from probupdate.runtime.progress import Progress, silent
 from probupdate.updating.evidence import TRUSTED_K, log_prior_constant, pareto_shape
 from probupdate.updating.problem import Problem
-from probupdate.updating.surrogate import Proposal
+from probupdate.updating.settings import CONSTANTS
+from probupdate.updating.surrogate import Density, Proposal
 
-# below this k importance sampling alone is trusted, up to TRUSTED_K of the evidence its draws may be averaged at all
-GOOD_K = 0.5
+GOOD_K = CONSTANTS.good_k
 # draws that count, and those of one round of fitting; rounds at most and at least, as one round's draws may miss an arm
 # of the posterior, and the effective share at which they stop
 N_DRAW, N_ROUND, ROUNDS, FEWEST, ENOUGH = 4000, 2000, 8, 4, 0.4
@@ -33,19 +32,10 @@ PRIOR_SHARE, OUTLINE_SHARE = 0.05, 0.25
 # than the weighted draws, and how many a maximum
 DEGREES, SPREAD, PER_MAXIMUM = 5.0, 1.2, 4
 EM_STEPS = 15
-# of a mean's difference: chance exceeds it once in some ten thousand, ten parameters at once; and what nobody minds
-MOST_Z, LEAST_APART = 4.5, 0.1
+MOST_Z, LEAST_APART = CONSTANTS.most_z, CONSTANTS.least_apart
 # weights are flattened until so many draws count, as few would make a thin fit
 FLATTENED = 60.0
 CHUNK = 500
-
-
-class Density(Protocol):
-    """What proposes draws: (n, n_param), and their normalised ln density (n,)."""
-
-    def draw(self, n: int, random) -> np.ndarray: ...
-
-    def log_density(self, theta: np.ndarray) -> np.ndarray: ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -207,7 +197,7 @@ def fitted_proposal(
                       weight=frozen_array([*(n_out * [(1 - PRIOR_SHARE) / n_out]), PRIOR_SHARE]))  # fmt: skip
     logarithmic = parameters.lower >= 0
     proposed: list[Mixture] = []
-    theta, value = np.empty((0, len(parameters))), np.empty(0)
+    theta, value, share = np.empty((0, len(parameters))), np.empty(0), np.empty(0)
     for _ in range(ROUNDS):
         proposed.append(current)
         theta = np.vstack([theta, current.draw(N_ROUND, rng)])

@@ -22,19 +22,18 @@ from probupdate.updating.identifiability import BLIND
 from probupdate.updating.posterior_file import Posterior
 from probupdate.updating.predictive import PredictiveCheck, ResponseCheck, bits_gained
 from probupdate.updating.problem import Problem
+from probupdate.updating.settings import CONSTANTS
 
 if TYPE_CHECKING:
     import pandas as pd
 
 FORMAT = 1
 METRIC_WORDS = ("negligible", "low", "medium", "high")
-# Table 2: CoV of the prior, and largest |d ln f / d ln theta| over the modes, from which the metrics 1, 2 and 3 count
-UNCERTAINTY_FROM = (0.015, 0.20, 0.75)
-SENSITIVITY_FROM = (0.01, 0.05, 0.25)
-# one prior deviation that moves the data by less than this, in their deviations, changes nothing that matters
-SILENT = 0.3
+UNCERTAINTY_FROM = CONSTANTS.uncertainty_from
+SENSITIVITY_FROM = CONSTANTS.sensitivity_from
+SILENT = CONSTANTS.silent
 UPDATE, CARRY, LEAVE = "update", "carry along", "leave at its value"
-COMPENSATES = 0.3
+COMPENSATES = CONSTANTS.compensates
 MOST_PAIRS = 8
 
 

@@ -11,17 +11,15 @@ from scipy import linalg
 from probupdate.errors import ConvergenceError, ProbupdateError
 from probupdate.runtime.arrays import frozen_array
 from probupdate.updating.problem import Problem
+from probupdate.updating.settings import CONSTANTS
 from probupdate.updating.tikhonov import HALVINGS, ROUNDING, bounded_step, pinned, relaxed
 
 MAX_ITERATION = 200
-# in prior deviations
-TOLERANCE = 1e-7
+TOLERANCE = CONSTANTS.map_tolerance
 # a step is lengthened to at most so many times itself where steps shrink slowly
 LONGEST = 2.0
-# maxima whose log densities differ by less than this are told apart by their parameters only
-SAME_HEIGHT = 1e-3
-# a further maximum counts if its evidence by Laplace is within so much of the largest
-NEGLIGIBLE = 12.0
+SAME_HEIGHT = CONSTANTS.same_height
+NEGLIGIBLE = CONSTANTS.negligible
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -95,7 +93,7 @@ def maximum_a_posteriori(problem: Problem, starts: Sequence[np.ndarray]) -> Lapl
     return _laplace(problem, theta, tuple(others))
 
 
-def distinct_maxima(problem: Problem, found: Laplace, starts: Sequence[np.ndarray]) -> tuple[Laplace, ...]:
+def distinct_maxima(problem: Problem, found: Laplace, starts: Sequence[np.ndarray] | np.ndarray) -> tuple[Laplace, ...]:
     """`found` and the further maxima that climbs from `starts` end in, highest mass first: those whose Laplace evidence
     is within NEGLIGIBLE of the largest. Starts that do not settle are left out."""
     kept = [found]

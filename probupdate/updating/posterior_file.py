@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from contextlib import closing
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -80,7 +80,7 @@ class Posterior:
     converged: bool
     verdict: str
     fingerprint: str
-    record: Mapping[str, object] = field(default_factory=dict)
+    record: Mapping[str, Any] = field(default_factory=dict)
 
     @property
     def draws(self) -> np.ndarray:
@@ -187,7 +187,7 @@ def read_posterior(path: str | Path) -> Posterior:
     with parsing(str(path), "is no NetCDF file", "give a posterior.nc"), warnings.catch_warnings():
         # a file with unnamed dimensions is none of ours
         warnings.filterwarnings("error", message="The 'phony_dims' kwarg", category=UserWarning)
-        data = arviz.from_netcdf(str(path))
+        data: Any = arviz.from_netcdf(str(path))
     # arrays are read as they are asked for, in one generation of ArviZ from a file that would else stay open
     again = "write it again with `probupdate sample`"
     with parsing(str(path), "lacks something or is damaged", again), closing(data):
@@ -216,8 +216,9 @@ def _refuse_sizes(path: Path, found: Posterior, again: str) -> None:
 
 
 def _from_groups(path: Path, data) -> Posterior:
-    groups = {name: _group(data, name) for name in GROUPS}
-    missing = [name for name, group in groups.items() if group is None]
+    found = {name: _group(data, name) for name in GROUPS}
+    groups = {name: group for name, group in found.items() if group is not None}
+    missing = [name for name in GROUPS if name not in groups]
     if missing:
         raise InputError(str(path), f"group {missing[0]} is missing", "give a posterior.nc of `probupdate sample`")
     text = groups["posterior"].attrs.get("probupdate")

@@ -17,12 +17,12 @@ from scipy import linalg, stats
 from probupdate.updating.hierarchical import Population, SetLikelihoods
 from probupdate.updating.laplace import Laplace
 from probupdate.updating.problem import Problem
+from probupdate.updating.settings import CONSTANTS
 
 # draws of a weighted sum of chi-square variables: a p-value to 0.0025 at most
 N_SUM = 40_000
-SUSPICIOUS = 0.01
-# deviations of a response that the slope at the maximum does not account for, beyond which p-values are rough
-BENT = 2.0
+SUSPICIOUS = CONSTANTS.suspicious
+BENT = CONSTANTS.bent
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -19,14 +19,14 @@ from probupdate.modal.channel_mistakes import ChannelMistake, channel_mistake
 from probupdate.modal.matching import Matching, assign, channel_rows, match
 from probupdate.modal.modes import ModalData
 from probupdate.model.interface import ModalSolution, Model
-from probupdate.model.uncertainty import ResponseError, marginal_root
+from probupdate.model.uncertainty import ErrorSource, ResponseError, marginal_root
 from probupdate.runtime.arrays import frozen_array
 from probupdate.updating.responses import ResponseGroup, Weights, joint_root, paper_weights, response_group
+from probupdate.updating.settings import CONSTANTS
 
 __all__ = ["Prediction", "Problem", "Weights", "build_problem", "paper_weights"]
 
-# modes looked through for the measured ones at the initial parameters, beyond their number
-SEARCH = 10
+SEARCH = CONSTANTS.search
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -115,6 +115,11 @@ class Problem:
     def _marginal(self) -> tuple[np.ndarray, float]:
         root, log_det = marginal_root(self.noise_root, self.factor)
         return frozen_array(root), log_det
+
+    @property
+    def error_sources(self) -> tuple[ErrorSource, ...]:
+        """The model's sources of error, in the order of `factor`'s columns; none where none is stated."""
+        return () if self.error is None else self.error.sources
 
     @property
     def root(self) -> np.ndarray | None:
@@ -225,7 +230,8 @@ class Problem:
     def _response_slope(self, solution: ModalSolution, clusters) -> tuple[np.ndarray, np.ndarray]:
         """Responses (n_response,) and their derivatives (n_response, n) with respect to whatever the solution's are."""
         response = [solution.frequency_hz[list(c)] for c in clusters]
-        slope = [solution.frequency_derivative[list(c)] for c in clusters]
+        frequency_slope, shape_slope = solution.both_derivatives
+        slope = [frequency_slope[list(c)] for c in clusters]
         if self.weights.frequencies == "log":
             slope = [change / f[:, None] for change, f in zip(slope, response, strict=True)]
             response = [np.log(f) for f in response]
@@ -234,7 +240,7 @@ class Problem:
                 continue
             members = list(columns)
             shape = solution.shape[group.rows][:, members]
-            change = solution.shape_derivative[group.rows][:, members]
+            change = shape_slope[group.rows][:, members]
             response.append(group.aligned(shape[None])[0].T.ravel())
             slope.append(group.aligned_derivative(shape, change).transpose(1, 0, 2).reshape(-1, change.shape[2]))
         return np.concatenate(response), np.concatenate(slope)

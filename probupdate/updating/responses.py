@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from scipy import linalg
@@ -21,21 +22,15 @@ from probupdate.errors import InputError
 from probupdate.modal.labels import family, is_bending
 from probupdate.modal.modes import ModalSet, rotate_to_real
 from probupdate.runtime.arrays import frozen_array
+from probupdate.updating.settings import CONSTANTS
 
 FREQUENCIES = ("hz", "log")
 SHAPES = ("plane", "components", "mac", "none")
-# The paper: CoV of the frequencies of the first and second bending modes (Sec. 4); a shape component's deviation is
-# ten times the frequency's CoV, here of the largest component, as a CoV of a component near zero means nothing.
-PAPER_COV_FIRST, PAPER_COV_SECOND = 0.015, 0.017
-SHAPE_FACTOR = 10.0
-# the smallest deviation a measured shape component is believed to, as a share of the largest component: components
-# that served as a reference have deviation zero
-SHAPE_FLOOR = 0.02
-# the same for frequencies, where deviations come as a covariance: a few times what a model's mesh leaves
-FREQUENCY_FLOOR = 5e-4
-# both where tolerances are stated beside them: what two independent programs differ by where theory, parameters and
-# soil are the same (0.13 % of the first pair, 0.1 to 0.6 % of a shape's largest component)
-FORM_FLOOR, FORM_SHAPE_FLOOR = 1e-3, 2.5e-3
+PAPER_COV_FIRST, PAPER_COV_SECOND = CONSTANTS.paper_cov_first, CONSTANTS.paper_cov_second
+SHAPE_FACTOR = CONSTANTS.shape_factor
+SHAPE_FLOOR = CONSTANTS.shape_floor
+FREQUENCY_FLOOR = CONSTANTS.frequency_floor
+FORM_FLOOR, FORM_SHAPE_FLOOR = CONSTANTS.form_floor, CONSTANTS.form_shape_floor
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -127,12 +122,12 @@ class Weights:
         return f"compared are {frequency}, {shape}"
 
 
-def paper_weights(labels: tuple[str, ...], frequency_hz: np.ndarray, **responses: str) -> Weights:
+def paper_weights(labels: tuple[str, ...], frequency_hz: np.ndarray, **others: Any) -> Weights:
     """CoV 0.015 for first and 0.017 for higher modes; first are those of first bending (FA1, SS1, X1, Y1), or unlabelled
     below 1 Hz."""
     first = [is_bending(name) and name == f"{family(name)}1" for name in labels] if labels else frequency_hz < 1.0
     cov = tuple(PAPER_COV_FIRST if f else PAPER_COV_SECOND for f in first)
-    return Weights(frequency_cov=cov, shape_std=False, **responses)
+    return Weights(frequency_cov=cov, shape_std=False, **others)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -150,11 +145,18 @@ class ResponseGroup:
     rows: np.ndarray
     basis: np.ndarray
     shape_std: np.ndarray
+    frequency_discrepancy_hz: np.ndarray
+    shape_discrepancy: np.ndarray
     frequencies: str = "hz"
     shapes: str = "plane"
     changes: np.ndarray | None = None
-    frequency_discrepancy_hz: np.ndarray | None = None
-    shape_discrepancy: np.ndarray | None = None
+
+    @property
+    def own_changes(self) -> np.ndarray:
+        """`changes`. Raises ValueError where the deviations are independent."""
+        if self.changes is None:
+            raise ValueError("the group has no covariance factors: collect it with Weights(covariance=True)")
+        return self.changes
 
     @property
     def size(self) -> int:
@@ -261,13 +263,13 @@ def joint_root(groups: tuple[ResponseGroup, ...], weights: Weights) -> np.ndarra
     n_frequency = sum(g.size for g in groups)
     pick, changes, floor = [], [], []
     for g in groups:
-        changes.append(g.changes[: g.size])
+        changes.append(g.own_changes[: g.size])
         floor.append(weights.floors[0] * (np.ones(g.size) if g.frequencies == "log" else g.frequency_hz))
     for g in groups:
         if g.shapes != "none":
             across = np.kron(np.eye(g.size), g.complement.T)
             pick.append(across)
-            changes.append(across @ g.changes[g.size :])
+            changes.append(across @ g.own_changes[g.size :])
             floor.append(np.full(len(across), weights.floors[1]))
     changes, floor = np.vstack(changes), np.concatenate(floor)
     factor = linalg.cholesky(changes @ changes.T + np.diag(floor**2), lower=True)
@@ -295,7 +297,7 @@ def response_group(modal_set: ModalSet, members: list[int], rows, weights: Weigh
     frequency = modal_set.frequency_hz[members]
     turned = rotate_to_real(modal_set.shape[:, members])
     kept = np.all(np.isfinite(turned), axis=1)
-    shape = turned.real[kept]
+    shape = np.real(turned)[kept]
     if not len(shape) and weights.shapes != "none":
         raise InputError(where, "has no component of its shape", "compare frequencies alone (--shapes none)")
     if not len(shape):
@@ -314,7 +316,7 @@ def response_group(modal_set: ModalSet, members: list[int], rows, weights: Weigh
     else:
         size = np.max(np.linalg.norm(u, axis=1))
         basis, to_basis = u / size, v.T / singular / size
-    common = dict(
+    common: dict[str, Any] = dict(
         frequency_hz=frozen_array(frequency), rows=rows[kept], frequencies=weights.frequencies, shapes=weights.shapes,
     )
     if weights.covariance:

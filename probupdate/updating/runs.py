@@ -5,10 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from probupdate.errors import ConvergenceError, InputError
+from probupdate.modal.channel_mistakes import ChannelMistake
 from probupdate.modal.modes import ModalData, ModalSet
 from probupdate.model.interface import Model
 from probupdate.runtime.arrays import frozen_array
@@ -19,13 +21,14 @@ from probupdate.structure.reduced import reduce_basis
 from probupdate.updating.alpha import alpha_path, choose
 from probupdate.updating.components import misfit_by_response, variance_components
 from probupdate.updating.emulator import Emulator, fit_emulator
-from probupdate.updating.ensemble import BURN_IN, SamplerSettings, claim_folder, sample
+from probupdate.updating.ensemble import BURN_IN, claim_folder, sample
 from probupdate.updating.evidence import check_laplace, estimate_evidence
 from probupdate.updating.importance import Mixture, agree, fitted_proposal, importance_sample
 from probupdate.updating.laplace import Laplace, distinct_maxima, maximum_a_posteriori
 from probupdate.updating.posterior_file import MAX_DRAWS, Posterior
-from probupdate.updating.problem import Problem, Weights, build_problem, suspected_channels
+from probupdate.updating.problem import Prediction, Problem, Weights, build_problem, suspected_channels
 from probupdate.updating.set_wise_updates import update_sets
+from probupdate.updating.settings import CONSTANTS, SamplerSettings, UpdateSettings
 from probupdate.updating.surrogate import Outline, Proposal, fit_surrogate
 from probupdate.updating.tikhonov import TikhonovUpdate, update
 from probupdate.updating.update_file import (
@@ -38,23 +41,17 @@ from probupdate.updating.update_file import (
     beyond_chance,
 )
 
-# models with fewer degrees of freedom are solved as they are
-REDUCE_FROM = 200
-# relative frequency error a reduced basis may leave in the region the sampler visits
-FREQUENCY_TOLERANCE = 1e-5
-# the box around it, in prior deviations cut at the bounds, and what may be off there
-BOX_DEVIATIONS, BOX_TOLERANCE = 4.0, 1e-3
+REDUCE_FROM = CONSTANTS.reduce_from
+FREQUENCY_TOLERANCE = CONSTANTS.frequency_tolerance
+BOX_DEVIATIONS, BOX_TOLERANCE = CONSTANTS.box_std, CONSTANTS.box_tolerance
 # checks of the first basis, on which nothing but the outline depends
 N_COARSE = 32
 # draws of the outline that stand for the region
 N_REGION = 400
 # posterior draws answered by the full model too, as a check of the reduced one
 N_CHECK = 24
-# an update that does not settle is put down to the data where a mode has a lower MAC than this before and after
-SETTLING_MAC = 0.80
-# from this effective share of its draws the outline is proposed from alone: surfaces would cost more than they spare,
-# and what they foretell in a second arm of the posterior is wrong
-OUTLINE_SERVES = 0.3
+SETTLING_MAC = CONSTANTS.settling_mac
+OUTLINE_SERVES = CONSTANTS.gaussian_serves
 # draws of the prior from which further maxima are looked for
 N_START = 12
 # draws whose responses are kept for pictures
@@ -67,27 +64,24 @@ def deterministic_update(
     *,
     set_id: str | None = None,
     weights: Weights | None = None,
-    alpha: float | str = 1.0,
-    method: str = "gauss-newton",
-    iterations: int = 50,
+    settings: UpdateSettings | None = None,
     model_at: Callable[[ModalSet], Model] | None = None,
     jobs: int | Executor = 1,
     progress: Progress = silent,
 ) -> UpdateRecord:
     """Both readings of Eq. 7 and the posterior's maximum for one set, then every set of the data (Table 7).
 
-    `model` stands in that one set's surroundings; `model_at` gives it in another set's. `alpha` is a number or one of
-    alpha.RULES; `method` solves the anchored reading by Gauss-Newton or Levenberg-Marquardt steps. jobs: processes, or an
-    executor, for the sets.
+    `model` stands in that one set's environmental conditions; `model_at` gives it in another set's. jobs: processes, or
+    an executor, for the sets.
     """
+    settings = settings or UpdateSettings()
     problem = build_problem(model, data, set_id=set_id, weights=weights)
     path = alpha_path(problem, progress=progress)
-    rule = alpha if isinstance(alpha, str) else "by hand"
-    if isinstance(alpha, str):
-        alpha = choose(path, alpha)
+    rule = settings.alpha if isinstance(settings.alpha, str) else "by hand"
+    alpha = choose(path, settings.alpha) if isinstance(settings.alpha, str) else settings.alpha
     runs = {
-        key: update(problem, penalty=key, alpha=alpha, max_iteration=iterations, progress=progress,
-                    method=method if key == "prior" else "gauss-newton")
+        key: update(problem, penalty=key, alpha=alpha, max_iteration=settings.iterations, progress=progress,
+                    method=settings.method if key == "prior" else "gauss-newton")
         for key in ("step", "prior")
     }  # fmt: skip
     laplace = find_maximum(problem, [run.theta[-1] for run in runs.values()] + [model.parameters.initial])
@@ -140,7 +134,7 @@ def deterministic_update(
         },
         sets=sets,
         settings={"weights": problem.weights.description, "alpha": f"{alpha:g} ({rule})",
-                  "iterations at most": str(iterations), "anchored by": method},
+                  "iterations at most": str(settings.iterations), "anchored by": settings.method},
         map_gradient=laplace.projected_gradient,
         alpha_path=AlphaRecord(alpha=path.alpha, theta=path.theta, misfit=path.misfit, penalty=path.penalty,
                                log_evidence=path.log_evidence, chosen=path.chosen, remarks=path.remarks),
@@ -208,7 +202,7 @@ class Approach:
     proposal: Mixture
     solved: int
     emulator: Emulator | None
-    notes: dict[str, object]
+    notes: dict[str, Any]
 
 
 def approach(problem: Problem, laplace: Laplace, seed: int, progress: Progress = silent) -> Approach:
@@ -237,7 +231,7 @@ def approach(problem: Problem, laplace: Laplace, seed: int, progress: Progress =
     points = surrogate.draw(N_REGION, rng)
     box = np.minimum(lower, points.min(axis=0)), np.maximum(upper, points.max(axis=0))
     reduced = reduce_basis(model, frequency_tolerance=FREQUENCY_TOLERANCE, points=points, box=box, **options)
-    r = reduced.report
+    r = reduced.verification
     text = (
         f"{r.size} vectors; on {r.n_verify} points not used to build it the frequencies differ by at most "
         f"{r.max_frequency_error:.1e} of their value where the posterior lies and {r.max_box_error:.1e} within "
@@ -306,35 +300,19 @@ def sample_posterior(
     flat = kept.reshape(-1, kept.shape[2])
     shown = flat[rng.choice(len(flat), size=min(N_PREDICTED, len(flat)), replace=False)]
     predicted = fast.predict_many(shown)
-    checked = shown[:N_CHECK]
-    full = problem.predict_many(checked)
-    frequency_error = float(np.max(np.abs(predicted.frequency_hz[: len(checked)] / full.frequency_hz - 1)))
-    misfit_error = 0.5 * float(
-        np.max(np.abs(problem.misfit(predicted.response[: len(checked)]) - problem.misfit(full.response)))
-    )
-    edge = float(np.mean(predicted.computed.max(axis=1) == problem.matching.n_mode - 1))
-    # where the model itself has no further modes, none was left out of the search
-    if problem.matching.n_mode >= getattr(model, "full", model).n_available:
-        edge = 0.0
-    unstated = "ln evidence is not stated, as the chain has not converged"
+    against = _against_full(problem, predicted, shown[:N_CHECK])
     agreement = agree(weighted, chain)
-    statements = [agreement.sentence, checked_laplace.sentence, unstated if evidence is None else evidence.sentence]
     likely = suspected_channels(model, data, [model.parameters.initial, laplace.theta], set_id=set_id)
-    if laplace.misfit > beyond_chance(problem.n_effective):
-        statements.insert(0, f"MISFIT BEYOND CHANCE: chi-square at the maximum {laplace.misfit:.4g} for "
-                          f"{problem.n_effective} effective responses; the posterior is not to be trusted")  # fmt: skip
-    if likely is not None:
-        statements.insert(0, f"SUSPECT: the measured shapes are not this model's, and {likely.sentence}; {likely.remedy}")
-    if prepared.notes["maxima"] > 1:
-        statements.insert(0, f"{prepared.notes['maxima']} separate maxima of the posterior, all of them sampled")
+    unstated = "ln evidence is not stated, as the chain has not converged"
+    statements = [*_warnings(problem, laplace, likely, prepared.notes["maxima"]), agreement.sentence,
+                  checked_laplace.sentence, unstated if evidence is None else evidence.sentence]
     record = prepared.notes | {
         "set_id": problem.set_id, "weights": problem.weights.description, "seed": settings.seed,
         "walkers": kept.shape[1], "steps": chain.theta.shape[0], "thinned by": thin,
         "left out at the start": f"{100 * BURN_IN:g} % of the steps", "acceptance": chain.acceptance,
         "evaluated": chain.evaluated, "fallback": chain.fallback,
         "autocorrelation time": float(np.max(chain.tau)),
-        "full model on posterior draws": f"{len(checked)} draws: frequencies within {frequency_error:.1e}, "
-        f"log-likelihood within {misfit_error:.1e}",
+        "full model on posterior draws": against.sentence,
         "map": laplace.theta.tolist(), "n_effective": problem.n_effective, "model": model.name,
         "median misfit": float(np.median(problem.misfit(predicted.response))),
         "worst mac": float(np.min(predicted.mac)), "laplace": asdict(checked_laplace),
@@ -342,7 +320,7 @@ def sample_posterior(
         **({} if likely is None else {"suspected": f"{likely.sentence}; {likely.remedy}"}),
         "importance sampling": asdict(agreement), "tail effective size": chain.tail.tolist(),
         "ensembles": settings.ensembles, "projected gradient at the map": laplace.projected_gradient,
-        "statements": statements, "notes": _notes(problem, laplace, edge, misfit_error),
+        "statements": statements, "notes": _notes(problem, laplace, against),
     }  # fmt: skip
     log_prior = model.parameters.log_density(kept)
     return Posterior(
@@ -366,13 +344,55 @@ def sample_posterior(
     )
 
 
-def _notes(problem: Problem, laplace: Laplace, edge: float, misfit_error: float) -> list[str]:
+class _AgainstFull(NamedTuple):
+    """Of n posterior draws answered by the full model too: largest relative difference of a frequency, of the
+    log-likelihood; and the share of all draws that pair a measured mode with the highest mode computed."""
+
+    n: int
+    frequency: float
+    log_likelihood: float
+    at_highest: float
+
+    @property
+    def sentence(self) -> str:
+        return f"{self.n} draws: frequencies within {self.frequency:.1e}, log-likelihood within {self.log_likelihood:.1e}"
+
+
+def _against_full(problem: Problem, predicted: Prediction, checked: np.ndarray) -> _AgainstFull:
+    """`predicted`: by the reduced model, the first of them at `checked`."""
+    n, full = len(checked), problem.predict_many(checked)
+    at_highest = float(np.mean(predicted.computed.max(axis=1) == problem.matching.n_mode - 1))
+    # where the model itself has no further modes, none was left out of the search
+    if problem.matching.n_mode >= getattr(problem.model, "full", problem.model).n_available:
+        at_highest = 0.0
+    return _AgainstFull(
+        n=n, at_highest=at_highest,
+        frequency=float(np.max(np.abs(predicted.frequency_hz[:n] / full.frequency_hz - 1))),
+        log_likelihood=0.5 * float(
+            np.max(np.abs(problem.misfit(predicted.response[:n]) - problem.misfit(full.response)))),
+    )
+
+
+def _warnings(problem: Problem, laplace: Laplace, likely: ChannelMistake | None, maxima: int) -> list[str]:
+    """What is to be read before any number of the posterior."""
+    said = []
+    if maxima > 1:
+        said.append(f"{maxima} separate maxima of the posterior, all of them sampled")
+    if likely is not None:
+        said.append(f"SUSPECT: the measured shapes are not this model's, and {likely.sentence}; {likely.remedy}")
+    if laplace.misfit > beyond_chance(problem.n_effective):
+        said.append(f"MISFIT BEYOND CHANCE: chi-square at the maximum {laplace.misfit:.4g} for {problem.n_effective} "
+                    "effective responses; the posterior is not to be trusted")
+    return said
+
+
+def _notes(problem: Problem, laplace: Laplace, against: _AgainstFull) -> list[str]:
     notes = []
-    if edge > 0:
-        notes.append(f"in {100 * edge:.0f} % of draws a measured mode pairs with the highest mode computed: a still "
+    if against.at_highest > 0:
+        notes.append(f"in {100 * against.at_highest:.0f} % of draws a measured mode pairs with the highest mode computed: a still "
                      "higher one might fit better")  # fmt: skip
-    if misfit_error > 0.1:
-        notes.append(f"the reduced basis shifts the log-likelihood by up to {misfit_error:.2g} on posterior draws")
+    if against.log_likelihood > 0.1:
+        notes.append(f"the reduced basis shifts the log-likelihood by up to {against.log_likelihood:.2g} on posterior draws")
     if laplace.others:
         notes.append(f"the posterior has further maxima, {', '.join(f'{x:g}' for x in laplace.others)} below in ln p")
     notes += list(problem.matching.left_out)

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from scipy import optimize, special, stats
@@ -44,12 +45,13 @@ from probupdate.updating.set_views_file import (
     parameter_sentence,
 )
 from probupdate.updating.set_wise_updates import each_set
+from probupdate.updating.settings import CONSTANTS
 from probupdate.updating.shared_error import SharedError, shared_error
 from probupdate.updating.surrogate import Outline, Proposal, TruncatedGaussian
 
 # draws of posteriors of linearised sets, and how often their proposal is fitted to them again
 N_DRAW, ROUNDS = 8000, 4
-TRUSTED_K = 0.7
+TRUSTED_K = CONSTANTS.trusted_k
 # draws of the prior whose covariance stands for it where the shared error shifts the mean
 N_PRIOR = 20_000
 # draws of the population that the full model answers too, and of derived quantities
@@ -58,8 +60,7 @@ N_CHECK, N_DERIVED = 40, 120
 FIRST_ESS, LAST_ESS = 150, 500
 # where only a mean is taken to linearise about
 FIRST_R_HAT = 1.1
-# below this share of effective draws the linearised sets do not stand for the full model
-LINEAR_SHARE = 0.5
+LINEAR_SHARE = CONSTANTS.linear_share
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,7 +88,7 @@ def joint_posterior(
     """One posterior of all these sets by importance sampling, the proposal fitted again to its own draws."""
     gaussian = _gaussian(likelihoods, parameters, coordinates)
     powers = tuple(0 if x else 1 for x in coordinates.logarithmic)
-    best = None
+    tried: list[_Weighted] = []
     for _ in range(ROUNDS):
         outline = Outline(gaussian=gaussian, powers=powers, lower=parameters.lower, upper=parameters.upper,
                           origin=np.zeros(len(parameters)))  # fmt: skip
@@ -99,8 +100,7 @@ def joint_posterior(
         peak = log_weight.max()
         evidence = float(peak + np.log(np.mean(np.exp(log_weight - peak))))
         found = _Weighted(theta, np.exp(smooth), evidence, k)
-        if best is None or k < best.pareto_k:
-            best = found
+        tried.append(found)
         if k < 0.3:
             break
         middle = found.weight @ u
@@ -108,7 +108,7 @@ def joint_posterior(
         gaussian = TruncatedGaussian(
             centre=middle, gradient=np.zeros(len(parameters)), lower=gaussian.lower, upper=gaussian.upper,
             precision=np.linalg.inv(covariance * 1.2 + 1e-12 * np.diag(coordinates.scale**2)))
-    return best
+    return min(tried, key=lambda one: one.pareto_k)
 
 
 def _gaussian(likelihoods: SetLikelihoods, parameters: Parameters, coordinates: Coordinates):
@@ -278,7 +278,7 @@ def _rows(parameters, coordinates, maxima: list[Laplace], alone, joint, populati
         bits = bits_gained(2 * special.ndtr(population.tau[:, k] / hyper) - 1, population.ess)
         low, mid, high = np.quantile(tau, [0.05, 0.5, 0.95])
         scatter = _cov(theta_map[:, k])
-        row = dict(
+        row: dict[str, Any] = dict(
             name=p.name, unit=p.unit, prior_cov=_ratio(float(p.distribution.std()), float(p.distribution.mean())),
             scatter_mean=scatter[0], scatter_cov=_ratio(float(np.std(theta_map[:, k], ddof=1)), scatter[0]),
             resolution=float(np.mean([x.resolution[k] for x in maxima])), pooled_mean=float(means.mean()),

@@ -15,15 +15,14 @@ from probupdate.io.result_table import OWN_UNIT, table_of
 from probupdate.io.schema import checked
 from probupdate.runtime.arrays import frozen_array
 from probupdate.updating.predictive import LeftOut
+from probupdate.updating.settings import CONSTANTS
 
 if TYPE_CHECKING:
     import pandas as pd
 
 FORMAT = 1
-# bits about tau below which it is the hyper-prior's
-TOLD_BITS = 0.1
-# effective share of the population's draws, in the worst set, from which on view (d) is recommended
-RECOMMENDED_SHARE = 0.2
+TOLD_BITS = CONSTANTS.hyper_prior_bits
+RECOMMENDED_SHARE = CONSTANTS.recommended_share
 POOLED, ONE, MANY = "each set alone", "one value for all sets", "a population"
 
 

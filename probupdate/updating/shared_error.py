@@ -73,7 +73,7 @@ def shared_error(problems: Sequence[Problem], theta: np.ndarray, coordinates: Co
     """Of problems with the same sources, about theta (n_set, n_param); None where none is stated."""
     if all(p.error is None for p in problems):
         return None
-    names = {tuple(s.name for s in p.error.sources) if p.error is not None else () for p in problems}
+    names = {tuple(s.name for s in p.error_sources) for p in problems}
     if len(names) > 1:
         raise InputError("sets", "state different sources of the model's error", "give all sets one model")
     residual, slope, factor = [], [], []

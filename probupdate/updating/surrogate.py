@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Protocol
 
 import numpy as np
 from scipy import linalg, special
@@ -38,6 +39,14 @@ ORIGIN_BELOW = 0.05
 WIDE_SHARE, WIDE = 0.15, 2.5
 # against division by a column that does not vary
 TINY = 1e-12
+
+
+class Density(Protocol):
+    """What proposes draws: (n, n_param), and their normalised ln density (n,)."""
+
+    def draw(self, n: int, random) -> np.ndarray: ...
+
+    def log_density(self, theta: np.ndarray) -> np.ndarray: ...
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -136,7 +145,7 @@ def _stages(gaussian: TruncatedGaussian) -> _Stages:
         j = rest[np.argmin(chance[rest])]
         order.append(j)
         column = left[:, j] / std[j]
-        shift = shift + column * _truncated_mean(a[j], b[j])
+        shift = shift + column * _truncated_mean(float(a[j]), float(b[j]))
         left = left - np.outer(column, column)
     order = np.array(order)
     return _Stages(order, mean[order], scale[order], linalg.cholesky(correlation[np.ix_(order, order)], lower=True),

@@ -13,6 +13,7 @@ shortened; the share taken is recorded.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from scipy import linalg
@@ -21,18 +22,15 @@ from probupdate.errors import InputError
 from probupdate.runtime.arrays import frozen_array
 from probupdate.runtime.progress import Progress, silent
 from probupdate.updating.problem import Problem
+from probupdate.updating.settings import CONSTANTS
 
 PENALTIES = ("step", "prior")
 METHODS = ("gauss-newton", "levenberg-marquardt")
-# an iteration is the last when no parameter moves by more than this share of its prior deviation
-TOLERANCE = 1e-6
+TOLERANCE = CONSTANTS.update_tolerance
 HALVINGS = 12
-# relative noise of the objective: eigenvalues are solved to about 1e-12, and misfits multiply that
-ROUNDING = 1e-9
-# a parameter this close to a bound, as a share of its prior deviation, is pinned there
-AT_BOUND = 1e-6
-# near the end, where steps are below this many prior standard deviations, they are relaxed, to no less than this share
-RELAX_BELOW, LEAST_SHARE = 0.1, 0.2
+ROUNDING = CONSTANTS.rounding
+AT_BOUND = CONSTANTS.at_bound
+RELAX_BELOW, LEAST_SHARE = CONSTANTS.relax_below, CONSTANTS.least_share
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -89,68 +87,102 @@ def update(
     if max_iteration < 0:
         raise InputError("iterations", f"{max_iteration} is negative", "give how many at most")
     parameters = problem.parameters
-    prior_root = linalg.cholesky(np.linalg.inv(parameters.covariance))
-    root_alpha = np.sqrt(alpha)
     theta = np.array(parameters.initial if start is None else start, float)
     if theta.shape != (len(parameters),) or not parameters.inside(theta):
         raise InputError("start", f"{theta.tolist()} is not one value within its bounds for each parameter",
                          f"give {', '.join(parameters.names)}")  # fmt: skip
-
-    def misfit_at(theta: np.ndarray) -> float:
-        return float(problem.misfit(problem.predict(theta)))
-
-    def penalty_at(theta: np.ndarray) -> float:
-        return float(alpha * np.sum((prior_root @ (theta - parameters.initial)) ** 2))
-
+    objective = _Objective(problem, penalty, alpha, linalg.cholesky(np.linalg.inv(parameters.covariance)))
     if method == "levenberg-marquardt":
-        path, converged, status = _trust_region(problem, theta, root_alpha * prior_root, max_iteration, tolerance)
-        return _finished(problem, penalty, alpha, path, [misfit_at(row) for row in path], np.ones(len(path) - 1),
-                         penalty_at, converged, status)  # fmt: skip
+        return _finished(objective, _trust_region(objective, theta, max_iteration, tolerance))
+    found = _gauss_newton(objective, theta, max_iteration, tolerance, progress)
+    progress(f"update, penalty on the {penalty}", max_iteration, max_iteration)
+    if found.converged and np.max(np.abs(found.path[-1] - found.path[0]) / parameters.std) < tolerance:
+        found = found._replace(status="settled where it started: the data ask for no change" if alpha <= 1 else
+                               f"settled where it started: alpha {alpha:g} leaves the data no weight")  # fmt: skip
+    return _finished(objective, found)
 
-    path, shares, misfits = [theta], [], [misfit_at(theta)]
+
+class _Iterates(NamedTuple):
+    """theta of every iterate with its misfit, the share of each step that was taken, whether they settled, and why they
+    end."""
+
+    path: list[np.ndarray]
+    misfit: list[float]
+    share: list[float]
+    converged: bool
+    status: str
+
+
+@dataclass(frozen=True, eq=False)
+class _Objective:
+    """J of Eq. 6 and its minimiser Eq. 7 for one reading of the penalty; prior_root^T prior_root = W_Theta."""
+
+    problem: Problem
+    penalty: str
+    alpha: float
+    prior_root: np.ndarray
+
+    @property
+    def root(self) -> np.ndarray:
+        """R (n_param, n_param) with alpha W_Theta = R^T R."""
+        return np.sqrt(self.alpha) * self.prior_root
+
+    def origin(self, here: np.ndarray) -> np.ndarray:
+        """Where the penalty is counted from at the iterate `here`: there, as Eq. 7 is printed, or from theta_0."""
+        return here if self.penalty == "step" else self.problem.parameters.initial
+
+    def misfit(self, theta: np.ndarray) -> float:
+        """First term of Eq. 6."""
+        return float(self.problem.misfit(self.problem.predict(theta)))
+
+    def change(self, theta: np.ndarray, origin: np.ndarray) -> float:
+        """Second term of Eq. 6: alpha (theta - origin)^T W_Theta (theta - origin)."""
+        return float(self.alpha * np.sum((self.prior_root @ (theta - origin)) ** 2))
+
+    def step(self, theta: np.ndarray) -> np.ndarray:
+        """Eq. 7 within the bounds, as a least-squares problem: rows of the responses over those of the penalty."""
+        response, sensitivity = self.problem.sensitivity(theta)
+        matrix = np.vstack([self.problem.weighted(sensitivity.T).T, self.root])
+        residual = self.problem.weighted(self.problem.measured - response)
+        right = np.concatenate([residual, -self.root @ (theta - self.origin(theta))])
+        return bounded_step(matrix, right, theta, self.problem.parameters)
+
+
+def _gauss_newton(
+    objective: _Objective, theta: np.ndarray, max_iteration: int, tolerance: float, progress: Progress
+) -> _Iterates:
+    """Eq. 7 from theta on, its steps halved where they raise J and relaxed where they go to and fro."""
+    parameters = objective.problem.parameters
+    path, misfits, shares = [theta], [objective.misfit(theta)], []
     share, last = 1.0, None
-    converged, status = False, f"stopped after {max_iteration} iterations without settling"
     for iteration in range(max_iteration):
-        progress(f"update, penalty on the {penalty}", iteration, max_iteration)
-        response, sensitivity = problem.sensitivity(theta)
-        anchor = np.zeros_like(theta) if penalty == "step" else theta - parameters.initial
-        # Eq. 7 as a least-squares problem: rows of the responses over those of the penalty
-        matrix = np.vstack([problem.weighted(sensitivity.T).T, root_alpha * prior_root])
-        right = np.concatenate([problem.weighted(problem.measured - response), -root_alpha * prior_root @ anchor])
-        step = bounded_step(matrix, right, theta, parameters)
-
-        def value(trial: np.ndarray, here=theta) -> float:
-            if penalty == "prior":
-                return misfit_at(trial) + penalty_at(trial)
-            return misfit_at(trial) + float(alpha * np.sum((prior_root @ (trial - here)) ** 2))
-
-        before = misfits[-1] + (penalty_at(theta) if penalty == "prior" else 0.0)
+        progress(f"update, penalty on the {objective.penalty}", iteration, max_iteration)
+        step, origin = objective.step(theta), objective.origin(theta)
+        before = misfits[-1] + objective.change(theta, origin)
         relative = step / parameters.std
-        share = relaxed(relative, last, share, 1.0) if penalty == "prior" else 1.0
+        share = relaxed(relative, last, share, 1.0) if objective.penalty == "prior" else 1.0
         last = relative
+        trial, misfit, lower = theta, misfits[-1], False
         for _ in range(HALVINGS):
             trial = np.clip(theta + share * step, parameters.lower, parameters.upper)
-            if value(trial) <= before * (1 + ROUNDING):
+            misfit = objective.misfit(trial)
+            lower = misfit + objective.change(trial, origin) <= before * (1 + ROUNDING)
+            if lower:
                 break
             share *= 0.5
-        moved = np.max(np.abs(share * step) / parameters.std)
         small = np.max(np.abs(step) / parameters.std) < tolerance
-        if value(trial) > before * (1 + ROUNDING) and not small:
+        if not lower and not small:
             status = "no share of the last step lowers the objective: a kink where computed modes change places"
-            break
+            return _Iterates(path, misfits, shares, False, status)
+        moved = np.max(np.abs(share * step) / parameters.std)
         theta = trial
         path.append(theta)
+        misfits.append(misfit)
         shares.append(share)
-        misfits.append(misfit_at(theta))
         if small or moved < tolerance:
-            converged, status = True, (
-                f"settled: no parameter moves by more than {tolerance:g} prior standard deviations")
-            break
-    progress(f"update, penalty on the {penalty}", max_iteration, max_iteration)
-    if converged and np.max(np.abs(path[-1] - path[0]) / parameters.std) < tolerance:
-        status = (f"settled where it started: alpha {alpha:g} leaves the data no weight" if alpha > 1 else
-                  "settled where it started: the data ask for no change")  # fmt: skip
-    return _finished(problem, penalty, alpha, path, misfits, shares, penalty_at, converged, status)
+            status = f"settled: no parameter moves by more than {tolerance:g} prior standard deviations"
+            return _Iterates(path, misfits, shares, True, status)
+    return _Iterates(path, misfits, shares, False, f"stopped after {max_iteration} iterations without settling")
 
 
 def relaxed(step: np.ndarray, last: np.ndarray | None, share: float, most: float) -> float:
@@ -164,22 +196,23 @@ def relaxed(step: np.ndarray, last: np.ndarray | None, share: float, most: float
     return 1.0 if size == 0 else float(np.clip(-share * (last @ change) / size, LEAST_SHARE, most))
 
 
-def _finished(problem, penalty, alpha, path, misfits, shares, penalty_at, converged, status) -> TikhonovUpdate:
-    path = np.array(path)
-    predicted = problem.predict_many(path)
+def _finished(objective: _Objective, found: _Iterates) -> TikhonovUpdate:
+    path, parameters = np.array(found.path), objective.problem.parameters
+    predicted = objective.problem.predict_many(path)
     return TikhonovUpdate(
-        penalty_on=penalty, alpha=float(alpha), theta=frozen_array(path), misfit=frozen_array(misfits),
-        penalty=frozen_array([penalty_at(row) for row in path]), share=frozen_array(shares),
+        penalty_on=objective.penalty, alpha=float(objective.alpha), theta=frozen_array(path),
+        misfit=frozen_array(found.misfit), share=frozen_array(found.share),
+        penalty=frozen_array([objective.change(row, parameters.initial) for row in path]),
         frequency_hz=frozen_array(predicted.frequency_hz), mac=frozen_array(predicted.mac),
-        at_bound=frozen_array(pinned(path[-1], problem.parameters), bool), converged=converged, status=status,
+        at_bound=frozen_array(pinned(path[-1], parameters), bool), converged=found.converged, status=found.status,
     )
 
 
-def _trust_region(problem: Problem, start, root, max_iteration: int, tolerance: float):
-    """Accepted iterates of scipy's least_squares on misfit plus penalty, whether it settled, and its own words."""
+def _trust_region(objective: _Objective, start: np.ndarray, max_iteration: int, tolerance: float) -> _Iterates:
+    """Accepted iterates of scipy's least_squares on J of Eq. 6, whether it settled, and its own words."""
     from scipy import optimize
 
-    parameters = problem.parameters
+    problem, parameters, root = objective.problem, objective.problem.parameters, objective.root
     path = [np.array(start)]
 
     def residual(theta):
@@ -204,7 +237,8 @@ def _trust_region(problem: Problem, start, root, max_iteration: int, tolerance: 
     if np.any(end != path[-1]):
         path.append(end)
     words = found.message.rstrip(".")
-    return path, found.status > 0, f"settled: {words}" if found.status > 0 else f"stopped: {words}"
+    status = f"settled: {words}" if found.status > 0 else f"stopped: {words}"
+    return _Iterates(path, [objective.misfit(row) for row in path], [1.0] * (len(path) - 1), found.status > 0, status)
 
 
 def bounded_step(matrix: np.ndarray, right: np.ndarray, theta: np.ndarray, parameters) -> np.ndarray:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -17,18 +17,15 @@ from probupdate.model.parameters import Parameter, Parameters
 from probupdate.runtime.arrays import frozen_array
 from probupdate.updating import components
 from probupdate.updating.identifiability import BOUND, KNOWN, PARTLY, PRIOR, identifiability
+from probupdate.updating.settings import CONSTANTS
 
 if TYPE_CHECKING:
     import pandas as pd
 
 FORMAT = 1
-# a parameter's resolution below this: the data hardly inform it
-BLIND_RESOLUTION = 0.1
-# CoV of frequencies below which a good fit says nothing of the model's own error: two theories of one turbine differ by
-# 0.5 to 1.2 % at equal parameters, and ten parameters took that in (studies/calibration)
-SHARP = 0.005
-# standard deviations of a chi-square variable beyond which a misfit is none of chance
-ACCUSED = 3.0
+BLIND_RESOLUTION = CONSTANTS.blind_resolution
+SHARP = CONSTANTS.sharp
+ACCUSED = CONSTANTS.accused
 SCHEME_NAMES = {"step": "Eq. 7 as printed (penalty on the step)", "prior": "anchored (penalty on the prior)"}
 
 
@@ -345,14 +342,14 @@ def parameters_from_table(table: Mapping) -> Parameters:
     for entry in table["items"]:
         low, high = entry["lower"], entry["upper"]
         bounds = {"lower": -np.inf if low is None else low, "upper": np.inf if high is None else high}
-        items.append(Parameter(**(dict(entry) | bounds)))
+        items.append(Parameter(**{**entry, **bounds}))
     correlation = table.get("correlation")
     return Parameters(tuple(items), None if correlation is None else np.array(correlation))
 
 
 def write_update(record: UpdateRecord, path: str | Path) -> Path:
     path = Path(path)
-    content = {"format": FORMAT}
+    content: dict[str, object] = {"format": FORMAT}
     for name in record.__dataclass_fields__:
         value = getattr(record, name)
         if name == "parameters":
@@ -400,7 +397,7 @@ def _refuse_format(path: str | Path, content: dict, again: str) -> None:
         raise InputError(str(path), "is no update.json, or of another version's format", again)
 
 
-def _record(content: dict) -> UpdateRecord:
+def _record(content: dict[str, Any]) -> UpdateRecord:
     arrays = ("theta", "distance_to_map", "share", "frequency_hz", "mac")
     schemes = tuple(
         SchemeRecord(**(s | {k: _array(s[k]) for k in arrays}
@@ -431,14 +428,15 @@ def _record(content: dict) -> UpdateRecord:
     gradient = content.get("map_gradient")
     arrays = ("measured_hz", "measured_std_hz", "initial_hz", "initial_mac", "computed_mode", "map_theta",
               "map_covariance", "map_resolution", "map_hz", "map_mac")  # fmt: skip
-    return UpdateRecord(**(content | {k: _array(content[k]) for k in arrays} | {
+    values: dict[str, Any] = content | {k: _array(content[k]) for k in arrays} | {
         "parameters": parameters_from_table(content["parameters"]), "schemes": schemes, "sets": sets,
         "alpha_path": path, "components": parts, "map_gradient": float("nan") if gradient is None else gradient,
         "labels": tuple(content["labels"]), "pairs": tuple(tuple(p) for p in content["pairs"]),
         "left_out": tuple(content["left_out"]), "other_maxima": tuple(content["other_maxima"]),
         "derived": {k: {state: float("nan") if v is None else v for state, v in states.items()}
                     for k, states in content["derived"].items()},
-        "map_at_bound": _array(content["map_at_bound"], bool)}))  # fmt: skip
+        "map_at_bound": _array(content["map_at_bound"], bool)}  # fmt: skip
+    return UpdateRecord(**values)
 
 
 def _sizes(record: UpdateRecord):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -16,9 +16,10 @@ from probupdate.runtime.progress import Progress, silent
 from probupdate.structure.load import load_model
 from probupdate.updating.comparison import Comparison
 from probupdate.updating.comparison import compare as compare_results
-from probupdate.updating.discrepancy import state_model_error, stated_weights
+from probupdate.updating.discrepancy import LikelihoodSettings
 from probupdate.updating.posterior_file import Posterior, read_posterior, write_posterior
 from probupdate.updating.problem import Weights, build_problem
+from probupdate.updating.settings import CONSTANTS, SamplerSettings, UpdateSettings
 from probupdate.updating.update_file import UNLIKE, UpdateRecord, read_update
 from probupdate.verbs.models import ModelAt, model_path, open_model, refuse_no_model
 
@@ -27,20 +28,10 @@ if TYPE_CHECKING:
     from probupdate.updating.information import Information
     from probupdate.updating.set_views_file import SetViews
 
+# the defaults of the keywords below
+COMPARED, UPDATE, SAMPLER = LikelihoodSettings(), UpdateSettings(), SamplerSettings()
 # where `inform` takes slopes
 PLACES = {"initial": "the initial parameters", "map": "the maximum of the posterior"}
-
-
-def likelihood(
-    weights: str | tuple[float, ...] | Weights, model: Model, data: ModalData, *, set_id: str | None,
-    frequencies: str, shapes: str, discrepancy: float | str | None, tolerances: bool | None, progress: Progress,
-) -> Weights:
-    """What is compared and all that is stated of its error: one value, the same for every estimator that is given these
-    arguments. discrepancy None: 'auto' with the measurement's own standard deviations, else none."""
-    chosen = stated_weights(weights, data, frequencies=frequencies, shapes=shapes, tolerances=tolerances)
-    if discrepancy is None:
-        discrepancy = "auto" if isinstance(weights, str) and weights in ("measured", "covariance") else 0.0
-    return state_model_error(model, data, weights=chosen, discrepancy=discrepancy, set_id=set_id, progress=progress)
 
 
 def refuse_other_kinds(model, modes: object) -> None:
@@ -65,6 +56,37 @@ def compared_modes(modes: str | Path | ModalData, set_id: str | None, every_mode
         raise InputError(where, "no set has an identified mode", "check the identification")
     reference = data.reference_set if any(s.id == data.reference_set for s in kept) else None
     return replace(data, sets=kept, reference_set=reference)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Case:
+    """What every estimator is given: the sets that are compared, the model as it stood while each was measured, and one
+    likelihood, that of `set_id` (the reference set where None)."""
+
+    data: ModalData
+    set_id: str | None
+    model_at: ModelAt
+    weights: Weights
+
+    @classmethod
+    def of(
+        cls, model, modes: str | Path | ModalData, compared: LikelihoodSettings, *,
+        parameters: str | Path | None = None, set_id: str | None = None, every_mode: bool = False,
+        progress: Progress = silent,
+    ) -> Case:
+        refuse_other_kinds(model, modes)
+        data, model_at = compared_modes(modes, set_id, every_mode), ModelAt(model, parameters, str(modes))
+        weights = compared.likelihood(model_at(data.set(set_id)), data, set_id=set_id, progress=progress)
+        return cls(data=data, set_id=set_id, model_at=model_at, weights=weights)
+
+    @property
+    def model(self) -> Model:
+        return self.model_at(self.data.set(self.set_id))
+
+    @property
+    def setting(self) -> dict[str, str]:
+        """What to say of the model beside a result."""
+        return self.model_at.setting(self.data.set(self.set_id))
 
 
 def unmatched(modes: str | Path | ModalData, every_mode: bool = False) -> dict[str, tuple[str, ...]]:
@@ -97,14 +119,14 @@ def update(
     *,
     parameters: str | Path | None = None,
     set_id: str | None = None,
-    weights: str | tuple[float, ...] | Weights = "measured",
-    frequencies: str = "hz",
-    shapes: str = "plane",
-    discrepancy: float | str | None = None,
-    tolerances: bool | None = None,
-    alpha: float | str = 1.0,
-    method: str = "gauss-newton",
-    iterations: int = 50,
+    weights: str | tuple[float, ...] | Weights = COMPARED.weights,
+    frequencies: str = COMPARED.frequencies,
+    shapes: str = COMPARED.shapes,
+    discrepancy: float | str | None = COMPARED.discrepancy,
+    tolerances: bool | None = COMPARED.tolerances,
+    alpha: float | str = UPDATE.alpha,
+    method: str = UPDATE.method,
+    iterations: int = UPDATE.iterations,
     every_mode: bool = False,
     jobs: int | Executor = 1,
     progress: Progress = silent,
@@ -121,17 +143,14 @@ def update(
     """
     from probupdate.updating.runs import deterministic_update
 
-    refuse_other_kinds(model, modes)
-    data = compared_modes(modes, set_id, every_mode)
-    model_at, modal_set = ModelAt(model, parameters, str(modes)), data.set(set_id)
-    chosen = likelihood(weights, model_at(modal_set), data, set_id=set_id, frequencies=frequencies, shapes=shapes,
-                         discrepancy=discrepancy, tolerances=tolerances, progress=progress)  # fmt: skip
-    record = deterministic_update(
-        model_at(modal_set), data, set_id=set_id, alpha=alpha, iterations=iterations, method=method, weights=chosen,
-        model_at=model_at, jobs=jobs, progress=progress,
-    )
+    compared = LikelihoodSettings(weights=weights, frequencies=frequencies, shapes=shapes, discrepancy=discrepancy,
+                                  tolerances=tolerances)  # fmt: skip
+    settings = UpdateSettings(alpha=alpha, method=method, iterations=iterations)
+    case = Case.of(model, modes, compared, parameters=parameters, set_id=set_id, every_mode=every_mode, progress=progress)
+    record = deterministic_update(case.model, case.data, set_id=set_id, weights=case.weights, settings=settings,
+                                  model_at=case.model_at, jobs=jobs, progress=progress)  # fmt: skip
     said = unmatched(modes, every_mode)
-    settings = record.settings | model_at.setting(modal_set)
+    settings = {**record.settings, **case.setting}
     if said["taken"]:
         settings |= {UNLIKE: "; ".join(said["taken"])}
     return replace(record, settings=settings, left_out=(*record.left_out, *said["left out"]))
@@ -145,37 +164,34 @@ def sample(
     *,
     parameters: str | Path | None = None,
     set_id: str | None = None,
-    weights: str | tuple[float, ...] | Weights = "measured",
-    frequencies: str = "hz",
-    shapes: str = "plane",
-    discrepancy: float | str | None = None,
-    tolerances: bool | None = None,
-    seed: int = 1,
-    target_ess: int = 1000,
-    max_steps: int = 20000,
-    ensembles: int = 4,
+    weights: str | tuple[float, ...] | Weights = COMPARED.weights,
+    frequencies: str = COMPARED.frequencies,
+    shapes: str = COMPARED.shapes,
+    discrepancy: float | str | None = COMPARED.discrepancy,
+    tolerances: bool | None = COMPARED.tolerances,
+    seed: int = SAMPLER.seed,
+    target_ess: int = SAMPLER.target_ess,
+    max_steps: int = SAMPLER.max_steps,
+    ensembles: int = SAMPLER.ensembles,
     every_mode: bool = False,
     jobs: int | Executor = 1,
     progress: Progress = silent,
 ) -> Posterior:
     """Sample the posterior of the same problem into `out`; the chain is kept beside it (`<out>.chain/`) and goes on
-    where it stopped. A second run into the same `out` at the same time is refused. jobs: processes, or an executor, for the `ensembles`; the numbers are the same on any."""
-    from probupdate.updating.ensemble import SamplerSettings
+    where it stopped. A second run into the same `out` at the same time is refused. jobs: processes, or an executor, for
+    the `ensembles`; the numbers are the same on any."""
     from probupdate.updating.runs import sample_posterior
 
-    refuse_other_kinds(model, modes)
-    data = compared_modes(modes, set_id, every_mode)
     out = Path(out)
-    settings = SamplerSettings(seed=seed, target_ess=target_ess, max_steps=max_steps, ensembles=ensembles)
-    model_at, modal_set = ModelAt(model, parameters, str(modes)), data.set(set_id)
-    chosen = likelihood(weights, model_at(modal_set), data, set_id=set_id, frequencies=frequencies, shapes=shapes,
-                         discrepancy=discrepancy, tolerances=tolerances, progress=progress)  # fmt: skip
     chain = out.with_name(out.name + ".chain")
+    settings = SamplerSettings(seed=seed, target_ess=target_ess, max_steps=max_steps, ensembles=ensembles)
+    compared = LikelihoodSettings(weights=weights, frequencies=frequencies, shapes=shapes, discrepancy=discrepancy,
+                                  tolerances=tolerances)  # fmt: skip
+    case = Case.of(model, modes, compared, parameters=parameters, set_id=set_id, every_mode=every_mode, progress=progress)
     with sole_writer(chain):
-        posterior = sample_posterior(
-            model_at(modal_set), data, chain, set_id=set_id, weights=chosen, settings=settings, jobs=jobs,
-            progress=progress)
-        posterior = replace(posterior, record=posterior.record | model_at.setting(modal_set))
+        posterior = sample_posterior(case.model, case.data, chain, set_id=set_id, weights=case.weights, settings=settings,
+                                     jobs=jobs, progress=progress)  # fmt: skip
+        posterior = replace(posterior, record={**posterior.record, **case.setting})
         write_posterior(posterior, out)
     return posterior
 
@@ -205,13 +221,13 @@ def sets(
     modes: str | Path | ModalData,
     *,
     parameters: str | Path | None = None,
-    weights: str | tuple[float, ...] | Weights = "measured",
-    frequencies: str = "hz",
-    shapes: str = "plane",
-    discrepancy: float | str | None = None,
-    tolerances: bool | None = None,
+    weights: str | tuple[float, ...] | Weights = COMPARED.weights,
+    frequencies: str = COMPARED.frequencies,
+    shapes: str = COMPARED.shapes,
+    discrepancy: float | str | None = COMPARED.discrepancy,
+    tolerances: bool | None = COMPARED.tolerances,
     correlated: bool = False,
-    spread: float = 0.25,
+    spread: float = CONSTANTS.population_spread,
     seed: int = 1,
     progress: Progress = silent,
 ) -> SetViews:
@@ -219,15 +235,11 @@ def sets(
     all, and a population with its scatter between sets; with scores of sets left out. See `updating.set_views`."""
     from probupdate.updating.set_views import view_sets
 
-    refuse_other_kinds(model, modes)
-    data = compared_modes(modes, None)
-    model_at = ModelAt(model, parameters, str(modes))
-    chosen = likelihood(weights, model_at(data.set()), data, set_id=None, frequencies=frequencies, shapes=shapes,
-                         discrepancy=discrepancy, tolerances=tolerances, progress=progress)  # fmt: skip
-    return view_sets(
-        model_at(data.set()), data, weights=chosen,
-        model_at=model_at, correlated=correlated, spread=spread, seed=seed, progress=progress,
-    )
+    compared = LikelihoodSettings(weights=weights, frequencies=frequencies, shapes=shapes, discrepancy=discrepancy,
+                                  tolerances=tolerances)  # fmt: skip
+    case = Case.of(model, modes, compared, parameters=parameters, progress=progress)
+    return view_sets(case.model, case.data, weights=case.weights, model_at=case.model_at, correlated=correlated,
+                     spread=spread, seed=seed, progress=progress)  # fmt: skip
 
 
 @names_files("modes")
@@ -237,11 +249,11 @@ def inform(
     *,
     parameters: str | Path | None = None,
     set_id: str | None = None,
-    weights: str | tuple[float, ...] | Weights = "measured",
-    frequencies: str = "hz",
-    shapes: str = "plane",
-    discrepancy: float | str | None = None,
-    tolerances: bool | None = None,
+    weights: str | tuple[float, ...] | Weights = COMPARED.weights,
+    frequencies: str = COMPARED.frequencies,
+    shapes: str = COMPARED.shapes,
+    discrepancy: float | str | None = COMPARED.discrepancy,
+    tolerances: bool | None = COMPARED.tolerances,
     every: bool = False,
     at: str = "initial",
     posterior: str | Path | Posterior | None = None,
@@ -259,22 +271,20 @@ def inform(
 
     if at not in PLACES:
         raise InputError("at", f"'{at}' is unknown", f"choose from {', '.join(PLACES)}")
-    refuse_other_kinds(model, modes)
-    data = compared_modes(modes, set_id)
-    model_at, modal_set = ModelAt(model, parameters, str(modes)), data.set(set_id)
-    chosen = likelihood(weights, model_at(modal_set), data, set_id=set_id, frequencies=frequencies, shapes=shapes,
-                         discrepancy=discrepancy, tolerances=tolerances, progress=progress)  # fmt: skip
-    problem = build_problem(model_at(modal_set), data, set_id=set_id, weights=chosen)
+    compared = LikelihoodSettings(weights=weights, frequencies=frequencies, shapes=shapes, discrepancy=discrepancy,
+                                  tolerances=tolerances)  # fmt: skip
+    case = Case.of(model, modes, compared, parameters=parameters, set_id=set_id, progress=progress)
+    problem = build_problem(case.model, case.data, set_id=set_id, weights=case.weights)
     maximum = find_maximum(problem, [problem.parameters.initial])
     check = predictive_check(problem, maximum, seed=seed)
     found = dict(zip(problem.parameters.names, maximum.theta, strict=True))
     if every:
-        if not model_at.turns:
+        if not case.model_at.turns:
             raise InputError(str(model), "has no parameters beside the updated ones", "leave --every out")
-        angle = model_at.angle_deg(modal_set)
+        angle = case.model_at.angle_deg(case.data.set(set_id))
         whole = load_model(model_path(model), parameters=every_parameter(model_path(model)), nacelle_angle_deg=angle)
-        problem = build_problem(model_at.with_uncertainty(whole, angle), data, set_id=set_id,
-                                weights=replace(chosen, at=None))  # fmt: skip
+        problem = build_problem(case.model_at.with_uncertainty(whole, angle), case.data, set_id=set_id,
+                                weights=replace(case.weights, at=None))  # fmt: skip
     drawn = posterior if posterior is None or isinstance(posterior, Posterior) else read_posterior(posterior)
     whole = problem.parameters
     point = whole.initial if at == "initial" else [found.get(p.name, p.initial) for p in whole]

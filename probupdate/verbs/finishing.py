@@ -19,10 +19,11 @@ from probupdate.runtime.executors import Executor
 from probupdate.runtime.progress import Progress, silent
 from probupdate.structure.load import load_model
 from probupdate.structure.subdyn_model import is_subdyn
+from probupdate.updating.discrepancy import LikelihoodSettings
 from probupdate.updating.posterior_file import read_posterior
 from probupdate.updating.problem import build_problem
-from probupdate.verbs.estimating import compared_modes, likelihood, refuse_other_kinds
-from probupdate.verbs.models import ModelAt, model_path
+from probupdate.verbs.estimating import Case, refuse_other_kinds
+from probupdate.verbs.models import model_path
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -108,12 +109,9 @@ def _fatigue_input(folder: Path, places, fatigue: Path, diagnosis, progress: Pro
     problem, laplace = None, None
     modes = next((places[name] for name in ("nine.json", "modes.json") if name in places), None)
     if modes is not None:
-        data = compared_modes(modes, None)
-        model_at = ModelAt(places["model"], places.get("parameters"), str(modes))
-        model = model_at(data.set(None))
-        weights = likelihood("measured", model, data, set_id=None, frequencies="hz", shapes="plane", discrepancy=None,
-                              tolerances=None, progress=progress)  # fmt: skip
-        problem = build_problem(model, data, weights=weights)
+        case = Case.of(places["model"], modes, LikelihoodSettings(), parameters=places.get("parameters"), progress=progress)
+        model, weights = case.model, case.weights
+        problem = build_problem(model, case.data, weights=weights)
         laplace = maximum_a_posteriori(problem, [model.parameters.initial, np.array(weights.at)] if weights.at is not None
                                        else [model.parameters.initial])  # fmt: skip
     updates = read_update(places["update.json"]).sets if "update.json" in places else None

@@ -21,6 +21,7 @@ from probupdate.identification.regression import COVARIATES, ModalRegression, re
 from probupdate.identification.roving import Merged
 from probupdate.identification.selection import CAMPAIGN, Selection
 from probupdate.identification.selection import select as select_sets
+from probupdate.identification.settings import IdentificationSettings
 from probupdate.identification.setups import identify_setups as identify_campaigns
 from probupdate.modal.labels import NEUTRAL
 from probupdate.modal.labels import TURBINE as TURBINE_LABELS
@@ -32,6 +33,8 @@ from probupdate.verbs.models import has_geometry, model_path, open_model
 from probupdate.verbs.records import setup_names
 from probupdate.verbs.sought import reference_modes
 
+# the defaults of the keywords below
+GIVEN = IdentificationSettings()
 # fewest parts of a block that give standard deviations: known to 40 % then
 LEAST_PARTS = 4
 # columns of SCADA that only a turbine has
@@ -47,10 +50,10 @@ def identify(
     *,
     parameters: str | Path | None = None,
     lowest: int | None = None,
-    order: int | None = None,
-    block_rows: int | None = None,
-    rate_hz: float | None = None,
-    harmonics: str = "keep",
+    order: int | None = GIVEN.order,
+    block_rows: int | None = GIVEN.block_rows,
+    rate_hz: float | None = GIVEN.rate_hz,
+    harmonics: str = GIVEN.harmonics,
     store: str | Path | None = None,
     jobs: int | Executor = 1,
     progress: Progress = silent,
@@ -67,8 +70,8 @@ def identify(
     `if __name__ == "__main__"`.
     """
     opened = read_campaign(campaign)
-    settings, said = ssi_settings([opened], model, order=order, block_rows=block_rows, rate_hz=rate_hz,
-                               harmonics=harmonics)  # fmt: skip
+    given = IdentificationSettings(order=order, block_rows=block_rows, rate_hz=rate_hz, harmonics=harmonics)
+    settings, said = ssi_settings([opened], model, given)
     reference, others = None, None
     if model is not None:
         reference, others = reference_at(campaign, opened.sensors, model, parameters, lowest, settings.target_rate_hz,
@@ -85,10 +88,10 @@ def identify_shard(
     model=None,
     *,
     store: str | Path,
-    order: int | None = None,
-    block_rows: int | None = None,
-    rate_hz: float | None = None,
-    harmonics: str = "keep",
+    order: int | None = GIVEN.order,
+    block_rows: int | None = GIVEN.block_rows,
+    rate_hz: float | None = GIVEN.rate_hz,
+    harmonics: str = GIVEN.harmonics,
     jobs: int | Executor = 1,
     progress: Progress = silent,
 ) -> ShardOfBlocks:
@@ -96,7 +99,8 @@ def identify_shard(
     again when all blocks have poles, it adds their standard deviations; then `identify` with that store has nothing
     left to compute but the modes. model: for the settings of identification only."""
     opened = read_campaign(campaign)
-    settings, _ = ssi_settings([opened], model, order=order, block_rows=block_rows, rate_hz=rate_hz, harmonics=harmonics)
+    given = IdentificationSettings(order=order, block_rows=block_rows, rate_hz=rate_hz, harmonics=harmonics)
+    settings, _ = ssi_settings([opened], model, given)
     share = shard if isinstance(shard, Shard) else Shard.of(shard)
     return identify_campaign_shard(opened, share, settings=settings, store=store, jobs=jobs, progress=progress)
 
@@ -107,10 +111,10 @@ def identify_setups(
     *,
     parameters: str | Path | None = None,
     lowest: int | None = None,
-    order: int | None = None,
-    block_rows: int | None = None,
-    rate_hz: float | None = None,
-    harmonics: str = "keep",
+    order: int | None = GIVEN.order,
+    block_rows: int | None = GIVEN.block_rows,
+    rate_hz: float | None = GIVEN.rate_hz,
+    harmonics: str = GIVEN.harmonics,
     store: str | Path | None = None,
     jobs: int | Executor = 1,
     progress: Progress = silent,
@@ -124,7 +128,8 @@ def identify_setups(
     paths = [Path(c) for c in campaigns]
     names = setup_names(paths)
     opened = [read_campaign(path) for path in paths]
-    settings, said = ssi_settings(opened, model, order=order, block_rows=block_rows, rate_hz=rate_hz, harmonics=harmonics)
+    given = IdentificationSettings(order=order, block_rows=block_rows, rate_hz=rate_hz, harmonics=harmonics)
+    settings, said = ssi_settings(opened, model, given)
     reference, others, channels = None, None, ()
     if model is not None:
         sensors = tuple({s.channel: s for c in opened for s in c.sensors}.values())
@@ -142,21 +147,20 @@ def _is_turbine(model) -> bool:
 
 
 def ssi_settings(
-    campaigns: Sequence[Campaign], model, *, order: int | None, block_rows: int | None, rate_hz: float | None,
-    harmonics: str,
+    campaigns: Sequence[Campaign], model, stated: IdentificationSettings
 ) -> tuple[SSISettings, list[str]]:
     """What is given; the rest as the paper, where the model is a turbine's, or as the record proposes; and what is to be
     said of that."""
-    given = {"order": order, "block_rows": block_rows, "target_rate_hz": rate_hz}
+    given = {"order": stated.order, "block_rows": stated.block_rows, "target_rate_hz": stated.rate_hz}
     given = {name: value for name, value in given.items() if value is not None}
     said = []
     if _is_turbine(model) or len(given) == 3:
         chosen = {"target_rate_hz": PAPER_HZ} | given
     else:
-        found = propose(campaigns, rate_hz=rate_hz, block_rows=block_rows)
+        found = propose(campaigns, rate_hz=stated.rate_hz, block_rows=stated.block_rows)
         chosen = {"order": found.order, "block_rows": found.block_rows, "target_rate_hz": found.target_rate_hz} | given
         said.append(found.sentence)
-    settings = SSISettings(**chosen, harmonics=harmonics)
+    settings = SSISettings(**chosen, harmonics=stated.harmonics)
     for n_channel in sorted({len(c.sensors) for c in campaigns}):
         few = block_references(n_channel, settings.of_blocks)
         if few is not None:

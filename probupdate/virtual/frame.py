@@ -294,7 +294,7 @@ def _oscillators(mesh: Mesh, hidden: Departures, top: int, hub_m: np.ndarray) ->
 
 
 def build_structure(
-    file: TurbineFile, truth: Truth, amount: Sequence[float] | None = None, *, coarseness: float = 1.0
+    file: TurbineFile, truth: Truth, amount: Sequence[float] | np.ndarray | None = None, *, coarseness: float = 1.0
 ) -> Structure:
     """Assemble the turbine of the drawing as it is in truth, each effect at its amount (n_effect,); None: all at 1.
     coarseness: how many times longer than usual elements may be."""

@@ -49,7 +49,7 @@ def identified(
     deviation = _deviation(value, found, size, own, rng)
     largest = np.argmax(np.abs(found), axis=0)
     found = found / found[largest, np.arange(n_mode)]
-    return np.abs(value) / (2 * np.pi), -value.real / np.abs(value), found, deviation
+    return np.abs(value) / (2 * np.pi), -np.real(value) / np.abs(value), found, deviation
 
 
 def _assigned(mixed: np.ndarray) -> np.ndarray:
@@ -68,7 +68,7 @@ def _deviation(pole: np.ndarray, shape: np.ndarray, size: np.ndarray, own: np.nd
     g = size[:, :, None] * _gaussian(rng, n_mode, n_mode, N_COLUMN) / np.sqrt(N_COLUMN)
     moved = np.einsum("iik->ik", g)
     ln_frequency = (pole.conj()[:, None] * moved).real / np.abs(pole)[:, None] ** 2
-    damping = -pole.real / np.abs(pole)
+    damping = -np.real(pole) / np.abs(pole)
     ratio = -moved.real / np.abs(pole)[:, None] - damping[:, None] * ln_frequency
     gap = pole[None, :] - pole[:, None]
     np.fill_diagonal(gap, 1.0)

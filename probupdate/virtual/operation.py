@@ -230,6 +230,6 @@ def make_plan(n_slot: int, given: Mapping, rng: np.random.Generator) -> Plan:
     )  # fmt: skip
 
 
-def turbulence_std(wind_mps: np.ndarray) -> np.ndarray:
+def turbulence_std(wind_mps: float | np.ndarray) -> float | np.ndarray:
     """Standard deviation of the wind in m/s: 0.10 (0.75 U + 3.8), the slope of IEC 61400-1 at a calm offshore site."""
     return 0.10 * (0.75 * wind_mps + 3.8)

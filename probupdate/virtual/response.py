@@ -39,8 +39,8 @@ def modal_response(
     state[0] = velocity - root.conj() * displacement
     for mode, factor in enumerate(growth):
         state[1:, mode] = lfilter([1.0], [1.0, -factor], drive[:, mode], zi=[factor * state[0, mode]])[0]
-    q = state.imag / root.imag
-    v = state.real + root.real * q
+    q = np.imag(state) / root.imag
+    v = np.real(state) + root.real * q
     acceleration = force[:-1] - 2 * damping_ratio * omega * v[:-1] - omega**2 * q[:-1]
     return acceleration, q[-1], v[-1]
 

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 
@@ -33,9 +34,9 @@ class TurbineFile:
     parts: tuple[str, ...]
     parameters: Mapping[str, Parameter]
 
-    def value(self, *keys: str):
+    def value(self, *keys: str) -> Any:
         """The entry under a path of keys; a missing one is the user's mistake."""
-        here = self.raw
+        here: Any = self.raw
         for depth, key in enumerate(keys):
             if not isinstance(here, Mapping) or key not in here:
                 raise InputError(f"{self.path}, {'.'.join(keys[: depth + 1])}", "is missing", "add it to the model")

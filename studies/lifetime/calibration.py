@@ -250,8 +250,8 @@ class _Shell:
     """What tolerance_slopes asks of a problem before there is one."""
 
     def __init__(self, model):
-        self.model, self.error = model, self
-        self.sources = model.uncertainty.sources
+        self.model = model
+        self.error_sources = model.uncertainty.sources
 
 
 class _At:

@@ -27,6 +27,7 @@ from probupdate.campaign.reading import read_campaign
 from probupdate.identification.block_store import BlockStore
 from probupdate.identification.identify import identify as identify_campaign
 from probupdate.verbs import model_path
+from probupdate.identification.settings import IdentificationSettings
 from probupdate.verbs.identifying import reference_at, ssi_settings
 
 YEAR = 365 * 48
@@ -84,7 +85,7 @@ def stand_for(out: Path, count: int, answer) -> None:
     module.BlockStore = StandIn
     opened = read_campaign(out / "campaign")
     opened = replace(opened, scada=repeated(opened.scada, count))
-    settings, _ = ssi_settings([opened], model_path(MODEL), order=None, block_rows=None, rate_hz=None, harmonics="keep")
+    settings, _ = ssi_settings([opened], model_path(MODEL), IdentificationSettings())
     reference, others = reference_at(out / "campaign", opened.sensors, model_path(MODEL), None, None, settings.target_rate_hz)
     before, begun = peak_mb(), time.process_time()
     found = identify_campaign(opened, reference, others=others, settings=settings, store=out / "real" / "modes.json.blocks")

@@ -8,6 +8,7 @@ from updating_cases import LINEAR_HZ, linear_data, linear_model
 from probupdate.model.parameters import Parameter, Parameters
 from probupdate.updating.posterior_file import Posterior
 from probupdate.updating.runs import deterministic_update
+from probupdate.updating.settings import UpdateSettings
 from probupdate.updating.update_file import UpdateRecord
 
 # a is known by the data alone, b half, c not at all; b wants beyond its bound
@@ -26,7 +27,7 @@ def record(change=(0.05, 0.3, 0.0), *, noise_seed=1, n_set=3, iterations=50, par
     if n_set > 2:
         frequencies[2, 0] = np.nan
     model = linear_model(parameters, SLOPE)
-    return deterministic_update(model, linear_data(frequencies), iterations=iterations)
+    return deterministic_update(model, linear_data(frequencies), settings=UpdateSettings(iterations=iterations))
 
 
 def posterior_of(update: UpdateRecord, draws: np.ndarray, **changes) -> Posterior:

@@ -1,0 +1,142 @@
+"""Numbers that decide what updating finds and says.
+
+`CONSTANTS` is the one value of all that decide something; modules take theirs from it under a name of their own. What
+is a matter of speed or of files alone stays where it is used. docs/reference/settings.md is made of these rows.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from probupdate.errors import InputError
+from probupdate.runtime.settings import stated
+
+
+@dataclass(frozen=True, kw_only=True)
+class UpdateSettings:
+    """How Eq. 7 is run."""
+
+    alpha: float | str = stated(
+        1.0, "-", "regularisation coefficient of Eq. 6, or the rule that chooses it: 'l-curve', 'discrepancy', 'evidence'",
+        "1: a maximum of the posterior")
+    method: str = stated("gauss-newton", "-", "solves the anchored reading: 'gauss-newton' or 'levenberg-marquardt'")
+    iterations: int = stated(50, "-", "at most so many iterations")
+
+
+@dataclass(frozen=True, kw_only=True)
+class SamplerSettings:
+    """How long the chain goes on, and from where. Walkers of one ensemble depend on one another: only independent
+    ensembles, each with its own start and random numbers, show that they agree."""
+
+    seed: int = stated(1, "-", "of the random numbers: same seed, same numbers")
+    walkers_per_parameter: int = stated(2, "-", "walkers over parameters; never fewer than two of each and two")
+    target_ess: int = stated(1000, "draws", "effective size of the worst parameter at which the chain ends")
+    max_steps: int = stated(20000, "steps", "the run gives up after these, and says so")
+    ensembles: int = stated(4, "-", "independent ensembles, judged together")
+
+    def __post_init__(self):
+        if isinstance(self.seed, bool) or not isinstance(self.seed, int | np.integer) or self.seed < 0:
+            raise InputError("seed", f"{self.seed!r} is no whole number from 0 on", "give one, such as 1")
+        for name in ("walkers_per_parameter", "target_ess", "max_steps", "ensembles"):
+            if getattr(self, name) < 1:
+                raise InputError(name, f"{getattr(self, name)} is below 1", "give a positive number")
+
+
+@dataclass(frozen=True, kw_only=True)
+class UpdatingConstants:
+    """Tolerances, weights and limits of the estimators, of convergence and of the verdicts."""
+
+    least_bend: float = stated(0.1, "-", "curvature of ln misfit over ln penalty from which the L-curve has a corner")
+    alpha_tolerance: float = stated(1e-3, "prior std", "each update along the path over alpha stops at smaller moves")
+    close: float = stated(0.25, "posterior std", "estimates that are closer are the same for any use of them")
+    same: float = stated(
+        0.01, "posterior std", "anchored update and maximum farther apart than this did not reach the same point")
+    high_correlation: float = stated(0.95, "-", "from this correlation on a parameter is absorbed by its partner")
+    ridge: float = stated(0.7, "-", "correlation from which a ridge is offered as the reason for a difference")
+    place: float = stated(0.01, "prior std", "grid of the place at which the sources of error are linearised")
+    least_discrepancy: float = stated(
+        1e-5, "-", "smallest model discrepancy that is estimated, a share of every frequency")
+    most_discrepancy: float = stated(0.2, "-", "a misfit that this share does not explain is refused")
+    discrepancy_accuracy: float = stated(
+        0.01, "ln", "accuracy of the estimated share", "one set knows it to about 1 / sqrt(2 n)")
+    r_hat_limit: float = stated(
+        1.01, "-", "nested R-hat over ensembles below which a chain has converged", "Margossian et al. 2024")
+    autocorrelation_times: int = stated(
+        50, "-", "length of a converged chain in integrated autocorrelation times", "emcee's advice")
+    burn_in: float = stated(0.2, "-", "share of the chain that is left out at its start")
+    trusted_k: float = stated(
+        0.7, "-", "Pareto k above which importance weights are not averaged", "Vehtari et al. 2024")
+    population_spread: float = stated(
+        0.25, "prior std", "scale of the half-normal hyper-prior of a parameter's scatter between sets")
+    lkj_eta: float = stated(2.0, "-", "exponent of the LKJ prior of the correlation between sets")
+    population_r_hat_limit: float = stated(1.02, "-", "R-hat of the population below which it has converged")
+    strong: float = stated(0.5, "-", "posterior over prior standard deviation below which the data decide")
+    blind: float = stated(0.9, "-", "above this one the parameter keeps its prior")
+    good_k: float = stated(0.5, "-", "Pareto k below which importance sampling alone is trusted", "Vehtari et al. 2024")
+    most_z: float = stated(4.5, "std", "difference of two means that chance exceeds once in some ten thousand")
+    least_apart: float = stated(
+        0.1, "posterior std", "smaller differences of chain and importance sampling do not matter")
+    uncertainty_from: tuple[float, ...] = stated(
+        (0.015, 0.20, 0.75), "-", "CoV of the prior from which the uncertainty metric is 1, 2, 3",
+        "Table 2 of the paper")
+    sensitivity_from: tuple[float, ...] = stated(
+        (0.01, 0.05, 0.25), "-", "largest d ln f / d ln theta from which the sensitivity metric is 1, 2, 3",
+        "Table 2 of the paper")
+    silent: float = stated(
+        0.3, "std", "a prior standard deviation that moves the data by less changes nothing that matters")
+    compensates: float = stated(
+        0.3, "-", "posterior correlation, with less in the prior, from which parameters compensate one another")
+    map_tolerance: float = stated(1e-7, "prior std", "the climb to the maximum ends at smaller steps")
+    same_height: float = stated(1e-3, "ln p", "maxima closer in height are distinguished by their parameters only")
+    negligible: float = stated(
+        12.0, "ln p", "further maxima count if their Laplace evidence is within this of the largest")
+    suspicious: float = stated(
+        0.01, "-", "p-value of the predictive check below which the prior did not expect the data")
+    bent: float = stated(2.0, "std", "misfit of the linearisation beyond which p-values are rough")
+    search: int = stated(10, "modes", "modes beyond their number that are searched for the measured ones")
+    paper_cov_first: float = stated(
+        0.015, "-", "CoV of the first bending frequencies with weights 'paper'", "paper, Sec. 4")
+    paper_cov_second: float = stated(0.017, "-", "CoV of the second ones", "paper, Sec. 4")
+    shape_factor: float = stated(
+        10.0, "-", "CoV of the largest shape component over that of its frequency", "paper, Sec. 4")
+    shape_floor: float = stated(
+        0.02, "-", "least standard deviation of a shape component, a share of the largest",
+        "reference components have zero")
+    frequency_floor: float = stated(
+        5e-4, "-", "least relative standard deviation of frequencies beside a covariance",
+        "a few times what a mesh leaves")
+    form_floor: float = stated(
+        1e-3, "-", "the same of frequencies where tolerances are stated",
+        "two independent programs: 0.13 % of the first pair")
+    form_shape_floor: float = stated(
+        2.5e-3, "-", "the same of shapes where tolerances are stated", "two independent programs: 0.1 to 0.6 %")
+    reduce_from: int = stated(200, "dof", "smaller models are not reduced before sampling")
+    frequency_tolerance: float = stated(
+        1e-5, "-", "relative frequency error of a reduced basis where the posterior lies")
+    box_std: float = stated(4.0, "prior std", "half-width of the box about it")
+    box_tolerance: float = stated(1e-3, "-", "relative frequency error allowed in that box")
+    settling_mac: float = stated(
+        0.80, "-", "an update that does not settle is put down to the data where a MAC stays lower")
+    gaussian_serves: float = stated(
+        0.3, "-", "effective share of draws from which the Gaussian approximation alone proposes")
+    linear_share: float = stated(0.5, "-", "effective share below which linearised sets do not stand for the model")
+    hyper_prior_bits: float = stated(0.1, "bit", "information about the scatter below which it is the hyper-prior's")
+    recommended_share: float = stated(
+        0.2, "-", "effective share in the worst set from which the population is recommended")
+    update_tolerance: float = stated(
+        1e-6, "prior std", "an iteration of Eq. 7 is the last when no parameter moves by more")
+    rounding: float = stated(1e-9, "-", "relative noise of the objective of Eq. 6", "eigenvalues to 1e-12")
+    at_bound: float = stated(1e-6, "prior std", "a parameter this close to a bound is pinned there")
+    relax_below: float = stated(
+        0.1, "prior std", "smaller steps are relaxed where they go to and fro", "Irons & Tuck 1969")
+    least_share: float = stated(0.2, "-", "to no less than this share")
+    blind_resolution: float = stated(0.1, "-", "resolution below which the data hardly inform a parameter")
+    sharp: float = stated(
+        0.005, "-", "CoV of frequencies below which a good fit says nothing of the model's own error",
+        "studies/calibration")
+    accused: float = stated(3.0, "std", "excess of chi-square beyond which a misfit is not chance")
+
+
+CONSTANTS = UpdatingConstants()

@@ -1,0 +1,27 @@
+"""One default for an option and for the keyword behind it: the settings' own."""
+
+import inspect
+
+import pytest
+
+import probupdate
+from probupdate.cli import build_parser
+
+(VERBS,) = (a.choices for a in build_parser()._actions if a.dest == "verb")
+# option -> keyword, where the names differ
+KEYWORDS = {"set": "set_id", "ess": "target_ess", "rate": "rate_hz", "rated_power": "rated_power_kw"}
+# the command line takes one process a core
+OWN = {("identify", "jobs")}
+
+
+@pytest.mark.parametrize("verb", ("update", "sample", "sets", "inform", "identify", "select", "diagnose"))
+def test_an_option_has_its_keywords_default(verb):
+    keywords = inspect.signature(getattr(probupdate, verb)).parameters
+    compared = 0
+    for action in VERBS[verb]._actions:
+        keyword = keywords.get(KEYWORDS.get(action.dest, action.dest))
+        if keyword is None or keyword.default is inspect.Parameter.empty or (verb, action.dest) in OWN:
+            continue
+        compared += 1
+        assert action.default == keyword.default, action.dest
+    assert compared >= 3
