@@ -203,14 +203,14 @@ def measurement_effects(channels: Sequence[str], sensors: Sequence[Sensor] = ())
                fingerprint="one channel too large or small, every mode alike; frequencies untouched",
                check="calibrate the channel, or compare its standard deviation with its neighbours'")
         for c in channels
-    ]  # fmt: skip
+    ]
     effects += [
         Effect(kind="measurement", cause="sensor polarity", location=c, unit="-", tolerance=0.0, slab=2.0, lower=-2.0,
                upper=0.0, observe=Gain(row[c]), step_of_size=1e-3, discrete=(-2.0,),
                fingerprint="one channel with the other sign in every mode",
                check="tap the sensor's base along its axis, or read its cable list")
         for c in channels
-    ]  # fmt: skip
+    ]
     placed = [s for s in sensors if s.channel in row]
     pairs = _swappable(channels, placed)
     effects += [
@@ -219,7 +219,7 @@ def measurement_effects(channels: Sequence[str], sensors: Sequence[Sensor] = ())
                fingerprint="two channels exchanged in every mode", check="follow the two cables",
                odds=1 / len(pairs))
         for a, b in pairs
-    ]  # fmt: skip
+    ]
     if not placed:
         return tuple(effects)
     for name, _, sensors_there in _positions(placed, row):
@@ -229,7 +229,7 @@ def measurement_effects(channels: Sequence[str], sensors: Sequence[Sensor] = ())
                 tolerance=ROTATION_TOLERANCE_DEG, slab=15.0, lower=-180.0, upper=180.0, observe=Turn(planes),
                 step_of_size=0.1, fingerprint="the axes of one sensor mix, every mode alike",
                 check="measure its direction on site",
-            ))  # fmt: skip
+            ))
     turned = tuple(p for _, _, there in _positions(placed, row) for p in _planes(there, row).get("z", ()))
     if turned:
         effects.append(Effect(
@@ -237,23 +237,23 @@ def measurement_effects(channels: Sequence[str], sensors: Sequence[Sensor] = ())
             tolerance=FRAME_TOLERANCE_DEG, slab=10.0, lower=-180.0, upper=180.0, observe=Turn(turned), step_of_size=0.1,
             courses=("constant",), fingerprint="all axes turned alike: the pairs' planes turn against the nacelle",
             check="survey the sensors' directions, and the zero of the nacelle's heading",
-        ))  # fmt: skip
+        ))
     for name, rows in _loggers(placed, row):
         for cause, law, tolerance in (("clock offset", Delay(rows), 1e3 * CLOCK_TOLERANCE_S),
-                                      ("low-pass filter", LowPass(rows), 0.1)):  # fmt: skip
+                                      ("low-pass filter", LowPass(rows), 0.1)):
             effects.append(Effect(
                 kind="measurement", cause=cause, location=name, unit="ms", tolerance=tolerance, slab=20.0,
                 lower=-200.0 if cause == "clock offset" else 0.0, upper=200.0, observe=law, step_of_size=0.1,
                 fingerprint="a phase in proportion to frequency on one logger's channels",
                 check="compare the loggers' time stamps of one event, and their filters",
-            ))  # fmt: skip
+            ))
     effects.append(Effect(
         kind="measurement", cause="sampling rate", location="all channels", unit="-", tolerance=RATE_TOLERANCE,
         slab=0.02, lower=-0.2, upper=0.2, observe=Rate(), step_of_size=1e-4, odds=RATE_ODDS,
         odds_along=(("step", RATE_STEP_ODDS),),
         fingerprint="every frequency shifted by one share; shapes untouched",
         check="compare the lines of rotor and blade passing with the rotor speed in SCADA",
-    ))  # fmt: skip
+    ))
     return tuple(effects)
 
 
@@ -269,7 +269,7 @@ def _positions(placed: Sequence[Sensor], row) -> list[tuple[str, tuple[int, ...]
     for s in placed:
         found.setdefault(tuple(np.round(s.position_m, 2)), []).append(s)
     return [(_common(tuple(s.channel for s in there)), tuple(row[s.channel] for s in there), there)
-            for there in found.values()]  # fmt: skip
+            for there in found.values()]
 
 
 def _common(names: tuple[str, ...]) -> str:

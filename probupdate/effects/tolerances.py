@@ -42,7 +42,7 @@ GROUP_OF_CAUSE = {
     "pile tip's soil stiffness": "soil",
     "marine growth": "water and growth", "corrosion": "water and growth", "nacelle mass": "rotor-nacelle assembly",
     "RNA centre of mass": "rotor-nacelle assembly", "RNA inertia": "rotor-nacelle assembly",
-}  # fmt: skip
+}
 # a swinging mass of nothing is no quantity to be uncertain about; shear has a row of its own, for all members
 LEFT_OUT = ("blade coupling", "shear deformation")
 
@@ -62,13 +62,13 @@ def _common(d: Description) -> list[Tolerance]:
     def add(name, kind, description, group, std, check, on=None, settings=None, mean=0.0):
         low = KINDS[kind].neutral - (0.0 if kind == "shear" else 3 * std)
         effect = ModelEffect(name=name, kind=kind, on=on or {}, settings=settings or {}, std=std, lower=low,
-                             upper=KINDS[kind].neutral + 3 * std)  # fmt: skip
+                             upper=KINDS[kind].neutral + 3 * std)
         source = ErrorSource(name=name, group=group, description=description, unit="-", std=std, mean=mean, check=check)
         rows.append(Tolerance(source=source, effect=effect))
 
     if d.mesh.theory == "bernoulli-euler":
         add("tolerance_shear", "shear", "shear deformation of all members", "theory", SHEAR_STD,
-            'set mesh.theory = "timoshenko" in the model file', mean=SHEAR)  # fmt: skip
+            'set mesh.theory = "timoshenko" in the model file', mean=SHEAR)
     for group in ("tower", "leg", "brace", "pile"):
         add(f"tolerance_wall_{group}", "stiffness", f"{group} walls, all alike", "structure", WALL,
             "wall thicknesses as measured", on={"group": group})
@@ -83,7 +83,7 @@ def _common(d: Description) -> list[Tolerance]:
             add(f"tolerance_profile_{curve}_{number}", "soil",
                 f"{word} soil stiffness, {top - high:g} to {top - low:g} m deep", "soil", SOIL_PROFILE,
                 "cone test with small-strain stiffness", on={"level_m": (float(low), float(high))},
-                settings={"curve": curve})  # fmt: skip
+                settings={"curve": curve})
     return rows
 
 
@@ -95,7 +95,7 @@ def turbine_rows(d: Description) -> list[Tolerance]:
         if not e.tolerance or e.cause in LEFT_OUT:
             continue
         source = ErrorSource(name=row.model.name, group=GROUP_OF_CAUSE.get(e.cause, "structure"), description=e.name,
-                             unit=e.unit, std=e.tolerance, check=e.check)  # fmt: skip
+                             unit=e.unit, std=e.tolerance, check=e.check)
         rows.append(Tolerance(source=source, effect=row.model))
     return rows + _common(d)
 
@@ -111,7 +111,7 @@ class SensorUncertainty:
     def effects(self) -> tuple[Effect, ...]:
         # what turns phases leaves real shapes as they are
         return tuple(e for e in measurement_effects(self.model.channels, self.sensors)
-                     if e.tolerance and e.unit in ("-", "deg") and e.cause != "sampling rate")  # fmt: skip
+                     if e.tolerance and e.unit in ("-", "deg") and e.cause != "sampling rate")
 
     @cached_property
     def sources(self) -> tuple[ErrorSource, ...]:
@@ -119,7 +119,7 @@ class SensorUncertainty:
             ErrorSource(name=f"{e.cause}: {e.location}", group="sensors", description=e.name, unit=e.unit,
                         std=e.tolerance, check=e.check)
             for e in self.effects
-        )  # fmt: skip
+        )
 
     def changes(self, theta, n_mode, clusters) -> ModalSolution:
         return self.added_to(self.model.solve(theta, n_mode))
@@ -160,9 +160,9 @@ class TurbineUncertainty:
         description = read_description(path)
         placed = sensors if sensors is not None else tuple(
             Sensor(channel=s.channel, level=s.level, position_m=np.array(s.position_m), direction=np.array(s.direction),
-                   quantity=s.quantity, unit=s.unit) for s in description.sensor)  # fmt: skip
+                   quantity=s.quantity, unit=s.unit) for s in description.sensor)
         return cls(path=path, parameters=model.parameters, sensors=tuple(placed), nacelle_angle_deg=nacelle_angle_deg,
-                   description=description, added=tuple(added))  # fmt: skip
+                   description=description, added=tuple(added))
 
     @cached_property
     def tolerances(self) -> tuple[Tolerance, ...]:
@@ -177,7 +177,7 @@ class TurbineUncertainty:
         names = {e.name for e in self.added}
         base = Parameters(tuple(p for p in self.parameters if p.name not in names))
         return extended_model(self.path, [*self.added, *(r.effect for r in self.tolerances)], parameters=base,
-                              sensors=self.sensors, nacelle_angle_deg=self.nacelle_angle_deg)  # fmt: skip
+                              sensors=self.sensors, nacelle_angle_deg=self.nacelle_angle_deg)
 
     @cached_property
     def of_sensors(self) -> SensorUncertainty:

@@ -48,13 +48,13 @@ def turbine_effects(d: Description, *, single_members: bool = False) -> tuple[Tu
 
 def _row(name, kind, cause, location, *, low, high, tolerance, slab, on=None, settings=None,
          courses=("constant", "step"), group="structural", fingerprint="", check="",
-         unit="", odds=1.0) -> TurbineEffect:  # fmt: skip
+         unit="", odds=1.0) -> TurbineEffect:
     neutral = KINDS[kind].neutral
     model = ModelEffect(name=name, kind=kind, on=on or {}, settings=settings or {}, std=slab, lower=neutral + low,
-                        upper=neutral + high, cause=cause, location=location)  # fmt: skip
+                        upper=neutral + high, cause=cause, location=location)
     effect = Effect(kind=group, cause=cause, location=location, unit=unit or KINDS[kind].unit, tolerance=tolerance,
                     slab=slab, lower=low, upper=high, parameter=name, courses=courses, fingerprint=fingerprint,
-                    check=check, odds=odds)  # fmt: skip
+                    check=check, odds=odds)
     return TurbineEffect(effect=effect, model=model)
 
 
@@ -71,7 +71,7 @@ def _bays(d: Description) -> range:
 def _brace(name: str, location: str, on: dict) -> TurbineEffect:
     return _row(name, "stiffness", "brace stiffness lost", location, on=on, settings={"motion": "axial"}, low=-0.98,
                 high=0.0, tolerance=0.01, slab=0.5, fingerprint="torsion falls, FA and SS couple",
-                check="inspect the braces and their nodes")  # fmt: skip
+                check="inspect the braces and their nodes")
 
 
 def _joint(name: str, location: str, on: dict) -> TurbineEffect:
@@ -142,15 +142,15 @@ def _connections(d: Description) -> Iterator[TurbineEffect]:
                    f"tower at {station.z_m:g} m", settings={"at_m": station.z_m}, on={"group": "tower"}, low=0.0,
                    high=5 * soft, tolerance=0.01 * soft, slab=0.25 * soft,
                    fingerprint=f"slope jumps at the tower's {'flange' if number else 'foot'}",
-                   check="bolt forces, gap measurement at the flange")  # fmt: skip
+                   check="bolt forces, gap measurement at the flange")
     head = d.jacket.bottom.z_m
     soft, long = _three_diameters(d, d.jacket.leg.diameter_m, d.jacket.leg.thickness_m)
     for kind, name, words, scale in (("hinge", "hinge_pile", "grout flexibility in bending", soft),
-                                     ("slip", "slip_pile", "grout flexibility along the pile", long)):  # fmt: skip
+                                     ("slip", "slip_pile", "grout flexibility along the pile", long)):
         for leg in d.jacket.leg_names:
             yield _row(f"{name}_{leg}", kind, words, f"pile head {leg}", settings={"at_m": head},
                        on={"group": "pile", "leg": leg}, low=0.0, high=20 * scale, tolerance=0.02 * scale, slab=scale,
-                       fingerprint="as softer soil of one leg", check="inspect the grout seal")  # fmt: skip
+                       fingerprint="as softer soil of one leg", check="inspect the grout seal")
 
 
 def _soil(d: Description) -> Iterator[TurbineEffect]:
@@ -176,7 +176,7 @@ def _tube_mass(d: Description, diameter: float, wall: float, length: float) -> f
 def _water(d: Description) -> Iterator[TurbineEffect]:
     """What the sea brings: growth, corrosion, water inside."""
     growth = {"high": 0.3, "tolerance": 0.005, "slab": 0.05, "courses": ("constant", "ramp"),
-              "check": "ROV survey"}  # fmt: skip
+              "check": "ROV survey"}
     yield _row("growth_all", "growth", "marine growth", "all members", low=-d.values["mg"],
                fingerprint="second bending falls", **growth)
     # less than assumed on a leg, in a bay and everywhere at once would be less than none
@@ -185,29 +185,29 @@ def _water(d: Description) -> Iterator[TurbineEffect]:
                    on={"group": "leg", "leg": leg}, fingerprint="second bending falls, one side", **growth)
     band = (d.corrosion.bottom_m, d.corrosion.top_m)
     corroded = {"low": 0.0, "high": 0.008, "tolerance": 5e-4, "slab": 2e-3, "courses": ("constant",),
-                "check": "measure wall thickness"}  # fmt: skip
+                "check": "measure wall thickness"}
     yield _row("corrosion_all", "corrosion", "corrosion", "legs and braces in the splash zone", on={"level_m": band},
                fingerprint="jacket stiffness and mass at the water line", **corroded)
     for leg in d.jacket.leg_names:
         yield _row(f"corrosion_{leg}", "corrosion", "corrosion", f"leg {leg}",
                    on={"group": "leg", "leg": leg, "level_m": band}, fingerprint="as a crack of that leg, small",
-                   **corroded)  # fmt: skip
+                   **corroded)
     flooded = {"tolerance": 0.0, "slab": 0.5, "check": "flooded-member detection by ultrasound"}
     for bay in _bays(d):
         if d.jacket.bay[bay - 1].bottom_m >= d.site.water_level_m:
             continue
         yield _row(f"growth_bay_{bay}", "growth", "marine growth", f"bay {bay}", low=0.0,
                    on={"level_m": (d.jacket.bay[bay - 1].bottom_m, d.jacket.bay[bay - 1].top_m)},
-                   fingerprint="second bending falls", **growth)  # fmt: skip
+                   fingerprint="second bending falls", **growth)
         for face in _faces(d):
             yield _row(f"flood_brace_{face}_{bay}", "flooding", "flooded braces", f"face {face}, bay {bay}",
                        on={"group": "brace", "face": face, "bay": bay}, low=0.0, high=1.0,
-                       fingerprint="second bending falls", **flooded)  # fmt: skip
+                       fingerprint="second bending falls", **flooded)
     if d.jacket.flooded:
         for leg in d.jacket.leg_names:
             yield _row(f"flood_leg_{leg}", "flooding", "leg not flooded", f"leg {leg}",
                        on={"group": "leg", "leg": leg}, low=-1.0, high=0.0,
-                       fingerprint="second bending rises, one side", **flooded)  # fmt: skip
+                       fingerprint="second bending rises, one side", **flooded)
 
 
 def _masses(d: Description) -> Iterator[TurbineEffect]:
@@ -231,7 +231,7 @@ def _masses(d: Description) -> Iterator[TurbineEffect]:
     stations = d.tower.station
     for low, high in pairwise(stations):
         own = _tube_mass(d, 0.5 * (low.diameter_m + high.diameter_m), 0.5 * (low.thickness_m + high.thickness_m),
-                         high.z_m - low.z_m)  # fmt: skip
+                         high.z_m - low.z_m)
         band = (low.z_m, high.z_m)
         where = f"{low.z_m:g} to {high.z_m:g} m"
         yield _row(f"tower_mass_{low.z_m:g}".replace(".", "_"), "mass", "tower mass", where,

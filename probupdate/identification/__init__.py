@@ -7,4 +7,4 @@
 __all__ = [
     "block_poles", "block_store", "classification", "counterparts", "criteria", "harmonics", "identify", "proposal",
     "reference", "regression", "roving", "selection", "settings", "setups", "ssi", "uncertainty",
-]  # fmt: skip
+]

@@ -71,12 +71,12 @@ class ClassifierSettings:
 
     def __post_init__(self):
         shares = ("mac", "weak_mac", "plane_mac", "least_share", "collinearity", "paper_collinearity",
-                  "least_independence")  # fmt: skip
+                  "least_independence")
         for name in shares:
             if not 0 <= getattr(self, name) <= 1:
                 raise InputError(f"classifier, {name}", f"{getattr(self, name)} is not in 0 to 1", "give a share")
         widths = ("harmonic_tolerance", "harmonic_damping", "harmonic_window", "cluster", "frequency_std",
-                  "damping_std")  # fmt: skip
+                  "damping_std")
         for name in widths:
             if not getattr(self, name) > 0:
                 raise InputError(f"classifier, {name}", f"{getattr(self, name)} is not positive", "give one above zero")
@@ -163,7 +163,7 @@ def likeness(poles: PoleStack, reference: ReferenceModes, stability: np.ndarray 
 def _outside(frequency_hz: np.ndarray, range_hz: np.ndarray, groups: tuple[tuple[int, ...], ...]) -> np.ndarray:
     """(n_pole, n_group) distance in ln f of each pole from the range of each group."""
     low, high = (np.log(np.array([ends(range_hz[list(g), side]) for g in groups]))
-                 for side, ends in ((0, np.min), (1, np.max)))  # fmt: skip
+                 for side, ends in ((0, np.min), (1, np.max)))
     place = np.log(frequency_hz)[:, None]
     return np.maximum(np.maximum(low - place, place - high), 0.0)
 

@@ -42,7 +42,7 @@ class Likenesses:
         """Those modes' rows; what -1 stands for is nobody's."""
         rows = list(rows)
         return Likenesses(plane=self.plane[rows], plane_std=self.plane_std[rows], own=self.own[rows],
-                          ratio=self.ratio[rows], ratio_std=self.ratio_std[rows])  # fmt: skip
+                          ratio=self.ratio[rows], ratio_std=self.ratio_std[rows])
 
 
 def likenesses(
@@ -106,7 +106,7 @@ def mode_records(
         here = [s for s in usable if s.measured[j]]
         states = [str(s.environment.get("state", "unknown")) for s in usable]
         detection = {state: (sum(s.measured[j] for s, t in zip(usable, states, strict=True) if t == state),
-                             states.count(state)) for state in sorted(set(states))}  # fmt: skip
+                             states.count(state)) for state in sorted(set(states))}
         f = np.array([s.frequency_hz[j] for s in here])
         zeta = np.array([s.damping_ratio[j] for s in here])
         found = {
@@ -171,7 +171,7 @@ def sentences(records: Sequence[ModeRecord], lacking: Sequence[ModelMode], wante
             lines.append(f"{place} has no counterpart in the model; kept as mode {one.label}")
         elif one.match == "alike" and one.label != one.model_label and one.found:
             lines.append(f"{place} is the model's {one.model_label} at {one.model_frequency_hz:.4g} Hz (MAC "
-                         f"{one.mac:.2f}); kept as mode {one.label}")  # fmt: skip
+                         f"{one.mac:.2f}); kept as mode {one.label}")
     for one in lacking:
         if one.expected or one.label in wanted:
             why = "although the excitation should show it" if one.expected else "which the excitation may not show"

@@ -57,7 +57,7 @@ PRESETS: dict[str, SelectionCriteria] = {
     TURBINE: SelectionCriteria(),
     STRUCTURE: SelectionCriteria(yaw_rate_degps=np.inf, heading_range_deg=np.inf, pitch_range_deg=np.inf,
                                  rotor_speed_rpm=np.inf, states=()),
-}  # fmt: skip
+}
 
 
 def preset_criteria(name: str) -> SelectionCriteria:
@@ -106,7 +106,7 @@ def condition_tests(sets: tuple[ModalSet, ...], criteria: SelectionCriteria) -> 
         tests.append((name, _limit(key, limit)))
     asked = {name for name, _ in tests}
     notes = [f"'{name}' was not asked: no {' and no '.join(keys)} in SCADA"
-             for name, keys in lacking.items() if name not in asked]  # fmt: skip
+             for name, keys in lacking.items() if name not in asked]
     return tests, notes
 
 
@@ -134,12 +134,12 @@ def required_modes(
         often = [j for j in range(n_mode) if share[j] >= criteria.required_share]
         if not often:
             raise InputError("selection, required modes", f"no mode is in {100 * criteria.required_share:g} % of the "
-                             "blocks", "lower required_share, or name the modes in `required`")  # fmt: skip
+                             "blocks", "lower required_share, or name the modes in `required`")
         return often
     for label in criteria.required:
         if label not in labels:
             raise InputError("selection, required modes", f"'{label}' is no mode of the data",
-                             f"choose from {', '.join(labels)}")  # fmt: skip
+                             f"choose from {', '.join(labels)}")
     return [labels.index(label) for label in criteria.required]
 
 

@@ -111,7 +111,7 @@ def _coarse_speed(record, rate_hz, low, high, multiples) -> np.ndarray:
     # a line stands out from what lies 0.05 to 0.15 Hz beside it
     step = frequency[1]
     beside = [np.roll(level, k, axis=0) for shift in (0.06, 0.08, 0.10) for k in
-              (round(shift / step), -round(shift / step))]  # fmt: skip
+              (round(shift / step), -round(shift / step))]
     above = level - np.median(beside, axis=0)
     grid = np.arange(low, high + 0.001, 0.001)
     along = (np.array([np.interp(n * grid, frequency, column) for column in above.T]) for n in multiples)

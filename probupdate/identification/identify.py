@@ -172,7 +172,7 @@ class ShardOfBlocks:
     def to_frame(self) -> pd.DataFrame:
         """One row: the shard and what it did."""
         return table_of([{"shard": str(self.shard), "identified": self.identified, "with_std": self.with_deviations,
-                          "blocks": self.n_block, "left": self.left, "left_std": self.left_deviations}])  # fmt: skip
+                          "blocks": self.n_block, "left": self.left, "left_std": self.left_deviations}])
 
     @property
     def summary(self) -> str:
@@ -290,9 +290,9 @@ def classified(
             keys = tuple(stands.key_of.get(int(j)) for j in named.columns)
             deviation = StoredDeviation(read=partial(_deviation, blocks, one.block.start, keys))
         sets.append(replace(s, environment=_with_independence(s, stands.choice, named.names, physical.modes),
-                            deviation=deviation))  # fmt: skip
+                            deviation=deviation))
     data = ModalData(channels=campaign.channels, sets=tuple(sets), labels=named.labels, records=named.records,
-                     model_only=named.model_only)  # fmt: skip
+                     model_only=named.model_only)
     poles = _pole_table(usable, [standing[one.block.start].rows for one in usable], named.names, reference)
     remarks = [f"{b.id}: {text}" for b in (one.block for one in found) for text in (*b.notes, b.excluded) if text]
     said = (*physical.notes, *named.notes)
@@ -310,7 +310,7 @@ def classified(
 def in_memory(identification: Identification) -> Identification:
     """The same with its covariance factors in memory, before the store goes that they are read from."""
     sets = tuple(s if s.deviation is None else replace(s, deviation=s.deviation.loaded())
-                 for s in identification.data.sets)  # fmt: skip
+                 for s in identification.data.sets)
     return replace(identification, data=replace(identification.data, sets=sets))
 
 
@@ -353,7 +353,7 @@ def _followed(
         standing[one.block.start] = _standing(judged, choice, settings.order)
     progress("classifying modes", 2 * len(blocks.starts), 2 * len(blocks.starts))
     tracked = Tracked(labels=physical.modes.labels, choices=tuple(stands.choice for stands in standing.values()),
-                      centre_hz=frozen_array(centre), support=frozen_array(support))  # fmt: skip
+                      centre_hz=frozen_array(centre), support=frozen_array(support))
     return _Followed(found=found, usable=usable, tracked=tracked, standing=standing, judge=judge, order=settings.order)
 
 
@@ -406,7 +406,7 @@ def _named(
     for pair in physical.modes.turning or ():
         mated[list(pair)] = seen[list(pair)].any()
     notes = [f"{f:.4g} Hz comes back but is found as a mode in {plural(int(n), 'block')}: left out" for f, n, kept in
-             zip(physical.modes.frequency_hz, measured.sum(axis=0), seen | mated, strict=True) if not kept]  # fmt: skip
+             zip(physical.modes.frequency_hz, measured.sum(axis=0), seen | mated, strict=True) if not kept]
     partner: dict[int, int] = {}
     like, probability, model, wanted = None, None, None, ()
     label_of: dict[int, str] = {}
@@ -415,7 +415,7 @@ def _named(
         wanted = reference.labels
         # asked for some hundred blocks, of each mode for nearly the same
         at_block = lru_cache(maxsize=512)(
-            lambda k: turned(whole, campaign.sensors, fore_aft_deg(sets[k].environment, campaign)))  # fmt: skip
+            lambda k: turned(whole, campaign.sensors, fore_aft_deg(sets[k].environment, campaign)))
         turned_to = _Each(at_block, len(sets))
         pairs = [pair for pair in physical.modes.pairs if seen[list(pair)].all()]
         like = likenesses([s.of_modes(np.where(seen, np.arange(n_mode), -1).tolist()) for s in sets], pairs, turned_to)
@@ -535,7 +535,7 @@ def _without_uncertain(
             for key, pole in before[start].keys.items():
                 row = kept.key.index(key)
                 found[pole] = (float(np.linalg.norm(kept.ln_frequency[row])),
-                               float(np.linalg.norm(kept.damping_ratio[row])))  # fmt: skip
+                               float(np.linalg.norm(kept.damping_ratio[row])))
             if all(f <= settings.frequency_std and zeta <= settings.damping_std for f, zeta in found.values()):
                 continue
             known[start] = known.get(start, {}) | found
@@ -573,7 +573,7 @@ def _standing(judged: _Judged, choice: Choice, chosen_order: int) -> _Standing:
         "frequency_hz": poles.frequency_hz, "damping_ratio": poles.damping_ratio, "mpc": like.mpc,
         "mac": judged.single.best_mac, "mode": mode, "similarity": like.similarity.max(axis=1),
         "stability": like.stability, "criterion": choice.criterion, "paper_criterion": judged.paper, "order": poles.order,
-    }  # fmt: skip
+    }
     return _Standing(choice=choice, frequency_hz=frequency, damping_ratio=damping, shape=shape, keys=keys,
                      rows={name: value[shown] for name, value in rows.items()})
 
@@ -636,7 +636,7 @@ def _pole_table(
 ) -> pd.DataFrame:
     """Poles of the chosen order and those that stand for modes, of every block."""
     columns: dict[str, object] = {
-        "time": pd.DatetimeIndex([one.block.start for one in usable]).repeat([len(r["order"]) for r in rows])}  # fmt: skip
+        "time": pd.DatetimeIndex([one.block.start for one in usable]).repeat([len(r["order"]) for r in rows])}
     for name in rows[0]:
         columns[name] = np.concatenate([r[name] for r in rows])
     known = np.array(names if model is None else model.labels, dtype=object)

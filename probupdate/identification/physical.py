@@ -158,7 +158,7 @@ def _pairs_whole(
             continue
         result += [(*first[:3], max(first[3], share)), (*mate[:3], share)]
         left = [x for x in left if x is not mate
-                and (abs(x[0] - middle) > CLOSE or np.sum(np.abs(basis.conj().T @ x[2]) ** 2) < IN_PLANE)]  # fmt: skip
+                and (abs(x[0] - middle) > CLOSE or np.sum(np.abs(basis.conj().T @ x[2]) ** 2) < IN_PLANE)]
     return result
 
 
@@ -331,7 +331,7 @@ def physical_modes(
 
 def _nothing(where: str, n_block: int) -> InputError:
     return InputError(f"{where}, modes", f"no pole comes back over the model orders and the {n_block} blocks",
-                      "give another order, or a rate that holds the modes")  # fmt: skip
+                      "give another order, or a rate that holds the modes")
 
 
 def _block_weight(inside: Candidates, n_block: int) -> np.ndarray:
@@ -411,7 +411,7 @@ def _grouped(c: Candidates, clusters: list[_Cluster]) -> tuple[list[list[_Cluste
             away = min(abs(one.ln_frequency - other.ln_frequency) for other in group)
             known = len(one.basis) >= one.basis.shape[1] + first.basis.shape[1] + 2
             if away > DOUBLE or not known or not _inside(one if first.plane else first, first.basis if first.plane
-                                                         else one.basis):  # fmt: skip
+                                                         else one.basis):
                 continue
             if away <= SAME_MODE and (first.plane or one.plane or _apart_in_time(c, first, one)):
                 home = group

@@ -45,7 +45,7 @@ class Proposal:
     def sentence(self) -> str:
         text = (f"settings proposed from the record: rate {self.target_rate_hz:g} Hz, order {self.order}, "
                 f"{self.block_rows} block rows, for {len(self.peaks_hz)} peaks of the spectrum from "
-                f"{self.peaks_hz[0]:.3g} to {self.peaks_hz[-1]:.3g} Hz")  # fmt: skip
+                f"{self.peaks_hz[0]:.3g} to {self.peaks_hz[-1]:.3g} Hz")
         if self.above_hz:
             text += f"; peaks above, from {self.above_hz[0]:.3g} Hz, are left to a run with another --rate"
         return text
@@ -75,7 +75,7 @@ def propose(
         raise InputError(where, f"no block can be used; the first: {reason}", remedy(campaigns[0]))
     if not peaks:
         raise InputError(f"{where}, settings", "no peak stands out of the spectra, so no rate is proposed",
-                         "give --rate, at least twice the highest frequency of interest, and --order")  # fmt: skip
+                         "give --rate, at least twice the highest frequency of interest, and --order")
     distinct = _distinct(np.sort(peaks), least=1 if looked < 3 else max(2, looked // 4))
     jump = np.flatnonzero(distinct[1:] > GAP * distinct[:-1])
     # of two heaps the one with more peaks; what lies below a gap is never left out

@@ -58,7 +58,7 @@ def references_within(
         raise InputError("record", f"{n_channel} channels with {block_rows} block rows and {sub_records} parts would take "
                          f"{least / 2**30:.2g} GB of memory with {FEWEST_REFERENCES} references, {whole / 2**30:.2g} GB "
                          f"with all, and {budget / 2**30:.2g} GB are allowed", "leave channels out (leave_out in "
-                         "campaign.toml), or lower --block-rows")  # fmt: skip
+                         "campaign.toml), or lower --block-rows")
     return found
 
 

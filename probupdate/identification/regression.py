@@ -95,7 +95,7 @@ def regress(
     if rows.sum() < table.shape[1] + SPARE_ROWS:
         raise InputError(f"regression of {response}", f"{int(rows.sum())} blocks with the mode and all of "
                          f"{', '.join(names) or 'nothing'} for {table.shape[1]} coefficients",
-                         "use fewer covariates or a longer campaign")  # fmt: skip
+                         "use fewer covariates or a longer campaign")
     mean = table[rows, 1:].mean(axis=0)
     table[:, 1:] -= mean
     rows = _without_gross(table, value, noise, rows)
@@ -116,7 +116,7 @@ def regress(
         noise_factor=float(fit.scale if std is not None else fit.scale * np.median(noise[rows])),
         slow_std=float(fit.scale * fit.ratio), slow_hours=float(fit.hours),
         residual=frozen_array(residual), joint=joint, notes=tuple(notes),
-    )  # fmt: skip
+    )
 
 
 def _without_outliers(table, value, noise, time_h, rows) -> tuple[_Fit, np.ndarray]:
@@ -153,7 +153,7 @@ def _together(
         joint[pair] = float(stats.f.sf(statistic, 2, free))
         notes.append(f"{pair[0]} and {pair[1]} are indistinguishable (correlation {other[twin]:.2f}, variance "
                      f"inflation {inflation[k]:.0f}): each coefficient alone is hardly known, the two together count with "
-                     f"p = {joint[pair]:.2g}")  # fmt: skip
+                     f"p = {joint[pair]:.2g}")
     return tuple(joint.items())
 
 
@@ -251,7 +251,7 @@ def _fit(table, value, noise, time_h) -> _Fit:
     coefficient = np.sum([w * point[1] for w, point in zip(weight, points, strict=True)], axis=0)
     apart = [point[1] - coefficient for point in points]
     covariance = np.sum([w * (point[2] + np.outer(a, a)) for w, point, a in zip(weight, points, apart, strict=True)],
-                        axis=0)  # fmt: skip
+                        axis=0)
     *_, variance, ratio, last, left = points[int(np.argmax(likely))]
     return _Fit(coefficient=coefficient, covariance=covariance, scale=np.sqrt(variance), ratio=unit * ratio, hours=last,
                 innovation=left / np.sqrt(variance))
@@ -356,7 +356,7 @@ def _in_time(data: ModalData, state: str | None) -> tuple[list[ModalSet], np.nda
         time = pd.to_datetime([s.id for s in sets], utc=True, format="ISO8601")
     except (ValueError, TypeError):
         raise InputError("regression", f"sets such as {sets[0].id} are not named by a time",
-                         "name sets by their start in UTC, ISO 8601") from None  # fmt: skip
+                         "name sets by their start in UTC, ISO 8601") from None
     order = np.argsort(time, kind="stable")
     hours = (time[order] - time[order][0]).total_seconds().to_numpy() / 3600
     return [sets[k] for k in order], hours
@@ -399,7 +399,7 @@ def _number(value) -> float:
 def _table_rows(label: str, fit: Regression) -> list[dict]:
     common = {"mode": label, "response": fit.response}
     about = {"n": fit.n, "n_outlier": fit.n_outlier, "n_missing": fit.n_missing, "explained": fit.explained,
-             "noise_factor": fit.noise_factor, "slow_std": fit.slow_std, "slow_hours": fit.slow_hours}  # fmt: skip
+             "noise_factor": fit.noise_factor, "slow_std": fit.slow_std, "slow_hours": fit.slow_hours}
     rows = [common | {"covariate": "intercept", "coefficient": fit.intercept, "std_error": fit.intercept_std} | about]
     for k, name in enumerate(fit.names):
         rows.append(common | {

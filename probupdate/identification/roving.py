@@ -129,7 +129,7 @@ def merge_setups(setups: Sequence[Setup], *, same_modes: bool = False) -> Merged
          "misfit": float(misfit[k][j]), "p_value": float(p_value[j])}
         for j, label in enumerate(labels) for k, (setup, mean) in enumerate(zip(setups, means, strict=True))
         if np.isfinite(mean.ln_frequency[j])
-    ])  # fmt: skip
+    ])
     return Merged(
         data=ModalData(channels=channels, sets=(modal,), labels=labels), sensors=tuple(known[c] for c in channels),
         references=references, table=table,
@@ -278,7 +278,7 @@ def _of_modes(mean: _Mean, columns: list[int]) -> _Mean:
 
     return _Mean(ln_frequency=taken(mean.ln_frequency), damping=taken(mean.damping), shape=taken(mean.shape, 1),
                  d_ln_frequency=taken(mean.d_ln_frequency), d_damping=taken(mean.d_damping),
-                 d_shape=taken(mean.d_shape, 1), count=taken(mean.count))  # fmt: skip
+                 d_shape=taken(mean.d_shape, 1), count=taken(mean.count))
 
 
 def _groups(ln_frequency: np.ndarray, damping: np.ndarray) -> list[list[int]]:

@@ -49,7 +49,7 @@ class Selection:
     @property
     def cov(self) -> dict[str, dict[str, float]]:
         return {mode: dict(zip(rows["state"], rows["cov"], strict=True))
-                for mode, rows in self.scatter.groupby("mode", sort=False)}  # fmt: skip
+                for mode, rows in self.scatter.groupby("mode", sort=False)}
 
     def to_frame(self) -> pd.DataFrame:
         """`table`: a row a block."""
@@ -132,7 +132,7 @@ def select(
 def _with_own(s: ModalSet, labels: tuple[str, ...]) -> ModalSet:
     """The set with the deviations it came with in its environment, where it came with any."""
     own = {f"own_std_hz_{label}": float(std) for label, std in zip(labels, s.frequency_std_hz, strict=True)
-           if np.isfinite(std)}  # fmt: skip
+           if np.isfinite(std)}
     return replace(s, environment=dict(s.environment) | own)
 
 
@@ -148,7 +148,7 @@ def _with_campaign_scatter(chosen, sets, good, cov: np.ndarray, pairs) -> list[M
         s, frequency_std_hz=np.where(np.isfinite(cov), cov * s.frequency_hz, s.frequency_std_hz),
         damping_ratio_std=np.where(np.isfinite(spread), spread, s.damping_ratio_std),
         shape_std=np.where(np.isfinite(shape) & np.isfinite(s.shape), shape, s.shape_std),
-    ) for s in chosen]  # fmt: skip
+    ) for s in chosen]
 
 
 def shape_scatter(sets: list[ModalSet], pairs: list[tuple[int, int]], least: int = 5) -> np.ndarray:
@@ -227,7 +227,7 @@ def _scatter(labels, sets, passed: np.ndarray) -> pd.DataFrame:
     states = np.array([str(s.environment.get("state", "unknown")) for s in sets], dtype=object)
     usable = np.array([not s.environment.get("excluded") for s in sets])
     subsets = {"all": usable, **{name: usable & (states == name) for name in dict.fromkeys(states[usable])},
-               "passed": passed}  # fmt: skip
+               "passed": passed}
     rows = []
     for j, label in enumerate(labels):
         f = np.array([s.frequency_hz[j] for s in sets])
@@ -258,16 +258,16 @@ def _summary(data: ModalData, table: pd.DataFrame, scatter: pd.DataFrame, count:
             continue
         paper = f" (paper {PAPER_COV[label]})" if label in PAPER_COV else ""
         states = ", ".join(f"{k} {v:.4f}" for k, v in zip(rows["state"][1:], rows["cov"][1:], strict=True)
-                           if np.isfinite(v))  # fmt: skip
+                           if np.isfinite(v))
         own = rows["own_cov"].iloc[0]
         stated = f"; identification itself states {own:.4f} (median)" if np.isfinite(own) else ""
         lines.append(f"CoV of {label} over all blocks {value:.4f}{paper}; {states}{stated}")
     if deviations == CAMPAIGN:
         lines.append("frequency_std_hz of every kept set is the CoV over all blocks times its frequency; --weights "
-                     "measured takes that")  # fmt: skip
+                     "measured takes that")
     else:
         lines.append("frequency_std_hz of every kept set is what identification states of its half hour; --weights "
-                     "measured takes that; what changes between half hours is not in it")  # fmt: skip
+                     "measured takes that; what changes between half hours is not in it")
         if any(np.isnan(s.frequency_std_hz[s.measured]).any() for s in data.sets):
             lines.append("some modes of the kept sets came without a standard deviation of their own")
     return "\n".join([*lines, *notes])

@@ -90,10 +90,10 @@ def identify_setups(
                 continue
             rule = with_rated_power(StateRule(rated_power_kw=campaign.rated_power_kw), campaign.scada)
             result = classified(stores[k], campaign, own, None, settings=settings, rule=rule, jobs=runs,
-                                progress=progress, every=True)  # fmt: skip
+                                progress=progress, every=True)
             columns = [place.get(j, -1) for j in range(len(found.modes.labels))]
             data = replace(result.data, sets=tuple(s.of_modes(columns) for s in in_memory(result).data.sets), records=(),
-                           labels=found.modes.labels)  # fmt: skip
+                           labels=found.modes.labels)
             setups.append(Setup(name=name, sensors=campaign.sensors, data=data))
     if reference is None:
         merged = merge_setups(setups, same_modes=True)
@@ -102,7 +102,7 @@ def identify_setups(
     named, like, partner, probability = _named(setups, found, model, reference.labels, channels)
     merged = merge_setups(named, same_modes=True)
     return _with_records(merged, named[0].data.labels, like, partner, probability, model=model,
-                         wanted=reference.labels, notes=notes, settings=settings)  # fmt: skip
+                         wanted=reference.labels, notes=notes, settings=settings)
 
 
 def _at(part: Candidates, rows: list[int]) -> Candidates:
@@ -167,7 +167,7 @@ def _with_records(
     rows = [labels.index(label) for label in merged.data.labels]
     kept = {k: partner[j] for k, j in enumerate(rows) if j in partner}
     records = mode_records(merged.data.sets, merged.data.labels, like=like.at(rows), partner=kept, model=model,
-                           probability=probability[rows], in_pair=set(), settings=settings.classifier)  # fmt: skip
+                           probability=probability[rows], in_pair=set(), settings=settings.classifier)
     lacking = model_only(model, kept, [r.frequency_hz for r in records if r.found],
                          PASS_SHARE * settings.target_rate_hz / 2, wanted)
     return replace(merged, data=replace(merged.data, records=records, model_only=lacking),

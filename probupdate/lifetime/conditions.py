@@ -213,7 +213,7 @@ def read_conditions(path: str | Path) -> Conditions:
 
 def _keys(table) -> set[str]:
     kinds = (Water, Wind, Damping, Life, Direction, State, Law, Factors, Efthymiou, Joint, MemberEnd, Site, Girth,
-             Lognormal, Uncertainty, Target)  # fmt: skip
+             Lognormal, Uncertainty, Target)
     return {name for kind in (table, *kinds) for name in kind.model_fields}
 
 

@@ -96,7 +96,7 @@ class Export:
         return {
             "folder": str(self.folder), "files": dict(self.files), "draws": len(self.draws), "verdict": self.standing.remark,
             "converged": self.standing.converged, "diagnosis": self.standing.diagnosis, "left_out": list(self.left_out),
-            "superelement_truncation_first_pair": self.truncation}  # fmt: skip
+            "superelement_truncation_first_pair": self.truncation}
 
     def to_frame(self) -> pd.DataFrame:
         """A row a file, with its SHA-256."""
@@ -114,7 +114,7 @@ def export_lifetime(
     posterior: Posterior, model: Model, path: Path, out: Path, *, parameters_file: Path | None = None,
     modes: ModalData | None = None, diagnosis: str | None = None, findings: tuple[str, ...] = (), n_draw: int = 100, n_mode: int = 10,
     accept: bool = False, seed: int = 1, fatigue: FatigueInput | None = None, source: Mapping[str, Path] | None = None, progress: Progress = silent,
-) -> Export:  # fmt: skip
+) -> Export:
     """Write draws.csv, joint.json, models/NNN, superelements/NNN (SubDyn models), modes.csv and manifest.json to `out`; with
     `fatigue` also fatigue.csv, model_factors.csv, reliability.csv and what belongs to them (turbines of model.toml).
 
@@ -123,13 +123,13 @@ def export_lifetime(
     posterior and model differ, or where what is read back is not what was written.
     """
     standing = Standing(converged=bool(posterior.converged), sampler=posterior.verdict, diagnosis=diagnosis,
-                        findings=findings)  # fmt: skip
+                        findings=findings)
     if standing.refused and not accept:
         raise InputError(str(out), f"this run is not fit to be exported: {standing.refused}",
-                         "sample longer, or find the cause; --accept exports it with that said in every file")  # fmt: skip
+                         "sample longer, or find the cause; --accept exports it with that said in every file")
     if tuple(posterior.names) != tuple(model.parameters.names):
         raise InputError(str(path), f"has the parameters {', '.join(model.parameters.names)}, the posterior "
-                         f"{', '.join(posterior.names)}", "sample again with this model")  # fmt: skip
+                         f"{', '.join(posterior.names)}", "sample again with this model")
     out = Path(out)
     if out.exists() and any(out.iterdir()):
         raise InputError(str(out), "holds something already", "name a new folder")
@@ -140,7 +140,7 @@ def export_lifetime(
     files = _Files(out, standing)
     units = {p.name: p.unit for p in model.parameters}
     files.table("draws.csv", [{"name": "draw", "unit": "-"}, *({"name": n, "unit": units[n]} for n in posterior.names)],
-                [[k + 1, *row] for k, row in enumerate(draws.tolist())])  # fmt: skip
+                [[k + 1, *row] for k, row in enumerate(draws.tolist())])
     _write_joint(files, joint, units, rng)
     left_out: list[str] = []
     solved = _models(files, model, path, parameters_file, draws, left_out, progress)
@@ -158,11 +158,11 @@ def export_lifetime(
         "model_fingerprint": model.fingerprint(), "posterior_fingerprint": posterior.fingerprint,
         "superelement_truncation_first_pair": truncation, "fatigue": told, "left_out": left_out,
         "source": {name: _sha(p) for name, p in (source or {}).items() if p.is_file()}, "files": files.entries,
-    }  # fmt: skip
+    }
     files.json("manifest.json", manifest, listed=False)
     _verify(out)
     return Export(folder=out, files={k: v["sha256"] for k, v in files.entries.items()}, draws=draws, standing=standing,
-                  left_out=tuple(left_out), truncation=truncation)  # fmt: skip
+                  left_out=tuple(left_out), truncation=truncation)
 
 
 def _sha(path: Path) -> str:
@@ -194,10 +194,10 @@ class _Files:
             written = [row[k] for row in rows]
             if held[column["name"]] != written:
                 raise InputError(str(path), f"column {column['name']} is not read back as it was written",
-                                 "check the disk it was written to")  # fmt: skip
+                                 "check the disk it was written to")
         types = {c["name"]: {"type": c.get("type", "number"), "description": f"unit {c['unit']}"} for c in columns}
         schema = {"$schema": "https://json-schema.org/draft/2020-12/schema", "type": "array",
-                  "items": {"type": "object", "properties": types, "required": list(types)}}  # fmt: skip
+                  "items": {"type": "object", "properties": types, "required": list(types)}}
         self.add(path, what or f"{len(rows)} rows", "in the schema", schema, media_type=CSV)
 
     def json(self, name: str, content: Mapping, schema: Mapping | None = None, listed: bool = True) -> None:
@@ -215,14 +215,14 @@ def _write_joint(files: _Files, joint: Joint, units: Mapping[str, str], rng) -> 
     # 6 standard errors of the resampled mean, and the grid's own error in the tails
     if not shift < 6 / np.sqrt(RESAMPLED) + 0.02:
         raise InputError("joint.json", f"its marginals resampled miss the draws' mean by {shift:.2g} standard deviations",
-                         "sample longer: the draws have too heavy tails for their number")  # fmt: skip
+                         "sample longer: the draws have too heavy tails for their number")
     content = {
         "verdict": files.standing.remark, "kind": "nataf", "parameters": list(joint.names),
         "unit": [units[n] for n in joint.names], "mean": joint.mean.tolist(), "std": joint.std.tolist(),
         "level": joint.level.tolist(), "quantile": joint.quantile.T.tolist(),
         "normal_correlation": joint.correlation.tolist(), "rank_correlation": joint.rank_correlation.tolist(),
         "note": "theta_k = quantile_k(Phi(z_k)), linear between levels; z Gaussian with normal_correlation",
-    }  # fmt: skip
+    }
     numbers = {"type": "array", "items": {"type": "number"}}
     tables = {"type": "array", "items": numbers}
     schema = {
@@ -231,7 +231,7 @@ def _write_joint(files: _Files, joint: Joint, units: Mapping[str, str], rng) -> 
                        **{k: {"type": "array", "items": {"type": "string"}} for k in ("parameters", "unit")},
                        **{k: numbers for k in ("mean", "std", "level")},
                        **{k: tables for k in ("quantile", "normal_correlation", "rank_correlation")}},
-    }  # fmt: skip
+    }
     files.json("joint.json", content, schema)
 
 
@@ -246,14 +246,14 @@ def _models(files: _Files, model: Model, path: Path, parameters_file, draws, lef
         solved.append(model.solve(theta, n))
         expected = solved[-1].frequency_hz
         written = _model_files(folder, path, parameters_file, dict(zip(model.parameters.names, theta, strict=True)),
-                               files.standing.remark, left_out if k == 0 else [])  # fmt: skip
+                               files.standing.remark, left_out if k == 0 else [])
         for entry, opened in written.items():
             if opened is not None:
                 found = opened.solve(opened.parameters.initial, n).frequency_hz
                 error = float(np.max(np.abs(found / expected - 1)))
                 if not error < READ_BACK:
                     raise InputError(str(folder / entry), f"what was read back has frequencies that differ by {error:.1e}",
-                                     "report this: the model was not written as it is")  # fmt: skip
+                                     "report this: the model was not written as it is")
             files.add(folder / entry, f"the model at draw {k + 1}", "SI", checked_to=READ_BACK if opened else None)
     progress("writing models", len(draws), len(draws))
     return solved
@@ -378,11 +378,11 @@ def refuse_without_members(path: Path) -> None:
     """Raises InputError for a model that has no members with groups to name: matrices, a SubDyn file alone."""
     if path.suffix != ".toml" or "matrices" in read_toml(path):
         raise InputError(str(path), "stresses are made of members: of a turbine's model.toml, or of a SubDyn model's TOML",
-                         "leave --fatigue out, or describe the structure in one of them")  # fmt: skip
+                         "leave --fatigue out, or describe the structure in one of them")
 
 
 def _fatigue(files: _Files, given: FatigueInput | None, model: Model, path: Path, draws, solved, damping: _Damping, left_out,
-             seed: int, progress: Progress) -> dict | None:  # fmt: skip
+             seed: int, progress: Progress) -> dict | None:
     """fatigue.csv and what follows from it; a line of `left_out` where there is nothing to make it of."""
     if given is None:
         left_out.append("fatigue.csv, reliability.csv: no fatigue.toml was given (--fatigue)")
@@ -396,13 +396,13 @@ def _fatigue(files: _Files, given: FatigueInput | None, model: Model, path: Path
     n = solved[0].frequency_hz.size
     first = model.solve(model.parameters.initial, n)
     factors = frequency_factors(given, [named(one) for one in solved], [one.frequency_hz for one in solved],
-                                (named(first), first.frequency_hz), found.gains, named)  # fmt: skip
+                                (named(first), first.frequency_hz), found.gains, named)
     assumed = found.model.conditions.damping.ratio
     for label, values in damping.ratio.items():
         factors.append({
             "quantity": "damping ratio", "of": label, "bias": float(np.exp(np.log(values).mean()) / assumed),
             "cov": float(np.hypot(damping.error[label], damping.scatter[label])), "measurement": damping.error[label],
-            "tolerance": 0.0, "set_to_set": damping.scatter[label], "model_form": 0.0, "prior": 0.0})  # fmt: skip
+            "tolerance": 0.0, "set_to_set": damping.scatter[label], "model_form": 0.0, "prior": 0.0})
     write_fatigue(files, found, draws, factors)
     left_out += found.left_out
     return dict(found.summary) | {"conditions": given.file.name, "conditions_sha256": _sha(given.file)}
@@ -413,7 +413,7 @@ def _labels_of(model: Model, path: Path):
     sensors = model_sensors(path) or ()
     known = bool(sensors) and tuple(s.channel for s in sensors) == tuple(model.channels)
     return lambda one: (mode_character(one.shape, sensors).labels if known else
-                        tuple(f"mode {j + 1}" for j in range(one.frequency_hz.size)))  # fmt: skip
+                        tuple(f"mode {j + 1}" for j in range(one.frequency_hz.size)))
 
 
 def _modes(files: _Files, model: Model, path: Path, solved, data: ModalData | None, left_out, rng) -> _Damping:
@@ -440,13 +440,13 @@ def _modes(files: _Files, model: Model, path: Path, solved, data: ModalData | No
     rows = [
         [k + 1, j + 1, label, float(solved[k].frequency_hz[j]), float(damping[label][k]) if label in damping else None]
         for k, own in enumerate(labels) for j, label in enumerate(own)
-    ]  # fmt: skip
+    ]
     columns = [{"name": "draw", "unit": "-"}, {"name": "mode", "unit": "-"},
                {"name": "label", "unit": "-", "type": "string"}, {"name": "frequency_hz", "unit": "Hz"},
-               {"name": "damping_ratio", "unit": "-", "type": ["number", "null"]}]  # fmt: skip
+               {"name": "damping_ratio", "unit": "-", "type": ["number", "null"]}]
     files.table("modes.csv", columns, rows)
     frequency = np.array([[one.frequency_hz[own.index(label)] for label in common]
-                          for one, own in zip(solved, labels, strict=True)])  # fmt: skip
+                          for one, own in zip(solved, labels, strict=True)])
     both = np.column_stack([frequency, *damping.values()])
     names = [f"frequency_hz {label}" for label in common] + [f"damping_ratio {label}" for label in damping]
     numbers = {"type": "array", "items": {"type": "number"}}
@@ -456,11 +456,11 @@ def _modes(files: _Files, model: Model, path: Path, solved, data: ModalData | No
         "damping_measured": told,
         "note": "frequencies of modes that every draw has; damping lognormal about the sets' geometric mean with its "
                 "standard error, independent of the parameters; damping_measured.std is the scatter of single sets",
-    }  # fmt: skip
+    }
     files.json("modes_covariance.json", content, {
         "$schema": "https://json-schema.org/draft/2020-12/schema", "type": "object", "required": list(content),
         "properties": {"name": {"type": "array", "items": {"type": "string"}}, "mean": numbers,
-                       "covariance": {"type": ["array", "null"], "items": numbers}}})  # fmt: skip
+                       "covariance": {"type": ["array", "null"], "items": numbers}}})
     return _Damping(ratio=damping, error=error, scatter=scatter)
 
 
@@ -478,7 +478,7 @@ def _superelements(files: _Files, count: int, place: Path, n_mode: int, progress
             for written in write_superelement(one, folder, f"{k + 1:03d}.{name}", files.standing.remark):
                 files.add(written, f"{name} superelement of draw {k + 1} at {one.reference_m.tolist()} m, interface joints "
                           f"{[i.joint for i in file.interfaces]}", "N, m, rad, kg, s", checked_to=READ_BACK,
-                          frequency_hz=one.frequency_hz.tolist(), truncation=one.truncation.tolist())  # fmt: skip
+                          frequency_hz=one.frequency_hz.tolist(), truncation=one.truncation.tolist())
             if modes:
                 worst = max(worst, float(one.truncation[:2].max()))
     progress("writing superelements", count, count)

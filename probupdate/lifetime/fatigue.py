@@ -192,7 +192,7 @@ def fatigue_model_of(
         return fatigue_model(
             read_description(model), str(model), conditions, parameters=parameters, sensors=sensors, method=method,
             spectra=spectra,
-        )  # fmt: skip
+        )
     from probupdate.lifetime.subdyn_stress import find_subdyn_details, opened, subdyn_stress_model
 
     known, path, spectra = _known(conditions, spectra)
@@ -204,7 +204,7 @@ def fatigue_model_of(
             spectra=spectra,
         )
         for d in known.direction
-    )  # fmt: skip
+    )
     return FatigueModel(models=models, details=details, spots=spots, conditions=known, method=method)
 
 

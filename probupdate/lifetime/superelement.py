@@ -62,12 +62,12 @@ def superelement(file: SubDynFile, *, n_mode: int, reference_m=None, compared: i
     # rows of the interface in what is left after constraints, and their rigid motion with the reference point
     rows = frame.reduction[np.concatenate([frame.translation[node] for node in nodes])]
     rigid = np.vstack([np.block([[np.eye(3), -cross_matrix(frame.node_m[node] - reference)],
-                                 [np.zeros((3, 3)), np.eye(3)]]) for node in nodes])  # fmt: skip
+                                 [np.zeros((3, 3)), np.eye(3)]]) for node in nodes])
     boundary = np.unique(sparse.coo_array(rows).coords[1])
     motion, left, *_ = np.linalg.lstsq(rows[:, boundary].toarray(), rigid, rcond=None)
     if np.abs(rows[:, boundary] @ motion - rigid).max() > 1e-8 * max(1.0, np.abs(rigid).max()):
         raise InputError(file.where, "the interface cannot move as a rigid body: a reaction holds it",
-                         "free the interface joints at the reactions")  # fmt: skip
+                         "free the interface joints at the reactions")
     inner = np.setdiff1d(np.arange(K.shape[0]), boundary)
     KLL, MLL = (sparse.csc_array(X[inner][:, inner]) for X in (K, M))
     if n_mode < 0 or n_mode >= len(inner) - 1:
@@ -93,7 +93,7 @@ def superelement(file: SubDynFile, *, n_mode: int, reference_m=None, compared: i
         reference_m=frozen_array(reference), stiffness=frozen_array(stiffness), mass=frozen_array(mass),
         damping=frozen_array(_damping(file, stiffness, mass, np.sqrt(value))), recovery=frozen_array(recovery),
         joints=tuple(j.id for j in file.joints), frequency_hz=frozen_array(own), full_hz=frozen_array(full[: len(own)]),
-    )  # fmt: skip
+    )
 
 
 def _symmetric(matrix: np.ndarray) -> np.ndarray:
@@ -133,10 +133,10 @@ def write_superelement(one: Superelement, folder: Path, name: str, remark: str) 
     write_arrays(archive, {
         "reference_m": one.reference_m, "K": one.stiffness, "M": one.mass, "C": one.damping, "recovery": one.recovery,
         "joint": np.array(one.joints), "frequency_hz": one.frequency_hz, "full_frequency_hz": one.full_hz,
-        "remark": np.array(remark)})  # fmt: skip
+        "remark": np.array(remark)})
     n = len(one.mass)
     lines = ["!Comment", f"!Comment {remark}", f"!Dimension: {n}", "!Time increment in simulation: 0.05",
-             "!Total simulation time in file: 0", ""]  # fmt: skip
+             "!Total simulation time in file: 0", ""]
     for title, matrix in (("Mass", one.mass), ("Damping", one.damping), ("Stiffness", one.stiffness)):
         lines += [f"!{title} Matrix", f"!Dimension: {n}", *(" ".join(f"{v:.17e}" for v in row) for row in matrix), ""]
     write_text(text, "\n".join(lines) + "\n")
@@ -153,7 +153,7 @@ def _compare(path: Path, one: Superelement, stiffness, mass) -> None:
     error = np.abs(found - one.frequency_hz) / np.maximum(one.frequency_hz, 1e-3)
     if not error.max() < READ_BACK:
         raise InputError(str(path), f"what was read back has frequencies that differ by {error.max():.1e}",
-                         "check the disk it was written to")  # fmt: skip
+                         "check the disk it was written to")
 
 
 def _dimension(line: str) -> int | None:

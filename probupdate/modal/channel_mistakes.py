@@ -34,7 +34,7 @@ class ChannelMistake:
         first, *others = (_told(c) for c in self.candidates)
         also = f" (or {' or '.join(others)}, which explains as much)" if others else ""
         return (f"{first}{also} would explain it: the mean MAC of the modes would be {self.mac_after:.2f} instead of "
-                f"{self.mac_before:.2f}")  # fmt: skip
+                f"{self.mac_before:.2f}")
 
     @property
     def remedy(self) -> str:
@@ -44,7 +44,7 @@ class ChannelMistake:
 
 def _told(channels: tuple[str, ...]) -> str:
     return f"channel {channels[0]} with the opposite sign" if len(channels) == 1 else (
-        f"channels {channels[0]} and {channels[1]} exchanged")  # fmt: skip
+        f"channels {channels[0]} and {channels[1]} exchanged")
 
 
 def channel_mistake(

@@ -57,7 +57,7 @@ def read_deviations(modes_file: Path, name: object) -> dict[str, dict[str, np.nd
     again = "make it again with `probupdate identify`"
     with open_hdf5(path, "no file of covariance factors", again, whole=True) as file:
         return {str(group.attrs["id"]): {key: _array(path, group, key) for key in DATASETS}
-                for group in file.values()}  # fmt: skip
+                for group in file.values()}
 
 
 def _array(path: Path, group, key: str) -> np.ndarray:

@@ -169,7 +169,7 @@ def match(
     return Matching(
         groups=tuple(groups), criterion=frozen_array(criterion), left_out=tuple(left_out),
         n_mode=min(highest + 1 + SPARE, computed.shape[1]),
-    )  # fmt: skip
+    )
 
 
 def _usable(modal_set: ModalSet, measured: np.ndarray, name: Sequence[str]) -> tuple[list[int], list[str]]:
@@ -194,14 +194,14 @@ def _criteria(measured: np.ndarray, computed: np.ndarray, clusters: Sequence[tup
         members = list(cluster)
         alone = len(members) == 1
         criterion[members] = (mac(measured[:, members], computed) if alone else
-                              subspace_mac(computed, measured[:, members]))  # fmt: skip
+                              subspace_mac(computed, measured[:, members]))
     return criterion
 
 
 def _alike(
     clusters: Sequence[tuple[int, ...]], partner: dict[int, int], criterion: np.ndarray, min_mac: float,
     name: Sequence[str], set_id: str,
-) -> tuple[list[ModeGroup], list[str]]:  # fmt: skip
+) -> tuple[list[ModeGroup], list[str]]:
     """Clusters whose members all have a partner with at least `min_mac`, and what to say of the others."""
     groups: list[ModeGroup] = []
     left_out: list[str] = []
@@ -210,7 +210,7 @@ def _alike(
         alone = [name[j] for j in cluster if j not in partner]
         if alone:
             left_out.append(f"{names} of set {set_id}: the model has {criterion.shape[1]} modes, "
-                            f"and others resemble them better than {' and '.join(alone)}")  # fmt: skip
+                            f"and others resemble them better than {' and '.join(alone)}")
             continue
         # a computed member may be the better half of a plane: the worst of the members decides
         if not all(criterion[j, partner[j]] >= min_mac for j in cluster):
@@ -232,7 +232,7 @@ def _by_frequency(modal_set: ModalSet, computed_hz: np.ndarray) -> Matching:
     used = [int(j) for j in np.argsort(modal_set.frequency_hz) if modal_set.measured[j]]
     if len(used) > len(computed_hz):
         raise InputError(f"set {modal_set.id}", f"has {len(used)} modes at one sensor at most, and the model {len(computed_hz)}",
-                         "measure with more sensors, so that shapes say which mode is which")  # fmt: skip
+                         "measure with more sensors, so that shapes say which mode is which")
     away = np.abs(np.log(computed_hz[None, :] / modal_set.frequency_hz[used][:, None]))
     # the cheapest pairing of two rising rows of frequencies never crosses
     _, column = optimize.linear_sum_assignment(away)
@@ -244,7 +244,7 @@ def _by_frequency(modal_set: ModalSet, computed_hz: np.ndarray) -> Matching:
         criterion=frozen_array(criterion),
         left_out=("the shapes of all modes, which have one component at most: modes are paired by frequency alone",),
         n_mode=min(int(column.max()) + 1 + SPARE, len(computed_hz)),
-    )  # fmt: skip
+    )
 
 
 def _nearer(partner, criterion, measured_hz, computed_hz, visible) -> dict[int, int]:
@@ -254,7 +254,7 @@ def _nearer(partner, criterion, measured_hz, computed_hz, visible) -> dict[int, 
     result = dict(partner)
     for j, i in partner.items():
         free = [k for k in range(len(computed_hz)) if k not in result.values() and visible[k] >= SEEN * visible[i]
-                and criterion[j, k] > criterion[j, i] - CLEAR and away[j, k] + APART < away[j, i]]  # fmt: skip
+                and criterion[j, k] > criterion[j, i] - CLEAR and away[j, k] + APART < away[j, i]]
         if free:
             result[j] = min(free, key=lambda k: away[j, k])
     return result
@@ -269,7 +269,7 @@ def _refuse_equal_shapes(set_id: str, names: list[str], shape: np.ndarray) -> No
     singular = np.linalg.svd(known / np.where(largest > 0, largest, 1.0), compute_uv=False)
     if np.all(largest > 0) and singular[-1] < NO_PLANE * singular[0]:
         raise InputError(f"set {set_id}, {' and '.join(names)}", "their shapes are the same: they span no plane",
-                         "check that the modes are two different ones")  # fmt: skip
+                         "check that the modes are two different ones")
 
 
 def _refuse_another_structure(set_id, criterion, partner, name) -> None:
@@ -327,7 +327,7 @@ def _refuse_two_pairings(set_id, group, differ, choices, score, measured, name, 
 
     def said(choice, here) -> str:
         return " and ".join(f"mode {choice[r] + 1} at {frequency_hz[choice[r]]:.4g} Hz with MAC "
-                            f"{max(score[r, choice[r]], 0.0):.2f}" for r in range(here.start, here.stop))  # fmt: skip
+                            f"{max(score[r, choice[r]], 0.0):.2f}" for r in range(here.start, here.stop))
 
     remedy = "measure more channels, compare close modes as planes (--shapes plane), or leave it out (null)"
     if len(differ) == 1:
@@ -361,10 +361,10 @@ def _refuse_lonely(modal_set, groups, criterion, visible, name, frequency_hz) ->
         for k in mates:
             if other in unmeasured:
                 _refuse_half_a_pair(modal_set.id, name[j], [other], f"computed modes {i + 1} and {k + 1} are at "
-                                    f"{frequency_hz[i]:.4g} and {frequency_hz[k]:.4g} Hz")  # fmt: skip
+                                    f"{frequency_hz[i]:.4g} and {frequency_hz[k]:.4g} Hz")
             if criterion[j, k] >= TURNED:
                 found = (f"computed modes {i + 1} and {k + 1} at {frequency_hz[i]:.4g} and {frequency_hz[k]:.4g} Hz "
-                         f"have MACs of {criterion[j, i]:.2f} and {criterion[j, k]:.2f} with it")  # fmt: skip
+                         f"have MACs of {criterion[j, i]:.2f} and {criterion[j, k]:.2f} with it")
                 _refuse_half_a_pair(modal_set.id, name[j], ["its mate"], found)
 
 

@@ -101,7 +101,7 @@ class ModalDeviation:
     def of_modes(self, columns: Sequence[int]) -> ModalDeviation:
         """Of these modes alone; a column of -1 is a mode that was not measured."""
         return ModalDeviation(ln_frequency=_columns(self.ln_frequency, columns, 0), damping_ratio=_columns(
-            self.damping_ratio, columns, 0), shape=_columns(self.shape, columns, 1))  # fmt: skip
+            self.damping_ratio, columns, 0), shape=_columns(self.shape, columns, 1))
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -209,7 +209,7 @@ class ModalSet:
     def of_modes(self, columns: Sequence[int]) -> ModalSet:
         """The same set with these modes alone; a column of -1 is a mode that was not measured."""
         taken = {name: _columns(getattr(self, name), columns, 0)
-                 for name in ("frequency_hz", "damping_ratio", "frequency_std_hz", "damping_ratio_std")}  # fmt: skip
+                 for name in ("frequency_hz", "damping_ratio", "frequency_std_hz", "damping_ratio_std")}
         return replace(self, **taken, shape=_columns(self.shape, columns, 1), shape_std=_columns(self.shape_std, columns, 1),
                        deviation=None if self.deviation is None else self.deviation.of_modes(columns))
 
@@ -306,7 +306,7 @@ class ModalData:
             {"id": s.id, "mode": names[j], "frequency_hz": s.frequency_hz[j], "frequency_std_hz": s.frequency_std_hz[j],
              "damping_ratio": s.damping_ratio[j], "damping_ratio_std": s.damping_ratio_std[j]}
             for s in self.sets for j in range(self.n_mode)
-        ])  # fmt: skip
+        ])
 
     def to_xarray(self) -> xarray.Dataset:
         """The sets as an xarray dataset that `to_netcdf` writes: frequency_hz, damping_ratio and their standard deviations
@@ -348,7 +348,7 @@ class ModalData:
         columns = [int(j) for j in columns]
         return replace(self, sets=tuple(s.of_modes(columns) for s in self.sets),
                        labels=tuple(self.labels[j] for j in columns) if self.labels else (),
-                       records=tuple(self.records[j] for j in columns) if self.records else ())  # fmt: skip
+                       records=tuple(self.records[j] for j in columns) if self.records else ())
 
     def compared(self, every: bool = False) -> ModalData:
         """The modes that are compared with a model: those of interest, by their names; with `every` also those that
@@ -386,7 +386,7 @@ def _numbers(where: str, value, shape: tuple[int, ...], key: str) -> np.ndarray:
              for row in value], dtype=float)
     except (TypeError, ValueError) as error:
         raise InputError(f"{where}, {key}", f"not a table of numbers ({str(error).split('.')[0]})",
-                         "use numbers, null where not measured") from None  # fmt: skip
+                         "use numbers, null where not measured") from None
     # a whole row may be null: a mode that was not measured in this set
     if len(shape) == 2 and array.ndim == 1 and np.all(np.isnan(array)):
         array = np.full(shape, np.nan)
@@ -420,7 +420,7 @@ def _refuse_per_cent(path: Path, sets: Sequence[ModalSet]) -> None:
         raise InputError(f"{path}, set {highest.id}, damping_ratio", f"{most:.4g} (median of the file "
                          f"{np.median(known):.3g}) is no share of critical damping that a structure has: are these per "
                          "cent?",
-                         "give fractions, 0.01 for 1 %, or null where not measured")  # fmt: skip
+                         "give fractions, 0.01 for 1 %, or null where not measured")
 
 
 def _refuse_odd(where: str, environment: Mapping) -> None:
@@ -451,7 +451,7 @@ NO_MODES = {
     ".dat": "a table such as a SubDyn file", ".csv": "a table", ".h5": "an HDF5 file such as a record",
     ".nc": "a NetCDF file such as a posterior", ".uff": "a universal file (probupdate convert --to modes)",
     ".unv": "a universal file (probupdate convert --to modes)",
-}  # fmt: skip
+}
 
 
 def read_modes(path: str | Path) -> ModalData:
@@ -474,7 +474,7 @@ def _read_modes(path: Path) -> ModalData:
     if not isinstance(content, dict) or not isinstance(content.get("sets"), list) or "channels" not in content:
         raise InputError(str(path), "'channels' or 'sets' is missing", "see docs/formats/modes.md")
     _refuse_misspelt(str(path), content, {"channels", "sets", "labels", "reference_set", "deviations", "format",
-                                          "mode_records", "model_only"})  # fmt: skip
+                                          "mode_records", "model_only"})
     if isinstance(content.get("format"), int) and content["format"] > FORMAT:
         raise InputError(str(path), f"has the format {content['format']!r}; {FORMAT} is the newest known",
                          "read it with the version that wrote it, or identify again")
@@ -490,7 +490,7 @@ def _read_modes(path: Path) -> ModalData:
         _refuse_misspelt(where, raw, SET_KEYS)
         if not isinstance(raw.get("frequency_hz"), list) or "shape_re" not in raw:
             raise InputError(where, "'frequency_hz' or 'shape_re' is missing or no list",
-                             "give both; null where not measured")  # fmt: skip
+                             "give both; null where not measured")
         if not isinstance(raw.get("environment") or {}, dict):
             raise InputError(f"{where}, environment", "is not a table", 'write {"water_level_m": 0.2}')
         n_mode, n_channel = len(raw["frequency_hz"]), len(channels)
@@ -603,7 +603,7 @@ def write_modes(data: ModalData, path: str | Path) -> None:
     for key, rows in (("mode_records", data.records), ("model_only", data.model_only)):
         if rows:
             content[key] = [{name: None if isinstance(x, float) and not np.isfinite(x) else x
-                             for name, x in asdict(row).items()} for row in rows]  # fmt: skip
+                             for name, x in asdict(row).items()} for row in rows]
     tail = {}
     with_deviation = {s.id: s.deviation for s in data.sets if s.deviation is not None}
     if with_deviation:

@@ -66,7 +66,7 @@ class ResponseError:
         """From the responses' derivatives (n_response, n_source) with respect to the sources."""
         std, mean = np.array([s.std for s in sources]), np.array([s.mean for s in sources])
         return cls(sources=tuple(sources), factor=frozen_array(slope * std), mean=frozen_array(slope @ mean),
-                   theta=frozen_array(theta))  # fmt: skip
+                   theta=frozen_array(theta))
 
     def variance_by_group(self) -> dict[str, np.ndarray]:
         """Group of sources -> variance of each response (n_response,)."""

@@ -6,4 +6,4 @@ __all__ = [
     "eigen", "extend", "extend_matrices", "frame", "functions", "hydrodynamics", "joints", "load", "matrices",
     "own_modes", "parameter_table", "places", "projected_terms", "reduced", "schema", "soil", "subdyn_frame",
     "subdyn_model", "subdyn_values", "turbine_frame",
-]  # fmt: skip
+]

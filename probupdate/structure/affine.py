@@ -217,7 +217,7 @@ class _WeightedSum:
             value=np.concatenate([part.data for part in parts]),
             term=np.repeat(np.arange(len(parts)), [part.nnz for part in parts]),
             slot=slot, indices=joint % n, indptr=np.searchsorted(joint, n * np.arange(n + 1)),
-        )  # fmt: skip
+        )
 
     def __call__(self, weight: np.ndarray) -> sparse.csc_array:
         n = len(self.indptr) - 1

@@ -304,7 +304,7 @@ def _sum_terms(collector: TermCollector, transform: sparse.csr_array) -> list[sp
     """T^T B_t T of every term t, symmetric to the last bit."""
     entries = list(collector.keys.values())
     return [matrix for first in range(0, len(entries), TOGETHER)
-            for matrix in _transformed(entries[first : first + TOGETHER], transform)]  # fmt: skip
+            for matrix in _transformed(entries[first : first + TOGETHER], transform)]
 
 
 def _transformed(terms: Sequence[Sequence[tuple]], transform: sparse.csr_array) -> Iterator[sparse.csc_array]:

@@ -62,7 +62,7 @@ def channel_rows(
             raise InputError(
                 label, f"{found.gap_m:.1f} m from the surface of {part or 'any part'} (at most {REACH_M:.0f} m)",
                 "check position_m: model axes, metres, z = 0 at mean sea level",
-            )  # fmt: skip
+            )
         start, end = frame.node_m[found.beam.start], frame.node_m[found.beam.end]
         turn = np.kron(np.eye(4), beams.axes(start, end))
         at_axis = turn[:6, :6].T @ beams.interpolation(found.xi, float(np.linalg.norm(end - start))) @ turn

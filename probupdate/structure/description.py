@@ -19,7 +19,7 @@ Group = Literal["leg", "brace", "pile", "column", "strut", "tie", "tower"]
 NEUTRAL = {
     "k_j": 1.0, "k_t": 1.0, "k_TP": 1.0, "k_p": 1.0, "LJF": 1.0, "D_l": 1.0, "t_l": 1.0, "D_b": 1.0, "t_b": 1.0,
     "sc": 0.0, "corr": 0.0, "mg": 0.0, "a_m": 1.0, "m_h": None, "py": 1.0, "tz": 1.0, "qw": 1.0,
-}  # fmt: skip
+}
 # the lowest value each can take in any structure: factors must stay above zero, depths and thicknesses not below it
 POSITIVE = ("k_j", "k_t", "k_TP", "k_p", "LJF", "D_l", "t_l", "D_b", "t_b", "m_h", "py", "tz", "qw")
 
@@ -46,7 +46,7 @@ class Mesh(Table):
     theory: Literal["bernoulli-euler", "timoshenko"]
     geometric_stiffness: Annotated[bool, Strict()]
     elements_per_member: dict[Group,
-                              Annotated[int, Strict(), Field(ge=1, le=200)]]  # fmt: skip
+                              Annotated[int, Strict(), Field(ge=1, le=200)]]
 
 
 class Level(Table):

@@ -28,7 +28,7 @@ def _check_walls(d: Description) -> Iterator[Mistake]:
     for key, diameter, wall in _tubes(d):
         if wall >= diameter / 2:
             yield (f"{key}.thickness_m", f"{wall} m does not fit into a tube of {diameter} m (at most half of it)",
-                   "check the unit: metres")  # fmt: skip
+                   "check the unit: metres")
 
 
 # what no structural metal, water or soil is beyond, wide on purpose: a value outside is in another unit
@@ -38,7 +38,7 @@ RANGES = {
     "site.water_density_kgpm3": (500.0, 5000.0, "kg/m3: sea water has 1025"),
     "site.gravity_mps2": (1.0, 30.0, "m/s2: 9.81 on this planet"),
     "soil.submerged_unit_weight_npm3": (500.0, np.inf, "N/m3: clay has some 9000"),
-}  # fmt: skip
+}
 # undrained shear strength ten metres down, Pa: below it no clay stands
 LEAST_STRENGTH_PA = 1000.0
 
@@ -70,10 +70,10 @@ def _check_levels(d: Description) -> Iterator[Mistake]:
             yield low_key, f"{low} is not below {high_key} = {high}", "put the levels in order, upwards"
     if not d.site.mudline_m <= jacket.bottom.z_m:
         yield ("jacket.bottom.z_m", f"{jacket.bottom.z_m} is below the mudline {d.site.mudline_m}",
-               "let the pile heads stand at or above the mudline")  # fmt: skip
+               "let the pile heads stand at or above the mudline")
     if not tp.strut_top_m <= d.tower.station[0].z_m:
         yield ("transition_piece.strut_top_m", f"{tp.strut_top_m} is above the tower's foot {d.tower.station[0].z_m}",
-               "end the struts on the column")  # fmt: skip
+               "end the struts on the column")
     for k, (a, b) in enumerate(zip(d.tower.station[:-1], d.tower.station[1:], strict=True)):
         if not a.z_m < b.z_m:
             yield f"tower.station[{k + 2}].z_m", f"{b.z_m} is not above {a.z_m}", "list the stations upwards"
@@ -87,11 +87,11 @@ def _check_bays(d: Description) -> Iterator[Mistake]:
             yield f"{key}.bottom_m", f"{bay.bottom_m} is not below top_m = {bay.top_m}", "swap them"
         if bay.bottom_m < low or bay.top_m > high:
             yield (key, f"from {bay.bottom_m} to {bay.top_m} m it reaches beyond the legs, {low} to {high} m",
-                   "move the bay or lengthen the legs")  # fmt: skip
+                   "move the bay or lengthen the legs")
     for k, (a, b) in enumerate(zip(d.jacket.bay[:-1], d.jacket.bay[1:], strict=True)):
         if b.bottom_m < a.top_m:
             yield (f"jacket.bay[{k + 2}].bottom_m", f"{b.bottom_m} lies below the top {a.top_m} of the bay before",
-                   "list bays upwards, without overlap")  # fmt: skip
+                   "list bays upwards, without overlap")
 
 
 def _check_names(d: Description) -> Iterator[Mistake]:
@@ -116,7 +116,7 @@ def _check_sensors(d: Description) -> Iterator[Mistake]:
         length = float(np.linalg.norm(np.clip(sensor.direction, -1e6, 1e6)))
         if abs(length - 1) > 1e-3:
             yield (f"sensor[{k + 1}] {sensor.channel}.direction", f"its length is {length:.3g}, not 1",
-                   "give a unit vector")  # fmt: skip
+                   "give a unit vector")
 
 
 def _check_parameters(d: Description) -> Iterator[Mistake]:
@@ -124,7 +124,7 @@ def _check_parameters(d: Description) -> Iterator[Mistake]:
         key = f"parameter[{k + 1}] {p.name}"
         if p.kind is None and p.name not in NEUTRAL:
             yield (key, f"'{p.name}' is not a parameter of this model",
-                   nearest(p.name, NEUTRAL) + " (an effect at a place needs a kind)")  # fmt: skip
+                   nearest(p.name, NEUTRAL) + " (an effect at a place needs a kind)")
             continue
         if p.kind is not None and p.name in NEUTRAL:
             yield f"{key}.kind", f"'{p.name}' is a parameter of the whole structure", "give the effect another name"
@@ -168,11 +168,11 @@ def _check_section_range(d: Description) -> Iterator[Mistake]:
         thinnest = tube.thickness_m * low[wall_name] - high["corr"]
         if thinnest <= 0:
             yield (key, f"{wall_name} and corr at their bounds leave a wall of {1000 * thinnest:.1f} mm",
-                   f"raise the lower bound of {wall_name} or lower the upper bound of corr")  # fmt: skip
+                   f"raise the lower bound of {wall_name} or lower the upper bound of corr")
         bore = tube.diameter_m * low[diameter_name] - 2 * tube.thickness_m * high[wall_name]
         if bore <= 0:
             yield (key, f"{diameter_name} and {wall_name} at their bounds close the bore",
-                   f"lower the upper bound of {wall_name}")  # fmt: skip
+                   f"lower the upper bound of {wall_name}")
     if high["sc"] >= d.site.mudline_m - d.pile.tip_m:
         yield "parameter sc", f"scour of {high['sc']} m lays the pile tip bare", "lower its upper bound"
 
@@ -261,21 +261,21 @@ def check_sums(d: Description) -> Iterator[Mistake]:
     scour = [p for p in d.parameter if p.kind == "scour"]
     for leg in d.jacket.leg_names if scour else ():
         low, high = (rows.get("sc", (0.0, 0.0))[k] + sum(ends(p)[k] for p in scour if p.on.leg in (None, leg))
-                     for k in (0, 1))  # fmt: skip
+                     for k in (0, 1))
         if low < 0 or high >= d.site.mudline_m - d.pile.tip_m:
             depth, problem = (low, "is none") if low < 0 else (high, "lays the pile tip bare")
             yield (f"parameter {scour[0].name}", f"with sc, scour of {depth:g} m at leg {leg} {problem}",
-                   f"{'raise the lower' if low < 0 else 'lower the upper'} bounds")  # fmt: skip
+                   f"{'raise the lower' if low < 0 else 'lower the upper'} bounds")
             return
     for name, kind in (("mg", "growth"), ("corr", "corrosion")):
         effects = [p for p in d.parameter if p.kind == kind]
         low = rows.get(name, (0.0, 0.0))[0] + sum(min(ends(p)[0], 0.0) for p in effects)
         if effects and low < 0:
             yield (f"parameter {effects[0].name}.lower", f"{kind} and {name} at their least come to {low:g} m",
-                   "raise the lower bounds")  # fmt: skip
+                   "raise the lower bounds")
 
 
 CHECKS: tuple[Callable[[Description], Iterator[Mistake]], ...] = (
     _check_walls, _check_units, _check_levels, _check_bays, _check_names, _check_sensors, _check_parameters, _check_section_range,
     check_sums,
-)  # fmt: skip
+)

@@ -158,4 +158,4 @@ KINDS: Mapping[str, Kind] = MappingProxyType({
         neutral=0.0, unit="N", lowest=-np.inf,
         meaning="mean rotor thrust along the nacelle's x axis at the hub: geometric stiffness of the member forces",
     ),
-})  # fmt: skip
+})

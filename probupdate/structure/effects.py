@@ -80,7 +80,7 @@ class Effects:
     def on_body(self, kind: str, body: str) -> list:
         """The parameters of a kind that act on a body: those that name it, and those of a whole assembly."""
         chosen = [p for p in self.of(kind)
-                  if p.on.body == body or (p.on.body is None and kind == "centre_of_mass")]  # fmt: skip
+                  if p.on.body == body or (p.on.body is None and kind == "centre_of_mass")]
         self._found.update(p.name for p in chosen)
         return chosen
 

@@ -125,7 +125,7 @@ def _dense(K, M, n_mode: int, where: str):
         raise _indefinite(where) from None
     if mu[0] <= MASSLESS * mu[-1]:
         raise InputError(where, f"fewer than {n_mode} modes have a positive mass: the mass matrix is indefinite or has "
-                         "too many massless degrees of freedom", "check M0 and every M_<name>")  # fmt: skip
+                         "too many massless degrees of freedom", "check M0 and every M_<name>")
     return 1 / mu, phi
 
 
@@ -173,7 +173,7 @@ def _deflated(K, M, value: float, basis, right):
     matrix = sparse.csc_matrix(K - value * M)
     try:
         factor = sparse_linalg.splu(sparse.csc_matrix(K - (1 + BESIDE) * value * M), diag_pivot_thresh=0.01,
-                                    **SYMMETRIC)  # fmt: skip
+                                    **SYMMETRIC)
     except RuntimeError:
         return None
     weighted = M @ basis

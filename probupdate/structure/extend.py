@@ -70,7 +70,7 @@ class Effect:
         return table | {
             "unit": self.unit, "initial": self.neutral, "std": float(self.std), "lower": float(self.lower),
             "upper": float(self.upper), "prior": self.prior, "update": True,
-        }  # fmt: skip
+        }
 
 
 def extended_description(path: str | Path, effects: Sequence[Effect]) -> Description:
@@ -100,7 +100,7 @@ def extended_model(
     if parameters is not None:
         parameters = _with_effects(parameters, description, effects)
     return turbine_model(description, where=str(path), parameters=parameters, sensors=sensors,
-                         nacelle_angle_deg=nacelle_angle_deg)  # fmt: skip
+                         nacelle_angle_deg=nacelle_angle_deg)
 
 
 def _with_effects(parameters: Parameters, description: Description, effects: Sequence[Effect]) -> Parameters:

@@ -108,7 +108,7 @@ def _summed(source: Path, content: Mapping, group: Group, called: str) -> dict[s
 def _table(p) -> dict:
     return {"name": p.name, "description": p.description, "unit": p.unit, "initial": float(p.initial),
             "std": float(p.std), "lower": float(p.lower), "upper": float(p.upper), "prior": p.prior,
-            "update": True}  # fmt: skip
+            "update": True}
 
 
 def _correlation_text(parameters: Parameters) -> str:

@@ -46,13 +46,13 @@ def loosen(mesh) -> None:
         beam = mesh.beams[k]
         if beam.hinge is not None:
             raise InputError(f"parameter {next(iter(names.values()))[0]}", f"an element of {beam.part} would have a "
-                             "hinge at either end", f"raise mesh.elements_per_member.{beam.group}")  # fmt: skip
+                             "hinge at either end", f"raise mesh.elements_per_member.{beam.group}")
         mesh.beams[k] = replace(beam, hinge=Hinge(end=end, **names))
 
 
 def prestress(d: Description, effects: Effects, hub: int, along: np.ndarray) -> tuple[Prestress, ...]:
     weights = [Prestress(coefficient=parameter(p.name), gravity_mps2=d.site.gravity_mps2)
-               for p in effects.on_all("weight")]  # fmt: skip
+               for p in effects.on_all("weight")]
     thrusts = [Prestress(coefficient=parameter(p.name), node=hub, force_n=along) for p in effects.on_all("thrust")]
     return (*weights, *thrusts)
 
@@ -62,7 +62,7 @@ def check_effects(mesh) -> None:
     for p in mesh.effects.lost():
         where = "the structure" if not p.on.given else ", ".join(f"{key} = {getattr(p.on, key)}" for key in p.on.given)
         raise InputError(f"parameter {p.name}", f"the kind '{p.kind}' finds nothing to act on at {where}",
-                         "check `on`, the joints' law and the levels")  # fmt: skip
+                         "check `on`, the joints' law and the levels")
     worst = {p.name: ends(p) for p in mesh.d.parameter}
     for beam in mesh.beams:
         effects = [name for name in beam.tube.wall_loss if name != "corr"]
@@ -73,4 +73,4 @@ def check_effects(mesh) -> None:
             raise InputError(
                 f"parameter {effects[0]}", f"corrosion at its upper bounds leaves {beam.part} a wall of "
                 f"{1000 * beam.tube.wall(values):.1f} mm", "lower the upper bounds",
-            )  # fmt: skip
+            )

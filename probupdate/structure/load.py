@@ -76,7 +76,7 @@ def load_model(
     if path.suffix.lower() == ".dat":
         if parameters is not None:
             raise InputError(str(path), "a SubDyn file alone has no parameters", "name groups and parameters in a TOML "
-                             "with [subdyn] file (docs/formats/model.md)")  # fmt: skip
+                             "with [subdyn] file (docs/formats/model.md)")
         return subdyn_model(path, sensors=sensors)
     if path.suffix != ".toml":
         raise _no_form(path)
@@ -87,7 +87,7 @@ def load_model(
         _refuse_sensors(path, sensors)
         return _matrix_model(path, raw, parameters, table)
     return turbine_model(parse_description(raw, str(path)), where=str(path), parameters=parameters, sensors=sensors,
-                         nacelle_angle_deg=nacelle_angle_deg)  # fmt: skip
+                         nacelle_angle_deg=nacelle_angle_deg)
 
 
 def _no_form(path: Path) -> InputError:
@@ -103,11 +103,11 @@ def _no_form(path: Path) -> InputError:
         problem = "has no ending that says what it is" if path.exists() else (
             "is no state of the reference turbine, no model's file and no command")
         return InputError(str(path), problem, f"did you mean '{meant[0]}'?" if meant else f"{forms}; states are "
-                          f"{', '.join(REFERENCE_STATES)}")  # fmt: skip
+                          f"{', '.join(REFERENCE_STATES)}")
     close = difflib.get_close_matches(path.suffix.lower(), FORMS, n=1, cutoff=0.5)
     there = [str(path.with_suffix(s)) for s in (*close, *FORMS) if path.with_suffix(s).is_file()]
     return InputError(str(path), f"'{path.suffix}' is no form of model", f"did you mean '{there[0]}'?" if there else
-                      forms.replace("a model is", "give"))  # fmt: skip
+                      forms.replace("a model is", "give"))
 
 
 def model_sensors(path: str | Path) -> tuple[Sensor, ...] | None:
@@ -148,7 +148,7 @@ def _beside(path: Path) -> Path:
         str(path), "its parameters are not known",
         f"write {path.with_name('parameters.toml').name} beside it, one [[parameter]] table each with name, unit, "
         "initial, cov or std, lower, upper, prior, or name such a file",
-    )  # fmt: skip
+    )
 
 
 def _matrix_model(path: Path, raw: dict, parameters: Parameters | None, table: str) -> AffineModel:
@@ -209,7 +209,7 @@ def turbine_model(
     assembled = assemble(
         frame, updated=parameters.names, values=values, theory=mesh.theory,
         gravity_mps2=description.site.gravity_mps2 if mesh.geometric_stiffness else None,
-    )  # fmt: skip
+    )
     chosen = tuple(sensors) if sensors is not None else _own_sensors(description)
     rows = channel_rows(frame, chosen, {s.channel: s.part for s in description.sensor}, where)
     wire, wire_rows = _wireframe(frame)
@@ -235,7 +235,7 @@ def _own_sensors(description: Description) -> tuple[Sensor, ...]:
         Sensor(channel=s.channel, level=s.level, position_m=np.array(s.position_m), direction=np.array(s.direction),
                quantity=s.quantity, unit=s.unit)
         for s in description.sensor
-    )  # fmt: skip
+    )
 
 
 def _wireframe(frame: Frame) -> tuple[Wireframe, sparse.csr_array]:

@@ -70,7 +70,7 @@ class Wetting:
 
     def moments(self) -> list[Coefficient]:
         return [Coefficient(1.0, (Factor(key=("wetting", self), names=self.rise, function=self, component=m),))
-                for m in range(7)]  # fmt: skip
+                for m in range(7)]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -92,7 +92,7 @@ class JointStiffness:
 
     def coefficients(self) -> list[Coefficient]:
         return [Coefficient(1.0, (Factor(key=("joint", self), names=self.names, function=self, component=k),))
-                for k in range(3)]  # fmt: skip
+                for k in range(3)]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -112,7 +112,7 @@ class PileMoments:
         """By element and order."""
         factor = {"key": ("pile", self.kind, self.scour), "names": self.scour, "function": self}
         return [[Coefficient(1.0, (Factor(**factor, component=n_order * k + m),)) for m in range(n_order)]
-                for k in range(n_element)]  # fmt: skip
+                for k in range(n_element)]
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -32,7 +32,7 @@ class LinearCoefficients:
     def __call__(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         one = np.ones((*theta.shape[:-1], 1), theta.dtype)
         stiffness, mass = (np.concatenate([one, theta[..., list(order)]], axis=-1)
-                           for order in (self.stiffness_order, self.mass_order))  # fmt: skip
+                           for order in (self.stiffness_order, self.mass_order))
         return stiffness, mass
 
 
@@ -189,7 +189,7 @@ def _channel_rows(path: Path, content: Mapping, n_channel: int, n: int) -> spars
             raise InputError(where, f"has {np.size(indptr) - 1} rows", f"give one for each of the {n_channel} channels")
         _refuse_structure(where, data, indices, indptr, n)
         rows = sparse.csr_array((_real(where, data), indices.astype(np.int64), indptr.astype(np.int64)),
-                                shape=(n_channel, n))  # fmt: skip
+                                shape=(n_channel, n))
     if not np.all(np.isfinite(rows.data)):
         raise InputError(where, "holds NaN or infinite entries", "check how it was exported")
     empty = np.flatnonzero(np.diff(rows.indptr) == 0)

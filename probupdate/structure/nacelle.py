@@ -32,7 +32,7 @@ def nacelle_bodies(d: Description, effects: Effects, top_m: np.ndarray, turn: np
         mass = parameter("m_h") if entry.name == "hub" else Coefficient(entry.mass_kg)
         shift = tuple((p.name, turn[:, "xyz".index(p.axis)]) for p in effects.on_body("centre_of_mass", entry.name))
         spin = tuple((parameter(p.name), _tensor(turn, np.eye(3)["xyz".index(p.axis)]))
-                     for p in effects.on_body("inertia", entry.name))  # fmt: skip
+                     for p in effects.on_body("inertia", entry.name))
         own = _tensor(turn, entry.inertia_kgm2)
         nacelle.bodies.append(Body(node=number, mass=mass, inertia_kgm2=own, spin=spin, shift=shift))
         for p in effects.on_body("mass", entry.name):

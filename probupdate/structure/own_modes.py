@@ -61,7 +61,7 @@ class OwnModes:
         return {
             "model": self.model, "frequency_hz": self.frequency_hz.tolist(), "label": list(self.labels),
             "channel": list(self.channels), "shape": self.shape.tolist(), "notes": list(self.notes),
-        }  # fmt: skip
+        }
 
     def text(self) -> str:
         """One JSON object."""
@@ -75,7 +75,7 @@ class OwnModes:
     @property
     def summary(self) -> str:
         rows = [f"{j:4d}  {f:12.6f} Hz  {label}" for j, (f, label) in
-                enumerate(zip(self.frequency_hz, self.labels, strict=True), 1)]  # fmt: skip
+                enumerate(zip(self.frequency_hz, self.labels, strict=True), 1)]
         return "\n".join([self.model, *rows, *(f"note: {note}" for note in self.notes)])
 
 
@@ -120,7 +120,7 @@ def own_modes(
         model=opened.name, frequency_hz=frozen_array(solution.frequency_hz),
         labels=_labels(opened, sensors, shape, count, NEUTRAL if of_matrices else TURBINE),
         channels=opened.channels, shape=frozen_array(shape), notes=notes,
-    )  # fmt: skip
+    )
 
 
 def _implausible(model: Model, frequency_hz: np.ndarray) -> tuple[str, ...]:
@@ -151,9 +151,9 @@ def _with_free_motions(model: AffineModel, count: int) -> tuple[ModalSolution, i
     value = np.where(np.abs(value - SHIFT) < 1e-6 * SHIFT, 0.0, value - SHIFT)
     if value[0] < 0 or value[0] > 0:
         raise InputError(model.name, "the stiffness matrix is not positive definite and no motion is free", "look for a "
-                         "negative stiffness")  # fmt: skip
+                         "negative stiffness")
     return ModalSolution(theta=theta, frequency_hz=frozen_array(np.sqrt(value) / (2 * np.pi)),
-                         shape=frozen_array(model.channel_matrix @ phi)), int(np.sum(value == 0))  # fmt: skip
+                         shape=frozen_array(model.channel_matrix @ phi)), int(np.sum(value == 0))
 
 
 def _wrapped(given: object, parameters: Parameters | None) -> FunctionModel:
@@ -165,7 +165,7 @@ def _wrapped(given: object, parameters: Parameters | None) -> FunctionModel:
     _, shape = function(np.array(parameters.initial))
     channels = tuple(f"channel {k + 1}" for k in range(np.shape(shape)[0]))
     return FunctionModel(name=getattr(function, "__name__", "function"), parameters=parameters, channels=channels,
-                         function=function, version="own modes")  # fmt: skip
+                         function=function, version="own modes")
 
 
 def _notes(path: Path) -> tuple[str, ...]:
@@ -184,7 +184,7 @@ def _labels(model: Model, sensors, shape: np.ndarray, count: int, families: tupl
     if wire is None or wire.displacement is None:
         return tuple(f"mode {j + 1}" for j in range(count))
     nodes = tuple(Sensor(channel=f"{k}{axis}", level="", position_m=place, direction=np.eye(3)[a])
-                  for k, place in enumerate(wire.node_m) for a, axis in enumerate("xyz"))  # fmt: skip
+                  for k, place in enumerate(wire.node_m) for a, axis in enumerate("xyz"))
     return mode_character(_seen(wire.displacement.reshape(-1, count)), nodes, families=families).labels
 
 

@@ -56,7 +56,7 @@ def parameter_from_table(table: Mapping, where: str) -> Parameter:
     try:
         return Parameter(
             name=row.name, unit=row.unit, initial=row.initial, lower=row.lower, upper=row.upper, prior=row.prior,
-            std=cast(float, std), description=row.description)  # fmt: skip
+            std=cast(float, std), description=row.description)
     except InputError as error:
         # the parameter knows its name, not the file it came from
         raise InputError(where, error.problem, error.remedy) from None
@@ -71,7 +71,7 @@ def updated_parameters(tables: Sequence[Mapping], where: str, correlation: Mappi
     )
     if not items:
         raise InputError(f"{where}, parameter", "there are none to update", "list at least one [[parameter]] with "
-                         "update = true")  # fmt: skip
+                         "update = true")
     return Parameters(items, correlation_matrix(items, correlation, where) if correlation else None)
 
 
@@ -86,7 +86,7 @@ def correlation_matrix(items: Sequence[Parameter], table: Mapping, where: str) -
     matrix = np.eye(len(names))
     if not isinstance(table, Mapping) or not all(isinstance(entries, Mapping) for entries in table.values()):
         raise InputError(f"{where}, correlation", "is not a table of tables", "write [correlation.<name>] and in it "
-                         "<other name> = 0.5")  # fmt: skip
+                         "<other name> = 0.5")
     for row, entries in table.items():
         for column, value in entries.items():
             if isinstance(value, bool) or not isinstance(value, int | float):
@@ -104,6 +104,6 @@ def read_parameters(path: str | Path) -> Parameters:
     content = table_as(ParameterFile, read_toml(path), str(path))
     if content.format != 1:
         raise InputError(f"{path}, format", f"is {content.format}; this version reads 1",
-                         "use the version that the file was written for")  # fmt: skip
+                         "use the version that the file was written for")
     with of_file(path):
         return updated_parameters(content.parameter, str(path), content.correlation)

@@ -82,7 +82,7 @@ def reduce_basis(
     snapshots = _solve_full(model, theta, n_mode, "snapshots", progress)
     checks = _Checks.solve(model, *draw(n_verify), n_mode, "size", progress)
     largest = project(model, *_proper_orthogonal(_unmixed(snapshots, K), K, max_size), (lower, upper), n_mode,
-                      frequency_tolerance)  # fmt: skip
+                      frequency_tolerance)
     # a few points far out would cost many vectors: their own solutions join the snapshots instead
     typical = _smallest(largest, checks, TYPICAL)
     if typical is not None:
@@ -104,7 +104,7 @@ def reduce_basis(
                 size=size, n_snapshot=len(snapshots), n_verify=n_verify,
                 max_frequency_error=float(error[final.tolerance == frequency_tolerance].max()),
                 max_box_error=float(error.max()), min_mac=least_mac, frequency_tolerance=frequency_tolerance,
-            )  # fmt: skip
+            )
             return replace(reduced, report=report)
         # points that have decided once decide the size from now on; the next verification takes new ones
         snapshots += final.worst(reduced)
@@ -222,7 +222,7 @@ class _Checks:
             model=self.model, theta=np.vstack([self.theta, other.theta]),
             tolerance=np.concatenate([self.tolerance, other.tolerance]),
             frequency_hz=np.vstack([self.frequency_hz, other.frequency_hz]), solved=self.solved + other.solved,
-        )  # fmt: skip
+        )
 
 
 def _smallest(largest: ReducedModel, checks: _Checks, share: float) -> int | None:

@@ -55,7 +55,7 @@ class Block:
         """Without the vectors from number `size` on."""
         k = int(np.sum(self.rows < size))
         return replace(self, rows=self.rows[:k], stiffness=self.stiffness[:, :k, :k], mass=self.mass[:, :k, :k],
-                       at_channels=self.at_channels[:, :k])  # fmt: skip
+                       at_channels=self.at_channels[:, :k])
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -193,7 +193,7 @@ def _solve_block(block: Block, cK, cM, n_mode):
     for row in range(len(K)):
         # a symmetric C-ordered matrix is its own Fortran-ordered transpose: no copy
         w, z, found, _, info = lapack.dsygvx(K[row].T, M[row].T, range="I", il=1, iu=n_mode, overwrite_a=1,
-                                             overwrite_b=1)  # fmt: skip
+                                             overwrite_b=1)
         if info != 0 or found != n_mode:
             raise ConvergenceError(f"reduced eigenproblem failed (dsygvx info {info})", (cK[row], cM[row]))
         value[row], vector[row] = w[:n_mode], z[:, :n_mode]
@@ -223,11 +223,11 @@ def project(model, basis, family, box, n_mode, tolerance) -> ReducedModel:
         blocks.append(Block(
             rows=rows, n_mode=n_mode, stiffness=frozen_array(stiffness[:, rows[:, None], rows]),
             mass=frozen_array(mass[:, rows[:, None], rows]), at_channels=frozen_array(at_channels[:, rows]),
-        ))  # fmt: skip
+        ))
     return ReducedModel(
         full=model, projected=projected, basis=frozen_array(basis), lower=frozen_array(box[0]),
         upper=frozen_array(box[1]), n_mode=n_mode, blocks=tuple(blocks), frequency_tolerance=tolerance,
-    )  # fmt: skip
+    )
 
 
 def _uncoupled(terms: np.ndarray, family: np.ndarray) -> list[np.ndarray]:

@@ -54,9 +54,9 @@ def tube(e, g, density, diameter, thickness) -> Section:
     # the hole is that of the wall, also of a solid section, as SubDyn computes it
     ratio = ((outer - thickness) / outer) ** 2
     kappa = 6 * (1 + nu) ** 2 * (1 + ratio) ** 2 / (
-        (1 + ratio) ** 2 * (7 + 14 * nu + 8 * nu**2) + 4 * ratio * (5 + 10 * nu + 4 * nu**2))  # fmt: skip
+        (1 + ratio) ** 2 * (7 + 14 * nu + 8 * nu**2) + 4 * ratio * (5 + 10 * nu + 4 * nu**2))
     return Section(e=e, g=g, density=density, area=np.pi * (outer**2 - inner**2), kappa_x=kappa, kappa_y=kappa,
-                   i_xx=second, i_yy=second, polar=2 * second, torsion=2 * second)  # fmt: skip
+                   i_xx=second, i_yy=second, polar=2 * second, torsion=2 * second)
 
 
 def box(e, g, density, side_a, side_b, thickness) -> Section:
@@ -75,19 +75,19 @@ def box(e, g, density, side_a, side_b, thickness) -> Section:
         e=e, g=g, density=density, area=a * b - inner_a * inner_b, kappa_x=kappa_x, kappa_y=kappa_y,
         i_xx=(a * b**3 - inner_a * inner_b**3) / 12, i_yy=(a**3 * b - inner_a**3 * inner_b) / 12,
         polar=(a * b * (a**2 + b**2) - inner_a * inner_b * (inner_a**2 + inner_b**2)) / 12, torsion=torsion,
-    )  # fmt: skip
+    )
 
 
 def _thin_box(m: float, nu: float) -> float:
     return 10 * (1 + nu) * (1 + 3 * m) ** 2 / (
         12 + 72 * m + 150 * m**2 + 90 * m**3 + nu * (11 + 66 * m + 135 * m**2 + 90 * m**3)
-        + 10 * m**2 * ((3 + nu) * m + 3 * m**2))  # fmt: skip
+        + 10 * m**2 * ((3 + nu) * m + 3 * m**2))
 
 
 def arbitrary(e, g, density, area, shear_x, shear_y, i_xx, i_yy, polar, torsion) -> Section:
     """Any section; its shear areas stand beside its area."""
     return Section(e=e, g=g, density=density, area=area, kappa_x=shear_x / area, kappa_y=shear_y / area, i_xx=i_xx,
-                   i_yy=i_yy, polar=polar, torsion=torsion)  # fmt: skip
+                   i_yy=i_yy, polar=polar, torsion=torsion)
 
 
 def stiffness_factors(section: Section, length_m: float, shear: bool) -> list[complex]:
@@ -239,7 +239,7 @@ def build_subdyn_frame(file: SubDynFile) -> SubDynFrame:
     columns, n_column, springs = _joint_columns(file, elements, translation, ends, n_full)
     joints = sparse.csr_array(sparse.coo_array(
         (np.array([c[2] for c in columns]), ([c[0] for c in columns], [c[1] for c in columns])),
-        shape=(n_full, n_column)))  # fmt: skip
+        shape=(n_full, n_column)))
     links = _rigid_links(file, node_m, elements, translation, joints)
     keep = _free(file, node_of, translation, joints, links)
     reduction = sparse.csr_array(joints @ links)[:, keep]
@@ -252,7 +252,7 @@ def build_subdyn_frame(file: SubDynFile) -> SubDynFrame:
         file=file, node_m=frozen_array(node_m), elements=tuple(elements), node_of=node_of, dofs=dofs,
         translation=translation, reduction=sparse.csr_array(reduction),
         joint_springs=sparse.csr_array(at_joints.T @ stiffness @ at_joints),
-    )  # fmt: skip
+    )
 
 
 def _elements(file: SubDynFile, member: Member, node_of, node_m) -> list[Element]:
@@ -269,13 +269,13 @@ def _elements(file: SubDynFile, member: Member, node_of, node_m) -> list[Element
         rows = np.reshape(next(row.values for row in file.cosines if row.id == member.cosine), (3, 3))
         if np.abs(rows @ rows.T - np.eye(3)).max() > 1e-4 or np.linalg.det(rows) < 0:
             raise InputError(where, f"the cosine matrix {member.cosine} of member {member.id} is no rotation",
-                             "mend it: its rows are the element's axes")  # fmt: skip
+                             "mend it: its rows are the element's axes")
         axes = rows.T
     n = file.n_div if member.kind in BEAMS else 1
     nodes = [first, *range(len(node_m), len(node_m) + n - 1), last]
     node_m += [start + (end - start) * k / n for k in range(1, n)]
     return [Element(member=member, nodes=(nodes[k], nodes[k + 1]), share=(k / n, (k + 1) / n), length_m=length / n,
-                    axes=axes) for k in range(n)]  # fmt: skip
+                    axes=axes) for k in range(n)]
 
 
 def _number(file: SubDynFile, node_m, elements):
@@ -346,7 +346,7 @@ def _turns(file: SubDynFile, joint, axes) -> tuple[np.ndarray, list[tuple[int, .
         return np.hstack([shared, np.kron(np.eye(n), own[:, None])]), [(2 + k,) for k in range(n)]
     if n != 2:
         raise InputError(f"{file.where}, line {joint.line}", f"the universal joint {joint.id} has {n} members",
-                         "a universal joint connects two")  # fmt: skip
+                         "a universal joint connects two")
     # the twist goes through, each end's axis turned the same way along the line of the two
     first, second = axes
     sign = -1.0 if first[:, 2] @ second[:, 2] < 0 else 1.0
@@ -396,12 +396,12 @@ def _free(file: SubDynFile, node_of, translation, joints, links) -> np.ndarray:
         where = f"{file.where}, line {reaction.line}"
         if file.joints[node].kind != "cantilever":
             raise InputError(where, f"the reaction joint {reaction.joint} is {file.joints[node].kind}",
-                             "hold a rigid joint (type 1)")  # fmt: skip
+                             "hold a rigid joint (type 1)")
         for k in np.flatnonzero(reaction.fixed):
             row = moved[[int(translation[node, k])]]
             if row.nnz != 1:
                 raise InputError(where, f"the reaction joint {reaction.joint} follows a rigid link and is held itself",
-                                 "hold the joint that leads the link, or hold all six directions of it there")  # fmt: skip
+                                 "hold the joint that leads the link, or hold all six directions of it there")
             held.add(int(row.indices[0]))
     return np.array([c for c in range(moved.shape[1]) if c not in held])
 

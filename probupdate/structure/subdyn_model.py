@@ -156,7 +156,7 @@ def with_tower(description: SubDynDescription, path: Path) -> tuple[SubDynFile, 
     if entry is None:
         if body is not None:
             raise InputError(f"{path}: rotor_nacelle", "there is no [tower] under it", "add one, or a concentrated mass to "
-                             "the SubDyn file")  # fmt: skip
+                             "the SubDyn file")
         return file, description
     for name in ("tower", "rotor_nacelle"):
         if name in description.group:
@@ -206,7 +206,7 @@ def subdyn_model(path: Path, *, sensors: Sequence[Sensor] | None = None, root: P
 def described_model(
     raw: dict, path: Path, *, parameters: Parameters | None = None, sensors: Sequence[Sensor] | None = None,
     nacelle_angle_deg: float = 0.0,
-) -> AffineModel:  # fmt: skip
+) -> AffineModel:
     """The model of a TOML with [subdyn]; `parameters` and `sensors` replace its own."""
     file, description = with_tower(read_description(raw, path), path)
     if parameters is None:
@@ -232,7 +232,7 @@ def _model(file, description: SubDynDescription, path: Path, parameters: Paramet
     text = [FORMULATION, list(file.lines), [asdict(row) for row in (*file.sets["arbitrary"], *file.masses)], {k: list(s.lines) for k, s in file.soil.items()}, angle_deg, fixed,
             description.model_dump(mode="json", exclude={"parameter", "correlation", "sensor"}),
             [p.model_dump(mode="json", include={"name", "acts", "on"}) for p in description.parameter],
-            [[s.channel, s.position_m.tolist(), s.direction.tolist()] for s in chosen]]  # fmt: skip
+            [[s.channel, s.position_m.tolist(), s.direction.tolist()] for s in chosen]]
     wire, wire_matrix = _wireframe(frame)
     return AffineModel(
         name=description.name or path.stem,
@@ -275,14 +275,14 @@ def targets_of(file: SubDynFile, description: SubDynDescription, path: Path) -> 
         act = ACTS[p.acts]
         if p.unit != act.unit:
             raise InputError(f"{where}, unit", f"is '{p.unit}', but {p.acts} is a {act.text} in {act.unit}",
-                             f"write unit = \"{act.unit}\" and values in it")  # fmt: skip
+                             f"write unit = \"{act.unit}\" and values in it")
         for group in p.groups:
             if group not in groups:
                 raise InputError(f"{where}, on", f"there is no [group.{group}]", nearest(group, groups or {"(none)"}))
             sort, ids = groups[group]
             if sort != act.on:
                 raise InputError(f"{where}, on", f"[group.{group}] is one of {sort}, but {p.acts} acts on {act.on}",
-                                 f"name a group of {act.on}")  # fmt: skip
+                                 f"name a group of {act.on}")
             for id in ids:
                 _check_target(file, p.acts, id, where)
                 names[p.acts, id] = (*names.get((p.acts, id), ()), p.name)
@@ -295,11 +295,11 @@ def group_of(file: SubDynFile, name: str, entry: GroupEntry, path: Path) -> tupl
     given = [k for k in ("members", "property_sets", "reactions", "masses", "joints") if getattr(entry, k)]
     if len(given) != 1:
         raise InputError(where, f"names {' and '.join(given) or 'nothing'}",
-                         "name one of members, property_sets, reactions, masses, joints")  # fmt: skip
+                         "name one of members, property_sets, reactions, masses, joints")
     sort, wanted = given[0], getattr(entry, given[0])
     known = {"members": [m.id for m in file.members], "property_sets": [r.id for r in file.sets[entry.kind]],
              "reactions": [r.joint for r in file.reactions], "masses": [r.id for r in file.masses],
-             "joints": [j.id for j in file.joints]}[sort]  # fmt: skip
+             "joints": [j.id for j in file.joints]}[sort]
     for id in wanted:
         if id not in known:
             raise InputError(f"{where}.{sort}", f"{id} is not in {file.where}", "mend the number")
@@ -315,7 +315,7 @@ def _check_target(file: SubDynFile, acts: str, id: int, where: str) -> None:
     if acts in ("thickness", "wall_loss", "density", "line_mass", "stiffness"):
         kind = next(m.kind for m in file.members if m.id == id)
         fit = {"thickness": ("circular",), "wall_loss": ("circular",), "density": BEAMS, "line_mass": BEAMS,
-               "stiffness": (*BEAMS, "cable", "spring")}[acts]  # fmt: skip
+               "stiffness": (*BEAMS, "cable", "spring")}[acts]
         if kind not in fit:
             raise InputError(where, f"{acts} does not act on member {id}, which is {kind}", "take it out of the group")
         if acts in ("thickness", "wall_loss") and kind == "circular":
@@ -327,14 +327,14 @@ def _check_target(file: SubDynFile, acts: str, id: int, where: str) -> None:
         if reaction.ssi is None or all(reaction.fixed):
             raise InputError(where, f"the soil of joint {id} has no effect: " + (
                 "no SSI file" if reaction.ssi is None else "all its directions are held"),
-                "give joints with an SSI file and free directions")  # fmt: skip
+                "give joints with an SSI file and free directions")
         if acts in SOIL_PARTS:
             stiffness, inside = file.soil[reaction.ssi].stiffness, np.zeros((6, 6), bool)
             for part in SOIL_PARTS.values():
                 inside[np.ix_(part, part)] = True
             if np.abs(stiffness[~inside]).max() > 1e-6 * np.abs(stiffness).max():
                 raise InputError(where, f"the SSI file '{reaction.ssi}' couples its lateral, vertical and torsional "
-                                 "parts", "use acts = \"soil\"")  # fmt: skip
+                                 "parts", "use acts = \"soil\"")
 
 
 def _check_bounds(description: SubDynDescription, parameters: Parameters, path: Path) -> None:
@@ -343,7 +343,7 @@ def _check_bounds(description: SubDynDescription, parameters: Parameters, path: 
         if p.lower < 0 or (act.neutral == 1.0 and p.lower == 0):
             least = "above 0" if act.neutral == 1.0 else "of 0 or more"
             raise InputError(f"{path}: parameter {p.name}", f"its lower bound is {p.lower:g}, but it is a {act.text}",
-                             f"give lower {least}")  # fmt: skip
+                             f"give lower {least}")
 
 
 # K(theta), M(theta) ------------------------------------------------------------------------------------------------
@@ -397,7 +397,7 @@ class Coefficients:
         values = dict(self.fixed) | {name: theta[..., k] for k, name in enumerate(self.names)}
         one = np.ones(theta.shape[:-1], theta.dtype)
         stiffness, mass = (np.stack([one * f(values) for f in factors], axis=-1)
-                           for factors in (self.stiffness, self.mass))  # fmt: skip
+                           for factors in (self.stiffness, self.mass))
         return stiffness, mass
 
 
@@ -485,7 +485,7 @@ def joint_sensors(file: SubDynFile) -> tuple[Sensor, ...]:
         Sensor(channel=f"J{joint.id}{axis}", level=f"{joint.position_m[2]:g} m", position_m=np.array(joint.position_m),
                direction=np.eye(3)[k], quantity="displacement", unit="m")
         for joint in file.joints for k, axis in enumerate("xyz")
-    )  # fmt: skip
+    )
 
 
 def _own_sensors(file: SubDynFile, description: SubDynDescription, path: Path) -> tuple[Sensor, ...]:
@@ -498,10 +498,10 @@ def _own_sensors(file: SubDynFile, description: SubDynDescription, path: Path) -
             raise InputError(f"{path}: sensor {entry.channel}", "has neither joint nor position_m", "give one of them")
         if entry.joint is not None and entry.joint not in places:
             raise InputError(f"{path}: sensor {entry.channel}", f"joint {entry.joint} is not in {file.where}",
-                             "mend its number")  # fmt: skip
+                             "mend its number")
         at = places[entry.joint] if entry.joint is not None and not entry.position_m else entry.position_m
         result.append(Sensor(channel=entry.channel, level=entry.level, direction=np.array(entry.direction),
-                             position_m=np.array(at), quantity=entry.quantity, unit=entry.unit))  # fmt: skip
+                             position_m=np.array(at), quantity=entry.quantity, unit=entry.unit))
     names = [s.channel for s in result]
     twice = sorted({n for n in names if names.count(n) > 1})
     if twice:
@@ -526,7 +526,7 @@ def _channel_rows(frame: SubDynFrame, sensors: Sequence[Sensor], joints: Mapping
             dofs = frame.node_dofs(node)
             if dofs[-1] < 0 and np.linalg.norm(arm) > 1e-6:
                 raise InputError(f"{path}: sensor {sensor.channel}", f"hangs beside joint {joint}, which turns",
-                                 "put it at the joint, or on another")  # fmt: skip
+                                 "put it at the joint, or on another")
             motion = np.hstack([np.eye(3), -cross_matrix(arm)])[:, dofs >= 0]
             dofs = dofs[dofs >= 0]
         for dof, value in zip(dofs, sensor.direction @ motion, strict=True):
@@ -551,7 +551,7 @@ def _on_beam(frame: SubDynFrame, sensor: Sensor, path: Path) -> tuple[np.ndarray
     if best is None or best[0][0] > REACH_M:
         far = "no beam is there" if best is None else f"{best[0][0]:.1f} m from any beam (at most {REACH_M:.0f} m)"
         raise InputError(f"{path}: sensor {sensor.channel}", far,
-                         "check position_m, or name its joint in the model's [[sensor]]")  # fmt: skip
+                         "check position_m, or name its joint in the model's [[sensor]]")
     _, dofs, element, xi, arm = best
     turn = np.kron(np.eye(4), element.axes[:, [2, 0, 1]].T)
     at_axis = turn[:6, :6].T @ beams.interpolation(xi, element.length_m) @ turn
@@ -564,5 +564,5 @@ def _wireframe(frame: SubDynFrame) -> tuple[Wireframe, sparse.csr_array]:
     dofs = frame.translation[:, :3].ravel()
     pick = sparse.csr_array((np.ones(3 * n), (np.arange(3 * n), dofs)), shape=(3 * n, frame.n_full))
     wire = Wireframe(node_m=frame.node_m, line=frozen_array(lines, int),
-                     line_group=tuple(e.member.kind for e in frame.elements))  # fmt: skip
+                     line_group=tuple(e.member.kind for e in frame.elements))
     return wire, sparse.csr_array(pick @ frame.reduction)

@@ -58,7 +58,7 @@ def tables_of(entry: TowerEntry, base_m: float, where: str) -> Tower:
     columns = (entry.fraction, entry.mass_kgpm, entry.stiffness_fa_nm2, entry.stiffness_ss_nm2)
     if entry.top_m is None or len({len(c) for c in columns}) != 1 or len(entry.fraction) < 2:
         raise InputError(f"{where}: tower", "has neither elastodyn nor four columns of one length with top_m",
-                         "give elastodyn, or fraction, mass_kgpm, stiffness_fa_nm2, stiffness_ss_nm2 and top_m")  # fmt: skip
+                         "give elastodyn, or fraction, mass_kgpm, stiffness_fa_nm2, stiffness_ss_nm2 and top_m")
     if np.any(np.diff(entry.fraction) <= 0) or entry.fraction[0] != 0 or entry.fraction[-1] != 1:
         raise InputError(f"{where}: tower.fraction", "does not rise from 0 to 1", "mend it")
     if entry.top_m <= base_m:
@@ -70,7 +70,7 @@ def tables_of(entry: TowerEntry, base_m: float, where: str) -> Tower:
 def body_of(entry: RotorNacelleEntry) -> RotorNacelle:
     xx, yy, zz, xy, xz, yz = entry.inertia_kgm2
     return RotorNacelle(mass_kg=entry.mass_kg, centre_m=np.array(entry.centre_m),
-                        inertia_kgm2=np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]))  # fmt: skip
+                        inertia_kgm2=np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]))
 
 
 def mounted(file: SubDynFile, entry: TowerEntry, tower: Tower, body: RotorNacelle, where: str) -> Mounted:
@@ -82,7 +82,7 @@ def mounted(file: SubDynFile, entry: TowerEntry, tower: Tower, body: RotorNacell
         raise InputError(f"{where}: tower.joint", f"joint {entry.joint} is {foot.kind}", "take a rigid joint")
     if abs(foot.position_m[2] - tower.base_m) > GAP_M:
         raise InputError(f"{where}: tower.joint", f"joint {entry.joint} is at z = {foot.position_m[2]:g} m and the tower's "
-                         f"base at {tower.base_m:g} m", "name the joint the tower stands on")  # fmt: skip
+                         f"base at {tower.base_m:g} m", "name the joint the tower stands on")
     n, x, y = entry.elements, *foot.position_m[:2]
     height = tower.top_m - tower.base_m
     first = max(j.id for j in file.joints) + 1
@@ -90,24 +90,24 @@ def mounted(file: SubDynFile, entry: TowerEntry, tower: Tower, body: RotorNacell
         Joint(id=first + k, position_m=(x, y, tower.base_m + height * (k + 1) / n), kind="cantilever",
               direction=(0.0, 0.0, 0.0), stiffness=0.0, line=foot.line)
         for k in range(n)
-    )  # fmt: skip
+    )
     member, number = (max((r.id for r in rows), default=0) + 1 for rows in (file.members, file.sets["arbitrary"]))
     ends = (foot.id, *(j.id for j in joints))
     members = tuple(
         Member(id=member + k, joints=(ends[k], ends[k + 1]), sets=(number + k, number + k), kind="arbitrary", spin_deg=0.0,
                cosine=None, line=foot.line)
         for k in range(n)
-    )  # fmt: skip
+    )
     sets = tuple(Row(id=number + k, values=values, line=foot.line)
-                 for k, values in enumerate(_sections(entry, tower, n)))  # fmt: skip
+                 for k, values in enumerate(_sections(entry, tower, n)))
     inertia = body.inertia_kgm2
     mass = Row(id=joints[-1].id, line=foot.line, values=(
         body.mass_kg, inertia[0, 0], inertia[1, 1], inertia[2, 2], inertia[0, 1], inertia[0, 2], inertia[1, 2],
-        *(float(c) for c in body.centre_m)))  # fmt: skip
+        *(float(c) for c in body.centre_m)))
     whole = replace(
         file, joints=(*file.joints, *joints), members=(*file.members, *members), masses=(*file.masses, mass),
         sets={**file.sets, "arbitrary": (*file.sets["arbitrary"], *sets)},
-    )  # fmt: skip
+    )
     return Mounted(file=whole, members=tuple(m.id for m in members), mass=mass.id)
 
 
@@ -117,7 +117,7 @@ def _sections(entry: TowerEntry, tower: Tower, n: int) -> Sequence[tuple[float, 
     middle = 0.5 * (fine[:-1] + fine[1:])
     result = []
     columns = [np.interp(middle, tower.fraction, c).reshape(n, 32) for c in
-               (tower.mass_kgpm, tower.stiffness_fa_nm2, tower.stiffness_ss_nm2)]  # fmt: skip
+               (tower.mass_kgpm, tower.stiffness_fa_nm2, tower.stiffness_ss_nm2)]
     # mass adds up along an element, flexibility too
     mass, fore_aft, side_side = columns[0].mean(1), *(1 / (1 / c).mean(1) for c in columns[1:])
     e, g = entry.youngs_modulus_pa, entry.shear_modulus_pa

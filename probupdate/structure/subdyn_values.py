@@ -36,7 +36,7 @@ def applied(path: Path, values: Mapping[str, float], remark: str = "") -> tuple[
     description = read_description(read_toml(path), path)
     file = read_subdyn(beside(path, description.subdyn.file, "subdyn.file"), path.parent)
     own = tuple(p for p in description.parameter if not set(p.groups) & {"tower", "rotor_nacelle"}
-                or description.tower is None)  # fmt: skip
+                or description.tower is None)
     above = tuple(p.name for p in description.parameter if p not in own)
     targets = targets_of(file, description.model_copy(update={"parameter": own}), path)
     known = {p.name: p.initial for p in description.parameter} | {name: float(v) for name, v in values.items()}
@@ -125,7 +125,7 @@ class _Edit:
 
     def file(self, remark: str) -> SubDynFile:
         lines = [replaced(text, self.words[at]) if at in self.words else text
-                 for at, text in enumerate(self.source.lines, 1)]  # fmt: skip
+                 for at, text in enumerate(self.source.lines, 1)]
         if remark:
             lines[1] = f"{lines[1]} | {remark}"
         tables = {**self.source.sets, "mass": self.source.masses}

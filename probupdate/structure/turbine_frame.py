@@ -33,13 +33,13 @@ from probupdate.structure.frame import (
     LineSpring,
     NodeSpring,
     Tie,
-)  # fmt: skip
+)
 from probupdate.structure.frame_effects import check_effects, hang_masses, loosen, prestress
 from probupdate.structure.local_functions import JointStiffness, PileMoments, Warmth, Water, Wetting
 from probupdate.structure.nacelle import nacelle_bodies
 
 STIFFNESS = {"leg": "k_j", "brace": "k_j", "pile": "k_p", "column": "k_TP", "strut": "k_TP", "tie": "k_TP",
-             "tower": "k_t"}  # fmt: skip
+             "tower": "k_t"}
 SAME_POINT_M = 1e-6
 
 
@@ -76,7 +76,7 @@ class _Mesh:
         rises = self.effects.on_all("water_level")
         self.rise = tuple(p.name for p in rises)
         self.tide = (site.water_level_m + sum(min(ends(p)[0], 0.0) for p in rises),
-                     site.water_level_m + sum(max(ends(p)[1], 0.0) for p in rises))  # fmt: skip
+                     site.water_level_m + sum(max(ends(p)[1], 0.0) for p in rises))
 
     def node(self, position) -> int:
         self.nodes.append(np.array(position, float))
@@ -124,7 +124,7 @@ class _Mesh:
             youngs_modulus_pa=steel.youngs_modulus_pa, poisson_ratio=steel.poisson_ratio,
             density_kgpm3=steel.density_kgpm3, shear=self.effects.at("shear", place),
             stiffness=parameter(STIFFNESS[member.group]) * product(both) * self.warmth(place), **one, **kwargs,
-        ))  # fmt: skip
+        ))
 
     def warmth(self, place: Place) -> Coefficient:
         names = self.effects.at("temperature", place)
@@ -166,7 +166,7 @@ class _Mesh:
         wetting = Wetting(
             start_m=round(start[2], 9), end_m=round(end[2], 9), length_m=round(float(np.linalg.norm(end - start)), 9),
             still_m=self.d.site.water_level_m, rise=self.rise,
-        ).moments()  # fmt: skip
+        ).moments()
         # growth stays where it has grown
         return tuple(mass if mass.grown else covered(mass, wetting) for mass in (*masses, *filling))
 
@@ -181,7 +181,7 @@ def _inside(levels, start: float, rise: float) -> set[float]:
 def covered(mass: LineMass, moments: Sequence[Coefficient]) -> LineMass:
     """A mass along the part of a beam that the moments (7) cover."""
     return LineMass(per_metre=mass.per_metre, transverse_only=mass.transverse_only, grown=mass.grown,
-                    moments=tuple(mass.per_metre * m for m in moments))  # fmt: skip
+                    moments=tuple(mass.per_metre * m for m in moments))
 
 
 def surroundings(d: Description, effects: Effects, tube: Tube, place: Place, z: float) -> tuple[LineMass, ...]:
@@ -189,7 +189,7 @@ def surroundings(d: Description, effects: Effects, tube: Tube, place: Place, z: 
     water = d.hydrodynamics
     growth = ("mg", *effects.at("growth", place)) if z < water.growth_top_m else ()
     added = Water(kind="added", tube=tube, density_kgpm3=d.site.water_density_kgpm3,
-                  coefficient=water.added_mass_coefficient, growth=growth)  # fmt: skip
+                  coefficient=water.added_mass_coefficient, growth=growth)
     factor = parameter("a_m") * product(effects.at("added_mass", place))
     masses = [LineMass(per_metre=added.coefficient_of() * factor, transverse_only=True)]
     if growth:
@@ -235,15 +235,15 @@ def _add_braces(mesh: _Mesh, legs: list[dict[float, int]]) -> None:
             corner = {key: legs[leg][z] for key, leg, z in (
                 ("low left", left, bay.bottom_m), ("low right", right, bay.bottom_m),
                 ("high left", left, bay.top_m), ("high right", right, bay.top_m),
-            )}  # fmt: skip
+            )}
             p = {key: mesh.nodes[k] for key, k in corner.items()}
             low, high = (np.linalg.norm(p[f"{z} right"] - p[f"{z} left"]) for z in ("low", "high"))
             # the diagonals of a trapezoid divide each other as its parallel sides
             centre = mesh.node(p["low left"] + low / (low + high) * (p["high right"] - p["low left"]))
             for foot, head, first, second in (("low left", "high right", left, right),
-                                              ("low right", "high left", right, left)):  # fmt: skip
+                                              ("low right", "high left", right, left)):
                 member = Member("brace", f"brace {names[first]}{names[second]}-{number + 1}",
-                                face=names[left] + names[right], bay=number + 1)  # fmt: skip
+                                face=names[left] + names[right], bay=number + 1)
                 for key, leg, at_foot in ((foot, first, True), (head, second, False)):
                     end = _brace_end(mesh, corner[key], legs[leg], centre, bay.brace, member._replace(leg=names[leg]))
                     chain = mesh.chain(*((end, centre) if at_foot else (centre, end)), "brace")
@@ -270,7 +270,7 @@ def _brace_end(
         brace=mesh.tube_at(place, brace, position[2]),
         # rounded so that the equal angles of all legs share one function
         angle_rad=round(angle, 12),
-    )  # fmt: skip
+    )
     common = parameter("LJF") * parameter("k_j") * mesh.warmth(on_chord) * mesh.d.steel.youngs_modulus_pa
     stiffness = tuple(
         common * product(mesh.effects.at("joint", place, motion=motion)) * coefficient
@@ -278,7 +278,7 @@ def _brace_end(
     )
     end = mesh.node(position)
     mesh.ties.append(Tie(node=end, master=chord, released=joints.release_directions(along_chord, along_brace),
-                         stiffness=stiffness))  # fmt: skip
+                         stiffness=stiffness))
     return end
 
 
@@ -290,7 +290,7 @@ def _add_piles(mesh: _Mesh, legs: list[dict[float, int]]) -> list[NodeSpring]:
         strength_at_mudline_pa=d.soil.undrained_shear_strength_pa.at_mudline,
         strength_gradient_papm=d.soil.undrained_shear_strength_pa.gradient_per_m,
         strain_50=d.soil.strain_50, matlock_j=d.soil.matlock_j,
-    )  # fmt: skip
+    )
     tips = []
     depth = d.site.mudline_m - d.pile.tip_m
     for name, leg in zip(d.jacket.leg_names, legs, strict=True):
@@ -301,11 +301,11 @@ def _add_piles(mesh: _Mesh, legs: list[dict[float, int]]) -> list[NodeSpring]:
         for k, segment in enumerate(chain):
             place, tube = mesh.between(segment, member), mesh.tube(member, entry, segment)
             carried = [covered(mass, moments["exposed_moments"][k])
-                       for mass in surroundings(d, mesh.effects, tube, place, segment.z_m)]  # fmt: skip
+                       for mass in surroundings(d, mesh.effects, tube, place, segment.z_m)]
             if d.pile.flooded:
                 carried.append(LineMass(per_metre=flooding(d, tube)))
             lateral, axial = (inverse(curve) * product(mesh.effects.at("soil", place, curve=curve))
-                              for curve in ("py", "tz"))  # fmt: skip
+                              for curve in ("py", "tz"))
             springs = LineSpring(
                 lateral=tuple(m * lateral for m in moments["lateral_moments"][k]),
                 axial=tuple(m * axial for m in moments["axial_moments"][k]),
@@ -325,7 +325,7 @@ def _pile_moments(
     springs = soil.PileSprings(
         clay=clay, diameter_m=mesh.d.pile.diameter_m, top_depth_m=tuple(mesh.d.site.mudline_m - z[:-1]),
         length_m=tuple(z[:-1] - z[1:]),
-    )  # fmt: skip
+    )
     return {
         kind: PileMoments(springs=springs, kind=kind, scour=scour).coefficients(len(chain), order)
         for kind, order in (("lateral_moments", 7), ("axial_moments", 3), ("exposed_moments", 7))
@@ -385,13 +385,13 @@ def build_frame(description: Description, nacelle_angle_deg: float = 0.0) -> Fra
     number = len(mesh.nodes)
     mesh.nodes += nacelle.positions
     mesh.ties += [Tie(node=number + k, master=top, released=released, stiffness=stiffness)
-                  for k, (released, stiffness) in enumerate(nacelle.released)]  # fmt: skip
+                  for k, (released, stiffness) in enumerate(nacelle.released)]
     bodies += [*flanges, *(replace(body, node=number + body.node) for body in nacelle.bodies)]
     hub = number + [entry.name for entry in description.rna].index("hub")
     frame = Frame(
         node_m=np.array(mesh.nodes), beams=tuple(mesh.beams), ties=tuple(mesh.ties), bodies=tuple(bodies),
         springs=tuple(springs), prestress=prestress(description, mesh.effects, hub, turn[:, 0]),
         pile_head=legs[0][min(legs[0])], pile_part=f"pile {description.jacket.leg_names[0]}",
-    )  # fmt: skip
+    )
     check_effects(mesh)
     return frame

@@ -9,4 +9,4 @@ __all__ = [
     "alpha", "comparison", "components", "discrepancy", "ensemble", "evidence", "hierarchical", "identifiability",
     "information", "laplace", "posterior_file", "predictive", "problem", "responses", "runs", "set_views",
     "set_views_file", "settings", "tikhonov", "update_file",
-]  # fmt: skip
+]

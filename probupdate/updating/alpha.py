@@ -57,7 +57,7 @@ def alpha_path(problem: Problem, *, progress: Progress = silent) -> AlphaPath:
         run = update(problem, max_iteration=STEPS, start=theta, **options)
         if not run.converged:
             run = update(problem, method="levenberg-marquardt", max_iteration=REGION_STEPS, start=run.theta[-1],
-                         **options)  # fmt: skip
+                         **options)
         theta = run.theta[-1]
         apart = theta - parameters.initial
         slope = problem.weighted(problem.sensitivity(theta)[1].T).T
@@ -76,7 +76,7 @@ def alpha_path(problem: Problem, *, progress: Progress = silent) -> AlphaPath:
         penalty=frozen_array(penalty), log_evidence=frozen_array(evidence), settled=frozen_array(settled, bool),
         chosen={rule: value for rule, (value, _) in found.items()},
         remarks={rule: remark for rule, (_, remark) in found.items() if remark},
-    )  # fmt: skip
+    )
 
 
 def choose(path: AlphaPath, rule: str) -> float:

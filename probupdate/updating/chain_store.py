@@ -17,7 +17,7 @@ FORMAT = 2
 # what a user calls the parts of a problem whose hashes may differ
 WORDS = {"prior": "the prior or bounds", "model": "the model", "measured modes": "the measured modes or the set",
          "weights": "the weights or what is compared", "pairing": "the pairing of modes",
-         "reduction": "the reduced basis's settings"}  # fmt: skip
+         "reduction": "the reduced basis's settings"}
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -61,7 +61,7 @@ class ChainStore:
             "log_prob": segment.state.log_prob, "keys": keys,
             "numbers": np.array([position, has_gauss, segment.evaluated, segment.fallback]),
             "cached": np.array([cached, segment.accepted]),
-        }  # fmt: skip
+        }
         if kind != "MT19937":
             raise InputError("random state", f"generator {kind} is not the one expected", "use emcee 3.1")
         write_arrays(self._path(number, ensemble), content)

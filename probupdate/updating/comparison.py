@@ -181,7 +181,7 @@ def _row(
         nine_cov=float(sets.cov[k]) if sets else float("nan"),
         total_cov=float(sets.total_std[k] / abs(sets.theta_map[:, k].mean())) if sets else float("nan"),
         identified=identified, flags=tuple(flags),
-    )  # fmt: skip
+    )
     sentence = _sentence(row, parameter, update, posterior.names[partner], float(others[partner]))
     return ComparisonRow(sentence=sentence, **row)
 
@@ -192,7 +192,7 @@ def _sentence(row: dict, parameter, update: UpdateRecord, partner: str, correlat
     parts = []
     if row["identified"] == PRIOR:
         parts.append(f"the data do not inform {name}: its posterior is {100 * row['contraction']:.0f} % as wide as its "
-                     "prior")  # fmt: skip
+                     "prior")
     gap = abs(row["map_distance"])
     cut = abs(row["prior_mean"] - parameter.initial) > 0.1 * row["prior_std"]
     if gap > CLOSE:
@@ -200,12 +200,12 @@ def _sentence(row: dict, parameter, update: UpdateRecord, partner: str, correlat
             reason = "the density is highest at the bound while its mass lies inside"
         elif row["identified"] == PRIOR and cut:
             reason = (f"the bounds cut the prior, whose mean is {row['prior_mean']:.3g} for a mode of "
-                      f"{parameter.initial:.3g}")  # fmt: skip
+                      f"{parameter.initial:.3g}")
         elif abs(row["skewness"]) > 0.3:
             reason = f"the posterior is skewed ({row['skewness']:+.1f})"
         elif abs(correlation) > RIDGE:
             reason = (f"the posterior is a ridge with {partner} (correlation {correlation:+.2f}), whose top is not its "
-                      "middle")  # fmt: skip
+                      "middle")
         else:
             reason = "other parameters' bounds and skewness shift the mass along with them"
         parts.append(f"MAP and mean differ by {gap:.1f} posterior standard deviations: {reason}")
@@ -225,7 +225,7 @@ def _sentence(row: dict, parameter, update: UpdateRecord, partner: str, correlat
     apart = abs(row["step"] - row["map"]) / std
     if apart > CLOSE:
         text = (f"Eq. 7 as printed ends {apart:.1f} posterior standard deviations from the MAP: it penalises the step, "
-                f"and after {len(printed.theta) - 1} iterations has forgotten the prior")  # fmt: skip
+                f"and after {len(printed.theta) - 1} iterations has forgotten the prior")
         if row["resolution"] < 0.5:
             text += " that the data do not replace"
         parts.append(text)
@@ -282,7 +282,7 @@ def write_comparison(comparison: Comparison, path: str | Path) -> Path:
         "correlation": comparison.correlation.tolist(),
         "derived": {k: _nulls(v) for k, v in comparison.derived.items()}, "notes": list(comparison.notes),
         "converged": comparison.converged, "settings": dict(comparison.settings),
-    }  # fmt: skip
+    }
     return write_json(path, content)
 
 

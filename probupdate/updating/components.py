@@ -65,7 +65,7 @@ def variance_components(problem: Problem, laplace: Laplace) -> VarianceComponent
     for k, source in enumerate(sources):
         groups[source.group] = groups.get(source.group, 0.0) + of_sources[:, k] ** 2
     parts = {IDENTIFICATION: identification, DISCREPANCY: discrepancy, **groups,
-             PRIOR: np.sum((P @ prior_slope.T) ** 2, axis=1)}  # fmt: skip
+             PRIOR: np.sum((P @ prior_slope.T) ** 2, axis=1)}
     return VarianceComponents(
         parameters=problem.parameters.names, names=tuple(parts),
         std=frozen_array(np.sqrt(np.array(list(parts.values())))), total=frozen_array(np.sqrt(np.diag(P))),
@@ -95,7 +95,7 @@ def misfit_by_response(problem: Problem, laplace: Laplace) -> tuple[tuple[str, .
             names.append(f"shape of {' and '.join(labels)}")
             mac = group.shapes == "mac"
             chi_square.append(own @ own / problem.std[shape] ** 2 if mac else
-                              own @ np.linalg.pinv(covariance[rows, rows], hermitian=True) @ own)  # fmt: skip
+                              own @ np.linalg.pinv(covariance[rows, rows], hermitian=True) @ own)
             expected.append(float(group.n_effective - group.size))
         frequency, shape = frequency + group.size, shape + size
     return tuple(names), np.array(chi_square), np.array(expected)
@@ -169,7 +169,7 @@ def candidates(problem: Problem, laplace: Laplace, now: Whitened) -> Iterator[Ca
         names = [sources[k].description for k in columns]
         what = names[0] if len(names) == 1 else f"{group}: {len(names)} tolerances such as {names[0]}"
         yield Candidate(what=f"know exactly: {what} ({check})" if check else f"know exactly: {what}",
-                        covariance=now.covariance(np.array(columns)), known=tuple(columns))  # fmt: skip
+                        covariance=now.covariance(np.array(columns)), known=tuple(columns))
     if not problem.weights.covariance:
         yield from _better(problem, now)
     yield from _further_modes(problem, laplace, now)
@@ -183,12 +183,12 @@ def _better(problem: Problem, now: Whitened) -> Iterator[Candidate]:
         names = " and ".join(problem.mode_labels[problem.used[frequency + k]] for k in range(group.size))
         size = group.shape_response.size
         for what, rows in (("frequency", np.arange(frequency, frequency + group.size)),
-                           ("shape", np.arange(shape, shape + size))):  # fmt: skip
+                           ("shape", np.arange(shape, shape + size))):
             if rows.size:
                 halved = (variance[rows] - missed[rows]) / 4 + missed[rows]
                 by = float(np.sqrt(np.mean(variance[rows]) / np.mean(halved)))
                 yield Candidate(what=f"identify the {what} of {names} twice as exactly",
-                                covariance=now.scaled(rows, by).covariance())  # fmt: skip
+                                covariance=now.scaled(rows, by).covariance())
         frequency, shape = frequency + group.size, shape + size
 
 
@@ -199,7 +199,7 @@ def _further_modes(problem: Problem, laplace: Laplace, now: Whitened) -> Iterato
     taken = {i for cluster in problem._clusters(solution.shape) for i in cluster}
     highest = max(taken)
     share = float(np.median([s / f for g in problem.groups for s, f in
-                             zip(g.frequency_std_hz, g.frequency_hz, strict=True)]))  # fmt: skip
+                             zip(g.frequency_std_hz, g.frequency_hz, strict=True)]))
     unknown = getattr(problem.model, "uncertainty", None)
     change = None
     if problem.error_sources and unknown is not None:
@@ -212,4 +212,4 @@ def _further_modes(problem: Problem, laplace: Laplace, now: Whitened) -> Iterato
         factor = np.zeros((1, now.factor.shape[1])) if change is None else change[i : i + 1] / (share * f)
         slope = solution.both_derivatives[0][i : i + 1] / (share * f)
         yield Candidate(what=f"identify the model's mode at {f:.3g} Hz (its frequency)",
-                        covariance=now.with_rows(slope, factor).covariance())  # fmt: skip
+                        covariance=now.with_rows(slope, factor).covariance())

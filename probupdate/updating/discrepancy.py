@@ -49,7 +49,7 @@ class LikelihoodSettings:
     ) -> Weights:
         """As plain numbers, of this set (the reference set where None)."""
         chosen = stated_weights(self.weights, data, frequencies=self.frequencies, shapes=self.shapes,
-                                tolerances=self.tolerances)  # fmt: skip
+                                tolerances=self.tolerances)
         discrepancy = self.discrepancy
         if discrepancy is None:
             own = isinstance(self.weights, str) and self.weights in ("measured", "covariance")
@@ -118,7 +118,7 @@ def stated_weights(
         return paper_weights(data.labels, data.set().frequency_hz, **compared)
     if isinstance(weights, str):
         raise InputError("weights", f"'{weights}' is unknown",
-                         "choose from measured, covariance, paper, or give a CoV a mode")  # fmt: skip
+                         "choose from measured, covariance, paper, or give a CoV a mode")
     return Weights(frequency_cov=tuple(float(w) for w in weights), shape_std=False, **compared)
 
 
@@ -162,7 +162,7 @@ def estimate_discrepancy(
         return replace(weights, discrepancy=0.0)
     if beyond(MOST) > 0:
         error = InputError(f"set {problem.set_id}", f"even a model discrepancy of {100 * MOST:g} % of every frequency "
-                           "does not explain the misfit", "check pairing, channels and units")  # fmt: skip
+                           "does not explain the misfit", "check pairing, channels and units")
         likely = suspected_channels(model, data, [model.parameters.initial, start], set_id=set_id)
         raise error if likely is None else with_mistake(error, likely)
     if beyond(LEAST) <= 0:

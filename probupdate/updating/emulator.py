@@ -88,7 +88,7 @@ def fit_emulator(
     error = float(np.sqrt(np.sum(weight * (missed - mean) ** 2) / weight.sum()))
     progress("response surfaces", 1, 1)
     return Emulator(parameters=problem.parameters, outline=outline, centre=frozen_array(centre),
-                    scale=frozen_array(scale), gram=frozen_array(surface @ surface.T), error=error)  # fmt: skip
+                    scale=frozen_array(scale), gram=frozen_array(surface @ surface.T), error=error)
 
 
 class EmulatorMove(emcee.moves.RedBlueMove):

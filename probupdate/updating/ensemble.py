@@ -208,7 +208,7 @@ def sample(
                 states = [segment.state for segment in rounds[-1]]
             else:
                 states = [_first_state(problem, surrogate, _n_walker(parameters, settings), settings.seed, k)
-                          for k in range(settings.ensembles)]  # fmt: skip
+                          for k in range(settings.ensembles)]
             n_more = min(SEGMENT, settings.max_steps - n_step)
             # those that a killed run finished of this round are kept
             kept = {k: store.read_one(len(rounds), k) for k in range(settings.ensembles)}
@@ -234,7 +234,7 @@ def _first_state(problem: Problem, surrogate: Density, n_walker: int, seed: int,
     else:
         raise InputError(
             "model", f"has no modes at {without.sum()} of {n_walker} starts, {START_ROUNDS} times drawn anew",
-            "narrow the parameters' bounds to what is a structure")  # fmt: skip
+            "narrow the parameters' bounds to what is a structure")
     generator = np.random.RandomState(np.random.default_rng([seed, 1, *own]).integers(2**32, size=8))
     return emcee.State(start, random_state=generator.get_state())
 
@@ -260,10 +260,10 @@ def _run_segment(
     sampler = emcee.EnsembleSampler(
         len(state.coords), len(problem.parameters), log_probability, vectorize=True,
         moves=moves(problem.parameters, surrogate, emulator),
-    )  # fmt: skip
+    )
     state = sampler.run_mcmc(state, n_step, skip_initial_state_check=True)
     return Segment(theta=sampler.get_chain(), log_posterior=sampler.get_log_prob(), state=state,
-                   accepted=float(np.mean(sampler.acceptance_fraction)), **counts)  # fmt: skip
+                   accepted=float(np.mean(sampler.acceptance_fraction)), **counts)
 
 
 def _n_walker(parameters: Parameters, settings: SamplerSettings) -> int:
@@ -281,7 +281,7 @@ def claim_folder(
 def _store(parameters, folder, settings: SamplerSettings, parts: Mapping[str, str]) -> ChainStore:
     kept = {"seed": int(settings.seed), "ensembles": settings.ensembles, "walkers": _n_walker(parameters, settings),
             "parameters": list(parameters.names), "steps of a segment": SEGMENT,
-            "emcee": emcee.__version__}  # fmt: skip
+            "emcee": emcee.__version__}
     return ChainStore(Path(folder), parts, kept)
 
 
@@ -348,7 +348,7 @@ def _judge(rounds: list[list[Segment]], parameters, settings: SamplerSettings) -
          f"({parameters.names[int(np.argmin(ess))]}), wanted {settings.target_ess}"),
         (float(np.min(tail)) >= settings.target_ess, f"in the tails {np.min(tail):.0f} "
          f"({parameters.names[int(np.argmin(tail))]}), wanted {settings.target_ess}"),
-    )  # fmt: skip
+    )
     converged = all(held for held, _ in checks)
     if converged:
         verdict = "Converged: " + "; ".join(text.split(",")[0] for _, text in checks)

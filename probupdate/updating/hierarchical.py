@@ -63,7 +63,7 @@ def coordinates_of(parameters: Parameters) -> Coordinates:
     logarithmic = np.array([p.initial > 0 and (p.lower >= 0 or p.prior == "lognormal") for p in parameters])
     relative = np.array([p.log_std if p.prior == "lognormal" else p.std / abs(p.initial or 1.0) for p in parameters])
     return Coordinates(logarithmic=frozen_array(logarithmic, bool),
-                       scale=frozen_array(np.where(logarithmic, relative, parameters.std)))  # fmt: skip
+                       scale=frozen_array(np.where(logarithmic, relative, parameters.std)))
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -112,7 +112,7 @@ class SetLikelihoods:
         """Of some of the sets."""
         pick = list(numbers)
         return SetLikelihoods(ids=tuple(self.ids[j] for j in pick), centre=self.centre[pick], value=self.value[pick],
-                              gradient=self.gradient[pick], precision=self.precision[pick])  # fmt: skip
+                              gradient=self.gradient[pick], precision=self.precision[pick])
 
     def without(self, number: int) -> SetLikelihoods:
         return self.chosen([j for j in range(len(self.ids)) if j != number])
@@ -253,13 +253,13 @@ def sample_population(
         raise InputError("sets", "fewer than two do not show any scatter between sets", "give two or more")
     if not (np.isfinite(spread) and spread > 0):
         raise InputError("spread", f"{spread} is not above zero",
-                         "give the scale of tau in prior standard deviations, as 0.25")  # fmt: skip
+                         "give the scale of tau in prior standard deviations, as 0.25")
     hyper = _Hyper(likelihoods, parameters, coordinates, correlated, spread)
     rng = np.random.default_rng([seed, 11])
     start = _start(hyper, 2 * hyper.n_x + 2, rng)
     moves = [(_Redraw(hyper), REDRAW_SHARE), (SubsetMove(), SUBSET_SHARE),
              (emcee.moves.DEMove(), 0.8 * (1 - REDRAW_SHARE - SUBSET_SHARE)),
-             (emcee.moves.DEMove(gamma0=1.0), 0.2 * (1 - REDRAW_SHARE - SUBSET_SHARE))]  # fmt: skip
+             (emcee.moves.DEMove(gamma0=1.0), 0.2 * (1 - REDRAW_SHARE - SUBSET_SHARE))]
     sampler = emcee.EnsembleSampler(*start.shape, hyper, vectorize=True, moves=moves)
     random = np.random.RandomState(np.random.default_rng([seed, 12]).integers(2**32, size=8))
     state, judged = emcee.State(start, random_state=random.get_state()), (np.inf, 0.0)

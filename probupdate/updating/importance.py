@@ -114,7 +114,7 @@ class Mixture:
         inside = self.parameters.inside(theta)
         if inside.any():
             parts = [np.log(w) + c.log_density(theta[inside])
-                     for w, c in zip(self.weight, self.components, strict=True)]  # fmt: skip
+                     for w, c in zip(self.weight, self.components, strict=True)]
             value[inside] = np.logaddexp.reduce(parts)
         return value
 
@@ -194,7 +194,7 @@ def fitted_proposal(
     prior = PriorDensity(parameters)
     n_out = len(outlines)
     current = Mixture(parameters=parameters, components=(*outlines, prior),
-                      weight=frozen_array([*(n_out * [(1 - PRIOR_SHARE) / n_out]), PRIOR_SHARE]))  # fmt: skip
+                      weight=frozen_array([*(n_out * [(1 - PRIOR_SHARE) / n_out]), PRIOR_SHARE]))
     logarithmic = parameters.lower >= 0
     proposed: list[Mixture] = []
     theta, value, share = np.empty((0, len(parameters))), np.empty(0), np.empty(0)
@@ -209,7 +209,7 @@ def fitted_proposal(
         if len(proposed) >= FEWEST and share.max() >= ENOUGH:
             break
         parts, of_part = _fit(coordinates(theta[inside], logarithmic), _flattened(log_weight), PER_MAXIMUM * n_out,
-                              logarithmic, rng)  # fmt: skip
+                              logarithmic, rng)
         of_all = [*((1 - OUTLINE_SHARE - PRIOR_SHARE) * of_part), *(n_out * [OUTLINE_SHARE / n_out]), PRIOR_SHARE]
         current = Mixture(parameters=parameters, components=(*parts, *outlines, prior), weight=frozen_array(of_all))
     return proposed[int(np.argmax(share))], len(theta)
@@ -300,7 +300,7 @@ def _fit(u, weight, count: int, logarithmic, rng) -> tuple[list[StudentT], np.nd
     for k in range(count):
         factor = linalg.cholesky(SPREAD * covariances[k] + 1e-6 * np.eye(n_param), lower=True)
         parts.append(StudentT(centre=frozen_array(mean + scale * centres[k]),
-                              factor=frozen_array(scale[:, None] * factor), logarithmic=logarithmic))  # fmt: skip
+                              factor=frozen_array(scale[:, None] * factor), logarithmic=logarithmic))
     return parts, share
 
 
@@ -328,14 +328,14 @@ class Agreement:
     @property
     def sentence(self) -> str:
         text = (f"importance sampling: {self.effective:.0f} effective of {self.n_draw} draws, Pareto k "
-                f"{self.pareto_k:.2f}, ln evidence {self.log_evidence:.3f} +- {self.log_evidence_std:.3f}")  # fmt: skip
+                f"{self.pareto_k:.2f}, ln evidence {self.log_evidence:.3f} +- {self.log_evidence_std:.3f}")
         if self.without_modes:
             text += (f"; {self.without_modes} draws within the bounds have no modes and probability zero: the bounds "
-                     "allow what is no structure, such as a negative stiffness")  # fmt: skip
+                     "allow what is no structure, such as a negative stiffness")
         if self.pareto_k >= TRUSTED_K:
             return f"{text}: it confirms nothing"
         text += (f"; its means are within {self.apart:.2f} posterior standard deviations of the chain's "
-                 f"({self.parameter}, {self.z:.1f} standard errors)")  # fmt: skip
+                 f"({self.parameter}, {self.z:.1f} standard errors)")
         return text if self.agrees else f"{text}: THEY DISAGREE, use neither"
 
 

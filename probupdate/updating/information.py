@@ -147,7 +147,7 @@ def information(
             slope_mode=problem.mode_labels[problem.used[mode[k]]], sensitivity=_metric(slope[k], SENSITIVITY_FROM),
             signal=float(signal[k]), contraction=float(width[k]), bits=float(-np.log2(width[k])),
             sampled_contraction=sampled[0], sampled_bits=sampled[1], role=role,
-        ))  # fmt: skip
+        ))
     zero = [p.name for p, r in zip(parameters, relative, strict=True) if not r]
     settings = {
         "set": problem.set_id, "weights": problem.weights.description,
@@ -162,7 +162,7 @@ def information(
         pairs=_pairs(problem, white, sensitivity, covariance), settings=settings,
         total_bits=float(0.5 * np.linalg.slogdet(np.eye(len(point)) + fisher)[1] / np.log(2)),
         cost=_cost(white, parameters, rows, width),
-    )  # fmt: skip
+    )
 
 
 def _metric(value: float, limits: tuple[float, ...]) -> int:
@@ -235,7 +235,7 @@ def _pairs(problem: Problem, white, sensitivity, covariance) -> tuple[Compensati
         cosine = _cosine(white[:, i], white[:, j])
         found.append(Compensation(
             first=first, second=second, correlation=float(correlation[i, j]), cosine=cosine, by_modes=by_modes,
-            sentence=_pair_sentence(first, second, float(correlation[i, j]), cosine, by_modes)))  # fmt: skip
+            sentence=_pair_sentence(first, second, float(correlation[i, j]), cosine, by_modes)))
     return tuple(sorted(found, key=lambda c: -abs(c.correlation))[:MOST_PAIRS])
 
 
@@ -258,7 +258,7 @@ def summary(found: Information) -> str:
     """The table, the directions, the pairs and the recommendation."""
     width = max(9, *(len(r.name) for r in found.rows))
     lines = [f"{'':<{width}} {'value':>10} {'CoV':>6} {'u':>2} {'slope':>6} {'of':>4} {'s':>2} {'signal':>7} "
-             f"{'width':>6} {'bits':>5}  role"]  # fmt: skip
+             f"{'width':>6} {'bits':>5}  role"]
     for r in found.rows:
         cov = f"{r.cov:6.3f}" if np.isfinite(r.cov) else f"{'-':>6}"
         metric = str(r.uncertainty) if r.uncertainty >= 0 else "-"
@@ -288,7 +288,7 @@ def recommendation(found: Information) -> list[str]:
                      f"{carried}")
     if left:
         lines.append(f"leave at their values: {left}; fixing them makes no recommended parameter's width smaller by "
-                     f"more than {100 * found.cost:.1f} %")  # fmt: skip
+                     f"more than {100 * found.cost:.1f} %")
     return lines
 
 
@@ -300,7 +300,7 @@ def write_information(found: Information, path: str | Path) -> Path:
         "total_bits": found.total_bits, "cost": found.cost, "settings": found.settings,
         "check": None if found.check is None else row_of(found.check) | {
             "responses": [row_of(r) for r in found.check.responses]},
-    }  # fmt: skip
+    }
     return write_json(path, content)
 
 

@@ -89,7 +89,7 @@ def maximum_a_posteriori(problem: Problem, starts: Sequence[np.ndarray]) -> Lapl
     others = sorted({
         round(float(0.5 * (end[1] - lowest)), 3) for end in settled
         if np.max(np.abs(end[0] - theta) / std) > 1e-3 and 0.5 * (end[1] - lowest) > SAME_HEIGHT
-    })  # fmt: skip
+    })
     return _laplace(problem, theta, tuple(others))
 
 

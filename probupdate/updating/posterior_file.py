@@ -96,7 +96,7 @@ class Posterior:
         return table_of([
             {"name": name, "mean": theta[:, k].mean(), "std": theta[:, k].std(ddof=1), "q05": low[k], "median": middle[k],
              "q95": high[k], "r_hat": self.r_hat[k], "ess": self.ess[k]} for k, name in enumerate(self.names)
-        ], units=dict.fromkeys(("mean", "std", "q05", "median", "q95"), "of the parameter"))  # fmt: skip
+        ], units=dict.fromkeys(("mean", "std", "q05", "median", "q95"), "of the parameter"))
 
     @property
     def summary(self) -> str:
@@ -106,10 +106,10 @@ class Posterior:
         for k, name in enumerate(self.names):
             low, high = np.quantile(draws[:, k], [0.05, 0.95])
             lines.append(f"  {name:<{width}}  {draws[:, k].mean():>10.4g} +- {draws[:, k].std(ddof=1):<9.3g} "
-                         f"90 % {low:.4g} to {high:.4g}")  # fmt: skip
+                         f"90 % {low:.4g} to {high:.4g}")
         evaluated, fallback = self.record.get("evaluated", 0), self.record.get("fallback", 0)
         lines.append(f"{evaluated} evaluations, {fallback} of them by the full model; "
-                     f"acceptance {self.record.get('acceptance', float('nan')):.2f}")  # fmt: skip
+                     f"acceptance {self.record.get('acceptance', float('nan')):.2f}")
         lines += [str(text) for text in self.record.get("statements", ())]
         lines += [str(note) for note in self.record.get("notes", ())]
         return "\n".join(lines)
@@ -138,12 +138,12 @@ def write_posterior(posterior: Posterior, path: str | Path) -> Path:
              "response_predicted": (("predicted", "response_label"), posterior.predicted),
              "frequency_hz_predicted": (("predicted", "mode"), posterior.frequency_hz)},
             coords={"response_label": list(posterior.response_labels), "mode": list(posterior.mode_labels)}),
-    }  # fmt: skip
+    }
     head = {
         "format": FORMAT, "names": list(posterior.names), "converged": posterior.converged,
         "verdict": posterior.verdict, "fingerprint": posterior.fingerprint, "r_hat": posterior.r_hat.tolist(),
         "ess": posterior.ess.tolist(), "record": dict(posterior.record),
-    }  # fmt: skip
+    }
     groups["posterior"].attrs = {"probupdate": json.dumps(head | {"content": _content_hash(head, posterior)})}
     # in memory: on a full disk the HDF5 library fails once more when it closes the file, and may end the process
     try:
@@ -208,7 +208,7 @@ def _refuse_sizes(path: Path, found: Posterior, again: str) -> None:
         "ess": (n_param,), "measured": (n_response,), "std": (n_response,),
         "predicted": (len(found.predicted), n_response),
         "frequency_hz": (len(found.frequency_hz), len(found.mode_labels)), "prior": (len(found.prior), n_param),
-    }  # fmt: skip
+    }
     for name, shape in wanted.items():
         if getattr(found, name).shape != shape:
             raise InputError(f"{path}, {name}", f"is {getattr(found, name).shape}, the rest of the file says {shape}",
@@ -246,11 +246,11 @@ def _from_groups(path: Path, data) -> Posterior:
         mode_labels=tuple(str(x) for x in observed["mode"].values),
         r_hat=frozen_array(head["r_hat"]), ess=frozen_array(head["ess"]), converged=head["converged"],
         verdict=head["verdict"], fingerprint=head["fingerprint"], record=head["record"],
-    )  # fmt: skip
+    )
     if head.get("format") != 1 and head.get("content") != _content_hash(head, found):
         raise InputError(str(path), "was changed after it was written: its content is not what its own hash says",
                          "write it again with `probupdate sample` (the chain beside it is kept), or take the file that "
-                         "was written")  # fmt: skip
+                         "was written")
     return found
 
 

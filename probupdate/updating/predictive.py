@@ -60,9 +60,9 @@ class PredictiveCheck:
     def sentences(self) -> tuple[str, ...]:
         """What the two checks say, in words."""
         fit = (f"prior predictive check: chi-square {self.total:.4g} for {self.n_effective} effective responses, "
-               f"p = {self.total_p:.2g}")  # fmt: skip
+               f"p = {self.total_p:.2g}")
         left = (f"posterior predictive check: misfit {self.misfit:.4g} at the maximum where {self.misfit_expected:.3g} "
-                f"is expected, p = {self.misfit_p:.2g}")  # fmt: skip
+                f"is expected, p = {self.misfit_p:.2g}")
         if self.misfit_p < SUSPICIOUS:
             left += ": no parameters within the prior make this model fit within the stated standard " \
                     "deviations"
@@ -70,14 +70,14 @@ class PredictiveCheck:
             left += ": closer than the stated standard deviations allow by chance; they are too wide or their errors " \
                     "are correlated"
         way = (f"the update's own distance from the prior: {self.penalty:.4g} where {self.penalty_expected:.3g} is "
-               f"expected, p = {self.penalty_p:.2g}")  # fmt: skip
+               f"expected, p = {self.penalty_p:.2g}")
         if self.penalty_p < SUSPICIOUS:
             way += ": the data pull the parameters to where the prior did not expect them; it is too narrow, or an " \
                    "error of the model is taken for a parameter"
         if self.nonlinear < BENT:
             return fit, left, way
         bent = (f"these p-values are rough: between initial model and maximum responses deviate from linearity "
-                f"by up to {self.nonlinear:.1f} standard deviations")  # fmt: skip
+                f"by up to {self.nonlinear:.1f} standard deviations")
         return fit, left, way, bent
 
 

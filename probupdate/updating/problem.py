@@ -320,7 +320,7 @@ class Problem:
             "measured modes": _hash(self.measured, *(g.rows.astype(np.int64) for g in self.groups), self.set_id),
             "weights": _hash(*weights, self.weights.frequencies, self.weights.shapes),
             "pairing": _hash(repr((self.matching.measured, self.matching.pairs, self.matching.n_mode))),
-        }  # fmt: skip
+        }
 
     def fingerprint(self) -> str:
         """A hash of model, prior, data and weights: two chains with the same one sample the same posterior."""

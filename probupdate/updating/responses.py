@@ -73,7 +73,7 @@ class Weights:
                 raise InputError(name, f"{value} is not above zero", "give a share, such as 0.02")
         if not (np.isfinite(self.discrepancy) and self.discrepancy >= 0):
             raise InputError("discrepancy", f"{self.discrepancy} is no share from 0 on",
-                             "give what the model may miss of a frequency, such as 0.005")  # fmt: skip
+                             "give what the model may miss of a frequency, such as 0.005")
         if self.covariance and self.frequency_cov is not None:
             raise InputError("weights", "frequency CoVs are given and a full covariance is asked for", "choose one")
         if self.covariance and self.shapes == "mac":
@@ -109,7 +109,7 @@ class Weights:
     def floors(self) -> tuple[float, float]:
         """Independent deviations beside a covariance: of frequencies (relative) and of shapes (of the largest)."""
         return (float(np.hypot(self.frequency_floor, self.discrepancy)),
-                float(np.hypot(self.shape_floor, self.shape_factor * self.discrepancy)))  # fmt: skip
+                float(np.hypot(self.shape_floor, self.shape_factor * self.discrepancy)))
 
     @property
     def compared(self) -> str:
@@ -118,7 +118,7 @@ class Weights:
         shape = {
             "plane": "components of shapes, close pairs as planes", "components": "components of every shape",
             "mac": "one MAC a shape, close pairs as planes", "none": "no shapes",
-        }[self.shapes]  # fmt: skip
+        }[self.shapes]
         return f"compared are {frequency}, {shape}"
 
 
@@ -281,7 +281,7 @@ def _without_shape(modal_set: ModalSet, members: list[int], rows, weights: Weigh
     frequency, nothing = modal_set.frequency_hz[members], np.zeros((0, len(members)))
     if weights.covariance:
         raise InputError(f"set {modal_set.id}", "has no shape, whose covariance is asked for",
-                         "give --weights measured with --shapes none")  # fmt: skip
+                         "give --weights measured with --shapes none")
     floor = weights.frequency_floor if weights.tolerances else 0.0
     missed = np.hypot(weights.discrepancy, floor) * frequency
     std = np.hypot(_frequency_std(modal_set, members, weights, labels), missed)
@@ -380,7 +380,7 @@ def _own_changes(modal_set: ModalSet, members, kept, factor, to_basis, weights: 
     shape = np.asarray(deviation.shape)[kept][:, members]
     if not (np.all(np.isfinite(ln_frequency)) and np.all(np.isfinite(shape))):
         raise InputError(f"{where}, deviations", "are not given for every measured component",
-                         "identify the set again, or choose --weights measured")  # fmt: skip
+                         "identify the set again, or choose --weights measured")
     real = np.real(shape * factor[None, :, None])
     basis = np.einsum("cjp,jk->kcp", real, to_basis).reshape(-1, real.shape[2])
     scale = 1.0 if weights.frequencies == "log" else modal_set.frequency_hz[members][:, None]
@@ -398,7 +398,7 @@ def _frequency_std(modal_set: ModalSet, members, weights: Weights, labels) -> np
         for j in members:
             if not (np.isfinite(weights.frequency_cov[j]) and weights.frequency_cov[j] > 0):
                 raise InputError(f"frequency CoV of {labels[j]}", f"{weights.frequency_cov[j]} is not above zero",
-                                 "give a share of the frequency, such as 0.015")  # fmt: skip
+                                 "give a share of the frequency, such as 0.015")
         return np.array(weights.frequency_cov)[members] * frequency
     std = modal_set.frequency_std_hz[members]
     for j, value in zip(members, std, strict=True):

@@ -83,7 +83,7 @@ def deterministic_update(
         key: update(problem, penalty=key, alpha=alpha, max_iteration=settings.iterations, progress=progress,
                     method=settings.method if key == "prior" else "gauss-newton")
         for key in ("step", "prior")
-    }  # fmt: skip
+    }
     laplace = find_maximum(problem, [run.theta[-1] for run in runs.values()] + [model.parameters.initial])
     schemes = tuple(_scheme(problem, key, run, laplace) for key, run in runs.items())
     sets = None
@@ -98,7 +98,7 @@ def deterministic_update(
             sets = ScatterRecord(**{name: getattr(scatter, name) for name in names})
     predicted = problem.predict_many(np.array([model.parameters.initial, laplace.theta]))
     theta = {"initial": model.parameters.initial, "step": runs["step"].theta[-1], "prior": runs["prior"].theta[-1],
-             "map": laplace.theta}  # fmt: skip
+             "map": laplace.theta}
     modal_set = data.set(set_id)
     std = np.concatenate([g.frequency_std_hz for g in problem.groups])
     computed = _in_data_order(problem, np.array(problem.matching.computed, float) + 1, data.n_mode)
@@ -164,7 +164,7 @@ def find_maximum(problem: Problem, starts: list[np.ndarray]) -> Laplace:
         if mac.max(axis=0).min() >= SETTLING_MAC:
             raise
         listed = ", ".join(f"{problem.mode_labels[j]} {a:.2f} and {b:.2f}"
-                           for j, a, b in zip(problem.used, *mac, strict=True))  # fmt: skip
+                           for j, a, b in zip(problem.used, *mac, strict=True))
         raise InputError(
             f"set {problem.set_id}", "the update does not settle, and its modes may not be this model's: MACs at the "
             f"initial and the best parameters are {listed}", "check the order, names and signs of the channels, and "
@@ -257,7 +257,7 @@ def _approach(problem: Problem, laplace: Laplace, surrogate: Outline, rng, notes
         emulator = fit_emulator(problem, surrogate, rng, progress)
         notes = notes | {"emulator": emulator.error}
     return Approach(problem=problem, surrogate=surrogate, proposal=proposal, solved=solved, emulator=emulator,
-                    notes=notes)  # fmt: skip
+                    notes=notes)
 
 
 def sample_posterior(
@@ -283,9 +283,9 @@ def sample_posterior(
     fast = prepared.problem
     # numbers of their own, so that a chain's length changes none of the others
     weighted = importance_sample(fast, prepared.proposal, np.random.default_rng([settings.seed, 6]),
-                                 evaluated=prepared.solved, progress=progress)  # fmt: skip
+                                 evaluated=prepared.solved, progress=progress)
     chain = sample(fast, prepared.proposal, folder, settings, emulator=prepared.emulator, parts=parts,
-                   jobs=jobs, progress=progress)  # fmt: skip
+                   jobs=jobs, progress=progress)
     kept = chain.theta[chain.first :]
     log_posterior = chain.log_posterior[chain.first :]
     checked_laplace = check_laplace(fast, laplace, np.random.default_rng([settings.seed, 4]), progress)
@@ -293,7 +293,7 @@ def sample_posterior(
     evidence = None
     if chain.converged:
         evidence = estimate_evidence(fast, prepared.proposal, kept, log_posterior,
-                                     np.random.default_rng([settings.seed, 5]), progress)  # fmt: skip
+                                     np.random.default_rng([settings.seed, 5]), progress)
     thin = max(1, int(np.ceil(kept.shape[0] * kept.shape[1] / MAX_DRAWS)))
     kept, log_posterior = kept[::thin], log_posterior[::thin]
     rng = np.random.default_rng([settings.seed, 3])
@@ -321,7 +321,7 @@ def sample_posterior(
         "importance sampling": asdict(agreement), "tail effective size": chain.tail.tolist(),
         "ensembles": settings.ensembles, "projected gradient at the map": laplace.projected_gradient,
         "statements": statements, "notes": _notes(problem, laplace, against),
-    }  # fmt: skip
+    }
     log_prior = model.parameters.log_density(kept)
     return Posterior(
         names=model.parameters.names,
@@ -390,7 +390,7 @@ def _notes(problem: Problem, laplace: Laplace, against: _AgainstFull) -> list[st
     notes = []
     if against.at_highest > 0:
         notes.append(f"in {100 * against.at_highest:.0f} % of draws a measured mode pairs with the highest mode computed: a still "
-                     "higher one might fit better")  # fmt: skip
+                     "higher one might fit better")
     if against.log_likelihood > 0.1:
         notes.append(f"the reduced basis shifts the log-likelihood by up to {against.log_likelihood:.2g} on posterior draws")
     if laplace.others:

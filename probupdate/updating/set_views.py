@@ -91,7 +91,7 @@ def joint_posterior(
     tried: list[_Weighted] = []
     for _ in range(ROUNDS):
         outline = Outline(gaussian=gaussian, powers=powers, lower=parameters.lower, upper=parameters.upper,
-                          origin=np.zeros(len(parameters)))  # fmt: skip
+                          origin=np.zeros(len(parameters)))
         proposal = Proposal(outline=outline)
         theta = proposal.draw(N_DRAW, rng)
         u = coordinates.to(theta)
@@ -138,7 +138,7 @@ def _slopes(likelihoods, parameters, coordinates, u):
     d = u - likelihoods.centre
     gradient = (likelihoods.gradient - np.einsum("jk,jkl->jl", d, likelihoods.precision)).sum(axis=0)
     return (gradient - slope.T @ residual + coordinates.logarithmic,
-            likelihoods.precision.sum(axis=0) + slope.T @ slope)  # fmt: skip
+            likelihoods.precision.sum(axis=0) + slope.T @ slope)
 
 
 def view_sets(
@@ -161,11 +161,11 @@ def view_sets(
     clusters = [group.measured for group in reference.matching.groups]
     failed: list[str] = []
     found = list(each_set(model, data, weights=reference.weights, clusters=clusters, model_at=model_at, failed=failed,
-                          progress=progress))  # fmt: skip
+                          progress=progress))
     if len(found) < 2:
         why = f" ({'; '.join(failed)})" if failed else ""
         raise InputError("sets", f"{len(found)} of {len(data.sets)} can be updated{why}, and views of several sets "
-                         "compare at least two", "give two sets or more")  # fmt: skip
+                         "compare at least two", "give two sets or more")
     problems, maxima = [p for p, _ in found], [x for _, x in found]
     parameters, rng = model.parameters, np.random.default_rng([seed, 31])
     coordinates = coordinates_of(parameters)
@@ -174,7 +174,7 @@ def view_sets(
     noise = [p.noise_alone() for p in problems]
     likelihoods = linearise(noise, centres, coordinates)
     first = sample_population(likelihoods, parameters, coordinates, target_ess=FIRST_ESS, r_hat_limit=FIRST_R_HAT,
-                              **options)  # fmt: skip
+                              **options)
     # once more about where the population puts each set
     own = likelihoods.draw_own(first.mean[::20], first.factor[::20], rng).mean(axis=0)
     centres = np.array([_inside(x, parameters, coordinates) for x in coordinates.back(own)])
@@ -204,7 +204,7 @@ def view_sets(
             "weights": reference.weights.description, "seed": str(seed), "correlated": str(correlated).lower(),
             "hyper-prior of tau": f"half-normal, scale {spread:g} prior standard deviations", "model": model.name,
         },
-    )  # fmt: skip
+    )
 
 
 def _inside(theta, parameters: Parameters, coordinates: Coordinates) -> np.ndarray:
@@ -218,7 +218,7 @@ def _common(keep, likelihoods: SetLikelihoods, shared: SharedError | None) -> Se
     pick = list(keep)
     parts = [likelihoods.chosen(pick), *([] if shared is None else [shared.joint_term(pick)])]
     joined = {name: frozen_array(np.concatenate([getattr(x, name) for x in parts]))
-              for name in ("centre", "value", "gradient", "precision")}  # fmt: skip
+              for name in ("centre", "value", "gradient", "precision")}
     return SetLikelihoods(ids=tuple(name for x in parts for name in x.ids), **joined)
 
 
@@ -238,7 +238,7 @@ def _left_out(
             many[j], refitted[j] = population_score(again, likelihoods, j), True
     score = {POOLED: [x.log_evidence for x in alone], ONE: one, MANY: many}
     return LeftOut(ids=likelihoods.ids, score={name: frozen_array(v) for name, v in score.items()},
-                   pareto_k=frozen_array(k), refitted=frozen_array(refitted, bool))  # fmt: skip
+                   pareto_k=frozen_array(k), refitted=frozen_array(refitted, bool))
 
 
 def _confirmed(problems, likelihoods, population, coordinates, parameters, rng) -> np.ndarray:
@@ -288,7 +288,7 @@ def _rows(parameters, coordinates, maxima: list[Laplace], alone, joint, populati
             mean=float(middle[:, k].mean()), mean_cov=_cov(middle[:, k])[1], tau=float(mid), tau_low=float(low),
             tau_high=float(high), tau_prior=float(stats.norm.ppf(0.75) * hyper * scale), tau_bits=bits,
             population_cov=_cov(new[:, k])[1],
-        )  # fmt: skip
+        )
         rows.append(SetsRow(sentence=parameter_sentence(row), **row))
     return rows
 
@@ -320,7 +320,7 @@ def _derived_rows(model, maxima, alone, joint, population, coordinates, paramete
             joint_mean=_cov(one)[0], joint_cov=_cov(one)[1], mean=_cov(centre)[0], mean_cov=_cov(centre)[1], tau=nan,
             tau_low=nan, tau_high=nan, tau_prior=nan, tau_bits=nan, population_cov=_cov(fresh)[1],
             sentence=f"{name} follows from the parameters, {n} draws a view",
-        ))  # fmt: skip
+        ))
     return rows
 
 

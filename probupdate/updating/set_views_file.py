@@ -112,7 +112,7 @@ def parameter_sentence(row: dict) -> str:
     name = row["name"]
     if row["tau_bits"] < TOLD_BITS:
         text = (f"the sets do not identify how {name} varies: tau is below {row['tau_high']:.2g} (95 %), which is the "
-                f"hyper-prior's own (median {row['tau_prior']:.2g})")  # fmt: skip
+                f"hyper-prior's own (median {row['tau_prior']:.2g})")
         if row["resolution"] < 0.1:
             text += ", nor what it is"
         return text
@@ -138,11 +138,11 @@ def advice(rows: list[SetsRow], scores: LeftOut, linear_share: np.ndarray) -> st
     worst = float(np.min(linear_share))
     if worst < RECOMMENDED_SHARE:
         for_life = (f"(d) is not recommended: of its draws an effective share of {100 * worst:.0f} % stands for the "
-                    "full model in the worst set; for a lifetime analysis take (b), which is an upper figure.")  # fmt: skip
+                    "full model in the worst set; for a lifetime analysis take (b), which is an upper figure.")
     else:
         for_life = ("For a lifetime analysis take (d): the middle with its standard deviation for what is the same in "
                     "all conditions, and the population CoV where every condition (a month, a sea state) has its own "
-                    "value; it has the middle's uncertainty, so that nothing is added to it.")  # fmt: skip
+                    "value; it has the middle's uncertainty, so that nothing is added to it.")
     text = (
         f"{told} {for_life} (c) is the uncertainty of a parameter that cannot "
         "differ between sets, such as a mass; it is too narrow where sets or the model's error differ. (b) counts the "
@@ -173,12 +173,12 @@ def summary(views: SetViews) -> str:
     lines += [f"{r.sentence}" for r in views.rows if np.isfinite(r.tau)]
     lines += [f"{m.label}: scatter of f {100 * m.scatter:.3f} %, stated noise {100 * m.stated:.3f} %, variation "
               f"{100 * m.variation:.3f} % ({100 * m.low:.3f} to {100 * m.high:.3f}), p {m.p_value:.2g}"
-              for m in views.modes]  # fmt: skip
+              for m in views.modes]
     total = {name: float(np.sum(v)) for name, v in views.scores.score.items()}
     lines.append("ln p of sets left out: " + ", ".join(f"{name} {value:.1f}" for name, value in total.items()))
     lines.append(f"population {views.verdict}; {int(views.scores.refitted.sum())} of {len(views.ids)} refitted without "
                  f"their set (Pareto k up to {np.max(views.scores.pareto_k):.2f}); full model confirms a share of "
-                 f"{np.min(views.linear_share):.2f} or more")  # fmt: skip
+                 f"{np.min(views.linear_share):.2f} or more")
     return "\n".join([*lines, *views.notes, views.advice])
 
 
@@ -196,7 +196,7 @@ def write_views(views: SetViews, path: str | Path) -> Path:
         "verdict": views.verdict, "linear_share": views.linear_share.tolist(),
         "correlation": None if views.correlation is None else views.correlation.tolist(), "notes": list(views.notes),
         "advice": views.advice, "settings": views.settings,
-    }  # fmt: skip
+    }
     return write_json(path, content)
 
 

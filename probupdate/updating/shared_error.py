@@ -84,4 +84,4 @@ def shared_error(problems: Sequence[Problem], theta: np.ndarray, coordinates: Co
         slope.append(root @ (sensitivity * coordinates.rate(point)))
         factor.append(root @ problem.factor)
     return SharedError(centre=frozen_array(coordinates.to(np.asarray(theta))), residual=tuple(residual),
-                       slope=tuple(slope), factor=tuple(factor))  # fmt: skip
+                       slope=tuple(slope), factor=tuple(factor))

@@ -149,7 +149,7 @@ def _stages(gaussian: TruncatedGaussian) -> _Stages:
         left = left - np.outer(column, column)
     order = np.array(order)
     return _Stages(order, mean[order], scale[order], linalg.cholesky(correlation[np.ix_(order, order)], lower=True),
-                   low[order], high[order])  # fmt: skip
+                   low[order], high[order])
 
 
 def _truncated_mean(a: float, b: float) -> float:
@@ -216,7 +216,7 @@ class Outline:
         rate = np.exp(_log_rates(x, powers) - _log_rates(x, self.powers))[0]
         # the density per du has the slope of ln |dx / du| too, which is 0, 1 and 2 x per unit of u
         own, new = (np.array([{1: 0.0, 0: 1.0, -1: 2 * t}[power] for t, power in zip(x[0], chosen, strict=True)])
-                    for chosen in (self.powers, powers))  # fmt: skip
+                    for chosen in (self.powers, powers))
         return _outline(
             to_coordinates(x, powers)[0], (self.gaussian.gradient - own) * rate + new,
             self.gaussian.precision * np.outer(rate, rate), powers, self,
@@ -253,7 +253,7 @@ def _outline(centre, gradient, precision, powers, like: Outline) -> Outline:
     # an open end stays one in every coordinate that is used with it
     low, high = (to_coordinates((bound - like.origin)[None], powers)[0] for bound in (like.lower, like.upper))
     gaussian = TruncatedGaussian(centre=frozen_array(centre), gradient=frozen_array(gradient),
-                                 precision=frozen_array(precision), lower=low, upper=high)  # fmt: skip
+                                 precision=frozen_array(precision), lower=low, upper=high)
     return replace(like, gaussian=gaussian, powers=tuple(powers))
 
 
@@ -293,7 +293,7 @@ def from_laplace(laplace: Laplace, parameters: Parameters) -> Outline:
         lower=frozen_array(parameters.lower - origin), upper=frozen_array(parameters.upper - origin),
     )
     return Outline(gaussian=gaussian, powers=(1,) * len(parameters), lower=parameters.lower, upper=parameters.upper,
-                   origin=frozen_array(origin))  # fmt: skip
+                   origin=frozen_array(origin))
 
 
 def fit_surrogate(
@@ -379,4 +379,4 @@ def _refit(current: Outline, x, value, log_weight) -> Outline:
     curvature, direction = np.linalg.eigh(precision / np.outer(size, size))
     precision = (direction * np.maximum(curvature, LEAST_CURVATURE)) @ direction.T * np.outer(size, size)
     return _outline(gaussian.centre, gaussian.gradient + found[1 : 1 + n] / scale, precision / np.outer(scale, scale),
-                    current.powers, current)  # fmt: skip
+                    current.powers, current)

@@ -83,14 +83,14 @@ def update(
         raise InputError("penalty", f"'{penalty}' is unknown", f"choose from {', '.join(PENALTIES)}")
     if not (alpha >= 0 and np.isfinite(alpha)):
         raise InputError("alpha", f"{alpha} is negative or not finite",
-                         "give the regularisation coefficient of Eq. 6, 1 for a MAP")  # fmt: skip
+                         "give the regularisation coefficient of Eq. 6, 1 for a MAP")
     if max_iteration < 0:
         raise InputError("iterations", f"{max_iteration} is negative", "give how many at most")
     parameters = problem.parameters
     theta = np.array(parameters.initial if start is None else start, float)
     if theta.shape != (len(parameters),) or not parameters.inside(theta):
         raise InputError("start", f"{theta.tolist()} is not one value within its bounds for each parameter",
-                         f"give {', '.join(parameters.names)}")  # fmt: skip
+                         f"give {', '.join(parameters.names)}")
     objective = _Objective(problem, penalty, alpha, linalg.cholesky(np.linalg.inv(parameters.covariance)))
     if method == "levenberg-marquardt":
         return _finished(objective, _trust_region(objective, theta, max_iteration, tolerance))
@@ -98,7 +98,7 @@ def update(
     progress(f"update, penalty on the {penalty}", max_iteration, max_iteration)
     if found.converged and np.max(np.abs(found.path[-1] - found.path[0]) / parameters.std) < tolerance:
         found = found._replace(status="settled where it started: the data ask for no change" if alpha <= 1 else
-                               f"settled where it started: alpha {alpha:g} leaves the data no weight")  # fmt: skip
+                               f"settled where it started: alpha {alpha:g} leaves the data no weight")
     return _finished(objective, found)
 
 
@@ -217,7 +217,7 @@ def _trust_region(objective: _Objective, start: np.ndarray, max_iteration: int, 
 
     def residual(theta):
         return np.concatenate([problem.weighted(problem.predict(theta) - problem.measured),
-                               root @ (theta - parameters.initial)])  # fmt: skip
+                               root @ (theta - parameters.initial)])
 
     def slope(theta):
         # asked for once at every iterate that was accepted
@@ -230,7 +230,7 @@ def _trust_region(objective: _Objective, start: np.ndarray, max_iteration: int, 
         residual, np.clip(start, parameters.lower + inside, parameters.upper - inside), jac=slope, method="trf",
         bounds=(parameters.lower, parameters.upper), x_scale=parameters.std, xtol=tolerance * 1e-3, ftol=1e-14,
         gtol=1e-12, max_nfev=max(1, max_iteration),
-    )  # fmt: skip
+    )
     # it keeps a hair's breadth off bounds
     end = np.where(found.x - parameters.lower < AT_BOUND * parameters.std, parameters.lower, found.x)
     end = np.where(parameters.upper - end < AT_BOUND * parameters.std, parameters.upper, end)
@@ -256,7 +256,7 @@ def bounded_step(matrix: np.ndarray, right: np.ndarray, theta: np.ndarray, param
     low, high = (parameters.lower - theta) / parameters.std, (parameters.upper - theta) / parameters.std
     # the active-set solver wants a start strictly able to move: bounds touched exactly are widened by rounding
     result = optimize.lsq_linear(scaled, right, bounds=(np.minimum(low, -1e-14), np.maximum(high, 1e-14)),
-                                 method="bvls", tol=1e-14)  # fmt: skip
+                                 method="bvls", tol=1e-14)
     return np.clip(theta + result.x * parameters.std, parameters.lower, parameters.upper) - theta
 
 

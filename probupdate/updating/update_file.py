@@ -164,7 +164,7 @@ class UpdateRecord:
              **{key: theta[k] for key, theta in ends.items()}, "map": self.map_theta[k], "map_std": std[k],
              "resolution": self.map_resolution[k], "at_bound": bool(self.map_at_bound[k])}
             for k, p in enumerate(self.parameters)
-        ], units=dict.fromkeys(("initial", "prior_std", *ends, "map", "map_std"), OWN_UNIT))  # fmt: skip
+        ], units=dict.fromkeys(("initial", "prior_std", *ends, "map", "map_std"), OWN_UNIT))
 
     @property
     def summary(self) -> str:
@@ -179,7 +179,7 @@ def summary(record: UpdateRecord) -> str:
     lines = []
     if misses(record):
         lines.append("MISFIT BEYOND CHANCE: the model at its best does not explain these modes, and its parameters are "
-                     "not to be trusted")  # fmt: skip
+                     "not to be trusted")
     if record.suspected:
         lines.append(f"SUSPECT: the measured shapes are not this model's, and {record.suspected}")
     for key in ("step", "prior"):
@@ -194,7 +194,7 @@ def summary(record: UpdateRecord) -> str:
     error = np.nanmax(np.abs(record.initial_hz[used] / record.measured_hz[used] - 1))
     after = np.nanmax(np.abs(record.map_hz[used] / record.measured_hz[used] - 1))
     lines.append(f"worst frequency error of {int(used.sum())} modes: {100 * error:.1f} % before, "
-                 f"{100 * after:.1f} % at the MAP")  # fmt: skip
+                 f"{100 * after:.1f} % at the MAP")
     if np.isfinite(record.map_gradient):
         lines.append(f"projected gradient of ln p at the MAP: {record.map_gradient:.1e} per posterior standard "
                      "deviation")
@@ -225,10 +225,10 @@ def _information(record: UpdateRecord) -> list[str]:
     """
     width = np.sqrt(np.diag(record.map_covariance)) / record.parameters.std
     rows = [f"{p.name} {r:.2f} / {w:.2f}"
-            for p, r, w in zip(record.parameters, record.map_resolution, width, strict=True)]  # fmt: skip
+            for p, r, w in zip(record.parameters, record.map_resolution, width, strict=True)]
     lines = [f"resolution by the data / standard deviation over the prior's, at the MAP: {', '.join(rows)}"]
     said = [identifiability(w, at_bound=bool(b), misses=misses(record))
-            for w, b in zip(width, record.map_at_bound, strict=True)]  # fmt: skip
+            for w, b in zip(width, record.map_at_bound, strict=True)]
     for kind in (KNOWN, PARTLY, PRIOR, BOUND):
         names = [p.name for p, s in zip(record.parameters, said, strict=True) if s == kind]
         if names:
@@ -274,13 +274,13 @@ def fit_sentence(record: UpdateRecord) -> str:
         where = f", most of all {', '.join(accused[:3])}" if accused else ""
         remedy = ("until the model's error is stated: --discrepancy auto (the default) or a share, or compare shapes with "
                   "--shapes mac" if not stated else f"as the stated error ({stated}) does not explain it: find what the "
-                  "model lacks (probupdate diagnose), or state a larger --discrepancy")  # fmt: skip
+                  "model lacks (probupdate diagnose), or state a larger --discrepancy")
         return (f"{text}: the model misses the data by {np.sqrt(ratio):.1f} times the stated standard deviations"
                 f"{where}; no parameter counts as strongly identified {remedy}")
     if record.map_misfit < record.n_effective - ACCUSED * np.sqrt(2 * record.n_effective):
         return (f"{text}: the fit is {1 / np.sqrt(max(ratio, 1e-12)):.1f} times closer than the stated standard "
                 "deviations expect; they are too wide for these data or their errors go together, and posterior widths "
-                "are too wide with them")  # fmt: skip
+                "are too wide with them")
     text = f"{text}: the model fits the data within the stated standard deviations"
     cov = float(np.nanmedian(record.measured_std_hz / record.measured_hz))
     if cov >= SHARP:
@@ -289,7 +289,7 @@ def fit_sentence(record: UpdateRecord) -> str:
     if stated:
         return f"{text}; posterior widths hold the stated error of the model ({stated})"
     return (f"{text}; an error of the model itself that parameters took in does not show in the fit, and posterior widths "
-            "leave it out unless it is stated (--discrepancy and a share)")  # fmt: skip
+            "leave it out unless it is stated (--discrepancy and a share)")
 
 
 def _components(record: UpdateRecord) -> list[str]:
@@ -381,7 +381,7 @@ def read_update(path: str | Path) -> UpdateRecord:
     for what, found, wanted in _sizes(record):
         if found != wanted:
             raise InputError(f"{path}, {what}", f"is {found}, the rest of the file says {wanted}",
-                             "write it again with `probupdate update`")  # fmt: skip
+                             "write it again with `probupdate update`")
     if record.n_effective < 1 or not record.map_misfit >= 0 or np.any(np.diag(record.map_covariance) < 0):
         raise InputError(str(path), "has a negative misfit or variance, or no responses", again)
     used = np.isfinite(record.initial_hz)
@@ -404,19 +404,19 @@ def _record(content: dict[str, Any]) -> UpdateRecord:
                         | {"objective": {k: _array(v) for k, v in s["objective"].items()},
                            "at_bound": _array(s["at_bound"], bool)}))
         for s in content["schemes"]
-    )  # fmt: skip
+    )
     sets = content["sets"]
     if sets is not None:
         arrays = ("theta_map", "theta_step", "variance", "resolution", "cov", "total_std")
         sets = ScatterRecord(**(
             sets | {k: _array(sets[k]) for k in arrays}
             | {"ids": tuple(sets["ids"]), "failed": tuple(sets["failed"]),
-               "derived": {k: _array(v) for k, v in sets["derived"].items()}}))  # fmt: skip
+               "derived": {k: _array(v) for k, v in sets["derived"].items()}}))
     path = content.get("alpha_path")
     if path is not None:
         arrays = ("alpha", "theta", "misfit", "penalty", "log_evidence")
         path = AlphaRecord(**(path | {k: _array(path[k]) for k in arrays} | {
-            "chosen": {k: float("nan") if v is None else v for k, v in path["chosen"].items()}}))  # fmt: skip
+            "chosen": {k: float("nan") if v is None else v for k, v in path["chosen"].items()}}))
     parts = content.get("components")
     if parts is not None:
         arrays = ("std", "source_std", "gain", "chi_square", "expected")
@@ -427,7 +427,7 @@ def _record(content: dict[str, Any]) -> UpdateRecord:
         parts = ComponentsRecord(**(parts | shaped | words))
     gradient = content.get("map_gradient")
     arrays = ("measured_hz", "measured_std_hz", "initial_hz", "initial_mac", "computed_mode", "map_theta",
-              "map_covariance", "map_resolution", "map_hz", "map_mac")  # fmt: skip
+              "map_covariance", "map_resolution", "map_hz", "map_mac")
     values: dict[str, Any] = content | {k: _array(content[k]) for k in arrays} | {
         "parameters": parameters_from_table(content["parameters"]), "schemes": schemes, "sets": sets,
         "alpha_path": path, "components": parts, "map_gradient": float("nan") if gradient is None else gradient,
@@ -435,7 +435,7 @@ def _record(content: dict[str, Any]) -> UpdateRecord:
         "left_out": tuple(content["left_out"]), "other_maxima": tuple(content["other_maxima"]),
         "derived": {k: {state: float("nan") if v is None else v for state, v in states.items()}
                     for k, states in content["derived"].items()},
-        "map_at_bound": _array(content["map_at_bound"], bool)}  # fmt: skip
+        "map_at_bound": _array(content["map_at_bound"], bool)}
     return UpdateRecord(**values)
 
 
@@ -452,7 +452,7 @@ def _sizes(record: UpdateRecord):
         n = len(s.theta)
         found = {"theta": (s.theta, (n, n_param)), "at_bound": (s.at_bound, (n_param,)), "share": (s.share, (n - 1,)),
                  "distance_to_map": (s.distance_to_map, (n,)), "frequency_hz": (s.frequency_hz, (n_mode,)),
-                 "mac": (s.mac, (n_mode,))} | {k: (v, (n,)) for k, v in s.objective.items()}  # fmt: skip
+                 "mac": (s.mac, (n_mode,))} | {k: (v, (n,)) for k, v in s.objective.items()}
         for name, (array, wanted) in found.items():
             yield f"{s.key}: {name}", array.shape, wanted
     if record.alpha_path is not None:

@@ -76,7 +76,7 @@ def local_stiffness(tube: Tube, length: float) -> np.ndarray:
         [6 * length, (4 + phi) * length**2, -6 * length, (2 - phi) * length**2],
         [-12, -6 * length, 12, -6 * length],
         [6 * length, (2 - phi) * length**2, -6 * length, (4 + phi) * length**2],
-    ])  # fmt: skip
+    ])
     k[BENDING_Y] += bending
     sign = np.array([1.0, -1.0, 1.0, -1.0])  # w' = -ry
     k[BENDING_Z] += bending * np.outer(sign, sign)

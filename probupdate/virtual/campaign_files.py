@@ -57,7 +57,7 @@ def write_campaign_toml(
              "quantity": s.quantity, "unit": s.unit}
             for s in sensors
         ],
-    })  # fmt: skip
+    })
     write_text(folder / "campaign.toml", text)
 
 

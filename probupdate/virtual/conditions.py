@@ -33,7 +33,7 @@ def slot_covariates(plan: Plan) -> dict[str, np.ndarray]:
         "thrust_mn": running * mean_thrust(plan.wind_mps) / 1e6,
         "rotor_speed_rpm": plan.rotor_rpm.reshape(plan.n_slot, PER_SLOT).mean(axis=1),
         "amplitude": rms / AMPLITUDE_UNIT_MPS2,
-    }  # fmt: skip
+    }
 
 
 def slot_amounts(plan: Plan, effects: Sequence[Mapping], *, rounded: bool = False) -> np.ndarray:

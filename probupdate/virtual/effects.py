@@ -23,11 +23,11 @@ COURSES = ("constant", "step", "ramp", "covariate")
 COURSE_KEYS = MappingProxyType({
     "constant": (), "step": ("at_hour",), "ramp": ("from_hour", "to_hour"),
     "covariate": ("covariate", "reference", "scale"),
-})  # fmt: skip
+})
 COVARIATES = (
     "water_level_m", "air_temperature_c", "wind_speed_mps", "wave_height_m", "thrust_mn", "rotor_speed_rpm",
     "amplitude",
-)  # fmt: skip
+)
 SMALLEST_FACTOR = 1e-6
 
 
@@ -113,7 +113,7 @@ EFFECTS: Mapping[str, EffectKind] = MappingProxyType({
     "odd_mass": _structural(("bay", "face"), "mass_kg", "kg", low=0.0, inside=False),  # hung on the crossing
     "crosstalk": _measured(("channel", "other"), "share", "-", inside=False),
     "mount_resonance": _measured(("channel",), "period_s", "s", low=0.0, inside=False),
-})  # fmt: skip
+})
 OPTIONAL_PLACE = ("bottom_m", "top_m")  # without them a band is as long as the structure
 NOT_ALL = {"sensor_gain", "sensor_swap", "sensor_rotation", "crosstalk", "mount_resonance"}
 
@@ -136,7 +136,7 @@ def _choices(file: TurbineFile, key: str) -> tuple:
     return {
         "leg": tuple(file.value("jacket", "leg_names")), "face": faces(file), "end": ("bottom", "top"),
         "part": ("column", "strut", "tie"), "direction": ("lateral", "axial", "tip"), "axis": ("x", "y", "z"),
-    }[key]  # fmt: skip
+    }[key]
 
 
 def _counted(file: TurbineFile, key: str) -> int:
@@ -170,7 +170,7 @@ def read_effect(path, number: int, entry: Mapping, file: TurbineFile) -> Mapping
         opening = "(" if kind.neutral == 1.0 and kind.low == 0 else "["
         raise InputError(f"{where}, {kind.size}", f"{size} is not in {opening}{kind.low:g}, {kind.high:g}]",
                          "no number other than zero" if kind.low == -np.inf else "give what is left"
-                         if kind.size == "factor" else f"give it in {kind.unit}")  # fmt: skip
+                         if kind.size == "factor" else f"give it in {kind.unit}")
     _check_course(where, course, entry, kind)
     return MappingProxyType(dict(entry))
 
@@ -261,7 +261,7 @@ class Departures:
     def in_band(self, kind: str, z_m: float, **place) -> list[tuple[Mapping, float]]:
         """Effects of a kind whose band bottom_m to top_m holds the level."""
         return [(e, size) for e, size in self.of(kind, **place)
-                if e.get("bottom_m", -np.inf) < z_m < e.get("top_m", np.inf)]  # fmt: skip
+                if e.get("bottom_m", -np.inf) < z_m < e.get("top_m", np.inf)]
 
 
 def hidden_words(entry: Mapping) -> str:
@@ -273,5 +273,5 @@ def hidden_words(entry: Mapping) -> str:
     course = entry.get("course", kind.course["course"])
     along = {"constant": "all through the record", "step": f"from hour {entry.get('at_hour', 0):g} on",
              "ramp": f"growing from hour {entry.get('from_hour', 0):g} to {entry.get('to_hour', 0):g}",
-             "covariate": f"with {entry.get('covariate', kind.course.get('covariate', ''))}"}[course]  # fmt: skip
+             "covariate": f"with {entry.get('covariate', kind.course.get('covariate', ''))}"}[course]
     return f"{', '.join([entry['kind'].replace('_', ' '), *place])}: {size}, {along}"

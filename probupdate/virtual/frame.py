@@ -82,7 +82,7 @@ def _legs(mesh: Mesh, file: TurbineFile, steel: Materials) -> None:
     low, high = jacket["bottom"]["z_m"], jacket["top"]["z_m"]
     levels = {bay[key] for bay in jacket["bay"] for key in ("bottom_m", "top_m")}
     levels |= {file.number("site", "water_level_m"), file.number("hydrodynamics", "growth_top_m"),
-               file.number("corrosion", "bottom_m"), file.number("corrosion", "top_m")}  # fmt: skip
+               file.number("corrosion", "bottom_m"), file.number("corrosion", "top_m")}
     for leg, name in enumerate(jacket["leg_names"]):
         own = {s.position_m[2] for s, part in zip(file.sensors, file.parts, strict=True) if part == f"leg {name}"}
         at = [(z - low) / (high - low) for z in levels | own]
@@ -95,7 +95,7 @@ def _legs(mesh: Mesh, file: TurbineFile, steel: Materials) -> None:
 
         foot, head = _leg_point(file, leg, low), _leg_point(file, leg, high)
         ends = tuple(_bending(hidden.total(kind, leg=name), section(point))
-                     for kind, point in (("grout_flexibility", foot), ("tp_flexibility", head)))  # fmt: skip
+                     for kind, point in (("grout_flexibility", foot), ("tp_flexibility", head)))
         mesh.member(foot, head, "leg", section, at=at, ends=ends, part=f"leg {name}")
 
 
@@ -119,7 +119,7 @@ def _braces(mesh: Mesh, file: TurbineFile, steel: Materials, truth: Truth) -> No
             for corner, chord, end, brace_number, at_leg in (
                 (left[0], left, "bottom", 1, name), (left[1], left, "top", 2, name),
                 (right[0], right, "bottom", 2, names[other]), (right[1], right, "top", 1, names[other]),
-            ):  # fmt: skip
+            ):
                 chord_axis = (chord[1] - chord[0]) / np.linalg.norm(chord[1] - chord[0])
                 one = hidden.factor("single_brace", bay=number, face=face, brace=brace_number)
                 tight = hidden.factor("joint_stiffness", bay=number, face=face, leg=at_leg, end=end)
@@ -132,7 +132,7 @@ def _braces(mesh: Mesh, file: TurbineFile, steel: Materials, truth: Truth) -> No
                     flexibility = soil.joint_flexibility(
                         brace.diameter_m, leg_tube.diameter_m, leg_tube.thickness_m,
                         float(np.arccos(abs(along @ chord_axis))), leg_tube.youngs_modulus_pa,
-                    ) * truth.tolerances.joint_flexibility / p["LJF"]  # fmt: skip
+                    ) * truth.tolerances.joint_flexibility / p["LJF"]
                     if tight != 1.0:
                         flexibility = flexibility * (1 / tight - (law == "rigid"))
                 mesh.member(corner, crossing, "brace", section, ends=(flexibility, None), beside=chord_axis)
@@ -155,7 +155,7 @@ def _piles(mesh: Mesh, file: TurbineFile, steel: Materials, truth: Truth) -> lis
             scour_m=steel.p["sc"] + scour,
         )
         part = {d: factor * softened * hidden.factor("soil_stiffness", leg=name, direction=d)
-                for d in ("lateral", "axial", "tip")}  # fmt: skip
+                for d in ("lateral", "axial", "tip")}
         head = _leg_point(file, leg, head_z)
         tip = np.array([head[0], head[1], pile["tip_m"]])
         # the cut stays where the ground is without a scour hole: the same mesh whatever the hole
@@ -194,7 +194,7 @@ def _transition(mesh: Mesh, file: TurbineFile, steel: Materials, truth: Truth) -
         mesh.member(corner, [0, 0, low], "tie", tie)
     mesh.point_mass(mesh.node([0, 0, piece["strut_top_m"]]),
                     piece["lumped_mass_kg"] * truth.tolerances.secondary_steel
-                    + steel.hidden.total("tp_mass"))  # fmt: skip
+                    + steel.hidden.total("tp_mass"))
 
 
 def _tower(mesh: Mesh, file: TurbineFile, steel: Materials, truth: Truth) -> int:
@@ -211,11 +211,11 @@ def _tower(mesh: Mesh, file: TurbineFile, steel: Materials, truth: Truth) -> int
         for effect, weight in hidden.in_band("tower_mass", x[2]):
             more += weight / (min(effect.get("top_m", z[-1]), z[-1]) - max(effect.get("bottom_m", z[0]), z[0]))
         return steel.tube("tower", np.interp(x[2], z, diameter), np.interp(x[2], z, wall), x[2], carried=carried + more,
-                          stiffness=left)  # fmt: skip
+                          stiffness=left)
 
     at = [(level - z[0]) / (z[-1] - z[0]) for level in {*z, *own}]
     soft = {round(float(level), 6): _bending(hidden.total("flange_flexibility", station=k), section([0, 0, level]))
-            for k, level in enumerate(z, start=1) if hidden.of("flange_flexibility", station=k)}  # fmt: skip
+            for k, level in enumerate(z, start=1) if hidden.of("flange_flexibility", station=k)}
     mesh.member([0, 0, z[0]], [0, 0, z[-1]], "tower", section, at=at, inner=soft, part="tower")
     for station in stations:
         mesh.point_mass(mesh.node([0, 0, station["z_m"]]), station.get("flange_kg", 0.0))
@@ -320,7 +320,7 @@ def build_structure(
     surface = np.array([
         mesh.nearest(mesh.part[f"leg {name}"], _leg_point(file, leg, surface_z))
         for leg, name in enumerate(file.value("jacket", "leg_names"))
-    ])  # fmt: skip
+    ])
     attached, n_dof = observation.attachments(mesh, file), stiffness.shape[0]
     direction, gain = observation.mounted_direction(file, truth, hidden)
     channel = observation.reading_rows(attached, direction, gain, n_dof)
@@ -334,4 +334,4 @@ def build_structure(
         sensor_motion=observation.reading_rows(every, axes, np.ones(len(every)), n_dof), top=top,
         surface=surface, rna=bodies, pile_heads=np.array(heads), elements=tuple(mesh.elements),
         oscillators=tuple(o for o, _ in sprung),
-    )  # fmt: skip
+    )

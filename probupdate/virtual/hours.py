@@ -74,7 +74,7 @@ def make_turbine(file: TurbineFile, truth: Truth, plan: Plan, seed: int) -> Turb
     known: dict[tuple, int] = {}
     condition = [known.setdefault(tuple(row), len(known)) for row in table]
     return Turbine(file=file, truth=truth, plan=plan, seed=seed, amount=frozen_array(list(known)),
-                   condition=frozen_array(condition, int))  # fmt: skip
+                   condition=frozen_array(condition, int))
 
 
 def hour_of_data(turbine: Turbine, gaps: tuple[losses.Gap, ...], channels: tuple[str, ...], hour: int) -> np.ndarray:

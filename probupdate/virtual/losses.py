@@ -43,7 +43,7 @@ def draw_gaps(plan: Plan, channels: tuple[str, ...], given: Mapping, rng: np.ran
         hours = given["missing_hours"]
         if not all(0 <= h < n_hour for h in hours):
             raise InputError("operation.missing_hours", f"{hours!r} are not hours of the campaign",
-                             f"give whole numbers from 0 to {n_hour - 1}")  # fmt: skip
+                             f"give whole numbers from 0 to {n_hour - 1}")
     else:
         hours = []
         for day in range(n_hour // 24):

@@ -56,7 +56,7 @@ class Mesh:
                 first = inner.get(round(float(a[2]), 6))
             if first is not None or last is not None:
                 local = beam.soften_ends(local, np.zeros(6) if first is None else first,
-                                         np.zeros(6) if last is None else last)  # fmt: skip
+                                         np.zeros(6) if last is None else last)
             self.blocks.append((self._dofs(i, j), beam.to_global(local, axes)))
             half = beam.lumped_mass(tube, step, axes)
             self.mass_blocks += [(i, half), (j, half)]

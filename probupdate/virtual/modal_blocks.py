@@ -36,7 +36,7 @@ START = np.datetime64("2019-06-01T00:00:00")
 MEANS = (
     "wind_speed_mps", "power_kw", "rotor_speed_rpm", "pitch_deg", "water_level_m", "air_temperature_c", "wave_height_m",
     "wave_period_s",
-)  # fmt: skip
+)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -102,13 +102,13 @@ def simulate_modes(
             id=f"{time}Z", frequency_hz=f, damping_ratio=z, shape=phi, deviation=deviation,
             frequency_std_hz=np.full(len(f), np.nan), shape_std=np.full(phi.shape, np.nan),
             environment=environment[k],
-        ))  # fmt: skip
+        ))
     return VirtualModes(
         data=ModalData(channels=tuple(s.channel for s in file.sensors), sets=tuple(sets), labels=LABELS),
         sensors=file.sensors, truth=drawn, frequency_hz=frozen_array(frequency), damping_ratio=frozen_array(damping),
         shape=frozen_array(shape, complex), amount=frozen_array(amount), heading_deg=frozen_array(heading),
         seed=int(seed),
-    )  # fmt: skip
+    )
 
 
 def _choose(plan: operation.Plan, states: tuple[str, ...], n_block: int | None) -> np.ndarray:
@@ -167,7 +167,7 @@ def _turned(sensors: tuple[Sensor, ...], heading_deg: float) -> tuple[Sensor, ..
     """Sensors in the nacelle's axes."""
     back = rotation(np.array([0.0, 0.0, np.radians(heading_deg)]))
     return tuple(Sensor(channel=s.channel, level=s.level, position_m=back @ s.position_m, direction=back @ s.direction)
-                 for s in sensors)  # fmt: skip
+                 for s in sensors)
 
 
 def _reference(reduced: ReducedStates, file: TurbineFile, nominal: np.ndarray, amount, heading_deg) -> np.ndarray:

@@ -32,7 +32,7 @@ def _gaussian(rng: np.random.Generator, *shape: int) -> np.ndarray:
 def identified(
     frequency_hz: np.ndarray, damping_ratio: np.ndarray, shape: np.ndarray, labels: tuple[str, ...],
     duration_s: float, rng: np.random.Generator, *, scale: float = 1.0,
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, ModalDeviation]:  # fmt: skip
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, ModalDeviation]:
     """Frequencies, damping ratios (n_mode,), shapes (n_channel, n_mode) with largest component 1, and their estimated
     first-order deviations, from true ones (shape of any scaling). scale 0: no scatter, and deviations of zero."""
     n_mode, omega = len(frequency_hz), 2 * np.pi * frequency_hz

@@ -30,7 +30,7 @@ def attachments(mesh: Mesh, file: TurbineFile) -> list[tuple[int, np.ndarray]]:
     for sensor, part in zip(file.sensors, file.parts, strict=True):
         if part not in mesh.part:
             raise InputError(f"{file.path}, sensor {sensor.channel}", f"part '{part}' is unknown",
-                             f"choose from {', '.join(mesh.part)}")  # fmt: skip
+                             f"choose from {', '.join(mesh.part)}")
         number = mesh.nearest(mesh.part[part], sensor.position_m)
         found.append((number, sensor.position_m - mesh.nodes[number]))
     return found

@@ -131,7 +131,7 @@ def _weather(n_slot: int, given: Mapping, rng: np.random.Generator) -> dict[str,
     return {
         "wind_mps": wind, "wind_direction_deg": direction, "wave_height_m": height,
         "wave_period_s": np.maximum(period, 2.5), "water_level_m": level, "air_temperature_c": air,
-    }  # fmt: skip
+    }
 
 
 def _states(wind: np.ndarray, maintenance: np.ndarray) -> np.ndarray:
@@ -227,7 +227,7 @@ def make_plan(n_slot: int, given: Mapping, rng: np.random.Generator) -> Plan:
         rotor_turns=frozen_array(turns), pitch_deg=frozen_array(pitch), power_kw=frozen_array(power),
         heading_deg=frozen_array(heading), yaw_rate_degps=frozen_array(yaw_rate),
         events=tuple(sorted(events, key=lambda e: e.start_s)),
-    )  # fmt: skip
+    )
 
 
 def turbulence_std(wind_mps: float | np.ndarray) -> float | np.ndarray:

@@ -119,5 +119,5 @@ def reduce_states(
             mass=np.array([basis.T @ ((s.mass - base.mass) @ basis) for s in structures[k]]),
         )
         for k in nodes
-    )  # fmt: skip
+    )
     return ReducedStates(base=base, basis=basis, stiffness=stiffness, mass=mass, variation=variation)

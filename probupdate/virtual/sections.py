@@ -35,7 +35,7 @@ class Materials:
             "added": f.number("hydrodynamics", "added_mass_coefficient"),
             "modulus": f.number("steel", "youngs_modulus_pa"), "nu": f.number("steel", "poisson_ratio"),
             "density": f.number("steel", "density_kgpm3"),
-        }  # fmt: skip
+        }
 
     @cached_property
     def level_rise_m(self) -> float:
@@ -54,7 +54,7 @@ class Materials:
     def tube(
         self, group: str, diameter_m: float, thickness_m: float, z_m: float, *, half_m: float = 0.0,
         leg: str = "", stiffness: float = 1.0, flooded: float = 0.0, carried: float = 0.0,
-    ) -> beam.Tube:  # fmt: skip
+    ) -> beam.Tube:
         """A tube around the level z_m, over half_m up and down; `flooded` the share of its inside that is water."""
         site, p, t = self.site, self.p, self.truth.tolerances
         wall = {"leg": t.leg_wall, "brace": t.brace_wall, "pile": t.pile_wall, "tower": t.tower_wall}.get(group, 1.0)
@@ -71,7 +71,7 @@ class Materials:
                 diameter_m, thickness_m = diameter_m - 2 * lost, thickness_m - lost
         if not 0 < thickness_m < diameter_m / 2:
             raise InputError(str(self.file.path), f"a {group} at z = {z_m:.1f} m has a wall of {thickness_m:.4f} m",
-                             "mend its section, or the parameters and effects that act on it")  # fmt: skip
+                             "mend its section, or the parameters and effects that act on it")
         # per metre under water: what moves with the tube, growth, water inside
         grown = p["mg"] if z_m < site["growth_top"] else 0.0
         grown += self._of_leg("marine_growth", z_m, leg)
@@ -97,7 +97,7 @@ class Materials:
             diameter_m=diameter_m, thickness_m=thickness_m,
             youngs_modulus_pa=site["modulus"] * p[factor] * stiffness, poisson_ratio=site["nu"],
             density_kgpm3=site["density"], carried_kgpm=carried, added_kgpm=added,
-        )  # fmt: skip
+        )
 
     def _wet(self, z_m: float, half_m: float, rise_m: float) -> float:
         """Share of a length that is below the water."""

@@ -118,7 +118,7 @@ def simulate(
     campaign_files.write_campaign_toml(
         folder, name=f"Virtual campaign on '{file.value('name')}'", sensors=file.sensors, rate_hz=RATE_HZ,
         block_minutes=BLOCK_MINUTES, water_depth_m=-file.number("site", "mudline_m"),
-    )  # fmt: skip
+    )
     table = told_heading(scada_table(plan, START, np.random.default_rng(recipe.stream(3))), turbine)
     lost_rows = {int(g.start_s // 600) for g in gaps if g.kind == losses.LOST_ROW}
     write_table(folder / "scada.csv", table.drop(index=sorted(lost_rows)), float_format=None)
@@ -143,7 +143,7 @@ def simulate(
         quiet_blocks=int(quiet.sum()), blocks=len(quiet),
         state_share={name: count[k] / n_slot for k, name in enumerate(operation.STATES)},
         frequency_hz=prevailing.frequency_hz, damping_ratio=prevailing.damping_ratio["idling"], seed=int(seed),
-    )  # fmt: skip
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -300,5 +300,5 @@ def _record(turbine: Turbine, given, gaps, quiet) -> dict:
         ],
         "event": [asdict(e) | {"time": f"{START + np.timedelta64(int(e.start_s), 's')}Z"} for e in plan.events],
         "gap": [asdict(g) for g in gaps],
-    }  # fmt: skip
+    }
     return {k: v for k, v in record.items() if not (isinstance(v, list) and not v)}

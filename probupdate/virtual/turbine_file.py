@@ -20,7 +20,7 @@ from probupdate.model.parameters import Parameter
 NEUTRAL = MappingProxyType({
     "k_j": 1.0, "k_t": 1.0, "k_TP": 1.0, "k_p": 1.0, "LJF": 1.0, "D_l": 1.0, "t_l": 1.0, "D_b": 1.0, "t_b": 1.0,
     "sc": 0.0, "corr": 0.0, "mg": 0.0, "a_m": 1.0, "py": 1.0, "tz": 1.0, "qw": 1.0,
-})  # fmt: skip
+})
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -101,7 +101,7 @@ def _turbine(path: Path) -> TurbineFile:
         if missing:
             raise InputError(where, f"{', '.join(missing)} is missing", "add it")
         kept = {key: entry[key] for key in ("channel", "level", "position_m", "direction", "quantity", "unit")
-                if key in entry}  # fmt: skip
+                if key in entry}
         sensors.append(Sensor(**kept))
         parts.append(str(entry["part"]))
         if sensors[-1].quantity != "acceleration":
@@ -131,4 +131,4 @@ def _turbine(path: Path) -> TurbineFile:
     return TurbineFile(
         path=path, raw=MappingProxyType(raw), sensors=tuple(sensors), parts=tuple(parts),
         parameters=MappingProxyType(parameters),
-    )  # fmt: skip
+    )

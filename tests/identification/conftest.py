@@ -44,7 +44,7 @@ def shapes() -> np.ndarray:
         way[:, 0] * first - way[:, 2] * place[:, 0] * pitch, way[:, 1] * first + way[:, 2] * place[:, 1] * pitch,
         (way[:, 1] * place[:, 0] - way[:, 0] * place[:, 1]) * z,
         way[:, 0] * second - way[:, 2] * place[:, 0] * pitch, way[:, 1] * second + way[:, 2] * place[:, 1] * pitch,
-    ]  # fmt: skip
+    ]
     table = np.column_stack(columns)
     return table / np.abs(table).max(axis=0)
 

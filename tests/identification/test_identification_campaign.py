@@ -13,7 +13,7 @@ from probupdate.identification.reference import ReferenceModes
 from probupdate.modal.modes import mac, plane_mac, read_modes
 
 IDLING = {"power_kw": -20.0, "rotor_speed_rpm": 0.3, "rotor_speed_rpm_min": 0.2, "rotor_speed_rpm_max": 0.5,
-          "nacelle_heading_deg": 0.0, "wind_speed_mps": 3.0}  # fmt: skip
+          "nacelle_heading_deg": 0.0, "wind_speed_mps": 3.0}
 RUNNING = IDLING | {"power_kw": 2500.0, "rotor_speed_rpm": 9.0, "rotor_speed_rpm_min": 8.9, "rotor_speed_rpm_max": 9.1}
 
 
@@ -50,7 +50,7 @@ def test_a_design_model_that_is_far_off_still_names_the_modes(jacket, reference,
     rough = ReferenceModes(
         labels=reference.labels, frequency_hz=jacket.frequency_hz * [0.93, 0.93, 0.9, 0.78, 0.77],
         shape=jacket.shape * (0.8 + 0.2 * height / 90)[:, None], pairs=reference.pairs,
-    )  # fmt: skip
+    )
     for s in identify(campaign, rough).data.sets:
         assert np.all(np.abs(s.frequency_hz / jacket.frequency_hz - 1) < scatter(jacket, 8))
 

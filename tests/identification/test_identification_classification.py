@@ -89,11 +89,11 @@ def test_every_removed_pole_keeps_its_criterion(jacket, reference):
         [0.015, 0.012, 0.050, 0.20, -0.01, 0.02, 0.015, 0.01, 0.03, 0.01],
         np.column_stack([s[:, 0], s[:, 1], s[:, 0], s[:, 0], s[:, 1], s[:, 0], s[:, 1], s[:, 2],
                          s[:, 2] * np.exp(1j * np.linspace(0, 2.2, 18)), noise_shape()]),
-    )  # fmt: skip
+    )
     choice, _ = judged(found, reference, settings=replace(SETTINGS, mac=0.4))
     assert list(choice.criterion) == [
         "kept", "kept", "duplicate", "damping", "damping", "frequency", "cluster", "kept", "complexity", "mac",
-    ]  # fmt: skip
+    ]
     assert list(choice.pole) == [0, 1, 7, -1, -1]
 
 

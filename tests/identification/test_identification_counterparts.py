@@ -20,7 +20,7 @@ def measured(jacket, rng, turn=0.0) -> ModalSet:
     shape = jacket.shape + 0.02 * rng.standard_normal(jacket.shape.shape)
     return ModalSet(id=str(rng.integers(1 << 30)), shape=shape,
                     frequency_hz=jacket.frequency_hz * (1 + 3e-3 * rng.standard_normal(5)), damping_ratio=jacket.damping_ratio, frequency_std_hz=np.full(5, np.nan),
-                    shape_std=np.full(shape.shape, np.nan))  # fmt: skip
+                    shape_std=np.full(shape.shape, np.nan))
 
 
 def test_names_stand_with_a_torsion_of_mac_two_thirds_and_modes_of_members_about(jacket, reference):
@@ -32,7 +32,7 @@ def test_names_stand_with_a_torsion_of_mac_two_thirds_and_modes_of_members_about
     shape[:, 2] += 0.73 * shape[:, 3] * size[2] / size[3]
     own = 0.05 * np.column_stack([shape[:, 3], shape[:, 4]])
     model = ReferenceModes(labels=(*reference.labels, "FA3", "SS3"), shape=np.column_stack([shape, own]),
-                           frequency_hz=[0.30, 0.31, 1.2, 1.45, 1.5, 1.9, 2.0], pairs=((0, 1), (3, 4)))  # fmt: skip
+                           frequency_hz=[0.30, 0.31, 1.2, 1.45, 1.5, 1.9, 2.0], pairs=((0, 1), (3, 4)))
     like = likenesses(sets, ((0, 1), (3, 4)), [model] * 8)
     assert 0.6 < like.plane[2, 2] < 0.7
     partner, probability = paired(like, model)
@@ -80,14 +80,14 @@ def records() -> tuple[ModeRecord, ...]:
     return (ModeRecord(label="FA1", match="alike", model_label="FA1", **known),
             ModeRecord(label="T1", match="unlike", model_label="T1", **known | {"mac": 0.65}),
             ModeRecord(label="3", match="none", **known | {"mac": np.nan}),
-            ModeRecord(label="4", match="alike", model_label="FA3", alternatives=(("FA3", 0.9),), **known))  # fmt: skip
+            ModeRecord(label="4", match="alike", model_label="FA3", alternatives=(("FA3", 0.9),), **known))
 
 
 def data_of(records) -> ModalData:
     one = ModalSet(id="a", frequency_hz=[1.0, 2.0, 3.0, 4.0], damping_ratio=np.full(4, 0.01), shape=np.eye(5)[:, :4],
-                   frequency_std_hz=np.full(4, np.nan), shape_std=np.full((5, 4), np.nan))  # fmt: skip
+                   frequency_std_hz=np.full(4, np.nan), shape_std=np.full((5, 4), np.nan))
     return ModalData(channels=tuple("abcde"), sets=(one,), labels=("FA1", "T1", "3", "4"), records=records,
-                     model_only=(ModelMode(label="SS1", frequency_hz=0.3, expected=True),))  # fmt: skip
+                     model_only=(ModelMode(label="SS1", frequency_hz=0.3, expected=True),))
 
 
 def test_records_are_written_read_and_chosen_by(tmp_path):
@@ -128,5 +128,5 @@ def test_a_member_s_own_mode_is_no_bending_mode_of_the_tower(jacket, sensor_list
     rising = np.argsort(frequency)
     labels = sought.global_labels(frequency[rising], shape[:, rising], sensor_list)
     assert dict(zip(rising.tolist(), labels, strict=True)) == {
-        0: "FA1", 1: "SS1", 2: "T1", 3: "FA2", 4: "SS2", 5: "L1", 6: "L2"}  # fmt: skip
+        0: "FA1", 1: "SS1", 2: "T1", 3: "FA2", 4: "SS2", 5: "L1", 6: "L2"}
     assert mac(shape[:, [6]], shape[:, [3]])[0, 0] == pytest.approx(1) and callable(probupdate.identify)

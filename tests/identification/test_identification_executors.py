@@ -28,10 +28,10 @@ from probupdate.runtime import executors
 from probupdate.runtime.executors import Executor, Shard, completed, dask_cluster, executor, processes
 
 needs_dask = pytest.mark.skipif(importlib.util.find_spec("distributed") is None,
-                                reason="the extra `dask` is not installed")  # fmt: skip
+                                reason="the extra `dask` is not installed")
 # what distributed itself warns of is not this package's
 of_dask = pytest.mark.filterwarnings("ignore::DeprecationWarning", "ignore::ResourceWarning", "ignore::UserWarning",
-                                     "ignore::pytest.PytestUnraisableExceptionWarning")  # fmt: skip
+                                     "ignore::pytest.PytestUnraisableExceptionWarning")
 
 
 def square(value: int) -> tuple[int, int]:
@@ -106,9 +106,9 @@ print(identify_shard(read_campaign(given["campaign"]), Shard.of(given["shard"]),
 
 def shard_process(campaign, store, shard: str, host: str, pause: float = 0.0) -> subprocess.Popen:
     given = {"campaign": str(campaign), "settings": SETTINGS, "store": str(store), "shard": shard, "host": host,
-             "pause": pause}  # fmt: skip
+             "pause": pause}
     return subprocess.Popen([sys.executable, "-c", SHARD, json.dumps(given)], stdout=subprocess.PIPE, text=True,
-                            env=os.environ | {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"})  # fmt: skip
+                            env=os.environ | {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"})
 
 
 def said(shards) -> list[str]:
@@ -162,7 +162,7 @@ def cluster(tmp_path_factory):
     try:
         with executors.one_thread_each(), distributed.LocalCluster(
                 n_workers=2, threads_per_worker=1, processes=True, dashboard_address=":0",
-                local_directory=str(tmp_path_factory.mktemp("dask"))) as found:  # fmt: skip
+                local_directory=str(tmp_path_factory.mktemp("dask"))) as found:
             yield found
     finally:
         os.environ.pop("PYTHONPATH")

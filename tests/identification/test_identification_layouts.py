@@ -62,7 +62,7 @@ def write(folder, record, places, rate_hz, minutes, quantity):
     lines = [f'name = "Other"\nsampling_rate_hz = {rate_hz}\nblock_minutes = {minutes}\n']
     for k, (axis, x, y, z) in enumerate(places):
         lines.append(f'[[sensor]]\nchannel = "c{k}"\nlevel = "z{z}"\nposition_m = [{x}, {y}, {z}]\n'
-                     f'direction = {WAY[axis]}\nquantity = "{quantity}"\nunit = "{unit}"\n')  # fmt: skip
+                     f'direction = {WAY[axis]}\nquantity = "{quantity}"\nunit = "{unit}"\n')
     (folder / "acceleration").mkdir()
     (folder / "campaign.toml").write_text("".join(lines))
     with h5py.File(folder / "acceleration" / "all.h5", "w") as file:
@@ -114,7 +114,7 @@ def test_a_bridge_at_200_hz_in_velocities(tmp_path):
 def test_nothing_that_comes_back_is_said(tmp_path):
     rng = np.random.default_rng(0)
     campaign = write(tmp_path, rng.standard_normal((3000, 4)), [("x", 0.0, 0.0, float(k)) for k in range(4)], 10.0, 5,
-                     "acceleration")  # fmt: skip
+                     "acceleration")
     with pytest.raises(InputError, match="no pole comes back over the model orders and the 1 blocks"):
         identify(campaign, None, settings=SSISettings(order=8, block_rows=10, target_rate_hz=10.0, sub_records=0))
 

@@ -18,7 +18,7 @@ def record(n_channel: int, n_sample: int = 6000):
     """Three modes at 0.2, 0.31, 0.55 of the rate's half, with their shapes (n_channel, 3)."""
     rng = np.random.default_rng(2)
     motion = np.stack([signal.lfilter([1], [1, -2 * 0.985 * np.cos(w), 0.985**2], rng.standard_normal(n_sample))
-                       for w in (0.63, 0.97, 1.73)])  # fmt: skip
+                       for w in (0.63, 0.97, 1.73)])
     shape = np.stack([np.sin((k + 0.5) * np.pi * np.linspace(0.05, 1, n_channel)) for k in range(3)], axis=1)
     return (shape @ motion).T + 0.3 * rng.standard_normal((n_sample, n_channel)), shape
 

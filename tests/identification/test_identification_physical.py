@@ -95,7 +95,7 @@ def test_a_close_pair_that_turns_with_every_block_is_one_plane():
         first, second = np.zeros(12), np.zeros(12)
         first[:2], second[:2] = (np.cos(a), np.sin(a)), (-np.sin(a), np.cos(a))
         stacks.append(stack(rng, [(0.330, 0.01, first, ORDERS), (0.3317, 0.012, second, ORDERS),
-                                  (1.25, 0.01, np.eye(12)[4], ORDERS)]))  # fmt: skip
+                                  (1.25, 0.01, np.eye(12)[4], ORDERS)]))
     found = found_in(stacks).modes
     assert found.labels == ("1", "2", "3") and found.pairs == ((0, 1),)
     assert plane_mac(found.shape[:, [0, 1]], np.eye(12)[:, :2]) > 0.99
@@ -194,5 +194,5 @@ def test_what_became_of_harmonics_is_counted():
     notes += [f"{STAY}the rotor stood or idled: {rpm} rpm" for rpm in (0.3, 1)]
     assert harmonics_removed([*notes, "gaps of up to 1 s interpolated"]) == [
         "harmonics taken out in 4 of 6 blocks: 3P in 4, 6P in 3",
-        "harmonics stay in 2 blocks: the rotor stood or idled"]  # fmt: skip
+        "harmonics stay in 2 blocks: the rotor stood or idled"]
     assert harmonics_removed(["gaps"]) == []

@@ -79,7 +79,7 @@ def test_what_is_missing_constant_or_the_same_is_said():
     rare = np.where(np.arange(len(time)) < 150, np.nan, x["level"])
     x = {"level": known, "temperature": x["temperature"], "rare": rare, "still": np.full(len(time), 3.0),
          "kelvin": x["temperature"] + 273.15,
-         "twin": x["temperature"] + 0.3 * np.random.default_rng(0).standard_normal(len(time))}  # fmt: skip
+         "twin": x["temperature"] + 0.3 * np.random.default_rng(0).standard_normal(len(time))}
     value = value.copy()
     value[-5:] = np.nan
     fit = regress("ln f", value, time, x, None)
@@ -97,7 +97,7 @@ def test_twins_are_said_once_and_tested_together():
     time, x, value, std = case(6, n=300)
     rng = np.random.default_rng(6)
     twins = {"level": x["level"], "temperature": x["temperature"],
-             "twin": x["temperature"] + 0.3 * rng.standard_normal(len(time))}  # fmt: skip
+             "twin": x["temperature"] + 0.3 * rng.standard_normal(len(time))}
     # 0.0015 a degree over 3 degrees, beside a slow error of 0.002 that lasts half a day
     fit = regress("ln f", value + 0.001 * (x["temperature"] - 15), time, twins, std)
     ((pair, p),) = fit.joint
@@ -131,7 +131,7 @@ def modal_data(n=80, seed=0) -> ModalData:
             frequency_std_hz=np.array([3e-4, 1.9e-3, np.nan]), shape=np.ones((2, 3)), shape_std=np.full((2, 3), np.nan),
             environment={"water_level_m": level, "wind_speed_mps": 8 + float(rng.standard_normal()),
                          "state": "rated" if k % 4 == 0 else "idling"},
-        ))  # fmt: skip
+        ))
     return ModalData(channels=("a", "b"), sets=tuple(sets), labels=("FA1", "FA2", "T1"))
 
 

@@ -41,7 +41,7 @@ def write_hour(folder, structure, sensor_list, *, seed=0, n_block=N_BLOCK, unit=
     for k in ROWS:
         s = sensor_list[k]
         lines.append(f'[[sensor]]\nchannel = "{s.channel}"\nlevel = "{s.level}"\nposition_m = {s.position_m.tolist()}\n'
-                     f'direction = {s.direction.tolist()}\nunit = "{unit}"\n')  # fmt: skip
+                     f'direction = {s.direction.tolist()}\nunit = "{unit}"\n')
     (folder / "acceleration").mkdir(parents=True)
     (folder / "campaign.toml").write_text("".join(lines))
     record = structure.record(round(n_block * MINUTES * 60 * RATE), seed=seed)[:, ROWS].astype(np.float32)

@@ -64,7 +64,7 @@ def moved(setups, column: int, step: float):
                     s, frequency_hz=s.frequency_hz * np.exp(step * d.ln_frequency[:, k]),
                     damping_ratio=s.damping_ratio + step * d.damping_ratio[:, k],
                     shape=s.shape + step * d.shape[:, :, k],
-                )  # fmt: skip
+                )
             first += d.n_column
             sets.append(s)
         result.append(replace(setup, data=replace(setup.data, sets=tuple(sets))))
@@ -117,7 +117,7 @@ def test_numbers_are_matched_by_frequency_and_references(jacket, sensor_list):
         "frequency_hz": s.frequency_hz, "damping_ratio": s.damping_ratio, "shape": s.shape, "shape_std": s.shape_std,
         "frequency_std_hz": s.frequency_std_hz, "damping_ratio_std": s.damping_ratio_std}.items()},
         deviation=ModalDeviation(ln_frequency=s.deviation.ln_frequency[1:], damping_ratio=s.deviation.damping_ratio[1:],
-                                 shape=s.deviation.shape[:, 1:])) for s in data.sets)  # fmt: skip
+                                 shape=s.deviation.shape[:, 1:])) for s in data.sets)
     setups[1] = replace(setups[1], data=replace(data, sets=less, labels=("1", "2", "3", "4")))
     result = merge_setups(setups)
     assert result.data.labels == ("1", "2", "3", "4", "5")
@@ -141,7 +141,7 @@ def test_numbers_are_matched_by_frequency_and_references(jacket, sensor_list):
 def test_a_mode_that_moves_no_reference_keeps_its_frequency_only(jacket, sensor_list):
     """Sensors on the tower's axis do not see torsion."""
     setups = made_setups(jacket, sensor_list, jacket.frequency_hz, references=(12, 13, 16, 17),
-                         roving=([0, 1, 2, 14, 15], [3, 4, 5, 6, 7], [8, 9, 10, 11]))  # fmt: skip
+                         roving=([0, 1, 2, 14, 15], [3, 4, 5, 6, 7], [8, 9, 10, 11]))
     result = merge_setups(setups)
     s = result.data.sets[0]
     assert np.isfinite(s.frequency_hz).all() and np.isnan(s.shape[:, 2]).all()
@@ -178,14 +178,14 @@ def test_roving_records_give_the_whole_shape(jacket, reference, sensor_list, tmp
         for k in rows:
             s = sensor_list[k]
             lines.append(f'[[sensor]]\nchannel = "{s.channel}"\nlevel = "{s.level}"\nposition_m = '
-                         f'{s.position_m.tolist()}\ndirection = {s.direction.tolist()}\nunit = "m/s2"\n')  # fmt: skip
+                         f'{s.position_m.tolist()}\ndirection = {s.direction.tolist()}\nunit = "m/s2"\n')
         (folder / "campaign.toml").write_text("".join(lines))
         with h5py.File(folder / "acceleration" / "0.h5", "w") as file:
             data = file.create_dataset("data", data=jacket.record(2 * half, seed=40 + number)[:, rows])
             data.attrs["start"], data.attrs["sampling_rate_hz"] = "2020-01-01T00:00:00Z", rate
         campaign = read_campaign(folder)
         found = identify(campaign, replace(reference, shape=reference.shape[rows]),
-                         settings=SSISettings(order=14, block_rows=20, spread=6, sub_records=20))  # fmt: skip
+                         settings=SSISettings(order=14, block_rows=20, spread=6, sub_records=20))
         setups.append(Setup(name=f"setup{number}", sensors=campaign.sensors, data=found.data))
     s = merge_setups(setups).data.sets[0]
     place = [x.channel for x in sensor_list]
@@ -249,7 +249,7 @@ def test_setups_are_named_by_a_model_after_their_modes_are_found(jacket, sensor_
         for k in rows:
             s = sensor_list[k]
             lines.append(f'[[sensor]]\nchannel = "{s.channel}"\nlevel = "{s.level}"\nposition_m = '
-                         f'{s.position_m.tolist()}\ndirection = {s.direction.tolist()}\nunit = "m/s2"\n')  # fmt: skip
+                         f'{s.position_m.tolist()}\ndirection = {s.direction.tolist()}\nunit = "m/s2"\n')
         (folder / "campaign.toml").write_text("".join(lines))
         with h5py.File(folder / "acceleration" / "0.h5", "w") as file:
             data = file.create_dataset("data", data=jacket.record(9000, seed=60 + number)[:, rows])
@@ -257,12 +257,12 @@ def test_setups_are_named_by_a_model_after_their_modes_are_found(jacket, sensor_
         campaigns.append(read_campaign(folder))
     names = ("FA1", "SS1", "T1", "FA2", "SS2")
     model = ReferenceModes(labels=names, frequency_hz=jacket.frequency_hz * 0.9, shape=jacket.shape,
-                           pairs=((0, 1), (3, 4)))  # fmt: skip
+                           pairs=((0, 1), (3, 4)))
     heave = np.array([1.0 if s.direction[2] else 0.0 for s in sensor_list])[:, None]
     others = ReferenceModes(labels=("L1",), frequency_hz=[1.6], shape=heave)
     merged = identify_setups(campaigns, ("a", "b"), reference=model, others=others,
                              channels=tuple(s.channel for s in sensor_list),
-                             settings=SSISettings(order=14, block_rows=20, spread=6, sub_records=20))  # fmt: skip
+                             settings=SSISettings(order=14, block_rows=20, spread=6, sub_records=20))
     assert merged.data.labels == names and [r.match for r in merged.data.records] == ["alike"] * 5
     s = merged.data.sets[0]
     assert np.all(np.abs(s.frequency_hz / jacket.frequency_hz - 1) < 4 * s.frequency_std_hz / s.frequency_hz)

@@ -22,7 +22,7 @@ from probupdate.modal.modes import ModalData, ModalSet, mac, read_modes
 LABELS = ("FA1", "SS1", "T1", "FA2", "SS2")
 TRUE_HZ = np.array([0.316, 0.323, 1.29, 1.93, 2.02])
 QUIET = {"state": "idling", "scada_rows": 3.0, "rotor_speed_rpm_max": 0.5, "pitch_deg_range": 0.3,
-         "yaw_rate_degps_max": 0.0, "nacelle_heading_deg_range": 0.0, "block_minutes": 30.0}  # fmt: skip
+         "yaw_rate_degps_max": 0.0, "nacelle_heading_deg_range": 0.0, "block_minutes": 30.0}
 
 
 def one_set(k: int, shape, environment=None, frequency=None, seed: int = 0) -> ModalSet:
@@ -35,7 +35,7 @@ def one_set(k: int, shape, environment=None, frequency=None, seed: int = 0) -> M
         id=start.strftime("%Y-%m-%dT%H:%MZ"), frequency_hz=f, shape=noisy, damping_ratio=np.full(5, 0.012),
         frequency_std_hz=np.full(5, np.nan), shape_std=np.full(shape.shape, np.nan),
         environment=QUIET | (environment or {}),
-    )  # fmt: skip
+    )
 
 
 def data(sets) -> ModalData:
@@ -56,12 +56,12 @@ def test_each_block_keeps_the_criterion_that_excluded_it(jacket):
         one_set(9, s, {"excluded": "gap of 9 s in all channels"}, frequency=[np.nan] * 5),
         one_set(10, s, {"scada_rows": 0.0, "state": "unknown"}),
         one_set(11, s, {"state": "rated", "pitch_deg_range": 9.0}),
-    ]  # fmt: skip
+    ]
     result = select(data(sets))
     assert list(result.table["criterion"]) == [
         "", "yawing", "yawing", "pitching", "not idling", "not idling", "modes not identified", "",
         "planes not perpendicular", "no data", "no SCADA", "pitching",
-    ]  # fmt: skip
+    ]
     assert list(result.table["selected"]) == [k in (0, 7) for k in range(12)]
     assert [x.id for x in result.data.sets] == [sets[0].id, sets[7].id]
     assert "fewer than 9 pass: all of them were kept" in result.summary
@@ -97,7 +97,7 @@ def test_the_most_consistent_are_kept_and_the_oddest_left(jacket):
 def test_the_score_is_the_distance_in_robust_deviations(jacket):
     """By hand: one mode, frequencies 1, 2, 3, 4, 10 about a median of 3, median absolute deviation 1."""
     sets = [replace(one_set(k, jacket.shape), frequency_hz=np.array([f, 1, 1, 1, 1.0])) for k, f in
-            enumerate([1, 2, 3, 4, 10])]  # fmt: skip
+            enumerate([1, 2, 3, 4, 10])]
     assert inconsistency(sets, [0], []) == pytest.approx(np.array([2, 1, 0, 1, 7]) / 1.4826)
     assert inconsistency(sets[:1], [0], [(0, 1)]) == pytest.approx([0.0])
 
@@ -129,7 +129,7 @@ def test_what_scada_lacks_is_said_and_not_asked(jacket):
     assert len(result.notes) == 3 and all("was not asked" in note for note in result.notes)
     assert "no pitch_deg_range" in result.summary
     half = [replace(one_set(k, jacket.shape), environment={k: v for k, v in QUIET.items() if "yaw" not in k})
-            for k in range(4)]  # fmt: skip
+            for k in range(4)]
     assert select(data(half)).notes == ()  # the heading still tells yawing
 
 
@@ -143,7 +143,7 @@ def test_scada_given_apart_takes_the_place_of_what_was_kept(jacket):
     sets = [one_set(k, jacket.shape, {"state": "unknown", "scada_rows": 0.0}) for k in range(2)]
     index = pd.date_range("2019-06-03T10:00Z", periods=6, freq="10min", name="time")
     scada = pd.DataFrame({"power_kw": [-20.0] * 3 + [4000.0] * 3, "rotor_speed_rpm": [0.1] * 3 + [12.0] * 3,
-                          "pitch_deg": [84.0] * 6, "yaw_rate_degps": [0.0] * 6}, index=index)  # fmt: skip
+                          "pitch_deg": [84.0] * 6, "yaw_rate_degps": [0.0] * 6}, index=index)
     assert list(select(data(sets), scada).table["criterion"]) == ["", "not idling"]
     renamed = [replace(sets[0], id="monday")]
     with pytest.raises(InputError, match="set monday: its id is no time"):
@@ -166,7 +166,7 @@ def test_the_files_are_written(jacket, tmp_path):
 
 def test_every_criterion_that_a_block_fails_is_kept(jacket):
     bad = one_set(0, jacket.shape, {"yaw_rate_degps_max": 0.3, "nacelle_heading_deg_range": 9.0, "state": "rated"},
-                  frequency=[0.316, np.nan, 1.29, 1.93, 2.02])  # fmt: skip
+                  frequency=[0.316, np.nan, 1.29, 1.93, 2.02])
     table = select(data([bad, one_set(1, jacket.shape)])).table
     assert list(table["failed"]) == ["yawing; not idling; modes not identified", ""]
     assert list(table["criterion"]) == ["yawing", ""]
@@ -177,9 +177,9 @@ def test_criteria_are_read_from_a_file(jacket, tmp_path):
     path.write_text('pitch_range_deg = 5\nstates = ["rated", "idling"]\nrotor_speed_rpm = inf\nrequired = ["T1"]\n')
     criteria = read_criteria(path)
     assert criteria == SelectionCriteria(pitch_range_deg=5, states=("rated", "idling"), rotor_speed_rpm=np.inf,
-                                         required=("T1",))  # fmt: skip
+                                         required=("T1",))
     sets = [one_set(0, jacket.shape, {"state": "rated", "rotor_speed_rpm_max": 14.0}),
-            one_set(1, jacket.shape, {"state": "below rated"})]  # fmt: skip
+            one_set(1, jacket.shape, {"state": "below rated"})]
     assert list(select(data(sets), criteria=criteria).table["criterion"]) == ["", "other state"]
     none = SelectionCriteria(states=(), rotor_speed_rpm=np.inf)
     assert list(select(data(sets), criteria=none).table["criterion"]) == ["", ""]
@@ -240,7 +240,7 @@ def test_other_labels_and_few_channels_are_selected_too():
     sets = [ModalSet(id=str(k), frequency_hz=np.array([2.0, 6.1]) * (1 + 0.002 * rng.standard_normal(2)),
                      shape=rng.standard_normal((6, 2)), damping_ratio=np.array([0.01, 0.02]),
                      frequency_std_hz=np.full(2, np.nan), shape_std=np.full((6, 2), np.nan))
-            for k in range(12)]  # fmt: skip
+            for k in range(12)]
     result = select(ModalData(channels=tuple("abcdef"), sets=tuple(sets)), count=3)
     assert len(result.data.sets) == 3 and list(result.cov) == ["1", "2"] and len(result.notes) == 3
 
@@ -291,7 +291,7 @@ def test_perpendicular_modes_that_are_not_resolved_look_slanted(jacket):
     pair = replace(
         jacket, frequency_hz=np.array([0.3013, 0.3043]), damping_ratio=np.array([0.016, 0.018]),
         shape=jacket.shape[:, :2], strength=np.array([1.0, 1.0]),
-    )  # fmt: skip
+    )
 
     def record(seed):
         rng = np.random.default_rng(seed)

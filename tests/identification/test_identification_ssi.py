@@ -264,7 +264,7 @@ def test_what_would_fold_back_is_stopped(frequency_hz):
 
 @pytest.mark.parametrize(("rate", "target", "n_sample"), [
     (25.0, 5.0, 4500), (25.0, 5.0, 4503), (100.0, 12.5, 999), (10.0, 7.0, 3000), (64.0, 5.0, 2047), (25.0, 4.96, 1800),
-    (200.0, 80.0, 40), (25.0, 5.0, 3)])  # fmt: skip
+    (200.0, 80.0, 40), (25.0, 5.0, 3)])
 def test_matrix_products_are_scipy_s_polyphase_filter(rate, target, n_sample, monkeypatch):
     data = np.random.default_rng(1).standard_normal((n_sample, 3)) + 2.0
     found = resampled(data, rate, target)

@@ -42,7 +42,7 @@ def block(k, jacket, reference, *, factor=1.0, absent=(), orders=ORDERS, strays=
     return tracking.JudgedPoles(
         id=str(k), poles=stack, likeness=like, bands=bands, reference=reference,
         verdict=rules.block_criteria(stack, like, reference, SETTINGS),
-    ), own  # fmt: skip
+    ), own
 
 
 def errors(tracked, blocks) -> np.ndarray:
@@ -63,7 +63,7 @@ def test_a_change_of_eight_percent_does_not_lose_a_mode(jacket, reference, cours
     factor = {
         "drift": 1 - 0.08 * np.arange(n) / n, "step": np.where(np.arange(n) < 25, 1, 0.92),
         "tide": 1 + 0.02 * np.sin(2 * np.pi * np.arange(n) / 25),
-    }[course]  # fmt: skip
+    }[course]
     blocks = [block(k, jacket, reference, factor=factor[k]) for k in range(n)]
     tracked = tracking.track([b for b, _ in blocks], SETTINGS)
     wrong = errors(tracked, blocks)
@@ -108,7 +108,7 @@ def test_a_harmonic_beside_a_mode_is_removed_and_the_mode_stays(jacket, referenc
     bands = rules.rotor_bands({"rotor_speed_rpm_min": 14.6, "rotor_speed_rpm_max": 15.0}, SETTINGS)
     near = replace(reference, frequency_hz=reference.frequency_hz * factor)
     blocks = [block(k, jacket, near, factor=factor, bands=bands if k % 2 else NO_BANDS,
-                    line=(1.48, 0.006, 3) if k % 2 else None) for k in range(20)]  # fmt: skip
+                    line=(1.48, 0.006, 3) if k % 2 else None) for k in range(20)]
     tracked = tracking.track([b for b, _ in blocks], SETTINGS)
     assert np.abs(errors(tracked, blocks)[:, 3]).max() < 0.003
     for k in range(1, 20, 2):

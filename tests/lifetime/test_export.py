@@ -36,7 +36,7 @@ joints = [3]
 """
 ACTS = {"k": ("stiffness", "legs", "-", 1.0), "rho": ("density", "brace", "-", 1.0), "t": ("thickness", "legs", "-", 1.0),
         "loss": ("wall_loss", "brace", "m", 0.002), "m": ("mass", "top", "-", 1.0), "dm": ("added_mass", "deck", "kg", 300.0),
-        "soil": ("soil_lateral", "soil", "-", 1.0)}  # fmt: skip
+        "soil": ("soil_lateral", "soil", "-", 1.0)}
 
 
 @pytest.fixture
@@ -46,7 +46,7 @@ def run(tmp_path):
     (tmp_path / "structure.dat").write_text(subdyn(
         ["0 0 0", "4 0 0", "4 0 8", "0 0 8"], ["1 4 1 1 1c 0", "2 3 1 1 1c 0", "1 3 1 1 1c 0", "4 3 2 2 1c 0"],
         ["1 0 0 0 0 0 0 soil.txt", "2 1 1 1 1 1 1"], interface=[3, 4], div=2,
-        circular=[f"1 {STEEL} 0.5 0.02", f"2 {STEEL} 0.3 0.01"], mass=["4 2e3 1e3 9e3 1e3 0 0 0 0.4 0 0"]))  # fmt: skip
+        circular=[f"1 {STEEL} 0.5 0.02", f"2 {STEEL} 0.3 0.01"], mass=["4 2e3 1e3 9e3 1e3 0 0 0 0.4 0 0"]))
     text = TOML
     for name, (acts, on, unit, value) in ACTS.items():
         text += f'[[parameter]]\nname = "{name}"\nacts = "{acts}"\non = "{on}"\nunit = "{unit}"\ninitial = {value}\n'
@@ -67,7 +67,7 @@ def posterior(model, *, converged=True, n=400) -> Posterior:
         prior=theta[0, :10], response_labels=("f",), measured=np.ones(1), std=np.ones(1), predicted=np.ones((2, 1)),
         frequency_hz=np.ones((2, 1)), mode_labels=("FA1",), r_hat=np.ones(width), ess=np.full(width, 400.0),
         converged=converged, verdict="made up", fingerprint="none",
-    )  # fmt: skip
+    )
 
 
 def exported(run, out="out", **options):
@@ -117,7 +117,7 @@ def test_what_subdyn_cannot_say_goes_out_as_toml(run):
     text = (run / "model.toml").read_text()
     (run / "model.toml").write_text(text.replace('acts = "density"\non = "brace"\nunit = "-"\ninitial = 1.0',
                                                  'acts = "line_mass"\non = "brace"\nunit = "kg/m"\ninitial = 20.0')
-                                    .replace("lower = 0.2\nupper = 5.0", "lower = 0.2\nupper = 50.0"))  # fmt: skip
+                                    .replace("lower = 0.2\nupper = 5.0", "lower = 0.2\nupper = 50.0"))
     done = exported(run)
     assert any("no word for rho" in t for t in done.left_out) and any("superelements" in t for t in done.left_out)
     again = load_model(done.folder / "models" / "002" / "model.toml")
@@ -146,7 +146,7 @@ def test_models_of_matrices_go_out_with_their_parameters(tmp_path):
     rng = np.random.default_rng(2)
     root = rng.standard_normal((12, 12))
     np.savez(tmp_path / "model.npz", K0=root @ root.T + 50 * np.eye(12), M0=np.eye(12), K_a=np.diag(np.arange(12.0)),
-             channel=np.array(["x", "y"]), channel_dof=np.array([0, 1]))  # fmt: skip
+             channel=np.array(["x", "y"]), channel_dof=np.array([0, 1]))
     (tmp_path / "parameters.toml").write_text('[[parameter]]\nname = "a"\ninitial = 1.0\nstd = 0.1\n')
     model = load_model(tmp_path / "model.npz")
     done = export_lifetime(posterior(model), model, tmp_path / "model.npz", tmp_path / "out", n_draw=2)
@@ -181,7 +181,7 @@ inertia_kgm2 = [1e4, 1e4, 1e4, 0.0, 0.0, 0.0]
     model = load_model(run / "model.toml")
     again = load_model(done.folder / "models" / "001" / "model.toml")
     np.testing.assert_allclose(again.solve(again.parameters.initial, 4).frequency_hz,
-                               model.solve(done.draws[0], 4).frequency_hz, rtol=1e-12)  # fmt: skip
+                               model.solve(done.draws[0], 4).frequency_hz, rtol=1e-12)
     # the superelement ends where the tower stands, with the substructure's parameters in it
     substructure = read_subdyn(done.folder / "models" / "001" / "subdyn_at_draw.dat")
     assert substructure.masses[0].values[0] == pytest.approx(2e3 * done.draws[0, list(ACTS).index("m")])
@@ -232,7 +232,7 @@ def test_a_superelement_with_all_modes_is_the_structure_itself(run):
     # one interface joint: with all modes nothing is lost
     alone = read_subdyn(run / "structure.dat")
     text = "\n".join(alone.lines).replace("   2   N - number of them\nnames of columns\n(-) (-)\n  3 1 1 1 1 1 1 1\n",
-                                          "   1   N - number of them\nnames of columns\n(-) (-)\n")  # fmt: skip
+                                          "   1   N - number of them\nnames of columns\n(-) (-)\n")
     (run / "one.dat").write_text(text)
     one = read_subdyn(run / "one.dat")
     assert [i.joint for i in one.interfaces] == [4] and len(file.interfaces) == 2
@@ -272,17 +272,17 @@ def test_guyans_matrices_and_inner_modes_are_subdyns_own(tmp_path):
     # of 5MW_OC3Mnpl_Linear and SD_Rigid, a rigid link in a cantilever
     (tmp_path / "monopile.dat").write_text(subdyn(
         ["0 0 -20.0001", "0 0 -10", "0 0 0", "0 0 10"], ["1 2 1 1 1c 0", "2 3 1 1 1c 0", "3 4 1 1 1c 0"],
-        ["1 1 1 1 1 1 1"], div=3, fem=3, interface=[4], circular=["1 2.1e11 8.08e10 8500 6.0 0.06"]))  # fmt: skip
+        ["1 1 1 1 1 1 1"], div=3, fem=3, interface=[4], circular=["1 2.1e11 8.08e10 8500 6.0 0.06"]))
     (tmp_path / "rigid.dat").write_text(subdyn(
         ["0 0 0", "0 0 10", "0 0 20", "0 0 30"], ["1 2 1 1 1c 0", "2 3 1 1 1c 0", "3 4 1 1 1c 0", "2 3 1 1 3 0"],
-        ["1 1 1 1 1 1 1"], fem=3, interface=[4], circular=["1 2.1e11 8.0769e10 7850 1.0 0.05"], rigid=["1 0.0"]))  # fmt: skip
+        ["1 1 1 1 1 1 1"], fem=3, interface=[4], circular=["1 2.1e11 8.0769e10 7850 1.0 0.05"], rigid=["1 0.0"]))
     # K and M: xx, x-ry, ryry, zz, rzrz
     expected = {
         "monopile": ([3.530365e8, -5.295565e9, 1.140047e11, 7.837619e9, 2.660317e10],
                      [1.048670e5, -4.264600e5, 2.466666e6, 9.517173e4, 8.395859e5], []),
         "rigid": ([1.627377e6, -2.441065e7, 5.434118e8, 1.566869e9, 1.363474e8],
                   [1.296044e4, -4.455060e4, 1.836456e5, 1.073803e4, 2.429479e3], [9.923489, 9.923489]),
-    }  # fmt: skip
+    }
     places = ([0, 0, 4, 2, 5], [0, 4, 4, 2, 5])
     for name, (stiffness, mass, held) in expected.items():
         one = superelement(read_subdyn(tmp_path / f"{name}.dat"), n_mode=2)

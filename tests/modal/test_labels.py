@@ -32,7 +32,7 @@ def test_families_and_numbers(sensors):
     shape = np.column_stack([
         motion(sensors, ux=1), motion(sensors, uy=1), motion(sensors, rz=0.3),
         motion(sensors, ux=1, top=-0.4), motion(sensors, uy=1, top=-0.4),
-    ])  # fmt: skip
+    ])
     character = mode_character(shape, sensors)
     assert character.labels == ("FA1", "SS1", "T1", "FA2", "SS2")
     assert np.allclose(character.share.sum(axis=1) + character.local, 1)

@@ -80,7 +80,7 @@ def sample_data():
     one = ModalSet(
         id="a", frequency_hz=frequency, shape=shape, damping_ratio=np.array([0.01, np.nan, np.nan]),
         frequency_std_hz=frequency * 0.01, shape_std=np.abs(shape.real) * 0.1, environment={"water_level_m": 0.2},
-    )  # fmt: skip
+    )
     return ModalData(channels=("a", "b", "c", "d"), sets=(one,), labels=("FA1", "FA2", "T1"), reference_set="a")
 
 
@@ -267,7 +267,7 @@ def test_a_dataset_of_the_sets_is_written_and_read_by_xarray(tmp_path):
     xarray = pytest.importorskip("xarray")
     data = deviating_data()
     sets = [dataclasses.replace(s, environment={"state": "idling", "water_level_m": 0.25 * k} if k else {"state": "rated"})
-            for k, s in enumerate(data.sets)]  # fmt: skip
+            for k, s in enumerate(data.sets)]
     data = dataclasses.replace(data, sets=tuple(sets), labels=("FA1", "SS1"))
     data.to_xarray().to_netcdf(tmp_path / "modes.nc", engine="h5netcdf")
     with xarray.open_dataset(tmp_path / "modes.nc", engine="h5netcdf") as found:

@@ -43,13 +43,13 @@ SAMPLES = {
     "water": ("water_level", {}, {}, -1.3, (-3.0, 3.0)),
     "weight": ("weight", {}, {}, 0.8, (-1.0, 2.0)),
     "thrust": ("thrust", {}, {}, 4e5, (-1e6, 1e6)),
-}  # fmt: skip
+}
 
 
 def entry(name, kind, on=None, settings=None, bounds=(-1.0, 1.0), std=0.1):
     """A [[parameter]] as read, neutral."""
     table = {"name": name, "unit": KINDS[kind].unit, "kind": kind, "initial": KINDS[kind].neutral, "std": std,
-             "lower": bounds[0], "upper": bounds[1]}  # fmt: skip
+             "lower": bounds[0], "upper": bounds[1]}
     return table | ({"on": on} if on else {}) | (settings or {})
 
 

@@ -51,7 +51,7 @@ def test_off_neutral_one_by_one(batch):
 def test_neutral_without_a_bound_in_the_way():
     """Where the neutral value lies on a bound or a kink the model exists on one side only: seen in the next test."""
     inside = [n for n, (kind, _, _, _, (low, high)) in SAMPLES.items()
-              if low < KINDS[kind].neutral < high and kind not in ("oscillator", "water_level")]  # fmt: skip
+              if low < KINDS[kind].neutral < high and kind not in ("oscillator", "water_level")]
     turbine = model(with_effects([sample(n) for n in inside]))
     derivatives_agree(turbine, turbine.parameters.initial, inside)
 
@@ -73,7 +73,7 @@ def test_all_kinds_together_off_neutral():
     turbine = model(with_effects([sample(n) for n in names]))
     theta = np.array([SAMPLES[n][3] for n in names])
     mixed = ("brace_axial", "joint", "joint_in_plane", "leg_bending", "soil_py", "scour_B", "growth", "corrosion",
-             "warmth", "com_x", "com_y", "water", "dry_leg")  # fmt: skip
+             "warmth", "com_x", "com_y", "water", "dry_leg")
     derivatives_agree(turbine, theta, mixed)
 
 

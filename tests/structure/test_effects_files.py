@@ -28,7 +28,7 @@ CHOSEN = (
            prior="normal"),
     Effect(name="ice", kind="mass", on={"body": "hub"}, settings={"inertia_per_kg_m2": (0.0, 100.0, 1e-17)}, std=1e3,
            lower=0.0, upper=1e5),
-)  # fmt: skip
+)
 
 
 def test_the_written_file_is_the_extended_model(tmp_path):
@@ -54,7 +54,7 @@ def test_the_user_s_own_text_stays():
 
 
 @pytest.mark.parametrize("value", [1, True, -1.5, 1e-300, np.inf, -np.inf, "a \"quoted\" \\ name\n", [1.0, 2.0],
-                                   {"a": [1], "b": "c"}, "Gründung"])  # fmt: skip
+                                   {"a": [1], "b": "c"}, "Gründung"])
 def test_values_survive_being_written(value):
     (table,) = tomllib.loads(parameter_text({"name": value}))["parameter"]
     assert table == {"name": value}
@@ -149,7 +149,7 @@ BRACE = {"group": "brace", "face": "AB"}
         ({"name": "e", "unit": "-", "initial": 1.0, "std": 0.1, "on": BRACE}, "parameter[18] e",
          "'e' is not a parameter of this model"),
     ],
-)  # fmt: skip
+)
 def test_mistakes_are_named(table, key, problem):
     text = mistake([table])
     assert text.startswith(f"{key}: "), text
@@ -170,7 +170,7 @@ def test_rows_of_table_2_act_everywhere():
 
 def test_two_connections_in_one_element_are_refused():
     raw = with_effects([entry("low", "hinge", {"group": "column"}, {"at_m": 11.0}, (0.0, 1.0)),
-                        entry("high", "hinge", {"group": "column"}, {"at_m": 12.0}, (0.0, 1.0))])  # fmt: skip
+                        entry("high", "hinge", {"group": "column"}, {"at_m": 12.0}, (0.0, 1.0))])
     with pytest.raises(InputError, match="a hinge at either end"):
         model(raw)
     raw["mesh"]["elements_per_member"]["column"] = 2
@@ -189,7 +189,7 @@ def test_effects_at_different_places_are_told_apart():
         entry("e", "scour", {"leg": "A"}, None, (0.0, 1.0)), entry("e", "scour", {"leg": "B"}, None, (0.0, 1.0)),
         entry("e", "scour", None, None, (0.0, 1.0)), entry("e", "soil", {"leg": "A"}, {"curve": "py"}, (0.1, 2.0)),
         entry("e", "soil", {"leg": "A"}, {"curve": "tz"}, (0.1, 2.0)),
-    )}  # fmt: skip
+    )}
     assert len(prints) == 5
 
 
@@ -224,7 +224,7 @@ def test_the_catalogue_covers_every_leg_face_bay_and_kind(catalogue):
         for cause in ("scour", "lateral soil stiffness", "axial soil stiffness", "pile tip's soil stiffness",
                       "marine growth", "corrosion", "leg stiffness lost", "grout flexibility in bending",
                       "grout flexibility along the pile", "transition-piece flexibility",
-                      "leg not flooded"):  # fmt: skip
+                      "leg not flooded"):
             assert any(e.cause == cause and e.on.get("leg") == leg for e in catalogue), (cause, leg)
     for face in ("AB", "BC", "CD", "DA"):
         for cause in ("brace stiffness lost", "joints loosened", "flooded braces"):

@@ -30,7 +30,7 @@ JOINTS = {"joint": ("joint", {"leg": "A"}, {}, 0.05), "bend": ("joint", {"face":
 def frame_of(effects, law):
     """Held at the pile heads, dry; its values off neutral and neutral."""
     raw = with_effects([entry(name, kind, on, settings, (1e-3, 2.0) if kind in ("stiffness", "joint") else (0, 1e4))
-                        for name, (kind, on, settings, _) in effects.items()])  # fmt: skip
+                        for name, (kind, on, settings, _) in effects.items()])
     for row in raw["parameter"]:
         if row.get("kind") == "corrosion":
             row["upper"] = 0.02
@@ -76,7 +76,7 @@ def test_frequencies(ops):
     """Rigid joints; the rotary inertia of cross-sections, which OpenSees' element leaves out, taken away. It spins
     m J / A about the axis: factors on A or I alone would change that, so members are softened whole."""
     whole = {name: (kind, on, {} if kind == "stiffness" else settings, value)
-             for name, (kind, on, settings, value) in MEMBERS.items()}  # fmt: skip
+             for name, (kind, on, settings, value) in MEMBERS.items()}
     frame, values, neutral = frame_of(whole, "rigid")
     opensees_builder.build(ops, frame, values)
     theirs = opensees_builder.frequencies(ops, 8)

@@ -67,7 +67,7 @@ def each_leg(kind, settings=None, on=None, bounds=(0.0, 9.0)):
         ([entry("e", "corrosion", {"level_m": [-3.0, 4.0]} | g, bounds=(0.0, 0.01)) | {"name": g["group"]}
           for g in ({"group": "leg"}, {"group": "brace"})], 0.001, {"corr": 0.003}),
     ],
-)  # fmt: skip
+)
 def test_effects_everywhere_are_the_rows_of_table_2(entries, value, row):
     turbine = model(with_effects(entries))
     assert turbine.parameters.names == tuple(e["name"] for e in entries)
@@ -99,7 +99,7 @@ def test_effects_everywhere_are_the_rows_of_table_2(entries, value, row):
         ([entry("e", "temperature", None, {"relative_per_degc": -1e-2}, (-90.0, 90.0))], 20.0,
          lambda raw: raw["steel"].update(youngs_modulus_pa=0.8 * 2.1e11)),
     ],
-)  # fmt: skip
+)
 def test_effects_are_what_a_hand_would_edit(entries, value, change):
     """With the nacelle turned, so that its axes are not the structure's."""
     turbine, raw = model(with_effects(entries), nacelle_angle_deg=40.0), _plain_raw()
@@ -193,9 +193,9 @@ def test_a_released_joint_is_a_tie_without_springs():
     frame = build_frame(description)
     assembled = assemble(frame, updated=(), values=description.values)
     corner = next(t for t in frame.ties if len(t.released) and _ends(frame, t, "brace AB-1") and
-                  frame.node_m[t.node][0] > 0)  # fmt: skip
+                  frame.node_m[t.node][0] > 0)
     loose = replace(frame, ties=tuple(replace(t, stiffness=(Coefficient(0.0),) * 3) if t is corner else t
-                                      for t in frame.ties))  # fmt: skip
+                                      for t in frame.ties))
     assembled = assemble(loose, updated=(), values=description.values)
     value, _ = lowest_modes(assembled.stiffness[0], assembled.mass[0], N_MODE)
     assert frequencies(turbine, 0.0) == pytest.approx(np.sqrt(value) / (2 * np.pi), rel=1e-9)
@@ -213,10 +213,10 @@ def cantilever(number, length=60.0, **kwargs):
     """A clamped tower with a mass at its top; hinge in its first element."""
     nodes = np.linspace(0, length, number + 1)[:, None] * np.array([0.0, 0.0, 1.0])
     tower = [Beam(start=k, end=k + 1, group="tower", part="tower", tube=TUBE, youngs_modulus_pa=E, poisson_ratio=NU,
-                  density_kgpm3=RHO) for k in range(number)]  # fmt: skip
+                  density_kgpm3=RHO) for k in range(number)]
     tower[0] = replace(tower[0], **kwargs)
     return Frame(node_m=nodes, beams=tuple(tower), supports=(Support(node=0),),
-                 bodies=(Body(node=number, mass=Coefficient(3e5)),))  # fmt: skip
+                 bodies=(Body(node=number, mass=Coefficient(3e5)),))
 
 
 def modes(frame, n_mode, values, theory="bernoulli-euler"):
@@ -275,7 +275,7 @@ def test_a_slip_is_a_spring_in_series(end):
 def test_the_share_of_shear_adds_up_to_timoshenko_s_theory(share):
     """With a connection, whose condensation has shear in it."""
     raw = with_effects([entry("c", "hinge", {"group": "tower"}, {"at_m": 12.0}, (0.0, 9.0)),
-                        entry("s", "shear", None, {}, (0.0, 3.0))])  # fmt: skip
+                        entry("s", "shear", None, {}, (0.0, 3.0))])
     raw["mesh"]["theory"] = "bernoulli-euler"
     theory = copy.deepcopy(raw)
     theory["mesh"]["theory"] = "timoshenko"
@@ -291,10 +291,10 @@ def test_hinges_on_the_turbine_sit_between_the_members_they_name():
     """A flange at the tower's foot bends the tower above it only; one at its top only the nacelle."""
     entries = [entry("foot", "hinge", {"group": "tower"}, {"at_m": 12.0}, (0.0, 9.0)),
                entry("top", "hinge", {"group": "tower"}, {"at_m": 50.0}, (0.0, 9.0)),
-               entry("grout", "hinge", {"group": "pile"}, {"at_m": -19.0}, (0.0, 9.0))]  # fmt: skip
+               entry("grout", "hinge", {"group": "pile"}, {"at_m": -19.0}, (0.0, 9.0))]
     frame = build_frame(parse_description(with_effects(entries), "m"))
     found = {(b.part, b.hinge.end, frame.node_m[(b.start, b.end)[b.hinge.end]][2]): b.hinge.bending
-             for b in frame.beams if b.hinge is not None}  # fmt: skip
+             for b in frame.beams if b.hinge is not None}
     assert found == {("tower", 0, 12.0): ("foot",), ("tower", 1, 50.0): ("top",)} | {
         (f"pile {leg}", 0, -19.0): ("grout",) for leg in LEGS
     }
@@ -304,7 +304,7 @@ def test_swinging_mass_against_its_dynamic_stiffness():
     """A mass m on a spring acts like m / (1 - f^2 / f_0^2): each frequency solves the turbine with that mass."""
     own, share = 0.9, 0.2
     turbine = model(with_effects([entry("e", "oscillator", {"body": "hub"}, {"axis": "x", "frequency_hz": own},
-                                        (1e-4, 0.5))]))  # fmt: skip
+                                        (1e-4, 0.5))]))
     found = turbine.solve(np.array([share]), 4).frequency_hz
     description = parse_description(_plain_raw(), "m")
     frame = build_frame(description)
@@ -324,7 +324,7 @@ def test_swinging_mass_against_its_dynamic_stiffness():
 
 def test_a_stiff_oscillator_is_a_mass_that_does_not_swing():
     turbine = model(with_effects([entry("e", "oscillator", {"body": "hub"}, {"axis": "x", "frequency_hz": 500.0},
-                                        (1e-4, 0.5))]))  # fmt: skip
+                                        (1e-4, 0.5))]))
     assert frequencies(turbine, 0.3) == pytest.approx(bare(), rel=1e-5)
 
 
@@ -333,7 +333,7 @@ def test_a_pull_stiffens_a_beam_like_a_string():
     number, length, pull = 16, 60.0, 4e6
     frame = cantilever(number, length)
     pinned = [Support(node=0, held=np.array([1, 1, 1, 0, 0, 1], bool)),
-              Support(node=number, held=np.array([1, 1, 0, 0, 0, 1], bool))]  # fmt: skip
+              Support(node=number, held=np.array([1, 1, 0, 0, 0, 1], bool))]
     load = Prestress(coefficient=Coefficient(), node=number, force_n=np.array([0.0, 0.0, pull]))
     frame = replace(frame, supports=tuple(pinned), prestress=(load,))
     assert axial_forces(frame, {}, "bernoulli-euler", [load])[:, 0] == pytest.approx(np.full(number, pull), rel=1e-9)
@@ -371,7 +371,7 @@ def test_the_thrust_pulls_one_side_and_presses_the_other():
 
 def test_leg_wise_slopes_add_up_to_those_of_all_legs():
     for kind, settings, bounds in (("scour", {}, (-0.3, 4.0)), ("soil", {"curve": "tz"}, (0.1, 4.0)),
-                                   ("slip", {"at_m": -19.0}, (0.0, 9.0))):  # fmt: skip
+                                   ("slip", {"at_m": -19.0}, (0.0, 9.0))):
         on = {"group": "pile"} if kind == "slip" else {}
         one = [entry(leg, kind, on | {"leg": leg}, settings, bounds) for leg in LEGS]
         turbine = model(with_effects([*one, entry("all", kind, on, settings, bounds)]))
@@ -394,7 +394,7 @@ def test_an_effect_on_one_leg_moves_that_leg():
     springs = {b.part: {f.names for c in b.springs.lateral for f in c.factors} for b in frame.beams if b.springs}
     assert all(("sc", leg) in springs[f"pile {leg}"] for leg in LEGS)
     assert all(not any(leg in names for names in springs[f"pile {other}"]) for leg in LEGS for other in LEGS
-               if leg != other)  # fmt: skip
+               if leg != other)
 
 
 def test_small_turbine_is_left_as_it_was():

@@ -17,7 +17,7 @@ NAMES = ("a", "b", "m")
 def parameters(correlation=None):
     items = tuple(Parameter(name=n, unit="-", initial=i, std=0.1, lower=lo, upper=hi)
                   for n, i, lo, hi in zip(NAMES, (1.0, 0.8, 0.2), (0.4, 0.2, -0.3), (2.0, 2.0, 0.9), strict=True))
-    return Parameters(items, correlation)  # fmt: skip
+    return Parameters(items, correlation)
 
 
 def matrices():
@@ -33,7 +33,7 @@ def matrices():
     last = np.zeros((N, N))
     last[-1, -1] = 2.0
     return {"K0": 0.1 * sum(springs) + np.eye(N), "M0": np.eye(N), "K_a": sum(springs[:3]), "K_b": sum(springs[3:]),
-            "M_m": last}  # fmt: skip
+            "M_m": last}
 
 
 def written(folder, how):

@@ -16,7 +16,7 @@ ASKEW = np.array([0.48, -0.6, 0.64])
 
 
 def line(tube, length, number, *, direction=UP, density=RHO, per_metre=0.0, bodies=(), held=(), free=False,
-         ties=()):  # fmt: skip
+         ties=()):
     """A straight frame along `direction`; held: {node: (6,) bool}, by default a clamp at its start."""
     direction = np.asarray(direction) / np.linalg.norm(direction)
     nodes = np.linspace(0, length, number + 1)[:, None] * direction
@@ -25,7 +25,7 @@ def line(tube, length, number, *, direction=UP, density=RHO, per_metre=0.0, bodi
         Beam(start=k, end=k + 1, group="tower", part="tower", tube=tube, youngs_modulus_pa=E, poisson_ratio=NU,
              density_kgpm3=density, carried=carried)
         for k in range(number)
-    )  # fmt: skip
+    )
     supports = tuple(Support(node=node, held=np.array(mask, bool)) for node, mask in dict(held).items())
     if not supports and not free:
         supports = (Support(node=0),)
@@ -49,7 +49,7 @@ def frequency_equation(b, mu):
 @pytest.mark.parametrize("direction", [UP, ASKEW], ids=["upright", "askew"])
 def test_cantilever_with_tip_mass_has_the_roots_of_its_frequency_equation(mu, first, second, direction, validation):
     row = validation(what="cantilever with tip mass, first two pairs, upright and askew", unit="on beta L",
-                     reference="roots of its frequency equation", why="the printed digits")  # fmt: skip
+                     reference="roots of its frequency equation", why="the printed digits")
     tube, length, number = beam.Tube(diameter_m=0.5, thickness_m=0.02), 20.0, 24
     EI, mass = E * tube.second_moment({}), RHO * tube.area({})
     # the mass as a carried one: the frequency equation knows no rotary inertia
@@ -67,7 +67,7 @@ def test_cantilever_with_tip_mass_has_the_roots_of_its_frequency_equation(mu, fi
 
 def test_tower_check_values(validation):
     row = validation(what="steel tower with tip mass, 8 and 32 elements", reference="published check values", unit="Hz",
-                     why="the printed digits")  # fmt: skip
+                     why="the printed digits")
     tube, length = beam.Tube(diameter_m=6.0, thickness_m=0.04), 72.0
     mass = RHO * tube.area({})
 
@@ -98,7 +98,7 @@ def test_frequencies_converge_with_the_fourth_power_of_the_element_length(valida
     ]
     rate = np.log2(np.array(error[:-1]) / error[1:])
     validation(what="convergence of frequencies", reference="fourth power of the element's length",
-               unit="on the exponent").error(rate - 4, below=0.25)  # fmt: skip
+               unit="on the exponent").error(rate - 4, below=0.25)
 
 
 def pinned(number):
@@ -195,7 +195,7 @@ def test_carried_mass_moves_with_the_beam_but_does_not_spin(transverse_only):
     tube, length = beam.Tube(diameter_m=1.4, thickness_m=0.05), 7.0
     member = Beam(start=0, end=1, group="leg", part="leg", tube=tube, youngs_modulus_pa=E, poisson_ratio=NU,
                   density_kgpm3=0.0,
-                  carried=(LineMass(per_metre=Coefficient(900.0), transverse_only=transverse_only),))  # fmt: skip
+                  carried=(LineMass(per_metre=Coefficient(900.0), transverse_only=transverse_only),))
     frame = Frame(node_m=np.array([np.zeros(3), length * ASKEW]), beams=(member,))
     M = assemble(frame, updated=(), values={}).mass[0].toarray()
     rigid = np.vstack([_rigid(position) for position in frame.node_m])
@@ -246,7 +246,7 @@ def test_geometric_stiffness_stiffens_a_pinned_beam_as_a_string_does(tension, va
     k = np.pi / length
     exact = (EI * k**4 + tension * k**2) / (mass + RHO * tube.second_moment({}) * k**2)
     validation(what="geometric stiffness of a tensioned pinned beam", reference="closed form",
-               why="mesh").error(value[:2] / exact - 1, below=1e-5)  # fmt: skip
+               why="mesh").error(value[:2] / exact - 1, below=1e-5)
 
 
 def test_weight_compresses_a_column_by_what_stands_on_it():
@@ -273,7 +273,7 @@ def test_rigid_arm_carries_a_body_as_mass_and_inertia_at_the_tip():
     frame = Frame(
         node_m=np.vstack([frame.node_m, frame.node_m[1] + arm]), beams=frame.beams, supports=frame.supports,
         bodies=(Body(node=2, mass=Coefficient(mass), inertia_kgm2=np.diag(inertia)),), ties=(Tie(node=2, master=1),),
-    )  # fmt: skip
+    )
     M = assemble(frame, updated=(), values={}).mass[0].toarray()
     cross = np.array([[0, -arm[2], arm[1]], [arm[2], 0, -arm[0]], [-arm[1], arm[0], 0]])
     exact = np.block([[mass * np.eye(3), -mass * cross], [mass * cross, np.diag(inertia) - mass * cross @ cross]])
@@ -282,7 +282,7 @@ def test_rigid_arm_carries_a_body_as_mass_and_inertia_at_the_tip():
 
 def test_hydrodynamic_check_values(validation):
     row = validation(what="added, flooding and growth mass", reference="published check values", unit="kg/m",
-                     why="the printed digits")  # fmt: skip
+                     why="the printed digits")
     row.error(hydrodynamics.added_mass(1.42, 0.0, 1.0, 1025.0) - 1623.27, below=0.005)
     row.error(hydrodynamics.flooding_mass(1.42 - 2 * 0.046, 1025.0) - 1419.74, below=0.005)
     row.error(hydrodynamics.growth_mass(1.42, 0.05, 1300.0) - 300.18, below=0.005)
@@ -292,7 +292,7 @@ def test_hydrodynamic_check_values(validation):
 
 def test_tube_properties_with_scaled_diameter_wall_and_loss():
     tube = beam.Tube(diameter_m=1.0, thickness_m=0.04, diameter_factor="D_l", thickness_factor="t_l",
-                     wall_loss=("corr",))  # fmt: skip
+                     wall_loss=("corr",))
     values = {"D_l": 1.1, "t_l": 0.9, "corr": 0.003}
     assert tube.outer(values) == pytest.approx(1.094)
     assert tube.wall(values) == pytest.approx(0.033)

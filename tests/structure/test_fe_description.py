@@ -74,7 +74,7 @@ def message(raw):
         ("correlation", {"k_j": {"k_q": 0.5}}, "correlation.k_j", "'k_q' is not an updated parameter"),
         ("correlation", {"k_j": {"k_t": 1.5}}, "correlation.k_j.k_t", "1.5 is wrong"),
     ],
-)  # fmt: skip
+)
 def test_mistakes_are_named(raw, path, value, key, problem):
     put(raw, path, value)
     text = message(raw)

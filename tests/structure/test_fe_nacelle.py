@@ -34,7 +34,7 @@ def test_the_nacelle_turns_the_modes_of_a_square_jacket(angle):
     c, s = np.cos(np.radians(angle)), np.sin(np.radians(angle))
     for k in range(N_MODE):
         turned = np.concatenate([c * before.shape[x, k] - s * before.shape[y, k],
-                                 s * before.shape[x, k] + c * before.shape[y, k]])  # fmt: skip
+                                 s * before.shape[x, k] + c * before.shape[y, k]])
         found = np.concatenate([after.shape[x, k], after.shape[y, k]])
         if np.linalg.norm(turned) > 0.05 * np.linalg.norm(before.shape[:, k]):
             assert abs(turned @ found) == pytest.approx(np.linalg.norm(turned) * np.linalg.norm(found), rel=1e-5)

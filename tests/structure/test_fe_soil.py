@@ -14,9 +14,9 @@ from probupdate.structure.pile_head import head_stiffness, pile_head_stiffness
 from probupdate.structure.turbine_frame import PileMoments, build_frame
 
 CLAY = soil.Clay(submerged_unit_weight_npm3=9e3, strength_at_mudline_pa=60e3, strength_gradient_papm=0.0,
-                 strain_50=0.01, matlock_j=0.5)  # fmt: skip
+                 strain_50=0.01, matlock_j=0.5)
 STIFFENING = soil.Clay(submerged_unit_weight_npm3=9e3, strength_at_mudline_pa=20e3, strength_gradient_papm=1800.0,
-                       strain_50=0.01, matlock_j=0.5)  # fmt: skip
+                       strain_50=0.01, matlock_j=0.5)
 TUBE = beam.Tube(diameter_m=2.5, thickness_m=0.060)
 E = 2.1e11
 
@@ -61,11 +61,11 @@ def test_shaft_friction_is_at_most_the_strength_and_continuous_where_psi_is_one(
 def test_scour_takes_overburden_but_not_strength():
     # a layer of 2 m gone: as a clay 2 m shallower whose strength starts higher
     shallower = soil.Clay(submerged_unit_weight_npm3=9e3, strength_at_mudline_pa=20e3 + 2 * 1800,
-                          strength_gradient_papm=1800.0, strain_50=0.01, matlock_j=0.5)  # fmt: skip
+                          strength_gradient_papm=1800.0, strain_50=0.01, matlock_j=0.5)
     assert soil.lateral_stiffness(STIFFENING, 2.5, 7.0, 2.0) == pytest.approx(
-        soil.lateral_stiffness(shallower, 2.5, 5.0), rel=1e-12)  # fmt: skip
+        soil.lateral_stiffness(shallower, 2.5, 5.0), rel=1e-12)
     assert soil.axial_stiffness(STIFFENING, np.array(7.0), 2.0) == pytest.approx(
-        soil.axial_stiffness(shallower, np.array(5.0)), rel=1e-12)  # fmt: skip
+        soil.axial_stiffness(shallower, np.array(5.0)), rel=1e-12)
 
 
 @pytest.mark.parametrize("scour", [0.0, 0.8, 3.1])
@@ -82,7 +82,7 @@ def test_moments_of_the_springs_by_a_second_quadrature(scour):
             if low < top + length:
                 exact, _ = integrate.quad(
                     density, low, top + length, args=(lambda z: soil.lateral_stiffness(STIFFENING, 2.5, z, scour),),
-                    epsrel=1e-11)  # fmt: skip
+                    epsrel=1e-11)
             else:
                 exact = 0.0
             assert lateral[k, m] == pytest.approx(exact, rel=1e-8)
@@ -92,7 +92,7 @@ def test_moments_of_the_springs_by_a_second_quadrature(scour):
                 exact, _ = integrate.quad(
                     density, low, top + length,
                     args=(lambda z: float(soil.axial_stiffness(STIFFENING, np.array(z), scour)),),
-                    epsrel=1e-10, limit=200, points=[low + 1e-6, low + 1e-3])  # fmt: skip
+                    epsrel=1e-10, limit=200, points=[low + 1e-6, low + 1e-3])
                 # 20 Gauss points across the kinks of alpha
                 assert axial[k, m] == pytest.approx(exact, rel=2e-3)
 
@@ -116,11 +116,11 @@ def winkler_pile(length, number, lateral, axial, tip=0.0):
     step = length / number
     moments = step / np.arange(1, 8)
     springs = LineSpring(lateral=tuple(Coefficient(lateral * m) for m in moments),
-                         axial=tuple(Coefficient(axial * m) for m in moments[:3]))  # fmt: skip
+                         axial=tuple(Coefficient(axial * m) for m in moments[:3]))
     nodes = np.zeros((number + 1, 3))
     nodes[:, 2] = -np.linspace(0, length, number + 1)
     beams = tuple(Beam(start=k, end=k + 1, group="pile", part="pile", tube=TUBE, youngs_modulus_pa=E,
-                       poisson_ratio=0.3, density_kgpm3=7850.0, springs=springs) for k in range(number))  # fmt: skip
+                       poisson_ratio=0.3, density_kgpm3=7850.0, springs=springs) for k in range(number))
     tips = (NodeSpring(node=number, direction=np.eye(6)[2], stiffness=Coefficient(tip)),)
     frame = Frame(node_m=nodes, beams=beams, springs=tips, pile_head=0, pile_part="pile")
     return head_stiffness(assemble(frame, updated=(), values={}), 0, np.empty(0))
@@ -166,7 +166,7 @@ def test_pile_head_of_the_turbine_by_its_own_assembly(raw, validation):
     """k_z from the whole frame's pile against the closed form where the soil is made constant with depth."""
     # under an absurd overburden alpha is 1 and p_u 9 s_u D from the seabed down
     raw["soil"] = {"submerged_unit_weight_npm3": 1e12, "strain_50": 0.01, "matlock_j": 0.0,
-                   "undrained_shear_strength_pa": {"at_mudline": 60e3, "gradient_per_m": 0.0}}  # fmt: skip
+                   "undrained_shear_strength_pa": {"at_mudline": 60e3, "gradient_per_m": 0.0}}
     raw["jacket"]["bottom"]["z_m"] = -20.0
     description = parse_description(raw, "model.toml")
     values = {**description.values, "sc": 0.0}
@@ -177,7 +177,7 @@ def test_pile_head_of_the_turbine_by_its_own_assembly(raw, validation):
     m = np.sqrt(k / EA)
     closed = EA * m * (base + EA * m * np.tanh(m * length)) / (EA * m + base * np.tanh(m * length))
     row = validation(what="k_z, k_xy of a turbine's pile in uniform soil", reference="closed forms",
-                     why="mesh, finite length")  # fmt: skip
+                     why="mesh, finite length")
     row.error(heads["k_z"](np.empty(0)) / closed - 1, below=1e-3, of="k_z")
     # 25 m is a long pile: Hetenyi
     k = 2.3 * 9 * 60e3 * 1.6 / (2.5 * 0.01 * 1.6)
@@ -189,7 +189,7 @@ def test_soil_factors_divide_the_pile_head_stiffness(raw):
     description = parse_description(raw, "model.toml")
     names = ("k_p", "py", "tz", "qw")
     heads = pile_head_stiffness(build_frame(description), updated=names, values=description.values,
-                                theory="bernoulli-euler")  # fmt: skip
+                                theory="bernoulli-euler")
     base = np.ones(4)
     for name in ("k_xy", "k_z"):
         start = heads[name](base)

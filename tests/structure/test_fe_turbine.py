@@ -62,9 +62,9 @@ MASSES = (
     "steel.density_kgpm3", "site.water_density_kgpm3", "hydrodynamics.growth_density_kgpm3",
     "tower.secondary_steel_kgpm", "tower.station.0.flange_kg", "tower.station.1.flange_kg",
     "transition_piece.lumped_mass_kg", "rna.0.mass_kg", "rna.1.mass_kg", "rna.0.inertia_kgm2", "rna.1.inertia_kgm2",
-)  # fmt: skip
+)
 FORCES = ("steel.youngs_modulus_pa", "soil.submerged_unit_weight_npm3",
-          "soil.undrained_shear_strength_pa.at_mudline", "soil.undrained_shear_strength_pa.gradient_per_m")  # fmt: skip
+          "soil.undrained_shear_strength_pa.at_mudline", "soil.undrained_shear_strength_pa.gradient_per_m")
 
 
 def test_mass_sum_rule(raw, small):
@@ -149,7 +149,7 @@ def test_legs_stand_on_the_corners_and_braces_cross_in_the_faces(raw):
         assert part in frame.parts
     centre = {tuple(np.round(frame.node_m[n], 6)) for b in frame.beams if b.part == "brace AB-1"
               for n in (b.start, b.end)} & {tuple(np.round(frame.node_m[n], 6)) for b in frame.beams
-                                             if b.part == "brace BA-1" for n in (b.start, b.end)}  # fmt: skip
+                                             if b.part == "brace BA-1" for n in (b.start, b.end)}
     ((x, y, _),) = centre
     assert x == pytest.approx(0.0, abs=1e-9) and y > 0
 
@@ -230,7 +230,7 @@ def test_terms_that_nothing_touches_are_merged(raw, small):
     few = model(raw)
     assert len(few.stiffness) == 3 and len(few.mass) == 1
     assert few.solve(few.parameters.initial, 6).frequency_hz == pytest.approx(
-        small.solve(small.parameters.initial, 6).frequency_hz, rel=1e-10)  # fmt: skip
+        small.solve(small.parameters.initial, 6).frequency_hz, rel=1e-10)
 
 
 def test_coefficients_come_alike_one_by_one_and_many_at_once(small):
@@ -279,7 +279,7 @@ def test_channels_read_the_motion_of_the_nearest_point(raw):
     "path",
     ["steel.density_kgpm3", "jacket.leg.thickness_m", "pile.tip_m", "soil.matlock_j", "rna.1.mass_kg",
      "hydrodynamics.growth_density_kgpm3", "corrosion.top_m", "sensor.0.direction", "tower.station.1.diameter_m"],
-)  # fmt: skip
+)
 def test_fingerprint_changes_with_any_input(raw, small, path):
     base = model(raw).fingerprint()
     assert base == small.fingerprint()
@@ -293,7 +293,7 @@ def test_fingerprint_changes_with_priors_names_and_layout(raw, small):
         lambda r: r["parameter"][0].update(update=False), lambda r: r["sensor"].reverse(),
         lambda r: r.update(correlation={"k_j": {"k_t": 0.3}}), lambda r: r["mesh"].update(theory="timoshenko"),
         lambda r: r["mesh"]["elements_per_member"].update(pile=7), lambda r: r["jacket"]["joints"].update(law="rigid"),
-    ):  # fmt: skip
+    ):
         other = copy.deepcopy(raw)
         change(other)
         if other["jacket"]["joints"]["law"] == "rigid":

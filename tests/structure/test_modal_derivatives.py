@@ -86,7 +86,7 @@ def chain(gap, n=6):
         stiffness=tuple(sparse.csc_array(a) for a in (K0, soft, tie)),
         mass=tuple(sparse.csc_array(a) for a in (mass, heavy)), coefficients=LinearCoefficients((0, 1), (2,)),
         channel_matrix=sparse.csr_array(np.eye(2 * n)), hash_key=f"chains {gap}",
-    )  # fmt: skip
+    )
 
 
 PAIRS = ((0, 1), (2, 3))
@@ -184,7 +184,7 @@ def test_random_pencils(seed, n):
         name="random", parameters=Parameters(items), channels=tuple(map(str, range(n))),
         stiffness=(sparse.csc_array(K), sparse.csc_array(dK)), mass=(sparse.csc_array(M), sparse.csc_array(0.1 * dK)),
         coefficients=LinearCoefficients((0,), (0,)), channel_matrix=sparse.csr_array(np.eye(n)), hash_key=str(seed),
-    )  # fmt: skip
+    )
     solution = model.solve(np.array([0.3]), 2, derivatives=True)
     total_K, total_M = K + 0.3 * dK, M + 0.03 * dK
     value = linalg.eigh(total_K, total_M, eigvals_only=True)[:2]
@@ -199,7 +199,7 @@ def test_random_pencils(seed, n):
     ("theta", "problem"),
     [([-1.8, 0.0, 0.0], "the stiffness matrix is not positive definite"), ([0.0, 0.0], r"theta has shape \(2,\)"),
      ([np.nan, 0.0, 0.0], "theta is not finite")],
-)  # fmt: skip
+)
 def test_errors_name_the_model_and_the_values(theta, problem):
     with pytest.raises(InputError, match=problem) as caught:
         chain(1e-3, n=2).solve(np.array(theta), 1)
@@ -220,7 +220,7 @@ def test_mechanism_is_said():
         name="free", parameters=Parameters(items), channels=("x",), stiffness=(sparse.csc_array((4, 4)), free),
         mass=(sparse.csc_array(np.eye(4)),), coefficients=LinearCoefficients((0,), ()),
         channel_matrix=sparse.csr_array(np.eye(1, 4)), hash_key="free",
-    )  # fmt: skip
+    )
     with pytest.raises(InputError, match="mechanism"):
         model.solve(np.array([1.0]), 1)
 

@@ -41,7 +41,7 @@ def chain(n=6):
     return {
         "K0": 100.0 * line, "M0": np.eye(n), "K_k": 100.0 * first, "M_m": last,
         "channel": np.array(["a", "b"]), "channel_dof": np.array([0, n - 1]),
-    }  # fmt: skip
+    }
 
 
 @pytest.fixture
@@ -76,7 +76,7 @@ def test_sparse_and_dense_files_are_one_model(folder):
     for key in ("K0", "M0", "K_k", "M_m"):
         matrix = sparse.csr_array(content[key])
         parts |= {key: None, f"{key}_data": matrix.data, f"{key}_indices": matrix.indices,
-                  f"{key}_indptr": matrix.indptr}  # fmt: skip
+                  f"{key}_indptr": matrix.indptr}
     theta = np.array([0.3, 0.2])
     found = load_model(save(folder, **parts)).solve(theta, 3)
     assert found.frequency_hz == pytest.approx(dense.solve(theta, 3).frequency_hz, rel=1e-12)
@@ -86,7 +86,7 @@ def test_signs_and_picture(folder):
     model = load_model(save(
         folder, channel_sign=np.array([1, -1]), node_position_m=np.arange(6)[:, None] * [[1.0, 0, 0]],
         dof_node=np.arange(6), dof_direction=np.full(6, 2),
-    ))  # fmt: skip
+    ))
     theta = model.parameters.initial
     solution, wire = model.solve(theta, 2), model.wireframe(theta, 2)
     assert wire.displacement.shape == (6, 3, 2)
@@ -107,7 +107,7 @@ def test_an_oblique_sensor_reads_a_combination(folder, form):
     if form == "csr":
         csr = sparse.csr_array(rows)
         parts = {"channel_dof": None, "channel_row_data": csr.data, "channel_row_indices": csr.indices,
-                 "channel_row_indptr": csr.indptr}  # fmt: skip
+                 "channel_row_indptr": csr.indptr}
     model = load_model(save(folder, **parts))
     _, phi = model.solve_full(model.parameters.initial, 3)
     shape = model.solve(model.parameters.initial, 3).shape
@@ -155,7 +155,7 @@ NAN[2, 2] = np.nan
         ({"M0": None, "M0_data": np.ones(2), "M0_indices": np.array([0, 1]), "M0_indptr": np.array([0, 1, 2])},
          "M0", "has 2 rows, K0 has 6"),
     ],
-)  # fmt: skip
+)
 def test_mistakes_name_file_and_key(folder, changes, key, problem):
     path = save(folder, **changes)
     with pytest.raises(InputError) as caught:
@@ -277,9 +277,9 @@ def pendulums(theta):
 
 def function_model(**kwargs):
     items = (Parameter(name="a", unit="-", initial=1.0, std=0.2, lower=0.1, upper=3.0),
-             Parameter(name="b", unit="-", initial=2.0, std=0.2, lower=0.1, upper=2.0))  # fmt: skip
+             Parameter(name="b", unit="-", initial=2.0, std=0.2, lower=0.1, upper=2.0))
     return FunctionModel(**({"name": "springs", "parameters": Parameters(items), "channels": ("x", "y"),
-                             "function": pendulums, "version": "1"} | kwargs))  # fmt: skip
+                             "function": pendulums, "version": "1"} | kwargs))
 
 
 def test_function_as_a_model():
@@ -291,7 +291,7 @@ def test_function_as_a_model():
         _, phi = pendulums(theta)
         exact = np.einsum("ij,ik,kj->j", phi, np.array(direction, float), phi)
         assert solution.frequency_derivative[:, k] * 8 * np.pi**2 * solution.frequency_hz == pytest.approx(
-            exact, rel=1e-6)  # fmt: skip
+            exact, rel=1e-6)
     # at the bound of b the difference is one-sided and stays inside
     assert np.all(np.isfinite(model.solve(model.parameters.initial, 2, derivatives=True).frequency_derivative))
     many = model.solve_many(np.array([[1.0, 2.0], [1.2, 1.1]]), 2)
@@ -305,7 +305,7 @@ def test_function_as_a_model():
     [(lambda theta: (np.ones(3), np.ones((3, 3))), "frequencies (3,) and shapes (3, 3)"),
      (lambda theta: (np.ones(1), np.ones((2, 1))), "give at least 2 modes at 2 channels"),
      (lambda theta: (np.array([1.0, np.nan]), np.ones((2, 2))), "not finite")],
-)  # fmt: skip
+)
 def test_functions_that_answer_wrongly(function, problem):
     with pytest.raises(InputError) as caught:
         function_model(function=function).solve(np.array([1.0, 1.0]), 2)
@@ -335,7 +335,7 @@ def csr_model(folder, **changed):
     ("data", lambda a: a[:, None]),
     ("data", lambda a: a[:-1]),
     ("data", lambda a: np.where(np.arange(len(a)) == 1, np.nan, a)),
-])  # fmt: skip
+])
 def test_csr_parts_that_do_not_fit_never_reach_scipy(tmp_path, name, change):
     K0 = sparse.csr_array(chain()["K0"])
     load_model(csr_model(tmp_path))

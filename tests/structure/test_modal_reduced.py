@@ -43,7 +43,7 @@ def cloud(full):
 def reduced(full, cloud):
     box = (cloud.min(axis=0), cloud.max(axis=0))
     return reduce_basis(full, n_mode=N_MODE, box=box, frequency_tolerance=1e-5, points=cloud, n_snapshot=64,
-                        n_verify=48)  # fmt: skip
+                        n_verify=48)
 
 
 def compare(reduced, full, theta, n_mode):
@@ -79,7 +79,7 @@ def test_likely_points_not_used_in_building(reduced, full, cloud):
 def test_prior_box_without_a_cloud(full):
     parameters = full.parameters
     box = (np.maximum(parameters.lower, parameters.initial - 3 * parameters.std),
-           np.minimum(parameters.upper, parameters.initial + 3 * parameters.std))  # fmt: skip
+           np.minimum(parameters.upper, parameters.initial + 3 * parameters.std))
     found = reduce_basis(full, n_mode=N_MODE, box=box, frequency_tolerance=1e-4, n_snapshot=48, n_verify=32)
     theta = box[0] + (box[1] - box[0]) * np.random.default_rng(8).random((40, 7))
     error, least_mac = compare(found, full, theta, N_MODE)
@@ -123,7 +123,7 @@ def test_derivatives_of_the_reduced_model(reduced, full, cloud):
     fast, exact = (m.solve(theta, 4, derivatives=True, clusters=clusters) for m in (reduced, full))
     scale = full.parameters.std
     assert fast.frequency_derivative * scale == pytest.approx(
-        exact.frequency_derivative * scale, abs=1e-4 * np.abs(exact.frequency_derivative * scale).max())  # fmt: skip
+        exact.frequency_derivative * scale, abs=1e-4 * np.abs(exact.frequency_derivative * scale).max())
 
 
 def test_blocks_of_a_symmetric_structure_do_not_couple(reduced):
@@ -141,7 +141,7 @@ def test_blocks_of_a_symmetric_structure_do_not_couple(reduced):
 def test_same_seed_same_basis_and_the_full_models_fingerprint(reduced, full, cloud):
     box = (cloud.min(axis=0), cloud.max(axis=0))
     again = reduce_basis(full, n_mode=N_MODE, box=box, frequency_tolerance=1e-5, points=cloud, n_snapshot=64,
-                         n_verify=48)  # fmt: skip
+                         n_verify=48)
     assert np.array_equal(again.basis, reduced.basis)
     assert np.array_equal(again.solve_many(cloud[:4], N_MODE).shape, reduced.solve_many(cloud[:4], N_MODE).shape)
     assert reduced.fingerprint() == full.fingerprint()
@@ -174,7 +174,7 @@ def test_progress_is_reported(full, cloud):
     seen = []
     box = (cloud.min(axis=0), cloud.max(axis=0))
     reduce_basis(full, n_mode=2, box=box, frequency_tolerance=1e-2, n_snapshot=8, n_verify=4,
-                 progress=lambda what, done, total: seen.append((what, done, total)))  # fmt: skip
+                 progress=lambda what, done, total: seen.append((what, done, total)))
     assert seen[7] == ("reduced basis: snapshots", 8, 8)
     assert any("verification" in what and done == total for what, done, total in seen)
 
@@ -185,13 +185,13 @@ def crossing():
     line = 2 * np.eye(n) - np.eye(n, k=1) - np.eye(n, k=-1)
     zero = np.zeros((n, n))
     items = (Parameter(name="first", unit="-", initial=1.0, std=0.2, lower=0.5, upper=2.0),
-             Parameter(name="second", unit="-", initial=1.0, std=0.5, lower=0.25, upper=2.0))  # fmt: skip
+             Parameter(name="second", unit="-", initial=1.0, std=0.5, lower=0.25, upper=2.0))
     return AffineModel(
         name="two chains", parameters=Parameters(items), channels=tuple(f"c{i}" for i in range(2 * n)),
         stiffness=tuple(sparse.csc_array(linalg.block_diag(*a)) for a in ((zero, zero), (line, zero), (zero, line))),
         mass=(sparse.csc_array(np.eye(2 * n)),), coefficients=LinearCoefficients((0, 1), ()),
         channel_matrix=sparse.csr_array(np.eye(2 * n)), hash_key="two chains",
-    )  # fmt: skip
+    )
 
 
 def test_modes_that_cross_are_not_missed():
@@ -199,7 +199,7 @@ def test_modes_that_cross_are_not_missed():
     is constant here, so that the basis is exact, at the box's corners too."""
     model = crossing()
     found = reduce_basis(model, n_mode=4, box=(np.array([0.5, 0.25]), np.array([2.0, 2.0])), frequency_tolerance=1e-9,
-                         n_snapshot=64, n_verify=16)  # fmt: skip
+                         n_snapshot=64, n_verify=16)
     assert len(found.blocks) >= 2
     rng = np.random.default_rng(0)
     theta = found.lower + (found.upper - found.lower) * rng.random((200, 2))
@@ -216,7 +216,7 @@ def test_pedestrian_bridge_with_its_soft_deck():
     model = load_matrices(BRIDGE / "model.npz", parameters)
     # a posterior's width: half of each prior deviation
     low, high = (np.clip(parameters.initial + s * 0.5 * parameters.std, parameters.lower, parameters.upper)
-                 for s in (-1, 1))  # fmt: skip
+                 for s in (-1, 1))
     found = reduce_basis(model, n_mode=6, box=(low, high), frequency_tolerance=1e-4, n_snapshot=48, n_verify=24)
     theta = low + (high - low) * np.random.default_rng(2).random((20, 17))
     error, least_mac = compare(found, model, theta, 6)

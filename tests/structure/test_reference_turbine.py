@@ -21,14 +21,14 @@ TABLE_4_AS_BUILT = (0.97, 0.99, 0.98, 0.99)
 TABLE_5 = {
     "k_j": 0.995, "k_t": 1.83, "k_TP": 0.341, "k_p": 1.02, "a_m": 0.84, "m_h": 1.47e5, "py": 0.133, "tz": 0.0696,
     "qw": 0.662, "LJF": 1.02,
-}  # fmt: skip
+}
 TABLE_6 = {"design": (2.8e8, 1.0e9), "as_built": (4.4e8, 1.3e9), "updated": (1.3e9, 6.0e9)}
 N_MODE = 8
 
 
 def sensors_of(description):
     return tuple(Sensor(channel=s.channel, level=s.level, position_m=s.position_m, direction=s.direction)
-                 for s in description.sensor)  # fmt: skip
+                 for s in description.sensor)
 
 
 class State:
@@ -51,7 +51,7 @@ class State:
 @pytest.fixture(scope="module")
 def states():
     return {name: State(load_model(reference_model(name)), read_description(reference_model(name)))
-            for name in STATES}  # fmt: skip
+            for name in STATES}
 
 
 @pytest.mark.parametrize("name", STATES)

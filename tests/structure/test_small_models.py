@@ -29,7 +29,7 @@ def shear_building(n: int, massless: int = 0) -> AffineModel:
         stiffness=(sparse.csc_array(stiffness),), mass=(sparse.csc_array(mass),),
         coefficients=lambda theta: (theta[..., :1], np.ones_like(theta[..., :1])),
         channel_matrix=sparse.csr_array(np.eye(n)),
-    )  # fmt: skip
+    )
 
 
 @pytest.mark.parametrize("n", [1, 2, 3, 6])
@@ -77,7 +77,7 @@ def test_a_model_smaller_than_the_record_takes_its_own_modes_and_says_the_rest(n
         model = replace(model, channels=channels, channel_matrix=sparse.csr_array(np.array([[1.0], [0.5]])))
         shape[:, 0] = [1.0, 0.5]
     one = ModalSet(id="one", frequency_hz=frequency, shape=shape, damping_ratio=np.full(n_measured, 0.01),
-                   frequency_std_hz=0.01 * frequency, shape_std=np.full(shape.shape, 0.02))  # fmt: skip
+                   frequency_std_hz=0.01 * frequency, shape_std=np.full(shape.shape, 0.02))
     problem = build_problem(model, ModalData(channels=channels, sets=(one,)))
     assert list(problem.used) == list(range(seen))
     said = problem.matching.left_out

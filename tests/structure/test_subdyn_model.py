@@ -44,13 +44,13 @@ def manual_beam(section, length, shear):
         turn = np.diag([1, sign, 1, sign])
         stiffness = E * second / (L**3 * (1 + k)) * np.array(
             [[12, 6 * L, -12, 6 * L], [6 * L, (4 + k) * L**2, -6 * L, (2 - k) * L**2],
-             [-12, -6 * L, 12, -6 * L], [6 * L, (2 - k) * L**2, -6 * L, (4 + k) * L**2]])  # fmt: skip
+             [-12, -6 * L, 12, -6 * L], [6 * L, (2 - k) * L**2, -6 * L, (4 + k) * L**2]])
         mass = rho * A * L / 420 * np.array(
             [[156, 22 * L, 54, -13 * L], [22 * L, 4 * L**2, 13 * L, -3 * L**2],
-             [54, 13 * L, 156, -22 * L], [-13 * L, -3 * L**2, -22 * L, 4 * L**2]])  # fmt: skip
+             [54, 13 * L, 156, -22 * L], [-13 * L, -3 * L**2, -22 * L, 4 * L**2]])
         rotary = rho * second / (30 * L) * np.array(
             [[36, 3 * L, -36, 3 * L], [3 * L, 4 * L**2, -3 * L, -(L**2)],
-             [-36, -3 * L, 36, -3 * L], [3 * L, -(L**2), -3 * L, 4 * L**2]])  # fmt: skip
+             [-36, -3 * L, 36, -3 * L], [3 * L, -(L**2), -3 * L, 4 * L**2]])
         K[np.ix_(index, index)] += turn @ stiffness @ turn
         M[np.ix_(index, index)] += turn @ (mass + rotary) @ turn
     for u, stiffness, mass in ((2, E * A, rho * A), (5, G * s.torsion, rho * s.polar)):
@@ -90,7 +90,7 @@ def test_a_clamped_tower_with_a_tip_mass_has_its_textbook_frequencies(tmp_path):
     # L 72, tube 6 x 0.04, tip 378 t: 0.545181 and 5.466367 Hz without rotary inertia (1 + cosh b cos b + ... = 0); its
     # kinetic energy is that of 1.2 m (r / L)^2 = 0.435 t beside 478 t (Rayleigh, static shape): 4.55e-4 of f_1
     path = written(tmp_path, ["0 0 0", "0 0 72"], ["1 2 1 1 1c 0"], [CLAMPED], div=12,
-                   circular=[f"1 {STEEL} 6.0 0.04"], mass=["2 378000 0 0 0"])  # fmt: skip
+                   circular=[f"1 {STEEL} 6.0 0.04"], mass=["2 378000 0 0 0"])
     found = frequencies(path, 4)
     assert found[0] == pytest.approx(0.545181 * (1 - 4.55e-4), rel=2e-5)
     assert 0.98 * 5.466367 < found[2] < 5.466367
@@ -98,22 +98,22 @@ def test_a_clamped_tower_with_a_tip_mass_has_its_textbook_frequencies(tmp_path):
 
 def test_a_tapered_member_takes_sizes_averaged_between_the_ends_of_each_element(tmp_path):
     tapered = written(tmp_path, ["0 0 0", "0 0 30"], ["1 2 1 2 1c 0"], [CLAMPED], div=3,
-                      circular=[f"1 {STEEL} 3.0 0.06", f"2 {STEEL} 1.5 0.03"])  # fmt: skip
+                      circular=[f"1 {STEEL} 3.0 0.06", f"2 {STEEL} 1.5 0.03"])
     whole = frequencies(tapered)
     middles = [3.0 - 1.5 * k for k in (1 / 6, 0.5, 5 / 6)]
     steps = written(tmp_path, ["0 0 0", "0 0 10", "0 0 20", "0 0 30"],
                     [f"{k} {k + 1} {k} {k} 1c 0" for k in (1, 2, 3)], [CLAMPED],
-                    circular=[f"{k} {STEEL} {d} {d / 50}" for k, d in enumerate(middles, 1)])  # fmt: skip
+                    circular=[f"{k} {STEEL} {d} {d / 50}" for k, d in enumerate(middles, 1)])
     np.testing.assert_allclose(frequencies(steps), whole, rtol=1e-9)
 
 
 def test_a_rigid_link_carries_an_offset_mass_as_its_inertia_says(tmp_path):
     beam = [f"1 {STEEL} 2.0 0.03"]
     linked = written(tmp_path, ["0 0 0", "0 0 20", "1 2 23"], ["1 2 1 1 1c 0", "2 3 9 9 3 0"], [CLAMPED], div=4,
-                     circular=beam, rigid=["9 0.0"], mass=["3 5e4 1e5 2e5 3e5 1e3 2e3 3e3 0.1 0.2 0.3"])  # fmt: skip
+                     circular=beam, rigid=["9 0.0"], mass=["3 5e4 1e5 2e5 3e5 1e3 2e3 3e3 0.1 0.2 0.3"])
     first = frequencies(linked)
     offset = written(tmp_path, ["0 0 0", "0 0 20"], ["1 2 1 1 1c 0"], [CLAMPED], div=4, circular=beam,
-                     mass=["2 5e4 1e5 2e5 3e5 1e3 2e3 3e3 1.1 2.2 3.3"])  # fmt: skip
+                     mass=["2 5e4 1e5 2e5 3e5 1e3 2e3 3e3 1.1 2.2 3.3"])
     np.testing.assert_allclose(frequencies(offset), first, rtol=1e-8)
 
 
@@ -142,7 +142,7 @@ def test_joints_let_members_turn(tmp_path, kind):
     joints = ["0 0 -0.1", f"0 0 0 {joint}", f"0 0 10 {top}", "0 0 10.1"]
     members = ["1 2 2 2 1c 0", "2 3 1 1 1c 0", "3 4 2 2 1c 0"]
     path = written(tmp_path, joints, members, [CLAMPED, CLAMPED.replace("1", "4", 1)], div=8,
-                   circular=[f"1 {STEEL} 0.1 0.005", f"2 {STEEL} 0.5 0.1"])  # fmt: skip
+                   circular=[f"1 {STEEL} 0.1 0.005", f"2 {STEEL} 0.5 0.1"])
     section = tube(2.1e11, 8.076923e10, 7850, 0.1, 0.005)
     simple = np.pi / 2 * np.sqrt(2.1e11 * section.i_xx / (7850 * section.area * 1e4))
     found = frequencies(path, 6)
@@ -158,7 +158,7 @@ def test_joints_let_members_turn(tmp_path, kind):
 def test_a_stiff_spring_in_a_joint_makes_it_rigid(tmp_path):
     joints, members = ["0 0 0", "0 0 5 {}", "0 0 10"], ["1 2 1 1 1c 0", "2 3 1 1 1c 0"]
     rigid = frequencies(written(tmp_path, [j.format("1 0 0 0 0") for j in joints], members, [CLAMPED],
-                                circular=[f"1 {STEEL} 0.5 0.01"]))  # fmt: skip
+                                circular=[f"1 {STEEL} 0.5 0.01"]))
     for kind in ("4 0 0 0 1e14", "3 1 0 0 1e14", "2 0 0 0 1e14"):
         sprung = written(tmp_path, [j.format(kind) for j in joints], members, [CLAMPED], circular=[f"1 {STEEL} 0.5 0.01"])
         np.testing.assert_allclose(frequencies(sprung), rigid, rtol=1e-5)
@@ -168,17 +168,17 @@ def test_springs_cables_and_soil_are_where_they_are_said_to_be(tmp_path):
     # a rigid mass on a spring element: sqrt(k / m)
     stiffness = [4e6 if i == j else 0.0 for i in range(6) for j in range(i, 6)]
     path = written(tmp_path, ["0 0 0", "0 0 0"], ["1 2 3 3 5 -1"], [CLAMPED], mass=["2 1e3 1e3 1e3 1e3"],
-                   spring=["3 " + " ".join(map(str, stiffness))])  # fmt: skip
+                   spring=["3 " + " ".join(map(str, stiffness))])
     np.testing.assert_allclose(frequencies(path, 4), np.sqrt(4e3) / (2 * np.pi), rtol=1e-9)
     # the same stiffness as soil
     (tmp_path / "soil.txt").write_text("\n".join(f"4e6 K{a}{a}" for a in ("x", "y", "z", "tx", "ty", "tz")))
     path = written(tmp_path, ["0 0 0", "0 0 1"], ["1 2 9 9 3 0"], ["1 0 0 0 0 0 0 soil.txt"], rigid=["9 0.0"],
-                   mass=["1 1e3 1e3 1e3 1e3"])  # fmt: skip
+                   mass=["1 1e3 1e3 1e3 1e3"])
     np.testing.assert_allclose(frequencies(path, 4), np.sqrt(4e3) / (2 * np.pi), rtol=1e-9)
     # a cable holds the top of a pendulum column: its axial stiffness EA / L0 with L0 = L / (1 + T0 / EA)
     path = written(tmp_path, ["0 0 0", "0 0 1", "10 0 1"], ["1 2 1 1 1c 0", "2 3 5 5 2 -1"],
                    [CLAMPED, CLAMPED.replace("1", "3", 1)], circular=["1 2.1e5 8e4 1e-3 0.1 0.01"],
-                   cable=["5 1e6 1e-9 1e5 0"], mass=["2 1e3 1e-6 1e-6 1e-6"])  # fmt: skip
+                   cable=["5 1e6 1e-9 1e5 0"], mass=["2 1e3 1e-6 1e-6 1e-6"])
     assert np.min(np.abs(frequencies(path, 4) / (np.sqrt(1e6 / (10 / 1.1) / 1e3) / (2 * np.pi)) - 1)) < 1e-3
 
 
@@ -186,7 +186,7 @@ def test_the_sparse_modes_are_those_of_the_dense_matrices(tmp_path):
     # second route: the same matrices unreduced, constraints by a stiff penalty, all modes by LAPACK
     path = written(tmp_path, ["0 0 0", "4 0 0", "2 1 9", "2 1 10"],
                    ["1 3 1 1 1c 0", "2 3 1 1 1c 0", "3 4 9 9 3 0"], [CLAMPED, CLAMPED.replace("1", "2", 1)], div=2,
-                   circular=[f"1 {STEEL} 0.5 0.01"], rigid=["9 20.0"], mass=["4 500 10 20 30"])  # fmt: skip
+                   circular=[f"1 {STEEL} 0.5 0.01"], rigid=["9 20.0"], mass=["4 500 10 20 30"])
     frame = build_subdyn_frame(read_subdyn(path))
     n = frame.n_full
     K, M = np.zeros((n, n)), np.zeros((n, n))
@@ -213,7 +213,7 @@ def test_subdyns_own_frequencies_of_the_oc3_monopile(tmp_path):
     # 5MW_OC3Mnpl_Linear: Timoshenko, three members in three elements each, clamped
     path = written(tmp_path, ["0 0 -20.0001", "0 0 -10", "0 0 0", "0 0 10"],
                    ["1 2 1 1 1c 0", "2 3 1 1 1c 0", "3 4 1 1 1c 0"], [CLAMPED], div=3, fem=3, interface=[4],
-                   circular=["1 2.1e11 8.08e10 8500 6.0 0.06"])  # fmt: skip
+                   circular=["1 2.1e11 8.08e10 8500 6.0 0.06"])
     own = [6.072686, 6.072686, 25.72555, 28.32034, 28.32034, 41.47330, 58.59113, 58.59113, 77.96200, 83.40462]
     np.testing.assert_allclose(frequencies(path, 10), own, rtol=2e-7)
 
@@ -222,7 +222,7 @@ def test_subdyns_own_frequencies_with_a_rigid_link(tmp_path):
     # SD_Rigid: a rigid link beside the middle one of three beams
     path = written(tmp_path, ["0 0 0", "0 0 10", "0 0 20", "0 0 30"],
                    ["1 2 1 1 1c 0", "2 3 1 1 1c 0", "3 4 1 1 1c 0", "2 3 1 1 3 0"], [CLAMPED], fem=3, interface=[4],
-                   circular=["1 2.1e11 8.0769e10 7850 1.0 0.05"], rigid=["1 0.0"])  # fmt: skip
+                   circular=["1 2.1e11 8.0769e10 7850 1.0 0.05"], rigid=["1 0.0"])
     own = [1.187525, 1.187525, 11.10164, 11.10164, 21.96484, 21.96484, 32.60645, 52.57639, 106.5510, 106.5510]
     np.testing.assert_allclose(frequencies(path, 10), own, rtol=5e-7)
 
@@ -230,7 +230,7 @@ def test_subdyns_own_frequencies_with_a_rigid_link(tmp_path):
 def test_subdyns_own_frequencies_of_a_free_pendulum_with_a_sprung_revolute_joint(tmp_path):
     # SD_PendulumDamp: Timoshenko, nothing held, so dense; six rigid motions come before
     path = written(tmp_path, ["0 0 0", "0 0 -1 3 0 1 0 100", "0 0 -6"], ["1 2 1 1 1c 0", "2 3 1 1 1c 0"], [], fem=3,
-                   interface=[1], circular=["1 2.1e11 8.0769e10 7850 0.2 0.02"])  # fmt: skip
+                   interface=[1], circular=["1 2.1e11 8.0769e10 7850 0.2 0.02"])
     model = load_model(path)
     K, M = (matrix.toarray() for matrix in model.matrices(np.zeros(0)))
     value = eigh(K, M, eigvals_only=True)
@@ -248,7 +248,7 @@ def test_mechanisms_and_wrong_geometry_are_refused_with_the_line(tmp_path):
         "m long": (["0 0 0", "0 0 1"], ["1 2 3 3 5 -1"], {"spring": ["3 " + "1 " * 21]}),
         "universal joint 2 has 3": (["0 0 0", "0 0 1 2 0 0 0 0", "0 0 2", "1 0 2"],
                                     ["1 2 1 1 1c 0", "2 3 1 1 1c 0", "2 4 1 1 1c 0"], {}),
-    }  # fmt: skip
+    }
     for words, (joints, members, sets) in cases.items():
         path = written(tmp_path, joints, members, [CLAMPED], **({"circular": [f"1 {STEEL} 0.5 0.01"]} | sets))
         with pytest.raises(InputError, match=words) as error:
@@ -284,7 +284,7 @@ PARAMETERS = {
     "stiffness": ("legs", "-", 1.1), "density": ("brace", "-", 1.2), "thickness": ("legs", "-", 0.9),
     "wall_loss": ("brace", "m", 0.002), "line_mass": ("legs", "kg/m", 30.0), "mass": ("top", "-", 1.3),
     "added_mass": ("deck", "kg", 2e3), "soil_lateral": ("soil", "-", 0.5), "soil_vertical": ("soil", "-", 2.0),
-}  # fmt: skip
+}
 
 
 @pytest.fixture
@@ -292,7 +292,7 @@ def framed(tmp_path):
     (tmp_path / "soil.txt").write_text("1e8 Kxx\n1e8 Kyy\n2e8 Kzz\n1e9 Ktxtx\n1e9 Ktyty\n1e8 Ktztz\n-1e7 Kxty\n")
     written(tmp_path, ["0 0 0", "4 0 0", "4 0 8", "0 0 8"], ["1 4 1 1 1c 0", "2 3 1 1 1c 0", "1 3 2 2 1c 0", "4 3 2 2 1c 0"],
             ["1 0 0 0 0 0 0 soil.txt", "2 1 1 1 1 1 1"], div=2, fem=3,
-            circular=[f"1 {STEEL} 0.5 0.02", f"2 {STEEL} 0.3 0.01"], mass=["4 2e3 1e3 9e3 1e3 0 0 0 0.4 0 0"])  # fmt: skip
+            circular=[f"1 {STEEL} 0.5 0.02", f"2 {STEEL} 0.3 0.01"], mass=["4 2e3 1e3 9e3 1e3 0 0 0 0.4 0 0"])
     text = TOML
     for acts, (group, unit, value) in PARAMETERS.items():
         text += f'[[parameter]]\nname = "p_{acts}"\nacts = "{acts}"\non = "{group}"\nunit = "{unit}"\n'
@@ -318,7 +318,7 @@ def edited(framed):
             ["1 4 1 1 1c 0", "2 3 1 1 1c 0", "1 3 3 3 1c 0", "4 3 2 2 1c 0"],
             ["1 0 0 0 0 0 0 soil.txt", "2 1 1 1 1 1 1"], div=2, fem=3,
             circular=[f"1 {leg} 7850 0.5 0.018", f"2 {STEEL} 0.3 0.01", "3 2.1e11 8.076923e10 9420 0.296 0.008"],
-            mass=["4 2.6e3 1.3e3 11.7e3 1.3e3 0 0 0 0.4 0 0", "3 2e3 0 0 0"])  # fmt: skip
+            mass=["4 2.6e3 1.3e3 11.7e3 1.3e3 0 0 0 0.4 0 0", "3 2e3 0 0 0"])
     return folder / "structure.dat"
 
 
@@ -347,7 +347,7 @@ def test_derivatives_are_those_of_differences(framed):
 def test_sensors_follow_their_joint_or_the_nearest_beam(framed):
     own = load_model(framed).solve(load_model(framed).parameters.initial, 4).shape
     placed = (Sensor(channel="A", level="top", position_m=[0, 0, 8], direction=[1, 0, 0]),
-              Sensor(channel="new", level="half", position_m=[0.25, 0, 4], direction=[0, 1, 0]))  # fmt: skip
+              Sensor(channel="new", level="half", position_m=[0.25, 0, 4], direction=[0, 1, 0]))
     model = load_model(framed, sensors=placed)
     assert model.channels == ("A", "new")
     shape = model.solve(model.parameters.initial, 4).shape
@@ -381,7 +381,7 @@ def test_the_nacelle_turns_where_it_is_named(framed):
         ('joint = 3', 'joint = 30', ["joint 30"]),
         ('name = "a frame"', 'nam = "a frame"', ["nam"]),
     ],
-)  # fmt: skip
+)
 def test_mistakes_in_the_toml_are_named(framed, old, new, told):
     text = framed.read_text()
     assert old in text
@@ -397,14 +397,14 @@ def test_a_tower_from_tables_is_the_textbooks_and_has_its_groups(tmp_path):
     written(tmp_path, ["0 0 0", "0 0 10"], ["1 2 9 9 3 0"], [CLAMPED.replace("1", "1", 1)], rigid=["9 0.0"])
     section = tube(2.1e11, 8.076923e10, 7850, 6.0, 0.04)
     columns = {"mass_kgpm": 7850 * section.area, "stiffness_fa_nm2": 2.1e11 * section.i_xx,
-               "stiffness_ss_nm2": 2.1e11 * section.i_xx}  # fmt: skip
+               "stiffness_ss_nm2": 2.1e11 * section.i_xx}
     text = 'name = "tower"\n[subdyn]\nfile = "structure.dat"\n[tower]\njoint = 2\ntop_m = 82.0\nelements = 12\n'
     text += "fraction = [0.0, 1.0]\n" + "".join(f"{k} = [{v}, {v}]\n" for k, v in columns.items())
     text += "youngs_modulus_pa = 2.1e11\nshear_modulus_pa = 8.076923e10\ndensity_kgpm3 = 7850.0\n"
     body = "[rotor_nacelle]\nmass_kg = 378000.0\ncentre_m = [0.0, 0.0, 0.0]\ninertia_kgm2 = [0.0, 0.0, 0.0, 0.0, 0.0, 0.0]\n"
     parameters = "".join(
         f'[[parameter]]\nname = "{n}"\nacts = "{a}"\non = "{on}"\nunit = "-"\ninitial = 1.0\ncov = 0.1\nlower = 0.5\n'
-        for n, a, on in (("k_t", "stiffness", "tower"), ("m_h", "mass", "rotor_nacelle")))  # fmt: skip
+        for n, a, on in (("k_t", "stiffness", "tower"), ("m_h", "mass", "rotor_nacelle")))
     path = tmp_path / "tower.toml"
     path.write_text(text + body + parameters)
     model = load_model(path)
@@ -414,7 +414,7 @@ def test_a_tower_from_tables_is_the_textbooks_and_has_its_groups(tmp_path):
     np.testing.assert_allclose(first.frequency_derivative[:, 0] / first.frequency_hz, 0.5, rtol=1e-9)
     for old, new, told in (("joint = 2", "joint = 7", "joint 7"), ("top_m = 82.0", "top_m = 5.0", "not above the foot"),
                            ("fraction = [0.0, 1.0]", "fraction = [0.0, 0.9]", "does not rise"),
-                           ("fraction = [0.0, 1.0]\n", "", "has neither elastodyn")):  # fmt: skip
+                           ("fraction = [0.0, 1.0]\n", "", "has neither elastodyn")):
         path.write_text((text + body).replace(old, new))
         with pytest.raises(InputError, match=told):
             load_model(path)
@@ -436,7 +436,7 @@ def test_modes_prints_one_json_object_for_every_form_of_model(framed, capsys):
     assert main(["modes", "as_built", "--count", "5"]) == 0
     assert "FA1" in capsys.readouterr().out
     np.savez(framed.with_name("matrices.npz"), K0=np.diag([1.0, 4.0, 9.0, 16.0]), M0=np.eye(4), K_a=np.diag([1.0, 0, 0, 0]),
-             channel=np.array(["x"]), channel_dof=np.array([0]))  # fmt: skip
+             channel=np.array(["x"]), channel_dof=np.array([0]))
     framed.with_name("parameters.toml").write_text('[[parameter]]\nname = "a"\ninitial = 0.5\nstd = 0.1\n')
     assert main(["modes", str(framed.with_name("matrices.npz")), "--count", "2", "--json"]) == 0
     told = json.loads(capsys.readouterr().out)
@@ -448,7 +448,7 @@ def test_modes_prints_one_json_object_for_every_form_of_model(framed, capsys):
 
 def test_torsion_of_a_single_pile_moves_none_of_its_joints(tmp_path):
     path = written(tmp_path, ["0 0 0", "0 0 10", "0 0 20"], ["1 2 1 1 1c 0", "2 3 1 1 1c 0"], [CLAMPED], interface=[3],
-                   div=4, circular=[f"1 {STEEL} 3.0 0.05"])  # fmt: skip
+                   div=4, circular=[f"1 {STEEL} 3.0 0.05"])
     found = probupdate.model_modes(path, 8)
     seen = np.abs(found.shape).max(axis=0)
     (twist,) = np.flatnonzero(seen == 0)
@@ -470,9 +470,9 @@ def test_a_model_without_parameters_is_not_updated(framed, tmp_path, capsys):
     modes = tmp_path / "modes.json"
     modes.write_text(json.dumps({"channels": ["J4x", "J4y"], "sets": [{
         "id": "a", "frequency_hz": [5.0], "damping_ratio": [0.01], "frequency_std_hz": [0.1],
-        "shape_re": [[1.0, 0.0]], "shape_std": [[0.1, 0.1]]}]}))  # fmt: skip
+        "shape_re": [[1.0, 0.0]], "shape_std": [[0.1, 0.1]]}]}))
     assert main(["update", "--model", str(framed.with_name("structure.dat")), "--modes", str(modes), "--out",
-                 str(tmp_path / "update.json")]) == 2  # fmt: skip
+                 str(tmp_path / "update.json")]) == 2
     assert "no parameters to update" in capsys.readouterr().err
 
 

@@ -43,7 +43,7 @@ def test_log_evidence_of_alpha_is_the_density_of_the_data(linear):
     problem, path = linear
     _, A, b, W = closed_form(problem, 1.0)
     exact = [stats.multivariate_normal(np.zeros(len(b)), np.eye(len(b)) + A @ np.linalg.inv(a * W) @ A.T).logpdf(b)
-             for a in path.alpha]  # fmt: skip
+             for a in path.alpha]
     assert path.log_evidence - path.log_evidence[0] == pytest.approx(np.array(exact) - exact[0], abs=1e-4)
 
 
@@ -54,7 +54,7 @@ def test_the_discrepancy_principle_meets_the_effective_number_of_data():
     theta, A, b, _ = closed_form(problem, choose(path, "discrepancy"))
     misfit = np.sum((A @ (theta - problem.parameters.initial) - b) ** 2)
     below, above = (path.misfit[path.misfit < problem.n_effective].max(),
-                    path.misfit[path.misfit >= problem.n_effective].min())  # fmt: skip
+                    path.misfit[path.misfit >= problem.n_effective].min())
     # interpolated between two values of the path
     assert below < misfit < above
 

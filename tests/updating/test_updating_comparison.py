@@ -75,7 +75,7 @@ def test_on_a_linear_problem_the_routes_meet(comparison):
     ("contraction", "verdict"),
     [(0.05, "strongly identified"), (0.47, "strongly identified"), (0.53, "weakly identified"),
      (0.87, "weakly identified"), (0.93, "keeps its prior"), (1.0, "keeps its prior")],
-)  # fmt: skip
+)
 def test_verdict_by_the_share_of_the_priors_width(update, contraction, verdict):
     widths = PARAMETERS.std * [contraction, 0.3, 1.0]
     found = compare(update, drawn(update, update.map_theta, widths))
@@ -99,7 +99,7 @@ def test_the_prior_is_taken_as_its_bounds_cut_it():
     prior = update.parameters.items[0].distribution
     draws = posterior_of(update, np.column_stack([
         prior.rvs(20_000, random_state=1), *np.random.default_rng(2).normal(size=(2, 20_000)) * 0.1,
-    ]))  # fmt: skip
+    ]))
     row = row_of(compare(update, draws), "a")
     assert row.prior_std == pytest.approx(0.794, abs=1e-3)
     assert row.contraction == pytest.approx(1.0, abs=0.02) and row.identified == "keeps its prior"
@@ -183,7 +183,7 @@ def test_everything_written_is_read_again(update, tmp_path):
     found = compare(
         replace(update, sets=None, derived={"k_xy": {"initial": 1.0, "map": float("nan")}}),
         posterior_of(update, gaussian_draws(update)), derived={"k_xy": lambda t: t[0], "zero": lambda t: 0.0},
-    )  # fmt: skip
+    )
     again = read_comparison(found.write(tmp_path / "deep" / "compare.json"))
     for f in fields(found):
         a, b = getattr(found, f.name), getattr(again, f.name)
@@ -229,7 +229,7 @@ def test_broken_files_are_one_line(comparison, tmp_path):
     for change in (
         {"rows": [{"name": "a"}]}, {"rows": 3}, {"correlation": [[1.0], [1.0, 2.0]]}, {"names": None},
         {"derived": [1]}, {"rows": [good["rows"][0] | {"surplus": 1}]}, {"names": ["a"]}, {"correlation": [[1.0]]},
-    ):  # fmt: skip
+    ):
         broken.append(json.dumps(good | change).encode())
     broken += [json.dumps({k: v for k, v in good.items() if k != key}).encode() for key in good]
     for content in broken:

@@ -27,7 +27,7 @@ def disturbed(seed: int, share: float) -> ModalData:
     shape = one.shape + SHAPE_FACTOR * share * largest * rng.standard_normal(one.shape.shape)
     frequency = one.frequency_hz * (1 + share * rng.standard_normal(one.frequency_hz.size))
     return replace(data, sets=(replace(one, frequency_hz=frequency, shape=shape,
-                                       frequency_std_hz=STATED * one.frequency_hz),))  # fmt: skip
+                                       frequency_std_hz=STATED * one.frequency_hz),))
 
 
 WEIGHTS = Weights(frequency_cov=(STATED,) * 4, shape_std=False)

@@ -27,7 +27,7 @@ COVARIANCE = np.array([[1.0, 0.8, 0.0], [0.8, 1.0, -0.3], [0.0, -0.3, 0.5]])
 LOWER = np.array([-0.7, -np.inf, -np.inf])
 PARAMETERS = Parameters(tuple(
     Parameter(name=name, unit="-", initial=0.0, std=2.0, lower=low) for name, low in zip("abc", LOWER, strict=True)
-))  # fmt: skip
+))
 
 
 def target(theta):
@@ -39,9 +39,9 @@ def outline(covariance) -> Outline:
     gaussian = TruncatedGaussian(
         centre=np.array([0.1, 0.0, 0.0]), gradient=np.zeros(3), precision=np.linalg.inv(covariance), lower=LOWER,
         upper=np.full(3, np.inf),
-    )  # fmt: skip
+    )
     return Outline(gaussian=gaussian, powers=(1, 1, 1), lower=LOWER, upper=np.full(3, np.inf),
-                   origin=np.zeros(3))  # fmt: skip
+                   origin=np.zeros(3))
 
 
 def exact_draws(n):
@@ -109,7 +109,7 @@ def outlined(problem, seed=0):
 MIXED = Parameters((
     Parameter(name="a", unit="-", initial=1.0, std=0.5, lower=0.2, upper=4.0, prior="lognormal"),
     Parameter(name="b", unit="-", initial=2.0, std=0.3, lower=1.9, upper=2.6),
-))  # fmt: skip
+))
 SLOPE = np.array([[0.05, 0.02], [0.10, -0.04], [0.02, 0.20], [0.30, 0.10], [-0.20, 0.50]])
 
 
@@ -197,7 +197,7 @@ def test_a_finished_chain_is_not_run_again(tmp_path):
     ({"settings": SamplerSettings(seed=9, ensembles=2)}, "seed is 9 here and 1 there; ensembles is 2 here and 4 th"),
     ({"weights": Weights(frequency_cov=(0.02,) * 5, shape_std=False)}, "another run: the weights or what is compared"),
     ({"parameters": replace(LINEAR_PARAMETERS.items[0], std=0.6)}, "another run: the prior or bounds differ;"),
-])  # fmt: skip
+])
 def test_a_folder_with_another_chain_is_refused_and_what_differs_is_named(tmp_path, change, named, monkeypatch):
     monkeypatch.setattr(ensemble, "SEGMENT", 25)
     problem = linear_problem(LINEAR_HZ + 0.05)

@@ -33,7 +33,7 @@ LIMIT = 4.0
 CUT = Parameters((
     Parameter(name="a", unit="-", initial=1.0, std=0.5, lower=0.2, upper=4.0, prior="lognormal"),
     Parameter(name="b", unit="-", initial=2.0, std=0.3, lower=1.9, upper=2.6),
-))  # fmt: skip
+))
 SLOPE = np.array([[0.05, 0.02, 0], [0.10, -0.04, 0], [0.02, 0.20, 0], [0.30, 0.10, 0], [-0.20, 0.50, 0]])
 
 
@@ -44,7 +44,7 @@ def two_parameters(parameters=CUT):
         return three.function(np.append(theta, -1.0))
 
     return build_problem(replace(model, function=function),
-                         linear_data(LINEAR_HZ + np.array([0.02, 0.05, -0.04, 0.1, -0.25]), cov=0.02))  # fmt: skip
+                         linear_data(LINEAR_HZ + np.array([0.02, 0.05, -0.04, 0.1, -0.25]), cov=0.02))
 
 
 def by_quadrature(problem, constant=0.0) -> float:
@@ -63,7 +63,7 @@ def evidence_of(problem, folder, *, seed=1, ess=1000):
     chain = sample(problem, outline, folder, SamplerSettings(seed=seed, target_ess=ess))
     kept = slice(chain.first, None)
     return estimate_evidence(problem, Proposal(outline=outline), chain.theta[kept], chain.log_posterior[kept],
-                             np.random.default_rng(seed))  # fmt: skip
+                             np.random.default_rng(seed))
 
 
 def test_evidence_against_quadrature(tmp_path):
@@ -154,7 +154,7 @@ def test_evidence_against_nested_sampling(tmp_path):
         lambda theta: float(problem.log_likelihood(theta)[0]),
         lambda u: np.array([p.distribution.ppf(x) for p, x in zip(parameters, u, strict=True)]), len(parameters),
         nlive=300, rstate=np.random.default_rng(1),
-    )  # fmt: skip
+    )
     nested.run_nested(dlogz=0.05, print_progress=False)
     found = evidence_of(problem, tmp_path)
     assert abs(found.log_evidence - nested.results.logz[-1]) < 4 * np.hypot(nested.results.logzerr[-1], found.std)

@@ -60,7 +60,7 @@ def test_modes_not_used_derived_numbers_and_no_sets_survive_too(update, tmp_path
         update, sets=None, initial_hz=update.initial_hz * [1, np.nan, 1, 1, 1], other_maxima=(0.5, 2.25),
         derived={"k_xy": {"initial": 1.5e8, "step": float("nan"), "prior": 1.0, "map": 2.0}}, pairs=((1, 2), (3, 4)),
         settings={"weights": "α ± 1 %"},
-    )  # fmt: skip
+    )
     bare.initial_hz.setflags(write=False)
     same(bare, read_update(bare.write(tmp_path / "u.json")))
 
@@ -69,7 +69,7 @@ def test_infinite_bounds_and_correlation_of_parameters_survive():
     parameters = Parameters(
         (Parameter(name="p", unit="m", initial=1.0, std=0.1, upper=2.0, prior="lognormal", description="a, b"),
          Parameter(name="q", unit="-", initial=0.0, std=3.0)), np.array([[1.0, 0.2], [0.2, 1.0]]),
-    )  # fmt: skip
+    )
     table = json.loads(json.dumps(parameters_to_table(parameters), allow_nan=False))
     again = parameters_from_table(table)
     assert again.items == parameters.items
@@ -116,7 +116,7 @@ def test_advice_does_not_ask_for_what_is_stated(update):
     parts = ComponentsRecord(
         names=("identification", "model discrepancy", "sensors", "prior"), std=np.outer([0.1, 0.0, 0.2, 0.1], np.ones(n)),
         source_names=(), source_std=np.zeros((0, n)), measures=(), gain=np.zeros((0, n)), responses=(),
-        chi_square=np.zeros(0), expected=np.zeros(0))  # fmt: skip
+        chi_square=np.zeros(0), expected=np.zeros(0))
     stated = replace(fine, components=parts)
     assert fit_sentence(stated).endswith("posterior widths hold the stated error of the model (sensors)")
     far = fit_sentence(replace(stated, map_misfit=400.0))

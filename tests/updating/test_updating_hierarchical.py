@@ -213,7 +213,7 @@ def test_the_four_views_of_a_varying_parameter(views, tmp_path):
 def test_the_same_seed_gives_the_same_numbers():
     found, coordinates, _ = likelihoods_of(measured(3))
     one, two, other = (sample_population(found, LINEAR_PARAMETERS, coordinates, seed=seed, target_ess=1)
-                       for seed in (3, 3, 4))  # fmt: skip
+                       for seed in (3, 3, 4))
     assert np.array_equal(one.tau, two.tau) and np.array_equal(one.mean, two.mean)
     assert not np.array_equal(one.tau[0], other.tau[0])
 
@@ -223,7 +223,7 @@ def with_deviations(data, cov):
     sets = tuple(type(s)(**{k: getattr(s, k) for k in ("id", "frequency_hz", "shape", "damping_ratio",
                                                        "frequency_std_hz", "shape_std")},
                          deviation=ModalDeviation(ln_frequency=np.full((n, 1), cov), damping_ratio=np.ones((n, 1)),
-                                                  shape=np.zeros((*s.shape.shape, 1)))) for s in data.sets)  # fmt: skip
+                                                  shape=np.zeros((*s.shape.shape, 1)))) for s in data.sets)
     return ModalData(channels=data.channels, sets=sets)
 
 

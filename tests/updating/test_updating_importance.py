@@ -31,7 +31,7 @@ SHAPE = np.linalg.qr(np.random.default_rng(5).standard_normal((N_CHANNEL, N_CHAN
 def two_modes(measured, sigma, prior_a, bend=0.2, slope=0.1):
     """g = (b + slope a, a^2 + bend b) as frequencies about OFFSET and twice that: +-a fit alike."""
     parameters = Parameters((Parameter(name="a", unit="-", initial=prior_a[0], std=prior_a[1], lower=-4.0, upper=4.0),
-                             Parameter(name="b", unit="-", initial=0.0, std=1.0, lower=-4.0, upper=4.0)))  # fmt: skip
+                             Parameter(name="b", unit="-", initial=0.0, std=1.0, lower=-4.0, upper=4.0)))
 
     def function(theta):
         a, b = theta
@@ -39,9 +39,9 @@ def two_modes(measured, sigma, prior_a, bend=0.2, slope=0.1):
         return np.concatenate([[OFFSET + b + slope * a, 2 * OFFSET + a * a + bend * b], spare]), SHAPE
 
     model = FunctionModel(name="two modes", parameters=parameters, channels=tuple(f"c{k}" for k in range(N_CHANNEL)),
-                          function=function, version="1")  # fmt: skip
+                          function=function, version="1")
     one = modal_set(np.array([OFFSET + measured[1], 2 * OFFSET + measured[0]]), SHAPE[:, :2],
-                    std=np.array([sigma[1], sigma[0]]))  # fmt: skip
+                    std=np.array([sigma[1], sigma[0]]))
     return model, ModalData(channels=model.channels, sets=(one,))
 
 
@@ -62,7 +62,7 @@ def quadrature(measured, sigma, prior_a, bend=0.2, slope=0.1):
 
 
 CASES = [((4.0, 0.3), (0.02, 0.5), (0.3, 1.5)), ((2.5, -0.2), (0.05, 0.3), (-0.4, 1.2)),
-         ((6.0, 0.5), (0.1, 0.4), (0.1, 2.0))]  # fmt: skip
+         ((6.0, 0.5), (0.1, 0.4), (0.1, 2.0))]
 
 
 @pytest.mark.parametrize("case", CASES)

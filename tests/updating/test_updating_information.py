@@ -18,7 +18,7 @@ W = np.diag(1 / (COV * LINEAR_HZ) ** 2)
 
 def linear(parameters=LINEAR_PARAMETERS, slope=SLOPE):
     return build_problem(linear_model(parameters, slope), linear_data(LINEAR_HZ, cov=COV),
-                         weights=Weights(shapes="none"))  # fmt: skip
+                         weights=Weights(shapes="none"))
 
 
 def test_fisher_information_widths_and_bits_are_the_closed_forms():

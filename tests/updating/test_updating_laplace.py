@@ -33,7 +33,7 @@ MIXED = Parameters((
     Parameter(name="upper", unit="-", initial=1.0, std=0.1, lower=0.3, upper=2.0),
     Parameter(name="top", unit="-", initial=1.0, std=0.05, lower=0.5, upper=2.0, prior="lognormal"),
     Parameter(name="twist", unit="-", initial=0.02, std=0.02, lower=-0.2, upper=0.2),
-))  # fmt: skip
+))
 CORRELATION = np.array([[1.0, 0.6, 0.2, 0.0], [0.6, 1.0, 0.0, 0.0], [0.2, 0.0, 1.0, -0.3], [0.0, 0.0, -0.3, 1.0]])
 
 
@@ -102,7 +102,7 @@ def test_no_optimiser_of_scipy_finds_a_higher_point(parameters, name):
     peer = optimize.minimize(
         lambda z: function(np.clip(top.theta + root @ z, parameters.lower, parameters.upper)), begin,
         method="Nelder-Mead", options={"xatol": 1e-3, "fatol": 1e-7, "maxfev": 500},
-    )  # fmt: skip
+    )
     assert peer.success and -peer.fun <= top.log_posterior + 1e-6
     # within a hundredth of a posterior deviation of the same point
     assert np.max(np.abs(peer.x)) < 0.01, name
@@ -190,7 +190,7 @@ def test_a_maximum_at_a_bound_is_flagged_and_its_gradient_points_outward():
     # the free directions are at their best given the bound
     function = negative_log_posterior(problem)
     peer = optimize.minimize(lambda z: function([0.9, *(top.theta[1:] + z * posterior_std[1:])]), np.ones(3) * 0.5,
-                             method="Nelder-Mead", options={"xatol": 1e-5, "fatol": 1e-9, "maxfev": 500})  # fmt: skip
+                             method="Nelder-Mead", options={"xatol": 1e-5, "fatol": 1e-9, "maxfev": 500})
     assert np.max(np.abs(peer.x)) < 0.01
 
 
@@ -205,7 +205,7 @@ def two_sided_problem():
     model = FunctionModel(
         name="folded", parameters=parameters, channels=tuple(f"c{k}" for k in range(13)), version="1",
         function=lambda theta: (np.concatenate([[2.0 + theta[0] ** 2 / 4], spare]), shape),
-    )  # fmt: skip
+    )
     return build_problem(model, ModalData(channels=model.channels, sets=(modal_set([2.25], shape[:, :1]),)))
 
 
@@ -242,7 +242,7 @@ def test_steps_that_overshoot_are_shortened(monkeypatch):
     parameters = Parameters((Parameter(name="a", unit="-", initial=1.0, std=1.0),))
     shape = np.linalg.qr(np.random.default_rng(2).standard_normal((4, 4)))[0]
     model = FunctionModel(name="bowl", parameters=parameters, channels=tuple("abcd"), version="1",
-                          function=lambda theta: (np.array([10 + theta[0] ** 2, 20.0, 40.0, 80.0]), shape))  # fmt: skip
+                          function=lambda theta: (np.array([10 + theta[0] ** 2, 20.0, 40.0, 80.0]), shape))
     # the parameter moves one frequency only, and that cannot come nearer than one deviation of what was measured
     data = ModalData(channels=model.channels, sets=(modal_set(np.array([9.0]), shape[:, :1], std=np.array([1.0])),))
     problem = build_problem(model, data, weights=Weights(shapes="none"))

@@ -81,7 +81,7 @@ def crossing_model(gap=0.3):
 
     parameters = Parameters((Parameter(name="t", unit="-", initial=-0.5, std=0.5, lower=-1, upper=1),))
     return FunctionModel(name="crossing", parameters=parameters, channels=tuple(f"c{k}" for k in range(16)),
-                         function=function, version="1"), shape  # fmt: skip
+                         function=function, version="1"), shape
 
 
 def test_separate_modes_are_followed_through_a_crossing():
@@ -197,7 +197,7 @@ def test_a_shape_between_two_computed_modes_is_refused_with_both_macs():
     exact = solution_at()
     # halfway between the two modes of a pair that was measured once: no choice is right
     shape = (exact.shape[:, [0]] / np.linalg.norm(exact.shape[:, 0])
-             + 0.98 * exact.shape[:, [1]] / np.linalg.norm(exact.shape[:, 1]))  # fmt: skip
+             + 0.98 * exact.shape[:, [1]] / np.linalg.norm(exact.shape[:, 1]))
     with pytest.raises(InputError, match=r"alike, mode 1 at .* MAC 0\.5\d and mode 2 at .* MAC 0\.4\d") as error:
         match(modal_set(exact.frequency_hz[:1], shape), exact, ROWS, clusters=[(0,)])
     assert "\n" not in str(error.value)
@@ -222,7 +222,7 @@ def test_a_mode_that_is_a_little_more_alike_but_far_off_does_not_take_its_place(
     # a nearer one that is another measured mode's own is not taken from it
     beside = np.cos(np.radians(20.3)) * axes[0] + np.sin(np.radians(20.3)) * axes[1]
     stiff = ModalSolution(theta=CHAIN_TRUTH, frequency_hz=np.array([1.05, 1.5, 2.6, 5.0]),
-                          shape=np.column_stack([beside, axes[0], axes[2], axes[3]]))  # fmt: skip
+                          shape=np.column_stack([beside, axes[0], axes[2], axes[3]]))
     crossed = modal_set([1.0, 1.2, 2.5], np.column_stack([axes[0], beside, axes[2]]))
     with pytest.raises(InputError, match="about as alike"):
         match(crossed, stiff, ROWS, clusters=[(0,), (1,), (2,)])
@@ -231,7 +231,7 @@ def test_a_mode_that_is_a_little_more_alike_but_far_off_does_not_take_its_place(
         return np.cos(np.radians(degrees)) * axes[0] + np.sin(np.radians(degrees)) * axes[1]
 
     stiffer = ModalSolution(theta=CHAIN_TRUTH, frequency_hz=np.array([1.05, 1.5, 3.75, 5.0]),
-                            shape=np.column_stack([at(-22.5), at(13), axes[2], axes[3]]))  # fmt: skip
+                            shape=np.column_stack([at(-22.5), at(13), axes[2], axes[3]]))
     clear = modal_set([0.7, 1.0, 2.5], np.column_stack([at(-36), at(0), axes[2]]))
     assert match(clear, stiffer, ROWS, clusters=[(0,), (1,), (2,)]).computed == (0, 1, 2)
     # as near as the other one, it is what it was: no choice is right
@@ -311,7 +311,7 @@ def test_members_of_a_plane_that_trade_places_are_no_second_change():
         assert found.groups[0].computed == (0, 1)
     near = np.sqrt(0.9) * axes[0] + np.sqrt(0.1) * axes[2]
     solution = ModalSolution(theta=CHAIN_TRUTH, frequency_hz=solution.frequency_hz,
-                             shape=np.column_stack([axes[0], axes[1], near, axes[5], axes[6]]))  # fmt: skip
+                             shape=np.column_stack([axes[0], axes[1], near, axes[5], axes[6]]))
     with pytest.raises(InputError, match="about as alike"):
         match(modal_set([1.0, 1.01], axes[:, :2]), solution, ROWS)
 
@@ -321,7 +321,7 @@ def test_two_measured_modes_of_one_shape_are_the_mistake_that_is_named():
     axes = np.eye(len(CHANNELS))
     first, second = axes[0], np.sqrt(0.6) * axes[0] + np.sqrt(0.4) * axes[1]
     solution = ModalSolution(theta=CHAIN_TRUTH, frequency_hz=np.array([1.1, 1.2, 2.5, 3.0]),
-                             shape=np.column_stack([first, second, axes[5], axes[6]]))  # fmt: skip
+                             shape=np.column_stack([first, second, axes[5], axes[6]]))
     twice = modal_set([1.0, 1.3, 2.5], np.column_stack([first, first, axes[5]]))
     with pytest.raises(InputError) as error:
         match(twice, solution, ROWS, clusters=[(0,), (1,), (2,)])

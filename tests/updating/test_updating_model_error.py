@@ -42,7 +42,7 @@ class Given:
     @property
     def sources(self):
         return tuple(ErrorSource(name=f"s{k}", group="structure", description=f"source {k}", unit="-", std=s, mean=m)
-                     for k, (s, m) in enumerate(zip(self.std, self.mean, strict=True)))  # fmt: skip
+                     for k, (s, m) in enumerate(zip(self.std, self.mean, strict=True)))
 
     def changes(self, theta, n_mode, clusters):
         solution = self.model.solve(theta, n_mode)
@@ -122,11 +122,11 @@ def test_gains_of_sensors_widen_what_shapes_tell():
     known = replace(model, uncertainty=SensorUncertainty(model=model))
     data = measured_chain(noise=0.002, seed=5)
     plain, stated = (build_problem(m, data, weights=replace(SHARP, tolerances=t))
-                     for m, t in ((model, False), (known, True)))  # fmt: skip
+                     for m, t in ((model, False), (known, True)))
     assert len(stated.error.sources) == len(model.channels)
     top = maximum_a_posteriori(plain, [CHAIN_TRUTH])
     a, b = (np.linalg.inv(p.weighted(p.sensitivity(top.theta)[1].T) @ p.weighted(p.sensitivity(top.theta)[1].T).T
-                          + np.diag(CHAIN_PARAMETERS.std**-2.0)) for p in (plain, stated))  # fmt: skip
+                          + np.diag(CHAIN_PARAMETERS.std**-2.0)) for p in (plain, stated))
     assert np.all(np.diag(b) >= np.diag(a) * (1 - 1e-9)) and np.max(np.diag(b) / np.diag(a)) > 1.01
 
 
@@ -245,7 +245,7 @@ def test_a_populations_mean_is_as_wide_as_the_shared_error_makes_it(linear):
     """At no scatter between sets the mean's covariance is that of one posterior for all."""
     problem, _ = linear
     problems = [build_problem(problem.model, linear_data(LINEAR_HZ * (1 + 0.002 * k)), weights=FREQUENCIES)
-                for k in range(3)]  # fmt: skip
+                for k in range(3)]
     parameters = problem.parameters
     coordinates = replace(coordinates_of(parameters), logarithmic=np.zeros(3, bool), scale=parameters.std)
     centres = np.tile(parameters.initial, (3, 1))
@@ -258,7 +258,7 @@ def test_a_populations_mean_is_as_wide_as_the_shared_error_makes_it(linear):
     drawn = mean + rng.standard_normal((n, 3)) @ np.linalg.cholesky(np.linalg.inv(K)).T
     zero = np.full((n, 3), 1e-9)
     population = Population(mean=drawn, tau=zero, factor=np.zeros((n, 3, 3)), log_likelihood=np.zeros((n, 3)),
-                            r_hat=1.0, ess=1e4, converged=True, verdict="")  # fmt: skip
+                            r_hat=1.0, ess=1e4, converged=True, verdict="")
     shared = shared_error(problems, centres, coordinates)
     widened = shared.widened(population, prior, rng).mean
     term = shared.joint_term(range(3))

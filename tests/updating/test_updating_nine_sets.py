@@ -114,6 +114,6 @@ def test_every_set_reports_progress_and_derived_quantities_have_one_value_each()
     found = update_sets(
         model, ModalData(channels=CHANNELS, sets=sets), weights=Weights(), clusters=[(0, 1), (2, 3)], iterations=1,
         progress=lambda what, done, total: seen.append((done, total)),
-    )  # fmt: skip
+    )
     assert found.derived["head"] == pytest.approx(1e6 * found.theta_map[:, 0])
     assert seen == [(0, 2), (1, 2), (2, 2)]

@@ -304,7 +304,7 @@ def test_log_posterior_is_scipys_prior_times_scipys_likelihood():
         Parameter(name="upper", unit="-", initial=1.0, std=0.3, lower=0.8, upper=2.0),
         Parameter(name="top", unit="-", initial=1.0, std=0.05),
         Parameter(name="twist", unit="-", initial=0.02, std=0.02, lower=0.0),
-    ))  # fmt: skip
+    ))
     problem = build_problem(chain_model(parameters), measured_chain(noise=0.004))
     theta = np.array([[0.7, 1.06, 0.97, 0.035], [1.4, 0.81, 1.02, 0.001]])
     # lognormal of median 1 and deviation 1: e^{s^2} (e^{s^2} - 1) = 1, the golden ratio
@@ -318,7 +318,7 @@ def test_log_posterior_is_scipys_prior_times_scipys_likelihood():
             + stats.truncnorm.logpdf(row[1], (0.8 - 1) / 0.3, (2.0 - 1) / 0.3, 1.0, 0.3)
             + stats.norm.logpdf(row[2], 1.0, 0.05)
             + stats.truncnorm.logpdf(row[3], -1.0, np.inf, 0.02, 0.02)
-        )  # fmt: skip
+        )
         data = likelihood.logpdf(problem.predict(row))
         assert problem.log_likelihood(row)[0] == pytest.approx(data, rel=1e-10)
         assert value[0] == pytest.approx(prior + data, rel=1e-10)
@@ -329,7 +329,7 @@ def test_outside_the_bounds_the_density_is_zero_and_the_model_is_not_asked():
         Parameter(name="a", unit="-", initial=1.0, std=0.5, lower=0.0),
         Parameter(name="b", unit="-", initial=2.0, std=0.3),
         Parameter(name="c", unit="-", initial=-1.0, std=0.2),
-    )))  # fmt: skip
+    )))
     value, fallback = problem.log_posterior(np.array([[-1e-9, 2.0, -1.0], [1.0, 2.0, -1.0]]))
     assert value[0] == -np.inf and np.isfinite(value[1]) and not fallback.any()
 

@@ -17,7 +17,7 @@ POINTS = [CHAIN_TRUTH, np.array([1.0, 1.0, 1.0, 0.02]), np.array([2.5, 0.8, 1.2,
 KINDS = [
     {"frequencies": "log"}, {"shapes": "mac"}, {"shapes": "none"}, {"frequencies": "log", "shapes": "mac"},
     {"covariance": True}, {"covariance": True, "frequencies": "log"}, {"covariance": True, "shapes": "none"},
-]  # fmt: skip
+]
 
 
 def weights_of(kind: dict, **floors) -> Weights:
@@ -45,7 +45,7 @@ def correlated(seed: int, root=None, theta=CHAIN_TRUTH) -> ModalData:
     deviation = ModalDeviation(
         ln_frequency=root[:4], damping_ratio=np.zeros((4, root.shape[1])),
         shape=root[4:].reshape(10, 4, -1).astype(complex),
-    )  # fmt: skip
+    )
     changed = replace(one, frequency_hz=one.frequency_hz * np.exp(noise[:4]), shape=shape, deviation=deviation)
     return replace(data, sets=(changed,))
 
@@ -84,7 +84,7 @@ def test_the_chi_square_at_the_truth_is_the_effective_number_of_data(kind):
 
 def test_log_frequencies_and_those_in_hz_agree_to_first_order():
     hz, log = (build_problem(chain_model(), measured_chain(noise=COV, seed=2), weights=weights_of(kind))
-               for kind in ({}, {"frequencies": "log"}))  # fmt: skip
+               for kind in ({}, {"frequencies": "log"}))
     # (f' - f) / (c f) against ln(f' / f) / c, at residuals of a few deviations c
     theta = CHAIN_TRUTH * [1.02, 1.005, 1.0, 1.0]
     residual = (hz.measured - hz.predict(theta))[:4] / hz.std[:4]
@@ -163,9 +163,9 @@ def test_a_pair_and_its_deviations_turned_in_their_plane_change_nothing():
     turn[:2, :2] = [[c, -s], [s, c]]
     # the plane's basis is set up from shapes of equal largest component: rescale neither
     other = replace(one, shape=shape @ turn,
-                    deviation=replace(one.deviation, shape=np.einsum("cjp,jk->ckp", spread, turn)))  # fmt: skip
+                    deviation=replace(one.deviation, shape=np.einsum("cjp,jk->ckp", spread, turn)))
     a, b = (build_problem(chain_model(), replace(data, sets=(x,)), weights=Weights(covariance=True))
-            for x in (one, other))  # fmt: skip
+            for x in (one, other))
     for theta in POINTS:
         # turned shapes have other largest components, by which the floor of 2 % is measured
         assert b.misfit(b.predict(theta)) == pytest.approx(a.misfit(a.predict(theta)), rel=0.1)
@@ -195,7 +195,7 @@ def test_a_covariance_needs_the_sets_deviations():
 @pytest.mark.parametrize("wrong", [
     {"frequencies": "rad"}, {"shapes": "MAC"}, {"shape_floor": 0.0}, {"covariance": True, "frequency_cov": (0.01,)},
     {"covariance": True, "shapes": "mac"},
-])  # fmt: skip
+])
 def test_what_makes_no_sense_is_refused(wrong):
     with pytest.raises(InputError):
         Weights(**wrong)

@@ -42,7 +42,7 @@ def gaussian(mean, covariance, lower, upper, *, centre=None) -> TruncatedGaussia
     return TruncatedGaussian(
         centre=centre, gradient=precision @ (np.array(mean) - centre), precision=precision,
         lower=np.array(lower, float), upper=np.array(upper, float),
-    )  # fmt: skip
+    )
 
 
 def z_score(values, expected):
@@ -53,7 +53,7 @@ def z_score(values, expected):
     ("mean", "std", "lower", "upper"),
     [(0.3, 1.0, -1.0, 2.0), (0.0, 1.0, 0.0, np.inf), (-6.0, 1.0, 0.0, 5.0), (8.0, 0.5, -np.inf, 6.0),
      (1e6, 1e4, 9.9e5, 1.2e6)],
-)  # fmt: skip
+)
 def test_one_parameter_against_scipys_truncated_normal(mean, std, lower, upper):
     density = gaussian([mean], [[std**2]], [lower], [upper], centre=[np.clip(0.9 * mean, lower, upper)])
     theta = density.draw(N_DRAW, np.random.default_rng(1))[:, 0]
@@ -89,7 +89,7 @@ def test_two_parameters_against_quadrature(correlation):
 
 @pytest.mark.parametrize(("correlation", "n_param", "lower"), [
     (0.99, 2, -0.5), (-0.99, 2, -0.5), (0.999, 2, 1.0), (0.97, 10, -0.5), (0.8, 10, 2.0), (0.0, 17, 3.0),
-])  # fmt: skip
+])
 def test_draws_follow_the_density_on_ridges_and_far_out(correlation, n_param, lower):
     """The sampler proposes these as exact draws of a known density. Weighted by what the Gaussian in the box is of that
     density, they have the moments that rejection or one-dimensional quadrature give."""
@@ -166,7 +166,7 @@ def test_in_other_coordinates_the_density_still_integrates_to_one_and_draws_foll
     middle = to_coordinates(np.array([[1.2, 1.5]]), powers)[0]
     low, high = (to_coordinates(bound[None], powers)[0] for bound in (lower, upper))
     outline = Outline(gaussian=gaussian(middle, [[0.2, 0.1], [0.1, 0.3]], low, high), powers=powers, lower=lower,
-                      upper=upper, origin=np.zeros(2))  # fmt: skip
+                      upper=upper, origin=np.zeros(2))
     node, factor = np.polynomial.legendre.leggauss(80)
     x, y = np.meshgrid(2.15 + 1.85 * node, 1.75 + 1.25 * node, indexing="ij")
     points = np.stack([x.ravel(), y.ravel()], axis=1)
@@ -183,7 +183,7 @@ def test_turning_to_other_coordinates_keeps_the_slope_of_the_density():
     centre, step = np.array([1.3, 0.7, 2.0]), 1e-5
     bounds = np.full(3, 0.1), np.full(3, 9.0)
     start = Outline(gaussian=gaussian(centre + 0.1, np.diag([0.3, 0.2, 0.5]), *bounds, centre=centre), powers=(1, 1, 1),
-                    lower=bounds[0], upper=bounds[1], origin=np.zeros(3))  # fmt: skip
+                    lower=bounds[0], upper=bounds[1], origin=np.zeros(3))
 
     def slope(outline):
         points = centre + step * np.vstack([np.eye(3), -np.eye(3)])
@@ -230,7 +230,7 @@ def curved_problem():
         Parameter(name="a", unit="-", initial=1.0, std=0.5, lower=0.2),
         Parameter(name="b", unit="-", initial=2.0, std=0.3),
         Parameter(name="c", unit="-", initial=-1.0, std=0.2),
-    ))  # fmt: skip
+    ))
     straight = linear_model(parameters)
 
     def function(theta):

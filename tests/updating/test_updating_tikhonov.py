@@ -52,7 +52,7 @@ def test_one_anchored_step_is_the_closed_form_by_two_routes(alpha):
     stacked = optimize.lsq_linear(
         np.vstack([SLOPE / STD[:, None], np.sqrt(alpha) * np.diag(1 / LINEAR_PARAMETERS.std)]),
         np.concatenate([(MEASURED - LINEAR_HZ) / STD, np.zeros(3)]), method="bvls",
-    )  # fmt: skip
+    )
     assert START + stacked.x == pytest.approx(closed_form_map(alpha), rel=1e-10)
     assert run.theta[1] == pytest.approx(closed_form_map(alpha), rel=1e-7)
     # linear: nothing is left for the second
@@ -142,7 +142,7 @@ def test_a_bounded_step_satisfies_the_conditions_of_optimality(seed):
     parameters = Parameters(tuple(
         Parameter(name=f"p{k}", unit="-", initial=0.0, std=s, lower=-0.3 * s, upper=0.4 * s)
         for k, s in enumerate(scale)
-    ))  # fmt: skip
+    ))
     theta = parameters.initial + scale * np.array([0.4, -0.3, 0.0, 0.1, -0.1])
     matrix, right = rng.standard_normal((8, 5)) / scale, 3 * rng.standard_normal(8)
     step = bounded_step(matrix, right, theta, parameters)
@@ -213,7 +213,7 @@ def saturating_problem():
     model = FunctionModel(
         name="steep", parameters=parameters, channels=tuple(f"c{k}" for k in range(13)), version="1",
         function=lambda theta: (np.concatenate([[2.0 + np.tanh(theta[0] - 1.5)], spare]), shape),
-    )  # fmt: skip
+    )
     return build_problem(model, ModalData(channels=model.channels, sets=(modal_set([2.6], shape[:, :1]),)))
 
 
@@ -264,7 +264,7 @@ def test_more_regularisation_stays_closer_to_the_start():
      ({"alpha": np.nan}, "alpha: nan"), ({"alpha": np.inf}, "alpha: inf"), ({"start": [1.0, 1.0]}, "start"),
      ({"start": [99.0, 1.0, 1.0, 0.0]}, "start"), ({"start": [np.nan, 1.0, 1.0, 0.0]}, "start"),
      ({"max_iteration": -1}, "iterations: -1")],
-)  # fmt: skip
+)
 def test_impossible_options_are_one_clear_line(options, words):
     with pytest.raises(InputError, match=words) as error:
         update(chain_problem(), **options)

@@ -19,7 +19,7 @@ CHAIN_PARAMETERS = Parameters((
     Parameter(name="upper", unit="-", initial=1.0, std=0.1, lower=0.3, upper=2.0),
     Parameter(name="top", unit="-", initial=1.0, std=0.05, lower=0.5, upper=2.0),
     Parameter(name="twist", unit="-", initial=0.02, std=0.02, lower=-0.2, upper=0.2),
-))  # fmt: skip
+))
 # first and second bending pairs of the chain, away from the initial parameters
 CHAIN_TRUTH = np.array([0.7, 1.06, 0.97, 0.035])
 
@@ -54,7 +54,7 @@ def chain_model(parameters: Parameters = CHAIN_PARAMETERS, *, asymmetry: float =
         name="two-way chain", parameters=parameters, channels=CHANNELS,
         stiffness=tuple(sparse.csc_array(k) for k in terms["K"]), mass=tuple(sparse.csc_array(m) for m in terms["M"]),
         coefficients=coefficients, channel_matrix=pick, hash_key=f"chain {asymmetry!r}",
-    )  # fmt: skip
+    )
 
 
 def modal_set(frequency_hz, shape, *, id="one", std=None, shape_std=None) -> ModalSet:
@@ -63,7 +63,7 @@ def modal_set(frequency_hz, shape, *, id="one", std=None, shape_std=None) -> Mod
         id=id, frequency_hz=frequency_hz, shape=shape, damping_ratio=np.full(frequency_hz.size, 0.01),
         frequency_std_hz=0.01 * frequency_hz if std is None else std,
         shape_std=np.full(shape.shape, np.nan) if shape_std is None else shape_std,
-    )  # fmt: skip
+    )
 
 
 def measured_chain(theta=CHAIN_TRUTH, *, n_mode=4, noise=0.0, seed=0, model=None, **options) -> ModalData:
@@ -97,7 +97,7 @@ LINEAR_PARAMETERS = Parameters((
     Parameter(name="a", unit="-", initial=1.0, std=0.5),
     Parameter(name="b", unit="-", initial=2.0, std=0.3),
     Parameter(name="c", unit="-", initial=-1.0, std=0.2),
-))  # fmt: skip
+))
 
 
 def linear_model(parameters: Parameters = LINEAR_PARAMETERS, slope: np.ndarray = SLOPE) -> FunctionModel:

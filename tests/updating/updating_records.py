@@ -17,7 +17,7 @@ PARAMETERS = Parameters((
     Parameter(name="a", unit="-", initial=1.0, std=0.8, lower=-9.0, upper=9.0),
     Parameter(name="b", unit="kg", initial=2.0, std=0.35, upper=2.5),
     Parameter(name="c", unit="-", initial=-1.0, std=0.2),
-))  # fmt: skip
+))
 
 
 def record(change=(0.05, 0.3, 0.0), *, noise_seed=1, n_set=3, iterations=50, parameters=PARAMETERS) -> UpdateRecord:
@@ -39,7 +39,7 @@ def posterior_of(update: UpdateRecord, draws: np.ndarray, **changes) -> Posterio
         "measured": np.ones(1), "std": np.ones(1), "predicted": np.ones((3, 1)), "frequency_hz": np.ones((3, 1)),
         "mode_labels": ("one",), "r_hat": np.ones(draws.shape[1]), "ess": np.full(draws.shape[1], 1e3),
         "converged": True, "verdict": "converged", "fingerprint": update.fingerprint,
-    }  # fmt: skip
+    }
     return Posterior(**(values | changes))
 
 

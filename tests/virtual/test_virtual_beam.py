@@ -73,7 +73,7 @@ def exact_timoshenko(section, length, tip_kg, near_hz, stiffer=1.0):
             [0, 0, 1 / bending, 0],
             [0, -RHO * section.second_moment_m4 * omega2, 0, -1],
             [-RHO * section.area_m2 * omega2, 0, 0, 0],
-        ])  # fmt: skip
+        ])
         end = expm(slope * length)
         free = np.array([end[2, 2:], end[3, 2:] - tip_kg * omega2 * end[0, 2:]])
         return np.linalg.det(free)
@@ -165,7 +165,7 @@ def test_soil_is_in_the_range_of_the_standard_and_not_the_standard():
         soil.lateral_stiffness(clay, 2.5, np.array([5.0]))[0] / 26.22e6,
         soil.axial_stiffness(clay, np.array([5.0]))[0] / 16.445e6,
         soil.tip_stiffness(clay, 2.5, 5.0) / 132.536e6,
-    ])  # fmt: skip
+    ])
     assert np.all((ratio > 0.6) & (ratio < 1.7))
     assert np.all(np.abs(ratio - 1) > 0.02)
     assert soil.lateral_stiffness(clay, 2.5, np.array([-0.1]))[0] == 0
@@ -174,5 +174,5 @@ def test_soil_is_in_the_range_of_the_standard_and_not_the_standard():
         soil.Clay(strength_mudline_pa=20e3, strength_gradient_papm=1500.0, unit_weight_npm3=9e3, strain_50=0.01,
                   scour_m=s).strength(np.array([2.0]))[0]
         for s in (0.0, 3.0)
-    ]  # fmt: skip
+    ]
     assert graded[1] - graded[0] == pytest.approx(4500.0)

@@ -81,7 +81,7 @@ def test_answers_are_judged_by_cause_and_place(tables):
     assert tables.is_named(right, effect) and not tables.is_named(elsewhere, effect)
     assert tables.in_set(elsewhere, effect)
     line = {"family": "single", "effects": [effect], "hidden": [{"kind": "scour"}], "verdict": "named", "cpu_s": 1.0,
-            "findings": [right], "limits": {"scour | leg B | step": 0.4}, "id": "single-000"}  # fmt: skip
+            "findings": [right], "limits": {"scour | leg B | step": 0.4}, "id": "single-000"}
     assert tables.above_limit(line, effect)
     text = tables.summary([line, {**line, "verdict": "none", "findings": []}])
     assert "| singles above the stated limit detected | 1 of 2 | 50.0 % |" in text
@@ -96,7 +96,7 @@ def test_what_cannot_be_told_apart_is_counted_by_itself(tables):
     line = {"family": "single", "hidden": [{"kind": "scour"}], "verdict": "ambiguous", "cpu_s": 1.0}
     lines = [{**line, "id": "a", "effects": [{**effect, "apart": 2.95}], "findings": [right]},
              {**line, "id": "b", "effects": [{**effect, "apart": 2.93}], "findings": [wrong]},
-             {**line, "id": "c", "effects": [{**effect, "apart": 0.0}], "findings": []}]  # fmt: skip
+             {**line, "id": "c", "effects": [{**effect, "apart": 0.0}], "findings": []}]
     text = tables.summary(lines)
     assert "| detected singles: right cause and place first | 1 of 3 |" in text
     assert "that can be told from the nearest rival: right first | 1 of 1 |" in text

@@ -40,7 +40,7 @@ def idle(tmp_path_factory):
 @pytest.mark.parametrize("course", ['"step"\nat_hour = 3.0', '"ramp"\nfrom_hour = 5.0\nto_hour = 9.0'])
 def test_an_effect_that_begins_behind_the_records_end_is_refused(tmp_path, course):
     given = write(tmp_path / "T.toml", '[[effect]]\nkind = "sensor_gain"\nchannel = "T90-x"\nfactor = 1.1\n'
-                  f"course = {course}\n")  # fmt: skip
+                  f"course = {course}\n")
     with pytest.raises(InputError, match=r"T\.toml, effect 1 .sensor_gain., (at|from)_hour: .* end at 3 h"):
         simulation.simulate(tmp_path / "out", model=AS_BUILT, days=0.125, truth=given, seed=1)
     assert not (tmp_path / "out").exists()
@@ -79,7 +79,7 @@ def test_files_are_those_of_the_interface(short):
     scada = pandas.read_csv(short.path / "scada.csv", parse_dates=["time"])
     for name in ("wind_speed_mps", "wind_direction_deg", "power_kw", "rotor_speed_rpm", "pitch_deg",
                  "nacelle_heading_deg", "yaw_rate_degps", "water_level_m", "air_temperature_c", "wave_height_m",
-                 "wave_period_s", "pitch_deg_std", "power_kw_min", "wind_speed_mps_max"):  # fmt: skip
+                 "wave_period_s", "pitch_deg_std", "power_kw_min", "wind_speed_mps_max"):
         assert scada[name].notna().all()
     record = tomllib.loads(short.truth_path.read_text())
     lost = sum(g["kind"] == losses.LOST_ROW for g in record.get("gap", []))

@@ -119,7 +119,7 @@ def test_the_rising_water_s_mass_is_that_of_the_length_it_wets(file):
     """Added mass across a vertical-ish leg: counted by hand from diameter and length; inside water likewise."""
     def mass(**how):
         given = replace(truth.given_truth({"effect": [{"kind": "wetted_length", "gain": 0.8}]}, file),
-                        tolerance_scale=0.0)  # fmt: skip
+                        tolerance_scale=0.0)
         drawn = truth.draw_truth(given, file, np.random.default_rng(1), dynamics.N_MODE)
         return frame.build_structure(file, drawn, **how)
 
@@ -173,7 +173,7 @@ def test_time_series_follow_the_courses(tmp_path):
     out = {}
     for name in ("none", "some"):
         out[name] = simulation.simulate(tmp_path / name, model=AS_BUILT, days=0.0834, truth=tmp_path / f"{name}.toml",
-                                        seed=9)  # fmt: skip
+                                        seed=9)
     plain, hidden = read(out["none"].path), read(out["some"].path)
     names = [s.channel for s in turbine_file.read_turbine(AS_BUILT).sensors]
     half = 45000

@@ -127,6 +127,6 @@ def test_mistakes_are_one_line():
         ({"truth": {"effect": [{"kind": "scour", "leg": "A", "depth_m": 1.0, "at_hour": 3}]}}, "unknown"),
         ({"truth": {"effect": [{"kind": "icing", "mass_kg": 1e3, "course": "covariate", "covariate": "ice",
                                 "reference": 0.0, "scale": 1.0}]}}, "covariate"),
-    ):  # fmt: skip
+    ):
         with pytest.raises(InputError, match=says):
             modal_blocks.simulate_modes(seed=1, days=1, **how)

@@ -137,7 +137,7 @@ def test_plan_is_consistent():
         # yaw is locked in maintenance, and a heading changes only within a yaw event
         steps = np.flatnonzero(np.diff(plan.heading_deg)) + 1
         assert not np.any(plan.maintenance[(steps - 1) // operation.PER_SLOT] & plan.maintenance[
-            np.minimum(steps // operation.PER_SLOT, 143)])  # fmt: skip
+            np.minimum(steps // operation.PER_SLOT, 143)])
         yaws = [e for e in plan.events if e.kind == "yaw"]
         assert len(yaws) >= len(steps)
         assert plan.quiet_blocks().sum() >= 14
@@ -155,7 +155,7 @@ def test_scada_statistics_are_those_of_the_plan():
     assert table["nacelle_heading_deg"].between(0, 360).all() and table["wind_direction_deg"].between(0, 360).all()
     moving = table["yaw_rate_degps_max"] > 0
     touched = {int(t // 600) for e in plan.events if e.kind == "yaw"
-               for t in np.arange(e.start_s, e.start_s + e.duration_s, 10.0)}  # fmt: skip
+               for t in np.arange(e.start_s, e.start_s + e.duration_s, 10.0)}
     assert set(np.flatnonzero(moving)) == touched
     tests = {int(e.start_s // 600) for e in plan.events if e.kind == "pitch"}
     assert all(table["pitch_deg_std"][k] > 0.5 for k in tests)

@@ -43,7 +43,7 @@ def test_compliance_is_that_of_opensees(ops):
         ops.geomTransf("Linear", number + 1, *map(float, axes[2]))
         inertia, shear_area = tube.second_moment_m4, tube.shear_coefficient * tube.area_m2
         ops.element("ElasticTimoshenkoBeam", number + 1, i, j, tube.youngs_modulus_pa, tube.shear_modulus_pa,
-                    tube.area_m2, 2 * inertia, inertia, inertia, shear_area, shear_area, number + 1)  # fmt: skip
+                    tube.area_m2, 2 * inertia, inertia, inertia, shear_area, shear_area, number + 1)
     ops.timeSeries("Linear", 1)
     ops.pattern("Plain", 1, 1)
     ops.load(structure.top, *map(float, load))
