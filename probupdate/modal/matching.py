@@ -359,7 +359,7 @@ def _refuse_lonely(modal_set, groups, criterion, visible, name, frequency_hz) ->
         other = across(name[j])
         unmeasured = [name[k] for k in np.flatnonzero(~modal_set.measured)]
         for k in mates:
-            if other in unmeasured:
+            if other is not None and other in unmeasured:
                 _refuse_half_a_pair(modal_set.id, name[j], [other], f"computed modes {i + 1} and {k + 1} are at "
                                     f"{frequency_hz[i]:.4g} and {frequency_hz[k]:.4g} Hz")
             if criterion[j, k] >= TURNED:
