@@ -56,15 +56,15 @@ def test_every_month_has_its_results_and_the_page_says_what_changed(undisturbed)
     assert run.run == 4 and not run.failed and len(results(out)) == 16
     rows = table(out)
     assert [row["state"] for row in rows.values()] == ["done"] * 4
-    before, after = (float(rows["B", f"2024-{m}"]["FA1_hz"]) for m in ("05", "06"))
+    before, after = (float(rows["B", f"2024-{m}"]["X1_hz"]) for m in ("05", "06"))
     # by a square root of 0.94
     assert after / before == pytest.approx(0.94**0.5, abs=3e-3)
-    assert float(rows["B", "2024-06"]["FA1_change"]) == pytest.approx(after / before - 1, abs=1e-5)
-    assert "FA1 -3" in rows["B", "2024-06"]["changes"] and not rows["A", "2024-06"]["changes"]
+    assert float(rows["B", "2024-06"]["X1_change"]) == pytest.approx(after / before - 1, abs=1e-5)
+    assert "X1 -3" in rows["B", "2024-06"]["changes"] and not rows["A", "2024-06"]["changes"]
     assert abs(float(rows["B", "2024-06"]["k1"]) + 0.06) < 4 * float(rows["B", "2024-06"]["k1_std"])
     page = (out / "farm.html").read_text()
     assert "Three buildings" in page and page.count("<table>") == 1 and page.count("<svg") == 1
-    assert "B, 2024-06: FA1 −3" in page or "B, 2024-06: FA1 -3" in page
+    assert "B, 2024-06: X1 −3" in page or "B, 2024-06: X1 -3" in page
     assert "http://" not in page.replace("http://www.w3.org", "") and "src=" not in page
 
 
