@@ -49,9 +49,10 @@ def diagnose(
     tested too. `options`: see `diagnosis.run.diagnose_files` (own effects, groups of parameters).
     """
     from probupdate.diagnosis.blocks import gather
+    from probupdate.diagnosis.prepare import Prepared
     from probupdate.diagnosis.run import diagnose_files
 
-    if model is not None:
+    if model is not None and not isinstance(model, Prepared):
         refuse_other_kinds(model, modes)
     data = modes if isinstance(modes, ModalData) else read_modes(modes)
     data = data if model is None else data.compared()

@@ -149,7 +149,7 @@ def test_every_format_gives_what_was_put_in(job, write, monkeypatch):
     # MATLAB's day numbers hold 0.1 ms
     assert abs((start - START).total_seconds()) < 1e-4
     assert np.array_equal(found, data.astype(np.float32))
-    assert result.samples == 6000 and "1 files written" in result.summary
+    assert result.samples == 6000 and "1 file written" in result.summary
     (block,) = blocks(read_campaign(campaign))
     assert block.excluded == "" and block.data[:, 0] == pytest.approx(data[:, 0], rel=1e-6)
 
