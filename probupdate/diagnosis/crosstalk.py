@@ -19,7 +19,7 @@ from probupdate.diagnosis.search import (
     Search,
     gains,
     model_error_dispersion,
-    model_error_share,
+    scores_beside,
     search,
 )
 from probupdate.diagnosis.problem import DiagnosisProblem
@@ -54,9 +54,8 @@ def with_crosstalk(
     courses = np.unique([*constant, c])
     everything = _wider(problem, rows, np.tile(courses, (len(rows), 1)))
     design = design_at(everything, fitted.theta, fitted.included, fitted.design.noise)
-    share = model_error_share(everything, fitted.included, z_included)
-    information = np.where(design.share_left > 1e-3, design.information, 0.0) / share
-    gain, _ = gains(everything, design.scores(fitted.centred) / share, information)
+    u, v = scores_beside(everything, design, fitted.centred, fitted.included, z_included)
+    gain, _ = gains(everything, u, np.where(design.share_left > 1e-3, v, 0.0))
     odds = np.log([everything.effects[j].prior_odds(everything.courses[d].name) for j, d in everything.which])
     promise = gain / model_error_dispersion(float(found.statistic.max())) + odds
     of_table = np.where(found.usable, promise[: len(problem.which)], -np.inf)

@@ -11,10 +11,10 @@ from scipy import special
 from probupdate.diagnosis.adequacy import adequacy, span_left
 from probupdate.diagnosis.evidence import sizes_std
 from probupdate.diagnosis.fitting import Fit, design_at, fit
-from probupdate.diagnosis.hypotheses import Explored, exchanged, explore
+from probupdate.diagnosis.hypotheses import Explored, Hypothesis, exchanged, explore, without
 from probupdate.diagnosis.prepare import Prepared
 from probupdate.diagnosis.results import Alternative, Diagnosis, Finding, DetectionLimit
-from probupdate.diagnosis.search import Search, model_error_dispersion, model_error_share
+from probupdate.diagnosis.search import Search, model_error_dispersion, scores_beside
 from probupdate.diagnosis.problem import (
     DISCREPANCY_LOG,
     DISCREPANCY_SHAPE,
@@ -164,10 +164,8 @@ def findings_of(explored: Explored) -> list[Finding]:
         # strong a signature, nor of those that stand beside it
         k, z = best.candidates[number], best.z[number]
         left, directions = span_left(problem, best.fitted, problem.which[k, 1])
-        beside = [i for i in range(len(best.candidates)) if i != number]
-        share = model_error_share(problem, [best.fitted.included[i] for i in beside], [best.z[i] for i in beside])[k]
         others, evidence, prior = exchanged(explored, number)
-        dispersion = max(left / directions, model_error_dispersion(z), share)
+        dispersion = max(left / directions, model_error_dispersion(z), _beside_the_others(problem, best, number))
         probability = special.softmax(np.array(evidence) / dispersion + prior)
         alternatives = tuple(
             Alternative(cause=CHANCE, location="", posterior_probability=float(p)) if other is None else
@@ -182,6 +180,17 @@ def findings_of(explored: Explored) -> list[Finding]:
             posterior_probability=float(probability[0]), prior_probability=float(special.softmax(prior)[0]),
             alternatives=alternatives, check=effect.check))  # fmt: skip
     return result
+
+
+def _beside_the_others(problem: DiagnosisProblem, best: Hypothesis, number: int) -> float:
+    """How much less the record says of one effect of a hypothesis for what theory does not know of the others."""
+    if len(best.candidates) == 1:
+        return 1.0
+    rest, _ = without(problem, best.fitted, number)
+    z = [value for i, value in enumerate(best.z) if i != number]
+    _, known = scores_beside(problem, rest.design, rest.centred, rest.included, z)
+    k = best.candidates[number]
+    return float(rest.design.information[k] / known[k]) if known[k] > 0 else 1.0
 
 
 def _by_chance(explored: Explored) -> list[str]:

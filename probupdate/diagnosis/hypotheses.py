@@ -30,7 +30,7 @@ from probupdate.diagnosis.search import (
     Search,
     gains,
     model_error_dispersion,
-    model_error_share,
+    scores_beside,
     search,
 )
 from probupdate.diagnosis.problem import IncludedEffect, DiagnosisProblem
@@ -149,10 +149,8 @@ def moves_from(
         lost -= 0.0 if out is None else priors[here.candidates[out]]
         if out is not None and lost > least:
             result.append(Move(candidates=others, z=scores, included=base.included, promise=lost))
-        wider = model_error_share(problem, base.included, scores)
-        u, v = base.design.scores(base.centred) / wider, base.design.information / wider
-        raw = base.design.own_information / wider
-        usable = (v > LEAST_LEFT**2 * raw) & ~np.isin(effect_of, effect_of[list(others)])
+        u, v = scores_beside(problem, base.design, base.centred, base.included, scores)
+        usable = (base.design.share_left > LEAST_LEFT) & (v > 0) & ~np.isin(effect_of, effect_of[list(others)])
         z = np.where(usable, u / np.sqrt(np.where(usable, v, 1.0)), 0.0)
         gain, size = gains(problem, u, np.where(usable, v, 0.0))
         scale = model_error_dispersion(float(np.abs(z).max()))

@@ -12,7 +12,6 @@ from probupdate.diagnosis.fitting import MODEL_ERROR_SCALE, Fit
 from probupdate.diagnosis.linear import Design
 from probupdate.diagnosis.noise import estimate_noise
 from probupdate.diagnosis.problem import DiagnosisProblem, IncludedEffect
-from probupdate.diagnosis.time_profiles import TimeProfile
 
 # false alarms of the whole first search, and of each one after a finding. With the test of the remainder, and what a
 # noise that was itself estimated leaves, a diagnosis stays below 5 %
@@ -23,6 +22,8 @@ N_BOOTSTRAP = 400
 MARGIN = 5.0
 # directions among which the error of a signature is shared out
 DIRECTIONS = 4
+# share of a candidate's information from which its signature along another time profile is an unknown
+LEAST = 1e-9
 # records whose noise is estimated anew
 N_AGAIN = 30
 # a size that may only be one value is meant where the linear estimate lies within these multiples of it
@@ -67,7 +68,6 @@ def search(
     usable = (design.share_left > 1e-3) & ~np.isin(problem.which[:, 0], found)
     std = np.where(usable, 1 / np.sqrt(np.where(usable, v, 1.0)), np.inf)
     scale = np.where(usable, std, 0.0)
-    z = u * scale
     can = _possible(problem, scale)
     rng = np.random.default_rng([seed, 21])
     drawn = design.draw(rng, n_draw)
@@ -76,12 +76,15 @@ def search(
         heavier = estimated_noise_factor(problem, design, float(np.mean(maxima)), can, usable, seed=seed)
     maxima = maxima * heavier
     # the threshold is that of noise; what stands out beside a strong effect must exceed that one's model error too
-    wider = np.sqrt(model_error_share(problem, fitted.included, z_included))
-    z, std = z / wider, std * wider
-    largest = float(np.max(np.where(can(z), np.abs(z), 0.0)))
+    beside, known = scores_beside(problem, design, fitted.centred, fitted.included, z_included)
+    std = np.where(usable, 1 / np.sqrt(np.where(usable, known, 1.0)), np.inf)
+    scale = np.where(usable, std, 0.0)
+    z = beside * scale
+    allowed = _possible(problem, scale)(z)
+    largest = float(np.max(np.where(allowed, np.abs(z), 0.0)))
     alarms = FALSE_NEXT if fitted.included else FALSE_ALARM
-    return Search(which=problem.which, z=z, size=np.where(usable, u / np.where(usable, v, 1.0), 0.0), size_std=std,
-                  allowed=can(z), usable=usable, threshold=exceeded(maxima, alarms), p_value=tail(maxima, largest),
+    return Search(which=problem.which, z=z, size=np.where(usable, z * scale, 0.0), size_std=std, allowed=allowed,
+                  usable=usable, threshold=exceeded(maxima, alarms), p_value=tail(maxima, largest),
                   maxima=maxima, heavier=heavier, u=u, drawn=drawn)  # fmt: skip
 
 
@@ -147,26 +150,40 @@ def model_error_dispersion(z: float) -> float:
     return 1 + (MODEL_ERROR_SCALE * z) ** 2 / DIRECTIONS
 
 
-def model_error_share(
-    problem: DiagnosisProblem, included: Sequence[IncludedEffect], z_included: Sequence[float]
-) -> np.ndarray:
-    """(n_candidate,) by how much the variance of each candidate's score grows beside effects of the structure or its
-    environment that are included: their signatures' error, a share of what they do, follows their own time profile
-    (steps as far as they correlate) and lies along a few directions, of which the candidate's may be one. What a sensor
-    does to shapes is exact, and what is constant has the model's discrepancy anyway."""
-    profiles = np.array([_unit(c) for c in problem.courses])
-    growth = np.ones(len(profiles))
-    for n, z in zip(included, z_included, strict=False):
-        if n.effect.kind != "measurement" and n.course.kind != "constant":
-            alike = np.array([c.kind == n.course.kind for c in problem.courses])
-            growth += alike * (profiles @ _unit(n.course)) ** 2 * (model_error_dispersion(z) - 1)
-    return growth[problem.which[:, 1]]
-
-
-def _unit(profile: TimeProfile) -> np.ndarray:
-    """A time profile of length one, about its mean unless it is constant."""
-    value = profile.value if profile.kind == "constant" else profile.value - np.mean(profile.value)
-    return value / max(float(np.linalg.norm(value)), 1e-300)
+def scores_beside(
+    problem: DiagnosisProblem, design: Design, centred: Sequence[np.ndarray], included: Sequence[IncludedEffect],
+    z_included: Sequence[float],
+) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
+    """Scores u and information v (n_candidate,) beside effects of the structure or its environment that are included:
+    their signatures' error, a share of what they do, follows their own time profile and lies along a few directions, of
+    which the candidate's may be one. So each candidate's own signature along that profile is one more unknown, of the
+    variance that makes v so much less there as `model_error_dispersion` says; what the candidate does at other times
+    counts in full. What a sensor does to shapes is exact, and what is constant has the model's discrepancy anyway."""
+    uncertain = [(n.course, 1 - 1 / model_error_dispersion(z)) for n, z in zip(included, z_included, strict=False)
+                 if n.effect.kind != "measurement" and n.course.kind != "constant"]  # fmt: skip
+    u, v = design.scores(centred), design.information
+    if not uncertain:
+        return u, v
+    n, m, n_effect = len(design.which), len(uncertain), len(problem.effects)
+    along = np.column_stack([np.repeat(np.arange(n_effect), m),
+                             np.tile(len(design.courses) + np.arange(m), n_effect)])  # fmt: skip
+    wide = replace(design, courses=(*design.courses, *(course for course, _ in uncertain)),
+                   which=np.vstack([design.which, along]))  # fmt: skip
+    there, share = wide.scores(centred)[n:].reshape(n_effect, m), np.array([part for _, part in uncertain])
+    u, v = u.copy(), v.copy()
+    for j in np.unique(design.which[:, 0]):
+        rows, others = np.flatnonzero(design.which[:, 0] == j), n + j * m + np.arange(m)
+        own = wide.overlap(others, others)
+        kept = np.diag(own) > LEAST * v[rows].max(initial=0.0)
+        if not kept.any():
+            continue
+        own, crossed = own[np.ix_(kept, kept)], wide.overlap(rows, others)[:, kept]
+        # v / (1 + v variance) = v / dispersion
+        own[np.diag_indices_from(own)] /= share[kept]
+        taken = np.linalg.solve(own, np.column_stack([there[j][kept], crossed.T]))
+        u[rows] -= crossed @ taken[:, 0]
+        v[rows] -= np.sum(crossed * taken[:, 1:].T, axis=1)
+    return u, np.maximum(v, 0.0)
 
 
 def gains(problem: DiagnosisProblem, u: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
