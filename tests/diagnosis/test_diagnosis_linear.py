@@ -1,6 +1,7 @@
 """The scores of all candidates against the same test with the covariance written out."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from probupdate.diagnosis.time_profiles import TimeProfile, step_profile
 from probupdate.diagnosis.evidence import ERROR_SCALES, linear_evidence, over_error_scales
 from probupdate.diagnosis.linear import Design
 from probupdate.diagnosis.noise import Noise, estimate_noise
+from probupdate.diagnosis.search import model_error_dispersion, scores_beside
 
 N_BLOCK, N_EFFECT, N_NUISANCE = 12, 4, 3
 SIZES = (5, 4)
@@ -219,3 +221,29 @@ def test_drawn_records_are_the_same_summed_up_at_once_or_one_by_one(design, monk
         design.draw(np.random.default_rng(4), 9), whole, rtol=1e-10, atol=1e-10 * np.abs(whole).max()
     )
     assert not whole.flags.writeable
+
+
+def test_beside_a_strong_effect_its_model_error_is_an_unknown_along_its_own_profile(design):
+    """Against the written-out covariance with that unknown in it, candidate by candidate; nothing changes beside what a
+    sensor does, and along the very same profile v falls as the dispersion says."""
+    rng = np.random.default_rng(8)
+    y = [rng.standard_normal((N_BLOCK, m)) * (design.noise.weight[q][:, None] > 0) for q, m in enumerate(SIZES)]
+    own, z = step_profile(N_BLOCK, 7), 60.0
+    problem = SimpleNamespace(effects=(None,) * N_EFFECT)
+    strong = SimpleNamespace(effect=SimpleNamespace(kind="structural"), course=own)
+    u, v = scores_beside(problem, design, y, [strong], [z])
+    along = replace(design, courses=(*design.courses, own), which=np.array([(j, 3) for j in range(N_EFFECT)]))
+    X, V, stacked = dense(design)
+    F, _, _ = dense(along)
+    flat = stacked(lambda q, b: y[q][b])
+    for k, (j, _) in enumerate(design.which):
+        f = F[:, j]
+        variance = (model_error_dispersion(z) - 1) / (f @ np.linalg.solve(V, f))
+        solved = np.linalg.solve(V + variance * np.outer(f, f), X[:, k])
+        assert u[k] == pytest.approx(solved @ flat, rel=1e-7)
+        assert v[k] == pytest.approx(solved @ X[:, k], rel=1e-7)
+    same = replace(along, which=np.array([(j, 3) for j in range(N_EFFECT)]))
+    _, there = scores_beside(problem, same, y, [strong], [z])
+    np.testing.assert_allclose(there, same.information / model_error_dispersion(z), rtol=1e-9)
+    sensor = SimpleNamespace(effect=SimpleNamespace(kind="measurement"), course=own)
+    np.testing.assert_array_equal(scores_beside(problem, design, y, [sensor], [z])[1], design.information)
