@@ -22,7 +22,7 @@ this program's own choice. Thresholds of the classifiers that a script may chang
 GIVEN = {
     "What is compared": LikelihoodSettings(), "The update": UpdateSettings(), "The sampler": SamplerSettings(),
     "Identification": IdentificationSettings(),
-}  # fmt: skip
+}
 CONSTANTS = {"Constants of identification": IdentificationConstants(), "Constants of updating": UpdatingConstants()}
 
 

@@ -89,7 +89,7 @@ def demo(
     begun = time.monotonic()
     out.mkdir(parents=True, exist_ok=True)
     state = _State(out, {"seed": seed, "days": days, "hidden": hashlib.sha256(hidden.encode()).hexdigest(),
-                         "version": __version__})  # fmt: skip
+                         "version": __version__})
     campaign, model = out / "campaign", out / "model.toml"
     write_bytes(model, reference_model(START_STATE).read_bytes())
     modes, nine = out / "modes.json", out / "nine.json"
@@ -122,7 +122,7 @@ def demo(
             "update": (_update, model, nine, files["update"]),
             "sample": (_sample, model, nine, files["posterior"], seed),
             "diagnose": (_diagnose, model, modes, campaign, out / "diagnosis.json", seed, hidden),
-        }, jobs, progress)  # fmt: skip
+        }, jobs, progress)
         with steps.of("compare", again=True):
             compared = verbs.compare(files["update"], files["posterior"], model=model)
             compared.write(files["compare"])
@@ -153,7 +153,7 @@ def _hidden_and_found(hidden: str, diagnosis) -> str:
         return "hidden in this campaign: nothing"
     found = [finding_words(f) for f in diagnosis.content()["findings"]] or ["nothing with a name"]
     return "\n".join(["hidden in this campaign:", *(f"  {e}" for e in effects), "found by the diagnosis:",
-                      *(f"  {f}" for f in found)])  # fmt: skip
+                      *(f"  {f}" for f in found)])
 
 
 def _update(model: Path, nine: Path, out: Path, progress: Progress = silent) -> str:
@@ -185,7 +185,7 @@ STEPS = {
     "simulate": "a virtual turbine is measured", "identify": "modes of every half hour", "select": "sets to trust",
     "update": "the deterministic update", "sample": "the posterior", "diagnose": "what the model gets wrong",
     "compare": "update and posterior side by side", "report": "one page of it all",
-}  # fmt: skip
+}
 
 
 class _Steps:
@@ -266,7 +266,7 @@ class _State:
         self._content = {
             "title": "Virtual jacket turbine, demonstration", "model": "model.toml", "campaign": "campaign",
             "start": start, **settings, "finished": [],
-        }  # fmt: skip
+        }
         if self._path.exists():
             found = _finished(self._path)
             differ = [k for k in self._content if k != "finished" and found.get(k) != self._content[k]]

@@ -72,10 +72,10 @@ def of_file(path: object) -> Iterator[None]:
 
 # what a mistake of the data says it is about, rather than of a model or of an option
 ABOUT_DATA = ("set", "sets", "setup", "setups", "channel", "modal", "mode", "modes", "selection", "regression", "covariate",
-              "block", "record", "references", "tracking", "deviations", "sub-records", "scada")  # fmt: skip
+              "block", "record", "references", "tracking", "deviations", "sub-records", "scada")
 # arguments of steps that are paths, and options that have other words than their argument's name
 FILES = ("campaign", "campaigns", "criteria", "description", "groups", "model", "modes", "out", "parameters", "posterior",
-         "run", "scada", "truth", "update")  # fmt: skip
+         "run", "scada", "truth", "update")
 OPTIONS = ("classifier", "diagnose", "figures", "frequency", "frequencies", "shapes", "target", "weights")
 
 
@@ -92,7 +92,7 @@ def names_files(data: str, model: str = "model") -> Callable[[F], F]:
                 return function(*args, **kwargs)
             except InputError as error:
                 given = {name: str(value) for name, value in signature.bind(*args, **kwargs).arguments.items()
-                         if name in FILES and isinstance(value, str | PurePath)}  # fmt: skip
+                         if name in FILES and isinstance(value, str | PurePath)}
                 about = re.split(r"[\s,:.]", error.where, maxsplit=1)[0]
                 of = given.get(data if about in ABOUT_DATA else model)
                 known = any(text and text in error.where for text in given.values())

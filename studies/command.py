@@ -106,7 +106,7 @@ STUDIES = {
         question="How do the paper's Tables 1 to 7 and Figs. 3 to 7 come out?",
         runs=(("run.py", OUT),), quick=(("run.py", OUT, "--days", "0.5"),), seeds="1",
         takes="7 minutes of processor time"),
-}  # fmt: skip
+}
 # not run by this command: what else they need stands in their own pages
 APART = ("faults", "supply_chain")
 
@@ -119,7 +119,7 @@ def provenance(name: str, study: Study, runs, seconds: float) -> dict:
         "runs": [list(run) for run in runs], "seconds": round(seconds, 1),
         "date": datetime.datetime.now(datetime.UTC).date().isoformat(),
         "python": platform.python_version(), "machine": platform.machine(), "cores": os.cpu_count(),
-    }  # fmt: skip
+    }
 
 
 def main(name: str, arguments: list[str] | None = None) -> int:
@@ -141,7 +141,7 @@ def main(name: str, arguments: list[str] | None = None) -> int:
     runs = [list(run) for run in (study.quick if a.quick else study.runs)]
     runs[0] += a.more
     environment = os.environ | {"PYTHONPATH": os.pathsep.join([str(HERE.parent), os.environ.get("PYTHONPATH", "")]),
-                                "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}  # fmt: skip
+                                "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
     begun = time.monotonic()
     with open(out / "printed.txt", "w", encoding="utf-8") as printed:
         for script, *options in runs:

@@ -54,7 +54,7 @@ def _member(ops, number, beam, frame, values, mass) -> None:
     second = float(beam.tube.second_moment(values) * beam.bending.value(values))
     ops.geomTransf("Linear", number + 1, *map(float, axes[2]))
     ops.element("elasticBeamColumn", number + 1, beam.start, beam.end, area, E, E / (2 * (1 + beam.poisson_ratio)),
-                2 * second, second, second, number + 1, "-mass", mass, "-cMass")  # fmt: skip
+                2 * second, second, second, number + 1, "-mass", mass, "-cMass")
 
 
 def _joint(ops, tag, tie, values) -> int:
@@ -67,7 +67,7 @@ def _joint(ops, tag, tie, values) -> int:
     for k, stiffness in enumerate(springs):
         ops.uniaxialMaterial("Elastic", 10 * tag + k + 1, stiffness)
     ops.element("zeroLength", tag + 1, tie.master, tie.node, "-mat", *[10 * tag + k + 1 for k in range(6)],
-                "-dir", 1, 2, 3, 4, 5, 6, "-orient", *map(float, x), *map(float, y))  # fmt: skip
+                "-dir", 1, 2, 3, 4, 5, 6, "-orient", *map(float, x), *map(float, y))
     return tag + 1
 
 
@@ -100,7 +100,7 @@ def _soil(ops, tag, frame: Frame, values) -> None:
             ops.uniaxialMaterial("Elastic", 10 * tag + k + 1, float(stiffness[k]))
         if directions:
             ops.element("zeroLength", tag + 1, ground, node, "-mat", *[10 * tag + k + 1 for k in directions],
-                        "-dir", *[k + 1 for k in directions])  # fmt: skip
+                        "-dir", *[k + 1 for k in directions])
         ground, tag = ground + 1, tag + 1
 
 

@@ -17,9 +17,9 @@ POINT = {name: 1.0 for name in FACTORS} | {"sc": 0.7, "corr": 0.002, "mg": 0.06,
 RANGE = {name: (0.2, 3.0) for name in FACTORS} | {
     "D_l": (0.8, 1.2), "t_l": (0.7, 1.3), "D_b": (0.8, 1.2), "t_b": (0.7, 1.3), "sc": (0.0, 6.0), "corr": (0.0, 0.006),
     "mg": (0.0, 0.3), "m_h": (40000.0, 80000.0),
-}  # fmt: skip
+}
 ORDER = ("k_j", "k_t", "k_TP", "k_p", "LJF", "D_l", "t_l", "D_b", "t_b", "sc", "corr", "mg", "a_m", "m_h", "py", "tz",
-         "qw")  # fmt: skip
+         "qw")
 
 
 def small_turbine() -> dict:
@@ -72,4 +72,4 @@ def small_turbine() -> dict:
              "lower": RANGE[name][0], "upper": RANGE[name][1], "prior": "normal", "update": True}
             for name in ORDER
         ],
-    }  # fmt: skip
+    }

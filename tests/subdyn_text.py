@@ -43,19 +43,19 @@ TABLES = {
     "arbitrary": "ARBITRARY BEAM CROSS-SECTION PROPERTIES", "cable": "CABLE PROPERTIES",
     "rigid": "RIGID LINK PROPERTIES", "spring": "SPRING ELEMENT PROPERTIES", "cosine": "MEMBER COSINE MATRICES",
     "mass": "JOINT ADDITIONAL CONCENTRATED MASSES",
-}  # fmt: skip
+}
 STEEL = "2.1e11 8.076923e10 7850"
 
 
 def table(title: str, rows) -> str:
     rows = list(rows)
     return f"---- {title} ----\n   {len(rows)}   N - number of them\nnames of columns\n(-) (-)\n" + "".join(
-        f"  {row}\n" for row in rows)  # fmt: skip
+        f"  {row}\n" for row in rows)
 
 
 def subdyn(
     joints, members, reactions, *, interface=(), layout="v5", fem=1, div=1, title="a structure for tests", **sets
-) -> str:  # fmt: skip
+) -> str:
     """joints: 'x y z' or 'x y z type dx dy dz k'; members: 'joint joint set set type spin'; reactions: 'joint flags'."""
     text = HEAD.format(title=title, fem=fem, div=div) + "  0 0 0 0 0 0\n" * 6
     if layout == "v5":

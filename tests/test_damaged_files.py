@@ -27,20 +27,20 @@ def block_poles(folder):
     poles = Poles(order=8, frequency_hz=np.array([0.3, 0.31, 1.3]), damping_ratio=np.full(3, 0.01), shape=SHAPE)
     write_block_poles(folder / "b.npz", BlockPoles(
         id="b", start=pd.Timestamp("2020-01-01T00:00Z"), minutes=30.0, quantity="acceleration", excluded="", notes=(),
-        rms=0.01, poles=poles, others=(poles,), line_hz=np.linspace(0, 5, 40), spectrum=np.ones(40)), [])  # fmt: skip
+        rms=0.01, poles=poles, others=(poles,), line_hz=np.linspace(0, 5, 40), spectrum=np.ones(40)), [])
     return folder / "b.npz", read_block_poles
 
 
 def block_deviations(folder):
     write_block_deviations(folder / "b.npz", BlockDeviations(
         key=((8, 0), (8, 1)), ln_frequency=np.ones((2, 20)), damping_ratio=np.ones((2, 20)),
-        shape=np.ones((2, 6, 20), complex)))  # fmt: skip
+        shape=np.ones((2, 6, 20), complex)))
     return folder / "b.npz", read_block_deviations
 
 
 def deviations(folder):
     one = ModalDeviation(ln_frequency=np.ones((3, 20)), damping_ratio=np.ones((3, 20)),
-                         shape=np.ones((6, 3, 20), complex))  # fmt: skip
+                         shape=np.ones((6, 3, 20), complex))
     name = write_deviations({"one": one, "a/b": one}, folder / "modes.json")
     return folder / name, lambda path: read_deviations(folder / "modes.json", name)
 
@@ -48,7 +48,7 @@ def deviations(folder):
 def matrices(folder):
     K = np.diag(np.full(6, 2.0)) - np.diag(np.ones(5), 1) - np.diag(np.ones(5), -1)
     np.savez(folder / "model.npz", K0=0 * K, M0=np.eye(6), K_k=100 * K, channel=np.array(list("abcdef")),
-             channel_dof=np.arange(6))  # fmt: skip
+             channel_dof=np.arange(6))
     (folder / "model.toml").write_text('[[parameter]]\nname = "k"\nunit = "-"\ninitial = 1.0\ncov = 0.1\n')
     return folder / "model.npz", load_model
 
@@ -59,7 +59,7 @@ def posterior(folder):
         names=("k_t", "py"), theta=draws, log_likelihood=np.zeros((4, 50)), log_posterior=np.zeros((4, 50)),
         prior=draws[0], response_labels=("f",), measured=one, std=one, predicted=np.ones((3, 1)),
         frequency_hz=np.ones((3, 1)), mode_labels=("FA1",), r_hat=np.ones(2), ess=np.ones(2), converged=True,
-        verdict="converged", fingerprint="")  # fmt: skip
+        verdict="converged", fingerprint="")
     return write_posterior(found, folder / "posterior.nc"), read_posterior
 
 

@@ -47,7 +47,7 @@ def test_two_builds_are_the_same_bytes(twice):
 
 def test_both_hold_the_package_whole(twice):
     wanted = {p.relative_to(REPOSITORY).as_posix() for p in (REPOSITORY / "probupdate").rglob("*")
-              if p.is_file() and "__pycache__" not in p.parts}  # fmt: skip
+              if p.is_file() and "__pycache__" not in p.parts}
     (wheel,), (source,) = (list(twice[0].glob(f"*.{end}")) for end in ("whl", "tar.gz"))
     assert wanted <= set(zipfile.ZipFile(wheel).namelist())
     with tarfile.open(source) as archive:
@@ -63,7 +63,7 @@ def test_the_demonstration_starts_from_the_wheel_alone(twice, tmp_path):
     started = subprocess.Popen(
         [sys.executable, "-m", "probupdate.cli", "demo", str(tmp_path / "out"), "--days", "0.25"], cwd=tmp_path,
         env={**os.environ, "PYTHONPATH": str(tmp_path / "site"), "OMP_NUM_THREADS": "1"}, stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE, text=True)  # fmt: skip
+        stderr=subprocess.PIPE, text=True)
     said = ""
     for line in started.stdout:
         said += line

@@ -94,7 +94,7 @@ def test_options_named_in_the_pages_exist():
     known = {option for parser in parsers().values() for option in parser._option_string_actions}
     # a study's own options stand on its row
     ours = re.sub(r"```sh\n.*?```", "", "".join(text(n) for n in TYPED if "studies" not in n),
-                  flags=re.DOTALL)  # fmt: skip
+                  flags=re.DOTALL)
     named = set(re.findall(r"`(--[a-z-]+)", ours))
     assert named and named <= known, named - known
 
@@ -285,7 +285,7 @@ def test_the_table_of_packages_is_that_of_the_lock():
     listed = {(name, version) for name, versions, _ in rows for version in versions.split(", ")}
     assert listed - {("---", "---")} == locked, "run studies/supply_chain/licences.py again"
     assert all(re.fullmatch(r"(\d{4}-\d\d-\d\d|not stated|-)(, (\d{4}-\d\d-\d\d|not stated|-))*", days.strip())
-               for name, _, days in rows if name != "---")  # fmt: skip
+               for name, _, days in rows if name != "---")
 
 
 def test_every_decision_has_its_four_parts_and_its_line_in_the_index():
@@ -341,10 +341,10 @@ def test_the_format_of_a_truth_names_every_kind_and_size():
     ("update.json", AlphaRecord), ("update.json", ComponentsRecord),
     ("compare.json", Comparison), ("compare.json", ComparisonRow), ("information.json", Information),
     ("sets.json", SetViews), ("check.json", SensorFinding),
-])  # fmt: skip
+])
 def test_the_formats_of_results_name_every_key(title, table):
     (section,) = re.findall(rf"^## `{re.escape(title)}`$(.*?)^## ", text("docs/formats/results.md"),
-                            re.DOTALL | re.MULTILINE)  # fmt: skip
+                            re.DOTALL | re.MULTILINE)
     for key in (field.name for field in dataclasses.fields(table)):
         assert f"`{key}`" in section, key
 
@@ -362,7 +362,7 @@ def test_every_study_runs_by_the_same_command_and_stands_in_the_table(capsys):
         written = "".join(text(p.relative_to(ROOT).as_posix()) for p in (ROOT / "studies" / name).glob("*.md"))
         assert "none recorded yet" in row or re.search(
             r"^## Provenance$.*commit\s[0-9a-f]{7}.*seeds:\s.*machine:\s", written,
-            re.MULTILINE | re.DOTALL)  # fmt: skip
+            re.MULTILINE | re.DOTALL)
         with pytest.raises(SystemExit) as ended:
             study_command(name, ["--help"])
         assert ended.value.code == 0 and study.question in " ".join(capsys.readouterr().out.split())
@@ -398,7 +398,7 @@ def test_documents_use_the_field_s_words(name):
     prose = re.sub(r"\s+", " ", prose)
     # a hash over a problem is called so in update.json; a robust scale
     for said in ("Its fingerprint (", "with different fingerprints", "problem's fingerprint",
-                 "median absolute deviation"):  # fmt: skip
+                 "median absolute deviation"):
         prose = prose.replace(said, "")
     found = [prose[max(m.start() - 40, 0) : m.end() + 20] for m in PRIVATE.finditer(prose)]
     assert not found, found
@@ -409,7 +409,7 @@ def user_strings(path: Path):
     tree = ast.parse(path.read_text(encoding="utf-8"))
     documented = (ast.Module, ast.FunctionDef, ast.ClassDef)
     docstrings = {id(node.body[0].value) for node in ast.walk(tree)
-                  if isinstance(node, documented) and node.body and isinstance(node.body[0], ast.Expr)}  # fmt: skip
+                  if isinstance(node, documented) and node.body and isinstance(node.body[0], ast.Expr)}
     for node in ast.walk(tree):
         if isinstance(node, ast.JoinedStr):
             said = "".join(str(part.value) if isinstance(part, ast.Constant) else "{}" for part in node.values)
@@ -423,7 +423,7 @@ def user_strings(path: Path):
 
 # where sentences for users are made; the other modules of the diagnosis follow when their names do
 WORDED = ("cli/*.py", "demonstration.py", "diagnosis/wording.py", "diagnosis/results.py", "farms/*.py", "reporting/*.py",
-          "updating/*.py", "identification/*.py", "campaign/*.py")  # fmt: skip
+          "updating/*.py", "identification/*.py", "campaign/*.py")
 
 
 @pytest.mark.parametrize("pattern", WORDED)
@@ -433,5 +433,5 @@ def test_sentences_for_users_use_the_field_s_words(pattern):
     # of files and of spectra: no standard deviation
     found = [f"{path.name}:{line}: {said}" for path in paths for line, said in user_strings(path)
              if PRIVATE.search(said) and "median deviation" not in said and ".deviations.h5" not in said
-             and not said.endswith(", deviations")]  # fmt: skip
+             and not said.endswith(", deviations")]
     assert not found, found

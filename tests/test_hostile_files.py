@@ -135,7 +135,7 @@ def test_a_link_to_itself_is_one_line(tmp_path):
     ("[1e999]", "number 1e999 overflows"), ("[" + "9" * 30 + "]", "beyond 64 bit"), ('["\\ud800"]', "surrogates"),
     ("[" + "9" * 10_000 + "]", "beyond 64 bit"), ("[Infinity]", "Infinity is no JSON"), ('{"a": 1, "a": 2}', "twice"),
     ("[1", "not JSON"), ("", "not JSON"),
-])  # fmt: skip
+])
 def test_json_within_limits(tmp_path, text, words):
     (tmp_path / "a.json").write_text(text)
     with pytest.raises(InputError, match=words):
@@ -157,7 +157,7 @@ def test_toml_within_limits(tmp_path, text):
 
 @pytest.mark.parametrize("text", ["(a+)+$", "(a|a)*b", "((?:a*)*)x", r"(\d+)*", "(a)\\1", "(?=a)(b)", "(?:x?)+(y)",
                                   ".*.*.*.*(a)", "(a", "a", "(a)(b)", "(" + "a" * 300 + ")", "(a{1,3}){1,90}",
-                                  "(" + "(?:a?){9}" * 9 + ")"])  # fmt: skip
+                                  "(" + "(?:a?){9}" * 9 + ")"])
 def test_patterns_that_may_take_for_ever_are_refused(text):
     with pytest.raises(InputError, match="convert"):
         name_pattern(text, "convert.toml")
@@ -166,7 +166,7 @@ def test_patterns_that_may_take_for_ever_are_refused(text):
 @pytest.mark.parametrize("text, name", [
     (r"_(\d{8}_\d{6})\.csv$", "a_20200101_120000.csv"), (r".*-(\d+)\.mat", "rec-1577.mat"),
     (r"(?:day|night)_(\d{4}-\d\d-\d\d)", "day_2020-01-01"), (r"(?P<t>[\d()+*]+)", "((2020))"),
-])  # fmt: skip
+])
 def test_patterns_of_file_names_are_taken(text, name):
     assert name_pattern(text, "convert.toml").search(name)[1]
 
@@ -185,7 +185,7 @@ def test_a_file_that_ends_or_holds_the_library_is_one_line(tmp_path, monkeypatch
     from probupdate.io import hdf5_file, hdf5_probe
 
     for program, words in (("import os; input(); os._exit(139)", "ends on it"),
-                           ("input()\nwhile True: pass", "is not done with it after 1 s")):  # fmt: skip
+                           ("input()\nwhile True: pass", "is not done with it after 1 s")):
         (tmp_path / "child.py").write_text(program)
         probe = hdf5_file._Probe()
         with monkeypatch.context() as patch:

@@ -16,9 +16,9 @@ FLOOR = {
     "structure": 1, "campaign": 1, "virtual": 1,
     "effects": 2, "identification": 2, "updating": 3,
     "diagnosis": 6, "lifetime": 6, "reporting": 7, "verbs": 8, "demonstration": 8.5, "farms": 8.9, "cli": 9, "__main__": 9.5,
-}  # fmt: skip
+}
 APART = {("identification", "structure"), ("identification", "virtual"), ("updating", "virtual"),
-         ("updating", "campaign"), ("updating", "identification")}  # fmt: skip
+         ("updating", "campaign"), ("updating", "identification")}
 MODULES = sorted(PACKAGE.rglob("*.py"))
 
 
@@ -120,7 +120,7 @@ def test_a_room_says_what_is_public_of_it(room):
     source = (PACKAGE / room / "__init__.py").read_text(encoding="utf-8")
     assert ast.get_docstring(ast.parse(source)), f"probupdate/{room} does not say what it is for"
     own = {alias.asname or alias.name for node in ast.parse(source).body if isinstance(node, ast.ImportFrom)
-           for alias in node.names} | {n.name for n in ast.parse(source).body if isinstance(n, ast.FunctionDef)}  # fmt: skip
+           for alias in node.names} | {n.name for n in ast.parse(source).body if isinstance(n, ast.FunctionDef)}
     assert not [name for name in public if name not in own and f"{room}.{name}" not in NAMES]
 
 
@@ -159,7 +159,7 @@ def test_arviz_is_imported_in_one_module_only():
 
 # what writes or opens a file for writing; `io.files` alone may, so that every file is whole or as it was
 WRITING = {"write_text", "write_bytes", "to_csv", "savez", "savez_compressed", "save", "savefig", "to_netcdf", "to_parquet",
-           "copyfile", "copy", "move", "symlink_to", "touch", "savetxt", "tofile", "dump"}  # fmt: skip
+           "copyfile", "copy", "move", "symlink_to", "touch", "savetxt", "tofile", "dump"}
 
 
 def writes(path: Path) -> list[str]:
@@ -201,7 +201,7 @@ def test_a_write_in_place_is_found(tmp_path, monkeypatch):
 def test_import_of_the_steps_loads_what_every_step_needs_only():
     """What some steps need is imported where it is used: half a second of every command."""
     heavy = {"matplotlib", "arviz", "emcee", "jinja2", "rich", "distributed", "scipy.signal", "scipy.stats",
-             "scipy.optimize", "scipy.interpolate"}  # fmt: skip
+             "scipy.optimize", "scipy.interpolate"}
     code = f"import sys, probupdate.verbs; print(sorted({heavy!r} & set(sys.modules)))"
     answer = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert answer.stdout.strip() == "[]"

@@ -25,7 +25,7 @@ def test_the_list_of_what_is_checked_names_what_is_there():
 @pytest.mark.skipif(shutil.which("pyright") is None, reason="pyright is not installed")
 def test_pyright_finds_no_mistake():
     run = subprocess.run(["pyright", "--outputjson", "--pythonpath", sys.executable, "-p", str(ROOT)],
-                         capture_output=True, text=True, check=False)  # fmt: skip
+                         capture_output=True, text=True, check=False)
     found = json.loads(run.stdout)
     assert found["summary"]["filesAnalyzed"] > 140
     wrong = [f"{Path(d['file']).relative_to(ROOT)}:{d['range']['start']['line'] + 1} {d['message']}"

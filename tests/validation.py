@@ -44,7 +44,7 @@ class Row:
         limits = list(dict.fromkeys(number(below) for below, _ in self.quantities.values()))
         several = len(limits) > 1
         tolerance = ", ".join(f"{number(below)}{f' ({of})' if several and of else ''}" for of, (below, _) in
-                              self.quantities.items()) if several else limits[0]  # fmt: skip
+                              self.quantities.items()) if several else limits[0]
         worst = ", ".join(number(error) for _, error in self.quantities.values())
         why = f": {self.why}" if self.why else ""
         return [self.what, self.reference, f"{tolerance}{unit}{why}", f"{worst}{unit} {MARK}", f"`{test}`"]

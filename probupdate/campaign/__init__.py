@@ -8,4 +8,4 @@
 __all__ = [
     "between_setups", "blocks", "checking", "converting", "findings", "heading", "plausible", "quantity", "reading",
     "rotor_lines", "samples", "scada", "sensor_findings", "universal", "usable",
-]  # fmt: skip
+]

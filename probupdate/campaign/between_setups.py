@@ -304,7 +304,7 @@ def _differing(shapes: Sequence[SetupShapes], references: Sequence[str]) -> tupl
             continue
         ratio = np.where(both, value[:, :, i] / np.where(both, value[:, :, j], 1.0), np.nan)[:, usable]
         std = np.where(both, np.hypot(error[:, :, i] / np.abs(value[:, :, i]), error[:, :, j] / np.abs(value[:, :, j])),
-                       np.nan)[:, usable]  # fmt: skip
+                       np.nan)[:, usable]
         sign = np.sign(np.nanmedian(np.sign(ratio), axis=0))
         size = np.exp(np.nanmedian(np.log(np.abs(ratio)), axis=0))
         relative = ratio / np.where(sign == 0, 1.0, sign) / size
@@ -429,7 +429,7 @@ def _constant(
         groups = natural_groups(sensors, range(len(sensors)))
         setups = dict.fromkeys(owner)
         groups += [Group(members=tuple(i for i, o in enumerate(owner) if o == k),
-                         words="references" if k < 0 else f"rovers of {shapes[k].name}") for k in setups]  # fmt: skip
+                         words="references" if k < 0 else f"rovers of {shapes[k].name}") for k in setups]
         groups = list({g.members: g for g in groups if 0 < len(g.members) < len(sensors)}.values())
         wrong, share = wrong_gains(samples, sensors, groups)
         if share < 0.5 or wrong:

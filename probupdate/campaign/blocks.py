@@ -105,7 +105,7 @@ def read_block(
 def _rows(opened, path: Path, first: int, last: int) -> np.ndarray:
     """Rows as they lie on disk; a file whose samples cannot be unpacked is named."""
     with parsing(str(path), f"samples {first} to {last} cannot be read",
-                 "the file is damaged: copy it again, or remove it"):  # fmt: skip
+                 "the file is damaged: copy it again, or remove it"):
         refuse_outside(str(path), opened["data"], "copy the numbers into the file")
         # bit patterns of damaged files are numbers that signal when they are converted; they count as lost below
         with np.errstate(invalid="ignore"):

@@ -126,7 +126,7 @@ def check(campaign: Campaign, *, progress: Progress = silent) -> CampaignCheck:
     most = most_channels(campaign.sampling_rate_hz, 0.4 * campaign.sampling_rate_hz)
     if len(campaign.sensors) > most:
         uses = (*uses, f"channels were not compared with one another: {len(campaign.sensors)} are more than the {most} "
-                "whose spectra memory holds; leave_out in campaign.toml takes some away")  # fmt: skip
+                "whose spectra memory holds; leave_out in campaign.toml takes some away")
     elif stride > 1:
         uses = (*uses, f"channels were compared with one another in every {stride}th block")
     summary = "\n".join([
@@ -166,7 +166,7 @@ def compare_block(
         kept = (whole_piece(block.id, spectra, usable, lines_kept(n, n_compared)),)
     elif pieces:
         kept = tuple(parts_of_block(block.id, block.data, rate, campaign.sensors, usable, pieces,
-                                    lines_kept(n, n_compared * pieces)))  # fmt: skip
+                                    lines_kept(n, n_compared * pieces)))
     return Compared(id=block.id, start=block.start, state=state, suspicions=tuple(suspicions(spectra, sensors)),
                     delay_s=delay, delay_std_s=std, lowest_hz=np.nan if lowest is None else lowest, pieces=kept)
 
@@ -258,7 +258,7 @@ def _scada_findings(campaign: Campaign) -> list[str]:
     doubled = campaign.scada.attrs.get("contradicted", 0)
     if doubled:
         found.append(f"{doubled} SCADA rows have the time of an earlier one and other values; the first was kept: a clock set "
-                     "back, or local time?")  # fmt: skip
+                     "back, or local time?")
     return found
 
 

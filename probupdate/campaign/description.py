@@ -105,7 +105,7 @@ def read_description(path: str | Path, channels: tuple[str, ...]) -> Description
     same = {f.name: getattr(told, f.name) for f in fields(told)}
     return Description(**(same | {
         "path": path, "zone": _zone(path, told.zone), "columns": columns,
-        "factor": {c: float(told.factor.get(c, 1.0)) for c in channels}}))  # fmt: skip
+        "factor": {c: float(told.factor.get(c, 1.0)) for c in channels}}))
 
 
 def _zone(path: Path, text: str | None) -> tzinfo | None:

@@ -190,7 +190,7 @@ def _widths(sways: Sequence[Sway], angle: np.ndarray, lowest_hz: float) -> tuple
     for sway, a in zip(sways, angle, strict=True):
         x, y = _band(sway, lowest_hz).T
         power = [_binned(np.abs(v) ** 2, WIDTH_BINS) for v in (np.cos(a) * x + np.sin(a) * y,
-                                                               np.cos(a) * y - np.sin(a) * x)]  # fmt: skip
+                                                               np.cos(a) * y - np.sin(a) * x)]
         width = [float(p.sum() ** 2 / np.sum(p**2)) for p in power]
         found.append(np.log(width[0] / width[1]))
     return float(np.mean(found)), float(np.std(found, ddof=1) / np.sqrt(len(found)))

@@ -30,7 +30,7 @@ def parquet_head(path: Path, channels: Sequence[str]) -> tuple[str, str, int]:
             if not (pyarrow.types.is_floating(known[channel]) or pyarrow.types.is_integer(known[channel])):
                 raise InputError(f"{path}, {channel}", f"holds {known[channel]}, not numbers", "write float32")
         found = {key.decode("utf-8", "replace"): value.decode("utf-8", "replace")
-                 for key, value in (file.schema_arrow.metadata or {}).items()}  # fmt: skip
+                 for key, value in (file.schema_arrow.metadata or {}).items()}
         for key in HEAD_KEYS:
             if key not in found:
                 raise InputError(str(path), f"has no '{key}' in its metadata", "write it as text beside the columns")

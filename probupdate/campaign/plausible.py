@@ -38,11 +38,11 @@ def refuse_time(where: str, channels: Sequence[str], data: np.ndarray) -> None:
     for c in np.flatnonzero(_straight(few, some)):
         column = data[:, c]
         if _straight(column[:, None], np.arange(n))[0] and np.all(np.diff(column[np.isfinite(column)]) * np.sign(
-                few[-1, c] - few[0, c]) >= 0):  # fmt: skip
+                few[-1, c] - few[0, c]) >= 0):
             step = (column[-1] - column[0]) / (n - 1)
             raise InputError(f"{where}, channel {channels[c]}", f"its samples rise evenly, by {step:.6g} each: it looks "
                              "like the column of time, not like a record", "name another column for it "
-                             "(convert.toml, [columns]), or mend the order of [[sensor]]")  # fmt: skip
+                             "(convert.toml, [columns]), or mend the order of [[sensor]]")
 
 
 def _straight(columns: np.ndarray, number: np.ndarray) -> np.ndarray:
@@ -104,13 +104,13 @@ def unit_findings(
         beside = other if len(like) == 1 else "its like"
         found.append(f"suspect: the spectrum of {sensor.channel} is {middle:.2g} times that of {beside} at most "
                      f"frequencies, which a place on the structure does not explain{_as_unit(middle)}: is {which} in "
-                     f"{sensor.unit}, as campaign.toml says?")  # fmt: skip
+                     f"{sensor.unit}, as campaign.toml says?")
     loud = [s.channel for s in sensors if s.quantity == "acceleration" and s.unit in ("g", "mg")
-            and vibration.get(s.channel, 0.0) > STRONG_MPS2]  # fmt: skip
+            and vibration.get(s.channel, 0.0) > STRONG_MPS2]
     if loud:
         most = max(vibration[c] for c in loud)
         found.append(f"suspect: {', '.join(loud)} vibrate with up to {most:.3g} m/s2 (standard deviation), as stated in g: "
-                     "are these numbers m/s2?")  # fmt: skip
+                     "are these numbers m/s2?")
     return found
 
 
@@ -146,7 +146,7 @@ def _spectrum_ratios(spectrum: np.ndarray, sensors: Sequence[Sensor], odd: Seque
         ratio = spectrum[:, k] - middle
         away = float(np.median(ratio))
         if abs(away) > np.log(MIDDLE_FACTOR) and np.mean(ratio * np.sign(away) > np.log(MOST_FACTOR)) >= (
-                1 - MOST_FREQUENCIES):  # fmt: skip
+                1 - MOST_FREQUENCIES):
             near = spectrum[:, k] - np.median(spectrum[:, _nearest(k, sensors, like)], axis=1)
             if np.median(near) * np.sign(away) > np.log(MOST_FACTOR):
                 found[k] = float(np.exp(away))

@@ -33,7 +33,7 @@ LARGEST_BLOCK_BYTES = 128 * 2**20
 CAMPAIGN_KEYS = (
     "name", "sampling_rate_hz", "block_minutes", "water_depth_m", "rated_power_kw", "x_axis_heading_deg", "leave_out",
     "sensor",
-)  # fmt: skip
+)
 SENSOR_KEYS = ("channel", "level", "position_m", "direction", "quantity", "unit")
 
 
@@ -281,7 +281,7 @@ def _checked(path: Path, n_sample: int, start: object, own_rate: object, rate_hz
         own = float(own_rate)
     except (TypeError, ValueError):
         raise InputError(f"{path}, sampling_rate_hz", f"{own_rate!r} is not a number",
-                         "write Hz beside the samples") from None  # fmt: skip
+                         "write Hz beside the samples") from None
     if not abs(own - rate_hz) <= 1e-6 * rate_hz:
         raise InputError(str(path), f"is sampled at {own:g} Hz, campaign.toml says {rate_hz:g} Hz",
                          "correct the one that is wrong")

@@ -159,7 +159,7 @@ def wrong_gains(
     found = []
     gains = _together(beyond, samples, [g for g, _ in taken])
     every = np.array([_together(beyond, np.delete(samples, k, axis=0), [g for g, _ in taken])
-                      for k in range(len(samples))])  # fmt: skip
+                      for k in range(len(samples))])
     n = len(samples)
     error = np.sqrt((n - 1) / n * np.sum((every - every.mean(axis=0)) ** 2, axis=0)) if n > 2 else np.abs(gains)
     for (group, close), gain, spread in zip(taken, gains, error, strict=True):

@@ -19,7 +19,7 @@ EARLIEST, LATEST = pd.Timestamp("1900-01-01", tz="UTC"), pd.Timestamp("2200-01-0
 COLUMNS = (
     "wind_speed_mps", "wind_direction_deg", "power_kw", "rotor_speed_rpm", "pitch_deg", "nacelle_heading_deg",
     "yaw_rate_degps", "water_level_m", "air_temperature_c", "wave_height_m", "wave_period_s",
-)  # fmt: skip
+)
 KNOWN = tuple(f"{c}{ending}" for c in COLUMNS for ending in ("", "_std", "_min", "_max"))
 # in any of the columns' units
 LARGEST = 1e7
@@ -64,14 +64,14 @@ def read_scada(path: str | Path) -> pd.DataFrame:
         wrong = pd.to_datetime(table["time"], utc=True, format="ISO8601", errors="coerce").isna()
         row = int(np.argmax(wrong))
         raise InputError(f"{path}, row {row + 2}, time", f"'{table['time'].iloc[row]}' is no time",
-                         "write ISO 8601, UTC; a row may have more cells than the head") from error  # fmt: skip
+                         "write ISO 8601, UTC; a row may have more cells than the head") from error
     if time.isna().any():
         raise InputError(f"{path}, row {int(np.argmax(time.isna())) + 2}", "has no time", "give it or drop the row")
     absurd = (time < EARLIEST) | (time > LATEST)
     if absurd.any():
         row = int(np.argmax(absurd))
         raise InputError(f"{path}, row {row + 2}, time", f"'{table['time'].iloc[row]}' is not between "
-                         f"{EARLIEST:%Y} and {LATEST:%Y}", "mend it, or drop the row")  # fmt: skip
+                         f"{EARLIEST:%Y} and {LATEST:%Y}", "mend it, or drop the row")
     # blocks may start between the units that the file is written in
     time = time.dt.as_unit("ns")
     table = table.drop(columns="time").set_index(pd.DatetimeIndex(time, name="time")).sort_index(kind="stable")
@@ -79,12 +79,12 @@ def read_scada(path: str | Path) -> pd.DataFrame:
         if len(table) and column.startswith(COLUMNS) and not pd.api.types.is_numeric_dtype(table[column]):
             wrong = (pd.to_numeric(table[column], errors="coerce").isna() & table[column].notna()).to_numpy()
             raise InputError(f"{path}, {column}", f"'{table[column].iloc[int(np.argmax(wrong))]}' is no number",
-                             "mend it, or leave the cell empty where it is unknown")  # fmt: skip
+                             "mend it, or leave the cell empty where it is unknown")
         if column in KNOWN:
             absurd = (table[column].abs() > LARGEST).to_numpy()
             if absurd.any():
                 raise InputError(f"{path}, {column}", f"{table[column].iloc[int(np.argmax(absurd))]:g} is no number that a "
-                                 "turbine or the weather has", "leave the cell empty where it is unknown")  # fmt: skip
+                                 "turbine or the weather has", "leave the cell empty where it is unknown")
     again = table.index.duplicated()
     kept = table[~again]
     kept.attrs["contradicted"] = int((again & ~table.reset_index().duplicated().to_numpy()).sum())

@@ -299,7 +299,7 @@ def _mat73(path: Path, d: Description) -> Pieces:
     with open_hdf5(*said) as file:
         with parsing(*said):
             sizes = {n: file[n].shape for n in file if isinstance(n, str) and isinstance(file[n], h5py.Dataset)
-                     and file[n].dtype.kind in "iuf" and 1 <= file[n].ndim <= 2}  # fmt: skip
+                     and file[n].dtype.kind in "iuf" and 1 <= file[n].ndim <= 2}
 
         # MATLAB stores columns first: (n_channel, n_sample) on disk
         def shape(name: str) -> tuple[int, int]:

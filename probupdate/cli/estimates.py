@@ -24,7 +24,7 @@ from probupdate.runtime.progress import Progress
 def compared(a: argparse.Namespace) -> dict[str, Any]:
     """What every step on modes is given beside its own options."""
     return {"parameters": a.parameters, "weights": weights_option(a), "frequencies": a.frequencies, "shapes": a.shapes,
-            "discrepancy": a.discrepancy, "tolerances": a.tolerances}  # fmt: skip
+            "discrepancy": a.discrepancy, "tolerances": a.tolerances}
 
 
 def run_update(a: argparse.Namespace, progress: Progress) -> None:

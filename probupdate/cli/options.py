@@ -21,7 +21,7 @@ MOST = {
     "days": 3660, "jobs": 4096, "modes": 100_000, "order": 500, "block rows": 5000, "Hz": 100_000, "kW": 1_000_000,
     "sets": 1_000_000, "iterations": 100_000, "draws": 1_000_000, "ensembles": 64, "steps": 10_000_000, "CoV": 10.0,
     "deviations": 100.0, "reduced modes": 1000,
-}  # fmt: skip
+}
 LARGEST_SEED = 2**63 - 1
 
 
@@ -66,7 +66,7 @@ def discrepancy_option(text: str) -> float | str:
         raise argparse.ArgumentTypeError(f"{text} is neither a share above zero nor auto") from None
     if share >= 1:
         raise argparse.ArgumentTypeError(f"{text} is the whole frequency and more; a share is meant: {share / 100:g} for "
-                                         f"{share:g} %")  # fmt: skip
+                                         f"{share:g} %")
     return share
 
 

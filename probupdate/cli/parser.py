@@ -47,7 +47,7 @@ class _Parser(argparse.ArgumentParser):
 JSON_MORE = {
     "modes": "; frequency_hz, label, channel, shape, notes", "check": "; campaigns where there are several",
     "diagnose": "; verdict", "export": "; folder, files with SHA-256, draws, verdict, converged, diagnosis, left_out",
-}  # fmt: skip
+}
 # a command of each verb as it is typed in a run directory of the names that `report` looks for
 EXAMPLES = {
     "demo": "demo out",
@@ -80,7 +80,7 @@ def build_parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("--version", action="version", version=f"probupdate {__version__}")
     verbs = parser.add_subparsers(dest="verb", required=True, metavar="VERB", help="one of the commands below",
-                                  parser_class=_Parser)  # fmt: skip
+                                  parser_class=_Parser)
     about: dict[str, str] = {}
 
     def verb(name: str, run: Callable, text: str) -> argparse.ArgumentParser:

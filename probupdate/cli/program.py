@@ -66,7 +66,7 @@ def given_paths(a: argparse.Namespace) -> list[str]:
 
 # errors of a path that a user named; others are the machine's
 OF_PATHS = {errno.EISDIR, errno.ENOTDIR, errno.ENOENT, errno.EEXIST, errno.EACCES, errno.EPERM, errno.ENAMETOOLONG,
-            errno.ELOOP, errno.EROFS}  # fmt: skip
+            errno.ELOOP, errno.EROFS}
 
 
 FULL = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG}

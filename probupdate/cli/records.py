@@ -49,7 +49,7 @@ def run_identify(a: argparse.Namespace, progress: Progress) -> None:
     from probupdate.runtime.executors import executor
 
     settings = {"order": a.order, "block_rows": a.block_rows, "rate_hz": a.rate, "harmonics": a.harmonics,
-                "store": f"{a.out}.blocks", "progress": progress}  # fmt: skip
+                "store": f"{a.out}.blocks", "progress": progress}
     if a.shard and len(a.campaign) > 1:
         raise InputError("--shard", "shares out the blocks of one campaign", "identify setups without it, with --jobs")
     with executor(a.jobs or os.cpu_count() or 1, a.scheduler) as runs:

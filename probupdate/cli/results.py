@@ -46,7 +46,7 @@ def run_report(a: argparse.Namespace, progress: Progress) -> None:
     import probupdate
 
     result = probupdate.report(a.run, a.out, campaign=a.campaign, model=a.model, parameters=a.parameters, jobs=a.jobs,
-                               progress=progress)  # fmt: skip
+                               progress=progress)
     tell(a, result, *([[result.path]] if a.json else []))
 
 

@@ -4,4 +4,4 @@
 __all__ = [
     "blocks", "diagnose", "evidence", "fitting", "free_form", "hypotheses", "linear", "prediction", "prepare",
     "residuals", "results", "run", "search", "wording",
-]  # fmt: skip
+]

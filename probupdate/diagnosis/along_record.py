@@ -87,7 +87,7 @@ def make_contrasts(
         after=tuple(after), part=part, slow=slow, white_trace=white_trace, slow_trace=slow_trace,
         white_var=np.sum(size**2 / safe[:, None, :], axis=2),
         slow_var=np.sum((size @ slow) * size, axis=2),
-    )  # fmt: skip
+    )
 
 
 def _white_trace(weight, part, nuisance, gram, beyond, own, usable) -> np.ndarray:

@@ -88,7 +88,7 @@ class Blocks:
         """What to say of those that only a part of the blocks tells."""
         shares = {name: np.mean(np.isfinite(self.numbers(name))) for name in columns}
         return [f"{name} is told in {share:.0%} of the blocks: nothing that follows it is looked for"
-                for name, share in shares.items() if 0 < share < KNOWN_SHARE]  # fmt: skip
+                for name, share in shares.items() if 0 < share < KNOWN_SHARE]
 
     @property
     def headings_told(self) -> bool:
@@ -117,7 +117,7 @@ class Blocks:
             relative_std=frozen_array(self.relative_std[chosen]),
             deviations=tuple(self.deviations[k] for k in chosen), notes=self.notes, few=self.few,
             std_alone=self.std_alone,
-        )  # fmt: skip
+        )
 
 
 def _number(value) -> float:
@@ -179,7 +179,7 @@ def gather(data: ModalData, where: str = "modes", expected_hz: Mapping[str, floa
     if not few and np.isfinite(steps).any() and np.nanmedian(steps) < SCATTER:
         raise InputError(where, "most sets have the frequencies of the set before them: copied, computed or rounded",
                          "give sets that were identified one by one, with all digits: their scatter is the noise that "
-                         "effects are tested against")  # fmt: skip
+                         "effects are tested against")
     if not np.isfinite(shape).any():
         notes.append("no set has a shape: frequencies alone, paired with the model's in their order, tell few causes "
                      "from one another, and nothing of the sensors")
@@ -188,7 +188,7 @@ def gather(data: ModalData, where: str = "modes", expected_hz: Mapping[str, floa
     kept_channels = _most_told(seen) if len(seen) else np.zeros(0, int)
     left = [f"{c} (there in {m:.0%} of the blocks)" for k, (c, m) in
             enumerate(zip(data.channels, seen.mean(axis=0), strict=True)) if k not in kept_channels
-            ] if len(seen) else []  # fmt: skip
+            ] if len(seen) else []
     if left:
         notes.append(f"left out, so that the blocks without them count: {', '.join(left)}")
     short = int(np.sum(~seen[:, kept_channels].all(axis=1)))
@@ -207,7 +207,7 @@ def gather(data: ModalData, where: str = "modes", expected_hz: Mapping[str, floa
         kept = np.array([j for j in kept if labels[j] in expected_hz], int)
     if not len(kept):
         raise InputError(where, "no mode is found with every channel in a fifth of the blocks",
-                         "leave out channels that are mostly missing")  # fmt: skip
+                         "leave out channels that are mostly missing")
     frequency, shape = frequency[:, kept], shape[:, :, kept]
     raw, shape = shape, np.array([rotate_to_real(s) for s in shape])
     # what turned a shape turns its deviations
@@ -230,7 +230,7 @@ def gather(data: ModalData, where: str = "modes", expected_hz: Mapping[str, floa
         environment=tuple(s.environment for s in sets),
         relative_std=frozen_array(_relative_std(sets, kept, kept_channels, groups)), deviations=deviations,
         notes=tuple(notes), few=few, std_alone=not any(s.deviation is not None for s in sets),
-    )  # fmt: skip
+    )
 
 
 def _most_told(seen: np.ndarray) -> np.ndarray:
@@ -278,7 +278,7 @@ def pairs_of(cluster: tuple[int, ...], apart: np.ndarray, labels: tuple[str, ...
     tree[np.unravel_index(np.argmax(tree), tree.shape)] = 0.0
     _, side = csgraph.connected_components(tree, directed=False)
     return [p for k in range(2) for p in
-            pairs_of(tuple(j for j, own in zip(cluster, side, strict=True) if own == k), apart, labels)]  # fmt: skip
+            pairs_of(tuple(j for j, own in zip(cluster, side, strict=True) if own == k), apart, labels)]
 
 
 def _states_deviations(modal_set) -> bool:
@@ -295,7 +295,7 @@ def _deviation(modal_set, kept, channels, turn) -> BlockDeviation | None:
     if d is None:
         return _independent(modal_set, kept, channels) if _states_deviations(modal_set) else None
     return BlockDeviation(ln_frequency=frozen_array(d.ln_frequency[kept]),
-                          shape=frozen_array(d.shape[channels][:, kept] * turn[None, :, None], complex))  # fmt: skip
+                          shape=frozen_array(d.shape[channels][:, kept] * turn[None, :, None], complex))
 
 
 def _independent(modal_set, kept, channels) -> BlockDeviation:
@@ -341,7 +341,7 @@ def _relative_std(sets, kept, channels, groups) -> np.ndarray:
             known = np.isfinite(std) & (std > 0)
             if known.mean() > 0.5:
                 typical = np.array([np.median(column[ok]) for column, ok in zip(std.T, known.T, strict=True)
-                                    if ok.any()] or [1.0])  # fmt: skip
+                                    if ok.any()] or [1.0])
                 if len(typical) == std.shape[1]:
                     parts.append(np.where(known, std / typical, 1.0))
         if parts:

@@ -42,10 +42,10 @@ CAUSES = (
     ("clock of", "clock offset"), ("true sampling rate", "sampling rate"), ("looks dead", "dead channel"),
     ("wrong unit or scale", "sensor gain"), ("gravity", "unit of all channels"),
     ("the top moves", "unit of all channels"),
-)  # fmt: skip
+)
 # what sensors say of one another -> the catalogue's cause
 MEASURED = {"gain": "sensor gain", "gain change": "sensor gain", "common gain": "sensor gain",
-            "reference": "sensor gain", "nacelle heading": "nacelle heading"}  # fmt: skip
+            "reference": "sensor gain", "nacelle heading": "nacelle heading"}
 
 
 def campaign_tests(campaign: Campaign, *, progress: Progress = silent) -> list[dict]:
@@ -65,7 +65,7 @@ def campaign_tests(campaign: Campaign, *, progress: Progress = silent) -> list[d
         rows = channel_table(block, campaign.channels)
         tables.append(rows)
         found = compare_block(campaign, block, states[block.id], conditions, rows, pieces=pieces,
-                              n_compared=len(chosen))  # fmt: skip
+                              n_compared=len(chosen))
         compared += [] if found is None else [found]
         if campaign.scada is not None:
             lines += line_scores(block, campaign.scada)
@@ -96,7 +96,7 @@ def _row(sentence: str, channels: Sequence[str]) -> dict:
     cause = next((cause for words, cause in CAUSES if words in sentence), "samples")
     words = {w.strip(",;:()") for w in sentence.split()}
     return {"kind": "measurement", "cause": cause, "channels": [c for c in channels if c in words],
-            "statement": sentence, "suspected": True}  # fmt: skip
+            "statement": sentence, "suspected": True}
 
 
 def _measured_row(found: SensorFinding, channels: Sequence[str]) -> dict:
@@ -105,7 +105,7 @@ def _measured_row(found: SensorFinding, channels: Sequence[str]) -> dict:
     size = found.size - 1 if cause == "sensor gain" else found.size
     return {"kind": "measurement", "cause": cause, "channels": [c for c in channels if c in found.channel.split(", ")],
             "statement": found.message, "suspected": True, "size": size, "size_std": found.std,
-            "since": found.since}  # fmt: skip
+            "since": found.since}
 
 
 def rate_finding(tests: Sequence[dict]) -> Finding | None:
@@ -119,7 +119,7 @@ def rate_finding(tests: Sequence[dict]) -> Finding | None:
                     size_std=row["size_std"], unit="-", course="constant", course_start="", z=z,
                     posterior_probability=1.0, alternatives=(), check="the logger's clock against a reference; "
                     "the files' own start times",
-                )  # fmt: skip
+                )
     return None
 
 
@@ -127,5 +127,5 @@ def with_true_rate(data: ModalData, finding: Finding) -> ModalData:
     """The modes as a clock without that error had given them."""
     factor = 1 + finding.size
     sets = tuple(replace(s, frequency_hz=s.frequency_hz * factor, frequency_std_hz=s.frequency_std_hz * factor)
-                 for s in data.sets)  # fmt: skip
+                 for s in data.sets)
     return replace(data, sets=sets)

@@ -37,7 +37,7 @@ def crosstalk_effects(channels: Sequence[str]) -> tuple[Effect, ...]:
                check=f"tap the sensor of {other} along its axis and look at {into}; measure the cables' insulation",
                odds=1 / (len(channels) * (len(channels) - 1)))
         for i, into in enumerate(channels) for j, other in enumerate(channels) if i != j
-    )  # fmt: skip
+    )
 
 
 def with_crosstalk(

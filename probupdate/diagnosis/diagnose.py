@@ -143,7 +143,7 @@ def _explored(
                 *problem.blocks.notes, f"what the model leaves out is taken {scale:g} times as large as usual "
                 f"({100 * scale * DISCREPANCY_LOG:.2g} % of a frequency, {100 * scale * DISCREPANCY_SHAPE:.2g} % of a "
                 "shape's largest component): so the measured modes are most probable")),
-        )  # fmt: skip
+        )
         try:
             null = fit(scaled, theta)
             tried.append((null, explore(scaled, null, most=most, seed=seed, progress=progress)))
@@ -171,14 +171,14 @@ def findings_of(explored: Explored) -> list[Finding]:
             Alternative(cause=CHANCE, location="", posterior_probability=float(p)) if other is None else
             Alternative(cause=other.cause, location=other.location, posterior_probability=float(p))
             for other, p in sorted(zip(others[1:], probability[1:], strict=True), key=lambda pair: -pair[1]) if p > 1e-3
-        )  # fmt: skip
+        )
         effect, course = n.effect, n.course
         start = problem.blocks.ids[course.at] if course.kind == "step" else ""
         result.append(Finding(
             kind=effect.kind, cause=effect.cause, location=effect.location, size=n.size, size_std=std,
             unit=effect.unit + course.unit, course=course.name, course_start=start, z=z,
             posterior_probability=float(probability[0]), prior_probability=float(special.softmax(prior)[0]),
-            alternatives=alternatives, check=effect.check))  # fmt: skip
+            alternatives=alternatives, check=effect.check))
     return result
 
 
@@ -280,7 +280,7 @@ def _short(fitted: Fit, sizes_std: Sequence[float]) -> list[str]:
     return [f"{n.effect.name}: the fit of its size leads no farther down, though its equations would by {short:.2g} "
             f"{n.effect.unit}; the interval counts it"
             for n, short, std in zip(fitted.included, fitted.short, sizes_std, strict=True)
-            if short > 0.5 * std > 0]  # fmt: skip
+            if short > 0.5 * std > 0]
 
 
 def _limits(problem: DiagnosisProblem, found: Search, fitted: Fit) -> tuple[DetectionLimit, ...]:
@@ -299,7 +299,7 @@ def _limits(problem: DiagnosisProblem, found: Search, fitted: Fit) -> tuple[Dete
         limits.append(DetectionLimit(kind=effect.kind, cause=effect.cause, location=effect.location, course=name,
                             limit=float(size) if reachable else np.inf,
                             unit=effect.unit + problem.courses[problem.which[k, 1]].unit, share_left=float(left[k]),
-                            z=float(found.z[k])))  # fmt: skip
+                            z=float(found.z[k])))
     return tuple(limits)
 
 
@@ -310,7 +310,7 @@ def _parameters(problem: DiagnosisProblem, null: Fit, fitted: Fit):
     for i, k in enumerate(problem.updated):
         p = problem.prior.items[i]
         pushed = [float(-prior_shift(problem, f.theta)[i] / local_std(problem.prior, i, f.theta[k]))
-                  for f in (null, fitted)]  # fmt: skip
+                  for f in (null, fitted)]
         yield {"name": p.name, "unit": p.unit, "prior": p.initial, "prior_std": p.std, "value": float(null.theta[k]),
                "std": float(std[0][i]), "pushed": pushed[0], "value_after": float(fitted.theta[k]),
-               "std_after": float(std[1][i]), "pushed_after": pushed[1]}  # fmt: skip
+               "std_after": float(std[1][i]), "pushed_after": pushed[1]}

@@ -71,7 +71,7 @@ def look(blocks: Blocks, sensors: Sequence[Sensor] = (), course: np.ndarray | No
         expected.append([modes_with(slope[0] + row @ slope[1 : 1 + len(row)], axes[q]) for row in at])
     return EmpiricalReference(axes=axes, departures=tuple(departures), used=tuple(used), turning=turning,
                    sector_of=frozen_array(sector_of, int), expected=tuple(zip(*expected, strict=True)),
-                   mean=tuple(mean))  # fmt: skip
+                   mean=tuple(mean))
 
 
 def turning_columns(angle_deg: np.ndarray) -> np.ndarray:
@@ -138,9 +138,9 @@ def signatures(effects: Sequence[Effect], empirical: EmpiricalReference) -> tupl
             value, vector = np.linalg.eigh(expected[q].tensor)
             shape, frequency = expected[q].shape @ vector, np.exp(value)
             seen = [e.observe(shape, float(np.exp(np.mean(value))), sign * e.step_of_size)
-                    for e in effects for sign in (1, -1)]  # fmt: skip
+                    for e in effects for sign in (1, -1)]
             y, _ = numbers_of_modes(np.array([frequency * np.exp(shift) for _, shift in seen]),
-                                    np.array([x for x, _ in seen]), axes)  # fmt: skip
+                                    np.array([x for x, _ in seen]), axes)
             step = np.array([e.step_of_size for e in effects])
             table[s] = ((y[0::2] - y[1::2]) / (2 * step[:, None])).T
         result.append(table)
@@ -157,7 +157,7 @@ def stated_patterns(blocks: Blocks, empirical: EmpiricalReference) -> list[np.nd
             if d is None:
                 continue
             columns = stated_columns(blocks.frequency_hz[b, members], blocks.shape[b][:, members],
-                                     d.ln_frequency[members], d.shape[:, members], empirical.axes[q])  # fmt: skip
+                                     d.ln_frequency[members], d.shape[:, members], empirical.axes[q])
             if columns is not None:
                 total, number = total + columns.T @ columns, number + 1
         result.append(total / number if number > np.sum(empirical.used[q]) / 2 else None)

@@ -177,7 +177,7 @@ def search(
             threshold[rows] = exceeded(drawn, false_alarm)
             p.append(tail(drawn, float(np.max(np.abs(z[rows])))))
     return Found(contrasts=contrasts, scores=scores, z=z, threshold=frozen_array(threshold),
-                 p_value=min(1.0, min(p) * FALSE_ALARM / false_alarm))  # fmt: skip
+                 p_value=min(1.0, min(p) * FALSE_ALARM / false_alarm))
 
 
 def _maxima(followed, contrasts, allowed, scores, z, courses, nuisance, seed) -> list[np.ndarray]:
@@ -216,10 +216,10 @@ def _maxima(followed, contrasts, allowed, scores, z, courses, nuisance, seed) ->
     for _ in range(N_AGAIN):
         y = [d[0] for d in draw(1)]
         own = untied(estimate_noise(tuple(y), followed.empirical.used, tuple(sizes), followed.blocks.relative_std,
-                                    followed.blocks.states(), followed.stated), sizes)  # fmt: skip
+                                    followed.blocks.states(), followed.stated), sizes)
         series, weight = follow(y, followed.empirical, own, followed.prints, sizes)
         renewed = make_contrasts(np.where(followed.weight > 0, weight, 0.0), nuisance, courses, followed.blocks.hours)
         again.append(largest(renewed, series))
     plain = [np.mean(m) for m in together]
     return [m * max(1.0, float(np.mean([a[k] for a in again]) / max(plain[k], 1e-300)))
-            for k, m in enumerate(together)]  # fmt: skip
+            for k, m in enumerate(together)]

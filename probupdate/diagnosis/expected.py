@@ -55,7 +55,7 @@ def departures_at(
     zero where nothing is measured. `answers`: what the model was asked for before, kept between calls."""
     expected = _expected(problem, theta, included, answers or ModelAnswers(problem.predictor))
     return tuple(np.where(used[:, None], y - there, 0.0) for y, used, there in
-                 zip(*problem.measured, expected, strict=True))  # fmt: skip
+                 zip(*problem.measured, expected, strict=True))
 
 
 def _expected(
@@ -73,7 +73,7 @@ def _expected(
     result = []
     for q, axes in enumerate(problem.predictor.axes):
         own = Reference(tensor=np.array([r[q].tensor for r in seen_there]),
-                        shape=np.array([r[q].shape for r in seen_there]))  # fmt: skip
+                        shape=np.array([r[q].shape for r in seen_there]))
         result.append(numbers_of(own, axes)[place])
     if linear:
         _add_linear(problem, theta, exact, linear, answers, result)
@@ -83,7 +83,7 @@ def _expected(
 def _add_linear(
     problem: DiagnosisProblem, theta: np.ndarray, exact: Sequence[IncludedEffect], linear: Sequence[IncludedEffect],
     answers: ModelAnswers, expected: list[np.ndarray],
-) -> None:  # fmt: skip
+) -> None:
     """Adds what ramps and covariates make, by their signatures at what else is included there: beside a reversed channel
     they move the channel the other way."""
     centres, bin_of = problem.bins

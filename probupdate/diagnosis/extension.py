@@ -62,7 +62,7 @@ def extend(
     prepared: Prepared, outcome: Outcome, data: ModalData, out: str | Path | None = None, *,
     sampler: SamplerSettings | None = None, parameters_file: str | Path | None = None, seed: int = 1,
     progress: Progress = silent,
-) -> Extension:  # fmt: skip
+) -> Extension:
     """Put the findings of a diagnosis into model and data. `out`: diagnosis.json's place; the files go beside it as
     <its stem>.model.toml (and .model.npz of a model of matrices with a group), <its stem>.modes.json (sets corrected
     for what the sensors did), <its stem>.mean.json (the mean that the estimators were given) and
@@ -105,7 +105,7 @@ def extend(
         if not unwritten and not foreign:
             command = sampling_command(places.get("model", prepared.path), places["mean"], place,
                                        seed if sampler is None else sampler.seed,
-                                       parameters=None if "model" in places else parameters_file)  # fmt: skip
+                                       parameters=None if "model" in places else parameters_file)
     if sampler is None:
         chain = not_sampled(command, reason="this was not asked for")
     elif model is None:
@@ -130,7 +130,7 @@ def extend(
     if foreign:
         content["statements"].append(f"{files['model']} has the parameters of {prepared.path}, not those of "
                                      f"{parameters_file}, with which the findings were made: put these in before it is "
-                                     "used")  # fmt: skip
+                                     "used")
     return Extension(model=files["model"], content=content)
 
 
@@ -165,7 +165,7 @@ class _Added:
                 members = ", ".join(f"{change:+g} {member}" for member, change in e.parts)
                 groups.append((n, Group(name=name, parts=dict(e.parts), std=e.slab, lower=e.lower, upper=e.upper,
                                         unit=e.unit, description=f"{e.cause}: {e.location} ({members} for one); "
-                                        f"diagnosed as {_course_words(n)}")))  # fmt: skip
+                                        f"diagnosed as {_course_words(n)}")))
         return cls(groups=tuple(groups))
 
     def __bool__(self) -> bool:
@@ -184,7 +184,7 @@ class _Added:
         """With the sources of its error, as `update` opens it."""
         if prepared.description is not None:
             made = extended_model(prepared.path, self.effects, parameters=prepared.prior, sensors=prepared.sensors,
-                                  nacelle_angle_deg=angle_deg)  # fmt: skip
+                                  nacelle_angle_deg=angle_deg)
             known = TurbineUncertainty.of(prepared.path, made, prepared.sensors, angle_deg, self.effects)
             return replace(made, uncertainty=known)
         if self.groups:
@@ -263,9 +263,9 @@ def corrected(problem: DiagnosisProblem, data: ModalData, included: Sequence[Inc
         deviation = s.deviation
         if deviation is not None:
             deviation = ModalDeviation(ln_frequency=deviation.ln_frequency, damping_ratio=deviation.damping_ratio,
-                                       shape=changes)  # fmt: skip
+                                       shape=changes)
         sets.append(replace(s, shape=shape, shape_std=std, frequency_hz=frequency, frequency_std_hz=frequency_std,
-                            deviation=deviation))  # fmt: skip
+                            deviation=deviation))
     chosen = data.reference_set if data.reference_set in blocks.ids else None
     return replace(data, sets=tuple(sets), reference_set=chosen)
 
@@ -325,7 +325,7 @@ def mean_set(problem: DiagnosisProblem, fitted: Fit, *, like: Fit | None = None)
         id=f"mean of {int(chosen.sum())} blocks from {blocks.ids[int(np.flatnonzero(chosen)[0])]} on",
         frequency_hz=frequency, shape=shape, damping_ratio=np.full(n_mode, np.nan), frequency_std_hz=frequency_std,
         shape_std=std, environment={"nacelle_angle_deg": float((centres[usual] + 180.0) % 360.0 - 180.0)},
-    ), int(chosen.sum())  # fmt: skip
+    ), int(chosen.sum())
 
 
 # What it tells -----------------------------------------------------------------------------------------------------
@@ -348,7 +348,7 @@ def updated(model: AffineModel, data: ModalData) -> dict:
             for k, p in enumerate(record.parameters)
         ],
         "too_alike": _too_alike(names, correlation),
-    }  # fmt: skip
+    }
 
 
 def pushed(p: Parameter, value: float) -> float:
@@ -360,7 +360,7 @@ def pushed(p: Parameter, value: float) -> float:
 
 def _too_alike(names: Sequence[str], correlation: np.ndarray) -> list[dict]:
     return [{"first": names[i], "second": names[j], "correlation": float(correlation[i, j])}
-            for i in range(len(names)) for j in range(i) if abs(correlation[i, j]) > TOO_ALIKE]  # fmt: skip
+            for i in range(len(names)) for j in range(i) if abs(correlation[i, j]) > TOO_ALIKE]
 
 
 def identified(problem: DiagnosisProblem, fitted: Fit) -> dict:
@@ -377,7 +377,7 @@ def identified(problem: DiagnosisProblem, fitted: Fit) -> dict:
         "findings": [{"name": n.effect.name, "share_of_prior_std": float(s), "identified": bool(s < IDENTIFIED)}
                      for n, s in zip(free, share[n_own:], strict=True)],
         "too_alike": _too_alike(names, covariance / np.outer(std, std)),
-    }  # fmt: skip
+    }
 
 
 def statements(found: Diagnosis, content: dict) -> list[str]:
@@ -388,10 +388,10 @@ def statements(found: Diagnosis, content: dict) -> list[str]:
     for row in content["joint"]["findings"]:
         kept = "" if row["identified"] else ", which is not enough to identify its size"
         said.append(f"{row['name']}: known to {100 * row['share_of_prior_std']:.0f} % of its prior's standard "
-                    f"deviation{kept}")  # fmt: skip
+                    f"deviation{kept}")
     for pair in (*content["joint"]["too_alike"], *content["after"]["too_alike"]):
         said.append(f"{pair['first']} and {pair['second']} are identified only together "
-                    f"(correlation {pair['correlation']:.2f})")  # fmt: skip
+                    f"(correlation {pair['correlation']:.2f})")
     for side, words in (("before", "as it is"), ("after", "with the findings")):
         if "refused" in content[side]:
             refused = f"the model {words} was not updated: {content[side]['refused']}"

@@ -33,7 +33,7 @@ QUANTILES = (5, 50, 95)
 def bounded(seed: int, *, turbine: bool) -> SamplerSettings:
     """What a diagnosis asks of the sampler unless told otherwise."""
     return SamplerSettings(seed=seed, target_ess=EFFECTIVE_DRAWS, ensembles=2,
-                           max_steps=STEPS_OF_TURBINE if turbine else STEPS_OF_MATRICES)  # fmt: skip
+                           max_steps=STEPS_OF_TURBINE if turbine else STEPS_OF_MATRICES)
 
 
 def not_sampled(command: str, **why: str) -> dict:
@@ -49,7 +49,7 @@ def sampled(
         with tempfile.TemporaryDirectory() as folder:
             # a chain kept beside the file would be another problem's once the record changes
             posterior = sample_posterior(model, data, Path(folder) / "chain", weights=default_likelihood(model, data),
-                                         settings=settings, progress=progress)  # fmt: skip
+                                         settings=settings, progress=progress)
         if out is not None:
             write_posterior(posterior, out)
     except ProbupdateError as error:
@@ -74,7 +74,7 @@ def _told(posterior: Posterior, settings: SamplerSettings) -> dict:
              "r_hat": float(posterior.r_hat[k]), "effective_draws": float(posterior.ess[k])}
             for k, name in enumerate(posterior.names)
         ],
-    }  # fmt: skip
+    }
 
 
 def sampling_command(
@@ -95,16 +95,16 @@ def sampler_statements(told: Mapping, laplace: list[dict]) -> list[str]:
         return [f"the posterior with the findings was not sampled, as {told['reason']}{how}"]
     said = [f"emcee with the findings: {told['draws']} draws of {told['walkers']} walkers, acceptance "
             f"{told['acceptance']:.2f}; asked for {told['effective_draws_asked']} effective draws in at most "
-            f"{told['steps_at_most']} steps. {told['verdict']}"]  # fmt: skip
+            f"{told['steps_at_most']} steps. {told['verdict']}"]
     if not told["converged"]:
         said.append(f"the chain has not converged: take its means and intervals as provisional, and go on until it "
-                    f"has{how}")  # fmt: skip
+                    f"has{how}")
     said.append(told["laplace_check"])
     rows = {p["name"]: p for p in laplace}
     apart = [words for p in told["parameters"] if (words := _apart(p, rows[p["name"]]))]
     said += apart or ["sampler and Laplace's approximation agree: no mean differs by more than "
                       f"{APART:g} deviations, none of these by more than a factor of {WIDER:g}, beyond the chain's own "
-                      "error"]  # fmt: skip
+                      "error"]
     return said
 
 
@@ -117,7 +117,7 @@ def _apart(p: Mapping, laplace: Mapping) -> str:
     words = []
     if abs(shift) > max(APART, ERRORS / np.sqrt(effective)):
         words.append(f"its mean {p['mean']:.4g} is {abs(shift):.1f} deviations {'above' if shift > 0 else 'below'} the "
-                     f"maximum {laplace['map']:.4g}")  # fmt: skip
+                     f"maximum {laplace['map']:.4g}")
     if abs(np.log(ratio)) > max(np.log(WIDER), ERRORS / np.sqrt(2 * effective)):
         words.append(f"its deviation {p['std']:.3g} is {ratio:.2f} times Laplace's {laplace['std']:.3g}")
     return f"{p['name']}: sampled, {' and '.join(words)}" if words else ""

@@ -73,7 +73,7 @@ def design_at(
     bins, bin_of = np.unique(levels, axis=0, return_inverse=True)
     bin_of = bin_of.ravel()
     own = [Effect(kind="structural", cause="parameter", location=names[k], unit="", tolerance=0.0, slab=1.0,
-                  parameter=names[k]) for k in problem.updated]  # fmt: skip
+                  parameter=names[k]) for k in problem.updated]
     catalogue = own if before is not None else [*own, *problem.effects]
     columns = list(problem.updated) if before is not None else list(range(len(names)))
     chosen = tuple(names[k] for k in columns)
@@ -91,7 +91,7 @@ def design_at(
     if before is not None:
         same = before.bin_of[np.unique(bin_of, return_index=True)[1]]
         nuisance = tuple(np.concatenate([p, old[same][:, :, n_own:]], axis=2)
-                         for p, old in zip(prints, before.nuisance, strict=True))  # fmt: skip
+                         for p, old in zip(prints, before.nuisance, strict=True))
         effect = tuple(e[same] for e in before.effect)
     else:
         tolerated = [n_own + j for j in problem.tolerated]
@@ -142,7 +142,7 @@ def centred_departures(
     """Departures less what the prior's centre would make: of mean zero when nothing is wrong."""
     made = design.expected(_prior_centre(problem, design, theta, included))
     return tuple(np.where(w[:, None] > 0, y - m, 0.0) for y, m, w in
-                 zip(departures, made, design.noise.weight, strict=True))  # fmt: skip
+                 zip(departures, made, design.noise.weight, strict=True))
 
 
 def _prior_centre(
@@ -283,7 +283,7 @@ def _ended(
     """The fit where it stopped without having settled."""
     design, departures, centred = linearised(problem, theta, included, noise, here)
     return Fit(theta=theta, included=included, departures=departures, design=design, steps=number, last_step=np.inf,
-               short=np.zeros(len(included)), centred=centred)  # fmt: skip
+               short=np.zeros(len(included)), centred=centred)
 
 
 def linearised(
@@ -304,7 +304,7 @@ def noise_of(problem: DiagnosisProblem, departures: Sequence[np.ndarray]) -> Noi
     blocks = problem.blocks
     sizes = tuple(len(g) for g in blocks.groups)
     return estimate_noise(tuple(departures), problem.measured[1], sizes, blocks.relative_std, blocks.states(),
-                          problem.stated, blocks.few)  # fmt: skip
+                          problem.stated, blocks.few)
 
 
 def kept(departures, noise: Noise):

@@ -62,7 +62,7 @@ def points(wire: Wireframe, most: int = N_POINT) -> np.ndarray:
     """Numbers of the nodes (n,) where parts may sit: where members meet or end, then those farthest from all others."""
     def joined(barred: bool) -> set[int]:
         return {int(k) for line, group in zip(wire.line, wire.line_group, strict=True)
-                if (group in NOT_THERE) == barred for k in line}  # fmt: skip
+                if (group in NOT_THERE) == barred for k in line}
 
     barred = joined(True)
     used = np.array(sorted(joined(False))) if len(wire.line) else np.arange(len(wire.node_m))
@@ -142,7 +142,7 @@ def elementary(small: SmallModel, place: Callable[[np.ndarray], str]) -> list[tu
         way = small.wire.node_m[b] - small.wire.node_m[a]
         if frozenset((a, b)) not in lined:
             spring(PART_CAUSES[1], f"{place(small.wire.node_m[a])} and {place(small.wire.node_m[b])}",
-                   way / np.linalg.norm(way) @ (rows[b] - rows[a]))  # fmt: skip
+                   way / np.linalg.norm(way) @ (rows[b] - rows[a]))
     number = Counter(effect.cause for effect, _ in result)
     return [(replace(effect, odds=1 / number[effect.cause]), attachment) for effect, attachment in result]
 
@@ -151,7 +151,7 @@ def _part(cause: str, location: str, unit: str, std: float, attachment: Attachme
     name = f"{cause}: {location}"
     effect = Effect(kind="structural", cause=cause, location=location, unit=unit, tolerance=0.0, slab=std,
                     lower=0.0, upper=MOST * std, parameter=name, courses=("constant", "step"),
-                    check="look there for what the model does not have")  # fmt: skip
+                    check="look there for what the model does not have")
     return effect, replace(attachment, name=name, unit=unit, std=std, lower=0.0, upper=MOST * std)
 
 
@@ -165,7 +165,7 @@ def most_telling(problem: DiagnosisProblem, fitted: Fit, rows: Sequence[tuple[Ef
         small = problem.predictor.small.attached([attachment for _, attachment in part])
         which = np.array([(j, c) for j in range(len(part)) for c in courses])
         wider = replace(problem, predictor=replace(problem.predictor, small=small), effects=tuple(e for e, _ in part),
-                        which=which)  # fmt: skip
+                        which=which)
         theta = np.concatenate([fitted.theta, np.zeros(len(part))])
         design = design_at(wider, theta, (), fitted.design.noise)
         u, v = design.scores(fitted.centred), design.information
@@ -173,7 +173,7 @@ def most_telling(problem: DiagnosisProblem, fitted: Fit, rows: Sequence[tuple[Ef
         best[start : start + len(part)] = z.reshape(len(part), -1).max(axis=1)
     order = np.argsort(-best, kind="stable")
     return sorted(int(k) for cause in PART_CAUSES
-                  for k in [k for k in order if rows[k][0].cause == cause][:N_KEPT])  # fmt: skip
+                  for k in [k for k in order if rows[k][0].cause == cause][:N_KEPT])
 
 
 def with_parts(prepared: Prepared, rows: Sequence[tuple[Effect, Attachment]]) -> Prepared:
@@ -217,9 +217,9 @@ def _content(outcome: Outcome) -> dict:
             "unit": n.effect.unit + n.course.unit, "course": n.course.name,
             "since": problem.blocks.ids[n.course.at] if step else "", "elementary": n.effect.cause in PART_CAUSES,
             "modes": modes_moved(outcome, number),
-        })  # fmt: skip
+        })
     return {"parts": rows, "complete": outcome.diagnosis.verdict != "unexplained",
-            "adequacy_p": outcome.diagnosis.adequacy_p}  # fmt: skip
+            "adequacy_p": outcome.diagnosis.adequacy_p}
 
 
 def modes_moved(outcome: Outcome, number: int) -> list[dict]:

@@ -84,7 +84,7 @@ def with_noise(design: Design, noise: Noise) -> Design:
 def contest(
     before: tuple[Design, Sequence[np.ndarray]], after: tuple[Design, Sequence[np.ndarray]], *,
     n_fold: int = N_FOLD,
-) -> Contest:  # fmt: skip
+) -> Contest:
     """Two fits, each a design and its centred departures, on the same held-out blocks. Both are scored with the noise
     of the first, so that a different estimate of the noise counts neither for nor against an effect.
 
@@ -103,17 +103,17 @@ def contest(
     designs = [with_noise(d, noise) for d, _ in (before, after)]
     centred = [y for _, y in (before, after)]
     sides = [tuple(predict(d, y, fold == k) for k in range(fold.max() + 1))
-             for d, y in zip(designs, centred, strict=True)]  # fmt: skip
+             for d, y in zip(designs, centred, strict=True)]
     residuals = [_joined(side) for side in sides]
     whole = [carried(d, y, every) for d, y in zip(designs, centred, strict=True)]
     unknown, own = zip(*(_shared(d, Q, side) for d, (_, Q), side in zip(designs, whole, sides, strict=True)),
-                       strict=True)  # fmt: skip
+                       strict=True)
     densities = [log_density(d, every, Q, r, o)[0]
-                 for d, Q, r, o in zip(designs, unknown, residuals, own, strict=True)]  # fmt: skip
+                 for d, Q, r, o in zip(designs, unknown, residuals, own, strict=True)]
     # by which predictions from the whole record differ: what varies between stretches is no difference of the models
     left = [[np.where(w[:, None] > 0, a - m, 0.0) for a, m, w in
              zip(y, predicted(d, every, mean), noise.weight, strict=True)]
-            for d, y, (mean, _) in zip(designs, centred, whole, strict=True)]  # fmt: skip
+            for d, y, (mean, _) in zip(designs, centred, whole, strict=True)]
     difference = [a - b for a, b in zip(*left, strict=True)]
     told = solve_covariance(designs[0], every, unknown[0], difference, own[0])
     gained = densities[1] - densities[0]
@@ -128,7 +128,7 @@ def contest(
         variance += float(np.sum(squares[measured] / weight[measured]))
     se = max(np.sqrt(variance), batch_error(gained - 0.5 * told.shares))
     return Contest(elpd=float(gained.sum()), elpd_se=float(se), by_block=gained, before=sides[0], after=sides[1],
-                   snr=float(np.sqrt(max(float(told.shares.sum()), 0.0))))  # fmt: skip
+                   snr=float(np.sqrt(max(float(told.shares.sum()), 0.0))))
 
 
 def _shared(design: Design, Q: np.ndarray, predictions: Sequence[Prediction]) -> tuple[np.ndarray, list[Own]]:
@@ -215,7 +215,7 @@ def gains(prepared: Prepared, outcome: Outcome, *, progress: Progress = silent) 
     for number, (old, new) in enumerate(pairwise(fits), start=1):
         if old is None or new is None:
             result.append({"statement": "gain not measured: the model with the effects up to this one alone does not "
-                           "settle"})  # fmt: skip
+                           "settle"})
             continue
         told = measures(problem, old, new, noise=noise)
         before, after = sensors[number - 1], sensors[number]
@@ -224,7 +224,7 @@ def gains(prepared: Prepared, outcome: Outcome, *, progress: Progress = silent) 
              "rms_error_after": after[level][0], "max_error_before": before[level][1],
              "max_error_after": after[level][1]}
             for level, own in levels.items()
-        ]  # fmt: skip
+        ]
         told["parameter_shifts"] = _shifts(problem, old, new)
         told["fatigue"] = fatigue_change(prepared, problem, old, new)
         result.append(told)
@@ -235,7 +235,7 @@ def gains(prepared: Prepared, outcome: Outcome, *, progress: Progress = silent) 
 def _shifts(problem: DiagnosisProblem, old: Fit, new: Fit) -> dict[str, float]:
     """By how many deviations of its prior each parameter moves."""
     return {p.name: float((new.theta[k] - old.theta[k]) / local_std(problem.prior, i, old.theta[k]))
-            for i, (p, k) in enumerate(zip(problem.prior, problem.updated, strict=True))}  # fmt: skip
+            for i, (p, k) in enumerate(zip(problem.prior, problem.updated, strict=True))}
 
 
 def statement(gain: dict) -> str:
@@ -330,7 +330,7 @@ def _hiding(target: np.ndarray, kept: np.ndarray, hidden: np.ndarray) -> tuple[n
     aligned = np.eye(n_channel)[hidden] - target[hidden] @ np.linalg.pinv(target[kept]) @ np.eye(n_channel)[kept]
     parts = 2 * k
     return (linalg.block_diag(np.eye(n_log), *[across] * parts),
-            np.hstack([np.zeros((parts * len(hidden), n_log)), linalg.block_diag(*[aligned] * parts)]))  # fmt: skip
+            np.hstack([np.zeros((parts * len(hidden), n_log)), linalg.block_diag(*[aligned] * parts)]))
 
 
 def _mapped(design: Design, maps: Sequence[np.ndarray]) -> Design:
@@ -343,7 +343,7 @@ def _mapped(design: Design, maps: Sequence[np.ndarray]) -> Design:
         discrepancy_std=tuple(np.sqrt(B**2 @ f**2) for B, f in zip(maps, design.discrepancy_std, strict=True)),
         model_errors=tuple((course, tuple(np.sqrt(s**2 @ (B**2).T) for B, s in zip(maps, spread, strict=True)))
                       for course, spread in design.model_errors),
-    )  # fmt: skip
+    )
 
 
 def levels_of(channels: Sequence[str], sensors: Sequence[Sensor]) -> dict[str, tuple[str, ...]]:

@@ -134,7 +134,7 @@ def _about_itself(fitted: Fit) -> float:
 def moves_from(
     problem: DiagnosisProblem, here: Hypothesis, *, add: bool, best: float,
     rivals: Mapping[tuple[int, str], Set[tuple[int, str]]] = MappingProxyType({}),
-) -> list[Move]:  # fmt: skip
+) -> list[Move]:
     """What may be made of a hypothesis, the most promising first: one effect added (if `add`), left out or exchanged;
     of each the MOST_MOVES most promising whose ln posterior, as promised, may come near `best`. A large effect may be
     exchanged for any of its `rivals` (each an effect with the name of its time profile), whatever first order
@@ -182,7 +182,7 @@ def moves_from(
                 n = replace(n, course=sharpened(problem, base, int(effect_of[k]), n.course))
             n = replace(n, size=float(size[k] if n.effect.discrete else np.clip(size[k], *np.multiply(0.6, n.bounds))))
             result.append(Move(candidates=(*others, int(k)), z=(*scores, float(z[k])), included=(*base.included, n),
-                               promise=float(promise[k])))  # fmt: skip
+                               promise=float(promise[k])))
     return sorted(result, key=lambda m: -m.promise)
 
 
@@ -238,7 +238,7 @@ def explore(problem: DiagnosisProblem, null: Fit, *, most: int, seed: int, progr
             here = _renewed(problem, here)
             renewed.add(key)
             known |= {k: _with_noise_and_times_of(h, known[key], here) for k, h in known.items()
-                      if len(k) == len(key) and k not in renewed}  # fmt: skip
+                      if len(k) == len(key) and k not in renewed}
             known[key] = here
             # what its own noise and times made less probable is looked at when its turn comes again
             if dict(zip(*compared.order(problem, known), strict=True))[key] < -MARGIN:
@@ -340,10 +340,10 @@ def _with_noise_and_times_of(one: Hypothesis, before: Hypothesis, after: Hypothe
     included = []
     for n in one.fitted.included:
         near = [c for c in found if n.course.kind == "step" and abs(c.at - n.course.at) <= SAME_TIME
-                and (not n.effect.discrete or np.isin(c.value, (0.0, 1.0)).all())]  # fmt: skip
+                and (not n.effect.discrete or np.isin(c.value, (0.0, 1.0)).all())]
         included.append(replace(n, course=near[0]) if near else n)
     return replace(one, fitted=replace(one.fitted, included=tuple(included)),
-                   log_evidence=one.log_evidence + after.log_evidence - before.log_evidence)  # fmt: skip
+                   log_evidence=one.log_evidence + after.log_evidence - before.log_evidence)
 
 
 class Comparison:

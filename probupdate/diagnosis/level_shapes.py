@@ -72,7 +72,7 @@ def mean_shapes(means: Sequence[Reference], channels: Sequence[str], sensors: Se
     extent = np.ptp([s.position_m for s in sensors], axis=0)
     upright = len({s.level for s in sensors}) > 1 and extent[2] > 2 * np.hypot(extent[0], extent[1])
     return Shapes(shape=tuple(_along(m.shape) for m in means), sensors=placed, upright=bool(upright),
-                  frequency_hz=tuple(float(np.exp(np.trace(m.tensor) / len(m.tensor))) for m in means))  # fmt: skip
+                  frequency_hz=tuple(float(np.exp(np.trace(m.tensor) / len(m.tensor))) for m in means))
 
 
 def _along(shape: np.ndarray) -> np.ndarray:
@@ -189,7 +189,7 @@ def _change(s: Shapes, effect: Effect) -> np.ndarray:
 
 def _without(s: Shapes, effect: Effect, size: float) -> Shapes:
     return Shapes(shape=tuple(_along(x) for x in _seen(s, effect, size, inverse=True)), frequency_hz=s.frequency_hz,
-                  sensors=s.sensors, upright=s.upright)  # fmt: skip
+                  sensors=s.sensors, upright=s.upright)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -218,7 +218,7 @@ def _test(s: Shapes, tolerated, effects: Sequence[Effect]) -> _Test:
     v = np.maximum(np.diag(information), 0.0)
     size = np.sqrt(np.maximum(v, 1e-300))
     return _Test(chi2=float(white @ solve(white)), u=VF.T @ white, v=v, raw=np.sum(F**2, axis=0),
-                 score_correlation=np.clip(information / np.outer(size, size), -1, 1))  # fmt: skip
+                 score_correlation=np.clip(information / np.outer(size, size), -1, 1))
 
 
 def _usable(t: _Test) -> np.ndarray:
@@ -261,7 +261,7 @@ def judge_levels(
     threshold = float(np.quantile(maxima, 1 - false_alarm))
     share = np.sqrt(first.v / np.maximum(first.raw, 1e-300))
     limits = {k: (float((threshold + POWER) * first.v[k] ** -0.5) if usable[k] else np.inf, float(share[k]),
-                  float(z[k])) for k in range(len(effects))}  # fmt: skip
+                  float(z[k])) for k in range(len(effects))}
     p_value = float((1 + np.sum(maxima >= np.max(np.abs(z), initial=0.0))) / (N_DRAW + 1))
     found: list[tuple[Mended, ...]] = []
     now, left = s, float(np.max(np.abs(z), initial=0.0)) / threshold
@@ -272,7 +272,7 @@ def judge_levels(
         found.append(tuple(rivals))
         now, left = best, rivals[0].left
     return LevelAnswer(found=() if left > 1 else tuple(found), limits=limits, threshold=threshold, p_value=p_value,
-                       unexplained=left if left > 1 else 0.0)  # fmt: skip
+                       unexplained=left if left > 1 else 0.0)
 
 
 def _rivals(now: Shapes, tolerated, effects, whole, threshold) -> tuple[list[Mended], Shapes]:
@@ -291,7 +291,7 @@ def _rivals(now: Shapes, tolerated, effects, whole, threshold) -> tuple[list[Men
         remaining = np.where(_usable(left), np.abs(left.u) / np.sqrt(np.maximum(left.v, 1e-300)), 0.0)
         gain = 0.5 * (t.chi2 - chi2)
         tried.append((Mended(effect=effect, size=size, size_std=std, z=float(np.sqrt(max(2 * gain, 0.0))), gain=gain,
-                             left=float(remaining.max()) / threshold), then))  # fmt: skip
+                             left=float(remaining.max()) / threshold), then))
     tried.sort(key=lambda r: -r[0].gain)
     return [r for r, _ in tried], tried[0][1] if tried else now
 

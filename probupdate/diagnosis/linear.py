@@ -65,7 +65,7 @@ class Design:
         as they are."""
         values = np.array([c.value for c in self.courses])
         known = np.array([np.ones(len(self.bin_of)), *(course.value for _, course, _ in self.included),
-                          *(course.value for course, _ in self.model_errors)])  # fmt: skip
+                          *(course.value for course, _ in self.model_errors)])
         result = []
         for weight in self.noise.weight:
             centred = values - (values @ weight / max(weight.sum(), 1e-300))[:, None]
@@ -91,7 +91,7 @@ class Design:
     def _times(self) -> tuple[np.ndarray, ...]:
         """Per group (n_bin, n_row, n_row): weighted products of time profiles, summed over a bin's blocks."""
         return tuple(np.einsum("cgb,db->gcd", A, h, optimize=True)
-                     for A, h in zip(self._aggregators, self._course_values, strict=True))  # fmt: skip
+                     for A, h in zip(self._aggregators, self._course_values, strict=True))
 
     @cached_property
     def _offsets(self) -> list[slice]:
@@ -133,13 +133,13 @@ class Design:
             course = [np.full(n_c, n_course), n_course + 1 + np.arange(len(self.included)), np.full(m, n_course)]
             chosen = [effect for effect, _, _ in self.included]
             parts = [self.nuisance[q], self.effect[q][:, :, chosen],
-                     np.broadcast_to(np.eye(m), (self.n_bin, m, m))]  # fmt: skip
+                     np.broadcast_to(np.eye(m), (self.n_bin, m, m))]
             for k, (_, spread) in enumerate(self.model_errors):
                 number.append(np.arange(rows.start, rows.stop) + (k + 1) * total)
                 course.append(np.full(m, n_course + 1 + len(self.included) + k))
                 parts.append(spread[q][:, :, None] * np.eye(m))
             result.append((np.concatenate(number).astype(int), np.concatenate(course).astype(int),
-                           np.concatenate(parts, axis=2)))  # fmt: skip
+                           np.concatenate(parts, axis=2)))
         return tuple(result)
 
     @cached_property
@@ -147,7 +147,7 @@ class Design:
         """`_unknowns` per group, sorted: each time profile with the numbers of those that follow it and what they
         make."""
         return tuple([(row, number[course == row], made[:, :, course == row]) for row in np.unique(course)]
-                     for number, course, made in self._unknowns)  # fmt: skip
+                     for number, course, made in self._unknowns)
 
     @cached_property
     def _information(self) -> np.ndarray:
@@ -232,7 +232,7 @@ class Design:
         """Per group (..., n_row, n_bin, n_response) of departures (..., n_block, n_response), rows from `first` on."""
         return [np.tensordot(A[first:], y, axes=(2, -2)) if y.ndim == 2
                 else np.moveaxis(np.tensordot(A[first:], y, axes=(2, 1)), 2, 0)
-                for A, y in zip(self._aggregators, departures, strict=True)]  # fmt: skip
+                for A, y in zip(self._aggregators, departures, strict=True)]
 
     def _known(self, sums: list[np.ndarray]) -> list[np.ndarray]:
         """Of `_sums` the rows that unknowns follow, behind the candidates' time profiles."""
@@ -275,7 +275,7 @@ class Design:
         solved = linalg.cho_solve(self._scaled_factor(free) if len(held) else self._factor, right)
         # searching for the order of so small products costs more than they do
         total = sum(float(w @ np.sum((y @ P) * y, axis=1)) for w, y, P in
-                    zip(self.noise.weight, departures, self.noise.precision, strict=True))  # fmt: skip
+                    zip(self.noise.weight, departures, self.noise.precision, strict=True))
         return total - float(right @ solved)
 
     @cached_property
@@ -367,6 +367,6 @@ class Design:
                 sums = self._sums([y[part] for y in departures])
                 right = self._right(self._known(sums)) + unknown[part] @ self._information
                 result[start + first : start + min(first + at_once, size)] = (
-                    self._raw(sums) + unknown[part] @ B.T - right @ solved.T)  # fmt: skip
+                    self._raw(sums) + unknown[part] @ B.T - right @ solved.T)
         result.setflags(write=False)
         return result

@@ -93,7 +93,7 @@ def estimate_noise(
         weights.append(frozen_array(weight))
         degrees.append(_degrees(covariance, len(difference), n_log))
     return Noise(covariance=tuple(covariances), precision=tuple(precisions), weight=tuple(weights),
-                 degrees=tuple(degrees))  # fmt: skip
+                 degrees=tuple(degrees))
 
 
 def _as_stated(departures, used, sizes, relative_std, stated) -> Noise:

@@ -75,7 +75,7 @@ def gram(design: Design, blocks: np.ndarray) -> np.ndarray:
                 X, numbers = columns(design, q, g)
                 t = course_factors(design, q, there)
                 total[np.ix_(numbers, numbers)] += (X.T @ design.noise.precision[q] @ X) * (
-                    t.T @ (t * design.noise.weight[q][there, None]))  # fmt: skip
+                    t.T @ (t * design.noise.weight[q][there, None]))
     return total
 
 
@@ -139,7 +139,7 @@ def predict(design: Design, centred: Sequence[np.ndarray], held: np.ndarray) -> 
     weight = tuple(w[rows] for w in design.noise.weight)
     expected = predicted(design, rows, mean)
     residual = tuple(np.where(w[:, None] > 0, y[rows] - m, 0.0)
-                     for y, m, w in zip(centred, expected, weight, strict=True))  # fmt: skip
+                     for y, m, w in zip(centred, expected, weight, strict=True))
     shares, squares = log_density(design, rows, Q, residual)
     numbers = sum(int(np.sum(w > 0)) * r.shape[1] for w, r in zip(weight, residual, strict=True))
     return Prediction(
@@ -147,7 +147,7 @@ def predict(design: Design, centred: Sequence[np.ndarray], held: np.ndarray) -> 
         std=tuple(map(frozen_array, _deviations(design, rows, Q))), weight=tuple(map(frozen_array, weight)),
         log_density=float(shares.sum()), squared=squares, n_number=numbers, uncertain=frozen_array(Q),
         mean=frozen_array(mean),
-    )  # fmt: skip
+    )
 
 
 def log_density(
@@ -211,7 +211,7 @@ def solve_covariance(
         common += float(np.sum(m * solved[-1]))
         numbers += (w[:, 0] > 0) * r.shape[1]
     return Solved(solved=solved, shares=shares + common * numbers / max(numbers.sum(), 1.0),
-                  log_determinant=float(2 * np.sum(np.log(np.diag(factor[0])))))  # fmt: skip
+                  log_determinant=float(2 * np.sum(np.log(np.diag(factor[0])))))
 
 
 def covariance_root(Q: np.ndarray, size: np.ndarray) -> np.ndarray:

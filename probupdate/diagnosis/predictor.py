@@ -115,7 +115,7 @@ class ModalPredictor:
             own_shapes.append(shape)
         result = []
         for (_, modes, groups), shape, changes in zip(places, own_shapes, local.derivatives(slopes, places),
-                                                      strict=True):  # fmt: skip
+                                                      strict=True):
             here = []
             for members, axes, (coupling, d_shape) in zip(groups, self.axes, changes, strict=True):
                 reference, turn = self._reference(modes, shape, members, axes)
@@ -127,7 +127,7 @@ class ModalPredictor:
                     near, 0.5 / value[:, None], (log[:, None] - log[None, :]) / np.where(near, 1.0, gap)
                 )
                 here.append((reference, np.einsum("ia,ijp,jb->abp", turn, coupling * divided[:, :, None], turn),
-                             np.einsum("cjp,jk->ckp", d_shape[self.rows], turn)))  # fmt: skip
+                             np.einsum("cjp,jk->ckp", d_shape[self.rows], turn)))
             result.append(here)
         return result
 
@@ -229,11 +229,11 @@ def _without_axes(small: SmallModel, blocks: Blocks, groups: Sequence[tuple[int,
     missing = [c for c in blocks.channels if c not in small.channels]
     if missing:
         raise InputError(f"channel {missing[0]}", f"is in the measured modes but not in the model {small.name}",
-                         "name the model's channels as the data's")  # fmt: skip
+                         "name the model's channels as the data's")
     rows, measured = np.array([small.channels.index(c) for c in blocks.channels], int), sum(map(len, groups))
     if measured > small.n_search:
         raise InputError("modes", f"holds {measured} modes where {small.n_search} of the model {small.name} are known",
-                         "leave out the highest modes, or give matrices of more degrees of freedom")  # fmt: skip
+                         "leave out the highest modes, or give matrices of more degrees of freedom")
     planes, logs = [], []
     for group in groups:
         members = list(group)

@@ -78,7 +78,7 @@ def prepare(
     for number, angle in enumerate(TURNS_DEG):
         progress("preparing the model", number, len(TURNS_DEG) + 1)
         one = extended_model(path, [r.model for r in catalogue], parameters=parameters, sensors=sensors,
-                             nacelle_angle_deg=angle)  # fmt: skip
+                             nacelle_angle_deg=angle)
         # little of it turns: the rest is held once
         models.append(one.sharing(models[0]) if models else one)
     first = models[0]
@@ -94,7 +94,7 @@ def prepare(
     progress("preparing the model", len(TURNS_DEG) + 1, len(TURNS_DEG) + 1)
     effects = (*parameter_effects(model.parameters), *(r.effect for r in catalogue))
     return Prepared(path=path, small=small, prior=model.parameters, updated=updated, effects=effects, own=own,
-                    rows=catalogue, sensors=placed, description=description)  # fmt: skip
+                    rows=catalogue, sensors=placed, description=description)
 
 
 def _prepare_matrices(path: Path, model: AffineModel, own: tuple[Effect, ...]) -> Prepared:
@@ -103,7 +103,7 @@ def _prepare_matrices(path: Path, model: AffineModel, own: tuple[Effect, ...]) -
     small = small_model([model], n_mode=n_mode, effects=(), reach=reach)
     return Prepared(path=path, small=small, prior=model.parameters, updated=tuple(range(len(model.parameters))),
                     effects=parameter_effects(model.parameters), own=own, rows=(), sensors=(),
-                    description=None)  # fmt: skip
+                    description=None)
 
 
 def _group_effects(groups: Mapping[str, Mapping[str, float]], parameters: Parameters) -> tuple[Effect, ...]:
@@ -117,11 +117,11 @@ def _group_effects(groups: Mapping[str, Mapping[str, float]], parameters: Parame
             raise InputError(f"group {name}", "moves no parameter", "give a change for at least one")
         # beyond the bounds of any member the model would stand still while the size went on
         ends = np.array([sorted(np.array([p.lower - p.initial, p.upper - p.initial]) / a) for n, a in parts.items() if a
-                         for p in [parameters.items[parameters.index(n)]]])  # fmt: skip
+                         for p in [parameters.items[parameters.index(n)]]])
         result.append(Effect(kind="structural", cause="group of parameters", location=name, unit="-", tolerance=0.0,
                              slab=3 * allowed, lower=float(ends[:, 0].max()), upper=float(ends[:, 1].min()),
                              parts=tuple(parts.items()), courses=("constant", "step", "ramp"),
-                             fingerprint="that of its parameters together"))  # fmt: skip
+                             fingerprint="that of its parameters together"))
     return tuple(result)
 
 
@@ -130,4 +130,4 @@ def _described_sensors(description: Description) -> tuple[Sensor, ...]:
         Sensor(channel=s.channel, level=s.level, position_m=s.position_m, direction=s.direction, quantity=s.quantity,
                unit=s.unit)
         for s in description.sensor
-    )  # fmt: skip
+    )

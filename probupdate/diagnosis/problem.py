@@ -142,7 +142,7 @@ class DiagnosisProblem:
                     continue
                 d, weight = blocks.deviations[k], blocks.relative_std[k, q] ** -2.0
                 columns = stated_columns(blocks.frequency_hz[k, members], blocks.shape[k][:, members],
-                                         d.ln_frequency[members], d.shape[:, members], axes)  # fmt: skip
+                                         d.ln_frequency[members], d.shape[:, members], axes)
                 if columns is not None:
                     rows.append(np.sqrt(weight) * columns)
             if blocks.few:
@@ -221,7 +221,7 @@ def _columns(effects: Sequence[Effect]) -> tuple[str, ...]:
 
 def _candidates(effects: Sequence[Effect], courses: Sequence[TimeProfile]) -> np.ndarray:
     return np.array([(j, c) for j, e in enumerate(effects) for c, course in enumerate(courses)
-                     if course.name in e.courses])  # fmt: skip
+                     if course.name in e.courses])
 
 
 def _discrepancy_std(k: int, n_channel: int) -> np.ndarray:

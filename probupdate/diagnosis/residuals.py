@@ -36,7 +36,7 @@ N_MOVED = 6
 COVARIATES = {
     "water_level_m": "m", "air_temperature_c": "degC", "wind_speed_mps": "m/s", "thrust_share": "of full thrust",
     "rms_mps2": "m/s2", "wave_height_m": "m", "frost_degc": "degC of frost", "rotor_speed_rpm": "rpm",
-}  # fmt: skip
+}
 
 
 def residuals(outcome: Outcome, sensors: Sequence[Sensor] = ()) -> dict:
@@ -118,7 +118,7 @@ def _modes(both: Sequence[Residual], words: Sequence[Words]) -> list[dict]:
         for i, name in enumerate(word.names):
             rows.append({"mode": name, "percent": [_three(100 * v[i]) for v, _ in told],
                          "expected_percent": [_three(100 * s[i]) for _, s in told],
-                         "z": [_two(v[i] / s[i]) for v, s in told]})  # fmt: skip
+                         "z": [_two(v[i] / s[i]) for v, s in told]})
     return rows
 
 
@@ -138,7 +138,7 @@ def _channels(both: Sequence[Residual], problem: DiagnosisProblem) -> list[dict]
                     "mode": blocks.labels[mode], "part": part, "channels": list(blocks.channels),
                     "percent": [[_three(100 * x) for x in v[at : at + n_channel]] for v, _ in told],
                     "z": [[_two(x) for x in (v / s)[at : at + n_channel]] for v, s in told],
-                })  # fmt: skip
+                })
     return rows
 
 
@@ -210,7 +210,7 @@ def _shown(
                 value, std = both[0].along(q, slope_share(both[0], q, course.value))
                 largest = np.maximum(largest, np.abs(value / std))
         moved += [(q, i, _shape_name(problem, q, i, len(word.names)), float(largest[i]))
-                  for i in range(len(word.names), len(labels))]  # fmt: skip
+                  for i in range(len(word.names), len(labels))]
     return shown + sorted(moved, key=lambda row: -row[3])[:N_MOVED]
 
 
@@ -237,7 +237,7 @@ def _time(both: Sequence[Residual], problem: DiagnosisProblem, words: Sequence[W
         "blocks_a_point": _three(len(blocks) / len(chunks)),
         "by_chance": _two(stats.norm.isf(0.025 / max(n_tried, 1))),
         "series": [{"name": name, "moved_z": _two(z), **_series(tables, q, i, len(both))} for q, i, name, z in shown],
-    }  # fmt: skip
+    }
 
 
 def _sizes(outcome: Outcome, after: Residual) -> list[dict]:
@@ -260,7 +260,7 @@ def _sizes(outcome: Outcome, after: Residual) -> list[dict]:
             if total > 0:
                 share = weight[p] / total
                 told.append((blocks.hours[p].mean(), share @ (course + more)[p], total**-0.5, share @ course[p],
-                             share @ included.course.value[p] + included.course.centre))  # fmt: skip
+                             share @ included.course.value[p] + included.course.centre))
         hours, size, size_std, line, against = (list(map(_four, column)) for column in zip(*told, strict=True))
         rows.append(
             {
@@ -282,7 +282,7 @@ def _sizes(outcome: Outcome, after: Residual) -> list[dict]:
 def _tables(both: Sequence[Residual], masks: Sequence[np.ndarray]):
     """[state][group] -> per chunk (value (m,), std (m,)) or None."""
     return [[[None if (share := chunk_share(r, q, mask)) is None else r.along(q, share) for mask in masks]
-             for q in range(len(r.left))] for r in both]  # fmt: skip
+             for q in range(len(r.left))] for r in both]
 
 
 def _series(tables, q: int, i: int, n_state: int) -> dict:
@@ -311,7 +311,7 @@ def _covariates(both: Sequence[Residual], problem: DiagnosisProblem, words: Sequ
                 {"name": name, **_series(tables, q, i, len(both)), "slope_z": [_two(v[i] / s[i]) for v, s in slopes],
                  "slope_percent": [_three(100 * v[i]) for v, _ in slopes]}
                 for i, name in enumerate(word.names)
-            ]  # fmt: skip
+            ]
         found.append({"column": column, "unit": unit, "centre": [_four(values[p].mean()) for p in chunks],
                       "blocks": [len(p) for p in chunks], "series": series})
     return found
@@ -351,7 +351,7 @@ def _measurement(problem: DiagnosisProblem, first: Search) -> list[dict]:
             "size": _three(first.size[best]), "size_std": _three(first.size_std[best]),
             "unit": effect.unit + problem.courses[problem.which[best, 1]].unit, "tolerance": effect.tolerance,
             "tried": len({int(problem.which[k, 0]) for k in members}),
-        })  # fmt: skip
+        })
     return rows
 
 

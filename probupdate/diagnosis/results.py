@@ -87,9 +87,9 @@ class Diagnosis:
     def to_frame(self) -> pd.DataFrame:
         """A row a finding; size in its `unit`."""
         names = ("kind", "cause", "location", "size", "size_std", "unit", "course", "course_start", "z",
-                 "posterior_probability", "prior_probability", "check")  # fmt: skip
+                 "posterior_probability", "prior_probability", "check")
         return table_of([{n: getattr(f, n) for n in names} for f in self.findings], names,
-                        units={"size": OWN_UNIT, "size_std": OWN_UNIT})  # fmt: skip
+                        units={"size": OWN_UNIT, "size_std": OWN_UNIT})
 
     @property
     def summary(self) -> str:
@@ -109,7 +109,7 @@ class Diagnosis:
             lines.append(f"  nearest in the catalogue, but not enough: {'; '.join(nearest)}")
         lines += [f"  {s}" for s in wording.free_form_words(content)]
         lines.append(f"threshold |z| = {self.threshold:.1f} for the whole catalogue (below 5 % of false alarms); "
-                     f"{wording.adequacy_words(content) or 'the residuals were not tested'}")  # fmt: skip
+                     f"{wording.adequacy_words(content) or 'the residuals were not tested'}")
         lines += [f"shifted: {s}" for s in wording.prior_shift_words(content)]
         limits = wording.best_limits(content, 5)
         if limits:
@@ -154,7 +154,7 @@ class Diagnosis:
             "parameters": [{k: _plain(v) for k, v in p.items()} for p in self.parameters],
             "notes": list(self.notes),
             "details": _plain_tree(self.details),
-        }  # fmt: skip
+        }
 
     def write(self, out: str | Path) -> list[Path]:
         out = Path(out)
@@ -226,7 +226,7 @@ def read_diagnosis(path: str | Path) -> dict:
     checked_table(DiagnosisTable, content, path, "write it again with `probupdate diagnose`")
     if content["verdict"] not in VERDICTS:
         raise InputError(f"{path}, verdict", f"'{content['verdict']}' is none of {', '.join(VERDICTS)}",
-                         "write it again with `probupdate diagnose`")  # fmt: skip
+                         "write it again with `probupdate diagnose`")
     return content
 
 

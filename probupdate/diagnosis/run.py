@@ -57,21 +57,21 @@ def diagnose_files(
     if model is None:
         _refuse_without_model(parameters=parameters, groups=groups, rows=rows)
         found = diagnose_without_model(data, sensors, campaign_check=tests, effects=effects, seed=seed,
-                                       progress=progress)  # fmt: skip
+                                       progress=progress)
         return _with_tests(found, tests, wrong_rate)
     if isinstance(groups, str | Path):
         groups = _read_groups(groups)
     whole = partial(_whole, data=data, seed=seed, extended=extend, sampler=sampler, parameters_file=parameters, out=out,
-                    progress=progress)  # fmt: skip
+                    progress=progress)
     if isinstance(model, Prepared):
         return _with_tests(whole(model), tests, wrong_rate)
     if not isinstance(model, Path):
         raise InputError("diagnose", "a model that is a Python function has no matrices to put effects into",
-                         "export its matrices as model.npz")  # fmt: skip
+                         "export its matrices as model.npz")
     own = read_parameters(parameters) if parameters else None
     placed = sensors if model.suffix == ".toml" else None
     prepared = prepare(model, parameters=own, sensors=placed, groups=groups, effects=effects, rows=rows,
-                       progress=progress)  # fmt: skip
+                       progress=progress)
     return _with_tests(whole(prepared), tests, wrong_rate)
 
 
@@ -87,28 +87,28 @@ def _with_tests(found: Diagnosis, tests: Sequence[dict], wrong_rate: Finding | N
     if wrong_rate is None:
         return replace(found, details=details)
     note = (f"rotor lines: the records' clock runs fast by {100 * wrong_rate.size:+.2g} %; all frequencies were "
-            "corrected by that before anything else was tested")  # fmt: skip
+            "corrected by that before anything else was tested")
     return replace(found, verdict="named" if found.verdict == "none" else found.verdict, details=details,
-                   findings=(wrong_rate, *found.findings), notes=(*found.notes, note))  # fmt: skip
+                   findings=(wrong_rate, *found.findings), notes=(*found.notes, note))
 
 
 def _whole(
     prepared: Prepared, *, data: ModalData, seed: int, extended: bool, sampler: SamplerSettings | bool,
     parameters_file: str | Path | None, out: str | Path | None, progress: Progress,
-) -> Diagnosis:  # fmt: skip
+) -> Diagnosis:
     """The diagnosis with what remains before and after its findings, for the report."""
     outcome = examine(prepared, data, seed=seed, progress=progress)
     found = outcome.diagnosis
     few = outcome.problem.blocks.few
     if extended and few and found.findings:
         found = replace(found, notes=(*found.notes, "so few sets leave none to predict: what the findings gain was not "
-                                      "measured, and the model was not extended"))  # fmt: skip
+                                      "measured, and the model was not extended"))
     elif extended and found.findings:
         found = _with_gains(found, gains(prepared, outcome, progress=progress))
         if sampler is True:
             sampler = bounded(seed, turbine=prepared.description is not None)
         more = extend_model(prepared, outcome, data, out, sampler=sampler or None, parameters_file=parameters_file,
-                            seed=seed, progress=progress)  # fmt: skip
+                            seed=seed, progress=progress)
         found = replace(found, extended_model=more.model, extension=more.content)
     details = {**found.details, "residuals": residuals(outcome, prepared.sensors)}
     if extended and found.verdict == "unexplained" and not few:
@@ -123,7 +123,7 @@ def _whole(
 def _with_gains(found: Diagnosis, told: Sequence[dict]) -> Diagnosis:
     findings = tuple(replace(f, gain=gain) for f, gain in zip(found.findings, told, strict=True))
     notes = tuple(f"{f.cause}, {f.location}: {f.gain['statement']}; the verdict stands on the whole record alone"
-                  for f in findings if not f.gain.get("significant", False))  # fmt: skip
+                  for f in findings if not f.gain.get("significant", False))
     return replace(found, findings=findings, notes=(*found.notes, *notes))
 
 

@@ -59,7 +59,7 @@ class Search:
 def search(
     problem: DiagnosisProblem, fitted: Fit, *, seed: int, z_included: Sequence[float] = (),
     heavier: float | None = None, n_draw: int = N_BOOTSTRAP,
-) -> Search:  # fmt: skip
+) -> Search:
     """Score every candidate at the fit and calibrate the largest. `z_included`: scores of the fit's effects; `heavier`:
     that of an earlier search of the same record, found anew if None."""
     design = fitted.design
@@ -85,7 +85,7 @@ def search(
     alarms = FALSE_NEXT if fitted.included else FALSE_ALARM
     return Search(which=problem.which, z=z, size=np.where(usable, z * scale, 0.0), size_std=std, allowed=allowed,
                   usable=usable, threshold=exceeded(maxima, alarms), p_value=tail(maxima, largest),
-                  maxima=maxima, heavier=heavier, u=u, drawn=drawn)  # fmt: skip
+                  maxima=maxima, heavier=heavier, u=u, drawn=drawn)
 
 
 def _possible(problem: DiagnosisProblem, scale: np.ndarray):
@@ -153,22 +153,22 @@ def model_error_dispersion(z: float) -> float:
 def scores_beside(
     problem: DiagnosisProblem, design: Design, centred: Sequence[np.ndarray], included: Sequence[IncludedEffect],
     z_included: Sequence[float],
-) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
+) -> tuple[np.ndarray, np.ndarray]:
     """Scores u and information v (n_candidate,) beside effects of the structure or its environment that are included:
     their signatures' error, a share of what they do, follows their own time profile and lies along a few directions, of
     which the candidate's may be one. So each candidate's own signature along that profile is one more unknown, of the
     variance that makes v so much less there as `model_error_dispersion` says; what the candidate does at other times
     counts in full. What a sensor does to shapes is exact, and what is constant has the model's discrepancy anyway."""
     uncertain = [(n.course, 1 - 1 / model_error_dispersion(z)) for n, z in zip(included, z_included, strict=False)
-                 if n.effect.kind != "measurement" and n.course.kind != "constant"]  # fmt: skip
+                 if n.effect.kind != "measurement" and n.course.kind != "constant"]
     u, v = design.scores(centred), design.information
     if not uncertain:
         return u, v
     n, m, n_effect = len(design.which), len(uncertain), len(problem.effects)
     along = np.column_stack([np.repeat(np.arange(n_effect), m),
-                             np.tile(len(design.courses) + np.arange(m), n_effect)])  # fmt: skip
+                             np.tile(len(design.courses) + np.arange(m), n_effect)])
     wide = replace(design, courses=(*design.courses, *(course for course, _ in uncertain)),
-                   which=np.vstack([design.which, along]))  # fmt: skip
+                   which=np.vstack([design.which, along]))
     there, share = wide.scores(centred)[n:].reshape(n_effect, m), np.array([part for _, part in uncertain])
     u, v = u.copy(), v.copy()
     for j in np.unique(design.which[:, 0]):
@@ -202,7 +202,7 @@ def gains(problem: DiagnosisProblem, u: np.ndarray, v: np.ndarray) -> tuple[np.n
     # the normal density that stands for the prior, and what the prior has over it
     explained = size * u - 0.5 * size**2 * (known + 1 / variance)
     prior = (-np.log(np.pi * slab) - np.log1p((size / slab) ** 2)
-             + 0.5 * np.log(2 * np.pi * variance) + 0.5 * size**2 / variance)  # fmt: skip
+             + 0.5 * np.log(2 * np.pi * variance) + 0.5 * size**2 / variance)
     one_sided = np.log(2.0) * ((lower == 0) | (upper == 0))
     gain = explained - 0.5 * np.log1p(known * variance) + prior + one_sided
     single = np.isfinite(only)

@@ -124,7 +124,7 @@ class SmallModel:
             return np.concatenate([cK, added[..., stiff]], -1), np.concatenate([cM, added[..., heavy]], -1)
 
         added = tuple(Parameter(name=p.name, unit=p.unit, initial=0.0, std=p.std, lower=p.lower, upper=p.upper)
-                      for p in parts)  # fmt: skip
+                      for p in parts)
         correlation = self.parameters.correlation
         if correlation is not None:
             correlation = linalg.block_diag(correlation, np.eye(len(added)))
@@ -132,13 +132,13 @@ class SmallModel:
             self, parameters=Parameters((*self.parameters.items, *added), correlation), coefficients=with_parts,
             stiffness=self.stiffness.with_added([parts[k].stiffness for k in stiff]),
             mass=self.mass.with_added([parts[k].mass for k in heavy]), known={},
-        )  # fmt: skip
+        )
 
     def _at(self, theta: np.ndarray) -> LocalModel:
         cK, cM = self.coefficients(theta)
         waves = []
         for weight, fixed, turning in ((cK, self.stiffness, self.turning_stiffness),
-                                       (cM, self.mass, self.turning_mass)):  # fmt: skip
+                                       (cM, self.mass, self.turning_mass)):
             still = fixed.total(weight)
             wave = np.zeros((5, *still.shape))
             wave[0] = still
@@ -190,7 +190,7 @@ class LocalModel:
         cK, cM = small.coefficients(self.theta + 1e-30j * np.eye(self.theta.size)[columns])
         result = []
         for weight, fixed, turning in ((np.imag(cK) / 1e-30, small.stiffness, small.turning_stiffness),
-                                       (np.imag(cM) / 1e-30, small.mass, small.turning_mass)):  # fmt: skip
+                                       (np.imag(cM) / 1e-30, small.mass, small.turning_mass)):
             waves = {}
             for p, own in enumerate(weight):
                 turned = [own[t] * part for t, part in turning.items() if own[t]]
@@ -295,7 +295,7 @@ def small_model(
             for k, f in zip(numbers, exact, strict=True)
         )
         wrong = _wrong_share([np.log(_projected_frequencies(sums[0], theta, basis, sure)) for theta in alone],
-                             exact_change)  # fmt: skip
+                             exact_change)
         if error <= TOLERANCE and wrong <= CHANGE:
             return replace(_project(models, basis, n_mode), frequency_error=error)
     raise ConvergenceError(
@@ -428,4 +428,4 @@ def _project(models: Sequence[AffineModel], basis: np.ndarray, n_mode: int) -> S
         turning_mass=turning[1], at_channels=frozen_array(first.channel_matrix @ basis), n_search=n_mode,
         frequency_error=np.nan, fingerprint=first.fingerprint(), wire=first.wire,
         at_nodes=None if first.wire is None else frozen_array(first.wire_matrix @ basis),
-    )  # fmt: skip
+    )

@@ -42,7 +42,7 @@ def _candidate(problem: DiagnosisProblem, finding: Finding, cause: str, location
         (abs(problem.courses[c].at - start), k) for k, (j, c) in enumerate(problem.which)
         if (problem.effects[j].cause, problem.effects[j].location) == (cause, location)
         and problem.courses[c].name == finding.course
-    ]  # fmt: skip
+    ]
     return min(found)[1] if found else None
 
 

@@ -21,7 +21,7 @@ def sharpened(problem: DiagnosisProblem, fitted: Fit, effect: int, course: TimeP
     search's grid; blocks that lie on the wrong side of a strong step look like an effect of their own."""
     tried = _between_neighbours(problem, course)
     design = replace(fitted.design, courses=(fitted.design.courses[0], *tried),
-                     which=np.array([(effect, c + 1) for c in range(len(tried))]))  # fmt: skip
+                     which=np.array([(effect, c + 1) for c in range(len(tried))]))
     information = design.information
     told = np.abs(design.scores(fitted.centred)) / np.sqrt(np.maximum(information, 1e-300))
     return tried[int(np.argmax(np.where(information > 0, told, 0.0)))]

@@ -50,10 +50,10 @@ def member_stresses(
     frame = build_frame(description)
     site, theory = description.site, description.mesh.theory
     built = assemble(frame, updated=(), values=values, theory=theory,
-                     gravity_mps2=site.gravity_mps2 if description.mesh.geometric_stiffness else None)  # fmt: skip
+                     gravity_mps2=site.gravity_mps2 if description.mesh.geometric_stiffness else None)
     weights = built.coefficients(np.zeros(0))
     K, M = (sum(c * term for c, term in zip(w, terms, strict=True))
-            for w, terms in zip(weights, (built.stiffness, built.mass), strict=True))  # fmt: skip
+            for w, terms in zip(weights, (built.stiffness, built.mass), strict=True))
     value, phi = lowest_modes(K, M, 2, where)
     highest = max(s.position_m[2] for s in sensors)
     top = [s for s in sensors if s.position_m[2] > highest - 0.5]
@@ -83,7 +83,7 @@ def member_stresses(
             group.append(one.group)
             place.append(f"{one.part} at {z:.1f} m")
     return Stresses(stress=frozen_array(stress), group=tuple(group), place=tuple(place),
-                    frequency_hz=float(np.mean(np.sqrt(value)) / (2 * np.pi)))  # fmt: skip
+                    frequency_hz=float(np.mean(np.sqrt(value)) / (2 * np.pi)))
 
 
 def _bare(one):
@@ -102,7 +102,7 @@ def fatigue_change(prepared: Prepared, problem: DiagnosisProblem, old: Fit, new:
     rows = [r.model for r in prepared.rows if any(n.effect is r.effect for n in (*old.included, *new.included))]
     description = extended_description(prepared.path, rows)
     sides = [member_stresses(description, description.values | _values(problem, f), prepared.sensors,
-                             str(prepared.path)) for f in (old, new)]  # fmt: skip
+                             str(prepared.path)) for f in (old, new)]
     before, after = sides
     faster = after.frequency_hz / before.frequency_hz
     result = {"per": "tower-top motion in the first pair of modes", "slopes": list(SLOPES)}
@@ -121,7 +121,7 @@ def fatigue_change(prepared: Prepared, problem: DiagnosisProblem, old: Fit, new:
 def _spot(before: Stresses, after: Stresses, k: int, faster: float) -> dict:
     ratio = float(after.stress[k] / before.stress[k])
     return {"place": before.place[k], "stress_ratio": ratio} | {
-        f"damage_ratio_m{m}": float(faster * ratio**m) for m in SLOPES}  # fmt: skip
+        f"damage_ratio_m{m}": float(faster * ratio**m) for m in SLOPES}
 
 
 def _values(problem: DiagnosisProblem, fitted: Fit) -> dict[str, float]:
@@ -133,7 +133,7 @@ def _values(problem: DiagnosisProblem, fitted: Fit) -> dict[str, float]:
             for name, amount in n.effect.increments:
                 theta[names.index(name)] += _amount(n) * amount
     known = {names[k] for k in problem.updated} | {
-        name for n in fitted.included for name, _ in n.effect.increments if n.effect.observe is None}  # fmt: skip
+        name for n in fitted.included for name, _ in n.effect.increments if n.effect.observe is None}
     return {name: float(v) for name, v in zip(names, theta, strict=True) if name in known}
 
 

@@ -47,10 +47,10 @@ CAUSES = {
     "rms_mps2": ("softening with amplitude", "soil or joints", "storms of equal wind, other sea"),
     "wave_height_m": ("softening with amplitude", "soil or joints", "storms of equal wind, other sea"),
     "wind_speed_mps": ("frequencies follow the wind", "rotor", "blocks of equal state, other wind"),
-}  # fmt: skip
+}
 # numbers of the environment that describe the block or the operation, not the environmental and operational conditions
 NOT_SURROUNDINGS = ("nacelle_", "block_", "power_kw", "pitch_deg", "rotor_speed", "wave_period", "wind_direction",
-                    "yaw_", "n_", "sampling_")  # fmt: skip
+                    "yaw_", "n_", "sampling_")
 
 
 # What a change is ---------------------------------------------------------------------------------------------------
@@ -215,7 +215,7 @@ def _surrounding(followed: Followed, found: Found, courses: Sequence[TimeProfile
         alternatives=tuple(Alternative(cause=_cause(n)[0], location=_cause(n)[1], posterior_probability=p)
                            for n, p in rivals),
         check=split if names[name] < SURE else check,
-    )  # fmt: skip
+    )
     return Change(finding=finding, course=course, moved=moved)
 
 
@@ -284,7 +284,7 @@ def _sensor(
             alternatives=tuple(Alternative(cause=e.cause, location=e.location,
                                            posterior_probability=float(probability[k]))
                                for k in others for e in [seen.effects[k - seen.n_frequency]]),
-            check=effect.check), course=course, moved=()))  # fmt: skip
+            check=effect.check), course=course, moved=()))
         now = then
         if left <= 1:
             return changes, now
@@ -314,7 +314,7 @@ def _as_a_whole(now, followed, known, sensors, course, found, whole, seen, fit, 
     leave least of all departures; the time profile's time is theirs where nothing else was taken out along it
     (`once`)."""
     strong = {seen.effects[k - seen.n_frequency].location for k in np.argsort(-fit)[:8]
-              if seen.effects[k - seen.n_frequency].cause == "sensor gain"}  # fmt: skip
+              if seen.effects[k - seen.n_frequency].cause == "sensor gain"}
     n, tried = len(now), []
     # a channel reversed half of the time has no mean, and its scores are at wrong times: a coarse grid of them is asked
     grid = {course.at, *map(int, np.linspace(MARGIN, n - MARGIN, N_STEP))} if once else {course.at}
@@ -337,7 +337,7 @@ def _as_a_whole(now, followed, known, sensors, course, found, whole, seen, fit, 
 def surroundings_columns(blocks: Blocks) -> tuple[str, ...]:
     """Columns of the environment that may move frequencies: the known ones, and a user's own."""
     names = dict.fromkeys(k for e in blocks.environment for k, v in e.items()
-                          if isinstance(v, int | float) and not isinstance(v, bool))  # fmt: skip
+                          if isinstance(v, int | float) and not isinstance(v, bool))
     own = [n for n in names if n not in CAUSES and not n.startswith(NOT_SURROUNDINGS)]
     return (*(n for n in CAUSES if n in names), *own)
 
@@ -354,7 +354,7 @@ def diagnose_without_model(
     blocks = with_derived(gather(data))
     placed = tuple(s for s in sensors or () if s.channel in blocks.channels)
     rows = tuple(e for e in (*measurement_effects(blocks.channels, placed), *effects)
-                 if e.observe is not None and not e.discrete and set(e.courses) != {"constant"})  # fmt: skip
+                 if e.observe is not None and not e.discrete and set(e.courses) != {"constant"})
     whole = tuple(e for e in measurement_effects(blocks.channels, placed) if e.discrete)
     columns = (*surroundings_columns(blocks), *(c for e in effects for c in e.courses))
     courses = [c for c in make_time_profiles(blocks, tuple(dict.fromkeys(columns))) if c.kind != "constant"]
@@ -400,7 +400,7 @@ def diagnose_without_model(
         verdict = "ambiguous" if any(f.posterior_probability < SURE for f in findings) else "named"
     details = {"without_model": True, "changes": [_told(blocks, c) for c in unexplained],
                "constant_shapes_over_threshold": 0.0 if steady is None else steady.unexplained,
-               "measurement": [dict(m) for m in campaign_check or ()]}  # fmt: skip
+               "measurement": [dict(m) for m in campaign_check or ()]}
     notes += [f"{c.finding.cause}, {c.finding.location} changes by {c.finding.size:.2g} {c.finding.unit} at "
               f"{c.finding.course_start}: within its tolerance, taken out" for c in changes if c.within_tolerance]
     notes += _notes(blocks, placed, unexplained, steady)
@@ -408,7 +408,7 @@ def diagnose_without_model(
         verdict=verdict, p_value=p_value, findings=tuple(findings), limits=tuple(limits),
         threshold=float(np.min(first[1].threshold)), adequacy_p=float("nan"), notes=tuple(notes), parameters=(),
         splits=tuple(f.check for f in findings if f.posterior_probability < SURE), details=details,
-    )  # fmt: skip
+    )
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -425,7 +425,7 @@ def _steady(blocks: Blocks, placed, rows: Sequence[Effect], whole, false_alarm: 
     # a shift of all frequencies, or a turn of all sensors, is no constant that shapes alone could show
     able = [e for e in rows if e.cause not in ("sampling rate", "rotated sensor frame")]
     answer = judge_levels(mean_shapes(look(blocks, placed).mean, blocks.channels, placed), able, whole,
-                          false_alarm=false_alarm, seed=seed)  # fmt: skip
+                          false_alarm=false_alarm, seed=seed)
     findings = []
     for rivals in answer.found:
         best = rivals[0]
@@ -439,25 +439,25 @@ def _steady(blocks: Blocks, placed, rows: Sequence[Effect], whole, false_alarm: 
             posterior_probability=float(probability[0]),
             alternatives=tuple(Alternative(cause=r.effect.cause, location=r.effect.location, posterior_probability=p)
                                for r, p in others),
-            check=best.effect.check if probability[0] >= SURE else f"check on site: {names}"))  # fmt: skip
+            check=best.effect.check if probability[0] >= SURE else f"check on site: {names}"))
     limits = []
     for k, (size, left, z) in answer.limits.items():
         e = able[k]
         limits.append(DetectionLimit(kind=e.kind, cause=e.cause, location=e.location, course="constant", unit=e.unit,
                             limit=size if size <= max(-e.lower, e.upper) else np.inf, share_left=left,
-                            z=z))  # fmt: skip
+                            z=z))
     return Steady(findings=tuple(findings), limits=tuple(limits), p_value=answer.p_value,
-                  unexplained=answer.unexplained)  # fmt: skip
+                  unexplained=answer.unexplained)
 
 
 def _told(blocks: Blocks, change: Change) -> dict:
     start = blocks.ids[change.course.at] if change.course.kind == "step" else ""
     return {"course": change.course.name, "since": start, "frequencies": [dict(m) for m in change.moved],
-            "what": "frequencies" if change.moved else "shapes"}  # fmt: skip
+            "what": "frequencies" if change.moved else "shapes"}
 
 
 def _notes(blocks: Blocks, placed: Sequence[Sensor], unexplained: Sequence[Change],
-           steady: Steady | None) -> list[str]:  # fmt: skip
+           steady: Steady | None) -> list[str]:
     notes = ["without a model: structural causes are not named, constant ones of the structure are not seen"]
     if not placed:
         notes.append("without the sensors' places: levels, loggers and directions are not judged")
@@ -467,10 +467,10 @@ def _notes(blocks: Blocks, placed: Sequence[Sensor], unexplained: Sequence[Chang
         what = ", ".join(f"{m['mode']} by {m['change_percent']:+.2g} +- {m['std_percent']:.1g} %" for m in moved)
         notes.append(f"unexplained {change.course.name}{when}: {what or 'shapes change, frequencies do not'}; no "
                      "environmental or operational condition goes with it, and a model would be needed to name "
-                     "it")  # fmt: skip
+                     "it")
     if steady is not None and steady.unexplained:
         notes.append("the levels' constant motion is not that of a rigid, symmetric structure, and no one sensor "
-                     "explains it: a model is needed to tell what does")  # fmt: skip
+                     "explains it: a model is needed to tell what does")
     return notes
 
 
@@ -499,5 +499,5 @@ def _limits(followed: Followed, found: Found, courses: Sequence[TimeProfile]) ->
         reachable = size <= max(-effect.lower, effect.upper)
         limits.append(DetectionLimit(kind=effect.kind, cause=effect.cause, location=effect.location, course=name,
                             limit=float(size) if reachable else np.inf, unit=effect.unit + courses[c].unit,
-                            share_left=1.0, z=float(found.z[k, c])))  # fmt: skip
+                            share_left=1.0, z=float(found.z[k, c])))
     return tuple(limits)

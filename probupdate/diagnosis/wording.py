@@ -10,7 +10,7 @@ SHARES = (
     "brace stiffness lost", "joints loosened", "leg stiffness lost", "lateral soil stiffness", "axial soil stiffness",
     "tower stiffness", "leg not flooded", "flooded braces", "sensor gain", "sampling rate",
     "soil softens with amplitude", "crosstalk",
-)  # fmt: skip
+)
 # causes that are there or not: a limit of their size says nothing but that they would be seen
 DISCRETE = ("swapped channels", "sensor polarity")
 # large units of elementary parts
@@ -21,7 +21,7 @@ COURSE_WORDS = {
     "wind_speed_mps": "with the wind speed", "thrust_share": "with the rotor's thrust",
     "rms_mps2": "with the vibration's amplitude", "wave_height_m": "with the wave height",
     "power_kw": "with the power", "frost_degc": "with frost", "rotor_speed_rpm": "with the rotor's speed",
-}  # fmt: skip
+}
 # a push of a parameter that its prior expects once in ten times
 # and less than this, in prior deviations, is not worth a word
 SURPRISING, LEAST_SHIFT = 1.645, 0.5

@@ -17,7 +17,7 @@ from probupdate.structure.load import REFERENCE_STATES
 STEPS = ("identify", "select", "update", "sample", "compare", "diagnose", "report")
 # a step -> what it takes of others
 NEEDS = {"select": ("identify",), "update": ("identify",), "sample": ("identify",), "compare": ("update", "sample"),
-         "diagnose": ("identify",), "report": ("identify",)}  # fmt: skip
+         "diagnose": ("identify",), "report": ("identify",)}
 # names become folders
 NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9 ._+-]{0,63}")
 REMEDY = "see docs/howto/farm.md"
@@ -70,7 +70,7 @@ class DiagnoseTable:
 
 
 TABLES = {"identify": IdentifyTable, "select": SelectTable, "update": UpdateTable, "sample": SampleTable,
-          "diagnose": DiagnoseTable}  # fmt: skip
+          "diagnose": DiagnoseTable}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -136,7 +136,7 @@ def read_farm(path: str | Path) -> Farm:
     refuse_unknown(content, [*FarmTable.__dataclass_fields__, "turbine", *TABLES], str(path))
     head = table_as(FarmTable, {k: v for k, v in content.items() if k in FarmTable.__dataclass_fields__}, str(path))
     options = Options(**{name: table_as(kind, content[name], f"{path}, [{name}]") for name, kind in TABLES.items()
-                         if name in content})  # fmt: skip
+                         if name in content})
     given = content.get("turbine")
     if not isinstance(given, list) or not given:
         raise InputError(str(path), "has no [[turbine]]", "add one table per turbine, with name and campaigns")

@@ -54,20 +54,20 @@ def read_state(folder: Path) -> MonthState | None:
 
 def is_done(state: MonthState | None, farm: Farm, made_of: Mapping[str, str]) -> bool:
     return state is not None and not state.failed and dict(state.made_of) == dict(made_of) and \
-        all(step in state.finished for step in farm.steps)  # fmt: skip
+        all(step in state.finished for step in farm.steps)
 
 
 def made_of(month: Month, farm: Farm) -> dict[str, str]:
     """What a month's results depend on: the records by name and size (their content is `identify`'s to know), the other
     files of campaign and model by content, the options, the seed, the version."""
     records = sorted((p.name, p.stat().st_size) for p in (month.campaign / "acceleration").glob("*") if
-                     p.suffix != PART)  # fmt: skip
+                     p.suffix != PART)
     tables = [p for p in (month.campaign / "campaign.toml", month.campaign / "scada.csv") if p.is_file()]
     return {
         "records": _hash([repr(records).encode()]), "campaign": _hash(p.read_bytes() for p in tables),
         "model": _model_hash(verbs.model_path(month.model)),
         "options": _hash([repr(asdict(farm.options)).encode()]), "seed": str(farm.seed), "version": __version__,
-    }  # fmt: skip
+    }
 
 
 def _model_hash(model: Path) -> str:
@@ -108,7 +108,7 @@ def run_month(month: Month, farm: Farm, out: Path) -> MonthState:
         write_text(folder / TRACE, traceback.format_exc())
         last = str(error).strip().splitlines() or ["no words"]
         return _failed(folder, now, finished, step, f"a defect of the program ({type(error).__name__}: {last[0]}); "
-                       f"its trace is in {month.folder.as_posix()}/{TRACE}")  # fmt: skip
+                       f"its trace is in {month.folder.as_posix()}/{TRACE}")
     (folder / TRACE).unlink(missing_ok=True)
     return MonthState(format=FORMAT, made_of=now, finished=finished)
 
@@ -154,7 +154,7 @@ def _identify(month: Month, folder: Path, options: Options, seed: int) -> None:
     verbs.identify(
         month.campaign, month.model, lowest=asked.lowest, order=asked.order, block_rows=asked.block_rows,
         rate_hz=asked.rate_hz, harmonics=asked.harmonics, store=folder / "modes.json.blocks",
-    ).write(folder / "modes.json")  # fmt: skip
+    ).write(folder / "modes.json")
 
 
 def _select(month: Month, folder: Path, options: Options, seed: int) -> None:
@@ -171,7 +171,7 @@ def _update(month: Month, folder: Path, options: Options, seed: int) -> None:
 def _sample(month: Month, folder: Path, options: Options, seed: int) -> None:
     asked = options.sample
     verbs.sample(month.model, _chosen(folder), folder / "posterior.nc", seed=seed, target_ess=asked.ess,
-                 ensembles=asked.ensembles, **asdict(options.update))  # fmt: skip
+                 ensembles=asked.ensembles, **asdict(options.update))
 
 
 def _compare(month: Month, folder: Path, options: Options, seed: int) -> None:
@@ -182,7 +182,7 @@ def _diagnose(month: Month, folder: Path, options: Options, seed: int) -> None:
     asked, out, model = options.diagnose, folder / "diagnosis.json", verbs.model_path(month.model)
     sensors = read_campaign(month.campaign).sensors if asked.records and model.suffix == ".toml" else None
     verbs.diagnose(_prepared(model, sensors), folder / "modes.json", campaign=month.campaign if asked.records else None,
-                   seed=seed, out=out, extend=asked.extend, sampler=False).write(out)  # fmt: skip
+                   seed=seed, out=out, extend=asked.extend, sampler=False).write(out)
 
 
 # the model that the last diagnosis in this process was of, with all effects in it, by what it was made of
@@ -195,7 +195,7 @@ def _prepared(model: Path, sensors: tuple[Sensor, ...] | None) -> Prepared:
     from probupdate.diagnosis.prepare import prepare
 
     made = _hash([str(model).encode(), _model_hash(model).encode(), repr(sensors).encode(), *(
-        array.tobytes() for s in sensors or () for array in (s.position_m, s.direction))])  # fmt: skip
+        array.tobytes() for s in sensors or () for array in (s.position_m, s.direction))])
     if made not in _KEPT:
         _KEPT.clear()
         _KEPT[made] = prepare(model, sensors=sensors)
@@ -209,4 +209,4 @@ def _report(month: Month, folder: Path, options: Options, seed: int) -> None:
 _RUN: dict[str, Callable[[Month, Path, Options, int], None]] = {
     "identify": _identify, "select": _select, "update": _update, "sample": _sample, "compare": _compare,
     "diagnose": _diagnose, "report": _report,
-}  # fmt: skip
+}

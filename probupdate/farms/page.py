@@ -14,7 +14,7 @@ from probupdate.reporting.elements import MISSING, Column, Items, Picture, Secti
 
 # verdict -> name of its colour in the style of figures, and its marker
 MARKS = {"none": ("GREEN", "o"), "named": ("RED", "X"), "ambiguous": ("ORANGE", "^"), "unexplained": ("PURPLE", "s"),
-         "": ("GREY", ".")}  # fmt: skip
+         "": ("GREY", ".")}
 PANEL_IN, MOST_NAMED = 1.5, 12
 
 
@@ -27,15 +27,15 @@ def write_page(farm: Farm, rows: Sequence[MonthRow], path: Path) -> Path:
     items: list[object] = []
     if failed:
         items.append(Items(title="Failed", level="warning", statements=tuple(
-            f"{row.turbine}, {row.month}, at {row.failed_step}: {row.failed}" for row in failed)))  # fmt: skip
+            f"{row.turbine}, {row.month}, at {row.failed_step}: {row.failed}" for row in failed)))
     if changed:
         items.append(Items(title="Changed since the month before", statements=tuple(
-            f"{row.turbine}, {row.month}: {'; '.join(row.changes)}" for row in changed)))  # fmt: skip
+            f"{row.turbine}, {row.month}: {'; '.join(row.changes)}" for row in changed)))
     items.append(_table(rows))
     if labels_of(rows):
         items.append(_picture(rows))
     lead = (f"{plural(len(by_turbine(rows)), 'turbine')}, {plural(len(rows), 'turbine-month')}: {count[DONE]} done, "
-            f"{count[FAILED]} failed, {count[WAITING]} waiting.")  # fmt: skip
+            f"{count[FAILED]} failed, {count[WAITING]} waiting.")
     section = Section(anchor="farm", title="All turbines", items=tuple(items), lead=lead, shown=len(items))
     footer = "Written by probupdate. This page needs no network and no other file."
     return write_text(path, render([section], title=farm.name, subtitle=", ".join(farm.steps), footer=footer))
@@ -44,7 +44,7 @@ def write_page(farm: Farm, rows: Sequence[MonthRow], path: Path) -> Path:
 def _table(rows: Sequence[MonthRow]) -> Table:
     labels = labels_of(rows)
     columns = [Column(name="turbine", number=False), Column(name="month", number=False), Column(name="state", number=False),
-               Column(name="blocks")]  # fmt: skip
+               Column(name="blocks")]
     for label in labels:
         columns += [Column(name=label, unit="Hz"), Column(name="change", unit="%")]
     columns += [Column(name="verdict", number=False), Column(name="findings", number=False)]
@@ -60,7 +60,7 @@ def _table(rows: Sequence[MonthRow]) -> Table:
     return Table(
         caption="Frequencies and verdicts", columns=tuple(columns), rows=tuple(lines), marked=marked,
         note="Frequencies: medians over a month's blocks. Change: since the month before of the same turbine; said above "
-             "where it is larger than the blocks of both months scatter and than three standard errors. Marked: failed, or a verdict other than none.")  # fmt: skip
+             "where it is larger than the blocks of both months scatter and than three standard errors. Marked: failed, or a verdict other than none.")
 
 
 def _picture(rows: Sequence[MonthRow]) -> Picture:
@@ -69,7 +69,7 @@ def _picture(rows: Sequence[MonthRow]) -> Picture:
     return Picture(
         svg=svg_text(frequency_figure(rows), "farm"),
         caption="Frequencies of every turbine beside its first month. Marks: the month's verdict.",
-        alt="Relative change of each mode's frequency over the months, a line a turbine")  # fmt: skip
+        alt="Relative change of each mode's frequency over the months, a line a turbine")
 
 
 def frequency_figure(rows: Sequence[MonthRow]):
@@ -99,16 +99,16 @@ def frequency_figure(rows: Sequence[MonthRow]):
                 for place, value, row in zip(x, y, found, strict=True):
                     color, marker = MARKS.get(row.verdict, MARKS[""])
                     seen[row.verdict] = axes.scatter([place], [value], color=getattr(style, color), marker=marker, s=16,
-                                                     zorder=2)  # fmt: skip
+                                                     zorder=2)
                 if len(by_turbine(rows)) <= MOST_NAMED:
                     axes.annotate(turbine, (x[-1], y[-1]), xytext=(5, 0), textcoords="offset points", fontsize=7,
-                                  va="center")  # fmt: skip
+                                  va="center")
             style.label_axes(axes, "", f"{label} [%]")
         panels[-1].set_xticks(range(len(months)), months, rotation=30 if len(months) > 4 else 0)
         # one month alone is a column of dots
         panels[-1].set_xlim(-0.5, max(len(months) - 0.5, 0.5))
         figure.legend(list(seen.values()), [verdict or "not diagnosed" for verdict in seen], loc="outside upper right",
-                      ncols=len(seen))  # fmt: skip
+                      ncols=len(seen))
         return figure
 
     return draw()

@@ -97,7 +97,7 @@ def _row(month: Month, farm: Farm, state: MonthState | None, folder: Path) -> Mo
             content = read_diagnosis(folder / "diagnosis.json")
             row = replace(row, verdict=content["verdict"], p_value=content["p_value"],
                           findings=tuple(finding_words(f) for f in content["findings"]),
-                          causes=tuple(name_of(f) for f in content["findings"]))  # fmt: skip
+                          causes=tuple(name_of(f) for f in content["findings"]))
     except InputError as error:
         row = replace(row, failed_step=row.failed_step or "summary", failed=row.failed or str(error))
     finished = all(step in state.finished for step in farm.steps)
@@ -153,13 +153,13 @@ def rows_table(rows: Sequence[MonthRow]) -> pd.DataFrame:
         for label in labels_of(rows):
             found = row.frequency.get(label)
             line |= {f"{label}_hz": found and found.hz, f"{label}_std_hz": found and found.std_hz,
-                     f"{label}_blocks": found.blocks if found else 0, f"{label}_change": row.change.get(label)}  # fmt: skip
+                     f"{label}_blocks": found.blocks if found else 0, f"{label}_change": row.change.get(label)}
         for name in names:
             value, std = row.parameters.get(name, (None, None))
             line |= {name: value, f"{name}_std": std}
         lines.append(line | {
             "verdict": row.verdict, "p_value": row.p_value, "findings": "; ".join(row.findings),
-            "changes": "; ".join(row.changes), "failed_step": row.failed_step, "failed": row.failed})  # fmt: skip
+            "changes": "; ".join(row.changes), "failed_step": row.failed_step, "failed": row.failed})
     return with_units(pd.DataFrame(lines))
 
 

@@ -9,4 +9,4 @@ hold sensors and modes and are read in `campaign`.
 __all__ = [
     "elastodyn_file", "files", "fortran_text", "hdf5_file", "json_rows", "outputs", "result_table", "schema",
     "ssi_file", "subdyn_file",
-]  # fmt: skip
+]

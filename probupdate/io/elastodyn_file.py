@@ -15,7 +15,7 @@ from probupdate.runtime.arrays import frozen_array
 
 # keys a rigid rotor-nacelle assembly is made of
 NACELLE = ("NacMass", "NacCMxn", "NacCMyn", "NacCMzn", "NacYIner", "YawBrMass", "Twr2Shft", "OverHang", "ShftTilt",
-           "HubMass", "HubIner", "HubCM", "NumBl", "TipRad", "HubRad")  # fmt: skip
+           "HubMass", "HubIner", "HubCM", "NumBl", "TipRad", "HubRad")
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -95,7 +95,7 @@ class _Keys:
             values = [number(w) for w in words(self.lines[k])] if k < len(self.lines) else []
             if len(values) < columns or None in values[:columns]:
                 raise InputError(f"{self.path}, line {k + 1}", f"row {k - start - 1} of {n} ({count}) has not {columns} "
-                                 "numbers", "complete it, or mend the count")  # fmt: skip
+                                 "numbers", "complete it, or mend the count")
             rows.append(values[:columns])
         table = np.array(rows)
         if np.any(np.diff(table[:, 0]) <= 0) or abs(table[0, 0]) > 1e-6 or abs(table[-1, 0] - 1) > 1e-6:
@@ -108,7 +108,7 @@ def read_elastodyn(path: str | Path, root: Path | None = None) -> ElastoDyn:
     or below (the file's own where None)."""
     keys = _Keys(Path(path), root)
     with parsing(str(path), "holds numbers of no turbine", "mend the largest of them"), np.errstate(
-            over="raise", invalid="raise", divide="raise"):  # fmt: skip
+            over="raise", invalid="raise", divide="raise"):
         return ElastoDyn(tower=_tower(keys), rotor_nacelle=_rotor_nacelle(keys))
 
 
@@ -135,7 +135,7 @@ def _tower(keys: _Keys) -> Tower:
             raise InputError(str(file.path), f"{name} is not above zero everywhere", "mend the column")
     mass, fore_aft, side_side = (frozen_array(table[:, k + 1] * factors[k]) for k in range(3))
     return Tower(base_m=base, top_m=top, fraction=frozen_array(table[:, 0]), mass_kgpm=mass,
-                 stiffness_fa_nm2=fore_aft, stiffness_ss_nm2=side_side)  # fmt: skip
+                 stiffness_fa_nm2=fore_aft, stiffness_ss_nm2=side_side)
 
 
 def _rotor_nacelle(keys: _Keys) -> RotorNacelle:

@@ -345,7 +345,7 @@ def read_json(path: str | Path, remedy: str = "mend the file at that place", *, 
         text = read_bytes(path, absent).decode("utf-8")
         content = json.loads(text, parse_constant=_constant if not nan else None, object_pairs_hook=_table,
                              parse_int=_integer if re.search(r"\d{19}", text) else None,
-                             parse_float=_float if re.search(r"\d{300}|[eE]\+?0*[1-9]\d\d", text) else None)  # fmt: skip
+                             parse_float=_float if re.search(r"\d{300}|[eE]\+?0*[1-9]\d\d", text) else None)
         _refuse_deep(content)
         if re.search(r"\\u[dD][89a-fA-F]", text):
             json.dumps(content, ensure_ascii=False).encode("utf-8")
@@ -471,7 +471,7 @@ def _table(pairs: list[tuple[str, Any]]) -> dict:
 def _kind(mode: int) -> str:
     kinds: tuple[tuple[Callable[[int], bool], str], ...] = (
         (stat.S_ISDIR, "a directory"), (stat.S_ISFIFO, "a pipe"), (stat.S_ISSOCK, "a socket"),
-        (stat.S_ISCHR, "a device"), (stat.S_ISBLK, "a device"), (stat.S_ISLNK, "a link"))  # fmt: skip
+        (stat.S_ISCHR, "a device"), (stat.S_ISBLK, "a device"), (stat.S_ISLNK, "a link"))
     return next((text for test, text in kinds if test(mode)), "something else")
 
 

@@ -17,7 +17,7 @@ MODES_BESIDE = (".deviations.h5", ".poles.csv")
 WRITTEN_BESIDE = {
     "identify": (*MODES_BESIDE, ".setups.csv"), "select": (".deviations.h5", ".selection.csv", ".selection.cov.csv"),
     "check": (".channels.csv",), "diagnose": (".model.toml", ".model.npz"),
-}  # fmt: skip
+}
 CAMPAIGN_FILES = ("campaign.toml", "scada.csv", "convert.toml", "truth.toml")
 
 
@@ -28,7 +28,7 @@ def refuse_overwriting(verb: str, out: str, given: Iterable[str]) -> None:
     for target in written(verb, Path(out)):
         place = _resolved(target)
         if place in read or (verb == "report" and _is(target, "is_file") and target.suffix.lower() not in (".html", ".htm")
-                             and any(place.is_relative_to(f) for f in folders)):  # fmt: skip
+                             and any(place.is_relative_to(f) for f in folders)):
             which = "" if target == Path(out) else f" (with {target.name} beside it)"
             raise InputError(out + which, "is read by this step and would be written over", "name another file")
         for folder in folders:

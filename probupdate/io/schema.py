@@ -106,7 +106,7 @@ def table_as(kind: type[T], table: object, where: str, **defaults: object) -> T:
     except (TypeError, ValueError) as error:
         raise InputError(where, f"holds what is no number, text or list ({error})", "see docs/formats") from None
     given = {name: getattr(found, f"{name}_" if hasattr(pydantic.BaseModel, name) else name) for name in known
-             if name in table}  # fmt: skip
+             if name in table}
     return kind(**(defaults | given))
 
 
@@ -129,7 +129,7 @@ WORDS = {
     "tuple_type": (LIST, 'write ["..."], or [1.0, 2.0]'), "list_type": (LIST, 'write ["..."], or [1.0, 2.0]'),
     "dict_type": ("is no table", "write name = value below a line with its name in brackets"),
     "mapping_type": ("is no table", "write name = value below a line with its name in brackets"),
-}  # fmt: skip
+}
 
 
 
@@ -151,7 +151,7 @@ def _mistake(errors: list, known: list[str], where: str) -> InputError:
                           f"did you mean '{close[0]}'?" if close else f"choose from {', '.join(choices)}")
     if len({e["type"] for e in same}) > 1:
         return InputError(where, f"{shown} is of another kind", "; or ".join(
-            dict.fromkeys(WORDS[e["type"]][1] for e in same if e["type"] in WORDS)) or "see docs/formats")  # fmt: skip
+            dict.fromkeys(WORDS[e["type"]][1] for e in same if e["type"] in WORDS)) or "see docs/formats")
     problem, remedy = WORDS.get(kind, (first["msg"].removeprefix("Value error, "), "give another one"))
     return InputError(where, f"{shown} {problem}", remedy)
 
@@ -167,7 +167,7 @@ def _schema(kind: type) -> Any:
     # names that pydantic keeps for itself
     renamed: dict[str, Any] = {f"{name}_" if hasattr(pydantic.BaseModel, name) else name: value for name, value in members.items()}
     renamed = {key: (value[0], pydantic.Field(validation_alias=key.removesuffix("_"))) if key not in members else value
-               for key, value in renamed.items()}  # fmt: skip
+               for key, value in renamed.items()}
     return pydantic.create_model(kind.__name__, __config__=config, **renamed)
 
 

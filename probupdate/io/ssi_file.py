@@ -46,18 +46,18 @@ def parse_ssi(lines, where: str, name: str) -> SsiFile:
         key, value = _term(found)
         if value is None:
             raise InputError(f"{where}, line {at}", f"'{line.strip()}' is not a value and its name",
-                             "write a line such as '5.04E+08 Kxx', comments behind !")  # fmt: skip
+                             "write a line such as '5.04E+08 Kxx', comments behind !")
         place = PLACES.get(key[1:]) if key[0] in matrices else None
         if place is None:
             notes.append(f"{where}, line {at}: '{found[1]}' is none of SubDyn's names (Kxx, Kxy, Kyy, ... Ktztz, Mxx, ...)"
-                         "; SubDyn does not use it")  # fmt: skip
+                         "; SubDyn does not use it")
             continue
         if seen.setdefault(key, value) != value:
             raise InputError(f"{where}, line {at}", f"'{found[1]}' is given twice with different values", "keep one")
         matrix = matrices[key[0]]
         matrix[place] = matrix[place[::-1]] = value
     return SsiFile(name=name, stiffness=frozen_array(matrices["k"]), mass=frozen_array(matrices["m"]),
-                   lines=tuple(lines), notes=tuple(notes))  # fmt: skip
+                   lines=tuple(lines), notes=tuple(notes))
 
 
 def _term(found: list[str]) -> tuple[str, float | None]:

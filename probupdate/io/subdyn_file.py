@@ -20,12 +20,12 @@ from probupdate.io.ssi_file import SsiFile, read_ssi, write_ssi
 
 JOINT_KINDS = {1: "cantilever", 2: "universal", 3: "revolute", 4: "ball"}
 MEMBER_KINDS = {"1": "circular", "1c": "circular", "1r": "rectangular", "-1": "rectangular", "2": "cable", "3": "rigid",
-                "4": "arbitrary", "5": "spring"}  # fmt: skip
+                "4": "arbitrary", "5": "spring"}
 BEAMS = ("circular", "rectangular", "arbitrary")
 # the tables behind the members: kind -> numbers of columns, the name of the count
 SETS = {"circular": ((6,), "NPropSets"), "rectangular": ((7,), "NPropSets"), "arbitrary": ((10, 11), "NXPropSets"),
         "cable": ((4, 5), "NCablePropSets"), "rigid": ((2,), "NRigidPropSets"), "spring": ((22,), "NSpringPropSets"),
-        "cosine": ((10,), "NCOSMs"), "mass": ((5, 11), "NCmass")}  # fmt: skip
+        "cosine": ((10,), "NCOSMs"), "mass": ((5, 11), "NCmass")}
 # how many of them a file has tells its layout
 ORDERS = {
     4: ("circular", "arbitrary", "cosine", "mass"),
@@ -151,7 +151,7 @@ class _Reader:
     def line(self, what: str) -> str:
         if self.at >= len(self.lines):
             raise InputError(f"{self.where}, line {len(self.lines)}", f"the file ends where {what} is expected",
-                             "complete it; SubDyn's input has all its sections, empty ones too")  # fmt: skip
+                             "complete it; SubDyn's input has all its sections, empty ones too")
         self.at += 1
         return self.lines[self.at - 1]
 
@@ -163,7 +163,7 @@ class _Reader:
         found = words(text)
         if found and number(found[0]) is not None:
             self.fail(f"'{text.strip()[:40]}' stands where the heading '{what}' is expected",
-                      "check the count of the table above it")  # fmt: skip
+                      "check the count of the table above it")
         return text
 
     def word(self, name: str) -> str:
@@ -178,7 +178,7 @@ class _Reader:
         if value is None or (least is not None and value < least):
             bound = "" if least is None else f" of at least {least}"
             self.fail(f"{name} is '{word}', no whole number{bound}", f"write '<number> {name}'; check that no line "
-                      "above is missing or too many")  # fmt: skip
+                      "above is missing or too many")
         return value
 
     def table(self, title: str, count: str, least: int = 0) -> list[tuple[int, list[str]]]:
@@ -195,7 +195,7 @@ class _Reader:
             found = words(text)
             if not found or integer(found[0]) is None:
                 self.fail(f"row {k + 1} of {n} of {title} is expected, not '{text.strip()[:40]}'",
-                          f"check {count} in line {counted}")  # fmt: skip
+                          f"check {count} in line {counted}")
             rows.append((self.at, found))
         return rows
 
@@ -243,7 +243,7 @@ def parse_subdyn(lines: Sequence[str], where: str, soil_of) -> SubDynFile:
         where=where, layout=layout, settings=settings, joints=joints, reactions=reactions, interfaces=interfaces,
         members=members, sets={k: rows for k, rows in tables.items() if k not in ("cosine", "mass")},
         masses=tables["mass"], cosines=tables["cosine"], soil={}, notes=(), lines=tuple(lines), counts=counts,
-    )  # fmt: skip
+    )
     _check_references(r, file)
     _check_sizes(r, file)
     soil = {}
@@ -308,7 +308,7 @@ def _settings(r: _Reader) -> tuple[dict[str, str], bool]:
     found = words(r.line("the initial position"))
     if len(found) < 6 or any(number(w) is None for w in found[:6]):
         r.fail("the initial rigid-body position is not six numbers", "write six; for a file of v4 check that NJoints "
-               "stands below the heading of the joints")  # fmt: skip
+               "stands below the heading of the joints")
     settings["InitialPosition"] = " ".join(found[:6])
     r.heading("STRUCTURE JOINTS")
     return settings, True
@@ -338,7 +338,7 @@ def _joints(r: _Reader) -> tuple[tuple[Joint, ...], bool]:
         if kind == "cantilever" and values[8] > 0:
             r.fail(f"joint {id} is rigid and has a stiffness of {values[8]:g}", "write 0; SubDyn refuses it too", line)
         joints.append(Joint(id=id, position_m=(values[1], values[2], values[3]), kind=kind,
-                            direction=(values[5], values[6], values[7]), stiffness=values[8], line=line))  # fmt: skip
+                            direction=(values[5], values[6], values[7]), stiffness=values[8], line=line))
     return tuple(joints), old
 
 
@@ -377,11 +377,11 @@ def _interfaces(r: _Reader, notes: list[str]) -> tuple[tuple[Interface, ...], bo
         flags = values[2:] if with_piece else values[1:]
         if not all(flags):
             notes.append(f"{r.where}, line {line}: SubDyn wants every direction of an interface joint locked to the "
-                         "transition piece and will not read this row")  # fmt: skip
+                         "transition piece and will not read this row")
         result.append(Interface(joint=id, transition_piece=int(values[1]) if with_piece else 1, line=line))
     if len(widths & {2, 8}) and len(widths & {1, 7}):
         r.fail("some interface joints name a transition piece and others do not", "give TPID in every row or in none",
-               result[-1].line)  # fmt: skip
+               result[-1].line)
     return tuple(result), bool(widths & {2, 8})
 
 
@@ -409,7 +409,7 @@ def _members(r: _Reader, rows, spin: bool) -> tuple[Member, ...]:
             r.fail(f"member {id} ({kind}) has two property sets", "give it one at both ends, as SubDyn wants", line)
         cosine = None if turned or kind in ("cable", "rigid") or last <= 0 else int(last)
         members.append(Member(id=id, joints=(rest[0], rest[1]), sets=(rest[2], rest[3]), kind=kind, cosine=cosine,
-                              spin_deg=last if turned else 0.0, line=line))  # fmt: skip
+                              spin_deg=last if turned else 0.0, line=line))
     return tuple(members)
 
 
@@ -432,7 +432,7 @@ def _sets(r: _Reader) -> tuple[dict[str, tuple[Row, ...]], dict[str, int]]:
     if order is None:
         r.fail(f"{len(found)} tables between the members and the OUTPUT section, {', '.join(map(str, ORDERS))} expected "
                "(circular, rectangular, arbitrary, cable, rigid, spring, cosine matrices, masses)",
-               "put back the missing one, with a count of 0 if it is empty")  # fmt: skip
+               "put back the missing one, with a count of 0 if it is empty")
     tables = {kind: () for kind in SETS}
     for kind, (_, rows) in zip(order, found, strict=True):
         columns, result, seen = SETS[kind][0], [], {}
@@ -465,23 +465,23 @@ def _check_references(r: _Reader, file: SubDynFile) -> None:
         for joint in member.joints:
             if joint not in joints:
                 r.fail(f"member {member.id} is at joint {joint}, which is not among the joints", "mend its number",
-                       member.line)  # fmt: skip
+                       member.line)
             if member.kind == "rigid" and joints[joint].kind != "cantilever":
                 r.fail(f"the rigid link {member.id} is at joint {joint}, which is {joints[joint].kind}",
-                       "rigid links want rigid joints (type 1), in SubDyn too", member.line)  # fmt: skip
+                       "rigid links want rigid joints (type 1), in SubDyn too", member.line)
         used |= set(member.joints)
         for number_ in member.sets:
             if number_ not in sets[member.kind]:
                 r.fail(f"member {member.id} wants {member.kind} property set {number_}, which is not in that table",
-                       "mend its property set or its type", member.line)  # fmt: skip
+                       "mend its property set or its type", member.line)
         if member.cosine is not None and member.cosine not in cosines:
             r.fail(f"member {member.id} wants cosine matrix {member.cosine}, which is not in the file",
-                   "mend its number, or write -1", member.line)  # fmt: skip
+                   "mend its number, or write -1", member.line)
         if member.kind in ("circular", "rectangular"):
             one, two = (sets[member.kind][k].values for k in member.sets)
             if one[:3] != two[:3]:
                 r.fail(f"the two ends of member {member.id} differ in E, G or density", "give them one material, as "
-                       "SubDyn wants", member.line)  # fmt: skip
+                       "SubDyn wants", member.line)
     for joint in file.joints:
         if joint.id not in used:
             r.fail(f"joint {joint.id} is at no member", "connect it or take it out", joint.line)
@@ -490,7 +490,7 @@ def _check_references(r: _Reader, file: SubDynFile) -> None:
             r.fail(f"a concentrated mass is at joint {row.id}, which is not among the joints", "mend it", row.line)
         if joints[row.id].kind != "cantilever":
             r.fail(f"a concentrated mass is at joint {row.id}, which is {joints[row.id].kind}",
-                   "put it on a rigid joint (type 1), in SubDyn too", row.line)  # fmt: skip
+                   "put it on a rigid joint (type 1), in SubDyn too", row.line)
 
 
 # names of a set's numbers, what must be above zero, and what must not be below
@@ -502,21 +502,21 @@ SIZES = {
     "cable": (("EA", "MatDens", "T0"), (0,), (1,)),
     "rigid": (("MatDens",), (), (0,)),
     "spring": ((), (), ()),
-}  # fmt: skip
+}
 
 
 def _check_sizes(r: _Reader, file: SubDynFile) -> None:
     """Property sets that are used: no beam without stiffness or with a wall thicker than itself."""
     for kind, line, values in {(m.kind, file.set_of(m, end).line, file.set_of(m, end).values)
-                               for m in file.members for end in (0, 1)}:  # fmt: skip
+                               for m in file.members for end in (0, 1)}:
         names, positive, not_negative = SIZES[kind]
         for k in (*positive, *not_negative):
             if values[k] < 0 or (values[k] == 0 and k in positive):
                 r.fail(f"{names[k]} of a {kind} set is {values[k]:g}",
-                       f"give a number {'above zero' if k in positive else 'of zero or more'}", line)  # fmt: skip
+                       f"give a number {'above zero' if k in positive else 'of zero or more'}", line)
         if kind == "circular" and 2 * values[4] > values[3] * (1 + 1e-9):
             r.fail(f"the wall {values[4]:g} is thicker than half of the diameter {values[3]:g}", "mend one of them; 0 is "
-                   "a solid section", line)  # fmt: skip
+                   "a solid section", line)
         if kind == "rectangular" and 2 * values[5] > min(values[3:5]) * (1 + 1e-9):
             r.fail(f"the wall {values[5]:g} is thicker than half of a side", "mend it; 0 is a solid section", line)
         if kind == "arbitrary" and file.shear and not values[4] * values[5]:
@@ -538,16 +538,16 @@ def _soil_notes(where: str, reactions: Sequence[Reaction], soil: Mapping[str, Ss
     if fixed:
         joints = ", ".join(str(r.joint) for r in fixed)
         notes.append(f"{where}, line {fixed[0].line}: the SSI file of joint {joints} has no effect, as all six directions "
-                     "are held (flag 1); write 0 where the soil is to act")  # fmt: skip
+                     "are held (flag 1); write 0 where the soil is to act")
     for r in reactions:
         if r.ssi and any(r.fixed) and not all(r.fixed):
             held = [k for k in range(6) if r.fixed[k] and (soil[r.ssi].stiffness[k].any() or soil[r.ssi].mass[k].any())]
             if held:
                 notes.append(f"{where}, line {r.line}: the terms of '{r.ssi}' in {', '.join(DIRECTIONS[k] for k in held)} "
-                             f"have no effect, as joint {r.joint} is held there")  # fmt: skip
+                             f"have no effect, as joint {r.joint} is held there")
         if r.ssi is None and not any(r.fixed):
             notes.append(f"{where}, line {r.line}: reaction joint {r.joint} is free and has no SSI file: nothing holds "
-                         "it")  # fmt: skip
+                         "it")
     for file in soil.values():
         notes += file.notes
         if not file.stiffness.any() and not file.mass.any():
@@ -579,7 +579,7 @@ def write_subdyn(file: SubDynFile, path: str | Path, root: Path | None = None) -
         targets[name] = (path.resolve().parent / name.replace("\\", "/")).resolve()
         if not targets[name].is_relative_to(folder):
             raise InputError(str(path), f"its SSI file '{name}' would be written outside {folder}",
-                             "keep the folders' arrangement")  # fmt: skip
+                             "keep the folders' arrangement")
     for name, soil in file.soil.items():
         write_ssi(soil, targets[name])
     return write_lines(path, file.lines)

@@ -8,7 +8,7 @@ from probupdate.io.subdyn_file import BEAMS, SETS, SubDynFile, reparsed
 
 EMPTY = ("names of columns", "(units)")
 INITIAL = ("---------------- INITIAL RIGID-BODY POSITION ----------------", "Surge Sway Heave Roll Pitch Yaw",
-           "(m) (m) (m) (deg) (deg) (deg)", " 0.0 0.0 0.0 0.0 0.0 0.0")  # fmt: skip
+           "(m) (m) (m) (deg) (deg) (deg)", " 0.0 0.0 0.0 0.0 0.0 0.0")
 OLD_LINES = ("CBMOD", "GUYANLOADCORRECTION")
 
 
@@ -61,7 +61,7 @@ def _members(file: SubDynFile, lines: list[str | None]) -> None:
         text = file.lines[member.line - 1]
         if member.kind in BEAMS and member.cosine is not None and member.kind != "circular":
             raise InputError(f"{file.where}, line {member.line}", f"member {member.id} is turned by a cosine matrix",
-                             "v5 turns beams by an angle (MSpin): write it by hand")  # fmt: skip
+                             "v5 turns beams by an angle (MSpin): write it by hand")
         kind = "1c" if member.kind == "circular" else words(text)[5]
         last = "0" if member.kind in BEAMS else str(member.cosine or -1)
         given = words(text)

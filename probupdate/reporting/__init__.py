@@ -24,7 +24,7 @@ SECTIONS = {
     "modes_section": "modes_section", "update_section": "updating_sections", "posterior_section": "posterior_sections",
     "comparison_section": "posterior_sections", "sets_section": "sets_section", "information_section": "sets_section",
     "diagnosis_section": "diagnosis_section", "provenance_section": "overview_sections",
-}  # fmt: skip
+}
 # three quarters of a page's time: begun first, and worth a process each
 SLOW = ("diagnosis_section", "posterior_section", "identification_section")
 
@@ -32,7 +32,7 @@ SLOW = ("diagnosis_section", "posterior_section", "identification_section")
 def report(
     run: str | Path, out: str | Path, *, campaign: str | Path | None = None, model: str | Path | None = None,
     parameters: str | Path | None = None, jobs: int | Executor = 1, progress: Progress = silent,
-) -> Path:  # fmt: skip
+) -> Path:
     """Read the run directory `run` and write the page to `out`; returns the path written. campaign, model, parameters:
     where the records, the model and its table of parameters lie, if not in the directory under their usual names.
 

@@ -33,7 +33,7 @@ def component_items(update: UpdateRecord) -> list[object]:
             "is "
             "all prior was not informed by the data; where identification is large, a longer or better record helps."),
         _components_table(update, parts, share, total),
-    ]  # fmt: skip
+    ]
     if parts.measures:
         items.append(_measures_table(update, parts))
     items.append(_responses_table(parts))
@@ -46,7 +46,7 @@ def component_items(update: UpdateRecord) -> list[object]:
 
 def _components_table(update: UpdateRecord, parts: ComponentsRecord, share: np.ndarray, total: np.ndarray) -> Table:
     columns = [Column(name="parameter", number=False), Column(name="unit", number=False),
-               Column(name="standard deviation")]  # fmt: skip
+               Column(name="standard deviation")]
     columns += [Column(name=name, unit="%") for name in parts.names]
     rows = tuple(
         (p.name, p.unit or "-", number(float(np.sqrt(total[k]))), *(percent(s, 0) for s in share[:, k]))
@@ -73,7 +73,7 @@ def _responses_table(parts: ComponentsRecord) -> Table:
         for name, found, expected in zip(parts.responses, parts.chi_square, parts.expected, strict=True)
     )
     columns = (Column(name="response", number=False), Column(name="chi-square", unit="-"),
-               Column(name="expected", unit="-"), Column(name="ratio", unit="-"))  # fmt: skip
+               Column(name="expected", unit="-"), Column(name="ratio", unit="-"))
     return Table(caption="Fit of each response at the MAP", columns=columns, rows=rows, width="half",
                  marked=frozenset(k for k, name in enumerate(parts.responses) if name in accused),
                  note="By its own marginal covariance. A ratio far below 1: the stated standard deviations are wider "

@@ -29,7 +29,7 @@ from probupdate.reporting.values import Run
 HEADLINES = {
     "named": "Something is wrong, and it has a name", "ambiguous": "Something is wrong; which of several, is open",
     "unexplained": "Something is wrong that no listed cause explains", "none": "Nothing beyond tolerances was found",
-}  # fmt: skip
+}
 KINDS = ("structural", "environmental", "measurement")
 # limits drawn in all, and at least so many places of a cause before another cause gets its second
 MOST_LIMITS = 30
@@ -84,7 +84,7 @@ def _tiles(content: Mapping) -> Tiles:
              value=wording.probability_words(content["p_value"]),
              detail="of the whole search, its largest score against a bootstrap"
              + (f"; threshold |z| = {content['threshold']:.1f}" if content.get("threshold") else "")),
-    ]  # fmt: skip
+    ]
     if adequacy is not None:
         shown.append(Tile(label="is the rest explained?", value=wording.probability_words(adequacy),
                           level="warning" if adequacy < 0.01 else "good", detail=wording.adequacy_words(content)))
@@ -119,7 +119,7 @@ def _hidden_beside_found(hidden: Sequence[str], findings: Sequence[Mapping]) -> 
     return Table(caption="What was hidden in this virtual campaign, and what the diagnosis found",
                  columns=(Column(name="hidden", number=False), Column(name="found", number=False)), rows=tuple(rows),
                  note="Each in its own order. Sizes of findings are changes from the neutral value: a factor of 0.75 "
-                      "is -25 %.")  # fmt: skip
+                      "is -25 %.")
 
 
 def _findings_table(findings: Sequence[Mapping]) -> Table:
@@ -129,12 +129,12 @@ def _findings_table(findings: Sequence[Mapping]) -> Table:
          wording.time_profile_words(f.get("course", "constant"), f.get("since", "")), fixed(f.get("z"), 1),
          fixed(f["posterior_probability"], 2), fixed(f.get("prior_probability"), 2), wording.alternatives_words(f))
         for k, f in enumerate(findings, start=1)
-    )  # fmt: skip
+    )
     columns = (Column(name="no."), Column(name="kind", number=False), Column(name="cause, place", number=False),
                Column(name="size with standard "
                            "deviation"), Column(name="time profile", number=False), Column(name="z", unit="-"),
                Column(name="probability", unit="-"), Column(name="the same before the data", unit="-"),
-               Column(name="or else", number=False))  # fmt: skip
+               Column(name="or else", number=False))
     return Table(caption="Findings, in the order in which they were included", columns=columns, rows=rows,
                  note="A size is what goes beyond the drawing or data sheet; its standard deviation counts "
                       "tolerances and what "
@@ -162,7 +162,7 @@ def _remaining(run: Run, content: Mapping, shown: Mapping) -> list[object]:
     items: list[object] = [Text(paragraphs=(
         f"Residuals of the measurement after the best update of the model,{then or ' which found nothing'}. Bands "
         "and standard deviations hold noise, tolerances and model discrepancy, less what the fit itself absorbed.",
-    ))]  # fmt: skip
+    ))]
     items.append(_picture(figures.mode_residuals(shown["modes"], states), "moderest",
                           "Frequencies: measured less model on average. Bars hold 90 % when nothing is wrong. A close "
                           "pair has two fixed axes and the coupling between them, as its modes turn in their plane."))
@@ -170,24 +170,24 @@ def _remaining(run: Run, content: Mapping, shown: Mapping) -> list[object]:
         items.append(_picture(figures.residual_map(shown["channels"], states), "restmap",
                               "Shapes, mode by channel: colour in standard deviations of normal variation, numbers "
                               "(from two of them) in per cent of the shape's largest component. A row of one colour is "
-                              "a sensor; a column, the structure."))  # fmt: skip
+                              "a sensor; a column, the structure."))
     if shown.get("sensors"):
         items.append(_picture(figures.residual_layout(shown["sensors"], shown["channels"], states), "restplace",
                               "The same at the sensors' places, each level from above: a channel's arrow has the "
-                              "colour of the mode of its largest residual."))  # fmt: skip
+                              "colour of the mode of its largest residual."))
     since = [f["since"] for f in content["findings"] if f.get("since")]
     time = shown["time"]
     items.append(_picture(
         figures.calendar(time, states, since), "calendar",
         "Along the record, about the mean of each: white before, blue after; grey: 90 % of points when nothing is "
         f"wrong. Shapes: the components that move most; of as many, chance alone gives |z| = {time['by_chance']:.1f} "
-        "once in twenty records." + (" Dashed: where a finding begins." if since else "")))  # fmt: skip
+        "once in twenty records." + (" Dashed: where a finding begins." if since else "")))
     if shown["covariates"]:
         explained = [f.get("course", "") for f in content["findings"]]
         items.append(_picture(
             figures.against_covariates(shown["covariates"], states, explained), "covariates",
             "Against what was measured beside them, in bins of equally many blocks: of each the mode that follows it "
-            "most. Grey: 90 % of points when nothing is wrong."))  # fmt: skip
+            "most. Grey: 90 % of points when nothing is wrong."))
         items += _slopes(shown["covariates"], states)
     items.append(_bands_table(shown["bands"], states))
     return items
@@ -203,16 +203,16 @@ def _slopes(tables: Sequence[Mapping], states: Sequence[str]) -> list[object]:
     )
     chance = NormalDist().inv_cdf(1 - 0.025 / (len(names) * len(tables)))
     left = [(t["column"], s["name"], s["slope_z"][-1]) for t in tables for s in t["series"]
-            if abs(s["slope_z"][-1] or 0.0) > chance]  # fmt: skip
+            if abs(s["slope_z"][-1] or 0.0) > chance]
     note = f"Of as many, chance alone gives |z| = {chance:.1f} once in twenty records."
     if len(states) > 1:
         note = f"Before → after the findings are included. {note}"
     items: list[object] = [Table(caption="Does a frequency follow the environmental and operational conditions?",
                                  columns=columns, rows=rows,
-                                 note=note, marked=frozenset(names.index(n) for _, n, _ in left))]  # fmt: skip
+                                 note=note, marked=frozenset(names.index(n) for _, n, _ in left))]
     if left:
         statements = tuple(f"{name} follows the {wording.column_words(column)} by more than chance (z = {fixed(z, 1)})."
-                           for column, name, z in left)  # fmt: skip
+                           for column, name, z in left)
         items.append(Items(title="Residual, and not named", level="warning", statements=statements))
     return items
 
@@ -226,12 +226,12 @@ def _bands_table(bands: Sequence[Mapping], states: Sequence[str]) -> Table:
                 # one block has no scatter about its mean
                 continue
             cells = [f"{percent(b[f'within_{n}'], 0)} ({' to '.join(percent(e, 0) for e in b[f'within_{n}_expected'])})"
-                     for n in (50, 90)]  # fmt: skip
+                     for n in (50, 90)]
             rows.append((state if len(states) > 1 else "best update", words, str(b["directions"]), *cells,
-                         number(b["p"], 2) if "p" in b else ""))  # fmt: skip
+                         number(b["p"], 2) if "p" in b else ""))
     columns = (Column(name="", number=False), Column(name="of", number=False), Column(name="directions"),
                Column(name="within 50 % bands (expected)", unit="%"),
-               Column(name="within 90 % bands (expected)", unit="%"), Column(name="p of all", unit="-"))  # fmt: skip
+               Column(name="within 90 % bands (expected)", unit="%"), Column(name="p of all", unit="-"))
     return Table(caption="Do the bands hold what they say?", columns=columns, rows=tuple(rows),
                  note="Along independent directions of the full predictive covariance. More than expected: the bands "
                  "are wider than this record needs, as model form is allowed for; fewer: some residual is unexplained.")
@@ -247,7 +247,7 @@ def _pushed(content: Mapping, shown: Mapping | None) -> list[object]:
                 figures.pushed_parameters(told["parameters"], shown["states"]), "pushed",
                 "Standardised shift of each parameter from its prior, and how far these data shift it nine times in "
                 "ten when its "
-                f"prior is right (grey). All together: p = {together}."))  # fmt: skip
+                f"prior is right (grey). All together: p = {together}."))
     sentences = wording.prior_shift_words(content)
     if sentences:
         items.append(Items(title="Shifted where the prior did not expect it", level="warning",
@@ -262,13 +262,13 @@ def _measurement(content: Mapping, shown: Mapping | None) -> list[object]:
         columns = (Column(name="test", number=False), Column(name="time profile", number=False),
                    Column(name="places tried"), Column(name="largest score at", number=False),
                    Column(name="z", unit="-"),
-                   Column(name="size that fits best"), Column(name="tolerance"))  # fmt: skip
+                   Column(name="size that fits best"), Column(name="tolerance"))
         table = tuple(
             (r["cause"], r["course"], str(r["tried"]), r["location"], fixed(r["z"], 1),
              typeset(wording.amount(r["size"], r["size_std"], r["unit"], r["cause"])),
              wording.amount(r["tolerance"], None, r["unit"].split(" per ")[0], r["cause"]).lstrip("+"))
             for r in rows
-        )  # fmt: skip
+        )
         threshold = content.get("threshold")
         note = "At the best update of the model as it is, before any finding is included"
         items.append(Table(caption="The measurement's own tests", columns=columns, rows=table,
@@ -318,13 +318,13 @@ def _limits(content: Mapping) -> list[object]:
     if not reached:
         return [Notice(level="plain", text="No candidate has a limit within what it can be at most.")]
     steps = {(x["cause"], x["location"]): x["limit"] for x in content["limits"]
-             if x["course"] == "step" and x.get("limit")}  # fmt: skip
+             if x["course"] == "step" and x.get("limit")}
     count = sum(bool(x.get("limit")) for x in content["limits"])
     items: list[object] = [_picture(
         figures.detection_limits(reached, steps), "limits",
         "The minimum detectable size: found in nine of ten records like this one, all through the record or "
         "with its covariate; diamonds: as a step within the record. Each cause at its best places; all "
-        f"{count} are in diagnosis.json.")]  # fmt: skip
+        f"{count} are in diagnosis.json.")]
     if unreached:
         items.append(Notice(level="plain", text=(
             f"{plural(len(unreached), 'candidate')} would not be seen as a constant at any size they can have, among "

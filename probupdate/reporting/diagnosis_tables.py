@@ -25,15 +25,15 @@ def gain_items(findings: Sequence[Mapping]) -> list[object]:
     if not told:
         return []
     items: list[object] = [Items(title="What taking it in gains on blocks that were held out", statements=tuple(
-        sentence(f"{wording.name_of(f)}: {wording.gain_words(f)}") for _, f, _ in told))]  # fmt: skip
+        sentence(f"{wording.name_of(f)}: {wording.gain_words(f)}") for _, f, _ in told))]
     measured = [(str(k), _measure_words(key), *(_measure(key, g[f"{key}_{side}"]) for side in ("before", "after")))
-                for k, _, g in told for key in _pairs_of(g)]  # fmt: skip
+                for k, _, g in told for key in _pairs_of(g)]
     if measured:
         items.append(Table(caption="Predicting held-out blocks", rows=tuple(measured), width="half", columns=(
             Column(name="finding"), Column(name="measure", number=False), Column(name="before"),
-            Column(name="with it"))))  # fmt: skip
+            Column(name="with it"))))
     sensors = [(str(k), str(r["level"]), percent(r["rms_error_before"], 2), percent(r["rms_error_after"], 2))
-               for k, _, g in told for r in g.get("heldout_sensors", ())]  # fmt: skip
+               for k, _, g in told for r in g.get("heldout_sensors", ())]
     if sensors:
         items.append(Table(caption="Predicting sensors that took no part", rows=tuple(sensors), width="half", columns=(
             Column(name="finding"), Column(name="level held out", number=False),
@@ -44,7 +44,7 @@ def gain_items(findings: Sequence[Mapping]) -> list[object]:
 def _pairs_of(gain: Mapping) -> list[str]:
     """Measures that a gain holds before and after."""
     return [key.removesuffix("_before") for key in gain if key.endswith("_before")
-            and isinstance(gain.get(f"{key.removesuffix('_before')}_after"), int | float)]  # fmt: skip
+            and isinstance(gain.get(f"{key.removesuffix('_before')}_after"), int | float)]
 
 
 def _measure_words(key: str) -> str:
@@ -69,17 +69,17 @@ def _fatigue(told: Sequence) -> list[object]:
             if isinstance(spots, Mapping):
                 rows += [(str(k), group, name.replace("_", " "), str(s["place"]), fixed(s["stress_ratio"], 2),
                           *(fixed(s[d], 2) for d in sorted(s) if d.startswith("damage_ratio")))
-                         for name, s in spots.items()]  # fmt: skip
+                         for name, s in spots.items()]
     if not rows or len({len(r) for r in rows}) > 1:
         return []
     slopes = [d for d in sorted(next(s for _, _, g in told for spots in (g.get("fatigue") or {}).values()
                                      if isinstance(spots, Mapping) for s in spots.values()))
-              if d.startswith("damage_ratio")]  # fmt: skip
+              if d.startswith("damage_ratio")]
     columns = (Column(name="finding"), Column(name="members", number=False), Column(name="spot", number=False),
                Column(name="place", number=False), Column(name="stress ratio", unit="-"),
                *(Column(name=f"damage ratio, {d.rsplit('_', 1)[1].replace('m', 'm = ')}", unit="-") for d in slopes))
     return [Table(caption="What it changes of fatigue: with it over without it", columns=columns, rows=tuple(rows),
-                  note=f"Per {per}." if per else "")]  # fmt: skip
+                  note=f"Per {per}." if per else "")]
 
 
 def extension_items(table: object) -> list[object]:
@@ -109,18 +109,18 @@ def _estimators_table(updated: object, sampler: object) -> list[object]:
         rows.append((p["name"], _with_deviation(p.get("prior"), p.get("prior_std")), number(p["deterministic"]),
                      _with_deviation(p["map"], p["std"]), _with_deviation(d.get("mean"), d.get("std")),
                      *(number(d.get(q)) for q in ("q05", "q50", "q95")), fixed(d.get("r_hat"), 3),
-                     fixed(d.get("effective_draws"), 0)))  # fmt: skip
+                     fixed(d.get("effective_draws"), 0)))
     columns = (Column(name="parameter", number=False), Column(name="prior"), Column(name="deterministic"),
                Column(name="MAP with Laplace's standard deviation"), Column(name="emcee, mean with standard deviation"),
                Column(name="5 %"), Column(name="50 %"), Column(name="95 %"), Column(name="R-hat", unit="-"),
-               Column(name="effective draws"))  # fmt: skip
+               Column(name="effective draws"))
     how = (f"{sampler['draws']} draws, acceptance {fixed(sampler['acceptance'], 2)}; asked for "
            f"{sampler['effective_draws_asked']} effective draws in at most {sampler['steps_at_most']} steps. ")
     items: list[object] = [Table(caption="The estimators with the findings in the model", columns=columns,
-                                 rows=tuple(rows), note=typeset(how + sampler["verdict"]))]  # fmt: skip
+                                 rows=tuple(rows), note=typeset(how + sampler["verdict"]))]
     if not sampler["converged"]:
         items.append(Notice(level="warning", text="The chain has not converged: its means and intervals are "
-                            "provisional."))  # fmt: skip
+                            "provisional."))
     return items
 
 
@@ -153,11 +153,11 @@ def row_table(caption: str, rows: Sequence) -> list[object]:
         return [Items(title=caption, statements=tuple(map(sentence, rows)))]
     rows = [r for r in rows if isinstance(r, Mapping)]
     keys = [k for k in dict.fromkeys(k for r in rows for k in r)
-            if any(isinstance(r.get(k), str | int | float) for r in rows)]  # fmt: skip
+            if any(isinstance(r.get(k), str | int | float) for r in rows)]
     if not keys:
         return []
     columns = tuple(Column(name=k.replace("_", " "), number=not any(isinstance(r.get(k), str | bool) for r in rows))
-                    for k in keys)  # fmt: skip
+                    for k in keys)
     return [Table(caption=caption, columns=columns, rows=tuple(tuple(_cell(r.get(k)) for k in keys) for r in rows))]
 
 

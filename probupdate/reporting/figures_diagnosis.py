@@ -37,7 +37,7 @@ MOST_CHANNELS, MOST_PANELS, MOST_LEVELS = 40, 14, 5
 SIGNED = LinearSegmentedColormap.from_list("signed", ["#0b4f8a", "#7fb3d8", "#ffffff", "#f0a878", "#a53a00"])
 STATE_LOOKS = {
     "before": {"color": GREY, "marker": "o", "mfc": "white"}, "after": {"color": BLUE, "marker": "s", "mfc": BLUE},
-}  # fmt: skip
+}
 
 
 def _known(values: Sequence) -> np.ndarray:
@@ -114,7 +114,7 @@ def residual_map(rows: Sequence[Mapping], states: Sequence[str]) -> Figure:
                 if abs(z[s, j, k]) >= WRITTEN:
                     axes.text(j, i, f"{percent[s, j, k]:.0f}" if abs(percent[s, j, k]) >= 9.5
                               else f"{percent[s, j, k]:.1f}", ha="center", va="center", fontsize=5.5,
-                              color="white" if abs(z[s, j, k]) > 0.8 * FULL_COLOUR else INK)  # fmt: skip
+                              color="white" if abs(z[s, j, k]) > 0.8 * FULL_COLOUR else INK)
         axes.set_xticks(range(len(rows)), names, rotation=90, fontsize=7)
         axes.set_yticks(range(len(shown)), [channels[k] for k in shown], fontsize=7)
         axes.grid(visible=False)
@@ -134,7 +134,7 @@ def residual_layout(sensors: Sequence[Mapping], rows: Sequence[Mapping], states:
     z = np.array([[_known(r["z"][s]) for r in rows] for s in range(len(states))])
     worst = np.take_along_axis(z, np.argmax(np.abs(np.nan_to_num(z)), axis=1)[:, None], axis=1)[:, 0]
     levels = sorted({s["level"] for s in sensors}, key=lambda n: -max(
-        s["position_m"][2] for s in sensors if s["level"] == n))[:MOST_LEVELS]  # fmt: skip
+        s["position_m"][2] for s in sensors if s["level"] == n))[:MOST_LEVELS]
     figure = new_figure(FULL_IN, 0.5 + 1.75 * len(states))
     panels = figure.subplots(len(states), len(levels), squeeze=False)
     scale = Normalize(-FULL_COLOUR, FULL_COLOUR)
@@ -149,13 +149,13 @@ def residual_layout(sensors: Sequence[Mapping], rows: Sequence[Mapping], states:
         flat = np.hypot(way[:, 0], way[:, 1]) > 0.3
         drawn = axes.quiver(place[flat, 0], place[flat, 1], way[flat, 0], way[flat, 1], value[flat], cmap=SIGNED,
                             norm=scale, angles="xy", scale_units="xy", scale=1.6 / reach, units="inches", width=0.05,
-                            edgecolor=INK, linewidth=0.4, zorder=3)  # fmt: skip
+                            edgecolor=INK, linewidth=0.4, zorder=3)
         axes.scatter(place[~flat, 0], place[~flat, 1], c=value[~flat], cmap=SIGNED, norm=scale, s=42, edgecolors=INK,
                      linewidths=0.5, zorder=4)
         for x, v, at, to in zip(here, value, place, way, strict=True):
             if abs(v) > 1.5 * WRITTEN:
                 axes.annotate(x["channel"], (at + 0.6 * reach * to)[:2], fontsize=6.5, zorder=5, ha="center",
-                              xytext=(0, 4), textcoords="offset points")  # fmt: skip
+                              xytext=(0, 4), textcoords="offset points")
         axes.set_xlim(centre[0] - 1.7 * reach, centre[0] + 1.9 * reach)
         axes.set_ylim(centre[1] - 1.7 * reach, centre[1] + 1.9 * reach)
         axes.set_aspect("equal", adjustable="box")
@@ -234,7 +234,7 @@ def calendar(time: Mapping, states: Sequence[str], since: Sequence[str]) -> Figu
                   drawstyle="steps-post" if size["course_name"] == "step" else "default")
         where = f", {size['location']}" if size["location"] else ""
         label_axes(axes, axes.get_xlabel(), f"size [{size['unit']}]", f"{size['cause']}{where}: each block alone, and "
-                   "as found (red)")  # fmt: skip
+                   "as found (red)")
     panels = [figure.add_subplot(grid[len(sizes) + k // columns, k % columns]) for k in range(len(series))]
     for axes, one in zip(panels, series, strict=True):
         x = _along(axes, time["start"], time["hours"], since)

@@ -61,7 +61,7 @@ def _of_fit(run: Run) -> list[Finding]:
             level="caution", short="the stated standard deviations are too wide for these data",
             text=sentence(fit_sentence(update)),
             action="Update with the standard deviations of the identification (--weights measured) where those assumed "
-            "are wider: intervals become as narrow as the data allow.")]  # fmt: skip
+            "are wider: intervals become as narrow as the data allow.")]
     return []
 
 
@@ -73,14 +73,14 @@ def _of_sampler(run: Run) -> list[Finding]:
     if not posterior.converged:
         found.append(Finding(level="warning", short="the sampler did not converge", text=posterior.verdict,
                              action="Run `probupdate sample` again with more --max-steps: it goes on where it "
-                             "stopped."))  # fmt: skip
+                             "stopped."))
     evaluated, fallback = int(posterior.record.get("evaluated", 0)), int(posterior.record.get("fallback", 0))
     if fallback > MANY_FALLBACKS * evaluated:
         found.append(Finding(
             level="warning", short="the reduced basis does not cover the posterior",
             text=f"{count(fallback)} of {count(evaluated)} evaluations fell outside the reduced basis and were "
                  f"answered "
-            "by the full model: exact, but the basis does not cover where the chain went."))  # fmt: skip
+            "by the full model: exact, but the basis does not cover where the chain went."))
     return found
 
 
@@ -97,7 +97,7 @@ def _of_diagnosis(run: Run) -> list[Finding]:
                        "structure: the section on the diagnosis shows where model and measurement part.")
     return [Finding(level="warning", short="the diagnosis found what the model does not describe",
                     text=typeset(f"{verdict_words(content)}{f' Found: {named}.' if named else ''}"),
-                    action=" ".join(actions))]  # fmt: skip
+                    action=" ".join(actions))]
 
 
 def _of_shifts(run: Run) -> list[Finding]:
@@ -117,7 +117,7 @@ def _of_shifts(run: Run) -> list[Finding]:
         together = "" if p[-1] is None else f" All parameters together: p = {number(p[-1], 2)}."
         who = ", ".join(names) or "the parameters together"
         return [Finding(level="warning" if unlikely else "caution", short=f"{who} far from the prior",
-                        text=" ".join(told) + together, action=action)]  # fmt: skip
+                        text=" ".join(told) + together, action=action)]
     if run.update is None:
         return []
     far = [s for s in standings(run.update, run.posterior) if abs(s.shift) > FAR_SHIFT]
@@ -127,7 +127,7 @@ def _of_shifts(run: Run) -> list[Finding]:
     return [Finding(level="caution", short=f"{', '.join(s.name for s in far)} far from the prior",
                     text=f"Standardised shifts from the prior beyond ±{FAR_SHIFT:g}: {words} prior standard "
                          f"deviations.",
-                    action=f"{action} `probupdate diagnose` tests which.")]  # fmt: skip
+                    action=f"{action} `probupdate diagnose` tests which.")]
 
 
 def _of_update(run: Run) -> list[Finding]:
@@ -136,7 +136,7 @@ def _of_update(run: Run) -> list[Finding]:
         return []
     found = [Finding(level="warning", short=f"{label} may be another mode", text=text,
                      action=f"Compare the shapes of {label} in the section on the modes.")
-             for label, text in _far_off(update)]  # fmt: skip
+             for label, text in _far_off(update)]
     held = [(p.name, value, s.words) for p, value, s in
             zip(update.parameters, update.map_theta, standings(update, run.posterior), strict=True) if s.kind == BOUND]
     if held:
@@ -168,4 +168,4 @@ def _far_off(update: UpdateRecord) -> list[tuple[str, str]]:
          f"with a computed mode at {fixed(update.initial_hz[j], 3)} Hz: see whether these are the same mode before "
          "trusting the update.")
         for j in far
-    ]  # fmt: skip
+    ]

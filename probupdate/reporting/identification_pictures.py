@@ -27,7 +27,7 @@ CONDITIONS = {
     "wind_speed_mps": "wind [m/s]", "rotor_speed_rpm": "rotor [rpm]", "power_kw": "power [kW]",
     "water_level_m": "water level [m]", "wave_height_m": "wave height [m]", "air_temperature_c": "air [°C]",
     "rms_mps2": "motion, rms [m/s²]", "rms_mps": "motion, rms [m/s]", "rms_m": "motion, rms [m]",
-}  # fmt: skip
+}
 KINDS = ("png", "svg", "pdf")
 UNITS = {"acceleration": "m/s²", "velocity": "m/s", "displacement": "m"}
 
@@ -172,7 +172,7 @@ def mode_drawings(modes: ModalData) -> Iterator[Drawing]:
         return
     every = np.stack([s.shape for s in sets])
     similar = np.array([[_median_mac(every[:, :, i], one.shape[:, j]) for j in range(len(labels))]
-                        for i in range(len(labels))])  # fmt: skip
+                        for i in range(len(labels))])
     yield Drawing(name="mac_over_sets", figure=draw.mac_map(
         similar, labels, labels, across=f"mode of set {one.id}", up="mode, median over sets"),
         caption=f"Median over all sets of the MAC to set {one.id}; close pairs turn in their plane from set to set.")

@@ -67,7 +67,7 @@ def verdict_section(run: Run) -> Section:
         items.append(Items(title="What to keep in mind", statements=tuple(remarks)))
     if run.missing:
         elsewhere = " If records or model lie elsewhere: probupdate report --campaign, --model." if (
-            run.campaign is None or run.model is None) else ""  # fmt: skip
+            run.campaign is None or run.model is None) else ""
         items.append(Notice(level="missing", text="; ".join(run.missing) + "." + elsewhere))
     level = worst(found) if run.update is not None or found else "plain"
     # a run without an update has little more to show: nothing of it is folded
@@ -81,7 +81,7 @@ def _not_to_be_read(run: Run) -> list[str]:
     kept = names_of(standings(run.update, run.posterior), PRIOR)
     return [f"{', '.join(kept)}: the data say nothing of {'it' if len(kept) == 1 else 'them'}; what stands there is "
             f"the "
-            "prior."] if kept else []  # fmt: skip
+            "prior."] if kept else []
 
 
 def _next_measurement(run: Run) -> list[str]:
@@ -104,7 +104,7 @@ def _headline(run: Run, found) -> str:
     update, posterior = run.update, run.posterior
     if update is None:
         done = [words for words, part in (("Modes were identified", run.modes), ("diagnosed", run.diagnosis))
-                if part is not None]  # fmt: skip
+                if part is not None]
         start = f"{' and '.join(done).capitalize()}; no" if done else "No"
         return f"{start} model has been updated in this run."
     before = percent(_worst(update.measured_hz, update.initial_hz))
@@ -112,7 +112,7 @@ def _headline(run: Run, found) -> str:
     if misses(update):
         ratio = fixed(float(np.sqrt(update.map_misfit / update.n_effective)), 1)
         words = (f"The updated model does not fit the measurement: it misses it by {ratio} times the stated standard "
-                 f"deviations, the worst frequency by {after} % ({before} % before).")  # fmt: skip
+                 f"deviations, the worst frequency by {after} % ({before} % before).")
     else:
         words = f"The updated model fits the measurement: every frequency within {after} % ({before} % before)."
     if posterior is None:
@@ -314,7 +314,7 @@ def remarkable(run: Run) -> list[str]:
             said.append(f"{count(fallback)} of {count(evaluated)} evaluations ({share} %) fell outside "
                         "the reduced basis and were answered by the full model: exact, but slow.")
         said += [sentence(t, update.parameters.names) for t in posterior.record.get("notes", ())
-                 if t not in update.left_out]  # fmt: skip
+                 if t not in update.left_out]
     if run.comparison is not None:
         far = [r.name for r in run.comparison.rows if abs(r.step_distance) > 1]
         if far:

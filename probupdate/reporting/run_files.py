@@ -116,7 +116,7 @@ def read_run(folder: Path, progress: Progress, given: Mapping[str, Path] | None 
         model=None if model is None else model_values(model, data, update),
         update=update, posterior=posterior, comparison=comparison, diagnosis=diagnosis,
         jacket=is_the_jacket(names),
-    )  # fmt: skip
+    )
 
 
 def run_places(folder: Path) -> dict[str, Path]:
@@ -208,19 +208,19 @@ def _refuse_strangers(
     named = {
         "the model": model and model.parameters.names, "update.json": update and update.parameters.names,
         "posterior.nc": posterior and posterior.names, "compare.json": comparison and comparison.names,
-    }  # fmt: skip
+    }
     present = {what: tuple(names) for what, names in named.items() if names}
     first = next(iter(present.items()), None)
     for what, names in present.items():
         if names != first[1]:
             raise InputError(str(folder), f"{what} and {first[0]} have different parameters",
-                             "run update and sample again with this model")  # fmt: skip
+                             "run update and sample again with this model")
 
 
 def _warnings(head: Mapping, data: ModalData | None, update: UpdateRecord | None, posterior: Posterior | None):
     if update is not None and posterior is not None and update.fingerprint != posterior.fingerprint:
         yield ("update.json and posterior.nc were computed from different problems (model, data, weights or prior "
-               "differ): their numbers do not belong together.")  # fmt: skip
+               "differ): their numbers do not belong together.")
     if update is not None and data is not None and update.set_id not in {s.id for s in data.sets}:
         yield f"The update was made on set {update.set_id}, which is not among the modal sets of this run."
     written = head.get("version")

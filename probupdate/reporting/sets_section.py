@@ -35,7 +35,7 @@ def _views_table(views: SetViews) -> Table:
         Column(name="CoV", unit="-"), Column(name="(d) population: middle"), Column(name="CoV of the middle", unit="-"),
         Column(name="scatter between sets", unit="-"), Column(name="5–95 %", unit="-"),
         Column(name="CoV of a new set", unit="-"), Column(name="the sets say", number=False),
-    )  # fmt: skip
+    )
     rows = []
     for r in views.rows:
         interval = tau_interval(r)
@@ -44,10 +44,10 @@ def _views_table(views: SetViews) -> Table:
             number(r.pooled_mean), fixed(r.pooled_cov, 3), number(r.joint_mean), fixed(r.joint_cov, 3), number(r.mean),
             fixed(r.mean_cov, 3), fixed(r.tau, 3), interval, fixed(r.population_cov, 3),
             sentence(r.sentence, (r.name,)) if np.isfinite(r.tau) else "",
-        ))  # fmt: skip
+        ))
     return Table(caption="The same sets in four views", columns=columns, rows=tuple(rows),
                  note=f"Weights: {views.settings['weights']}. Scatter between sets: median, over the mean; its "
-                 f"hyper-prior is {views.settings['hyper-prior of tau']}.")  # fmt: skip
+                 f"hyper-prior is {views.settings['hyper-prior of tau']}.")
 
 
 def _score_table(views: SetViews) -> Table:
@@ -56,11 +56,11 @@ def _score_table(views: SetViews) -> Table:
         (id, *(fixed(float(views.scores.score[name][j]), 1) for name in names), fixed(views.scores.pareto_k[j], 2),
          "yes" if views.scores.refitted[j] else "no", fixed(views.linear_share[j], 2))
         for j, id in enumerate(views.ids)
-    ]  # fmt: skip
+    ]
     rows.append(("sum", *(fixed(float(np.sum(views.scores.score[name])), 1) for name in names), "", "", ""))
     columns = (Column(name="set left out", number=False), *(Column(name=name) for name in names),
                Column(name="Pareto k", unit="-"), Column(name="refitted", number=False),
-               Column(name="confirmed by the full model", unit="-"))  # fmt: skip
+               Column(name="confirmed by the full model", unit="-"))
     return Table(caption="ln p of each set's data given the others", columns=columns, rows=tuple(rows), width="half",
                  note="Each set alone: from the prior. Refitted: sampled again without the set, as weights failed.")
 
@@ -69,10 +69,10 @@ def _modes_table(views: SetViews) -> Table:
     rows = tuple(
         (m.label, str(m.n_set), percent(m.scatter, 2), percent(m.stated, 2), percent(m.variation, 2),
          f"{percent(m.low, 2)} to {percent(m.high, 2)}", number(m.p_value, 2)) for m in views.modes
-    )  # fmt: skip
+    )
     columns = (Column(name="mode", number=False), Column(name="sets"), Column(name="scatter of f", unit="%"),
                Column(name="stated by identification", unit="%"), Column(name="variation left", unit="%"),
-               Column(name="90 % interval", unit="%"), Column(name="p of none"))  # fmt: skip
+               Column(name="90 % interval", unit="%"), Column(name="p of none"))
     return Table(caption="Noise and variation of frequencies", columns=columns, rows=rows, width="half")
 
 
@@ -106,16 +106,16 @@ def _information_table(found: Information, jacket: bool) -> Table:
         Column(name="of", number=False), Column(name="sensitivity", number=False), Column(name="signal", unit="-"),
         Column(name="width left", unit="-"), Column(name="bits"), Column(name="sampled: width", unit="-"),
         Column(name="sampled: bits"), Column(name="role", number=False),
-    ]  # fmt: skip
+    ]
     if jacket:
         columns += [Column(name="paper: uncertainty", number=False, paper=True),
-                    Column(name="paper: sensitivity", number=False, paper=True)]  # fmt: skip
+                    Column(name="paper: sensitivity", number=False, paper=True)]
     rows = []
     for r in found.rows:
         row = (r.name, number(r.value), fixed(r.cov, 3), METRIC_WORDS[r.uncertainty] if r.uncertainty >= 0 else "",
                fixed(r.slope, 3), r.slope_mode, METRIC_WORDS[r.sensitivity], fixed(r.signal, 2),
                fixed(r.contraction, 2), fixed(r.bits, 2),
-               fixed(r.sampled_contraction, 2), fixed(r.sampled_bits, 2), r.role)  # fmt: skip
+               fixed(r.sampled_contraction, 2), fixed(r.sampled_bits, 2), r.role)
         if jacket:
             printed = paper_tables.SENSITIVITY.get(r.name)
             row += ("", "") if printed is None else (METRIC_WORDS[printed[0]], METRIC_WORDS[printed[2]])

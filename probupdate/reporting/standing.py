@@ -12,7 +12,7 @@ from probupdate.updating.posterior_file import Posterior
 from probupdate.updating.update_file import UpdateRecord, misses
 
 __all__ = ["BOUND", "KNOWN", "PARTLY", "PRIOR", "Estimate", "Standing", "contraction", "estimate", "names_of",
-           "standings"]  # fmt: skip
+           "standings"]
 
 
 @dataclass(frozen=True, kw_only=True)

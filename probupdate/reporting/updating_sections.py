@@ -127,7 +127,7 @@ def _paths_picture(run: Run) -> list[Picture]:
         caption="Paths to the estimates, for the parameters that Eq. 7 as printed takes farthest from the MAP: its "
         "iterations, and the anchored update over alpha. Many iterations act like a small alpha. alpha by rule: "
         f"{'; '.join(rules)}.",
-    )]  # fmt: skip
+    )]
 
 
 def _paper_modes(labels) -> list[int | None]:

@@ -294,7 +294,7 @@ def _at_worker(version: str, function: Callable, task: tuple) -> object:
 
 def _alone(function: Callable, task: tuple, lost: Callable[[tuple], object] | None) -> object:
     with one_thread_each(), ProcessPoolExecutor(1, multiprocessing.get_context("spawn"),
-                                                initializer=_end_with_parent) as pool:  # fmt: skip
+                                                initializer=_end_with_parent) as pool:
         try:
             return pool.submit(function, *task).result()
         except BrokenProcessPool:
@@ -325,7 +325,7 @@ def beside(*tasks: tuple) -> Iterator[list[Future]]:
     futures. An error in the block ends that process. Functions must be importable by name."""
     others = {child.pid for child in multiprocessing.active_children()}
     with one_thread_each(), ProcessPoolExecutor(1, multiprocessing.get_context("spawn"),
-                                                initializer=_end_with_parent) as pool:  # fmt: skip
+                                                initializer=_end_with_parent) as pool:
         futures = [pool.submit(*task) for task in tasks]
         try:
             yield futures

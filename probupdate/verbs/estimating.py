@@ -101,14 +101,14 @@ def unmatched(modes: str | Path | ModalData, every_mode: bool = False) -> dict[s
             continue
         if one.label in used and one.match == "unlike":
             taken.append(f"{place}: MAC {one.mac:.2f} with the model's {one.model_label}, which it looks unlike; a "
-                         "parameter that bends that shape may be missing (probupdate diagnose)")  # fmt: skip
+                         "parameter that bends that shape may be missing (probupdate diagnose)")
         elif one.label not in used and one.match == "none":
             left.append(f"{place}: no mode of the model is like it")
         elif one.label not in used:
             left.append(f"{place}: the model's {one.model_label} (MAC {one.mac:.2f}), not one of interest; "
-                        "--every-mode takes those that are alike")  # fmt: skip
+                        "--every-mode takes those that are alike")
     left += [f"the model's {one.label} ({one.frequency_hz:.4g} Hz): in no block, although the excitation should show it"
-             for one in whole.model_only if one.expected]  # fmt: skip
+             for one in whole.model_only if one.expected]
     return {"left out": tuple(left), "taken": tuple(taken)}
 
 
@@ -144,11 +144,11 @@ def update(
     from probupdate.updating.runs import deterministic_update
 
     compared = LikelihoodSettings(weights=weights, frequencies=frequencies, shapes=shapes, discrepancy=discrepancy,
-                                  tolerances=tolerances)  # fmt: skip
+                                  tolerances=tolerances)
     settings = UpdateSettings(alpha=alpha, method=method, iterations=iterations)
     case = Case.of(model, modes, compared, parameters=parameters, set_id=set_id, every_mode=every_mode, progress=progress)
     record = deterministic_update(case.model, case.data, set_id=set_id, weights=case.weights, settings=settings,
-                                  model_at=case.model_at, jobs=jobs, progress=progress)  # fmt: skip
+                                  model_at=case.model_at, jobs=jobs, progress=progress)
     said = unmatched(modes, every_mode)
     settings = {**record.settings, **case.setting}
     if said["taken"]:
@@ -186,11 +186,11 @@ def sample(
     chain = out.with_name(out.name + ".chain")
     settings = SamplerSettings(seed=seed, target_ess=target_ess, max_steps=max_steps, ensembles=ensembles)
     compared = LikelihoodSettings(weights=weights, frequencies=frequencies, shapes=shapes, discrepancy=discrepancy,
-                                  tolerances=tolerances)  # fmt: skip
+                                  tolerances=tolerances)
     case = Case.of(model, modes, compared, parameters=parameters, set_id=set_id, every_mode=every_mode, progress=progress)
     with sole_writer(chain):
         posterior = sample_posterior(case.model, case.data, chain, set_id=set_id, weights=case.weights, settings=settings,
-                                     jobs=jobs, progress=progress)  # fmt: skip
+                                     jobs=jobs, progress=progress)
         posterior = replace(posterior, record={**posterior.record, **case.setting})
         write_posterior(posterior, out)
     return posterior
@@ -236,10 +236,10 @@ def sets(
     from probupdate.updating.set_views import view_sets
 
     compared = LikelihoodSettings(weights=weights, frequencies=frequencies, shapes=shapes, discrepancy=discrepancy,
-                                  tolerances=tolerances)  # fmt: skip
+                                  tolerances=tolerances)
     case = Case.of(model, modes, compared, parameters=parameters, progress=progress)
     return view_sets(case.model, case.data, weights=case.weights, model_at=case.model_at, correlated=correlated,
-                     spread=spread, seed=seed, progress=progress)  # fmt: skip
+                     spread=spread, seed=seed, progress=progress)
 
 
 @names_files("modes")
@@ -272,7 +272,7 @@ def inform(
     if at not in PLACES:
         raise InputError("at", f"'{at}' is unknown", f"choose from {', '.join(PLACES)}")
     compared = LikelihoodSettings(weights=weights, frequencies=frequencies, shapes=shapes, discrepancy=discrepancy,
-                                  tolerances=tolerances)  # fmt: skip
+                                  tolerances=tolerances)
     case = Case.of(model, modes, compared, parameters=parameters, set_id=set_id, progress=progress)
     problem = build_problem(case.model, case.data, set_id=set_id, weights=case.weights)
     maximum = find_maximum(problem, [problem.parameters.initial])
@@ -284,7 +284,7 @@ def inform(
         angle = case.model_at.angle_deg(case.data.set(set_id))
         whole = load_model(model_path(model), parameters=every_parameter(model_path(model)), nacelle_angle_deg=angle)
         problem = build_problem(case.model_at.with_uncertainty(whole, angle), case.data, set_id=set_id,
-                                weights=replace(case.weights, at=None))  # fmt: skip
+                                weights=replace(case.weights, at=None))
     drawn = posterior if posterior is None or isinstance(posterior, Posterior) else read_posterior(posterior)
     whole = problem.parameters
     point = whole.initial if at == "initial" else [found.get(p.name, p.initial) for p in whole]

@@ -67,7 +67,7 @@ def diagnose(
 def export(
     run: str | Path, out: str | Path, *, to: str = "lifetime", draws: int = 100, superelement_modes: int = 10,
     accept: bool = False, seed: int = 1, fatigue: str | Path | None = None, progress: Progress = silent,
-) -> Export:  # fmt: skip
+) -> Export:
     """What a lifetime-extension analysis takes of a run directory: draws, joint distribution, models, superelements and
     modes, each read back and checked. A run that did not converge, or whose diagnosis is unexplained, needs `accept`.
 
@@ -91,7 +91,7 @@ def export(
         Path(out), parameters_file=parameters, modes=read_modes(places["modes.json"]) if "modes.json" in places else None,
         diagnosis=None if found is None else found["verdict"], findings=causes, n_draw=draws, n_mode=superelement_modes, accept=accept, seed=seed, source=places, progress=progress,
         fatigue=None if fatigue is None else _fatigue_input(folder, places, Path(fatigue), found, progress),
-    )  # fmt: skip
+    )
 
 
 def _fatigue_input(folder: Path, places, fatigue: Path, diagnosis, progress: Progress):
@@ -114,7 +114,7 @@ def _fatigue_input(folder: Path, places, fatigue: Path, diagnosis, progress: Pro
         model, weights = case.model, case.weights
         problem = build_problem(model, case.data, weights=weights)
         laplace = maximum_a_posteriori(problem, [model.parameters.initial, np.array(weights.at)] if weights.at is not None
-                                       else [model.parameters.initial])  # fmt: skip
+                                       else [model.parameters.initial])
     updates = read_update(places["update.json"]).sets if "update.json" in places else None
     named = None
     extended = diagnosis and diagnosis.get("extended_model")
@@ -127,7 +127,7 @@ def _fatigue_input(folder: Path, places, fatigue: Path, diagnosis, progress: Pro
             posterior = read_posterior(drawn)
             named = Named(path=path, names=tuple(posterior.names), draws=posterior.draws, causes=causes)
     return FatigueInput(file=fatigue, problem=problem, laplace=laplace, named=named,
-                        set_updates=None if updates is None else np.asarray(updates.theta_map))  # fmt: skip
+                        set_updates=None if updates is None else np.asarray(updates.theta_map))
 
 
 @dataclass(frozen=True)
@@ -151,11 +151,11 @@ class Written:
 def report(
     run: str | Path, out: str | Path, *, campaign: str | Path | None = None, model: str | Path | None = None,
     parameters: str | Path | None = None, jobs: int | Executor = 1, progress: Progress = silent,
-) -> Written:  # fmt: skip
+) -> Written:
     """One self-contained page of a run directory; campaign, model, parameters: where these lie, if not in it. jobs:
     processes, or an executor, for its sections; the page is the same on any."""
     return Written(write_report(run, out, campaign=campaign, model=None if model is None else model_path(model),
-                                parameters=parameters, jobs=jobs, progress=progress))  # fmt: skip
+                                parameters=parameters, jobs=jobs, progress=progress))
 
 
 @dataclass(frozen=True)

@@ -43,7 +43,7 @@ def setup_names(paths: Sequence[Path]) -> list[str]:
 def convert(
     sources: str | Path, out: str | Path, *, to: str = "campaign", description: str | Path | None = None,
     sensors: str | Path | None = None, progress: Progress = silent,
-) -> Conversion | Translation:  # fmt: skip
+) -> Conversion | Translation:
     """Records of other programs (CSV, Parquet, MATLAB, NumPy, UFF) into a campaign's layout, as its convert.toml says.
 
     to 'modes': a universal file's modes (dataset 55) into a modes.json; to 'uff': a modes.json into a universal file, or

@@ -52,7 +52,7 @@ def reference_modes(
             f"{model.name}", f"none of its lowest {SEARCH} modes is a global one at the campaign's sensors "
             f"({', '.join(labels)})", "check the sensors' positions and directions, or name how many of the "
             "lowest modes to look for (--lowest)",
-        )  # fmt: skip
+        )
     seen = np.linalg.norm(shape, axis=0) > 0
     rest = [i for i in range(len(solution.frequency_hz)) if i not in chosen and seen[i]]
     return tuple(_as_reference(solution.frequency_hz, shape, labels, some) if some else None for some in (chosen, rest))
@@ -84,4 +84,4 @@ def global_labels(
 def _as_reference(frequency_hz, shape, labels, chosen: list[int]) -> ReferenceModes:
     names = tuple(labels[i] for i in chosen)
     return ReferenceModes(labels=names, frequency_hz=frequency_hz[chosen], shape=shape[:, chosen],
-                          pairs=close_pairs(frequency_hz[chosen], names))  # fmt: skip
+                          pairs=close_pairs(frequency_hz[chosen], names))

@@ -47,7 +47,7 @@ def quadrature() -> np.ndarray:
     first, second = np.meshgrid(at, at, indexing="ij")
     value, ratio = (x[0] for x in modes(first, second))
     misfit = sum(((v - value) / EIGENVALUE_STD) ** 2 + ((r - ratio) / RATIO_STD) ** 2
-                 for v, r in zip(EIGENVALUE, RATIO, strict=True))  # fmt: skip
+                 for v, r in zip(EIGENVALUE, RATIO, strict=True))
     density = np.exp(-0.5 * (misfit - misfit.min())) * np.outer(weight, weight)
     density /= density.sum()
     found = []
@@ -62,14 +62,14 @@ def by_chain(seed: int = 1) -> np.ndarray:
     # a normal prior so wide that it is flat between the bounds
     parameters = Parameters(tuple(
         Parameter(name=name, unit="in^4", initial=1250.0, std=1e6, lower=LOWER, upper=UPPER) for name in PUBLISHED
-    ))  # fmt: skip
+    ))
 
     def function(theta):
         value, ratio = modes(*theta)
         return np.sqrt(value) / (2 * np.pi), np.stack([1 / ratio, np.ones(2)])
 
     model = FunctionModel(name="frame", parameters=parameters, channels=("floor", "roof"), function=function,
-                          version="1")  # fmt: skip
+                          version="1")
     value, ratio = EIGENVALUE.mean(), RATIO.mean()
     frequency = np.sqrt(value) / (2 * np.pi)
     root = np.sqrt(len(RATIO))
@@ -78,7 +78,7 @@ def by_chain(seed: int = 1) -> np.ndarray:
         id="mean of five", frequency_hz=np.array([frequency]), shape=np.array([[1 / ratio], [1.0]]),
         damping_ratio=np.array([0.01]), frequency_std_hz=np.array([0.5 * frequency * EIGENVALUE_STD / value / root]),
         shape_std=np.array([[RATIO_STD / ratio**2 / root], [0.0]]),
-    )  # fmt: skip
+    )
     data = ModalData(channels=model.channels, sets=(one,))
     problem = build_problem(model, data, weights=Weights(shape_floor=1e-3))
     top = maximum_a_posteriori(problem, [parameters.initial])

@@ -18,7 +18,7 @@ LEGS, FACES, BAYS = "ABCD", ("AB", "BC", "CD", "DA"), (1, 2, 3, 4)
 STATIONS_M = (18.0, 42.0, 66.0, 90.0)
 LEVELS = {"TP": "all of TP", "tower bottom": "T18", "tower 2/3": "T66", "tower top": "T90"}
 CHANNELS = (*(f"TP-{leg}-{axis}" for leg in LEGS for axis in "xyz"),
-            *(f"T{z}-{axis}" for z in (18, 66, 90) for axis in "xy"))  # fmt: skip
+            *(f"T{z}-{axis}" for z in (18, 66, 90) for axis in "xy"))
 DAYS, HOURS = 30.0, 720.0
 FAMILIES = {"null": 200, "single": 200, "outside": 50, "pair": 40, "twin": 40, "below": 40, "month": 40}
 # a family's place seeds its cases: a new one goes last
@@ -180,7 +180,7 @@ KINDS = (
          convert=lambda ms: ms / 1000, klass="measurement"),
     Kind(virtual="low_pass", cause="low-pass filter", place=_level, size="time_constant_s", low=5.0, high=60.0,
          convert=lambda ms: ms / 1000, klass="measurement"),
-)  # fmt: skip
+)
 
 OUTSIDE = (
     lambda rng: {"kind": "tuned_mass", "z_m": float(rng.uniform(40, 75)), "direction_deg": float(rng.uniform(0, 180)),
@@ -195,13 +195,13 @@ OUTSIDE = (
                  **dict(zip(("channel", "other"), map(str, rng.choice(CHANNELS, 2, replace=False)), strict=True))},
     lambda rng: {"kind": "mount_resonance", "channel": str(rng.choice(CHANNELS)),
                  "period_s": float(rng.uniform(0.15, 0.4))},
-)  # fmt: skip
+)
 
 # what frequencies and shapes of one kind of record cannot tell apart: either name, and the other beside it
 TWINS = (
     ("icing", "nacelle mass"), ("joints loosened", "brace stiffness lost"), ("marine growth", "wetted length"),
     ("leg not flooded", "marine growth"),
-)  # fmt: skip
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -249,7 +249,7 @@ def draw_effect(rng: np.random.Generator, kind: Kind, limits: Mapping | None = N
     elif course == "ramp":
         told |= {"course": "ramp", "from_hour": 0.0, "to_hour": HOURS}
     words = {"class": kind.klass, "cause": kind.cause, "location": location,
-             "course": course, "size": size}  # fmt: skip
+             "course": course, "size": size}
     return told, words
 
 

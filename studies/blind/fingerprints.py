@@ -39,7 +39,7 @@ def main() -> None:
         model, simulate_modes(truth={}, **BASE | {"scatter": 1.0, "days": 30.0, "n_block": 40}).data
     )
     root = [np.linalg.inv(np.linalg.cholesky(c + 0.1 * np.diag(f**2)))
-            for c, f in zip(noisy.stated, noisy.discrepancy_std, strict=True)]  # fmt: skip
+            for c, f in zip(noisy.stated, noisy.discrepancy_std, strict=True)]
 
     def shift(own, included=()) -> np.ndarray:
         """What lies between a record and the plain one, in deviations."""
@@ -58,11 +58,11 @@ def main() -> None:
             own = dataclasses.replace(diagnosis_problem(model, record.data)[0], field=problem.predictor)
             length = np.linalg.norm(shift(own))
             left = {f: np.linalg.norm(shift(own, (IncludedEffect(effect=effect, course=problem.courses[0],
-                                                        size=f * words["size"]),))) for f in FACTORS}  # fmt: skip
+                                                        size=f * words["size"]),))) for f in FACTORS}
             best = min(left, key=left.get)
             shares.append(left[1.0] / length)
             print(f"{kind.cause:26s}{words['location']:24s}{words['size']:10.3g} length {length:8.1f} "
-                  f"left {shares[-1]:.3f}, {left[best] / length:.3f} at {best:g} of the size", flush=True)  # fmt: skip
+                  f"left {shares[-1]:.3f}, {left[best] / length:.3f} at {best:g} of the size", flush=True)
     half, most = np.quantile(shares, [0.5, 0.9])
     print(f"{len(shares)} effects: half below {half:.3f}, nine of ten below {most:.3f}, all below {max(shares):.3f}")
 

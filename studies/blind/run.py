@@ -34,7 +34,7 @@ def simulated(case: Case):
             name: float(min(max(known[name].initial + k * known[name].std, known[name].lower + 1e-3 * known[name].std),
                             known[name].upper))
             for name, k in shifts.items()
-        }  # fmt: skip
+        }
     if "states" in options:
         options["states"] = tuple(options["states"])
     return simulate_modes(truth=truth, seed=case.seed, **options)
@@ -99,7 +99,7 @@ def run_case(case: Case) -> dict:
         "notes": list(found.notes), "left_over": float(outcome.last.statistic.max() / outcome.last.threshold),
         "limits": {f"{x.cause} | {x.location} | {x.course}": x.limit for x in found.limits},
         "cpu_s": time.process_time() - begun,
-    }  # fmt: skip
+    }
 
 
 def _start(ablation: str) -> None:
@@ -114,7 +114,7 @@ def _one(task: tuple[str, int, dict | None]) -> str:
         found = run_case(case)
     except Exception as error:  # a case that fails is a result of the study, named and counted
         found = {"id": case.id, "family": family, "effects": list(case.effects), "failed": repr(error)[:300],
-                 "hidden": list(case.truth.get("effect", ()))}  # fmt: skip
+                 "hidden": list(case.truth.get("effect", ()))}
     return json.dumps(found)
 
 

@@ -81,7 +81,7 @@ def summary(lines: list[dict]) -> str:
     out.append(rate("false alarms on nulls", sum(x["verdict"] != "none" for x in null), len(null)))
     month = by.get("month", [])
     out.append(rate("false alarms on months of 400 sets in all states", sum(x["verdict"] != "none" for x in month),
-                    len(month)))  # fmt: skip
+                    len(month)))
     single = by.get("single", [])
     seen = [x for x in single if above_limit(x, x["effects"][0])]
     found = [x for x in single if x["verdict"] != "none"]
@@ -97,7 +97,7 @@ def summary(lines: list[dict]) -> str:
         out.append(rate(f"detected singles {words}: right first", len(first & ids), len(ids)))
         out.append(rate(f"detected singles {words}: in the named set", len(held & ids), len(ids)))
     out.append(rate("verdict 'named' and right", sum(is_named(x["findings"][0], x["effects"][0]) for x in sure),
-                    len(sure)))  # fmt: skip
+                    len(sure)))
     sized = [(x["findings"][0], x["effects"][0]) for x in found if x["findings"]
              and x["effects"][0]["cause"] not in OWN_UNIT and is_named(x["findings"][0], x["effects"][0])
              and x["findings"][0]["size_std"] > 0]
@@ -115,7 +115,7 @@ def summary(lines: list[dict]) -> str:
     out.append(rate("pairs: both in the named sets", len(both), len(pair)))
     seen = [x["id"] for x in pair if all(above_limit(x, e) for e in x["effects"])]
     out.append(rate("pairs above both limits: both in the named sets",
-                    sum(x["id"] in seen for x in both), len(seen)))  # fmt: skip
+                    sum(x["id"] in seen for x in both), len(seen)))
     twin = [x for x in by.get("twin", []) if x["verdict"] != "none"]
     within = [x for x in twin if any(in_set(f, x["effects"][0]) for f in x["findings"])]
     out.append(rate("detected twins: the true one in the set", len(within), len(twin)))
@@ -125,7 +125,7 @@ def summary(lines: list[dict]) -> str:
     out.append(rate("below the limit: none, or the right name", sum(
         x["verdict"] == "none" or any(in_set(f, x["effects"][0]) for f in x["findings"]) for x in below), len(below)))
     out += ["", f"{len(lines)} cases, {len(failed)} failed; CPU a case: median "
-                f"{np.median([x['cpu_s'] for x in lines]) if lines else np.nan:.1f} s"]  # fmt: skip
+                f"{np.median([x['cpu_s'] for x in lines]) if lines else np.nan:.1f} s"]
     out += [f"- {x['id']}: {x['failed']}" for x in failed]
     return "\n".join(out)
 
@@ -144,7 +144,7 @@ def confusion(lines: list[dict]) -> str:
             said = f"{x['verdict']}: {f['cause']}{place}"
         table.setdefault(f"{x['family']}: {hidden}", Counter())[said] += 1
     rows = [f"| {hidden} | {', '.join(f'{said} {n}' for said, n in count.most_common())} |"
-            for hidden, count in sorted(table.items())]  # fmt: skip
+            for hidden, count in sorted(table.items())]
     return "\n".join(["| hidden | said |", "|---|---|", *rows])
 
 

@@ -23,7 +23,7 @@ from probupdate.diagnosis.problem import IncludedEffect, DiagnosisProblem, diagn
 # of what follows the surroundings: the column, and the catalogue's size over the simulator's (a softening is told per
 # hundredth of a m/s2 there)
 OWN = {"soil softens with amplitude": ("rms_mps2", -100.0), "wetted length": ("water_level_m", 1.0),
-       "temperature of the steel": ("air_temperature_c", 1.0)}  # fmt: skip
+       "temperature of the steel": ("air_temperature_c", 1.0)}
 
 
 def row_of(problem: DiagnosisProblem, fitted: Fit, effect: dict) -> int | None:

@@ -27,13 +27,13 @@ def _step(rng) -> dict:
 def _gain_step(rng):
     c = str(rng.choice(CHANNELS))
     return {"kind": "sensor_gain", "channel": c, "factor": 1 + float(rng.choice([-1, 1]) * rng.uniform(0.03, 0.2)),
-            **_step(rng)}, "named", ("sensor gain", c)  # fmt: skip
+            **_step(rng)}, "named", ("sensor gain", c)
 
 
 def _gain_constant(rng):
     c = str(rng.choice(CHANNELS[:8]))
     return {"kind": "sensor_gain", "channel": c, "factor": 1 + float(rng.choice([-1, 1]) * rng.uniform(0.1, 0.3))}, (
-        "named"), ("sensor gain", c)  # fmt: skip
+        "named"), ("sensor gain", c)
 
 
 def _clock(rng):
@@ -42,13 +42,13 @@ def _clock(rng):
     course = _step(rng) if rng.random() < 0.5 else {}
     # an early clock and a filter turn phases alike
     return {"kind": "clock_offset", "level": level, "offset_s": ms / 1000, **course}, "named", (
-        "clock offset", LEVELS[level])  # fmt: skip
+        "clock offset", LEVELS[level])
 
 
 def _rotation(rng):
     name = str(rng.choice(["TP-A", "TP-B", "TP-C", "TP-D", "T18", "T66", "T90"]))
     return {"kind": "sensor_rotation", "channel": f"{name}-x", "angle_deg": float(rng.uniform(4, 25)), **_step(rng)}, (
-        "named"), ("sensor rotation", f"{name} about z")  # fmt: skip
+        "named"), ("sensor rotation", f"{name} about z")
 
 
 def _reversed(rng):
@@ -63,12 +63,12 @@ def _water(rng):
 
 def _temperature(rng):
     return {"kind": "steel_temperature", "per_kelvin": float(rng.uniform(6, 12)) * STEEL_PER_DEGC}, "named", (
-        "temperature of the steel", "all members")  # fmt: skip
+        "temperature of the steel", "all members")
 
 
 def _softening(rng):
     return {"kind": "soil_softening", "per_unit": float(rng.uniform(0.15, 0.4))}, "named", (
-        "softening with amplitude", "soil or joints")  # fmt: skip
+        "softening with amplitude", "soil or joints")
 
 
 def _structure(rng):
@@ -78,13 +78,13 @@ def _structure(rng):
          "leg": "all", "end": "all", "factor": float(rng.uniform(0.05, 0.2))},
         {"kind": "scour", "leg": "all", "depth_m": float(rng.uniform(0.7, 3))},
         {"kind": "tp_mass", "mass_kg": float(rng.uniform(4e4, 1.2e5))},
-    )[kind]  # fmt: skip
+    )[kind]
     return {**told, **_step(rng)}, "unexplained", None
 
 
 KINDS = {"gain step": _gain_step, "gain constant, TP": _gain_constant, "clock": _clock, "rotation step": _rotation,
          "reversed": _reversed, "water level": _water, "temperature": _temperature, "amplitude": _softening,
-         "structure step": _structure}  # fmt: skip
+         "structure step": _structure}
 
 
 def cases():
@@ -113,7 +113,7 @@ def run(name, seed, effect, wanted, who) -> dict:
             "p_value": found.p_value, "cpu_s": time.process_time() - begun,
             "findings": [[f.kind, f.cause, f.location, f.course, f.size, f.size_std, f.posterior_probability,
                           [[a.cause, a.location] for a in f.alternatives]] for f in found.findings],
-            "changes": found.details["changes"]}  # fmt: skip
+            "changes": found.details["changes"]}
 
 
 def outcome(row: dict) -> str:

@@ -96,7 +96,7 @@ def make_bench(folder: Path, noise: str, theory: str = "timoshenko", seed: int =
     full = replace(full, uncertainty=TurbineUncertainty.of(own, full, None, 0.0))
     file = read_turbine(reference_model(STATE))
     ends = np.array([[p.distribution.ppf([EDGE, 1 - EDGE]) for p in of_kind(full.parameters, kind)]
-                     for kind in PRIORS])  # fmt: skip
+                     for kind in PRIORS])
     box = ends[:, :, 0].min(axis=0), ends[:, :, 1].max(axis=0)
     rng = np.random.default_rng([seed, 7])
     points = np.clip(np.vstack([of_kind(full.parameters, kind).draw(rng, 200) for kind in PRIORS]), *box)
@@ -187,13 +187,13 @@ def _paper_set(bench: Bench, frequency, shape, rng, number: int) -> ModalSet:
         id=f"{number}", frequency_hz=frequency + std * rng.standard_normal(len(std)),
         damping_ratio=np.full(len(std), 0.013), shape=shape + shape_std * rng.standard_normal(shape.shape),
         frequency_std_hz=std, shape_std=shape_std, environment={},
-    )  # fmt: skip
+    )
 
 
 def _identified_set(frequency, damping, shape, rng, number: int) -> ModalSet:
     f, zeta, phi, deviation = identified(frequency, damping, shape.astype(complex), LABELS, BLOCK_S, rng)
     return ModalSet(id=f"{number}", frequency_hz=f, damping_ratio=zeta, shape=phi, deviation=deviation, environment={},
-                    frequency_std_hz=np.full(len(f), np.nan), shape_std=np.full(phi.shape, np.nan))  # fmt: skip
+                    frequency_std_hz=np.full(len(f), np.nan), shape_std=np.full(phi.shape, np.nan))
 
 
 def default_weights(full: AffineModel, data: ModalData) -> Weights:
@@ -224,7 +224,7 @@ def _recorded(bench: Bench, theta, rng: np.random.Generator, folder: Path, nacel
     (folder / "acceleration").mkdir(parents=True)
     depth = -bench.file.number("site", "mudline_m")
     campaign_files.write_campaign_toml(folder, name="half an hour", sensors=bench.file.sensors, rate_hz=RATE_HZ,
-                                       block_minutes=30, water_depth_m=depth)  # fmt: skip
+                                       block_minutes=30, water_depth_m=depth)
     campaign_files.write_acceleration(folder / "acceleration" / "one.h5", data, np.datetime64("2019-06-01T00:00:00"),
-                                      RATE_HZ)  # fmt: skip
+                                      RATE_HZ)
     return verbs.identify(folder, STATE).data.compared()

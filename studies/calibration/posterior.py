@@ -56,7 +56,7 @@ def make_pool(model, n: int = N_POOL, seed: int = 0) -> Pool:
     theta = np.vstack([p.draw(rng, n // len(parameters)) for p in parameters])
     parts = [model.solve_many(rows, model.n_mode) for rows in np.array_split(theta, max(1, n // 2000))]
     return Pool(theta=theta, frequency_hz=np.concatenate([p.frequency_hz for p in parts]),
-                shape=np.concatenate([p.shape for p in parts]).astype(np.float32), parameters=parameters)  # fmt: skip
+                shape=np.concatenate([p.shape for p in parts]).astype(np.float32), parameters=parameters)
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,7 +119,7 @@ def _mixture(problem: Problem, pool: Pool, rng, top: Laplace | None):
     rows = _likely(problem, pool)
     theta = pool.theta[rows]
     solved = ManySolutions(frequency_hz=pool.frequency_hz[rows], shape=pool.shape[rows].astype(float),
-                           fallback=np.zeros(len(rows), bool))  # fmt: skip
+                           fallback=np.zeros(len(rows), bool))
     known = problem.with_model(_Solved(problem.parameters, solved))
     value = known.log_likelihood(theta)
     sources = [(len(pool.theta), pool.log_density)]

@@ -74,7 +74,7 @@ def _deterministic(problem: Problem, top: Laplace, theta: np.ndarray) -> dict:
     own = np.sqrt(np.diag(top.covariance))
     return {"rank_printed": gaussian_rank(theta, *printed_interval(problem)).tolist(),
             "rank_map": gaussian_rank(theta, top.theta, own).tolist(), "resolution": top.resolution.tolist(),
-            "map": top.theta.tolist()}  # fmt: skip
+            "map": top.theta.tolist()}
 
 
 def read_lines(folder: Path, case: str) -> list[dict]:

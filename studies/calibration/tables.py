@@ -13,7 +13,7 @@ from ranks import LEVELS, band, coverage, histogram, uniformity
 from run import read_lines
 
 INTERVALS = (("posterior", "rank"), ("MAP, Gauss-Newton", "rank_map"), ("Eq. 7, 10 iterations", "rank_printed"),
-             ("MAP, scatter of nine", "rank_nine"))  # fmt: skip
+             ("MAP, scatter of nine", "rank_nine"))
 
 
 def table(lines: list[dict]) -> str:
@@ -36,7 +36,7 @@ def table(lines: list[dict]) -> str:
         limits = ", ".join(f"{100 * level:.0f} %: {100 * a:.0f} to {100 * b:.0f} %" for level, (a, b) in bands.items())
         text += [f"{title}, {len(rows)} replicates (calibrated {limits})", "",
                  "| | " + " | ".join(f"{100 * level:.0f} %" for level in LEVELS) + " | p uniform | tenths |",
-                 "|---|" + "---|" * (len(LEVELS) + 2)]  # fmt: skip
+                 "|---|" + "---|" * (len(LEVELS) + 2)]
         for name, column in zip(columns, rows.T, strict=True):
             shares = [_marked(coverage(column, level), bands[level]) for level in LEVELS]
             counts = " ".join(str(k) for k in histogram(column))

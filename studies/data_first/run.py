@@ -26,7 +26,7 @@ WANTED = ("FA1", "SS1", "T1", "FA2", "SS2")
 FAR = 0.03
 GONE = ('[[parameter]]\nname = "gone_{face}"\nkind = "stiffness"\n'
         'on = {{ group = "brace", face = "{face}", bay = 2 }}\nunit = "-"\n'
-        "initial = 0.01\nstd = 0.3\nlower = 0.0\nupper = 2.0\nupdate = false\n")  # fmt: skip
+        "initial = 0.01\nstd = 0.3\nlower = 0.0\nupper = 2.0\nupdate = false\n")
 
 
 def initial(text: str, name: str, value: float) -> str:
@@ -41,7 +41,7 @@ def initial(text: str, name: str, value: float) -> str:
 def wrong_models(text: str) -> dict[str, str]:
     """Name -> model.toml."""
     moved = re.sub(r"^offset_m = \[([-0-9.]+), ([-0-9.]+),", lambda m: f"offset_m = [{m[1]}, {float(m[2]) + 1:g},", text,
-                   flags=re.MULTILINE)  # fmt: skip
+                   flags=re.MULTILINE)
     soft, stiff = text, text
     for name in ("py", "tz", "qw"):
         soft, stiff = initial(soft, name, 0.1), initial(stiff, name, 10.0)
@@ -49,7 +49,7 @@ def wrong_models(text: str) -> dict[str, str]:
     gone = text[:first] + "".join(GONE.format(face=face) for face in ("AB", "CD")) + text[first:]
     return {"right": text, "RNA 1 m to the side": moved, "k_TP / 3": initial(text, "k_TP", 1 / 3),
             "k_TP x 3": initial(text, "k_TP", 3.0), "soil / 10": soft, "soil x 10": stiff,
-            "half a bay's braces gone": gone}  # fmt: skip
+            "half a bay's braces gone": gone}
 
 
 def found_of(data, truth, column_of: dict[str, int]) -> dict[str, tuple[int, int, int]]:
@@ -147,7 +147,7 @@ def main() -> None:
             if model is not None:
                 paper.append(by_paper(found, truth))
                 said += [f"{name}, seed {seed}: {r.label} {r.match} {r.model_label} MAC {r.mac:.2f}"
-                         for r in data.records if r.match != "alike" and r.found]  # fmt: skip
+                         for r in data.records if r.match != "alike" and r.found]
         lines.append(row(name, "data first", ours, str(false)))
         if paper:
             lines.append(row(name, "paper", paper, ""))

@@ -64,7 +64,7 @@ def pushes(updates: list[dict], truth: dict[str, float]) -> dict[str, list[float
     """Parameter -> prior deviations from the prior's centre: most probable values of each update, and the truth."""
     told = [{p["name"]: p["pushed"] for p in u["parameters"]} for u in updates]
     return {p["name"]: [*(t[p["name"]] for t in told), (truth[p["name"]] - p["prior"]) / p["prior_std"]]
-            for p in updates[0]["parameters"] if p["name"] in truth}  # fmt: skip
+            for p in updates[0]["parameters"] if p["name"] in truth}
 
 
 def draw_month(outcome: Outcome, path: Path) -> None:
@@ -110,7 +110,7 @@ def draw_gain(causes: list[str], told: list[dict], pushed: dict[str, list[float]
     left.legend(fontsize=8)
     levels = [s["level"] for s in told[0]["heldout_sensors"]]
     steps = [[s["rms_error_before"] for s in told[0]["heldout_sensors"]],
-             *[[s["rms_error_after"] for s in g["heldout_sensors"]] for g in told]]  # fmt: skip
+             *[[s["rms_error_after"] for s in g["heldout_sensors"]] for g in told]]
     words = ["plain update", *(f"+ {cause}" for cause in causes)]
     width = 0.8 / len(steps)
     for k, (values, word) in enumerate(zip(steps, words, strict=True)):
@@ -154,7 +154,7 @@ def main() -> None:
                       "block": n.course.at, "size": n.size} for n in outcome.fitted.included],
         "found": {f"{cause}, {where}": (cause, where) in taken for cause, where in WORDS},
         "gains": told, "extension": more.content, "with_shear": updates[2], "notes": list(found.notes), "truth": truth,
-    }  # fmt: skip
+    }
     (a.out / "story.json").write_text(json.dumps(story, indent=1) + "\n")
     draw_month(outcome, a.out / "month.png")
     draw_gain([cause for cause, _ in taken], told, pushes(updates, truth), a.out / "gain.png")

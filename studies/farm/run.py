@@ -38,7 +38,7 @@ HIDDEN = [
     {"kind": "joint_stiffness", "face": "BC", "bay": 2, "leg": "all", "end": "all", "factor": 0.3, "course": "step",
      "at_hour": 360.0},
     {"kind": "sensor_gain", "channel": "T66-x", "factor": 0.85},
-]  # fmt: skip
+]
 TURBINES, MONTHS, BLOCKS_A_MONTH, CHANNELS, RATE_HZ = 70, 12, 30 * 48, 18, 25.0
 DESCRIPTION = """\
 name = "Virtual farm"
@@ -85,7 +85,7 @@ def month_of_modes(ready, hidden: list[dict]) -> tuple[float, int, str]:
     from probupdate.virtual.modal_blocks import simulate_modes
 
     data = simulate_modes(truth={"effect": hidden}, seed=3, states=("idling", "below rated", "rated"), n_block=SETS_A_MONTH,
-                          days=SETS_A_MONTH / 22).data  # fmt: skip
+                          days=SETS_A_MONTH / 22).data
     begun = time.process_time()
     outcome = examine(ready, data, seed=1)
     return time.process_time() - begun, len(data.sets), outcome.diagnosis.verdict
@@ -116,7 +116,7 @@ print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024)
 def peak_mb(description: Path, out: Path) -> float:
     """The largest resident memory of one month in a process of its own, MB."""
     answer = subprocess.run([sys.executable, "-c", PEAK, str(description), str(out)], capture_output=True, text=True,
-                            check=True)  # fmt: skip
+                            check=True)
     return float(answer.stdout)
 
 
@@ -133,7 +133,7 @@ if run.failed:
 def contents(out: Path) -> dict[str, str]:
     """Hash of every result of every month, by its path."""
     return {path.relative_to(out).as_posix(): hashlib.sha256(path.read_bytes()).hexdigest()
-            for name in RESULTS for path in sorted(out.glob(f"*/*/{name}"))}  # fmt: skip
+            for name in RESULTS for path in sorted(out.glob(f"*/*/{name}"))}
 
 
 def on_executor(description: Path, out: Path, jobs: int, scheduler: str | None = None) -> None:
@@ -148,14 +148,14 @@ def on_dask(description: Path, out: Path, workers: int) -> None:
     import distributed
 
     with one_thread_each(), distributed.LocalCluster(n_workers=workers, threads_per_worker=1, processes=True,
-                                                     dashboard_address=":0") as cluster:  # fmt: skip
+                                                     dashboard_address=":0") as cluster:
         on_executor(description, out, 1, cluster.scheduler_address)
 
 
 def on_shards(description: Path, out: Path, count: int) -> None:
     """All shards at once, each in a process of its own, as an array of jobs runs them."""
     started = [subprocess.Popen([sys.executable, "-c", SHARD, str(description), str(out), f"{k}/{count}"])
-               for k in range(1, count + 1)]  # fmt: skip
+               for k in range(1, count + 1)]
     if any([one.wait() for one in started]):
         raise SystemExit("a shard failed")
 
@@ -191,7 +191,7 @@ def throughput(description: Path, out: Path, workers: Sequence[int], n_month: in
                          "an_hour": 3600 * n_month / seconds, "ratio": rows[0]["seconds"] / seconds if rows else 1.0})
             print(f"{count} {way}: {n_month} turbine-months in {seconds:.0f} s by the clock, {used:.0f} s of processor "
                   f"time, load before {load:.1f}: {3600 * n_month / seconds:.0f} an hour, {rows[-1]['ratio']:.2f} times "
-                  "the first; same bytes", flush=True)  # fmt: skip
+                  "the first; same bytes", flush=True)
     return rows
 
 
@@ -236,7 +236,7 @@ def main() -> None:
     if a.throughput:
         rows = throughput(description, a.out / "farm", a.workers, a.turbines)
         (a.out / "throughput.json").write_text(json.dumps({"cores": os.cpu_count(), "days": a.days, "rows": rows}, indent=1),
-                                               encoding="utf-8")  # fmt: skip
+                                               encoding="utf-8")
         return
     measured: dict = {"cores": os.cpu_count(), "load": os.getloadavg()[0], "days": a.days, "turbines": a.turbines}
     for name, toml in (("short", description), ("long", data / "long.toml")):

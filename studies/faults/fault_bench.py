@@ -24,7 +24,7 @@ from fault_processes import Ended, Forked, HANGS_S, ORPHAN_S, Shell, of_sessions
 def digest(folder: Path) -> dict[str, str]:
     """File -> SHA-256 of what it holds; without temporary files."""
     return {p.relative_to(folder).as_posix(): hashlib.sha256(p.read_bytes()).hexdigest()
-            for p in sorted(folder.rglob("*")) if p.is_file() and not p.name.endswith(".part")}  # fmt: skip
+            for p in sorted(folder.rglob("*")) if p.is_file() and not p.name.endswith(".part")}
 
 
 def is_whole(path: Path) -> bool:
@@ -120,7 +120,7 @@ class Bench:
         self.temporary.mkdir()
 
     def start(self, *, shell: bool = False, rights: bool = True, stdout: int | None = None,
-              before: Callable[[], object] = lambda: None) -> Shell | Forked:  # fmt: skip
+              before: Callable[[], object] = lambda: None) -> Shell | Forked:
         """The command in a session of its own; `before` is called in the new process."""
         self.running = (Shell if shell else Forked)(self.words, self.temporary, rights, stdout, before)
         self.sessions.append(self.running.pid)
@@ -148,10 +148,10 @@ class Bench:
         found = digest(self.out)
         differ = sorted({name for name in self.wanted.keys() | found.keys()
                          if (name in self.wanted) != (name in found)
-                         or (name in self.steady and found[name] != self.wanted[name])})  # fmt: skip
+                         or (name in self.steady and found[name] != self.wanted[name])})
         parts = [p.name for p in self.out.rglob("*.part")]
         what = {"again_differs": ended.code != self.status or bool(differ), "parts_left": len(parts),
-                "temporary_left": len(list(self.temporary.iterdir()))}  # fmt: skip
+                "temporary_left": len(list(self.temporary.iterdir()))}
         if what["again_differs"] or parts:
             what["words"] = f"{ended.code} {ended.said[-300:]} {differ[:5]} {parts[:3]}"
         return what
@@ -172,7 +172,7 @@ class Bench:
         """What a command that met a fault said."""
         lines = [w for w in ended.said.splitlines() if w and not w.startswith("  ")]
         what = {"ended_well": ended.code == self.status, "traceback": "Traceback" in ended.said,
-                "more_lines": len(lines) > 1, "other_exit": ended.code not in (self.status, 1, 2, 130)}  # fmt: skip
+                "more_lines": len(lines) > 1, "other_exit": ended.code not in (self.status, 1, 2, 130)}
         if what["traceback"] or what["more_lines"] or what["other_exit"]:
             what["words"] = f"{ended.code} {ended.said[-400:]}"
         return what

@@ -42,10 +42,10 @@ def inputs(folder: Path, *, of_steps: bool = True) -> None:
     data = motion @ rng.standard_normal((3, 4)) + 0.1 * rng.standard_normal((size, 4))
     head = f'name = "b"\nsampling_rate_hz = {RATE_HZ}\nblock_minutes = 1\n' + "".join(
         f'[[sensor]]\nchannel = "c{k}"\nlevel = "l{k}"\nposition_m = [0.0, 0.0, {3.0 * k + 3}]\n'
-        "direction = [1.0, 0.0, 0.0]\n" for k in range(4))  # fmt: skip
+        "direction = [1.0, 0.0, 0.0]\n" for k in range(4))
     few = data[: int(SECONDS * RATE_HZ)]
     for name, held, text in (("campaign", few, head), ("many", data, head.replace("minutes = 1", "minutes = 0.5")),
-                             ("empty", None, head)):  # fmt: skip
+                             ("empty", None, head)):
         (folder / name).mkdir()
         (folder / name / "campaign.toml").write_text(text)
         if held is not None:
@@ -102,13 +102,13 @@ def commands(i: Path, o: Path) -> dict[str, list[str]]:
         "simulate, 2 processes": ["simulate", f"{o}/campaign", "--days", "0.1", "--seed", "4", "--jobs", "2"],
         "identify, 2 processes": ["identify", f"{i}/many", "--jobs", "2", "--out", f"{o}/modes.json"],
         "demo": ["demo", f"{o}/demo", "--days", "0.2", "--hide", "none"],
-    }  # fmt: skip
+    }
 
 
 # inputs one by one, for those commands whose words name them or what they lie in
 LOST = ("nine.json", "model.npz", "parameters.toml", "convert.toml", "campaign/campaign.toml",
         "campaign/acceleration/a.h5", "raw/20240102_000000.npy", "run/posterior.nc", "run/update.json", "run/model.npz",
-        "thirty.json", "identified/modes.json")  # fmt: skip
+        "thirty.json", "identified/modes.json")
 READ_BESIDE = {"parameters.toml": "model.npz"}
 
 

@@ -36,33 +36,33 @@ def table(lines_of: list[dict], faults: Iterable[str], planned: Counter[str]) ->
         "line because of the first.", "",
         "| fault | commands | trials | kills | met a running command | torn files | differs when given again | `*.part` "
         "left after that | orphan processes | tracebacks | more than one line | another exit code | refused |",
-        "|---|---|---|---|---|---|---|---|---|---|---|---|---|"]  # fmt: skip
+        "|---|---|---|---|---|---|---|---|---|---|---|---|---|"]
     for fault in faults:
         mine = [one for one in lines_of if one["fault"] == fault]
         if not mine:
             continue
         cells = [len({one["command"] for one in mine}), sum(one["what"].get("tried", 1) for one in mine),
                  total(mine, "kills") or "-", total(mine, "met") if any("met" in one["what"] for one in mine) else "-",
-                 *(total(mine, key) for key in BAD), total(mine, "refused") or "-"]  # fmt: skip
+                 *(total(mine, key) for key in BAD), total(mine, "refused") or "-"]
         out.append(f"| {fault} | " + " | ".join(map(str, cells)) + " |")
     out += ["", "| command | processor time undisturbed, s | trials | kills that met it | trials with a fault of ours |",
-            "|---|---|---|---|---|"]  # fmt: skip
+            "|---|---|---|---|---|"]
     for verb in verbs:
         mine = [one for one in lines_of if one["command"] == verb]
         bad = sum(any(one["what"].get(key) for key in BAD) for one in mine)
         met = sum(one["what"].get("met", 0) for one in mine if one["what"].get("kills"))
         out.append(f"| {verb} | {mine[-1]['processor_s']:g} | {len(mine)} | {met} | {bad} |")
     short = [f"{verb} {sum(one['command'] == verb for one in lines_of)} of {number}" for verb, number in planned.items()
-             if sum(one["command"] == verb for one in lines_of) + skipped[verb] < number]  # fmt: skip
+             if sum(one["command"] == verb for one in lines_of) + skipped[verb] < number]
     out += ["", f"Trials that were not reached (done, of planned): {', '.join(short) or 'none'}.",
-            f"Commands that are not tried: {', '.join(UNTRIED) or 'none'}."]  # fmt: skip
+            f"Commands that are not tried: {', '.join(UNTRIED) or 'none'}."]
     out += ["", "## Trials with a torn file, a difference, something left, a trace, more lines or another exit code", ""]
     for one in lines_of:
         found = {key: one["what"][key] for key in BAD if one["what"].get(key)}
         if found:
             words = " ".join(str(one["what"].get("words", "")).split())[-160:].replace("`", "'").replace("|", "/")
             out.append(f"- {one['command']}, {one['fault']} {one['number']} (commit {one['commit']}): "
-                       + ", ".join(f"{k} {int(v)}" for k, v in found.items()) + (f": `{words}`" if words else ""))  # fmt: skip
+                       + ", ".join(f"{k} {int(v)}" for k, v in found.items()) + (f": `{words}`" if words else ""))
     if out[-1] == "":
         out.append("None.")
     return "\n".join(out) + "\n"

@@ -73,7 +73,7 @@ def kill_at_rename(bench: Bench, rng: np.random.Generator, number: int) -> dict:
     which, when = int(rng.integers(1, len(bench.wanted) + 1)), ("before", "after")[int(rng.integers(2))]
     ended = bench.run(before=lambda: dies_at_rename(which, when))
     return {"kills": 1, "met": int(ended.code == -signal.SIGKILL), "moment": f"{when} {which}",
-            "orphans": bench.orphans(), "torn": len(bench.torn()), **bench.again()}  # fmt: skip
+            "orphans": bench.orphans(), "torn": len(bench.torn()), **bench.again()}
 
 
 def two_writers(bench: Bench, rng: np.random.Generator, number: int) -> dict:
@@ -93,7 +93,7 @@ def two_writers(bench: Bench, rng: np.random.Generator, number: int) -> dict:
     what |= {key: any(one[key] for one in found) for key in ("traceback", "more_lines", "other_exit")}
     what |= {"refused": sum(one.code != bench.status for one in said),
              "words": " | ".join(one.said[-200:] for one in said if one.code != bench.status),
-             "orphans": bench.orphans(), "torn": len(bench.torn())}  # fmt: skip
+             "orphans": bench.orphans(), "torn": len(bench.torn())}
     return together(what, bench.again())
 
 
@@ -220,7 +220,7 @@ def lost_midway(bench: Bench, rng: np.random.Generator, number: int) -> dict:
     finally:
         away.rename(path)
     what = {**bench.refusal(ended), "met": int(met), "moment": name, "torn": len(bench.torn()),
-            "orphans": bench.orphans()}  # fmt: skip
+            "orphans": bench.orphans()}
     return together(what, bench.again())
 
 
@@ -235,7 +235,7 @@ def output_full(bench: Bench, rng: np.random.Generator, number: int) -> dict:
 def output_closed(bench: Bench, rng: np.random.Generator, number: int) -> dict:
     bench.prepare()
     what = {**bench.refusal(bench.run(shell=True, before=lambda: os.close(1))), "torn": len(bench.torn()),
-            "orphans": bench.orphans()}  # fmt: skip
+            "orphans": bench.orphans()}
     return together(what, bench.again())
 
 
@@ -272,7 +272,7 @@ def trials(verbs: list[str]) -> list[tuple[str, str, int]]:
     most = max(often for _, often, *_ in FAULTS.values())
     kind = {verb: 2 if verb == LONG else int(verb in SELDOM) for verb in verbs}
     return [(verb, fault, number) for which in range(3) for number in range(most) for verb in verbs if kind[verb] == which
-            for fault, (_, *often) in FAULTS.items() if number < often[which]]  # fmt: skip
+            for fault, (_, *often) in FAULTS.items() if number < often[which]]
 
 
 def commit() -> str:
@@ -313,7 +313,7 @@ def run(
         kept = {key: value for key, value in what.items() if value or key in ("met", "kills")}
         line = {"command": verb, "fault": fault, "number": number, "seed": seed, "commit": commit(),
                 "processor_s": round(bench.processor_s[True], 1), "seconds": round(time.monotonic() - begun, 1),
-                **machine(), "what": kept}  # fmt: skip
+                **machine(), "what": kept}
         with log.open("a") as stream:
             stream.write(json.dumps(line).replace(str(work), "WORK") + "\n")
 
@@ -323,7 +323,7 @@ def machine() -> dict[str, str]:
     memory = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / 2**30
     return {"date": datetime.datetime.now(datetime.UTC).date().isoformat(),
             "machine": f"{platform.system()} {platform.machine()}, {os.cpu_count()} cores, {memory:.0f} GB, "
-                       f"Python {platform.python_version()}"}  # fmt: skip
+                       f"Python {platform.python_version()}"}
 
 
 def main() -> None:

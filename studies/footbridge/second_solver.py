@@ -110,7 +110,7 @@ def main() -> int:
     say = sys.stdout.write
     own = package_maximum(a.data)
     say(f"package: J {own.misfit + np.sum((own.theta / bridge.std) ** 2):.3f} by itself, "
-        f"{bridge.objective(own.theta):.3f} in the second objective\n")  # fmt: skip
+        f"{bridge.objective(own.theta):.3f} in the second objective\n")
     sys.stdout.flush()
     rng = np.random.default_rng(1)
     best = None
@@ -118,7 +118,7 @@ def main() -> int:
         begin = np.zeros(len(bridge.std)) if number == 0 else 0.5 * bridge.std * rng.uniform(-1, 1, len(bridge.std))
         begin = np.clip(begin, bridge.lower + 1e-6, bridge.upper - 1e-6)
         found = optimize.least_squares(bridge.residual, begin, jac=bridge.jacobian, x_scale=bridge.std, max_nfev=40,
-                                       bounds=(bridge.lower, bridge.upper), xtol=1e-6, ftol=1e-9)  # fmt: skip
+                                       bounds=(bridge.lower, bridge.upper), xtol=1e-6, ftol=1e-9)
         say(f"start {number}: J {2 * found.cost:.3f} after {found.nfev} steps ({found.message})\n")
         sys.stdout.flush()
         best = found if best is None or found.cost < best.cost else best

@@ -105,7 +105,7 @@ def stiffness_of(factor: dict[str, float], n_dof: int, pattern: Pattern = PATTER
 
 def _bars_and_beams(factor, left):
     kept = [(m, factor.get(f"b{m.storey}{m.face}", 1.0) * left.get((m.storey, m.face, m.number), 1.0)
-             if m.kind == "brace" else 1.0) for m in frame.members()]  # fmt: skip
+             if m.kind == "brace" else 1.0) for m in frame.members()]
     return [m for m, _ in kept], [x for _, x in kept]
 
 
@@ -186,7 +186,7 @@ def record(case: Case, pattern: Pattern, seed: int, *, course: str, n_set: int =
             shape=phi + NOISE * (rng.standard_normal(phi.shape) + 1j * rng.standard_normal(phi.shape)),
             frequency_std_hz=NOISE * f,
             shape_std=np.full(phi.shape, NOISE),
-        ))  # fmt: skip
+        ))
     return ModalData(channels=frame.CHANNELS, sets=tuple(sets))
 
 
@@ -196,14 +196,14 @@ def write_model(folder: Path, *, n_dof: int, heavy: bool, std: float = SCATTER) 
     folder.mkdir(parents=True, exist_ok=True)
     names, nominal = parameter_names(), stiffness_of({}, n_dof)
     arrays = {"M0": frame.mass(n_dof, heavy), "channel": np.array(frame.CHANNELS),
-              "channel_row": frame.channel_rows(n_dof)}  # fmt: skip
+              "channel_row": frame.channel_rows(n_dof)}
     tables = []
     for name in names:
         arrays[f"K_{name}"] = stiffness_of({name: 2.0}, n_dof) - nominal
         # braces may be gone; a storey without columns is a mechanism
         lower = 0.0 if name[0] == "b" else 0.3
         tables.append(f'[[parameter]]\nname = "{name}"\nunit = "-"\ninitial = 1.0\nstd = {std}\n'
-                      f"lower = {lower}\nupper = 2.0\n")  # fmt: skip
+                      f"lower = {lower}\nupper = 2.0\n")
     arrays["K0"] = nominal - sum(arrays[f"K_{name}"] for name in names)
     np.savez(folder / "model.npz", **arrays)
     (folder / "parameters.toml").write_text("\n".join(tables), encoding="utf-8")
@@ -213,4 +213,4 @@ def write_model(folder: Path, *, n_dof: int, heavy: bool, std: float = SCATTER) 
 def groups() -> dict[str, dict[str, float]]:
     """What is lost together: all braces of a storey, a size of one being all of them."""
     return {f"braces of storey {s}": {f"b{s}{face}": -1.0 for face in frame.FACES}
-            for s in range(1, frame.N_STOREY + 1)}  # fmt: skip
+            for s in range(1, frame.N_STOREY + 1)}

@@ -34,7 +34,7 @@ BEAMS = tuple((3 * j + i, 3 * j + i + 1) for j in range(3) for i in range(2)) + 
 # an accelerometer in the middle of each face of each floor, along the face: plan number and axis
 SENSORS = ((1, 0), (5, 1), (7, 0), (3, 1))
 CHANNELS = tuple(f"floor {s + 1}, {'xy'[axis]} at {['y-', 'x+', 'y+', 'x-'][k]}"
-                 for s in range(N_STOREY) for k, (_, axis) in enumerate(SENSORS))  # fmt: skip
+                 for s in range(N_STOREY) for k, (_, axis) in enumerate(SENSORS))
 
 
 @dataclass(frozen=True)
@@ -63,7 +63,7 @@ def members() -> tuple[Member, ...]:
         result += [Member("column", s, (foot + k, top + k)) for k in range(N_PLAN)]
         result += [Member("beam", s, (top + a, top + b)) for a, b in BEAMS]
         result += [Member("brace", s, (foot + a, top + b), face, k)
-                   for face, pair in BRACES.items() for k, (a, b) in enumerate(pair)]  # fmt: skip
+                   for face, pair in BRACES.items() for k, (a, b) in enumerate(pair)]
     return tuple(result)
 
 
@@ -97,13 +97,13 @@ def element(member: Member, part: str = "all") -> tuple[np.ndarray, np.ndarray]:
         v[3:6, 1] = v[9:12, 3] = normal
         L = length
         bending = np.array([[12, 6 * L, -12, 6 * L], [6 * L, 4 * L**2, -6 * L, 2 * L**2],
-                            [-12, -6 * L, 12, -6 * L], [6 * L, 2 * L**2, -6 * L, 4 * L**2]])  # fmt: skip
+                            [-12, -6 * L, 12, -6 * L], [6 * L, 2 * L**2, -6 * L, 4 * L**2]])
         K += YOUNGS_PA * second / L**3 * v @ bending @ v.T
     if member.hinge:
         # moments at the first end are zero: its rotations condensed out, torsion with them
         keep, lost = [0, 1, 2, *range(6, 12)], [3, 4, 5]
         rest = K[np.ix_(keep, keep)] - K[np.ix_(keep, lost)] @ np.linalg.solve(
-            K[np.ix_(lost, lost)], K[np.ix_(lost, keep)])  # fmt: skip
+            K[np.ix_(lost, lost)], K[np.ix_(lost, keep)])
         K = np.zeros((12, 12))
         K[np.ix_(keep, keep)] = rest
     half = DENSITY_KGPM3 * area * length / 2

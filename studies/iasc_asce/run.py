@@ -39,7 +39,7 @@ def ready(case: Case, folder: Path, *, simple: bool = False) -> Prepared:
         path = cases.write_model(folder / f"simple-{case.number}", n_dof=12, heavy=case.heavy, std=SIMPLE_STD)
         return prepare(path, groups=cases.groups())
     path = cases.write_model(folder / f"model-{case.n_dof}{'-heavy' if case.heavy else ''}", n_dof=case.n_dof,
-                             heavy=case.heavy)  # fmt: skip
+                             heavy=case.heavy)
     return prepare(path, groups=cases.groups())
 
 
@@ -78,7 +78,7 @@ def run_one(prepared: Prepared, case: Case, pattern: Pattern, seed: int, course:
                       "alternatives": [a.location for a in f.alternatives]} for f in found.findings],
         "nearest": found.details.get("nearest", []), "notes": list(found.notes), "limits": limits,
         "cpu_s": round(time.process_time() - begun, 2),
-    }  # fmt: skip
+    }
 
 
 def asked(seeds: int, patterns: dict[int, tuple[int, ...]]):
@@ -138,7 +138,7 @@ def outcomes(lines: list[dict]) -> list[str]:
         own = [x for x in lines if (x["case"], x["pattern"], x["course"]) == key]
         counts = [sum(x["judged"] == w for x in own) for w in WORDS]
         rows.append(f"| {key[0]} | {key[1]} {PATTERNS[key[1]].words} | {key[2] if key[1] else '-'} | {len(own)} | "
-                    + " | ".join(str(c) for c in counts) + " |")  # fmt: skip
+                    + " | ".join(str(c) for c in counts) + " |")
     return rows
 
 
@@ -149,7 +149,7 @@ def tables(out: Path) -> str:
     if simple := read_lines(out / "simple.jsonl"):
         rows += ["", "The shear building given for the frame of 120:", "", *outcomes(simple)]
     rows += ["", "| case | course | median stated limit of a pair, storey 1 to 4 | sizes within 2 std |",
-             "|---|---|---|---|"]  # fmt: skip
+             "|---|---|---|---|"]
     for case in CASES:
         for course in ("step", "constant"):
             # of records with nothing hidden, or of all for what is constant
@@ -160,12 +160,12 @@ def tables(out: Path) -> str:
                 cells.append(f"{np.median(values):.2f}" if values else "-")
             sized = [(f, x) for x in own if x["judged"] == "right" for f in x["findings"]]
             near = sum(abs(f["size"] - true_size(PATTERNS[x["pattern"]], f["location"])) < 2 * f["std"]
-                       for f, x in sized)  # fmt: skip
+                       for f, x in sized)
             rows.append(f"| {case.number} | {course} | {', '.join(cells)} | {near} of {len(sized)} |")
     losses = read_lines(out / "losses.jsonl")
     if losses:
         rows += ["", "| pair of braces, case 4 | course | records | " + " | ".join(f"{x:.0%}" for x in LOSSES) + " |",
-                 "|---" * (3 + len(LOSSES)) + "|"]  # fmt: skip
+                 "|---" * (3 + len(LOSSES)) + "|"]
         for key in sorted({(x["place"], x["course"]) for x in losses}):
             own = [x for x in losses if (x["place"], x["course"]) == key]
             cells = []

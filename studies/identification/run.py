@@ -39,7 +39,7 @@ def true_modes(truth, labels, heading_deg: float, state: str) -> tuple[np.ndarra
     near = min(truth, key=lambda m: abs((m.heading_deg - heading_deg + 180) % 360 - 180))
     index = [near.labels.index(label) for label in labels]
     damping = {"idling": near.damping_ratio_idling, "below rated": near.damping_ratio_operating,
-               "rated": near.damping_ratio_operating}.get(state)  # fmt: skip
+               "rated": near.damping_ratio_operating}.get(state)
     return near.frequency_hz[index], np.full(len(index), np.nan) if damping is None else damping[index]
 
 
@@ -97,7 +97,7 @@ def rows_of(campaign, identification: Identification, truth, removed) -> pd.Data
         state = str(s.environment.get("state"))
         true_hz, true_damping = true_modes(truth, labels, float(s.environment.get("nacelle_heading_deg", 0)), state)
         ways = {PAPER: (*paper[s.id][:2], np.nan), FOLLOWED: (s.frequency_hz, s.damping_ratio, s.frequency_std_hz),
-                REMOVED: (*removed[s.id][:2], np.nan)}  # fmt: skip
+                REMOVED: (*removed[s.id][:2], np.nan)}
         for way, (f, zeta, std) in ways.items():
             error = f / true_hz - 1
             z = (f - true_hz) / (np.full(len(labels), std) if np.isscalar(std) else std)
@@ -131,12 +131,12 @@ def summed(rows: pd.DataFrame) -> pd.DataFrame:
 
 def markdown(table: pd.DataFrame) -> str:
     lines = ["| state (blocks) | mode | way | found | false | f: bias, scatter % | damping: bias, scatter pp | z rms |",
-             "|---|---|---|---|---|---|---|---|"]  # fmt: skip
+             "|---|---|---|---|---|---|---|---|"]
     for r in table.itertuples():
         z = "" if np.isnan(r.z_rms) else f"{r.z_rms:.2f}"
         lines.append(f"| {r.state} ({r.blocks}) | {r.mode} | {r.way} | {r.found:.2f} | {r.false:.2f} | "
                      f"{r.bias_percent:+.2f}, {r.scatter_percent:.2f} | "
-                     f"{r.damping_bias:+.2f}, {r.damping_scatter:.2f} | {z} |")  # fmt: skip
+                     f"{r.damping_bias:+.2f}, {r.damping_scatter:.2f} | {z} |")
     return "\n".join(lines) + "\n"
 
 

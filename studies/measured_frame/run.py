@@ -64,7 +64,7 @@ def floor_modes(folder: Path) -> ModalData:
     scale = shape[np.argmax(np.abs(shape), axis=0), np.arange(len(chosen))]
     resolved = ModalSet(id=one.id, frequency_hz=one.frequency_hz[chosen], damping_ratio=one.damping_ratio[chosen],
                         frequency_std_hz=one.frequency_std_hz[chosen], shape=shape / scale,
-                        shape_std=std / np.abs(scale))  # fmt: skip
+                        shape_std=std / np.abs(scale))
     return ModalData(channels=CHANNELS, sets=(resolved,))
 
 
@@ -72,7 +72,7 @@ def storey(k: int) -> tuple[np.ndarray, np.ndarray]:
     """(10, 10) of five translations and five rotations: a storey's columns; a brace in it of their shear stiffness."""
     columns, brace, h = np.zeros((12, 12)), np.zeros((12, 12)), STOREY_M[k]
     bending = np.array([[12, 6 * h, -12, 6 * h], [6 * h, 4 * h**2, -6 * h, 2 * h**2], [-12, -6 * h, 12, -6 * h],
-                        [6 * h, 2 * h**2, -6 * h, 4 * h**2]])  # fmt: skip
+                        [6 * h, 2 * h**2, -6 * h, 4 * h**2]])
     rows = [k, 6 + k, k + 1, 7 + k]
     columns[np.ix_(rows, rows)] = EI / h**3 * bending
     brace[np.ix_([k, k + 1], [k, k + 1])] = 12 * EI / h**3 * np.array([[1, -1], [-1, 1]])
@@ -83,7 +83,7 @@ def storey(k: int) -> tuple[np.ndarray, np.ndarray]:
 
 def row(name: str, initial: float, std: float, lower: float, upper: float) -> str:
     return (f'[[parameter]]\nname = "{name}"\nunit = "-"\ninitial = {initial}\nstd = {std}\nlower = {lower}\n'
-            f"upper = {upper}\n\n")  # fmt: skip
+            f"upper = {upper}\n\n")
 
 
 def write_frame(folder: Path) -> Path:
@@ -133,7 +133,7 @@ def _written(folder: Path, arrays: dict, rows: list[str], of_one_axis: int) -> P
 def frequencies(path: Path, **sizes: float) -> np.ndarray:
     """Six lowest, of the neutral model with these parameters moved."""
     neutral = {n["name"]: n["initial"] for n in tomllib.loads(
-        path.with_name("parameters.toml").read_text(encoding="utf-8"))["parameter"]}  # fmt: skip
+        path.with_name("parameters.toml").read_text(encoding="utf-8"))["parameter"]}
     with np.load(path) as arrays:
         K = arrays["K0"] + sum(sizes.get(n, x) * arrays[f"K_{n}"] for n, x in neutral.items())
         return np.sqrt(eigh(K, arrays["M0"], eigvals_only=True)[:6]) / (2 * np.pi)
@@ -161,7 +161,7 @@ def asked(path: Path, data: ModalData, times: float) -> dict:
         "findings": [[f.location, f.size, f.size_std, f.posterior_probability] for f in found.findings],
         "taken_in": [[n.effect.cause, n.effect.location, n.size] for n in outcome.fitted.included],
         "notes": list(found.notes),
-    }  # fmt: skip
+    }
 
 
 def main() -> int:
@@ -179,7 +179,7 @@ def main() -> int:
     measured = data.sets[0].frequency_hz
     frame, shear = write_frame(a.out / "frame"), write_shear(a.out / "shear")
     for name, model, sizes in (("shear building", shear, {}), ("frame", frame, {}),
-                               ("frame, brace in y 1", frame, {"brace_y1": 7.86})):  # fmt: skip
+                               ("frame, brace in y 1", frame, {"brace_y1": 7.86})):
         error = 100 * (frequencies(model, **sizes) / np.sort(measured) - 1)
         sys.stdout.write(f"{name}: {error.round(1).tolist()} % of {np.sort(measured).round(3).tolist()} Hz\n")
     lines = []

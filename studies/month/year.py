@@ -68,7 +68,7 @@ class StandIn(BlockStore):
         real, wanted = super().read_deviations(self._real_of[start]), tuple(self._wanted[start])
         rows = [k % len(real.key) for k in range(len(wanted))]
         return replace(real, key=wanted, ln_frequency=real.ln_frequency[rows], damping_ratio=real.damping_ratio[rows],
-                       shape=real.shape[:, rows])  # fmt: skip
+                       shape=real.shape[:, rows])
 
 
 def repeated(scada: pd.DataFrame, count: int) -> pd.DataFrame:
@@ -93,7 +93,7 @@ def stand_for(out: Path, count: int, answer) -> None:
     found.write(out / f"{count}" / "modes.json")
     sizes = {p.name: p.stat().st_size / 1e6 for p in sorted((out / f"{count}").glob("modes*"))}
     answer.put({"blocks": count, "n_mode": found.data.n_mode, "before_mb": before, "identified_mb": identified,
-                "written_mb": peak_mb(), "processor_s": time.process_time() - begun, "files_mb": sizes})  # fmt: skip
+                "written_mb": peak_mb(), "processor_s": time.process_time() - begun, "files_mb": sizes})
 
 
 def peak_mb() -> float:
@@ -108,7 +108,7 @@ def main() -> None:
     if not (a.out / "real" / "modes.json").exists():
         probupdate.simulate(a.out / "campaign", model="updated", days=0.5, seed=1)
         probupdate.identify(a.out / "campaign", MODEL, store=a.out / "real" / "modes.json.blocks").write(
-            a.out / "real" / "modes.json")  # fmt: skip
+            a.out / "real" / "modes.json")
     rows = []
     context = multiprocessing.get_context("spawn")
     for count in a.blocks:

@@ -22,12 +22,12 @@ HIDDEN_PILE, HIDDEN = 63, 0.5
 RATE_HZ, DAMPING, N_MODE = 25.0, 0.01, 20
 START = np.datetime64("2024-03-01T00:00:00")
 FACES = {f"bay{bay}_{face}": range(37 + 16 * (bay - 1) + 4 * k, 41 + 16 * (bay - 1) + 4 * k)
-         for bay in (1, 2, 3, 4) for k, face in enumerate(("px", "mx", "py", "my"))}  # fmt: skip
+         for bay in (1, 2, 3, 4) for k, face in enumerate(("px", "mx", "py", "my"))}
 
 
 def parameter(name: str, acts: str, on: str, std: float, lower: float = 0.1, upper: float = 3.0) -> str:
     return (f'\n[[parameter]]\nname = "{name}"\nacts = "{acts}"\non = "{on}"\nunit = "-"\ninitial = 1.0\nstd = {std}\n'
-            f"lower = {lower}\nupper = {upper}\n")  # fmt: skip
+            f"lower = {lower}\nupper = {upper}\n")
 
 
 def sensors(file: SubDynFile) -> tuple[Sensor, ...]:
@@ -35,7 +35,7 @@ def sensors(file: SubDynFile) -> tuple[Sensor, ...]:
     return tuple(
         Sensor(channel=f"{level}-{joint}-{axis}", level=level, position_m=place[joint], direction=np.eye(3)[k])
         for level, joints in LEVELS.items() for joint in joints for k, axis in enumerate("xy")
-    )  # fmt: skip
+    )
 
 
 def write_models(source: Path, folder: Path) -> tuple[Path, Path]:
@@ -47,16 +47,16 @@ def write_models(source: Path, folder: Path) -> tuple[Path, Path]:
     tower = [m.id for m in file.members if m.kind == "arbitrary"]
     head = f'name = "OC4 jacket with tower"\n\n[subdyn]\nfile = "{INPUT}"\nnacelle = [135]\n'
     groups = {"tower": f"members = {tower}", "legs": "property_sets = [2, 3]", "braces": "property_sets = [1]",
-              "piles": f"reactions = {list(PILES)}", "rna": "masses = [135]"}  # fmt: skip
+              "piles": f"reactions = {list(PILES)}", "rna": "masses = [135]"}
     channels = "".join(
         f'\n[[sensor]]\nchannel = "{s.channel}"\nlevel = "{s.level}"\njoint = {s.channel.split("-")[1]}\n'
-        f"direction = {s.direction.tolist()}\n" for s in sensors(file))  # fmt: skip
+        f"direction = {s.direction.tolist()}\n" for s in sensors(file))
 
     def text(groups, parameters):
         return head + "".join(f"\n[group.{k}]\n{v}\n" for k, v in groups.items()) + "".join(parameters) + channels
 
     common = [parameter("k_tower", "stiffness", "tower", 0.1), parameter("k_legs", "stiffness", "legs", 0.05),
-              parameter("m_rna", "mass", "rna", 0.03), parameter("soil", "soil", "piles", 0.4)]  # fmt: skip
+              parameter("m_rna", "mass", "rna", 0.03), parameter("soil", "soil", "piles", 0.4)]
     model = folder / "model.toml"
     model.write_text(text(groups, [*common, parameter("k_braces", "stiffness", "braces", 0.05)]), encoding="utf-8")
     own = {f"pile_{pile}": f"reactions = [{pile}]" for pile in PILES}
@@ -88,7 +88,7 @@ def write_campaign(folder: Path, theory: SecondTheory, places: tuple[Sensor, ...
     rng = np.random.default_rng(seed)
     (folder / "acceleration").mkdir(parents=True, exist_ok=True)
     write_campaign_toml(folder, name="OC4 by a second theory", sensors=places, rate_hz=RATE_HZ, block_minutes=30,
-                        water_depth_m=50.0)  # fmt: skip
+                        water_depth_m=50.0)
     pushed = [k for k, s in enumerate(places) if s.level in ("TP", "tower")]
     q = v = np.zeros(len(frequency))
     n = int(3600 * RATE_HZ)

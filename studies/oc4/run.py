@@ -29,7 +29,7 @@ def main() -> None:
     frequency, _ = case.seen(theory, places, 8)
     sys.stdout.write(f"true frequencies {frequency.round(5).tolist()}\n")
     out = {name: str(a.out / name) for name in ("modes.json", "nine.json", "update.json", "posterior.nc", "compare.json",
-                                                "diagnosis.json")}  # fmt: skip
+                                                "diagnosis.json")}
     own = ["--model", str(model)]
     for words in (
         ["modes", str(model), "--count", "8"],
@@ -41,7 +41,7 @@ def main() -> None:
          str(a.seed)],
         ["export", str(a.out), "--to", "lifetime", str(a.out / "lifetime"), "--draws", "50", "--seed", str(a.seed),
          "--fatigue", str(Path(__file__).with_name("fatigue.toml"))],
-    ):  # fmt: skip
+    ):
         start = time.perf_counter()
         code = probupdate(words)
         sys.stdout.write(f"[{words[0]}: {code}, {time.perf_counter() - start:.0f} s]\n")

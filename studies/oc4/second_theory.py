@@ -36,7 +36,7 @@ def tube_of(file: SubDynFile, member, factor: float) -> beam.Tube:
         inner = np.sqrt(2 * second / area - area / (2 * np.pi))
         diameter, wall = 2 * outer, outer - inner
     return beam.Tube(diameter_m=diameter, thickness_m=wall, youngs_modulus_pa=e * factor, poisson_ratio=e / (2 * g) - 1,
-                     density_kgpm3=density)  # fmt: skip
+                     density_kgpm3=density)
 
 
 class SecondTheory:
@@ -46,7 +46,7 @@ class SecondTheory:
     """
 
     def __init__(self, file: SubDynFile, *, stiffness: Mapping[int, float] | None = None,
-                 soil: Mapping[int, float] | None = None):  # fmt: skip
+                 soil: Mapping[int, float] | None = None):
         self.joint = {joint.id: k for k, joint in enumerate(file.joints)}
         place = [np.array(joint.position_m) for joint in file.joints]
         links, parts = [], []

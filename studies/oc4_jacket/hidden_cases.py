@@ -301,7 +301,7 @@ def identified(frequency, shape, rng) -> ModalSet:
     close modes turn into one another, every channel has its own scatter, and both are estimated with their
     covariance."""
     f, damping, phi, deviation = modal_noise.identified(frequency, np.full(N_MODE, DAMPING), shape, MODES, BLOCK_S,
-                                                     rng)  # fmt: skip
+                                                     rng)
     return ModalSet(
         id="",
         frequency_hz=f,

@@ -46,7 +46,7 @@ def main() -> None:
         f"{n} blocks, {len(found.modes.labels)} modes; per block: poles {1e3 * poles / n:.1f} ms, standard deviations "
         f"{1e3 * deviations / n:.1f} ms, modes out of poles {1e3 * modes / n:.1f} ms "
         f"({100 * modes / (poles + deviations):.1f} % of the former two), all that follows the poles "
-        f"{1e3 * again / n:.1f} ms\n")  # fmt: skip
+        f"{1e3 * again / n:.1f} ms\n")
 
 
 if __name__ == "__main__":

@@ -97,11 +97,11 @@ def main() -> None:
 
     r = reduced.report
     print(f"{model.name}: {model.n_dof} degrees of freedom, {len(model.parameters)} parameters, {N_MODE} modes, "
-          f"{len(model.channels)} channels")  # fmt: skip
+          f"{len(model.channels)} channels")
     blocks = ", ".join(str(len(block.rows)) for block in reduced.blocks)
     print(f"reduced basis: {r.size} vectors in blocks of {blocks}, built in {building:.1f} s; on {r.n_verify} unseen "
           f"points frequencies within {r.max_frequency_error:.1e} ({r.max_box_error:.1e} all over its box), MAC at "
-          f"least {r.min_mac:.6f}")  # fmt: skip
+          f"least {r.min_mac:.6f}")
     if isinstance(peer, str):
         print(f"OpenSees: not measured ({peer})")
     else:

@@ -35,7 +35,7 @@ def turbine_problem(seed: int, share: float):
     frequency = solution.frequency_hz * (1 + share * np.array(COV) * rng.standard_normal(len(COV)))
     unknown = np.full(len(COV), np.nan)
     one = ModalSet(id="one", frequency_hz=frequency, shape=shape, damping_ratio=unknown, frequency_std_hz=unknown,
-                   shape_std=np.full(shape.shape, np.nan))  # fmt: skip
+                   shape_std=np.full(shape.shape, np.nan))
     weights = Weights(frequency_cov=tuple(share * c for c in COV), shape_std=False)
     return build_problem(model, ModalData(channels=truth.channels, sets=(one,)), weights=weights)
 
@@ -66,11 +66,11 @@ def main() -> int:
         with tempfile.TemporaryDirectory() as folder:
             begun = time.process_time()
             chain = sample(prepared.problem, prepared.surrogate, folder, SamplerSettings(seed=a.seed, target_ess=a.ess),
-                           emulator=emulator)  # fmt: skip
+                           emulator=emulator)
             seconds = time.process_time() - begun
         rates[name] = chain.ess.min() / seconds
         say(f"{name}: {chain.verdict} {seconds:.1f} s, worst effective size {chain.ess.min():.0f}: {rates[name]:.1f} a "
-            f"second, {chain.ess.min() / chain.evaluated:.4f} an evaluation")  # fmt: skip
+            f"second, {chain.ess.min() / chain.evaluated:.4f} an evaluation")
     n_walker = 4 * len(problem.parameters)
     start = prepared.surrogate.draw(n_walker, np.random.default_rng(a.seed))
     sampler = emcee.EnsembleSampler(

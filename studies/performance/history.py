@@ -31,7 +31,7 @@ RATIOS = {
                 r"^without surfaces over stretch: ([\d.]+)"),
     "report": ("a report's sections: matplotlib's own layout over ticks found once",
                r"^a page of .*? ratio ([\d.]+); .*pages are the same"),
-}  # fmt: skip
+}
 
 
 def found(run: Path) -> list[dict[str, str]]:

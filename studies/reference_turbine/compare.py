@@ -23,10 +23,10 @@ def solved(model, description, theta=None):
     theta = np.array([p.initial for p in model.parameters]) if theta is None else theta
     solution = model.solve(theta, N_MODE)
     sensors = tuple(Sensor(channel=s.channel, level=s.level, position_m=s.position_m, direction=s.direction)
-                    for s in description.sensor)  # fmt: skip
+                    for s in description.sensor)
     labels = mode_character(solution.shape, sensors).labels
     return (dict(zip(labels, solution.frequency_hz, strict=True)), dict(zip(labels, solution.shape.T, strict=True)),
-            {name: function(theta) for name, function in model.derived.items()})  # fmt: skip
+            {name: function(theta) for name, function in model.derived.items()})
 
 
 def changed(state: str, change) -> tuple[dict, dict, dict]:

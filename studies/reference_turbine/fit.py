@@ -80,7 +80,7 @@ def rounded(values: dict[str, float]) -> dict[str, float]:
     grid = {"bottom_spacing": 0.1, "top_spacing": 0.1, "leg_diameter": 0.005, "brace_diameter": 0.005,
             "pile_diameter": 0.01, "pile_wall": 0.001, "strength": 1e3, "strength_gradient": 10.0,
             "tower_diameter": 0.05, "tower_wall": 0.0005, "column_wall": 0.001, "strut_diameter": 0.01,
-            "tp_mass": 1e3, "rotor_inertia": 1e5, "scour": 0.1, "growth": 0.005}  # fmt: skip
+            "tp_mass": 1e3, "rotor_inertia": 1e5, "scour": 0.1, "growth": 0.005}
     return {n: round(round(v / grid[n]) * grid[n], 9) if n in grid else float(v) for n, v in values.items()}
 
 
@@ -101,10 +101,10 @@ def described(base: dict, v: dict[str, float], rounding: bool = False) -> dict:
     for k, (low, high) in enumerate(pairwise(BAY_LEVELS_M)):
         diameter = r(v["brace_diameter"] * (1 - 0.05 * k), 0.005)
         jacket["bay"].append({"bottom_m": low, "top_m": high,
-                              "brace": tube(diameter, r(diameter / v["brace_slenderness"], 0.0005))})  # fmt: skip
+                              "brace": tube(diameter, r(diameter / v["brace_slenderness"], 0.0005))})
     raw["pile"]["diameter_m"], raw["pile"]["thickness_m"] = v["pile_diameter"], v["pile_wall"]
     raw["soil"]["undrained_shear_strength_pa"] = {"at_mudline": v["strength"],
-                                                  "gradient_per_m": v["strength_gradient"]}  # fmt: skip
+                                                  "gradient_per_m": v["strength_gradient"]}
     # taper of the tower: diameters 1 : .92 : .81 : .69, walls 1 : .77 : .6 : .53
     stations = zip(raw["tower"]["station"], (1.0, 0.922, 0.813, 0.688), (1.0, 0.77, 0.59, 0.53), strict=True)
     for station, d, t in stations:
@@ -139,7 +139,7 @@ def all_parameters(base: dict) -> Parameters:
                   std=p.get("std", 0.1 * abs(initial[p["name"]])), lower=p["lower"], upper=p["upper"],
                   prior="normal")
         for p in rows
-    ))  # fmt: skip
+    ))
 
 
 def respond(raw: dict, parameters: Parameters, states: dict[str, dict[str, float]], mesh: dict | None):
@@ -156,7 +156,7 @@ def respond(raw: dict, parameters: Parameters, states: dict[str, dict[str, float
         labels = mode_character(s.shape, sensors).labels
         by_label = dict(zip(labels, s.frequency_hz, strict=True))
         answer[state] = (by_label, s.frequency_hz, s.shape, labels,
-                         {name: f(theta) for name, f in model.derived.items()})  # fmt: skip
+                         {name: f(theta) for name, f in model.derived.items()})
     return answer
 
 
@@ -213,7 +213,7 @@ def fit(base: dict, *, max_nfev: int) -> dict[str, float]:
         return r
 
     result = least_squares(function, start / scale, bounds=(low / scale, high / scale), diff_step=2e-3, x_scale=1.0,
-                           max_nfev=max_nfev, ftol=2e-3, xtol=1e-3)  # fmt: skip
+                           max_nfev=max_nfev, ftol=2e-3, xtol=1e-3)
     print(f"cost {result.cost:.3f} after {result.nfev} steps: {result.message}")
     return dict(zip(names, result.x * scale, strict=True))
 

@@ -49,7 +49,7 @@ def as_built_text(text: str, raw: Mapping) -> str:
     bays = "".join(
         f"[[jacket.bay]]\nbottom_m = {_number(bay['bottom_m'])}\ntop_m = {_number(bay['top_m'])}\n"
         f"brace = {tube_text(bay['brace'])}\n" for bay in jacket["bay"]
-    )  # fmt: skip
+    )
     text = replaced(text, r"(?:^\[\[jacket\.bay\]\]\n(?:\w.*\n)+)+", bays)
     text = replaced(text, r"(^\[pile\]\n.*\ndiameter_m = ).*\nthickness_m = .*$",
                     rf"\g<1>{_number(pile['diameter_m'])}\nthickness_m = {_number(pile['thickness_m'])}")

@@ -88,7 +88,7 @@ def main() -> None:
              "Made by `studies/supply_chain/licences.py` from requirements.lock, the packages' own metadata and their wheels,",
              f"{today}. Audit for known weaknesses (pip-audit) on {today}: {state}.",
              "The dates say how old each is; a wheel of another Python was not downloaded (-).", "",
-             "| package | locked | date of the wheel | installed | licence | audit |", "|---|---|---|---|---|---|"]  # fmt: skip
+             "| package | locked | date of the wheel | installed | licence | audit |", "|---|---|---|---|---|---|"]
     for name, versions in packages.items():
         installed, text = licence(name)
         days = ", ".join(dated.get((re.sub("[-_.]+", "-", name).lower(), version), "-") for version in versions)

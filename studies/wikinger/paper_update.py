@@ -42,7 +42,7 @@ def state(name: str, theta: np.ndarray | None = None) -> State:
     theta = model.parameters.initial if theta is None else theta
     solution = model.solve(theta, 10)
     sensors = tuple(Sensor(channel=s.channel, level=s.level, position_m=s.position_m, direction=s.direction)
-                    for s in description.sensor)  # fmt: skip
+                    for s in description.sensor)
     labels = mode_character(solution.shape, sensors).labels
     order = [labels.index(m) for m in paper.MODES]
     heads = {key: float(compute(theta)) for key, compute in model.derived.items()}
@@ -59,7 +59,7 @@ def table_3_as_modes() -> ModalData:
         id="Table 3", frequency_hz=frequency, shape=shape / np.max(np.abs(shape), axis=0),
         damping_ratio=np.full(4, np.nan), frequency_std_hz=np.array(COV) * frequency,
         shape_std=np.full(shape.shape, np.nan),
-    )  # fmt: skip
+    )
     return ModalData(channels=model.channels, sets=(measured,), labels=paper.MODES)
 
 
@@ -100,7 +100,7 @@ class Suspicion:
     @property
     def sums(self) -> tuple[float, ...]:
         return tuple(float(np.sum(np.square(z))) for z in
-                     (self.normal, self.lognormal, self.cut_at_zero, self.cut_at_bounds))  # fmt: skip
+                     (self.normal, self.lognormal, self.cut_at_zero, self.cut_at_bounds))
 
     @property
     def p_values(self) -> tuple[float, ...]:
@@ -144,9 +144,9 @@ def text_of_table_2(found: Information) -> str:
             remark.append(f"sensitivity: ours {METRIC_WORDS[r.sensitivity]}")
         body.append([r.name, f"{r.cov:.3g}", str(r.uncertainty), str(uncertainty), "" if cov is None else f"{cov:g}",
                      f"{r.slope:.3f} ({r.slope_mode})", str(r.sensitivity), str(sensitivity), f"{r.signal:.2f}",
-                     f"{r.contraction:.2f}", r.role, "; ".join(remark)])  # fmt: skip
+                     f"{r.contraction:.2f}", r.role, "; ".join(remark)])
     head = ["parameter", "CoV", "u", "paper u", "paper CoV", "largest slope", "s", "paper s", "signal", "width", "role",
-            "remark"]  # fmt: skip
+            "remark"]
     other = sum(1 for r in found.rows if r.sensitivity != paper.SENSITIVITY[r.name][2])
     return rows(head, body) + (
         f"\n\nu, s: metrics 0 to 3, {found.settings['uncertainty metric']}; {found.settings['sensitivity metric']}. "
@@ -162,7 +162,7 @@ def text_of_suspicion() -> str:
     for words, one in (("sum of squares", found), ("with k_TP by its ratio 0.36", ratio)):
         body.append([words, *(f"{s:.1f} (p = {p:.2g})" for s, p in zip(one.sums, one.p_values, strict=True))])
     return rows(["Table 5 under Table 2", "z, normal prior", "z, lognormal prior", "score, normal cut at zero",
-                 "score, normal cut at our bounds"], body)  # fmt: skip
+                 "score, normal cut at our bounds"], body)
 
 
 def text_of_eq_7(record: UpdateRecord) -> str:
@@ -180,7 +180,7 @@ def text_of_eq_7(record: UpdateRecord) -> str:
         apart = np.sqrt(np.mean(((theta - table_5) / std) ** 2))
         at = dict(zip(names, theta, strict=True))
         body.append([str(k), f"{100 * error:.2f}", f"{z @ z:.1f}", f"{printed.distance_to_map[k]:.2f}",
-                     *(f"{at[n]:.3g}" for n in ("k_t", "k_TP", "py", "tz", "qw")), f"{apart:.2f}"])  # fmt: skip
+                     *(f"{at[n]:.3g}" for n in ("k_t", "k_TP", "py", "tz", "qw")), f"{apart:.2f}"])
     head = ["iteration", "largest frequency error, %", "sum z²", "to the MAP, posterior dev.", "k_t", "k_TP", "py",
-            "tz", "qw", "to Table 5, prior dev. (rms)"]  # fmt: skip
+            "tz", "qw", "to Table 5, prior dev. (rms)"]
     return rows(head, body)

@@ -56,10 +56,10 @@ def without_torsion(data: ModalData) -> ModalData:
     def four(s: ModalSet) -> ModalSet:
         deviation = None if s.deviation is None else replace(
             s.deviation, ln_frequency=s.deviation.ln_frequency[keep], damping_ratio=s.deviation.damping_ratio[keep],
-            shape=s.deviation.shape[:, keep])  # fmt: skip
+            shape=s.deviation.shape[:, keep])
         names = ("frequency_hz", "damping_ratio", "frequency_std_hz", "damping_ratio_std")
         return replace(s, shape=s.shape[:, keep], shape_std=s.shape_std[:, keep], deviation=deviation,
-                       **{name: getattr(s, name)[keep] for name in names})  # fmt: skip
+                       **{name: getattr(s, name)[keep] for name in names})
 
     return replace(data, sets=tuple(four(s) for s in data.sets), labels=paper.MODES)
 
@@ -105,7 +105,7 @@ def table_1(out: Path) -> str:
     kept = len(read_modes(out / "nine.json").sets)
     return rows(["first criterion that a block failed", "blocks"], body) + (
         f"\n\nKept {kept}, as the paper ({paper.SELECTED_SETS}); its criteria: "
-        + "; ".join(criterion for _, criterion in paper.SELECTION) + ".")  # fmt: skip
+        + "; ".join(criterion for _, criterion in paper.SELECTION) + ".")
 
 
 def tables_3_and_4(out: Path) -> str:
@@ -122,7 +122,7 @@ def tables_3_and_4(out: Path) -> str:
         value = plane_mac(found.shape, modal_set)
         criterion.append([name, *both(value, paper.MAC[name], 3), ""])
     ends = (("updated, Eq. 7 as printed", printed.frequency_hz, printed.mac), ("updated, MAP", record.map_hz,
-                                                                               record.map_mac))  # fmt: skip
+                                                                               record.map_mac))
     for name, f, m in ends:
         off = np.max(np.abs(f / modal_set.frequency_hz - 1))
         words = f"largest error {100 * off:.1f} %, paper 1 %"
@@ -133,7 +133,7 @@ def tables_3_and_4(out: Path) -> str:
               "(studies/reference_turbine).")
     head = [*(f"{mode}, ours / paper" for mode in paper.MODES), "remark"]
     return (f"### Table 3, Hz\n\n{rows(['', *head], frequency)}\n\n### Table 4, MAC\n\n"
-            f"{rows(['', *head], criterion)}\n\n{remark}")  # fmt: skip
+            f"{rows(['', *head], criterion)}\n\n{remark}")
 
 
 def both(ours, printed, digits: int) -> list[str]:
@@ -165,7 +165,7 @@ def table_5(out: Path) -> str:
         body.append([p.name, words, f"{printed.theta[printed.closest_iteration, k] / p.initial:.3f}",
                      f"{printed.theta[-1, k] / p.initial:.3f}", f"{record.map_theta[k] / p.initial:.3f}",
                      f"{draws.mean():.3f} ({low:.3f} to {high:.3f})", f"{updated / initial:.3f}", f"{known:.3f}",
-                     "" if low <= updated / initial <= high else "outside our 90 %"])  # fmt: skip
+                     "" if low <= updated / initial <= high else "outside our 90 %"])
     head = ["over initial", "", f"Eq. 7 as printed, iteration {printed.closest_iteration}",
             f"iteration {len(printed.theta) - 1}", "MAP", "posterior mean (90 %)", "paper", "virtual truth", "remark"]
     return rows(head, body)
@@ -178,7 +178,7 @@ def table_6(out: Path) -> str:
     for name in ("k_xy", "k_z"):
         d = record.derived[name]
         ours = {"design": start["design"][name], "as-built": start["as-built"][name], "MAP": d["map"],
-                "Eq. 7 as printed": d["step"]}  # fmt: skip
+                "Eq. 7 as printed": d["step"]}
         for key, value in ours.items():
             known = paper.PILE_HEAD_NPM[key if key in paper.PILE_HEAD_NPM else "updated"][name]
             body.append([name, key, f"{value / 1e6:.0f}", f"{known / 1e6:.0f}", f"{value / known - 1:+.0%}",
@@ -195,7 +195,7 @@ def table_7(out: Path) -> str:
                      f"{r.pooled_cov:.3f}", f"{r.joint_cov:.3f}", f"{r.mean:.4g}",
                      f"{r.tau:.3f} ({r.tau_low:.3f} to {r.tau_high:.3f})", f"{r.population_cov:.3f}"])
     head = ["", "(a) mean", "CoV", "paper CoV", "resolution", "(b) CoV", "(c) CoV", "(d) middle", "tau (90 %)",
-            "CoV of a new set"]  # fmt: skip
+            "CoV of a new set"]
     notes = "\n".join(f"- {n}" for n in views.notes)
     return f"{rows(head, body)}\n\n{views.advice}\n\n{notes}"
 
@@ -215,7 +215,7 @@ def page(out: Path, seconds: float) -> str:
         "paper's 1 % and the paper's k_t and k_TP; the paper names no number of iterations. MAP: "
         + ", ".join(f"{n} {v / p.initial:.2f}" for n, v, p in zip(record.parameters.names, record.map_theta,
                                                                  record.parameters, strict=True)) + ".",
-    }  # fmt: skip
+    }
     body = "\n\n".join(f"## {title}\n\n{text}" for title, text in parts.items())
     return f"# The paper's tables beside ours\n\n{body}\n\n{seconds:.0f} s.\n"
 

@@ -27,7 +27,7 @@ PARAMETERS = Parameters((
     Parameter(name="base", unit="-", initial=1.0, std=0.6, lower=0.1, upper=6.0),
     Parameter(name="upper", unit="-", initial=1.0, std=0.2, lower=0.2, upper=4.0, prior="lognormal"),
     Parameter(name="top", unit="-", initial=1.0, std=0.1, lower=0.5, upper=2.0),
-))  # fmt: skip
+))
 FREQUENCY_STD, SHAPE_STD = np.array([0.01, 0.03, 0.05]), 0.03
 # p-value that calibrated ranks fall below once in a thousand: passed above it, caught below it
 LIMIT = 1e-3
@@ -61,7 +61,7 @@ class Masses(FunctionModel):
     def solve_many(self, theta, n_mode):
         frequency, shape = many_modes(np.atleast_2d(theta))
         return ManySolutions(frequency_hz=frequency[:, :n_mode], shape=shape[:, :, :n_mode],
-                             fallback=np.zeros(len(frequency), bool))  # fmt: skip
+                             fallback=np.zeros(len(frequency), bool))
 
 
 def measured(theta, rng, stated=1.0):
@@ -72,7 +72,7 @@ def measured(theta, rng, stated=1.0):
     one = ModalSet(
         id="one", frequency_hz=frequency, shape=shape, damping_ratio=np.full(N_MODE, 0.01),
         frequency_std_hz=stated * FREQUENCY_STD, shape_std=np.full(shape.shape, stated * SHAPE_STD),
-    )  # fmt: skip
+    )
     return ModalData(channels=CHANNELS, sets=(one,))
 
 
@@ -90,7 +90,7 @@ def ranks_of(problem, theta, draws, log_likelihood, weight=None):
 def by_chain(problem, top, theta, number, folder):
     """Forty steps of 24 walkers, of which a fifth is left out, from the Laplace approximation."""
     settings = SamplerSettings(seed=number, walkers_per_parameter=8, target_ess=1, max_steps=40,
-                               ensembles=1)  # fmt: skip
+                               ensembles=1)
     chain = sample(problem, from_laplace(top, problem.parameters), folder, settings)
     value = chain.log_posterior[chain.first :].ravel() - problem.parameters.log_density(chain.draws)
     return ranks_of(problem, theta, chain.draws, value)
@@ -102,7 +102,7 @@ def by_weights(problem, top, theta, rng):
     value, _ = problem.log_posterior(draws)
     weight = value - proposal.log_density(draws)
     return ranks_of(problem, theta, draws, value - problem.parameters.log_density(draws),
-                    np.exp(weight - weight.max()))  # fmt: skip
+                    np.exp(weight - weight.max()))
 
 
 def replicates(place, seed, stated=1.0, count=N_REPLICATE):
@@ -121,7 +121,7 @@ def maximum(problem):
 
 def test_the_chain_is_calibrated(tmp_path):
     ranks = replicates(lambda problem, theta, k, _: by_chain(problem, maximum(problem), theta, k, tmp_path / str(k)),
-                       seed=1)  # fmt: skip
+                       seed=1)
     assert ranks.shape == (N_REPLICATE, 4)
     assert min(uniformity(column) for column in ranks.T) > LIMIT
     for column in ranks.T:
@@ -133,7 +133,7 @@ def test_the_chain_is_calibrated(tmp_path):
 def test_intervals_hold_the_truth_as_often_as_they_say():
     """By weighted draws, which cost little: 90 % of 200 within 82.5 to 96.5 %, where fifty chains allow 74 to 100."""
     ranks = replicates(lambda problem, theta, _, rng: by_weights(problem, maximum(problem), theta, rng), seed=5,
-                       count=200)  # fmt: skip
+                       count=200)
     for column in ranks[:, :-1].T:
         low, high = band(0.9, 200, 1 - LIMIT)
         assert low <= coverage(column, 0.9) <= high and 0.82 < low and high < 0.97
@@ -141,7 +141,7 @@ def test_intervals_hold_the_truth_as_often_as_they_say():
 
 def test_deviations_stated_too_wide_are_caught():
     ranks = replicates(lambda problem, theta, _, rng: by_weights(problem, maximum(problem), theta, rng), seed=2,
-                       stated=1.5)  # fmt: skip
+                       stated=1.5)
     assert uniformity(ranks[:, -1]) < LIMIT
     # and the same weights without the error pass
     ranks = replicates(lambda problem, theta, _, rng: by_weights(problem, maximum(problem), theta, rng), seed=2)

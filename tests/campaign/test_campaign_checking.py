@@ -51,7 +51,7 @@ def test_everything_that_was_put_in_is_found(campaign_folder, head, tmp_path):
     text = "\n".join(result.findings)
     for words in ("a-x is flat in 2 of 4 blocks", "a-y has 2 spikes", "c-x moves", "wrong unit or scale",
                   "no scada.csv", "blocks between the first and the last have no record", "files overlap in 2 blocks",
-                  "2 blocks with gaps too long to repair: 2019-06-03T10:10Z, 2019-06-03T11:10Z"):  # fmt: skip
+                  "2 blocks with gaps too long to repair: 2019-06-03T10:10Z, 2019-06-03T11:10Z"):
         assert words in text, words
     assert next(f for f in result.findings if "clipped" in f).startswith("b-x")
     path = result.write(tmp_path / "check.json")

@@ -209,7 +209,7 @@ def test_what_else_a_mat_file_holds_does_not_matter(job):
     raw, campaign = job("")
     job(write_v5(raw, noise(300)))
     scipy.io.savemat(raw / "r.mat", {"acc": noise(300), "t": np.arange(300) / RATE, "cube": np.zeros((2, 2, 2)),
-                                     "poles": np.array([1j, 2.0])})  # fmt: skip
+                                     "poles": np.array([1j, 2.0])})
     assert convert(raw, campaign).samples == 300
 
 
@@ -365,7 +365,7 @@ def test_what_matches_and_is_no_file_is_asked_about(job, tmp_path):
     (raw / "20190603110000.npy").mkdir()
     odd = raw / "20190603120000.npy"
     for make, words in ((lambda: odd.symlink_to(tmp_path / "none"), "no such file"), (lambda: os.mkfifo(odd), "is a pipe"),
-                        (lambda: odd.symlink_to(odd), "cannot be read")):  # fmt: skip
+                        (lambda: odd.symlink_to(odd), "cannot be read")):
         make()
         with pytest.raises(InputError, match=f"{odd.name}.*{words}"):
             convert(raw, campaign)

@@ -86,7 +86,7 @@ def test_null_is_a_lost_sample(folder):
     ({"meta": {"start": "never", "sampling_rate_hz": "5"}}, "'never' is no time"),
     ({"meta": {"start": "2020-01-01T00:00:00Z", "sampling_rate_hz": "fast"}}, "'fast' is not a number"),
     ({"meta": {"start": "2020-01-01T00:00:00Z", "sampling_rate_hz": "6"}}, "is sampled at 6 Hz, campaign.toml says 5 Hz"),
-])  # fmt: skip
+])
 def test_mistakes_are_named(folder, changed, said):
     as_parquet(folder, **changed)
     with pytest.raises(InputError) as error:

@@ -107,7 +107,7 @@ def test_check_identify_and_convert_refuse_it_by_name(campaign_folder, tmp_path)
     ("windspeed_mps", "unknown column 'windspeed_mps'; did you mean 'wind_speed_mps'?"),
     ("Rotor_Speed_rpm", "unknown column 'Rotor_Speed_rpm'; did you mean 'rotor_speed_rpm'?"),
     ("pich_deg_max", "did you mean 'pitch_deg_max'?"),
-])  # fmt: skip
+])
 def test_a_misspelt_column_of_scada_is_asked_about(tmp_path, given, words):
     (tmp_path / "scada.csv").write_text(f"time,{given}\n2020-01-01T00:00Z,1\n")
     with pytest.raises(InputError) as caught:

@@ -40,7 +40,7 @@ def matrices() -> dict[str, np.ndarray]:
     return {
         "K0": sum(parts.values()), "M0": np.diag(np.full(N_FLOOR, 1000.0)), **parts,
         "channel": np.array(CHANNELS), "channel_dof": FLOORS,
-    }  # fmt: skip
+    }
 
 
 def true_modes(theta) -> tuple[np.ndarray, np.ndarray]:
@@ -66,7 +66,7 @@ def modes_table(n_set: int = 3, seed: int = 7) -> dict:
             "frequency_std_hz": (FREQUENCY_COV * frequency[order]).tolist(), "shape_re": scaled.T.tolist(),
             "shape_std": np.full(scaled.T.shape, SHAPE_STD).tolist(), "damping_ratio": [0.01] * N_MODE,
             "environment": {"water_level_m": 0.1 * number},
-        })  # fmt: skip
+        })
     return {"channels": list(CHANNELS), "sets": sets}
 
 
@@ -76,7 +76,7 @@ def write_building(folder: Path) -> dict[str, str]:
     (folder / "parameters.toml").write_text(PARAMETERS)
     (folder / "modes.json").write_text(json.dumps(modes_table()))
     return {name: str(folder / f"{name}{end}") for name, end in
-            (("model", ".npz"), ("parameters", ".toml"), ("modes", ".json"))}  # fmt: skip
+            (("model", ".npz"), ("parameters", ".toml"), ("modes", ".json"))}
 
 
 CAMPAIGN = """name = "Short"

@@ -26,7 +26,7 @@ def contents(folder: Path) -> dict:
 
 def update(building) -> list[str]:
     return ["update", "--model", building["model"], "--modes", building["modes"], "--out",
-            str(building["folder"] / "new.json")]  # fmt: skip
+            str(building["folder"] / "new.json")]
 
 
 # modes.json --------------------------------------------------------------------------------------------------------
@@ -75,7 +75,7 @@ MODES = {
     "labels": (lambda t: t.update(labels=["a"]), ("1 labels for 4 modes",)),
     "reference": (lambda t: t.update(reference_set="nope"), ("reference_set 'nope'",)),
     "ids": (two_ids, ("two sets share one id",)),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("change, words", MODES.values(), ids=MODES)
@@ -124,7 +124,7 @@ MATRICES = {
     "sign": (matrix("channel_sign", np.array(["a"] * 5)), ("channel_sign",)),
     "node outside": (lambda m: m.update(node_position_m=np.zeros((3, 3)), dof_node=np.full(20, 7),
                                         dof_direction=np.zeros(20, int)), ("dof_node",)),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("change, words", MATRICES.values(), ids=MATRICES)
@@ -168,7 +168,7 @@ def test_parameters(building, refused, old, new, words):
     ("thickness_m = 0.038", "thickness_m = 38.0", ("jacket.leg.thickness_m", "unit")),
     ("[steel]", '[steel]\ncolour = "grey"', ("steel.colour", "not a key")),
     ("leg = { diameter_m = 1.3,", "leg = { diameter_m = nan,", ("jacket.leg.diameter_m", "finite")),
-])  # fmt: skip
+])
 def test_turbine(building, refused, old, new, words):
     text = reference_model("as_built").read_text(encoding="utf-8")
     assert old in text
@@ -233,7 +233,7 @@ def test_spoilt_contents_of_a_posterior(estimated, tmp_path, refused):
         lambda f: f.__delitem__("prior"), lambda f: f["posterior"].__delitem__("low"),
         lambda f: f["posterior"].attrs.__setitem__("probupdate", "{"),
         lambda f: f["posterior"].attrs.__delitem__("probupdate"),
-    )):  # fmt: skip
+    )):
         path = Path(shutil.copy(estimated / "posterior.nc", tmp_path / f"{number}.nc"))
         with h5py.File(path, "a") as file:
             spoil(file)
@@ -268,7 +268,7 @@ def test_a_second_chain_in_the_folder_of_the_first(estimated, tmp_path, refused)
         shutil.copytree(path, tmp_path / path.name) if path.is_dir() else shutil.copy(path, tmp_path)
     before = contents(tmp_path)
     sample = ["sample", "--model", tmp_path / "model.npz", "--modes", tmp_path / "modes.json", "--out",
-              tmp_path / "posterior.nc", "--max-steps", "400"]  # fmt: skip
+              tmp_path / "posterior.nc", "--max-steps", "400"]
     assert "seed is 2 here and 1 there" in refused(*sample, "--seed", "2")
     assert "the weights or what is compared differ" in refused(*sample, "--weights", "paper")
     assert contents(tmp_path) == before
@@ -304,7 +304,7 @@ def test_files_in_the_wrong_place_are_named_by_what_they_are(building, refused):
 def test_a_second_sampler_on_the_same_out_is_refused_while_the_first_runs(building, refused):
     out = building["folder"] / "posterior.nc"
     sample = ["sample", "--model", building["model"], "--modes", building["modes"], "--out", out, "--weights", "paper",
-              "--shapes", "none"]  # fmt: skip
+              "--shapes", "none"]
     chain = out.with_name("posterior.nc.chain")
     with sole_writer(chain):
         said = refused(*sample)
@@ -419,7 +419,7 @@ def test_out_in_a_directory_that_is_not_there_yet(building):
 
     folder = building["folder"]
     assert main(["update", "--model", building["model"], "--modes", building["modes"], "--out",
-                 str(folder / "a" / "b" / "update.json")]) == 0  # fmt: skip
+                 str(folder / "a" / "b" / "update.json")]) == 0
     assert main(["select", building["modes"], "--out", str(folder / "c" / "nine.json")]) == 0
     assert (folder / "a" / "b" / "update.json").is_file() and (folder / "c" / "selection.csv").is_file()
     assert not list(folder.rglob("*.part"))
@@ -446,7 +446,7 @@ def test_demo_and_simulate_leave_nothing_behind(tmp_path, refused):
     (["update", "--weights", "x"], "--weights"), (["update", "--iterations", "1.5"], "--iterations"),
     (["update", "--weights", "paper", "--frequency-cov", "0.1"], "--frequency-cov"),
     (["sample", "--seed", "x"], "--seed"), (["updte"], "updte"), ([], "VERB"),
-])  # fmt: skip
+])
 def test_options(refused, options, word):
     assert word in refused(*options)
 
@@ -456,7 +456,7 @@ def test_options(refused, options, word):
 
 def process(*arguments) -> subprocess.CompletedProcess:
     return subprocess.run([sys.executable, "-m", "probupdate.cli", *map(str, arguments)], capture_output=True,
-                          text=True, timeout=120)  # fmt: skip
+                          text=True, timeout=120)
 
 
 def test_a_mistake_seen_from_the_shell(building, estimated):
@@ -503,7 +503,7 @@ def exchanged(first, second):
 
 
 @pytest.mark.parametrize(("channels", "weights", "written"), [((0, 4), "paper", True), ((0, 4), "measured", False),
-                                                              ((1, 3), "measured", False)])  # fmt: skip
+                                                              ((1, 3), "measured", False)])
 def test_exchanged_channels_are_named_and_the_misfit_said(building, capsys, channels, weights, written):
     from probupdate.cli import main
 
@@ -539,7 +539,7 @@ NAMELESS = {
 def test_what_is_wrong_with_values_names_their_file_or_the_option(building, refused, given, words):
     verb, *options = given
     files = {"update": ["--model", building["model"], "--modes", building["modes"]], "modes": [building["model"]],
-             "regress": [building["modes"]]}[verb]  # fmt: skip
+             "regress": [building["modes"]]}[verb]
     out = ["--out", str(building["folder"] / "new.x")]
     assert words in refused(verb, *files, *options, *out)
 
@@ -549,7 +549,7 @@ ABSURD = [["simulate", "x", "--days", "1e9"], ["simulate", "x", "--days", "inf"]
           ["sample", "--max-steps", "1" + "0" * 12], ["sample", "--seed", "9" * 30], ["update", "--iterations", "1" + "0" * 10],
           ["update", "--frequency-cov", "1e300"], ["sets", "--spread", "1e300"], ["select", "x.json", "--count", "1" + "0" * 10],
           ["identify", "x", "--order", "100000"], ["identify", "x", "--block-rows", "1000000"],
-          ["export", "x", "--to", "lifetime", "y", "--draws", "1" + "0" * 10]]  # fmt: skip
+          ["export", "x", "--to", "lifetime", "y", "--draws", "1" + "0" * 10]]
 
 
 @pytest.mark.parametrize("given", ABSURD, ids=[" ".join(g[-2:]) for g in ABSURD])

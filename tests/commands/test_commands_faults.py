@@ -16,7 +16,7 @@ from probupdate.cli import EXAMPLES
 
 STUDY = Path(__file__).resolve().parents[2] / "studies" / "faults"
 TRIED = ("kill -9 at a drawn moment", "kill -9 as a file takes its place", "two writers", "SIGTERM", "Ctrl-C",
-         "full disk (limit on file size)", "input gone midway")  # fmt: skip
+         "full disk (limit on file size)", "input gone midway")
 
 
 @pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="asks /proc for orphan processes")
@@ -24,7 +24,7 @@ def test_nothing_finished_is_lost_and_nothing_is_left(tmp_path):
     code = (f"import sys; sys.path.insert(0, {str(STUDY)!r}); import faults; from pathlib import Path\n"
             f"faults.run(Path({str(tmp_path)!r}), 11, ['select', 'convert'], faults={TRIED!r}, rounds=2)")
     environment = {**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1",
-                   "PYTHONPATH": str(STUDY.parents[1])}  # fmt: skip
+                   "PYTHONPATH": str(STUDY.parents[1])}
     done = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, timeout=600)
     assert done.returncode == 0, done.stderr
     lines = [json.loads(line) for line in (tmp_path / "log.jsonl").read_text().splitlines()]
@@ -69,7 +69,7 @@ def test_a_signal_while_the_program_is_being_loaded_is_one_line(number):
             "sys.meta_path.insert(0, Finder())\n"
             "from probupdate.__main__ import main; sys.exit(main())")
     ended = subprocess.run([sys.executable, "-c", code, "modes", "design"], capture_output=True, text=True,
-                           preexec_fn=lambda: signal.signal(number, signal.SIG_DFL))  # fmt: skip
+                           preexec_fn=lambda: signal.signal(number, signal.SIG_DFL))
     assert ended.returncode == 130 and ended.stderr == "probupdate: interrupted before anything was done\n"
 
 
@@ -87,7 +87,7 @@ def test_ctrl_c_that_is_ignored_stays_ignored(tmp_path):
     """As in a script's background."""
     begun = subprocess.Popen([sys.executable, "-m", "probupdate", "modes", "design"], stdout=subprocess.DEVNULL,
                              stderr=subprocess.PIPE, text=True,
-                             preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_IGN))  # fmt: skip
+                             preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_IGN))
     while begun.poll() is None:
         begun.send_signal(signal.SIGINT)
         time.sleep(0.05)

@@ -19,7 +19,7 @@ from probupdate.io.outputs import refuse_overwriting
 
 def run(*arguments, **options):
     return subprocess.run([sys.executable, "-m", "probupdate.cli", *map(str, arguments)], capture_output=True, text=True,
-                          **options)  # fmt: skip
+                          **options)
 
 
 @pytest.mark.parametrize("verb, out, given", [
@@ -27,12 +27,12 @@ def run(*arguments, **options):
     ("update", "parameters.toml", ["model.npz", "nine.json"]), ("update", "part.npz", ["matrices.toml", "nine.json"]),
     ("check", "run/campaign.toml", ["run"]), ("check", "run/acceleration/a.json", ["run"]),
     ("report", "run/update.json", ["run"]), ("identify", "modes.toml", ["modes.json", "model.npz"]),
-])  # fmt: skip
+])
 def test_results_never_take_an_inputs_place(tmp_path, monkeypatch, verb, out, given):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "run" / "acceleration").mkdir(parents=True)
     for name in ("modes.json", "modes.deviations.h5", "nine.json", "model.npz", "parameters.toml", "part.npz",
-                 "run/campaign.toml", "run/update.json"):  # fmt: skip
+                 "run/campaign.toml", "run/update.json"):
         (tmp_path / name).write_text("")
     (tmp_path / "matrices.toml").write_text('[matrices]\nfile = "part.npz"\n')
     with pytest.raises(InputError, match="would be written over|lies among the records"):
@@ -86,7 +86,7 @@ def test_a_signal_is_one_line_and_130(tmp_path, number):
     # a run in the background hands on that Ctrl-C is ignored
     begun = subprocess.Popen([sys.executable, "-m", "probupdate.cli", "simulate", tmp_path / "c", "--days", "3"],
                              stderr=subprocess.PIPE, text=True,
-                             preexec_fn=lambda: signal.signal(number, signal.SIG_DFL))  # fmt: skip
+                             preexec_fn=lambda: signal.signal(number, signal.SIG_DFL))
     end = time.monotonic() + 60
     while not list(tmp_path.glob("c/acceleration/*.h5")) and time.monotonic() < end:
         time.sleep(0.1)
@@ -103,7 +103,7 @@ def test_only_the_dead_lose_their_temporary_files(tmp_path):
     dead.wait()
     host = files._host()
     names = {f"a.json.{host}.{dead.pid}.0123abcd.part": False, f"a.json.{host}.{os.getpid()}.0123abcd.part": True,
-             f"a.json.elsewhere.{dead.pid}.0123abcd.part": True, "old.part": False}  # fmt: skip
+             f"a.json.elsewhere.{dead.pid}.0123abcd.part": True, "old.part": False}
     for name in names:
         (tmp_path / name).write_text("")
     os.utime(tmp_path / "old.part", (1, 1))
@@ -152,7 +152,7 @@ def test_a_full_disk_ends_no_process_that_writes_hdf5(tmp_path, size):
             "try: write_acceleration(Path(sys.argv[1]), np.ones((20000, 3)), np.datetime64('2020-01-01T00:00'), 10.0)\n"
             "except OSError as error: print(error.strerror, error.filename)")
     done = subprocess.run([sys.executable, "-c", code, str(tmp_path / "a.h5")], capture_output=True, text=True,
-                          preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (size, size)))  # fmt: skip
+                          preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (size, size)))
     assert done.returncode == 0 and not done.stderr and "File too large" in done.stdout and "a.h5" in done.stdout
     assert not list(tmp_path.iterdir())
 

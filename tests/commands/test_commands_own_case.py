@@ -48,7 +48,7 @@ def write_case(folder, n, measured):
     (folder / "campaign").mkdir()
     second = np.arange(size) / RATE_HZ
     np.savetxt(folder / "raw" / "one.csv", np.column_stack([second, record[:, measured]]), delimiter=",", fmt="%.9g",
-               header=",".join(["t", *names]), comments="")  # fmt: skip
+               header=",".join(["t", *names]), comments="")
     sensors = "".join(
         f'[[sensor]]\nchannel = "{name}"\nlevel = "{name}"\nposition_m = [0.0, 0.0, {3.0 * (k + 1)}]\n'
         'direction = [1.0, 0.0, 0.0]\nquantity = "acceleration"\nunit = "m/s2"\n'
@@ -60,10 +60,10 @@ def write_case(folder, n, measured):
         'files = "*.csv"\ntime = "t"\ntime_unit = "s"\nstart = "2024-05-01T00:00:00Z"\n')
     each = {f"K_k{k + 1}": stiffness(springs(n) * (np.arange(n) == k)) for k in range(n)}
     np.savez(folder / "model.npz", K0=stiffness(springs(n)), M0=MASS_KG * np.eye(n), channel=np.array(names),
-             channel_dof=np.array(measured), **each)  # fmt: skip
+             channel_dof=np.array(measured), **each)
     (folder / "parameters.toml").write_text("".join(
         f'[[parameter]]\nname = "k{k + 1}"\nunit = "-"\ninitial = 0.0\nstd = 0.15\nlower = -0.5\nupper = 1.0\n'
-        'prior = "normal"\n' for k in range(n)))  # fmt: skip
+        'prior = "normal"\n' for k in range(n)))
     return folder
 
 

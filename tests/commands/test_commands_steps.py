@@ -39,7 +39,7 @@ OPTIONS = {
     "identify": {"--model", "--out"}, "select": {"--scada", "--out"}, "update": {"--model", "--modes", "--out"},
     "sample": {"--model", "--modes", "--out", "--seed"}, "compare": {"--out", "--model"}, "report": {"--out"},
     "diagnose": {"--model", "--modes", "--campaign", "--groups", "--no-extend", "--no-sampler", "--out", "--seed"},
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("verb", OPTIONS)
@@ -55,7 +55,7 @@ def test_every_command_has_its_options_its_help_and_its_function(verb, capsys):
 def test_a_model_file_that_is_no_text_is_one_line(tmp_path):
     (tmp_path / "model.toml").write_bytes(b"\xff\xfe\x00bad")
     content = {"channels": ["a", "b"], "sets": [{"id": "one", "frequency_hz": [1.0], "damping_ratio": [0.01],
-               "shape_re": [[1.0, 0.5]], "shape_im": [[0.0, 0.0]]}]}  # fmt: skip
+               "shape_re": [[1.0, 0.5]], "shape_im": [[0.0, 0.0]]}]}
     (tmp_path / "modes.json").write_text(json.dumps(content))
     with pytest.raises(InputError, match=r"model\.toml: not TOML"):
         probupdate.update(tmp_path / "model.toml", tmp_path / "modes.json")
@@ -114,7 +114,7 @@ def test_posterior_round_trip(estimated, tmp_path):
     for name in first.__dataclass_fields__:
         one, two = getattr(first, name), getattr(again, name)
         same = np.array_equal(one, two, equal_nan=True) if isinstance(one, np.ndarray) and one.dtype.kind == "f" else (
-            np.array_equal(one, two) if isinstance(one, np.ndarray) else one == two)  # fmt: skip
+            np.array_equal(one, two) if isinstance(one, np.ndarray) else one == two)
         assert same, name
         assert not isinstance(two, np.ndarray) or not two.flags.writeable
 
@@ -170,7 +170,7 @@ def turbine(tmp_path_factory):
         "channels": [s[0] for s in SENSORS],
         "sets": [{"id": "a", "frequency_hz": solution.frequency_hz.tolist(), "shape_re": shape.T.tolist(),
                   "frequency_std_hz": (0.005 * solution.frequency_hz).tolist()}],
-    }))  # fmt: skip
+    }))
     return folder
 
 
@@ -201,9 +201,9 @@ def test_a_killed_chain_goes_on_with_the_same_numbers(estimated, tmp_path):
         shutil.copy(estimated / name, tmp_path)
     out = tmp_path / "posterior.nc"
     command = ["sample", "--model", str(tmp_path / "model.npz"), "--modes", str(tmp_path / "modes.json"), "--out",
-               str(out), "--ess", "100", "--max-steps", "400"]  # fmt: skip
+               str(out), "--ess", "100", "--max-steps", "400"]
     running = subprocess.Popen([sys.executable, "-m", "probupdate.cli", *command], stdout=subprocess.DEVNULL,
-                               stderr=subprocess.DEVNULL)  # fmt: skip
+                               stderr=subprocess.DEVNULL)
     segment = tmp_path / "posterior.nc.chain" / "segment-00000.npz"
     end = time.monotonic() + 120
     while not segment.exists() and running.poll() is None and time.monotonic() < end:
@@ -360,7 +360,7 @@ def footbridge(tmp_path, *options):
     out = tmp_path / "update.json"
     assert main(["update", "--model", str(BRIDGE / "model.npz"), "--parameters", str(STUDY / "parameters.toml"),
                  "--modes", str(BRIDGE / "modes.json"), "--iterations", "20", "--out", str(out), *options]) == 0
-    return read_update(out)  # fmt: skip
+    return read_update(out)
 
 
 @pytest.mark.skipif(not BRIDGE.is_dir(), reason="the footbridge's data are not beside the repository")

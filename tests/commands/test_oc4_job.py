@@ -50,7 +50,7 @@ def measured(case, file, path, *, hidden, n_set, seed=2):
                  damping_ratio=np.full(5, 0.01), shape=(shape + 0.01 * rng.standard_normal(shape.shape)).astype(complex),
                  frequency_std_hz=1e-3 * frequency, shape_std=np.full(shape.shape, 0.01), environment={})
         for k in range(n_set)
-    )  # fmt: skip
+    )
     write_modes(ModalData(channels=tuple(s.channel for s in places), sets=sets), path)
 
 
@@ -66,7 +66,7 @@ def test_two_theories_of_one_file_agree_within_shear(case, job):
     assert np.all(drop > 0) and np.all(drop[:5] < 4e-3) and np.all(drop < 1.5e-2)
     assert own.channels == tuple(s.channel for s in places)
     cosine = np.abs(np.sum(shape * solution.shape, axis=0)) / np.linalg.norm(shape, axis=0) / np.linalg.norm(
-        solution.shape, axis=0)  # fmt: skip
+        solution.shape, axis=0)
     assert np.all(cosine > 0.999)
 
 

@@ -73,7 +73,7 @@ def record():
                 id=str(np.datetime64("2020-01-01T00:00:00") + np.timedelta64(6 * b, "h")), frequency_hz=f, shape=phi,
                 damping_ratio=np.full(n_mode, 0.01), frequency_std_hz=np.full(n_mode, np.nan),
                 shape_std=np.full(phi.shape, np.nan), environment={"water_level_m": float(tide[b])},
-            ))  # fmt: skip
+            ))
         return ModalData(channels=CHANNELS, sets=tuple(sets))
 
     return make

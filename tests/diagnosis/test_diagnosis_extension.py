@@ -51,7 +51,7 @@ def test_corrected_sets_are_those_without_the_sensors_faults(prepared, record):
     n = len(true.sets)
     constant = TimeProfile(kind="constant", value=np.ones(n))
     faults = (included(Gain(3), 0.2, step_profile(n, 10)), included(Turn(((4, 5),)), 12.0, constant),
-              included(Delay((0, 1)), 8.0, constant), included(Rate(), 0.01, constant))  # fmt: skip
+              included(Delay((0, 1)), 8.0, constant), included(Rate(), 0.01, constant))
     sets = []
     for b, s in enumerate(true.sets):
         shape, frequency = np.array(s.shape), np.array(s.frequency_hz)
@@ -202,9 +202,9 @@ def test_a_group_that_is_found_becomes_a_parameter_of_a_model_of_matrices(groupe
     moved = np.array(theta)
     moved[:2] += 0.1 * one.size
     np.testing.assert_allclose(model.solve([*theta, one.size], 4).frequency_hz, plain.solve(moved, 4).frequency_hz,
-                               rtol=1e-12)  # fmt: skip
+                               rtol=1e-12)
     np.testing.assert_allclose(model.solve([*theta, 0.0], 4).frequency_hz, plain.solve(theta, 4).frequency_hz,
-                               rtol=1e-12)  # fmt: skip
+                               rtol=1e-12)
     # what its members were pushed by is its own now
     before, after = ({p["name"]: p for p in told.content[side]["parameters"]} for side in ("before", "after"))
     assert all(before[n]["pushed"] < -1.5 and abs(after[n]["pushed"]) < 0.5 for n in ("k1", "k2"))
@@ -257,7 +257,7 @@ def test_the_chain_is_laplaces_where_that_is_close(grouped):
 def test_a_chain_that_stops_too_early_says_so(grouped):
     prepared, data, outcome, *_ = grouped
     one, same = (extend(prepared, outcome, data, sampler=SamplerSettings(seed=5, target_ess=10**6, max_steps=200))
-                 for _ in range(2))  # fmt: skip
+                 for _ in range(2))
     assert one.content["sampler"] == same.content["sampler"]
     assert one.content["sampler"]["converged"] is False and one.content["files"]["posterior"] is None
     assert any("wanted 1000000" in s for s in one.content["statements"])
@@ -290,7 +290,7 @@ def test_where_the_chain_and_laplace_part_is_said_with_how_much():
                  {"name": "wide", "mean": 1.0, "std": 0.2, "effective_draws": 400.0},
                  # a shift of 0.8 deviations is no more than nine effective draws may show
                  {"name": "few", "mean": 1.08, "std": 0.1, "effective_draws": 9.0},
-                 {"name": "stuck", "mean": 1.0, "std": 0.0, "effective_draws": float("nan")}]}  # fmt: skip
+                 {"name": "stuck", "mean": 1.0, "std": 0.0, "effective_draws": float("nan")}]}
     laplace = [{"name": p["name"], "map": 1.0, "std": 0.1} for p in chain["parameters"]]
     said = extension_sampling.sampler_statements(chain, laplace)[2:]
     assert said == [

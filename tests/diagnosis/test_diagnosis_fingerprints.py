@@ -233,4 +233,4 @@ def test_a_ramp_beside_a_reversed_channel_is_seen_through_it(prepared, record):
         np.testing.assert_allclose((a - b)[0], 0.0, atol=1e-12)
     # the reversed channel matters: it moves otherwise than it would if it were not
     assert max(np.abs((c - b) - (d - e)).max() / np.abs(c - b).max()
-               for b, c, d, e in zip(plain, whole, unseen, without, strict=True)) > 0.2  # fmt: skip
+               for b, c, d, e in zip(plain, whole, unseen, without, strict=True)) > 0.2

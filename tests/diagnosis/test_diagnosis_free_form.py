@@ -50,14 +50,14 @@ def record(seed, *, spring=0.0, mass=0.0, storey=3, from_block=20):
             frequency_hz=f * (1 + 1e-3 * rng.standard_normal(6)), damping_ratio=np.full(6, 0.01),
             shape=(phi + 5e-3 * rng.standard_normal(phi.shape)).astype(complex), frequency_std_hz=1e-3 * f,
             shape_std=np.full(phi.shape, 5e-3),
-        ))  # fmt: skip
+        ))
     return ModalData(channels=CHANNELS, sets=tuple(sets))
 
 
 @pytest.mark.parametrize(("hidden", "cause", "where"), [
     ({"spring": 3e5}, PART_CAUSES[0], "(0.0, 0.0, 12.0) m, along 0 deg"),
     ({"mass": 250.0, "storey": 1}, PART_CAUSES[2], "(0.0, 0.0, 6.0) m"),
-])  # fmt: skip
+])
 def test_a_part_outside_the_catalogue_is_placed_and_sized(frame, hidden, cause, where):
     data = record(3, **hidden)
     known = examine(frame, data)
@@ -97,7 +97,7 @@ def test_attached_parts_are_the_full_models(frame):
     theta = np.append(frame.small.parameters.initial, [2e5, 300.0])
     K, M = storeys(np.ones(N_STOREY), np.ones(N_STOREY), MASS * np.ones(N_STOREY))
     node = int(round(min(float(e.location.split()[-1].strip("[],")) for e, _ in rows
-                         if e.cause == PART_CAUSES[2]) / HEIGHT)) - 1  # fmt: skip
+                         if e.cause == PART_CAUSES[2]) / HEIGHT)) - 1
     K[2 * node + 1, 2 * node + 1] += 2e5
     M[2 * node : 2 * node + 2, 2 * node : 2 * node + 2] += 300.0 * np.eye(2)
     expected = np.sqrt(linalg.eigvalsh(K, M)) / (2 * np.pi)

@@ -25,7 +25,7 @@ def make_design(seed=3, included=(), n_block=N_BLOCK, discrepancy_std=0.3, model
     weights = [rng.uniform(0.5, 2.0, n_block) for _ in SIZES]
     weights[1][4] = 0.0
     noises = Noise(covariance=tuple(covariances), precision=tuple(np.linalg.inv(c) for c in covariances),
-                  weight=tuple(weights))  # fmt: skip
+                  weight=tuple(weights))
     nuisance = tuple(rng.standard_normal((2, m, N_NUISANCE)) for m in SIZES)
     effect = tuple(rng.standard_normal((2, m, N_EFFECT)) for m in SIZES)
     return Design(
@@ -33,7 +33,7 @@ def make_design(seed=3, included=(), n_block=N_BLOCK, discrepancy_std=0.3, model
         discrepancy_std=tuple(np.full(m, discrepancy_std) for m in SIZES), effect=effect,
         courses=(TimeProfile(kind="constant", value=np.ones(n_block)),), which=np.zeros((0, 2), int), noise=noises,
         included=tuple(included), model_errors=tuple(model_errors),
-    )  # fmt: skip
+    )
 
 
 def dense(design, rows):
@@ -67,7 +67,7 @@ def test_predictive_density_is_that_of_the_written_out_joint_normal():
     """Route two knows no Woodbury and no posterior: training and held-out numbers are one normal vector, the held-out
     ones with an offset that has nothing to do with the training's share of what predicts them."""
     included = ((1, step_profile(N_BLOCK, 25), 0.8), (2, TimeProfile(kind="covariate", value=np.sin(np.arange(N_BLOCK)),
-                                                           column="water_level_m"), 0.4))  # fmt: skip
+                                                           column="water_level_m"), 0.4))
     error_scale = tuple(np.random.default_rng(7).uniform(0.1, 0.3, (2, m)) for m in SIZES)
     design = make_design(included=included, model_errors=((included[0][1], error_scale),))
     y = design.simulate(np.random.default_rng(8))
@@ -110,7 +110,7 @@ def test_held_out_blocks_are_where_they_are_expected_when_nothing_is_wrong():
 def shifted(design, course, rng):
     """A record of the design in which its first effect has the size `course` (n_block,)."""
     return [np.where(w[:, None] > 0, y + course[:, None] * effect[design.bin_of, :, 0], 0.0)
-            for y, effect, w in zip(design.simulate(rng), design.effect, design.noise.weight, strict=True)]  # fmt: skip
+            for y, effect, w in zip(design.simulate(rng), design.effect, design.noise.weight, strict=True)]
 
 
 @pytest.mark.parametrize("snr", [6.0, 12.0])
@@ -180,7 +180,7 @@ def test_gain_where_one_stretch_alone_tells_an_unknown():
         found.append(gain.contest((plain, y), (extended, y)))
     fold, prior = gain.stretches(N_BLOCK), plain.prior_std
     shared, own = gain._shared(plain, carried(plain, y, np.arange(N_BLOCK))[1],
-                               [predict(plain, y, fold == k) for k in range(gain.N_FOLD)])  # fmt: skip
+                               [predict(plain, y, fold == k) for k in range(gain.N_FOLD)])
     for covariance in (shared, *(c for _, c in own)):
         # of numbers of one, as the prior's deviations are; without the mend -0.04
         assert np.linalg.eigvalsh(covariance / np.outer(prior, prior))[0] > -1e-9
@@ -277,7 +277,7 @@ def test_predictions_of_a_model_fitted_to_the_other_blocks_are_those_of_the_line
         train = np.flatnonzero(~held)
         cut = replace(one, size=0.5 * one.size, course=replace(one.course, value=one.course.value[train]))
         less = replace(problem, blocks=problem.blocks.taken(train), which=np.zeros((0, 2), int),
-                       courses=(TimeProfile(kind="constant", value=np.ones(len(train))),))  # fmt: skip
+                       courses=(TimeProfile(kind="constant", value=np.ones(len(train))),))
         again = fit(less, problem.prior.initial, (cut,))
         # it came all the way, and not to the very place
         assert again.settled and abs(again.included[0].size - cut.size) > 0.3 * abs(one.size)
@@ -286,7 +286,7 @@ def test_predictions_of_a_model_fitted_to_the_other_blocks_are_those_of_the_line
         design = design_at(problem, again.theta, included, noise)
         seen = departures_at(problem, again.theta, included)
         refitted = predict(gain.with_noise(design, noise),
-                           centred_departures(problem, design, again.theta, included, seen), held)  # fmt: skip
+                           centred_departures(problem, design, again.theta, included, seen), held)
         for q in range(len(seen)):
             # what is predicted: frequencies seen there less what is left of them
             known = seen[q][held].mean(axis=0)[:3] - fitted.departures[q][held].mean(axis=0)[:3]

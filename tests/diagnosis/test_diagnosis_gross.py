@@ -69,7 +69,7 @@ def test_two_causes_at_the_end_of_what_they_can_be_are_no_explanation(prepared, 
     sets = tuple(a if k < 20 else b for k, (a, b) in enumerate(zip(*(r.sets for r in both), strict=True)))
     data = replace(both[0], sets=sets)
     narrow = tuple(replace(e, lower=max(e.lower, -0.1), upper=min(e.upper, 0.1)) if e.cause == "parameter" else e
-                   for e in prepared.effects)  # fmt: skip
+                   for e in prepared.effects)
     tight = examine(replace(prepared, effects=narrow), data).diagnosis
     at_end = [note for note in tight.notes if "stands at an end" in note]
     assert len(at_end) > 1 and tight.verdict == "unexplained"
@@ -87,14 +87,14 @@ def test_a_reversed_channel_beside_a_wrong_gain_and_a_storey_that_loosens(prepar
     found = probupdate.diagnose(prepared, of_sensors(data, change), sampler=False)
     assert found.verdict == "named"
     assert {(f.cause, f.location) for f in found.findings} == {
-        ("sensor polarity", "x3"), ("sensor gain", "y5"), ("parameter", "k3")}  # fmt: skip
+        ("sensor polarity", "x3"), ("sensor gain", "y5"), ("parameter", "k3")}
 
 
 @pytest.mark.parametrize(("seed", "reverse", "first", "second"), [
     (100, "y5", "x4", "y4"),  # alone, another exchange explains more than either
     (102, "x4", "x5", "y5"),  # a gain that the first fit is bent into, and of which nothing is left at the end
     (112, "y1", "x1", "y4"),  # a share of another channel is the only one whose fit settles at first
-])  # fmt: skip
+])
 def test_a_reversed_channel_beside_exchanged_ones(prepared, record, seed, reverse, first, second):
     """Each hides the other from a search of one cause after the other."""
     data = record(seed)
@@ -108,7 +108,7 @@ def test_a_reversed_channel_beside_exchanged_ones(prepared, record, seed, revers
     found = probupdate.diagnose(prepared, of_sensors(data, change), sampler=False)
     assert found.verdict in ("named", "ambiguous")
     assert {(f.cause, f.location) for f in found.findings} == {
-        ("sensor polarity", reverse), ("swapped channels", f"{first} and {second}")}  # fmt: skip
+        ("sensor polarity", reverse), ("swapped channels", f"{first} and {second}")}
 
 
 def test_an_exchange_that_was_none_is_given_up(prepared, record):
@@ -139,7 +139,7 @@ def test_of_a_cause_that_another_explains_nothing_is_left(prepared, record):
         problem, theta = diagnosis_problem(prepared, of_sensors(data, change))
         effects = {(e.cause, e.location): e for e in problem.effects}
         included = [IncludedEffect(effect=effects["sensor gain", channel], course=problem.courses[0], size=0.1)
-                 for channel in ("x2", "y4")]  # fmt: skip
+                 for channel in ("x2", "y4")]
         fitted = fit(problem, theta, included)
         # what is there makes the record more probable
         there = [i for i in range(2) if without(problem, fitted, i)[1] < 0]
@@ -245,7 +245,7 @@ def test_the_remainder_of_records_with_nothing_wrong_is_uniform(prepared, record
     found = replace(outcome.first, heavier=1.0)
     n = 1000
     p = np.array([adequacy(outcome.problem, outcome.null, replace(found, u=u))[0]
-                  for u in outcome.null.design.draw(np.random.default_rng(8), n)])  # fmt: skip
+                  for u in outcome.null.design.draw(np.random.default_rng(8), n)])
     for level in (0.01, 0.02, 0.05, 0.2, 0.5):
         spread = np.sqrt(level * (1 - level) * (1 / n + 1 / 400))
         assert abs(np.mean(p <= level) - level) < 3.3 * spread, level

@@ -31,7 +31,7 @@ HIDDEN = (
     (424, {"kind": "tower_mass", "bottom_m": 42.0, "top_m": 66.0, "mass_kg": 2e4, **STEP}, "tower mass", "42 to 66 m",
      2e4, 0.0),
     (425, {"kind": "icing", "mass_kg": 1.2e4, **STEP}, "icing", "rotor", 1.2e4, 0.0),
-)  # fmt: skip
+)
 # one of each class, without those that take longest
 QUICK = (412, 413, 416, 418, 425)
 
@@ -40,7 +40,7 @@ QUICK = (412, 413, 416, 418, 425)
 @pytest.mark.parametrize(("seeds", "least"), [
     pytest.param(QUICK, 4, id="quick"),
     pytest.param([case[0] for case in HIDDEN if case[0] not in QUICK], 8, marks=pytest.mark.long, id="others"),
-])  # fmt: skip
+])
 def test_hidden_effects_are_named_with_place_and_size(turbine, seeds, least):
     right, told = 0, []
     for seed, hidden, cause, location, size, tolerance in (case for case in HIDDEN if case[0] in seeds):
@@ -65,7 +65,7 @@ MASS = {"kind": "rna_mass", "mass_kg": 2.5e4, **STEP}
     pytest.param(431, (GAIN, WET), {("sensor gain", "T90-y"), ("wetted length", "all members")}, True,
                  marks=pytest.mark.long),
     (432, (LATE, MASS), {("clock offset", "T90"), ("nacelle mass", "nacelle")}, False),
-])  # fmt: skip
+])
 def test_two_effects_at_once_are_both_named(turbine, seed, hidden, wanted, extend):
     found = found_in(turbine, seed, *hidden, extend=extend)
     told = set().union(*(names(f) for f in found.findings))

@@ -41,7 +41,7 @@ def test_the_shear_building_has_the_storey_stiffness_and_mass_by_hand():
     slabs = 4 * sum(frame.SLAB_KG)
     steel = sum(7800 * {"column": frame.COLUMN, "beam": frame.BEAM, "brace": frame.BRACE}[m.kind][0]
                 * np.linalg.norm(frame.position_m(m.ends[1]) - frame.position_m(m.ends[0]))
-                * (0.5 if m.storey == 1 and m.kind != "beam" else 1.0) for m in frame.members())  # fmt: skip
+                * (0.5 if m.storey == 1 and m.kind != "beam" else 1.0) for m in frame.members())
     assert M[0::3, 0::3].sum() == pytest.approx(slabs + steel, rel=1e-12)
     heavy = frame.mass(12, True)
     assert heavy[9, 9] - M[9, 9] == pytest.approx(150.0) and heavy[9, 11] == pytest.approx(150 * frame.BAY_M / 2)
@@ -85,7 +85,7 @@ def test_frequencies_of_the_frame_are_those_of_opensees():
             ops.element("Truss", k + 1, *ends, area, 1)
         else:
             ops.element("elasticBeamColumn", k + 1, *ends, area, frame.YOUNGS_PA, shear, torsion, strong, weak,
-                        1 if m.kind == "column" else 2)  # fmt: skip
+                        1 if m.kind == "column" else 2)
         length = np.linalg.norm(frame.position_m(m.ends[1]) - frame.position_m(m.ends[0]))
         mass[list(m.ends)] += frame.DENSITY_KGPM3 * area * length / 2
     for discrepancy_std, slab in enumerate(frame.SLAB_KG):

@@ -26,9 +26,9 @@ def design():
     weights = [rng.uniform(0.5, 2.0, N_BLOCK) for _ in SIZES]
     weights[1][4] = 0.0
     noise = Noise(covariance=tuple(covariances), precision=tuple(np.linalg.inv(c) for c in covariances),
-                  weight=tuple(weights))  # fmt: skip
+                  weight=tuple(weights))
     courses = (TimeProfile(kind="constant", value=np.ones(N_BLOCK)), step_profile(N_BLOCK, 5),
-               TimeProfile(kind="covariate", value=rng.standard_normal(N_BLOCK), column="water_level_m"))  # fmt: skip
+               TimeProfile(kind="covariate", value=rng.standard_normal(N_BLOCK), column="water_level_m"))
     which = np.array([(j, c) for j in range(N_EFFECT) for c in range(3)])
     return Design(
         bin_of=bin_of, nuisance=tuple(rng.standard_normal((2, m, N_NUISANCE)) for m in SIZES),
@@ -36,7 +36,7 @@ def design():
         effect=tuple(rng.standard_normal((2, m, N_EFFECT)) for m in SIZES), courses=courses, which=which, noise=noise,
         included=((1, step_profile(N_BLOCK, 7), 0.8),),
         model_errors=((step_profile(N_BLOCK, 7), tuple(rng.uniform(0.1, 0.6, (2, m)) for m in SIZES)),),
-    )  # fmt: skip
+    )
 
 
 def dense(design):
@@ -92,7 +92,7 @@ def test_scores_information_and_likeness_are_those_of_the_written_out_covariance
     X, V, stacked = dense(design)
     rng = np.random.default_rng(4)
     y = [np.where(design.noise.weight[q][:, None] > 0, rng.standard_normal((N_BLOCK, m)), 0.0)
-         for q, m in enumerate(SIZES)]  # fmt: skip
+         for q, m in enumerate(SIZES)]
     solved = np.linalg.solve(V, X)
     information = X.T @ solved
     np.testing.assert_allclose(design.scores(y), solved.T @ stacked(lambda q, b: y[q][b]), rtol=1e-8)
@@ -107,7 +107,7 @@ def test_misfit_is_that_of_the_written_out_covariance(design, error_scale):
     design = replace(design, error_scale=error_scale)
     _, V, stacked = dense(design)
     y = [np.random.default_rng(5).standard_normal((N_BLOCK, m)) * (design.noise.weight[q][:, None] > 0)
-         for q, m in enumerate(SIZES)]  # fmt: skip
+         for q, m in enumerate(SIZES)]
     flat = stacked(lambda q, b: y[q][b])
     assert design.misfit(y, []) == pytest.approx(flat @ np.linalg.solve(V, flat), rel=1e-8)
     told = -2 * (design.log_volume + design.log_noise)
@@ -115,7 +115,7 @@ def test_misfit_is_that_of_the_written_out_covariance(design, error_scale):
     noise_alone = sum(
         float(np.sum(np.linalg.slogdet(design.noise.covariance[q])[1] - m * np.log(w[w > 0])))
         for q, (m, w) in enumerate(zip(SIZES, design.noise.weight, strict=True))
-    )  # fmt: skip
+    )
     assert -2 * design.log_volume == pytest.approx(np.linalg.slogdet(V)[1] - noise_alone, rel=1e-8)
 
 
@@ -205,7 +205,7 @@ def test_unknowns_that_change_shapes_without_bound_are_let_go_and_nothing_else(d
         replace(design, nuisance_std=np.array([*design.nuisance_std, *np.ones(n)]), nuisance=tuple(
             np.concatenate([own, a[:, :, :n]], axis=2) for own, a in zip(design.nuisance, almost, strict=True)))
         for n in (2, 1)
-    )  # fmt: skip
+    )
     y = [rng.standard_normal((N_BLOCK, m)) for m in SIZES]
     z = [d.scores(y) / np.sqrt(d.information) for d in (both, one)]
     # twice the column is 1.4 times a column without bound

@@ -182,7 +182,7 @@ def _hypothesis(problem, null, *parts):
         included.append(IncludedEffect(effect=problem.effects[problem.which[k, 0]], course=course, size=size))
     fitted = fit(problem, null.theta, included, base=null)
     return Hypothesis(candidates=tuple(candidates), z=(9.0,) * len(parts), fitted=fitted,
-                      log_prior=log_prior(problem, candidates), log_evidence=log_evidence(problem, fitted))  # fmt: skip
+                      log_prior=log_prior(problem, candidates), log_evidence=log_evidence(problem, fitted))
 
 
 @pytest.fixture(scope="module")
@@ -222,7 +222,7 @@ def test_the_prior_of_hypotheses_is_shared_out(loosened):
     # any time of a step is as probable as any other, all together as the constant
     j = problem.which[_candidate(problem, "parameter", "k3", step), 0]
     own = [[p for p, (i, c) in zip(every, problem.which, strict=True) if i == j and problem.courses[c].kind == kind]
-           for kind in ("constant", "step")]  # fmt: skip
+           for kind in ("constant", "step")]
     assert len(own[1]) > 3 and np.ptp(own[1]) < 1e-12 and sum(own[0]) == pytest.approx(sum(own[1]))
 
 
@@ -250,7 +250,7 @@ def test_same_seed_same_numbers_and_a_file_as_agreed(prepared, record, tmp_path)
     assert content["verdict"] in ("named", "ambiguous", "unexplained", "none")
     for one in content["findings"]:
         assert {"kind", "cause", "location", "size", "size_std", "unit", "posterior_probability", "alternatives",
-                "gain"} <= set(one)  # fmt: skip
+                "gain"} <= set(one)
 
 
 def test_a_handful_of_sets_is_refused(prepared, record):
@@ -320,7 +320,7 @@ def test_a_model_of_two_storeys_and_two_modes_is_judged_and_says_what_was_not_te
     """So few effects that their time profiles span no directions of their own."""
     k, m = np.array([[2.0, -1.0], [-1.0, 1.0]]) * 1e6, np.eye(2) * 1e3
     np.savez(tmp_path / "model.npz", K0=np.zeros((2, 2)), M0=m, K_a=np.diag([1e6, 0.0]), K_b=k - np.diag([1e6, 0.0]),
-             channel=np.array(["F1", "F2"]), channel_dof=np.arange(2))  # fmt: skip
+             channel=np.array(["F1", "F2"]), channel_dof=np.arange(2))
     rows = [
         f'[[parameter]]\nname = "{n}"\nunit = "-"\ninitial = 1.0\nstd = 0.1\nlower = 0.5\nupper = 2.0\n' for n in "ab"
     ]

@@ -54,7 +54,7 @@ def test_channels_are_left_out_as_long_as_more_numbers_are_kept(record):
         kept = gather(without(data, lost)).channels
         told = {subset: np.sum(~lost[:, list(subset)].any(axis=1)) * len(subset)
                 for bits in range(8)
-                for subset in [tuple(k for k in range(n_channel) if k > 2 or bits >> k & 1)]}  # fmt: skip
+                for subset in [tuple(k for k in range(n_channel) if k > 2 or bits >> k & 1)]}
         assert told[tuple(data.channels.index(c) for c in kept)] == max(told.values())
 
 
@@ -80,7 +80,7 @@ def with_one_more(data):
                        shape=np.column_stack([s.shape, s.shape[:, ::-1][:, 0]]),
                        damping_ratio=np.append(s.damping_ratio, 0.01),
                        frequency_std_hz=np.append(s.frequency_std_hz, np.nan), damping_ratio_std=None,
-                       shape_std=np.column_stack([s.shape_std, s.shape_std[:, 0]]))  # fmt: skip
+                       shape_std=np.column_stack([s.shape_std, s.shape_std[:, 0]]))
 
     return replace(data, sets=tuple(more(s) for s in data.sets))
 
@@ -98,7 +98,7 @@ def test_a_covariate_told_in_a_part_of_the_record_is_missed_aloud(frame_file, re
 
     prepared = prepare(frame_file)
     own = Effect(kind="environmental", cause="tide", location="all", unit="-", tolerance=0.0, slab=0.1,
-                 parts=(("k1", 1.0),), courses=("water_level_m",))  # fmt: skip
+                 parts=(("k1", 1.0),), courses=("water_level_m",))
     prepared = replace(prepared, effects=(*prepared.effects, own))
     data = record(8)
     for known, said in ((len(data.sets), False), (len(data.sets) // 2, True)):

@@ -30,7 +30,7 @@ def study():
 def finding(first, probability, *rest):
     return {"cause": first[0], "location": first[1], "probability": probability,
             "alternatives": [list(name) for name, _ in rest],
-            "probabilities": [p for _, p in rest]}  # fmt: skip
+            "probabilities": [p for _, p in rest]}
 
 
 def line(hidden, *findings, verdict="ambiguous", kinds=None):
@@ -42,7 +42,7 @@ def test_the_first_and_its_alternatives_are_judged_by_cause_and_place(study):
     chance = ("chance alone", "")
     values, without = study.stated([line([BRACE], finding(OTHER, 0.7, (BRACE, 0.25), (chance, 0.05)))])
     assert [(v.probability, v.right, v.first) for v in values] == [(0.7, False, True), (0.25, True, False),
-                                                                  (0.05, False, False)]  # fmt: skip
+                                                                  (0.05, False, False)]
     assert without == 0
 
 
@@ -61,14 +61,14 @@ def test_chance_is_right_where_nothing_of_a_finding_was_hidden(study):
 def test_lines_of_older_runs_and_other_verdicts_are_left_out(study):
     old = {"cause": BRACE[0], "location": BRACE[1], "alternatives": []}
     values, without = study.stated([line([BRACE], old), line([BRACE], finding(BRACE, 0.5), verdict="unexplained"),
-                                    {"id": "y", "failed": "no"}])  # fmt: skip
+                                    {"id": "y", "failed": "no"}])
     assert values == [] and without == 1
 
 
 def test_lines_of_the_oc4_jacket_state_probabilities_with_their_alternatives(study):
     row = {"id": "z", "verdict": "named", "hidden": [{"cause": "parameter", "location": "soil"}],
            "findings": [{"cause": "parameter", "location": "soil", "probability": 0.97,
-                         "alternatives": [["chance alone", "", 0.03]]}]}  # fmt: skip
+                         "alternatives": [["chance alone", "", 0.03]]}]}
     assert [(v.probability, v.right) for v in study.stated([row])[0]] == [(0.97, True), (0.03, False)]
 
 

@@ -30,7 +30,7 @@ def design():
     weights = [rng.uniform(0.5, 2.0, N_BLOCK) for _ in SIZES]
     weights[0][3] = 0.0
     noise = Noise(covariance=tuple(covariances), precision=tuple(np.linalg.inv(c) for c in covariances),
-                  weight=tuple(weights))  # fmt: skip
+                  weight=tuple(weights))
     courses = (TimeProfile(kind="constant", value=np.ones(N_BLOCK)), step_profile(N_BLOCK, 5))
     return Design(
         bin_of=rng.integers(0, 2, N_BLOCK), nuisance=tuple(rng.standard_normal((2, m, 3)) for m in SIZES),
@@ -39,7 +39,7 @@ def design():
         which=np.array([(j, c) for j in range(2) for c in range(2)]), noise=noise,
         included=((1, step_profile(N_BLOCK, 7), 0.9),),
         model_errors=((step_profile(N_BLOCK, 7), tuple(rng.uniform(0.1, 0.6, (2, m)) for m in SIZES)),),
-    )  # fmt: skip
+    )
 
 
 def fitted(design, departures) -> Residual:
@@ -48,7 +48,7 @@ def fitted(design, departures) -> Residual:
     chosen = np.zeros_like(solved)
     chosen[HELD] = solved[HELD]
     left = tuple(np.where(w[:, None] > 0, y - m, 0.0) for y, m, w in
-                 zip(departures, design.expected(chosen), design.noise.weight, strict=True))  # fmt: skip
+                 zip(departures, design.expected(chosen), design.noise.weight, strict=True))
     return Residual(design=design, left=left, held=np.array(HELD), held_cov=design.unknowns_cov(HELD))
 
 
@@ -63,7 +63,7 @@ def test_deviations_are_those_of_the_covariance_written_out(design):
     unknown = np.eye(design.n_unknown)
     G = np.array([[y[q][b, i] for q, b, i in rows] for y in map(design.expected, unknown)]).T
     noise = np.array([[design.noise.covariance[q][i, j] / design.noise.weight[q][b] if (p, c) == (q, b) else 0.0
-                       for p, c, j in rows] for q, b, i in rows])  # fmt: skip
+                       for p, c, j in rows] for q, b, i in rows])
     others = np.setdiff1d(np.arange(design.n_unknown), HELD)
     S = design.prior_std**2
     W = noise + (G[:, others] * S[others]) @ G[:, others].T
@@ -133,14 +133,14 @@ def placed():
         Sensor(channel=f"{axis}{k}", level=f"storey {k}", position_m=(0.0, 0.0, 3.0 * k),
                direction=(1.0, 0.0, 0.0) if axis == "x" else (0.0, 1.0, 0.0), quantity="acceleration", unit="m/s2")
         for k in range(1, 6) for axis in "xy"
-    )  # fmt: skip
+    )
 
 
 def test_a_wrong_gain_stands_out_before_and_is_gone_after(prepared, record):
     found = residuals(examine(prepared, record(5, gain=("y4", 1.12))), placed())
     assert found["states"] == ["before", "after"]
     z = {(row["mode"], c): (row["z"][0][k], row["z"][1][k]) for row in found["channels"]
-         if row["part"] == "in phase" for k, c in enumerate(row["channels"])}  # fmt: skip
+         if row["part"] == "in phase" for k, c in enumerate(row["channels"])}
     worst = max(z, key=lambda key: abs(z[key][0]))
     assert worst[1] == "y4" and abs(z[worst][0]) > 4 and abs(z[worst][1]) < 3
     gains = next(r for r in found["measurement"] if r["cause"] == "sensor gain" and r["course"] == "constant")

@@ -30,7 +30,7 @@ SLOW = {"kind": "low_pass", "level": "tower top", "time_constant_s": 0.016}
     pytest.param(441, SLIPPING, {("axial soil stiffness", "leg A"), ("grout flexibility along the pile", "pile head A")},
                  marks=pytest.mark.long),
     (442, SLOW, {("low-pass filter", "T90"), ("clock offset", "T90")}),
-])  # fmt: skip
+])
 def test_twins_are_ambiguous(turbine, seed, hidden, wanted):
     found = found_in(turbine, seed, hidden)
     assert found.verdict == "ambiguous" and wanted <= names(found.findings[0]), (found.verdict, found.findings)
@@ -45,7 +45,7 @@ TUNED = {"kind": "tuned_mass", "z_m": 62.0, "direction_deg": 30.0, "frequency_hz
     (451, TUNED),
     # of seed 452 a mount like this is named a clock offset and crosstalk: VALIDATION.md, limits
     (453, {"kind": "mount_resonance", "channel": "T66-x", "period_s": 0.35}),
-])  # fmt: skip
+])
 def test_what_no_list_holds_is_not_named(turbine, seed, hidden):
     assert found_in(turbine, seed, hidden).verdict != "named"
 

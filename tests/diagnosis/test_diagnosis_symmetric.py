@@ -34,7 +34,7 @@ def model(tmp_path_factory):
     """model.npz with a stiffness for each storey and axis, x and y equal to the last digit; its parameters.toml."""
     folder, zero = tmp_path_factory.mktemp("symmetric"), np.zeros(N_STOREY)
     arrays = {"K0": frame(zero, zero), "M0": MASS * np.eye(2 * N_STOREY), "channel": np.array(CHANNELS),
-              "channel_dof": np.arange(2 * N_STOREY)}  # fmt: skip
+              "channel_dof": np.arange(2 * N_STOREY)}
     tables = []
     for name in CHANNELS:
         one = np.eye(N_STOREY)[int(name[1]) - 1]
@@ -65,7 +65,7 @@ def record(seed, *, storey_y1=1.0, n_set=24, n_mode=6, channels=range(2 * N_STOR
             shape=noisy.astype(complex) if shapes else np.full(phi.shape, np.nan),
             frequency_std_hz=FREQUENCY_STD * f,
             shape_std=np.full(phi.shape, SHAPE_STD if shapes else np.nan),
-        ))  # fmt: skip
+        ))
     return ModalData(channels=tuple(CHANNELS[k] for k in channels), sets=tuple(sets))
 
 

@@ -58,7 +58,7 @@ def test_two_columns_that_say_the_same_are_ambiguous(record):
     data = record(4, level=0.02)
     rng = np.random.default_rng(0)
     sets = tuple(replace(s, environment={**s.environment, "ballast_t": 30 * s.environment["water_level_m"]
-                                         + 0.1 * rng.standard_normal()}) for s in data.sets)  # fmt: skip
+                                         + 0.1 * rng.standard_normal()}) for s in data.sets)
     found = diagnose_without_model(replace(data, sets=sets))
     (one,) = found.findings
     assert found.verdict == "ambiguous"
@@ -88,12 +88,12 @@ def test_a_gain_that_changes_is_named_with_its_channel():
 def test_a_channel_reversed_half_way_is_named_with_its_time(channel):
     """Over the whole record it has no mean, and at the tower's top the pairs' axes turn with it."""
     data, sensors = turbine(27, {"kind": "sensor_gain", "channel": channel, "factor": -1.0, "course": "step",
-                                 "at_hour": 360.0})  # fmt: skip
+                                 "at_hour": 360.0})
     found = diagnose_without_model(data, sensors)
     (one,) = found.findings
     assert (found.verdict, one.cause, one.location, one.size) == ("named", "sensor polarity", channel, -2.0)
     first = next(s.id for s in data.sets if pd.Timestamp(s.id) >= pd.Timestamp(data.sets[0].id[:8] + "01T00:00:00Z")
-                 + pd.Timedelta(hours=360))  # fmt: skip
+                 + pd.Timedelta(hours=360))
     assert one.course_start == first
 
 
@@ -112,7 +112,7 @@ def crosstalk(shape, frequency_hz, size):
 
 
 CROSSTALK = Effect(kind="measurement", cause="crosstalk", location="y5 into x3", unit="-", tolerance=0.0, slab=0.1,
-                   observe=crosstalk, step_of_size=1e-3, courses=("constant", "step"))  # fmt: skip
+                   observe=crosstalk, step_of_size=1e-3, courses=("constant", "step"))
 
 
 @pytest.fixture
@@ -120,7 +120,7 @@ def with_crosstalk(record):
     """From the middle of the record on."""
     data = record(6)
     return replace(data, sets=tuple(s if k < 18 else replace(s, shape=crosstalk(s.shape, 0.0, 0.12)[0])
-                                    for k, s in enumerate(data.sets)))  # fmt: skip
+                                    for k, s in enumerate(data.sets)))
 
 
 def test_an_effect_of_ones_own_needs_a_function_and_a_row(with_crosstalk):
@@ -181,12 +181,12 @@ def test_a_slow_error_is_no_step():
 
 def test_a_clock_told_wrong_by_the_rotor_is_a_finding_and_taken_out():
     row = {"kind": "measurement", "cause": "sampling rate", "channels": [], "statement": "", "suspected": True,
-           "size": -0.03, "size_std": 0.003}  # fmt: skip
+           "size": -0.03, "size_std": 0.003}
     finding = rate_finding([row])
     assert (finding.kind, finding.cause) == ("measurement", "sampling rate") and finding.z > 9
     assert rate_finding([{**row, "suspected": False}]) is None
     one = ModalSet(id="a", frequency_hz=[1.0], shape=np.ones((2, 1)), damping_ratio=[0.01],
-                   frequency_std_hz=[0.1], shape_std=np.full((2, 1), 0.1))  # fmt: skip
+                   frequency_std_hz=[0.1], shape_std=np.full((2, 1), 0.1))
     mended = with_true_rate(ModalData(channels=("a", "b"), sets=(one,)), finding)
     assert mended.sets[0].frequency_hz[0] == pytest.approx(0.97)
 
@@ -200,7 +200,7 @@ def test_a_covariate_that_steps_hides_no_step():
 
 def test_what_sensors_say_of_one_another_is_a_row_with_size_and_time():
     found = SensorFinding(name="gain change", channel="TP-A-x, TP-A-y", size=1.1, std=0.01, since="2026-01-01T06:00Z",
-                          message="TP-A changed")  # fmt: skip
+                          message="TP-A changed")
     row = _measured_row(found, ("TP-A-x", "TP-A-y", "TP-B-x"))
     assert (row["cause"], row["channels"], row["since"]) == ("sensor gain", ["TP-A-x", "TP-A-y"], found.since)
     assert row["size"] == pytest.approx(0.1) and row["size_std"] == 0.01 and row["suspected"]

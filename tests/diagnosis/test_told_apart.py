@@ -46,7 +46,7 @@ def test_the_nearest_rival_is_the_one_that_leaves_least(stepped):
             bounds = np.clip(IncludedEffect(effect=rival, course=along, size=0.0).bounds, -1e4, 1e4)
             least = (min(map(misfit, rival.discrete)) if rival.discrete
                      else optimize.minimize_scalar(misfit, bounds=bounds, method="bounded",
-                                                   options={"xatol": 1e-9}).fun)  # fmt: skip
+                                                   options={"xatol": 1e-9}).fun)
             left[rival.name] = min(least, left.get(rival.name, np.inf))
         # of the same noise-free record, in units of what a fingerprint's error hides; the search's own accuracy
         z = size * np.sqrt(design.information[row])

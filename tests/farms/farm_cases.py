@@ -65,7 +65,7 @@ def write_model(folder: Path) -> None:
              channel=np.array([f"floor {k + 1}" for k in range(3)]), channel_dof=np.arange(3), **each)
     (folder / "parameters.toml").write_text("".join(
         f'[[parameter]]\nname = "k{k + 1}"\nunit = "-"\ninitial = 0.0\nstd = 0.15\nlower = -0.5\nupper = 1.0\n'
-        'prior = "normal"\n' for k in range(3)))  # fmt: skip
+        'prior = "normal"\n' for k in range(3)))
 
 
 def write_farm(folder: Path) -> Path:

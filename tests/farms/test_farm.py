@@ -39,7 +39,7 @@ def undisturbed(described, tmp_path_factory):
 
 def results(out):
     return {f"{p.parent.parent.name}/{p.parent.name}/{p.name}": p.read_bytes() for name in RESULTS
-            for p in out.glob(f"*/*/{name}")}  # fmt: skip
+            for p in out.glob(f"*/*/{name}")}
 
 
 def changed(out):
@@ -135,7 +135,7 @@ def finished_steps(out):
     """Of every month that is known, what its finished steps wrote."""
     wrote = {"identify": "modes.json", "select": "nine.json", "update": "update.json", "diagnose": "diagnosis.json"}
     return [(p.parent / wrote[step]).relative_to(out) for p in out.glob("*/*/month.json")
-            for step in json.loads(p.read_text())["finished"]]  # fmt: skip
+            for step in json.loads(p.read_text())["finished"]]
 
 
 def until(there, *children, seconds=120):
@@ -173,7 +173,7 @@ def test_two_runs_of_one_farm_on_one_folder_give_the_bytes_of_one(described, und
 
 
 @pytest.mark.filterwarnings("ignore::DeprecationWarning", "ignore::ResourceWarning", "ignore::UserWarning",
-                            "ignore::pytest.PytestUnraisableExceptionWarning")  # fmt: skip
+                            "ignore::pytest.PytestUnraisableExceptionWarning")
 def test_a_dask_worker_killed_at_a_month_loses_nothing_and_no_finished_step_is_done_twice(
     described, undisturbed, tmp_path
 ):
@@ -181,7 +181,7 @@ def test_a_dask_worker_killed_at_a_month_loses_nothing_and_no_finished_step_is_d
     out, found = tmp_path / "out", []
     with one_thread_each(), distributed.LocalCluster(
             n_workers=2, threads_per_worker=1, processes=True, dashboard_address=":0",
-            local_directory=str(tmp_path / "dask")) as cluster:  # fmt: skip
+            local_directory=str(tmp_path / "dask")) as cluster:
         def run():
             with executor(1, cluster.scheduler_address) as runs:
                 found.append(probupdate.farm(described, out, jobs=runs))
@@ -257,7 +257,7 @@ def test_a_defect_in_one_month_keeps_its_trace_and_the_others_go_on(copied, monk
     run = probupdate.farm(description, out)
     (failed,) = run.failed
     assert failed.failed == ("a defect of the program (ZeroDivisionError: by nothing); its trace is in "
-                             "B/2024-05/failure.txt")  # fmt: skip
+                             "B/2024-05/failure.txt")
     assert "by nothing" in (out / "B" / "2024-05" / "failure.txt").read_text()
 
 
@@ -312,7 +312,7 @@ def test_a_month_that_ends_its_process_fails_alone(copied):
     ("lowest = 3", "lowest = 0", "lowest: 0 is not in 1 to 1000"),
     ("[diagnose]", "[sample]\ness = 5\n[diagnose]", "is a table of a step that is not among steps"),
     ("[[turbine]]", "[[turbines]]", "unknown key 'turbines'; did you mean 'turbine'"),
-])  # fmt: skip
+])
 def test_mistakes_of_the_description_are_named(described, tmp_path, old, new, said):
     assert old in DESCRIPTION
     path = described.parent / "wrong.toml"

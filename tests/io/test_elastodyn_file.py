@@ -87,7 +87,7 @@ def test_rotor_and_nacelle_are_the_body_by_hand(tmp_path):
 def test_tilt_and_cone_move_the_rotor_as_elastodyn_says(tmp_path):
     # hub height = TowerHt + Twr2Shft + OverHang sin(ShftTilt); an upwind cone takes the blades away from the tower
     straight, tilted, coned = (read_elastodyn(write(tmp_path, **k)).rotor_nacelle
-                               for k in ({}, {"tilt": -5.0}, {"cone": -2.5}))  # fmt: skip
+                               for k in ({}, {"tilt": -5.0}, {"cone": -2.5}))
     rotor = 56000 + 54000
     assert tilted.centre_m[2] - straight.centre_m[2] == pytest.approx(
         5 * np.sin(np.radians(5)) * rotor / straight.mass_kg, rel=1e-9)

@@ -26,7 +26,7 @@ def write(folder, text, soil="5.0E+08\tKxx ! lateral\n! a comment\nKyy 6.0D8\n1e
 def cantilever(layout="v5", **more):
     kind = "1 -1" if layout == "v4.0" else "1c 0"
     options = {"reactions": ["1 0 0 0 1 1 1 \"soil.txt\" ! held against turning"], "interface": [2],
-               "circular": [f"7 {STEEL} 1.0 0.02 extra words"]} | more  # fmt: skip
+               "circular": [f"7 {STEEL} 1.0 0.02 extra words"]} | more
     return subdyn(["0 0 0", "0 0 10"], [f"1 2 7 7 {kind}"], layout=layout, **options)
 
 
@@ -47,7 +47,7 @@ def test_every_layout_is_told_by_what_stands_where(tmp_path, layout):
 def test_older_files_have_lines_and_tables_of_their_own(tmp_path):
     text = cantilever("v4.0")
     text = text.replace("--- FEA", "False GuyanLoadCorrection - old\n--- FEA").replace(
-        "             0   Nmodes", "True CBMod - old\n             0   Nmodes")  # fmt: skip
+        "             0   Nmodes", "True CBMod - old\n             0   Nmodes")
     assert read_subdyn(write(tmp_path, text)).settings["CBMod"] == "True"
     # before springs, and before cables, rigid links and joints that turn
     spring = text.index("---- SPRING")
@@ -55,7 +55,7 @@ def test_older_files_have_lines_and_tables_of_their_own(tmp_path):
     assert read_subdyn(write(tmp_path, no_spring)).layout == "v3"
     plain = no_spring[: no_spring.index("---- CABLE")] + no_spring[no_spring.index("---- MEMBER COSINE") :]
     plain = plain.replace("1 0 0 0 1 0 0 0 0", "1 0 0 0").replace("2 0 0 10 1 0 0 0 0", "2 0 0 10").replace(
-        "1 1 2 7 7 1 -1", "1 1 2 7 7").replace("  2 1 1 1 1 1 1\n", "  2\n")  # fmt: skip
+        "1 1 2 7 7 1 -1", "1 1 2 7 7").replace("  2 1 1 1 1 1 1\n", "  2\n")
     oldest = read_subdyn(write(tmp_path, plain))
     assert oldest.layout == "v3" and oldest.members[0].kind == "circular" and oldest.joints[1].kind == "cantilever"
 
@@ -63,7 +63,7 @@ def test_older_files_have_lines_and_tables_of_their_own(tmp_path):
 def test_older_layouts_are_written_as_v5(tmp_path):
     arbitrary = "3 2.1e11 8.1e10 7850 0.3 0.15 0.1 0.02 0.03 0.05"
     text = subdyn(["0 0 0", "0 0 10", "3 0 10"], ["1 2 7 7 1 -1", "2 3 3 3 4 -1"], ["1 1 1 1 1 1 1"], layout="v4.0",
-                  interface=[2], circular=[f"7 {STEEL} 1.0 0.02"], arbitrary=[arbitrary], mass=["2 10 1 2 3"])  # fmt: skip
+                  interface=[2], circular=[f"7 {STEEL} 1.0 0.02"], arbitrary=[arbitrary], mass=["2 10 1 2 3"])
     text = text.replace("             0   Nmodes", "True CBMod - old\n             0   Nmodes")
     spring = text[: text.index("---- SPRING")] + text[text.index("---- MEMBER COSINE") :]
     for number, old in enumerate((text, spring)):
@@ -78,7 +78,7 @@ def test_older_layouts_are_written_as_v5(tmp_path):
         assert "a line nobody parses" in "\n".join(again.lines)
     turned = text.replace("2 2 3 3 3 4 -1", "2 2 3 3 3 4 1").replace(
         "MEMBER COSINE MATRICES ----\n   0   N - number of them\nnames of columns\n(-) (-)\n",
-        "MEMBER COSINE MATRICES ----\n   1   N\nnames\nunits\n1 1 0 0 0 1 0 0 0 1\n")  # fmt: skip
+        "MEMBER COSINE MATRICES ----\n   1   N\nnames\nunits\n1 1 0 0 0 1 0 0 0 1\n")
     with pytest.raises(InputError, match="turned by a cosine matrix"):
         as_v5(read_subdyn(write(tmp_path, turned)))
 
@@ -145,7 +145,7 @@ def test_a_scaled_soil_file_is_read_back_as_it_was_meant(tmp_path):
         ("---- SPRING ELEMENT PROPERTIES ----\n   0   N - number of them\nnames of columns\n(-) (-)\n",
          "---- SPRING ----\n", ["line"]),
     ],
-)  # fmt: skip
+)
 def test_mistakes_name_file_and_line(tmp_path, old, new, told):
     text = cantilever()
     assert old in text

@@ -30,7 +30,7 @@ def frame_of(law="rigid", *, held_at_the_piles=True):
         heads = {b.start for b in frame.beams if b.group == "pile" and frame.node_m[b.start][2] > -19.5}
         below = {n for b in frame.beams if b.group == "pile" for n in (b.start, b.end)} | heads
         frame = replace(frame, beams=tuple(b for b in frame.beams if b.group != "pile"), springs=(),
-                        supports=tuple(Support(node=n) for n in sorted(below)))  # fmt: skip
+                        supports=tuple(Support(node=n) for n in sorted(below)))
     return frame, description.values
 
 

@@ -35,7 +35,7 @@ def build(ops, file) -> None:
         mass = ("-mass", s.density * s.area, "-cMass")
         if file.shear:
             ops.element("ElasticTimoshenkoBeam", k, *element.nodes, s.e, s.g, s.area, s.torsion, s.i_yy, s.i_xx,
-                        s.kappa_y * s.area, s.kappa_x * s.area, k, *mass)  # fmt: skip
+                        s.kappa_y * s.area, s.kappa_x * s.area, k, *mass)
         else:
             ops.element("elasticBeamColumn", k, *element.nodes, s.area, s.e, s.g, s.torsion, s.i_yy, s.i_xx, k, *mass)
 

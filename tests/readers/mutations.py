@@ -14,10 +14,10 @@ NASTY = [
     None, True, False, 0, -1, 1, 3, 10**6, 2**62, -(2**63), 1e308, -1e308, 1e-320, 0.5, -0.0, 10**30, "", "x", "FA1", "1.5",
     "nan", "inf", "../a", "/etc/passwd", "a\0b", "\x1b[2J", "\u202e", "=1+1", "<script>alert(1)</script>", "x" * 5000,
     [], {}, [[]], [None], [1, "a"], {"a": 1}, [1.0, 2.0], [[1.0, 2.0], [3.0]], "2019-06-03T00:00Z", "0001-01-01", "9999-12-31",
-]  # fmt: skip
+]
 TEXT = ["NaN", "Infinity", "-Infinity", "1e999", "9" * 40, "[" * 80 + "]" * 80, '"\\ud800"', "\ufeff", "{", '"']
 CELLS = ["", "nan", "inf", "-1", "1e308", "1e999", "x", "2019-06-03T00:00Z", "0001-01-01", "9999-12-31T23:59:59Z", "\x00", '"',
-         "=1+1", "9" * 40, "0", "True", "2019-02-30", "1,2", "'", "\x1b[31m"]  # fmt: skip
+         "=1+1", "9" * 40, "0", "True", "2019-02-30", "1,2", "'", "\x1b[31m"]
 
 
 def spoilt_bytes(whole: bytes, rng: np.random.Generator) -> bytes:
@@ -192,7 +192,7 @@ def spoilt_hdf5(whole: bytes, rng: np.random.Generator) -> bytes:
 
 
 BY_SUFFIX = {".json": spoilt_json, ".toml": spoilt_lines, ".csv": spoilt_lines, ".dat": spoilt_lines, ".txt": spoilt_lines, ".uff": spoilt_lines,
-             ".npz": spoilt_npz, ".h5": spoilt_hdf5, ".nc": spoilt_hdf5}  # fmt: skip
+             ".npz": spoilt_npz, ".h5": spoilt_hdf5, ".nc": spoilt_hdf5}
 
 
 def spoilt(name: str, whole: bytes, rng: np.random.Generator) -> bytes:

@@ -49,7 +49,7 @@ def modes(folder: Path) -> Made:
                      environment={"wind_speed_mps": 5.0, "state": "idling"},
                      deviation=ModalDeviation(ln_frequency=np.ones((3, 5)), damping_ratio=np.ones((3, 5)),
                                               shape=np.ones((4, 3, 5), complex)))
-            for k in range(3)]  # fmt: skip
+            for k in range(3)]
     data = ModalData(channels=("a", "b", "c", "d"), sets=tuple(sets), labels=("FA1", "SS1", "T1"), reference_set=sets[0].id)
     write_modes(data, folder / "modes.json")
     return [folder / "modes.json", folder / "modes.deviations.h5"], lambda: read_modes(folder / "modes.json")
@@ -96,7 +96,7 @@ def information(folder: Path) -> Made:
     from probupdate.updating.problem import Weights, build_problem
 
     problem = build_problem(linear_model(LINEAR_PARAMETERS, SLOPE), linear_data(LINEAR_HZ, cov=0.01),
-                            weights=Weights(shapes="none"))  # fmt: skip
+                            weights=Weights(shapes="none"))
     path = write_information(information(problem), folder / "information.json")
     return [path], lambda: read_information(path).summary
 
@@ -112,7 +112,7 @@ def views(folder: Path) -> Made:
         ids=("a", "b", "c"), rows=(SetsRow(**row),), modes=(ModeScatter(**mode),), converged=True, verdict="converged",
         scores=LeftOut(ids=("a", "b", "c"), score=score, pareto_k=np.zeros(3), refitted=np.zeros(3, bool)),
         linear_share=np.ones(3), correlation=None, notes=("a note",), advice="take (d)", settings={"seed": "1"},
-    ).write(folder / "sets.json")  # fmt: skip
+    ).write(folder / "sets.json")
     return [path], lambda: read_views(path).verdict
 
 
@@ -146,12 +146,12 @@ def campaign_files(folder: Path) -> list[Path]:
     for name, chunks in (("a", None), ("b", (500, 3))):
         with h5py.File(folder / "acceleration" / f"{name}.h5", "w") as file:
             data = file.create_dataset("data", data=rng.standard_normal((3000, 3)).astype(np.float32), chunks=chunks,
-                                       compression=chunks and "gzip")  # fmt: skip
+                                       compression=chunks and "gzip")
             data.attrs["start"], data.attrs["sampling_rate_hz"] = f"2020-01-01T0{'ab'.index(name)}:00:00Z", 5.0
     (folder / "scada.csv").write_text("time,wind_speed_mps,power_kw,nacelle_heading_deg\n" + "".join(
         f"2020-01-01T00:{10 * k:02d}:00Z,{5 + k},{100 * k},{10.5 * k}\n" for k in range(6)))
     return [folder / "campaign.toml", folder / "acceleration" / "a.h5", folder / "acceleration" / "b.h5",
-            folder / "scada.csv"]  # fmt: skip
+            folder / "scada.csv"]
 
 
 def campaign(folder: Path) -> Made:
@@ -264,7 +264,7 @@ def matrices(folder: Path) -> Made:
     np.savez(folder / "model.npz", K0=np.zeros((6, 6)), M0=np.eye(6), K_k_data=K.data, K_k_indices=K.indices,
              K_k_indptr=K.indptr, M_m=np.eye(6), channel=np.array(list("abc")), channel_dof=np.arange(3),
              channel_sign=np.ones(3), node_position_m=np.zeros((6, 3)), dof_node=np.arange(6), dof_direction=np.zeros(6, int),
-             line=np.array([[0, 1]]))  # fmt: skip
+             line=np.array([[0, 1]]))
     (folder / "model.toml").write_text("".join("[[parameter]]\n" + TOML.format(n) for n in "km"))
     return [folder / "model.npz", folder / "model.toml"], lambda: load_model(folder / "model.npz")
 
@@ -278,7 +278,7 @@ def subdyn(folder: Path) -> Made:
     (folder / "soil.txt").write_text("5.0E+08\tKxx ! lateral\n! a comment\nKyy 6.0D8\n1e9 Kzz\n2e3 Mxx\n")
     (folder / "structure.dat").write_text(text(
         ["0 0 0", "0 0 10"], ["1 2 7 7 1c 0"], reactions=['1 0 0 0 1 1 1 "soil.txt" ! held'], interface=[2],
-        circular=[f"7 {STEEL} 1.0 0.02 extra"]))  # fmt: skip
+        circular=[f"7 {STEEL} 1.0 0.02 extra"]))
     return [folder / "structure.dat", folder / "soil.txt"], lambda: load_model(folder / "structure.dat")
 
 
@@ -344,7 +344,7 @@ def block_poles(folder: Path) -> Made:
     path = folder / "b.npz"
     write_block_poles(path, BlockPoles(
         id="b", start=pd.Timestamp("2020-01-01T00:00Z"), minutes=30.0, quantity="acceleration", excluded="", notes=(),
-        rms=0.01, poles=poles, others=(poles,), line_hz=np.linspace(0, 5, 40), spectrum=np.ones(40)), [])  # fmt: skip
+        rms=0.01, poles=poles, others=(poles,), line_hz=np.linspace(0, 5, 40), spectrum=np.ones(40)), [])
     return [path], lambda: read_block_poles(path)
 
 
@@ -355,7 +355,7 @@ def block_deviations(folder: Path) -> Made:
     path = folder / "b.npz"
     write_block_deviations(path, BlockDeviations(
         key=((8, 0), (8, 1)), ln_frequency=np.ones((2, 20)), damping_ratio=np.ones((2, 20)),
-        shape=np.ones((2, 6, 20), complex)))  # fmt: skip
+        shape=np.ones((2, 6, 20), complex)))
     return [path], lambda: read_block_deviations(path)
 
 
@@ -369,7 +369,7 @@ def chain(folder: Path) -> Made:
 
     state = emcee.State(np.zeros((6, 2)), log_prob=np.zeros(6), random_state=np.random.RandomState(1).get_state())
     store().append(Segment(theta=np.zeros((5, 6, 2)), log_posterior=np.zeros((5, 6)), state=state, accepted=0.3, evaluated=30,
-                           fallback=0), 0, 0)  # fmt: skip
+                           fallback=0), 0, 0)
     return [folder / "chain" / "chain.json", folder / "chain" / "segment-00000.npz"], lambda: store().read()
 
 
@@ -460,7 +460,7 @@ def farm_month(folder: Path) -> Made:
     from probupdate.farms.month import MonthState, _write, read_state
 
     _write(folder, MonthState(format=1, made_of={"model": "abc"}, finished={"identify": 1.5}, failed_step="select",
-                              failed="modes: none"))  # fmt: skip
+                              failed="modes: none"))
     return [folder / "month.json"], lambda: read_state(folder)
 
 
@@ -514,7 +514,7 @@ CASES: dict[str, tuple[Callable[[Path], Made], tuple[str, ...]]] = {
     "farm": (farm, ("farms.description.read_farm",)),
     "farm_month": (farm_month, ("farms.month.read_state",)),
     "groups": (groups, ("diagnosis.run._read_groups",)),
-}  # fmt: skip
+}
 
 
 def readers_in_the_code() -> set[str]:

@@ -124,7 +124,7 @@ def main() -> None:
     for case in cases or CASES:
         ended = subprocess.run([sys.executable, __file__, seed, number, case], capture_output=True, text=True)
         sys.stdout.write(ended.stdout or json.dumps({"case": case, "ended": ended.returncode, "words": ended.stderr[-800:]})
-                         + "\n" * (not ended.stdout))  # fmt: skip
+                         + "\n" * (not ended.stdout))
         sys.stdout.flush()
 
 

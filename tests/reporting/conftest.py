@@ -251,7 +251,7 @@ def made_up_diagnosis(sensors, *, verdict: str = "named") -> dict:
         {"kind": "measurement", "cause": "sensor gain", "location": channels[3], "size": 0.1, "size_std": 0.012,
          "unit": "-", "posterior_probability": 1.0, "course": "constant", "since": "", "z": 8.0,
          "check": "calibrate the channel", "alternatives": [], "gain": {}},
-    ]  # fmt: skip
+    ]
     limits = [
         {"kind": kind, "cause": cause, "location": place, "course": course, "limit": limit, "unit": unit,
          "share_left": 0.3, "z": 0.5}
@@ -263,7 +263,7 @@ def made_up_diagnosis(sensors, *, verdict: str = "named") -> dict:
             ("environmental", "wetted length", "all members", "water_level_m", 0.5, "m per m"),
             ("measurement", "sensor gain", channels[0], "constant", 0.067, "-"),
             ("measurement", "swapped channels", "a and b", "constant", 0.01, "-"))
-    ]  # fmt: skip
+    ]
     shown = {
         "states": ["before", "after"], "n_block": N_BLOCK,
         "modes": [{"mode": n, "percent": [1.2, 0.1], "expected_percent": [0.3, 0.3], "z": [4.0, 0.3]} for n in names],
@@ -286,7 +286,7 @@ def made_up_diagnosis(sensors, *, verdict: str = "named") -> dict:
                      "direction": [float(x) for x in s.direction]} for s in sensors],
         "measurement": [{"cause": "clock offset", "course": "constant", "location": "all of TP", "z": 0.7, "size": 0.27,
                          "size_std": 0.36, "unit": "ms", "tolerance": 0.1, "tried": 8}],
-    }  # fmt: skip
+    }
     named = verdict in ("named", "ambiguous")
     return {
         "verdict": verdict, "p_value": 2e-7 if verdict != "none" else 0.4, "findings": findings if named else [],
@@ -296,7 +296,7 @@ def made_up_diagnosis(sensors, *, verdict: str = "named") -> dict:
                         "pushed": 2.4, "value_after": 1.05, "std_after": 0.1, "pushed_after": 0.3} for n in NAMES[:3]],
         "notes": ["4 blocks left out in which the nacelle turned"],
         "details": {"residuals": shown, "nearest": ["scour, leg A"] if verdict == "unexplained" else []},
-    }  # fmt: skip
+    }
 
 
 @pytest.fixture(scope="session")

@@ -67,7 +67,7 @@ def test_a_script_that_is_not_the_pages_own_does_not_run(html, tmp_path):
     done = subprocess.run(
         [BROWSER, "--headless", "--no-sandbox", "--disable-gpu", f"--user-data-dir={tmp_path / 'profile'}",
          "--virtual-time-budget=4000", "--dump-dom", path.as_uri()],
-        capture_output=True, text=True, timeout=120, check=True)  # fmt: skip
+        capture_output=True, text=True, timeout=120, check=True)
     assert "<title>a run" in done.stdout and "<title>found" not in done.stdout
 
 
@@ -78,7 +78,7 @@ def test_the_page_in_a_browser(html, tmp_path, width):
     done = subprocess.run(
         [BROWSER, "--headless", "--no-sandbox", "--disable-gpu", f"--user-data-dir={tmp_path / 'profile'}",
          f"--window-size={width},900", "--virtual-time-budget=4000", "--dump-dom", path.as_uri()],
-        capture_output=True, text=True, timeout=120, check=True)  # fmt: skip
+        capture_output=True, text=True, timeout=120, check=True)
     told = re.search(r"<title>found(.*?)</title>", done.stdout)
     assert told, done.stderr[-500:]
     found = json.loads(told[1].replace("&amp;", "&"))
@@ -97,7 +97,7 @@ def printed(html: str, tmp_path, name: str) -> int:
     subprocess.run(
         [BROWSER, "--headless", "--no-sandbox", "--disable-gpu", f"--user-data-dir={tmp_path / 'profile'}",
          "--no-pdf-header-footer", f"--print-to-pdf={pdf}", path.as_uri()],
-        capture_output=True, timeout=120, check=True)  # fmt: skip
+        capture_output=True, timeout=120, check=True)
     return len(re.findall(rb"/Type\s*/Page(?![s\w])", pdf.read_bytes()))
 
 

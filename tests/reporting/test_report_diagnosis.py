@@ -74,7 +74,7 @@ def test_an_extension_is_shown_whatever_it_holds(full_run, diagnosis_of, unfigur
     content = diagnosis_of("named") | {"extension": {
         "identifiable": True, "width": 0.31, "mean_of_blocks": 20,
         "parameters": [{"name": "joint_AB_2", "mean": 0.4, "std": 0.03}],
-        "remarks": ["k_t moves back to its prior"], "more": {"chi_square": 12.0}}}  # fmt: skip
+        "remarks": ["k_t moves back to its prior"], "more": {"chi_square": 12.0}}}
     text = section_text(replace(full_run, diagnosis=content))
     for word in ("The model with what was found", "yes", "joint_AB_2", "k_t moves back to its prior.", "chi square",
                  ">20<"):
@@ -85,14 +85,14 @@ def extension_with(**sampler):
     """An extension of one parameter, its chain as given."""
     return {"files": {"posterior": "diagnosis.posterior.nc"}, "after": {"misfit": 3.0, "parameters": [
         {"name": "joint_AB_2", "prior": 1.0, "prior_std": 0.3, "deterministic": 0.412, "map": 0.413, "std": 0.051}]},
-        "sampler": sampler, "statements": ["the posterior with the findings, in words"]}  # fmt: skip
+        "sampler": sampler, "statements": ["the posterior with the findings, in words"]}
 
 
 CHAIN = {"asked": True, "effective_draws_asked": 200, "steps_at_most": 400, "seed": 1, "converged": True,
          "verdict": "Converged: R-hat 1.0050 (joint_AB_2); 400 steps.", "draws": 7680, "walkers": 24, "steps": 400,
          "acceptance": 0.51, "command": "probupdate sample --model m", "parameters": [
              {"name": "joint_AB_2", "mean": 0.437, "std": 0.063, "q05": 0.341, "q50": 0.431, "q95": 0.559,
-              "r_hat": 1.005, "effective_draws": 812.0}]}  # fmt: skip
+              "r_hat": 1.005, "effective_draws": 812.0}]}
 
 
 def test_the_estimators_stand_side_by_side(full_run, diagnosis_of, unfigured):
@@ -116,7 +116,7 @@ def test_a_chain_that_has_not_converged_is_a_warning(full_run, diagnosis_of, unf
 
 def test_an_extension_without_a_chain_has_no_such_table(full_run, diagnosis_of, unfigured):
     told = {"asked": False, "reason": "this was not asked for", "command": "probupdate sample --model m",
-            "parameters": []}  # fmt: skip
+            "parameters": []}
     text = section_text(replace(full_run, diagnosis=diagnosis_of("named") | {"extension": extension_with(**told)}))
     assert "side by side" not in text and "The estimators with" not in text
     assert "this was not asked for" in text and "probupdate sample --model m" in text
@@ -140,7 +140,7 @@ def test_a_measured_gain_is_shown_with_sensors_and_fatigue(full_run, diagnosis_o
     content["findings"][0]["gain"] |= {
         "mac_before": 0.98, "mac_after": 0.997, "statement": "better", "heldout_sensors": [
             {"level": "TP", "channels": ["a"], "rms_error_before": 0.04, "rms_error_after": 0.02}],
-        "fatigue": {"per": "tower-top motion", "slopes": [3, 5], "leg": {"most_stressed": spot}}}  # fmt: skip
+        "fatigue": {"per": "tower-top motion", "slopes": [3, 5], "leg": {"most_stressed": spot}}}
     text = section_text(replace(full_run, diagnosis=content))
     for word in ("0.9970", "4.00", "leg A, bay 1", "damage ratio, m = 3", "2.25", "Per tower-top motion.", "2.10"):
         assert word in text, word
@@ -152,7 +152,7 @@ def test_raw_records_are_told_apart_by_suspicion(full_run, diagnosis_of, unfigur
         {"kind": "measurement", "cause": "clock offset", "channels": ["T90-x"], "statement": "T90: clock of 5 ms",
          "suspected": True},
         {"kind": "measurement", "cause": "sampling rate", "channels": [], "statement": "rotor lines agree",
-         "suspected": False, "size": 0.0, "size_std": 1e-4}]  # fmt: skip
+         "suspected": False, "size": 0.0, "size_std": 1e-4}]
     text = section_text(replace(full_run, diagnosis=content))
     assert text.index("Suspected in the raw records") < text.index("T90: clock of 5 ms.")
     assert text.index("Raw records without a fault") < text.index("rotor lines agree.")
@@ -162,7 +162,7 @@ def test_raw_records_are_told_apart_by_suspicion(full_run, diagnosis_of, unfigur
 
 def test_limits_drawn_are_of_every_kind_and_cause_first():
     rows = [{"kind": kind, "cause": f"{kind} {c}", "location": str(k), "course": "constant", "limit": 1.0 + k + c,
-             "unit": "m"} for kind in ("structural", "measurement") for c in range(3) for k in range(9)]  # fmt: skip
+             "unit": "m"} for kind in ("structural", "measurement") for c in range(3) for k in range(9)]
     rows.append({**rows[0], "cause": "beyond reach", "limit": None})
     chosen = chosen_limits(rows, most=12)
     assert len(chosen) == 8 and {x["cause"] for x in chosen} == {x["cause"] for x in rows[:-1]}

@@ -169,7 +169,7 @@ def _moving(run) -> list[Figure]:
     return [figures.sensor_layout(None, run.campaign.sensors),
             figures.mpc_map(time, modes.labels, np.full((len(time), modes.n_mode), 0.9)),
             figures.frequencies_by_block(time, np.array([s.frequency_hz for s in modes.sets]), modes.labels,
-                                         np.arange(len(time)) < 9)]  # fmt: skip
+                                         np.arange(len(time)) < 9)]
 
 
 def test_prefix_keeps_the_ids_of_two_figures_apart(built):

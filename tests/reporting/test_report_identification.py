@@ -33,7 +33,7 @@ def made_set(k: int, rng) -> ModalSet:
     return ModalSet(id=f"2019-06-03T{10 + k}:00Z", frequency_hz=frequency, shape=shape, damping_ratio=np.full(3, 0.01),
                     frequency_std_hz=0.002 * TRUE, shape_std=np.full((4, 3), 0.05),
                     environment={"wind_speed_mps": 5.0 + k, "state": "idling", "rms_mps2": 0.01 * (k + 1),
-                                 "rotor_speed_rpm_min": 8.0, "rotor_speed_rpm_max": 9.0})  # fmt: skip
+                                 "rotor_speed_rpm_min": 8.0, "rotor_speed_rpm_max": 9.0})
 
 
 @pytest.fixture
@@ -73,7 +73,7 @@ def test_every_figure_becomes_a_file_with_its_caption(modes, block, poles, tmp_p
     scada = pd.DataFrame({"time": pd.date_range("2019-06-03T10:00", periods=6, freq="h"), "state": "idling",
                           "wind_speed_mps": np.arange(6.0), "rotor_speed_rpm": [0, 5, 9, 9, 9, np.nan]})
     files = write_figures(tmp_path / "modes.json", tmp_path / "png", modes=modes, poles=poles, scada=scada,
-                          block_id=block.id)  # fmt: skip
+                          block_id=block.id)
     names = [f.stem for f in files[:-1]]
     assert names == ["fig4_wind_and_state", "fig5_all_poles", "fig6_mac", "fig7_complexity", "poles_classified",
                      "stabilisation", "auto_mac", "argand", "mac_over_sets", "mpc_map", "conditions"]

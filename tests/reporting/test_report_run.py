@@ -254,7 +254,7 @@ def test_a_measured_structure_needs_no_campaign_and_no_geometry(tmp_path):
     measured = 1.05 * np.sqrt(value[order]) / (2 * np.pi)
     write_modes(ModalData(channels=tuple(names), sets=(ModalSet(
         id="one", frequency_hz=measured, shape=shape[:, order].astype(complex), damping_ratio=np.full(4, 0.01),
-        frequency_std_hz=0.01 * measured, shape_std=np.full((n, 4), 0.02)),)), tmp_path / "modes.json")  # fmt: skip
+        frequency_std_hz=0.01 * measured, shape_std=np.full((n, 4), 0.02)),)), tmp_path / "modes.json")
     run = read_run(tmp_path, silent)
     assert run.model.states["initial"].frequency_hz == pytest.approx(measured / 1.05)
     page = report(tmp_path, tmp_path / "r.html").read_text(encoding="utf-8")
