@@ -14,13 +14,13 @@ from typing import TYPE_CHECKING
 from probupdate import __version__, verbs
 from probupdate.diagnosis.wording import finding_words
 from probupdate.errors import InputError
-from probupdate.updating.ensemble import SamplerSettings
 from probupdate.io.files import holds_nothing, read_json, read_text, write_bytes, write_json, write_text
+from probupdate.io.result_table import table_of
+from probupdate.reporting import report as write_report
 from probupdate.runtime.executors import beside, executor
 from probupdate.runtime.progress import Progress, silent
-from probupdate.reporting import report as write_report
-from probupdate.io.result_table import table_of
 from probupdate.structure.load import reference_model
+from probupdate.updating.ensemble import SamplerSettings
 from probupdate.virtual.effects import hidden_words
 
 if TYPE_CHECKING:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 from collections.abc import Callable
 
-
 MODEL_HELP = "model.toml, a SubDyn .dat, or model.npz with --parameters; 'design', 'as_built', 'updated' name the reference turbine"
 # makes the parser of a command: its name, the function that runs it, what it does
 AddCommand = Callable[[str, Callable, str], argparse.ArgumentParser]

@@ -10,7 +10,6 @@ from typing import NoReturn
 from probupdate import __version__
 from probupdate.cli import beginning, estimates, records, results
 
-
 # the commands as --help lists them, in the order in which a job needs them
 GROUPS = {
     "to begin with": ("demo", "simulate", "modes"),

@@ -8,11 +8,11 @@ from dataclasses import replace
 import numpy as np
 from scipy import stats
 
-from probupdate.diagnosis.time_profiles import TimeProfile
 from probupdate.diagnosis.fitting import Fit
 from probupdate.diagnosis.linear import Design
-from probupdate.diagnosis.search import Search
 from probupdate.diagnosis.problem import DiagnosisProblem
+from probupdate.diagnosis.search import Search
+from probupdate.diagnosis.time_profiles import TimeProfile
 
 # the pattern of the noise is known to about a tenth of a variance (few columns, states that differ: 0.89 to 1.12 in
 # records whose noise was known), which sums of many squares see though no single score does

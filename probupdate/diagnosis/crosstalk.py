@@ -12,8 +12,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from probupdate.effects.catalogue import Crosstalk, Effect
 from probupdate.diagnosis.fitting import Fit, design_at
+from probupdate.diagnosis.problem import DiagnosisProblem
 from probupdate.diagnosis.search import (
     MARGIN,
     Search,
@@ -22,7 +22,7 @@ from probupdate.diagnosis.search import (
     scores_beside,
     search,
 )
-from probupdate.diagnosis.problem import DiagnosisProblem
+from probupdate.effects.catalogue import Crosstalk, Effect
 
 # of all ordered pairs, how many are refitted
 MOST_OFFERED = 2

@@ -13,8 +13,6 @@ from probupdate.diagnosis.evidence import sizes_std
 from probupdate.diagnosis.fitting import Fit, design_at, fit
 from probupdate.diagnosis.hypotheses import Explored, Hypothesis, exchanged, explore, without
 from probupdate.diagnosis.prepare import Prepared
-from probupdate.diagnosis.results import Alternative, Diagnosis, Finding, DetectionLimit
-from probupdate.diagnosis.search import Search, model_error_dispersion, scores_beside
 from probupdate.diagnosis.problem import (
     DISCREPANCY_LOG,
     DISCREPANCY_SHAPE,
@@ -24,6 +22,8 @@ from probupdate.diagnosis.problem import (
     local_std,
     prior_shift,
 )
+from probupdate.diagnosis.results import Alternative, DetectionLimit, Diagnosis, Finding
+from probupdate.diagnosis.search import Search, model_error_dispersion, scores_beside
 from probupdate.errors import ConvergenceError
 from probupdate.modal.modes import ModalData
 from probupdate.runtime.progress import Progress, silent

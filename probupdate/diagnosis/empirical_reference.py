@@ -12,9 +12,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from probupdate.diagnosis.blocks import Blocks
-from probupdate.effects.catalogue import Effect
 from probupdate.diagnosis.mode_numbers import Reference, modes_with, n_response, numbers_of_modes, stated_columns
 from probupdate.diagnosis.noise import Noise, estimate_noise
+from probupdate.effects.catalogue import Effect
 from probupdate.modal.modes import Sensor
 from probupdate.runtime.arrays import frozen_array
 

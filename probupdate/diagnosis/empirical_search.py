@@ -9,19 +9,19 @@ import numpy as np
 
 from probupdate.diagnosis.along_record import Contrasts, Scores, draw_slow, make_contrasts, outliers, score
 from probupdate.diagnosis.blocks import Blocks
-from probupdate.effects.catalogue import Effect
-from probupdate.diagnosis.time_profiles import TimeProfile
-from probupdate.diagnosis.noise import Noise, estimate_noise
 from probupdate.diagnosis.empirical_reference import (
     EmpiricalReference,
-    signatures,
     look,
     own_noise,
     residuals,
+    signatures,
     stated_patterns,
     untied,
 )
+from probupdate.diagnosis.noise import Noise, estimate_noise
 from probupdate.diagnosis.search import exceeded, tail
+from probupdate.diagnosis.time_profiles import TimeProfile
+from probupdate.effects.catalogue import Effect
 from probupdate.modal.modes import Sensor
 from probupdate.runtime.arrays import frozen_array
 

@@ -11,7 +11,7 @@ from probupdate.diagnosis.expected import departures_at, signatures_at
 from probupdate.diagnosis.fitting import MODEL_ERROR_SCALE, Fit, linearised, penalty
 from probupdate.diagnosis.linear import Design
 from probupdate.diagnosis.noise import Noise
-from probupdate.diagnosis.problem import IncludedEffect, DiagnosisProblem
+from probupdate.diagnosis.problem import DiagnosisProblem, IncludedEffect
 
 # errors of signatures that are as probable before, in FINGERPRINT
 ERROR_SCALES = (0.2, 0.5, 1.0, 2.0)

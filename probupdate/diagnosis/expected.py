@@ -10,11 +10,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from probupdate.effects.catalogue import Effect
 from probupdate.diagnosis.mode_numbers import Reference, numbers_of
 from probupdate.diagnosis.predictor import ModalPredictor, effect_signatures, observed
-from probupdate.diagnosis.problem import IncludedEffect, DiagnosisProblem
+from probupdate.diagnosis.problem import DiagnosisProblem, IncludedEffect
 from probupdate.diagnosis.small_model import LocalModel
+from probupdate.effects.catalogue import Effect
 
 # signatures are computed at headings this far apart; between these by straight lines
 NODE_DEG = 10.0

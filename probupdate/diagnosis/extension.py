@@ -16,22 +16,19 @@ from pathlib import Path
 
 import numpy as np
 
-from probupdate.diagnosis.mode_numbers import Reference, modes_with, numbers_of
 from probupdate.diagnosis.diagnose import Outcome
 from probupdate.diagnosis.evidence import sizes_std
 from probupdate.diagnosis.expected import local_at
 from probupdate.diagnosis.extension_sampling import not_sampled, sampled, sampler_statements, sampling_command
-from probupdate.diagnosis.predictor import observed
 from probupdate.diagnosis.fitting import Fit
+from probupdate.diagnosis.mode_numbers import Reference, modes_with, numbers_of
+from probupdate.diagnosis.predictor import observed
 from probupdate.diagnosis.prepare import Prepared
+from probupdate.diagnosis.problem import DiagnosisProblem, IncludedEffect, local_std
 from probupdate.diagnosis.results import Diagnosis
-from probupdate.diagnosis.problem import IncludedEffect, DiagnosisProblem, local_std
 from probupdate.effects.tolerances import SensorUncertainty, TurbineUncertainty
 from probupdate.effects.turbine import TurbineEffect
 from probupdate.errors import ConvergenceError, InputError
-from probupdate.updating.discrepancy import default_likelihood
-from probupdate.updating.ensemble import SamplerSettings
-from probupdate.updating.runs import deterministic_update
 from probupdate.modal.modes import ModalData, ModalDeviation, ModalSet, write_modes
 from probupdate.model.parameters import Parameter
 from probupdate.runtime.progress import Progress, silent
@@ -40,6 +37,9 @@ from probupdate.structure.extend import Effect as ModelEffect
 from probupdate.structure.extend import extended_model, write_extended
 from probupdate.structure.extend_matrices import Group, group_parameter, write_grouped
 from probupdate.structure.load import load_model
+from probupdate.updating.discrepancy import default_likelihood
+from probupdate.updating.ensemble import SamplerSettings
+from probupdate.updating.runs import deterministic_update
 
 # a parameter is told by the data if its deviation falls below this share of its prior's, and if no other goes with it
 IDENTIFIED, TOO_ALIKE = 0.5, 0.95

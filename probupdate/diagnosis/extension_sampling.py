@@ -11,13 +11,13 @@ from pathlib import Path
 import numpy as np
 
 from probupdate.errors import ProbupdateError
+from probupdate.modal.modes import ModalData
+from probupdate.runtime.progress import Progress
+from probupdate.structure.affine import AffineModel
 from probupdate.updating.discrepancy import default_likelihood
 from probupdate.updating.ensemble import SamplerSettings
 from probupdate.updating.posterior_file import Posterior, write_posterior
 from probupdate.updating.runs import sample_posterior
-from probupdate.modal.modes import ModalData
-from probupdate.runtime.progress import Progress
-from probupdate.structure.affine import AffineModel
 
 # effective draws asked for (a mean is then known to 7 % of a deviation, a deviation to 5 %), and the steps after which
 # the chain stops and says how far it came. A turbine's takes many minutes to converge: after 200 steps (40 s) three of

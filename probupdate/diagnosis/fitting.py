@@ -7,11 +7,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from probupdate.effects.catalogue import Effect
-from probupdate.diagnosis.expected import departures_at, signatures_at, local_at
+from probupdate.diagnosis.expected import departures_at, local_at, signatures_at
 from probupdate.diagnosis.linear import Design
 from probupdate.diagnosis.noise import Noise, estimate_noise
-from probupdate.diagnosis.problem import IncludedEffect, DiagnosisProblem, local_std, prior_shift
+from probupdate.diagnosis.problem import DiagnosisProblem, IncludedEffect, local_std, prior_shift
+from probupdate.effects.catalogue import Effect
 
 # a fit has settled when no parameter moves by more, in posterior deviations
 SETTLED, MOST_STEPS = 0.1, 40

@@ -23,8 +23,8 @@ from probupdate.diagnosis.problem import DiagnosisProblem
 from probupdate.diagnosis.small_model import Attachment, SmallModel
 from probupdate.effects.catalogue import Effect
 from probupdate.errors import ConvergenceError
-from probupdate.model.interface import Wireframe
 from probupdate.modal.modes import ModalData
+from probupdate.model.interface import Wireframe
 from probupdate.runtime.progress import Progress, silent
 from probupdate.structure.description import Description
 from probupdate.structure.places import place_of

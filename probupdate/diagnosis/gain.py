@@ -34,7 +34,7 @@ from probupdate.diagnosis.prediction import (
     transient,
 )
 from probupdate.diagnosis.prepare import Prepared
-from probupdate.diagnosis.problem import IncludedEffect, DiagnosisProblem, local_std
+from probupdate.diagnosis.problem import DiagnosisProblem, IncludedEffect, local_std
 from probupdate.diagnosis.stress_ratio import fatigue_change
 from probupdate.errors import ConvergenceError
 from probupdate.modal.modes import Sensor

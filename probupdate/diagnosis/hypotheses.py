@@ -25,6 +25,7 @@ from probupdate.diagnosis.evidence import (
 from probupdate.diagnosis.expected import departures_at
 from probupdate.diagnosis.fitting import Fit, fit, linearised
 from probupdate.diagnosis.large_faults import Tried, tried_together, tried_whole
+from probupdate.diagnosis.problem import DiagnosisProblem, IncludedEffect
 from probupdate.diagnosis.search import (
     MARGIN,
     Search,
@@ -33,7 +34,6 @@ from probupdate.diagnosis.search import (
     scores_beside,
     search,
 )
-from probupdate.diagnosis.problem import IncludedEffect, DiagnosisProblem
 from probupdate.diagnosis.step_time import sharpened, sharpened_again
 from probupdate.effects.catalogue import Effect
 from probupdate.errors import ConvergenceError

@@ -13,12 +13,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from probupdate.effects.catalogue import Effect
 from probupdate.diagnosis.expected import ModelAnswers, departures_at
 from probupdate.diagnosis.fitting import kept, linearised, noise_of
 from probupdate.diagnosis.linear import Design
+from probupdate.diagnosis.problem import DiagnosisProblem, IncludedEffect
 from probupdate.diagnosis.search import gains
-from probupdate.diagnosis.problem import IncludedEffect, DiagnosisProblem
+from probupdate.effects.catalogue import Effect
 from probupdate.errors import ConvergenceError
 
 # of an effect's deviation: a gain of 20, half a turn

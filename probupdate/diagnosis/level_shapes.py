@@ -12,10 +12,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from probupdate.effects.catalogue import GAIN_TOLERANCE, ROTATION_TOLERANCE_DEG, Effect
-from probupdate.diagnosis.mode_numbers import Reference
 from probupdate.diagnosis.diagnose import POWER
+from probupdate.diagnosis.mode_numbers import Reference
 from probupdate.diagnosis.problem import DISCREPANCY_PHASE, DISCREPANCY_SHAPE
+from probupdate.effects.catalogue import GAIN_TOLERANCE, ROTATION_TOLERANCE_DEG, Effect
 from probupdate.modal.modes import Sensor
 
 # what is free may be so many times the largest component

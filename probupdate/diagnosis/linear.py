@@ -16,8 +16,8 @@ from functools import cached_property
 import numpy as np
 from scipy import linalg
 
-from probupdate.diagnosis.time_profiles import TimeProfile
 from probupdate.diagnosis.noise import Noise
+from probupdate.diagnosis.time_profiles import TimeProfile
 from probupdate.errors import ConvergenceError
 
 # draws are made in chunks of so many numbers, and summed up over blocks in chunks of so many

@@ -10,9 +10,9 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from probupdate.diagnosis.blocks import Blocks
-from probupdate.effects.catalogue import Effect
 from probupdate.diagnosis.mode_numbers import Reference, fingerprint
 from probupdate.diagnosis.small_model import LocalModel, Slopes, SmallModel, SmallModes
+from probupdate.effects.catalogue import Effect
 from probupdate.errors import InputError
 from probupdate.modal.matching import assign
 from probupdate.runtime.arrays import frozen_array

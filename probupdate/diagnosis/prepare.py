@@ -11,8 +11,8 @@ from pathlib import Path
 
 import numpy as np
 
-from probupdate.effects.catalogue import Effect, measurement_effects, parameter_effects
 from probupdate.diagnosis.small_model import TURNS_DEG, SmallModel, small_model
+from probupdate.effects.catalogue import Effect, measurement_effects, parameter_effects
 from probupdate.effects.turbine import TurbineEffect, turbine_effects
 from probupdate.errors import InputError
 from probupdate.modal.modes import Sensor

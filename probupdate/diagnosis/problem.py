@@ -10,15 +10,15 @@ from functools import cached_property
 import numpy as np
 
 from probupdate.diagnosis.blocks import Blocks, gather, with_derived
-from probupdate.effects.catalogue import Effect
-from probupdate.diagnosis.time_profiles import TimeProfile, make_time_profiles
 from probupdate.diagnosis.mode_numbers import numbers_of_modes, stated_columns
-from probupdate.diagnosis.predictor import ModalPredictor, build_predictor, expected_frequencies
 from probupdate.diagnosis.noise import factored
+from probupdate.diagnosis.predictor import ModalPredictor, build_predictor, expected_frequencies
 from probupdate.diagnosis.prepare import Prepared
+from probupdate.diagnosis.time_profiles import TimeProfile, make_time_profiles
+from probupdate.effects.catalogue import Effect
 from probupdate.modal.modes import ModalData
-from probupdate.runtime.arrays import frozen_array
 from probupdate.model.parameters import Parameters
+from probupdate.runtime.arrays import frozen_array
 
 # references are computed at every angle that differs by this, signatures for every one that differs by BIN_DEG: what
 # rotor and nacelle do to the torsion's small components at the tower turns with the heading, many times the noise

@@ -10,20 +10,20 @@ import numpy as np
 from scipy import linalg, stats
 
 from probupdate.diagnosis.blocks import with_derived
-from probupdate.diagnosis.mode_numbers import labels_of
 from probupdate.diagnosis.diagnose import Outcome
 from probupdate.diagnosis.fitting import Fit
+from probupdate.diagnosis.mode_numbers import labels_of
+from probupdate.diagnosis.problem import DiagnosisProblem
 from probupdate.diagnosis.residual_state import (
     Residual,
     block_sizes,
-    free_directions,
     chunk_share,
+    free_directions,
     push,
     remainder,
     slope_share,
 )
 from probupdate.diagnosis.search import Search
-from probupdate.diagnosis.problem import DiagnosisProblem
 from probupdate.modal.modes import Sensor
 
 # a series over time has at most so many points, all series together so many numbers

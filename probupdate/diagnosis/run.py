@@ -9,7 +9,6 @@ from pathlib import Path
 
 from probupdate.campaign.reading import Campaign
 from probupdate.diagnosis.campaign_tests import campaign_tests, rate_finding, with_true_rate
-from probupdate.effects.catalogue import Effect
 from probupdate.diagnosis.diagnose import examine
 from probupdate.diagnosis.extension import extend as extend_model
 from probupdate.diagnosis.extension_sampling import bounded
@@ -19,13 +18,14 @@ from probupdate.diagnosis.prepare import Prepared, prepare
 from probupdate.diagnosis.residuals import residuals
 from probupdate.diagnosis.results import Diagnosis, Finding
 from probupdate.diagnosis.splitting import splits
-from probupdate.effects.turbine import TurbineEffect
 from probupdate.diagnosis.without_model import diagnose_without_model
+from probupdate.effects.catalogue import Effect
+from probupdate.effects.turbine import TurbineEffect
 from probupdate.errors import InputError
-from probupdate.updating.ensemble import SamplerSettings
 from probupdate.modal.modes import ModalData, Sensor
 from probupdate.runtime.progress import Progress, silent
 from probupdate.structure.parameter_table import read_parameters, read_toml
+from probupdate.updating.ensemble import SamplerSettings
 
 
 def diagnose_files(

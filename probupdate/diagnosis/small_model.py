@@ -17,8 +17,8 @@ from scipy import linalg, sparse
 
 from probupdate.errors import ConvergenceError, InputError
 from probupdate.model.interface import Wireframe
-from probupdate.runtime.arrays import frozen_array
 from probupdate.model.parameters import Parameter, Parameters
+from probupdate.runtime.arrays import frozen_array
 from probupdate.structure.affine import AffineModel
 from probupdate.structure.eigen import lowest_modes, mode_derivatives
 from probupdate.structure.projected_terms import ProjectedTerms, patterned

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 from scipy import linalg
 
-from probupdate.diagnosis.mode_numbers import labels_of
 from probupdate.diagnosis.diagnose import SURE, Outcome
 from probupdate.diagnosis.linear import Design
-from probupdate.diagnosis.results import Finding
+from probupdate.diagnosis.mode_numbers import labels_of
 from probupdate.diagnosis.problem import DiagnosisProblem
+from probupdate.diagnosis.results import Finding
 
 # alternatives less probable than this are not looked into; at most so many
 PROBABLE, MOST = 0.02, 3

@@ -6,10 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from probupdate.diagnosis.time_profiles import MARGIN, TimeProfile, step_profile
 from probupdate.diagnosis.expected import ModelAnswers, departures_at
 from probupdate.diagnosis.fitting import Fit, kept
-from probupdate.diagnosis.problem import IncludedEffect, DiagnosisProblem
+from probupdate.diagnosis.problem import DiagnosisProblem, IncludedEffect
+from probupdate.diagnosis.time_profiles import MARGIN, TimeProfile, step_profile
 from probupdate.runtime.arrays import frozen_array
 
 # shares of a block that a step may have left; by how much -2 ln posterior must be lower for it to be within one

@@ -14,7 +14,7 @@ import numpy as np
 
 from probupdate.diagnosis.fitting import Fit
 from probupdate.diagnosis.prepare import Prepared
-from probupdate.diagnosis.problem import IncludedEffect, DiagnosisProblem
+from probupdate.diagnosis.problem import DiagnosisProblem, IncludedEffect
 from probupdate.modal.modes import Sensor
 from probupdate.runtime.arrays import frozen_array
 from probupdate.structure import beam as beams

@@ -15,22 +15,22 @@ from scipy.special import logsumexp
 
 from probupdate.diagnosis.along_record import LEFT, Scores, make_contrasts, score
 from probupdate.diagnosis.blocks import Blocks, gather, with_derived
-from probupdate.effects.catalogue import Effect, measurement_effects
-from probupdate.diagnosis.time_profiles import MARGIN, N_STEP, TimeProfile, make_time_profiles, step_profile
 from probupdate.diagnosis.diagnose import POWER, SURE
-from probupdate.diagnosis.level_shapes import judge_levels, mean_shapes
 from probupdate.diagnosis.empirical_reference import look, mended
 from probupdate.diagnosis.empirical_search import (
     ALL,
     FALSE_ALARM,
     MEAN,
-    Found,
     Followed,
+    Found,
     allowed_courses,
     search,
     watch,
 )
-from probupdate.diagnosis.results import Alternative, Diagnosis, Finding, DetectionLimit
+from probupdate.diagnosis.level_shapes import judge_levels, mean_shapes
+from probupdate.diagnosis.results import Alternative, DetectionLimit, Diagnosis, Finding
+from probupdate.diagnosis.time_profiles import MARGIN, N_STEP, TimeProfile, make_time_profiles, step_profile
+from probupdate.effects.catalogue import Effect, measurement_effects
 from probupdate.modal.modes import ModalData, Sensor
 from probupdate.runtime.progress import Progress, silent
 

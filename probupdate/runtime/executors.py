@@ -92,10 +92,10 @@ class Executor(ABC):
         least: tasks that are worth a process of their own. lost: of a task that ends the process it runs in, also
         alone, the result is lost(task), and the others go on; without, that is an error."""
 
-    def prepare(self, count: int, *modules: str) -> None:
+    def prepare(self, count: int, *modules: str) -> None:  # noqa: B027
         """Start up to `count` processes and import `modules` there while the caller makes its tasks ready."""
 
-    def close(self, *, at_once: bool = False) -> None:
+    def close(self, *, at_once: bool = False) -> None:  # noqa: B027
         """at_once: what is running is given up; the next run does it again."""
 
 

@@ -16,9 +16,9 @@ from pathlib import Path
 
 import numpy as np
 
-from probupdate.diagnosis.search import model_error_dispersion
 from probupdate.diagnosis.fitting import Fit, fit
-from probupdate.diagnosis.problem import IncludedEffect, DiagnosisProblem, diagnosis_problem
+from probupdate.diagnosis.problem import DiagnosisProblem, IncludedEffect, diagnosis_problem
+from probupdate.diagnosis.search import model_error_dispersion
 
 # of what follows the surroundings: the column, and the catalogue's size over the simulator's (a softening is told per
 # hundredth of a m/s2 there)

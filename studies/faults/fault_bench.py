@@ -16,9 +16,8 @@ from pathlib import Path
 
 import h5py
 import numpy as np
-
 from fault_inputs import LONG, commands
-from fault_processes import Ended, Forked, HANGS_S, ORPHAN_S, Shell, of_sessions, processor_s
+from fault_processes import HANGS_S, ORPHAN_S, Ended, Forked, Shell, of_sessions, processor_s
 
 
 def digest(folder: Path) -> dict[str, str]:

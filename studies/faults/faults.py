@@ -33,7 +33,6 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
-
 from fault_bench import Bench
 from fault_inputs import LONG, LOST, OF_INPUTS, READ_BESIDE, SELDOM, commands, inputs
 from fault_processes import OWN_START, clock_runs_back, dies_at_rename

@@ -26,8 +26,8 @@ import probupdate
 from probupdate.campaign.reading import read_campaign
 from probupdate.identification.block_store import BlockStore
 from probupdate.identification.identify import identify as identify_campaign
-from probupdate.verbs import model_path
 from probupdate.identification.settings import IdentificationSettings
+from probupdate.verbs import model_path
 from probupdate.verbs.identifying import reference_at, ssi_settings
 
 YEAR = 365 * 48

@@ -136,7 +136,7 @@ def test_intervals_hold_the_truth_as_often_as_they_say():
                        count=200)
     for column in ranks[:, :-1].T:
         low, high = band(0.9, 200, 1 - LIMIT)
-        assert low <= coverage(column, 0.9) <= high and 0.82 < low and high < 0.97
+        assert low <= coverage(column, 0.9) <= high and low > 0.82 and high < 0.97
 
 
 def test_deviations_stated_too_wide_are_caught():

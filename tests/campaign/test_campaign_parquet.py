@@ -12,7 +12,7 @@ from probupdate.campaign.reading import read_campaign
 from probupdate.errors import InputError
 
 sys.path.append(str(Path(__file__).resolve().parents[1] / "readers"))
-from reader_cases import campaign_files  # noqa: E402
+from reader_cases import campaign_files
 
 pyarrow = pytest.importorskip("pyarrow", reason="the extra `parquet` is not installed")
 

@@ -11,21 +11,21 @@ import pytest
 import probupdate
 from probupdate.cli import main
 from probupdate.diagnosis import extension_sampling
-from probupdate.effects.catalogue import Delay, Effect, Gain, Rate, Turn
-from probupdate.diagnosis.time_profiles import TimeProfile, step_profile
 from probupdate.diagnosis.diagnose import examine
 from probupdate.diagnosis.extension import corrected, corrections, described, extend, mean_set, size_statements
 from probupdate.diagnosis.prepare import prepare
 from probupdate.diagnosis.problem import IncludedEffect, diagnosis_problem
 from probupdate.diagnosis.step_time import sharpened
+from probupdate.diagnosis.time_profiles import TimeProfile, step_profile
+from probupdate.effects.catalogue import Delay, Effect, Gain, Rate, Turn
 from probupdate.effects.turbine import turbine_effects
 from probupdate.errors import ConvergenceError
-from probupdate.updating.ensemble import SamplerSettings
-from probupdate.updating.posterior_file import read_posterior
 from probupdate.modal.modes import mac, read_modes
 from probupdate.structure.description_file import read_description
 from probupdate.structure.extend import extended_model, write_extended
 from probupdate.structure.load import load_model, reference_model
+from probupdate.updating.ensemble import SamplerSettings
+from probupdate.updating.posterior_file import read_posterior
 
 
 @pytest.fixture(scope="module")

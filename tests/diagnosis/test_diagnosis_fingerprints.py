@@ -4,16 +4,16 @@ import numpy as np
 import pytest
 
 from probupdate.diagnosis.blocks import gather
-from probupdate.effects.catalogue import measurement_effects
-from probupdate.diagnosis.time_profiles import TimeProfile
-from probupdate.diagnosis.mode_numbers import Reference, modes_with, numbers_of, numbers_of_modes
 from probupdate.diagnosis.evidence import length_std
 from probupdate.diagnosis.expected import departures_at, signatures_at
-from probupdate.diagnosis.predictor import build_predictor, effect_signatures
 from probupdate.diagnosis.fitting import fit, linearised, noise_of
+from probupdate.diagnosis.mode_numbers import Reference, modes_with, numbers_of, numbers_of_modes
+from probupdate.diagnosis.predictor import build_predictor, effect_signatures
 from probupdate.diagnosis.prepare import prepare
 from probupdate.diagnosis.problem import IncludedEffect, diagnosis_problem
 from probupdate.diagnosis.small_model import TURNS_DEG, small_model
+from probupdate.diagnosis.time_profiles import TimeProfile
+from probupdate.effects.catalogue import measurement_effects
 from probupdate.modal.modes import Sensor
 from probupdate.structure.extend import extended_model
 from probupdate.structure.load import load_model, reference_model
@@ -226,7 +226,7 @@ def test_a_ramp_beside_a_reversed_channel_is_seen_through_it(prepared, record):
     whole = departures_at(problem, theta, (known, IncludedEffect(effect=storey, course=constant, size=size)))
     unseen = departures_at(problem, theta, (IncludedEffect(effect=storey, course=constant, size=size),))
     without = departures_at(problem, theta, ())
-    for a, b, c, d, e in zip(along, plain, whole, unseen, without, strict=True):
+    for a, b, c in zip(along, plain, whole, strict=True):
         moved = np.abs(c[-1] - b[-1]).max()
         # to the second order of one per cent of stiffness
         np.testing.assert_allclose((a - b)[-1], (c - b)[-1], atol=0.02 * moved)

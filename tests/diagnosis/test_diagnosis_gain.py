@@ -7,12 +7,12 @@ import pytest
 from scipy import stats
 
 from probupdate.diagnosis import gain
-from probupdate.diagnosis.time_profiles import TimeProfile, step_profile
 from probupdate.diagnosis.expected import departures_at
 from probupdate.diagnosis.fitting import centred_departures, design_at, fit
 from probupdate.diagnosis.linear import Design
 from probupdate.diagnosis.noise import Noise
 from probupdate.diagnosis.prediction import carried, columns, course_factors, crps, predict
+from probupdate.diagnosis.time_profiles import TimeProfile, step_profile
 
 N_BLOCK, N_EFFECT, N_NUISANCE = 60, 3, 3
 SIZES = (5, 4)

@@ -6,18 +6,18 @@ import numpy as np
 import pytest
 
 import probupdate
+from probupdate.diagnosis import hypotheses
 from probupdate.diagnosis.adequacy import adequacy, neighbours_dispersion
-from probupdate.effects.catalogue import Effect, measurement_effects
-from probupdate.diagnosis.mode_numbers import Reference
 from probupdate.diagnosis.diagnose import ALIKE_SHAPES, examine
 from probupdate.diagnosis.extension import corrections
-from probupdate.diagnosis.predictor import observed
 from probupdate.diagnosis.fitting import fit
-from probupdate.diagnosis import hypotheses
 from probupdate.diagnosis.hypotheses import without
 from probupdate.diagnosis.large_faults import sizes_of, tried_whole
+from probupdate.diagnosis.mode_numbers import Reference
+from probupdate.diagnosis.predictor import observed
 from probupdate.diagnosis.prepare import prepare
 from probupdate.diagnosis.problem import IncludedEffect, diagnosis_problem
+from probupdate.effects.catalogue import Effect, measurement_effects
 from probupdate.modal.modes import Sensor
 
 SENSORS = tuple(

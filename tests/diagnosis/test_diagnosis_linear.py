@@ -8,11 +8,11 @@ import pytest
 from scipy import stats
 
 from probupdate.diagnosis import linear
-from probupdate.diagnosis.time_profiles import TimeProfile, step_profile
 from probupdate.diagnosis.evidence import ERROR_SCALES, linear_evidence, over_error_scales
 from probupdate.diagnosis.linear import Design
 from probupdate.diagnosis.noise import Noise, estimate_noise
 from probupdate.diagnosis.search import model_error_dispersion, scores_beside
+from probupdate.diagnosis.time_profiles import TimeProfile, step_profile
 
 N_BLOCK, N_EFFECT, N_NUISANCE = 12, 4, 3
 SIZES = (5, 4)

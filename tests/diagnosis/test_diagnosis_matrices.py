@@ -9,16 +9,16 @@ import pytest
 import probupdate
 from probupdate.diagnosis import wording
 from probupdate.diagnosis.crosstalk import crosstalk_effects
-from probupdate.diagnosis.mode_numbers import numbers_of_modes
 from probupdate.diagnosis.diagnose import NOT_SETTLED, NOT_TESTED, diagnose, examine
 from probupdate.diagnosis.evidence import log_evidence, only_promised, sizes_std
 from probupdate.diagnosis.expected import departures_at, local_at
-from probupdate.diagnosis.predictor import effect_signatures, observed
 from probupdate.diagnosis.fitting import fit, linearised
 from probupdate.diagnosis.hypotheses import Comparison, Hypothesis, log_prior, moves_from, without
+from probupdate.diagnosis.mode_numbers import numbers_of_modes
+from probupdate.diagnosis.predictor import effect_signatures, observed
 from probupdate.diagnosis.prepare import prepare
-from probupdate.diagnosis.search import gains
 from probupdate.diagnosis.problem import IncludedEffect, diagnosis_problem
+from probupdate.diagnosis.search import gains
 from probupdate.effects.catalogue import measurement_effects
 from probupdate.errors import InputError
 from probupdate.modal.modes import ModalData, ModalSet, Sensor

@@ -93,8 +93,8 @@ def test_as_many_modes_as_the_matrices_have_and_no_more(prepared, record):
 
 
 def test_a_covariate_told_in_a_part_of_the_record_is_missed_aloud(frame_file, record):
-    from probupdate.effects.catalogue import Effect
     from probupdate.diagnosis.problem import diagnosis_problem
+    from probupdate.effects.catalogue import Effect
 
     prepared = prepare(frame_file)
     own = Effect(kind="environmental", cause="tide", location="all", unit="-", tolerance=0.0, slab=0.1,

@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 from scipy import optimize
 
-from probupdate.diagnosis.search import model_error_dispersion
 from probupdate.diagnosis.fitting import fit
 from probupdate.diagnosis.problem import IncludedEffect, diagnosis_problem
+from probupdate.diagnosis.search import model_error_dispersion
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "studies" / "blind"))
 from told_apart import nearest, row_of

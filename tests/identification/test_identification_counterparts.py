@@ -7,13 +7,13 @@ import pytest
 
 import probupdate
 from probupdate import verbs
-from probupdate.verbs import sought
 from probupdate.campaign.reading import read_campaign
 from probupdate.errors import InputError
 from probupdate.identification.counterparts import likenesses, paired
 from probupdate.identification.identify import SSISettings, identify
 from probupdate.identification.reference import ReferenceModes
 from probupdate.modal.modes import ModalData, ModalSet, ModelMode, ModeRecord, mac, read_modes, write_modes
+from probupdate.verbs import sought
 
 
 def measured(jacket, rng, turn=0.0) -> ModalSet:

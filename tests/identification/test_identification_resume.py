@@ -17,15 +17,15 @@ import h5py
 import numpy as np
 import pytest
 
-from probupdate.runtime import executors
-from probupdate.io import files
 from probupdate.campaign.reading import read_campaign
 from probupdate.errors import InputError
 from probupdate.identification import block_store, tracking
 from probupdate.identification.classification import PoleStack
 from probupdate.identification.identify import SSISettings, identify
 from probupdate.identification.reference import ReferenceModes
+from probupdate.io import files
 from probupdate.modal.modes import ModalDeviation, StoredDeviation
+from probupdate.runtime import executors
 from probupdate.runtime.executors import completed
 from probupdate.structure.load import REFERENCE_STATES, reference_model
 

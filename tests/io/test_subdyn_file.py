@@ -5,12 +5,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.subdyn_text import STEEL, subdyn
 
 from probupdate.errors import InputError
 from probupdate.io.ssi_file import PLACES, read_ssi, scaled_ssi, write_ssi
 from probupdate.io.subdyn_file import changed, read_subdyn, write_subdyn
 from probupdate.io.subdyn_layout import as_v5
+from tests.subdyn_text import STEEL, subdyn
 
 OC4 = Path(__file__).resolve().parents[3] / "shared" / "reference" / "oc4"
 needs_oc4 = pytest.mark.skipif(not OC4.exists(), reason="the OC4 input files of ../shared/reference/oc4 are not here")

@@ -6,7 +6,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scipy.linalg import eigh
-from tests.subdyn_text import STEEL, subdyn
 
 import probupdate
 from probupdate.cli import main
@@ -15,8 +14,15 @@ from probupdate.io.subdyn_file import read_subdyn
 from probupdate.modal.modes import Sensor
 from probupdate.model.parameters import Parameter, Parameters
 from probupdate.structure.load import load_model
-from probupdate.structure.subdyn_frame import build_subdyn_frame, direction_cosines, plain_matrices, rigid_body_mass, tube
 from probupdate.structure.subdyn_frame import box as box_section
+from probupdate.structure.subdyn_frame import (
+    build_subdyn_frame,
+    direction_cosines,
+    plain_matrices,
+    rigid_body_mass,
+    tube,
+)
+from tests.subdyn_text import STEEL, subdyn
 
 OC4 = Path(__file__).resolve().parents[3] / "shared" / "reference" / "oc4"
 CLAMPED = "1 1 1 1 1 1 1"

@@ -5,7 +5,7 @@ from itertools import combinations
 
 import numpy as np
 import pytest
-from updating_cases import CHANNELS, CHAIN_TRUTH, chain_model, measured_chain
+from updating_cases import CHAIN_TRUTH, CHANNELS, chain_model, measured_chain
 
 from probupdate.modal.channel_mistakes import channel_mistake
 from probupdate.modal.modes import ModalData
