@@ -161,7 +161,8 @@ def moves_from(
         else:
             # beside what the effect itself promises there
             own = here.candidates[out]
-            promise, enough = (gain - gain[own]) / scale + priors - priors[own], least
+            promised = gain[own] if usable[own] else 0.0
+            promise, enough = (gain - promised) / scale + priors - priors[own], least
             if abs(here.z[out]) > LARGE:
                 # what a large effect leaves is beyond first order: what looks like it, and what was as probable when it
                 # was added

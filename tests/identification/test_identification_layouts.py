@@ -87,7 +87,7 @@ def test_a_building_at_100_hz_without_a_model(tmp_path):
     inside = np.flatnonzero(frequency < 5.6)
     labels = result.data.labels
     assert labels == tuple(str(k + 1) for k in range(len(labels))) and len(labels) >= 6
-    assert "no rotor speed in SCADA" in result.summary
+    assert "no SCADA: lines of a rotating machine were not looked for" in result.summary
     for s in result.data.sets:
         for j in range(4):
             error = np.abs(s.frequency_hz[j] / frequency[inside[j]] - 1)
