@@ -11,7 +11,7 @@ from scipy import special
 from probupdate.diagnosis.adequacy import adequacy, span_left
 from probupdate.diagnosis.evidence import sizes_std
 from probupdate.diagnosis.fitting import Fit, design_at, fit
-from probupdate.diagnosis.hypotheses import Explored, Hypothesis, exchanged, explore, without
+from probupdate.diagnosis.hypotheses import Explored, Hypothesis, exchanged, explore, key_of, without
 from probupdate.diagnosis.prepare import Prepared
 from probupdate.diagnosis.problem import (
     DISCREPANCY_LOG,
@@ -23,7 +23,7 @@ from probupdate.diagnosis.problem import (
     prior_shift,
 )
 from probupdate.diagnosis.results import Alternative, DetectionLimit, Diagnosis, Finding
-from probupdate.diagnosis.search import Search, model_error_dispersion, scores_beside
+from probupdate.diagnosis.search import Search, model_error_dispersion, scores_beside, search
 from probupdate.errors import ConvergenceError
 from probupdate.modal.modes import ModalData
 from probupdate.runtime.progress import Progress, silent
@@ -75,12 +75,12 @@ def examine(
     problem, theta = diagnosis_problem(prepared, data)
     progress("diagnosing", 0, most + 1)
     null, explored = _explored(problem, theta, most=most, seed=seed, progress=progress)
+    explored, findings = _beyond_chance(explored, seed)
     problem, chosen = explored.problem, explored.hypotheses[0]
     first, found, fitted = explored.first, explored.last, chosen.fitted
     if len(problem.which) > len(null.design.which):
         # crosstalks were taken up on the way
         null = replace(null, design=design_at(problem, null.theta, (), null.design.noise))
-    findings = findings_of(explored)
     fits, remaining = adequacy(problem, fitted, found)
     progress("diagnosing", most + 1, most + 1)
     silent, pinned = _silent(fitted), _pinned(fitted)
@@ -152,6 +152,35 @@ def _explored(
     if not tried:
         raise failed
     return max(tried, key=lambda pair: pair[1].hypotheses[0].log_posterior)
+
+
+def _beyond_chance(explored: Explored, seed: int) -> tuple[Explored, list[Finding]]:
+    """What was explored with the most probable hypothesis whose findings all are more probable than chance alone, and
+    these: evidence counts each in full, their probabilities by what theory does not know of so strong signatures."""
+    findings = findings_of(explored)
+    while True:
+        best = explored.hypotheses[0]
+        chance = [sum(a.posterior_probability for a in f.alternatives if a.cause == CHANCE) - f.posterior_probability
+                  for f in findings]
+        if not findings or max(chance) <= 0:
+            return explored, findings
+        problem, out = explored.problem, int(np.argmax(chance))
+        rest = key_of(problem, [k for number, k in enumerate(best.candidates) if number != out])
+        row = next((k for k, h in enumerate(explored.hypotheses) if key_of(problem, h.candidates) == rest), None)
+        if row is None:
+            return explored, findings
+        there = explored.hypotheses[row]
+        fitted = there.fitted
+        if len(problem.which) > len(fitted.design.which):
+            # crosstalks were taken up after it
+            design = design_at(problem, fitted.theta, fitted.included, fitted.design.noise)
+            there = replace(there, fitted=replace(fitted, design=design))
+        found = search(problem, there.fitted, seed=seed, z_included=there.z, heavier=explored.first.heavier)
+        kept = [row, *(k for k in range(1, len(explored.hypotheses)) if k != row)]
+        rows = (there, *(explored.hypotheses[k] for k in kept[1:]))
+        explored = replace(explored, hypotheses=rows, last=found, left_over=False,
+                           log_posterior=explored.log_posterior[kept] - explored.log_posterior[row])
+        findings = findings_of(explored)
 
 
 def findings_of(explored: Explored) -> list[Finding]:
