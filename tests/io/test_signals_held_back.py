@@ -12,6 +12,14 @@ from probupdate.io.hdf5_file import new_hdf5
 from probupdate.runtime.signals import ENDING, held_back
 
 
+@pytest.fixture(autouse=True)
+def ctrl_c_is_heard():
+    """A shell starts what runs in its background with Ctrl-C ignored, and so do these tests then: as from a terminal."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
 @pytest.mark.parametrize("number", ENDING)
 def test_a_file_that_is_being_written_is_finished_first(tmp_path, number):
     with pytest.raises(Interrupted), ended_by_signals(), new_hdf5(tmp_path / "a.h5") as file:
