@@ -7,6 +7,7 @@ covariates enter through their signature.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import groupby
 
 import numpy as np
 
@@ -66,10 +67,13 @@ def _expected(
     levels = np.column_stack([*(n.course.value for n in exact), problem.angles])
     found, place = np.unique(levels, axis=0, return_inverse=True)
     place = place.ravel()
-    seen_there = []
-    for level in found:
-        moved, seen = _state(problem.predictor, theta, exact, level[:-1])
-        seen_there.append([observed(r, seen) for r in answers.references(moved, level[-1])])
+    # the levels of one state, which come one after the other, are seen alike
+    seen_there: list[tuple[Reference, ...]] = []
+    n_group = len(problem.predictor.axes)
+    for value, levels_there in groupby(found, key=lambda level: tuple(level[:-1])):
+        moved, seen = _state(problem.predictor, theta, exact, value)
+        there = observed([r for level in levels_there for r in answers.references(moved, level[-1])], seen)
+        seen_there += [tuple(there[k : k + n_group]) for k in range(0, len(there), n_group)]
     result = []
     for q, axes in enumerate(problem.predictor.axes):
         own = Reference(tensor=np.array([r[q].tensor for r in seen_there]),
@@ -163,12 +167,11 @@ def _between_nodes(
     seen: Sequence[tuple[Effect, float]],
 ) -> list[np.ndarray]:
     before, share = angles
-    table: list[dict[int, np.ndarray]] = [{} for _ in predictor.axes]
-    for node, found in zip(nodes, at_nodes, strict=True):
-        for rows, axes, (reference, tensor, shape) in zip(table, predictor.axes, found, strict=True):
-            rows[node] = effect_signatures(effects, names, reference, tensor, shape, axes, seen)
+    places = [place for found in at_nodes for place in zip(found, predictor.axes, strict=True)]
+    made = effect_signatures(effects, names, places, seen)
     result = []
-    for rows in table:
+    for q in range(len(predictor.axes)):
+        rows = dict(zip(nodes, made[q :: len(predictor.axes)], strict=True))
         low = np.array([rows[k % N_NODE] for k in before])
         high = np.array([rows[(k + (s > 0)) % N_NODE] for k, s in zip(before, share, strict=True)])
         result.append(low + share[:, None, None] * (high - low))

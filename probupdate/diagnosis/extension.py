@@ -298,6 +298,7 @@ def mean_set(problem: DiagnosisProblem, fitted: Fit, *, like: Fit | None = None)
     frequency, frequency_std = np.full(n_mode, np.nan), np.full(n_mode, np.nan)
     shape, std = np.full((n_channel, n_mode), np.nan, complex), np.full((n_channel, n_mode), np.nan)
     references = problem.predictor.references(local, float(centres[usual]))
+    seen_there = observed(references, [(n.effect, n.size) for n in seen])
     for q, group in enumerate(blocks.groups):
         weight = np.where(chosen, design.noise.weight[q], 0.0)
         if not weight.any():
@@ -307,7 +308,7 @@ def mean_set(problem: DiagnosisProblem, fitted: Fit, *, like: Fit | None = None)
         mean = weight @ fitted.departures[q] / weight.sum()
         variance = design.noise.covariance[q] / weight.sum() + np.diag(problem.discrepancy_std[q] ** 2)
         near = float(np.exp(np.trace(references[q].tensor) / k))
-        expected = observed(references[q], [(n.effect, n.size) for n in seen])
+        expected = seen_there[q]
         A, shift = corrections(n_channel, seen, np.ones(len(seen)), near)
         axes = problem.predictor.axes[q]
         there = Reference(tensor=expected.tensor[None], shape=expected.shape[None])

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from itertools import pairwise
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
@@ -104,7 +105,7 @@ class ModalPredictor:
 
     def slopes(
         self, local: LocalModel, angles_deg: Sequence[float], slopes: Slopes
-    ) -> list[list[tuple[Reference, np.ndarray, np.ndarray]]]:
+    ) -> list[list[Sloped]]:
         """At every angle for every group its reference, and the change of the tensor (k, k, n_param) and of the shapes
         (n_channel, k, n_param) in the group's axes with each parameter of `slopes` (see LocalModel.slopes)."""
         places, own_shapes = [], []
@@ -132,48 +133,89 @@ class ModalPredictor:
         return result
 
 
-def observed(reference: Reference, effects: Sequence[tuple[Effect, float]]) -> Reference:
-    """The reference as sensors with these effects and sizes see it, each where it stands on the way of a signal."""
+def observed(references: Sequence[Reference], effects: Sequence[tuple[Effect, float]]) -> list[Reference]:
+    """The references as sensors with these effects and sizes see them, each where it stands on the way of a signal."""
     if not effects:
-        return reference
-    shape, shift = np.array(reference.shape, complex), 0.0
+        return list(references)
+    shape, shift = _as_seen(*_side_by_side(references), effects)
+    return [Reference(tensor=r.tensor + np.diag(shift[own][: len(r.tensor)]), shape=shape[:, own])
+            for r, own in zip(references, _columns(references), strict=True)]
+
+
+def _side_by_side(references: Sequence[Reference]) -> tuple[np.ndarray, np.ndarray]:
+    """Shapes (n_channel, n) of all references, and the frequency of each (n,)."""
+    width = [r.shape.shape[1] for r in references]
+    return (np.concatenate([r.shape for r in references], axis=1),
+            np.repeat([r.frequency_hz for r in references], width))
+
+
+def _columns(references: Sequence[Reference]) -> list[slice]:
+    ends = np.cumsum([0, *(r.shape.shape[1] for r in references)])
+    return [slice(*pair) for pair in pairwise(ends)]
+
+
+def _as_seen(
+    shape: np.ndarray, frequency_hz: np.ndarray, effects: Sequence[tuple[Effect, float]]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Shapes (n_channel, n) behind all effects, and what they add to ln f (n,)."""
+    shift = np.zeros(len(frequency_hz))
     for effect, size in sorted(effects, key=lambda e: e[0].stage):
-        shape, more = effect.observe(shape, reference.frequency_hz, size)
-        shift += more
-    tensor = reference.tensor + shift * np.eye(len(reference.tensor)) if shift else reference.tensor
-    return Reference(tensor=tensor, shape=shape)
+        shape, more = effect.seen(shape, frequency_hz, size)
+        shift = shift + more
+    return shape, shift
+
+
+# of one group at one angle: the plain reference, and the changes of its tensor (k, k, n_param) and of its shapes
+# (n_channel, k, n_param) with the parameters
+Sloped = tuple[Reference, np.ndarray, np.ndarray]
 
 
 def effect_signatures(
-    effects: Sequence[Effect], names: tuple[str, ...], reference: Reference, tensor: np.ndarray, shape: np.ndarray,
-    axes: np.ndarray, seen: Sequence[tuple[Effect, float]] = (),
-) -> np.ndarray:
-    """Departure per unit size of every effect (n_response, n_effect) for one group, told from `axes` (n_channel, k), at
-    one angle, where the sensors have the effects `seen` already, with their sizes: of these the size changes, any other
-    is one more. tensor (k, k, n_param) and shape (n_channel, k, n_param) are the changes of the plain reference with
-    the parameters `names`."""
+    effects: Sequence[Effect], names: tuple[str, ...], places: Sequence[tuple[Sloped, np.ndarray]],
+    seen: Sequence[tuple[Effect, float]] = (),
+) -> list[np.ndarray]:
+    """At each place - a group at one angle, with the axes (n_channel, k) it is told from - the departure per unit size of
+    every effect (n_response, n_effect), where the sensors have the effects `seen` already, with their sizes: of these
+    the size changes, any other is one more. `names`: the parameters of the slopes."""
     amounts = _increments(tuple(effects), names)
-    d_tensor, d_shape = tensor @ amounts, (_seen_change(reference, shape, seen) @ amounts).astype(complex)
+    plain = [reference for (reference, _, _), _ in places]
+    of_sensors = [j for j, effect in enumerate(effects) if effect.observe is not None]
+    d_shape, d_log = _sensor_changes([effects[j] for j in of_sensors], plain, seen)
+    result = []
+    for ((reference, tensor, shape), axes), own, there in zip(places, _columns(plain), observed(plain, seen), strict=True):
+        t_change, s_change = tensor @ amounts, (_seen_change(reference, shape, seen) @ amounts).astype(complex)
+        if of_sensors:
+            s_change[:, :, of_sensors] = d_shape[:, own]
+            t_change[:, :, of_sensors] = np.eye(len(tensor))[:, :, None] * d_log[own][:, None]
+        result.append(fingerprint(there, t_change, s_change, axes))
+    return result
+
+
+def _sensor_changes(
+    effects: Sequence[Effect], references: Sequence[Reference], seen: Sequence[tuple[Effect, float]]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Change per unit size of each effect of sensors: of all references' shapes side by side (n_channel, n, n_effect)
+    and of their ln f (n, n_effect)."""
+    shape, frequency = _side_by_side(references)
+    d_shape, d_log = np.empty((*shape.shape, len(effects)), complex), np.empty((len(frequency), len(effects)))
     for j, effect in enumerate(effects):
-        if effect.observe is None:
-            continue
         h, there = effect.step_of_size, any(e is effect for e, _ in seen)
         # a gain on top of a gain of ten does ten times what a larger one does
-        up, down = (
-            observed(reference, [(e, size + d * (e is effect)) for e, size in seen] if there else [*seen, (effect, d)])
+        (up, more), (down, less) = (
+            _as_seen(shape, frequency,
+                     [(e, size + d * (e is effect)) for e, size in seen] if there else [*seen, (effect, d)])
             for d in (h, -h)
         )
-        d_tensor[:, :, j] = (up.tensor - down.tensor) / (2 * h)
-        d_shape[:, :, j] = (up.shape - down.shape) / (2 * h)
-    return fingerprint(observed(reference, seen), d_tensor, d_shape, axes)
+        d_shape[:, :, j], d_log[:, j] = (up - down) / (2 * h), (more - less) / (2 * h)
+    return d_shape, d_log
 
 
 def _seen_change(reference: Reference, shape: np.ndarray, seen: Sequence[tuple[Effect, float]]) -> np.ndarray:
     """Changes of shape (n_channel, k, n) as sensors with these effects see them; all observations are linear."""
     if not seen:
         return shape
-    flat = Reference(tensor=reference.tensor, shape=shape.reshape(shape.shape[0], -1))
-    return observed(flat, seen).shape.reshape(shape.shape)
+    flat = shape.reshape(shape.shape[0], -1)
+    return _as_seen(flat, np.full(flat.shape[1], reference.frequency_hz), seen)[0].reshape(shape.shape)
 
 
 @lru_cache(maxsize=8)

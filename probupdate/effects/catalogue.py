@@ -13,6 +13,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import combinations
+from typing import cast
 
 import numpy as np
 
@@ -90,6 +91,19 @@ class Effect:
     def stage(self) -> int:
         """Where on the way of a signal an effect on it happens: mounting, sensor, cable, logger."""
         return next((k for k, laws in enumerate(SIGNAL_PATH) if isinstance(self.observe, laws)), 1)
+
+    def seen(self, shape: np.ndarray, frequency_hz: np.ndarray, size: float) -> tuple[np.ndarray, np.ndarray]:
+        """`observe` of modes (n_channel, n) with their own frequencies (n,): shapes and what is added to ln f (n,)."""
+        observe = cast(Observation, self.observe)
+        if isinstance(observe, LAWS):
+            changed, more = observe(shape, frequency_hz, size)
+            return changed, np.full(len(frequency_hz), more)
+        # a user's own law is promised one frequency at a time
+        result, shift = np.array(shape, complex), np.zeros(len(frequency_hz))
+        for one in np.unique(frequency_hz):
+            there = frequency_hz == one
+            result[:, there], shift[there] = observe(shape[:, there], float(one), size)
+        return result, shift
 
     def prior_odds(self, course: str) -> float:
         return dict(self.odds_along).get(course, self.odds)
@@ -191,6 +205,8 @@ class Rate:
 
 # in the order in which a signal passes them; a sensor turned before its sign is exchanged is not one turned after it
 SIGNAL_PATH = ((Turn,), (Gain,), (Swap, Crosstalk), (Delay, LowPass, Rate))
+# they take a frequency for each mode as well
+LAWS = tuple(law for laws in SIGNAL_PATH for law in laws)
 
 
 def measurement_effects(channels: Sequence[str], sensors: Sequence[Sensor] = ()) -> tuple[Effect, ...]:

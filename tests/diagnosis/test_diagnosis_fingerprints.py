@@ -53,7 +53,7 @@ def test_fingerprints_are_the_differences_of_identified_modes(prepared, record):
     local = small.at(theta)
     (here,) = field.slopes(local, [0.0], local.slopes(range(theta.size)))
     for q in range(2):
-        found = effect_signatures(effects, small.parameters.names, *here[q], field.axes[q])
+        found = effect_signatures(effects, small.parameters.names, [(here[q], field.axes[q])])[0]
         for j, effect in enumerate(effects):
             h, sides = 1e-4 if effect.observe is None else effect.step_of_size, []
             for sign in (1, -1):
@@ -125,8 +125,8 @@ def test_fingerprints_between_the_nodes_are_those_of_the_angle_itself(turbine):
     lines = signatures_at(problem.predictor, local, problem.effects, names, angles)
     slopes = local.slopes(range(len(names)))
     for k, exact in enumerate(problem.predictor.slopes(local, angles, slopes)):
-        for q, (reference, tensor, shape) in enumerate(exact):
-            own = effect_signatures(problem.effects, names, reference, tensor, shape, problem.predictor.axes[q])
+        owns = effect_signatures(problem.effects, names, list(zip(exact, problem.predictor.axes, strict=True)))
+        for q, own in enumerate(owns):
             length = np.abs(lines[q]).max(axis=(0, 1))
             # at its usual size it must do something that could be seen at all
             seen = length * np.array([e.slab for e in problem.effects]) > 1e-6

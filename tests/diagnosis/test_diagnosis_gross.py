@@ -184,7 +184,7 @@ def test_a_sensor_turned_and_reversed_is_seen_in_the_order_of_its_signal():
     included = [(reverse, -2.0), (swap, 1.0), (turn, 30.0)]
     reference = Reference(tensor=np.diag([0.1, 0.2]), shape=shape)
     for order in (included, included[::-1]):
-        np.testing.assert_allclose(observed(reference, order).shape, cable @ sign @ turned @ shape, atol=1e-14)
+        np.testing.assert_allclose(observed([reference], order)[0].shape, cable @ sign @ turned @ shape, atol=1e-14)
         found = [IncludedEffect(effect=e, course=None, size=size) for e, size in order]
         A, shift = corrections(3, found, np.ones(3), 1.0)
         np.testing.assert_allclose(A, cable @ sign @ turned, atol=1e-14)

@@ -143,11 +143,11 @@ def test_a_gain_that_is_there_already_changes_by_its_size_and_not_on_top_of_itse
         value, turn = np.linalg.eigh(reference.tensor)
 
         def departs(effects, reference=reference, axes=axes, value=value, turn=turn):
-            measured = observed(reference, effects).shape @ turn
+            measured = observed([reference], effects)[0].shape @ turn
             return numbers_of_modes(np.exp(value)[None], measured[None], axes)[0][0]
 
         none = np.zeros((k, k, 0)), np.zeros((*reference.shape.shape, 0))
-        prints = effect_signatures([own, other], (), reference, *none, axes, seen)
+        prints = effect_signatures([own, other], (), [((reference, *none), axes)], seen)[0]
         for column, more in enumerate((lambda d: [(own, factor - 1 + d)], lambda d: [*seen, (other, d)])):
             plain = (departs(more(h)) - departs(more(-h))) / (2 * h)
             np.testing.assert_allclose(prints[:, column], plain, atol=1e-5 * np.abs(plain).max() + 1e-9)
