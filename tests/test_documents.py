@@ -275,7 +275,7 @@ def test_an_effect_of_ones_own_is_made_as_its_page_says():
     (code,) = blocks(OWN_EFFECT, "python")
     made = {}
     exec(code, made)
-    assert made["own"].kind == "measurement" and made["platform"].effect.parameter == made["platform"].model.name
+    assert made["own"].kind == "measurement" and dict(made["platform"].increments) == {made["platform"].adds.name: 1.0}
     assert dict(made["lower"].increments) == {"k1": 1.0, "k2": 1.0}
 
 

@@ -27,14 +27,12 @@ from probupdate.diagnosis.prepare import Prepared
 from probupdate.diagnosis.problem import DiagnosisProblem, IncludedEffect, local_std
 from probupdate.diagnosis.results import Diagnosis
 from probupdate.effects.tolerances import SensorUncertainty, TurbineUncertainty
-from probupdate.effects.turbine import TurbineEffect
 from probupdate.errors import ConvergenceError, InputError
 from probupdate.modal.modes import ModalData, ModalDeviation, ModalSet, write_modes
 from probupdate.model.parameters import Parameter
 from probupdate.runtime.progress import Progress, silent
 from probupdate.structure.affine import AffineModel
-from probupdate.structure.extend import Effect as ModelEffect
-from probupdate.structure.extend import extended_model, write_extended
+from probupdate.structure.extend import EffectParameter, extended_model, write_extended
 from probupdate.structure.extend_matrices import Group, group_parameter, write_grouped
 from probupdate.structure.load import load_model
 from probupdate.updating.discrepancy import default_likelihood
@@ -148,14 +146,13 @@ class _Added:
     """What the model gets for the findings: effects of a turbine, or groups of the parameters of a model of matrices,
     each with its name in the file."""
 
-    effects: tuple[ModelEffect, ...] = ()
+    effects: tuple[EffectParameter, ...] = ()
     groups: tuple[tuple[IncludedEffect, Group], ...] = ()
 
     @classmethod
     def of(cls, prepared: Prepared, fitted: Fit) -> _Added:
-        rows = tuple(described(r, n) for n in fitted.included for r in prepared.rows if n.effect is r.effect)
         if prepared.description is not None:
-            return cls(effects=rows)
+            return cls(effects=tuple(described(n.effect.adds, n) for n in fitted.included if n.effect.adds is not None))
         groups, taken = [], list(prepared.prior.names)
         for n in fitted.included:
             if n.effect.parts:
@@ -196,9 +193,9 @@ class _Added:
         return replace(made, uncertainty=SensorUncertainty(model=made))
 
 
-def described(row: TurbineEffect, included: IncludedEffect) -> ModelEffect:
-    """The row's parameter, its time profile told in its description."""
-    return replace(row.model, location=f"{row.model.location}; diagnosed as {_course_words(included)}")
+def described(added: EffectParameter, included: IncludedEffect) -> EffectParameter:
+    """The parameter that the model gets for a finding, its time profile told in its description."""
+    return replace(added, location=f"{added.location}; diagnosed as {_course_words(included)}")
 
 
 def _course_words(included: IncludedEffect) -> str:
@@ -215,8 +212,7 @@ def _told_added(prepared: Prepared, added: _Added, included: IncludedEffect) -> 
     """What became of one finding."""
     effect = included.effect
     told = {"cause": effect.cause, "location": effect.location, "size": included.size, "course": included.course.name}
-    row = next((r for r in prepared.rows if r.effect is effect), None)
-    name = row.model.name if row is not None else added.name_of(included)
+    name = effect.adds.name if effect.adds is not None else added.name_of(included)
     if name is not None:
         return told | {"as": "parameter", "parameter": name}
     if effect.observe is not None:

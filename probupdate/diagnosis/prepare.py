@@ -13,7 +13,7 @@ import numpy as np
 
 from probupdate.diagnosis.small_model import TURNS_DEG, SmallModel, small_model
 from probupdate.effects.catalogue import Effect, measurement_effects, parameter_effects
-from probupdate.effects.turbine import TurbineEffect, turbine_effects
+from probupdate.effects.turbine import turbine_effects
 from probupdate.errors import InputError
 from probupdate.modal.modes import Sensor
 from probupdate.model.parameters import Parameters
@@ -32,8 +32,8 @@ N_MODE = 7
 class Prepared:
     """`path` of the model's file; small: the model with its effects; prior and updated (numbers in the small model) of
     the parameters an update would move; effects of structure and environmental and operational conditions; a user's
-    `own`; `rows` of the catalogue that have a parameter in the model. Effects of sensors are those of the channels a
-    record has (`effects_on`)."""
+    `own` of sensors or of parameters the model has. Effects of sensors are those of the channels a record has
+    (`effects_on`)."""
 
     path: Path
     small: SmallModel
@@ -41,7 +41,6 @@ class Prepared:
     updated: tuple[int, ...]
     effects: tuple[Effect, ...]
     own: tuple[Effect, ...]
-    rows: tuple[TurbineEffect, ...]
     sensors: tuple[Sensor, ...]
     description: Description | None
 
@@ -57,27 +56,31 @@ def prepare(
     sensors: Sequence[Sensor] | None = None,
     groups: Mapping[str, Mapping[str, float]] | None = None,
     effects: Sequence[Effect] = (),
-    rows: Sequence[TurbineEffect] = (),
     progress: Progress = silent,
 ) -> Prepared:
     """Read the model and put the whole catalogue into it.
 
-    `effects` are a user's own of sensors or of parameters the model has, `rows` a user's own with a parameter each;
-    what is `observe`d has a row for each channel of the record, in its order.
+    `effects` are a user's own; what is `observe`d has a row for each channel of the record, in its order. Raises
+    InputError for an effect that adds a parameter where the model is no description of a turbine.
     `groups`: named combinations of a model's parameters, name -> {parameter: change for a size of one}.
     """
     path = Path(path)
     model = load_model(path, parameters=parameters, sensors=sensors)
-    own = (*effects, *_group_effects(groups or {}, model.parameters))
+    added = [e for e in effects if e.adds is not None]
+    own = (*(e for e in effects if e.adds is None), *_group_effects(groups or {}, model.parameters))
     if model.wire is None or path.suffix == ".npz" or not hasattr(model, "derived") or not model.derived:
+        if added:
+            raise InputError(f"effect {added[0].name}", f"adds a parameter, which {path.name} takes none of",
+                             "name parameters that the model has (`parts`), or export it as model.toml")
         return _prepare_matrices(path, model, own)
     description = read_description(path)
-    catalogue = (*turbine_effects(description), *rows)
+    catalogue = (*turbine_effects(description), *added)
+    parameters_of = [e.adds for e in catalogue if e.adds is not None]
     placed = tuple(sensors) if sensors is not None else _described_sensors(description)
     models = []
     for number, angle in enumerate(TURNS_DEG):
         progress("preparing the model", number, len(TURNS_DEG) + 1)
-        one = extended_model(path, [r.model for r in catalogue], parameters=parameters, sensors=sensors,
+        one = extended_model(path, parameters_of, parameters=parameters, sensors=sensors,
                              nacelle_angle_deg=angle)
         # little of it turns: the rest is held once
         models.append(one.sharing(models[0]) if models else one)
@@ -85,16 +88,15 @@ def prepare(
     updated = tuple(first.parameters.names.index(n) for n in model.parameters.names)
     reach = np.column_stack([first.parameters.lower, first.parameters.upper])
     moved = []
-    for row in catalogue:
-        k = first.parameters.names.index(row.model.name)
+    for e, its in zip(catalogue, parameters_of, strict=True):
+        k = first.parameters.names.index(its.name)
         moved.append(k)
-        span = np.clip([-1.5 * row.effect.slab, 1.5 * row.effect.slab], row.effect.lower, row.effect.upper)
-        reach[k] = row.model.neutral + span
+        reach[k] = its.neutral + np.clip([-1.5 * e.slab, 1.5 * e.slab], e.lower, e.upper)
     small = small_model(models, n_mode=N_MODE, effects=moved, reach=reach)
     progress("preparing the model", len(TURNS_DEG) + 1, len(TURNS_DEG) + 1)
-    effects = (*parameter_effects(model.parameters), *(r.effect for r in catalogue))
+    effects = (*parameter_effects(model.parameters), *catalogue)
     return Prepared(path=path, small=small, prior=model.parameters, updated=updated, effects=effects, own=own,
-                    rows=catalogue, sensors=placed, description=description)
+                    sensors=placed, description=description)
 
 
 def _prepare_matrices(path: Path, model: AffineModel, own: tuple[Effect, ...]) -> Prepared:
@@ -102,7 +104,7 @@ def _prepare_matrices(path: Path, model: AffineModel, own: tuple[Effect, ...]) -
     reach = np.column_stack([model.parameters.lower, model.parameters.upper])
     small = small_model([model], n_mode=n_mode, effects=(), reach=reach)
     return Prepared(path=path, small=small, prior=model.parameters, updated=tuple(range(len(model.parameters))),
-                    effects=parameter_effects(model.parameters), own=own, rows=(), sensors=(),
+                    effects=parameter_effects(model.parameters), own=own, sensors=(),
                     description=None)
 
 

@@ -20,7 +20,6 @@ from probupdate.diagnosis.results import Diagnosis, Finding
 from probupdate.diagnosis.splitting import splits
 from probupdate.diagnosis.without_model import diagnose_without_model
 from probupdate.effects.catalogue import Effect
-from probupdate.effects.turbine import TurbineEffect
 from probupdate.errors import InputError
 from probupdate.modal.modes import ModalData, Sensor
 from probupdate.runtime.progress import Progress, silent
@@ -37,7 +36,6 @@ def diagnose_files(
     parameters: str | Path | None = None,
     groups: str | Path | Mapping[str, Mapping[str, float]] | None = None,
     effects: Sequence[Effect] = (),
-    rows: Sequence[TurbineEffect] = (),
     extend: bool = True,
     sampler: SamplerSettings | bool = True,
     seed: int = 1,
@@ -46,8 +44,8 @@ def diagnose_files(
 ) -> Diagnosis:
     """`model`: a file, or one made ready by `prepare` for many records; None: measurement and environmental and
     operational conditions only. `campaign`: its raw records are tested too, and say where the sensors are if `sensors`
-    does not. `groups`: name -> {parameter: change}, or a TOML file of them. `effects`, `rows`: a user's own; see
-    `prepare`. `extend`: measure what each finding gains on held-out blocks, put the findings into model and data,
+    does not. `groups`: name -> {parameter: change}, or a TOML file of them. `effects`: a user's own; see `prepare`.
+    `extend`: measure what each finding gains on held-out blocks, put the findings into model and data,
     written beside `out` (diagnosis.json's place), and run the estimators again, or where no row explains the record
     look for elementary parts that do; `sampler`: emcee too, with these settings (True: a bounded run with `seed`). """
     tests = campaign_tests(campaign, progress=progress) if campaign is not None else []
@@ -55,7 +53,7 @@ def diagnose_files(
     data = data if wrong_rate is None else with_true_rate(data, wrong_rate)
     sensors = campaign.sensors if sensors is None and campaign is not None else sensors
     if model is None:
-        _refuse_without_model(parameters=parameters, groups=groups, rows=rows)
+        _refuse_without_model(parameters=parameters, groups=groups, effects=[e for e in effects if e.adds is not None])
         found = diagnose_without_model(data, sensors, campaign_check=tests, effects=effects, seed=seed,
                                        progress=progress)
         return _with_tests(found, tests, wrong_rate)
@@ -70,7 +68,7 @@ def diagnose_files(
                          "export its matrices as model.npz")
     own = read_parameters(parameters) if parameters else None
     placed = sensors if model.suffix == ".toml" else None
-    prepared = prepare(model, parameters=own, sensors=placed, groups=groups, effects=effects, rows=rows,
+    prepared = prepare(model, parameters=own, sensors=placed, groups=groups, effects=effects,
                        progress=progress)
     return _with_tests(whole(prepared), tests, wrong_rate)
 

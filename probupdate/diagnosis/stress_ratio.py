@@ -99,8 +99,8 @@ def fatigue_change(prepared: Prepared, problem: DiagnosisProblem, old: Fit, new:
     """
     if prepared.description is None:
         return {}
-    rows = [r.model for r in prepared.rows if any(n.effect is r.effect for n in (*old.included, *new.included))]
-    description = extended_description(prepared.path, rows)
+    added = {a.name: a for n in (*old.included, *new.included) if (a := n.effect.adds) is not None}
+    description = extended_description(prepared.path, list(added.values()))
     sides = [member_stresses(description, description.values | _values(problem, f), prepared.sensors,
                              str(prepared.path)) for f in (old, new)]
     before, after = sides

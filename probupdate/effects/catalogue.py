@@ -19,6 +19,7 @@ import numpy as np
 
 from probupdate.errors import InputError
 from probupdate.modal.modes import Sensor
+from probupdate.structure.extend import EffectParameter
 
 KINDS = ("structural", "environmental", "measurement")
 COURSES = ("constant", "step", "ramp")
@@ -42,7 +43,9 @@ Observation = Callable[[np.ndarray, float, float], tuple[np.ndarray, float]]
 class Effect:
     """One row of the catalogue. `lower` and `upper` bound the size; `fingerprint` and `check` are for people: what it
     leaves in the modes, and what would confirm it on site or in the files. `odds`: how probable it is before any data
-    beside one member of the structure that has changed; `odds_along`: where another holds along a course."""
+    beside one member of the structure that has changed; `odds_along`: where another holds along a course. It enters in
+    one of four ways: by the model's `parameter`, by `parts` (parameters with their change for a size of one), by one
+    that a turbine's model `adds` for it, or by what sensors make of shapes (`observe`)."""
 
     kind: str
     cause: str
@@ -54,6 +57,7 @@ class Effect:
     upper: float = np.inf
     parameter: str = ""
     parts: tuple[tuple[str, float], ...] = ()
+    adds: EffectParameter | None = None
     observe: Observation | None = field(default=None, repr=False)
     step_of_size: float = 0.0
     discrete: tuple[float, ...] = ()
@@ -67,8 +71,8 @@ class Effect:
         where = f"effect {self.name}"
         if self.kind not in KINDS:
             raise InputError(where, f"kind '{self.kind}' is unknown", f"choose from {', '.join(KINDS)}")
-        if sum((bool(self.parameter), bool(self.parts), self.observe is not None)) != 1:
-            raise InputError(where, "must enter in exactly one way", "give one of parameter, parts, observe")
+        if sum((bool(self.parameter), bool(self.parts), self.adds is not None, self.observe is not None)) != 1:
+            raise InputError(where, "must enter in exactly one way", "give one of parameter, parts, adds, observe")
         if not (self.slab > 0 and self.tolerance >= 0):
             raise InputError(where, "slab must be above zero and tolerance not below it", "mend them")
         if not self.lower <= 0.0 <= self.upper:
@@ -85,7 +89,8 @@ class Effect:
     @property
     def increments(self) -> tuple[tuple[str, float], ...]:
         """Model parameters that move, with how much for a size of one."""
-        return ((self.parameter, 1.0),) if self.parameter else self.parts
+        name = self.parameter if self.adds is None else self.adds.name
+        return ((name, 1.0),) if name else self.parts
 
     @cached_property
     def stage(self) -> int:

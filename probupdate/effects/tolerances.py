@@ -26,8 +26,7 @@ from probupdate.structure.affine import AffineModel
 from probupdate.structure.description import Description
 from probupdate.structure.description_file import read_description
 from probupdate.structure.effect_kinds import KINDS
-from probupdate.structure.extend import Effect as ModelEffect
-from probupdate.structure.extend import extended_model
+from probupdate.structure.extend import EffectParameter, extended_model
 
 # mill and fabrication tolerance of a wall, common to the members of a group (EN 10029 allows a few per cent a plate)
 WALL = 0.01
@@ -52,7 +51,7 @@ class Tolerance:
     """A source of the model's error and the effect, a parameter of the extended model, that has its size."""
 
     source: ErrorSource
-    effect: ModelEffect
+    effect: EffectParameter
 
 
 def _common(d: Description) -> list[Tolerance]:
@@ -61,7 +60,7 @@ def _common(d: Description) -> list[Tolerance]:
 
     def add(name, kind, description, group, std, check, on=None, settings=None, mean=0.0):
         low = KINDS[kind].neutral - (0.0 if kind == "shear" else 3 * std)
-        effect = ModelEffect(name=name, kind=kind, on=on or {}, settings=settings or {}, std=std, lower=low,
+        effect = EffectParameter(name=name, kind=kind, on=on or {}, settings=settings or {}, std=std, lower=low,
                              upper=KINDS[kind].neutral + 3 * std)
         source = ErrorSource(name=name, group=group, description=description, unit="-", std=std, mean=mean, check=check)
         rows.append(Tolerance(source=source, effect=effect))
@@ -90,13 +89,12 @@ def _common(d: Description) -> list[Tolerance]:
 def turbine_rows(d: Description) -> list[Tolerance]:
     """Every source of a turbine's model."""
     rows = []
-    for row in turbine_effects(d):
-        e = row.effect
-        if not e.tolerance or e.cause in LEFT_OUT:
+    for e in turbine_effects(d):
+        if e.adds is None or not e.tolerance or e.cause in LEFT_OUT:
             continue
-        source = ErrorSource(name=row.model.name, group=GROUP_OF_CAUSE.get(e.cause, "structure"), description=e.name,
+        source = ErrorSource(name=e.adds.name, group=GROUP_OF_CAUSE.get(e.cause, "structure"), description=e.name,
                              unit=e.unit, std=e.tolerance, check=e.check)
-        rows.append(Tolerance(source=source, effect=row.model))
+        rows.append(Tolerance(source=source, effect=e.adds))
     return rows + _common(d)
 
 
@@ -150,11 +148,11 @@ class TurbineUncertainty:
     sensors: tuple[Sensor, ...]
     nacelle_angle_deg: float
     description: Description = field(repr=False)
-    added: tuple[ModelEffect, ...] = ()
+    added: tuple[EffectParameter, ...] = ()
 
     @classmethod
     def of(
-        cls, path: Path, model: AffineModel, sensors, nacelle_angle_deg: float, added: Sequence[ModelEffect] = ()
+        cls, path: Path, model: AffineModel, sensors, nacelle_angle_deg: float, added: Sequence[EffectParameter] = ()
     ) -> TurbineUncertainty:
         """Of a model that was loaded from `path`, and extended by the effects `added`."""
         description = read_description(path)

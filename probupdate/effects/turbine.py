@@ -8,7 +8,6 @@ mass 1 % and its centre 0.1 m. Slabs are what an engineer would call a notable c
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from functools import partial
 from itertools import pairwise
 from typing import cast
@@ -19,7 +18,7 @@ from probupdate.effects.catalogue import WARMS_ODDS, Effect
 from probupdate.structure.beam import Tube
 from probupdate.structure.description import Description
 from probupdate.structure.effect_kinds import KINDS
-from probupdate.structure.extend import Effect as ModelEffect
+from probupdate.structure.extend import EffectParameter
 from probupdate.structure.joints import joint_law
 
 # (1 - E(T)/E) per degree: steel loses about 0.036 % of its modulus per degree at room temperature
@@ -31,15 +30,7 @@ ICE_OUTWARD = 3.0
 FLAP_HZ = 0.7
 
 
-@dataclass(frozen=True, kw_only=True)
-class TurbineEffect:
-    """A row of the catalogue with the model's parameter that carries it."""
-
-    effect: Effect
-    model: ModelEffect
-
-
-def turbine_effects(d: Description, *, single_members: bool = False) -> tuple[TurbineEffect, ...]:
+def turbine_effects(d: Description, *, single_members: bool = False) -> tuple[Effect, ...]:
     """Every row for this turbine; with single_members also those of single braces and of a brace's joints at one leg,
     which a record tells apart from their face's only where it is long."""
     rows = [*_theory(d), *_jacket(d), *_connections(d), *_soil(d), *_water(d), *_masses(d), *_environment(d)]
@@ -48,14 +39,13 @@ def turbine_effects(d: Description, *, single_members: bool = False) -> tuple[Tu
 
 def _row(name, kind, cause, location, *, low, high, tolerance, slab, on=None, settings=None,
          courses=("constant", "step"), group="structural", fingerprint="", check="",
-         unit="", odds=1.0) -> TurbineEffect:
+         unit="", odds=1.0) -> Effect:
     neutral = KINDS[kind].neutral
-    model = ModelEffect(name=name, kind=kind, on=on or {}, settings=settings or {}, std=slab, lower=neutral + low,
-                        upper=neutral + high, cause=cause, location=location)
-    effect = Effect(kind=group, cause=cause, location=location, unit=unit or KINDS[kind].unit, tolerance=tolerance,
-                    slab=slab, lower=low, upper=high, parameter=name, courses=courses, fingerprint=fingerprint,
-                    check=check, odds=odds)
-    return TurbineEffect(effect=effect, model=model)
+    adds = EffectParameter(name=name, kind=kind, on=on or {}, settings=settings or {}, std=slab, lower=neutral + low,
+                           upper=neutral + high, cause=cause, location=location)
+    return Effect(kind=group, cause=cause, location=location, unit=unit or KINDS[kind].unit, tolerance=tolerance,
+                  slab=slab, lower=low, upper=high, adds=adds, courses=courses, fingerprint=fingerprint, check=check,
+                  odds=odds)
 
 
 def _faces(d: Description) -> dict[str, tuple[str, str]]:
@@ -68,18 +58,18 @@ def _bays(d: Description) -> range:
 
 
 # a braced face works by the braces' axial stiffness; their bending would only bring in modes of single members
-def _brace(name: str, location: str, on: dict) -> TurbineEffect:
+def _brace(name: str, location: str, on: dict) -> Effect:
     return _row(name, "stiffness", "brace stiffness lost", location, on=on, settings={"motion": "axial"}, low=-0.98,
                 high=0.0, tolerance=0.01, slab=0.5, fingerprint="torsion falls, FA and SS couple",
                 check="inspect the braces and their nodes")
 
 
-def _joint(name: str, location: str, on: dict) -> TurbineEffect:
+def _joint(name: str, location: str, on: dict) -> Effect:
     return _row(name, "joint", "joints loosened", location, on=on, low=-0.98, high=0.0, tolerance=0.1, slab=0.5,
                 fingerprint="as the braces there, weaker", check="inspect the weld toes of these nodes")
 
 
-def _jacket(d: Description) -> Iterator[TurbineEffect]:
+def _jacket(d: Description) -> Iterator[Effect]:
     for bay in _bays(d):
         for face in _faces(d):
             yield _brace(f"brace_{face}_{bay}", f"face {face}, bay {bay}", {"group": "brace", "face": face, "bay": bay})
@@ -94,7 +84,7 @@ def _jacket(d: Description) -> Iterator[TurbineEffect]:
                        fingerprint="bending of the jacket towards one diagonal", check="inspect the leg: cracks, dents")
 
 
-def _single(d: Description) -> Iterator[TurbineEffect]:
+def _single(d: Description) -> Iterator[Effect]:
     for bay in _bays(d):
         for face, legs in _faces(d).items():
             for first, second in (legs, legs[::-1]):
@@ -116,7 +106,7 @@ def _three_diameters(d: Description, diameter_m: float, thickness_m: float) -> t
     return cast(float, length / tube.second_moment({})), cast(float, length / tube.area({}))
 
 
-def _theory(d: Description) -> Iterator[TurbineEffect]:
+def _theory(d: Description) -> Iterator[Effect]:
     """Bernoulli-Euler members do not deform in shear, real ones do: normal, and far from nothing where they are
     stout. Without this row a month of sets sees a column or a tower's foot that is softer than the model."""
     if d.mesh.theory == "bernoulli-euler":
@@ -127,7 +117,7 @@ def _theory(d: Description) -> Iterator[TurbineEffect]:
                    check='set mesh.theory = "timoshenko" in the model file and update again')
 
 
-def _connections(d: Description) -> Iterator[TurbineEffect]:
+def _connections(d: Description) -> Iterator[Effect]:
     for group in ("strut", "tie"):
         for leg in d.jacket.leg_names:
             yield _row(f"{group}_{leg}", "stiffness", "transition-piece flexibility", f"{group} {leg}",
@@ -153,7 +143,7 @@ def _connections(d: Description) -> Iterator[TurbineEffect]:
                        fingerprint="as softer soil of one leg", check="inspect the grout seal")
 
 
-def _soil(d: Description) -> Iterator[TurbineEffect]:
+def _soil(d: Description) -> Iterator[Effect]:
     yield _row("scour_all", "scour", "scour", "all legs", low=0.0, high=6.0, tolerance=0.1, slab=1.5,
                courses=("constant", "step", "ramp"), fingerprint="second bending falls, base turns more",
                check="bathymetric survey")
@@ -173,7 +163,7 @@ def _tube_mass(d: Description, diameter: float, wall: float, length: float) -> f
     return d.steel.density_kgpm3 * np.pi * (diameter - wall) * wall * length
 
 
-def _water(d: Description) -> Iterator[TurbineEffect]:
+def _water(d: Description) -> Iterator[Effect]:
     """What the sea brings: growth, corrosion, water inside."""
     growth = {"high": 0.3, "tolerance": 0.005, "slab": 0.05, "courses": ("constant", "ramp"),
               "check": "ROV survey"}
@@ -210,7 +200,7 @@ def _water(d: Description) -> Iterator[TurbineEffect]:
                        fingerprint="second bending rises, one side", **flooded)
 
 
-def _masses(d: Description) -> Iterator[TurbineEffect]:
+def _masses(d: Description) -> Iterator[Effect]:
     heaviest = max(d.rna, key=lambda b: b.mass_kg)
     yield _row("rna_mass", "mass", "nacelle mass", heaviest.name, on={"body": heaviest.name},
                low=-0.3 * heaviest.mass_kg, high=0.5 * heaviest.mass_kg, tolerance=0.01 * heaviest.mass_kg,
@@ -260,7 +250,7 @@ def _ice_inertia(d: Description) -> tuple[float, ...]:
     return tuple(ICE_OUTWARD * inertia / hub.mass_kg for inertia in hub.inertia_kgm2)
 
 
-def _environment(d: Description) -> Iterator[TurbineEffect]:
+def _environment(d: Description) -> Iterator[Effect]:
     row = partial(_row, group="environmental")
     yield row("water", "water_level", "wetted length", "all members", low=-6.0, high=6.0, tolerance=0.0, slab=1.0,
               courses=("water_level_m",), unit="m", fingerprint="second bending falls with the water level",

@@ -26,8 +26,8 @@ from probupdate.structure.schema import nearest
 
 
 @dataclass(frozen=True, kw_only=True)
-class Effect:
-    """One effect as a parameter: a kind (see `effect_kinds.KINDS`), where it acts (`on`) and the kind's own settings.
+class EffectParameter:
+    """A parameter that a turbine's model gets for an effect: a kind (see `effect_kinds.KINDS`), where it acts (`on`) and the kind's own settings.
 
     `std`, `lower`, `upper` and `prior` are its prior when it is used as a candidate; `cause` and `location` say it in
     words.
@@ -73,7 +73,7 @@ class Effect:
         }
 
 
-def extended_description(path: str | Path, effects: Sequence[Effect]) -> Description:
+def extended_description(path: str | Path, effects: Sequence[EffectParameter]) -> Description:
     """The model file's description with the effects as further parameters."""
     raw = read_toml(path)
     if "matrices" in raw:
@@ -85,7 +85,7 @@ def extended_description(path: str | Path, effects: Sequence[Effect]) -> Descrip
 
 def extended_model(
     path: str | Path,
-    effects: Sequence[Effect],
+    effects: Sequence[EffectParameter],
     *,
     parameters: Parameters | None = None,
     sensors: Sequence[Sensor] | None = None,
@@ -103,7 +103,7 @@ def extended_model(
                          nacelle_angle_deg=nacelle_angle_deg)
 
 
-def _with_effects(parameters: Parameters, description: Description, effects: Sequence[Effect]) -> Parameters:
+def _with_effects(parameters: Parameters, description: Description, effects: Sequence[EffectParameter]) -> Parameters:
     names = {effect.name for effect in effects}
     added = tuple(p for p in updated_parameters_of(description, description.name) if p.name in names)
     correlation = parameters.correlation
@@ -112,7 +112,7 @@ def _with_effects(parameters: Parameters, description: Description, effects: Seq
     return Parameters((*parameters.items, *added), correlation)
 
 
-def extended_text(path: str | Path, effects: Sequence[Effect]) -> str:
+def extended_text(path: str | Path, effects: Sequence[EffectParameter]) -> str:
     """The user's file as it is, with a [[parameter]] table per effect at its end."""
     extended_description(path, effects)
     own = read_text(path)
@@ -120,7 +120,7 @@ def extended_text(path: str | Path, effects: Sequence[Effect]) -> str:
     return own + "".join(f"\n{parameter_text(effect.table())}" for effect in effects)
 
 
-def write_extended(path: str | Path, effects: Sequence[Effect], out: str | Path) -> Path:
+def write_extended(path: str | Path, effects: Sequence[EffectParameter], out: str | Path) -> Path:
     """Write the extended model file to `out`; `load_model` reads it."""
     return write_text(out, extended_text(path, effects))
 

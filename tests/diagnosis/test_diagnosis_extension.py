@@ -141,8 +141,8 @@ def test_an_extended_turbine_is_the_old_one_until_its_parameter_moves(tmp_path):
     """The file with a finding in it loads; at its neutral value its modes are the original's, at the diagnosed size
     those of the model the size was fitted in."""
     path = reference_model("updated")
-    row = next(r for r in turbine_effects(read_description(path)) if r.model.name == "brace_BC_2")
-    told = described(row, IncludedEffect(effect=row.effect, course=step_profile(40, 20), size=-0.6))
+    row = next(r for r in turbine_effects(read_description(path)) if r.adds.name == "brace_BC_2")
+    told = described(row.adds, IncludedEffect(effect=row, course=step_profile(40, 20), size=-0.6))
     model = load_model(write_extended(path, [told], tmp_path / "diagnosis.model.toml"))
     assert model.parameters.names[-1] == "brace_BC_2"
     assert "block 21" in next(p.description for p in model.parameters if p.name == "brace_BC_2")
@@ -150,8 +150,8 @@ def test_an_extended_turbine_is_the_old_one_until_its_parameter_moves(tmp_path):
     plain = load_model(path)
     original = plain.solve(plain.parameters.initial, 5).frequency_hz
     np.testing.assert_allclose(model.solve(theta, 5).frequency_hz, original, rtol=1e-9)
-    theta[-1] = row.model.neutral - 0.6
-    fitted_in = extended_model(path, [row.model])
+    theta[-1] = row.adds.neutral - 0.6
+    fitted_in = extended_model(path, [row.adds])
     np.testing.assert_allclose(model.solve(theta, 5).frequency_hz, fitted_in.solve(theta, 5).frequency_hz, rtol=1e-9)
     assert model.solve(theta, 5).frequency_hz[2] < original[2] * 0.999
 

@@ -93,10 +93,10 @@ def test_one_basis_serves_every_nacelle_angle():
 
 def test_effects_do_on_the_small_basis_what_they_do_in_the_whole_model(turbine):
     """A basis that holds frequencies to 1e-3 took a quarter off a leg's lost stiffness and half off a brace's."""
-    rows = [r for r in turbine.rows if r.effect.cause in (
+    rows = [r for r in turbine.effects if r.adds and r.cause in (
         "brace stiffness lost", "joints loosened", "leg stiffness lost", "marine growth", "scour", "tower stiffness")]
     assert len(rows) > 40
-    whole = extended_model(turbine.path, [r.model for r in rows], parameters=turbine.prior, nacelle_angle_deg=0.0)
+    whole = extended_model(turbine.path, [r.adds for r in rows], parameters=turbine.prior, nacelle_angle_deg=0.0)
     names, small_names = whole.parameters.names, turbine.small.parameters.names
     start, small_start = np.array(whole.parameters.initial), np.array(turbine.small.parameters.initial)
     before = whole.solve(start, 5).frequency_hz
@@ -105,13 +105,13 @@ def test_effects_do_on_the_small_basis_what_they_do_in_the_whole_model(turbine):
     small_before = turbine.small.at(small_start).solve().frequency_hz[others]
     np.testing.assert_allclose(small_before, before, rtol=3e-4)
     for row in rows[::3]:
-        size = row.effect.slab if row.effect.upper > 0 else -row.effect.slab
+        size = row.slab if row.upper > 0 else -row.slab
         moved, small_moved = start.copy(), small_start.copy()
-        moved[names.index(row.model.name)] += size
-        small_moved[small_names.index(row.model.name)] += size
+        moved[names.index(row.adds.name)] += size
+        small_moved[small_names.index(row.adds.name)] += size
         change = np.log(whole.solve(moved, 5).frequency_hz / before)
         found = np.log(turbine.small.at(small_moved).solve().frequency_hz[others] / small_before)
-        assert np.linalg.norm(found - change) < 0.1 * np.linalg.norm(change) + 1e-4, row.effect.name
+        assert np.linalg.norm(found - change) < 0.1 * np.linalg.norm(change) + 1e-4, row.name
 
 
 def test_fingerprints_between_the_nodes_are_those_of_the_angle_itself(turbine):

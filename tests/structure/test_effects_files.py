@@ -15,18 +15,18 @@ from probupdate.modal.modes import Sensor
 from probupdate.model.parameters import Parameter, Parameters
 from probupdate.structure.description_file import parse_description, read_description
 from probupdate.structure.effect_kinds import KINDS
-from probupdate.structure.extend import Effect, extended_model, extended_text, parameter_text, write_extended
+from probupdate.structure.extend import EffectParameter, extended_model, extended_text, parameter_text, write_extended
 from probupdate.structure.load import load_model, reference_model
 from probupdate.structure.parameter_table import KEYS
 
 REFERENCE = reference_model("as_built")
 CHOSEN = (
-    Effect(name="face \"AB\" lost", kind="stiffness", on={"group": "brace", "face": "AB", "bay": 2},
+    EffectParameter(name="face \"AB\" lost", kind="stiffness", on={"group": "brace", "face": "AB", "bay": 2},
            settings={"motion": "axial"}, std=0.1 + 0.2, lower=0.0, upper=2.0, cause="brace loss", location="face AB"),
-    Effect(name="scour_A", kind="scour", on={"leg": "A"}, std=1.0, lower=0.0, upper=5.0),
-    Effect(name="band", kind="growth", on={"level_m": (-15.0, -5.0)}, std=0.05, lower=0.0, upper=0.3,
+    EffectParameter(name="scour_A", kind="scour", on={"leg": "A"}, std=1.0, lower=0.0, upper=5.0),
+    EffectParameter(name="band", kind="growth", on={"level_m": (-15.0, -5.0)}, std=0.05, lower=0.0, upper=0.3,
            prior="normal"),
-    Effect(name="ice", kind="mass", on={"body": "hub"}, settings={"inertia_per_kg_m2": (0.0, 100.0, 1e-17)}, std=1e3,
+    EffectParameter(name="ice", kind="mass", on={"body": "hub"}, settings={"inertia_per_kg_m2": (0.0, 100.0, 1e-17)}, std=1e3,
            lower=0.0, upper=1e5),
 )
 
@@ -40,7 +40,7 @@ def test_the_written_file_is_the_extended_model(tmp_path):
     theta = extended.parameters.initial + 0.1 * extended.parameters.std
     assert np.array_equal(read.solve(theta, 6).frequency_hz, extended.solve(theta, 6).frequency_hz)
     # a second time, on what was written
-    again = write_extended(path, [Effect(name="more", kind="weight", std=1.0, lower=0.0, upper=2.0)], path)
+    again = write_extended(path, [EffectParameter(name="more", kind="weight", std=1.0, lower=0.0, upper=2.0)], path)
     assert load_model(again).parameters.names == (*extended.parameters.names, "more")
 
 
@@ -199,7 +199,7 @@ def test_models_of_matrices_take_none(tmp_path):
     with pytest.raises(InputError, match="a model of matrices takes no effects"):
         extended_model(path, CHOSEN)
     with pytest.raises(InputError, match="the kind 'loss' is unknown"):
-        Effect(name="e", kind="loss", std=1.0, lower=0.0, upper=1.0)
+        EffectParameter(name="e", kind="loss", std=1.0, lower=0.0, upper=1.0)
 
 
 def test_kinds_have_a_meaning_and_do_not_clash_with_keys():
@@ -212,7 +212,7 @@ def test_kinds_have_a_meaning_and_do_not_clash_with_keys():
 @pytest.fixture(scope="module")
 def catalogue():
     d = parse_description(with_effects([sample("scour")]), "m")
-    return tuple(row.model for row in turbine_effects(d, single_members=True))
+    return tuple(row.adds for row in turbine_effects(d, single_members=True))
 
 
 def test_the_catalogue_covers_every_leg_face_bay_and_kind(catalogue):
@@ -251,7 +251,7 @@ def test_every_effect_of_the_catalogue_shows_at_the_channels(catalogue):
 def test_the_reference_turbine_s_catalogue_is_accepted_as_a_file(tmp_path):
     for state in ("design", "as_built", "updated"):
         path = reference_model(state)
-        effects = [row.model for row in turbine_effects(read_description(path))]
+        effects = [row.adds for row in turbine_effects(read_description(path))]
         assert len(effects) > 130
         text = extended_text(path, effects)
         assert len(tomllib.loads(text)["parameter"]) == 17 + len(effects)
