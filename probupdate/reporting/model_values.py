@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -44,7 +44,7 @@ def model_values(model: Model, data: ModalData | None, update: UpdateRecord | No
         theta["updated"] = update.map_theta
     wire = model.wireframe(theta["initial"])
     chosen = drawn_set(data, update)
-    if chosen is None or not chosen.measured.any():
+    if data is None or chosen is None or not chosen.measured.any():
         labels = tuple(f"mode {k + 1}" for k in range(n_plain))
         states = {name: _first_modes(model, values, n_plain) for name, values in theta.items()}
         return ModelValues(model=model, wire=wire, labels=labels, pairs=(), states=states)
@@ -71,11 +71,15 @@ def _first_modes(model: Model, theta: np.ndarray, n_mode: int) -> ShapedModes:
 def _displacement(model: Model, theta: np.ndarray, n_mode: int) -> np.ndarray:
     """(n_node, 3, n_mode), without a node where the model has no geometry."""
     drawn = model.wireframe(theta, n_mode)
-    return np.zeros((0, 3, n_mode)) if drawn is None else drawn.displacement
+    if drawn is None:
+        return np.zeros((0, 3, n_mode))
+    # modes were asked for
+    assert drawn.displacement is not None
+    return drawn.displacement
 
 
 def _matched_modes(
-    model: Model, theta: np.ndarray, n_mode: int, data: ModalData, chosen: ModalSet, clusters
+    model: Model, theta: np.ndarray, n_mode: int, data: ModalData, chosen: ModalSet, clusters: Sequence[tuple[int, ...]]
 ) -> ShapedModes:
     solution, drawn = model.solve(theta, n_mode), _displacement(model, theta, n_mode)
     rows = channel_rows(model, data.channels)
