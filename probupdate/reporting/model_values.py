@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 
 import numpy as np
 
-from probupdate.modal.matching import MIN_MAC, SPARE, channel_rows, close_clusters, match
+from probupdate.modal.matching import MIN_MAC, SPARE, ModeGroup, channel_rows, close_clusters, match
 from probupdate.modal.modes import ModalData, ModalSet
 from probupdate.model.interface import Model
 from probupdate.reporting.values import ModelValues
@@ -79,7 +79,7 @@ def _displacement(model: Model, theta: np.ndarray, n_mode: int) -> np.ndarray:
 
 
 def _matched_modes(
-    model: Model, theta: np.ndarray, n_mode: int, data: ModalData, chosen: ModalSet, clusters: Sequence[tuple[int, ...]]
+    model: Model, theta: np.ndarray, n_mode: int, data: ModalData, chosen: ModalSet, clusters: list[tuple[int, ...]]
 ) -> ShapedModes:
     solution, drawn = model.solve(theta, n_mode), _displacement(model, theta, n_mode)
     rows = channel_rows(model, data.channels)
@@ -97,5 +97,5 @@ def _matched_modes(
     return ShapedModes(frequency_hz=frequency, shape=shape, displacement=moved)
 
 
-def _ordered(groups) -> Mapping[int, int]:
+def _ordered(groups: tuple[ModeGroup, ...]) -> Mapping[int, int]:
     return {j: i for group in groups for j, i in zip(group.measured, group.computed, strict=True)}
