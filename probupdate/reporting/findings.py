@@ -57,9 +57,10 @@ def _of_fit(run: Run) -> list[Finding]:
     if update is None:
         return []
     if misses(update):
+        its = "more of its" if stated_error(update) else "its"
         return [Finding(level="warning", short="the model does not fit", text=sentence(fit_sentence(update)),
-                        action="Find what the model lacks (`probupdate diagnose`), or state "
-                        f"{'more of its' if stated_error(update) else 'its'} error with --discrepancy and update again.")]
+                        action=f"Find what the model lacks (`probupdate diagnose`), or state {its} error with "
+                        "--discrepancy and update again.")]
     if too_close(update):
         return [Finding(
             level="caution", short="the stated standard deviations are too wide for these data",
@@ -82,8 +83,8 @@ def _of_sampler(run: Run) -> list[Finding]:
     if fallback > MANY_FALLBACKS * evaluated:
         found.append(Finding(
             level="warning", short="the reduced basis does not cover the posterior",
-            text=f"{count(fallback)} of {count(evaluated)} evaluations fell outside the reduced basis and were answered "
-            "by the full model: exact, but the basis does not cover where the chain went."))
+            text=f"{count(fallback)} of {count(evaluated)} evaluations fell outside the reduced basis and were "
+            "answered by the full model: exact, but the basis does not cover where the chain went."))
     return found
 
 

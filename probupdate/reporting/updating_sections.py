@@ -177,7 +177,8 @@ def _mac_table(update: UpdateRecord, jacket: bool) -> Table:
             k = where[j]
             row += [fixed(paper_tables.MAC[name][k], 2) if k is not None else "" for name in ("as-built", "updated")]
         rows.append(tuple(row))
-    columns = [Column(name="mode", number=False), *[Column(name=name, unit="-") for name, *_ in _configurations(update)]]
+    columns = [Column(name="mode", number=False)]
+    columns += [Column(name=name, unit="-") for name, *_ in _configurations(update)]
     if jacket:
         columns += [Column(name=f"paper: {name}", unit="-", paper=True) for name in ("as-built", "updated")]
     pairs = [" and ".join(update.labels[j] for j in g) for g in update.pairs]
