@@ -28,10 +28,9 @@ def component_items(update: UpdateRecord) -> list[Element]:
             svg=figures.svg_text(
                 figures.variance_shares(names, [parts.names[k] for k in there], share[there]), "components"),
             caption="What each parameter's variance is made of, by the Gaussian approximation at the MAP: errors of "
-                    "the "
-            "identification, the model's own discrepancy, tolerances by group, and what the prior leaves. A bar that "
-            "is "
-            "all prior was not informed by the data; where identification is large, a longer or better record helps."),
+            "the identification, the model's own discrepancy, tolerances by group, and what the prior leaves. A bar "
+            "that is all prior was not informed by the data; where identification is large, a longer or better record "
+            "helps."),
         _components_table(update, parts, share, total),
     ]
     if parts.measures:

@@ -13,6 +13,7 @@ from probupdate.reporting.elements import count, fixed, number, sentence
 from probupdate.reporting.standing import BOUND, standings
 from probupdate.reporting.updating_sections import scheme_name, too_close
 from probupdate.reporting.values import Run
+from probupdate.updating.posterior_file import Posterior
 from probupdate.updating.update_file import UpdateRecord, fit_sentence, misses, stated_error
 
 LEVELS = ("warning", "caution", "good")
@@ -79,13 +80,18 @@ def _of_sampler(run: Run) -> list[Finding]:
         found.append(Finding(level="warning", short="the sampler did not converge", text=posterior.verdict,
                              action="Run `probupdate sample` again with more --max-steps: it goes on where it "
                              "stopped."))
-    evaluated, fallback = int(posterior.record.get("evaluated", 0)), int(posterior.record.get("fallback", 0))
+    evaluated, fallback = evaluations(posterior)
     if fallback > MANY_FALLBACKS * evaluated:
         found.append(Finding(
             level="warning", short="the reduced basis does not cover the posterior",
             text=f"{count(fallback)} of {count(evaluated)} evaluations fell outside the reduced basis and were "
             "answered by the full model: exact, but the basis does not cover where the chain went."))
     return found
+
+
+def evaluations(posterior: Posterior) -> tuple[int, int]:
+    """How many of the chain, and how many of these the full model answered."""
+    return int(posterior.record.get("evaluated", 0)), int(posterior.record.get("fallback", 0))
 
 
 def _of_diagnosis(run: Run) -> list[Finding]:

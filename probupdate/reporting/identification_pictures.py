@@ -20,6 +20,7 @@ from probupdate.modal.modes import ModalData, ModalSet, mac, modal_phase_colline
 from probupdate.reporting import figures_identification as draw
 from probupdate.reporting import figures_measurement as measurement
 from probupdate.reporting.style import FULL_IN, GREY, INK, PALE, save_figure
+from probupdate.reporting.values import mode_labels
 
 # stable: twins at the order below within these, as commonly drawn
 SAME_FREQUENCY, SAME_DAMPING, SAME_MAC = 0.01, 0.05, 0.95
@@ -122,7 +123,7 @@ def stabilisation_drawing(block: BlockPoles, modes: ModalData) -> Drawing:
     for before, now in zip([None, *every[:-1]], every, strict=True):
         steadiness += _steadiness(before, now)
     modal = next((s for s in modes.sets if s.id == block.id), None)
-    labels = modes.labels or tuple(f"mode {k + 1}" for k in range(modes.n_mode))
+    labels = mode_labels(modes)
     chosen = {} if modal is None else dict(zip(labels, modal.frequency_hz, strict=True))
     bands = {} if modal is None else _bands(modal)
     figure = draw.stabilisation(
@@ -158,7 +159,7 @@ def _bands(modal: ModalSet) -> dict[str, tuple[float, float]]:
 
 def mode_drawings(modes: ModalData) -> Iterator[Drawing]:
     """Maps of MAC and MPC, Argand plots and frequency against conditions, from modal sets alone."""
-    labels = list(modes.labels) or [f"mode {k + 1}" for k in range(modes.n_mode)]
+    labels = mode_labels(modes)
     sets = [s for s in modes.sets if s.measured.any()]
     if not sets:
         return
@@ -173,7 +174,7 @@ def mode_drawings(modes: ModalData) -> Iterator[Drawing]:
         yield from _drawings_over_sets(sets, one, labels)
 
 
-def _drawings_over_sets(sets: list[ModalSet], one: ModalSet, labels: list[str]) -> Iterator[Drawing]:
+def _drawings_over_sets(sets: list[ModalSet], one: ModalSet, labels: tuple[str, ...]) -> Iterator[Drawing]:
     every, modes = np.stack([s.shape for s in sets]), range(len(labels))
     similar = np.array([[_median_mac(every[:, :, i], one.shape[:, j]) for j in modes] for i in modes])
     yield Drawing(name="mac_over_sets", figure=draw.mac_map(

@@ -33,7 +33,7 @@ from probupdate.reporting.identification_pictures import (
     stabilisation_drawing,
 )
 from probupdate.reporting.style import HALF_IN
-from probupdate.reporting.values import CampaignValues, Run
+from probupdate.reporting.values import CampaignValues, Run, mode_labels
 
 # the cut-in and rated wind speed and the rated rotor speed of the paper's turbine, drawn for orientation
 CUT_IN_MPS, RATED_MPS = 4.0, 12.0
@@ -180,7 +180,7 @@ def block_states(modes: ModalData) -> np.ndarray:
 
 
 def _frequency_tables(run: Run, modes: ModalData) -> list[Element]:
-    labels = modes.labels or tuple(f"mode {k + 1}" for k in range(modes.n_mode))
+    labels = mode_labels(modes)
     picture = _frequencies_by_block(run, modes, labels)
     return [_frequency_table(modes, labels, run.jacket), *([picture] if picture else [])]
 
@@ -285,12 +285,17 @@ def _selection_reasons(run: Run, selection: pd.DataFrame) -> list[Element]:
     return items
 
 
+def passing(selection: pd.DataFrame) -> int:
+    """Blocks that no criterion took away."""
+    return int((selection["criterion"].astype(object).fillna("") == "").sum())
+
+
 def _criteria_table(run: Run, selection: pd.DataFrame, excluded: dict[str, int]) -> Table:
     """Table 1 beside how many blocks each of its criteria took here."""
     here = (("yawing", "pitching"), ("not idling",), ("modes not identified",), ("planes not perpendicular",))
     rows = [(assumption, criterion, str(sum(excluded.get(name, 0) for name in names)))
             for (assumption, criterion), names in zip(paper_tables.SELECTION, here, strict=True)]
-    left = int((selection["criterion"].astype(object).fillna("") == "").sum())
+    left = passing(selection)
     kept = f"{len(run.nine.sets)} of {left}" if run.nine is not None else str(left)
     rows.append(("selected sets", f"{paper_tables.SELECTED_SETS} in the paper", f"{kept} that pass"))
     columns = (Column(name="assumption", number=False, paper=True), Column(name="criterion", number=False, paper=True),
@@ -300,7 +305,7 @@ def _criteria_table(run: Run, selection: pd.DataFrame, excluded: dict[str, int])
 
 
 def _nine_sets(run: Run, nine: ModalData) -> list[Element]:
-    labels = nine.labels or tuple(f"mode {k + 1}" for k in range(nine.n_mode))
+    labels = mode_labels(nine)
     truth = truth_frequencies(run, labels)
     rows, marked = [], set()
     reference = nine.set()

@@ -9,7 +9,7 @@ import numpy as np
 from probupdate.modal.matching import MIN_MAC, SPARE, ModeGroup, channel_rows, close_clusters, match
 from probupdate.modal.modes import ModalData, ModalSet
 from probupdate.model.interface import Model
-from probupdate.reporting.values import ModelValues
+from probupdate.reporting.values import ModelValues, mode_labels
 from probupdate.reporting.viewer import ShapedModes
 from probupdate.updating.problem import SEARCH
 from probupdate.updating.update_file import UpdateRecord
@@ -55,7 +55,7 @@ def model_values(model: Model, data: ModalData | None, update: UpdateRecord | No
         single = set(range(chosen.frequency_hz.size)) - {j for pair in update.pairs for j in pair}
         clusters = [*update.pairs, *((j,) for j in sorted(single))]
     n_mode = min(n_mode, model.n_available)
-    labels = data.labels or tuple(f"mode {k + 1}" for k in range(data.n_mode))
+    labels = mode_labels(data)
     states = {name: _matched_modes(model, values, n_mode, data, chosen, clusters) for name, values in theta.items()}
     pairs = tuple(c for c in clusters if len(c) > 1)
     return ModelValues(model=model, wire=wire, labels=labels, pairs=pairs, states=states)

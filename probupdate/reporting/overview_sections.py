@@ -23,7 +23,8 @@ from probupdate.reporting.elements import (
     percent,
     sentence,
 )
-from probupdate.reporting.findings import MANY_FALLBACKS, Finding, findings, worst
+from probupdate.reporting.findings import MANY_FALLBACKS, Finding, evaluations, findings, worst
+from probupdate.reporting.measurement_sections import passing
 from probupdate.reporting.modes_section import MODE_NAMES
 from probupdate.reporting.posterior_sections import marks, truth_sentence
 from probupdate.reporting.standing import (
@@ -201,7 +202,7 @@ def _sets_tile(run: Run, modes: ModalData) -> Tile:
     selected = len(run.nine.sets) if run.nine is not None else None
     detail = f"{plural(blocks, 'set')} of {modes.n_mode} modes at {len(modes.channels)} channels"
     if run.selection is not None:
-        passed = int((run.selection["criterion"].astype(object).fillna("") == "").sum())
+        passed = passing(run.selection)
         detail = f"modes found in {identified} of {blocks} blocks, {passed} pass every criterion"
     value = f"{selected} of {blocks}" if selected is not None else str(blocks)
     return Tile(label="sets used" if selected is not None else "modal sets", value=value, detail=detail)
@@ -290,9 +291,8 @@ def _shifts_picture(run: Run, update: UpdateRecord) -> Picture:
     shifts = figures.departures(update.parameters.items, draws, marks(run, update))
     return Picture(svg=figures.svg_text(shifts, "departures"),
                    caption="Where each parameter went. A posterior as wide as the grey bar has learned nothing from "
-                           "the "
-                   "data; estimates far from the posterior's middle are not to be relied on. MAP: the most probable "
-                   "parameters.")
+                   "the data; estimates far from the posterior's middle are not to be relied on. MAP: the most "
+                   "probable parameters.")
 
 
 def remarkable(run: Run) -> list[str]:
@@ -310,7 +310,7 @@ def remarkable(run: Run) -> list[str]:
         said += [f"Left out: {t}." for t in update.left_out]
     if posterior is not None and update is not None:
         said += _known_together(update, posterior)
-        evaluated, fallback = int(posterior.record.get("evaluated", 0)), int(posterior.record.get("fallback", 0))
+        evaluated, fallback = evaluations(posterior)
         if 0 < fallback <= MANY_FALLBACKS * evaluated:
             share = number(100 * fallback / evaluated, 2)
             said.append(f"{count(fallback)} of {count(evaluated)} evaluations ({share} %) fell outside "

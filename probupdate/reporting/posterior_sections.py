@@ -20,6 +20,7 @@ from probupdate.reporting.elements import (
     number,
     sentence,
 )
+from probupdate.reporting.findings import MANY_FALLBACKS, evaluations
 from probupdate.reporting.standing import contraction
 from probupdate.reporting.style import MAP, PRIOR_UPDATE, STEP_UPDATE, TRUTH
 from probupdate.reporting.values import Run
@@ -53,10 +54,10 @@ def posterior_section(run: Run) -> Section:
             "update.json, which names the parameters and priors that the posterior is drawn against."
         return Section(anchor="posterior", title=title, items=(Notice(level="missing", text=text),))
     items: list[Element] = [Notice(level="good" if posterior.converged else "warning", text=posterior.verdict)]
-    evaluated, fallback = int(posterior.record.get("evaluated", 0)), int(posterior.record.get("fallback", 0))
+    evaluated, fallback = evaluations(posterior)
     if fallback:
         items.append(Notice(
-            level="warning" if fallback > 0.2 * evaluated else "plain",
+            level="warning" if fallback > MANY_FALLBACKS * evaluated else "plain",
             text=f"{count(fallback)} of {count(evaluated)} evaluations fell outside the reduced basis and were "
             "answered by the full model: exact, but slow."))
     points, ratio = marks(run, update), contraction(update, posterior)
