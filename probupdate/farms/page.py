@@ -10,7 +10,7 @@ from probupdate.farms.description import Farm
 from probupdate.farms.summary import DONE, FAILED, WAITING, MonthRow, by_turbine, labels_of, months_of
 from probupdate.io.files import write_text
 from probupdate.io.result_table import plural
-from probupdate.reporting.elements import MISSING, Column, Items, Picture, Section, Table, number, percent
+from probupdate.reporting.elements import MISSING, Column, Element, Items, Picture, Section, Table, number, percent
 
 # verdict -> name of its colour in the style of figures, and its marker
 MARKS = {"none": ("GREEN", "o"), "named": ("RED", "X"), "ambiguous": ("ORANGE", "^"), "unexplained": ("PURPLE", "s"),
@@ -24,7 +24,7 @@ def write_page(farm: Farm, rows: Sequence[MonthRow], path: Path) -> Path:
     failed = [row for row in rows if row.state == FAILED]
     changed = [row for row in rows if row.changes]
     count = {state: sum(row.state == state for row in rows) for state in (DONE, FAILED, WAITING)}
-    items: list[object] = []
+    items: list[Element] = []
     if failed:
         items.append(Items(title="Failed", level="warning", statements=tuple(
             f"{row.turbine}, {row.month}, at {row.failed_step}: {row.failed}" for row in failed)))

@@ -31,7 +31,7 @@ def campaign_values(folder: Path, check: Path | None = None) -> CampaignValues:
         facts.append(("channels left out", ", ".join(campaign.left_out)))
     scada, rule = None, ""
     if campaign.scada is not None:
-        scada, rule = scada_values(campaign)
+        scada, rule = scada_values(campaign, campaign.scada)
         facts.append(("SCADA", f"{len(scada)} intervals, {campaign.scada.shape[1]} columns"))
     return CampaignValues(
         name=campaign.name, sensors=campaign.sensors, sampling_rate_hz=campaign.sampling_rate_hz,
@@ -78,14 +78,14 @@ def _coverage(campaign: Campaign) -> list[tuple[str, str]]:
     ]
 
 
-def scada_values(campaign: Campaign) -> tuple[pd.DataFrame, str]:
+def scada_values(campaign: Campaign, scada: pd.DataFrame) -> tuple[pd.DataFrame, str]:
     """SCADA with a column `time` (UTC, no zone) and, where the power was recorded, `state`; and the rule in words."""
-    rule = with_rated_power(StateRule(rated_power_kw=campaign.rated_power_kw), campaign.scada)
-    table = campaign.scada.reset_index()
+    rule = with_rated_power(StateRule(rated_power_kw=campaign.rated_power_kw), scada)
+    table = scada.reset_index()
     table["time"] = table["time"].dt.tz_localize(None)
     if rule.rated_power_kw is None:
         return table, "The power was not recorded, so the states are not known."
-    table["state"] = row_states(campaign.scada, rule)
+    table["state"] = row_states(scada, rule)
     source = "the highest power recorded" if campaign.rated_power_kw is None else "the rated power"
     words = (
         f"States by power: idling up to {100 * rule.idling_share:g} % and rated from {100 * rule.rated_share:g} % of "

@@ -5,14 +5,14 @@ from __future__ import annotations
 import numpy as np
 
 from probupdate.reporting import figures
-from probupdate.reporting.elements import MISSING, Column, Items, Picture, Table, fixed, number, percent
+from probupdate.reporting.elements import MISSING, Column, Element, Items, Picture, Table, fixed, number, percent
 from probupdate.updating.update_file import ComponentsRecord, UpdateRecord
 
 # a narrowing below this share is left blank
 LEAST_SHOWN = 0.005
 
 
-def component_items(update: UpdateRecord) -> list[object]:
+def component_items(update: UpdateRecord) -> list[Element]:
     """Figure and tables; none of an update whose record is of an older format."""
     parts = update.components
     if parts is None:
@@ -23,15 +23,14 @@ def component_items(update: UpdateRecord) -> list[object]:
     # a component that nothing came from is not drawn
     there = [k for k in range(len(parts.names)) if np.any(share[k] > 0)]
     names = update.parameters.names
-    items: list[object] = [
+    items: list[Element] = [
         Picture(
             svg=figures.svg_text(
                 figures.variance_shares(names, [parts.names[k] for k in there], share[there]), "components"),
             caption="What each parameter's variance is made of, by the Gaussian approximation at the MAP: errors of "
-                    "the "
-            "identification, the model's own discrepancy, tolerances by group, and what the prior leaves. A bar that "
-            "is "
-            "all prior was not informed by the data; where identification is large, a longer or better record helps."),
+            "the identification, the model's own discrepancy, tolerances by group, and what the prior leaves. A bar "
+            "that is all prior was not informed by the data; where identification is large, a longer or better record "
+            "helps."),
         _components_table(update, parts, share, total),
     ]
     if parts.measures:

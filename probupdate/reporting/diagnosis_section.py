@@ -12,6 +12,7 @@ from probupdate.reporting import figures
 from probupdate.reporting.diagnosis_tables import extension_items, gain_items, plain_table, row_table, sentence, typeset
 from probupdate.reporting.elements import (
     Column,
+    Element,
     Items,
     Notice,
     Picture,
@@ -39,7 +40,7 @@ def diagnosis_section(run: Run) -> Section | None:
     if content is None:
         return None
     shown = content["details"].get("residuals")
-    items: list[object] = [_tiles(content), *_actions(content)]
+    items: list[Element] = [_tiles(content), *_actions(content)]
     if content["notes"]:
         items.append(Items(title="Notes", statements=tuple(map(sentence, content["notes"]))))
     hidden = (run.truth or {}).get("effects")
@@ -91,7 +92,7 @@ def _tiles(content: Mapping) -> Tiles:
     return Tiles(items=tuple(shown))
 
 
-def _actions(content: Mapping) -> list[object]:
+def _actions(content: Mapping) -> list[Element]:
     """What to do next: the check of each finding, what would split an ambiguity, where to look otherwise."""
     statements = []
     for f in content["findings"]:
@@ -141,9 +142,9 @@ def _findings_table(findings: Sequence[Mapping]) -> Table:
                  "else is normal. z: the score at which it was found.")
 
 
-def _changes(changes: object) -> list[object]:
+def _changes(changes: object) -> list[Element]:
     """What changed along the record, where no model was there to say what it means: a table a change."""
-    items: list[object] = []
+    items: list[Element] = []
     for change in changes if isinstance(changes, list) else ():
         words = wording.time_profile_words(str(change.get("course", "")), str(change.get("since", "")))
         for key, value in change.items():
@@ -155,11 +156,11 @@ def _changes(changes: object) -> list[object]:
 # What remains -------------------------------------------------------------------------------------------------------
 
 
-def _remaining(run: Run, content: Mapping, shown: Mapping) -> list[object]:
+def _remaining(run: Run, content: Mapping, shown: Mapping) -> list[Element]:
     states = shown["states"]
     both = len(states) > 1
     then = " before and after the findings are included" if both else ""
-    items: list[object] = [Text(paragraphs=(
+    items: list[Element] = [Text(paragraphs=(
         f"Residuals of the measurement after the best update of the model,{then or ' which found nothing'}. Bands "
         "and standard deviations hold noise, tolerances and model discrepancy, less what the fit itself absorbed.",
     ))]
@@ -193,7 +194,7 @@ def _remaining(run: Run, content: Mapping, shown: Mapping) -> list[object]:
     return items
 
 
-def _slopes(tables: Sequence[Mapping], states: Sequence[str]) -> list[object]:
+def _slopes(tables: Sequence[Mapping], states: Sequence[str]) -> list[Element]:
     names = [s["name"] for s in tables[0]["series"]]
     columns = (Column(name="slope of f, z", number=False),
                *(Column(name=wording.column_words(t["column"]), unit="-") for t in tables))
@@ -207,7 +208,7 @@ def _slopes(tables: Sequence[Mapping], states: Sequence[str]) -> list[object]:
     note = f"Of as many, chance alone gives |z| = {chance:.1f} once in twenty records."
     if len(states) > 1:
         note = f"Before → after the findings are included. {note}"
-    items: list[object] = [Table(caption="Does a frequency follow the environmental and operational conditions?",
+    items: list[Element] = [Table(caption="Does a frequency follow the environmental and operational conditions?",
                                  columns=columns, rows=rows,
                                  note=note, marked=frozenset(names.index(n) for _, n, _ in left))]
     if left:
@@ -237,8 +238,8 @@ def _bands_table(bands: Sequence[Mapping], states: Sequence[str]) -> Table:
                  "are wider than this record needs, as model form is allowed for; fewer: some residual is unexplained.")
 
 
-def _pushed(content: Mapping, shown: Mapping | None) -> list[object]:
-    items: list[object] = []
+def _pushed(content: Mapping, shown: Mapping | None) -> list[Element]:
+    items: list[Element] = []
     if shown:
         told = shown["pushed"]
         if told["parameters"]:
@@ -255,8 +256,8 @@ def _pushed(content: Mapping, shown: Mapping | None) -> list[object]:
     return items
 
 
-def _measurement(content: Mapping, shown: Mapping | None) -> list[object]:
-    items: list[object] = []
+def _measurement(content: Mapping, shown: Mapping | None) -> list[Element]:
+    items: list[Element] = []
     rows = (shown or {}).get("measurement") or ()
     if rows:
         columns = (Column(name="test", number=False), Column(name="time profile", number=False),
@@ -309,30 +310,38 @@ def chosen_limits(limits: Sequence[Mapping], most: int = MOST_LIMITS) -> list[Ma
     return found
 
 
-def _limits(content: Mapping) -> list[object]:
-    discrete = [x for x in content["limits"] if x["cause"] in wording.DISCRETE and x["course"] == "constant"]
-    static = [x for x in content["limits"] if x["course"] == "constant" and x["cause"] not in wording.DISCRETE]
-    along = [x for x in content["limits"] if x["course"] not in ("constant", "step", "ramp")]
+def _limits(content: Mapping) -> list[Element]:
+    limits = content["limits"]
+    discrete = [x for x in limits if x["cause"] in wording.DISCRETE and x["course"] == "constant"]
+    static = [x for x in limits if x["course"] == "constant" and x["cause"] not in wording.DISCRETE]
+    along = [x for x in limits if x["course"] not in ("constant", "step", "ramp")]
     reached = chosen_limits([*static, *along])
-    unreached = sorted({wording.name_of(x) for x in static if not x.get("limit")})
     if not reached:
         return [Notice(level="plain", text="No candidate has a limit within what it can be at most.")]
-    steps = {(x["cause"], x["location"]): x["limit"] for x in content["limits"]
-             if x["course"] == "step" and x.get("limit")}
-    count = sum(bool(x.get("limit")) for x in content["limits"])
-    items: list[object] = [_picture(
+    steps = {(x["cause"], x["location"]): x["limit"] for x in limits if x["course"] == "step" and x.get("limit")}
+    count = sum(bool(x.get("limit")) for x in limits)
+    return [_picture(
         figures.detection_limits(reached, steps), "limits",
         "The minimum detectable size: found in nine of ten records like this one, all through the record or "
         "with its covariate; diamonds: as a step within the record. Each cause at its best places; all "
-        f"{count} are in diagnosis.json.")]
-    if unreached:
-        items.append(Notice(level="plain", text=(
-            f"{plural(len(unreached), 'candidate')} would not be seen as a constant at any size they can have, among "
-            f"them {'; '.join(unreached[:6])}.")))
-    if discrete:
-        hidden = [wording.name_of(x) for x in discrete if not x.get("limit")]
-        text = f"{plural(len(discrete), 'exchanged or reversed channel')} tested for"
-        rest = f"; {len(hidden)} would not be seen, among them {'; '.join(hidden[:6])}." if hidden else \
-            ": each would be seen."
-        items.append(Notice(level="plain", text=text + rest))
-    return items
+        f"{count} are in diagnosis.json."), *_unseen(static), *_exchanges(discrete)]
+
+
+def _unseen(static: Sequence[Mapping]) -> list[Notice]:
+    """Candidates that no size they can have would show."""
+    names = sorted({wording.name_of(x) for x in static if not x.get("limit")})
+    if not names:
+        return []
+    return [Notice(level="plain", text=(
+        f"{plural(len(names), 'candidate')} would not be seen as a constant at any size they can have, among "
+        f"them {'; '.join(names[:6])}."))]
+
+
+def _exchanges(discrete: Sequence[Mapping]) -> list[Notice]:
+    if not discrete:
+        return []
+    hidden = [wording.name_of(x) for x in discrete if not x.get("limit")]
+    text = f"{plural(len(discrete), 'exchanged or reversed channel')} tested for"
+    rest = f"; {len(hidden)} would not be seen, among them {'; '.join(hidden[:6])}." if hidden else \
+        ": each would be seen."
+    return [Notice(level="plain", text=text + rest)]

@@ -7,7 +7,7 @@ import re
 from collections.abc import Mapping, Sequence
 
 from probupdate.diagnosis import wording
-from probupdate.reporting.elements import MISSING, Column, Items, Notice, Table, fixed, number, percent
+from probupdate.reporting.elements import MISSING, Column, Element, Items, Notice, Table, fixed, number, percent
 
 
 def sentence(text: str) -> str:
@@ -20,11 +20,11 @@ def typeset(text: str) -> str:
     return re.sub(r"(?<![\w)])-(?=[\d.])", "−", text.replace("+-", "±"))
 
 
-def gain_items(findings: Sequence[Mapping]) -> list[object]:
+def gain_items(findings: Sequence[Mapping]) -> list[Element]:
     told = [(k, f, f["gain"]) for k, f in enumerate(findings, start=1) if f.get("gain")]
     if not told:
         return []
-    items: list[object] = [Items(title="What taking it in gains on blocks that were held out", statements=tuple(
+    items: list[Element] = [Items(title="What taking it in gains on blocks that were held out", statements=tuple(
         sentence(f"{wording.name_of(f)}: {wording.gain_words(f)}") for _, f, _ in told))]
     measured = [(str(k), _measure_words(key), *(_measure(key, g[f"{key}_{side}"]) for side in ("before", "after")))
                 for k, _, g in told for key in _pairs_of(g)]
@@ -59,7 +59,7 @@ def _measure(key: str, value: float) -> str:
     return fixed(value, 4) if key.endswith("mac") else number(value)
 
 
-def _fatigue(told: Sequence) -> list[object]:
+def _fatigue(told: Sequence) -> list[Element]:
     """Stress and damage ratios of the members that matter, where they were computed."""
     rows, per = [], ""
     for k, _, gain in told:
@@ -82,7 +82,7 @@ def _fatigue(told: Sequence) -> list[object]:
                   note=f"Per {per}." if per else "")]
 
 
-def extension_items(table: object) -> list[object]:
+def extension_items(table: object) -> list[Element]:
     """The model with the findings in it: what it says first, then what the estimators make of it side by side, then its
     numbers."""
     if not isinstance(table, Mapping):
@@ -98,7 +98,7 @@ def extension_items(table: object) -> list[object]:
     return [*first, *beside, *plain_table(title, rest)]
 
 
-def _estimators_table(updated: object, sampler: object) -> list[object]:
+def _estimators_table(updated: object, sampler: object) -> list[Element]:
     """Deterministic update, maximum with Laplace's deviations and emcee of every parameter; nothing without a chain."""
     if not (isinstance(updated, Mapping) and isinstance(sampler, Mapping) and sampler.get("parameters")):
         return []
@@ -116,7 +116,7 @@ def _estimators_table(updated: object, sampler: object) -> list[object]:
                Column(name="effective draws"))
     how = (f"{sampler['draws']} draws, acceptance {fixed(sampler['acceptance'], 2)}; asked for "
            f"{sampler['effective_draws_asked']} effective draws in at most {sampler['steps_at_most']} steps. ")
-    items: list[object] = [Table(caption="The estimators with the findings in the model", columns=columns,
+    items: list[Element] = [Table(caption="The estimators with the findings in the model", columns=columns,
                                  rows=tuple(rows), note=typeset(how + sampler["verdict"]))]
     if not sampler["converged"]:
         items.append(Notice(level="warning", text="The chain has not converged: its means and intervals are "
@@ -128,12 +128,12 @@ def _with_deviation(value: float | None, std: float | None) -> str:
     return MISSING if value is None else f"{number(value)} ± {number(std)}"
 
 
-def plain_table(caption: str, table: object) -> list[object]:
+def plain_table(caption: str, table: object) -> list[Element]:
     """Numbers and words of a table of diagnosis.json; tables within it each on their own."""
     if not isinstance(table, Mapping) or not table:
         return []
     simple = tuple((k.replace("_", " "), _cell(v)) for k, v in table.items() if isinstance(v, str | int | float))
-    items: list[object] = []
+    items: list[Element] = []
     if simple:
         items.append(Table(caption=caption, rows=simple, width="half",
                            columns=(Column(name="what", number=False), Column(name="value", number=False))))
@@ -146,7 +146,7 @@ def plain_table(caption: str, table: object) -> list[object]:
     return items
 
 
-def row_table(caption: str, rows: Sequence) -> list[object]:
+def row_table(caption: str, rows: Sequence) -> list[Element]:
     if not rows:
         return []
     if all(isinstance(r, str) for r in rows):

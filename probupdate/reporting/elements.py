@@ -102,6 +102,9 @@ class Viewer:
     kind: str = field(default="viewer", init=False)
 
 
+Element = Text | Notice | Tiles | Items | Table | Picture | Viewer
+
+
 @dataclass(frozen=True, kw_only=True)
 class Section:
     """`headline` stands above the lead in large letters, in its `level`'s colour. The first `shown` items stand open,
@@ -109,7 +112,7 @@ class Section:
 
     anchor: str
     title: str
-    items: tuple[object, ...]
+    items: tuple[Element, ...]
     lead: str = ""
     headline: str = ""
     level: str = "plain"
@@ -119,7 +122,7 @@ class Section:
 def sentence(text: str, names: Collection[str] = ()) -> str:
     """A capital first and a full stop last; a name (one of `names`, or what is no plain word, such as k_t) stays as it
     is written."""
-    first = re.match(r"[^\s,;:=(]*", text)[0]
+    first = re.split(r"[\s,;:=(]", text, maxsplit=1)[0]
     plain = re.fullmatch(r"[a-z][a-z'-]*", first) and first not in names
     return (text[0].upper() + text[1:] if plain else text) + ("" if text.endswith((".", "?", "!")) else ".")
 

@@ -4,12 +4,16 @@ findings; the causes; what was pushed; what would not have been seen. All take t
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from itertools import product
+from typing import TypedDict
 
 import matplotlib.dates as dates
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import LinearSegmentedColormap, Normalize
 from matplotlib.figure import Figure
+from matplotlib.image import AxesImage
+from matplotlib.quiver import Quiver
 
 from probupdate.diagnosis.wording import SHARES, column_words
 from probupdate.reporting.elements import number
@@ -35,7 +39,15 @@ FULL_COLOUR, WRITTEN = 5.0, 2.0
 BAND = 1.645
 MOST_CHANNELS, MOST_PANELS, MOST_LEVELS = 40, 14, 5
 SIGNED = LinearSegmentedColormap.from_list("signed", ["#0b4f8a", "#7fb3d8", "#ffffff", "#f0a878", "#a53a00"])
-STATE_LOOKS = {
+
+
+class Look(TypedDict):
+    color: str
+    marker: str
+    mfc: str
+
+
+STATE_LOOKS: Mapping[str, Look] = {
     "before": {"color": GREY, "marker": "o", "mfc": "white"}, "after": {"color": BLUE, "marker": "s", "mfc": BLUE},
 }
 
@@ -105,25 +117,31 @@ def residual_map(rows: Sequence[Mapping], states: Sequence[str]) -> Figure:
     if len(channels) > MOST_CHANNELS:
         shown = np.sort(np.argsort(-np.nanmax(np.abs(z), axis=(0, 1)))[:MOST_CHANNELS])
     figure = new_figure(FULL_IN, 1.1 + 0.19 * len(shown))
-    panels = np.atleast_1d(figure.subplots(1, len(states), sharey=True))
-    scale = Normalize(-FULL_COLOUR, FULL_COLOUR)
+    panels = figure.subplots(1, len(states), sharey=True, squeeze=False)[0]
+    maps = []
     for s, axes in enumerate(panels):
-        drawn = axes.imshow(z[s][:, shown].T, cmap=SIGNED, norm=scale, aspect="auto", interpolation="nearest")
-        for i, k in enumerate(shown):
-            for j in range(len(rows)):
-                if abs(z[s, j, k]) >= WRITTEN:
-                    axes.text(j, i, f"{percent[s, j, k]:.0f}" if abs(percent[s, j, k]) >= 9.5
-                              else f"{percent[s, j, k]:.1f}", ha="center", va="center", fontsize=5.5,
-                              color="white" if abs(z[s, j, k]) > 0.8 * FULL_COLOUR else INK)
+        maps.append(_residual_cells(axes, z[s][:, shown].T, percent[s][:, shown].T))
         axes.set_xticks(range(len(rows)), names, rotation=90, fontsize=7)
         axes.set_yticks(range(len(shown)), [channels[k] for k in shown], fontsize=7)
         axes.grid(visible=False)
         label_axes(axes, "mode (i: out of phase)", "channel", _state_words(states[s], states))
         axes.label_outer()
-    bar = figure.colorbar(drawn, ax=panels, shrink=0.7, pad=0.01, extend="both")
+    bar = figure.colorbar(maps[-1], ax=panels, shrink=0.7, pad=0.01, extend="both")
     bar.set_label("standard deviations of what is normal [-]", fontsize=8)
     bar.outline.set_linewidth(0.5)
     return figure
+
+
+def _residual_cells(axes: Axes, z: np.ndarray, percent: np.ndarray) -> AxesImage:
+    """Cells (n_channel, n_mode) coloured by their score, with the number in per cent where it is far off."""
+    drawn = axes.imshow(z, cmap=SIGNED, norm=Normalize(-FULL_COLOUR, FULL_COLOUR), aspect="auto",
+                        interpolation="nearest")
+    for i, j in np.ndindex(z.shape):
+        if abs(z[i, j]) >= WRITTEN:
+            axes.text(j, i, f"{percent[i, j]:.0f}" if abs(percent[i, j]) >= 9.5 else f"{percent[i, j]:.1f}",
+                      ha="center", va="center", fontsize=5.5,
+                      color="white" if abs(z[i, j]) > 0.8 * FULL_COLOUR else INK)
+    return drawn
 
 
 @styled
@@ -138,37 +156,42 @@ def residual_layout(sensors: Sequence[Mapping], rows: Sequence[Mapping], states:
     figure = new_figure(FULL_IN, 0.5 + 1.75 * len(states))
     panels = figure.subplots(len(states), len(levels), squeeze=False)
     scale = Normalize(-FULL_COLOUR, FULL_COLOUR)
-    drawn = None
-    for s, k in np.ndindex(panels.shape):
+    arrows = []
+    for s, k in product(range(len(states)), range(len(levels))):
         axes = panels[s, k]
         here = [x for x in sensors if x["level"] == levels[k]]
-        value = worst[s][[channels.index(x["channel"]) for x in here]]
-        place, way = (np.array([x[key] for x in here], float) for key in ("position_m", "direction"))
-        centre = place[:, :2].mean(axis=0)
-        reach = 1.25 * max(float(np.abs(place[:, :2] - centre).max()), 1.0)
-        flat = np.hypot(way[:, 0], way[:, 1]) > 0.3
-        drawn = axes.quiver(place[flat, 0], place[flat, 1], way[flat, 0], way[flat, 1], value[flat], cmap=SIGNED,
-                            norm=scale, angles="xy", scale_units="xy", scale=1.6 / reach, units="inches", width=0.05,
-                            edgecolor=INK, linewidth=0.4, zorder=3)
-        axes.scatter(place[~flat, 0], place[~flat, 1], c=value[~flat], cmap=SIGNED, norm=scale, s=42, edgecolors=INK,
-                     linewidths=0.5, zorder=4)
-        for x, v, at, to in zip(here, value, place, way, strict=True):
-            if abs(v) > 1.5 * WRITTEN:
-                axes.annotate(x["channel"], (at + 0.6 * reach * to)[:2], fontsize=6.5, zorder=5, ha="center",
-                              xytext=(0, 4), textcoords="offset points")
-        axes.set_xlim(centre[0] - 1.7 * reach, centre[0] + 1.9 * reach)
-        axes.set_ylim(centre[1] - 1.7 * reach, centre[1] + 1.9 * reach)
-        axes.set_aspect("equal", adjustable="box")
-        axes.tick_params(labelsize=7)
-        label_axes(axes, "x [m]", "y [m]", f"{levels[k]}\nz = {place[:, 2].mean():.0f} m")
-        axes.title.set_fontsize(8)
+        arrows.append(_level_from_above(axes, here, worst[s][[channels.index(x["channel"]) for x in here]], scale))
         if k == 0 and len(states) > 1:
             axes.set_ylabel(f"{states[s]} the findings\ny [m]")
         if s + 1 < len(states):
             axes.set_xlabel("")
-    bar = figure.colorbar(drawn, ax=panels, shrink=0.8, pad=0.01, extend="both")
+    bar = figure.colorbar(arrows[-1], ax=panels, shrink=0.8, pad=0.01, extend="both")
     bar.set_label("largest over modes [standard deviations]", fontsize=8)
     return figure
+
+
+def _level_from_above(axes: Axes, sensors: Sequence[Mapping], value: np.ndarray, scale: Normalize) -> Quiver:
+    """The sensors of one level with their residuals (n_sensor,); returns the arrows."""
+    place, way = (np.array([x[key] for x in sensors], float) for key in ("position_m", "direction"))
+    centre = place[:, :2].mean(axis=0)
+    reach = 1.25 * max(float(np.abs(place[:, :2] - centre).max()), 1.0)
+    flat = np.hypot(way[:, 0], way[:, 1]) > 0.3
+    drawn = axes.quiver(place[flat, 0], place[flat, 1], way[flat, 0], way[flat, 1], value[flat], cmap=SIGNED,
+                        norm=scale, angles="xy", scale_units="xy", scale=1.6 / reach, units="inches", width=0.05,
+                        edgecolor=INK, linewidth=0.4, zorder=3)
+    axes.scatter(place[~flat, 0], place[~flat, 1], c=value[~flat], cmap=SIGNED, norm=scale, s=42, edgecolors=INK,
+                 linewidths=0.5, zorder=4)
+    for x, v, at, to in zip(sensors, value, place, way, strict=True):
+        if abs(v) > 1.5 * WRITTEN:
+            axes.annotate(x["channel"], (at + 0.6 * reach * to)[:2], fontsize=6.5, zorder=5, ha="center",
+                          xytext=(0, 4), textcoords="offset points")
+    axes.set_xlim(centre[0] - 1.7 * reach, centre[0] + 1.9 * reach)
+    axes.set_ylim(centre[1] - 1.7 * reach, centre[1] + 1.9 * reach)
+    axes.set_aspect("equal", adjustable="box")
+    axes.tick_params(labelsize=7)
+    label_axes(axes, "x [m]", "y [m]", f"{sensors[0]['level']}\nz = {place[:, 2].mean():.0f} m")
+    axes.title.set_fontsize(8)
+    return drawn
 
 
 # Along the record ---------------------------------------------------------------------------------------------------

@@ -47,9 +47,9 @@ def stabilisation(
     density.spines["right"].set_visible(True)
     density.set_ylabel(f"sum of spectral densities [({unit})²/Hz]")
     order, frequency_hz = np.asarray(order, float), np.asarray(frequency_hz, float)
-    steadiness = np.asarray(steadiness, dtype=object)
+    kind = np.asarray(steadiness, dtype=object)
     for name, (marker, color, size) in STEADINESS.items():
-        rows = (steadiness == name) & (frequency_hz <= upper)
+        rows = (kind == name) & (frequency_hz <= upper)
         scatter(axes, frequency_hz[rows], order[rows], color=color, marker=marker, size=size, label=name, zorder=3)
     for _, (low, high) in (harmonics_hz or {}).items():
         if low < upper:
@@ -132,7 +132,7 @@ def argand(labels: Sequence[str], shape: np.ndarray, note: Sequence[str] = ()) -
         for z in column:
             axes.plot([0, z.real], [0, z.imag], color=PALE, lw=0.7, zorder=2)
         color, marker = mode_mark(labels[j], j)
-        scatter(axes, column.real, column.imag, color=color, marker=marker, size=11.0, zorder=3)
+        scatter(axes, np.real(column), np.imag(column), color=color, marker=marker, size=11.0, zorder=3)
         axes.set_aspect("equal", adjustable="box")
         axes.set_xlim(-1.15, 1.15)
         axes.set_ylim(-1.15, 1.15)

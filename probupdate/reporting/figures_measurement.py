@@ -72,14 +72,15 @@ def sensor_layout(wire: Wireframe | None, sensors: Sequence[Sensor]) -> Figure:
     views = ((left, 0, 2, "x", "z", "seen from the side"), (middle, 1, 2, "y", "z", "seen from the front"))
     for axes, a, b, name_a, name_b, title in views:
         if wire is not None:
-            axes.add_collection(LineCollection(wire.node_m[wire.line][:, :, [a, b]], colors=PALE, lw=0.9, zorder=1))
+            lines = list(wire.node_m[wire.line][:, :, [a, b]])
+            axes.add_collection(LineCollection(lines, colors=PALE, lw=0.9, zorder=1))
             axes.autoscale_view()
         _arrows(axes, place[:, [a, b]], way[:, [a, b]], 0.06 * height)
         axes.set_aspect("equal", adjustable="datalim")
         label_axes(axes, f"{name_a} [m]", f"{name_b} [m]", title)
     _name_levels(middle, sensors, place, height)
     if wire is not None:
-        right.add_collection(LineCollection(wire.node_m[wire.line][:, :, :2], colors=PALE, lw=0.9, zorder=1))
+        right.add_collection(LineCollection(list(wire.node_m[wire.line][:, :, :2]), colors=PALE, lw=0.9, zorder=1))
         right.autoscale_view()
     spread = max(float(np.ptp(place[:, :2], axis=0).max()), 1.0)
     _arrows(right, place[:, :2], way[:, :2], 0.22 * spread)
@@ -123,7 +124,7 @@ def _seen(place: np.ndarray, azimuth: float = -0.95, elevation: float = 0.2) -> 
 def _draw_wire(axes: Axes, place: np.ndarray, line: np.ndarray, **look) -> None:
     """Lines between nodes (n_node, 2), or the nodes themselves where no line joins them."""
     if len(line):
-        axes.add_collection(LineCollection(place[line], **look))
+        axes.add_collection(LineCollection(list(place[line]), **look))
     else:
         axes.plot(place[:, 0], place[:, 1], ls="none", marker="o", ms=1.8, color=look["colors"])
 
@@ -178,7 +179,7 @@ def shapes_by_channel(
     """
     n_channel, n_mode = measured.shape
     figure = new_figure(FULL_IN, 0.6 + 1.25 * n_mode)
-    panels = np.atleast_1d(figure.subplots(n_mode, 1, sharex=True))
+    panels = figure.subplots(n_mode, 1, sharex=True, squeeze=False)[:, 0]
     number = np.arange(1, n_channel + 1)
     looks = {"initial": {"color": "#8a6d3b", "marker": "x"}, "updated": {"color": BLUE, "marker": "s", "mfc": "none"}}
     for j, axes in enumerate(panels):
@@ -202,11 +203,11 @@ def wind_and_state(
     """Fig. 4: wind speed of every SCADA interval, marked by the turbine's state."""
     figure = new_figure(FULL_IN, 2.7)
     axes = figure.subplots()
-    state = np.asarray(state, dtype=object)
+    states = np.asarray(state, dtype=object)
     time, wind_mps = np.asarray(time), np.asarray(wind_mps, float)
-    order = [*STATES, *sorted(set(state) - set(STATES))]
+    order = [*STATES, *sorted(set(states) - set(STATES))]
     for name in order:
-        rows = state == name
+        rows = states == name
         if not rows.any():
             continue
         color, marker, size, filled = STATES.get(name, STATES["unknown"])
@@ -292,7 +293,8 @@ def selection_steps(names: Sequence[str], excluded: Sequence[int], total: int) -
 
 @styled
 def frequencies_by_block(
-    time, frequency_hz: np.ndarray, labels: Sequence[str], selected: np.ndarray, truth_hz: np.ndarray | None = None
+    time, frequency_hz: np.ndarray, labels: Sequence[str], selected: np.ndarray,
+    truth_hz: Sequence[float] | np.ndarray | None = None,
 ) -> Figure:
     """Identified frequency of each mode against time, one panel a mode, selected blocks filled.
 
@@ -300,7 +302,7 @@ def frequencies_by_block(
     """
     n_mode = len(labels)
     figure = new_figure(FULL_IN, 0.5 + 1.05 * n_mode)
-    panels = np.atleast_1d(figure.subplots(n_mode, 1, sharex=True))
+    panels = figure.subplots(n_mode, 1, sharex=True, squeeze=False)[:, 0]
     time = np.asarray(time)
     for j, axes in enumerate(panels):
         color, marker = mode_mark(labels[j], j)

@@ -34,6 +34,11 @@ from probupdate.reporting.style import (
 
 # a marginal's window, in widths of its posterior on either side: a wider one would hide the posterior's form
 WINDOW = 1.5
+# parts of the chains whose ranks are compared -> colour and line style
+RANKED_PARTS = (
+    ("first half", BLUE, "-"), ("first half, other walkers", ORANGE, (0, (5, 2))),
+    ("second half", GREEN, (0, (1, 1))), ("second half, other walkers", RED, (0, (5, 1, 1, 1))),
+)
 
 
 def _span(parameter: Parameter, draws: np.ndarray, marks: Sequence[float]) -> tuple[float, float]:
@@ -142,8 +147,12 @@ def _pair(axes: Axes, x: np.ndarray, y: np.ndarray, span_x: tuple, span_y: tuple
     # a light smoothing so that contours of a finite sample can be read
     kernel = stats.norm.pdf(np.arange(-3, 4), scale=1.0)
     kernel /= kernel.sum()
-    smooth = np.apply_along_axis(np.convolve, 0, np.pad(counts, 3, mode="edge"), kernel, "valid")
-    smooth = np.apply_along_axis(np.convolve, 1, smooth, kernel, "valid")
+
+    def smoothed(line: np.ndarray) -> np.ndarray:
+        return np.convolve(line, kernel, "valid")
+
+    smooth = np.apply_along_axis(smoothed, 0, np.pad(counts, 3, mode="edge"))
+    smooth = np.apply_along_axis(smoothed, 1, smooth)
     ordered = np.sort(smooth.ravel())[::-1]
     share = np.cumsum(ordered) / ordered.sum()
     levels = sorted({float(ordered[np.searchsorted(share, q)]) for q in (0.90, 0.68, 0.39)})
@@ -184,9 +193,11 @@ def correlation_map(names: Sequence[str], correlation: np.ndarray) -> Figure:
 
 
 @styled
-def contraction(names: Sequence[str], ratio: Sequence[float], *, informed_below: float, strong_below: float) -> Figure:
+def contraction(
+    names: Sequence[str], ratio: Sequence[float] | np.ndarray, *, informed_below: float, strong_below: float
+) -> Figure:
     """Posterior over prior standard deviation of each parameter: short bars were learned from the data."""
-    order = np.argsort(np.asarray(ratio, float), kind="stable")
+    order = [int(k) for k in np.argsort(np.asarray(ratio, float), kind="stable")]
     figure = new_figure(HALF_IN, 0.8 + 0.24 * len(names))
     axes = figure.subplots()
     for row, k in enumerate(order):
@@ -247,37 +258,15 @@ def traces_and_ranks(
     Right: how often the ranks of each part (first or second half, even or odd walkers) fall into 20 bins of all ranks,
     over what equal parts would have; grey: two deviations for that effective size (Vehtari et al. 2021, figure 4).
     """
-    n_walker, n_step, n = theta.shape
+    n = len(names)
     columns = 2 if n > 1 else 1
     rows = -(-n // columns)
     figure = new_figure(FULL_IN, 0.5 + 1.12 * rows)
     panels = figure.subplots(rows, 2 * columns, squeeze=False, width_ratios=[1.5, 1] * columns)
-    bins = min(20, n_step)
-    edge = np.linspace(0, 1, bins + 1)
-    parts = (("first half", BLUE, "-"), ("first half, other walkers", ORANGE, (0, (5, 2))),
-             ("second half", GREEN, (0, (1, 1))), ("second half, other walkers", RED, (0, (5, 1, 1, 1))))
-    half = max(n_step // 2, 1)
     for k in range(n):
         trace, ranks = panels[k % rows, 2 * (k // rows)], panels[k % rows, 2 * (k // rows) + 1]
-        step, values = _thinned(theta[:, :, k], thinned_by)
-        low, lower, middle, upper, high = np.percentile(values, [5, 25, 50, 75, 95], axis=0)
-        trace.fill_between(step, low, high, color=BLUE, alpha=0.2, lw=0, label="90 % of the walkers")
-        trace.fill_between(step, lower, upper, color=BLUE, alpha=0.4, lw=0, label="50 %")
-        trace.plot(step, middle, color=INK, lw=0.9, label="median")
-        trace.set_xlim(step[0], max(step[-1], step[0] + 1))
-        trace.yaxis.set_major_locator(MaxNLocator(3))
-        trace.yaxis.set_major_formatter(FuncFormatter(plain_number))
-        order = stats.rankdata(theta[:, :, k], axis=None).reshape(n_walker, n_step) / theta[:, :, k].size
-        quarter = (order[::2, :half], order[1::2, :half], order[::2, half:], order[1::2, half:])
-        noise = 2 * np.sqrt((bins - 1) / max(effective[k] / 4, 1.0))
-        ranks.axhspan(1 - noise, 1 + noise, color=GRID, lw=0, label="to be expected")
-        for (name, color, line), chain in zip(parts, quarter, strict=True):
-            if chain.size:
-                ranks.stairs(np.histogram(chain, bins=edge)[0] * bins / chain.size, edge, baseline=None, color=color,
-                             ls=line, lw=1.0, label=name)
-        ranks.set_xlim(0, 1)
-        ranks.set_ylim(0, max(2.0, 1.1 + noise))
-        ranks.yaxis.set_major_locator(MaxNLocator(2, integer=True))
+        _draw_trace(trace, *_thinned(theta[:, :, k], thinned_by))
+        _draw_ranks(ranks, theta[:, :, k], float(effective[k]))
         last = k % rows == rows - 1 or k == n - 1
         label_axes(trace, "step after burn-in [-]" if last else "", unit_label(names[k], units[k]))
         label_axes(ranks, "rank of all draws [-]" if last else "", "share [-]")
@@ -292,6 +281,35 @@ def traces_and_ranks(
                                              panels[0, 1].get_legend_handles_labels(), strict=True))
     figure.legend(handles, labels, loc="outside upper left", ncols=4, columnspacing=1.2)
     return figure
+
+
+def _draw_trace(axes: Axes, step: np.ndarray, values: np.ndarray) -> None:
+    """The ensemble by step: values (n, n_step)."""
+    low, lower, middle, upper, high = np.percentile(values, [5, 25, 50, 75, 95], axis=0)
+    axes.fill_between(step, low, high, color=BLUE, alpha=0.2, lw=0, label="90 % of the walkers")
+    axes.fill_between(step, lower, upper, color=BLUE, alpha=0.4, lw=0, label="50 %")
+    axes.plot(step, middle, color=INK, lw=0.9, label="median")
+    axes.set_xlim(step[0], max(step[-1], step[0] + 1))
+    axes.yaxis.set_major_locator(MaxNLocator(3))
+    axes.yaxis.set_major_formatter(FuncFormatter(plain_number))
+
+
+def _draw_ranks(axes: Axes, chains: np.ndarray, effective: float) -> None:
+    """How often the ranks of four parts of the chains (n_walker, n_step) fall into equal bins of all ranks."""
+    n_walker, n_step = chains.shape
+    bins, half = min(20, n_step), max(n_step // 2, 1)
+    edge = np.linspace(0, 1, bins + 1)
+    order = stats.rankdata(chains, axis=None).reshape(n_walker, n_step) / chains.size
+    quarter = (order[::2, :half], order[1::2, :half], order[::2, half:], order[1::2, half:])
+    noise = 2 * np.sqrt((bins - 1) / max(effective / 4, 1.0))
+    axes.axhspan(1 - noise, 1 + noise, color=GRID, lw=0, label="to be expected")
+    for (name, color, line), chain in zip(RANKED_PARTS, quarter, strict=True):
+        if chain.size:
+            axes.stairs(np.histogram(chain, bins=edge)[0] * bins / chain.size, edge, baseline=None, color=color,
+                        ls=line, lw=1.0, label=name)
+    axes.set_xlim(0, 1)
+    axes.set_ylim(0, max(2.0, 1.1 + noise))
+    axes.yaxis.set_major_locator(MaxNLocator(2, integer=True))
 
 
 def _thinned(chains: np.ndarray, thinned_by: int, most: int = 120) -> tuple[np.ndarray, np.ndarray]:

@@ -27,6 +27,7 @@ from probupdate.reporting.style import (
     RED,
     SKY,
     STEP_UPDATE,
+    Role,
     label_axes,
     new_figure,
     styled,
@@ -43,7 +44,7 @@ class Mark:
 
     name: str
     theta: np.ndarray
-    role: Mapping
+    role: Role
 
 
 def mark_size(mark: Mark) -> float:
@@ -60,7 +61,10 @@ def plain_number(value: float, _position: int | None = None) -> str:
 
 
 @styled
-def frequency_errors(labels: Sequence[str], measured_hz, computed_hz: Mapping[str, Sequence[float]]) -> Figure:
+def frequency_errors(
+    labels: Sequence[str], measured_hz: Sequence[float] | np.ndarray,
+    computed_hz: Mapping[str, Sequence[float] | np.ndarray],
+) -> Figure:
     """Computed over measured frequency minus one, in per cent, for each mode and each state of the model."""
     figure = new_figure(HALF_IN, 1.2 + 0.15 * len(computed_hz) + 0.32 * len(labels))
     axes = figure.subplots()

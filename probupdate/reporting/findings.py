@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,6 +13,7 @@ from probupdate.reporting.elements import count, fixed, number, sentence
 from probupdate.reporting.standing import BOUND, standings
 from probupdate.reporting.updating_sections import scheme_name, too_close
 from probupdate.reporting.values import Run
+from probupdate.updating.posterior_file import Posterior
 from probupdate.updating.update_file import UpdateRecord, fit_sentence, misses, stated_error
 
 LEVELS = ("warning", "caution", "good")
@@ -23,6 +25,9 @@ MANY_FALLBACKS = 0.2
 NO_CHANCE = 0.01
 # standardised shift of one parameter beyond which it is said without a diagnosis; a prior is rarely better known
 FAR_SHIFT = 2.0
+CHECK_PRIORS = (
+    "Check the priors of these parameters against drawings and site data; where they hold, the parameters absorb an "
+    "error of the model and are no properties of the structure.")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -53,9 +58,10 @@ def _of_fit(run: Run) -> list[Finding]:
     if update is None:
         return []
     if misses(update):
+        its = "more of its" if stated_error(update) else "its"
         return [Finding(level="warning", short="the model does not fit", text=sentence(fit_sentence(update)),
-                        action="Find what the model lacks (`probupdate diagnose`), or state "
-                        f"{'more of its' if stated_error(update) else 'its'} error with --discrepancy and update again.")]
+                        action=f"Find what the model lacks (`probupdate diagnose`), or state {its} error with "
+                        "--discrepancy and update again.")]
     if too_close(update):
         return [Finding(
             level="caution", short="the stated standard deviations are too wide for these data",
@@ -74,14 +80,18 @@ def _of_sampler(run: Run) -> list[Finding]:
         found.append(Finding(level="warning", short="the sampler did not converge", text=posterior.verdict,
                              action="Run `probupdate sample` again with more --max-steps: it goes on where it "
                              "stopped."))
-    evaluated, fallback = int(posterior.record.get("evaluated", 0)), int(posterior.record.get("fallback", 0))
+    evaluated, fallback = evaluations(posterior)
     if fallback > MANY_FALLBACKS * evaluated:
         found.append(Finding(
             level="warning", short="the reduced basis does not cover the posterior",
             text=f"{count(fallback)} of {count(evaluated)} evaluations fell outside the reduced basis and were "
-                 f"answered "
-            "by the full model: exact, but the basis does not cover where the chain went."))
+            "answered by the full model: exact, but the basis does not cover where the chain went."))
     return found
+
+
+def evaluations(posterior: Posterior) -> tuple[int, int]:
+    """How many of the chain, and how many of these the full model answered."""
+    return int(posterior.record.get("evaluated", 0)), int(posterior.record.get("fallback", 0))
 
 
 def _of_diagnosis(run: Run) -> list[Finding]:
@@ -103,21 +113,8 @@ def _of_diagnosis(run: Run) -> list[Finding]:
 def _of_shifts(run: Run) -> list[Finding]:
     """Parameters far from their priors: said by the diagnosis against what these data make likely, else by the update
     against the prior alone."""
-    content, action = run.diagnosis, (
-        "Check the priors of these parameters against drawings and site data; where they hold, the parameters absorb "
-        "an "
-        "error of the model and are no properties of the structure.")
-    if content is not None and content.get("parameters"):
-        p = ((content["details"].get("residuals") or {}).get("pushed") or {}).get("p_together") or [None]
-        told = [sentence(t) for t in prior_shift_words(content)]
-        unlikely = p[-1] is not None and p[-1] < NO_CHANCE
-        if not told and not unlikely:
-            return []
-        names = [row["name"] for row in content["parameters"] if any(t.startswith(f"{row['name']} ") for t in told)]
-        together = "" if p[-1] is None else f" All parameters together: p = {number(p[-1], 2)}."
-        who = ", ".join(names) or "the parameters together"
-        return [Finding(level="warning" if unlikely else "caution", short=f"{who} far from the prior",
-                        text=" ".join(told) + together, action=action)]
+    if run.diagnosis is not None and run.diagnosis.get("parameters"):
+        return _of_diagnosed_shifts(run.diagnosis)
     if run.update is None:
         return []
     far = [s for s in standings(run.update, run.posterior) if abs(s.shift) > FAR_SHIFT]
@@ -126,8 +123,24 @@ def _of_shifts(run: Run) -> list[Finding]:
     words = ", ".join(f"{s.name} {'+' if s.shift > 0 else ''}{fixed(s.shift, 1)}" for s in far)
     return [Finding(level="caution", short=f"{', '.join(s.name for s in far)} far from the prior",
                     text=f"Standardised shifts from the prior beyond ±{FAR_SHIFT:g}: {words} prior standard "
-                         f"deviations.",
-                    action=f"{action} `probupdate diagnose` tests which.")]
+                    "deviations.",
+                    action=f"{CHECK_PRIORS} `probupdate diagnose` tests which.")]
+
+
+def _of_diagnosed_shifts(content: Mapping) -> list[Finding]:
+    pushed = (content["details"].get("residuals") or {}).get("pushed") or {}
+    # by state; the last is after the findings are included
+    chances: Sequence[float | None] = pushed.get("p_together") or (None,)
+    p = chances[-1]
+    told = [sentence(t) for t in prior_shift_words(content)]
+    unlikely = p is not None and p < NO_CHANCE
+    if not told and not unlikely:
+        return []
+    names = [row["name"] for row in content["parameters"] if any(t.startswith(f"{row['name']} ") for t in told)]
+    together = "" if p is None else f" All parameters together: p = {number(p, 2)}."
+    who = ", ".join(names) or "the parameters together"
+    return [Finding(level="warning" if unlikely else "caution", short=f"{who} far from the prior",
+                    text=" ".join(told) + together, action=CHECK_PRIORS)]
 
 
 def _of_update(run: Run) -> list[Finding]:

@@ -14,11 +14,13 @@ from probupdate.errors import InputError
 from probupdate.identification.block_poles import BlockPoles
 from probupdate.identification.block_store import stored_block
 from probupdate.identification.classification import ClassifierSettings, rotor_bands
+from probupdate.identification.ssi import Poles
 from probupdate.io.files import write_text
 from probupdate.modal.modes import ModalData, ModalSet, mac, modal_phase_collinearity
 from probupdate.reporting import figures_identification as draw
 from probupdate.reporting import figures_measurement as measurement
 from probupdate.reporting.style import FULL_IN, GREY, INK, PALE, save_figure
+from probupdate.reporting.values import mode_labels
 
 # stable: twins at the order below within these, as commonly drawn
 SAME_FREQUENCY, SAME_DAMPING, SAME_MAC = 0.01, 0.05, 0.95
@@ -114,12 +116,14 @@ def pole_drawings(
 
 
 def stabilisation_drawing(block: BlockPoles, modes: ModalData) -> Drawing:
+    # a block that was left out has no poles to draw
+    assert block.poles is not None
     every = sorted((block.poles, *block.others), key=lambda p: p.order)
     steadiness: list[str] = []
     for before, now in zip([None, *every[:-1]], every, strict=True):
         steadiness += _steadiness(before, now)
     modal = next((s for s in modes.sets if s.id == block.id), None)
-    labels = modes.labels or tuple(f"mode {k + 1}" for k in range(modes.n_mode))
+    labels = mode_labels(modes)
     chosen = {} if modal is None else dict(zip(labels, modal.frequency_hz, strict=True))
     bands = {} if modal is None else _bands(modal)
     figure = draw.stabilisation(
@@ -134,7 +138,7 @@ def stabilisation_drawing(block: BlockPoles, modes: ModalData) -> Drawing:
         + ("; grey bands: what the rotor's multiples swept." if bands else "."))
 
 
-def _steadiness(before, now) -> list[str]:
+def _steadiness(before: Poles | None, now: Poles) -> list[str]:
     kinds = list(draw.STEADINESS)
     if before is None or not len(before.frequency_hz):
         return [kinds[2]] * len(now.frequency_hz)
@@ -155,29 +159,31 @@ def _bands(modal: ModalSet) -> dict[str, tuple[float, float]]:
 
 def mode_drawings(modes: ModalData) -> Iterator[Drawing]:
     """Maps of MAC and MPC, Argand plots and frequency against conditions, from modal sets alone."""
-    labels = list(modes.labels) or [f"mode {k + 1}" for k in range(modes.n_mode)]
+    labels = mode_labels(modes)
     sets = [s for s in modes.sets if s.measured.any()]
     if not sets:
         return
     one = modes.set() if modes.set().measured.any() else max(sets, key=lambda s: int(s.measured.sum()))
     yield Drawing(name="auto_mac", caption=f"MAC between the modes of set {one.id}.", figure=draw.mac_map(
         mac(one.shape, one.shape), labels, labels, across="mode", up="mode"))
-    mpc = np.array([modal_phase_collinearity(s.shape) for s in sets])
-    mpc[~np.array([s.measured for s in sets])] = np.nan
     note = ["not found" if not m else f"MPC {c:.2f}" for m, c in zip(
         one.measured, modal_phase_collinearity(one.shape), strict=True)]
     yield Drawing(name="argand", figure=draw.argand(labels, one.shape, note),
                   caption=f"Shapes of set {one.id} on the complex plane, a point a channel.")
-    if len(sets) < 3:
-        return
-    every = np.stack([s.shape for s in sets])
-    similar = np.array([[_median_mac(every[:, :, i], one.shape[:, j]) for j in range(len(labels))]
-                        for i in range(len(labels))])
+    if len(sets) >= 3:
+        yield from _drawings_over_sets(sets, one, labels)
+
+
+def _drawings_over_sets(sets: list[ModalSet], one: ModalSet, labels: tuple[str, ...]) -> Iterator[Drawing]:
+    every, modes = np.stack([s.shape for s in sets]), range(len(labels))
+    similar = np.array([[_median_mac(every[:, :, i], one.shape[:, j]) for j in modes] for i in modes])
     yield Drawing(name="mac_over_sets", figure=draw.mac_map(
         similar, labels, labels, across=f"mode of set {one.id}", up="mode, median over sets"),
         caption=f"Median over all sets of the MAC to set {one.id}; close pairs turn in their plane from set to set.")
     time = pd.to_datetime([s.id for s in sets], errors="coerce", utc=True)
     if not time.isna().any():
+        mpc = np.array([modal_phase_collinearity(s.shape) for s in sets])
+        mpc[~np.array([s.measured for s in sets])] = np.nan
         yield Drawing(name="mpc_map", figure=draw.mpc_map(time.tz_convert(None).to_numpy(), labels, mpc),
                       caption="Modal phase collinearity of every mode in every block; hatched where it was not found.")
     known = {name: np.array([_number(s.environment.get(key)) for s in sets]) for key, name in CONDITIONS.items()}
@@ -194,7 +200,7 @@ def _median_mac(shapes: np.ndarray, one: np.ndarray) -> float:
     return float(np.median(value[np.isfinite(value)])) if np.isfinite(value).any() else np.nan
 
 
-def _number(value) -> float:
+def _number(value: object) -> float:
     return float(value) if isinstance(value, int | float) else np.nan
 
 

@@ -15,6 +15,7 @@ from probupdate.reporting import figures, paper_tables
 from probupdate.reporting.elements import (
     MISSING,
     Column,
+    Element,
     Items,
     Notice,
     Picture,
@@ -32,7 +33,7 @@ from probupdate.reporting.identification_pictures import (
     stabilisation_drawing,
 )
 from probupdate.reporting.style import HALF_IN
-from probupdate.reporting.values import CampaignValues, Run
+from probupdate.reporting.values import CampaignValues, Run, mode_labels
 
 # the cut-in and rated wind speed and the rated rotor speed of the paper's turbine, drawn for orientation
 CUT_IN_MPS, RATED_MPS = 4.0, 12.0
@@ -53,7 +54,7 @@ POLE_WORDS = {
 
 
 def measured_section(run: Run) -> Section:
-    items: list[object] = []
+    items: list[Element] = []
     campaign = run.campaign
     wire = run.model.wire if run.model else None
     if campaign is None:
@@ -105,7 +106,7 @@ def _sensor_table(campaign: CampaignValues) -> Table:
     return Table(caption="Sensors by level", columns=columns, rows=tuple(rows))
 
 
-def _scada(campaign: CampaignValues, jacket: bool) -> list[object]:
+def _scada(campaign: CampaignValues, jacket: bool) -> list[Element]:
     scada = campaign.scada
     if scada is None or "wind_speed_mps" not in scada:
         return [Notice(level="missing", text="SCADA with a wind speed, so conditions over time are not shown.")]
@@ -122,16 +123,16 @@ def _scada(campaign: CampaignValues, jacket: bool) -> list[object]:
 
 
 def identification_section(run: Run) -> Section:
-    items: list[object] = []
+    items: list[Element] = []
     if run.poles is None:
         items.append(Notice(level="missing", text="the table of poles (modes.poles.csv), so no poles are shown."))
     else:
-        items += _pole_pictures(run)
+        items += _pole_pictures(run, run.poles)
     if run.modes is None:
         items.append(Notice(level="missing", text="modes.json, so there are no frequencies to show."))
     else:
-        items += _frequency_tables(run)
-        items += _judged_pictures(run)
+        items += _frequency_tables(run, run.modes)
+        items += _judged_pictures(run, run.modes)
         said = harmonics_removed(str(s.environment.get("harmonics", "")) for s in run.modes.sets)
         if said:
             items.append(Items(title="The rotor's harmonics", statements=tuple(map(sentence, said))))
@@ -142,11 +143,10 @@ def identification_section(run: Run) -> Section:
                    lead="Every pole of every block, and what was taken for a mode of the structure.")
 
 
-def _pole_pictures(run: Run) -> list[object]:
-    poles = run.poles
+def _pole_pictures(run: Run, poles: pd.DataFrame) -> list[Element]:
     criterion = poles["criterion"].astype(str).to_numpy()
     labels = list(run.modes.labels) if run.modes else []
-    pictures: list[object] = [
+    pictures: list[Element] = [
         Picture(svg=figures.svg_text(d.figure, d.name), caption=d.caption, width="half")
         for d in pole_drawings(poles, labels, rotor_lines(run.campaign.scada if run.campaign else None), HALF_IN)
     ]
@@ -160,12 +160,12 @@ def _pole_pictures(run: Run) -> list[object]:
     return pictures
 
 
-def _judged_pictures(run: Run) -> list[object]:
+def _judged_pictures(run: Run, modes: ModalData) -> list[Element]:
     """What lets a reader judge the modes: the block that the update starts from, maps, phases, conditions."""
-    modes = run.modes
     chosen = run.nine.set().id if run.nine is not None else None
     known = {s.id for s in modes.sets}
-    modes = replace(modes, reference_set=chosen if chosen in known else modes.reference_set)
+    if chosen is not None and chosen in known:
+        modes = replace(modes, reference_set=chosen)
     block = block_of(run.folder / "modes.json", modes)
     shown = [] if block is None or block.poles is None else [stabilisation_drawing(block, modes)]
     narrow = ("auto_mac", "mac_over_sets")
@@ -179,34 +179,23 @@ def block_states(modes: ModalData) -> np.ndarray:
     return np.array([str(s.environment.get("state", "")) for s in modes.sets], dtype=object)
 
 
-def _frequency_tables(run: Run) -> list[object]:
-    modes = run.modes
-    frequency = np.array([s.frequency_hz for s in modes.sets])
-    damping = np.array([s.damping_ratio for s in modes.sets])
-    labels = modes.labels or tuple(f"mode {k + 1}" for k in range(modes.n_mode))
-    states = block_states(modes)
-    groups = [("all", np.ones(len(states), bool))]
-    order = [*STATES_ORDER, *sorted(set(states) - set(STATES_ORDER))]
-    known = [name for name in order if name and np.any(states == name)]
-    groups += [(name, states == name) for name in known if known != ["unknown"]]
-    several = len(modes.sets) > 1
+def _frequency_tables(run: Run, modes: ModalData) -> list[Element]:
+    labels = mode_labels(modes)
+    picture = _frequencies_by_block(run, modes, labels)
+    return [_frequency_table(modes, labels, run.jacket), *([picture] if picture else [])]
+
+
+def _frequency_table(modes: ModalData, labels: tuple[str, ...], jacket: bool) -> Table:
+    """A row for each mode, over all sets and over those of each turbine state."""
+    groups, several = _by_state(modes), len(modes.sets) > 1
     rows, marked = [], set()
     for j, label in enumerate(labels):
         for name, inside in groups:
-            f = frequency[inside, j][np.isfinite(frequency[inside, j])]
-            d = damping[inside, j][np.isfinite(damping[inside, j])]
-            std = modes.sets[0].frequency_std_hz[j]
-            scatter = np.std(f, ddof=1) / np.mean(f) if len(f) > 1 else (std / f[0] if len(f) == 1 else np.nan)
-            row = [label, name] if several else [label]
-            row += [str(len(f)) if several else fixed(f[0] if len(f) else np.nan, 3)]
-            if several:
-                row += [percent(len(f) / max(int(inside.sum()), 1), 0), fixed(np.mean(f) if len(f) else np.nan, 4)]
-            row += [fixed(scatter, 4), percent(np.median(d) if len(d) else np.nan, 2)]
-            if run.jacket:
-                row += [fixed(paper_tables.FREQUENCY_COV.get(label), 3) if name == "all" else ""]
             if name == "all" and several:
                 marked.add(len(rows))
-            rows.append(tuple(row))
+            printed = fixed(paper_tables.FREQUENCY_COV.get(label), 3) if name == "all" else ""
+            rows.append((label, *([name] if several else []), *_frequency_cells(modes, j, inside),
+                         *([printed] if jacket else [])))
     columns = [Column(name="mode", number=False)]
     if several:
         columns += [Column(name="state", number=False), Column(name="blocks"),
@@ -214,65 +203,99 @@ def _frequency_tables(run: Run) -> list[object]:
     else:
         columns += [Column(name="f", unit="Hz")]
     columns += [Column(name="CoV of f", unit="-"), Column(name="median damping", unit="%")]
-    if run.jacket:
+    if jacket:
         columns.append(Column(name="CoV, paper", unit="-", paper=True))
     note = (
-        "The paper's CoVs are over a month, idling and operating together." if run.jacket
+        "The paper's CoVs are over a month, idling and operating together." if jacket
         else ("" if several else "CoV from the standard deviations that came with the modes.")
     )
-    table = Table(caption="Identified frequencies" + (" by turbine state" if len(groups) > 1 else ""),
-                  columns=tuple(columns), rows=tuple(rows), note=note, marked=frozenset(marked),
-                  width="half")
-    items: list[object] = [table]
-    time = pd.to_datetime([s.id for s in modes.sets], errors="coerce", utc=True) if several else None
-    if time is not None and not time.isna().any():
-        chosen = {s.id for s in run.nine.sets} if run.nine else set()
-        selected = np.array([s.id in chosen for s in modes.sets])
-        figure = figures.frequencies_by_block(time.tz_convert(None).to_numpy(), frequency, labels, selected,
-                                              truth_frequencies(run, labels))
-        items.append(
-            Picture(svg=figures.svg_text(figure, "blocks"),
-                    caption="Identified frequency of each mode by block; filled: the blocks that were "
-                    "selected" + ("; dashed: the virtual turbine's own frequency." if run.truth else "."))
-        )
-    return items
+    return Table(caption="Identified frequencies" + (" by turbine state" if len(groups) > 1 else ""),
+                 columns=tuple(columns), rows=tuple(rows), note=note, marked=frozenset(marked), width="half")
+
+
+def _by_state(modes: ModalData) -> list[tuple[str, np.ndarray]]:
+    """"all", then every turbine state that is known, with which sets (n_set,) are of it."""
+    states = block_states(modes)
+    order = [*STATES_ORDER, *sorted(set(states) - set(STATES_ORDER))]
+    known = [name for name in order if name and np.any(states == name)]
+    return [("all", np.ones(len(states), bool)), *((name, states == name) for name in known if known != ["unknown"])]
+
+
+def _frequency_cells(modes: ModalData, j: int, inside: np.ndarray) -> list[str]:
+    """Of mode j in the sets `inside`: frequency (how often found, the share and the mean where there are several sets),
+    its CoV and its damping ratio."""
+    f = np.array([s.frequency_hz[j] for s in modes.sets])[inside]
+    d = np.array([s.damping_ratio[j] for s in modes.sets])[inside]
+    f, d = f[np.isfinite(f)], d[np.isfinite(d)]
+    cov = np.nan
+    if len(f) > 1:
+        cov = float(np.std(f, ddof=1) / np.mean(f))
+    elif len(f) == 1:
+        cov = float(modes.sets[0].frequency_std_hz[j] / f[0])
+    if len(modes.sets) > 1:
+        share = len(f) / max(int(inside.sum()), 1)
+        cells = [str(len(f)), percent(share, 0), fixed(float(np.mean(f)) if len(f) else np.nan, 4)]
+    else:
+        cells = [fixed(f[0] if len(f) else np.nan, 3)]
+    return [*cells, fixed(cov, 4), percent(float(np.median(d)) if len(d) else np.nan, 2)]
+
+
+def _frequencies_by_block(run: Run, modes: ModalData, labels: tuple[str, ...]) -> Picture | None:
+    """Frequencies over time; None of a single set, or where the sets' ids are no times."""
+    if len(modes.sets) < 2:
+        return None
+    time = pd.to_datetime([s.id for s in modes.sets], errors="coerce", utc=True)
+    if time.isna().any():
+        return None
+    frequency = np.array([s.frequency_hz for s in modes.sets])
+    chosen = {s.id for s in run.nine.sets} if run.nine else set()
+    selected = np.array([s.id in chosen for s in modes.sets])
+    figure = figures.frequencies_by_block(time.tz_convert(None).to_numpy(), frequency, labels, selected,
+                                          truth_frequencies(run, labels))
+    return Picture(svg=figures.svg_text(figure, "blocks"),
+                   caption="Identified frequency of each mode by block; filled: the blocks that were "
+                   "selected" + ("; dashed: the virtual turbine's own frequency." if run.truth else "."))
 
 
 def selection_section(run: Run) -> Section:
-    items: list[object] = []
+    items: list[Element] = []
     if run.selection is None:
         items.append(Notice(level="missing", text="selection.csv, so the reasons of the selection are not shown."))
     else:
-        items += _selection_reasons(run)
+        items += _selection_reasons(run, run.selection)
     if run.nine is not None and len(run.nine.sets) > 1:
-        items += _nine_sets(run)
+        items += _nine_sets(run, run.nine)
     return Section(anchor="selected", title="Selection", items=tuple(items),
                    lead="Which blocks the update may trust, and why the others were left out.")
 
 
-def _selection_reasons(run: Run) -> list[object]:
-    selection = run.selection
+def _selection_reasons(run: Run, selection: pd.DataFrame) -> list[Element]:
     reason = selection["criterion"].astype(object).fillna("").astype(str)
     found = [n for n in dict.fromkeys(reason) if n]
     names = [n for n in CRITERIA_ORDER if n in found] + [n for n in found if n not in CRITERIA_ORDER]
     excluded = [int((reason == n).sum()) for n in names]
-    items: list[object] = [
+    items: list[Element] = [
         Picture(
             svg=figures.svg_text(figures.selection_steps(names, excluded, len(selection)), "selection"),
             caption="Blocks that each criterion took away, asked in this order (a block counts at the first it fails).",
         )
     ]
     if run.jacket:
-        items.append(_criteria_table(run, dict(zip(names, excluded, strict=True))))
+        items.append(_criteria_table(run, selection, dict(zip(names, excluded, strict=True))))
     return items
 
 
-def _criteria_table(run: Run, excluded: dict[str, int]) -> Table:
+def passing(selection: pd.DataFrame) -> int:
+    """Blocks that no criterion took away."""
+    return int((selection["criterion"].astype(object).fillna("") == "").sum())
+
+
+def _criteria_table(run: Run, selection: pd.DataFrame, excluded: dict[str, int]) -> Table:
     """Table 1 beside how many blocks each of its criteria took here."""
     here = (("yawing", "pitching"), ("not idling",), ("modes not identified",), ("planes not perpendicular",))
     rows = [(assumption, criterion, str(sum(excluded.get(name, 0) for name in names)))
             for (assumption, criterion), names in zip(paper_tables.SELECTION, here, strict=True)]
-    left = int((run.selection["criterion"].astype(object).fillna("") == "").sum())
+    left = passing(selection)
     kept = f"{len(run.nine.sets)} of {left}" if run.nine is not None else str(left)
     rows.append(("selected sets", f"{paper_tables.SELECTED_SETS} in the paper", f"{kept} that pass"))
     columns = (Column(name="assumption", number=False, paper=True), Column(name="criterion", number=False, paper=True),
@@ -281,9 +304,8 @@ def _criteria_table(run: Run, excluded: dict[str, int]) -> Table:
                  note="Blocks without data are not counted here.")
 
 
-def _nine_sets(run: Run) -> list[object]:
-    nine = run.nine
-    labels = nine.labels or tuple(f"mode {k + 1}" for k in range(nine.n_mode))
+def _nine_sets(run: Run, nine: ModalData) -> list[Element]:
+    labels = mode_labels(nine)
     truth = truth_frequencies(run, labels)
     rows, marked = [], set()
     reference = nine.set()
@@ -330,7 +352,7 @@ def _similar(shape: np.ndarray, reference: np.ndarray, clusters: list[tuple[int,
     return found
 
 
-def _numeric(value) -> float:
+def _numeric(value: object) -> float:
     return float(value) if isinstance(value, (int, float, np.number)) else float("nan")
 
 

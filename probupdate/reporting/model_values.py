@@ -6,10 +6,10 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from probupdate.modal.matching import MIN_MAC, SPARE, channel_rows, close_clusters, match
+from probupdate.modal.matching import MIN_MAC, SPARE, ModeGroup, channel_rows, close_clusters, match
 from probupdate.modal.modes import ModalData, ModalSet
 from probupdate.model.interface import Model
-from probupdate.reporting.values import ModelValues
+from probupdate.reporting.values import ModelValues, mode_labels
 from probupdate.reporting.viewer import ShapedModes
 from probupdate.updating.problem import SEARCH
 from probupdate.updating.update_file import UpdateRecord
@@ -44,7 +44,7 @@ def model_values(model: Model, data: ModalData | None, update: UpdateRecord | No
         theta["updated"] = update.map_theta
     wire = model.wireframe(theta["initial"])
     chosen = drawn_set(data, update)
-    if chosen is None or not chosen.measured.any():
+    if data is None or chosen is None or not chosen.measured.any():
         labels = tuple(f"mode {k + 1}" for k in range(n_plain))
         states = {name: _first_modes(model, values, n_plain) for name, values in theta.items()}
         return ModelValues(model=model, wire=wire, labels=labels, pairs=(), states=states)
@@ -55,7 +55,7 @@ def model_values(model: Model, data: ModalData | None, update: UpdateRecord | No
         single = set(range(chosen.frequency_hz.size)) - {j for pair in update.pairs for j in pair}
         clusters = [*update.pairs, *((j,) for j in sorted(single))]
     n_mode = min(n_mode, model.n_available)
-    labels = data.labels or tuple(f"mode {k + 1}" for k in range(data.n_mode))
+    labels = mode_labels(data)
     states = {name: _matched_modes(model, values, n_mode, data, chosen, clusters) for name, values in theta.items()}
     pairs = tuple(c for c in clusters if len(c) > 1)
     return ModelValues(model=model, wire=wire, labels=labels, pairs=pairs, states=states)
@@ -71,11 +71,15 @@ def _first_modes(model: Model, theta: np.ndarray, n_mode: int) -> ShapedModes:
 def _displacement(model: Model, theta: np.ndarray, n_mode: int) -> np.ndarray:
     """(n_node, 3, n_mode), without a node where the model has no geometry."""
     drawn = model.wireframe(theta, n_mode)
-    return np.zeros((0, 3, n_mode)) if drawn is None else drawn.displacement
+    if drawn is None:
+        return np.zeros((0, 3, n_mode))
+    # modes were asked for
+    assert drawn.displacement is not None
+    return drawn.displacement
 
 
 def _matched_modes(
-    model: Model, theta: np.ndarray, n_mode: int, data: ModalData, chosen: ModalSet, clusters
+    model: Model, theta: np.ndarray, n_mode: int, data: ModalData, chosen: ModalSet, clusters: list[tuple[int, ...]]
 ) -> ShapedModes:
     solution, drawn = model.solve(theta, n_mode), _displacement(model, theta, n_mode)
     rows = channel_rows(model, data.channels)
@@ -93,5 +97,5 @@ def _matched_modes(
     return ShapedModes(frequency_hz=frequency, shape=shape, displacement=moved)
 
 
-def _ordered(groups) -> Mapping[int, int]:
+def _ordered(groups: tuple[ModeGroup, ...]) -> Mapping[int, int]:
     return {j: i for group in groups for j, i in zip(group.measured, group.computed, strict=True)}

@@ -7,10 +7,11 @@ from dataclasses import replace
 import numpy as np
 
 from probupdate.modal.modes import rotate_to_real
+from probupdate.model.interface import Wireframe
 from probupdate.reporting import figures
 from probupdate.reporting.elements import Notice, Picture, Section, Viewer
 from probupdate.reporting.model_values import compared_modes, drawn_set
-from probupdate.reporting.values import Run
+from probupdate.reporting.values import ModelValues, Run
 from probupdate.reporting.viewer import align, viewer_data
 
 MODE_NAMES = {
@@ -22,48 +23,50 @@ MODE_NAMES = {
 
 
 def modes_section(run: Run) -> Section:
-    title = "Modes in three dimensions"
-    if run.model is not None and run.model.wire is None and (shown := _shapes_by_channel(run)) is not None:
+    title, model = "Modes in three dimensions", run.model
+    if model is not None and model.wire is None and (shown := _shapes_by_channel(run, model)) is not None:
         return Section(anchor="modes", title="Mode shapes", items=(shown,), lead="The model came without geometry, so "
                        "its shapes are shown channel by channel.")
-    if run.model is None or run.model.wire is None:
+    if model is None or model.wire is None:
         text = "a model with geometry, so the modes cannot be drawn."
         return Section(anchor="modes", title=title, items=(Notice(level="missing", text=text),))
-    sensors = run.campaign.sensors if run.campaign else ()
-    update, modes = run.update, compared_modes(run.nine or run.modes, run.update)
-    labels = run.model.labels
-    measured_hz = measured_shape = None
-    chosen = drawn_set(modes, update)
-    if chosen is not None:
-        measured_hz = chosen.frequency_hz
-        rows = [modes.channels.index(s.channel) for s in sensors if s.channel in modes.channels]
-        if sensors and len(rows) == len(sensors):
-            measured_shape = chosen.shape[rows]
-    planes = _planes(run)
-    # computed shapes come in the channels' order of the modes, measured ones are wanted in that of the sensors
-    states = run.model.states if measured_shape is None else {
-        name: replace(state, shape=state.shape[rows]) for name, state in run.model.states.items()}
-    data = viewer_data(
-        run.model.wire, labels, states, measured_hz=measured_hz, measured_shape=measured_shape,
-        sensors=sensors if measured_shape is not None else (), pairs=run.model.pairs,
-        names=MODE_NAMES if run.jacket else {}, planes=planes,
-    )
-    static = figures.mode_shapes(run.model.wire, *_drawn(data))
+    data, measured = _viewed(run, model, model.wire)
     handling = "Drag turns, after a click the wheel zooms, shift-drag moves; arrow keys and space work too."
     caption = (
         f"{handling} Circles: the motion measured at the sensors. Each computed shape is scaled to the measured one; "
         "where two modes form a close pair the computed pair is turned within its plane onto the measured "
         "pair, as the update does."
-        if measured_shape is not None
+        if measured
         else handling
     )
-    still = Picture(svg=figures.svg_text(static, "shapes"),
+    still = Picture(svg=figures.svg_text(figures.mode_shapes(model.wire, *_drawn(data)), "shapes"),
                     caption="The same at the largest displacement: grey at rest"
                     + (", blue updated, dashed initial" if run.update is not None else ", dashed as computed")
-                    + ("; circles: measured at the sensors." if measured_shape is not None else "."))
+                    + ("; circles: measured at the sensors." if measured else "."))
     return Section(anchor="modes", title=title, items=(Viewer(data=data, caption=caption), still),
-                   lead=f"The global modes {_said(measured_shape is not None, run.update is not None)}"
+                   lead=f"The global modes {_said(measured, run.update is not None)}"
                    + (" (the paper's Fig. 3)." if run.jacket else "."))
+
+
+def _viewed(run: Run, model: ModelValues, wire: Wireframe) -> tuple[dict, bool]:
+    """The viewer's values, and whether measured shapes are among them: where every sensor's place is known."""
+    sensors = run.campaign.sensors if run.campaign else ()
+    modes = compared_modes(run.nine or run.modes, run.update)
+    chosen = drawn_set(modes, run.update)
+    measured_hz, measured_shape, states = None, None, model.states
+    if modes is not None and chosen is not None:
+        measured_hz = chosen.frequency_hz
+        rows = [modes.channels.index(s.channel) for s in sensors if s.channel in modes.channels]
+        if sensors and len(rows) == len(sensors):
+            measured_shape = chosen.shape[rows]
+            # computed shapes come in the channels' order of the modes, measured ones are wanted in that of the sensors
+            states = {name: replace(state, shape=state.shape[rows]) for name, state in model.states.items()}
+    data = viewer_data(
+        wire, model.labels, states, measured_hz=measured_hz, measured_shape=measured_shape,
+        sensors=sensors if measured_shape is not None else (), pairs=model.pairs,
+        names=MODE_NAMES if run.jacket else {}, planes=_planes(run, wire),
+    )
+    return data, measured_shape is not None
 
 
 def _said(measured: bool, updated: bool) -> str:
@@ -74,22 +77,22 @@ def _said(measured: bool, updated: bool) -> str:
     return f"{computed}; where the channels are is not known, so the measured shapes are not drawn"
 
 
-def _shapes_by_channel(run: Run) -> Picture | None:
+def _shapes_by_channel(run: Run, model: ModelValues) -> Picture | None:
     data = compared_modes(run.nine or run.modes, run.update)
     chosen = drawn_set(data, run.update)
-    if chosen is None or not chosen.measured.any():
+    if data is None or chosen is None or not chosen.measured.any():
         return None
-    measured = rotate_to_real(chosen.shape).real
+    measured = np.real(rotate_to_real(chosen.shape))
     size = np.nanmax(np.abs(measured), axis=0, where=np.isfinite(measured), initial=1e-300)
-    paired = {j for pair in run.model.pairs for j in pair}
-    groups = [*run.model.pairs, *((j,) for j in range(data.n_mode) if j not in paired)]
+    paired = {j for pair in model.pairs for j in pair}
+    groups = [*model.pairs, *((j,) for j in range(data.n_mode) if j not in paired)]
     computed = {}
-    for name, modes in run.model.states.items():
+    for name, modes in model.states.items():
         known = np.isfinite(modes.frequency_hz)
         turn = align(measured, modes.shape, groups)
         turned = np.nan_to_num(modes.shape) @ np.where(known[:, None] & known, turn, 0)
         computed[name] = np.where(known, turned, np.nan) / size
-    figure = figures.shapes_by_channel(run.model.labels, measured / size, chosen.shape_std / size, computed)
+    figure = figures.shapes_by_channel(model.labels, measured / size, chosen.shape_std / size, computed)
     listed = ", ".join(f"{k} {name}" for k, name in enumerate(data.channels, start=1))
     return Picture(svg=figures.svg_text(figure, "channels"), caption=(
         "Every computed shape is scaled to the measured one, a close pair turned within its plane; the largest "
@@ -118,10 +121,10 @@ def _drawn(data: dict) -> tuple[list[str], dict, np.ndarray, np.ndarray | None]:
     return titles, states, points, measured
 
 
-def _planes(run: Run) -> tuple[tuple[float, str, str], ...]:
+def _planes(run: Run, wire: Wireframe) -> tuple[tuple[float, str, str], ...]:
     if not run.jacket:
         return ()
-    low = float(run.model.wire.node_m[:, 2].min())
+    low = float(wire.node_m[:, 2].min())
     planes = [(0.0, "sea level", "rgba(86,180,233,0.10)")]
     depth = run.campaign.water_depth_m if run.campaign else None
     if depth is not None and -depth > low:

@@ -5,9 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from probupdate.io.result_table import plural
+from probupdate.modal.modes import ModalData
 from probupdate.reporting import figures
 from probupdate.reporting.elements import (
     Column,
+    Element,
     Items,
     Notice,
     Picture,
@@ -21,7 +23,8 @@ from probupdate.reporting.elements import (
     percent,
     sentence,
 )
-from probupdate.reporting.findings import MANY_FALLBACKS, findings, worst
+from probupdate.reporting.findings import MANY_FALLBACKS, Finding, evaluations, findings, worst
+from probupdate.reporting.measurement_sections import passing
 from probupdate.reporting.modes_section import MODE_NAMES
 from probupdate.reporting.posterior_sections import marks, truth_sentence
 from probupdate.reporting.standing import (
@@ -37,6 +40,7 @@ from probupdate.reporting.standing import (
 from probupdate.reporting.updating_sections import fit_level, meaning, scheme_name
 from probupdate.reporting.values import Run
 from probupdate.updating.identifiability import BLIND, STRONG
+from probupdate.updating.posterior_file import Posterior
 from probupdate.updating.update_file import UpdateRecord, misses
 
 # a gain in standard deviation below this is not worth a sentence
@@ -46,7 +50,7 @@ LEAST_GAIN = 0.05
 def verdict_section(run: Run) -> Section:
     found = findings(run)
     doubts = [f.text for f in found] + _not_to_be_read(run)
-    items: list[object] = []
+    items: list[Element] = []
     actions = tuple(dict.fromkeys(f.action for f in found if f.action)) + tuple(_next_measurement(run))
     if run.update is not None and not found:
         actions = ("Use the parameters with their intervals; no check of this run speaks against it.", *actions)
@@ -55,13 +59,13 @@ def verdict_section(run: Run) -> Section:
     if doubts:
         items.append(Items(title="What not to rely on", statements=tuple(doubts), level=worst(found), width="half"))
     if run.update is not None:
-        items.append(_errors_picture(run))
+        items.append(_errors_picture(run.update, run.posterior))
     shown = len(items)
     if run.update is not None:
-        items += [_before_and_after(run), _known_table(run)]
+        items += [_before_and_after(run.update, run.posterior), _known_table(run, run.update)]
     items.append(Tiles(items=tuple(_tiles(run))))
     if run.update is not None:
-        items.append(_shifts_picture(run))
+        items.append(_shifts_picture(run, run.update))
     remarks = remarkable(run)
     if remarks:
         items.append(Items(title="What to keep in mind", statements=tuple(remarks)))
@@ -80,15 +84,14 @@ def _not_to_be_read(run: Run) -> list[str]:
         return []
     kept = names_of(standings(run.update, run.posterior), PRIOR)
     return [f"{', '.join(kept)}: the data say nothing of {'it' if len(kept) == 1 else 'them'}; what stands there is "
-            f"the "
-            "prior."] if kept else []
+            "the prior."] if kept else []
 
 
 def _next_measurement(run: Run) -> list[str]:
-    parts = None if run.update is None else run.update.components
-    if parts is None or not parts.measures:
+    if run.update is None or run.update.components is None or not run.update.components.measures:
         return []
-    names, gain = run.update.parameters.names, parts.gain[0]
+    parts, names = run.update.components, run.update.parameters.names
+    gain = parts.gain[0]
     best = [k for k in np.argsort(-gain)[:3] if gain[k] >= LEAST_GAIN]
     told = ", ".join(f"{names[k]} by {percent(gain[k], 0)} %" for k in best)
     return [f"If a parameter must be known better: {parts.measures[0]} (narrows {told})."] if best else []
@@ -99,7 +102,7 @@ def _worst(measured: np.ndarray, computed: np.ndarray) -> float:
     return float(np.nanmax(error)) if np.any(np.isfinite(error)) else float("nan")
 
 
-def _headline(run: Run, found) -> str:
+def _headline(run: Run, found: tuple[Finding, ...]) -> str:
     """Whether the model fits now, whether the sampler converged, and what speaks against the parameters."""
     update, posterior = run.update, run.posterior
     if update is None:
@@ -161,7 +164,7 @@ def _tiles(run: Run) -> list[Tile]:
             detail=f"worst mode at first: {update.labels[first]}, measured {update.measured_hz[first]:.3f} Hz, "
             f"computed {update.initial_hz[first]:.3f} → {chosen.frequency_hz[first]:.3f} Hz ({chosen.name})"))
         tiles.append(_fit_tile(update))
-        tiles.append(_parameter_tile(run))
+        tiles.append(_parameter_tile(update, posterior))
         tiles.append(_update_tile(update))
     if posterior is not None:
         tiles.append(Tile(
@@ -170,12 +173,12 @@ def _tiles(run: Run) -> list[Tile]:
             detail=f"at least {count(float(np.min(posterior.ess)))} effective draws, R-hat at most "
             f"{fixed(float(np.max(posterior.r_hat)), 3)}"))
     if run.modes is not None:
-        tiles.append(_sets_tile(run))
+        tiles.append(_sets_tile(run, run.modes))
     return tiles
 
 
-def _parameter_tile(run: Run) -> Tile:
-    found = standings(run.update, run.posterior)
+def _parameter_tile(update: UpdateRecord, posterior: Posterior | None) -> Tile:
+    found = standings(update, posterior)
     size = {kind: len(names_of(found, kind)) for kind in (KNOWN, PARTLY, PRIOR, BOUND)}
     detail = f"strongly identified; {size[PARTLY]} weakly, {size[PRIOR]} keep the prior"
     if size[BOUND]:
@@ -193,13 +196,13 @@ def _update_tile(update: UpdateRecord) -> Tile:
                 "plain" if any(s.key == "prior" for s in settled) else "warning")
 
 
-def _sets_tile(run: Run) -> Tile:
-    blocks = len(run.modes.sets)
-    identified = sum(bool(s.measured.any()) for s in run.modes.sets)
+def _sets_tile(run: Run, modes: ModalData) -> Tile:
+    blocks = len(modes.sets)
+    identified = sum(bool(s.measured.any()) for s in modes.sets)
     selected = len(run.nine.sets) if run.nine is not None else None
-    detail = f"{plural(blocks, 'set')} of {run.modes.n_mode} modes at {len(run.modes.channels)} channels"
+    detail = f"{plural(blocks, 'set')} of {modes.n_mode} modes at {len(modes.channels)} channels"
     if run.selection is not None:
-        passed = int((run.selection["criterion"].astype(object).fillna("") == "").sum())
+        passed = passing(run.selection)
         detail = f"modes found in {identified} of {blocks} blocks, {passed} pass every criterion"
     value = f"{selected} of {blocks}" if selected is not None else str(blocks)
     return Tile(label="sets used" if selected is not None else "modal sets", value=value, detail=detail)
@@ -214,14 +217,14 @@ def _fit_tile(update: UpdateRecord) -> Tile:
                 "standard deviations has 1")
 
 
-def mode_words(labels) -> str:
+def mode_words(labels: tuple[str, ...]) -> str:
     """What mode labels mean, for those that have a meaning."""
     known = [f"{label} {MODE_NAMES[label]}" for label in labels if label in MODE_NAMES]
     return f"{', '.join(known)}." if known else ""
 
 
-def _before_and_after(run: Run) -> Table:
-    update, after = run.update, estimate(run.update, run.posterior)
+def _before_and_after(update: UpdateRecord, posterior: Posterior | None) -> Table:
+    after = estimate(update, posterior)
     rows = []
     for j, label in enumerate(update.labels):
         row = [label, fixed(update.measured_hz[j], 3)]
@@ -230,19 +233,19 @@ def _before_and_after(run: Run) -> Table:
         rows.append(tuple(row))
     columns = (Column(name="mode", number=False), Column(name="measured", unit="Hz"), Column(name="before", unit="Hz"),
                Column(name="error", unit="%"), Column(name="after", unit="Hz"), Column(name="error", unit="%"))
-    words = "most probable parameters (MAP)" if run.posterior is None else "median of what the posterior predicts"
+    words = "most probable parameters (MAP)" if posterior is None else "median of what the posterior predicts"
     return Table(caption="Frequencies before and after", columns=columns, rows=tuple(rows), width="half",
                  note=f"Before: the initial model; after: {words}. {mode_words(update.labels)}".strip())
 
 
-def _known_table(run: Run) -> Table:
-    update, posterior = run.update, run.posterior
+def _known_table(run: Run, update: UpdateRecord) -> Table:
+    posterior = run.posterior
     found, after = standings(update, posterior), estimate(update, posterior)
     rows = []
     for k, (p, s) in enumerate(zip(update.parameters, found, strict=True)):
         row = [figures.unit_label(p.name, p.unit), meaning(p, run.jacket), s.words, number(p.initial),
                number(after.theta[k])]
-        if after.low is not None:
+        if after.low is not None and after.high is not None:
             row.append(f"{number(after.low[k])} to {number(after.high[k])}")
         rows.append((*row, fixed(s.width, 2), ("+" if s.shift > 0.005 else "") + fixed(s.shift, 1)))
     columns = [Column(name="parameter", unit="[unit]", number=False), Column(name="meaning", number=False),
@@ -261,12 +264,12 @@ def _known_table(run: Run) -> Table:
                  note=note, marked=frozenset(k for k, s in enumerate(found) if s.kind == BOUND))
 
 
-def _errors_picture(run: Run) -> Picture:
-    update, after = run.update, estimate(run.update, run.posterior)
+def _errors_picture(update: UpdateRecord, posterior: Posterior | None) -> Picture:
+    after = estimate(update, posterior)
     used = np.isfinite(update.initial_hz)
     computed = {"initial model": update.initial_hz[used]}
     computed |= {f"updated, {scheme_name(s)}": s.frequency_hz[used] for s in update.schemes}
-    if run.posterior is not None:
+    if posterior is not None:
         computed[after.name] = after.frequency_hz[used]
     labels = [label for label, here in zip(update.labels, used, strict=True) if here]
     errors = figures.frequency_errors(labels, update.measured_hz[used], computed)
@@ -283,14 +286,13 @@ def _errors_picture(run: Run) -> Picture:
                    f"{percent(_worst(update.measured_hz, after.frequency_hz))} %.")
 
 
-def _shifts_picture(run: Run) -> Picture:
+def _shifts_picture(run: Run, update: UpdateRecord) -> Picture:
     draws = run.posterior.draws if run.posterior is not None else None
-    shifts = figures.departures(run.update.parameters.items, draws, marks(run))
+    shifts = figures.departures(update.parameters.items, draws, marks(run, update))
     return Picture(svg=figures.svg_text(shifts, "departures"),
                    caption="Where each parameter went. A posterior as wide as the grey bar has learned nothing from "
-                           "the "
-                   "data; estimates far from the posterior's middle are not to be relied on. MAP: the most probable "
-                   "parameters.")
+                   "the data; estimates far from the posterior's middle are not to be relied on. MAP: the most "
+                   "probable parameters.")
 
 
 def remarkable(run: Run) -> list[str]:
@@ -307,8 +309,8 @@ def remarkable(run: Run) -> list[str]:
                 said.append(f"Held at a bound by the update with {scheme_name(s)}: {', '.join(held)}.")
         said += [f"Left out: {t}." for t in update.left_out]
     if posterior is not None and update is not None:
-        said += _known_together(run)
-        evaluated, fallback = int(posterior.record.get("evaluated", 0)), int(posterior.record.get("fallback", 0))
+        said += _known_together(update, posterior)
+        evaluated, fallback = evaluations(posterior)
         if 0 < fallback <= MANY_FALLBACKS * evaluated:
             share = number(100 * fallback / evaluated, 2)
             said.append(f"{count(fallback)} of {count(evaluated)} evaluations ({share} %) fell outside "
@@ -324,11 +326,11 @@ def remarkable(run: Run) -> list[str]:
     return said
 
 
-def _known_together(run: Run) -> list[str]:
-    names = run.update.parameters.names
-    if len(names) < 2 or np.any(contraction(run.update, run.posterior) == 0):
+def _known_together(update: UpdateRecord, posterior: Posterior) -> list[str]:
+    names = update.parameters.names
+    if len(names) < 2 or np.any(contraction(update, posterior) == 0):
         return []
-    correlation = np.corrcoef(run.posterior.draws.T)
+    correlation = np.corrcoef(posterior.draws.T)
     close = [f"{names[i]} and {names[j]} ({fixed(correlation[i, j], 2)})" for i in range(len(names))
              for j in range(i) if abs(correlation[i, j]) > 0.9]
     return [f"Known only together (posterior correlation beyond 0.9): {', '.join(close)}."] if close else []
@@ -336,7 +338,7 @@ def _known_together(run: Run) -> list[str]:
 
 def provenance_section(run: Run) -> Section:
     columns = (Column(name="what", number=False), Column(name="value", number=False))
-    items: list[object] = [Table(caption="Versions, settings and hashes", columns=columns, rows=run.provenance)]
+    items: list[Element] = [Table(caption="Versions, settings and hashes", columns=columns, rows=run.provenance)]
     if run.missing:
         items.append(Items(title="Not found in this run", statements=run.missing))
     return Section(anchor="provenance", title="Provenance", items=tuple(items),

@@ -16,7 +16,7 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup, escape
 
 from probupdate.io.result_table import plural
-from probupdate.reporting.elements import MISSING, Picture, Section, Table, plain_text
+from probupdate.reporting.elements import MISSING, Element, Picture, Section, Table, plain_text
 
 _FOLDER = Path(__file__).parent
 
@@ -48,7 +48,7 @@ def _plus_minus(value: object) -> object:
     return value.replace("+-", "±") if isinstance(value, str) and not isinstance(value, Markup) else value
 
 
-def _trusted(item: object) -> object:
+def _trusted(item: Element) -> Element:
     """A picture's drawing as it is, read out as one image with its alternative text."""
     if not isinstance(item, Picture):
         return item

@@ -2,10 +2,25 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from probupdate.reporting import figures
-from probupdate.reporting.elements import Column, Items, Notice, Picture, Section, Table, count, fixed, number, sentence
+from probupdate.reporting.elements import (
+    Column,
+    Element,
+    Items,
+    Notice,
+    Picture,
+    Section,
+    Table,
+    count,
+    fixed,
+    number,
+    sentence,
+)
+from probupdate.reporting.findings import MANY_FALLBACKS, evaluations
 from probupdate.reporting.standing import contraction
 from probupdate.reporting.style import MAP, PRIOR_UPDATE, STEP_UPDATE, TRUTH
 from probupdate.reporting.values import Run
@@ -18,13 +33,12 @@ from probupdate.updating.update_file import UpdateRecord
 MOST_PAIRED = 6
 
 
-def marks(run: Run) -> list[figures.Mark]:
-    update = run.update
+def marks(run: Run, update: UpdateRecord) -> list[figures.Mark]:
     found = [figures.Mark(name="MAP", theta=update.map_theta, role=MAP)]
     roles = (("prior", "update, prior penalty", PRIOR_UPDATE), ("step", "update, step penalty", STEP_UPDATE))
     for key, name, role in roles:
         found += [figures.Mark(name=name, theta=s.theta[-1], role=role) for s in update.schemes if s.key == key]
-    known = (run.truth or {}).get("parameters")
+    known = _true_parameters(run)
     if known:
         theta = np.array([float(known.get(n, np.nan)) for n in update.parameters.names])
         if np.any(np.isfinite(theta)):
@@ -39,61 +53,77 @@ def posterior_section(run: Run) -> Section:
         text = "posterior.nc, so there is no posterior to show." if posterior is None else \
             "update.json, which names the parameters and priors that the posterior is drawn against."
         return Section(anchor="posterior", title=title, items=(Notice(level="missing", text=text),))
-    parameters = update.parameters
-    items: list[object] = [Notice(level="good" if posterior.converged else "warning", text=posterior.verdict)]
-    evaluated, fallback = int(posterior.record.get("evaluated", 0)), int(posterior.record.get("fallback", 0))
+    items: list[Element] = [Notice(level="good" if posterior.converged else "warning", text=posterior.verdict)]
+    evaluated, fallback = evaluations(posterior)
     if fallback:
         items.append(Notice(
-            level="warning" if fallback > 0.2 * evaluated else "plain",
+            level="warning" if fallback > MANY_FALLBACKS * evaluated else "plain",
             text=f"{count(fallback)} of {count(evaluated)} evaluations fell outside the reduced basis and were "
             "answered by the full model: exact, but slow."))
-    points = marks(run)
-    draws = posterior.draws
-    stepped = figures.traces_and_ranks(
+    points, ratio = marks(run, update), contraction(update, posterior)
+    marginals = figures.marginals(update.parameters.items, posterior.draws, points)
+    items.append(Picture(
+        svg=figures.svg_text(marginals, "marginals"),
+        caption="Each parameter's posterior (filled), prior (dashed) and point estimates. Grey ground: outside "
+        "the bounds. A posterior that lies on its prior was not informed by the data."
+        + (" Truth: what the virtual turbine was built with." if run.truth else "")))
+    if len(update.parameters) > 1:
+        items += _pair_pictures(update, posterior.draws, points, ratio)
+    items.append(_contraction_picture(update, ratio))
+    items += _predictive_picture(posterior, update)
+    items += [_trace_picture(posterior, update), _sampling_table(posterior, update)]
+    return Section(anchor="posterior", title=title, items=tuple(items),
+                   lead="What the parameters may be, given the measurement, the prior and the model.")
+
+
+def _pair_pictures(
+    update: UpdateRecord, draws: np.ndarray, points: list[figures.Mark], ratio: np.ndarray
+) -> list[Picture]:
+    parameters = update.parameters
+    chosen, words = _paired(parameters.names, ratio)
+    near = [figures.Mark(name=m.name, theta=np.asarray(m.theta)[chosen], role=m.role) for m in points]
+    pairs = figures.corner([parameters.items[k] for k in chosen], draws[:, chosen], near)
+    correlation = figures.correlation_map(parameters.names, np.corrcoef(draws.T))
+    return [
+        Picture(svg=figures.svg_text(pairs, "corner"),
+                caption=f"{words} Contours hold 39, 68 and 90 % of the draws; dashed: the prior; marks beyond a frame "
+                "are not drawn."),
+        Picture(svg=figures.svg_text(correlation, "correlation"), width="half" if len(parameters) <= 12 else "full",
+                caption="Posterior correlation of all parameters; values below 0.005 are left blank."),
+    ]
+
+
+def _contraction_picture(update: UpdateRecord, ratio: np.ndarray) -> Picture:
+    figure = figures.contraction(update.parameters.names, ratio, informed_below=BLIND, strong_below=STRONG)
+    return Picture(
+        svg=figures.svg_text(figure, "contraction"), width="half",
+        caption="Posterior over prior standard deviation (the prior's after its cut at the bounds). Filled: strongly "
+        f"identified (below {STRONG}); hatched: weakly; dotted: keeps its prior (above {BLIND}). A bound, too, "
+        "makes a posterior narrow.")
+
+
+def _predictive_picture(posterior: Posterior, update: UpdateRecord) -> list[Picture]:
+    """None of a posterior that was written without its predictions, or with those of other modes."""
+    used = [update.labels.index(label) for label in posterior.mode_labels if label in update.labels]
+    if len(used) != posterior.frequency_hz.shape[1]:
+        return []
+    figure = figures.predictive_frequencies(
+        posterior.mode_labels, update.measured_hz[used], update.measured_std_hz[used], posterior.frequency_hz)
+    return [Picture(
+        svg=figures.svg_text(figure, "predictive"),
+        caption="Frequencies that the posterior predicts against the measured ones, in per cent of these.")]
+
+
+def _trace_picture(posterior: Posterior, update: UpdateRecord) -> Picture:
+    parameters = update.parameters
+    figure = figures.traces_and_ranks(
         parameters.names, [p.unit for p in parameters], posterior.theta, posterior.ess,
         int(posterior.record.get("thinned by", 1)))
-    trace = Picture(
-        svg=figures.svg_text(stepped, "traces"),
+    return Picture(
+        svg=figures.svg_text(figure, "traces"),
         caption="Whether the chains have settled. Traces: all walkers at every step; a drift, or a width that still "
         "changes, has not settled. Ranks: parts of the chains against all draws; lines that leave the grey band mean "
         "that the parts disagree.")
-    items.append(
-        Picture(svg=figures.svg_text(figures.marginals(parameters.items, draws, points), "marginals"),
-                caption="Each parameter's posterior (filled), prior (dashed) and point estimates. Grey ground: outside "
-                "the bounds. A posterior that lies on its prior was not informed by the data."
-                + (" Truth: what the virtual turbine was built with." if run.truth else ""))
-    )
-    ratio = contraction(update, posterior)
-    if len(parameters) > 1:
-        chosen, words = _paired(parameters.names, ratio)
-        near = [figures.Mark(name=m.name, theta=np.asarray(m.theta)[chosen], role=m.role) for m in points]
-        items.append(Picture(
-            svg=figures.svg_text(figures.corner([parameters.items[k] for k in chosen], draws[:, chosen], near),
-                                 "corner"),
-            caption=f"{words} Contours hold 39, 68 and 90 % of the draws; dashed: the prior; marks beyond a frame are "
-            "not drawn."))
-        items.append(Picture(
-            svg=figures.svg_text(figures.correlation_map(parameters.names, np.corrcoef(draws.T)), "correlation"),
-            width="half" if len(parameters) <= 12 else "full",
-            caption="Posterior correlation of all parameters; values below 0.005 are left blank."))
-    items.append(Picture(
-        svg=figures.svg_text(
-            figures.contraction(parameters.names, ratio, informed_below=BLIND, strong_below=STRONG), "contraction"),
-        width="half",
-        caption="Posterior over prior standard deviation (the prior's after its cut at the bounds). Filled: strongly "
-        f"identified (below {STRONG}); hatched: weakly; dotted: keeps its prior (above {BLIND}). A bound, too, "
-        "makes a posterior narrow."))
-    used = [update.labels.index(label) for label in posterior.mode_labels if label in update.labels]
-    if len(used) == posterior.frequency_hz.shape[1]:
-        items.append(Picture(
-            svg=figures.svg_text(figures.predictive_frequencies(
-                posterior.mode_labels, update.measured_hz[used], update.measured_std_hz[used], posterior.frequency_hz,
-            ), "predictive"),
-            caption="Frequencies that the posterior predicts against the measured ones, in per cent of these."))
-    items.append(trace)
-    items.append(_sampling_table(posterior, update))
-    return Section(anchor="posterior", title=title, items=tuple(items),
-                   lead="What the parameters may be, given the measurement, the prior and the model.")
 
 
 def _paired(names: tuple[str, ...], ratio: np.ndarray) -> tuple[list[int], str]:
@@ -130,7 +160,7 @@ def comparison_section(run: Run) -> Section:
         return Section(anchor="comparison", title=title, items=(
             Notice(level="missing", text="compare.json, so update and posterior are not set side by side."),))
     rows = run.comparison.rows
-    items: list[object] = []
+    items: list[Element] = []
     if run.comparison.notes:
         notes = tuple(sentence(n, run.comparison.names) for n in run.comparison.notes)
         items.append(Items(title="In short", statements=notes))
@@ -142,12 +172,15 @@ def comparison_section(run: Run) -> Section:
                    lead="Where the deterministic updates and the posterior part, and why.")
 
 
-def _known_truth(run: Run) -> list[tuple[int, float]]:
+def _true_parameters(run: Run) -> Mapping[str, float]:
+    """What the virtual turbine was built with, by name; empty where the truth is not known."""
+    return (run.truth or {}).get("parameters") or {}
+
+
+def _known_truth(run: Run, update: UpdateRecord) -> list[tuple[int, float]]:
     """(position, true value) of the parameters that the virtual turbine has under the same name."""
-    known = (run.truth or {}).get("parameters") or {}
-    if run.update is None or run.posterior is None:
-        return []
-    return [(k, float(known[n])) for k, n in enumerate(run.update.parameters.names) if n in known]
+    known = _true_parameters(run)
+    return [(k, float(known[n])) for k, n in enumerate(update.parameters.names) if n in known]
 
 
 def _inside(draws: np.ndarray, value: float) -> bool:
@@ -156,20 +189,25 @@ def _inside(draws: np.ndarray, value: float) -> bool:
 
 
 def truth_sentence(run: Run) -> str:
-    known = _known_truth(run)
+    update, posterior = run.update, run.posterior
+    if update is None or posterior is None:
+        return ""
+    known = _known_truth(run, update)
     if not known:
         return ""
-    outside = [run.update.parameters.names[k] for k, v in known if not _inside(run.posterior.draws[:, k], v)]
+    outside = [update.parameters.names[k] for k, v in known if not _inside(posterior.draws[:, k], v)]
     words = f"The truth of the virtual turbine lies within the 90 % interval of {len(known) - len(outside)} of " \
             f"{len(known)}"
     return f"{words}, outside for {', '.join(outside)}." if outside else f"{words}."
 
 
 def _truth_table(run: Run) -> Table | None:
-    known = _known_truth(run)
+    update, posterior = run.update, run.posterior
+    if update is None or posterior is None:
+        return None
+    known = _known_truth(run, update)
     if not known:
         return None
-    update, posterior = run.update, run.posterior
     rows, outside = [], set()
     for k, value in known:
         p, draws = update.parameters.items[k], posterior.draws[:, k]
@@ -190,7 +228,7 @@ def _truth_table(run: Run) -> Table | None:
             "has with other element theory and walls and joints off their drawings by a per cent or two. py, tz and qw "
             "scale another soil's curves, leg by leg drawn anew, and correspond on the average of the legs only. "
         )
-    others = [n for n in run.truth["parameters"] if n not in update.parameters.names]
+    others = [n for n in _true_parameters(run) if n not in update.parameters.names]
     if others:
         note += f"Known and not updated here: {', '.join(others)}. "
     note += "Tolerances, damping and sensors' gains are drawn, in no parameter, and cannot be found."

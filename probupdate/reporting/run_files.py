@@ -6,7 +6,7 @@ import difflib
 import hashlib
 import os
 import platform
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from importlib import metadata
 from pathlib import Path
@@ -169,8 +169,11 @@ def _title(
     folder: Path, head: Mapping, places: Mapping[str, Path], model: Model | None, campaign: CampaignValues | None
 ) -> str:
     """run.json's title, the model's name where it has one of its own, the campaign's, the directory's."""
-    own = model is not None and model.name != places["model"].stem
-    return str(head.get("title") or (model.name if own else folder.resolve().name if campaign is None else campaign.name))
+    if head.get("title"):
+        return str(head["title"])
+    if model is not None and model.name != places["model"].stem:
+        return model.name
+    return folder.resolve().name if campaign is None else campaign.name
 
 
 def read_table(path: Path, needed: tuple[str, ...], time: str | None = None) -> pd.DataFrame:
@@ -209,15 +212,17 @@ def _refuse_strangers(
         "the model": model and model.parameters.names, "update.json": update and update.parameters.names,
         "posterior.nc": posterior and posterior.names, "compare.json": comparison and comparison.names,
     }
-    present = {what: tuple(names) for what, names in named.items() if names}
-    first = next(iter(present.items()), None)
-    for what, names in present.items():
-        if names != first[1]:
-            raise InputError(str(folder), f"{what} and {first[0]} have different parameters",
+    present = [(what, tuple(names)) for what, names in named.items() if names]
+    for what, names in present[1:]:
+        first, expected = present[0]
+        if names != expected:
+            raise InputError(str(folder), f"{what} and {first} have different parameters",
                              "run update and sample again with this model")
 
 
-def _warnings(head: Mapping, data: ModalData | None, update: UpdateRecord | None, posterior: Posterior | None):
+def _warnings(
+    head: Mapping, data: ModalData | None, update: UpdateRecord | None, posterior: Posterior | None
+) -> Iterator[str]:
     if update is not None and posterior is not None and update.fingerprint != posterior.fingerprint:
         yield ("update.json and posterior.nc were computed from different problems (model, data, weights or prior "
                "differ): their numbers do not belong together.")
@@ -228,7 +233,10 @@ def _warnings(head: Mapping, data: ModalData | None, update: UpdateRecord | None
         yield f"The run was written by version {written}, this page by version {__version__}."
 
 
-def _provenance(folder, places, head, model, update, posterior):
+def _provenance(
+    folder: Path, places: Mapping[str, Path], head: Mapping, model: Model | None, update: UpdateRecord | None,
+    posterior: Posterior | None,
+) -> Iterator[tuple[str, str]]:
     yield "probupdate", str(head.get("version") or __version__)
     yield "Python", platform.python_version()
     for package in ("numpy", "scipy", "pandas", "h5py", "emcee", "arviz"):
@@ -238,7 +246,8 @@ def _provenance(folder, places, head, model, update, posterior):
     held = [places["campaign"] / name for name in ("campaign.toml", "scada.csv")] if "campaign" in places else []
     for path in (*places.values(), *held):
         if path.is_file():
-            yield Path(os.path.relpath(path, folder)).as_posix(), f"SHA-256 {hashlib.sha256(read_bytes(path, largest=LARGEST_HASHED)).hexdigest()[:16]}"
+            digest = hashlib.sha256(read_bytes(path, largest=LARGEST_HASHED)).hexdigest()
+            yield Path(os.path.relpath(path, folder)).as_posix(), f"SHA-256 {digest[:16]}"
     if model is not None:
         yield "model", model.name
     if update is not None:
@@ -252,7 +261,7 @@ def _provenance(folder, places, head, model, update, posterior):
                 yield from _said(f"posterior: {key}", value)
 
 
-def _said(key: str, value: object):
+def _said(key: str, value: object) -> Iterator[tuple[str, str]]:
     """A setting in a row; a table of settings in one row each, a list with commas."""
     if isinstance(value, Mapping):
         for name, part in value.items():

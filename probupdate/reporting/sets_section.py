@@ -6,7 +6,19 @@ from __future__ import annotations
 import numpy as np
 
 from probupdate.reporting import paper_tables
-from probupdate.reporting.elements import Column, Items, Notice, Section, Table, Text, fixed, number, percent, sentence
+from probupdate.reporting.elements import (
+    Column,
+    Element,
+    Items,
+    Notice,
+    Section,
+    Table,
+    Text,
+    fixed,
+    number,
+    percent,
+    sentence,
+)
 from probupdate.reporting.values import Run
 from probupdate.updating.information import METRIC_WORDS, Information, read_information, recommendation
 from probupdate.updating.set_views_file import SetViews, read_views, tau_interval
@@ -17,7 +29,7 @@ def sets_section(run: Run) -> Section | None:
     if not path.exists():
         return None
     views = read_views(path)
-    items: list[object] = [Notice(level="good" if views.converged else "warning", text=f"Population {views.verdict}.")]
+    items: list[Element] = [Notice(level="good" if views.converged else "warning", text=f"Population {views.verdict}.")]
     items += [_views_table(views), Text(paragraphs=(views.advice,)), _score_table(views)]
     if views.modes:
         items.append(_modes_table(views))
@@ -81,7 +93,7 @@ def information_section(run: Run) -> Section | None:
     if not path.exists():
         return None
     found = read_information(path)
-    items: list[object] = [_information_table(found, run.jacket)]
+    items: list[Element] = [_information_table(found, run.jacket)]
     names = [r.name for r in found.rows]
     items.append(Items(title="Recommended", statements=tuple(map(sentence, recommendation(found)))))
     directions = tuple((fixed(d.bits, 2), fixed(d.contraction, 2), d.text) for d in found.directions)

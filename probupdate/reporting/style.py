@@ -9,8 +9,10 @@ from __future__ import annotations
 import functools
 import io
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, ParamSpec, TypedDict, TypeVar
 
 import matplotlib
 from matplotlib.axes import Axes
@@ -20,6 +22,12 @@ from matplotlib.figure import Figure
 
 from probupdate.io.files import whole
 
+if TYPE_CHECKING:
+    from matplotlib.typing import RcKeyType
+
+P = ParamSpec("P")
+T = TypeVar("T")
+
 # widths in inches of figures across the page and of two side by side: letters come out equally large
 FULL_IN, HALF_IN = 7.6, 4.3
 
@@ -28,17 +36,25 @@ BLUE, ORANGE, GREEN, RED, PURPLE, SKY, YELLOW = (
     "#0072b2", "#e69f00", "#009e73", "#d55e00", "#aa4f87", "#56b4e9", "#f0e442",
 )
 
-# role -> (colour, marker, line style): the same thing looks the same in every figure
-MEASURED = {"color": INK, "marker": "o", "linestyle": "-"}
-PRIOR = {"color": GREY, "marker": "D", "linestyle": (0, (4, 2))}
-POSTERIOR = {"color": BLUE, "marker": "s", "linestyle": "-"}
-MAP = {"color": GREEN, "marker": "^", "linestyle": (0, (1, 1))}
-STEP_UPDATE = {"color": RED, "marker": "X", "linestyle": (0, (5, 1, 1, 1))}
-PRIOR_UPDATE = {"color": ORANGE, "marker": "v", "linestyle": (0, (3, 1, 1, 1, 1, 1))}
-PAPER = {"color": PURPLE, "marker": "P", "linestyle": ":"}
-TRUTH = {"color": INK, "marker": "*", "linestyle": "-"}
 
-_STYLE = {
+class Role(TypedDict):
+    """How one thing is drawn, the same in every figure; a line style by its name or as (offset, (on, off, ...))."""
+
+    color: str
+    marker: str
+    linestyle: str | tuple[float, tuple[float, ...]]
+
+
+MEASURED: Role = {"color": INK, "marker": "o", "linestyle": "-"}
+PRIOR: Role = {"color": GREY, "marker": "D", "linestyle": (0, (4, 2))}
+POSTERIOR: Role = {"color": BLUE, "marker": "s", "linestyle": "-"}
+MAP: Role = {"color": GREEN, "marker": "^", "linestyle": (0, (1, 1))}
+STEP_UPDATE: Role = {"color": RED, "marker": "X", "linestyle": (0, (5, 1, 1, 1))}
+PRIOR_UPDATE: Role = {"color": ORANGE, "marker": "v", "linestyle": (0, (3, 1, 1, 1, 1, 1))}
+PAPER: Role = {"color": PURPLE, "marker": "P", "linestyle": ":"}
+TRUTH: Role = {"color": INK, "marker": "*", "linestyle": "-"}
+
+_STYLE: dict[RcKeyType, object] = {
     "svg.hashsalt": "probupdate",
     "svg.fonttype": "none",
     "text.parse_math": False,  # a name with dollar signs in it is a name
@@ -74,13 +90,15 @@ _STYLE = {
     "savefig.facecolor": "none",
     "lines.linewidth": 1.4,
 }
+# matplotlib's own method of an axis that finds its ticks, in none of its published interfaces
+_FIND_TICKS = "_update_ticks"
 
 
-def styled(draw):
+def styled(draw: Callable[P, T]) -> Callable[P, T]:
     """Run a drawing function under this style; matplotlib's own settings are left as they were."""
 
     @functools.wraps(draw)
-    def drawn(*args, **kwargs):
+    def drawn(*args: P.args, **kwargs: P.kwargs) -> T:
         with matplotlib.rc_context(_STYLE):
             return draw(*args, **kwargs)
 
@@ -99,7 +117,7 @@ def label_axes(axes: Axes, x: str, y: str, title: str = "") -> None:
         axes.set_title(title)
 
 
-def save_figure(figure: Figure, path) -> None:
+def save_figure(figure: Figure, path: Path) -> None:
     """The figure as a file of its own, on white, the same bytes for the same figure."""
     # a PDF has a date where others have none to leave out
     key = {".svg": "Date", ".pdf": "CreationDate"}.get(path.suffix)
@@ -116,12 +134,12 @@ def ticks_found_once(figure: Figure) -> Iterator[None]:
     found = [axis for axes in figure.axes for axis in (axes.xaxis, axes.yaxis)]
     for axis in found:
         # an attribute of this one axis, in front of its class's method
-        axis._update_ticks = functools.partial(_ticks, axis, {})
+        vars(axis)[_FIND_TICKS] = functools.partial(_ticks, axis, {})
     try:
         yield
     finally:
         for axis in found:
-            del axis._update_ticks
+            del vars(axis)[_FIND_TICKS]
 
 
 def _ticks(axis: Axis, known: dict) -> list[Tick]:
@@ -129,7 +147,7 @@ def _ticks(axis: Axis, known: dict) -> list[Tick]:
     if state not in known:
         # ticks are moved, not made anew: what was found for another state no longer holds
         known.clear()
-        known[state] = type(axis)._update_ticks(axis)
+        known[state] = getattr(type(axis), _FIND_TICKS)(axis)
     return known[state]
 
 

@@ -11,6 +11,7 @@ from probupdate.reporting.components_items import component_items
 from probupdate.reporting.elements import (
     MISSING,
     Column,
+    Element,
     Items,
     Notice,
     Picture,
@@ -23,7 +24,7 @@ from probupdate.reporting.elements import (
 )
 from probupdate.reporting.style import MAP
 from probupdate.reporting.values import Run
-from probupdate.updating.update_file import ACCUSED, SchemeRecord, UpdateRecord, fit_sentence, misses
+from probupdate.updating.update_file import ACCUSED, ScatterRecord, SchemeRecord, UpdateRecord, fit_sentence, misses
 
 SCHEME_WORDS = {
     "step": "step penalty (Eq. 7 as printed)",
@@ -69,7 +70,7 @@ def update_section(run: Run) -> Section:
     if update is None:
         return Section(anchor="update", title="Update",
                        items=(Notice(level="missing", text="update.json, so there is no update to show."),))
-    items: list[object] = []
+    items: list[Element] = []
     for scheme in update.schemes:
         level = "good" if scheme.converged else "warning"
         steps = plural(len(scheme.theta) - 1, "iteration")
@@ -79,8 +80,9 @@ def update_section(run: Run) -> Section:
     items.append(Notice(level=fit_level(update), text=sentence(fit)))
     if update.left_out:
         items.append(Items(title="Left out of the update", statements=tuple(f"{t}." for t in update.left_out)))
-    pile = _pile_head_table(run)
-    items += [_frequency_table(run), _parameter_table(run), _mac_table(run), *([pile] if pile else [])]
+    pile, jacket = _pile_head_table(run, update), run.jacket
+    items += [_frequency_table(update, jacket), _parameter_table(update, jacket), _mac_table(update, jacket),
+              *([pile] if pile else [])]
     items.append(
         Picture(
             svg=figures.svg_text(
@@ -97,18 +99,18 @@ def update_section(run: Run) -> Section:
         )
     )
     items += component_items(update)
-    items += _paths_picture(run)
-    scatter = _scatter_table(run)
+    items += _paths_picture(run, update)
+    scatter = _scatter_table(run, update)
     items += [scatter] if scatter else []
     if run.jacket:
-        items.append(_sensitivity_table(run))
+        items.append(_sensitivity_table(update))
     return Section(anchor="update", title="Update", items=tuple(items),
                    lead=f"The sensitivity-based update on the set “{update.set_id}”, in both readings of Eq. 7.")
 
 
-def _paths_picture(run: Run) -> list[Picture]:
+def _paths_picture(run: Run, update: UpdateRecord) -> list[Picture]:
     """Both ways to regularise, over iterations and over alpha, where the printed scheme goes farthest from the MAP."""
-    update, path = run.update, run.update.alpha_path
+    path = update.alpha_path
     if path is None or len(update.parameters) < 2:
         return []
     printed = update.scheme("step")
@@ -130,13 +132,12 @@ def _paths_picture(run: Run) -> list[Picture]:
     )]
 
 
-def _paper_modes(labels) -> list[int | None]:
+def _paper_modes(labels: tuple[str, ...]) -> list[int | None]:
     return [paper_tables.MODES.index(label) if label in paper_tables.MODES else None for label in labels]
 
 
-def _configurations(run: Run) -> list[tuple[str, np.ndarray, np.ndarray, str]]:
+def _configurations(update: UpdateRecord) -> list[tuple[str, np.ndarray, np.ndarray, str]]:
     """(name, frequencies, MAC, row of the paper's tables) of the initial model and of every scheme's end."""
-    update = run.update
     rows = [("initial model", update.initial_hz, update.initial_mac, "as-built")]
     for s in update.schemes:
         rows.append((short_name(s), s.frequency_hz, s.mac, "updated"))
@@ -144,13 +145,12 @@ def _configurations(run: Run) -> list[tuple[str, np.ndarray, np.ndarray, str]]:
     return rows
 
 
-def _frequency_table(run: Run) -> Table:
-    update, jacket = run.update, run.jacket
+def _frequency_table(update: UpdateRecord, jacket: bool) -> Table:
     where = _paper_modes(update.labels)
     rows = []
     for j, label in enumerate(update.labels):
         row = [label, fixed(update.measured_hz[j], 4)]
-        for _, frequency, _, _ in _configurations(run):
+        for _, frequency, _, _ in _configurations(update):
             error = frequency[j] / update.measured_hz[j] - 1
             row += [fixed(frequency[j], 4), percent(error, 1, sign=True)]
         if jacket:
@@ -159,7 +159,7 @@ def _frequency_table(run: Run) -> Table:
                     for name in ("measured", "as-built", "updated")]
         rows.append(tuple(row))
     columns = [Column(name="mode", number=False), Column(name="measured", unit="Hz")]
-    for name, *_ in _configurations(run):
+    for name, *_ in _configurations(update):
         columns += [Column(name=name, unit="Hz"), Column(name="error", unit="%")]
     if jacket:
         columns += [Column(name=f"paper: {name}", unit="Hz", paper=True)
@@ -168,17 +168,17 @@ def _frequency_table(run: Run) -> Table:
                  columns=tuple(columns), rows=tuple(rows), note=PAPER_NOTE if jacket else "")
 
 
-def _mac_table(run: Run) -> Table:
-    update, jacket = run.update, run.jacket
+def _mac_table(update: UpdateRecord, jacket: bool) -> Table:
     where = _paper_modes(update.labels)
     rows = []
     for j, label in enumerate(update.labels):
-        row = [label] + [fixed(m[j], 3) for _, _, m, _ in _configurations(run)]
+        row = [label] + [fixed(m[j], 3) for _, _, m, _ in _configurations(update)]
         if jacket:
             k = where[j]
             row += [fixed(paper_tables.MAC[name][k], 2) if k is not None else "" for name in ("as-built", "updated")]
         rows.append(tuple(row))
-    columns = [Column(name="mode", number=False), *[Column(name=name, unit="-") for name, *_ in _configurations(run)]]
+    columns = [Column(name="mode", number=False)]
+    columns += [Column(name=name, unit="-") for name, *_ in _configurations(update)]
     if jacket:
         columns += [Column(name=f"paper: {name}", unit="-", paper=True) for name in ("as-built", "updated")]
     pairs = [" and ".join(update.labels[j] for j in g) for g in update.pairs]
@@ -192,8 +192,7 @@ def _ratio(value: float, initial: float) -> str:
     return fixed(value / initial, 3) if initial else ""
 
 
-def _parameter_table(run: Run) -> Table:
-    update, jacket = run.update, run.jacket
+def _parameter_table(update: UpdateRecord, jacket: bool) -> Table:
     relative = not np.all(update.parameters.initial == 0)
     rows = []
     for k, p in enumerate(update.parameters):
@@ -224,8 +223,8 @@ def _parameter_table(run: Run) -> Table:
                  rows=tuple(rows), note=note)
 
 
-def _pile_head_table(run: Run) -> Table | None:
-    derived = run.update.derived
+def _pile_head_table(run: Run, update: UpdateRecord) -> Table | None:
+    derived = update.derived
     if not derived:
         return None
     states = list(next(iter(derived.values())))
@@ -255,44 +254,24 @@ def _pile_head_table(run: Run) -> Table | None:
                  rows=tuple(rows), note=note, width="half")
 
 
-def _scatter_table(run: Run) -> Table | None:
+def _scatter_table(run: Run, update: UpdateRecord) -> Table | None:
     """Table 7: the update of every selected set."""
-    sets, update = run.update.sets, run.update
+    sets = update.sets
     if sets is None:
         return None
-    printed = paper_tables.SCATTER if run.jacket else {}
     resolution = np.mean(sets.resolution, axis=0)
     posterior = None if run.posterior is None else run.posterior.draws
-
-    def paper_cells(name: str) -> list[str]:
-        if not run.jacket:
-            return []
-        if name not in printed:
-            return ["", ""]
-        mean, cov, upper = printed[name]
-        return [number(mean / (1e6 if name in sets.derived else 1)), f"< {cov:g}" if upper else f"{cov:.2f}"]
-
-    def scatter(values: np.ndarray, parameter: Parameter | None = None) -> tuple[str, str]:
-        """Mean and CoV; a star and no CoV where every set ends at the same bound."""
-        mean = float(np.mean(values))
-        if parameter is not None:
-            near = 1e-6 * parameter.std
-            if any(np.all(np.abs(values - bound) < near) for bound in (parameter.lower, parameter.upper)):
-                return f"{number(mean)} *", MISSING
-        cov = float(np.std(values, ddof=1)) / abs(mean) if mean else np.nan
-        return number(mean), "< 0.0001" if cov < 5e-5 else fixed(cov, 4)
-
     rows = []
     for k, p in enumerate(update.parameters):
         width = MISSING
         if posterior is not None and np.mean(posterior[:, k]):
             width = number(float(np.std(posterior[:, k], ddof=1) / abs(np.mean(posterior[:, k]))), 2)
-        rows.append((p.name, p.unit or "-", *scatter(sets.theta_step[:, k], p), *scatter(sets.theta_map[:, k], p),
-                     fixed(float(resolution[k]), 2), width, *paper_cells(p.name)))
+        rows.append((p.name, p.unit or "-", *_scatter(sets.theta_step[:, k], p), *_scatter(sets.theta_map[:, k], p),
+                     fixed(float(resolution[k]), 2), width, *(_paper_scatter(p.name, 1.0) if run.jacket else ())))
     for name, values in sets.derived.items():
         drawn = run.comparison.derived.get(name, {}) if run.comparison is not None else {}
-        rows.append((name, "MN/m", MISSING, MISSING, *scatter(values / 1e6), "", number(drawn.get("cov"), 2),
-                     *paper_cells(name)))
+        rows.append((name, "MN/m", MISSING, MISSING, *_scatter(values / 1e6), "", number(drawn.get("cov"), 2),
+                     *(_paper_scatter(name, 1e6) if run.jacket else ())))
     columns = [
         Column(name="parameter", number=False), Column(name="unit", number=False),
         Column(name="step penalty: mean"), Column(name="step penalty: CoV", unit="-"), Column(name="MAP: mean"),
@@ -300,30 +279,54 @@ def _scatter_table(run: Run) -> Table | None:
     ]
     if run.jacket:
         columns += [Column(name="paper: mean", paper=True), Column(name="paper: CoV", unit="-", paper=True)]
+    held = any(cell.endswith("*") for row in rows for cell in row)
+    return Table(caption="Scatter of the update over the selected sets" + (" (Table 7)" if run.jacket else ""),
+                 columns=tuple(columns), rows=tuple(rows), note=_scatter_note(sets, held, run.jacket))
+
+
+def _scatter(values: np.ndarray, parameter: Parameter | None = None) -> tuple[str, str]:
+    """Mean and CoV; a star and no CoV where every set ends at the same bound."""
+    mean = float(np.mean(values))
+    if parameter is not None:
+        near = 1e-6 * parameter.std
+        if any(np.all(np.abs(values - bound) < near) for bound in (parameter.lower, parameter.upper)):
+            return f"{number(mean)} *", MISSING
+    cov = float(np.std(values, ddof=1)) / abs(mean) if mean else np.nan
+    return number(mean), "< 0.0001" if cov < 5e-5 else fixed(cov, 4)
+
+
+def _paper_scatter(name: str, unit: float) -> tuple[str, str]:
+    """Mean, over `unit`, and CoV of the paper's Table 7; empty where it has none of that name."""
+    if name not in paper_tables.SCATTER:
+        return "", ""
+    mean, cov, upper = paper_tables.SCATTER[name]
+    return number(mean / unit), f"< {cov:g}" if upper else f"{cov:.2f}"
+
+
+def _scatter_note(sets: ScatterRecord, held: bool, jacket: bool) -> str:
     note = (
         f"{len(sets.ids)} sets, each updated from the same start; the step penalty after "
         f"{plural(sets.iterations, 'iteration')}, where it passes closest to the MAP of the reference set. A small CoV "
         "over the sets is no small uncertainty: a parameter that the data do not inform (resolution near 0) returns to "
         "its prior in every set and scatters by nothing. Resolution 1: the data alone decide."
     )
-    if any(cell.endswith("*") for row in rows for cell in row):
+    if held:
         note += " * at a bound in every set: it scatters by nothing because the bound holds it."
-    if run.jacket:
+    if jacket:
         note += f" {PAPER_NOTE}"
     if sets.failed:
         note += f" No update: {'; '.join(sets.failed)}."
-    return Table(caption="Scatter of the update over the selected sets" + (" (Table 7)" if run.jacket else ""),
-                 columns=tuple(columns), rows=tuple(rows), note=note)
+    return note
 
 
-def _sensitivity_table(run: Run) -> Table:
+def _sensitivity_table(update: UpdateRecord) -> Table:
     words = ("negligible", "low", "medium", "high")
     rows = []
     for name, (uncertainty, cov, sensitivity) in paper_tables.SENSITIVITY.items():
-        here = name in run.update.parameters.names
+        here = name in update.parameters.names
         ours = ""
         if here:
-            p = run.update.parameters.items[run.update.parameters.index(name)]
+            p = update.parameters.items[update.parameters.index(name)]
             ours = fixed(p.std / p.initial, 2) if p.initial else number(p.std)
         rows.append((name, "yes" if here else "no", ours, words[uncertainty], fixed(cov, 2) if cov else "",
                      words[sensitivity]))

@@ -16,6 +16,11 @@ from probupdate.updating.posterior_file import Posterior
 from probupdate.updating.update_file import UpdateRecord
 
 
+def mode_labels(modes: ModalData) -> tuple[str, ...]:
+    """Their own, or numbers where they were not named."""
+    return modes.labels or tuple(f"mode {k + 1}" for k in range(modes.n_mode))
+
+
 @dataclass(frozen=True, eq=False, kw_only=True)
 class CampaignValues:
     """scada has a `time` column (UTC, no zone) and a `state` column where the power was recorded."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -64,34 +64,16 @@ def viewer_data(
     sensors' order; planes: (z_m, name, colour). Every state is scaled to the measured shape at the sensors (the
     model's own shapes scaled to one largest displacement), so that what differs between them is the shape.
     """
-    n_mode = len(labels)
-    paired = {j for group in pairs for j in group}
-    groups = [tuple(g) for g in pairs] + [(j,) for j in range(n_mode) if j not in paired]
-    real = None if measured_shape is None else rotate_to_real(measured_shape).real
-    drawn: dict[str, np.ndarray] = {}
-    for key, modes in states.items():
-        usable = np.all(np.isfinite(modes.displacement), axis=(0, 1))
-        turn = np.eye(n_mode) if real is None else align(real, modes.shape, groups)
-        turn = np.where(usable[:, None] & usable[None, :], turn, 0.0)
-        turned = np.einsum("ndi,ij->ndj", np.nan_to_num(modes.displacement), turn)
-        drawn[key] = np.where(usable, turned, np.nan)
+    real = None if measured_shape is None else np.real(rotate_to_real(measured_shape))
+    drawn = _turned(states, real, len(labels), pairs)
     points, channels = sensor_points(sensors)
     modes = []
     for j, label in enumerate(labels):
-        size = max((_largest(d[:, :, j]) for d in drawn.values()), default=0.0)
         moved = None if real is None else _points_displacement(real[:, j], sensors, channels)
-        size = max(size, max((_largest(np.array(d)) for d in moved or () if d is not None), default=0.0)) or 1.0
-        variants: dict[str, dict] = {}
-        if moved is not None:
-            hz = None if measured_hz is None or not np.isfinite(measured_hz[j]) else round(float(measured_hz[j]), 5)
-            shape = [None if d is None else _short(np.array(d) / size) for d in moved]
-            variants["measured"] = {"hz": hz, "shape": shape}
-        for key, d in drawn.items():
-            hz = float(states[key].frequency_hz[j])
-            variants[key] = {
-                "hz": round(hz, 5) if np.isfinite(hz) else None,
-                "shape": [_short(row) for row in d[:, :, j] / size] if np.all(np.isfinite(d[:, :, j])) else None,
-            }
+        hz = {key: state.frequency_hz[j] for key, state in states.items()}
+        if measured_hz is not None:
+            hz["measured"] = measured_hz[j]
+        variants = _variants({key: d[:, :, j] for key, d in drawn.items()}, moved, hz)
         modes.append({"label": label, "name": (names or {}).get(label, ""), "variants": variants})
     extent = np.ptp(wire.node_m, axis=0)
     wide = bool(extent[2] < 0.5 * extent[:2].max())
@@ -109,18 +91,57 @@ def viewer_data(
     }
 
 
+def _turned(
+    states: Mapping[str, ShapedModes], measured: np.ndarray | None, n_mode: int, pairs: Sequence[tuple[int, ...]]
+) -> dict[str, np.ndarray]:
+    """Displacements (n_node, 3, n_mode) of every state, turned onto the real measured shapes where there are any."""
+    paired = {j for group in pairs for j in group}
+    groups = [tuple(g) for g in pairs] + [(j,) for j in range(n_mode) if j not in paired]
+    drawn = {}
+    for key, modes in states.items():
+        usable = np.all(np.isfinite(modes.displacement), axis=(0, 1))
+        turn = np.eye(n_mode) if measured is None else align(measured, modes.shape, groups)
+        turn = np.where(usable[:, None] & usable[None, :], turn, 0.0)
+        turned = np.einsum("ndi,ij->ndj", np.nan_to_num(modes.displacement), turn)
+        drawn[key] = np.where(usable, turned, np.nan)
+    return drawn
+
+
+def _variants(
+    drawn: Mapping[str, np.ndarray], moved: list[tuple[float, ...] | None] | None, hz: Mapping[str, float]
+) -> dict[str, dict]:
+    """One mode as measured (motion at every sensor point, or None) and in every state (n_node, 3), with its frequency;
+    all over the largest displacement of any, so that they are drawn in one scale."""
+    size = max((_largest(d) for d in drawn.values()), default=0.0)
+    size = max(size, max((_largest(np.array(d)) for d in moved or () if d is not None), default=0.0)) or 1.0
+    variants: dict[str, dict] = {}
+    if moved is not None:
+        shape = [None if d is None else _short(np.array(d) / size) for d in moved]
+        variants["measured"] = {"hz": _known_hz(hz.get("measured")), "shape": shape}
+    for key, d in drawn.items():
+        variants[key] = {"hz": _known_hz(hz[key]),
+                         "shape": [_short(row) for row in d / size] if np.all(np.isfinite(d)) else None}
+    return variants
+
+
+def _known_hz(value: float | None) -> float | None:
+    return None if value is None or not np.isfinite(value) else round(float(value), 5)
+
+
 def _largest(rows: np.ndarray) -> float:
     lengths = np.linalg.norm(np.nan_to_num(np.atleast_2d(rows)), axis=1)
     return float(lengths.max()) if lengths.size else 0.0
 
 
-def _short(values, decimals: int = 4) -> list[float]:
+def _short(values: Iterable[float], decimals: int = 4) -> list[float]:
     return [round(float(v), decimals) for v in values]
 
 
-def _points_displacement(shape: np.ndarray, sensors: Sequence[Sensor], channels: list[list[int]]) -> list:
+def _points_displacement(
+    shape: np.ndarray, sensors: Sequence[Sensor], channels: list[list[int]]
+) -> list[tuple[float, ...] | None]:
     """Displacement vector at every sensor point from the channels there; None where no channel was measured."""
-    moved = []
+    moved: list[tuple[float, ...] | None] = []
     for rows in channels:
         rows = [k for k in rows if np.isfinite(shape[k])]
         if not rows:
