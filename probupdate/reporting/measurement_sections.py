@@ -214,8 +214,10 @@ def _frequency_table(modes: ModalData, labels: tuple[str, ...], jacket: bool) ->
 
 
 def _by_state(modes: ModalData) -> list[tuple[str, np.ndarray]]:
-    """"all", then every turbine state that is known, with which sets (n_set,) are of it."""
+    """"all", then every turbine state that is known, with which sets (n_set,) are of it; of one set "all" alone."""
     states = block_states(modes)
+    if len(states) == 1:
+        return [("all", np.ones(1, bool))]
     order = [*STATES_ORDER, *sorted(set(states) - set(STATES_ORDER))]
     known = [name for name in order if name and np.any(states == name)]
     return [("all", np.ones(len(states), bool)), *((name, states == name) for name in known if known != ["unknown"])]
