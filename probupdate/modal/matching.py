@@ -9,7 +9,8 @@ import numpy as np
 
 from probupdate.errors import InputError
 from probupdate.modal.labels import across
-from probupdate.modal.modes import ModalSet, mac, rotate_to_real, subspace_mac
+from probupdate.modal.sets import ModalSet
+from probupdate.modal.shape_criteria import mac, rotate_to_real, subspace_mac
 from probupdate.model.interface import ModalSolution, Model
 from probupdate.runtime.arrays import frozen_array
 
