@@ -105,7 +105,6 @@ def assess(
     prior = parameters.draw(rng, PRIOR_DRAWS)
     half = BASIS_OF // 2
     model = full.reduced([*draws[rng.permutation(len(draws))[:half]], *prior[:half]])
-    error = basis_error(full, model, [draws[-1]])
     design = model.solve(parameters.initial)
     updated = solve_many(model, draws, dampings, progress)
     worst = worst_spots(
@@ -127,10 +126,7 @@ def assess(
         parts, direct, gain = _variance_parts(given, path, few, slope, damping, progress)
         if direct is not None:
             factor = _with_tolerances(factor, direct, given.updated[0], draws, rng)
-    moments = {name: (np.mean(v, axis=0), np.std(v, axis=0, ddof=1)) for name, v in factor.items()}
-    if parts is not None:
-        # what holds from set to set is in no single set's draws
-        moments["updated"] = (moments["updated"][0], np.hypot(moments["updated"][1], parts["set_to_set"]))
+    moments = _moments(factor, None if parts is None else parts["set_to_set"])
     if given.named is not None:
         moments |= _with_causes(given.named, given.file, few, curve, dampings, progress, left_out)
     c = model.conditions
@@ -151,7 +147,7 @@ def assess(
         measures=_next_measurements(given, slope, direct, curve, moments["updated"], c),
         left_out=tuple(left_out),
         summary={
-            "basis_error": error,
+            "basis_error": basis_error(full, model, [draws[-1]]),
             "form_minus_monte_carlo": agreement[0],
             "monte_carlo_standard_error": agreement[1],
             "target_annual_index": c.target.annual_index,
@@ -183,6 +179,17 @@ def _with_tolerances(
     stated = np.array([s.std for s in problem.error_sources])
     drawn = stated * rng.standard_normal((len(design), len(stated)))
     return {"updated": list(updated + unknown @ direct.T), "design": list(design + drawn @ direct.T)}
+
+
+def _moments(
+    factor: Mapping[str, list[np.ndarray]], set_to_set: np.ndarray | None
+) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+    """Mean and standard deviation of ln X_dyn over the draws; set_to_set: the updated one's from set to set."""
+    moments = {name: (np.mean(v, axis=0), np.std(v, axis=0, ddof=1)) for name, v in factor.items()}
+    if set_to_set is not None:
+        # what holds from set to set is in no single set's draws
+        moments["updated"] = (moments["updated"][0], np.hypot(moments["updated"][1], set_to_set))
+    return moments
 
 
 def _index(curve: DamageCurve, mean: np.ndarray, std: np.ndarray, c: Conditions) -> Reliability:
