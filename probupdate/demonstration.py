@@ -17,7 +17,7 @@ from probupdate.errors import InputError
 from probupdate.io.files import holds_nothing, read_json, read_text, write_bytes, write_json, write_text
 from probupdate.io.result_table import table_of
 from probupdate.reporting import report as write_report
-from probupdate.runtime.executors import beside, executor
+from probupdate.runtime.executors import Executor, beside, executor
 from probupdate.runtime.progress import Progress, silent
 from probupdate.structure.load import reference_model
 from probupdate.updating.ensemble import SamplerSettings
@@ -96,27 +96,7 @@ def demo(
     files = {"update": out / "update.json", "posterior": out / "posterior.nc", "compare": out / "compare.json"}
     steps = _Steps(state, say)
     with executor(jobs) as runs:
-        shared = runs if jobs > 1 else 1
-        with steps.of("simulate") as wanted:
-            if wanted:
-                truth = None
-                if hidden:
-                    truth = write_text(out / "hidden.toml", hidden)
-                simulated = verbs.simulate(
-                    campaign, model=TRUTH_STATE, days=days, seed=seed, truth=truth, jobs=shared, progress=progress
-                )
-                # what was hidden is said after the diagnosis
-                say("\n".join(line for line in simulated.summary.splitlines() if "hidden" not in line))
-        with steps.of("identify") as wanted:
-            if wanted:
-                found = verbs.identify(campaign, model, store=out / "modes.json.blocks", jobs=shared, progress=progress)
-                found.write(modes)
-                say(found.summary)
-        with steps.of("select") as wanted:
-            if wanted:
-                chosen = verbs.select(modes, scada=campaign / "scada.csv")
-                chosen.write(nine)
-                say(chosen.summary)
+        _measure(steps, out, hidden, seed=seed, days=days, jobs=runs if jobs > 1 else 1, progress=progress, say=say)
         # the diagnosis is asked of all blocks, with the model as it was before any update
         steps.side_by_side({
             "update": (_update, model, nine, files["update"]),
@@ -132,6 +112,33 @@ def demo(
     seconds = time.monotonic() - begun
     summary = f"{seconds:.0f} s; open {page}"
     return Demonstration(folder=out, seconds=seconds, summary=summary)
+
+
+def _measure(
+    steps: _Steps, out: Path, hidden: str, *, seed: int, days: float, jobs: int | Executor, progress: Progress,
+    say: Callable[[str], None],
+) -> None:
+    """The virtual turbine's records, the modes in them, and the sets that an update may trust."""
+    campaign, modes = out / "campaign", out / "modes.json"
+    with steps.of("simulate") as wanted:
+        if wanted:
+            truth = write_text(out / "hidden.toml", hidden) if hidden else None
+            simulated = verbs.simulate(
+                campaign, model=TRUTH_STATE, days=days, seed=seed, truth=truth, jobs=jobs, progress=progress
+            )
+            # what was hidden is said after the diagnosis
+            say("\n".join(line for line in simulated.summary.splitlines() if "hidden" not in line))
+    with steps.of("identify") as wanted:
+        if wanted:
+            found = verbs.identify(campaign, out / "model.toml", store=out / "modes.json.blocks", jobs=jobs,
+                                   progress=progress)
+            found.write(modes)
+            say(found.summary)
+    with steps.of("select") as wanted:
+        if wanted:
+            chosen = verbs.select(modes, scada=campaign / "scada.csv")
+            chosen.write(out / "nine.json")
+            say(chosen.summary)
 
 
 def _hidden(hide: str | Path, days: float) -> str:

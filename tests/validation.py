@@ -51,7 +51,9 @@ class Row:
 
 
 def number(value: float) -> str:
-    return re.sub(r"e([+-])0*(\d)", lambda m: f"e{'-' if m[1] == '-' else ''}{m[2]}", f"{value:.2g}")
+    """Two digits, a power of ten below a thousandth: 1e-4, 9.7e-4, 0.0089."""
+    text = f"{value:.1e}".replace(".0e", "e") if 0 < abs(value) < 1e-3 else f"{value:.2g}"
+    return re.sub(r"e([+-])0*(\d)", lambda m: f"e{'-' if m[1] == '-' else ''}{m[2]}", text)
 
 
 def merged(rows: list[dict]) -> Row:

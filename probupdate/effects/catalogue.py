@@ -9,7 +9,7 @@ of the environment.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import combinations
@@ -218,31 +218,45 @@ def measurement_effects(channels: Sequence[str], sensors: Sequence[Sensor] = ())
     """Gain, polarity and swapped cables of every channel; with `sensors` (places and directions) also rotation of every
     sensor and of the whole frame, and the clock and filter of every logger (a position, or all of a level)."""
     row = {name: k for k, name in enumerate(channels)}
-    effects = [
+    placed = [s for s in sensors if s.channel in row]
+    effects = [*_gains_and_polarities(channels, row), *_swaps(channels, placed, row)]
+    if not placed:
+        return tuple(effects)
+    return (*effects, *_rotations(placed, row), *_logger_faults(placed, row), _sampling_rate())
+
+
+def _gains_and_polarities(channels: Sequence[str], row: Mapping[str, int]) -> list[Effect]:
+    gains = [
         Effect(kind="measurement", cause="sensor gain", location=c, unit="-", tolerance=GAIN_TOLERANCE, slab=0.1,
                lower=GAIN_RANGE[0], upper=GAIN_RANGE[1], observe=Gain(row[c]), step_of_size=1e-3,
                fingerprint="one channel too large or small, every mode alike; frequencies untouched",
                check="calibrate the channel, or compare its standard deviation with its neighbours'")
         for c in channels
     ]
-    effects += [
+    polarities = [
         Effect(kind="measurement", cause="sensor polarity", location=c, unit="-", tolerance=0.0, slab=2.0, lower=-2.0,
                upper=0.0, observe=Gain(row[c]), step_of_size=1e-3, discrete=(-2.0,),
                fingerprint="one channel with the other sign in every mode",
                check="tap the sensor's base along its axis, or read its cable list")
         for c in channels
     ]
-    placed = [s for s in sensors if s.channel in row]
+    return gains + polarities
+
+
+def _swaps(channels: Sequence[str], placed: Sequence[Sensor], row: Mapping[str, int]) -> list[Effect]:
     pairs = _swappable(channels, placed)
-    effects += [
+    return [
         Effect(kind="measurement", cause="swapped channels", location=f"{a} and {b}", unit="-", tolerance=0.0,
                slab=1.0, lower=0.0, upper=1.0, observe=Swap(row[a], row[b]), step_of_size=1e-3, discrete=(1.0,),
                fingerprint="two channels exchanged in every mode", check="follow the two cables",
                odds=1 / len(pairs))
         for a, b in pairs
     ]
-    if not placed:
-        return tuple(effects)
+
+
+def _rotations(placed: Sequence[Sensor], row: Mapping[str, int]) -> list[Effect]:
+    """Of every sensor, and of all of them alike."""
+    effects = []
     for name, _, sensors_there in _positions(placed, row):
         for axis, planes in _planes(sensors_there, row).items():
             effects.append(Effect(
@@ -259,6 +273,11 @@ def measurement_effects(channels: Sequence[str], sensors: Sequence[Sensor] = ())
             courses=("constant",), fingerprint="all axes turned alike: the pairs' planes turn against the nacelle",
             check="survey the sensors' directions, and the zero of the nacelle's heading",
         ))
+    return effects
+
+
+def _logger_faults(placed: Sequence[Sensor], row: Mapping[str, int]) -> list[Effect]:
+    effects = []
     for name, rows in _loggers(placed, row):
         for cause, law, tolerance in (("clock offset", Delay(rows), 1e3 * CLOCK_TOLERANCE_S),
                                       ("low-pass filter", LowPass(rows), 0.1)):
@@ -268,14 +287,17 @@ def measurement_effects(channels: Sequence[str], sensors: Sequence[Sensor] = ())
                 fingerprint="a phase in proportion to frequency on one logger's channels",
                 check="compare the loggers' time stamps of one event, and their filters",
             ))
-    effects.append(Effect(
+    return effects
+
+
+def _sampling_rate() -> Effect:
+    return Effect(
         kind="measurement", cause="sampling rate", location="all channels", unit="-", tolerance=RATE_TOLERANCE,
         slab=0.02, lower=-0.2, upper=0.2, observe=Rate(), step_of_size=1e-4, odds=RATE_ODDS,
         odds_along=(("step", RATE_STEP_ODDS),),
         fingerprint="every frequency shifted by one share; shapes untouched",
         check="compare the lines of rotor and blade passing with the rotor speed in SCADA",
-    ))
-    return tuple(effects)
+    )
 
 
 def _swappable(channels, placed: Sequence[Sensor]) -> list[tuple[str, str]]:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -103,35 +104,44 @@ def mode_records(
     usable = [s for s in sets if not s.environment.get("excluded")]
     records = []
     for j, name in enumerate(names):
-        here = [s for s in usable if s.measured[j]]
-        states = [str(s.environment.get("state", "unknown")) for s in usable]
-        detection = {state: (sum(s.measured[j] for s, t in zip(usable, states, strict=True) if t == state),
-                             states.count(state)) for state in sorted(set(states))}
-        f = np.array([s.frequency_hz[j] for s in here])
-        zeta = np.array([s.damping_ratio[j] for s in here])
-        found = {
-            "label": name, "frequency_hz": float(f.mean()) if len(f) else np.nan,
-            "frequency_std_hz": float(f.std(ddof=1)) if len(f) > 1 else np.nan,
-            "damping_ratio": float(np.median(zeta)) if len(f) else np.nan, "found": len(here), "blocks": len(usable),
-            "detection": {state: (int(n), int(of)) for state, (n, of) in detection.items()}, "pair": j in in_pair,
-        }
+        found = _where_found(usable, j) | {"label": name, "pair": j in in_pair}
         if model is not None:
-            i = partner.get(j)
             chance = np.zeros(0) if probability is None else probability[j]
             likely = [int(k) for k in np.argsort(-chance) if chance[k] > 0.01]
             found["alternatives"] = tuple((model.labels[k], float(chance[k])) for k in likely[:3])
-            if i is None or like is None:
-                found["match"] = "none"
-            else:
-                limit = settings.plane_mac if j in in_pair else settings.mac
-                found |= {
-                    "match": "alike" if like.plane[j, i] >= limit else "unlike", "model_label": model.labels[i],
-                    "model_frequency_hz": float(model.frequency_hz[i]), "mac": float(like.plane[j, i]),
-                    "mac_std": float(like.plane_std[j, i]), "own_mac": float(like.own[j, i]),
-                    "frequency_ratio": float(like.ratio[j, i]), "frequency_ratio_std": float(like.ratio_std[j, i]),
-                }
+            limit = settings.plane_mac if j in in_pair else settings.mac
+            found |= _in_the_model(j, partner.get(j), like, model, limit)
         records.append(ModeRecord(**found))
     return tuple(records)
+
+
+def _where_found(usable: Sequence[ModalSet], j: int) -> dict[str, Any]:
+    """Mean, scatter and detection of mode j over the blocks that can be used."""
+    here = [s for s in usable if s.measured[j]]
+    states = [str(s.environment.get("state", "unknown")) for s in usable]
+    f = np.array([s.frequency_hz[j] for s in here])
+    zeta = np.array([s.damping_ratio[j] for s in here])
+    return {
+        "frequency_hz": float(f.mean()) if len(f) else np.nan,
+        "frequency_std_hz": float(f.std(ddof=1)) if len(f) > 1 else np.nan,
+        "damping_ratio": float(np.median(zeta)) if len(f) else np.nan, "found": len(here), "blocks": len(usable),
+        "detection": {state: (int(sum(s.measured[j] for s, t in zip(usable, states, strict=True) if t == state)),
+                              states.count(state)) for state in sorted(set(states))},
+    }
+
+
+def _in_the_model(
+    j: int, i: int | None, like: Likenesses | None, model: ReferenceModes, limit: float
+) -> dict[str, Any]:
+    """How mode j compares with the model's mode i; alike from `limit` of the MAC upwards."""
+    if i is None or like is None:
+        return {"match": "none"}
+    return {
+        "match": "alike" if like.plane[j, i] >= limit else "unlike", "model_label": model.labels[i],
+        "model_frequency_hz": float(model.frequency_hz[i]), "mac": float(like.plane[j, i]),
+        "mac_std": float(like.plane_std[j, i]), "own_mac": float(like.own[j, i]),
+        "frequency_ratio": float(like.ratio[j, i]), "frequency_ratio_std": float(like.ratio_std[j, i]),
+    }
 
 
 def model_only(

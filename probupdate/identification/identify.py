@@ -30,7 +30,7 @@ from probupdate.identification.block_poles import (
 )
 from probupdate.identification.block_store import BlockStore
 from probupdate.identification.classification import ClassifierSettings, Likeness, PoleStack
-from probupdate.identification.counterparts import likenesses, mode_records, model_only, paired, sentences
+from probupdate.identification.counterparts import Likenesses, likenesses, mode_records, model_only, paired, sentences
 from probupdate.identification.physical import (
     PersistenceSettings,
     PhysicalModes,
@@ -398,6 +398,37 @@ def _named(
 ) -> _Named:
     """The campaign's modes matched with the model's, once, and given their names."""
     n_mode = len(physical.modes.labels)
+    seen, notes = _seen(sets, physical, every)
+    wanted: tuple[str, ...] = ()
+    matched = None
+    if reference is not None:
+        wanted = reference.labels
+        matched = _matched(sets, physical, seen, reference if others is None else reference.joined(others), campaign)
+    columns, labels = _columns(seen, wanted, matched)
+    own = [s.of_modes(columns) for s in sets]
+    in_pair = {i for pair in physical.modes.pairs for i in pair}
+    pair_columns = {k for k, j in enumerate(columns) if j in in_pair}
+    if matched is None:
+        records, lacking = mode_records(own, labels, like=None, partner={}, probability=None, model=None,
+                                        in_pair=pair_columns, settings=settings.classifier), ()
+    else:
+        at = list(columns)
+        records = mode_records(
+            own, labels, like=matched.like.at(columns),
+            partner={k: matched.partner[j] for k, j in enumerate(columns) if j in matched.partner},
+            probability=matched.probability[at] * (np.array(at) >= 0)[:, None], model=matched.model,
+            in_pair=pair_columns, settings=settings.classifier)
+        lacking = model_only(matched.model, matched.partner, [r.frequency_hz for r in records if r.found],
+                             passed_hz(campaign, settings), wanted)
+        notes += sentences(records, lacking, wanted)
+    name = dict(zip(columns, labels, strict=True))
+    return _Named(names=tuple(name.get(j, "") for j in range(n_mode)), columns=columns, labels=labels, records=records,
+                  model_only=lacking, notes=tuple(notes), sets=own)
+
+
+def _seen(sets: list[ModalSet], physical: PhysicalModes, every: bool) -> tuple[np.ndarray, list[str]]:
+    """(n_mode,) bool: modes that stand in two blocks, or in the only one, with `every` all; what to say of the others."""
+    n_mode = len(physical.modes.labels)
     measured = np.array([s.measured for s in sets])
     seen = measured.sum(axis=0) >= min(2, int(measured.any(axis=1).sum())) if measured.any() else np.zeros(n_mode, bool)
     seen = np.ones(n_mode, bool) if every else seen
@@ -405,43 +436,46 @@ def _named(
     mated = np.zeros(n_mode, bool)
     for pair in physical.modes.turning or ():
         mated[list(pair)] = seen[list(pair)].any()
-    notes = [f"{f:.4g} Hz comes back but is found as a mode in {plural(int(n), 'block')}: left out" for f, n, kept in
-             zip(physical.modes.frequency_hz, measured.sum(axis=0), seen | mated, strict=True) if not kept]
-    partner: dict[int, int] = {}
-    like, probability, model, wanted = None, None, None, ()
+    return seen, [f"{f:.4g} Hz comes back but is found as a mode in {plural(int(n), 'block')}: left out" for f, n, kept in
+                  zip(physical.modes.frequency_hz, measured.sum(axis=0), seen | mated, strict=True) if not kept]
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _Matched:
+    """The campaign's modes held against a model's: likenesses, mode -> the model's mode, probability (n_mode, n_model)."""
+
+    model: ReferenceModes
+    like: Likenesses
+    partner: dict[int, int]
+    probability: np.ndarray
+
+
+def _matched(
+    sets: list[ModalSet], physical: PhysicalModes, seen: np.ndarray, model: ReferenceModes, campaign: Campaign
+) -> _Matched:
+    # asked for some hundred blocks, of each mode for nearly the same
+    at_block = lru_cache(maxsize=512)(
+        lambda k: turned(model, campaign.sensors, fore_aft_deg(sets[k].environment, campaign)))
+    pairs = [pair for pair in physical.modes.pairs if seen[list(pair)].all()]
+    like = likenesses([s.of_modes(np.where(seen, np.arange(len(seen)), -1).tolist()) for s in sets], pairs,
+                      _Each(at_block, len(sets)))
+    partner, probability = paired(like, model)
+    return _Matched(model=model, like=like, partner=partner, probability=probability)
+
+
+def _columns(
+    seen: np.ndarray, wanted: tuple[str, ...], matched: _Matched | None
+) -> tuple[tuple[int, ...], tuple[str, ...]]:
+    """Columns of the result, the modes of interest before the numbered ones: place among the physical modes, -1 where
+    one was not found; and their labels."""
     label_of: dict[int, str] = {}
-    if reference is not None:
-        model = whole = reference if others is None else reference.joined(others)
-        wanted = reference.labels
-        # asked for some hundred blocks, of each mode for nearly the same
-        at_block = lru_cache(maxsize=512)(
-            lambda k: turned(whole, campaign.sensors, fore_aft_deg(sets[k].environment, campaign)))
-        turned_to = _Each(at_block, len(sets))
-        pairs = [pair for pair in physical.modes.pairs if seen[list(pair)].all()]
-        like = likenesses([s.of_modes(np.where(seen, np.arange(n_mode), -1).tolist()) for s in sets], pairs, turned_to)
-        partner, probability = paired(like, model)
-        label_of = {j: model.labels[i] for j, i in partner.items() if model.labels[i] in wanted}
+    if matched is not None:
+        model_labels = matched.model.labels
+        label_of = {j: model_labels[i] for j, i in matched.partner.items() if model_labels[i] in wanted}
     place = {label: j for j, label in label_of.items()}
-    rest = [j for j in range(n_mode) if seen[j] and j not in label_of]
-    columns = (*(place.get(label, -1) for label in wanted), *rest)
-    numbers = tuple(str(len(wanted) + k + 1) for k in range(len(rest)))
-    labels = (*wanted, *numbers)
-    in_pair = {i for pair in physical.modes.pairs for i in pair}
-    of_column = {k: j for k, j in enumerate(columns) if j >= 0}
-    own = [s.of_modes(columns) for s in sets]
-    records = mode_records(
-        own, labels, like=None if like is None else like.at(columns),
-        partner={k: partner[j] for k, j in of_column.items() if j in partner},
-        probability=None if probability is None else probability[list(columns)] * (np.array(columns) >= 0)[:, None],
-        model=model, in_pair={k for k, j in of_column.items() if j in in_pair}, settings=settings.classifier)
-    lacking: tuple[ModelMode, ...] = ()
-    if model is not None:
-        lacking = model_only(model, partner, [r.frequency_hz for r in records if r.found],
-                             passed_hz(campaign, settings), wanted)
-        notes += sentences(records, lacking, wanted)
-    name = dict(zip(columns, labels, strict=True))
-    return _Named(names=tuple(name.get(j, "") for j in range(n_mode)), columns=columns, labels=labels, records=records,
-                  model_only=lacking, notes=tuple(notes), sets=own)
+    rest = [j for j in range(len(seen)) if seen[j] and j not in label_of]
+    numbers = (str(len(wanted) + k + 1) for k in range(len(rest)))
+    return (*(place.get(label, -1) for label in wanted), *rest), (*wanted, *numbers)
 
 
 def modal_data(identification: Identification) -> ModalData:
@@ -653,12 +687,29 @@ def _summary(every: list[_Found], data: ModalData, poles: pd.DataFrame, campaign
     reasons = Counter("gap" if one.excluded.startswith("gap") else one.excluded for one in found if one.excluded)
     if reasons:
         lines.append("left out: " + ", ".join(f"{n} for {name}" for name, n in reasons.items()))
-    for j, label in enumerate(data.labels):
-        f = np.array([s.frequency_hz[j] for s in data.sets])
-        f = f[np.isfinite(f)]
-        text = f"mean {np.mean(f):.4f} Hz, CoV {np.std(f, ddof=1) / np.mean(f):.4f}" if len(f) > 1 else "too few"
-        lines.append(f"{label}: in {plural(len(f), 'block')}, {text}")
+    lines += [_of_a_mode(label, np.array([s.frequency_hz[j] for s in data.sets])) for j, label in enumerate(data.labels)]
     of_turbine = any(family(label) == TURBINE[0] for label in data.labels)
+    lines += _of_scada(data, campaign, rule, of_turbine)
+    lines += harmonics_removed(note for block in found for note in block.notes)
+    lined = int((poles["criterion"] == "harmonic").sum()) if "criterion" in poles else 0
+    if lined:
+        lines.append(f"{lined} poles follow the rotor's speed and count as its lines")
+    if campaign.scada is None and not of_turbine:
+        lines.append("no SCADA: lines of a rotating machine were not looked for, and may be among the modes")
+    elif campaign.scada is None or "rotor_speed_rpm" not in campaign.scada:
+        lines.append("no rotor speed in SCADA: harmonics were not looked for, and may be among the modes")
+    return "\n".join(lines)
+
+
+def _of_a_mode(label: str, frequency_hz: np.ndarray) -> str:
+    f = frequency_hz[np.isfinite(frequency_hz)]
+    text = f"mean {np.mean(f):.4f} Hz, CoV {np.std(f, ddof=1) / np.mean(f):.4f}" if len(f) > 1 else "too few"
+    return f"{label}: in {plural(len(f), 'block')}, {text}"
+
+
+def _of_scada(data: ModalData, campaign: Campaign, rule: StateRule, of_turbine: bool) -> list[str]:
+    """Turbine states, rated power and what fore-aft is."""
+    lines = []
     if campaign.scada is not None or of_turbine:
         states = Counter(str(s.environment["state"]) for s in data.sets)
         lines.append("states: " + ", ".join(f"{n} {name}" for name, n in states.most_common()))
@@ -669,15 +720,7 @@ def _summary(every: list[_Found], data: ModalData, poles: pd.DataFrame, campaign
         lines.append(f"fore-aft is where the nacelle looks; the model's x axis lies at {axis}")
     elif of_turbine:
         lines.append("no nacelle heading in SCADA: fore-aft is the model's x axis")
-    lines += harmonics_removed(note for block in found for note in block.notes)
-    lined = int((poles["criterion"] == "harmonic").sum()) if "criterion" in poles else 0
-    if lined:
-        lines.append(f"{lined} poles follow the rotor's speed and count as its lines")
-    if campaign.scada is None and not of_turbine:
-        lines.append("no SCADA: lines of a rotating machine were not looked for, and may be among the modes")
-    elif campaign.scada is None or "rotor_speed_rpm" not in campaign.scada:
-        lines.append("no rotor speed in SCADA: harmonics were not looked for, and may be among the modes")
-    return "\n".join(lines)
+    return lines
 
 
 def harmonics_removed(notes: Iterable[str]) -> list[str]:

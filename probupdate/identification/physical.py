@@ -291,42 +291,72 @@ def physical_modes(
     bands = list(bands) if bands is not None else [np.zeros((0, 2))] * n_block
     if len(candidates.block) == 0:
         raise _nothing(where, n_block)
-    count = {name: state.count(name) for name in set(state) - {"mixed", "unknown", ""}}
-    count = {name: n for name, n in count.items() if n >= settings.least_blocks}
-    core = CORE * min(settings.needed(n) for n in [n_block, *count.values()])
-
-    def persistent(rows: np.ndarray) -> list[_Cluster]:
-        found = []
-        clusters = _clusters(candidates.at(rows), core)
-        for mine in [part for one in clusters for part in _two_modes(candidates.at(rows), one)]:
-            inside = candidates.at(rows[mine])
-            weight = _block_weight(inside, n_block)
-            often = weight.sum() >= settings.needed(n_block) or any(
-                weight[[one == name for one in state]].sum() >= settings.needed(n) for name, n in count.items())
-            if often and np.count_nonzero(weight) >= min(2, n_block - 1) and _steady(inside, block_seconds):
-                found.append(_cluster(candidates, rows[mine], float(weight.sum())))
-        return found
-
+    persistence = _Persistence.of(settings, state, n_block, block_seconds)
     swept, always = _swept(candidates, bands)
-    found = persistent(np.flatnonzero(~swept | always))
-    for cluster in sorted(persistent(np.flatnonzero(swept & ~always)), key=lambda x: x.ln_frequency):
+    found = persistence.clusters(candidates, np.flatnonzero(~swept | always))
+    for cluster in sorted(persistence.clusters(candidates, np.flatnonzero(swept & ~always)), key=lambda x: x.ln_frequency):
         if not any(abs(cluster.ln_frequency - one.ln_frequency) <= SAME_MODE for one in found):
             notes.append(f"{np.exp(cluster.ln_frequency):.3f} Hz moves with the rotor's speed and is no mode: left out")
     notes += [f"{np.exp(one.ln_frequency):.3f} Hz lies at a multiple of the rotor's speed, which hardly varies: it may "
               "be its line" for one in sorted(found, key=lambda x: x.ln_frequency) if swept[one.rows].mean() > FOLLOWS]
-    waves = [one for one in found if _of_waves(candidates, one, wave_hz)]
-    notes += [f"{np.exp(one.ln_frequency):.3f} Hz lies at the waves' peak of its blocks, with a damping of "
-              f"{100 * one.damping:.1f} %: the sea's, left out" for one in waves]
-    above = [one for one in found if np.exp(one.ln_frequency) > highest_hz]
-    notes += [f"{np.exp(one.ln_frequency):.4g} Hz lies above the {highest_hz:.4g} Hz that the rate passes: left out; a "
-              "higher rate holds it" for one in above]
-    groups, doubles = _grouped(candidates, [one for one in found if all(one is not x for x in (*waves, *above))])
+    found = _of_the_structure(candidates, found, wave_hz, highest_hz, notes)
+    groups, doubles = _grouped(candidates, found)
     notes += [f"{np.exp(one.ln_frequency):.3f} Hz comes back with the shape of {np.exp(twin.ln_frequency):.3f} Hz, at "
               "few of its blocks and orders: left out as its double" for one, twin in doubles]
     if not groups:
         raise _nothing(where, n_block)
     angle = np.array(angle_deg, float) if angle_deg is not None else None
     return _as_modes(candidates, groups, angle, sensors, tuple(notes))
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _Persistence:
+    """What a cluster must show to be a mode: state (n_block,) of the turbine, blocks of each state that has enough of
+    them, and the least weight `core` of a place where one may lie."""
+
+    settings: PersistenceSettings
+    state: list[str]
+    count: dict[str, int]
+    core: float
+    n_block: int
+    block_seconds: float
+
+    @classmethod
+    def of(cls, settings: PersistenceSettings, state: list[str], n_block: int, block_seconds: float) -> _Persistence:
+        count = {name: state.count(name) for name in set(state) - {"mixed", "unknown", ""}}
+        count = {name: n for name, n in count.items() if n >= settings.least_blocks}
+        core = CORE * min(settings.needed(n) for n in [n_block, *count.values()])
+        return cls(settings=settings, state=state, count=count, core=core, n_block=n_block, block_seconds=block_seconds)
+
+    def clusters(self, candidates: Candidates, rows: np.ndarray) -> list[_Cluster]:
+        """Of these candidates the clusters that come back often enough, over all blocks or over those of one state, and
+        stay where they are."""
+        found = []
+        clusters = _clusters(candidates.at(rows), self.core)
+        for mine in [part for one in clusters for part in _two_modes(candidates.at(rows), one)]:
+            inside = candidates.at(rows[mine])
+            weight = _block_weight(inside, self.n_block)
+            if (self.often(weight) and np.count_nonzero(weight) >= min(2, self.n_block - 1)
+                    and _steady(inside, self.block_seconds)):
+                found.append(_cluster(candidates, rows[mine], float(weight.sum())))
+        return found
+
+    def often(self, weight: np.ndarray) -> bool:
+        return bool(weight.sum() >= self.settings.needed(self.n_block)) or any(
+            weight[[one == name for one in self.state]].sum() >= self.settings.needed(n) for name, n in self.count.items())
+
+
+def _of_the_structure(
+    c: Candidates, clusters: list[_Cluster], wave_hz: Sequence[float] | None, highest_hz: float, notes: list[str]
+) -> list[_Cluster]:
+    """Without the waves' own, and what lies above the band that the rate passes; both are noted."""
+    waves = [one for one in clusters if _of_waves(c, one, wave_hz)]
+    notes += [f"{np.exp(one.ln_frequency):.3f} Hz lies at the waves' peak of its blocks, with a damping of "
+              f"{100 * one.damping:.1f} %: the sea's, left out" for one in waves]
+    above = [one for one in clusters if np.exp(one.ln_frequency) > highest_hz]
+    notes += [f"{np.exp(one.ln_frequency):.4g} Hz lies above the {highest_hz:.4g} Hz that the rate passes: left out; a "
+              "higher rate holds it" for one in above]
+    return [one for one in clusters if all(one is not x for x in (*waves, *above))]
 
 
 def _nothing(where: str, n_block: int) -> InputError:

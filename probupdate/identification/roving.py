@@ -245,9 +245,19 @@ def _common_modes(
         labels = tuple(first.labels[j] for j in kept) if named else tuple(str(k + 1) for k in range(len(kept)))
         return labels, [[j if t[j] else -1 for j in kept] for t in there]
     rows = [[s.data.channels.index(c) for c in references] for s in setups]
+    modes = [m for m in _alike_at_references(means, there, rows) if len(m) >= least]
+    modes.sort(key=lambda m: np.mean([means[k].ln_frequency[j] for k, j in m.items()]))
+    columns = [[m.get(k, -1) for m in modes] for k in range(len(setups))]
+    return tuple(str(k + 1) for k in range(len(modes))), columns
+
+
+def _alike_at_references(
+    means: list[_Mean], there: list[np.ndarray], rows: list[list[int]]
+) -> list[dict[int, int]]:
+    """Modes as setup -> column, by frequency and by the shapes at the references (`rows` of each setup)."""
     # setups with most modes first; each mode is held against those of the setups before that have it best
     modes: list[dict[int, int]] = []
-    for k in sorted(range(len(setups)), key=lambda k: -int(there[k].sum())):
+    for k in sorted(range(len(means)), key=lambda k: -int(there[k].sum())):
         criterion = np.full((len(modes), len(there[k])), np.nan)
         for m, known in enumerate(modes):
             for other, column in known.items():
@@ -260,10 +270,7 @@ def _common_modes(
         for m, column in pairs.items():
             modes[m][k] = column
         modes += [{k: int(j)} for j in np.flatnonzero(there[k]) if int(j) not in pairs.values()]
-    modes = [m for m in modes if len(m) >= least]
-    modes.sort(key=lambda m: np.mean([means[k].ln_frequency[j] for k, j in m.items()]))
-    columns = [[m.get(k, -1) for m in modes] for k in range(len(setups))]
-    return tuple(str(k + 1) for k in range(len(modes))), columns
+    return modes
 
 
 def _of_modes(mean: _Mean, columns: list[int]) -> _Mean:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -105,9 +106,7 @@ def select(
     failed = [failed_criteria(s, tests, data.labels, required, pairs, criteria) for s in sets]
     passed = np.array([not names for names in failed])
     if not passed.any():
-        counts = pd.Series([names[0] for names in failed]).value_counts()
-        text = ", ".join(f"{n} {name}" for name, n in counts.items())
-        raise InputError("selection", f"none of {len(sets)} blocks passes ({text})", "relax one, or measure on")
+        raise _none_passes(failed)
     good = [s for s, p in zip(sets, passed, strict=True) if p]
     score = np.full(len(sets), np.nan)
     score[passed] = inconsistency(good, required, pairs)
@@ -118,6 +117,22 @@ def select(
         overall = scatter[scatter["state"] == "all"]["cov"].to_numpy()
         chosen = _with_campaign_scatter(chosen, sets, good, overall, pairs)
     result = replace(data, sets=tuple(chosen), reference_set=sets[order[0]].id)
+    table = _table(sets, failed, score, order, labels, pairs)
+    return Selection(data=result, table=table, scatter=scatter, criteria=criteria, deviations=deviations,
+                     notes=tuple(notes), summary=_summary(result, table, scatter, count, deviations, notes))
+
+
+def _none_passes(failed: Sequence[Sequence[str]]) -> InputError:
+    counts = pd.Series([names[0] for names in failed]).value_counts()
+    text = ", ".join(f"{n} {name}" for name, n in counts.items())
+    return InputError("selection", f"none of {len(failed)} blocks passes ({text})", "relax one, or measure on")
+
+
+def _table(
+    sets: Sequence[ModalSet], failed: Sequence[Sequence[str]], score: np.ndarray, order: np.ndarray,
+    labels: Sequence[str], pairs: Sequence[tuple[int, int]],
+) -> pd.DataFrame:
+    """A row a block: what it failed, its score (NaN where it failed), and the angles of its pairs; order: those kept."""
     table = pd.DataFrame({
         "id": [s.id for s in sets], "state": [str(s.environment.get("state", "unknown")) for s in sets],
         "criterion": [names[0] if names else "" for names in failed], "failed": ["; ".join(names) for names in failed],
@@ -125,8 +140,7 @@ def select(
     })
     for i, j in pairs:
         table[f"angle_{labels[i]}_{labels[j]}_deg"] = [pair_angle_deg(s, i, j) for s in sets]
-    return Selection(data=result, table=table, scatter=scatter, criteria=criteria, deviations=deviations,
-                     notes=tuple(notes), summary=_summary(result, table, scatter, count, deviations, notes))
+    return table
 
 
 def _with_own(s: ModalSet, labels: tuple[str, ...]) -> ModalSet:

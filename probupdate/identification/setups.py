@@ -63,23 +63,17 @@ def identify_setups(
     settings, persistence = settings or SSISettings(), PersistenceSettings()
     common = common_channels([(name, c.sensors) for name, c in zip(names, campaigns, strict=True)])
     with tempfile.TemporaryDirectory() if store is None else nullcontext(store) as folder, executor(jobs) as runs:
-        stores, parts, at_common, owner = [], [], [], []
-        for k, (campaign, name) in enumerate(zip(campaigns, names, strict=True)):
+        poles = []
+        for campaign, name in zip(campaigns, names, strict=True):
             blocks = BlockStore(Path(folder) / name, campaign, settings.of_blocks)
             blocks.fill(jobs=runs, progress=progress)
-            stores.append(blocks)
-            rows = [campaign.channels.index(c) for c in common]
-            for start in blocks.starts:
-                block = blocks.read(start)
-                if block.poles is None:
-                    continue
-                part = block_candidates(pole_stack(block, settings), len(owner), settings.classifier, persistence)
-                parts.append(part)
-                at_common.append(_at(part, rows))
-                owner.append(k)
+            poles.append(blocks)
+        parts, owner = _candidates(poles, settings, persistence)
         if not parts:
             raise InputError("setups", "have no block that can be used", "run `probupdate check` on each")
-        found = physical_modes(gathered(at_common), n_block=len(owner), settings=persistence,
+        rows = [[campaign.channels.index(c) for c in common] for campaign in campaigns]
+        found = physical_modes(gathered([_at(part, rows[k]) for part, k in zip(parts, owner, strict=True)]),
+                               n_block=len(owner), settings=persistence,
                                block_seconds=60 * campaigns[0].block_minutes, where=f"{len(names)} setups",
                                highest_hz=min(passed_hz(c, settings) for c in campaigns))
         setups, notes = [], list(found.notes)
@@ -89,7 +83,7 @@ def identify_setups(
                 notes.append(f"{name}: shows none of the {len(found.modes.labels)} modes: left out")
                 continue
             rule = with_rated_power(StateRule(rated_power_kw=campaign.rated_power_kw), campaign.scada)
-            result = classified(stores[k], campaign, own, None, settings=settings, rule=rule, jobs=runs,
+            result = classified(poles[k], campaign, own, None, settings=settings, rule=rule, jobs=runs,
                                 progress=progress, every=True)
             columns = [place.get(j, -1) for j in range(len(found.modes.labels))]
             data = replace(result.data, sets=tuple(s.of_modes(columns) for s in in_memory(result).data.sets), records=(),
@@ -103,6 +97,21 @@ def identify_setups(
     merged = merge_setups(named, same_modes=True)
     return _with_records(merged, named[0].data.labels, like, partner, probability, model=model,
                          wanted=reference.labels, notes=notes, settings=settings)
+
+
+def _candidates(
+    poles: Sequence[BlockStore], settings: SSISettings, persistence: PersistenceSettings
+) -> tuple[list[Candidates], list[int]]:
+    """Of every block that can be used its candidates, at its setup's own channels, and the setup's number."""
+    parts, owner = [], []
+    for k, blocks in enumerate(poles):
+        for start in blocks.starts:
+            block = blocks.read(start)
+            if block.poles is None:
+                continue
+            parts.append(block_candidates(pole_stack(block, settings), len(owner), settings.classifier, persistence))
+            owner.append(k)
+    return parts, owner
 
 
 def _at(part: Candidates, rows: list[int]) -> Candidates:

@@ -274,29 +274,9 @@ def _settings(r: _Reader) -> tuple[dict[str, str], bool]:
         settings["CBMod"] = r.word("CBMod")
     n_modes = r.whole("Nmodes")
     settings["Nmodes"] = str(n_modes)
-    ratios = words(r.line("JDampings"))
-    given = [w for w in ratios if number(w) is not None]
-    # as Fortran reads on where a line has too few numbers and nothing else
-    while len(given) == len(ratios) and len(given) < n_modes and words(r.peek()) and number(words(r.peek())[0]) is not None:
-        following = words(r.peek())
-        if len(following) > 1 and number(following[1]) is None and "guyan" in following[1].lower():
-            break
-        ratios = words(r.line("JDampings"))
-        given += [w for w in ratios if number(w) is not None]
-        if len(given) < n_modes and any(number(w) is None for w in ratios):
-            break
-    settings["JDampings"] = " ".join(given)
+    settings["JDampings"] = " ".join(_mode_dampings(r, n_modes))
     if words(r.peek()) and number(words(r.peek())[0]) is not None:
-        settings["GuyanDampMod"] = str(r.whole("GuyanDampMod"))
-        pair = [w for w in words(r.line("RayleighDamp")) if number(w) is not None][:2]
-        settings["RayleighDamp"] = " ".join(pair)
-        size = r.whole("GuyanDampSize", 0)
-        settings["GuyanDampSize"] = str(size)
-        for row in range(size):
-            found = words(r.line(f"row {row + 1} of the Guyan damping matrix"))
-            if len(found) < size or any(number(w) is None for w in found[:size]):
-                r.fail(f"row {row + 1} of the Guyan damping matrix has not {size} numbers", "complete it")
-            settings[f"GuyanDampMat{row + 1}"] = " ".join(found[:size])
+        settings |= _guyan_damping(r)
     r.heading("STRUCTURE JOINTS, or INITIAL RIGID-BODY POSITION")
     following = words(r.peek())
     if following and integer(following[0]) is not None and not (
@@ -312,6 +292,35 @@ def _settings(r: _Reader) -> tuple[dict[str, str], bool]:
     settings["InitialPosition"] = " ".join(found[:6])
     r.heading("STRUCTURE JOINTS")
     return settings, True
+
+
+def _mode_dampings(r: _Reader, n_modes: int) -> list[str]:
+    """JDampings, read on as Fortran does where a line has too few numbers and nothing else."""
+    ratios = words(r.line("JDampings"))
+    given = [w for w in ratios if number(w) is not None]
+    while len(given) == len(ratios) and len(given) < n_modes and words(r.peek()) and number(words(r.peek())[0]) is not None:
+        following = words(r.peek())
+        if len(following) > 1 and number(following[1]) is None and "guyan" in following[1].lower():
+            break
+        ratios = words(r.line("JDampings"))
+        given += [w for w in ratios if number(w) is not None]
+        if len(given) < n_modes and any(number(w) is None for w in ratios):
+            break
+    return given
+
+
+def _guyan_damping(r: _Reader) -> dict[str, str]:
+    settings = {"GuyanDampMod": str(r.whole("GuyanDampMod"))}
+    pair = [w for w in words(r.line("RayleighDamp")) if number(w) is not None][:2]
+    settings["RayleighDamp"] = " ".join(pair)
+    size = r.whole("GuyanDampSize", 0)
+    settings["GuyanDampSize"] = str(size)
+    for row in range(size):
+        found = words(r.line(f"row {row + 1} of the Guyan damping matrix"))
+        if len(found) < size or any(number(w) is None for w in found[:size]):
+            r.fail(f"row {row + 1} of the Guyan damping matrix has not {size} numbers", "complete it")
+        settings[f"GuyanDampMat{row + 1}"] = " ".join(found[:size])
+    return settings
 
 
 def _is_logical(text: str) -> bool:

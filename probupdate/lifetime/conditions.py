@@ -238,17 +238,8 @@ def _mistakes(c: Conditions, path: Path) -> Iterator[tuple[str, str, str]]:
                     f"'{item.curve}' is not a [curve] of the file",
                     nearest(item.curve, c.curve),
                 )
-            if isinstance(item, Girth):
-                continue
-            stated = item.chord is not None or item.brace is not None
-            if stated == (item.efthymiou is not None):
-                problem = (
-                    "has stress factors and asks for Efthymiou's" if stated else "has stress factors of neither side"
-                )
-                yield f"{kind}[{k + 1}]", problem, "give chord, brace or both, or efthymiou"
-            if item.efthymiou is not None and (item.efthymiou.kind == "K") == (item.efthymiou.gap_m is None):
-                problem = "a K joint has a gap" if item.efthymiou.kind == "K" else "only a K joint has a gap"
-                yield f"{kind}[{k + 1}].efthymiou.gap_m", problem, "state it for K, and for K alone"
+            if not isinstance(item, Girth):
+                yield from _factor_mistakes(f"{kind}[{k + 1}]", item)
     for name, own in c.curve.items():
         if own.m2 < own.m1:
             yield (
@@ -263,6 +254,17 @@ def _mistakes(c: Conditions, path: Path) -> Iterator[tuple[str, str, str]]:
                 f"'{state.thrust_spectrum}' is not a file beside this one",
                 "put it there",
             )
+
+
+def _factor_mistakes(where: str, item: Sides) -> Iterator[tuple[str, str, str]]:
+    """Of a detail whose stress factors are stated, or are Efthymiou's."""
+    stated = item.chord is not None or item.brace is not None
+    if stated == (item.efthymiou is not None):
+        problem = "has stress factors and asks for Efthymiou's" if stated else "has stress factors of neither side"
+        yield where, problem, "give chord, brace or both, or efthymiou"
+    if item.efthymiou is not None and (item.efthymiou.kind == "K") == (item.efthymiou.gap_m is None):
+        problem = "a K joint has a gap" if item.efthymiou.kind == "K" else "only a K joint has a gap"
+        yield f"{where}.efthymiou.gap_m", problem, "state it for K, and for K alone"
 
 
 def _beside(path: Path, name: str) -> bool:

@@ -105,7 +105,6 @@ def assess(
     prior = parameters.draw(rng, PRIOR_DRAWS)
     half = BASIS_OF // 2
     model = full.reduced([*draws[rng.permutation(len(draws))[:half]], *prior[:half]])
-    error = basis_error(full, model, [draws[-1]])
     design = model.solve(parameters.initial)
     updated = solve_many(model, draws, dampings, progress)
     worst = worst_spots(
@@ -118,48 +117,20 @@ def assess(
         "updated": [curve.factor(np.log(s.damage_per_year()[worst])) for s in updated],
         "design": [curve.factor(np.log(few.solve(theta).damage_per_year())) for theta in prior],
     }
-    mean = draws.mean(axis=0)
-    centre = few.solve(mean, _mean_damping(dampings), derivatives=True)
-    slope = centre.equivalent_change(SLOPES[1]).T
+    damping = _mean_damping(dampings)
+    slope = few.solve(draws.mean(axis=0), damping, derivatives=True).equivalent_change(SLOPES[1]).T
     parts, direct, gain = None, None, None
     if given.updated is None:
         left_out.append("parts of model factors: no modes lie in the run, or none of them is matched")
     else:
-        problem, laplace = given.updated
-        gain = gains(problem, laplace)
-        if gain.sources:
-            direct = tolerance_slopes(path, few, given, _mean_damping(dampings), progress)
-            unknown = tolerance_draws(problem, draws, rng)
-            factor["updated"] = list(np.array(factor["updated"]) + unknown @ direct.T)
-        parts = dict(gain.parts(slope, direct))
-        parts["set_to_set"] = _set_to_set(slope, given.set_updates, parts["measurement"])
-        stated = np.array([s.std for s in problem.error_sources]) if direct is not None else np.zeros(0)
+        parts, direct, gain = _variance_parts(given, path, few, slope, damping, progress)
         if direct is not None:
-            factor["design"] = list(
-                np.array(factor["design"]) + (stated * rng.standard_normal((len(prior), len(stated)))) @ direct.T
-            )
-    moments = {name: (np.mean(v, axis=0), np.std(v, axis=0, ddof=1)) for name, v in factor.items()}
-    if parts is not None:
-        # what holds from set to set is in no single set's draws
-        moments["updated"] = (moments["updated"][0], np.hypot(moments["updated"][1], parts["set_to_set"]))
+            factor = _with_tolerances(factor, direct, given.updated[0], draws, rng)
+    moments = _moments(factor, None if parts is None else parts["set_to_set"])
     if given.named is not None:
-        moments |= _with_causes(given, few, curve, dampings, progress, left_out)
+        moments |= _with_causes(given.named, given.file, few, curve, dampings, progress, left_out)
     c = model.conditions
-    index = {
-        name: reliability(curve, *m, c.uncertainty, years=c.life.years, target=c.target.annual_index)
-        for name, m in moments.items()
-    }
-    measures = []
-    for what, less in [] if given.updated is None else worth(*given.updated, slope, direct)[:MEASURES]:
-        mean_of, std_of = moments["updated"]
-        left = np.sqrt(np.maximum(std_of**2 - less, 0.0))
-        measures.append(
-            (
-                what,
-                left,
-                reliability(curve, mean_of, left, c.uncertainty, years=c.life.years, target=c.target.annual_index),
-            )
-        )
+    index = {name: _index(curve, *m, c) for name, m in moments.items()}
     agreement = _agreement(curve, moments["updated"], index["updated"], c, rng)
     return FatigueResult(
         model=model,
@@ -173,16 +144,71 @@ def assess(
         direct=direct,
         gains=gain,
         index=index,
-        measures=tuple(measures),
+        measures=_next_measurements(given, slope, direct, curve, moments["updated"], c),
         left_out=tuple(left_out),
         summary={
-            "basis_error": error,
+            "basis_error": basis_error(full, model, [draws[-1]]),
             "form_minus_monte_carlo": agreement[0],
             "monte_carlo_standard_error": agreement[1],
             "target_annual_index": c.target.annual_index,
             "cases": list(index),
         },
     )
+
+
+def _variance_parts(
+    given: FatigueInput, path: Path, few: FatigueModel, slope: np.ndarray, damping, progress: Progress
+) -> tuple[dict[str, np.ndarray], np.ndarray | None, Gains]:
+    """Parts of the variance of ln X_dyn of `few` hot spots by the one model; d ln DEL_5 / d u of its sources of error,
+    None where it has none; what moves its estimate."""
+    if given.updated is None:
+        raise ValueError("parts of a variance are those about a maximum: give the problem and its maximum")
+    gain = gains(*given.updated)
+    direct = tolerance_slopes(path, few, given, damping, progress) if gain.sources else None
+    parts = gain.parts(slope, direct)
+    parts["set_to_set"] = _set_to_set(slope, given.set_updates, parts["measurement"])
+    return parts, direct, gain
+
+
+def _with_tolerances(
+    factor: Mapping[str, list[np.ndarray]], direct: np.ndarray, problem: Problem, draws: np.ndarray, rng
+) -> dict[str, list[np.ndarray]]:
+    """ln X_dyn of every draw with what tolerances add to it: given the data, of the updated; as stated, of the design."""
+    unknown = tolerance_draws(problem, draws, rng)
+    updated, design = np.array(factor["updated"]), np.array(factor["design"])
+    stated = np.array([s.std for s in problem.error_sources])
+    drawn = stated * rng.standard_normal((len(design), len(stated)))
+    return {"updated": list(updated + unknown @ direct.T), "design": list(design + drawn @ direct.T)}
+
+
+def _moments(
+    factor: Mapping[str, list[np.ndarray]], set_to_set: np.ndarray | None
+) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+    """Mean and standard deviation of ln X_dyn over the draws; set_to_set: the updated one's from set to set."""
+    moments = {name: (np.mean(v, axis=0), np.std(v, axis=0, ddof=1)) for name, v in factor.items()}
+    if set_to_set is not None:
+        # what holds from set to set is in no single set's draws
+        moments["updated"] = (moments["updated"][0], np.hypot(moments["updated"][1], set_to_set))
+    return moments
+
+
+def _index(curve: DamageCurve, mean: np.ndarray, std: np.ndarray, c: Conditions) -> Reliability:
+    return reliability(curve, mean, std, c.uncertainty, years=c.life.years, target=c.target.annual_index)
+
+
+def _next_measurements(
+    given: FatigueInput, slope: np.ndarray, direct: np.ndarray | None, curve: DamageCurve,
+    moments: tuple[np.ndarray, np.ndarray], c: Conditions,
+) -> tuple[tuple[str, np.ndarray, Reliability], ...]:
+    """What to measure next: standard deviation of ln X_dyn that it leaves, and the reliability then."""
+    if given.updated is None:
+        return ()
+    mean, std = moments
+    found = []
+    for what, less in worth(*given.updated, slope, direct)[:MEASURES]:
+        left = np.sqrt(np.maximum(std**2 - less, 0.0))
+        found.append((what, left, _index(curve, mean, left, c)))
+    return tuple(found)
 
 
 def worst_spots(model: FatigueModel, damage: np.ndarray, n: int) -> np.ndarray:
@@ -271,16 +297,19 @@ def same_spots(other: FatigueModel, own: FatigueModel) -> list[int]:
     return [number[own.details[s.detail].name, s.side, s.place] for s in own.spots]
 
 
-def _with_causes(given, few, curve, dampings, progress, left_out) -> dict[str, tuple[np.ndarray, np.ndarray]]:
-    named = given.named
+def _with_causes(
+    named: Named, file: Path, few: FatigueModel, curve: DamageCurve, dampings: Sequence[Mapping[str, float]],
+    progress: Progress, left_out: list[str],
+) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+    """ln X_dyn of `few` hot spots with one named cause as it was found and the others away: mean, standard deviation."""
     description = read_description(named.path)
-    model = fatigue_model_of(named.path, given.file)
+    model = fatigue_model_of(named.path, file)
     if tuple(model.parameters.names) != tuple(named.names):
         left_out.append(f"causes in reliability.csv: {named.path.name} has other parameters than its posterior")
         return {}
     few = model.picked(same_spots(model, few))
     draws = named.draws[np.linspace(0, len(named.draws) - 1, CAUSE_DRAWS).astype(int)]
-    few = few.reduced(draws[:: max(1, CAUSE_DRAWS // BASIS_OF)])
+    few = few.reduced([*draws[:: max(1, CAUSE_DRAWS // BASIS_OF)]])
     found = {}
     neutral = {p.name: p.initial for p in description.effects}
     places = [few.parameters.index(n) for n, _ in named.causes]
@@ -350,7 +379,17 @@ def frequency_factors(
 
 def write_fatigue(files, result: FatigueResult, draws: np.ndarray, solved_factors: Sequence[dict]) -> None:
     """hot_spots.csv, fatigue.csv, fatigue_sensitivity.csv, model_factors.csv, reliability.csv, remaining_life.csv."""
-    model, text = result.model, {"unit": "-", "type": "string"}
+    _write_hot_spots(files, result.model)
+    _write_ranges(files, result)
+    _write_sensitivity(files, result)
+    _write_factors(files, result, solved_factors)
+    _write_reliability(files, result)
+    _write_next_measurements(files, result)
+    _write_remaining_life(files, result)
+
+
+def _write_hot_spots(files, model: FatigueModel) -> None:
+    text = {"unit": "-", "type": "string"}
     files.table(
         "hot_spots.csv",
         [
@@ -383,6 +422,9 @@ def write_fatigue(files, result: FatigueResult, draws: np.ndarray, solved_factor
         what="hot spots; place 1 is the crown (of a girth weld: along x), 3 the saddle; axial, crown, saddle: factors of "
         "nominal stress with the thickness effect in them",
     )
+
+
+def _write_ranges(files, result: FatigueResult) -> None:
     design = [result.design.equivalent_mpa(m) for m in SLOPES]
     damage = result.design.damage_per_year()
     rows = []
@@ -406,18 +448,19 @@ def write_fatigue(files, result: FatigueResult, draws: np.ndarray, solved_factor
         rows,
         what="damage-equivalent ranges and Miner's sum of a year; draw 0 is the design, ratios are updated over design",
     )
-    names = model.parameters.names
+
+
+def _write_sensitivity(files, result: FatigueResult) -> None:
+    parameters = result.model.parameters
     files.table(
         "fatigue_sensitivity.csv",
         [
             {"name": "hot_spot", "unit": "-"},
-            *({"name": f"dlnDEL_d{n}", "unit": f"1/({model.parameters.items[k].unit})"} for k, n in enumerate(names)),
+            *({"name": f"dlnDEL_d{p.name}", "unit": f"1/({p.unit})"} for p in parameters),
         ],
         [[int(k) + 1, *row] for k, row in zip(result.worst, result.slope.tolist(), strict=True)],
         what="d ln DEL_5 / d parameter at the draws' mean, of the worst hot spots",
     )
-    _write_factors(files, result, solved_factors)
-    _write_reliability(files, result)
 
 
 def _write_factors(files, result: FatigueResult, solved_factors: Sequence[dict]) -> None:
@@ -475,33 +518,40 @@ def _write_reliability(files, result: FatigueResult) -> None:
         what=f"reliability indices of the {len(result.worst)} worst hot spots, by FORM; target: annual {target:g}; "
         "empty: not within the years",
     )
-    if result.measures:
-        rows = [
-            [
-                what,
-                int(k) + 1,
-                float(result.log_factor["updated"][1][j]),
-                float(left[j]),
-                int(result.index["updated"].first_below[j]) or None,
-                int(index.first_below[j]) or None,
-            ]
-            for what, left, index in result.measures
-            for j, k in enumerate(result.worst)
+
+
+def _write_next_measurements(files, result: FatigueResult) -> None:
+    if not result.measures:
+        return
+    rows = [
+        [
+            what,
+            int(k) + 1,
+            float(result.log_factor["updated"][1][j]),
+            float(left[j]),
+            int(result.index["updated"].first_below[j]) or None,
+            int(index.first_below[j]) or None,
         ]
-        files.table(
-            "next_measurement.csv",
-            [
-                {"name": "measure", "unit": "-", "type": "string"},
-                {"name": "hot_spot", "unit": "-"},
-                {"name": "cov_now", "unit": "-"},
-                {"name": "cov_then", "unit": "-"},
-                {"name": "first_year_below_target_now", "unit": "a", "type": ["integer", "null"]},
-                {"name": "first_year_below_target_then", "unit": "a", "type": ["integer", "null"]},
-            ],
-            rows,
-            what="standard deviation of ln X_dyn now and with one more measurement, its median held: what it is worth on "
-            "average, as far as the variance goes",
-        )
+        for what, left, index in result.measures
+        for j, k in enumerate(result.worst)
+    ]
+    files.table(
+        "next_measurement.csv",
+        [
+            {"name": "measure", "unit": "-", "type": "string"},
+            {"name": "hot_spot", "unit": "-"},
+            {"name": "cov_now", "unit": "-"},
+            {"name": "cov_then", "unit": "-"},
+            {"name": "first_year_below_target_now", "unit": "a", "type": ["integer", "null"]},
+            {"name": "first_year_below_target_then", "unit": "a", "type": ["integer", "null"]},
+        ],
+        rows,
+        what="standard deviation of ln X_dyn now and with one more measurement, its median held: what it is worth on "
+        "average, as far as the variance goes",
+    )
+
+
+def _write_remaining_life(files, result: FatigueResult) -> None:
     c, rng = result.model.conditions, np.random.default_rng(7)
     rows = []
     for name, (mean, std) in result.log_factor.items():

@@ -529,45 +529,14 @@ def stress_model(
         replace(d, beam=frame.beams[d.number], section=_section(description, d, frame.beams[d.number].tube))
         for d in details
     )
-    theory = description.mesh.theory
     updated = tuple(model.parameters.names)
-    collected = TermCollector(updated, values), TermCollector(updated, values)
-    for row, detail in enumerate(details):
-        b = frame.beams[detail.number]
-        start, end = frame.node_m[b.start], frame.node_m[b.end]
-        pick = detail.rows()
-        sources = (
-            beam_stiffness(b, start, end, theory),
-            (
-                c
-                for part in (steel_mass(b, start, end, theory), carried_mass(b, b.carried, start, end, theory))
-                for c in part
-            ),
-        )
-        for collector, contributions in zip(collected, sources, strict=True):
-            for dofs, matrix, coefficient in contributions:
-                collector.add(coefficient, lambda x, r=row, d=dofs, m=pick @ matrix: (3 * r + np.arange(3), d, x * m))
+    collected = _force_terms(frame, details, description.mesh.theory, updated, values)
     size = (3 * len(details), transform.shape[0])
     rows = tuple(tuple(_sparse(entries, size) @ transform for entries in c.keys.values()) for c in collected)
     fixed = {name: value for name, value in values.items() if name not in updated}
-    placed = (
-        sensors
-        if sensors is not None
-        else tuple(
-            Sensor(
-                channel=s.channel,
-                level=s.level,
-                position_m=np.array(s.position_m),
-                direction=np.array(s.direction),
-                quantity=s.quantity,
-                unit=s.unit,
-            )
-            for s in description.sensor
-        )
-    )
     return StressModel(
         model=model,
-        sensors=placed,
+        sensors=_sensors(description) if sensors is None else sensors,
         frame=frame,
         details=details,
         heading_deg=float(heading_deg),
@@ -585,6 +554,32 @@ def stress_model(
         hub=_hub(description, frame, transform, heading_deg),
         frequency_hz=frozen_array(frequency_grid()),
         spectra=dict(spectra or {}),
+    )
+
+
+def _force_terms(
+    frame: Frame, details: Sequence[Detail], theory: str, updated: tuple[str, ...], values: Mapping[str, float]
+) -> tuple[TermCollector, TermCollector]:
+    """What the details' elements make of displacements and of accelerations, as terms of stiffness and of mass: entries
+    (three rows a detail, degrees of freedom of the element, numbers)."""
+    collected = TermCollector(updated, values), TermCollector(updated, values)
+    for row, detail in enumerate(details):
+        b = frame.beams[detail.number]
+        start, end = frame.node_m[b.start], frame.node_m[b.end]
+        pick = detail.rows()
+        mass = (steel_mass(b, start, end, theory), carried_mass(b, b.carried, start, end, theory))
+        sources = (beam_stiffness(b, start, end, theory), (c for part in mass for c in part))
+        for collector, contributions in zip(collected, sources, strict=True):
+            for dofs, matrix, coefficient in contributions:
+                collector.add(coefficient, lambda x, r=row, d=dofs, m=pick @ matrix: (3 * r + np.arange(3), d, x * m))
+    return collected
+
+
+def _sensors(description: Description) -> tuple[Sensor, ...]:
+    return tuple(
+        Sensor(channel=s.channel, level=s.level, position_m=np.array(s.position_m), direction=np.array(s.direction),
+               quantity=s.quantity, unit=s.unit)
+        for s in description.sensor
     )
 
 

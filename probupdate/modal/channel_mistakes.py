@@ -9,7 +9,8 @@ from itertools import combinations
 import numpy as np
 
 from probupdate.modal.matching import assign, close_clusters
-from probupdate.modal.modes import ModalSet, mac, rotate_to_real, subspace_mac
+from probupdate.modal.sets import ModalSet
+from probupdate.modal.shape_criteria import mac, rotate_to_real, subspace_mac
 
 # mean of 1 - MAC over the modes from which shapes are far from a model's; what a change must bring it down to, as a
 # share; and how much worse others must be, or they explain as much

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from probupdate.modal.modes import Sensor
+from probupdate.modal.sets import Sensor
 from probupdate.runtime.arrays import frozen_array
 
 # bending along x, bending along y, torsion: fore-aft is where a nacelle looks, and without one there is no fore-aft

@@ -9,7 +9,8 @@ import numpy as np
 
 from probupdate.errors import InputError
 from probupdate.modal.labels import across
-from probupdate.modal.modes import ModalSet, mac, rotate_to_real, subspace_mac
+from probupdate.modal.sets import ModalSet
+from probupdate.modal.shape_criteria import mac, rotate_to_real, subspace_mac
 from probupdate.model.interface import ModalSolution, Model
 from probupdate.runtime.arrays import frozen_array
 
@@ -130,25 +131,15 @@ def match(
         return _by_frequency(modal_set, solution.frequency_hz)
     used, left_out = _usable(modal_set, measured, name)
     if refuse:
-        for cluster in clusters:
-            absent = [name[j] for j in cluster if j not in used]
-            if absent and len(absent) < len(cluster):
-                present = next(name[j] for j in cluster if j in used)
-                _refuse_half_a_pair(modal_set.id, present, absent, "they are compared as a plane in the other sets")
+        _refuse_half_clusters(modal_set.id, clusters, used, name)
     # given clusters may come from another set, whose pair had its frequencies the other way round
     present = [[j for j in c if j in used] for c in clusters]
     clusters = [tuple(sorted(c, key=lambda j: modal_set.frequency_hz[j])) for c in present if c]
     if refuse:
-        for cluster in clusters:
-            if len(cluster) > 1:
-                _refuse_equal_shapes(modal_set.id, [name[j] for j in cluster], measured[:, list(cluster)])
+        _refuse_equal_shapes(modal_set.id, clusters, measured, name)
     criterion = _criteria(measured, computed, clusters)
     visible = np.linalg.norm(computed, axis=0)
-    n_computed = computed.shape[1]
-    # of a model with fewer modes than were measured, the columns beyond its own stand for no partner
-    beyond = np.full((len(used), max(0, len(used) - n_computed)), np.nan)
-    pairs = assign(np.hstack([criterion[used], beyond])) if used else np.zeros(0, int)
-    partner = {j: int(i) for j, i in zip(used, pairs, strict=True) if i < n_computed}
+    partner = _partners(criterion, used)
     if refuse and len(partner) > 1:
         _refuse_another_unit(modal_set, solution.frequency_hz, partner, criterion)
     partner = _nearer(partner, criterion, modal_set.frequency_hz, solution.frequency_hz, visible)
@@ -196,6 +187,17 @@ def _criteria(measured: np.ndarray, computed: np.ndarray, clusters: Sequence[tup
         criterion[members] = (mac(measured[:, members], computed) if alone else
                               subspace_mac(computed, measured[:, members]))
     return criterion
+
+
+def _partners(criterion: np.ndarray, used: Sequence[int]) -> dict[int, int]:
+    """measured mode -> computed mode by the largest sum of criteria, for as many as the model has modes."""
+    if not used:
+        return {}
+    n_computed = criterion.shape[1]
+    # of a model with fewer modes than were measured, the columns beyond its own stand for no partner
+    beyond = np.full((len(used), max(0, len(used) - n_computed)), np.nan)
+    pairs = assign(np.hstack([criterion[list(used)], beyond]))
+    return {j: int(i) for j, i in zip(used, pairs, strict=True) if i < n_computed}
 
 
 def _alike(
@@ -260,16 +262,30 @@ def _nearer(partner, criterion, measured_hz, computed_hz, visible) -> dict[int, 
     return result
 
 
-def _refuse_equal_shapes(set_id: str, names: list[str], shape: np.ndarray) -> None:
+def _refuse_half_clusters(
+    set_id: str, clusters: Sequence[tuple[int, ...]], used: Sequence[int], name: Sequence[str]
+) -> None:
+    for cluster in clusters:
+        absent = [name[j] for j in cluster if j not in used]
+        if absent and len(absent) < len(cluster):
+            present = next(name[j] for j in cluster if j in used)
+            _refuse_half_a_pair(set_id, present, absent, "they are compared as a plane in the other sets")
+
+
+def _refuse_equal_shapes(
+    set_id: str, clusters: Sequence[tuple[int, ...]], measured: np.ndarray, name: Sequence[str]
+) -> None:
     """The second direction of a plane that is none would be rounding's, and so would be what it is paired with."""
-    known = shape[np.all(np.isfinite(shape), axis=1)]
-    if len(known) < len(names):
-        return
-    largest = np.max(np.abs(known), axis=0)
-    singular = np.linalg.svd(known / np.where(largest > 0, largest, 1.0), compute_uv=False)
-    if np.all(largest > 0) and singular[-1] < NO_PLANE * singular[0]:
-        raise InputError(f"set {set_id}, {' and '.join(names)}", "their shapes are the same: they span no plane",
-                         "check that the modes are two different ones")
+    for cluster in clusters:
+        shape = measured[:, list(cluster)]
+        known = shape[np.all(np.isfinite(shape), axis=1)]
+        if len(cluster) < 2 or len(known) < len(cluster):
+            continue
+        largest = np.max(np.abs(known), axis=0)
+        singular = np.linalg.svd(known / np.where(largest > 0, largest, 1.0), compute_uv=False)
+        if np.all(largest > 0) and singular[-1] < NO_PLANE * singular[0]:
+            raise InputError(f"set {set_id}, {' and '.join(name[j] for j in cluster)}",
+                             "their shapes are the same: they span no plane", "check that the modes are two different ones")
 
 
 def _refuse_another_structure(set_id, criterion, partner, name) -> None:

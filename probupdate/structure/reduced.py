@@ -72,14 +72,8 @@ def reduce_basis(
     extremes, likely = _split_extremes(points, len(lower))
     draw = _PointSource(lower, upper, likely, seed, frequency_tolerance)
     K, _ = model.matrices(0.5 * (lower + upper) if points is None else np.median(points, axis=0))
-    theta, _ = draw(n_snapshot)
-    # the tails are where a basis fails: every other point of the box moves to one of its faces, and the cloud's
-    # extremes are all taken
-    faces = np.arange(0, n_snapshot, 4)
-    column = (faces // 4) % len(lower)
-    theta[faces, column] = np.where((faces // 4) // len(lower) % 2 == 0, lower[column], upper[column])
-    theta = np.vstack([theta, np.clip(extremes, lower, upper)])
-    snapshots = _solve_full(model, theta, n_mode, "snapshots", progress)
+    at = _snapshot_points(draw(n_snapshot)[0], extremes, lower, upper)
+    snapshots = _solve_full(model, at, n_mode, "snapshots", progress)
     checks = _Checks.solve(model, *draw(n_verify), n_mode, "size", progress)
     largest = project(model, *_proper_orthogonal(_unmixed(snapshots, K), K, max_size), (lower, upper), n_mode,
                       frequency_tolerance)
@@ -100,12 +94,11 @@ def reduce_basis(
         final = _Checks.solve(model, *draw(n_verify), n_mode, "verification", progress)
         error, least_mac = final.judge(reduced)
         if np.all(error <= VERIFIED * final.tolerance) and least_mac >= LEAST_MAC:
-            report = ReductionReport(
+            return replace(reduced, report=ReductionReport(
                 size=size, n_snapshot=len(snapshots), n_verify=n_verify,
                 max_frequency_error=float(error[final.tolerance == frequency_tolerance].max()),
                 max_box_error=float(error.max()), min_mac=least_mac, frequency_tolerance=frequency_tolerance,
-            )
-            return replace(reduced, report=report)
+            ))
         # points that have decided once decide the size from now on; the next verification takes new ones
         snapshots += final.worst(reduced)
         checks = checks.joined(final)
@@ -125,6 +118,15 @@ def _split_extremes(points, n_param):
     rows = np.unique(np.concatenate([points.argmin(axis=0), points.argmax(axis=0)]))
     others = np.delete(points, rows, axis=0)
     return points[rows], others if len(others) else points
+
+
+def _snapshot_points(theta: np.ndarray, extremes: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
+    """The tails are where a basis fails: of points theta (n, n_param) every other one of the box moves to one of its
+    faces, and the cloud's extremes are all taken."""
+    faces = np.arange(0, len(theta), 4)
+    column = (faces // 4) % len(lower)
+    theta[faces, column] = np.where((faces // 4) // len(lower) % 2 == 0, lower[column], upper[column])
+    return np.vstack([theta, np.clip(extremes, lower, upper)])
 
 
 class _PointSource:

@@ -188,61 +188,67 @@ def _row(
 
 def _sentence(row: dict, parameter, update: UpdateRecord, partner: str, correlation: float) -> str:
     """Why the estimates part, or that they do not."""
-    name, std = row["name"], row["std"]
-    parts = []
+    name, parts = row["name"], []
     if row["identified"] == PRIOR:
         parts.append(f"the data do not inform {name}: its posterior is {100 * row['contraction']:.0f} % as wide as its "
                      "prior")
     gap = abs(row["map_distance"])
-    cut = abs(row["prior_mean"] - parameter.initial) > 0.1 * row["prior_std"]
     if gap > CLOSE:
-        if any("pinned" in flag for flag in row["flags"]):
-            reason = "the density is highest at the bound while its mass lies inside"
-        elif row["identified"] == PRIOR and cut:
-            reason = (f"the bounds cut the prior, whose mean is {row['prior_mean']:.3g} for a mode of "
-                      f"{parameter.initial:.3g}")
-        elif abs(row["skewness"]) > 0.3:
-            reason = f"the posterior is skewed ({row['skewness']:+.1f})"
-        elif abs(correlation) > RIDGE:
-            reason = (f"the posterior is a ridge with {partner} (correlation {correlation:+.2f}), whose top is not its "
-                      "middle")
-        else:
-            reason = "other parameters' bounds and skewness shift the mass along with them"
+        reason = _mean_beside_map(row, parameter, partner, correlation)
         parts.append(f"MAP and mean differ by {gap:.1f} posterior standard deviations: {reason}")
-    scheme = update.scheme("prior")
-    if abs(row["anchored"] - row["map"]) > SAME * std:
-        if scheme.alpha != 1:
-            reason = f"alpha is {scheme.alpha:g}, not 1"
-        elif any(p.prior == "lognormal" for p in update.parameters):
-            reason = "Eq. 6 knows Gaussian priors only, the posterior has lognormal ones"
-        elif not scheme.converged:
-            reason = f"the update did not settle ({scheme.status})"
-        else:
-            reason = "it settled on another maximum"
-        away = abs(row["anchored"] - row["map"]) / std
-        parts.append(f"the anchored update ends {away:.2f} posterior standard deviations from the MAP: {reason}")
-    printed = update.scheme("step")
-    apart = abs(row["step"] - row["map"]) / std
+    if abs(row["anchored"] - row["map"]) > SAME * row["std"]:
+        away = abs(row["anchored"] - row["map"]) / row["std"]
+        parts.append(f"the anchored update ends {away:.2f} posterior standard deviations from the MAP: "
+                     f"{_anchored_beside_map(update)}")
+    apart = abs(row["step"] - row["map"]) / row["std"]
     if apart > CLOSE:
         text = (f"Eq. 7 as printed ends {apart:.1f} posterior standard deviations from the MAP: it penalises the step, "
-                f"and after {len(printed.theta) - 1} iterations has forgotten the prior")
+                f"and after {len(update.scheme('step').theta) - 1} iterations has forgotten the prior")
         if row["resolution"] < 0.5:
             text += " that the data do not replace"
         parts.append(text)
-    if row["resolution"] < BLIND_RESOLUTION and row["contraction"] < BLIND:
-        parts.append(
-            f"narrower than its prior ({100 * row['contraction']:.0f} %) though the data hardly determine it at the "
-            f"maximum (resolution {row['resolution']:.2f}): bounds and curvature away from the maximum do it"
-        )
-    elif row["resolution"] > STRONG and row["contraction"] > BLIND:
-        parts.append(
-            f"as wide as its prior ({100 * row['contraction']:.0f} %) though the data determine it at the "
-            f"maximum (resolution {row['resolution']:.2f}): another one does the same, or the maximum is not typical"
-        )
+    parts += _width_beside_resolution(row)
     if not parts:
         return f"All estimates of {name} agree within {CLOSE:g} posterior standard deviations."
     text = "; ".join(parts)
     return text[0].upper() + text[1:] + "."
+
+
+def _mean_beside_map(row: dict, parameter, partner: str, correlation: float) -> str:
+    """Why the posterior's mean is not its maximum."""
+    if any("pinned" in flag for flag in row["flags"]):
+        return "the density is highest at the bound while its mass lies inside"
+    cut = abs(row["prior_mean"] - parameter.initial) > 0.1 * row["prior_std"]
+    if row["identified"] == PRIOR and cut:
+        return f"the bounds cut the prior, whose mean is {row['prior_mean']:.3g} for a mode of {parameter.initial:.3g}"
+    if abs(row["skewness"]) > 0.3:
+        return f"the posterior is skewed ({row['skewness']:+.1f})"
+    if abs(correlation) > RIDGE:
+        return f"the posterior is a ridge with {partner} (correlation {correlation:+.2f}), whose top is not its middle"
+    return "other parameters' bounds and skewness shift the mass along with them"
+
+
+def _anchored_beside_map(update: UpdateRecord) -> str:
+    """Why the update that is anchored at the prior does not end at the maximum."""
+    scheme = update.scheme("prior")
+    if scheme.alpha != 1:
+        return f"alpha is {scheme.alpha:g}, not 1"
+    if any(p.prior == "lognormal" for p in update.parameters):
+        return "Eq. 6 knows Gaussian priors only, the posterior has lognormal ones"
+    if not scheme.converged:
+        return f"the update did not settle ({scheme.status})"
+    return "it settled on another maximum"
+
+
+def _width_beside_resolution(row: dict) -> list[str]:
+    """Where the posterior's width and what the data determine at the maximum say different things."""
+    if row["resolution"] < BLIND_RESOLUTION and row["contraction"] < BLIND:
+        return [f"narrower than its prior ({100 * row['contraction']:.0f} %) though the data hardly determine it at the "
+                f"maximum (resolution {row['resolution']:.2f}): bounds and curvature away from the maximum do it"]
+    if row["resolution"] > STRONG and row["contraction"] > BLIND:
+        return [f"as wide as its prior ({100 * row['contraction']:.0f} %) though the data determine it at the "
+                f"maximum (resolution {row['resolution']:.2f}): another one does the same, or the maximum is not typical"]
+    return []
 
 
 def _notes(update: UpdateRecord, posterior: Posterior, rows: tuple[ComparisonRow, ...]) -> list[str]:

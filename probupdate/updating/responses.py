@@ -309,13 +309,7 @@ def response_group(modal_set: ModalSet, members: list[int], rows, weights: Weigh
     given = modal_set.shape_std[kept][:, members] / largest
     if np.any(given < 0):
         raise InputError(f"{where}, shape_std", "is negative", "give standard deviations, null where unknown")
-    u, singular, v = np.linalg.svd(shape / largest, full_matrices=False)
-    if len(members) == 1:
-        sign = np.sign(shape[np.argmax(np.abs(shape))])
-        basis, to_basis = shape / largest * sign, np.diag(sign)
-    else:
-        size = np.max(np.linalg.norm(u, axis=1))
-        basis, to_basis = u / size, v.T / singular / size
+    basis, to_basis = _basis(shape, largest)
     common: dict[str, Any] = dict(
         frequency_hz=frozen_array(frequency), rows=rows[kept], frequencies=weights.frequencies, shapes=weights.shapes,
     )
@@ -323,35 +317,55 @@ def response_group(modal_set: ModalSet, members: list[int], rows, weights: Weigh
         phase = np.nansum(modal_set.shape[:, members].conj() * turned, axis=0)
         phase = phase / np.abs(phase)
         changes = _own_changes(modal_set, members, kept, phase / largest, to_basis, weights, where)
-        spread = np.sqrt(np.sum(changes**2, axis=1))
-        k, n = len(members), len(basis)
-        own = frequency if weights.frequencies == "log" else 1.0
-        std = np.hypot(spread[:k] * own, weights.floors[0] * frequency)
-        sigma = np.sqrt(np.mean(spread[k:].reshape(k, n) ** 2, axis=0) + weights.floors[1] ** 2)
+        std, sigma = _std_of_changes(changes, frequency, len(basis), weights)
         return ResponseGroup(
             frequency_std_hz=frozen_array(std), basis=frozen_array(basis), shape_std=frozen_array(sigma),
             changes=frozen_array(changes), frequency_discrepancy_hz=frozen_array(weights.floors[0] * frequency),
-            shape_discrepancy=frozen_array(np.full(n, weights.floors[1])), **common,
+            shape_discrepancy=frozen_array(np.full(len(basis), weights.floors[1])), **common,
         )
     std = _frequency_std(modal_set, members, weights, labels)
     sigma, below = _shape_std(given, to_basis, weights, weights.shape_factor * float(np.mean(std / frequency)))
     # what no tolerance holds: of shapes it is within their floor
     floor = weights.frequency_floor if weights.tolerances else 0.0
     added = weights.shape_factor * weights.discrepancy
-    missed = np.hypot(weights.discrepancy, floor) * frequency, np.hypot(below, added)
-    std, sigma = np.hypot(std, missed[0]), np.hypot(sigma, added)
+    missed, shape_missed = np.hypot(weights.discrepancy, floor) * frequency, np.hypot(below, added)
+    std, sigma = np.hypot(std, missed), np.hypot(sigma, added)
     if weights.shapes == "mac":
-        # k - sum of squared cosines is |Q - P Q|^2 of an orthonormal basis Q: over its expectation, one datum
-        size = np.linalg.norm(basis[:, 0])
-        basis = basis / size
-        left = 1 - np.sum(basis**2, axis=1)
-        sigma, shape_missed = (np.full(len(basis), np.sqrt(len(members) * float(np.sum(s**2 * left)) / size**2))
-                               for s in (sigma, missed[1]))
-        missed = missed[0], shape_missed
+        sigma, shape_missed = (_std_of_mac(basis, s, len(members)) for s in (sigma, shape_missed))
+        basis = basis / np.linalg.norm(basis[:, 0])
     return ResponseGroup(
         frequency_std_hz=frozen_array(std), basis=frozen_array(basis), shape_std=frozen_array(sigma),
-        frequency_discrepancy_hz=frozen_array(missed[0]), shape_discrepancy=frozen_array(missed[1]), **common,
+        frequency_discrepancy_hz=frozen_array(missed), shape_discrepancy=frozen_array(shape_missed), **common,
     )
+
+
+def _basis(shape: np.ndarray, largest: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """What is compared of shapes (n, k), and what carries them, scaled by their largest components (k,), to it: of one
+    mode its shape, of several the directions of their plane with a longest row of one."""
+    if shape.shape[1] == 1:
+        sign = np.sign(shape[np.argmax(np.abs(shape))])
+        return shape / largest * sign, np.diag(sign)
+    u, singular, v = np.linalg.svd(shape / largest, full_matrices=False)
+    size = np.max(np.linalg.norm(u, axis=1))
+    return u / size, v.T / singular / size
+
+
+def _std_of_changes(
+    changes: np.ndarray, frequency: np.ndarray, n: int, weights: Weights
+) -> tuple[np.ndarray, np.ndarray]:
+    """Standard deviations of frequencies (k,) and of rows of the basis (n,) by rows of factors, with the floors."""
+    spread, k = np.sqrt(np.sum(changes**2, axis=1)), len(frequency)
+    own = frequency if weights.frequencies == "log" else 1.0
+    std = np.hypot(spread[:k] * own, weights.floors[0] * frequency)
+    return std, np.sqrt(np.mean(spread[k:].reshape(k, n) ** 2, axis=0) + weights.floors[1] ** 2)
+
+
+def _std_of_mac(basis: np.ndarray, sigma: np.ndarray, k: int) -> np.ndarray:
+    """k - sum of squared cosines is |Q - P Q|^2 of an orthonormal basis Q: over its expectation, by a standard deviation
+    of each row (n,), one datum."""
+    size = np.linalg.norm(basis[:, 0])
+    left = 1 - np.sum((basis / size) ** 2, axis=1)
+    return np.full(len(basis), np.sqrt(k * float(np.sum(sigma**2 * left)) / size**2))
 
 
 def _shape_std(given: np.ndarray, to_basis: np.ndarray, weights: Weights, rule: float) -> tuple[np.ndarray, np.ndarray]:

@@ -18,12 +18,12 @@ from probupdate.runtime.executors import Executor
 from probupdate.runtime.progress import Progress, silent
 from probupdate.structure.affine import AffineModel
 from probupdate.structure.reduced import reduce_basis
-from probupdate.updating.alpha import alpha_path, choose
+from probupdate.updating.alpha import AlphaPath, alpha_path, choose
 from probupdate.updating.components import misfit_by_response, variance_components
 from probupdate.updating.emulator import Emulator, fit_emulator
-from probupdate.updating.ensemble import BURN_IN, claim_folder, sample
-from probupdate.updating.evidence import check_laplace, estimate_evidence
-from probupdate.updating.importance import Mixture, agree, fitted_proposal, importance_sample
+from probupdate.updating.ensemble import BURN_IN, Chain, claim_folder, sample
+from probupdate.updating.evidence import Evidence, LaplaceCheck, check_laplace, estimate_evidence
+from probupdate.updating.importance import Agreement, Mixture, agree, fitted_proposal, importance_sample
 from probupdate.updating.laplace import Laplace, distinct_maxima, maximum_a_posteriori
 from probupdate.updating.posterior_file import MAX_DRAWS, Posterior
 from probupdate.updating.problem import Prediction, Problem, Weights, build_problem, suspected_channels
@@ -86,19 +86,8 @@ def deterministic_update(
     }
     laplace = find_maximum(problem, [run.theta[-1] for run in runs.values()] + [model.parameters.initial])
     schemes = tuple(_scheme(problem, key, run, laplace) for key, run in runs.items())
-    sets = None
-    if len(data.sets) > 1:
-        clusters = [group.measured for group in problem.matching.groups]
-        scatter = update_sets(
-            model, data, weights=problem.weights, clusters=clusters,
-            iterations=max(1, schemes[0].closest_iteration), model_at=model_at, jobs=jobs, progress=progress,
-        )
-        if len(scatter.ids) > 1:
-            names = [n for n in ScatterRecord.__dataclass_fields__]
-            sets = ScatterRecord(**{name: getattr(scatter, name) for name in names})
+    sets = _scatter(problem, data, schemes[0].closest_iteration, model_at, jobs, progress)
     predicted = problem.predict_many(np.array([model.parameters.initial, laplace.theta]))
-    theta = {"initial": model.parameters.initial, "step": runs["step"].theta[-1], "prior": runs["prior"].theta[-1],
-             "map": laplace.theta}
     modal_set = data.set(set_id)
     std = np.concatenate([g.frequency_std_hz for g in problem.groups])
     computed = _in_data_order(problem, np.array(problem.matching.computed, float) + 1, data.n_mode)
@@ -128,19 +117,43 @@ def deterministic_update(
         n_response=problem.measured.size,
         n_effective=problem.n_effective,
         other_maxima=laplace.others,
-        derived={
-            name: {state: float(compute(values)) for state, values in theta.items()}
-            for name, compute in getattr(model, "derived", {}).items()
-        },
+        derived=_derived(model, initial=model.parameters.initial, step=runs["step"].theta[-1],
+                         prior=runs["prior"].theta[-1], map=laplace.theta),
         sets=sets,
         settings={"weights": problem.weights.description, "alpha": f"{alpha:g} ({rule})",
                   "iterations at most": str(settings.iterations), "anchored by": settings.method},
         map_gradient=laplace.projected_gradient,
-        alpha_path=AlphaRecord(alpha=path.alpha, theta=path.theta, misfit=path.misfit, penalty=path.penalty,
-                               log_evidence=path.log_evidence, chosen=path.chosen, remarks=path.remarks),
+        alpha_path=_alpha_record(path),
         components=_components(problem, laplace),
         suspected="" if likely is None else f"{likely.sentence}; {likely.remedy}",
     )
+
+
+def _scatter(
+    problem: Problem, data: ModalData, iterations: int, model_at: Callable[[ModalSet], Model] | None,
+    jobs: int | Executor, progress: Progress,
+) -> ScatterRecord | None:
+    """Every set of the data updated by itself, the printed reading of Eq. 7 as often as came closest to the maximum;
+    None where fewer than two can be."""
+    if len(data.sets) < 2:
+        return None
+    clusters = [group.measured for group in problem.matching.groups]
+    scatter = update_sets(problem.model, data, weights=problem.weights, clusters=clusters,
+                          iterations=max(1, iterations), model_at=model_at, jobs=jobs, progress=progress)
+    if len(scatter.ids) < 2:
+        return None
+    return ScatterRecord(**{name: getattr(scatter, name) for name in ScatterRecord.__dataclass_fields__})
+
+
+def _derived(model: Model, **theta: np.ndarray) -> dict[str, dict[str, float]]:
+    """What the model derives from parameters (n_param,), such as the stiffness of a pile's head: name -> state -> value."""
+    return {name: {state: float(compute(values)) for state, values in theta.items()}
+            for name, compute in getattr(model, "derived", {}).items()}
+
+
+def _alpha_record(path: AlphaPath) -> AlphaRecord:
+    return AlphaRecord(alpha=path.alpha, theta=path.theta, misfit=path.misfit, penalty=path.penalty,
+                       log_evidence=path.log_evidence, chosen=path.chosen, remarks=path.remarks)
 
 
 def _components(problem: Problem, laplace: Laplace) -> ComponentsRecord:
@@ -295,40 +308,53 @@ def sample_posterior(
         evidence = estimate_evidence(fast, prepared.proposal, kept, log_posterior,
                                      np.random.default_rng([settings.seed, 5]), progress)
     thin = max(1, int(np.ceil(kept.shape[0] * kept.shape[1] / MAX_DRAWS)))
-    kept, log_posterior = kept[::thin], log_posterior[::thin]
+    kept = kept[::thin]
     rng = np.random.default_rng([settings.seed, 3])
     flat = kept.reshape(-1, kept.shape[2])
     shown = flat[rng.choice(len(flat), size=min(N_PREDICTED, len(flat)), replace=False)]
     predicted = fast.predict_many(shown)
-    against = _against_full(problem, predicted, shown[:N_CHECK])
-    agreement = agree(weighted, chain)
-    likely = suspected_channels(model, data, [model.parameters.initial, laplace.theta], set_id=set_id)
-    unstated = "ln evidence is not stated, as the chain has not converged"
-    statements = [*_warnings(problem, laplace, likely, prepared.notes["maxima"]), agreement.sentence,
-                  checked_laplace.sentence, unstated if evidence is None else evidence.sentence]
-    record = prepared.notes | {
-        "set_id": problem.set_id, "weights": problem.weights.description, "seed": settings.seed,
-        "walkers": kept.shape[1], "steps": chain.theta.shape[0], "thinned by": thin,
-        "left out at the start": f"{100 * BURN_IN:g} % of the steps", "acceptance": chain.acceptance,
-        "evaluated": chain.evaluated, "fallback": chain.fallback,
-        "autocorrelation time": float(np.max(chain.tau)),
-        "full model on posterior draws": against.sentence,
-        "map": laplace.theta.tolist(), "n_effective": problem.n_effective, "model": model.name,
-        "median misfit": float(np.median(problem.misfit(predicted.response))),
-        "worst mac": float(np.min(predicted.mac)), "laplace": asdict(checked_laplace),
-        **({} if evidence is None else {"evidence": asdict(evidence)}),
-        **({} if likely is None else {"suspected": f"{likely.sentence}; {likely.remedy}"}),
-        "importance sampling": asdict(agreement), "tail effective size": chain.tail.tolist(),
-        "ensembles": settings.ensembles, "projected gradient at the map": laplace.projected_gradient,
-        "statements": statements, "notes": _notes(problem, laplace, against),
-    }
-    log_prior = model.parameters.log_density(kept)
+    found = _Sampled(
+        problem=problem, laplace=laplace, prepared=prepared, chain=chain, thin=thin, theta=kept,
+        log_posterior=log_posterior[::thin], agreement=agree(weighted, chain),
+        laplace_check=checked_laplace, evidence=evidence, predicted=predicted,
+        against=_against_full(problem, predicted, shown[:N_CHECK]),
+        likely=suspected_channels(model, data, [model.parameters.initial, laplace.theta], set_id=set_id),
+    )
+    return _posterior(found, data, settings, rng)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _Sampled:
+    """A chain, every `thin`-th step of it after burn-in (theta, log_posterior), and what it stands beside: the problem
+    on the full model, the maximum, the approach, weighted draws, the evidence (None: not stated), predictions at some
+    draws and those of the full model, channels that may be mistaken."""
+
+    problem: Problem
+    laplace: Laplace
+    prepared: Approach
+    chain: Chain
+    thin: int
+    theta: np.ndarray
+    log_posterior: np.ndarray
+    agreement: Agreement
+    laplace_check: LaplaceCheck
+    evidence: Evidence | None
+    predicted: Prediction
+    against: _AgainstFull
+    likely: ChannelMistake | None
+
+
+def _posterior(found: _Sampled, data: ModalData, settings: SamplerSettings, rng: np.random.Generator) -> Posterior:
+    """What is kept of a run: its draws, draws of the prior, predictions, verdict and record."""
+    problem, chain, agreement, predicted = found.problem, found.chain, found.agreement, found.predicted
+    parameters = problem.parameters
+    log_prior = parameters.log_density(found.theta)
     return Posterior(
-        names=model.parameters.names,
-        theta=frozen_array(kept.transpose(1, 0, 2)),
-        log_likelihood=frozen_array((log_posterior - log_prior).T),
-        log_posterior=frozen_array(log_posterior.T),
-        prior=frozen_array(model.parameters.draw(rng, 4000)),
+        names=parameters.names,
+        theta=frozen_array(found.theta.transpose(1, 0, 2)),
+        log_likelihood=frozen_array((found.log_posterior - log_prior).T),
+        log_posterior=frozen_array(found.log_posterior.T),
+        prior=frozen_array(parameters.draw(rng, 4000)),
         response_labels=tuple(_response_labels(problem, data)),
         measured=problem.measured,
         std=problem.std,
@@ -340,8 +366,33 @@ def sample_posterior(
         converged=chain.converged and agreement.agrees,
         verdict=chain.verdict if agreement.agrees else f"NOT converged: {agreement.sentence}",
         fingerprint=problem.fingerprint(),
-        record=record,
+        record=_run_record(found, settings),
     )
+
+
+def _run_record(found: _Sampled, settings: SamplerSettings) -> dict[str, Any]:
+    """How the draws came about and what to read before them, as posterior.nc keeps it."""
+    problem, laplace, chain, predicted = found.problem, found.laplace, found.chain, found.predicted
+    unstated = "ln evidence is not stated, as the chain has not converged"
+    statements = [*_warnings(problem, laplace, found.likely, found.prepared.notes["maxima"]), found.agreement.sentence,
+                  found.laplace_check.sentence, unstated if found.evidence is None else found.evidence.sentence]
+    likely = found.likely
+    return found.prepared.notes | {
+        "set_id": problem.set_id, "weights": problem.weights.description, "seed": settings.seed,
+        "walkers": chain.theta.shape[1], "steps": chain.theta.shape[0], "thinned by": found.thin,
+        "left out at the start": f"{100 * BURN_IN:g} % of the steps", "acceptance": chain.acceptance,
+        "evaluated": chain.evaluated, "fallback": chain.fallback,
+        "autocorrelation time": float(np.max(chain.tau)),
+        "full model on posterior draws": found.against.sentence,
+        "map": laplace.theta.tolist(), "n_effective": problem.n_effective, "model": problem.model.name,
+        "median misfit": float(np.median(problem.misfit(predicted.response))),
+        "worst mac": float(np.min(predicted.mac)), "laplace": asdict(found.laplace_check),
+        **({} if found.evidence is None else {"evidence": asdict(found.evidence)}),
+        **({} if likely is None else {"suspected": f"{likely.sentence}; {likely.remedy}"}),
+        "importance sampling": asdict(found.agreement), "tail effective size": chain.tail.tolist(),
+        "ensembles": settings.ensembles, "projected gradient at the map": laplace.projected_gradient,
+        "statements": statements, "notes": _notes(problem, laplace, found.against),
+    }
 
 
 class _AgainstFull(NamedTuple):

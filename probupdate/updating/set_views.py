@@ -3,7 +3,7 @@ posterior for all, (d) a population whose mean and scatter are inferred. What ea
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -163,9 +163,7 @@ def view_sets(
     found = list(each_set(model, data, weights=reference.weights, clusters=clusters, model_at=model_at, failed=failed,
                           progress=progress))
     if len(found) < 2:
-        why = f" ({'; '.join(failed)})" if failed else ""
-        raise InputError("sets", f"{len(found)} of {len(data.sets)} can be updated{why}, and views of several sets "
-                         "compare at least two", "give two sets or more")
+        raise _too_few(len(found), len(data.sets), failed)
     problems, maxima = [p for p, _ in found], [x for _, x in found]
     parameters, rng = model.parameters, np.random.default_rng([seed, 31])
     coordinates = coordinates_of(parameters)
@@ -191,20 +189,29 @@ def view_sets(
     rows = _rows(parameters, coordinates, maxima, alone, joint, population, spread, rng)
     rows += _derived_rows(model, maxima, alone, joint, population, coordinates, parameters, rng)
     modes = tuple(mode_scatter(data))
-    correlation = None
-    if correlated:
-        covariance = population.factor @ np.swapaxes(population.factor, 1, 2)
-        each = covariance / (population.tau[:, :, None] * population.tau[:, None, :])
-        correlation = frozen_array(np.median(each, axis=0))
     notes = _notes(data, problems, parameters, scores, share, population, alone, joint, modes, failed, coordinates)
     return SetViews(
         ids=likelihoods.ids, rows=tuple(rows), modes=modes, scores=scores, converged=population.converged,
-        verdict=population.verdict, linear_share=frozen_array(share), correlation=correlation, notes=tuple(notes),
+        verdict=population.verdict, linear_share=frozen_array(share),
+        correlation=_correlation(population) if correlated else None, notes=tuple(notes),
         advice=advice(rows, scores, share), settings={
             "weights": reference.weights.description, "seed": str(seed), "correlated": str(correlated).lower(),
             "hyper-prior of tau": f"half-normal, scale {spread:g} prior standard deviations", "model": model.name,
         },
     )
+
+
+def _too_few(n_found: int, n_set: int, failed: Sequence[str]) -> InputError:
+    why = f" ({'; '.join(failed)})" if failed else ""
+    return InputError("sets", f"{n_found} of {n_set} can be updated{why}, and views of several sets compare at least two",
+                      "give two sets or more")
+
+
+def _correlation(population: Population) -> np.ndarray:
+    """Between parameters over sets (n_param, n_param): the median of the draws of the population."""
+    covariance = population.factor @ np.swapaxes(population.factor, 1, 2)
+    each = covariance / (population.tau[:, :, None] * population.tau[:, None, :])
+    return frozen_array(np.median(each, axis=0))
 
 
 def _inside(theta, parameters: Parameters, coordinates: Coordinates) -> np.ndarray:

@@ -91,58 +91,25 @@ def simulate(
     was interrupted is taken up where it stopped if everything else is equal; another campaign in `out` is refused.
     jobs: processes that share the hours, or an executor; the bytes are the same on any.
     """
-    if isinstance(seed, bool) or not isinstance(seed, (int, np.integer)) or seed < 0:
-        raise InputError("seed", f"{seed!r} is not a whole number from 0", "give one, such as 1")
-    if days > LONGEST_DAYS:
-        raise InputError("days", f"{days:g} is more than {LONGEST_DAYS:g}", "give less; a month is 30")
-    n_slot = round(days * 144) if np.isfinite(days) else 0
-    if n_slot < operation.SLOTS_PER_BLOCK:
-        raise InputError("days", f"{days} is shorter than one block of 30 minutes", "give at least 0.021")
-    model = reference_file() if model is None else model
-    if str(model) in REFERENCE_STATES:
-        model = reference_file().with_name(f"{model}.toml")
-    recipe = _Recipe(model=str(model), truth=None if truth is None else str(truth), n_slot=n_slot, seed=int(seed))
+    recipe = _recipe(model, days, truth, seed)
     drawn = _draw(recipe)
-    turbine, gaps = drawn.turbine, drawn.gaps
-    plan, file = turbine.plan, turbine.file
-    missing = {int(g.start_s // 3600) for g in gaps if g.kind == losses.MISSING_HOUR}
+    turbine, plan = drawn.turbine, drawn.turbine.plan
+    missing = {int(g.start_s // 3600) for g in drawn.gaps if g.kind == losses.MISSING_HOUR}
     quiet = plan.quiet_blocks()
     for hour in missing:
         quiet[2 * hour : 2 * hour + 2] = False
 
     folder = Path(out)
-    record = _record(turbine, drawn.given, gaps, quiet)
-    text = "# What is true of this virtual campaign, and everything that was drawn for it.\n"
-    text += campaign_files.toml_text(record)
-    _claim(folder, text)
-    campaign_files.write_campaign_toml(
-        folder, name=f"Virtual campaign on '{file.value('name')}'", sensors=file.sensors, rate_hz=RATE_HZ,
-        block_minutes=BLOCK_MINUTES, water_depth_m=-file.number("site", "mudline_m"),
-    )
-    table = told_heading(scada_table(plan, START, np.random.default_rng(recipe.stream(3))), turbine)
-    lost_rows = {int(g.start_s // 600) for g in gaps if g.kind == losses.LOST_ROW}
-    write_table(folder / "scada.csv", table.drop(index=sorted(lost_rows)), float_format=None)
-
-    hours = [hour for hour in range(-(-n_slot // 6)) if hour not in missing]
-    todo = [hour for hour in hours if not _hour_path(folder, hour).exists()]
-    done = len(hours) - len(todo)
-    progress("simulating hours", done, len(hours))
-    if jobs == 1:
-        for hour in todo:
-            done += _write_hours(drawn, folder, (hour,))
-            progress("simulating hours", done, len(hours))
-    else:
-        parts = [(recipe, folder, tuple(todo[k : k + PART])) for k in range(0, len(todo), PART)]
-        for written in completed(_write_part, parts, jobs=jobs, least=1):
-            done += written
-            progress("simulating hours", done, len(hours))
+    _write_head(folder, recipe, drawn, quiet)
+    hours = [hour for hour in range(-(-recipe.n_slot // 6)) if hour not in missing]
+    _write_missing(folder, recipe, drawn, hours, jobs, progress)
     count = Counter(plan.state.tolist())
     prevailing = turbine.modes(_prevailing(plan))
     return VirtualCampaign(
-        path=folder, truth_path=folder / "truth.toml", n_file=len(hours), hours=n_slot / 6,
+        path=folder, truth_path=folder / "truth.toml", n_file=len(hours), hours=recipe.n_slot / 6,
         quiet_blocks=int(quiet.sum()), blocks=len(quiet),
-        state_share={name: count[k] / n_slot for k, name in enumerate(operation.STATES)},
-        frequency_hz=prevailing.frequency_hz, damping_ratio=prevailing.damping_ratio["idling"], seed=int(seed),
+        state_share={name: count[k] / recipe.n_slot for k, name in enumerate(operation.STATES)},
+        frequency_hz=prevailing.frequency_hz, damping_ratio=prevailing.damping_ratio["idling"], seed=recipe.seed,
     )
 
 
@@ -157,6 +124,20 @@ class _Recipe:
 
     def stream(self, number: int) -> np.random.SeedSequence:
         return np.random.SeedSequence(self.seed, spawn_key=(0,)).spawn(4)[number]
+
+
+def _recipe(model: str | Path | None, days: float, truth: str | Path | None, seed: int) -> _Recipe:
+    if isinstance(seed, bool) or not isinstance(seed, (int, np.integer)) or seed < 0:
+        raise InputError("seed", f"{seed!r} is not a whole number from 0", "give one, such as 1")
+    if days > LONGEST_DAYS:
+        raise InputError("days", f"{days:g} is more than {LONGEST_DAYS:g}", "give less; a month is 30")
+    n_slot = round(days * 144) if np.isfinite(days) else 0
+    if n_slot < operation.SLOTS_PER_BLOCK:
+        raise InputError("days", f"{days} is shorter than one block of 30 minutes", "give at least 0.021")
+    model = reference_file() if model is None else model
+    if str(model) in REFERENCE_STATES:
+        model = reference_file().with_name(f"{model}.toml")
+    return _Recipe(model=str(model), truth=None if truth is None else str(truth), n_slot=n_slot, seed=int(seed))
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -176,6 +157,39 @@ def _draw(recipe: _Recipe) -> _Drawn:
     channels = tuple(s.channel for s in file.sensors)
     gaps = losses.draw_gaps(plan, channels, given.operation, np.random.default_rng(recipe.stream(2)))
     return _Drawn(given=given, turbine=make_turbine(file, drawn, plan, recipe.seed), gaps=gaps, channels=channels)
+
+
+def _write_head(folder: Path, recipe: _Recipe, drawn: _Drawn, quiet: np.ndarray) -> None:
+    """What a campaign's folder holds beside its records: truth.toml, by which it is claimed, campaign.toml, scada.csv."""
+    turbine, file = drawn.turbine, drawn.turbine.file
+    text = "# What is true of this virtual campaign, and everything that was drawn for it.\n"
+    text += campaign_files.toml_text(_record(turbine, drawn.given, drawn.gaps, quiet))
+    _claim(folder, text)
+    campaign_files.write_campaign_toml(
+        folder, name=f"Virtual campaign on '{file.value('name')}'", sensors=file.sensors, rate_hz=RATE_HZ,
+        block_minutes=BLOCK_MINUTES, water_depth_m=-file.number("site", "mudline_m"),
+    )
+    table = told_heading(scada_table(turbine.plan, START, np.random.default_rng(recipe.stream(3))), turbine)
+    lost_rows = {int(g.start_s // 600) for g in drawn.gaps if g.kind == losses.LOST_ROW}
+    write_table(folder / "scada.csv", table.drop(index=sorted(lost_rows)), float_format=None)
+
+
+def _write_missing(
+    folder: Path, recipe: _Recipe, drawn: _Drawn, hours: list[int], jobs: int | Executor, progress: Progress
+) -> None:
+    """The files of those hours that no earlier run has written."""
+    todo = [hour for hour in hours if not _hour_path(folder, hour).exists()]
+    done = len(hours) - len(todo)
+    progress("simulating hours", done, len(hours))
+    if jobs == 1:
+        for hour in todo:
+            done += _write_hours(drawn, folder, (hour,))
+            progress("simulating hours", done, len(hours))
+        return
+    parts = [(recipe, folder, tuple(todo[k : k + PART])) for k in range(0, len(todo), PART)]
+    for written in completed(_write_part, parts, jobs=jobs, least=1):
+        done += written
+        progress("simulating hours", done, len(hours))
 
 
 def _hour_path(folder: Path, hour: int) -> Path:

@@ -25,15 +25,16 @@ def case(seed, n=200, slow_std=0.002, hours=12.0, noise=0.002):
     return time, {"level": level, "temperature": temperature}, value + std * rng.standard_normal(n), std
 
 
-def test_whitening_is_that_of_the_dense_covariance():
+def test_whitening_is_that_of_the_dense_covariance(validation):
+    row = validation(what="regression: whitening", reference="dense Cholesky factor", why="rounding")
     rng = np.random.default_rng(0)
     time = np.cumsum(rng.uniform(0.3, 5, 40))
     noise, columns = rng.uniform(0.5, 2, 40), rng.standard_normal((40, 3))
     white, log_determinant = whitened(columns, noise, 1.7, np.exp(-np.diff(time) / 4.0))
     dense = np.diag(noise**2) + 1.7**2 * np.exp(-np.abs(time[:, None] - time) / 4.0)
     factor = np.linalg.cholesky(dense)
-    assert white == pytest.approx(np.linalg.solve(factor, columns), abs=1e-10)
-    assert log_determinant == pytest.approx(2 * np.sum(np.log(np.diag(factor))), abs=1e-10)
+    row.error(white - np.linalg.solve(factor, columns), below=1e-10)
+    row.error(log_determinant - 2 * np.sum(np.log(np.diag(factor))), below=1e-10)
 
 
 def test_standard_errors_cover_as_they_say_where_errors_last():

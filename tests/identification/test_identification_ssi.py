@@ -57,13 +57,14 @@ def exact_covariances(structure, n_lag: int) -> np.ndarray:
     return found
 
 
-def test_exact_covariances_give_the_exact_modes(jacket):
+def test_exact_covariances_give_the_exact_modes(jacket, validation):
     """No sampling error left: frequencies, damping and shapes of all five modes, the close pair too, to rounding."""
+    row = validation(what="SSI-cov on exact covariances", reference="known system with a close pair", why="rounding")
     order = 2 * len(jacket.frequency_hz)
     (found,) = poles(factorise(exact_covariances(jacket, 59), BLOCK_ROWS, order, RATE), (order,))
-    assert found.frequency_hz == pytest.approx(jacket.frequency_hz, rel=1e-7)
-    assert found.damping_ratio == pytest.approx(jacket.damping_ratio, rel=1e-5)
-    assert np.diag(mac(found.shape, jacket.shape)) == pytest.approx(np.ones(5), abs=1e-7)
+    row.error(found.frequency_hz / jacket.frequency_hz - 1, below=1e-7, of="f")
+    row.error(found.damping_ratio / jacket.damping_ratio - 1, below=1e-5, of="damping")
+    row.error(np.diag(mac(found.shape, jacket.shape)) - 1, below=1e-7, of="MAC")
 
 
 def test_a_system_without_noise_has_no_more_states_than_it_has(jacket):
@@ -88,13 +89,14 @@ def plain_poles(data: np.ndarray, order: int) -> tuple[np.ndarray, np.ndarray, n
     return abs(pole) / 2 / np.pi, -pole.real / abs(pole), (observability[:m] @ vector[:, keep])[:, order_up]
 
 
-def test_the_plain_route_gives_the_same_poles(jacket):
+def test_the_plain_route_gives_the_same_poles(jacket, validation):
+    row = validation(what="SSI-cov on a record", reference="direct sums, full SVD, pseudo-inverse", why="rounding")
     data = jacket.record(9000, seed=4)
     found, _ = identify_poles(data, RATE, order=ORDER, block_rows=BLOCK_ROWS)
     frequency, damping, shape = plain_poles(data, ORDER)
-    assert found.frequency_hz == pytest.approx(frequency, rel=1e-8)
-    assert found.damping_ratio == pytest.approx(damping, abs=1e-8)
-    assert np.diag(mac(found.shape, shape)) == pytest.approx(np.ones(len(frequency)), abs=1e-8)
+    row.error(found.frequency_hz / frequency - 1, below=1e-8)
+    row.error(found.damping_ratio - damping, below=1e-8)
+    row.error(np.diag(mac(found.shape, shape)) - 1, below=1e-8)
 
 
 def poles_of(state: np.ndarray, output: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -248,12 +250,13 @@ def sine(frequency_hz: float, rate: float = 25.0, seconds: float = 200.0, phase:
 
 
 @pytest.mark.parametrize("frequency_hz", [0.1, 0.32, 1.3, 1.99, 2.25])
-def test_what_is_of_interest_passes_without_a_shift(frequency_hz):
+def test_what_is_of_interest_passes_without_a_shift(frequency_hz, validation):
+    row = validation(what="decimation, band of interest", reference="sine", why="ripple of the filter")
     thinned = resampled(sine(frequency_hz), 25.0, 5.0)[:, 0]
     expected = sine(frequency_hz, rate=5.0)[:, 0]
     inside = slice(50, -50)
     # 70 dB: a ripple of 0.03 %, and no phase
-    assert thinned[inside] == pytest.approx(expected[inside], abs=1e-3)
+    row.error(thinned[inside] - expected[inside], below=1e-3)
 
 
 @pytest.mark.parametrize("frequency_hz", [2.75, 3.5, 5.0, 9.0, 12.0])
@@ -265,13 +268,16 @@ def test_what_would_fold_back_is_stopped(frequency_hz):
 @pytest.mark.parametrize(("rate", "target", "n_sample"), [
     (25.0, 5.0, 4500), (25.0, 5.0, 4503), (100.0, 12.5, 999), (10.0, 7.0, 3000), (64.0, 5.0, 2047), (25.0, 4.96, 1800),
     (200.0, 80.0, 40), (25.0, 5.0, 3)])
-def test_matrix_products_are_scipy_s_polyphase_filter(rate, target, n_sample, monkeypatch):
+def test_matrix_products_are_scipy_s_polyphase_filter(rate, target, n_sample, monkeypatch, validation):
+    row = validation(what="decimation by matrix products, eight rates and lengths",
+                     reference="scipy's polyphase filter, same taps", why="rounding")
     data = np.random.default_rng(1).standard_normal((n_sample, 3)) + 2.0
     found = resampled(data, rate, target)
     monkeypatch.setattr(preprocessing, "_filtered", lambda data, up, down, taps: signal.resample_poly(
         data, up, down, axis=0, window=taps / up))
     plain = resampled(data, rate, target)
-    assert found.shape == plain.shape and np.abs(found - plain).max() < 1e-14
+    assert found.shape == plain.shape
+    row.error(found - plain, below=1e-14)
 
 
 def test_rates_that_are_no_simple_ratio_are_refused_and_others_kept():

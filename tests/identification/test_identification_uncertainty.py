@@ -31,10 +31,12 @@ def data(jacket):
 
 
 @pytest.mark.parametrize("references", [None, 6, (0, 1, 4, 12, 16)], ids=["all", "projected", "chosen"])
-def test_deviations_are_finite_differences_of_the_identification(data, references):
+def test_deviations_are_finite_differences_of_the_identification(data, references, validation):
     """Every pole's ln f, damping and complex shape, two sub-records: covariances moved by +-h dR and identified anew.
     A central difference of h = 1e-4 is wrong by h^2 times the third derivative, largest for poles of the noise; errors
     are held against each pole's standard deviation."""
+    row = validation(what="deviations of f, damping, complex shapes; three orders, three kinds of references",
+                     reference="central differences of the identification", why="the differences' own error")
     record = identify_record(data, RATE, order=ORDER, block_rows=BLOCK_ROWS, spread=SPREAD, sub_records=30,
                              references=references)
     projection = None if references is None else reference_projection(output_covariances(data, 59), references)
@@ -46,15 +48,18 @@ def test_deviations_are_finite_differences_of_the_identification(data, reference
             after, before = (poles(factorise(covariance + h * columns[j], BLOCK_ROWS, 28, RATE), (here.order,))[0]
                              for h in (step, -step))
             shape = (unit_largest(after.shape) - unit_largest(before.shape)) / (2 * step)
-            for own, plus, minus in ((found.ln_frequency, np.log(after.frequency_hz), np.log(before.frequency_hz)),
-                                     (found.damping_ratio, after.damping_ratio, before.damping_ratio)):
+            for name, own, plus, minus in (
+                ("f", found.ln_frequency, np.log(after.frequency_hz), np.log(before.frequency_hz)),
+                ("damping", found.damping_ratio, after.damping_ratio, before.damping_ratio),
+            ):
                 error = own[:, j] - (plus - minus) / (2 * step)
-                assert np.all(np.abs(error) < 1e-4 * np.linalg.norm(own, axis=1))
-            assert np.all(np.abs(found.shape[:, :, j] - shape) < 1e-4 * np.abs(shape).max(axis=0))
+                row.error(error / np.linalg.norm(own, axis=1), below=1e-4, of=name)
+            row.error((found.shape[:, :, j] - shape) / np.abs(shape).max(axis=0), below=1e-4, of="shapes")
 
 
-def test_deviations_of_asked_orders_are_those_among_all_orders(data):
+def test_deviations_of_asked_orders_are_those_among_all_orders(data, validation):
     """Lower orders and their deviations do not depend on the highest."""
+    row = validation(what="deviations at the asked orders alone", reference="among all orders", why="rounding")
     everything = identify_record(data, RATE, order=ORDER, block_rows=BLOCK_ROWS, spread=16, sub_records=30)
     asked = identify_record(data, RATE, order=24, block_rows=BLOCK_ROWS, sub_records=30, orders=(14, 24))
     assert [one.order for one in asked.by_order] == [14, 24]
@@ -65,7 +70,7 @@ def test_deviations_of_asked_orders_are_those_among_all_orders(data):
         a, b = asked.deviations(index, one.order), everything.deviations(index, one.order)
         for name in ("ln_frequency", "damping_ratio", "shape"):
             std, other_std = (np.linalg.norm(getattr(d, name), axis=-1) for d in (a, b))
-            assert std == pytest.approx(other_std, rel=1e-6, abs=1e-9)
+            row.error((std - other_std) / np.maximum(other_std, 1e-3), below=1e-6)
 
 
 def peer_deviations(ssi, toeplitz, deviation, block_rows, order):
@@ -294,16 +299,17 @@ def test_an_order_between_equal_singular_values_has_no_deviations():
     assert [changed.known(n) for n in (1, 2, 3, 4)] == [False, True, False, True]
 
 
-def test_small_singular_values_are_those_of_a_full_decomposition():
+def test_small_singular_values_are_those_of_a_full_decomposition(validation):
     """Down to 1e-9 of the largest, where T T^T alone holds nothing but rounding; vectors orthonormal, gaps known."""
+    row = validation(what="small singular values and vectors of T", reference="full decomposition", why="rounding")
     rng = np.random.default_rng(3)
     left, right = (np.linalg.qr(rng.standard_normal((60, 60)))[0] for _ in range(2))
     size = 10 ** -np.linspace(0, 9, 60)
     squared, vector, rounding = left_singular(left * size @ right.T, 60)
     exact = np.linalg.svd(left * size @ right.T, compute_uv=False)
-    assert np.sqrt(squared[:55]) == pytest.approx(exact[:55], rel=1e-5)
+    row.error(np.sqrt(squared[:55]) / exact[:55] - 1, below=1e-5, of="values")
     assert np.abs(vector.T @ vector - np.eye(60)).max() < 1e-12
     alike = np.abs(np.sum(vector[:, :50] * left[:, :50], axis=0))
-    assert alike.min() > 1 - 1e-6
+    row.error(1 - alike.min(), below=1e-6, of="vectors")
     gaps = -np.diff(squared)
     assert np.all(gaps[:50] > 1e3 * rounding[:50]) and 1e-13 * squared[0] < 1e3 * rounding[0]

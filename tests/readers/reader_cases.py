@@ -471,7 +471,7 @@ def _made(folder: Path) -> Path:
 
 # case -> (maker, the functions of the package that it covers)
 CASES: dict[str, tuple[Callable[[Path], Made], tuple[str, ...]]] = {
-    "modes": (modes, ("modal.modes.read_modes", "io.files.read_json", "io.files.read_text", "io.files.read_bytes")),
+    "modes": (modes, ("modal.modes_file.read_modes", "io.files.read_json", "io.files.read_text", "io.files.read_bytes")),
     "deviations": (deviations, ("modal.deviation_file.read_deviations",)),
     "update": (update, ("updating.update_file.read_update", "io.files.read_json_table")),
     "posterior": (posterior, ("updating.posterior_file.read_posterior",)),

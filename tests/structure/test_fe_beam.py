@@ -162,25 +162,27 @@ def test_tip_deflection_is_exact_with_one_element(theory, validation):
 
 
 @pytest.mark.parametrize("theory", ["bernoulli-euler", "timoshenko"])
-def test_free_frame_has_six_rigid_motions_and_the_right_inertia(theory):
+def test_free_frame_has_six_rigid_motions_and_the_right_inertia(theory, validation):
+    row = validation(what="six rigid motions cost nothing; mass and inertia of a free frame", reference="rigid body",
+                     why="rounding, of the largest stiffness and of the inertia")
     tube, length, number = beam.Tube(diameter_m=1.4, thickness_m=0.05), 12.0, 3
     frame = line(tube, length, number, direction=ASKEW, free=True)
     assembled = assemble(frame, updated=(), values={}, theory=theory)
     K, M = assembled.stiffness[0].toarray(), assembled.mass[0].toarray()
     assert np.array_equal(K, K.T) and np.array_equal(M, M.T)
     rigid = np.vstack([_rigid(position) for position in frame.node_m])
-    assert np.abs(K @ rigid).max() < 1e-9 * np.abs(K).max()
+    row.error(K @ rigid / np.abs(K).max(), below=1e-9, of="force")
     energy = np.linalg.eigvalsh(K)
     assert np.sum(np.abs(energy) < 1e-9 * energy[-1]) == 6
     assert energy[6] > 1e-7 * energy[-1]
     inertia = rigid.T @ M @ rigid
     mass = RHO * tube.area({}) * length
-    assert inertia[:3, :3] == pytest.approx(mass * np.eye(3), abs=1e-8 * mass)
+    row.error(inertia[:3, :3] / mass - np.eye(3), below=1e-8, of="inertia")
     across = mass * length**2 / 3 + RHO * tube.second_moment({}) * length
     along = 2 * RHO * tube.second_moment({}) * length
     x = ASKEW / np.linalg.norm(ASKEW)
     exact = across * (np.eye(3) - np.outer(x, x)) + along * np.outer(x, x)
-    assert inertia[3:, 3:] == pytest.approx(exact, abs=1e-8 * across)
+    row.error((inertia[3:, 3:] - exact) / across, below=1e-8, of="inertia")
 
 
 def _rigid(position):

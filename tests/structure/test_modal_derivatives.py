@@ -51,7 +51,9 @@ def difference(model, theta, k, h, reference, clusters):
 
 
 @pytest.mark.parametrize("name", ORDER)
-def test_frequencies_and_shapes_of_the_turbine(turbine, analytic, name):
+def test_frequencies_and_shapes_of_the_turbine(turbine, analytic, name, validation):
+    row = validation(what="derivatives of frequencies and shapes, each of 17 parameters",
+                     reference="fourth-order differences", why="the differences' own error and rounding")
     theta, k = turbine.parameters.initial, turbine.parameters.index(name)
     exact = analytic
     # small against the gap of the closest pair, large against rounding: eigenvalues are good to 1e-12
@@ -59,10 +61,11 @@ def test_frequencies_and_shapes_of_the_turbine(turbine, analytic, name):
     d_frequency, d_shape = difference(turbine, theta, k, h, exact.shape, ())
     # rounding: 1e-12 of f over the step
     floor = 1e-9 * exact.frequency_hz / turbine.parameters.std[k]
-    assert np.all(np.abs(exact.frequency_derivative[:, k] - d_frequency) < 1e-6 * np.abs(d_frequency) + floor)
+    error = exact.frequency_derivative[:, k] - d_frequency
+    row.error(error / (np.abs(d_frequency) + 1e6 * floor), below=1e-6, of="f, and its rounding")
     for j in range(N_MODE):
         scale = np.abs(d_shape[:, j]).max() + 1e-3 * np.abs(exact.shape[:, j]).max() / turbine.parameters.std[k]
-        assert np.abs(exact.shape_derivative[:, j, k] - d_shape[:, j]).max() < 1e-4 * scale
+        row.error((exact.shape_derivative[:, j, k] - d_shape[:, j]) / scale, below=1e-4, of="shapes")
 
 
 def chain(gap, n=6):
@@ -93,7 +96,9 @@ PAIRS = ((0, 1), (2, 3))
 
 
 @pytest.mark.parametrize("gap", [1e-2, 1e-3, 1e-6, 0.0])
-def test_close_pairs_down_to_exactly_equal_ones(gap):
+def test_close_pairs_down_to_exactly_equal_ones(gap, validation):
+    row = validation(what="the same for pairs down to exactly equal ones", reference="differences turned onto the pair",
+                     why="the differences' own error")
     model = chain(gap)
     theta = np.zeros(3)
     exact = model.solve(theta, 4, derivatives=True, clusters=PAIRS)
@@ -102,7 +107,7 @@ def test_close_pairs_down_to_exactly_equal_ones(gap):
     for k in range(3):
         _, d_shape = difference(model, theta, k, h, exact.shape, PAIRS)
         scale = np.abs(d_shape).max()
-        assert np.abs(exact.shape_derivative[:, :, k] - d_shape).max() < 2e-6 * scale
+        row.error((exact.shape_derivative[:, :, k] - d_shape) / scale, below=2e-6, of="shapes")
         # trace of the pair's eigenvalues is smooth whatever the gap
         for pair in PAIRS:
             total = 0.0
@@ -112,7 +117,7 @@ def test_close_pairs_down_to_exactly_equal_ones(gap):
                 f = model.solve(moved, 4).frequency_hz[list(pair)]
                 total += weight * np.sum(f**2) / (12 * h)
             ours = np.sum(2 * exact.frequency_hz[list(pair)] * exact.frequency_derivative[list(pair), k])
-            assert ours == pytest.approx(total, rel=1e-7, abs=1e-7 * abs(exact.frequency_hz[pair[0]]))
+            row.error((ours - total) / max(abs(total), exact.frequency_hz[pair[0]]), below=1e-7, of="eigenvalues' sums")
 
 
 @pytest.mark.parametrize("gap", [1e-2, 1e-3])
@@ -237,8 +242,10 @@ def test_solve_many_is_solve_row_by_row(turbine):
 
 
 @pytest.mark.parametrize("clusters", [(), ((0, 1), (3, 4))])
-def test_derivatives_by_three_factorisations(turbine, monkeypatch, clusters):
+def test_derivatives_by_three_factorisations(turbine, monkeypatch, clusters, validation):
     """Beside the eigenvalue, bordered and pivoted, and bordered of full matrices."""
+    row = validation(what="derivatives by a factorisation beside the eigenvalue, and of full matrices",
+                     reference="bordered, pivoted", why="rounding times condition")
     K, M = turbine.matrices(turbine.parameters.initial)
     value, phi = turbine.solve_full(turbine.parameters.initial, N_MODE)
     rng = np.random.default_rng(0)
@@ -251,8 +258,8 @@ def test_derivatives_by_three_factorisations(turbine, monkeypatch, clusters):
     size = np.abs(bordered[1]).max(axis=0)
     # rounding times the condition of the equations, and a mate 1 % off adds a hundredfold
     for other in (quick, full):
-        np.testing.assert_allclose(other[0], bordered[0], rtol=1e-12)
-        assert np.max(np.abs(other[1] - bordered[1]) / size) < 1e-7
+        row.error(other[0] / bordered[0] - 1, below=1e-12, of="eigenvalues")
+        row.error((other[1] - bordered[1]) / size, below=1e-7, of="shapes")
     assert np.max(np.abs(quick[1] - bordered[1]) / size) > 0
 
 

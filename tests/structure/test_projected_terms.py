@@ -29,18 +29,20 @@ def terms():
 
 @pytest.mark.parametrize("n_added", [0, 2])
 @pytest.mark.parametrize("without", [(), (0, 3)])
-def test_sums_and_products_are_those_of_dense_terms(terms, n_added, without):
+def test_sums_and_products_are_those_of_dense_terms(terms, n_added, without, validation):
+    row = validation(what="hundreds of sparse terms on a basis: sums and products",
+                     reference="each term projected, densely", why="rounding")
     basis = RNG.standard_normal((N_DOF, R))
     added = [a + a.T for a in RNG.standard_normal((n_added, R, R))]
     held = ProjectedTerms.of(terms, basis, without=without).with_added(added)
     dense = np.array([basis.T @ (t @ basis) * (k not in without) for k, t in enumerate(terms)] + added)
     assert len(held) == len(dense)
     weight = RNG.standard_normal(len(dense)) * (RNG.random(len(dense)) < 0.6)
-    np.testing.assert_allclose(held.total(weight), np.tensordot(weight, dense, 1), atol=1e-11)
+    row.error(held.total(weight) - np.tensordot(weight, dense, 1), below=1e-11)
     weights = RNG.standard_normal((5, len(dense))) * (RNG.random((5, len(dense))) < 0.4)
     weights[2] = 0.0
     vectors = RNG.standard_normal((R, 6))
-    np.testing.assert_allclose(held.times(weights, vectors), np.tensordot(weights, dense, 1) @ vectors, atol=1e-11)
+    row.error(held.times(weights, vectors) - np.tensordot(weights, dense, 1) @ vectors, below=1e-11)
     assert all(a is b for a, b in zip(held.added, added, strict=True))
 
 
@@ -69,20 +71,22 @@ def test_terms_transformed_together_or_one_by_one_are_equal(monkeypatch):
             assert np.array_equal(a.indptr, b.indptr)
 
 
-def test_directions_of_many_snapshots_are_those_of_their_own_gram_matrix():
+def test_directions_of_many_snapshots_are_those_of_their_own_gram_matrix(validation):
     """More snapshots than degrees of freedom: the lesser matrix has the same energies, and the directions span the same."""
+    row = validation(what="principal directions of more snapshots than degrees of freedom",
+                     reference="of the snapshots' own Gram matrix", why="rounding of the Gram matrix")
     root = RNG.standard_normal((N_DOF, N_DOF)) + 6 * np.eye(N_DOF)
     K = sparse.csc_array(root @ root.T)
     # a few strong directions, others a thousandth of them
     snapshots = RNG.standard_normal((N_DOF, N_DOF)) * np.geomspace(1, 1e-3, N_DOF) @ RNG.standard_normal((N_DOF, 90))
     energy, directions = _directions(snapshots, K)
     gram, turn = np.linalg.eigh(snapshots.T @ (K @ snapshots))
-    np.testing.assert_allclose(energy, gram[-N_DOF:], rtol=1e-6)
+    row.error(energy / gram[-N_DOF:] - 1, below=1e-6, of="energies")
     kept = energy > 1e-3 * energy[-1]
     here, there = directions[:, kept], snapshots @ (turn[:, -kept.sum():] / np.sqrt(gram[-kept.sum():]))
-    np.testing.assert_allclose(here.T @ (K @ here), np.eye(kept.sum()), atol=1e-9)
+    row.error(here.T @ (K @ here) - np.eye(kept.sum()), below=1e-9, of="orthonormal")
     cosines = np.linalg.svd(here.T @ (K @ there), compute_uv=False)
-    assert cosines.min() > 1 - 1e-7
+    row.error(1 - cosines.min(), below=1e-7, of="least cosine")
     # fewer snapshots than degrees of freedom: from their own Gram matrix
     few_energy, few = _directions(snapshots[:, :7], K)
     assert few.shape == (N_DOF, 7) and len(few_energy) == 7

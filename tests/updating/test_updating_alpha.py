@@ -29,22 +29,26 @@ def closed_form(problem, alpha):
     return start + np.linalg.solve(A.T @ A + alpha * W, A.T @ b), A, b, W
 
 
-def test_the_path_is_the_closed_form_at_every_alpha(linear):
+def test_the_path_is_the_closed_form_at_every_alpha(linear, validation):
+    row = validation(what="anchored update over alpha, linear problem", reference="closed form",
+                     why="derivatives by differences", unit="in theta")
     problem, path = linear
     assert path.alpha == pytest.approx(ALPHAS) and np.all(path.settled)
     for alpha, theta, misfit in zip(path.alpha, path.theta, path.misfit, strict=True):
         exact, A, b, _ = closed_form(problem, alpha)
-        assert theta == pytest.approx(exact, abs=1e-6)
+        row.error(theta - exact, below=1e-6)
         assert misfit == pytest.approx(np.sum((A @ (exact - problem.parameters.initial) - b) ** 2), rel=1e-5)
     assert np.all(np.diff(path.misfit) >= 0) and np.all(np.diff(path.penalty) <= 0)
 
 
-def test_log_evidence_of_alpha_is_the_density_of_the_data(linear):
+def test_log_evidence_of_alpha_is_the_density_of_the_data(linear, validation):
+    row = validation(what="evidence of alpha, linear problem", reference="density of the data",
+                     why="derivatives by differences", unit="in ln p")
     problem, path = linear
     _, A, b, W = closed_form(problem, 1.0)
     exact = [stats.multivariate_normal(np.zeros(len(b)), np.eye(len(b)) + A @ np.linalg.inv(a * W) @ A.T).logpdf(b)
              for a in path.alpha]
-    assert path.log_evidence - path.log_evidence[0] == pytest.approx(np.array(exact) - exact[0], abs=1e-4)
+    row.error(path.log_evidence - path.log_evidence[0] - (np.array(exact) - exact[0]), below=1e-4)
 
 
 def test_the_discrepancy_principle_meets_the_effective_number_of_data():
@@ -80,12 +84,14 @@ def test_a_rule_without_an_answer_is_refused_with_the_reason():
         choose(path, "maximum")
 
 
-def test_levenberg_marquardt_ends_where_gauss_newton_does():
+def test_levenberg_marquardt_ends_where_gauss_newton_does(validation):
+    row = validation(what="Levenberg-Marquardt's end", reference="Gauss-Newton's", why="where both stop",
+                     unit="posterior standard deviations")
     problem = chain_problem(noise=0.01)
     newton, trust = (update(problem, method=m) for m in ("gauss-newton", "levenberg-marquardt"))
     assert trust.converged and trust.status.startswith("settled")
     top = maximum_a_posteriori(problem, [newton.theta[-1]])
-    assert np.abs(trust.theta[-1] - newton.theta[-1]) / np.sqrt(np.diag(top.covariance)) == pytest.approx(0, abs=1e-4)
+    row.error((trust.theta[-1] - newton.theta[-1]) / np.sqrt(np.diag(top.covariance)), below=1e-4)
     # its iterates are kept: each lowers the objective
     assert np.all(np.diff(trust.objective) < 1e-6 * trust.objective[0])
     with pytest.raises(InputError, match="its own step"):

@@ -60,13 +60,17 @@ def numerical_hessian(function, theta, step):
 # closed form
 
 
-def test_the_linear_problem_has_its_closed_form():
+def test_the_linear_problem_has_its_closed_form(validation):
+    row = validation(what="MAP, covariance, resolution of a linear problem", reference="closed form",
+                     why="derivatives by differences")
     top = maximum_a_posteriori(linear_problem(MEASURED), [LINEAR_PARAMETERS.initial])
     W, W_theta = np.diag(1 / (0.01 * LINEAR_HZ) ** 2), np.linalg.inv(LINEAR_PARAMETERS.covariance)
     P = np.linalg.inv(SLOPE.T @ W @ SLOPE + W_theta)
-    assert top.theta == pytest.approx(LINEAR_PARAMETERS.initial + P @ SLOPE.T @ W @ (MEASURED - LINEAR_HZ), rel=1e-8)
-    assert top.covariance == pytest.approx(P, rel=1e-6)
-    assert top.resolution == pytest.approx(1 - np.diag(P) / np.diag(LINEAR_PARAMETERS.covariance), rel=1e-6)
+    exact = LINEAR_PARAMETERS.initial + P @ SLOPE.T @ W @ (MEASURED - LINEAR_HZ)
+    row.error(top.theta / exact - 1, below=1e-8, of="MAP")
+    row.error(top.covariance / P - 1, below=1e-6, of="covariance")
+    resolution = 1 - np.diag(P) / np.diag(LINEAR_PARAMETERS.covariance)
+    row.error(top.resolution / resolution - 1, below=1e-6, of="resolution")
     assert top.gradient * LINEAR_PARAMETERS.std == pytest.approx(np.zeros(3), abs=1e-5)
     assert top.others == () and not top.at_bound.any()
 
@@ -237,8 +241,10 @@ def test_the_updates_end_is_a_start_that_is_already_there():
     assert np.max(np.abs(top.theta - anchored.theta[-1]) / np.sqrt(np.diag(top.covariance))) < 1e-4
 
 
-def test_steps_that_overshoot_are_shortened(monkeypatch):
+def test_steps_that_overshoot_are_shortened(monkeypatch, validation):
     """A residual whose curvature exceeds what Gauss-Newton keeps: full steps part from the maximum by 1.6 a step."""
+    row = validation(what="maximum where Gauss-Newton steps grow by 1.6", reference="scipy's scalar minimiser",
+                     why="root of rounding", unit="in theta")
     parameters = Parameters((Parameter(name="a", unit="-", initial=1.0, std=1.0),))
     shape = np.linalg.qr(np.random.default_rng(2).standard_normal((4, 4)))[0]
     model = FunctionModel(name="bowl", parameters=parameters, channels=tuple("abcd"), version="1",
@@ -250,7 +256,7 @@ def test_steps_that_overshoot_are_shortened(monkeypatch):
     anchored = update(problem, penalty="prior")
     found = maximum_a_posteriori(problem, [parameters.initial])
     # a minimiser of values is good to the root of rounding
-    assert found.theta[0] == pytest.approx(end.x, abs=1e-7)
+    row.error(found.theta[0] - end.x, below=1e-7)
     assert anchored.converged
     assert anchored.theta[-1, 0] == pytest.approx(end.x, abs=1e-6)
     assert np.all(anchored.share <= 1)

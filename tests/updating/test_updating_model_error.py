@@ -64,7 +64,9 @@ def linear():
     return build_problem(known, linear_data(np.array([1.03, 1.9, 4.1, 8.2, 15.8])), weights=FREQUENCIES), slope
 
 
-def test_the_marginal_likelihood_is_the_gaussian_written_out(linear):
+def test_the_marginal_likelihood_is_the_gaussian_written_out(linear, validation):
+    row = validation(what="likelihood with the model's error marginalised", reference="Gaussian density written out",
+                     why="rounding", unit="in ln p")
     problem, slope = linear
     theta = problem.parameters.initial
     B = slope * np.array([0.1, 0.2, 0.3])
@@ -72,11 +74,14 @@ def test_the_marginal_likelihood_is_the_gaussian_written_out(linear):
     residual = problem.measured - problem.model.solve(theta, 5).frequency_hz - slope @ [0.5, 0.0, -0.2]
     expected = -0.5 * residual @ np.linalg.solve(covariance, residual)
     expected -= 0.5 * np.linalg.slogdet(2 * np.pi * covariance)[1]
-    assert problem.log_likelihood(theta)[0] == pytest.approx(expected, abs=1e-9)
+    row.error(problem.log_likelihood(theta)[0] - expected, below=1e-9)
 
 
-def test_the_posterior_is_that_with_the_sources_as_parameters(linear):
+def test_the_posterior_is_that_with_the_sources_as_parameters(linear, validation):
     """Of a linear model both are Gaussian: the joint one has the sources beside theta, and is marginalised by hand."""
+    row = validation(what="its posterior; Eq. 6 with that W_Lambda",
+                     reference="sources as further parameters, by hand (linear model)", why="the solver's",
+                     unit="in theta")
     problem, slope = linear
     std = problem.std
     S = problem.sensitivity(problem.parameters.initial)[1]
@@ -88,24 +93,26 @@ def test_the_posterior_is_that_with_the_sources_as_parameters(linear):
     P = np.linalg.inv(whole.T @ whole + np.diag(prior**-2.0))
     joint = start + P @ whole.T @ residual
     top = maximum_a_posteriori(problem, [problem.parameters.initial])
-    assert top.theta == pytest.approx(joint[:3], abs=1e-7)
+    row.error(top.theta - joint[:3], below=1e-7, of="MAP")
     assert top.covariance == pytest.approx(P[:3, :3], rel=1e-8)
     # Eq. 6 with W_Lambda the inverse of that covariance ends there too
-    assert update(problem, penalty="prior").theta[-1] == pytest.approx(joint[:3], abs=1e-6)
+    row.error(update(problem, penalty="prior").theta[-1] - joint[:3], below=1e-6, of="Eq. 6")
 
 
-def test_variance_components_add_up_and_a_source_known_exactly_is_one_left_out(linear):
+def test_variance_components_add_up_and_a_source_known_exactly_is_one_left_out(linear, validation):
+    row = validation(what="variance components", reference="posterior's covariance; a source left out",
+                     why="rounding; the solver's")
     problem, _ = linear
     top = maximum_a_posteriori(problem, [problem.parameters.initial])
     parts = variance_components(problem, top)
-    assert np.sum(parts.std**2, axis=0) == pytest.approx(parts.total**2, rel=1e-10)
+    row.error(np.sum(parts.std**2, axis=0) / parts.total**2 - 1, below=1e-10, of="sum")
     assert parts.total == pytest.approx(np.sqrt(np.diag(top.covariance)), rel=1e-8)
     assert np.sum(parts.source_std**2, axis=0) == pytest.approx(parts.std[parts.names.index("structure")] ** 2)
     measure = next(m for m in parts.measures if m.what.startswith("know exactly"))
     without = replace(problem, error=None)
     alone = maximum_a_posteriori(without, [problem.parameters.initial])
     fallen = 1 - np.sqrt(np.diag(alone.covariance) / np.diag(top.covariance))
-    assert measure.gain == pytest.approx(tuple(fallen), abs=1e-6)
+    row.error(measure.gain - fallen, below=1e-6, of="source left out")
 
 
 def test_marginal_root_against_the_dense_inverse():

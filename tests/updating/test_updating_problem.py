@@ -241,14 +241,16 @@ def central_differences(problem, theta, step):
 
 @pytest.mark.parametrize("theta", POINTS)
 @pytest.mark.parametrize("weights", [PAPER, Weights()])
-def test_sensitivity_is_the_central_difference_of_the_responses(theta, weights):
+def test_sensitivity_is_the_central_difference_of_the_responses(theta, weights, validation):
+    row = validation(what="sensitivities of all responses, with pairs", reference="central differences",
+                     why="the differences' own error, of the largest")
     sigma = np.random.default_rng(4).uniform(0.03, 0.2, (10, 4))
     problem = chain_problem(weights=weights, noise=0.02, shape_std=sigma)
     _, S = problem.sensitivity(theta)
     # in deviations of the response for a prior deviation of the parameter; truncation goes with the step squared
     scale = problem.parameters.std / problem.std[:, None]
     error = (S - central_differences(problem, theta, 1e-4)) * scale
-    assert np.max(np.abs(error)) < 1e-5 * np.max(np.abs(S * scale))
+    row.error(error / np.max(np.abs(S * scale)), below=1e-5)
 
 
 def test_sensitivity_holds_where_a_pair_is_almost_degenerate():
@@ -263,7 +265,9 @@ def test_sensitivity_holds_where_a_pair_is_almost_degenerate():
     assert np.max(np.abs(error)) < 1e-5 * np.max(np.abs(S))
 
 
-def test_sensitivity_on_a_turbine_of_beams():
+def test_sensitivity_on_a_turbine_of_beams(validation):
+    row = validation(what="the same on a turbine of beams", reference="central differences",
+                     why="the differences' own error, of the largest")
     model = turbine_model(parse_description(small_turbine(), "small"), where="small")
     theta = model.parameters.initial.copy()
     solution = model.solve(theta * 1.03, 5)
@@ -272,7 +276,7 @@ def test_sensitivity_on_a_turbine_of_beams():
     _, S = problem.sensitivity(theta)
     scale = problem.parameters.std / problem.std[:, None]
     error = (S - central_differences(problem, theta, 1e-3)) * scale
-    assert np.max(np.abs(error)) < 1e-5 * np.max(np.abs(S * scale))
+    row.error(error / np.max(np.abs(S * scale)), below=1e-5)
 
 
 def test_the_reference_turbine_pairs_its_own_modes_with_misfit_zero():
@@ -298,7 +302,8 @@ def test_misfit_is_the_quadratic_form_of_the_paper():
         assert problem.misfit(response) == pytest.approx(residual @ W @ residual)
 
 
-def test_log_posterior_is_scipys_prior_times_scipys_likelihood():
+def test_log_posterior_is_scipys_prior_times_scipys_likelihood(validation):
+    row = validation(what="log posterior", reference="scipy's prior times scipy's likelihood", why="rounding")
     parameters = Parameters((
         Parameter(name="base", unit="-", initial=1.0, std=1.0, lower=0.05, upper=6.0, prior="lognormal"),
         Parameter(name="upper", unit="-", initial=1.0, std=0.3, lower=0.8, upper=2.0),
@@ -312,16 +317,16 @@ def test_log_posterior_is_scipys_prior_times_scipys_likelihood():
     base = stats.lognorm(s, scale=1.0)
     cut = np.log(base.cdf(6.0) - base.cdf(0.05))
     likelihood = stats.multivariate_normal(problem.measured, np.diag(problem.std**2))
-    for row, (value, _) in zip(theta, (problem.log_posterior(t) for t in theta), strict=True):
+    for point, (value, _) in zip(theta, (problem.log_posterior(t) for t in theta), strict=True):
         prior = (
-            base.logpdf(row[0]) - cut
-            + stats.truncnorm.logpdf(row[1], (0.8 - 1) / 0.3, (2.0 - 1) / 0.3, 1.0, 0.3)
-            + stats.norm.logpdf(row[2], 1.0, 0.05)
-            + stats.truncnorm.logpdf(row[3], -1.0, np.inf, 0.02, 0.02)
+            base.logpdf(point[0]) - cut
+            + stats.truncnorm.logpdf(point[1], (0.8 - 1) / 0.3, (2.0 - 1) / 0.3, 1.0, 0.3)
+            + stats.norm.logpdf(point[2], 1.0, 0.05)
+            + stats.truncnorm.logpdf(point[3], -1.0, np.inf, 0.02, 0.02)
         )
-        data = likelihood.logpdf(problem.predict(row))
-        assert problem.log_likelihood(row)[0] == pytest.approx(data, rel=1e-10)
-        assert value[0] == pytest.approx(prior + data, rel=1e-10)
+        data = likelihood.logpdf(problem.predict(point))
+        row.error(problem.log_likelihood(point)[0] / data - 1, below=1e-10)
+        row.error(value[0] / (prior + data) - 1, below=1e-10)
 
 
 def test_outside_the_bounds_the_density_is_zero_and_the_model_is_not_asked():

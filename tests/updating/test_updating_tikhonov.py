@@ -47,27 +47,31 @@ def whitened():
 
 
 @pytest.mark.parametrize("alpha", [0.1, 1.0, 10.0])
-def test_one_anchored_step_is_the_closed_form_by_two_routes(alpha):
+def test_one_anchored_step_is_the_closed_form_by_two_routes(alpha, validation):
+    row = validation(what="one anchored step", reference="closed form by two routes",
+                     why="rounding; derivatives by differences")
     run = update(linear_problem(MEASURED), penalty="prior", alpha=alpha)
     stacked = optimize.lsq_linear(
         np.vstack([SLOPE / STD[:, None], np.sqrt(alpha) * np.diag(1 / LINEAR_PARAMETERS.std)]),
         np.concatenate([(MEASURED - LINEAR_HZ) / STD, np.zeros(3)]), method="bvls",
     )
-    assert START + stacked.x == pytest.approx(closed_form_map(alpha), rel=1e-10)
-    assert run.theta[1] == pytest.approx(closed_form_map(alpha), rel=1e-7)
+    row.error((START + stacked.x) / closed_form_map(alpha) - 1, below=1e-10, of="stacked least squares")
+    row.error(run.theta[1] / closed_form_map(alpha) - 1, below=1e-7, of="the step")
     # linear: nothing is left for the second
     assert run.converged and len(run.theta) == 3
     assert run.theta[-1] == pytest.approx(closed_form_map(alpha), rel=1e-9)
 
 
 @pytest.mark.parametrize("alpha", [0.3, 1.0])
-def test_the_kth_printed_iterate_has_the_filter_factors_of_iterated_tikhonov(alpha):
+def test_the_kth_printed_iterate_has_the_filter_factors_of_iterated_tikhonov(alpha, validation):
+    row = validation(what="k-th iterate of Eq. 7 as printed", reference="filter factors of iterated Tikhonov",
+                     why="derivatives by differences", unit="in theta")
     run = update(linear_problem(MEASURED), penalty="step", alpha=alpha, max_iteration=12)
     s, vectors, data = whitened()
     assert s.min() < 0.3 < 3 < s.max()
     for k, theta in enumerate(run.theta):
         filters = 1 - (alpha / (alpha + s**2)) ** k
-        assert theta == pytest.approx(START + vectors @ (filters * data / s), abs=1e-6), k
+        row.error(theta - (START + vectors @ (filters * data / s)), below=1e-6)
     assert len(run.theta) == 13 and not run.converged
 
 
@@ -111,7 +115,9 @@ def bounded(**bounds):
     return Parameters(tuple(replace(p, **bounds.get(p.name, {})) for p in LINEAR_PARAMETERS))
 
 
-def test_bounds_hold_and_the_end_is_the_bounded_minimum():
+def test_bounds_hold_and_the_end_is_the_bounded_minimum(validation):
+    row = validation(what="bounded update's end", reference="scipy's bounded minimum", why="its minimiser's",
+                     unit="in theta")
     free = closed_form_map()
     # 40 % of the way to where it wants
     assert free[1] > 2
@@ -131,7 +137,7 @@ def test_bounds_hold_and_the_end_is_the_bounded_minimum():
     options = {"ftol": 1e-15, "gtol": 1e-10}
     peer = optimize.minimize(objective, START, method="L-BFGS-B", bounds=bounds, options=options)
     assert objective(run.theta[-1]) <= objective(peer.x) * (1 + 1e-9)
-    assert run.theta[-1] == pytest.approx(peer.x, abs=1e-4)
+    row.error(run.theta[-1] - peer.x, below=1e-4)
     assert run.objective[-1] == pytest.approx(objective(run.theta[-1]), rel=1e-9)
 
 
@@ -229,7 +235,9 @@ def test_steps_that_overshoot_are_shortened_and_every_taken_one_lowers_the_objec
 # against the maximum of the posterior
 
 
-def test_anchored_at_alpha_one_it_ends_at_the_map_and_the_printed_one_does_not():
+def test_anchored_at_alpha_one_it_ends_at_the_map_and_the_printed_one_does_not(validation):
+    row = validation(what="anchored update's end", reference="MAP", why="where both stop",
+                     unit="posterior standard deviations")
     problem = chain_problem(noise=0.015)
     anchored = update(problem)
     top = maximum_a_posteriori(problem, [CHAIN_PARAMETERS.initial])
@@ -239,7 +247,7 @@ def test_anchored_at_alpha_one_it_ends_at_the_map_and_the_printed_one_does_not()
         d = theta - top.theta
         return np.sqrt(d @ top.precision @ d / d.size)
 
-    assert deviations(anchored.theta[-1]) < 1e-5
+    row.error(deviations(anchored.theta[-1]), below=1e-5)
     printed = update(problem, penalty="step", max_iteration=60)
     assert deviations(printed.theta[-1]) > 0.1
     # its J, counted from the prior, is lowest early and rises again

@@ -1,0 +1,295 @@
+"""`modes.json`, read and written: channels, modal sets, what an identification says of its modes.
+
+What is not as the format says is refused with the file, the set and the key.
+"""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, fields
+from pathlib import Path
+
+import numpy as np
+
+from probupdate.errors import InputError, of_file, parsing
+from probupdate.io.files import read_json, write_json_rows
+from probupdate.modal.deviation_file import read_deviations, write_deviations
+from probupdate.modal.sets import ModalData, ModalDeviation, ModalSet, ModelMode, ModeRecord
+
+# of modes.json: 2 has `mode_records`, one of each mode, and `model_only`; files of format 1, or without, have neither
+FORMAT = 2
+
+
+def _numbers(where: str, value, shape: tuple[int, ...], key: str) -> np.ndarray:
+    if value is None:
+        return np.full(shape, np.nan)
+    if not isinstance(value, list):
+        raise InputError(f"{where}, {key}", f"{value!r} is no list", "use a list of numbers, null where not measured")
+    _refuse_no_numbers(where, [x for row in value for x in (row if isinstance(row, list) else [row])], key)
+    try:
+        array = np.array(
+            [[np.nan if x is None else x for x in row] if isinstance(row, list) else (np.nan if row is None else row)
+             for row in value], dtype=float)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"{where}, {key}", f"not a table of numbers ({str(error).split('.')[0]})",
+                         "use numbers, null where not measured") from None
+    # a whole row may be null: a mode that was not measured in this set
+    if len(shape) == 2 and array.ndim == 1 and np.all(np.isnan(array)):
+        array = np.full(shape, np.nan)
+    if np.any(np.isinf(array)):
+        raise InputError(f"{where}, {key}", "holds an infinite number", "use null where not measured")
+    if array.shape != shape:
+        raise InputError(f"{where}, {key}", f"has shape {array.shape}", f"give {shape}")
+    return array
+
+
+def _refuse_no_numbers(where: str, values: list, key: str) -> None:
+    # JSON knows no NaN; it is a failed computation as likely as a mode that was not measured
+    if any(isinstance(x, float) and np.isnan(x) for x in values):
+        raise InputError(f"{where}, {key}", "holds NaN", "use null where not measured")
+    if any(isinstance(x, str | bool) for x in values):
+        wrong = next(x for x in values if isinstance(x, str | bool))
+        raise InputError(f"{where}, {key}", f"{wrong!r} is not a number", "use numbers, null where not measured")
+
+
+def _expand_null_rows(value, n: int):
+    """Replace a null row of a shape table by a row of nulls."""
+    return [[None] * n if row is None else row for row in value] if isinstance(value, list) else value
+
+
+# numbers of all shapes of a set
+LARGEST_SHAPES = 10_000_000
+# a damping ratio from which nothing vibrates any more, and the largest that the modes of a whole file may have in the
+# middle: structures have 0.002 to 0.1, in per cent the same numbers are 0.2 to 10
+NO_VIBRATION, MIDDLE_DAMPING = 1.0, 0.2
+
+
+def _refuse_per_cent(path: Path, sets: Sequence[ModalSet]) -> None:
+    """Damping ratios of which the middle one, or any, is none of a structure."""
+    known = np.concatenate([s.damping_ratio[np.isfinite(s.damping_ratio)] for s in sets]) if sets else np.zeros(0)
+    if not len(known):
+        return
+    highest = max(sets, key=lambda s: np.max(s.damping_ratio, initial=-np.inf, where=np.isfinite(s.damping_ratio)))
+    most = float(np.nanmax(highest.damping_ratio))
+    if most >= NO_VIBRATION or np.median(known) > MIDDLE_DAMPING:
+        raise InputError(f"{path}, set {highest.id}, damping_ratio", f"{most:.4g} (median of the file "
+                         f"{np.median(known):.3g}) is no share of critical damping that a structure has: are these per "
+                         "cent?",
+                         "give fractions, 0.01 for 1 %, or null where not measured")
+
+
+def _refuse_odd(where: str, environment: Mapping) -> None:
+    """Conditions are numbers or words; an infinite one is a failed computation."""
+    for key, value in environment.items():
+        plain = value is None or isinstance(value, str | int) or (isinstance(value, float) and np.isfinite(value))
+        if not plain:
+            raise InputError(f"{where}, {key}", f"{value!r:.60} is neither a number nor a word", "mend it or leave it out")
+
+
+FILE_KEYS = {"channels", "sets", "labels", "reference_set", "deviations", "format", "mode_records", "model_only"}
+SET_KEYS = {
+    "id", "frequency_hz", "damping_ratio", "frequency_std_hz", "damping_ratio_std", "shape_re", "shape_im", "shape_std",
+    "environment",
+}
+
+
+def _refuse_misspelt(where: str, table: Mapping, known: set[str]) -> None:
+    """Other tools may add keys of their own; one that almost is ours is a slip and would be lost without a word."""
+    for key in set(table) - known:
+        close = difflib.get_close_matches(key, known, n=1, cutoff=0.8)
+        if close:
+            raise InputError(where, f"unknown key '{key}'", f"did you mean '{close[0]}'?")
+
+
+# what a file is by its ending that is given for modal sets and is no JSON
+NO_MODES = {
+    ".npz": "an archive of arrays such as a model's", ".toml": "a TOML file such as a model's or a campaign's",
+    ".dat": "a table such as a SubDyn file", ".csv": "a table", ".h5": "an HDF5 file such as a record",
+    ".nc": "a NetCDF file such as a posterior", ".uff": "a universal file (probupdate convert --to modes)",
+    ".unv": "a universal file (probupdate convert --to modes)",
+}
+
+
+def read_modes(path: str | Path) -> ModalData:
+    """Read `modes.json` (interfaces: channels, sets; optional labels, reference_set)."""
+    path = Path(path)
+    with of_file(path), parsing(str(path), "is no modes.json", "see docs/formats/modes.md"):
+        return _read_modes(path)
+
+
+def _read_modes(path: Path) -> ModalData:
+    content = _json_of_modes(path)
+    channels = _texts(path, content, "channels")
+    if len(set(channels)) < len(channels):
+        raise InputError(f"{path}, channels", "a channel is listed twice", "keep one")
+    deviations = read_deviations(path, content["deviations"]) if content.get("deviations") is not None else {}
+    sets = tuple(_read_set(path, number, raw, len(channels), deviations) for number, raw in enumerate(content["sets"]))
+    _refuse_per_cent(path, sets)
+    return ModalData(
+        channels=channels,
+        sets=sets,
+        labels=_texts(path, content, "labels"),
+        reference_set=_text_or_none(path, content, "reference_set"),
+        records=_records(path, content, "mode_records", ModeRecord),
+        model_only=_records(path, content, "model_only", ModelMode),
+    )
+
+
+def _json_of_modes(path: Path) -> dict:
+    """The file's table, which has channels and sets, no slip of the pen among its keys and a format that is known."""
+    absent = "check the path, or run `probupdate identify` first"
+    try:
+        content = read_json(path, absent=absent, nan=True)
+    except InputError:
+        kind = NO_MODES.get(path.suffix.lower())
+        if kind is None or not path.is_file():
+            raise
+        raise InputError(str(path), f"is {kind}, not modal sets", "give a modes.json, as `probupdate identify` writes it"
+                         ) from None
+    if not isinstance(content, dict) or not isinstance(content.get("sets"), list) or "channels" not in content:
+        raise InputError(str(path), "'channels' or 'sets' is missing", "see docs/formats/modes.md")
+    _refuse_misspelt(str(path), content, FILE_KEYS)
+    if isinstance(content.get("format"), int) and content["format"] > FORMAT:
+        raise InputError(str(path), f"has the format {content['format']!r}; {FORMAT} is the newest known",
+                         "read it with the version that wrote it, or identify again")
+    return content
+
+
+def _read_set(path: Path, number: int, raw: object, n_channel: int, deviations: Mapping[str, dict]) -> ModalSet:
+    """One entry of `sets`; deviations: id of a set -> its arrays in the file beside."""
+    if not isinstance(raw, dict):
+        raise InputError(f"{path}, set {number}", "is not a table", 'write {"id": ..., "frequency_hz": [...]}')
+    where = f"{path}, set {raw.get('id', number)}"
+    _refuse_wrong_keys(where, raw, n_channel)
+    vector = (len(raw["frequency_hz"]),)
+
+    def shapes(key: str) -> np.ndarray:
+        return _numbers(where, _expand_null_rows(raw.get(key), n_channel), (*vector, n_channel), key)
+
+    real, imaginary = shapes("shape_re"), shapes("shape_im")
+    frequency = _numbers(where, raw["frequency_hz"], vector, "frequency_hz")
+    if np.any(frequency <= 0):
+        raise InputError(f"{where}, frequency_hz", "a frequency is not positive", "use null where not measured")
+    std = {key: _numbers(where, raw.get(key), vector, key) for key in ("frequency_std_hz", "damping_ratio_std")}
+    for key, value in std.items():
+        if np.any(value < 0):
+            raise InputError(f"{where}, {key}", "a standard deviation is negative", "use null where unknown")
+    deviation = deviations.get(str(raw.get("id", number)))
+    return ModalSet(
+        id=str(raw.get("id", number)),
+        frequency_hz=frequency,
+        shape=(real + 1j * np.nan_to_num(imaginary)).T,
+        damping_ratio=_numbers(where, raw.get("damping_ratio"), vector, "damping_ratio"),
+        shape_std=shapes("shape_std").T,
+        environment=raw.get("environment") or {},
+        deviation=None if deviation is None else ModalDeviation(**deviation),
+        **std,
+    )
+
+
+def _refuse_wrong_keys(where: str, raw: dict, n_channel: int) -> None:
+    """Keys of a set that are missing, misspelt, of another kind, or of more modes than there can be."""
+    _refuse_misspelt(where, raw, SET_KEYS)
+    if not isinstance(raw.get("frequency_hz"), list) or "shape_re" not in raw:
+        raise InputError(where, "'frequency_hz' or 'shape_re' is missing or no list", "give both; null where not measured")
+    if not isinstance(raw.get("environment") or {}, dict):
+        raise InputError(f"{where}, environment", "is not a table", 'write {"water_level_m": 0.2}')
+    n_mode = len(raw["frequency_hz"])
+    if n_mode * n_channel > LARGEST_SHAPES:
+        raise InputError(where, f"{n_mode} modes at {n_channel} channels are more than a set can have", "give fewer")
+    _refuse_odd(f"{where}, environment", raw.get("environment") or {})
+
+
+def _text_or_none(path: Path, content: Mapping, key: str) -> str | None:
+    value = content.get(key)
+    if value is not None and not isinstance(value, str):
+        raise InputError(f"{path}, {key}", f"{value!r:.60} is no text", "name a set's id, or leave the key out")
+    return value
+
+
+def _records(path: Path, content: Mapping, key: str, kind: type) -> tuple:
+    """Plain values by the names of the record's fields; null is NaN; keys that are not known are other tools'."""
+    rows, found = content.get(key) or [], []
+    known = {f.name: f.type for f in fields(kind)}
+    if not isinstance(rows, list):
+        raise InputError(f"{path}, {key}", "is no list", "identify again, or leave the key out")
+    for number, row in enumerate(rows):
+        where = f"{path}, {key} {number + 1}"
+        if not isinstance(row, dict) or not isinstance(row.get("label"), str):
+            raise InputError(where, "is no table with a label", "identify again, or leave the key out")
+        _refuse_misspelt(where, row, set(known))
+        value = {}
+        for name in set(row) & set(known):
+            try:
+                value[name] = _plain(row[name], known[name])
+            except (TypeError, ValueError, AttributeError):
+                raise InputError(f"{where}, {name}", f"{row[name]!r} is not what belongs there",
+                                 "identify again, or leave the key out") from None
+        try:
+            found.append(kind(**value))
+        except TypeError:
+            raise InputError(where, f"lacks one of {', '.join(known)}",
+                             "identify again, or leave the key out") from None
+    return tuple(found)
+
+
+def _plain(value, kind: str | type):
+    """A JSON value as a field of that kind, a name as annotations are written in `sets`."""
+    kind = str(kind)
+    if kind == "float":
+        return np.nan if value is None else float(value)
+    if kind == "int":
+        return int(value)
+    if kind.startswith("Mapping"):
+        return {str(state): (int(n), int(of)) for state, (n, of) in value.items()}
+    if kind.startswith("tuple"):
+        return tuple((str(name), float(share)) for name, share in value)
+    if (kind == "bool") != isinstance(value, bool) or (kind == "str") != isinstance(value, str):
+        raise ValueError
+    return value
+
+
+def _texts(path: Path, content: Mapping, key: str) -> tuple[str, ...]:
+    value = content.get(key, [])
+    if not isinstance(value, list) or not all(isinstance(x, str) for x in value):
+        raise InputError(f"{path}, {key}", "is not a list of names", 'write ["TP-A-x", ...]')
+    return tuple(value)
+
+
+def _nulls(array: np.ndarray):
+    """Nested lists with None for NaN."""
+    return [_nulls(row) if np.ndim(row) else (float(row) if np.isfinite(row) else None) for row in array]
+
+
+def write_modes(data: ModalData, path: str | Path) -> None:
+    """Write `modes.json`, and where a set has deviations `<stem>.deviations.h5` before it; `read_modes` inverts it."""
+    content: dict = {"format": FORMAT, "channels": list(data.channels)}
+    if data.labels:
+        content["labels"] = list(data.labels)
+    if data.reference_set is not None:
+        content["reference_set"] = data.reference_set
+    for key, rows in (("mode_records", data.records), ("model_only", data.model_only)):
+        if rows:
+            content[key] = [{name: None if isinstance(x, float) and not np.isfinite(x) else x
+                             for name, x in asdict(row).items()} for row in rows]
+    tail = {}
+    with_deviation = {s.id: s.deviation for s in data.sets if s.deviation is not None}
+    if with_deviation:
+        tail["deviations"] = write_deviations(with_deviation, Path(path))
+    # set by set: a year's numbers as Python's are a gigabyte
+    write_json_rows(path, content, "sets", map(_set_content, data.sets), tail)
+
+
+def _set_content(s: ModalSet) -> dict:
+    return {
+        "id": s.id,
+        "frequency_hz": _nulls(s.frequency_hz),
+        "damping_ratio": _nulls(s.damping_ratio),
+        "frequency_std_hz": _nulls(s.frequency_std_hz),
+        "damping_ratio_std": _nulls(s.damping_ratio_std),
+        "shape_re": _nulls(np.real(s.shape).T),
+        "shape_im": _nulls(np.imag(s.shape).T),
+        "shape_std": _nulls(s.shape_std.T),
+        "environment": {k: (v if isinstance(v, str) or np.isfinite(v) else None) for k, v in s.environment.items()},
+    }

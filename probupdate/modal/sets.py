@@ -1,0 +1,361 @@
+"""Sensors, modal sets and what an identification says of its modes: the words that measurement and model share.
+
+Mode shapes are columns: (n_channel, n_mode). NaN marks a mode or a component that was not measured.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, fields, replace
+from types import MappingProxyType
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from probupdate.errors import InputError
+from probupdate.io.result_table import table_of
+from probupdate.runtime.arrays import frozen_array
+
+if TYPE_CHECKING:
+    import pandas as pd
+    import xarray
+
+QUANTITIES = ("acceleration", "velocity", "displacement")
+OTHER_QUANTITIES = ("strain", "inclination", "tilt", "rotation", "angular velocity", "force", "pressure", "temperature")
+
+NOT_STATED = frozen_array(())
+# no sensor is farther from the origin of its model
+FARTHEST_M = 1e7
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Sensor:
+    """One measured channel; position and direction in model axes, z = 0 at mean sea level."""
+
+    channel: str
+    level: str
+    position_m: np.ndarray
+    direction: np.ndarray
+    quantity: str = "acceleration"
+    unit: str = "m/s2"
+
+    def __post_init__(self):
+        where = f"sensor {self.channel}"
+        try:
+            position, direction = frozen_array(self.position_m), frozen_array(self.direction)
+        except (TypeError, ValueError):
+            raise InputError(where, "position_m or direction is not three numbers", "give [x, y, z]") from None
+        if position.shape != (3,) or not np.all(np.abs(position) < FARTHEST_M):
+            raise InputError(where, f"position_m {self.position_m} is not three numbers", "give [x, y, z] in metres")
+        if direction.shape != (3,) or not np.all(np.abs(direction) < 2) or not abs(np.linalg.norm(direction) - 1) < 1e-3:
+            raise InputError(where, f"direction {self.direction} is not a unit vector", "scale it to length 1")
+        if self.quantity not in QUANTITIES:
+            known = f"choose from {', '.join(QUANTITIES)}"
+            if self.quantity in OTHER_QUANTITIES:
+                raise InputError(where, f"measures {self.quantity}, which is no motion of a point: its shapes could "
+                                 "not stand beside those of other sensors or of a model",
+                                 "convert the other channels alone")
+            raise InputError(where, f"quantity '{self.quantity}' is unknown", known)
+        object.__setattr__(self, "position_m", position)
+        object.__setattr__(self, "direction", direction)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class ModalDeviation:
+    """First-order deviations of one set's modes, a column for each part of the record they were estimated from.
+
+    Scaled so that the covariance of any two of the quantities a and b, rows (n_column,), is the plain sum a @ b; within
+    one mode or between two, which for a close pair is not nothing. ln_frequency, damping_ratio (n_mode, n_column);
+    shape (n_channel, n_mode, n_column) complex, in the scaling of the set's shape. NaN: a mode not measured, or one
+    whose deviation could not be estimated. The rank of a joint covariance is below the number of columns: a covariance
+    of more quantities than that is singular.
+    """
+
+    ln_frequency: np.ndarray
+    damping_ratio: np.ndarray
+    shape: np.ndarray
+
+    def __post_init__(self):
+        for name, dtype in (("ln_frequency", float), ("damping_ratio", float), ("shape", complex)):
+            object.__setattr__(self, name, frozen_array(getattr(self, name), dtype))
+        table = self.ln_frequency.shape
+        if len(table) != 2 or self.damping_ratio.shape != table or self.shape.shape[1:] != table:
+            raise InputError("modal covariance", f"ln_frequency {table}, damping_ratio {self.damping_ratio.shape} and "
+                             f"shape {self.shape.shape} do not belong together",
+                             "give (n_mode, n_column) twice and (n_channel, n_mode, n_column)")
+
+    @property
+    def n_column(self) -> int:
+        return self.ln_frequency.shape[1]
+
+    def loaded(self) -> ModalDeviation:
+        return self
+
+    def of_modes(self, columns: Sequence[int]) -> ModalDeviation:
+        """Of these modes alone; a column of -1 is a mode that was not measured."""
+        return ModalDeviation(ln_frequency=_columns(self.ln_frequency, columns, 0), damping_ratio=_columns(
+            self.damping_ratio, columns, 0), shape=_columns(self.shape, columns, 1))
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class StoredDeviation:
+    """A `ModalDeviation` that lies on the disk and is read by `read` each time that it is asked for: those of a year are
+    most of a gigabyte. `loaded` has it in memory."""
+
+    read: Callable[[], ModalDeviation]
+
+    @property
+    def ln_frequency(self) -> np.ndarray:
+        return self.read().ln_frequency
+
+    @property
+    def damping_ratio(self) -> np.ndarray:
+        return self.read().damping_ratio
+
+    @property
+    def shape(self) -> np.ndarray:
+        return self.read().shape
+
+    @property
+    def n_column(self) -> int:
+        return self.read().n_column
+
+    def loaded(self) -> ModalDeviation:
+        return self.read()
+
+    def of_modes(self, columns: Sequence[int]) -> StoredDeviation:
+        columns = tuple(int(j) for j in columns)
+        return StoredDeviation(read=lambda: self.read().of_modes(columns))
+
+
+def _columns(value: np.ndarray, columns: Sequence[int], axis: int) -> np.ndarray:
+    """Picked along an axis; NaN where the column is -1."""
+    there = np.asarray(columns, int)
+    picked = np.array(np.take(value, np.maximum(there, 0), axis=axis))
+    index: list[slice | np.ndarray] = [slice(None)] * picked.ndim
+    index[axis] = there < 0
+    picked[tuple(index)] = np.nan
+    return picked
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class ModalSet:
+    """One identification: the modes of one block of data, or of a mean over blocks.
+
+    frequency_hz, frequency_std_hz, damping_ratio, damping_ratio_std (n_mode,); shape (n_channel, n_mode) complex;
+    shape_std (n_channel, n_mode), the deviation of the real part in the shape's own scaling. NaN: not measured.
+    Where a `deviation` is given, deviations that are NaN are taken from it; given ones stay, as a set may be weighted
+    by another scatter than that within its record.
+    """
+
+    id: str
+    frequency_hz: np.ndarray
+    shape: np.ndarray
+    damping_ratio: np.ndarray
+    frequency_std_hz: np.ndarray
+    shape_std: np.ndarray
+    environment: Mapping[str, float] = field(default_factory=dict)
+    damping_ratio_std: np.ndarray = field(default_factory=lambda: NOT_STATED)
+    deviation: ModalDeviation | StoredDeviation | None = None
+
+    def __post_init__(self):
+        n_mode = np.size(self.frequency_hz)
+        if self.damping_ratio_std is None or self.damping_ratio_std is NOT_STATED:
+            object.__setattr__(self, "damping_ratio_std", np.full(n_mode, np.nan))
+        for name in ("frequency_hz", "damping_ratio", "frequency_std_hz", "damping_ratio_std"):
+            value = frozen_array(getattr(self, name))
+            if value.shape != (n_mode,):
+                raise InputError(f"set {self.id}", f"{name} has shape {value.shape}", f"give {n_mode} numbers")
+            object.__setattr__(self, name, value)
+        shape = frozen_array(self.shape, complex)
+        if shape.ndim != 2 or shape.shape[1] != n_mode:
+            raise InputError(f"set {self.id}", f"shape is {shape.shape}", f"give {n_mode} columns, one a mode")
+        object.__setattr__(self, "shape", shape)
+        std = frozen_array(self.shape_std)
+        if std.shape != shape.shape:
+            raise InputError(f"set {self.id}", f"shape_std is {std.shape}", f"give {shape.shape} as for the shape")
+        object.__setattr__(self, "shape_std", std)
+        object.__setattr__(self, "environment", MappingProxyType(dict(self.environment)))
+        if self.deviation is not None:
+            self._take_deviation(self.deviation.loaded())
+
+    def __reduce__(self):
+        # to another process: as it was given, its arrays read-only there too
+        given = {f.name: getattr(self, f.name) for f in fields(self)}
+        given["environment"] = dict(self.environment)
+        given["deviation"] = None if self.deviation is None else self.deviation.loaded()
+        return _modal_set, (given,)
+
+    def _take_deviation(self, deviation: ModalDeviation) -> None:
+        if deviation.shape.shape[:2] != self.shape.shape:
+            raise InputError(f"set {self.id}", f"its covariance is of {deviation.shape.shape[:2]} channels and modes",
+                             f"give {self.shape.shape} as for the shape")
+        estimated = {
+            "frequency_std_hz": self.frequency_hz * np.sqrt(np.sum(deviation.ln_frequency**2, axis=1)),
+            "damping_ratio_std": np.sqrt(np.sum(deviation.damping_ratio**2, axis=1)),
+            "shape_std": np.sqrt(np.sum(np.real(deviation.shape) ** 2, axis=2)),
+        }
+        for name, value in estimated.items():
+            given = getattr(self, name)
+            object.__setattr__(self, name, frozen_array(np.where(np.isnan(given), value, given)))
+
+    def of_modes(self, columns: Sequence[int]) -> ModalSet:
+        """The same set with these modes alone; a column of -1 is a mode that was not measured."""
+        taken = {name: _columns(getattr(self, name), columns, 0)
+                 for name in ("frequency_hz", "damping_ratio", "frequency_std_hz", "damping_ratio_std")}
+        return replace(self, **taken, shape=_columns(self.shape, columns, 1), shape_std=_columns(self.shape_std, columns, 1),
+                       deviation=None if self.deviation is None else self.deviation.of_modes(columns))
+
+    @property
+    def measured(self) -> np.ndarray:
+        """(n_mode,) bool: modes with a frequency."""
+        return np.isfinite(self.frequency_hz)
+
+
+def _modal_set(given: dict) -> ModalSet:
+    return ModalSet(**given)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ModeRecord:
+    """What an identification says of one mode of a campaign.
+
+    frequency_hz, frequency_std_hz, damping_ratio: mean, scatter and median over the `found` of `blocks` usable blocks
+    that have it; detection: turbine state -> (found, blocks). pair: compared by the plane with its mate. match:
+    'alike', 'unlike' or 'none', of the model that it was held against; '' without one. model_label, model_frequency_hz: its
+    counterpart there; mac: mean over the blocks of the MAC (of a pair, S2MAC to the measured plane), mac_std its
+    scatter, own_mac that of the single shapes; frequency_ratio, frequency_ratio_std: measured over the model's.
+    alternatives: (label, probability) of the modes of the model that it may be. NaN: not known.
+    """
+
+    label: str
+    frequency_hz: float = np.nan
+    frequency_std_hz: float = np.nan
+    damping_ratio: float = np.nan
+    found: int = 0
+    blocks: int = 0
+    detection: Mapping[str, tuple[int, int]] = field(default_factory=dict)
+    pair: bool = False
+    match: str = ""
+    model_label: str = ""
+    model_frequency_hz: float = np.nan
+    mac: float = np.nan
+    mac_std: float = np.nan
+    own_mac: float = np.nan
+    frequency_ratio: float = np.nan
+    frequency_ratio_std: float = np.nan
+    alternatives: tuple[tuple[str, float], ...] = ()
+
+
+@dataclass(frozen=True, kw_only=True)
+class ModelMode:
+    """A mode of the model that no measured one is; expected: whether the excitation should show it."""
+
+    label: str
+    frequency_hz: float
+    expected: bool
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class ModalData:
+    """What `modes.json` holds: channels, sets, and optionally the set an update should start from; of an identification
+    also a record a mode, and the modes of the model that it did not find.
+
+    Column j is the same physical mode in every set; `labels` may name them (FA1, SS1, ...).
+    """
+
+    channels: tuple[str, ...]
+    sets: tuple[ModalSet, ...]
+    labels: tuple[str, ...] = ()
+    reference_set: str | None = None
+    records: tuple[ModeRecord, ...] = ()
+    model_only: tuple[ModelMode, ...] = ()
+
+    def __post_init__(self):
+        if not self.sets:
+            raise InputError("modal data", "there is no set", "give at least one identification")
+        n_mode = self.sets[0].frequency_hz.size
+        for s in self.sets:
+            if s.shape.shape != (len(self.channels), n_mode):
+                raise InputError(
+                    f"set {s.id}",
+                    f"shape is {s.shape.shape}, other sets or the channel list say ({len(self.channels)}, {n_mode})",
+                    "use the same channels and the same modes, null where not measured",
+                )
+        ids = [s.id for s in self.sets]
+        if len(set(ids)) < len(ids):
+            raise InputError("modal data", "two sets share one id", "give each set its own")
+        if self.labels and len(self.labels) != n_mode:
+            raise InputError("modal data", f"{len(self.labels)} labels for {n_mode} modes", "give one label a mode")
+        if self.records and len(self.records) != n_mode:
+            raise InputError("modal data", f"{len(self.records)} records for {n_mode} modes", "give one a mode")
+        if self.reference_set is not None and self.reference_set not in ids:
+            raise InputError("modal data", f"reference_set '{self.reference_set}' is no set's id", "name one of them")
+
+    def to_frame(self) -> pd.DataFrame:
+        """A row a set and mode: frequency, damping ratio, their standard deviations; NaN where not measured."""
+        names = self.labels or tuple(str(j + 1) for j in range(self.n_mode))
+        return table_of([
+            {"id": s.id, "mode": names[j], "frequency_hz": s.frequency_hz[j], "frequency_std_hz": s.frequency_std_hz[j],
+             "damping_ratio": s.damping_ratio[j], "damping_ratio_std": s.damping_ratio_std[j]}
+            for s in self.sets for j in range(self.n_mode)
+        ])
+
+    def to_xarray(self) -> xarray.Dataset:
+        """The sets as an xarray dataset that `to_netcdf` writes: frequency_hz, damping_ratio and their standard deviations
+        (set, mode), shape_re, shape_im, shape_std (set, channel, mode), and each of the sets' conditions (set,) by its
+        name, numbers as numbers and words as text; NaN or '' where not known. Units are attributes."""
+        import xarray
+
+        names = self.labels or tuple(str(j + 1) for j in range(self.n_mode))
+        vector, table = ("set", "mode"), ("set", "channel", "mode")
+
+        def stacked(name: str, part: Callable = np.real) -> np.ndarray:
+            return np.array([part(getattr(s, name)) for s in self.sets])
+
+        variables: dict[str, tuple] = {
+            "frequency_hz": (vector, stacked("frequency_hz"), {"units": "Hz"}),
+            "frequency_std_hz": (vector, stacked("frequency_std_hz"), {"units": "Hz"}),
+            "damping_ratio": (vector, stacked("damping_ratio"), {"units": "1"}),
+            "damping_ratio_std": (vector, stacked("damping_ratio_std"), {"units": "1"}),
+            "shape_re": (table, stacked("shape"), {"units": "1"}),
+            "shape_im": (table, stacked("shape", np.imag), {"units": "1"}),
+            "shape_std": (table, stacked("shape_std"), {"units": "1"}),
+        }
+        for key in sorted({key for s in self.sets for key in s.environment}):
+            if key in variables or key in table or key in vector:
+                raise InputError(f"condition {key}", "has the name of something else in the dataset", "rename it")
+            values = [s.environment.get(key) for s in self.sets]
+            words = any(isinstance(v, str) for v in values)
+            known = ["" if v is None else str(v) for v in values] if words else [np.nan if v is None else v for v in values]
+            variables[key] = ("set", np.array(known, dtype=object if words else float))
+        coordinates = {"set": [s.id for s in self.sets], "channel": list(self.channels), "mode": list(names)}
+        return xarray.Dataset(variables, coords=coordinates)
+
+    @property
+    def n_mode(self) -> int:
+        return self.sets[0].frequency_hz.size
+
+    def of_modes(self, columns: Sequence[int]) -> ModalData:
+        """The same sets with these modes alone, in this order."""
+        columns = [int(j) for j in columns]
+        return replace(self, sets=tuple(s.of_modes(columns) for s in self.sets),
+                       labels=tuple(self.labels[j] for j in columns) if self.labels else (),
+                       records=tuple(self.records[j] for j in columns) if self.records else ())
+
+    def compared(self, every: bool = False) -> ModalData:
+        """The modes that are compared with a model: those of interest, by their names; with `every` also those that
+        have a number but look like another mode of the model. All, where no identification says what they are."""
+        if not any(r.match for r in self.records):
+            return self
+        kept = [j for j, r in enumerate(self.records) if not r.label.isdigit() or (every and r.match == "alike")]
+        return self if len(kept) in (0, self.n_mode) else self.of_modes(kept)
+
+    def set(self, id: str | None = None) -> ModalSet:
+        """The set of that id; without one the reference set, or the first."""
+        wanted = id or self.reference_set or self.sets[0].id
+        for s in self.sets:
+            if s.id == wanted:
+                return s
+        ids = ", ".join(s.id for s in self.sets[:9]) + (", ..." if len(self.sets) > 9 else "")
+        raise InputError(f"set {wanted}", "there is none of that id", f"there are {ids}")

@@ -1,0 +1,103 @@
+"""Criteria of mode shapes: MAC, planes, phase collinearity, scaling, and pairs by the MAC.
+
+Shapes are columns (n_channel, n_mode). Components that are NaN in either shape are left out of every criterion.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+
+def mac(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Modal assurance criterion |a^H b|^2 / (a^H a b^H b) of each column of a with each of b -> (n_a, n_b).
+
+    a (n_channel, n_a), b (n_channel, n_b), real or complex (Allemang & Brown 1982). NaN where a pair shares no
+    measured component.
+    """
+    a, b = np.atleast_2d(np.asarray(a).T).T, np.atleast_2d(np.asarray(b).T).T
+    ok_a, ok_b = np.isfinite(a), np.isfinite(b)
+    x, y = np.where(ok_a, a, 0), np.where(ok_b, b, 0)
+    cross = np.abs(x.conj().T @ y) ** 2
+    norm_a = (np.abs(x) ** 2).T @ ok_b.astype(float)
+    norm_b = ok_a.astype(float).T @ np.abs(y) ** 2
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return cross / (norm_a * norm_b)
+
+
+def subspace_mac(shape: np.ndarray, plane: np.ndarray) -> np.ndarray:
+    """S2MAC: the largest MAC of each column of `shape` with any vector of the space that `plane` spans.
+
+    shape (n_channel, n_mode), plane (n_channel, 2 or more) -> (n_mode,) (D'Ambrogio & Fregolent 2003).
+    """
+    shape = np.atleast_2d(np.asarray(shape).T).T
+    value = np.full(shape.shape[1], np.nan)
+    for j, column in enumerate(shape.T):
+        ok = np.isfinite(column) & np.all(np.isfinite(plane), axis=1)
+        if ok.sum() <= plane.shape[1]:
+            continue
+        basis, _ = np.linalg.qr(plane[ok])
+        value[j] = np.linalg.norm(basis.conj().T @ column[ok]) ** 2 / np.linalg.norm(column[ok]) ** 2
+    return value
+
+
+def plane_mac(a: np.ndarray, b: np.ndarray) -> float:
+    """Squared cosine of the largest principal angle between the planes of a and b, both (n_channel, 2 or more)."""
+    ok = np.all(np.isfinite(a), axis=1) & np.all(np.isfinite(b), axis=1)
+    qa, _ = np.linalg.qr(a[ok])
+    qb, _ = np.linalg.qr(b[ok])
+    return float(np.linalg.svd(qa.conj().T @ qb, compute_uv=False)[-1] ** 2)
+
+
+def modal_phase_collinearity(shape: np.ndarray) -> np.ndarray:
+    """MPC of each column (n_mode,): 1 for a shape that is real up to a phase, 0 for an even spread of phases.
+
+    ((S_xx - S_yy)^2 + 4 S_xy^2) / (S_xx + S_yy)^2 with x, y the real and imaginary parts (Pappa 1993).
+    """
+    shape = np.atleast_2d(np.asarray(shape, complex).T).T
+    x, y = np.nan_to_num(np.real(shape)), np.nan_to_num(np.imag(shape))
+    sxx, syy, sxy = (x * x).sum(0), (y * y).sum(0), (x * y).sum(0)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return ((sxx - syy) ** 2 + 4 * sxy**2) / (sxx + syy) ** 2
+
+
+def rotate_to_real(shape: np.ndarray) -> np.ndarray:
+    """Turn each complex column so that its components lie closest to the real axis (largest component positive)."""
+    shape = np.array(np.atleast_2d(np.asarray(shape, complex).T).T)
+    for j in range(shape.shape[1]):
+        column = shape[:, j]
+        ok = np.isfinite(column)
+        if not ok.any():
+            continue
+        # the angle that maximises sum Re^2 is half the phase of sum phi^2
+        column = column * np.exp(-0.5j * np.angle(np.sum(column[ok] ** 2)))
+        largest = np.argmax(np.where(ok, np.abs(column), -1))
+        shape[:, j] = column * (1 if column[largest].real >= 0 else -1)
+    return shape
+
+
+def normalise(shape: np.ndarray) -> np.ndarray:
+    """Scale each column so that its largest component is +1 (complex: that component becomes real)."""
+    shape = np.array(np.atleast_2d(np.asarray(shape).T).T)
+    for j in range(shape.shape[1]):
+        ok = np.isfinite(shape[:, j])
+        if ok.any():
+            largest = np.argmax(np.where(ok, np.abs(shape[:, j]), -1))
+            shape[:, j] = shape[:, j] / shape[largest, j]
+    return shape
+
+
+def unit_largest(shape: np.ndarray) -> np.ndarray:
+    """Columns turned to lie along the real axis, the largest real part +1 (what imaginary part is left stays)."""
+    turned = rotate_to_real(shape)
+    real = np.real(turned)
+    largest = np.argmax(np.abs(np.nan_to_num(real)), axis=0)
+    return turned / real[largest, np.arange(real.shape[1])]
+
+
+def pair_by_mac(criterion: np.ndarray) -> list[tuple[int, int]]:
+    """One-to-one pairs (row, column) that maximise the summed criterion (n_row, n_column); NaN never pairs."""
+    from scipy import optimize
+
+    score = np.nan_to_num(criterion, nan=-1.0)
+    rows, columns = optimize.linear_sum_assignment(-score)
+    return [(int(i), int(j)) for i, j in zip(rows, columns, strict=True) if score[i, j] > -1]
