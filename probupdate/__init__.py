@@ -37,9 +37,9 @@ if TYPE_CHECKING:
 __version__ = "0.1.0"
 
 __all__ = [
-    "__version__", "check", "check_setups", "compare", "convert", "demo", "diagnose", "export", "farm", "figures", "identify",
-    "identify_setups", "identify_shard", "inform", "model_modes", "modes", "open_model", "regress", "report", "sample",
-    "select", "sets", "simulate", "update",
+    "__version__", "check", "check_setups", "compare", "convert", "demo", "diagnose", "export", "farm", "figures",
+    "identify", "identify_setups", "identify_shard", "inform", "model_modes", "modes", "open_model", "regress",
+    "report", "sample", "select", "sets", "simulate", "update",
 ]
 # those that go by their name in `verbs`
 _STEPS = tuple(name for name in __all__ if name not in ("__version__", "demo", "farm", "modes"))
