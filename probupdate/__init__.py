@@ -4,15 +4,48 @@ The steps of the command line are functions here: simulate, convert, check, iden
 compare, report, demo, modes, export, farm. They are loaded when first used, so that importing the package stays light.
 """
 
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    # type checkers and editors see the functions themselves, not what `__getattr__` may return
+    from probupdate.demonstration import demo
+    from probupdate.farms import farm
+    from probupdate.verbs import (
+        check,
+        check_setups,
+        compare,
+        convert,
+        diagnose,
+        export,
+        figures,
+        identify,
+        identify_setups,
+        identify_shard,
+        inform,
+        model_modes,
+        open_model,
+        regress,
+        report,
+        sample,
+        select,
+        sets,
+        simulate,
+        update,
+    )
+    from probupdate.verbs import model_modes as modes
+
 __version__ = "0.1.0"
 
-_STEPS = ("check", "check_setups", "compare", "convert", "diagnose", "export", "figures", "identify", "identify_setups",
-          "identify_shard", "inform", "model_modes", "open_model", "regress", "report", "sample", "select", "sets", "simulate", "update")
+__all__ = [
+    "__version__", "check", "check_setups", "compare", "convert", "demo", "diagnose", "export", "farm", "figures",
+    "identify", "identify_setups", "identify_shard", "inform", "model_modes", "modes", "open_model", "regress",
+    "report", "sample", "select", "sets", "simulate", "update",
+]
+# those that go by their name in `verbs`
+_STEPS = tuple(name for name in __all__ if name not in ("__version__", "demo", "farm", "modes"))
 
-__all__ = ["__version__", "demo", "farm", "modes", *_STEPS]
 
-
-def __getattr__(name: str):
+def __getattr__(name: str) -> object:
     if name == "demo":
         from probupdate.demonstration import demo
 

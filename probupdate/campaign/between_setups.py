@@ -209,19 +209,19 @@ def _on_references(density: np.ndarray, rows: Sequence[int]) -> np.ndarray:
     """(n_channel,) regression on the references' first principal component, of unit size at the references; normal
     modes are real."""
     # density[i, j] is the mean of conj(x_i) x_j
-    _, vector = np.linalg.eigh(density[np.ix_(rows, rows)].real)
+    _, vector = np.linalg.eigh(np.real(density[np.ix_(rows, rows)]))
     main = vector[:, -1]
-    own = float(main @ density[np.ix_(rows, rows)].real @ main)
-    shape = (main @ density[rows]).real / own
+    own = float(main @ np.real(density[np.ix_(rows, rows)]) @ main)
+    shape = np.real(main @ density[rows]) / own
     return shape / np.linalg.norm(shape[rows])
 
 
 def _explained_share(density: np.ndarray, rows: Sequence[int]) -> float:
     """Share of all channels' power, each in its own size, that the references' principal motion explains."""
-    _, vector = np.linalg.eigh(density[np.ix_(rows, rows)].real)
+    _, vector = np.linalg.eigh(np.real(density[np.ix_(rows, rows)]))
     main = vector[:, -1]
-    own = float(main @ density[np.ix_(rows, rows)].real @ main)
-    power = density.diagonal().real
+    own = float(main @ np.real(density[np.ix_(rows, rows)]) @ main)
+    power = np.real(density.diagonal())
     large = power > SEEN**2 * power.max()
     return float(np.sum((np.abs(main @ density[rows]) ** 2 / own)[large]) / power[large].sum())
 

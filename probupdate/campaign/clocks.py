@@ -77,7 +77,7 @@ def _comparable(a: Sensor, b: Sensor) -> bool:
 def _pair_delay(spectra: CrossSpectra, i: int, j: int, kept: np.ndarray) -> tuple[float, float] | None:
     """(delay of i after j, its deviation) in s; None where the two are not coherent over a range of frequencies."""
     g, frequency = spectra.density, spectra.frequency_hz
-    cross, own = g[:, j, i], g[:, i, i].real * g[:, j, j].real
+    cross, own = g[:, j, i], np.real(g[:, i, i]) * np.real(g[:, j, j])
     with np.errstate(invalid="ignore", divide="ignore"):
         coherence = np.where(own > 0, np.abs(cross) ** 2 / own, 0.0)
     # chance is coherent too: with n segments by 1 / n
@@ -95,6 +95,7 @@ def _pair_delay(spectra: CrossSpectra, i: int, j: int, kept: np.ndarray) -> tupl
     delay, gathered = _steepest(double, frequency)
     if gathered < GATHERED * weight.sum():
         return None
+    phase = np.zeros(int(used.sum()))
     for _ in range(3):
         phase = np.angle(double[used] * np.exp(4j * np.pi * frequency[used] * delay)) / 2
         delay -= float(weight[used] @ (frequency[used] * phase) / (2 * np.pi * (weight[used] @ frequency[used] ** 2)))

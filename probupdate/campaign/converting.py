@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 from dataclasses import dataclass
 from itertools import pairwise
@@ -130,11 +131,10 @@ def _key(path: Path, words: bytes) -> str:
 def _read_record(path: Path) -> dict:
     if not path.exists():
         return {}
-    try:
+    record, good = {}, False
+    with contextlib.suppress(InputError, TypeError):
         record = read_json(path)
         good = isinstance(record, dict) and all({"key", "files", "samples", "spans"} <= set(e) for e in record.values())
-    except (InputError, TypeError):
-        good = False
     if not good:
         raise InputError(str(path), "is not what `convert` writes", "delete the folder's records and convert again")
     return record
@@ -220,6 +220,7 @@ class _Writer:
     def _write(self) -> None:
         if not self.size:
             return
+        assert self.start is not None, "the first rows begin a stretch"
         # two sources may start at one time: the key's head tells their files apart
         path = self.folder / f"{self.start.strftime('%Y%m%dT%H%M%S.%f')[:-3]}Z-{self.key[:6]}.h5"
         if path.exists():

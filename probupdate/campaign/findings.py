@@ -238,7 +238,7 @@ def clock_findings(compared: Sequence[Compared], channels: Sequence[str]) -> tup
         values = delay[known, c]
         slope[c], scatter = _trend(days[known], values)
         centre[c] = np.median(values)
-        theirs = np.median([compared[k].delay_std_s[c] for k in np.flatnonzero(known)])
+        theirs = np.median([b.delay_std_s[c] for b, good in zip(compared, known, strict=True) if good])
         error[c] = np.hypot(theirs, scatter / np.sqrt(known.sum()))
     late = [c for c in range(len(channels)) if abs(centre[c]) > max(LEAST_DELAY_S, SIGMA * error[c])]
     found = []

@@ -118,6 +118,10 @@ class _Step:
         return self.size / float(np.hypot(self.std, STABLE))
 
 
+# channel, first piece after it, factor, its standard deviation, channels that may have changed instead
+_Change = tuple[int, int, float, float, tuple[int, ...]]
+
+
 def gain_steps(
     pieces: Sequence[Piece], sensors: Sequence[Sensor], lowest_hz: float
 ) -> tuple[list[SensorFinding], str | None]:
@@ -133,15 +137,16 @@ def gain_steps(
     if prepared is None:
         return [], None
     ids, density, known = prepared
-    steps: list[tuple[int, int, float, float, tuple[int, ...]]] = []
+    steps: list[_Change] = []
     place = same_place([sensors[k] for k in known], range(len(known)))
     series, weight = _gains(density), _weights(density)
-    able = np.isfinite(series).all(axis=0)
-    if not able.any():
+    able = np.all(np.isfinite(series), axis=0)
+    judged = [int(c) for c in np.flatnonzero(able)]
+    if not judged:
         return [], None
-    least = 100 * SIGMA * np.hypot([_step(series[:, c], weight[:, c]).std for c in np.flatnonzero(able)], STABLE)
+    least = 100 * SIGMA * np.hypot([_step(series[:, c], weight[:, c]).std for c in judged], STABLE)
     while len(steps) < MOST_STEPS:
-        every = {c: _step(series[:, c], weight[:, c]) for c in np.flatnonzero(able)}
+        every = {c: _step(series[:, c], weight[:, c]) for c in judged}
         order = sorted(every, key=lambda c: -abs(every[c].score))
         reversed_at = _reversal(density)
         if abs(every[order[0]].score) <= SIGMA and reversed_at is None:
@@ -193,7 +198,9 @@ def parts_of_campaign(
     return np.array([part.mean(axis=0) for part in np.array_split(density, n_part)]), known
 
 
-def _prepared(pieces: Sequence[Piece], lowest_hz: float):
+def _prepared(
+    pieces: Sequence[Piece], lowest_hz: float
+) -> tuple[list[str], np.ndarray, np.ndarray] | None:
     """(ids, density (n_piece, n_line, n, n) scaled, channels): pieces of one length, whole in the channels that most
     pieces have; None where too few remain."""
     if len(pieces) < FEWEST_PIECES:
@@ -218,7 +225,7 @@ def _prepared(pieces: Sequence[Piece], lowest_hz: float):
 def _regressed(mean: np.ndarray, density: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Every channel by all others at one line, regressed on the mean (n, n): its own power (n,), and in every piece of
     density (n_piece, n, n) what it has in common with its prediction and the prediction's power (n_piece, n)."""
-    own = mean.diagonal().real
+    own = np.real(mean.diagonal())
     scale = np.sqrt(np.maximum(own, 1e-300))
     inverse = np.linalg.inv(mean / np.outer(scale, scale) + RIDGE * np.eye(len(own)))
     # x_c = sum_j a_cj x_j, with density[i, j] the mean of conj(x_i) x_j
@@ -352,7 +359,7 @@ def _undone(
     return left, members, at, factor, error, now, series
 
 
-def _findings(steps, ids: Sequence[str], channels: Sequence[str]) -> list[SensorFinding]:
+def _findings(steps: Sequence[_Change], ids: Sequence[str], channels: Sequence[str]) -> list[SensorFinding]:
     """Steps at one place by one factor are one finding: those of channels with something in common."""
     found: list[SensorFinding] = []
     left = list(steps)

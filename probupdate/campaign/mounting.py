@@ -54,7 +54,7 @@ def suspicions(spectra: CrossSpectra, sensors: tuple[Sensor, ...]) -> list[Suspi
     """What one block says against its channels; all of one quantity. Nothing where nothing can be said. Levels are
     those of the sensors' positions, whatever their names."""
     sensors = levelled(sensors)
-    power = np.einsum("fii->i", spectra.density.real)
+    power = np.einsum("fii->i", np.real(spectra.density))
     alive = [i for i in range(len(sensors)) if power[i] > 0]
     dead = _dead(spectra, sensors, alive)
     alive = [i for i in alive if sensors[i].channel not in {c for s in dead for c in s.channels}]
@@ -122,7 +122,7 @@ def lowest_motion_hz(spectra: CrossSpectra, sensors: tuple[Sensor, ...], alive: 
         return None
     votes = []
     for members in levels(sensors, chosen).values():
-        own = np.stack([density[kept, i, i].real / frequency[kept] ** 4 for i in members])
+        own = np.stack([np.real(density[kept, i, i]) / frequency[kept] ** 4 for i in members])
         votes.append((own / own.sum(axis=1, keepdims=True)).mean(axis=0))
     return float(frequency[kept][np.argmax(np.sum(votes, axis=0))])
 
@@ -132,7 +132,7 @@ def _dead(spectra: CrossSpectra, sensors: tuple[Sensor, ...], alive: list[int]) 
     if len(alive) < 3 or spectra.n_segment < 30:
         return []
     g = spectra.density[:, alive][:, :, alive]
-    own = np.einsum("fii->fi", g.real)
+    own = np.einsum("fii->fi", np.real(g))
     squared = np.abs(g) ** 2 / (own[:, :, None] * own[:, None, :])
     squared[:, range(len(alive)), range(len(alive))] = 0
     # the mean of three neighbouring frequencies: chance peaks are narrow
@@ -150,7 +150,7 @@ def _rigid(spectra: CrossSpectra, sensors, members: list[int], lowest: float) ->
     if motion is None:
         return []
     kept = (spectra.frequency_hz > LOWEST_HZ) & (spectra.frequency_hz < RIGID_UP_TO * lowest)
-    density = spectra.density[kept][:, members][:, :, members].real
+    density = np.real(spectra.density[kept][:, members][:, :, members])
     # the root evens out peaks and valleys: torsion and bending both have their say
     covariance = np.einsum("fij,f->ij", density, 1 / np.sqrt(np.einsum("fii->f", density)))
     scale = _common_scale(covariance, [sensors[i] for i in members])
@@ -252,7 +252,7 @@ def _cantilever(spectra: CrossSpectra, sensors, alive: list[int], lowest: float)
     if not is_upright(sensors):
         return []
     kept = (spectra.frequency_hz > lowest / 1.25) & (spectra.frequency_hz < lowest * 1.25)
-    covariance = spectra.density[kept].real.mean(axis=0)
+    covariance = np.real(spectra.density[kept]).mean(axis=0)
     # real and imaginary part of each frequency of each segment; half overlapping ones share a good part
     n_free = max(int(kept.sum()) * spectra.n_segment, 1)
     candidates = []
@@ -352,7 +352,7 @@ def _profile(bending: _Bending, sensors) -> list[Suspicion]:
     found = _scaled_verticals(upright)
     mean = {key: float(np.exp(np.mean(np.log(list(values.values()))))) for key, values in reach.items()}
     height = {s.level: float(s.position_m[2]) for s in sensors}
-    both = sorted({v for _, v in mean if ("x", v) in mean and ("y", v) in mean}, key=height.get)
+    both = sorted({v for _, v in mean if ("x", v) in mean and ("y", v) in mean}, key=lambda v: height[v])
     if len(both) < 3:
         return found
     proportion = {v: np.log(mean["x", v] / mean["y", v]) for v in both}

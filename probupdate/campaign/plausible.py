@@ -40,8 +40,8 @@ def refuse_time(where: str, channels: Sequence[str], data: np.ndarray) -> None:
         if _straight(column[:, None], np.arange(n))[0] and np.all(np.diff(column[np.isfinite(column)]) * np.sign(
                 few[-1, c] - few[0, c]) >= 0):
             step = (column[-1] - column[0]) / (n - 1)
-            raise InputError(f"{where}, channel {channels[c]}", f"its samples rise evenly, by {step:.6g} each: it looks "
-                             "like the column of time, not like a record", "name another column for it "
+            raise InputError(f"{where}, channel {channels[int(c)]}", f"its samples rise evenly, by {step:.6g} each: it "
+                             "looks like the column of time, not like a record", "name another column for it "
                              "(convert.toml, [columns]), or mend the order of [[sensor]]")
 
 

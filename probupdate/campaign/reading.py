@@ -7,6 +7,7 @@ import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -169,7 +170,7 @@ def refuse_absurd(where: Path | str, rate_hz: float, block_minutes: float, n_cha
                          f"{8e-6 * n_sample * n_channel:.0f} MB a block", f"give at most {longest:.3g} minutes")
 
 
-def _positive(where: Path, raw: dict, key: str) -> float:
+def _positive(where: Path, raw: Mapping, key: str) -> float:
     value = raw.get(key)
     if value is None:
         raise InputError(str(where), f"'{key}' is missing", "add it")
@@ -178,14 +179,14 @@ def _positive(where: Path, raw: dict, key: str) -> float:
     return float(value)
 
 
-def _heading(where: Path, raw: dict) -> float:
+def _heading(where: Path, raw: Mapping) -> float:
     value = raw.get("x_axis_heading_deg", 0.0)
     if isinstance(value, bool) or not isinstance(value, int | float) or not -360 <= value <= 360:
         raise InputError(f"{where}, x_axis_heading_deg", f"{value!r} is not in -360 to 360", "give a compass heading")
     return float(value)
 
 
-def _sensors(where: Path, raw: dict) -> tuple[Sensor, ...]:
+def _sensors(where: Path, raw: Mapping) -> tuple[Sensor, ...]:
     tables = raw.get("sensor")
     if not isinstance(tables, list) or not tables or not all(isinstance(t, dict) for t in tables):
         raise InputError(str(where), "there is no [[sensor]]", "write one table per channel, in column order")
@@ -259,7 +260,7 @@ def _record_file(path: Path, file, rate_hz: float, channels: tuple[str, ...]) ->
     return _checked(path, int(data.shape[0]), data.attrs["start"], data.attrs["sampling_rate_hz"], rate_hz)
 
 
-def _refuse_renamed(path: Path, attribute: object, channels: tuple[str, ...]) -> None:
+def _refuse_renamed(path: Path, attribute: Any, channels: tuple[str, ...]) -> None:
     where = f"{path}, attribute channels"
     with parsing(where, "is no JSON list of names", "write it as `convert` does, or leave it out"):
         own = [str(name) for name in json.loads(attribute)]
@@ -276,7 +277,7 @@ def _refuse_renamed(path: Path, attribute: object, channels: tuple[str, ...]) ->
                      "a new folder")
 
 
-def _checked(path: Path, n_sample: int, start: object, own_rate: object, rate_hz: float) -> RecordFile:
+def _checked(path: Path, n_sample: int, start: object, own_rate: Any, rate_hz: float) -> RecordFile:
     try:
         own = float(own_rate)
     except (TypeError, ValueError):

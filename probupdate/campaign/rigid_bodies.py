@@ -262,7 +262,7 @@ def motions(density: np.ndarray) -> np.ndarray:
     """(n_sample, n) real shapes in which sensors move, line by line: principal vectors of the cross-spectra that hold a
     fifth of the power or more, each as a sample of one size."""
     found = []
-    for part in density.real.reshape(-1, *density.shape[2:]):
+    for part in np.real(density).reshape(-1, *density.shape[2:]):
         value, vector = np.linalg.eigh(part)
         if value[-1] > 0:
             found += [vector[:, k] for k in np.flatnonzero(value > 0.2 * value.sum())]

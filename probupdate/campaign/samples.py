@@ -31,7 +31,7 @@ def channel_table(block: Block, channels: tuple[str, ...]) -> pd.DataFrame:
         "rms", "offset", "lowest", "highest", "drift", "wander", "vibration")}
     counts = {name: np.zeros(n_channel, int) for name in ("spikes", "clipped")}
     still, gap, flat = np.zeros(n_channel), np.zeros(n_channel), np.zeros(n_channel, bool)
-    whole = known.all(axis=0)
+    whole = np.all(known, axis=0)
     for c in range(n_channel):
         column = np.ascontiguousarray(data[:, c])
         if not whole[c]:

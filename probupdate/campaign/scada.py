@@ -165,12 +165,14 @@ def block_conditions(
             found[f"{column}_range"] = float(np.ptp(turned))
             continue
         found[column] = float(np.mean(values))
+        ends: dict[str, float] = {}
         for ending, extreme in (("max", np.max), ("min", np.min)):
             recorded = rows[f"{column}_{ending}"].to_numpy(float) if f"{column}_{ending}" in rows else values
             recorded = recorded[np.isfinite(recorded)]
-            found[f"{column}_{ending}"] = float(extreme(np.concatenate([recorded, values])))
+            ends[f"{column}_{ending}"] = float(extreme(np.concatenate([recorded, values])))
+        found |= ends
         if column == "pitch_deg":
-            found["pitch_deg_range"] = found["pitch_deg_max"] - found["pitch_deg_min"]
+            found["pitch_deg_range"] = ends["pitch_deg_max"] - ends["pitch_deg_min"]
     states = set(row_states(rows, rule)) if rule.rated_power_kw is not None else {"unknown"}
     found["state"] = states.pop() if len(states) == 1 else "mixed"
     return found

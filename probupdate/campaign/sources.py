@@ -11,6 +11,7 @@ import math
 import zipfile
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
+from typing import IO
 
 import numpy as np
 import pandas as pd
@@ -218,7 +219,7 @@ def _npz(path: Path, d: Description) -> Pieces:
                 held = archive.getinfo(f"{n}.npy").file_size
                 if not dtype.hasobject and not 0 <= held - dtype.itemsize * math.prod(map(int, size)) < 2**17:
                     raise InputError(f"{path}, {n}", "does not hold as many numbers as its head says", "save it again")
-        streams: dict[str, tuple[int, object]] = {}
+        streams: dict[str, tuple[int, IO[bytes]]] = {}
 
         def shape(name: str) -> tuple[int, int]:
             size = heads[name][0]
@@ -231,7 +232,7 @@ def _npz(path: Path, d: Description) -> Pieces:
             place, stream = streams.get(name, (-1, None))
             wanted = (last - first) * n_column * dtype.itemsize
             with parsing(*said):
-                if place != first:
+                if stream is None or place != first:
                     stream = archive.open(f"{name}.npy")
                     _skip_head(stream)
                     _discard(stream, first * n_column * dtype.itemsize)

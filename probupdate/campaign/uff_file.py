@@ -10,7 +10,9 @@ from __future__ import annotations
 import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from importlib import import_module
 from pathlib import Path
+from types import ModuleType
 
 import numpy as np
 
@@ -44,14 +46,13 @@ class UffRecords:
     data: np.ndarray
 
 
-def _pyuff(where: Path):
+def _pyuff(where: Path) -> ModuleType:
     try:
-        import pyuff
+        return import_module("pyuff")
     except ImportError:
         raise InputError(
             str(where), "universal files need the package pyuff, which is not installed", "pip install probupdate[uff]"
         ) from None
-    return pyuff
 
 
 def _read(path: str | Path) -> tuple[Path, list[dict]]:

@@ -37,7 +37,7 @@ def remedy(campaign: Campaign) -> str:
 
 def _spoilt(block: Block) -> tuple[int, ...]:
     """Columns with a gap too long to repair or without any signal."""
-    lost = np.isnan(block.data).any(axis=0)
+    lost = np.any(np.isnan(block.data), axis=0)
     still = np.zeros(len(lost), bool)
     still[~lost] = np.ptp(block.data[:, ~lost], axis=0) == 0
     return tuple(int(k) for k in np.flatnonzero(lost | still))

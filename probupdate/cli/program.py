@@ -58,8 +58,8 @@ def refuse_unwritable(out: str, *, folder: bool) -> None:
 def given_paths(a: argparse.Namespace) -> list[str]:
     """Every text among the arguments but --out that is none of an option's choices, as a folder may be named so
     (`convert raw campaign` with --to campaign); others that are no paths do no harm."""
-    (verbs,) = (action for action in build_parser()._actions if action.dest == "verb")
-    chosen = {action.dest for action in verbs.choices[a.verb]._actions if action.choices}
+    (verbs,) = (action.choices for action in build_parser()._actions if isinstance(action.choices, dict))
+    chosen = {action.dest for action in verbs[a.verb]._actions if action.choices}
     return [v for key, value in vars(a).items() if key not in {"out", "verb", "action", *chosen}
             for v in (value if isinstance(value, list) else [value]) if isinstance(v, str)]
 

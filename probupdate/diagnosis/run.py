@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from probupdate.campaign.reading import Campaign
 from probupdate.diagnosis.campaign_tests import campaign_tests, rate_finding, with_true_rate
@@ -26,9 +27,12 @@ from probupdate.runtime.progress import Progress, silent
 from probupdate.structure.parameter_table import read_parameters, read_toml
 from probupdate.updating.ensemble import SamplerSettings
 
+if TYPE_CHECKING:
+    from probupdate.model.interface import Model
+
 
 def diagnose_files(
-    model: Path | Prepared | None,
+    model: Path | Model | Prepared | None,
     data: ModalData,
     *,
     sensors: tuple[Sensor, ...] | None = None,

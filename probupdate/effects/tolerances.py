@@ -152,7 +152,7 @@ class TurbineUncertainty:
 
     @classmethod
     def of(
-        cls, path: Path, model: AffineModel, sensors, nacelle_angle_deg: float, added: Sequence[EffectParameter] = ()
+        cls, path: Path, model: Model, sensors, nacelle_angle_deg: float, added: Sequence[EffectParameter] = ()
     ) -> TurbineUncertainty:
         """Of a model that was loaded from `path`, and extended by the effects `added`."""
         description = read_description(path)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from probupdate.diagnosis.wording import probability_words
 from probupdate.farms.description import Farm
@@ -11,6 +12,9 @@ from probupdate.farms.summary import DONE, FAILED, WAITING, MonthRow, by_turbine
 from probupdate.io.files import write_text
 from probupdate.io.result_table import plural
 from probupdate.reporting.elements import MISSING, Column, Element, Items, Picture, Section, Table, number, percent
+
+if TYPE_CHECKING:
+    from matplotlib.artist import Artist
 
 # verdict -> name of its colour in the style of figures, and its marker
 MARKS = {"none": ("GREEN", "o"), "named": ("RED", "X"), "ambiguous": ("ORANGE", "^"), "unexplained": ("PURPLE", "s"),
@@ -86,7 +90,7 @@ def frequency_figure(rows: Sequence[MonthRow]):
         labels, months = labels_of(rows), months_of(rows)
         figure = style.new_figure(style.FULL_IN, 0.9 + PANEL_IN * len(labels))
         panels = figure.subplots(len(labels), 1, sharex=True, squeeze=False)[:, 0]
-        seen: dict[str, object] = {}
+        seen: dict[str, Artist] = {}
         for axes, label in zip(panels, labels, strict=True):
             for turbine, mine in by_turbine(rows).items():
                 found = [row for row in mine if label in row.frequency]

@@ -237,7 +237,7 @@ def named(path: Path) -> Iterator[None]:
         raise OSError(number, os.strerror(number), str(path)) from error
 
 
-def _hidden_number(error: BaseException) -> int | None:
+def _hidden_number(error: BaseException | None) -> int | None:
     while error is not None:
         found = re.search(r"errno = (\d+)", str(error))
         if found:

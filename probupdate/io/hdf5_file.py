@@ -14,7 +14,7 @@ import threading
 import time
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 from probupdate.errors import InputError, parsing
 from probupdate.io import hdf5_probe
@@ -130,7 +130,7 @@ class _Probe:
 
     def __init__(self) -> None:
         self.known: set[tuple] = set()
-        self._child: subprocess.Popen | None = None
+        self._child: subprocess.Popen[bytes] | None = None
         self._owner = 0
         self._lock = threading.Lock()
 
@@ -140,9 +140,10 @@ class _Probe:
             seconds = SECONDS + int(path.stat().st_size / BYTES_A_SECOND)
             try:
                 line = json.dumps({"path": str(path), "whole": whole, "seconds": seconds}) + "\n"
-                child.stdin.write(line.encode())
-                child.stdin.flush()
-                answer = _line(child, seconds + 3.0)
+                asked, answered = _pipes(child)
+                asked.write(line.encode())
+                asked.flush()
+                answer = _line(answered, seconds + 3.0)
             except (OSError, ValueError):
                 answer = b""
             if answer.endswith(b"\n"):
@@ -172,21 +173,27 @@ class _Probe:
             return
         child.kill()
         child.wait()
-        for stream in (child.stdin, child.stdout):
+        for stream in _pipes(child):
             with contextlib.suppress(OSError):
                 stream.close()
 
 
-def _line(child: subprocess.Popen, seconds: float) -> bytes:
-    """A line of the child's output; without its end where it ended, b"?" where the time is over."""
+def _pipes(child: subprocess.Popen[bytes]) -> tuple[IO[bytes], IO[bytes]]:
+    """The child's input and output."""
+    assert child.stdin is not None and child.stdout is not None, "started with both as pipes"
+    return child.stdin, child.stdout
+
+
+def _line(stream: IO[bytes], seconds: float) -> bytes:
+    """A line of a child's output; without its end where it ended, b"?" where the time is over."""
     end, got = time.monotonic() + seconds, b""
     with selectors.DefaultSelector() as waiting:
-        waiting.register(child.stdout, selectors.EVENT_READ)
+        waiting.register(stream, selectors.EVENT_READ)
         while not got.endswith(b"\n"):
             left = end - time.monotonic()
             if left <= 0 or not waiting.select(left):
                 return b"?"
-            piece = os.read(child.stdout.fileno(), 65536)
+            piece = os.read(stream.fileno(), 65536)
             if not piece:
                 break
             got += piece

@@ -21,7 +21,7 @@ from probupdate.updating.posterior_file import Posterior, read_posterior, write_
 from probupdate.updating.problem import Weights, build_problem
 from probupdate.updating.settings import CONSTANTS, SamplerSettings, UpdateSettings
 from probupdate.updating.update_file import UNLIKE, UpdateRecord, read_update
-from probupdate.verbs.models import ModelAt, model_path, open_model, refuse_no_model
+from probupdate.verbs.models import GivenModel, ModelAt, model_path, open_model, refuse_no_model
 
 if TYPE_CHECKING:
     from probupdate.model.interface import Model
@@ -34,7 +34,7 @@ COMPARED, UPDATE, SAMPLER = LikelihoodSettings(), UpdateSettings(), SamplerSetti
 PLACES = {"initial": "the initial parameters", "map": "the maximum of the posterior"}
 
 
-def refuse_other_kinds(model, modes: object) -> None:
+def refuse_other_kinds(model: object, modes: object) -> None:
     """Raises InputError where model or modes stand in the other's place, or are neither a path nor what they should be."""
     refuse_no_model(model)
     if hasattr(modes, "solve"):
@@ -70,7 +70,7 @@ class Case:
 
     @classmethod
     def of(
-        cls, model, modes: str | Path | ModalData, compared: LikelihoodSettings, *,
+        cls, model: GivenModel, modes: str | Path | ModalData, compared: LikelihoodSettings, *,
         parameters: str | Path | None = None, set_id: str | None = None, every_mode: bool = False,
         progress: Progress = silent,
     ) -> Case:
@@ -114,7 +114,7 @@ def unmatched(modes: str | Path | ModalData, every_mode: bool = False) -> dict[s
 
 @names_files("modes")
 def update(
-    model,
+    model: GivenModel,
     modes: str | Path | ModalData,
     *,
     parameters: str | Path | None = None,
@@ -158,7 +158,7 @@ def update(
 
 @names_files("modes")
 def sample(
-    model,
+    model: GivenModel,
     modes: str | Path | ModalData,
     out: str | Path,
     *,
@@ -201,7 +201,7 @@ def compare(
     update: str | Path | UpdateRecord,
     posterior: str | Path | Posterior,
     *,
-    model=None,
+    model: GivenModel | None = None,
     parameters: str | Path | None = None,
 ) -> Comparison:
     """Where update and posterior part, and why. With a model, its derived quantities (pile-head stiffness) too."""
@@ -217,7 +217,7 @@ def compare(
 
 @names_files("modes")
 def sets(
-    model,
+    model: GivenModel,
     modes: str | Path | ModalData,
     *,
     parameters: str | Path | None = None,
@@ -244,7 +244,7 @@ def sets(
 
 @names_files("modes")
 def inform(
-    model,
+    model: GivenModel,
     modes: str | Path | ModalData,
     *,
     parameters: str | Path | None = None,
@@ -279,7 +279,7 @@ def inform(
     check = predictive_check(problem, maximum, seed=seed)
     found = dict(zip(problem.parameters.names, maximum.theta, strict=True))
     if every:
-        if not case.model_at.turns:
+        if not isinstance(model, str | Path) or not case.model_at.turns:
             raise InputError(str(model), "has no parameters beside the updated ones", "leave --every out")
         angle = case.model_at.angle_deg(case.data.set(set_id))
         whole = load_model(model_path(model), parameters=every_parameter(model_path(model)), nacelle_angle_deg=angle)
@@ -287,5 +287,5 @@ def inform(
                                 weights=replace(case.weights, at=None))
     drawn = posterior if posterior is None or isinstance(posterior, Posterior) else read_posterior(posterior)
     whole = problem.parameters
-    point = whole.initial if at == "initial" else [found.get(p.name, p.initial) for p in whole]
+    point = whole.initial if at == "initial" else np.array([found.get(p.name, p.initial) for p in whole])
     return replace(information(problem, theta=point, place=PLACES[at], posterior=drawn), check=check)

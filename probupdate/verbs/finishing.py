@@ -23,18 +23,19 @@ from probupdate.updating.discrepancy import LikelihoodSettings
 from probupdate.updating.posterior_file import read_posterior
 from probupdate.updating.problem import build_problem
 from probupdate.verbs.estimating import Case, refuse_other_kinds
-from probupdate.verbs.models import model_path
+from probupdate.verbs.models import GivenModel, model_path
 
 if TYPE_CHECKING:
     import pandas as pd
 
+    from probupdate.diagnosis.prepare import Prepared
     from probupdate.diagnosis.results import Diagnosis
     from probupdate.lifetime.export import Export
 
 
 @names_files("modes")
 def diagnose(
-    model,
+    model: GivenModel | Prepared | None,
     modes: str | Path | ModalData,
     *,
     campaign: str | Path | None = None,

@@ -17,6 +17,7 @@ from probupdate.identification.identify import Identification, ShardOfBlocks, SS
 from probupdate.identification.identify import identify as identify_campaign
 from probupdate.identification.identify import identify_shard as identify_campaign_shard
 from probupdate.identification.proposal import propose
+from probupdate.identification.reference import ReferenceModes
 from probupdate.identification.regression import COVARIATES, ModalRegression, regress_modes
 from probupdate.identification.roving import Merged
 from probupdate.identification.selection import CAMPAIGN, Selection
@@ -29,7 +30,7 @@ from probupdate.modal.modes import Sensor, read_modes
 from probupdate.runtime.executors import Executor, Shard
 from probupdate.runtime.progress import Progress, silent
 from probupdate.structure.subdyn_model import is_subdyn
-from probupdate.verbs.models import has_geometry, model_path, open_model
+from probupdate.verbs.models import GivenModel, has_geometry, model_path, open_model
 from probupdate.verbs.records import setup_names
 from probupdate.verbs.sought import reference_modes
 
@@ -46,7 +47,7 @@ PAPER_HZ = 5.0
 @names_files("campaign")
 def identify(
     campaign: str | Path,
-    model=None,
+    model: GivenModel | None = None,
     *,
     parameters: str | Path | None = None,
     lowest: int | None = None,
@@ -72,10 +73,7 @@ def identify(
     opened = read_campaign(campaign)
     given = IdentificationSettings(order=order, block_rows=block_rows, rate_hz=rate_hz, harmonics=harmonics)
     settings, said = ssi_settings([opened], model, given)
-    reference, others = None, None
-    if model is not None:
-        reference, others = reference_at(campaign, opened.sensors, model, parameters, lowest, settings.target_rate_hz,
-                                         families_of([opened], model))
+    reference, others = reference_at([opened], model, settings, where=campaign, parameters=parameters, lowest=lowest)
     found = identify_campaign(opened, reference, others=others, settings=settings, store=store, jobs=jobs,
                               progress=progress)
     return replace(found, notes=(*said, *found.notes), summary="\n".join([found.summary, *said]))
@@ -85,7 +83,7 @@ def identify(
 def identify_shard(
     campaign: str | Path,
     shard: str | Shard,
-    model=None,
+    model: GivenModel | None = None,
     *,
     store: str | Path,
     order: int | None = GIVEN.order,
@@ -107,7 +105,7 @@ def identify_shard(
 
 def identify_setups(
     campaigns: Sequence[str | Path],
-    model=None,
+    model: GivenModel | None = None,
     *,
     parameters: str | Path | None = None,
     lowest: int | None = None,
@@ -130,24 +128,20 @@ def identify_setups(
     opened = [read_campaign(path) for path in paths]
     given = IdentificationSettings(order=order, block_rows=block_rows, rate_hz=rate_hz, harmonics=harmonics)
     settings, said = ssi_settings(opened, model, given)
-    reference, others, channels = None, None, ()
-    if model is not None:
-        sensors = tuple({s.channel: s for c in opened for s in c.sensors}.values())
-        channels = tuple(s.channel for s in sensors)
-        reference, others = reference_at(paths[0], sensors, model, parameters, lowest, settings.target_rate_hz,
-                                         families_of(opened, model))
+    reference, others = reference_at(opened, model, settings, where=paths[0], parameters=parameters, lowest=lowest)
+    channels = () if model is None else tuple(s.channel for s in sensors_of(opened))
     merged = identify_campaigns(opened, names, reference=reference, others=others, channels=channels,
                                 settings=settings, store=store, jobs=jobs, progress=progress)
     return replace(merged, summary="\n".join([merged.summary, *said]))
 
 
-def _is_turbine(model) -> bool:
+def _is_turbine(model: GivenModel | None) -> bool:
     """Whether the paper's rate and order suit it: a model of members, not matrices or a callable."""
-    return model is not None and (has_geometry(model) or (isinstance(model, str | Path) and is_subdyn(model_path(model))))
+    return has_geometry(model) or (isinstance(model, str | Path) and is_subdyn(model_path(model)))
 
 
 def ssi_settings(
-    campaigns: Sequence[Campaign], model, stated: IdentificationSettings
+    campaigns: Sequence[Campaign], model: GivenModel | None, stated: IdentificationSettings
 ) -> tuple[SSISettings, list[str]]:
     """What is given; the rest as the paper, where the model is a turbine's, or as the record proposes; and what is to be
     said of that."""
@@ -160,7 +154,7 @@ def ssi_settings(
         found = propose(campaigns, rate_hz=stated.rate_hz, block_rows=stated.block_rows)
         chosen = {"order": found.order, "block_rows": found.block_rows, "target_rate_hz": found.target_rate_hz} | given
         said.append(found.sentence)
-    settings = SSISettings(**chosen, harmonics=stated.harmonics)
+    settings = replace(SSISettings(harmonics=stated.harmonics), **chosen)
     for n_channel in sorted({len(c.sensors) for c in campaigns}):
         few = block_references(n_channel, settings.of_blocks)
         if few is not None:
@@ -176,21 +170,34 @@ def ssi_settings(
     return settings, said
 
 
-def families_of(campaigns: Sequence[Campaign], model) -> tuple[str, str, str]:
+def families_of(campaigns: Sequence[Campaign], model: GivenModel | None) -> tuple[str, str, str]:
     """What bending is called: fore-aft and side-side of a turbine, by its model or by what was recorded of it."""
     recorded = any(c.scada is not None and not set(OF_TURBINES).isdisjoint(c.scada.columns) for c in campaigns)
     return TURBINE_LABELS if recorded or has_geometry(model) else NEUTRAL
 
 
-def reference_at(campaign, sensors: tuple[Sensor, ...], model, parameters, lowest, rate_hz: float, families):
+def sensors_of(campaigns: Sequence[Campaign]) -> tuple[Sensor, ...]:
+    """Of all setups; of a channel that several have, the last one's."""
+    return tuple({s.channel: s for c in campaigns for s in c.sensors}.values())
+
+
+def reference_at(
+    campaigns: Sequence[Campaign], model: GivenModel | None, settings: SSISettings, *, where: str | Path,
+    parameters: str | Path | None = None, lowest: int | None = None,
+) -> tuple[ReferenceModes | None, ReferenceModes | None]:
+    """The model's modes that are looked for, at all sensors, and its others; None without a model. Raises InputError
+    where the model has not all channels, or a mode that the sampling rate does not hold; `where`: the campaign's path."""
+    if model is None:
+        return None, None
+    sensors, rate_hz = sensors_of(campaigns), settings.target_rate_hz
     turbine = open_model(model, parameters, sensors if has_geometry(model) else None)
     missing = [s.channel for s in sensors if s.channel not in turbine.channels]
     if missing:
         raise InputError(
-            f"{campaign}: channel {missing[0]}", f"is not a channel of the model {turbine.name}",
+            f"{where}: channel {missing[0]}", f"is not a channel of the model {turbine.name}",
             "name the model's channels as the campaign's",
         )
-    reference, others = reference_modes(turbine, sensors, lowest, families)
+    reference, others = reference_modes(turbine, sensors, lowest, families_of(campaigns, model))
     highest = float(np.max(reference.frequency_hz))
     if rate_hz <= 2 * highest:
         raise InputError(

@@ -2,21 +2,23 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from dataclasses import dataclass, is_dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TypeGuard
 
 from probupdate.effects.tolerances import SensorUncertainty, TurbineUncertainty
 from probupdate.errors import InputError, names_files
 from probupdate.io.files import read_bytes
 from probupdate.modal.modes import ModalData, ModalSet, Sensor
+from probupdate.model.interface import Model
 from probupdate.structure.load import REFERENCE_STATES, load_model, nacelle_angle_deg, reference_model
 from probupdate.structure.own_modes import OwnModes, own_modes
 from probupdate.structure.subdyn_model import is_subdyn, subdyn_sensors, turns_nacelle
 
-if TYPE_CHECKING:
-    from probupdate.model.interface import Model
+# what steps are given: a file or the name of a state of the reference turbine, or a model already made
+GivenModel = str | Path | Model
 
 
 def model_path(model: str | Path) -> Path:
@@ -24,7 +26,7 @@ def model_path(model: str | Path) -> Path:
     return reference_model(str(model)) if str(model) in REFERENCE_STATES else Path(model)
 
 
-def refuse_no_model(model) -> None:
+def refuse_no_model(model: object) -> None:
     """Raises InputError for what is neither a file's path nor a model."""
     if isinstance(model, str | Path) or (hasattr(model, "solve") and hasattr(model, "parameters")):
         return
@@ -35,7 +37,7 @@ def refuse_no_model(model) -> None:
 
 
 def open_model(
-    model, parameters: str | Path | None = None, sensors: tuple[Sensor, ...] | None = None, *,
+    model: GivenModel, parameters: str | Path | None = None, sensors: tuple[Sensor, ...] | None = None, *,
     nacelle_angle_deg: float = 0.0,
 ) -> Model:
     """A path, a name of the reference turbine's states, or a model already made (such as a FunctionModel)."""
@@ -49,7 +51,7 @@ def open_model(
 class ModelAt:
     """The model as it stood while a set was measured: a turbine's rotor and nacelle look where they did then."""
 
-    model: object
+    model: GivenModel
     parameters: str | Path | None
     where: str
 
@@ -73,14 +75,14 @@ class ModelAt:
 
     def with_uncertainty(self, opened: Model, angle_deg: float) -> Model:
         """The model with the sources of its error: a turbine's tolerances, and sensors' where there is no more to know."""
-        if getattr(opened, "uncertainty", self) is not None:
+        if not is_dataclass(opened) or getattr(opened, "uncertainty", self) is not None:
             return opened
         path = model_path(self.model) if isinstance(self.model, str | Path) else None
         if path is not None and path.is_file() and is_subdyn(path):
             # its TOML states no tolerances of the structure
             known = SensorUncertainty(model=opened, sensors=subdyn_sensors(path))
-        elif self.turns:
-            known = TurbineUncertainty.of(model_path(self.model), opened, None, angle_deg)
+        elif path is not None and self.turns:
+            known = TurbineUncertainty.of(path, opened, None, angle_deg)
         else:
             known = SensorUncertainty(model=opened)
         return replace(opened, uncertainty=known)
@@ -99,7 +101,7 @@ class ModelAt:
         return {"nacelle": text}
 
 
-def has_geometry(model) -> bool:
+def has_geometry(model: object) -> TypeGuard[str | Path]:
     """Whether sensors can be placed on it: a model.toml with members, not matrices or a callable."""
     if not isinstance(model, str | Path):
         return False
@@ -110,7 +112,9 @@ def has_geometry(model) -> bool:
 
 
 @names_files("model")
-def model_modes(model, count: int | None = None, *, parameters: str | Path | None = None) -> OwnModes:
+def model_modes(
+    model: GivenModel | Callable, count: int | None = None, *, parameters: str | Path | None = None
+) -> OwnModes:
     """A model's own frequencies, labels and shapes; the command `modes`. `model`: a file in any form, a model, or a
     function theta -> (frequency_hz, shape) with `parameters`."""
     return own_modes(model_path(model) if isinstance(model, str | Path) else model, count, parameters=parameters)

@@ -55,7 +55,8 @@ def reference_modes(
         )
     seen = np.linalg.norm(shape, axis=0) > 0
     rest = [i for i in range(len(solution.frequency_hz)) if i not in chosen and seen[i]]
-    return tuple(_as_reference(solution.frequency_hz, shape, labels, some) if some else None for some in (chosen, rest))
+    others = _as_reference(solution.frequency_hz, shape, labels, rest) if rest else None
+    return _as_reference(solution.frequency_hz, shape, labels, chosen), others
 
 
 def global_labels(
@@ -72,7 +73,7 @@ def global_labels(
     near = np.abs(np.log(frequency_hz / frequency_hz[:, None])) < 0.02
     shadowed = near & (mac(shape, shape) > 0.95) & (size > size[:, None])
     own = np.flatnonzero(seen & ~shadowed.any(axis=1))
-    names = dict(zip(own, mode_character(shape[:, own], sensors, families=families).labels, strict=True))
+    names = dict(zip(map(int, own), mode_character(shape[:, own], sensors, families=families).labels, strict=True))
     last = sum(name.startswith("L") for name in names.values())
     for k in range(len(first)):
         if k not in names:
@@ -81,7 +82,9 @@ def global_labels(
     return tuple(names[k] for k in range(len(first)))
 
 
-def _as_reference(frequency_hz, shape, labels, chosen: list[int]) -> ReferenceModes:
+def _as_reference(
+    frequency_hz: np.ndarray, shape: np.ndarray, labels: tuple[str, ...], chosen: list[int]
+) -> ReferenceModes:
     names = tuple(labels[i] for i in chosen)
     return ReferenceModes(labels=names, frequency_hz=frequency_hz[chosen], shape=shape[:, chosen],
                           pairs=close_pairs(frequency_hz[chosen], names))

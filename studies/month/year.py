@@ -86,7 +86,7 @@ def stand_for(out: Path, count: int, answer) -> None:
     opened = read_campaign(out / "campaign")
     opened = replace(opened, scada=repeated(opened.scada, count))
     settings, _ = ssi_settings([opened], model_path(MODEL), IdentificationSettings())
-    reference, others = reference_at(out / "campaign", opened.sensors, model_path(MODEL), None, None, settings.target_rate_hz)
+    reference, others = reference_at([opened], model_path(MODEL), settings, where=out / "campaign")
     before, begun = peak_mb(), time.process_time()
     found = identify_campaign(opened, reference, others=others, settings=settings, store=out / "real" / "modes.json.blocks")
     identified = peak_mb()
