@@ -25,6 +25,7 @@ from probupdate.diagnosis.evidence import (
 from probupdate.diagnosis.expected import departures_at
 from probupdate.diagnosis.fitting import Fit, fit, linearised
 from probupdate.diagnosis.large_faults import Tried, tried_together, tried_whole
+from probupdate.diagnosis.noise import Noise
 from probupdate.diagnosis.problem import DiagnosisProblem, IncludedEffect
 from probupdate.diagnosis.search import (
     MARGIN,
@@ -145,7 +146,8 @@ def moves_from(
     states += [(i, *without(problem, here.fitted, i)) for i in range(len(here.candidates))]
     least, result = best - MARGIN - here.log_posterior, []
     for out, base, lost in states:
-        others, scores = (tuple(x for i, x in enumerate(own) if i != out) for own in (here.candidates, here.z))
+        others = tuple(k for i, k in enumerate(here.candidates) if i != out)
+        scores = tuple(z for i, z in enumerate(here.z) if i != out)
         lost -= 0.0 if out is None else priors[here.candidates[out]]
         if out is not None and lost > least:
             result.append(Move(candidates=others, z=scores, included=base.included, promise=lost))
@@ -354,7 +356,7 @@ class Comparison:
     alike; and far from its own fit neither is linear."""
 
     def __init__(self):
-        self._known: dict[tuple, float] = {}
+        self._known: dict[tuple, tuple[float, Hypothesis, Noise]] = {}
 
     def order(
         self, problem: DiagnosisProblem, known: dict[frozenset, Hypothesis]
