@@ -253,7 +253,7 @@ def _groups(places_hz: np.ndarray, labels: tuple[str, ...]) -> tuple[tuple[int, 
         for cluster in close_clusters(row):
             near[np.ix_(cluster, cluster)] = True
     _, number = csgraph.connected_components(near, directed=False)
-    parts = [p for q in np.unique(number) for p in pairs_of(tuple(np.flatnonzero(number == q)), apart, labels)]
+    parts = [p for q in np.unique(number) for p in pairs_of(tuple(map(int, np.flatnonzero(number == q))), apart, labels)]
     return tuple(sorted((tuple(sorted(int(j) for j in p)) for p in parts), key=lambda p: places_hz[0][p[0]]))
 
 

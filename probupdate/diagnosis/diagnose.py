@@ -95,7 +95,7 @@ def examine(
     else:
         verdict = "ambiguous" if any(f.posterior_probability < SURE for f in findings) else "named"
     included = () if verdict == "unexplained" else tuple(findings)
-    details = {"adequacy": remaining}
+    details: dict[str, dict[str, float] | list[str]] = {"adequacy": remaining}
     told = _told(problem, fitted)
     if verdict == "unexplained":
         # what a fit tells that does not follow the record is nothing to say
@@ -134,7 +134,7 @@ def _explored(
     if not problem.blocks.few:
         null = fit(problem, theta)
         return null, explore(problem, null, most=most, seed=seed, progress=progress)
-    tried, failed = [], None
+    tried, failures = [], []
     for scale in DISCREPANCY_SCALES:
         scaled = replace(
             problem,
@@ -148,9 +148,9 @@ def _explored(
             null = fit(scaled, theta)
             tried.append((null, explore(scaled, null, most=most, seed=seed, progress=progress)))
         except ConvergenceError as error:
-            failed = error
+            failures.append(error)
     if not tried:
-        raise failed
+        raise failures[-1]
     return max(tried, key=lambda pair: pair[1].hypotheses[0].log_posterior)
 
 

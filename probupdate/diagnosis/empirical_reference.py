@@ -137,7 +137,7 @@ def signatures(effects: Sequence[Effect], empirical: EmpiricalReference) -> tupl
         for s, expected in enumerate(empirical.expected):
             value, vector = np.linalg.eigh(expected[q].tensor)
             shape, frequency = expected[q].shape @ vector, np.exp(value)
-            seen = [e.observe(shape, float(np.exp(np.mean(value))), sign * e.step_of_size)
+            seen = [e.observation(shape, float(np.exp(np.mean(value))), sign * e.step_of_size)
                     for e in effects for sign in (1, -1)]
             y, _ = numbers_of_modes(np.array([frequency * np.exp(shift) for _, shift in seen]),
                                     np.array([x for x, _ in seen]), axes)
@@ -151,7 +151,8 @@ def stated_patterns(blocks: Blocks, empirical: EmpiricalReference) -> list[np.nd
     """Per group the mean over blocks of what the identification says its responses' covariance is, None without."""
     result: list[np.ndarray | None] = []
     for q, group in enumerate(blocks.groups):
-        members, total, number = list(group), 0.0, 0
+        members, number = list(group), 0
+        total = np.zeros((empirical.departures[q].shape[1],) * 2)
         for b in np.flatnonzero(empirical.used[q]):
             d = blocks.deviations[b]
             if d is None:
@@ -208,7 +209,7 @@ def mended(blocks: Blocks, effect: Effect, size: np.ndarray) -> Blocks:
         for group in blocks.groups:
             members = list(group)
             near = float(np.exp(np.mean(np.log(centre[members]))))
-            seen, shift = effect.observe(np.eye(n_channel, dtype=complex), near, float(value))
+            seen, shift = effect.observation(np.eye(n_channel, dtype=complex), near, float(value))
             rows = np.ix_(there, np.arange(n_channel), members)
             back = np.linalg.inv(seen)
             shape[rows] = np.einsum("cd,bdk->bck", back, np.nan_to_num(shape[rows])) + 0 * shape[rows]

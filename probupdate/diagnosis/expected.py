@@ -108,14 +108,18 @@ def _add_linear(
 
 
 def local_at(
-    predictor: ModalPredictor, theta: np.ndarray, included: Sequence[IncludedEffect], values: Sequence[float]
+    predictor: ModalPredictor, theta: np.ndarray, included: Sequence[IncludedEffect],
+    values: Sequence[float] | np.ndarray,
 ) -> tuple[LocalModel, list[tuple[Effect, float]]]:
     """The model with the included effects where their time profiles have these values, and what the sensors then do."""
     moved, seen = _state(predictor, theta, included, values)
     return predictor.small.at(moved), seen
 
 
-def _state(predictor: ModalPredictor, theta: np.ndarray, included: Sequence[IncludedEffect], values: Sequence[float]):
+def _state(
+    predictor: ModalPredictor, theta: np.ndarray, included: Sequence[IncludedEffect],
+    values: Sequence[float] | np.ndarray,
+) -> tuple[np.ndarray, list[tuple[Effect, float]]]:
     """Parameters with the included effects where their time profiles have these values, and what the sensors then
     do."""
     moved = np.array(theta)

@@ -224,13 +224,14 @@ def _told_added(prepared: Prepared, added: _Added, included: IncludedEffect) -> 
 # Modal sets --------------------------------------------------------------------------------------------------------
 
 
-def corrections(n_channel: int, included: Sequence[IncludedEffect], values: Sequence[float], frequency_hz: float):
+def corrections(n_channel: int, included: Sequence[IncludedEffect], values: Sequence[float] | np.ndarray,
+                frequency_hz: float) -> tuple[np.ndarray, float]:
     """A (n_channel, n_channel) that sensors with these effects make of shapes near a frequency, and what they add to
     ln f; `values` of the effects' time profiles."""
     A, shift = np.eye(n_channel, dtype=complex), 0.0
     for n, value in sorted(zip(included, values, strict=True), key=lambda pair: pair[0].effect.stage):
         if value:
-            A, more = n.effect.observe(A, frequency_hz, n.size * value)
+            A, more = n.effect.observation(A, frequency_hz, n.size * value)
             shift += more
     return A, shift
 
@@ -251,13 +252,13 @@ def corrected(problem: DiagnosisProblem, data: ModalData, included: Sequence[Inc
             undo = np.linalg.inv(A)
             # a channel that was not measured stays so, and takes along only those that were mixed with it
             shape[rows, j] = _applied(undo, shape[rows, j])
-            std[rows, j] = np.sqrt(_applied(np.abs(undo) ** 2, std[rows, j] ** 2).real)
+            std[rows, j] = np.sqrt(np.real(_applied(np.abs(undo) ** 2, std[rows, j] ** 2)))
             if changes is not None:
                 changes[rows, j] = np.column_stack([_applied(undo, c) for c in changes[rows, j].T])
             frequency[j] *= np.exp(-shift)
             frequency_std[j] *= np.exp(-shift)
         deviation = s.deviation
-        if deviation is not None:
+        if deviation is not None and changes is not None:
             deviation = ModalDeviation(ln_frequency=deviation.ln_frequency, damping_ratio=deviation.damping_ratio,
                                        shape=changes)
         sets.append(replace(s, shape=shape, shape_std=std, frequency_hz=frequency, frequency_std_hz=frequency_std,

@@ -65,35 +65,23 @@ def design_at(
     """Signatures at theta and the included effects, a bin of blocks for each angle before and after each step: an error
     of a few per cent that changes sign with the step looks like the step, which is known better than that.
     With the design of a point nearby (`before`), only those of the updated parameters are computed anew."""
-    predictor = problem.predictor
-    names = predictor.parameters.names
-    centres, angle_of = problem.bins
+    names = problem.predictor.parameters.names
     exact = [n for n in included if n.exact]
-    levels = np.column_stack([*(n.course.value for n in exact), angle_of])
+    levels = np.column_stack([*(n.course.value for n in exact), problem.bins[1]])
     bins, bin_of = np.unique(levels, axis=0, return_inverse=True)
     bin_of = bin_of.ravel()
     own = [Effect(kind="structural", cause="parameter", location=names[k], unit="", tolerance=0.0, slab=1.0,
                   parameter=names[k]) for k in problem.updated]
-    catalogue = own if before is not None else [*own, *problem.effects]
-    columns = list(problem.updated) if before is not None else list(range(len(names)))
-    chosen = tuple(names[k] for k in columns)
-    states, state_of = np.unique(bins[:, :-1], axis=0, return_inverse=True)
-    prints = [
-        np.empty((len(bins), len(discrepancy_std), len(catalogue))) for discrepancy_std in problem.discrepancy_std
-    ]
-    for number, state in enumerate(states):
-        there = np.flatnonzero(state_of.ravel() == number)
-        local, seen = local_at(predictor, theta, exact, state)
-        at = signatures_at(predictor, local, catalogue, chosen, centres[bins[there, -1].astype(int)], seen)
-        for whole, part in zip(prints, at, strict=True):
-            whole[there] = part
     n_own = len(own)
     if before is not None:
+        chosen = tuple(names[k] for k in problem.updated)
+        prints = _signatures_of_bins(problem, theta, exact, bins, own, chosen)
         same = before.bin_of[np.unique(bin_of, return_index=True)[1]]
         nuisance = tuple(np.concatenate([p, old[same][:, :, n_own:]], axis=2)
                          for p, old in zip(prints, before.nuisance, strict=True))
         effect = tuple(e[same] for e in before.effect)
     else:
+        prints = _signatures_of_bins(problem, theta, exact, bins, [*own, *problem.effects], names)
         tolerated = [n_own + j for j in problem.tolerated]
         nuisance = tuple(p[:, :, [*range(n_own), *tolerated]] for p in prints)
         effect = tuple(p[:, :, n_own:] for p in prints)
@@ -109,17 +97,39 @@ def design_at(
         which=problem.which,
         noise=noise,
         included=tuple((_number(problem, n), n.course, n.prior_std) for n in included if not n.effect.discrete),
-        model_errors=tuple(
-            (
-                n.course,
-                tuple(
-                    _model_error_std(problem, q, MODEL_ERROR_SCALE * n.size * e[:, :, _number(problem, n)])
-                    for q, e in enumerate(effect)
-                ),
-            )
-            for n in included
-        ),
+        model_errors=tuple((n.course, _model_errors(problem, n, effect)) for n in included),
     )
+
+
+def _signatures_of_bins(
+    problem: DiagnosisProblem, theta: np.ndarray, exact: Sequence[IncludedEffect], bins: np.ndarray,
+    catalogue: Sequence[Effect], chosen: tuple[str, ...],
+) -> list[np.ndarray]:
+    """Per group (n_bin, n_response, n_effect): signatures of the `catalogue`, which moves the parameters `chosen`, in
+    every bin: a row of `bins` holds what the time profiles of the `exact` effects are there, then the angle's number."""
+    centres, _ = problem.bins
+    states, state_of = np.unique(bins[:, :-1], axis=0, return_inverse=True)
+    prints = [
+        np.empty((len(bins), len(discrepancy_std), len(catalogue))) for discrepancy_std in problem.discrepancy_std
+    ]
+    for number, state in enumerate(states):
+        there = np.flatnonzero(state_of.ravel() == number)
+        local, seen = local_at(problem.predictor, theta, exact, state)
+        angles = centres[bins[there, -1].astype(int)]
+        at = signatures_at(problem.predictor, local, catalogue, chosen, angles, seen)
+        for whole, part in zip(prints, at, strict=True):
+            whole[there] = part
+    return prints
+
+
+def _model_errors(
+    problem: DiagnosisProblem, included: IncludedEffect, effect: Sequence[np.ndarray]
+) -> tuple[np.ndarray, ...]:
+    """Per group (n_bin, n_response) the model error of an included effect, of signatures `effect` (n_bin, n_response,
+    n_effect)."""
+    number = _number(problem, included)
+    return tuple(_model_error_std(problem, q, MODEL_ERROR_SCALE * included.size * e[:, :, number])
+                 for q, e in enumerate(effect))
 
 
 def _model_error_std(problem: DiagnosisProblem, group: int, amount: np.ndarray) -> np.ndarray:
@@ -174,65 +184,44 @@ def fit(
     Where it does not settle the fit says so (`settled`), as one that has not converged looks like an effect. Raises
     ConvergenceError where the model has no modes.
     """
-    theta, included = np.array(theta, float), tuple(included)
-    updated = list(problem.updated)
-    step, noise, design = np.inf, None, None
-    if base is not None:
-        noise, design = base.design.noise, base.design
+    theta, included, n_own = np.array(theta, float), tuple(included), len(problem.updated)
     here = departures_at(problem, theta, included)
-    renewed, leaps, stalled = base is not None, 0, False
+    if base is None:
+        noise = noise_of(problem, here)
+        design = design_at(problem, theta, included, noise)
+    else:
+        noise = base.design.noise
+        design = design_at(problem, theta, included, noise, base.design)
+    step, renewed, leaps, stalled = np.inf, base is not None, 0, False
     for number in range(MOST_STEPS):
         # far from where the fit ends the noise is not what it is there
         again = not renewed and step < SETTLED
-        if (number < WARM and base is None) or again:
-            noise = noise_of(problem, here if design is None else _left(problem, design, theta, included, here))
+        if again or (base is None and 0 < number < WARM):
+            noise = noise_of(problem, _left(problem, design, theta, included, here))
         if again:
             renewed, step = True, np.inf
         settled = step < SETTLED
-        anew = settled or number % REFRESH == (0 if base is None else REFRESH - 1)
-        if anew or step > FAR:
-            design = design_at(problem, theta, included, noise, None if anew else design)
-        else:
-            design = replace(design, noise=noise)
+        if number:
+            anew = settled or number % REFRESH == (0 if base is None else REFRESH - 1)
+            if anew or step > FAR:
+                design = design_at(problem, theta, included, noise, None if anew else design)
+            else:
+                design = replace(design, noise=noise)
         departures = kept(here, noise)
         centred = centred_departures(problem, design, theta, included, departures)
-        solved = design.unknowns(centred)
-        n_own = len(updated)
-        free = [k for k, n in enumerate(included) if not n.effect.discrete]
+        newton = _newton(problem, design, theta, included, centred)
         if settled:
-            short = np.zeros(len(included))
-            if stalled:
-                short[free] = np.abs(solved[design.sizes] - [included[k].size for k in free])
-            return Fit(
-                theta=theta,
-                included=included,
-                departures=departures,
-                centred=centred,
-                design=design,
-                steps=number,
-                last_step=step,
-                short=short,
-            )
-        scale = np.array([local_std(problem.prior, i, theta[k]) for i, k in enumerate(updated)])
-        move = (prior_shift(problem, theta) + solved[:n_own]) / scale
-        change = np.zeros(len(included))
-        change[free] = solved[design.sizes] - np.array([included[k].size for k in free])
-        held = design.held(n_own)
-        before = design.misfit(departures, held) + penalty(problem, theta, included, included)
+            short = np.abs(newton.change) if stalled else np.zeros(len(included))
+            return Fit(theta=theta, included=included, departures=departures, centred=centred, design=design,
+                       steps=number, last_step=step, short=short)
+        before = design.misfit(departures, design.held(n_own)) + penalty(problem, theta, included, included)
         # what the linear equations promise
         promised = before - design.misfit(centred, [])
         if promised < FLAT:
             step = 0.0
             continue
-        relative = [d / n.prior_std for d, n in zip(change, included, strict=True)]
-        longest = float(np.max(np.abs(np.concatenate([move, relative])), initial=0.0))
-        told = sum(int(np.count_nonzero(w)) * y.shape[1] for w, y in zip(noise.weight, departures, strict=True))
-        whole = min(1.0, LONGEST / max(longest, 1e-12))
-        for share in whole * 0.5 ** np.arange(HALVINGS):
-            trial = _trial(problem, design, theta, included, share * move * scale, share * change, held)
-            if trial.misfit < before:
-                break
-        else:
+        trial = _downhill(problem, design, theta, included, newton, before)
+        if trial is None:
             if promised <= max(1.0, FLAT_SHARE * before):
                 # the least value along this line
                 step, stalled = 0.0, promised > 1.0
@@ -240,36 +229,94 @@ def fit(
             if leaps == MOST_LEAPS:
                 return _ended(problem, theta, included, noise, here, number)
             # noise and signatures are others farther on: over the hill, as the equations say
-            leaps, share = leaps + 1, whole
-            trial = _trial(problem, design, theta, included, share * move * scale, share * change, held)
+            leaps += 1
+            trial = _trial(problem, design, theta, included, newton, newton.whole)
         stalled = False
+        told = sum(int(np.count_nonzero(w)) * y.shape[1] for w, y in zip(noise.weight, departures, strict=True))
         # what is left beyond the noise makes the posterior wider
-        known = np.sqrt(np.diag(design.unknowns_cov(held)) * max(1.0, trial.misfit / told))
-        moved = np.abs(trial.theta[updated] - theta[updated])
-        grown = [abs(trial.included[k].size - included[k].size) for k in free]
+        step = _length(problem, design, theta, included, trial, max(1.0, trial.misfit / told))
         # a step that had to be shortened is not a small one
-        step = float(np.max(np.concatenate([moved, grown]) / known, initial=0.0)) * whole / share
+        step = step * newton.whole / trial.share
         theta, included, here = trial.theta, trial.included, trial.there
     return _ended(problem, theta, included, noise, here, MOST_STEPS)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
+class _Newton:
+    """A Gauss-Newton step: `move` of the updated parameters in their prior's deviations `scale` (n_updated,), `change`
+    of the sizes (n_named,), and the share of both that is no longer than LONGEST (`whole`)."""
+
+    move: np.ndarray
+    scale: np.ndarray
+    change: np.ndarray
+    whole: float
+
+
+def _newton(
+    problem: DiagnosisProblem, design: Design, theta: np.ndarray, included: tuple[IncludedEffect, ...],
+    centred: Sequence[np.ndarray],
+) -> _Newton:
+    """The step to where the linear equations have the most probable parameters and sizes."""
+    solved, n_own = design.unknowns(centred), len(problem.updated)
+    scale = np.array([local_std(problem.prior, i, theta[k]) for i, k in enumerate(problem.updated)])
+    move = (prior_shift(problem, theta) + solved[:n_own]) / scale
+    free = _free(included)
+    change = np.zeros(len(included))
+    change[free] = solved[design.sizes] - np.array([included[k].size for k in free])
+    relative = [d / n.prior_std for d, n in zip(change, included, strict=True)]
+    longest = float(np.max(np.abs(np.concatenate([move, relative])), initial=0.0))
+    return _Newton(move=move, scale=scale, change=change, whole=min(1.0, LONGEST / max(longest, 1e-12)))
+
+
+def _free(included: Sequence[IncludedEffect]) -> list[int]:
+    """Numbers of the effects whose sizes are unknowns."""
+    return [k for k, n in enumerate(included) if not n.effect.discrete]
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
 class _Trial:
-    """Where a step leads, departures there, and -2 ln posterior with the design it was made with."""
+    """Where a share of a step leads, departures there, and -2 ln posterior with the design it was made with."""
 
     theta: np.ndarray
     included: tuple[IncludedEffect, ...]
     there: tuple[np.ndarray, ...]
     misfit: float
+    share: float
+
+
+def _downhill(
+    problem: DiagnosisProblem, design: Design, theta: np.ndarray, included: tuple[IncludedEffect, ...],
+    newton: _Newton, before: float,
+) -> _Trial | None:
+    """The longest of the step's halvings that lowers -2 ln posterior from `before`; None where none does."""
+    for share in newton.whole * 0.5 ** np.arange(HALVINGS):
+        trial = _trial(problem, design, theta, included, newton, share)
+        if trial.misfit < before:
+            return trial
+    return None
 
 
 def _trial(
-    problem: DiagnosisProblem, design: Design, theta, included, move: np.ndarray, change: np.ndarray, held
+    problem: DiagnosisProblem, design: Design, theta: np.ndarray, included: tuple[IncludedEffect, ...],
+    newton: _Newton, share: float,
 ) -> _Trial:
-    theta, moved = _moved(problem, theta, included, move, change)
-    there = departures_at(problem, theta, moved)
-    misfit = design.misfit(kept(there, design.noise), held) + penalty(problem, theta, moved, included)
-    return _Trial(theta=theta, included=moved, there=there, misfit=misfit)
+    moved_theta, moved = _moved(problem, theta, included, share * newton.move * newton.scale, share * newton.change)
+    there = departures_at(problem, moved_theta, moved)
+    held = design.held(len(problem.updated))
+    misfit = design.misfit(kept(there, design.noise), held) + penalty(problem, moved_theta, moved, included)
+    return _Trial(theta=moved_theta, included=moved, there=there, misfit=misfit, share=share)
+
+
+def _length(
+    problem: DiagnosisProblem, design: Design, theta: np.ndarray, included: tuple[IncludedEffect, ...], trial: _Trial,
+    wider: float,
+) -> float:
+    """By how many posterior deviations, of variances `wider` times as large, a trial moves what it moves most."""
+    updated = list(problem.updated)
+    known = np.sqrt(np.diag(design.unknowns_cov(design.held(len(updated)))) * wider)
+    moved = np.abs(trial.theta[updated] - theta[updated])
+    grown = [abs(trial.included[k].size - included[k].size) for k in _free(included)]
+    return float(np.max(np.concatenate([moved, grown]) / known, initial=0.0))
 
 
 def _ended(
@@ -330,7 +377,7 @@ def _moved(
     included: Sequence[IncludedEffect],
     move: np.ndarray,
     change: np.ndarray,
-):
+) -> tuple[np.ndarray, tuple[IncludedEffect, ...]]:
     """theta and sizes after a step, within their bounds."""
     fresh, updated = theta.copy(), list(problem.updated)
     fresh[updated] = np.clip(theta[updated] + move, problem.prior.lower, problem.prior.upper)

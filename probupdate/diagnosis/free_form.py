@@ -112,11 +112,12 @@ def directions(n: int = N_DIRECTION) -> list[tuple[str, np.ndarray]]:
 
 def elementary(small: SmallModel, place: Callable[[np.ndarray], str]) -> list[tuple[Effect, Attachment]]:
     """Every part that may be added: its row and where it acts on the small basis. `place`: point (3,) -> words."""
-    nodes = points(small.wire)
+    wire, at_nodes = small.picture
+    nodes = points(wire)
     K, M = (wave[0] for wave in (small.at(small.parameters.initial).stiffness, small.at(small.parameters.initial).mass))
     _, shape = linalg.eigh(K, M, subset_by_index=(0, small.n_search - 1))
     flexibility = linalg.cho_factor(K)
-    rows = {int(k): small.at_nodes[3 * k : 3 * k + 3] for k in nodes}
+    rows = {int(k): at_nodes[3 * k : 3 * k + 3] for k in nodes}
     result = []
 
     def spring(cause: str, words: str, b: np.ndarray) -> None:
@@ -128,7 +129,7 @@ def elementary(small: SmallModel, place: Callable[[np.ndarray], str]) -> list[tu
         result.append(_part(cause, words, "N/m", SHARE * stiffness, Attachment(stiffness=np.outer(b, b))))
 
     for k in nodes:
-        there = place(small.wire.node_m[k])
+        there = place(wire.node_m[k])
         for words, d in directions():
             spring(PART_CAUSES[0], f"{there}, {words}", d @ rows[int(k)])
         own = rows[int(k)]
@@ -137,11 +138,11 @@ def elementary(small: SmallModel, place: Callable[[np.ndarray], str]) -> list[tu
             continue
         modal_mass = 1 / moved
         result.append(_part(PART_CAUSES[2], there, "kg", SHARE * modal_mass, Attachment(mass=own.T @ own)))
-    lined = {frozenset(map(int, line)) for line in small.wire.line}
+    lined = {frozenset(map(int, line)) for line in wire.line}
     for a, b in combinations(map(int, nodes), 2):
-        way = small.wire.node_m[b] - small.wire.node_m[a]
+        way = wire.node_m[b] - wire.node_m[a]
         if frozenset((a, b)) not in lined:
-            spring(PART_CAUSES[1], f"{place(small.wire.node_m[a])} and {place(small.wire.node_m[b])}",
+            spring(PART_CAUSES[1], f"{place(wire.node_m[a])} and {place(wire.node_m[b])}",
                    way / np.linalg.norm(way) @ (rows[b] - rows[a]))
     number = Counter(effect.cause for effect, _ in result)
     return [(replace(effect, odds=1 / number[effect.cause]), attachment) for effect, attachment in result]

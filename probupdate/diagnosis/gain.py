@@ -210,15 +210,15 @@ def gains(prepared: Prepared, outcome: Outcome, *, progress: Progress = silent) 
     noise = outcome.null.design.noise
     levels = levels_of(problem.blocks.channels, prepared.sensors)
     progress("held-out blocks", 0, len(fits))
-    sensors = [None if f is None else held_out_sensors(problem, f, noise, levels) for f in fits]
+    sides = [None if f is None else (f, held_out_sensors(problem, f, noise, levels)) for f in fits]
     result = []
-    for number, (old, new) in enumerate(pairwise(fits), start=1):
-        if old is None or new is None:
+    for number, (without, with_it) in enumerate(pairwise(sides), start=1):
+        if without is None or with_it is None:
             result.append({"statement": "gain not measured: the model with the effects up to this one alone does not "
                            "settle"})
             continue
+        (old, before), (new, after) = without, with_it
         told = measures(problem, old, new, noise=noise)
-        before, after = sensors[number - 1], sensors[number]
         told["heldout_sensors"] = [
             {"level": level, "channels": list(own), "rms_error_before": before[level][0],
              "rms_error_after": after[level][0], "max_error_before": before[level][1],

@@ -7,7 +7,7 @@ the model as it is among them.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence, Set
+from collections.abc import Collection, Mapping, Sequence, Set
 from dataclasses import dataclass, replace
 from types import MappingProxyType
 
@@ -25,6 +25,7 @@ from probupdate.diagnosis.evidence import (
 from probupdate.diagnosis.expected import departures_at
 from probupdate.diagnosis.fitting import Fit, fit, linearised
 from probupdate.diagnosis.large_faults import Tried, tried_together, tried_whole
+from probupdate.diagnosis.noise import Noise
 from probupdate.diagnosis.problem import DiagnosisProblem, IncludedEffect
 from probupdate.diagnosis.search import (
     MARGIN,
@@ -37,6 +38,7 @@ from probupdate.diagnosis.search import (
 from probupdate.diagnosis.step_time import sharpened, sharpened_again
 from probupdate.effects.catalogue import Effect
 from probupdate.errors import ConvergenceError
+from probupdate.runtime.progress import Progress
 
 # hypotheses of one number of effects from which moves are made; of one kind of move, how many are fitted
 WIDTH, MOST_MOVES = 2, 6
@@ -145,7 +147,8 @@ def moves_from(
     states += [(i, *without(problem, here.fitted, i)) for i in range(len(here.candidates))]
     least, result = best - MARGIN - here.log_posterior, []
     for out, base, lost in states:
-        others, scores = (tuple(x for i, x in enumerate(own) if i != out) for own in (here.candidates, here.z))
+        others = tuple(k for i, k in enumerate(here.candidates) if i != out)
+        scores = tuple(z for i, z in enumerate(here.z) if i != out)
         lost -= 0.0 if out is None else priors[here.candidates[out]]
         if out is not None and lost > least:
             result.append(Move(candidates=others, z=scores, included=base.included, promise=lost))
@@ -164,27 +167,44 @@ def moves_from(
             promised = gain[own] if usable[own] else 0.0
             promise, enough = (gain - promised) / scale + priors - priors[own], least
             if abs(here.z[out]) > LARGE:
-                # what a large effect leaves is beyond first order: what looks like it, and what was as probable when it
-                # was added
                 its = rivals.get((int(effect_of[own]), names[own]), frozenset())
-                among = np.array([(int(j), name) in its for j, name in zip(effect_of, names, strict=True)])
-                size_of = np.sqrt(np.maximum(base.design.information, 1e-300))
-                alike = np.abs(base.design.overlap([own], range(len(v)))[0]) / (size_of * size_of[own])
-                promise = np.where(usable & (among | (alike > ALIKE)), alike, -np.inf)
+                promise = _likeness(problem, base, own, its, usable)
             # the hypothesis itself, but for the time of a step
             promise[(effect_of == effect_of[own]) & np.array([name == names[own] for name in names])] = -np.inf
-        order = np.argsort(-promise, kind="stable")
-        _, first = np.unique(effect_of[order], return_index=True)
-        for k in [k for k in order[np.sort(first)][:MOST_MOVES] if promise[k] > enough]:
-            n = IncludedEffect(
-                effect=problem.effects[effect_of[k]], course=problem.courses[problem.which[k, 1]], size=0.0
-            )
-            if n.course.kind == "step":
-                n = replace(n, course=sharpened(problem, base, int(effect_of[k]), n.course))
-            n = replace(n, size=float(size[k] if n.effect.discrete else np.clip(size[k], *np.multiply(0.6, n.bounds))))
-            result.append(Move(candidates=(*others, int(k)), z=(*scores, float(z[k])), included=(*base.included, n),
-                               promise=float(promise[k])))
+        for k in _most_promising(problem, promise, enough):
+            result.append(Move(candidates=(*others, k), z=(*scores, float(z[k])), promise=float(promise[k]),
+                               included=(*base.included, _added(problem, base, k, size[k]))))
     return sorted(result, key=lambda m: -m.promise)
+
+
+def _likeness(
+    problem: DiagnosisProblem, base: Fit, own: int, its: Set[tuple[int, str]], usable: np.ndarray
+) -> np.ndarray:
+    """(n_candidate,) what is promised by an exchange of the large effect of candidate `own`, by its score correlation
+    alone: what a large effect leaves is beyond first order. -inf but for what looks like it, and for `its` competing
+    hypotheses, which were as probable when it was added."""
+    information = base.design.information
+    among = np.array([(int(j), problem.courses[c].name) in its for j, c in problem.which])
+    size_of = np.sqrt(np.maximum(information, 1e-300))
+    alike = np.abs(base.design.overlap([own], range(len(information)))[0]) / (size_of * size_of[own])
+    return np.where(usable & (among | (alike > ALIKE)), alike, -np.inf)
+
+
+def _most_promising(problem: DiagnosisProblem, promise: np.ndarray, enough: float) -> list[int]:
+    """Of every effect the candidate that promises most, of these the MOST_MOVES first that promise `enough`."""
+    order = np.argsort(-promise, kind="stable")
+    _, first = np.unique(problem.which[order, 0], return_index=True)
+    return [int(k) for k in order[np.sort(first)][:MOST_MOVES] if promise[k] > enough]
+
+
+def _added(problem: DiagnosisProblem, base: Fit, candidate: int, size: float) -> IncludedEffect:
+    """A candidate to begin a fit with beside `base`: well within its bounds, a step at its best time."""
+    j, c = problem.which[candidate]
+    effect, course = problem.effects[j], problem.courses[c]
+    if course.kind == "step":
+        course = sharpened(problem, base, int(j), course)
+    n = IncludedEffect(effect=effect, course=course, size=0.0)
+    return replace(n, size=float(size if effect.discrete else np.clip(size, *np.multiply(0.6, n.bounds))))
 
 
 def large_moves(problem: DiagnosisProblem, here: Hypothesis, found: Search, n_searched: int) -> list[Move]:
@@ -217,36 +237,29 @@ def _begun(problem: DiagnosisProblem, tried: Tried) -> IncludedEffect:
     return IncludedEffect(effect=problem.effects[j], course=problem.courses[c], size=tried.size)
 
 
-def explore(problem: DiagnosisProblem, null: Fit, *, most: int, seed: int, progress) -> Explored:
+def explore(problem: DiagnosisProblem, null: Fit, *, most: int, seed: int, progress: Progress) -> Explored:
     """Fit the hypotheses that matter, from the model as it is (`null`) on, with at most so many effects."""
     n_searched = len(problem.which)
     start = Hypothesis(candidates=(), z=(), fitted=null, log_prior=0.0, log_evidence=log_evidence(problem, null))
     known: dict[frozenset, Hypothesis] = {frozenset(): start}
     searches: dict[frozenset, Search] = {}
     left_over: dict[frozenset, bool] = {}
-    compared = Comparison()
-    first, renewed = None, set()
+    compared, renewed = Comparison(), set()
+    first = search(problem, null, seed=seed)
     while len(searches) < MOST_LOOKED:
-        keys, relative = compared.order(problem, known)
-        levels = [len(k) for k in searches]
-        open_keys = [k for k, r in zip(keys, relative, strict=True)
-                     if k not in searches and (k == keys[0] or (r > -MARGIN and levels.count(len(k)) < WIDTH))]
-        if first is not None and not open_keys:
+        key = _next_looked_at(*compared.order(problem, known), searches)
+        if key is None:
             break
-        key = open_keys[0] if first is not None else frozenset()
-        here = known[key]
         if key and key not in renewed:
-            here = _renewed(problem, here)
             renewed.add(key)
-            known |= {k: _with_noise_and_times_of(h, known[key], here) for k, h in known.items()
-                      if len(k) == len(key) and k not in renewed}
-            known[key] = here
+            known |= _renewed_with_its_like(problem, known, key, renewed)
             # what its own noise and times made less probable is looked at when its turn comes again
             if dict(zip(*compared.order(problem, known), strict=True))[key] < -MARGIN:
                 continue
+        here = known[key]
         progress("diagnosing", min(len(key), most), most + 1)
-        found = search(problem, here.fitted, seed=seed, z_included=here.z, heavier=first.heavier if first else None)
-        first = first or found
+        found = first if not key else search(
+            problem, here.fitted, seed=seed, z_included=here.z, heavier=first.heavier)
         searches[key] = found
         over = left_over[key] = bool(found.statistic.max() > found.threshold)
         add = len(here.candidates) < most and over
@@ -256,21 +269,15 @@ def explore(problem: DiagnosisProblem, null: Fit, *, most: int, seed: int, progr
             problem, fitted, found = with_crosstalk(problem, here.fitted, found, seed=seed, z_included=here.z)
             here, searches[key] = replace(here, fitted=fitted), found
             known[key] = here
-        large = found.statistic.max() > LARGE
-        best_known = max(h.log_posterior for h in known.values())
+        large = bool(found.statistic.max() > LARGE)
         moves = large_moves(problem, here, found, n_searched) if add and large else []
         together = any(len(m.candidates) > len(here.candidates) + 1 for m in moves)
-        moves += moves_from(problem, here, add=add and not together, best=best_known, rivals=_rivals(known, key))
+        moves += moves_from(problem, here, add=add and not together, rivals=_rivals(known, key),
+                            best=max(h.log_posterior for h in known.values()))
         if add:
             # a score that nothing known makes probable is chance
             left_over[key] = any(len(m.candidates) > len(key) and m.promise > 0 for m in moves)
-        for move in moves:
-            there = key_of(problem, move.candidates)
-            if there in known:
-                continue
-            fitted = _fitted(problem, here, move, large)
-            if fitted is not None:
-                known[there] = fitted
+        _fit_moves(problem, here, moves, known, noise_anew=large)
     keys, relative = compared.order(problem, known)
     if keys[0] not in searches:
         last = known[keys[0]]
@@ -279,6 +286,37 @@ def explore(problem: DiagnosisProblem, null: Fit, *, most: int, seed: int, progr
         left_over[keys[0]] = bool(found.statistic.max() > found.threshold)
     return Explored(problem=problem, hypotheses=tuple(known[k] for k in keys), log_posterior=np.array(relative),
                     first=first, last=searches[keys[0]], left_over=left_over[keys[0]])
+
+
+def _next_looked_at(
+    keys: Sequence[frozenset], relative: Sequence[float], looked_at: Collection[frozenset]
+) -> frozenset | None:
+    """The most probable hypothesis, else another of the WIDTH of its number of effects that come near it, from which no
+    moves were made; None where there is none. `keys` the most probable first, with the ln posterior relative to it."""
+    levels = [len(k) for k in looked_at]
+    return next((k for k, r in zip(keys, relative, strict=True)
+                 if k not in looked_at and (k == keys[0] or (r > -MARGIN and levels.count(len(k)) < WIDTH))), None)
+
+
+def _renewed_with_its_like(
+    problem: DiagnosisProblem, known: Mapping[frozenset, Hypothesis], key: frozenset, renewed: Set[frozenset]
+) -> dict[frozenset, Hypothesis]:
+    """The hypothesis of that key `_renewed`, and with its noise and times those of as many effects that were not."""
+    here = _renewed(problem, known[key])
+    return {k: _with_noise_and_times_of(h, known[key], here) for k, h in known.items()
+            if len(k) == len(key) and k not in renewed} | {key: here}
+
+
+def _fit_moves(
+    problem: DiagnosisProblem, here: Hypothesis, moves: Sequence[Move], known: dict[frozenset, Hypothesis], *,
+    noise_anew: bool,
+) -> None:
+    """Adds to `known` where the moves lead that were not fitted before."""
+    for move in moves:
+        there = key_of(problem, move.candidates)
+        fitted = None if there in known else _fitted(problem, here, move, noise_anew)
+        if fitted is not None:
+            known[there] = fitted
 
 
 def _rivals(known: Mapping[frozenset, Hypothesis], key: frozenset) -> dict[tuple[int, str], set[tuple[int, str]]]:
@@ -298,12 +336,12 @@ def key_of(problem: DiagnosisProblem, candidates: Sequence[int]) -> frozenset:
     return frozenset((int(j), problem.courses[c].name) for j, c in problem.which[list(candidates)])
 
 
-def _fitted(problem: DiagnosisProblem, here: Hypothesis, move: Move, large: bool) -> Hypothesis | None:
+def _fitted(problem: DiagnosisProblem, here: Hypothesis, move: Move, noise_anew: bool) -> Hypothesis | None:
     """The hypothesis that a move leads to; None where the model has no modes there or nothing is left of an effect."""
     theta = here.fitted.theta if move.theta is None else move.theta
     try:
         # what is very wrong makes the noise of the fit without it wrong too
-        fitted = fit(problem, theta, move.included, base=None if large else here.fitted)
+        fitted = fit(problem, theta, move.included, base=None if noise_anew else here.fitted)
     except ConvergenceError:
         return None
     if any(not n.effect.discrete and abs(n.size) < 1e-6 * n.slab for n in fitted.included):
@@ -354,7 +392,7 @@ class Comparison:
     alike; and far from its own fit neither is linear."""
 
     def __init__(self):
-        self._known: dict[tuple, float] = {}
+        self._known: dict[tuple, tuple[float, Hypothesis, Noise]] = {}
 
     def order(
         self, problem: DiagnosisProblem, known: dict[frozenset, Hypothesis]

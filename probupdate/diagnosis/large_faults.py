@@ -73,7 +73,7 @@ def tried_whole(problem: DiagnosisProblem, included: Sequence[IncludedEffect], c
     def at_its_size(k: int, sizes: Sequence[float]) -> Tried:
         effect, course = problem.effects[problem.which[k, 0]], problem.courses[problem.which[k, 1]]
         gains = {s: before - surprise((*included, IncludedEffect(effect=effect, course=course, size=s))) for s in sizes}
-        best = max(gains, key=gains.get)
+        best = max(gains, key=lambda s: gains[s])
         return Tried(candidate=k, size=best, gain=float(gains[best]), whole=True)
 
     result, structural = [], []

@@ -82,20 +82,26 @@ def _along(shape: np.ndarray) -> np.ndarray:
 
 
 def _numbers(shapes: Sequence[np.ndarray]) -> np.ndarray:
-    return np.concatenate([np.concatenate([s.T.real.ravel(), s.T.imag.ravel()]) for s in shapes])
+    return np.concatenate([np.concatenate([np.real(s.T).ravel(), np.imag(s.T).ravel()]) for s in shapes])
+
+
+def _levels(sensors: Sequence[Sensor | None]) -> list[list[tuple[int, Sensor]]]:
+    """Per level its sensors with the numbers of their channels."""
+    levels: dict[str, list[tuple[int, Sensor]]] = {}
+    for k, s in enumerate(sensors):
+        if s is not None:
+            levels.setdefault(s.level, []).append((k, s))
+    return list(levels.values())
 
 
 def patterns(sensors: Sequence[Sensor | None]) -> list[tuple[np.ndarray, np.ndarray, bool]]:
     """Per level the motions of a square structure: what channels see (n_channel,) of one to x and of the same to y, and
     whether it is one of a rigid body."""
-    levels: dict[str, list[int]] = {}
-    for k, s in enumerate(sensors):
-        if s is not None:
-            levels.setdefault(s.level, []).append(k)
     result = []
-    for rows in levels.values():
-        position = np.array([sensors[k].position_m for k in rows])
-        direction = np.array([sensors[k].direction for k in rows])
+    for placed in _levels(sensors):
+        rows = [k for k, _ in placed]
+        position = np.array([s.position_m for _, s in placed])
+        direction = np.array([s.direction for _, s in placed])
         arm = position - np.unique(position, axis=0).mean(axis=0)
         size = max(float(np.max(np.linalg.norm(arm, axis=1))), 1e-9)
         fields = [(np.tile([1.0, 0, 0], (len(rows), 1)), np.tile([0, 1.0, 0], (len(rows), 1)), True)]
@@ -114,15 +120,15 @@ def patterns(sensors: Sequence[Sensor | None]) -> list[tuple[np.ndarray, np.ndar
 def rigid_motions(sensors: Sequence[Sensor | None]) -> np.ndarray:
     """(n_channel, n): what channels see of each level's own six motions."""
     columns = []
-    for level in dict.fromkeys(s.level for s in sensors if s is not None):
-        rows = [k for k, s in enumerate(sensors) if s is not None and s.level == level]
-        position = np.array([sensors[k].position_m for k in rows])
+    for placed in _levels(sensors):
+        rows = [k for k, _ in placed]
+        position = np.array([s.position_m for _, s in placed])
         arm = position - position.mean(axis=0)
         arm = arm / max(float(np.max(np.abs(arm))), 1e-9)
         for axis in np.eye(3):
             for field in (np.tile(axis, (len(rows), 1)), np.cross(axis, arm)):
                 column = np.zeros(len(sensors))
-                column[rows] = np.sum(field * [sensors[k].direction for k in rows], axis=1)
+                column[rows] = np.sum(field * [s.direction for _, s in placed], axis=1)
                 columns.append(column)
     return np.array(columns).T
 
@@ -175,10 +181,10 @@ def _seen(s: Shapes, effect: Effect, size: float, inverse: bool = False) -> list
     result = []
     for shape, frequency in zip(s.shape, s.frequency_hz, strict=True):
         if inverse:
-            whole, _ = effect.observe(np.eye(len(shape), dtype=complex), frequency, size)
+            whole, _ = effect.observation(np.eye(len(shape), dtype=complex), frequency, size)
             result.append(np.linalg.solve(whole, shape))
         else:
-            result.append(effect.observe(shape, frequency, size)[0])
+            result.append(effect.observation(shape, frequency, size)[0])
     return result
 
 

@@ -25,6 +25,9 @@ CHUNK, SUMMED = 4_000_000, 2_000_000
 # blocks that a group must have on either side of a step to tell it
 FEWEST_BEYOND = 3
 
+# numbers of unknowns or of candidates
+Rows = Sequence[int] | np.ndarray
+
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Design:
@@ -292,7 +295,7 @@ class Design:
             total += len(used) * np.linalg.slogdet(covariance)[1] - len(covariance) * np.sum(np.log(used))
         return float(-0.5 * total)
 
-    def unknowns_cov(self, rows: Sequence[int]) -> np.ndarray:
+    def unknowns_cov(self, rows: Rows) -> np.ndarray:
         """Covariance (n, n) of the unknowns numbered `rows`, given the data."""
         rows = np.asarray(rows, int)
         return self._solve(np.eye(self.n_unknown)[:, rows])[rows]
@@ -309,7 +312,7 @@ class Design:
             result.append(y)
         return result
 
-    def overlap(self, rows: Sequence[int], others: Sequence[int]) -> np.ndarray:
+    def overlap(self, rows: Rows, others: Rows) -> np.ndarray:
         """X^T V^-1 X (n_row, n_other) between candidates, V with all that is normal."""
         rows, others = np.asarray(rows, int), np.asarray(others, int)
         B, solved, _, _ = self._system
@@ -320,7 +323,7 @@ class Design:
                 total += time[np.ix_(course, course2)] * (own[:, effect].T @ (precision @ own[:, effect2]))
         return total - B[rows] @ solved[others].T
 
-    def score_correlation(self, rows: Sequence[int]) -> np.ndarray:
+    def score_correlation(self, rows: Rows) -> np.ndarray:
         """Correlation (n, n) of the z of candidates `rows`: how alike their signatures are, time profiles included,
         after all that is normal has taken its part."""
         size = np.sqrt(np.maximum(self.information[np.asarray(rows, int)], 1e-300))

@@ -58,7 +58,7 @@ def tensor_numbers(tensor: np.ndarray) -> np.ndarray:
 def _stack(tensor: np.ndarray, shape: np.ndarray) -> np.ndarray:
     """tensor (..., k, k) and complex shape parts (..., n_channel, k) as numbers."""
     flat = np.swapaxes(shape, -1, -2).reshape(*shape.shape[:-2], -1)
-    return np.concatenate([tensor_numbers(tensor), flat.real, flat.imag], axis=-1)
+    return np.concatenate([tensor_numbers(tensor), np.real(flat), np.imag(flat)], axis=-1)
 
 
 def _inverse(shape: np.ndarray) -> np.ndarray:
@@ -134,7 +134,7 @@ def fingerprint(
     if in_plane.shape[0] == 1:
         tensor = tensor_change
     else:
-        left, _, right = np.linalg.svd(in_plane.real / np.linalg.norm(in_plane.real, axis=0))
+        left, _, right = np.linalg.svd(np.real(in_plane) / np.linalg.norm(np.real(in_plane), axis=0))
         turn = left @ right
         spin = 0.5 * (turning - turning.transpose(1, 0, 2)).real
         here = turn @ reference.tensor @ turn.T

@@ -82,10 +82,8 @@ def estimate_noise(
         kept = np.all(np.abs(difference) < 2 * limit, axis=1)
         difference = difference[kept] if kept.sum() > len(kept) / 2 else np.clip(difference, -limit, limit)
         n_log = 1 if sizes[q] == 1 else 3
-        if stated is not None and stated[q] is not None:
-            covariance = _scaled(stated[q], difference, n_log)
-        else:
-            covariance = _shrunk(difference)
+        pattern = None if stated is None else stated[q]
+        covariance = _shrunk(difference) if pattern is None else _scaled(pattern, difference, n_log)
         covariance = covariance + np.diag(_least(y.shape[1], n_log) ** 2)
         weight = weight / _beside(y, weight, np.linalg.inv(covariance))
         covariances.append(frozen_array(covariance))
@@ -213,7 +211,7 @@ def factored(sample: np.ndarray) -> np.ndarray:
     std = np.where(std > 0, std, 1.0)
     correlation = (sample / std).T @ (sample / std) / n
     edge = (1 + np.sqrt(m / n)) ** 2
-    own = np.full(m, 0.5)
+    own, loading = np.full(m, 0.5), np.zeros((m, 0))
     for _ in range(MOST_FACTORINGS):
         scale = np.sqrt(own)
         value, turn = np.linalg.eigh(correlation / np.outer(scale, scale))

@@ -157,7 +157,7 @@ def log_density(
     that add up to it, and their squared distance."""
     found = solve_covariance(design, rows, Q, residual, own)
     weight = [w[rows] for w in design.noise.weight]
-    numbers = sum((w > 0) * r.shape[1] for w, r in zip(weight, residual, strict=True))
+    numbers = sum(((w > 0) * r.shape[1] for w, r in zip(weight, residual, strict=True)), np.zeros(len(rows), int))
     density = -0.5 * (found.shares + numbers * np.log(2 * np.pi))
     for w, covariance in zip(weight, design.noise.covariance, strict=True):
         measured = w > 0

@@ -104,7 +104,7 @@ class ModalPredictor:
         return Reference(tensor=turn.T @ np.diag(log) @ turn, shape=own @ turn), turn
 
     def slopes(
-        self, local: LocalModel, angles_deg: Sequence[float], slopes: Slopes
+        self, local: LocalModel, angles_deg: Sequence[float] | np.ndarray, slopes: Slopes
     ) -> list[list[Sloped]]:
         """At every angle for every group its reference, and the change of the tensor (k, k, n_param) and of the shapes
         (n_channel, k, n_param) in the group's axes with each parameter of `slopes` (see LocalModel.slopes)."""

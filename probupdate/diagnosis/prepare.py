@@ -129,7 +129,7 @@ def _group_effects(groups: Mapping[str, Mapping[str, float]], parameters: Parame
 
 def _described_sensors(description: Description) -> tuple[Sensor, ...]:
     return tuple(
-        Sensor(channel=s.channel, level=s.level, position_m=s.position_m, direction=s.direction, quantity=s.quantity,
-               unit=s.unit)
+        Sensor(channel=s.channel, level=s.level, position_m=np.array(s.position_m), direction=np.array(s.direction),
+               quantity=s.quantity, unit=s.unit)
         for s in description.sensor
     )

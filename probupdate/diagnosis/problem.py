@@ -131,16 +131,16 @@ class DiagnosisProblem:
     def stated(self) -> tuple[np.ndarray | None, ...]:
         """Per group the mean over blocks of what the identification says its numbers' covariance is, None without."""
         blocks = self.blocks
-        known = [k for k, d in enumerate(blocks.deviations) if d is not None]
+        known = [(k, d) for k, d in enumerate(blocks.deviations) if d is not None]
         if len(known) < len(blocks) / 2:
             return tuple(None for _ in blocks.groups)
         result = []
         for q, (group, axes) in enumerate(zip(blocks.groups, self.predictor.axes, strict=True)):
             members, rows = list(group), []
-            for k in known:
+            for k, d in known:
                 if not blocks.present[k, q]:
                     continue
-                d, weight = blocks.deviations[k], blocks.relative_std[k, q] ** -2.0
+                weight = blocks.relative_std[k, q] ** -2.0
                 columns = stated_columns(blocks.frequency_hz[k, members], blocks.shape[k][:, members],
                                          d.ln_frequency[members], d.shape[:, members], axes)
                 if columns is not None:

@@ -142,7 +142,8 @@ def free_directions(shape: np.ndarray, n_log: int) -> np.ndarray:
         real = slice(n_log + i * n_channel, n_log + (i + 1) * n_channel)
         imaginary = slice(real.start + k * n_channel, real.stop + k * n_channel)
         for j in range(k):
-            for re, im in ((shape[:, j].real, shape[:, j].imag), (-shape[:, j].imag, shape[:, j].real)):
+            in_phase, out_of_phase = np.real(shape[:, j]), np.imag(shape[:, j])
+            for re, im in ((in_phase, out_of_phase), (-out_of_phase, in_phase)):
                 row = np.zeros(m)
                 row[real], row[imaginary] = re, im
                 taken.append(row)

@@ -95,7 +95,8 @@ def _direction(shape: np.ndarray, channels: Sequence[str], sensors: Sequence[Sen
     if not placed:
         return None
     top = max(s.position_m[2] for s, _ in placed)
-    moved = sum(np.array(s.direction[:2]) * shape[k].real for s, k in placed if s.position_m[2] > top - 0.5)
+    moved = sum((np.array(s.direction[:2]) * shape[k].real for s, k in placed if s.position_m[2] > top - 0.5),
+                np.zeros(2))
     if np.linalg.norm(moved) < 1e-3 * np.max(np.abs(shape)):
         return None
     return float(np.degrees(np.arctan2(moved[1], moved[0])) % 180)

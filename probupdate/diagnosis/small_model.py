@@ -98,6 +98,13 @@ class SmallModel:
     known: dict[bytes, LocalModel] = field(default_factory=dict, repr=False)
 
     @property
+    def picture(self) -> tuple[Wireframe, np.ndarray]:
+        """`wire` and `at_nodes`. Raises ValueError where the model has none."""
+        if self.wire is None or self.at_nodes is None:
+            raise ValueError(f"{self.name} has no picture: its nodes have no places")
+        return self.wire, self.at_nodes
+
+    @property
     def turns(self) -> bool:
         """Whether the nacelle's angle changes anything."""
         return bool(self.turning_stiffness or self.turning_mass)
@@ -114,14 +121,14 @@ class SmallModel:
 
     def attached(self, parts: Sequence[Attachment]) -> SmallModel:
         """The model with these parts, none of them there at first, each a parameter behind its own."""
-        stiff = [k for k, part in enumerate(parts) if part.stiffness is not None]
-        heavy = [k for k, part in enumerate(parts) if part.mass is not None]
+        stiff = {k: part.stiffness for k, part in enumerate(parts) if part.stiffness is not None}
+        heavy = {k: part.mass for k, part in enumerate(parts) if part.mass is not None}
         own, coefficients = len(self.parameters), self.coefficients
 
         def with_parts(theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
             cK, cM = coefficients(theta[..., :own])
             added = theta[..., own:]
-            return np.concatenate([cK, added[..., stiff]], -1), np.concatenate([cM, added[..., heavy]], -1)
+            return np.concatenate([cK, added[..., list(stiff)]], -1), np.concatenate([cM, added[..., list(heavy)]], -1)
 
         added = tuple(Parameter(name=p.name, unit=p.unit, initial=0.0, std=p.std, lower=p.lower, upper=p.upper)
                       for p in parts)
@@ -130,8 +137,8 @@ class SmallModel:
             correlation = linalg.block_diag(correlation, np.eye(len(added)))
         return replace(
             self, parameters=Parameters((*self.parameters.items, *added), correlation), coefficients=with_parts,
-            stiffness=self.stiffness.with_added([parts[k].stiffness for k in stiff]),
-            mass=self.mass.with_added([parts[k].mass for k in heavy]), known={},
+            stiffness=self.stiffness.with_added([*stiff.values()]),
+            mass=self.mass.with_added([*heavy.values()]), known={},
         )
 
     def _at(self, theta: np.ndarray) -> LocalModel:
@@ -287,9 +294,9 @@ def small_model(
     del vectors
     energy, directions = _directions(snapshots, sums[0].K(first.parameters.initial))
     del snapshots
+    basis, error, wrong = directions[:, :0], np.inf, np.inf
     for cut in CUTS:
-        kept = energy > cut
-        basis = directions[:, kept]
+        basis = directions[:, energy > cut]
         error = max(
             float(np.max(np.abs(_projected_frequencies(sums[k % len(models)], check[k], basis, sure) / f - 1)))
             for k, f in zip(numbers, exact, strict=True)
@@ -299,7 +306,7 @@ def small_model(
         if error <= TOLERANCE and wrong <= CHANGE:
             return replace(_project(models, basis, n_mode), frequency_error=error)
     raise ConvergenceError(
-        f"{first.name}: the small basis of {kept.sum()} vectors misses frequencies by {error:.1e} where {TOLERANCE:g} "
+        f"{first.name}: the small basis of {basis.shape[1]} vectors misses frequencies by {error:.1e} where {TOLERANCE:g} "
         f"is needed, and what an effect does to them by {100 * wrong:.0f} % where {100 * CHANGE:.0f} % is", error)
 
 

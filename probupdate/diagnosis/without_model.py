@@ -219,25 +219,32 @@ def _surrounding(followed: Followed, found: Found, courses: Sequence[TimeProfile
     return Change(finding=finding, course=course, moved=moved)
 
 
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _Mended:
+    """An effect of sensors taken out along a time profile: its size and deviation, the largest score that is left there
+    over its threshold, the blocks without it."""
+
+    effect: Effect
+    course: TimeProfile
+    size: float
+    size_std: float
+    left: float
+    blocks: Blocks
+
+
 def _sensor(
     blocks: Blocks,
     followed: Followed,
     found: Found,
     courses: Sequence[TimeProfile],
-    known,
-    sensors,
+    known: np.ndarray,
+    sensors: Sequence[Sensor],
     whole: Sequence[Effect],
 ) -> tuple[list[Change], Blocks] | None:
     """Effects of sensors that leave nothing along their time profile; None where they do not explain it. `whole`:
     effects that are there or not."""
-    row, best = np.unravel_index(int(np.argmax(found.over)), found.over.shape)
-    if row < followed.n_frequency:
-        rows = followed.classes[1]
-        if not rows or not np.max(found.over[rows][:, best]) > 1:
-            return None
-        row = rows[int(np.argmax(found.over[rows][:, best]))]
-    course = _finer(blocks, followed, known, int(row), courses[best])
-    if course.kind != "step":
+    course = _step_of_sensors(blocks, followed, found, courses, known)
+    if course is None:
         return None
     changes, now = [], blocks
     for number in range(MOST_AT_ONCE):
@@ -250,45 +257,82 @@ def _sensor(
                 course = finer
                 seen = watch(now, followed.effects, sensors, known, stated=followed.stated, course=course.value)
                 fit, scores = _explained(seen, known, course, found)
-        tried = []
-        for row in np.argsort(-fit)[:MOST_TRIED]:
-            if fit[row] <= ALIKE * fit.max() or (tried and tried[0][0] <= 1):
-                break
-            then, size, std = mend(now, seen, known, sensors, int(row), course)
-            of_frequencies, left = left_at(then, followed, known, sensors, course, found)
-            # what is left of frequencies no sensor does
-            if of_frequencies <= 1:
-                tried.append((left, int(row), then, size, std))
-                tried.sort(key=lambda t: t[0])
+        tried = _mended_one_by_one(now, followed, known, sensors, course, found, seen, fit)
         if not tried:
             return None
-        left, row, then, size, std = tried[0]
-        effect = seen.effects[row - seen.n_frequency]
-        if left > 1:
+        row, best = tried[0]
+        probability = _probability_of_series(seen, fit, scores, row, [k for k, _ in tried[1:]])
+        if best.left > 1:
             other = _as_a_whole(now, followed, known, sensors, course, found, whole, seen, fit, once=not number)
-            if other is not None and other[0] < left:
-                left, effect, then, course = other
-                size, std = effect.discrete[0], 0.0
-        # all at the scatter that is usual for sensors
-        usual = max(1.0, float(np.median(scores.noise[seen.classes[1], 0])))
-        rivals = [k for k in seen.classes[1] if fit[k] > 0.25 * fit[row] and k not in [t[1] for t in tried[1:]]]
-        gain = (fit[rivals] - fit[row]) / usual
-        probability = dict(zip(rivals, np.exp(gain - logsumexp(gain)), strict=True))
-        if effect is not seen.effects[row - seen.n_frequency]:
-            probability = {row: 1.0}
-        others = sorted((k for k in probability if k != row and probability[k] > 1e-3), key=lambda k: -probability[k])
-        changes.append(Change(within_tolerance=abs(size) <= effect.tolerance, finding=Finding(
-            kind=effect.kind, cause=effect.cause, location=effect.location, size=size, size_std=std, unit=effect.unit,
-            course=course.name, course_start=blocks.ids[course.at], z=float(scores.z[row, 0]),
-            posterior_probability=float(probability[row]),
-            alternatives=tuple(Alternative(cause=e.cause, location=e.location,
-                                           posterior_probability=float(probability[k]))
-                               for k in others for e in [seen.effects[k - seen.n_frequency]]),
-            check=effect.check), course=course, moved=()))
-        now = then
-        if left <= 1:
+            if other is not None and other.left < best.left:
+                best, course, probability = other, other.course, {row: 1.0}
+        changes.append(_change_of_sensor(blocks, seen, best, row, float(scores.z[row, 0]), probability))
+        now = best.blocks
+        if best.left <= 1:
             return changes, now
     return None
+
+
+def _step_of_sensors(
+    blocks: Blocks, followed: Followed, found: Found, courses: Sequence[TimeProfile], known: np.ndarray
+) -> TimeProfile | None:
+    """The time profile along which effects of sensors are looked for: the step of the largest score, or where that is
+    one of frequencies, of the largest of sensors along it; None where there is none."""
+    row, best = map(int, np.unravel_index(int(np.argmax(found.over)), found.over.shape))
+    if row < followed.n_frequency:
+        rows = followed.classes[1]
+        if not rows or not np.max(found.over[rows][:, best]) > 1:
+            return None
+        row = rows[int(np.argmax(found.over[rows][:, best]))]
+    course = _finer(blocks, followed, known, row, courses[best])
+    return course if course.kind == "step" else None
+
+
+def _mended_one_by_one(
+    now: Blocks, followed: Followed, known: np.ndarray, sensors: Sequence[Sensor], course: TimeProfile, found: Found,
+    seen: Followed, fit: np.ndarray,
+) -> list[tuple[int, _Mended]]:
+    """The effects that explain nearly as much as the best one (`fit`, as `_explained`) with the number of their series,
+    those first that leave least; none of them leaves anything of the frequencies."""
+    tried: list[tuple[int, _Mended]] = []
+    for row in map(int, np.argsort(-fit)[:MOST_TRIED]):
+        if fit[row] <= ALIKE * fit.max() or (tried and tried[0][1].left <= 1):
+            break
+        then, size, std = mend(now, seen, known, sensors, row, course)
+        of_frequencies, left = left_at(then, followed, known, sensors, course, found)
+        # what is left of frequencies no sensor does
+        if of_frequencies <= 1:
+            tried.append((row, _Mended(effect=seen.effects[row - seen.n_frequency], course=course, size=size,
+                                       size_std=std, left=left, blocks=then)))
+            tried.sort(key=lambda t: t[1].left)
+    return tried
+
+
+def _probability_of_series(
+    seen: Followed, fit: np.ndarray, scores: Scores, row: int, mended_worse: Sequence[int]
+) -> dict[int, float]:
+    """How probable it is that each series of sensors, but for those that were found to mend less, is what `row` shows,
+    all at the scatter that is usual for sensors."""
+    usual = max(1.0, float(np.median(scores.noise[seen.classes[1], 0])))
+    rivals = [k for k in seen.classes[1] if fit[k] > 0.25 * fit[row] and k not in mended_worse]
+    gain = (fit[rivals] - fit[row]) / usual
+    return {k: float(p) for k, p in zip(rivals, np.exp(gain - logsumexp(gain)), strict=True)}
+
+
+def _change_of_sensor(
+    blocks: Blocks, seen: Followed, mended_by: _Mended, row: int, z: float, probability: Mapping[int, float]
+) -> Change:
+    """The change with its finding; `probability` of each series, `row` the one that was taken out."""
+    effect, course = mended_by.effect, mended_by.course
+    others = sorted((k for k in probability if k != row and probability[k] > 1e-3), key=lambda k: -probability[k])
+    finding = Finding(
+        kind=effect.kind, cause=effect.cause, location=effect.location, size=mended_by.size,
+        size_std=mended_by.size_std, unit=effect.unit, course=course.name, course_start=blocks.ids[course.at], z=z,
+        posterior_probability=probability[row],
+        alternatives=tuple(Alternative(cause=e.cause, location=e.location, posterior_probability=probability[k])
+                           for k in others for e in [seen.effects[k - seen.n_frequency]]),
+        check=effect.check)
+    return Change(finding=finding, course=course, moved=(), within_tolerance=abs(mended_by.size) <= effect.tolerance)
 
 
 def _explained(seen: Followed, known: np.ndarray, course: TimeProfile, found: Found) -> tuple[np.ndarray, Scores]:
@@ -309,10 +353,12 @@ def _explained(seen: Followed, known: np.ndarray, course: TimeProfile, found: Fo
     return np.where(can, 0.5 * scores.size[:, 0] ** 2 / variance, 0.0), scores
 
 
-def _as_a_whole(now, followed, known, sensors, course, found, whole, seen, fit, *, once: bool):
-    """(what is left over its threshold, effect, mended blocks, time profile) of the exchanged or reversed channels that
-    leave least of all departures; the time profile's time is theirs where nothing else was taken out along it
-    (`once`)."""
+def _as_a_whole(
+    now: Blocks, followed: Followed, known: np.ndarray, sensors: Sequence[Sensor], course: TimeProfile, found: Found,
+    whole: Sequence[Effect], seen: Followed, fit: np.ndarray, *, once: bool,
+) -> _Mended | None:
+    """Of the exchanged or reversed channels those that leave least of all departures; the time profile's time is theirs
+    where nothing else was taken out along it (`once`)."""
     strong = {seen.effects[k - seen.n_frequency].location for k in np.argsort(-fit)[:8]
               if seen.effects[k - seen.n_frequency].cause == "sensor gain"}
     n, tried = len(now), []
@@ -331,7 +377,7 @@ def _as_a_whole(now, followed, known, sensors, course, found, whole, seen, fit, 
     own = step_profile(n, _sharper(now, sensors, effect, at)) if once else course
     then = mended(now, effect, effect.discrete[0] * own.value)
     left = max(max(left_at(then, followed, known, sensors, one, found)) for one in (course, own))
-    return left, effect, then, own
+    return _Mended(effect=effect, course=own, size=effect.discrete[0], size_std=0.0, left=left, blocks=then)
 
 
 def surroundings_columns(blocks: Blocks) -> tuple[str, ...]:
@@ -358,35 +404,12 @@ def diagnose_without_model(
     whole = tuple(e for e in measurement_effects(blocks.channels, placed) if e.discrete)
     columns = (*surroundings_columns(blocks), *(c for e in effects for c in e.courses))
     courses = [c for c in make_time_profiles(blocks, tuple(dict.fromkeys(columns))) if c.kind != "constant"]
-    known = np.zeros((len(blocks), 0))
     # frequencies, sensors along the record, and constant shapes share the false alarms
     share = FALSE_ALARM / (3 if placed else 2)
-    changes: list[Change] = []
-    first, left = None, False
-    for number in range(MOST_CHANGES + 1):
-        progress("diagnosing", number, MOST_CHANGES + 1)
-        followed = watch(blocks, rows, placed, known)
-        found = search(followed, courses, known, seed, share)
-        first = first or (followed, found)
-        left = bool(np.max(found.over) > 1)
-        if not left or number == MOST_CHANGES:
-            break
-        of_sensors = _sensor(blocks, followed, found, courses, known, placed, whole)
-        if of_sensors is not None:
-            changes += of_sensors[0]
-            blocks = of_sensors[1]
-            continue
-        if np.max(found.over[followed.classes[0]]) > 1:
-            change = _surrounding(followed, found, courses)
-        else:
-            _, best = np.unravel_index(int(np.argmax(found.over)), found.over.shape)
-            change = Change(finding=None, course=courses[best], moved=())
-        changes.append(change)
-        known = np.column_stack([known, change.course.value])
-    progress("diagnosing", MOST_CHANGES + 1, MOST_CHANGES + 1)
+    changes, blocks, followed, found, left = _taken_out(blocks, courses, rows, whole, placed, share, seed, progress)
     steady = _steady(blocks, placed, rows, whole, share, seed) if placed else None
     findings = [c.finding for c in changes if c.finding is not None and not c.within_tolerance]
-    limits, p_value, notes = list(_limits(*first, courses)), first[1].p_value, list(blocks.notes)
+    limits, p_value, notes = list(_limits(followed, found, courses)), found.p_value, list(blocks.notes)
     if steady is not None:
         findings += steady.findings
         limits += steady.limits
@@ -401,14 +424,49 @@ def diagnose_without_model(
     details = {"without_model": True, "changes": [_told(blocks, c) for c in unexplained],
                "constant_shapes_over_threshold": 0.0 if steady is None else steady.unexplained,
                "measurement": [dict(m) for m in campaign_check or ()]}
-    notes += [f"{c.finding.cause}, {c.finding.location} changes by {c.finding.size:.2g} {c.finding.unit} at "
-              f"{c.finding.course_start}: within its tolerance, taken out" for c in changes if c.within_tolerance]
+    notes += [f"{f.cause}, {f.location} changes by {f.size:.2g} {f.unit} at {f.course_start}: within its tolerance, taken "
+              "out" for c in changes if c.within_tolerance and (f := c.finding) is not None]
     notes += _notes(blocks, placed, unexplained, steady)
     return Diagnosis(
         verdict=verdict, p_value=p_value, findings=tuple(findings), limits=tuple(limits),
-        threshold=float(np.min(first[1].threshold)), adequacy_p=float("nan"), notes=tuple(notes), parameters=(),
+        threshold=float(np.min(found.threshold)), adequacy_p=float("nan"), notes=tuple(notes), parameters=(),
         splits=tuple(f.check for f in findings if f.posterior_probability < SURE), details=details,
     )
+
+
+def _taken_out(
+    blocks: Blocks, courses: Sequence[TimeProfile], rows: Sequence[Effect], whole: Sequence[Effect],
+    placed: Sequence[Sensor], share: float, seed: int, progress: Progress,
+) -> tuple[list[Change], Blocks, Followed, Found, bool]:
+    """What changes along the record, one after the other, and the blocks without what sensors were found to do; what
+    the first look followed and found there, and whether the last one still found something."""
+    known = np.zeros((len(blocks), 0))
+
+    def looked_at(number: int) -> tuple[Followed, Found]:
+        progress("diagnosing", number, MOST_CHANGES + 1)
+        followed = watch(blocks, rows, placed, known)
+        return followed, search(followed, courses, known, seed, share)
+
+    changes: list[Change] = []
+    followed, found = first = looked_at(0)
+    for number in range(1, MOST_CHANGES + 1):
+        if not np.max(found.over) > 1:
+            break
+        of_sensors = _sensor(blocks, followed, found, courses, known, placed, whole)
+        if of_sensors is not None:
+            changes += of_sensors[0]
+            blocks = of_sensors[1]
+        else:
+            if np.max(found.over[followed.classes[0]]) > 1:
+                change = _surrounding(followed, found, courses)
+            else:
+                _, best = np.unravel_index(int(np.argmax(found.over)), found.over.shape)
+                change = Change(finding=None, course=courses[int(best)], moved=())
+            changes.append(change)
+            known = np.column_stack([known, change.course.value])
+        followed, found = looked_at(number)
+    progress("diagnosing", MOST_CHANGES + 1, MOST_CHANGES + 1)
+    return changes, blocks, *first, bool(np.max(found.over) > 1)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

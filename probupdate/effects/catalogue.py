@@ -13,7 +13,6 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import combinations
-from typing import cast
 
 import numpy as np
 
@@ -97,9 +96,16 @@ class Effect:
         """Where on the way of a signal an effect on it happens: mounting, sensor, cable, logger."""
         return next((k for k, laws in enumerate(SIGNAL_PATH) if isinstance(self.observe, laws)), 1)
 
+    @property
+    def observation(self) -> Observation:
+        """`observe` of an effect of sensors. Raises ValueError where the effect is none of sensors."""
+        if self.observe is None:
+            raise ValueError(f"effect {self.name} is none of sensors: it has no observation")
+        return self.observe
+
     def seen(self, shape: np.ndarray, frequency_hz: np.ndarray, size: float) -> tuple[np.ndarray, np.ndarray]:
         """`observe` of modes (n_channel, n) with their own frequencies (n,): shapes and what is added to ln f (n,)."""
-        observe = cast(Observation, self.observe)
+        observe = self.observation
         if isinstance(observe, LAWS):
             changed, more = observe(shape, frequency_hz, size)
             return changed, np.full(len(frequency_hz), more)
