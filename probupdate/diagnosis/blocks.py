@@ -11,7 +11,7 @@ from scipy.sparse import csgraph
 
 from probupdate.errors import InputError
 from probupdate.modal.matching import close_clusters
-from probupdate.modal.modes import ModalData, rotate_to_real
+from probupdate.modal.modes import ModalData, ModalSet, rotate_to_real
 from probupdate.runtime.arrays import frozen_array
 
 # a block in which the nacelle turned by more has no one set of modes
@@ -141,70 +141,24 @@ def gather(data: ModalData, where: str = "modes", expected_hz: Mapping[str, floa
     together that are close where they were measured or close in the model: a model of equal stiffness both ways has no
     shapes of single modes to compare.
     """
-    notes = []
-    sets = [s for s in data.sets if np.any(s.measured)]
-    turning = [s for s in sets if _number(s.environment.get("nacelle_heading_deg_range", 0.0)) > YAW_RANGE_DEG]
-    if turning:
-        notes.append(f"{len(turning)} blocks left out in which the nacelle turned by more than {YAW_RANGE_DEG:g} deg")
-        sets = [s for s in sets if not any(s is t for t in turning)]
-    few = len(sets) < FEWEST
-    if not sets or (few and not all(_states_deviations(s) for s in sets)):
-        raise InputError(
-            where,
-            f"has {len(sets)} usable sets of {len(data.sets)}"
-            + (f"; in {len(turning)} the nacelle turned by more than {YAW_RANGE_DEG:g} deg" if turning else ""),
-            f"give at least {FEWEST}, as the scatter between them is the noise that effects are tested against (a longer "
-            "record, or identify shorter blocks: block_minutes in campaign.toml), or state what each set's frequencies "
-            "and shapes are known to (frequency_std_hz, shape_std)",
-        )
-    if few:
-        notes.append(f"{len(sets)} {'set tells' if len(sets) == 1 else 'sets tell'} nothing of their own scatter: the "
-                     "standard deviations stated are taken as they are, with no check")
-    hours = hours_of(tuple(s.id for s in sets))
-    if hours is None:
-        notes.append("the sets' ids are no times: they are taken as an hour apart, in the file's order")
-        hours = np.arange(len(sets), dtype=float)
-    order = np.argsort(hours, kind="stable")
-    sets, hours = [sets[k] for k in order], hours[order]
-    frequency = np.array([s.frequency_hz for s in sets])
-    shape = np.array([s.shape for s in sets])
-    with np.errstate(invalid="ignore"):
-        level = np.column_stack([_level(np.log(f)) for f in frequency.T])
-        stray = np.abs(np.log(frequency) - level) > STRAY
-    if stray.any():
-        notes.append(f"{int(stray.sum())} modes left out, more than {100 * STRAY:.0f} % off their median frequency")
-        frequency = np.where(stray, np.nan, frequency)
+    sets, few, notes = _usable(data, where)
+    sets, hours, more = _by_time(sets)
+    notes += more
+    frequency, more = _without_strays(np.array([s.frequency_hz for s in sets]))
+    notes += more
     with np.errstate(invalid="ignore"):
         steps = np.abs(np.diff(np.log(frequency), axis=0))
     if not few and np.isfinite(steps).any() and np.nanmedian(steps) < SCATTER:
         raise InputError(where, "most sets have the frequencies of the set before them: copied, computed or rounded",
                          "give sets that were identified one by one, with all digits: their scatter is the noise that "
                          "effects are tested against")
-    if not np.isfinite(shape).any():
-        notes.append("no set has a shape: frequencies alone, paired with the model's in their order, tell few causes "
-                     "from one another, and nothing of the sensors")
-    found = np.isfinite(frequency) & np.any(np.isfinite(shape), axis=1)
-    seen = np.isfinite(shape).any(axis=2)[found.any(axis=1)]
-    kept_channels = _most_told(seen) if len(seen) else np.zeros(0, int)
-    left = [f"{c} (there in {m:.0%} of the blocks)" for k, (c, m) in
-            enumerate(zip(data.channels, seen.mean(axis=0), strict=True)) if k not in kept_channels
-            ] if len(seen) else []
-    if left:
-        notes.append(f"left out, so that the blocks without them count: {', '.join(left)}")
-    short = int(np.sum(~seen[:, kept_channels].all(axis=1)))
-    if short:
-        notes.append(f"{short} of {len(seen)} blocks left out, in which one channel or another is missing")
+    shape = np.array([s.shape for s in sets])
+    kept_channels, more = _used_channels(data.channels, frequency, shape)
+    notes += more
     shape = shape[:, kept_channels]
-    complete = np.isfinite(frequency) & np.all(np.isfinite(shape), axis=1)
     labels = data.labels or tuple(f"mode {j + 1}" for j in range(data.n_mode))
-    kept = np.flatnonzero(complete.mean(axis=0) >= MODE_SHARE)
-    if len(kept) < data.n_mode:
-        names = [labels[j] for j in range(data.n_mode) if j not in kept]
-        notes.append(f"{', '.join(names)} left out: found with every channel in fewer than a fifth of the blocks")
-    if expected_hz is not None and any(labels[j] not in expected_hz for j in kept):
-        lost = [labels[j] for j in kept if labels[j] not in expected_hz]
-        notes.append(f"{', '.join(lost)} left out: no mode of the model that these sensors see is left for it")
-        kept = np.array([j for j in kept if labels[j] in expected_hz], int)
+    kept, more = _used_modes(labels, frequency, shape, expected_hz)
+    notes += more
     if not len(kept):
         raise InputError(where, "no mode is found with every channel in a fifth of the blocks",
                          "leave out channels that are mostly missing")
@@ -222,15 +176,101 @@ def gather(data: ModalData, where: str = "modes", expected_hz: Mapping[str, floa
     unknown = int(np.sum(np.isnan(angle)))
     if 0 < unknown < len(sets):
         notes.append(f"{unknown} sets do not tell where the nacelle looked: taken as in the model")
-    angle = np.nan_to_num(angle)
     return Blocks(
         ids=tuple(s.id for s in sets), hours=frozen_array(hours),
-        channels=tuple(data.channels[k] for k in kept_channels), labels=tuple(labels[j] for j in kept), groups=groups,
-        frequency_hz=frozen_array(frequency), shape=frozen_array(shape, complex), angle_deg=frozen_array(angle),
-        environment=tuple(s.environment for s in sets),
+        channels=tuple(data.channels[k] for k in kept_channels), labels=names, groups=groups,
+        frequency_hz=frozen_array(frequency), shape=frozen_array(shape, complex),
+        angle_deg=frozen_array(np.nan_to_num(angle)), environment=tuple(s.environment for s in sets),
         relative_std=frozen_array(_relative_std(sets, kept, kept_channels, groups)), deviations=deviations,
         notes=tuple(notes), few=few, std_alone=not any(s.deviation is not None for s in sets),
     )
+
+
+def _usable(data: ModalData, where: str) -> tuple[list[ModalSet], bool, list[str]]:
+    """The sets with modes in which the nacelle hardly turned, whether they are few, and what to say of it; raises
+    InputError where they tell no noise."""
+    notes = []
+    sets = [s for s in data.sets if np.any(s.measured)]
+    turning = [s for s in sets if _number(s.environment.get("nacelle_heading_deg_range", 0.0)) > YAW_RANGE_DEG]
+    if turning:
+        notes.append(f"{len(turning)} blocks left out in which the nacelle turned by more than {YAW_RANGE_DEG:g} deg")
+        sets = [s for s in sets if not any(s is t for t in turning)]
+    few = len(sets) < FEWEST
+    if not sets or (few and not all(_states_deviations(s) for s in sets)):
+        raise InputError(
+            where,
+            f"has {len(sets)} usable sets of {len(data.sets)}"
+            + (f"; in {len(turning)} the nacelle turned by more than {YAW_RANGE_DEG:g} deg" if turning else ""),
+            f"give at least {FEWEST}, as the scatter between them is the noise that effects are tested against (a "
+            "longer record, or identify shorter blocks: block_minutes in campaign.toml), or state what each set's "
+            "frequencies and shapes are known to (frequency_std_hz, shape_std)",
+        )
+    if few:
+        notes.append(f"{len(sets)} {'set tells' if len(sets) == 1 else 'sets tell'} nothing of their own scatter: the "
+                     "standard deviations stated are taken as they are, with no check")
+    return sets, few, notes
+
+
+def _by_time(sets: Sequence[ModalSet]) -> tuple[list[ModalSet], np.ndarray, list[str]]:
+    """The sets in the order of time, their hours since the first one, and what to say where ids are no times."""
+    notes = []
+    hours = hours_of(tuple(s.id for s in sets))
+    if hours is None:
+        notes.append("the sets' ids are no times: they are taken as an hour apart, in the file's order")
+        hours = np.arange(len(sets), dtype=float)
+    order = np.argsort(hours, kind="stable")
+    return [sets[k] for k in order], hours[order], notes
+
+
+def _without_strays(frequency: np.ndarray) -> tuple[np.ndarray, list[str]]:
+    """Frequencies (n_block, n_mode), NaN where they are far off their mode's, and what to say of it."""
+    with np.errstate(invalid="ignore"):
+        level = np.column_stack([_level(np.log(f)) for f in frequency.T])
+        stray = np.abs(np.log(frequency) - level) > STRAY
+    if not stray.any():
+        return frequency, []
+    return np.where(stray, np.nan, frequency), [
+        f"{int(stray.sum())} modes left out, more than {100 * STRAY:.0f} % off their median frequency"]
+
+
+def _used_channels(
+    channels: Sequence[str], frequency: np.ndarray, shape: np.ndarray
+) -> tuple[np.ndarray, list[str]]:
+    """Numbers of the channels that are used, of shapes (n_block, n_channel, n_mode), and what to say of the others."""
+    notes = []
+    if not np.isfinite(shape).any():
+        notes.append("no set has a shape: frequencies alone, paired with the model's in their order, tell few causes "
+                     "from one another, and nothing of the sensors")
+    found = np.isfinite(frequency) & np.any(np.isfinite(shape), axis=1)
+    there = np.isfinite(shape)[found.any(axis=1)]
+    seen = np.any(there, axis=2)
+    kept = _most_told(seen) if len(seen) else np.zeros(0, int)
+    left = [f"{c} (there in {m:.0%} of the blocks)" for k, (c, m) in
+            enumerate(zip(channels, seen.mean(axis=0), strict=True)) if k not in kept] if len(seen) else []
+    if left:
+        notes.append(f"left out, so that the blocks without them count: {', '.join(left)}")
+    short = int(np.sum(~seen[:, kept].all(axis=1)))
+    if short:
+        notes.append(f"{short} of {len(seen)} blocks left out, in which one channel or another is missing")
+    return kept, notes
+
+
+def _used_modes(
+    labels: tuple[str, ...], frequency: np.ndarray, shape: np.ndarray, expected_hz: Mapping[str, float] | None
+) -> tuple[np.ndarray, list[str]]:
+    """Numbers of the modes that are found with every channel often enough, and that the model has where it was asked;
+    what to say of the others."""
+    notes = []
+    complete = np.isfinite(frequency) & np.all(np.isfinite(shape), axis=1)
+    kept = np.flatnonzero(complete.mean(axis=0) >= MODE_SHARE)
+    if len(kept) < len(labels):
+        names = [label for j, label in enumerate(labels) if j not in kept]
+        notes.append(f"{', '.join(names)} left out: found with every channel in fewer than a fifth of the blocks")
+    if expected_hz is not None and any(labels[j] not in expected_hz for j in kept):
+        lost = [labels[j] for j in kept if labels[j] not in expected_hz]
+        notes.append(f"{', '.join(lost)} left out: no mode of the model that these sensors see is left for it")
+        kept = np.array([j for j in kept if labels[j] in expected_hz], int)
+    return kept, notes
 
 
 def _most_told(seen: np.ndarray) -> np.ndarray:
@@ -253,7 +293,8 @@ def _groups(places_hz: np.ndarray, labels: tuple[str, ...]) -> tuple[tuple[int, 
         for cluster in close_clusters(row):
             near[np.ix_(cluster, cluster)] = True
     _, number = csgraph.connected_components(near, directed=False)
-    parts = [p for q in np.unique(number) for p in pairs_of(tuple(map(int, np.flatnonzero(number == q))), apart, labels)]
+    parts = [p for q in np.unique(number)
+             for p in pairs_of(tuple(map(int, np.flatnonzero(number == q))), apart, labels)]
     return tuple(sorted((tuple(sorted(int(j) for j in p)) for p in parts), key=lambda p: places_hz[0][p[0]]))
 
 

@@ -84,16 +84,12 @@ def examine(
     fits, remaining = adequacy(problem, fitted, found)
     progress("diagnosing", most + 1, most + 1)
     silent, pinned = _silent(fitted), _pinned(fitted)
-    bent = _bent(problem, fitted)
     parameters = tuple(_parameters(problem, null, fitted))
     far = _far(parameters)
     beyond = _beyond_sense(found)
-    if fits < ADEQUATE or explored.left_over or silent or bent or far or beyond or not fitted.settled:
-        verdict = "unexplained"
-    elif not findings:
-        verdict = "none"
-    else:
-        verdict = "ambiguous" if any(f.posterior_probability < SURE for f in findings) else "named"
+    unexplained = (fits < ADEQUATE or explored.left_over or silent or _bent(problem, fitted) or far or beyond
+                   or not fitted.settled)
+    verdict = "unexplained" if unexplained else verdict_of(findings)
     included = () if verdict == "unexplained" else tuple(findings)
     details: dict[str, dict[str, float] | list[str]] = {"adequacy": remaining}
     told = _told(problem, fitted)
@@ -123,6 +119,13 @@ def examine(
         details=details,
     )
     return Outcome(diagnosis=diagnosis, problem=problem, null=null, fitted=fitted, first=first, last=found)
+
+
+def verdict_of(findings: Sequence[Finding]) -> str:
+    """What findings that explain a record say of it."""
+    if not findings:
+        return "none"
+    return "ambiguous" if any(f.posterior_probability < SURE for f in findings) else "named"
 
 
 def _explored(

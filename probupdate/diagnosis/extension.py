@@ -68,26 +68,10 @@ def extend(
     (where the model's parameters came from, if from another file) and `seed` are for the command that is told."""
     problem, fitted = outcome.problem, outcome.fitted
     added = _Added.of(prepared, fitted)
-    seen = [n for n in fitted.included if n.effect.observe is not None]
-    files: dict[str, str | None] = {"model": None, "modes": None, "mean": None, "posterior": None}
     mean, n_block = mean_set(problem, fitted)
     averaged = ModalData(channels=problem.blocks.channels, sets=(mean,), labels=problem.blocks.labels)
-    unwritten, places = "", {}
-    if out is not None:
-        out = Path(out)
-        out.parent.mkdir(parents=True, exist_ok=True)
-        places["mean"] = out.with_name(f"{out.stem}.mean.json")
-        write_modes(averaged, places["mean"])
-        if added:
-            try:
-                places["model"] = added.write(prepared, out.with_name(f"{out.stem}.model.toml"))
-            except InputError as error:
-                # minutes of work are not lost for a file that stands in its own way
-                unwritten = str(error)
-        if seen:
-            places["modes"] = out.with_name(f"{out.stem}.modes.json")
-            write_modes(corrected(problem, data, seen), places["modes"])
-        files |= {key: path.name for key, path in places.items()}
+    out = None if out is None else Path(out)
+    places, unwritten = ({}, "") if out is None else _written(prepared, outcome, data, added, averaged, out)
     angle = float(mean.environment["nacelle_angle_deg"])
     progress("updating with the findings", 0, 2)
     alone = replace(averaged, sets=(mean_set(problem, outcome.null, like=fitted)[0],))
@@ -104,14 +88,11 @@ def extend(
             command = sampling_command(places.get("model", prepared.path), places["mean"], place,
                                        seed if sampler is None else sampler.seed,
                                        parameters=None if "model" in places else parameters_file)
-    if sampler is None:
-        chain = not_sampled(command, reason="this was not asked for")
-    elif model is None:
-        chain = not_sampled(command, refused="the model with them was not updated")
-    else:
-        chain = sampled(model, averaged, sampler, place, command, progress)
-        if place is not None and "refused" not in chain:
-            files["posterior"] = place.name
+    chain = _chain(model, averaged, sampler, place, command, progress)
+    files: dict[str, str | None] = {"model": None, "modes": None, "mean": None, "posterior": None}
+    files |= {key: path.name for key, path in places.items()}
+    if model is not None and sampler is not None and place is not None and "refused" not in chain:
+        files["posterior"] = place.name
     content = {
         "files": files,
         "added": [_told_added(prepared, added, n) | {"size_std": std}
@@ -130,6 +111,38 @@ def extend(
                                      f"{parameters_file}, with which the findings were made: put these in before it is "
                                      "used")
     return Extension(model=files["model"], content=content)
+
+
+def _written(
+    prepared: Prepared, outcome: Outcome, data: ModalData, added: _Added, averaged: ModalData, out: Path
+) -> tuple[dict[str, Path], str]:
+    """The files that were written beside `out`, and why the model's was not where it could not be."""
+    unwritten, seen = "", [n for n in outcome.fitted.included if n.effect.observe is not None]
+    out.parent.mkdir(parents=True, exist_ok=True)
+    places = {"mean": out.with_name(f"{out.stem}.mean.json")}
+    write_modes(averaged, places["mean"])
+    if added:
+        try:
+            places["model"] = added.write(prepared, out.with_name(f"{out.stem}.model.toml"))
+        except InputError as error:
+            # minutes of work are not lost for a file that stands in its own way
+            unwritten = str(error)
+    if seen:
+        places["modes"] = out.with_name(f"{out.stem}.modes.json")
+        write_modes(corrected(outcome.problem, data, seen), places["modes"])
+    return places, unwritten
+
+
+def _chain(
+    model: AffineModel | None, averaged: ModalData, sampler: SamplerSettings | None, place: Path | None, command: str,
+    progress: Progress,
+) -> dict:
+    """What the sampler says of the mean with the findings in the model, or why it was not run."""
+    if sampler is None:
+        return not_sampled(command, reason="this was not asked for")
+    if model is None:
+        return not_sampled(command, refused="the model with them was not updated")
+    return sampled(model, averaged, sampler, place, command, progress)
 
 
 def _updated_if_possible(opened: Callable[[], AffineModel], data: ModalData) -> tuple[dict, AffineModel | None]:

@@ -232,11 +232,8 @@ def fit(
             leaps += 1
             trial = _trial(problem, design, theta, included, newton, newton.whole)
         stalled = False
-        told = sum(int(np.count_nonzero(w)) * y.shape[1] for w, y in zip(noise.weight, departures, strict=True))
-        # what is left beyond the noise makes the posterior wider
-        step = _length(problem, design, theta, included, trial, max(1.0, trial.misfit / told))
         # a step that had to be shortened is not a small one
-        step = step * newton.whole / trial.share
+        step = _length(problem, design, theta, included, trial) * newton.whole / trial.share
         theta, included, here = trial.theta, trial.included, trial.there
     return _ended(problem, theta, included, noise, here, MOST_STEPS)
 
@@ -308,12 +305,13 @@ def _trial(
 
 
 def _length(
-    problem: DiagnosisProblem, design: Design, theta: np.ndarray, included: tuple[IncludedEffect, ...], trial: _Trial,
-    wider: float,
+    problem: DiagnosisProblem, design: Design, theta: np.ndarray, included: tuple[IncludedEffect, ...], trial: _Trial
 ) -> float:
-    """By how many posterior deviations, of variances `wider` times as large, a trial moves what it moves most."""
+    """By how many posterior deviations a trial moves what it moves most."""
     updated = list(problem.updated)
-    known = np.sqrt(np.diag(design.unknowns_cov(design.held(len(updated)))) * wider)
+    told = sum(int(np.count_nonzero(w)) * y.shape[1] for w, y in zip(design.noise.weight, trial.there, strict=True))
+    # what is left beyond the noise makes the posterior wider
+    known = np.sqrt(np.diag(design.unknowns_cov(design.held(len(updated)))) * max(1.0, trial.misfit / told))
     moved = np.abs(trial.theta[updated] - theta[updated])
     grown = [abs(trial.included[k].size - included[k].size) for k in _free(included)]
     return float(np.max(np.concatenate([moved, grown]) / known, initial=0.0))

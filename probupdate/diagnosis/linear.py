@@ -187,7 +187,8 @@ class Design:
             return linalg.cho_factor(information, lower=True)
         except linalg.LinAlgError:
             raise ConvergenceError(
-                "the record's information on the unknowns is singular: the fit has left where modes can be distinguished",
+                "the record's information on the unknowns is singular: the fit has left where modes can be "
+                "distinguished",
                 np.empty(0),
             ) from None
 

@@ -182,7 +182,8 @@ def effect_signatures(
     of_sensors = [j for j, effect in enumerate(effects) if effect.observe is not None]
     d_shape, d_log = _sensor_changes([effects[j] for j in of_sensors], plain, seen)
     result = []
-    for ((reference, tensor, shape), axes), own, there in zip(places, _columns(plain), observed(plain, seen), strict=True):
+    for ((reference, tensor, shape), axes), own, there in zip(places, _columns(plain), observed(plain, seen),
+                                                              strict=True):
         t_change, s_change = tensor @ amounts, (_seen_change(reference, shape, seen) @ amounts).astype(complex)
         if of_sensors:
             s_change[:, :, of_sensors] = d_shape[:, own]

@@ -306,8 +306,9 @@ def small_model(
         if error <= TOLERANCE and wrong <= CHANGE:
             return replace(_project(models, basis, n_mode), frequency_error=error)
     raise ConvergenceError(
-        f"{first.name}: the small basis of {basis.shape[1]} vectors misses frequencies by {error:.1e} where {TOLERANCE:g} "
-        f"is needed, and what an effect does to them by {100 * wrong:.0f} % where {100 * CHANGE:.0f} % is", error)
+        f"{first.name}: the small basis of {basis.shape[1]} vectors misses frequencies by {error:.1e} where "
+        f"{TOLERANCE:g} is needed, and what an effect does to them by {100 * wrong:.0f} % where {100 * CHANGE:.0f} % "
+        "is", error)
 
 
 def _directions(snapshots: np.ndarray, K: sparse.csc_array) -> tuple[np.ndarray, np.ndarray]:

@@ -55,7 +55,8 @@ def _sentence(problem: DiagnosisProblem, design: Design, finding: Finding, best:
     score_correlation = float(np.abs(design.score_correlation([best, rival])[0, 1]))
     first, second = (problem.effects[problem.which[k, 0]] for k in (best, rival))
     needed = needed_z(score_correlation)
-    text = f"{first.name} and {second.name} look alike by {score_correlation:.2f} once all that is normal has taken its part: "
+    text = (f"{first.name} and {second.name} look alike by {score_correlation:.2f} once all that is normal has taken "
+            "its part: ")
     if score_correlation > 0.999:
         return text + f"no record of these modes and channels tells them apart; {_checks(first, second)}"
     text += f"telling them apart asks |z| of {needed:.0f}, here it is {abs(finding.z):.0f}; "

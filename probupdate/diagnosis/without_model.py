@@ -15,7 +15,7 @@ from scipy.special import logsumexp
 
 from probupdate.diagnosis.along_record import LEFT, Scores, make_contrasts, score
 from probupdate.diagnosis.blocks import Blocks, gather, with_derived
-from probupdate.diagnosis.diagnose import POWER, SURE
+from probupdate.diagnosis.diagnose import POWER, SURE, verdict_of
 from probupdate.diagnosis.empirical_reference import look, mended
 from probupdate.diagnosis.empirical_search import (
     ALL,
@@ -415,17 +415,12 @@ def diagnose_without_model(
         limits += steady.limits
         p_value = min(p_value, min(1.0, steady.p_value * FALSE_ALARM / share))
     unexplained = [c for c in changes if c.finding is None]
-    if unexplained or left:
-        verdict = "unexplained"
-    elif not findings:
-        verdict = "none"
-    else:
-        verdict = "ambiguous" if any(f.posterior_probability < SURE for f in findings) else "named"
+    verdict = "unexplained" if unexplained or left else verdict_of(findings)
     details = {"without_model": True, "changes": [_told(blocks, c) for c in unexplained],
                "constant_shapes_over_threshold": 0.0 if steady is None else steady.unexplained,
                "measurement": [dict(m) for m in campaign_check or ()]}
-    notes += [f"{f.cause}, {f.location} changes by {f.size:.2g} {f.unit} at {f.course_start}: within its tolerance, taken "
-              "out" for c in changes if c.within_tolerance and (f := c.finding) is not None]
+    notes += [f"{f.cause}, {f.location} changes by {f.size:.2g} {f.unit} at {f.course_start}: within its tolerance, "
+              "taken out" for c in changes if c.within_tolerance and (f := c.finding) is not None]
     notes += _notes(blocks, placed, unexplained, steady)
     return Diagnosis(
         verdict=verdict, p_value=p_value, findings=tuple(findings), limits=tuple(limits),
