@@ -73,6 +73,10 @@ class Hypothesis:
     def log_posterior(self) -> float:
         return self.log_evidence + self.log_prior
 
+    def stored(self) -> Hypothesis:
+        """The same without what its design was asked for, which it works out again when it is asked."""
+        return replace(self, fitted=replace(self.fitted, design=replace(self.fitted.design)))
+
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Explored:
@@ -256,7 +260,8 @@ def explore(problem: DiagnosisProblem, null: Fit, *, most: int, seed: int, progr
             # what its own noise and times made less probable is looked at when its turn comes again
             if dict(zip(*compared.order(problem, known), strict=True))[key] < -MARGIN:
                 continue
-        here = known[key]
+        # what its design is asked for here is as large as all else together, and not kept
+        here = known[key].stored() if key else known[key]
         progress("diagnosing", min(len(key), most), most + 1)
         found = first if not key else search(
             problem, here.fitted, seed=seed, z_included=here.z, heavier=first.heavier)
@@ -268,7 +273,7 @@ def explore(problem: DiagnosisProblem, null: Fit, *, most: int, seed: int, progr
         if add:
             problem, fitted, found = with_crosstalk(problem, here.fitted, found, seed=seed, z_included=here.z)
             here, searches[key] = replace(here, fitted=fitted), found
-            known[key] = here
+            known[key] = here.stored()
         large = bool(found.statistic.max() > LARGE)
         moves = large_moves(problem, here, found, n_searched) if add and large else []
         together = any(len(m.candidates) > len(here.candidates) + 1 for m in moves)
@@ -354,7 +359,7 @@ def _hypothesis(
     problem: DiagnosisProblem, candidates: tuple[int, ...], z: tuple[float, ...], fitted: Fit
 ) -> Hypothesis:
     return Hypothesis(candidates=candidates, z=z, fitted=fitted, log_prior=log_prior(problem, candidates),
-                      log_evidence=log_evidence(problem, fitted))
+                      log_evidence=log_evidence(problem, fitted)).stored()
 
 
 def _renewed(problem: DiagnosisProblem, here: Hypothesis) -> Hypothesis:
