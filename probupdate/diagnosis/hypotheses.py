@@ -248,7 +248,7 @@ def explore(problem: DiagnosisProblem, null: Fit, *, most: int, seed: int, progr
     known: dict[frozenset, Hypothesis] = {frozenset(): start}
     searches: dict[frozenset, Search] = {}
     left_over: dict[frozenset, bool] = {}
-    compared, renewed = Comparison(), set()
+    compared, renewed = Ranking(), set()
     first = search(problem, null, seed=seed)
     while len(searches) < MOST_LOOKED:
         key = _next_looked_at(*compared.order(problem, known), searches)
@@ -390,7 +390,7 @@ def _with_noise_and_times_of(one: Hypothesis, before: Hypothesis, after: Hypothe
                    log_evidence=one.log_evidence + after.log_evidence - before.log_evidence)
 
 
-class Comparison:
+class Ranking:
     """Hypotheses by posterior probability, those near the best with their evidence relative to its, each pair about the
     parameters of both fits, whichever is the better for each, and at the best one's noise. Signatures of all that is
     marginalised differ from one fit's parameters to the next, which alone moves evidence by ten and more, of both

@@ -13,7 +13,7 @@ from probupdate.diagnosis.diagnose import NOT_SETTLED, NOT_TESTED, diagnose, exa
 from probupdate.diagnosis.evidence import log_evidence, only_promised, sizes_std
 from probupdate.diagnosis.expected import departures_at, local_at
 from probupdate.diagnosis.fitting import fit, linearised
-from probupdate.diagnosis.hypotheses import Comparison, Hypothesis, log_prior, moves_from, without
+from probupdate.diagnosis.hypotheses import Hypothesis, Ranking, log_prior, moves_from, without
 from probupdate.diagnosis.mode_numbers import numbers_of_modes
 from probupdate.diagnosis.predictor import effect_signatures, observed
 from probupdate.diagnosis.prepare import prepare
@@ -232,12 +232,12 @@ def test_hypotheses_are_compared_about_the_same_parameters(loosened):
     problem, null, step = loosened
     own = _hypothesis(problem, null, ("parameter", "k3", step, -0.05))
     again = replace(own, log_evidence=own.log_evidence - 15.0)
-    keys, relative = Comparison().order(problem, {frozenset([1]): own, frozenset([2]): again})
+    keys, relative = Ranking().order(problem, {frozenset([1]): own, frozenset([2]): again})
     assert keys[0] == frozenset([1]) and relative == pytest.approx([0.0, 0.0], abs=1e-6)
     # another effect stays behind by what it leaves
     other = _hypothesis(problem, null, ("parameter", "k4", step, -0.05))
     near = replace(other, log_evidence=own.log_evidence - 1.0)
-    keys, relative = Comparison().order(problem, {frozenset([1]): own, frozenset([2]): near})
+    keys, relative = Ranking().order(problem, {frozenset([1]): own, frozenset([2]): near})
     assert keys[0] == frozenset([1]) and relative[1] < -10
 
 
