@@ -113,11 +113,13 @@ def _known(folder: Path) -> MonthState | None:
 def _claim(out: Path, farm: Farm) -> None:
     """Refuses a folder of something else, and one of another farm by name."""
     path = out / HEAD
+    # asked before the head: another shard may write that one meanwhile
+    foreign = not holds_nothing(out)
     if path.exists():
         found = read_json_table(path, ANEW).get("name")
         if found != farm.name:
             raise InputError(str(out), f"holds the results of the farm '{found}', not of '{farm.name}'", ANEW)
-    elif out.exists() and not holds_nothing(out):
+    elif foreign:
         raise InputError(str(out), "is not empty and holds no farm's results", ANEW)
     else:
         write_json(path, {"format": 1, "name": farm.name})

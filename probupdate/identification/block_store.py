@@ -116,10 +116,13 @@ class BlockStore:
         self._files = block_files(campaign)
         head = store_head(campaign, settings)
         path = self.folder / HEAD
+        # asked before the head: another run may write that one meanwhile
+        foreign = self.folder.exists() and (
+            not self.folder.is_dir() or any(p.suffix != PART for p in self.folder.iterdir()))
         if path.exists():
             _refuse_other(self.folder, _read_head(path), head)
             remove_stale(self.folder)
-        elif self.folder.exists() and (not self.folder.is_dir() or any(p.suffix != PART for p in self.folder.iterdir())):
+        elif foreign:
             raise InputError(str(self.folder), "holds something else than identified blocks", ANEW)
         else:
             write_json(path, head)

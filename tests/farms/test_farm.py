@@ -10,6 +10,7 @@ import sys
 import threading
 import time
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 from farm_cases import DESCRIPTION, write_campaign, write_farm
@@ -18,6 +19,7 @@ import probupdate
 from probupdate.cli import main
 from probupdate.errors import InputError
 from probupdate.farms import month as months
+from probupdate.farms import run as farms_run
 from probupdate.farms.description import read_farm
 from probupdate.farms.run import run_one
 from probupdate.modal.modes import read_modes
@@ -320,6 +322,22 @@ def test_mistakes_of_the_description_are_named(described, tmp_path, old, new, sa
     with pytest.raises(InputError) as error:
         read_farm(path)
     assert said in str(error.value) and "wrong.toml" in str(error.value)
+
+
+def test_two_shards_that_begin_in_the_same_moment_take_one_folder(described, tmp_path, monkeypatch):
+    """The other's head may be written right after it was looked for."""
+    out, farm, exists = tmp_path / "out", read_farm(described), Path.exists
+
+    def looked_for(path, **options):
+        there = exists(path, **options)
+        if path == out / "farm.json" and not there:
+            path.parent.mkdir()
+            path.write_text(json.dumps({"format": 1, "name": farm.name}))
+        return there
+
+    monkeypatch.setattr(Path, "exists", looked_for)
+    farms_run._claim(out, farm)
+    assert json.loads((out / "farm.json").read_text())["name"] == farm.name
 
 
 def test_a_folder_of_something_else_is_refused(described, undisturbed, tmp_path):
