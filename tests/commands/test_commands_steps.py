@@ -122,6 +122,7 @@ def test_posterior_round_trip(estimated, tmp_path):
 # A callable ---------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.numbers
 def test_a_callable_gives_what_the_matrices_give(estimated, tmp_path):
     function = FunctionModel(
         name="building", parameters=read_parameters(estimated / "parameters.toml"), channels=CHANNELS,
@@ -196,6 +197,7 @@ def test_a_turbine_through_every_step(turbine):
 # Going on after an interruption -------------------------------------------------------------------------------------
 
 
+@pytest.mark.numbers
 def test_a_killed_chain_goes_on_with_the_same_numbers(estimated, tmp_path):
     for name in ("model.npz", "parameters.toml", "modes.json"):
         shutil.copy(estimated / name, tmp_path)
@@ -363,6 +365,7 @@ def footbridge(tmp_path, *options):
     return read_update(out)
 
 
+@pytest.mark.numbers
 @pytest.mark.skipif(not BRIDGE.is_dir(), reason="the footbridge's data are not beside the repository")
 def test_footbridge_by_default_comes_near_the_published_update(tmp_path):
     """Otsuki et al. 2022: -0.716 for the lateral support y1; the vertical ones z1 and z2 are hardly told."""
@@ -375,6 +378,7 @@ def test_footbridge_by_default_comes_near_the_published_update(tmp_path):
     assert "model discrepancy" in record.settings["weights"]
 
 
+@pytest.mark.numbers
 @pytest.mark.skipif(not BRIDGE.is_dir(), reason="the footbridge's data are not beside the repository")
 def test_footbridge_with_the_measurements_error_alone_flags_what_is_pinned(tmp_path):
     record = footbridge(tmp_path, "--no-tolerances", "--discrepancy", "0")
