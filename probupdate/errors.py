@@ -38,8 +38,8 @@ class InputError(ProbupdateError):
 
 
 def _one_line(text: str) -> str:
-    """What other packages say of a file may run over several lines; values from files may be long or hold escapes that a
-    terminal obeys."""
+    """What other packages say of a file may run over several lines; values from files may be long or hold escapes that
+    a terminal obeys."""
     text = str(text)
     if len(text) > LONGEST:
         text = f"{text[: LONGEST // 2]} [{len(text) - LONGEST} characters] {text[-LONGEST // 2:]}"

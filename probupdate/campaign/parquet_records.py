@@ -18,8 +18,8 @@ HEAD_KEYS = ("start", "sampling_rate_hz")
 
 
 def parquet_head(path: Path, channels: Sequence[str]) -> tuple[str, str, int]:
-    """Start and sampling rate as they are written, and the number of samples. Raises InputError where a channel, a number
-    or the package pyarrow is missing."""
+    """Start and sampling rate as they are written, and the number of samples. Raises InputError where a channel, a
+    number or the package pyarrow is missing."""
     with _opened(path) as file:
         import pyarrow
 
@@ -43,7 +43,8 @@ def parquet_head(path: Path, channels: Sequence[str]) -> tuple[str, str, int]:
 
 
 def parquet_rows(path: Path, channels: Sequence[str], first: int, last: int) -> np.ndarray:
-    """Rows `first` to `last` (n, n_channel) of the channels, from the row groups that have some of them; NaN for null."""
+    """Rows `first` to `last` (n, n_channel) of the channels, from the row groups that have some of them; NaN for
+    null."""
     with _opened(path) as file:
         ends = np.cumsum([file.metadata.row_group(k).num_rows for k in range(file.metadata.num_row_groups)])
         begins = ends - np.diff(ends, prepend=0)

@@ -1,4 +1,5 @@
-"""Records that are none of the channel they stand for: a column of time, or numbers in another unit than the stated one."""
+"""Records that are none of the channel they stand for: a column of time, or numbers in another unit than the stated
+one."""
 
 from __future__ import annotations
 

@@ -1,7 +1,8 @@
 """Files of other programs, read in pieces: CSV, Parquet, MATLAB .mat (v5 and v7.3), NumPy .npy and .npz, UFF 58.
 
 A source gives pieces of (time column or None, data (n, n_channel)); never more than PIECE rows are held, but for .mat
-v5 and UFF, which have no other way and are refused beyond a size. Nothing in a file is executed: no pickles, no objects.
+v5 and UFF, which have no other way and are refused beyond a size. Nothing in a file is executed: no pickles, no
+objects.
 """
 
 from __future__ import annotations
@@ -328,7 +329,8 @@ ABSCISSA = "abscissa"
 
 
 def _uff(path: Path, d: Description) -> Pieces:
-    """Records in time of datasets 58; a column is a channel's name (line 1), node and axis such as '12:+x', or a number."""
+    """Records in time of datasets 58; a column is a channel's name (line 1), node and axis such as '12:+x', or a
+    number."""
     from probupdate.campaign.uff_file import read_uff_records
 
     if d.time != ABSCISSA:

@@ -427,7 +427,8 @@ def _named(
 
 
 def _seen(sets: list[ModalSet], physical: PhysicalModes, every: bool) -> tuple[np.ndarray, list[str]]:
-    """(n_mode,) bool: modes that stand in two blocks, or in the only one, with `every` all; what to say of the others."""
+    """(n_mode,) bool: modes that stand in two blocks, or in the only one, with `every` all; what to say of the
+    others."""
     n_mode = len(physical.modes.labels)
     measured = np.array([s.measured for s in sets])
     seen = measured.sum(axis=0) >= min(2, int(measured.any(axis=1).sum())) if measured.any() else np.zeros(n_mode, bool)
@@ -442,7 +443,8 @@ def _seen(sets: list[ModalSet], physical: PhysicalModes, every: bool) -> tuple[n
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class _Matched:
-    """The campaign's modes held against a model's: likenesses, mode -> the model's mode, probability (n_mode, n_model)."""
+    """The campaign's modes held against a model's: likenesses, mode -> the model's mode, probability (n_mode,
+    n_model)."""
 
     model: ReferenceModes
     like: Likenesses
@@ -511,8 +513,8 @@ class _Judged:
 @dataclass(frozen=True, eq=False, kw_only=True)
 class _Standing:
     """What is kept of a block's poles: the choice; of the poles that stand for modes frequency_hz, damping_ratio
-    (n_mode,), shape (n_channel, n_mode), NaN where none does; keys: (model order, index within its poles) -> place in the
-    block's stack; key_of: mode -> key; rows of the table of poles, the mode as its number."""
+    (n_mode,), shape (n_channel, n_mode), NaN where none does; keys: (model order, index within its poles) -> place in
+    the block's stack; key_of: mode -> key; rows of the table of poles, the mode as its number."""
 
     choice: Choice
     frequency_hz: np.ndarray

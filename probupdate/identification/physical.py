@@ -281,9 +281,9 @@ def physical_modes(
     state: the turbine's in each block, so that a mode of one state is found too; bands: (n_harmonic, 2) Hz that
     multiples of the rotor's speed swept in each: what moves with them is left out; where the rotor hardly changes its
     speed a line is indistinguishable from a mode, which is said. wave_hz: the waves' peak in each block, NaN where it
-    was not measured; what lies there, damped as a sea is, is left out. angle_deg: where the nacelle looked, counter-clockwise
-    from x; a pair of horizontal motions is then taken to turn with it. highest_hz: the end of the band that the
-    record's rate passes. Raises InputError where nothing comes back.
+    was not measured; what lies there, damped as a sea is, is left out. angle_deg: where the nacelle looked,
+    counter-clockwise from x; a pair of horizontal motions is then taken to turn with it. highest_hz: the end of the
+    band that the record's rate passes. Raises InputError where nothing comes back.
     """
     settings = settings or PersistenceSettings()
     notes: list[str] = []

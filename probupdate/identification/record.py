@@ -183,8 +183,8 @@ def identify_record(
     `spread` below and above `order` (1 without). sub_records: parts of the record whose scatter gives deviations, 0 for
     none; their deviations are known to 1 / sqrt(2 (sub_records - 1)), 13 % for 30. references: channels whose past is
     used, or how many combinations of channels (`ssi.reference_projection`); without, all. limited: such a number that
-    memory asked for (`references_within`): combinations are chosen without the covariances of all channels. orders: only
-    these model orders, `order` among them; lower ones are the same whatever the highest is.
+    memory asked for (`references_within`): combinations are chosen without the covariances of all channels. orders:
+    only these model orders, `order` among them; lower ones are the same whatever the highest is.
     """
     data = np.asarray(data, dtype=float)
     n_lag = 2 * block_rows - 1

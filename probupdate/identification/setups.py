@@ -56,9 +56,9 @@ def identify_setups(
     """The modes of a structure measured in several setups, in one set of all channels.
 
     Poles of all setups' blocks are clustered together, by frequency and by their shape at the common channels, so that
-    a mode that one setup hardly shows is known from the others; each setup then gives its own part of every mode that it
-    has. reference, others: a model's modes at `channels`, of which the merged ones get their names. store: folder below
-    which each setup keeps its blocks. Raises InputError without common channels, or where nothing comes back.
+    a mode that one setup hardly shows is known from the others; each setup then gives its own part of every mode that
+    it has. reference, others: a model's modes at `channels`, of which the merged ones get their names. store: folder
+    below which each setup keeps its blocks. Raises InputError without common channels, or where nothing comes back.
     """
     settings, persistence = settings or SSISettings(), PersistenceSettings()
     common = common_channels([(name, c.sensors) for name, c in zip(names, campaigns, strict=True)])

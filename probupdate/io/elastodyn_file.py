@@ -104,8 +104,8 @@ class _Keys:
 
 
 def read_elastodyn(path: str | Path, root: Path | None = None) -> ElastoDyn:
-    """Read an ElastoDyn file, its tower file and, for the rotor's mass, its blade files; all of them in the folder `root`
-    or below (the file's own where None)."""
+    """Read an ElastoDyn file, its tower file and, for the rotor's mass, its blade files; all of them in the folder
+    `root` or below (the file's own where None)."""
     keys = _Keys(Path(path), root)
     with parsing(str(path), "holds numbers of no turbine", "mend the largest of them"), np.errstate(
             over="raise", invalid="raise", divide="raise"):

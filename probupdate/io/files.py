@@ -1,8 +1,8 @@
 """Every file that is written, and every one that is opened for reading: whole or not at all, and nothing that waits.
 
-Written: under a temporary name in the same folder (host, process and a random token in it), to the disk, then renamed; a
-killed run, a full disk or a second writer leaves the old file or a new one, never a part. Read: regular files only, of a
-bounded size, JSON and TOML of bounded depth and with numbers that the program can hold.
+Written: under a temporary name in the same folder (host, process and a random token in it), to the disk, then renamed;
+a killed run, a full disk or a second writer leaves the old file or a new one, never a part. Read: regular files only,
+of a bounded size, JSON and TOML of bounded depth and with numbers that the program can hold.
 """
 
 from __future__ import annotations
@@ -338,8 +338,8 @@ def read_text(path: str | Path, remedy: str = "save it as UTF-8", *, largest: in
 
 def read_json(path: str | Path, remedy: str = "mend the file at that place", *, absent: str = "check the path",
               nan: bool = False) -> Any:
-    """The content of a JSON file: at most DEEPEST levels, integers of 64 bit, no infinite number, no key twice; NaN only
-    where `nan` says that the caller looks for it."""
+    """The content of a JSON file: at most DEEPEST levels, integers of 64 bit, no infinite number, no key twice; NaN
+    only where `nan` says that the caller looks for it."""
     path = input_file(path, absent, largest=LARGEST_TEXT)
     with _format(path, "JSON", remedy):
         text = read_bytes(path, absent).decode("utf-8")

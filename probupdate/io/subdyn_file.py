@@ -87,9 +87,9 @@ class Row:
 @dataclass(frozen=True, eq=False, kw_only=True)
 class SubDynFile:
     """What a SubDyn input file says. Lines count from one. `sets`: kind -> property sets as rows; `settings`: name ->
-    word, for what stands above the joints; `counts`: table behind the members -> line of its count; `layout`: v3, v4.0 (members by cosine matrices), v4.1 (with rectangular
-    sections and spin) or v5 (with transition pieces). `soil`: name -> SSI file. `notes`: what SubDyn takes otherwise
-    than it looks.
+    word, for what stands above the joints; `counts`: table behind the members -> line of its count; `layout`: v3, v4.0
+    (members by cosine matrices), v4.1 (with rectangular sections and spin) or v5 (with transition pieces). `soil`: name
+    -> SSI file. `notes`: what SubDyn takes otherwise than it looks.
     """
 
     where: str
@@ -126,7 +126,8 @@ class SubDynFile:
 
 
 def read_subdyn(path: str | Path, root: Path | None = None) -> SubDynFile:
-    """Read a SubDyn input file and the SSI files it names, which lie in the folder `root` (its own where None) or below."""
+    """Read a SubDyn input file and the SSI files it names, which lie in the folder `root` (its own where None) or
+    below."""
     path = Path(path)
     return parse_subdyn(read_lines(path), str(path), lambda name, line: _read_soil(path, name, line, root))
 
@@ -579,8 +580,8 @@ def reparsed(file: SubDynFile, lines: Sequence[str], soil: Mapping[str, SsiFile]
 
 
 def write_subdyn(file: SubDynFile, path: str | Path, root: Path | None = None) -> Path:
-    """Write the file and, under their own names relative to it, its SSI files; none of them outside the folder `root` (the
-    file's own where None)."""
+    """Write the file and, under their own names relative to it, its SSI files; none of them outside the folder `root`
+    (the file's own where None)."""
     path = Path(path)
     folder = (path.parent if root is None else root).resolve()
     targets = {}

@@ -1,6 +1,7 @@
 """What a lifetime-extension analysis takes of a run: draws, their joint distribution, models, superelements, modes.
 
-Every file says what the run's verdict is, and is read back and checked before the manifest is written, which comes last.
+Every file says what the run's verdict is, and is read back and checked before the manifest is written, which comes
+last.
 """
 
 from __future__ import annotations
@@ -53,7 +54,8 @@ CSV, JSON_TYPE = "text/csv", "application/json"
 
 @dataclass(frozen=True, kw_only=True)
 class Standing:
-    """How far a run may be trusted: its sampler's verdict and its diagnosis (None: there is none) with what it found."""
+    """How far a run may be trusted: its sampler's verdict and its diagnosis (None: there is none) with what it
+    found."""
 
     converged: bool
     sampler: str
@@ -115,12 +117,13 @@ def export_lifetime(
     modes: ModalData | None = None, diagnosis: str | None = None, findings: tuple[str, ...] = (), n_draw: int = 100, n_mode: int = 10,
     accept: bool = False, seed: int = 1, fatigue: FatigueInput | None = None, source: Mapping[str, Path] | None = None, progress: Progress = silent,
 ) -> Export:
-    """Write draws.csv, joint.json, models/NNN, superelements/NNN (SubDyn models), modes.csv and manifest.json to `out`; with
-    `fatigue` also fatigue.csv, model_factors.csv, reliability.csv and what belongs to them (turbines of model.toml).
+    """Write draws.csv, joint.json, models/NNN, superelements/NNN (SubDyn models), modes.csv and manifest.json to `out`;
+    with `fatigue` also fatigue.csv, model_factors.csv, reliability.csv and what belongs to them (turbines of
+    model.toml).
 
-    `path`: the model's file; `diagnosis`, `findings`: verdict and causes of diagnosis.json; `n_mode`: Craig-Bampton modes; `source`: files of
-    the run, whose hashes are kept. Raises InputError where the run does not stand and `accept` is not given, where
-    posterior and model differ, or where what is read back is not what was written.
+    `path`: the model's file; `diagnosis`, `findings`: verdict and causes of diagnosis.json; `n_mode`: Craig-Bampton
+    modes; `source`: files of the run, whose hashes are kept. Raises InputError where the run does not stand and
+    `accept` is not given, where posterior and model differ, or where what is read back is not what was written.
     """
     standing = Standing(converged=bool(posterior.converged), sampler=posterior.verdict, diagnosis=diagnosis,
                         findings=findings)
@@ -262,7 +265,8 @@ def _models(files: _Files, model: Model, path: Path, parameters_file, draws, lef
 def _model_files(
     folder: Path, path: Path, parameters_file, values, remark: str, left_out: list[str]
 ) -> dict[str, Model | None]:
-    """Write a model at one draw; name of each file -> the model opened again from it, None where it is a part of one."""
+    """Write a model at one draw; name of each file -> the model opened again from it, None where it is a part of
+    one."""
     if is_subdyn(path):
         written: dict[str, Model | None] = {}
         tower, odd = "tower" in read_toml(path), unspeakable(path)
@@ -317,8 +321,8 @@ def _toml_model(folder: Path, path: Path, values, remark: str) -> dict[str, Mode
 
 
 def _at_draw(path: Path) -> Path:
-    """Where a TOML's SubDyn file stands at a draw, relative to the draw's folder: beside where the user's own would be, so
-    that the names of its soil files mean the same."""
+    """Where a TOML's SubDyn file stands at a draw, relative to the draw's folder: beside where the user's own would be,
+    so that the names of its soil files mean the same."""
     return Path(read_toml(path)["subdyn"]["file"]).parent / AT_DRAW
 
 
@@ -363,8 +367,8 @@ def with_initial(text: str, values: Mapping[str, float], where: str) -> str:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class _Damping:
-    """Of the labels that were measured: a ratio for every draw (n_draw,), the standard error of its logarithm's mean and the
-    scatter of the sets' logarithms."""
+    """Of the labels that were measured: a ratio for every draw (n_draw,), the standard error of its logarithm's mean
+    and the scatter of the sets' logarithms."""
 
     ratio: dict[str, np.ndarray]
     error: dict[str, float]

@@ -23,8 +23,9 @@ MOST_CHANNELS = 48
 
 @dataclass(frozen=True, kw_only=True)
 class ChannelMistake:
-    """A change of the measured channels with which shapes are the model's: candidates, one or two names each (a reversed
-    channel, or two exchanged), the best first, others explain as much; mac_before, mac_after: means over the modes."""
+    """A change of the measured channels with which shapes are the model's: candidates, one or two names each (a
+    reversed channel, or two exchanged), the best first, others explain as much; mac_before, mac_after: means over the
+    modes."""
 
     candidates: tuple[tuple[str, ...], ...]
     mac_before: float

@@ -99,8 +99,8 @@ class ModalDeviation:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class StoredDeviation:
-    """A `ModalDeviation` that lies on the disk and is read by `read` each time that it is asked for: those of a year are
-    most of a gigabyte. `loaded` has it in memory."""
+    """A `ModalDeviation` that lies on the disk and is read by `read` each time that it is asked for: those of a year
+    are most of a gigabyte. `loaded` has it in memory."""
 
     read: Callable[[], ModalDeviation]
 
@@ -222,8 +222,8 @@ class ModeRecord:
 
     frequency_hz, frequency_std_hz, damping_ratio: mean, scatter and median over the `found` of `blocks` usable blocks
     that have it; detection: turbine state -> (found, blocks). pair: compared by the plane with its mate. match:
-    'alike', 'unlike' or 'none', of the model that it was held against; '' without one. model_label, model_frequency_hz: its
-    counterpart there; mac: mean over the blocks of the MAC (of a pair, S2MAC to the measured plane), mac_std its
+    'alike', 'unlike' or 'none', of the model that it was held against; '' without one. model_label, model_frequency_hz:
+    its counterpart there; mac: mean over the blocks of the MAC (of a pair, S2MAC to the measured plane), mac_std its
     scatter, own_mac that of the single shapes; frequency_ratio, frequency_ratio_std: measured over the model's.
     alternatives: (label, probability) of the modes of the model that it may be. NaN: not known.
     """
@@ -302,9 +302,9 @@ class ModalData:
         ])
 
     def to_xarray(self) -> xarray.Dataset:
-        """The sets as an xarray dataset that `to_netcdf` writes: frequency_hz, damping_ratio and their standard deviations
-        (set, mode), shape_re, shape_im, shape_std (set, channel, mode), and each of the sets' conditions (set,) by its
-        name, numbers as numbers and words as text; NaN or '' where not known. Units are attributes."""
+        """The sets as an xarray dataset that `to_netcdf` writes: frequency_hz, damping_ratio and their standard
+        deviations (set, mode), shape_re, shape_im, shape_std (set, channel, mode), and each of the sets' conditions
+        (set,) by its name, numbers as numbers and words as text; NaN or '' where not known. Units are attributes."""
         import xarray
 
         names = self.labels or tuple(str(j + 1) for j in range(self.n_mode))

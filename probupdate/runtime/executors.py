@@ -109,8 +109,8 @@ def completed(
 
 @contextmanager
 def executor(jobs: int | Executor = 1, scheduler: str | None = None) -> Iterator[Executor]:
-    """An executor for a `with` block: one that is given stays open, any other ends with the block. scheduler: address of
-    a Dask cluster, such as 'tcp://10.0.0.1:8786'. Raises InputError where there is none, or `jobs` is no number."""
+    """An executor for a `with` block: one that is given stays open, any other ends with the block. scheduler: address
+    of a Dask cluster, such as 'tcp://10.0.0.1:8786'. Raises InputError where there is none, or `jobs` is no number."""
     if isinstance(jobs, Executor):
         yield jobs
         return

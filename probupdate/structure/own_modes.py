@@ -46,9 +46,9 @@ UNITS_ADVICE = ("check the units (N, m, kg, Pa: E in MPa makes 0.001 of it, dens
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class OwnModes:
-    """frequency_hz (n_mode,) ascending at the initial parameters; labels FA1, SS1, T1, L1, ... of a turbine, X1, Y1, T1,
-    L1, ... of matrices whose nodes have places, mode 1, ... elsewhere; shape (n_channel, n_mode), largest component 1. `notes`: what the model's files
-    hold that has no effect."""
+    """frequency_hz (n_mode,) ascending at the initial parameters; labels FA1, SS1, T1, L1, ... of a turbine, X1, Y1,
+    T1, L1, ... of matrices whose nodes have places, mode 1, ... elsewhere; shape (n_channel, n_mode), largest
+    component 1. `notes`: what the model's files hold that has no effect."""
 
     model: str
     frequency_hz: np.ndarray
@@ -142,8 +142,8 @@ def _implausible(model: Model, frequency_hz: np.ndarray) -> tuple[str, ...]:
 
 
 def _with_free_motions(model: AffineModel, count: int) -> tuple[ModalSolution, int]:
-    """Modes of a structure that may float, as SubDyn's summary has them, and how many are at 0 Hz: eigenvalues of K + s M,
-    less s. Raises InputError where the matrices are not even so definite."""
+    """Modes of a structure that may float, as SubDyn's summary has them, and how many are at 0 Hz: eigenvalues of
+    K + s M, less s. Raises InputError where the matrices are not even so definite."""
     theta = model.parameters.initial
     K, M = model.matrices(theta)
     value, phi = lowest_modes(sparse.csc_array(K + SHIFT * M), M, count, model.name)

@@ -1,4 +1,5 @@
-"""A tower with rotor and nacelle on a SubDyn structure: joints, beams and a mass more, from ElastoDyn or from tables."""
+"""A tower with rotor and nacelle on a SubDyn structure: joints, beams and a mass more, from ElastoDyn or from
+tables."""
 
 from __future__ import annotations
 

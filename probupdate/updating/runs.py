@@ -146,7 +146,8 @@ def _scatter(
 
 
 def _derived(model: Model, **theta: np.ndarray) -> dict[str, dict[str, float]]:
-    """What the model derives from parameters (n_param,), such as the stiffness of a pile's head: name -> state -> value."""
+    """What the model derives from parameters (n_param,), such as the stiffness of a pile's head: name -> state ->
+    value."""
     return {name: {state: float(compute(values)) for state, values in theta.items()}
             for name, compute in getattr(model, "derived", {}).items()}
 

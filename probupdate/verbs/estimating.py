@@ -35,7 +35,8 @@ PLACES = {"initial": "the initial parameters", "map": "the maximum of the poster
 
 
 def refuse_other_kinds(model: object, modes: object) -> None:
-    """Raises InputError where model or modes stand in the other's place, or are neither a path nor what they should be."""
+    """Raises InputError where model or modes stand in the other's place, or are neither a path nor what they should
+    be."""
     refuse_no_model(model)
     if hasattr(modes, "solve"):
         raise InputError("modes", "a model was given in the modes' place", "give the model first, then the modes")

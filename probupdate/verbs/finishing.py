@@ -72,8 +72,8 @@ def export(
     """What a lifetime-extension analysis takes of a run directory: draws, joint distribution, models, superelements and
     modes, each read back and checked. A run that did not converge, or whose diagnosis is unexplained, needs `accept`.
 
-    fatigue: a fatigue.toml with sea and wind states, details, S-N curves and uncertainties; then damage-equivalent stress
-    ranges of every hot spot and draw, model factors and reliability over the years are written too."""
+    fatigue: a fatigue.toml with sea and wind states, details, S-N curves and uncertainties; then damage-equivalent
+    stress ranges of every hot spot and draw, model factors and reliability over the years are written too."""
     from probupdate.diagnosis.results import read_diagnosis
     from probupdate.lifetime.export import export_lifetime
 
@@ -96,8 +96,9 @@ def export(
 
 
 def _fatigue_input(folder: Path, places, fatigue: Path, diagnosis, progress: Progress):
-    """The one model's problem at its maximum, as `sample` makes it with its default weights of nine.json, else modes.json;
-    set-wise updates of update.json; and the diagnosis's extended model with its draws, where they are there."""
+    """The one model's problem at its maximum, as `sample` makes it with its default weights of nine.json, else
+    modes.json; set-wise updates of update.json; and the diagnosis's extended model with its draws, where they are
+    there."""
     from probupdate.lifetime.conditions import read_conditions
     from probupdate.lifetime.export import refuse_without_members
     from probupdate.lifetime.fatigue_files import FatigueInput, Named
