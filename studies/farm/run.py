@@ -3,8 +3,8 @@
     OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 python studies/farm/run.py OUT [--days 0.5] [--turbines 6] [--workers 1 2]
 
 Virtual turbines are measured for `--days` each, and for twice as long one of them; the farm of them runs on 1, 2, ...
-processes, on a Dask cluster of as many workers where distributed is installed, and as so many shards at once. Each way's
-results must have the bytes of the first. Seconds of processor time by step, at two lengths of record, give the
+processes, on a Dask cluster of as many workers where distributed is installed, and as so many shards at once. Each
+way's results must have the bytes of the first. Seconds of processor time by step, at two lengths of record, give the
 arithmetic. Everything printed is of one run; OUT/measured.json holds it too.
 """
 

@@ -19,8 +19,8 @@ from command_cases import modes_table, write_building  # noqa: E402
 RATE_HZ, SECONDS = 20.0, 480
 # enough blocks for two processes
 MANY = 84
-# the command that takes minutes; those that are not tried; those that read nothing of other commands; those that are tried
-# less often
+# the command that takes minutes; those that are not tried; those that read nothing of other commands; those that are
+# tried less often
 LONG = "demo"
 UNTRIED = ("farm",)
 OF_INPUTS = ("convert", "check", "modes", "select", "update")

@@ -29,7 +29,8 @@ ORPHAN_S = 10.0
 
 @dataclass(frozen=True)
 class Ended:
-    """code: as of subprocess, negative for a signal. said: standard error. processor_s: of it and what it waited for."""
+    """code: as of subprocess, negative for a signal. said: standard error. processor_s: of it and what it waited
+    for."""
 
     code: int
     said: str

@@ -3,10 +3,11 @@
     OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 python studies/month/year.py OUT [--blocks 500 1500]
 
 Half a day of the virtual turbine is measured and identified once; its stored blocks, poles and covariance factors stand
-for every later half day, and so do its rows of SCADA. All that `identify` does with stored blocks then runs on so many of
-them, each number in a process of its own: classification, tracking, the choice of poles, names, modes.json, covariance
-factors, table of poles. Not run are the records' own passes, which hold one block at a time. Printed are the largest
-resident memory, bytes a block between two numbers of blocks, and what a year of half hours would take by that line.
+for every later half day, and so do its rows of SCADA. All that `identify` does with stored blocks then runs on so many
+of them, each number in a process of its own: classification, tracking, the choice of poles, names, modes.json,
+covariance factors, table of poles. Not run are the records' own passes, which hold one block at a time. Printed are the
+largest resident memory, bytes a block between two numbers of blocks, and what a year of half hours would take by that
+line.
 """
 
 from __future__ import annotations

@@ -1,4 +1,5 @@
-"""The whole job on the OC4 jacket with tower: measured on a second theory with one effect hidden, then every command."""
+"""The whole job on the OC4 jacket with tower: measured on a second theory with one effect hidden, then every
+command."""
 
 from __future__ import annotations
 

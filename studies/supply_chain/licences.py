@@ -1,11 +1,12 @@
-"""Packages of requirements.lock, their licences by their own metadata, the dates of their wheels, and what an audit of them
-for known weaknesses says.
+"""Packages of requirements.lock, their licences by their own metadata, the dates of their wheels, and what an audit of
+them for known weaknesses says.
 
     pip download --no-deps --require-hashes -r requirements.lock -d WHEELS
     python studies/supply_chain/licences.py WHEELS [pip-audit]
 
-Writes PACKAGES.md beside this file. A wheel's date is that of its newest member; where its builder writes the same date into
-all, none is stated. `pip-audit`: the path of that program; without it, or where it reaches no data base, the table says so.
+Writes PACKAGES.md beside this file. A wheel's date is that of its newest member; where its builder writes the same date
+into all, none is stated. `pip-audit`: the path of that program; without it, or where it reaches no data base, the table
+says so.
 """
 
 from __future__ import annotations
