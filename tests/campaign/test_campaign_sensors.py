@@ -322,8 +322,8 @@ def test_references_wrong_in_all_setups_are_told_by_a_rigid_part_only(tmp_path):
 
 @pytest.mark.skipif(not FRAME.exists(), reason="the measured frame's records are not beside the project")
 def test_the_measured_frame_s_references_read_minus_two_times(tmp_path):
-    """Fifteen measured setups as they lie, references with a stated scale and direction that are both wrong; and with one
-    setup's reference multiplied by -0.5 besides."""
+    """Fifteen measured setups as they lie, references with a stated scale and direction that are both wrong; and with
+    one setup's reference multiplied by -0.5 besides."""
     paths = sorted(FRAME.glob("s[01]?"))
     (one,) = probupdate.check_setups(paths).findings
     assert one.name == "reference" and one.channel == "ref-x, ref-y" and one.rivals == ()

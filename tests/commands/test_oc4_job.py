@@ -1,4 +1,5 @@
-"""The OC4 jacket with tower, a small version of studies/oc4: two theories of one file, an update, a hidden cause found."""
+"""The OC4 jacket with tower, a small version of studies/oc4: two theories of one file, an update, a hidden cause
+found."""
 
 import importlib.util
 import json
@@ -55,8 +56,8 @@ def measured(case, file, path, *, hidden, n_set, seed=2):
 
 
 def test_two_theories_of_one_file_agree_within_shear(case, job):
-    # rigid links, offset rotor-nacelle mass, coupled soil and arbitrary sections by code that shares nothing; the second
-    # theory is flexible in shear, which lowers the first pairs by some 0.3 %, the third by 1.3 %
+    # rigid links, offset rotor-nacelle mass, coupled soil and arbitrary sections by code that shares nothing; the
+    # second theory is flexible in shear, which lowers the first pairs by some 0.3 %, the third by 1.3 %
     folder, model, _, file = job
     places = case.sensors(file)
     frequency, shape = case.seen(case.SecondTheory(file), places, 7)

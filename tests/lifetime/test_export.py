@@ -268,8 +268,8 @@ def test_guyans_stiffness_is_the_static_one_and_recovery_follows_the_interface(r
 
 
 def test_guyans_matrices_and_inner_modes_are_subdyns_own(tmp_path):
-    # KBBt, MBBt and CB_frequencies that SubDyn prints (seven digits) for two cases of OpenFAST's r-test: the OC3 monopile
-    # of 5MW_OC3Mnpl_Linear and SD_Rigid, a rigid link in a cantilever
+    # KBBt, MBBt and CB_frequencies that SubDyn prints (seven digits) for two cases of OpenFAST's r-test: the OC3
+    # monopile of 5MW_OC3Mnpl_Linear and SD_Rigid, a rigid link in a cantilever
     (tmp_path / "monopile.dat").write_text(subdyn(
         ["0 0 -20.0001", "0 0 -10", "0 0 0", "0 0 10"], ["1 2 1 1 1c 0", "2 3 1 1 1c 0", "3 4 1 1 1c 0"],
         ["1 1 1 1 1 1 1"], div=3, fem=3, interface=[4], circular=["1 2.1e11 8.08e10 8500 6.0 0.06"]))

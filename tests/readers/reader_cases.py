@@ -1,4 +1,5 @@
-"""Every reader of the package with a whole file of its kind; a test holds the table against the functions in the code."""
+"""Every reader of the package with a whole file of its kind; a test holds the table against the functions in the
+code."""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""Every reader with files spoilt by chance: each is read, or one line names a file; nothing else, in bounded time and memory."""
+"""Every reader with files spoilt by chance: each is read, or one line names a file; nothing else, in bounded time and
+memory."""
 
 import json
 import os
