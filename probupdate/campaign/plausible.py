@@ -110,8 +110,8 @@ def unit_findings(
             and vibration.get(s.channel, 0.0) > STRONG_MPS2]
     if loud:
         most = max(vibration[c] for c in loud)
-        found.append(f"suspect: {', '.join(loud)} vibrate with up to {most:.3g} m/s2 (standard deviation), as stated in g: "
-                     "are these numbers m/s2?")
+        found.append(f"suspect: {', '.join(loud)} vibrate with up to {most:.3g} m/s2 (standard deviation), as stated "
+                     "in g: are these numbers m/s2?")
     return found
 
 

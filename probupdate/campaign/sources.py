@@ -119,7 +119,8 @@ def _column_name(path: Path, names, wanted: str | int, what: str):
     if wanted not in names:
         known = tuple(map(str, names[:40]))
         if len(known) == 1 and (other := next((s for s in SEPARATORS if s in known[0]), None)) is not None:
-            raise InputError(f"{path}, {what}", f"there is no column '{wanted}': the whole line '{known[0]}' is one column",
+            raise InputError(f"{path}, {what}",
+                             f"there is no column '{wanted}': the whole line '{known[0]}' is one column",
                              f"give its separator in convert.toml: separator = {json.dumps(other)}")
         key = "time" if what == "time" else "[columns]"
         raise InputError(f"{path}, {what}", f"there is no column '{wanted}'",
@@ -342,7 +343,8 @@ def _uff(path: Path, d: Description) -> Pieces:
         same = [k for k in range(len(found.names)) if column in (found.names[k], found.places[k], k + 1)]
         if len(same) != 1:
             here = ", ".join(dict.fromkeys(n or p for n, p in zip(found.names[:12], found.places[:12], strict=True)))
-            raise InputError(f"{path}, {channel}", f"{len(same) or 'no'} records are called '{column}'; there are {here}",
+            raise InputError(f"{path}, {channel}",
+                             f"{len(same) or 'no'} records are called '{column}'; there are {here}",
                              "name each channel's in [columns], as node and axis such as '12:+x', or by number")
         columns.append(same[0])
     time = found.first_s + np.arange(len(found.data)) / found.rate_hz

@@ -300,7 +300,8 @@ def inside(path: Path, folder: Path) -> Path:
     return path
 
 
-def named_within(name: str, folder: Path, where: str, *, root: Path | None = None, remedy: str = "put it beside") -> Path:
+def named_within(name: str, folder: Path, where: str, *, root: Path | None = None,
+                 remedy: str = "put it beside") -> Path:
     """The path that a file in `folder` names, relative to it: in the folder `root` (that folder where None) or below.
     Raises InputError at `where` for a name that is none, or that leads out. Backslashes are those of Windows."""
     try:
@@ -369,7 +370,8 @@ def read_toml(path: str | Path, remedy: str = "mend the file at that place", *, 
     return content
 
 
-def archive_arrays(path: str | Path, problem: str, remedy: str, *, largest: int = LARGEST_ARCHIVE) -> dict[str, np.ndarray]:
+def archive_arrays(path: str | Path, problem: str, remedy: str,
+                   *, largest: int = LARGEST_ARCHIVE) -> dict[str, np.ndarray]:
     """The arrays of an .npz file by name, as `archive` opens it."""
     with archive(path, problem, remedy, largest=largest) as opened:
         return {key: opened[key] for key in opened.files}
