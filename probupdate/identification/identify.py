@@ -437,8 +437,9 @@ def _seen(sets: list[ModalSet], physical: PhysicalModes, every: bool) -> tuple[n
     mated = np.zeros(n_mode, bool)
     for pair in physical.modes.turning or ():
         mated[list(pair)] = seen[list(pair)].any()
-    return seen, [f"{f:.4g} Hz comes back but is found as a mode in {plural(int(n), 'block')}: left out" for f, n, kept in
-                  zip(physical.modes.frequency_hz, measured.sum(axis=0), seen | mated, strict=True) if not kept]
+    return seen, [f"{f:.4g} Hz comes back but is found as a mode in {plural(int(n), 'block')}: left out"
+                  for f, n, kept in zip(physical.modes.frequency_hz, measured.sum(axis=0), seen | mated, strict=True)
+                  if not kept]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -608,7 +609,8 @@ def _standing(judged: _Judged, choice: Choice, chosen_order: int) -> _Standing:
     rows = {
         "frequency_hz": poles.frequency_hz, "damping_ratio": poles.damping_ratio, "mpc": like.mpc,
         "mac": judged.single.best_mac, "mode": mode, "similarity": like.similarity.max(axis=1),
-        "stability": like.stability, "criterion": choice.criterion, "paper_criterion": judged.paper, "order": poles.order,
+        "stability": like.stability, "criterion": choice.criterion, "paper_criterion": judged.paper,
+        "order": poles.order,
     }
     return _Standing(choice=choice, frequency_hz=frequency, damping_ratio=damping, shape=shape, keys=keys,
                      rows={name: value[shown] for name, value in rows.items()})
@@ -689,7 +691,8 @@ def _summary(every: list[_Found], data: ModalData, poles: pd.DataFrame, campaign
     reasons = Counter("gap" if one.excluded.startswith("gap") else one.excluded for one in found if one.excluded)
     if reasons:
         lines.append("left out: " + ", ".join(f"{n} for {name}" for name, n in reasons.items()))
-    lines += [_of_a_mode(label, np.array([s.frequency_hz[j] for s in data.sets])) for j, label in enumerate(data.labels)]
+    lines += [_of_a_mode(label, np.array([s.frequency_hz[j] for s in data.sets]))
+              for j, label in enumerate(data.labels)]
     of_turbine = any(family(label) == TURBINE[0] for label in data.labels)
     lines += _of_scada(data, campaign, rule, of_turbine)
     lines += harmonics_removed(note for block in found for note in block.notes)

@@ -55,10 +55,10 @@ def references_within(
     found = int((budget - fixed) / (one - fixed))
     if found < max(FEWEST_REFERENCES, -(-highest_order // block_rows)):
         least = memory_bytes(n_channel, FEWEST_REFERENCES, **options)
-        raise InputError("record", f"{n_channel} channels with {block_rows} block rows and {sub_records} parts would take "
-                         f"{least / 2**30:.2g} GB of memory with {FEWEST_REFERENCES} references, {whole / 2**30:.2g} GB "
-                         f"with all, and {budget / 2**30:.2g} GB are allowed", "leave channels out (leave_out in "
-                         "campaign.toml), or lower --block-rows")
+        raise InputError("record", f"{n_channel} channels with {block_rows} block rows and {sub_records} parts would "
+                         f"take {least / 2**30:.2g} GB of memory with {FEWEST_REFERENCES} references, "
+                         f"{whole / 2**30:.2g} GB with all, and {budget / 2**30:.2g} GB are allowed", "leave channels "
+                         "out (leave_out in campaign.toml), or lower --block-rows")
     return found
 
 

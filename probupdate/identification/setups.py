@@ -86,8 +86,8 @@ def identify_setups(
             result = classified(poles[k], campaign, own, None, settings=settings, rule=rule, jobs=runs,
                                 progress=progress, every=True)
             columns = [place.get(j, -1) for j in range(len(found.modes.labels))]
-            data = replace(result.data, sets=tuple(s.of_modes(columns) for s in in_memory(result).data.sets), records=(),
-                           labels=found.modes.labels)
+            data = replace(result.data, sets=tuple(s.of_modes(columns) for s in in_memory(result).data.sets),
+                           records=(), labels=found.modes.labels)
             setups.append(Setup(name=name, sensors=campaign.sensors, data=data))
     if reference is None:
         merged = merge_setups(setups, same_modes=True)

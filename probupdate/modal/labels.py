@@ -47,7 +47,8 @@ class ModeCharacter:
 
 
 def mode_character(
-    shape: np.ndarray, sensors: tuple[Sensor, ...], *, families: tuple[str, str, str] = TURBINE, local_limit: float = 0.5
+    shape: np.ndarray, sensors: tuple[Sensor, ...], *, families: tuple[str, str, str] = TURBINE,
+    local_limit: float = 0.5
 ) -> ModeCharacter:
     """Label modes (n_channel, n_mode), ascending in frequency, rows in the sensors' order; `families` names bending
     along x, along y and torsion.

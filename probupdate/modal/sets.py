@@ -47,7 +47,8 @@ class Sensor:
             raise InputError(where, "position_m or direction is not three numbers", "give [x, y, z]") from None
         if position.shape != (3,) or not np.all(np.abs(position) < FARTHEST_M):
             raise InputError(where, f"position_m {self.position_m} is not three numbers", "give [x, y, z] in metres")
-        if direction.shape != (3,) or not np.all(np.abs(direction) < 2) or not abs(np.linalg.norm(direction) - 1) < 1e-3:
+        if (direction.shape != (3,) or not np.all(np.abs(direction) < 2)
+                or not abs(np.linalg.norm(direction) - 1) < 1e-3):
             raise InputError(where, f"direction {self.direction} is not a unit vector", "scale it to length 1")
         if self.quantity not in QUANTITIES:
             known = f"choose from {', '.join(QUANTITIES)}"
@@ -203,7 +204,8 @@ class ModalSet:
         """The same set with these modes alone; a column of -1 is a mode that was not measured."""
         taken = {name: _columns(getattr(self, name), columns, 0)
                  for name in ("frequency_hz", "damping_ratio", "frequency_std_hz", "damping_ratio_std")}
-        return replace(self, **taken, shape=_columns(self.shape, columns, 1), shape_std=_columns(self.shape_std, columns, 1),
+        return replace(self, **taken, shape=_columns(self.shape, columns, 1),
+                       shape_std=_columns(self.shape_std, columns, 1),
                        deviation=None if self.deviation is None else self.deviation.of_modes(columns))
 
     @property
@@ -327,7 +329,8 @@ class ModalData:
                 raise InputError(f"condition {key}", "has the name of something else in the dataset", "rename it")
             values = [s.environment.get(key) for s in self.sets]
             words = any(isinstance(v, str) for v in values)
-            known = ["" if v is None else str(v) for v in values] if words else [np.nan if v is None else v for v in values]
+            known = ["" if v is None else str(v) for v in values] if words else (
+                [np.nan if v is None else v for v in values])
             variables[key] = ("set", np.array(known, dtype=object if words else float))
         coordinates = {"set": [s.id for s in self.sets], "channel": list(self.channels), "mode": list(names)}
         return xarray.Dataset(variables, coords=coordinates)
