@@ -40,8 +40,8 @@ MOST = 10
 LEAST_SPEED, MOST_SPEED = 2.0, 500.0
 # lowest frequency, Hz, where the extent is not known
 LEAST_HZ, MOST_HZ = 0.02, 1000.0
-UNITS_ADVICE = ("check the units (N, m, kg, Pa: E in MPa makes 0.001 of it, densities or masses in t 32 times of it) and that "
-                "K and M are not exchanged")
+UNITS_ADVICE = ("check the units (N, m, kg, Pa: E in MPa makes 0.001 of it, densities or masses in t 32 times of it) "
+                "and that K and M are not exchanged")
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -105,7 +105,8 @@ def own_modes(
     if count is None:
         count = min(MOST, most)
     if count > most:
-        raise InputError(opened.name, f"{count} modes are asked for, it has {most}", f"ask for at most {most} (--count)")
+        raise InputError(opened.name, f"{count} modes are asked for, it has {most}",
+                         f"ask for at most {most} (--count)")
     try:
         solution = opened.solve(opened.parameters.initial, count)
     except InputError:
@@ -150,8 +151,8 @@ def _with_free_motions(model: AffineModel, count: int) -> tuple[ModalSolution, i
     # what rounding leaves of a zero
     value = np.where(np.abs(value - SHIFT) < 1e-6 * SHIFT, 0.0, value - SHIFT)
     if value[0] < 0 or value[0] > 0:
-        raise InputError(model.name, "the stiffness matrix is not positive definite and no motion is free", "look for a "
-                         "negative stiffness")
+        raise InputError(model.name, "the stiffness matrix is not positive definite and no motion is free", "look for "
+                         "a negative stiffness")
     return ModalSolution(theta=theta, frequency_hz=frozen_array(np.sqrt(value) / (2 * np.pi)),
                          shape=frozen_array(model.channel_matrix @ phi)), int(np.sum(value == 0))
 
