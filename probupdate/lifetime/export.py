@@ -69,13 +69,15 @@ class Standing:
         if not self.converged:
             reasons.append("the sampler did not converge")
         if self.diagnosis == "unexplained":
-            reasons.append("the diagnosis is unexplained: model and measurement disagree and no listed cause explains it")
+            reasons.append("the diagnosis is unexplained: model and measurement disagree "
+                           "and no listed cause explains it")
         return "; ".join(reasons)
 
     @property
     def remark(self) -> str:
         """One line for every file."""
-        text = f"sampler: {'converged' if self.converged else 'NOT CONVERGED'}; diagnosis: {self.diagnosis or 'not made'}"
+        text = (f"sampler: {'converged' if self.converged else 'NOT CONVERGED'}; "
+                f"diagnosis: {self.diagnosis or 'not made'}")
         if self.findings:
             # a run with them in its model is another run: that of the extended model
             text += f" ({', '.join(self.findings)}: not in this model)"
@@ -96,9 +98,9 @@ class Export:
     def content(self) -> dict:
         """What --json prints beside the files."""
         return {
-            "folder": str(self.folder), "files": dict(self.files), "draws": len(self.draws), "verdict": self.standing.remark,
-            "converged": self.standing.converged, "diagnosis": self.standing.diagnosis, "left_out": list(self.left_out),
-            "superelement_truncation_first_pair": self.truncation}
+            "folder": str(self.folder), "files": dict(self.files), "draws": len(self.draws),
+            "verdict": self.standing.remark, "converged": self.standing.converged, "diagnosis": self.standing.diagnosis,
+            "left_out": list(self.left_out), "superelement_truncation_first_pair": self.truncation}
 
     def to_frame(self) -> pd.DataFrame:
         """A row a file, with its SHA-256."""
@@ -114,8 +116,9 @@ class Export:
 
 def export_lifetime(
     posterior: Posterior, model: Model, path: Path, out: Path, *, parameters_file: Path | None = None,
-    modes: ModalData | None = None, diagnosis: str | None = None, findings: tuple[str, ...] = (), n_draw: int = 100, n_mode: int = 10,
-    accept: bool = False, seed: int = 1, fatigue: FatigueInput | None = None, source: Mapping[str, Path] | None = None, progress: Progress = silent,
+    modes: ModalData | None = None, diagnosis: str | None = None, findings: tuple[str, ...] = (), n_draw: int = 100,
+    n_mode: int = 10, accept: bool = False, seed: int = 1, fatigue: FatigueInput | None = None,
+    source: Mapping[str, Path] | None = None, progress: Progress = silent,
 ) -> Export:
     """Write draws.csv, joint.json, models/NNN, superelements/NNN (SubDyn models), modes.csv and manifest.json to `out`;
     with `fatigue` also fatigue.csv, model_factors.csv, reliability.csv and what belongs to them (turbines of
@@ -157,8 +160,8 @@ def export_lifetime(
     manifest = {
         "format": 1, "kind": "probupdate lifetime export", "version": __version__, "verdict": standing.remark,
         "accepted": bool(standing.refused), "converged": standing.converged, "sampler": standing.sampler,
-        "diagnosis": standing.diagnosis, "findings": list(standing.findings), "seed": int(seed), "draws": n_draw, "model": model.name,
-        "model_fingerprint": model.fingerprint(), "posterior_fingerprint": posterior.fingerprint,
+        "diagnosis": standing.diagnosis, "findings": list(standing.findings), "seed": int(seed), "draws": n_draw,
+        "model": model.name, "model_fingerprint": model.fingerprint(), "posterior_fingerprint": posterior.fingerprint,
         "superelement_truncation_first_pair": truncation, "fatigue": told, "left_out": left_out,
         "source": {name: _sha(p) for name, p in (source or {}).items() if p.is_file()}, "files": files.entries,
     }
@@ -217,7 +220,8 @@ def _write_joint(files: _Files, joint: Joint, units: Mapping[str, str], rng) -> 
     shift = float(np.max(np.abs(again.mean(axis=0) - joint.mean) / joint.std))
     # 6 standard errors of the resampled mean, and the grid's own error in the tails
     if not shift < 6 / np.sqrt(RESAMPLED) + 0.02:
-        raise InputError("joint.json", f"its marginals resampled miss the draws' mean by {shift:.2g} standard deviations",
+        raise InputError("joint.json",
+                         f"its marginals resampled miss the draws' mean by {shift:.2g} standard deviations",
                          "sample longer: the draws have too heavy tails for their number")
     content = {
         "verdict": files.standing.remark, "kind": "nataf", "parameters": list(joint.names),
@@ -255,7 +259,8 @@ def _models(files: _Files, model: Model, path: Path, parameters_file, draws, lef
                 found = opened.solve(opened.parameters.initial, n).frequency_hz
                 error = float(np.max(np.abs(found / expected - 1)))
                 if not error < READ_BACK:
-                    raise InputError(str(folder / entry), f"what was read back has frequencies that differ by {error:.1e}",
+                    raise InputError(str(folder / entry),
+                                     f"what was read back has frequencies that differ by {error:.1e}",
                                      "report this: the model was not written as it is")
             files.add(folder / entry, f"the model at draw {k + 1}", "SI", checked_to=READ_BACK if opened else None)
     progress("writing models", len(draws), len(draws))
@@ -286,7 +291,8 @@ def _model_files(
         return written
     if path.suffix == ".npz":
         _copy_archive(path, folder / "model.npz", remark)
-        own = parameters_file or next(p for p in (path.with_suffix(".toml"), path.with_name("parameters.toml")) if p.exists())
+        usual = (path.with_suffix(".toml"), path.with_name("parameters.toml"))
+        own = parameters_file or next(p for p in usual if p.exists())
         text = f"# {remark}\n" + with_initial(read_text(own), values, str(own))
         write_text(folder / "parameters.toml", text)
         return {"parameters.toml": None, "model.npz": load_model(folder / "model.npz")}
@@ -361,7 +367,8 @@ def with_initial(text: str, values: Mapping[str, float], where: str) -> str:
             table = re.sub(r"^cov\s*=\s*[^\s#]+", f"std = {std!r}", table, count=1, flags=re.M)
         tables[k] = table
     if left:
-        raise InputError(where, f"no [[parameter]] table of {', '.join(left)} was found", "write name = \"...\" on a line")
+        raise InputError(where, f"no [[parameter]] table of {', '.join(left)} was found",
+                         "write name = \"...\" on a line")
     return "".join(tables)
 
 
@@ -381,12 +388,13 @@ class _Damping:
 def refuse_without_members(path: Path) -> None:
     """Raises InputError for a model that has no members with groups to name: matrices, a SubDyn file alone."""
     if path.suffix != ".toml" or "matrices" in read_toml(path):
-        raise InputError(str(path), "stresses are made of members: of a turbine's model.toml, or of a SubDyn model's TOML",
+        raise InputError(str(path),
+                         "stresses are made of members: of a turbine's model.toml, or of a SubDyn model's TOML",
                          "leave --fatigue out, or describe the structure in one of them")
 
 
-def _fatigue(files: _Files, given: FatigueInput | None, model: Model, path: Path, draws, solved, damping: _Damping, left_out,
-             seed: int, progress: Progress) -> dict | None:
+def _fatigue(files: _Files, given: FatigueInput | None, model: Model, path: Path, draws, solved, damping: _Damping,
+             left_out, seed: int, progress: Progress) -> dict | None:
     """fatigue.csv and what follows from it; a line of `left_out` where there is nothing to make it of."""
     if given is None:
         left_out.append("fatigue.csv, reliability.csv: no fatigue.toml was given (--fatigue)")
@@ -395,7 +403,8 @@ def _fatigue(files: _Files, given: FatigueInput | None, model: Model, path: Path
     from probupdate.lifetime.fatigue_files import assess, frequency_factors, write_fatigue
 
     sensors = model_sensors(path) or None
-    found = assess(given, path, model.parameters, sensors, draws, damping.of_draws(len(draws)), seed=seed, progress=progress)
+    found = assess(given, path, model.parameters, sensors, draws, damping.of_draws(len(draws)), seed=seed,
+                   progress=progress)
     named = _labels_of(model, path)
     n = solved[0].frequency_hz.size
     first = model.solve(model.parameters.initial, n)
@@ -480,8 +489,8 @@ def _superelements(files: _Files, count: int, place: Path, n_mode: int, progress
         for name, modes in (("guyan", 0), ("cb", n_mode)):
             one = superelement(file, n_mode=modes)
             for written in write_superelement(one, folder, f"{k + 1:03d}.{name}", files.standing.remark):
-                files.add(written, f"{name} superelement of draw {k + 1} at {one.reference_m.tolist()} m, interface joints "
-                          f"{[i.joint for i in file.interfaces]}", "N, m, rad, kg, s", checked_to=READ_BACK,
+                files.add(written, f"{name} superelement of draw {k + 1} at {one.reference_m.tolist()} m, interface "
+                          f"joints {[i.joint for i in file.interfaces]}", "N, m, rad, kg, s", checked_to=READ_BACK,
                           frequency_hz=one.frequency_hz.tolist(), truncation=one.truncation.tolist())
             if modes:
                 worst = max(worst, float(one.truncation[:2].max()))

@@ -421,8 +421,8 @@ def _write_hot_spots(files, model: FatigueModel) -> None:
             ]
             for k, s in enumerate(model.spots)
         ],
-        what="hot spots; place 1 is the crown (of a girth weld: along x), 3 the saddle; axial, crown, saddle: factors of "
-        "nominal stress with the thickness effect in them",
+        what="hot spots; place 1 is the crown (of a girth weld: along x), 3 the saddle; axial, crown, saddle: factors "
+        "of nominal stress with the thickness effect in them",
     )
 
 

@@ -119,7 +119,8 @@ def _damping(file: SubDynFile, stiffness, mass, angular) -> np.ndarray:
     elif mode == 2:
         rows = [file.settings[f"GuyanDampMat{k + 1}"].split() for k in range(int(file.settings["GuyanDampSize"]))]
         if len(rows) != 6:
-            raise InputError(file.where, f"its Guyan damping matrix is of size {len(rows)}", "give 6: one transition piece")
+            raise InputError(file.where, f"its Guyan damping matrix is of size {len(rows)}",
+                             "give 6: one transition piece")
         damping[:6, :6] = [[number(w) for w in row] for row in rows]
     percent = [number(w) for w in file.settings.get("JDampings", "").split()] or [0.0]
     ratio = np.array((percent + [percent[-1]] * len(angular))[: len(angular)]) / 100
