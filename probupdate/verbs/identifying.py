@@ -158,8 +158,8 @@ def ssi_settings(
     for n_channel in sorted({len(c.sensors) for c in campaigns}):
         few = block_references(n_channel, settings.of_blocks)
         if few is not None:
-            said.append(f"{n_channel} channels: the past of {few} combinations of them is used, as that of all would take "
-                        "more memory than is allowed; every channel has its shape")
+            said.append(f"{n_channel} channels: the past of {few} combinations of them is used, as that of all would "
+                        "take more memory than is allowed; every channel has its shape")
     # a part must be longer than the lags
     parts = int(min(c.block_minutes for c in campaigns) * 60 * settings.target_rate_hz) // (2 * settings.block_rows + 1)
     if parts < settings.sub_records:
