@@ -41,8 +41,8 @@ def initial(text: str, name: str, value: float) -> str:
 
 def wrong_models(text: str) -> dict[str, str]:
     """Name -> model.toml."""
-    moved = re.sub(r"^offset_m = \[([-0-9.]+), ([-0-9.]+),", lambda m: f"offset_m = [{m[1]}, {float(m[2]) + 1:g},", text,
-                   flags=re.MULTILINE)
+    moved = re.sub(r"^offset_m = \[([-0-9.]+), ([-0-9.]+),", lambda m: f"offset_m = [{m[1]}, {float(m[2]) + 1:g},",
+                   text, flags=re.MULTILINE)
     soft, stiff = text, text
     for name in ("py", "tz", "qw"):
         soft, stiff = initial(soft, name, 0.1), initial(stiff, name, 10.0)

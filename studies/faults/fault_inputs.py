@@ -75,7 +75,8 @@ def steps(folder: Path) -> None:
     problem = ["--model", str(folder / "model.npz"), "--modes", str(folder / "nine.json")]
     sampled = ["--ess", "100", "--max-steps", "400", "--out", str(folder / "run" / "posterior.nc")]
     for words in (["update", *problem, "--out", str(folder / "run" / "update.json")], ["sample", *problem, *sampled],
-                  ["identify", str(folder / "campaign"), "--jobs", "1", "--out", str(folder / "identified" / "modes.json")]):
+                  ["identify", str(folder / "campaign"), "--jobs", "1",
+                   "--out", str(folder / "identified" / "modes.json")]):
         subprocess.run(command(words), check=True, capture_output=True)
 
 

@@ -84,7 +84,8 @@ class Shell(_Process):
         without = WITHOUT_RIGHTS if not rights and os.getuid() == 0 else []
         one = subprocess.Popen(
             [*without, *command(words)], stdin=subprocess.DEVNULL,
-            stdout=subprocess.DEVNULL if stdout is None else stdout, stderr=self._to, env={**os.environ, "TMPDIR": str(temporary)}, start_new_session=True,
+            stdout=subprocess.DEVNULL if stdout is None else stdout, stderr=self._to,
+            env={**os.environ, "TMPDIR": str(temporary)}, start_new_session=True,
             preexec_fn=lambda: (signal.signal(signal.SIGINT, signal.default_int_handler), before()))
         os.close(self._to)
         # asked about here, with the time that it used

@@ -270,8 +270,8 @@ def trials(verbs: list[str]) -> list[tuple[str, str, int]]:
     """(command, fault, number) in rounds; those that are tried less often after the others, the long one last."""
     most = max(often for _, often, *_ in FAULTS.values())
     kind = {verb: 2 if verb == LONG else int(verb in SELDOM) for verb in verbs}
-    return [(verb, fault, number) for which in range(3) for number in range(most) for verb in verbs if kind[verb] == which
-            for fault, (_, *often) in FAULTS.items() if number < often[which]]
+    return [(verb, fault, number) for which in range(3) for number in range(most) for verb in verbs
+            if kind[verb] == which for fault, (_, *often) in FAULTS.items() if number < often[which]]
 
 
 def commit() -> str:
