@@ -32,7 +32,8 @@ def ops(opensees_module):
 
 
 def pytest_addoption(parser):
-    parser.addoption("--validation", metavar="FILE", help="write what tests measured for VALIDATION.md (tests/validation.py)")
+    parser.addoption("--validation", metavar="FILE",
+                     help="write what tests measured for VALIDATION.md (tests/validation.py)")
 
 
 def pytest_configure(config):

@@ -15,7 +15,8 @@ FLOOR = {
     "errors": 0, "runtime": 0.1, "io": 0.2, "model": 0.3, "modal": 0.4,
     "structure": 1, "campaign": 1, "virtual": 1,
     "effects": 2, "identification": 2, "updating": 3,
-    "diagnosis": 6, "lifetime": 6, "reporting": 7, "verbs": 8, "demonstration": 8.5, "farms": 8.9, "cli": 9, "__main__": 9.5,
+    "diagnosis": 6, "lifetime": 6, "reporting": 7, "verbs": 8, "demonstration": 8.5, "farms": 8.9, "cli": 9,
+    "__main__": 9.5,
 }
 APART = {("identification", "structure"), ("identification", "virtual"), ("updating", "virtual"),
          ("updating", "campaign"), ("updating", "identification")}
@@ -131,7 +132,8 @@ def test_rooms_are_entered_through_what_they_show(path):
         if other in ROOMS and other != room(path):
             shown = inner or name
             # a room as a whole is its `__init__`, which holds what it shows
-            assert not shown or shown in public_names(other), f"{module} is {other}'s own: add it to its __all__ or go another way"
+            assert not shown or shown in public_names(other), (
+                f"{module} is {other}'s own: add it to its __all__ or go another way")
         assert not name.startswith("_") or name == "__version__", f"{name} is {module}'s own"
 
 
@@ -158,8 +160,8 @@ def test_arviz_is_imported_in_one_module_only():
 
 
 # what writes or opens a file for writing; `io.files` alone may, so that every file is whole or as it was
-WRITING = {"write_text", "write_bytes", "to_csv", "savez", "savez_compressed", "save", "savefig", "to_netcdf", "to_parquet",
-           "copyfile", "copy", "move", "symlink_to", "touch", "savetxt", "tofile", "dump"}
+WRITING = {"write_text", "write_bytes", "to_csv", "savez", "savez_compressed", "save", "savefig", "to_netcdf",
+           "to_parquet", "copyfile", "copy", "move", "symlink_to", "touch", "savetxt", "tofile", "dump"}
 
 
 def writes(path: Path) -> list[str]:

@@ -48,7 +48,8 @@ def measured(case, file, path, *, hidden, n_set, seed=2):
     rng = np.random.default_rng(seed)
     sets = tuple(
         ModalSet(id=f"2024-03-01T{k:02d}:00Z", frequency_hz=frequency * (1 + 1e-3 * rng.standard_normal(5)),
-                 damping_ratio=np.full(5, 0.01), shape=(shape + 0.01 * rng.standard_normal(shape.shape)).astype(complex),
+                 damping_ratio=np.full(5, 0.01),
+                 shape=(shape + 0.01 * rng.standard_normal(shape.shape)).astype(complex),
                  frequency_std_hz=1e-3 * frequency, shape_std=np.full(shape.shape, 0.01), environment={})
         for k in range(n_set)
     )
