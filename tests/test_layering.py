@@ -2,6 +2,7 @@
 
 import ast
 import re
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -198,6 +199,19 @@ def test_a_write_in_place_is_found(tmp_path, monkeypatch):
         "path.write_text('x')\nopen(p, 'w')\nframe.to_csv(out)\nnp.savez(out, a=1)\nh5py.File(out, 'w')\n"
         "with whole(path) as part, h5py.File(part, 'w') as file:\n    pass\nopen(p)\nh5py.File(p, 'r')\na.copy()\n")
     assert [text.split()[1] for text in writes(tmp_path / "a.py")] == ["write_text", "open", "to_csv", "savez", "File"]
+
+
+def test_no_line_is_longer_than_120_characters():
+    """Code is laid out by hand, and what is too long is found here; no file is left out."""
+    root, folders = PACKAGE.parent, ("probupdate", "tests", "studies")
+    words = ["git", "ls-files", *(f"{folder}/*.py" for folder in folders)]
+    tracked = subprocess.run(words, cwd=root, capture_output=True, text=True).stdout if shutil.which("git") else ""
+    # without a repository, as where an archive was unpacked, all files
+    paths = [root / name for name in tracked.splitlines() if (root / name).is_file()] or [
+        path for folder in folders for path in (root / folder).rglob("*.py")]
+    found = [f"{path.relative_to(root)}:{k}" for path in paths
+             for k, line in enumerate(path.read_text(encoding="utf-8").split("\n"), 1) if len(line) > 120]
+    assert not found, f"longer than 120 characters: {found}"
 
 
 def test_import_of_the_steps_loads_what_every_step_needs_only():
