@@ -1,5 +1,5 @@
-"""The program's start: a signal is answered in one line while everything else is still being loaded, and not at all once
-the work is done. `python -m probupdate` and the command `probupdate` begin here."""
+"""The program's start: a signal is answered in one line while everything else is still being loaded, and not at all
+once the work is done. `python -m probupdate` and the command `probupdate` begin here."""
 
 import os
 import signal

@@ -79,8 +79,8 @@ def demo(
     tolerances), in the reference turbine's updated state, and measured; the model starts as built. `hide`: a truth.toml
     of effects that the model is not told of, "none", or "default", one of the structure from half of the record on
     (HIDDEN) and one of a sensor; what it was is said after the diagnosis. jobs: with two or more hours, blocks and
-    sections of the report are shared out, and update and sampler run beside the diagnosis, with the same bytes; a script
-    needs `if __name__ == "__main__"` then.
+    sections of the report are shared out, and update and sampler run beside the diagnosis, with the same bytes; a
+    script needs `if __name__ == "__main__"` then.
     """
     out = Path(out)
     hidden = _hidden(hide, days)
@@ -216,8 +216,8 @@ class _Steps:
         self._say(f"{_head(step)}: finished in {time.monotonic() - begun:.1f} s")
 
     def side_by_side(self, work: Mapping[str, tuple], jobs: int, progress: Progress) -> None:
-        """Steps that do not need one another, name -> (function, *arguments): with two jobs the last here, the others in
-        a process beside it; what they say follows when all have ended."""
+        """Steps that do not need one another, name -> (function, *arguments): with two jobs the last here, the others
+        in a process beside it; what they say follows when all have ended."""
         *first, last = work
         others = [step for step in first if not self._state.done(step)]
         if jobs < 2 or not others or self._state.done(last):

@@ -38,8 +38,8 @@ class InputError(ProbupdateError):
 
 
 def _one_line(text: str) -> str:
-    """What other packages say of a file may run over several lines; values from files may be long or hold escapes that a
-    terminal obeys."""
+    """What other packages say of a file may run over several lines; values from files may be long or hold escapes that
+    a terminal obeys."""
     text = str(text)
     if len(text) > LONGEST:
         text = f"{text[: LONGEST // 2]} [{len(text) - LONGEST} characters] {text[-LONGEST // 2:]}"
@@ -71,11 +71,11 @@ def of_file(path: object) -> Iterator[None]:
 
 
 # what a mistake of the data says it is about, rather than of a model or of an option
-ABOUT_DATA = ("set", "sets", "setup", "setups", "channel", "modal", "mode", "modes", "selection", "regression", "covariate",
-              "block", "record", "references", "tracking", "deviations", "sub-records", "scada")
+ABOUT_DATA = ("set", "sets", "setup", "setups", "channel", "modal", "mode", "modes", "selection", "regression",
+              "covariate", "block", "record", "references", "tracking", "deviations", "sub-records", "scada")
 # arguments of steps that are paths, and options that have other words than their argument's name
-FILES = ("campaign", "campaigns", "criteria", "description", "groups", "model", "modes", "out", "parameters", "posterior",
-         "run", "scada", "truth", "update")
+FILES = ("campaign", "campaigns", "criteria", "description", "groups", "model", "modes", "out", "parameters",
+         "posterior", "run", "scada", "truth", "update")
 OPTIONS = ("classifier", "diagnose", "figures", "frequency", "frequencies", "shapes", "target", "weights")
 
 

@@ -32,7 +32,8 @@ def ops(opensees_module):
 
 
 def pytest_addoption(parser):
-    parser.addoption("--validation", metavar="FILE", help="write what tests measured for VALIDATION.md (tests/validation.py)")
+    parser.addoption("--validation", metavar="FILE",
+                     help="write what tests measured for VALIDATION.md (tests/validation.py)")
 
 
 def pytest_configure(config):
@@ -44,7 +45,8 @@ def pytest_configure(config):
 
 @pytest.fixture
 def validation(request):
-    """validation(what=, reference=, why=, unit=) -> a row of VALIDATION.md; its `error(error, below)` asserts and keeps."""
+    """validation(what=, reference=, why=, unit=) -> a row of VALIDATION.md; its `error(error, below)` asserts and
+    keeps."""
     rows = []
 
     def row(**words: str) -> Row:

@@ -56,10 +56,12 @@ def table(title: str, rows) -> str:
 def subdyn(
     joints, members, reactions, *, interface=(), layout="v5", fem=1, div=1, title="a structure for tests", **sets
 ) -> str:
-    """joints: 'x y z' or 'x y z type dx dy dz k'; members: 'joint joint set set type spin'; reactions: 'joint flags'."""
+    """joints: 'x y z' or 'x y z type dx dy dz k'; members: 'joint joint set set type spin'; reactions: 'joint
+    flags'."""
     text = HEAD.format(title=title, fem=fem, div=div) + "  0 0 0 0 0 0\n" * 6
     if layout == "v5":
-        text += "--- INITIAL RIGID-BODY POSITION ---\nSurge Sway Heave Roll Pitch Yaw\n(m) (m)\n 0.0 0.0 0.0 0.0 0.0 0.0\n"
+        text += ("--- INITIAL RIGID-BODY POSITION ---\n"
+                 "Surge Sway Heave Roll Pitch Yaw\n(m) (m)\n 0.0 0.0 0.0 0.0 0.0 0.0\n")
     full = [f"{k} {row}" if len(row.split()) > 3 else f"{k} {row} 1 0 0 0 0" for k, row in enumerate(joints, 1)]
     text += table("STRUCTURE JOINTS", full) + table("BASE REACTION JOINTS", reactions)
     piece = "1 " if layout == "v5" else ""

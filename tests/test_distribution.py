@@ -28,7 +28,8 @@ def built(place: Path, umask: int) -> Path:
     for kind in ("wheel", "sdist"):
         subprocess.run(
             [sys.executable, "-c", f"import build_reproducible as b; b.build_{kind}('dist')"], cwd=place, check=True,
-            capture_output=True, umask=umask, env={**os.environ, "SOURCE_DATE_EPOCH": "1700000000", "PYTHONPATH": str(place)})
+            capture_output=True, umask=umask,
+            env={**os.environ, "SOURCE_DATE_EPOCH": "1700000000", "PYTHONPATH": str(place)})
     return place / "dist"
 
 

@@ -202,7 +202,8 @@ def recorded_by_tests() -> dict[str, tuple[str, str]]:
         for function in ast.parse(path.read_text(encoding="utf-8")).body:
             if not isinstance(function, ast.FunctionDef) or "validation" not in {a.arg for a in function.args.args}:
                 continue
-            calls = [n for n in ast.walk(function) if isinstance(n, ast.Call) and getattr(n.func, "id", "") == "validation"]
+            calls = [n for n in ast.walk(function)
+                     if isinstance(n, ast.Call) and getattr(n.func, "id", "") == "validation"]
             assert len(calls) == 1, f"{function.name}: one row a test"
             words = {k.arg: ast.literal_eval(k.value) for k in calls[0].keywords}
             found[f"{path.relative_to(ROOT).as_posix()}::{function.name}"] = (words["what"], words["reference"])
@@ -422,8 +423,8 @@ def user_strings(path: Path):
 
 
 # where sentences for users are made; the other modules of the diagnosis follow when their names do
-WORDED = ("cli/*.py", "demonstration.py", "diagnosis/wording.py", "diagnosis/results.py", "farms/*.py", "reporting/*.py",
-          "updating/*.py", "identification/*.py", "campaign/*.py")
+WORDED = ("cli/*.py", "demonstration.py", "diagnosis/wording.py", "diagnosis/results.py", "farms/*.py",
+          "reporting/*.py", "updating/*.py", "identification/*.py", "campaign/*.py")
 
 
 @pytest.mark.parametrize("pattern", WORDED)

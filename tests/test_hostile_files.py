@@ -27,7 +27,8 @@ def campaign(tmp_path):
     text = 'name = "a"\nsampling_rate_hz = 5.0\nblock_minutes = 10\n'
     for k, axis in enumerate("xy"):
         direction = [1.0 - k, float(k), 0.0]
-        text += f'[[sensor]]\nchannel = "T-{axis}"\nlevel = "T"\nposition_m = [0.0, 0.0, 80.0]\ndirection = {direction}\n'
+        text += (f'[[sensor]]\nchannel = "T-{axis}"\nlevel = "T"\n'
+                 f'position_m = [0.0, 0.0, 80.0]\ndirection = {direction}\n')
     (folder / "campaign.toml").write_text(text)
     with h5py.File(folder / "acceleration" / "a.h5", "w") as file:
         attributes(file.create_dataset("data", data=np.ones((N, 2), np.float32)))
@@ -143,7 +144,8 @@ def test_json_within_limits(tmp_path, text, words):
 
 
 def test_json_at_its_limits_is_read(tmp_path):
-    content = {"low": -(2**63), "high": 2**63 - 1, "big": 1e308, "text": "\U0001f600", "deep": json.loads("[" * 60 + "]" * 60)}
+    content = {"low": -(2**63), "high": 2**63 - 1, "big": 1e308, "text": "\U0001f600",
+               "deep": json.loads("[" * 60 + "]" * 60)}
     (tmp_path / "a.json").write_text(json.dumps(content))
     assert files.read_json(tmp_path / "a.json") == content
 

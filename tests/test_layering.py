@@ -2,6 +2,7 @@
 
 import ast
 import re
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -15,7 +16,8 @@ FLOOR = {
     "errors": 0, "runtime": 0.1, "io": 0.2, "model": 0.3, "modal": 0.4,
     "structure": 1, "campaign": 1, "virtual": 1,
     "effects": 2, "identification": 2, "updating": 3,
-    "diagnosis": 6, "lifetime": 6, "reporting": 7, "verbs": 8, "demonstration": 8.5, "farms": 8.9, "cli": 9, "__main__": 9.5,
+    "diagnosis": 6, "lifetime": 6, "reporting": 7, "verbs": 8, "demonstration": 8.5, "farms": 8.9, "cli": 9,
+    "__main__": 9.5,
 }
 APART = {("identification", "structure"), ("identification", "virtual"), ("updating", "virtual"),
          ("updating", "campaign"), ("updating", "identification")}
@@ -131,7 +133,8 @@ def test_rooms_are_entered_through_what_they_show(path):
         if other in ROOMS and other != room(path):
             shown = inner or name
             # a room as a whole is its `__init__`, which holds what it shows
-            assert not shown or shown in public_names(other), f"{module} is {other}'s own: add it to its __all__ or go another way"
+            assert not shown or shown in public_names(other), (
+                f"{module} is {other}'s own: add it to its __all__ or go another way")
         assert not name.startswith("_") or name == "__version__", f"{name} is {module}'s own"
 
 
@@ -158,8 +161,8 @@ def test_arviz_is_imported_in_one_module_only():
 
 
 # what writes or opens a file for writing; `io.files` alone may, so that every file is whole or as it was
-WRITING = {"write_text", "write_bytes", "to_csv", "savez", "savez_compressed", "save", "savefig", "to_netcdf", "to_parquet",
-           "copyfile", "copy", "move", "symlink_to", "touch", "savetxt", "tofile", "dump"}
+WRITING = {"write_text", "write_bytes", "to_csv", "savez", "savez_compressed", "save", "savefig", "to_netcdf",
+           "to_parquet", "copyfile", "copy", "move", "symlink_to", "touch", "savetxt", "tofile", "dump"}
 
 
 def writes(path: Path) -> list[str]:
@@ -196,6 +199,19 @@ def test_a_write_in_place_is_found(tmp_path, monkeypatch):
         "path.write_text('x')\nopen(p, 'w')\nframe.to_csv(out)\nnp.savez(out, a=1)\nh5py.File(out, 'w')\n"
         "with whole(path) as part, h5py.File(part, 'w') as file:\n    pass\nopen(p)\nh5py.File(p, 'r')\na.copy()\n")
     assert [text.split()[1] for text in writes(tmp_path / "a.py")] == ["write_text", "open", "to_csv", "savez", "File"]
+
+
+def test_no_line_is_longer_than_120_characters():
+    """Code is laid out by hand, and what is too long is found here; no file is left out."""
+    root, folders = PACKAGE.parent, ("probupdate", "tests", "studies")
+    words = ["git", "ls-files", *(f"{folder}/*.py" for folder in folders)]
+    tracked = subprocess.run(words, cwd=root, capture_output=True, text=True).stdout if shutil.which("git") else ""
+    # without a repository, as where an archive was unpacked, all files
+    paths = [root / name for name in tracked.splitlines() if (root / name).is_file()] or [
+        path for folder in folders for path in (root / folder).rglob("*.py")]
+    found = [f"{path.relative_to(root)}:{k}" for path in paths
+             for k, line in enumerate(path.read_text(encoding="utf-8").split("\n"), 1) if len(line) > 120]
+    assert not found, f"longer than 120 characters: {found}"
 
 
 def test_import_of_the_steps_loads_what_every_step_needs_only():

@@ -1,4 +1,5 @@
-"""Annotations hold: `py.typed` hands them to users' type checkers, and pyright finds no mistake in the rooms of its list."""
+"""Annotations hold: `py.typed` hands them to users' type checkers, and pyright finds no mistake in the rooms of its
+list."""
 
 import json
 import shutil

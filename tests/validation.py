@@ -1,9 +1,9 @@
 """Rows of VALIDATION.md out of the tests themselves: what is checked against what, the tolerance that was asserted, the
 worst error of the last run.
 
-A test takes the fixture `validation`, says what it checks and asserts through it; `pytest --validation FILE` writes what
-was measured, and `python tests/validation.py FILE` puts it into the rows of VALIDATION.md that name these tests, with a
-mark. All other rows are kept by hand.
+A test takes the fixture `validation`, says what it checks and asserts through it; `pytest --validation FILE` writes
+what was measured, and `python tests/validation.py FILE` puts it into the rows of VALIDATION.md that name these tests,
+with a mark. All other rows are kept by hand.
 """
 
 from __future__ import annotations
@@ -31,7 +31,8 @@ class Row:
     quantities: dict[str, list[float]] = field(default_factory=dict)
 
     def error(self, error: object, below: float, of: str = "") -> None:
-        """Assert that no |error| reaches `below`, and keep the worst. `of`: which quantity, where a test has several."""
+        """Assert that no |error| reaches `below`, and keep the worst. `of`: which quantity, where a test has
+        several."""
         worst = float(np.max(np.abs(error)))
         before = self.quantities.setdefault(of, [below, 0.0])
         assert before[0] == below, f"{self.what}: two tolerances of {of or 'one quantity'}"
@@ -80,7 +81,8 @@ def written(page: str, measured: dict[str, list[dict]]) -> str:
 
 
 class Collector:
-    """A plugin of pytest: gathers what the tests of a run measured, from all its processes, and writes it at the end."""
+    """A plugin of pytest: gathers what the tests of a run measured, from all its processes, and writes it at the
+    end."""
 
     def __init__(self, path: Path):
         self.path, self.measured, self.passed = path, {}, set()

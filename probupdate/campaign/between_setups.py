@@ -79,7 +79,8 @@ class SetupComparison:
 
     def to_frame(self) -> pd.DataFrame:
         """A row a finding."""
-        return table_of(self.findings, [f.name for f in fields(SensorFinding)], units={"size": OWN_UNIT, "size_std": OWN_UNIT})
+        return table_of(self.findings, [f.name for f in fields(SensorFinding)],
+                        units={"size": OWN_UNIT, "size_std": OWN_UNIT})
 
     @property
     def summary(self) -> str:

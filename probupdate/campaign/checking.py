@@ -215,8 +215,8 @@ def _coverage(campaign: Campaign, head: pd.DataFrame, overlaps: int) -> list[str
     if advice := uncovered(campaign):
         found.append(f"no record covers a whole block: {advice}")
     elif gone.any():
-        found.append(f"{plural(int(gone.sum()), 'block')} with gaps too long to repair: {', '.join(head['id'][gone][:6])}"
-                     + (" and more" if gone.sum() > 6 else ""))
+        found.append(f"{plural(int(gone.sum()), 'block')} with gaps too long to repair: "
+                     f"{', '.join(head['id'][gone][:6])}" + (" and more" if gone.sum() > 6 else ""))
     if overlaps:
         found.append(f"files overlap in {plural(overlaps, 'block')}; the file that starts first is used")
     return found
@@ -257,8 +257,8 @@ def _scada_findings(campaign: Campaign) -> list[str]:
         found.append("SCADA has a head and no rows")
     doubled = campaign.scada.attrs.get("contradicted", 0)
     if doubled:
-        found.append(f"{doubled} SCADA rows have the time of an earlier one and other values; the first was kept: a clock set "
-                     "back, or local time?")
+        found.append(f"{doubled} SCADA rows have the time of an earlier one and other values; the first was kept: a "
+                     "clock set back, or local time?")
     return found
 
 

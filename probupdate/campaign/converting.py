@@ -43,7 +43,8 @@ class Conversion:
 
     @property
     def summary(self) -> str:
-        text = f"{plural(len(self.files), 'file')} written, {len(self.kept)} kept from before, {self.samples} samples a channel"
+        text = (f"{plural(len(self.files), 'file')} written, {len(self.kept)} kept from before, "
+                f"{self.samples} samples a channel")
         return "\n".join([text, *(f"  {n}" for n in self.notes)])
 
 

@@ -94,14 +94,16 @@ def read_description(path: str | Path, channels: tuple[str, ...]) -> Description
     for key in ("columns", "factor"):
         for channel in getattr(told, key):
             if channel not in channels:
-                raise InputError(f"{path}, {key}", f"'{channel}' is no channel of campaign.toml", nearest(channel, channels))
+                raise InputError(f"{path}, {key}", f"'{channel}' is no channel of campaign.toml",
+                                 nearest(channel, channels))
     columns = {c: told.columns.get(c, c) for c in channels}
     twice = [c for c in channels if list(columns.values()).count(columns[c]) > 1]
     if twice:
         raise InputError(f"{path}, columns", f"{' and '.join(twice)} are the same column", "give each channel its own")
     for channel, column in columns.items():
         if told.time is not None and column == told.time:
-            raise InputError(f"{path}, columns, {channel}", f"{column!r} is the column of time", "name the channel's own")
+            raise InputError(f"{path}, columns, {channel}", f"{column!r} is the column of time",
+                             "name the channel's own")
     same = {f.name: getattr(told, f.name) for f in fields(told)}
     return Description(**(same | {
         "path": path, "zone": _zone(path, told.zone), "columns": columns,

@@ -1,4 +1,5 @@
-"""Patterns for file names that always come to an end: regular expressions without what makes Python's engine run away."""
+"""Patterns for file names that always come to an end: regular expressions without what makes Python's engine run
+away."""
 
 from __future__ import annotations
 

@@ -18,15 +18,16 @@ HEAD_KEYS = ("start", "sampling_rate_hz")
 
 
 def parquet_head(path: Path, channels: Sequence[str]) -> tuple[str, str, int]:
-    """Start and sampling rate as they are written, and the number of samples. Raises InputError where a channel, a number
-    or the package pyarrow is missing."""
+    """Start and sampling rate as they are written, and the number of samples. Raises InputError where a channel, a
+    number or the package pyarrow is missing."""
     with _opened(path) as file:
         import pyarrow
 
         known = {field.name: field.type for field in file.schema_arrow}
         for channel in channels:
             if channel not in known:
-                raise InputError(str(path), f"has no column '{channel}'", "give one per [[sensor]], under the channel's name")
+                raise InputError(str(path), f"has no column '{channel}'",
+                                 "give one per [[sensor]], under the channel's name")
             if not (pyarrow.types.is_floating(known[channel]) or pyarrow.types.is_integer(known[channel])):
                 raise InputError(f"{path}, {channel}", f"holds {known[channel]}, not numbers", "write float32")
         found = {key.decode("utf-8", "replace"): value.decode("utf-8", "replace")
@@ -37,13 +38,15 @@ def parquet_head(path: Path, channels: Sequence[str]) -> tuple[str, str, int]:
         for k in range(file.metadata.num_row_groups):
             n_row = file.metadata.row_group(k).num_rows
             if 8 * n_row * len(channels) > LARGEST_GROUP:
-                raise InputError(str(path), f"row group {k + 1} has {n_row} rows, {8e-6 * n_row * len(channels):.0f} MB",
+                raise InputError(str(path),
+                                 f"row group {k + 1} has {n_row} rows, {8e-6 * n_row * len(channels):.0f} MB",
                                  "write smaller groups, such as half an hour each")
         return found["start"], found["sampling_rate_hz"], int(file.metadata.num_rows)
 
 
 def parquet_rows(path: Path, channels: Sequence[str], first: int, last: int) -> np.ndarray:
-    """Rows `first` to `last` (n, n_channel) of the channels, from the row groups that have some of them; NaN for null."""
+    """Rows `first` to `last` (n, n_channel) of the channels, from the row groups that have some of them; NaN for
+    null."""
     with _opened(path) as file:
         ends = np.cumsum([file.metadata.row_group(k).num_rows for k in range(file.metadata.num_row_groups)])
         begins = ends - np.diff(ends, prepend=0)
@@ -62,5 +65,6 @@ def _opened(path: Path) -> Iterator[Any]:
     except ImportError:
         raise InputError(str(path), "Parquet needs the package pyarrow, which is not installed",
                          "pip install probupdate[parquet], or write the record as HDF5") from None
-    with parsing(str(path), "cannot be read as Parquet", "write it again or remove it"), parquet.ParquetFile(path) as file:
+    with (parsing(str(path), "cannot be read as Parquet", "write it again or remove it"),
+          parquet.ParquetFile(path) as file):
         yield file

@@ -1,4 +1,5 @@
-"""Records that are none of the channel they stand for: a column of time, or numbers in another unit than the stated one."""
+"""Records that are none of the channel they stand for: a column of time, or numbers in another unit than the stated
+one."""
 
 from __future__ import annotations
 
@@ -109,8 +110,8 @@ def unit_findings(
             and vibration.get(s.channel, 0.0) > STRONG_MPS2]
     if loud:
         most = max(vibration[c] for c in loud)
-        found.append(f"suspect: {', '.join(loud)} vibrate with up to {most:.3g} m/s2 (standard deviation), as stated in g: "
-                     "are these numbers m/s2?")
+        found.append(f"suspect: {', '.join(loud)} vibrate with up to {most:.3g} m/s2 (standard deviation), as stated "
+                     "in g: are these numbers m/s2?")
     return found
 
 

@@ -267,14 +267,16 @@ def _refuse_renamed(path: Path, attribute: Any, channels: tuple[str, ...]) -> No
     if own == list(channels):
         return
     if len(own) != len(channels):
-        raise InputError(where, f"names {len(own)} channels, campaign.toml lists {len(channels)}", "mend the one that is wrong")
+        raise InputError(where, f"names {len(own)} channels, campaign.toml lists {len(channels)}",
+                         "mend the one that is wrong")
     k = next(k for k, name in enumerate(own) if name != channels[k])
     if sorted(own) == sorted(channels):
-        raise InputError(where, f"column {k + 1} is '{own[k]}', campaign.toml has '{channels[k]}' there: the [[sensor]] "
-                         "tables were put in another order", f"order them {', '.join(own)}, or convert again")
+        raise InputError(where, f"column {k + 1} is '{own[k]}', campaign.toml has '{channels[k]}' there: the "
+                         "[[sensor]] tables were put in another order",
+                         f"order them {', '.join(own)}, or convert again")
     raise InputError(where, f"column {k + 1} is '{own[k]}', campaign.toml calls it '{channels[k]}': a [[sensor]] was "
-                     "renamed or replaced after the files were written", f"name it '{own[k]}' again, or convert again into "
-                     "a new folder")
+                     "renamed or replaced after the files were written", f"name it '{own[k]}' again, or convert again "
+                     "into a new folder")
 
 
 def _checked(path: Path, n_sample: int, start: object, own_rate: Any, rate_hz: float) -> RecordFile:

@@ -53,11 +53,11 @@ def read_scada(path: str | Path) -> pd.DataFrame:
         table = pd.read_csv(path, encoding="utf-8", dtype={"time": str})
     if "time" not in table:
         close = difflib.get_close_matches("time", [str(c).strip().lower() for c in table], n=1, cutoff=0.6)
-        raise InputError(str(path), "has no column 'time'", f"name '{close[0]}' so, if it is the start of each interval in "
-                         "UTC, ISO 8601" if close else "add the start of each interval in UTC, ISO 8601")
+        raise InputError(str(path), "has no column 'time'", f"name '{close[0]}' so, if it is the start of each "
+                         "interval in UTC, ISO 8601" if close else "add the start of each interval in UTC, ISO 8601")
     for known, given in misnamed(table.columns, MISSPELT).items():
-        raise InputError(str(path), f"unknown column '{given}'", f"did you mean '{known}'? Rename it, or give it a name "
-                         "that is not so near")
+        raise InputError(str(path), f"unknown column '{given}'", f"did you mean '{known}'? Rename it, or give it a "
+                         "name that is not so near")
     try:
         time = pd.to_datetime(table["time"], utc=True, format="ISO8601")
     except (ValueError, TypeError) as error:
@@ -83,8 +83,8 @@ def read_scada(path: str | Path) -> pd.DataFrame:
         if column in KNOWN:
             absurd = (table[column].abs() > LARGEST).to_numpy()
             if absurd.any():
-                raise InputError(f"{path}, {column}", f"{table[column].iloc[int(np.argmax(absurd))]:g} is no number that a "
-                                 "turbine or the weather has", "leave the cell empty where it is unknown")
+                raise InputError(f"{path}, {column}", f"{table[column].iloc[int(np.argmax(absurd))]:g} is no number "
+                                 "that a turbine or the weather has", "leave the cell empty where it is unknown")
     again = table.index.duplicated()
     kept = table[~again]
     kept.attrs["contradicted"] = int((again & ~table.reset_index().duplicated().to_numpy()).sum())

@@ -1,7 +1,8 @@
 """Files of other programs, read in pieces: CSV, Parquet, MATLAB .mat (v5 and v7.3), NumPy .npy and .npz, UFF 58.
 
 A source gives pieces of (time column or None, data (n, n_channel)); never more than PIECE rows are held, but for .mat
-v5 and UFF, which have no other way and are refused beyond a size. Nothing in a file is executed: no pickles, no objects.
+v5 and UFF, which have no other way and are refused beyond a size. Nothing in a file is executed: no pickles, no
+objects.
 """
 
 from __future__ import annotations
@@ -118,7 +119,8 @@ def _column_name(path: Path, names, wanted: str | int, what: str):
     if wanted not in names:
         known = tuple(map(str, names[:40]))
         if len(known) == 1 and (other := next((s for s in SEPARATORS if s in known[0]), None)) is not None:
-            raise InputError(f"{path}, {what}", f"there is no column '{wanted}': the whole line '{known[0]}' is one column",
+            raise InputError(f"{path}, {what}",
+                             f"there is no column '{wanted}': the whole line '{known[0]}' is one column",
                              f"give its separator in convert.toml: separator = {json.dumps(other)}")
         key = "time" if what == "time" else "[columns]"
         raise InputError(f"{path}, {what}", f"there is no column '{wanted}'",
@@ -328,7 +330,8 @@ ABSCISSA = "abscissa"
 
 
 def _uff(path: Path, d: Description) -> Pieces:
-    """Records in time of datasets 58; a column is a channel's name (line 1), node and axis such as '12:+x', or a number."""
+    """Records in time of datasets 58; a column is a channel's name (line 1), node and axis such as '12:+x', or a
+    number."""
     from probupdate.campaign.uff_file import read_uff_records
 
     if d.time != ABSCISSA:
@@ -340,7 +343,8 @@ def _uff(path: Path, d: Description) -> Pieces:
         same = [k for k in range(len(found.names)) if column in (found.names[k], found.places[k], k + 1)]
         if len(same) != 1:
             here = ", ".join(dict.fromkeys(n or p for n, p in zip(found.names[:12], found.places[:12], strict=True)))
-            raise InputError(f"{path}, {channel}", f"{len(same) or 'no'} records are called '{column}'; there are {here}",
+            raise InputError(f"{path}, {channel}",
+                             f"{len(same) or 'no'} records are called '{column}'; there are {here}",
                              "name each channel's in [columns], as node and axis such as '12:+x', or by number")
         columns.append(same[0])
     time = found.first_s + np.arange(len(found.data)) / found.rate_hz

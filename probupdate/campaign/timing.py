@@ -127,8 +127,8 @@ class Clock:
             else:
                 unit, offset = TIME_UNITS[told.time_unit], self.start
                 if offset is None and 0 <= value[0] * unit < FIRST_S:
-                    raise InputError(where, f"its first value is {value[0]:g} {told.time_unit}: it counts from the beginning "
-                                     "of the record, which is not stated",
+                    raise InputError(where, f"its first value is {value[0]:g} {told.time_unit}: it counts from the "
+                                     "beginning of the record, which is not stated",
                                      f'add start to {told.path}, such as start = "2024-05-01T00:00:00Z"')
             if offset is None and told.zone is None:
                 raise InputError(where, "its time zone is not stated", f"add zone to {told.path}, such as \"UTC\"")

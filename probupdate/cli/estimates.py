@@ -105,16 +105,20 @@ def add_commands(verb: AddCommand) -> None:
     p = verb("sample", run_sample, "the posterior of the same problem by emcee; resumes where it was stopped")
     on_modes(p)
     on_every_mode(p)
-    p.add_argument("--ess", type=positive(int, "draws"), default=1000, help="effective draws of the worst parameter (1000)")
+    p.add_argument("--ess", type=positive(int, "draws"), default=1000,
+                   help="effective draws of the worst parameter (1000)")
     on_workers(p, "processes for the ensembles (1); the numbers do not depend on it", 1)
-    p.add_argument("--ensembles", type=positive(int, "ensembles"), default=4, help="independent ensembles, judged together (4)")
-    p.add_argument("--max-steps", type=positive(int, "steps"), default=20000, help="give up, and say so, after these (20000)")
+    p.add_argument("--ensembles", type=positive(int, "ensembles"), default=4,
+                   help="independent ensembles, judged together (4)")
+    p.add_argument("--max-steps", type=positive(int, "steps"), default=20000,
+                   help="give up, and say so, after these (20000)")
     p.add_argument("--out", required=True, help="posterior.nc; the chain is kept beside it")
     seeded(p)
 
     p = verb("compare", run_compare, "where update and posterior part, and why")
     p.add_argument("update", metavar="UPDATE", help="update.json of `update`")
-    p.add_argument("posterior", metavar="POSTERIOR", help="posterior.nc of `sample`, of the same model, set and weights")
+    p.add_argument("posterior", metavar="POSTERIOR",
+                   help="posterior.nc of `sample`, of the same model, set and weights")
     p.add_argument("--model", help="for its derived quantities over the posterior, such as a pile's head stiffness")
     p.add_argument("--parameters", help="parameters.toml of a model made of matrices")
     p.add_argument("--out", required=True, help="compare.json")

@@ -5,7 +5,8 @@ from __future__ import annotations
 import argparse
 from collections.abc import Callable
 
-MODEL_HELP = "model.toml, a SubDyn .dat, or model.npz with --parameters; 'design', 'as_built', 'updated' name the reference turbine"
+MODEL_HELP = ("model.toml, a SubDyn .dat, or model.npz with --parameters; "
+              "'design', 'as_built', 'updated' name the reference turbine")
 # makes the parser of a command: its name, the function that runs it, what it does
 AddCommand = Callable[[str, Callable, str], argparse.ArgumentParser]
 
@@ -64,8 +65,8 @@ def discrepancy_option(text: str) -> float | str:
     except (ValueError, argparse.ArgumentTypeError):
         raise argparse.ArgumentTypeError(f"{text} is neither a share above zero nor auto") from None
     if share >= 1:
-        raise argparse.ArgumentTypeError(f"{text} is the whole frequency and more; a share is meant: {share / 100:g} for "
-                                         f"{share:g} %")
+        raise argparse.ArgumentTypeError(f"{text} is the whole frequency and more; a share is meant: {share / 100:g} "
+                                         f"for {share:g} %")
     return share
 
 

@@ -62,7 +62,8 @@ EXAMPLES = {
     "compare": "compare run/update.json run/posterior.nc --model run/model.toml --out run/compare.json",
     "sets": "sets --model run/model.toml --modes run/nine.json --out run/sets.json",
     "inform": "inform --model run/model.toml --modes run/nine.json --out run/information.json",
-    "diagnose": "diagnose --model run/model.toml --modes run/modes.json --campaign run/campaign --out run/diagnosis.json",
+    "diagnose": "diagnose --model run/model.toml --modes run/modes.json --campaign run/campaign "
+                "--out run/diagnosis.json",
     "figures": "figures run/modes.json --campaign run/campaign --format pdf --out run/figures",
     "export": "export run --to lifetime run-lifetime",
     "farm": "farm data/farm.toml --out farm --jobs 4",
@@ -87,8 +88,8 @@ def build_parser() -> argparse.ArgumentParser:
         added = verbs.add_parser(name, description=f"{text[0].upper()}{text[1:]}.",
                                  epilog=f"example: probupdate {EXAMPLES[name]}")
         added.set_defaults(action=run)
-        added.add_argument("--json", action="store_true", help="print one JSON object instead: command, summary, files, "
-                           "table (columns with units, rows)" + JSON_MORE.get(name, ""))
+        added.add_argument("--json", action="store_true", help="print one JSON object instead: command, summary, "
+                           "files, table (columns with units, rows)" + JSON_MORE.get(name, ""))
         return added
 
     for group in (beginning, records, estimates, results):

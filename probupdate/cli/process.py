@@ -19,8 +19,9 @@ class Interrupted(KeyboardInterrupt):
 
 @contextlib.contextmanager
 def ended_by_signals() -> Iterator[None]:
-    """SIGTERM ends a run as Ctrl-C does: temporary files are removed, processes ended. Where Ctrl-C is ignored, as in the
-    background, it stays so. An exception that a library makes of the signal's, or prints, is the signal's all the same."""
+    """SIGTERM ends a run as Ctrl-C does: temporary files are removed, processes ended. Where Ctrl-C is ignored, as in
+    the background, it stays so. An exception that a library makes of the signal's, or prints, is the signal's all the
+    same."""
     came: list[int] = []
 
     def end(number: int, frame: object) -> NoReturn:

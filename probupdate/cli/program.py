@@ -93,7 +93,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
             a = build_parser().parse_args(arguments)
             program = f"probupdate {a.verb}"
             # an announcement of another package's next release, once a day and machine; it says nothing of this run
-            warnings.filterwarnings("ignore", message=r"\s*ArviZ is undergoing a major refactor", category=FutureWarning)
+            warnings.filterwarnings("ignore", message=r"\s*ArviZ is undergoing a major refactor",
+                                    category=FutureWarning)
             if a.out:
                 refuse_unwritable(a.out, folder=writes_folder(a))
                 refuse_overwriting(a.verb, a.out, given_paths(a))

@@ -110,27 +110,30 @@ def add_commands(verb: AddCommand) -> None:
     p.add_argument("campaign", metavar="CAMPAIGN", nargs="+", help="a campaign's folder; several: setups of one "
                    "structure with sensors in common, merged into one set")
     on_model(p, required=False)
-    p.add_argument("--lowest", type=positive(int, "modes"), help="look for the model's lowest so many modes, whatever they are "
-                   "(default: first and second bending and torsion of a tower)")
+    p.add_argument("--lowest", type=positive(int, "modes"), help="look for the model's lowest so many modes, whatever "
+                   "they are (default: first and second bending and torsion of a tower)")
     p.add_argument("--out", required=True, help="modes.json; the poles go beside it, and each block's as it is found "
                    "(OUT.blocks): a run that was stopped goes on there")
     on_workers(p, "processes (default: one a core; at most one for 40 blocks, as starting one takes as long as those); "
                "the modes do not depend on it")
-    p.add_argument("--shard", metavar="I/N", help="only the I-th of N shares of the blocks, as one job of an array does: "
-                   "all jobs write into one OUT.blocks; given again when all blocks are there, their standard deviations; "
-                   "then without --shard, which writes OUT")
+    p.add_argument("--shard", metavar="I/N", help="only the I-th of N shares of the blocks, as one job of an array "
+                   "does: all jobs write into one OUT.blocks; given again when all blocks are there, their standard "
+                   "deviations; then without --shard, which writes OUT")
     p.add_argument("--order", type=positive(int, "order"), help="model order (20 with a model, as the paper)")
-    p.add_argument("--block-rows", type=positive(int, "block rows"), help="block rows of the Toeplitz matrix (30 with a model)")
-    p.add_argument("--rate", type=positive(float, "Hz"), help="sampling rate after decimation in Hz (5 with a model; without, "
-                   "all three are proposed from the record and said)")
-    p.add_argument("--harmonics", choices=("keep", "remove"), default="keep", help="keep them (default), or remove: take the rotor's multiples "
-                   "out of records in which its angle can be followed; each block says what was done")
+    p.add_argument("--block-rows", type=positive(int, "block rows"),
+                   help="block rows of the Toeplitz matrix (30 with a model)")
+    p.add_argument("--rate", type=positive(float, "Hz"), help="sampling rate after decimation in Hz (5 with a model; "
+                   "without, all three are proposed from the record and said)")
+    p.add_argument("--harmonics", choices=("keep", "remove"), default="keep", help="keep them (default), or remove: "
+                   "take the rotor's multiples out of records in which its angle can be followed; each block says what "
+                   "was done")
 
     p = verb("select", run_select, "the sets an update may trust (Table 1), and the most consistent one")
     p.add_argument("modes", metavar="MODES", help="modes.json of `identify`")
     p.add_argument("--scada", help="scada.csv (default: the environment kept in MODES)")
     p.add_argument("--preset", choices=("turbine", "structure"), default="turbine", help="what is asked: Table 1 "
-                   "(default), or of another structure nothing of rotor and nacelle, only that its modes are identified")
+                   "(default), or of another structure nothing of rotor and nacelle, only that its modes are "
+                   "identified")
     p.add_argument("--criteria", help="TOML file with thresholds of Table 1, such as "
                    "pitch_range_deg = 2.0 (docs/howto/select.md)")
     p.add_argument("--deviations", choices=("campaign", "identification"), default="campaign",

@@ -38,8 +38,8 @@ def run_farm(a: argparse.Namespace, progress: Progress) -> None:
         result = probupdate.farm(a.description, a.out, shard=a.shard, jobs=runs, progress=progress)
     tell(a, result, [], failed=len(result.failed))
     if result.failed:
-        raise ProbupdateError(f"{len(result.failed)} of {len(result.rows)} turbine-months failed, each with its reason above "
-                              "and in farm.csv; the others are done: mend what is said, then run it again")
+        raise ProbupdateError(f"{len(result.failed)} of {len(result.rows)} turbine-months failed, each with its reason "
+                              "above and in farm.csv; the others are done: mend what is said, then run it again")
 
 
 def run_report(a: argparse.Namespace, progress: Progress) -> None:
@@ -71,7 +71,8 @@ def add_commands(verb: AddCommand) -> None:
     p.add_argument("--to", choices=("lifetime",), required=True, help="what the files are for")
     p.add_argument("out", metavar="OUT", help="folder to write, new or empty")
     p.add_argument("--draws", type=positive(int, "draws"), default=100, help="how many equally weighted draws (100)")
-    p.add_argument("--superelement-modes", type=positive(int, "reduced modes"), default=10, help="Craig-Bampton modes (10)")
+    p.add_argument("--superelement-modes", type=positive(int, "reduced modes"), default=10,
+                   help="Craig-Bampton modes (10)")
     p.add_argument("--fatigue", metavar="FILE", help="fatigue.toml with sea and wind states, details, S-N curves and "
                    "uncertainties: also damage-equivalent stress ranges, model factors, reliability")
     p.add_argument("--accept", action="store_true", help="export a run that did not converge or whose diagnosis is "
@@ -79,10 +80,11 @@ def add_commands(verb: AddCommand) -> None:
     seeded(p)
 
     p = verb("farm", run_farm, "many turbines and months, each through the steps that farm.toml names; resumable")
-    p.add_argument("description", metavar="FARM", help="farm.toml: turbines, their models and folders of campaigns, steps")
+    p.add_argument("description", metavar="FARM",
+                   help="farm.toml: turbines, their models and folders of campaigns, steps")
     on_workers(p, "turbine-months side by side (1), a process each; the results do not depend on it", 1)
-    p.add_argument("--shard", metavar="I/N", help="only the I-th of N shares of the turbine-months, as one job of an array "
-                   "does: all jobs write into one OUT")
+    p.add_argument("--shard", metavar="I/N", help="only the I-th of N shares of the turbine-months, as one job of an "
+                   "array does: all jobs write into one OUT")
     p.add_argument("--out", required=True, help="directory to write; a run that was stopped goes on where it stopped")
 
     p = verb("report", run_report, "one self-contained page of a run directory")

@@ -23,8 +23,8 @@ N_NODE = round(360 / NODE_DEG)
 
 
 class ModelAnswers:
-    """What a model is asked for more than once: references by parameters and angle, slopes by parameters, before sensors
-    see them."""
+    """What a model is asked for more than once: references by parameters and angle, slopes by parameters, before
+    sensors see them."""
 
     def __init__(self, predictor: ModalPredictor):
         self.predictor = predictor
@@ -88,8 +88,8 @@ def _add_linear(
     problem: DiagnosisProblem, theta: np.ndarray, exact: Sequence[IncludedEffect], linear: Sequence[IncludedEffect],
     answers: ModelAnswers, expected: list[np.ndarray],
 ) -> None:
-    """Adds what ramps and covariates make, by their signatures at what else is included there: beside a reversed channel
-    they move the channel the other way."""
+    """Adds what ramps and covariates make, by their signatures at what else is included there: beside a reversed
+    channel they move the channel the other way."""
     centres, bin_of = problem.bins
     names = tuple(dict.fromkeys(name for n in linear for name, _ in n.effect.increments))
     values = np.column_stack([np.zeros(len(bin_of)), *(n.course.value for n in exact)])

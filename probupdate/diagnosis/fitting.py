@@ -106,7 +106,8 @@ def _signatures_of_bins(
     catalogue: Sequence[Effect], chosen: tuple[str, ...],
 ) -> list[np.ndarray]:
     """Per group (n_bin, n_response, n_effect): signatures of the `catalogue`, which moves the parameters `chosen`, in
-    every bin: a row of `bins` holds what the time profiles of the `exact` effects are there, then the angle's number."""
+    every bin: a row of `bins` holds what the time profiles of the `exact` effects are there, then the angle's
+    number."""
     centres, _ = problem.bins
     states, state_of = np.unique(bins[:, :-1], axis=0, return_inverse=True)
     prints = [

@@ -174,9 +174,9 @@ def effect_signatures(
     effects: Sequence[Effect], names: tuple[str, ...], places: Sequence[tuple[Sloped, np.ndarray]],
     seen: Sequence[tuple[Effect, float]] = (),
 ) -> list[np.ndarray]:
-    """At each place - a group at one angle, with the axes (n_channel, k) it is told from - the departure per unit size of
-    every effect (n_response, n_effect), where the sensors have the effects `seen` already, with their sizes: of these
-    the size changes, any other is one more. `names`: the parameters of the slopes."""
+    """At each place - a group at one angle, with the axes (n_channel, k) it is told from - the departure per unit size
+    of every effect (n_response, n_effect), where the sensors have the effects `seen` already, with their sizes: of
+    these the size changes, any other is one more. `names`: the parameters of the slopes."""
     amounts = _increments(tuple(effects), names)
     plain = [reference for (reference, _, _), _ in places]
     of_sensors = [j for j, effect in enumerate(effects) if effect.observe is not None]

@@ -166,10 +166,10 @@ class DiagnosisProblem:
 
 
 def _agrees(covariance: np.ndarray, numbers: np.ndarray) -> bool:
-    """Whether neighbouring blocks' numbers (n_block, n_response) scatter as a stated covariance says, but for its scale:
-    without covariances the shapes of a close pair, which turn as one, are said to be many times better known along that
-    turn than they are. The largest eigenvalue of noise that is as stated ends at (1 + sqrt(p / n))^2 (Marchenko & Pastur
-    1967)."""
+    """Whether neighbouring blocks' numbers (n_block, n_response) scatter as a stated covariance says, but for its
+    scale: without covariances the shapes of a close pair, which turn as one, are said to be many times better known
+    along that turn than they are. The largest eigenvalue of noise that is as stated ends at (1 + sqrt(p / n))^2
+    (Marchenko & Pastur 1967)."""
     difference = np.diff(numbers, axis=0) / np.sqrt(2)
     std = np.sqrt(np.diag(covariance))
     used = std > 0

@@ -29,9 +29,10 @@ GAIN_RANGE = (-0.98, 20.0)
 # loggers on one network time agree to this
 CLOCK_TOLERANCE_S, RATE_TOLERANCE = 1e-4, 1e-5
 
-# Prior odds, beside one member of the structure that has changed. Judgement, no statistics: steel warms in every record;
-# one clock serves a whole logger, is checked when it is installed and steps with a new firmware only; of the pairs of
-# cables of a level one exchange is as probable as one wrong gain, and so is one crosstalk of all pairs of channels.
+# Prior odds, beside one member of the structure that has changed. Judgement, no statistics: steel warms in every
+# record; one clock serves a whole logger, is checked when it is installed and steps with a new firmware only; of the
+# pairs of cables of a level one exchange is as probable as one wrong gain, and so is one crosstalk of all pairs of
+# channels.
 WARMS_ODDS, RATE_ODDS, RATE_STEP_ODDS = 10.0, 0.3, 0.003
 
 # complex shapes (n_channel, k) of modes near frequency_hz, and a size -> shapes, and what is added to their ln f

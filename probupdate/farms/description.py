@@ -63,7 +63,8 @@ class SampleTable:
 
 @dataclass(frozen=True, kw_only=True)
 class DiagnoseTable:
-    """[diagnose]: records: the raw records are tested too; extend: the gain on held-out blocks and the extended model."""
+    """[diagnose]: records: the raw records are tested too; extend: the gain on held-out blocks and the extended
+    model."""
 
     records: bool = True
     extend: bool = True

@@ -190,8 +190,8 @@ _KEPT: dict[str, Prepared] = {}
 
 
 def _prepared(model: Path, sensors: tuple[Sensor, ...] | None) -> Prepared:
-    """What `diagnose` would make of the model first: three quarters of its time, and the same for all months of a turbine
-    and all turbines of one model with the same sensors."""
+    """What `diagnose` would make of the model first: three quarters of its time, and the same for all months of a
+    turbine and all turbines of one model with the same sensors."""
     from probupdate.diagnosis.prepare import prepare
 
     made = _hash([str(model).encode(), _model_hash(model).encode(), repr(sensors).encode(), *(

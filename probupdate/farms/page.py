@@ -47,8 +47,8 @@ def write_page(farm: Farm, rows: Sequence[MonthRow], path: Path) -> Path:
 
 def _table(rows: Sequence[MonthRow]) -> Table:
     labels = labels_of(rows)
-    columns = [Column(name="turbine", number=False), Column(name="month", number=False), Column(name="state", number=False),
-               Column(name="blocks")]
+    columns = [Column(name="turbine", number=False), Column(name="month", number=False),
+               Column(name="state", number=False), Column(name="blocks")]
     for label in labels:
         columns += [Column(name=label, unit="Hz"), Column(name="change", unit="%")]
     columns += [Column(name="verdict", number=False), Column(name="findings", number=False)]
@@ -63,8 +63,9 @@ def _table(rows: Sequence[MonthRow]) -> Table:
     marked = frozenset(k for k, row in enumerate(rows) if row.state == FAILED or row.verdict not in ("none", ""))
     return Table(
         caption="Frequencies and verdicts", columns=tuple(columns), rows=tuple(lines), marked=marked,
-        note="Frequencies: medians over a month's blocks. Change: since the month before of the same turbine; said above "
-             "where it is larger than the blocks of both months scatter and than three standard errors. Marked: failed, or a verdict other than none.")
+        note="Frequencies: medians over a month's blocks. Change: since the month before of the same turbine; said "
+             "above where it is larger than the blocks of both months scatter and than three standard errors. Marked: "
+             "failed, or a verdict other than none.")
 
 
 def _picture(rows: Sequence[MonthRow]) -> Picture:
@@ -99,7 +100,8 @@ def frequency_figure(rows: Sequence[MonthRow]):
                 x = [months.index(row.month) for row in found]
                 y = [100 * (row.frequency[label].hz / found[0].frequency[label].hz - 1) for row in found]
                 error = [100 * row.frequency[label].std_hz / found[0].frequency[label].hz for row in found]
-                axes.errorbar(x, y, yerr=np.nan_to_num(error), color=style.PALE, linewidth=1.0, elinewidth=0.7, zorder=1)
+                axes.errorbar(x, y, yerr=np.nan_to_num(error), color=style.PALE, linewidth=1.0, elinewidth=0.7,
+                              zorder=1)
                 for place, value, row in zip(x, y, found, strict=True):
                     color, marker = MARKS.get(row.verdict, MARKS[""])
                     seen[row.verdict] = axes.scatter([place], [value], color=getattr(style, color), marker=marker, s=16,

@@ -1,4 +1,5 @@
-"""What is known of every turbine and month, a row each: frequencies, verdict, and what changed since the month before."""
+"""What is known of every turbine and month, a row each: frequencies, verdict, and what changed since the month
+before."""
 
 from __future__ import annotations
 
@@ -114,8 +115,8 @@ def _frequency(values: Sequence[float]) -> Frequency | None:
 
 
 def _since(before: MonthRow, row: MonthRow) -> MonthRow:
-    """Said of a frequency where the medians differ by more than the blocks of both months scatter and by more than three
-    standard errors; of a verdict where it is another one; of causes where one is new or gone."""
+    """Said of a frequency where the medians differ by more than the blocks of both months scatter and by more than
+    three standard errors; of a verdict where it is another one; of causes where one is new or gone."""
     change, words = {}, []
     for label, now in row.frequency.items():
         then = before.frequency.get(label)

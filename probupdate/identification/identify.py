@@ -427,7 +427,8 @@ def _named(
 
 
 def _seen(sets: list[ModalSet], physical: PhysicalModes, every: bool) -> tuple[np.ndarray, list[str]]:
-    """(n_mode,) bool: modes that stand in two blocks, or in the only one, with `every` all; what to say of the others."""
+    """(n_mode,) bool: modes that stand in two blocks, or in the only one, with `every` all; what to say of the
+    others."""
     n_mode = len(physical.modes.labels)
     measured = np.array([s.measured for s in sets])
     seen = measured.sum(axis=0) >= min(2, int(measured.any(axis=1).sum())) if measured.any() else np.zeros(n_mode, bool)
@@ -436,13 +437,15 @@ def _seen(sets: list[ModalSet], physical: PhysicalModes, every: bool) -> tuple[n
     mated = np.zeros(n_mode, bool)
     for pair in physical.modes.turning or ():
         mated[list(pair)] = seen[list(pair)].any()
-    return seen, [f"{f:.4g} Hz comes back but is found as a mode in {plural(int(n), 'block')}: left out" for f, n, kept in
-                  zip(physical.modes.frequency_hz, measured.sum(axis=0), seen | mated, strict=True) if not kept]
+    return seen, [f"{f:.4g} Hz comes back but is found as a mode in {plural(int(n), 'block')}: left out"
+                  for f, n, kept in zip(physical.modes.frequency_hz, measured.sum(axis=0), seen | mated, strict=True)
+                  if not kept]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class _Matched:
-    """The campaign's modes held against a model's: likenesses, mode -> the model's mode, probability (n_mode, n_model)."""
+    """The campaign's modes held against a model's: likenesses, mode -> the model's mode, probability (n_mode,
+    n_model)."""
 
     model: ReferenceModes
     like: Likenesses
@@ -511,8 +514,8 @@ class _Judged:
 @dataclass(frozen=True, eq=False, kw_only=True)
 class _Standing:
     """What is kept of a block's poles: the choice; of the poles that stand for modes frequency_hz, damping_ratio
-    (n_mode,), shape (n_channel, n_mode), NaN where none does; keys: (model order, index within its poles) -> place in the
-    block's stack; key_of: mode -> key; rows of the table of poles, the mode as its number."""
+    (n_mode,), shape (n_channel, n_mode), NaN where none does; keys: (model order, index within its poles) -> place in
+    the block's stack; key_of: mode -> key; rows of the table of poles, the mode as its number."""
 
     choice: Choice
     frequency_hz: np.ndarray
@@ -606,7 +609,8 @@ def _standing(judged: _Judged, choice: Choice, chosen_order: int) -> _Standing:
     rows = {
         "frequency_hz": poles.frequency_hz, "damping_ratio": poles.damping_ratio, "mpc": like.mpc,
         "mac": judged.single.best_mac, "mode": mode, "similarity": like.similarity.max(axis=1),
-        "stability": like.stability, "criterion": choice.criterion, "paper_criterion": judged.paper, "order": poles.order,
+        "stability": like.stability, "criterion": choice.criterion, "paper_criterion": judged.paper,
+        "order": poles.order,
     }
     return _Standing(choice=choice, frequency_hz=frequency, damping_ratio=damping, shape=shape, keys=keys,
                      rows={name: value[shown] for name, value in rows.items()})
@@ -687,7 +691,8 @@ def _summary(every: list[_Found], data: ModalData, poles: pd.DataFrame, campaign
     reasons = Counter("gap" if one.excluded.startswith("gap") else one.excluded for one in found if one.excluded)
     if reasons:
         lines.append("left out: " + ", ".join(f"{n} for {name}" for name, n in reasons.items()))
-    lines += [_of_a_mode(label, np.array([s.frequency_hz[j] for s in data.sets])) for j, label in enumerate(data.labels)]
+    lines += [_of_a_mode(label, np.array([s.frequency_hz[j] for s in data.sets]))
+              for j, label in enumerate(data.labels)]
     of_turbine = any(family(label) == TURBINE[0] for label in data.labels)
     lines += _of_scada(data, campaign, rule, of_turbine)
     lines += harmonics_removed(note for block in found for note in block.notes)

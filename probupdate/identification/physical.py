@@ -281,9 +281,9 @@ def physical_modes(
     state: the turbine's in each block, so that a mode of one state is found too; bands: (n_harmonic, 2) Hz that
     multiples of the rotor's speed swept in each: what moves with them is left out; where the rotor hardly changes its
     speed a line is indistinguishable from a mode, which is said. wave_hz: the waves' peak in each block, NaN where it
-    was not measured; what lies there, damped as a sea is, is left out. angle_deg: where the nacelle looked, counter-clockwise
-    from x; a pair of horizontal motions is then taken to turn with it. highest_hz: the end of the band that the
-    record's rate passes. Raises InputError where nothing comes back.
+    was not measured; what lies there, damped as a sea is, is left out. angle_deg: where the nacelle looked,
+    counter-clockwise from x; a pair of horizontal motions is then taken to turn with it. highest_hz: the end of the
+    band that the record's rate passes. Raises InputError where nothing comes back.
     """
     settings = settings or PersistenceSettings()
     notes: list[str] = []
@@ -294,7 +294,8 @@ def physical_modes(
     persistence = _Persistence.of(settings, state, n_block, block_seconds)
     swept, always = _swept(candidates, bands)
     found = persistence.clusters(candidates, np.flatnonzero(~swept | always))
-    for cluster in sorted(persistence.clusters(candidates, np.flatnonzero(swept & ~always)), key=lambda x: x.ln_frequency):
+    for cluster in sorted(persistence.clusters(candidates, np.flatnonzero(swept & ~always)),
+                          key=lambda x: x.ln_frequency):
         if not any(abs(cluster.ln_frequency - one.ln_frequency) <= SAME_MODE for one in found):
             notes.append(f"{np.exp(cluster.ln_frequency):.3f} Hz moves with the rotor's speed and is no mode: left out")
     notes += [f"{np.exp(one.ln_frequency):.3f} Hz lies at a multiple of the rotor's speed, which hardly varies: it may "
@@ -343,7 +344,8 @@ class _Persistence:
 
     def often(self, weight: np.ndarray) -> bool:
         return bool(weight.sum() >= self.settings.needed(self.n_block)) or any(
-            weight[[one == name for one in self.state]].sum() >= self.settings.needed(n) for name, n in self.count.items())
+            weight[[one == name for one in self.state]].sum() >= self.settings.needed(n)
+            for name, n in self.count.items())
 
 
 def _of_the_structure(

@@ -55,10 +55,10 @@ def references_within(
     found = int((budget - fixed) / (one - fixed))
     if found < max(FEWEST_REFERENCES, -(-highest_order // block_rows)):
         least = memory_bytes(n_channel, FEWEST_REFERENCES, **options)
-        raise InputError("record", f"{n_channel} channels with {block_rows} block rows and {sub_records} parts would take "
-                         f"{least / 2**30:.2g} GB of memory with {FEWEST_REFERENCES} references, {whole / 2**30:.2g} GB "
-                         f"with all, and {budget / 2**30:.2g} GB are allowed", "leave channels out (leave_out in "
-                         "campaign.toml), or lower --block-rows")
+        raise InputError("record", f"{n_channel} channels with {block_rows} block rows and {sub_records} parts would "
+                         f"take {least / 2**30:.2g} GB of memory with {FEWEST_REFERENCES} references, "
+                         f"{whole / 2**30:.2g} GB with all, and {budget / 2**30:.2g} GB are allowed", "leave channels "
+                         "out (leave_out in campaign.toml), or lower --block-rows")
     return found
 
 
@@ -183,8 +183,8 @@ def identify_record(
     `spread` below and above `order` (1 without). sub_records: parts of the record whose scatter gives deviations, 0 for
     none; their deviations are known to 1 / sqrt(2 (sub_records - 1)), 13 % for 30. references: channels whose past is
     used, or how many combinations of channels (`ssi.reference_projection`); without, all. limited: such a number that
-    memory asked for (`references_within`): combinations are chosen without the covariances of all channels. orders: only
-    these model orders, `order` among them; lower ones are the same whatever the highest is.
+    memory asked for (`references_within`): combinations are chosen without the covariances of all channels. orders:
+    only these model orders, `order` among them; lower ones are the same whatever the highest is.
     """
     data = np.asarray(data, dtype=float)
     n_lag = 2 * block_rows - 1

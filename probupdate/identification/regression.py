@@ -152,8 +152,8 @@ def _together(
         statistic = float(coefficient @ np.linalg.solve(fit.covariance[np.ix_(both, both)], coefficient)) / 2
         joint[pair] = float(stats.f.sf(statistic, 2, free))
         notes.append(f"{pair[0]} and {pair[1]} are indistinguishable (correlation {other[twin]:.2f}, variance "
-                     f"inflation {inflation[k]:.0f}): each coefficient alone is hardly known, the two together count with "
-                     f"p = {joint[pair]:.2g}")
+                     f"inflation {inflation[k]:.0f}): each coefficient alone is hardly known, the two together count "
+                     f"with p = {joint[pair]:.2g}")
     return tuple(joint.items())
 
 

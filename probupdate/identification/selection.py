@@ -132,7 +132,8 @@ def _table(
     sets: Sequence[ModalSet], failed: Sequence[Sequence[str]], score: np.ndarray, order: np.ndarray,
     labels: Sequence[str], pairs: Sequence[tuple[int, int]],
 ) -> pd.DataFrame:
-    """A row a block: what it failed, its score (NaN where it failed), and the angles of its pairs; order: those kept."""
+    """A row a block: what it failed, its score (NaN where it failed), and the angles of its pairs; order: those
+    kept."""
     table = pd.DataFrame({
         "id": [s.id for s in sets], "state": [str(s.environment.get("state", "unknown")) for s in sets],
         "criterion": [names[0] if names else "" for names in failed], "failed": ["; ".join(names) for names in failed],

@@ -20,7 +20,8 @@ class IdentificationSettings:
     block_rows: int | None = stated(
         None, "-", "block rows of the Toeplitz matrix", "30: two periods of 0.3 Hz at 5 Hz")
     rate_hz: float | None = stated(None, "Hz", "sampling rate after decimation", "paper: 5")
-    harmonics: str = stated("keep", "-", "the rotor's harmonics stay in the record ('keep') or are taken out ('remove')")
+    harmonics: str = stated(
+        "keep", "-", "the rotor's harmonics stay in the record ('keep') or are taken out ('remove')")
 
 
 @dataclass(frozen=True, kw_only=True)

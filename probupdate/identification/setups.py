@@ -56,9 +56,9 @@ def identify_setups(
     """The modes of a structure measured in several setups, in one set of all channels.
 
     Poles of all setups' blocks are clustered together, by frequency and by their shape at the common channels, so that
-    a mode that one setup hardly shows is known from the others; each setup then gives its own part of every mode that it
-    has. reference, others: a model's modes at `channels`, of which the merged ones get their names. store: folder below
-    which each setup keeps its blocks. Raises InputError without common channels, or where nothing comes back.
+    a mode that one setup hardly shows is known from the others; each setup then gives its own part of every mode that
+    it has. reference, others: a model's modes at `channels`, of which the merged ones get their names. store: folder
+    below which each setup keeps its blocks. Raises InputError without common channels, or where nothing comes back.
     """
     settings, persistence = settings or SSISettings(), PersistenceSettings()
     common = common_channels([(name, c.sensors) for name, c in zip(names, campaigns, strict=True)])
@@ -86,8 +86,8 @@ def identify_setups(
             result = classified(poles[k], campaign, own, None, settings=settings, rule=rule, jobs=runs,
                                 progress=progress, every=True)
             columns = [place.get(j, -1) for j in range(len(found.modes.labels))]
-            data = replace(result.data, sets=tuple(s.of_modes(columns) for s in in_memory(result).data.sets), records=(),
-                           labels=found.modes.labels)
+            data = replace(result.data, sets=tuple(s.of_modes(columns) for s in in_memory(result).data.sets),
+                           records=(), labels=found.modes.labels)
             setups.append(Setup(name=name, sensors=campaign.sensors, data=data))
     if reference is None:
         merged = merge_setups(setups, same_modes=True)

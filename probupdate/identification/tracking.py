@@ -93,8 +93,8 @@ def track(blocks: Sequence[JudgedPoles], settings: ClassifierSettings) -> Tracke
 def paths(
     votes: Sequence[Votes], reference: ReferenceModes, settings: ClassifierSettings
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Where each mode of `reference` lies from block to block, Hz, and the support there: centre_hz and support (n_block,
-    n_mode) of `Tracked`."""
+    """Where each mode of `reference` lies from block to block, Hz, and the support there: centre_hz and support
+    (n_block, n_mode) of `Tracked`."""
     n_mode = len(reference.labels)
     centre, support = np.full((len(votes), n_mode), np.nan), np.zeros((len(votes), n_mode))
     for j in range(n_mode):

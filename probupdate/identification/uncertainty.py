@@ -86,12 +86,14 @@ def toeplitz_products(
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class ObservabilityDeviation:
-    """Deviations of the leading left singular vectors u_1..u_n of T, from which those of O follow for every order up to n.
+    """Deviations of the leading left singular vectors u_1..u_n of T, from which those of O follow for every order up to
+    n.
 
-    along (n, n_basis, n_sub): u_l^T du_i at [i, l], NaN where l is i. basis (n_channel br, n_basis): every left singular
-    vector, descending; beyond (n, n_channel br, n_sub): the part of du_i outside their span, None where they span all.
-    singular (n,); squared_next: s_(n + 1)^2; rounding (n,): of the squared singular values. Products are made of `along`
-    for the few columns that are asked for: du_i itself, n_channel br numbers for each i and part, is never formed.
+    along (n, n_basis, n_sub): u_l^T du_i at [i, l], NaN where l is i. basis (n_channel br, n_basis): every left
+    singular vector, descending; beyond (n, n_channel br, n_sub): the part of du_i outside their span, None where they
+    span all. singular (n,); squared_next: s_(n + 1)^2; rounding (n,): of the squared singular values. Products are made
+    of `along` for the few columns that are asked for: du_i itself, n_channel br numbers for each i and part, is never
+    formed.
     """
 
     along: np.ndarray
@@ -131,8 +133,8 @@ class ObservabilityDeviation:
 def observability_deviation(
     covariance: np.ndarray, deviation: np.ndarray, factorisation: Factorisation, block_rows: int
 ) -> ObservabilityDeviation:
-    """Deviations of the singular vectors of all orders of a factorisation with all of them (`factorise(whole=True)`), from
-    dR (n_sub, 2 br, n_channel, n_ref).
+    """Deviations of the singular vectors of all orders of a factorisation with all of them (`factorise(whole=True)`),
+    from dR (n_sub, 2 br, n_channel, n_ref).
 
     For u_i, v_i, s_i of T = U S V^T, du_i solves (s_i^2 - T T^T) du_i = s_i dT v_i + T dT^T u_i: along another left
     singular vector u_l, that is division by s_i^2 - s_l^2.

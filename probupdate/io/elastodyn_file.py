@@ -75,8 +75,8 @@ class _Keys:
 
     def beside(self, name: str) -> Path:
         at, word = self.word(name)
-        file = named_within(unquoted(word), self.path.resolve().parent, f"{self.path}, line {at}, {name}", root=self.root,
-                            remedy="put it into that folder, or the model's TOML above both")
+        file = named_within(unquoted(word), self.path.resolve().parent, f"{self.path}, line {at}, {name}",
+                            root=self.root, remedy="put it into that folder, or the model's TOML above both")
         if not file.is_file():
             raise InputError(f"{self.path}, line {at}", f"there is no file '{unquoted(word)}'", "put it beside")
         return file
@@ -94,8 +94,8 @@ class _Keys:
         for k in range(start + 2, start + 2 + n):
             values = [number(w) for w in words(self.lines[k])] if k < len(self.lines) else []
             if len(values) < columns or None in values[:columns]:
-                raise InputError(f"{self.path}, line {k + 1}", f"row {k - start - 1} of {n} ({count}) has not {columns} "
-                                 "numbers", "complete it, or mend the count")
+                raise InputError(f"{self.path}, line {k + 1}", f"row {k - start - 1} of {n} ({count}) has not "
+                                 f"{columns} numbers", "complete it, or mend the count")
             rows.append(values[:columns])
         table = np.array(rows)
         if np.any(np.diff(table[:, 0]) <= 0) or abs(table[0, 0]) > 1e-6 or abs(table[-1, 0] - 1) > 1e-6:
@@ -104,8 +104,8 @@ class _Keys:
 
 
 def read_elastodyn(path: str | Path, root: Path | None = None) -> ElastoDyn:
-    """Read an ElastoDyn file, its tower file and, for the rotor's mass, its blade files; all of them in the folder `root`
-    or below (the file's own where None)."""
+    """Read an ElastoDyn file, its tower file and, for the rotor's mass, its blade files; all of them in the folder
+    `root` or below (the file's own where None)."""
     keys = _Keys(Path(path), root)
     with parsing(str(path), "holds numbers of no turbine", "mend the largest of them"), np.errstate(
             over="raise", invalid="raise", divide="raise"):

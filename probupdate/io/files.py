@@ -1,8 +1,8 @@
 """Every file that is written, and every one that is opened for reading: whole or not at all, and nothing that waits.
 
-Written: under a temporary name in the same folder (host, process and a random token in it), to the disk, then renamed; a
-killed run, a full disk or a second writer leaves the old file or a new one, never a part. Read: regular files only, of a
-bounded size, JSON and TOML of bounded depth and with numbers that the program can hold.
+Written: under a temporary name in the same folder (host, process and a random token in it), to the disk, then renamed;
+a killed run, a full disk or a second writer leaves the old file or a new one, never a part. Read: regular files only,
+of a bounded size, JSON and TOML of bounded depth and with numbers that the program can hold.
 """
 
 from __future__ import annotations
@@ -300,7 +300,8 @@ def inside(path: Path, folder: Path) -> Path:
     return path
 
 
-def named_within(name: str, folder: Path, where: str, *, root: Path | None = None, remedy: str = "put it beside") -> Path:
+def named_within(name: str, folder: Path, where: str, *, root: Path | None = None,
+                 remedy: str = "put it beside") -> Path:
     """The path that a file in `folder` names, relative to it: in the folder `root` (that folder where None) or below.
     Raises InputError at `where` for a name that is none, or that leads out. Backslashes are those of Windows."""
     try:
@@ -338,8 +339,8 @@ def read_text(path: str | Path, remedy: str = "save it as UTF-8", *, largest: in
 
 def read_json(path: str | Path, remedy: str = "mend the file at that place", *, absent: str = "check the path",
               nan: bool = False) -> Any:
-    """The content of a JSON file: at most DEEPEST levels, integers of 64 bit, no infinite number, no key twice; NaN only
-    where `nan` says that the caller looks for it."""
+    """The content of a JSON file: at most DEEPEST levels, integers of 64 bit, no infinite number, no key twice; NaN
+    only where `nan` says that the caller looks for it."""
     path = input_file(path, absent, largest=LARGEST_TEXT)
     with _format(path, "JSON", remedy):
         text = read_bytes(path, absent).decode("utf-8")
@@ -369,7 +370,8 @@ def read_toml(path: str | Path, remedy: str = "mend the file at that place", *, 
     return content
 
 
-def archive_arrays(path: str | Path, problem: str, remedy: str, *, largest: int = LARGEST_ARCHIVE) -> dict[str, np.ndarray]:
+def archive_arrays(path: str | Path, problem: str, remedy: str,
+                   *, largest: int = LARGEST_ARCHIVE) -> dict[str, np.ndarray]:
     """The arrays of an .npz file by name, as `archive` opens it."""
     with archive(path, problem, remedy, largest=largest) as opened:
         return {key: opened[key] for key in opened.files}

@@ -31,7 +31,8 @@ _KNOWN_SIZE = 20_000
 
 class _Patient:
     """A file that HDF5 writes through. On a full disk the library fails once more when it closes the file, with a trace
-    on the screen, and may end the process: here a write that fails is kept in `failed`, and those after it are not done."""
+    on the screen, and may end the process: here a write that fails is kept in `failed`, and those after it are not
+    done."""
 
     def __init__(self, stream: Any):
         self._stream = stream

@@ -1,8 +1,8 @@
 """Run as a program of its own: opens HDF5 files named on standard input and answers whether they are safe to read.
 
-A damaged index can hold the HDF5 library for ever, or end its process; this one may be ended. A line in: {"path", "whole",
-"seconds"}; a line out: {"problem": null or words}. `whole`: all data are read here first. Limits on processor time
-(`seconds`) and memory (the argument, bytes) hold where the system has them.
+A damaged index can hold the HDF5 library for ever, or end its process; this one may be ended. A line in: {"path",
+"whole", "seconds"}; a line out: {"problem": null or words}. `whole`: all data are read here first. Limits on processor
+time (`seconds`) and memory (the argument, bytes) hold where the system has them.
 """
 
 import json

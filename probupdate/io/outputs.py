@@ -27,7 +27,8 @@ def refuse_overwriting(verb: str, out: str, given: Iterable[str]) -> None:
     folders = [Path(text).resolve() for text in given if _is(Path(text), "is_dir")]
     for target in written(verb, Path(out)):
         place = _resolved(target)
-        if place in read or (verb == "report" and _is(target, "is_file") and target.suffix.lower() not in (".html", ".htm")
+        if place in read or (verb == "report" and _is(target, "is_file")
+                             and target.suffix.lower() not in (".html", ".htm")
                              and any(place.is_relative_to(f) for f in folders)):
             which = "" if target == Path(out) else f" (with {target.name} beside it)"
             raise InputError(out + which, "is read by this step and would be written over", "name another file")
@@ -54,7 +55,8 @@ def belonging(path: Path) -> Iterator[Path]:
         return
     yield from (_resolved(path.with_name(f"{path.stem}{ending}")) for ending in MODES_BESIDE if path.suffix == ".json")
     if path.suffix in (".npz", ".toml"):
-        yield from (_resolved(path.with_name(name)) for name in ("parameters.toml", f"{path.stem}.npz", f"{path.stem}.toml"))
+        yield from (_resolved(path.with_name(name))
+                    for name in ("parameters.toml", f"{path.stem}.npz", f"{path.stem}.toml"))
     if path.suffix == ".toml":
         try:
             content = read_toml(path)
@@ -108,5 +110,6 @@ def _locked(folder: Path, path: Path) -> int:
         except BlockingIOError:
             os.close(descriptor)
             raise InputError(str(folder), "another run is writing into it",
-                             "wait until it ends (the same command goes on from there), or give another --out") from None
+                             "wait until it ends (the same command goes on from there), "
+                             "or give another --out") from None
         os.close(descriptor)

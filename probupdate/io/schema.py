@@ -123,7 +123,8 @@ def refuse_unknown(table: Mapping, known: Iterable[str], where: str) -> None:
 # kind of mistake, as pydantic names it -> what is wrong, what to write
 TEXT, NUMBER, LIST = "is no text", "is not a number", "is no list"
 WORDS = {
-    "float_type": (NUMBER, "write a number without quotes"), "int_type": (NUMBER, "write a whole number without quotes"),
+    "float_type": (NUMBER, "write a number without quotes"),
+    "int_type": (NUMBER, "write a whole number without quotes"),
     "int_from_float": ("is no whole number", "write one"), "finite_number": ("is not finite", "give a number"),
     "string_type": (TEXT, "write it in quotes"), "bool_type": ("is not true or false", "write one of them"),
     "tuple_type": (LIST, 'write ["..."], or [1.0, 2.0]'), "list_type": (LIST, 'write ["..."], or [1.0, 2.0]'),
@@ -162,10 +163,12 @@ def _schema(kind: type) -> Any:
     import pydantic
 
     hints = typing.get_type_hints(kind, include_extras=True)
-    config = pydantic.ConfigDict(strict=True, from_attributes=True, arbitrary_types_allowed=True, protected_namespaces=())
+    config = pydantic.ConfigDict(strict=True, from_attributes=True, arbitrary_types_allowed=True,
+                                 protected_namespaces=())
     members = {f.name: (_type(hints[f.name], f.name in UNBOUNDED), _default(f)) for f in fields(kind)}
     # names that pydantic keeps for itself
-    renamed: dict[str, Any] = {f"{name}_" if hasattr(pydantic.BaseModel, name) else name: value for name, value in members.items()}
+    renamed: dict[str, Any] = {f"{name}_" if hasattr(pydantic.BaseModel, name) else name: value
+                               for name, value in members.items()}
     renamed = {key: (value[0], pydantic.Field(validation_alias=key.removesuffix("_"))) if key not in members else value
                for key, value in renamed.items()}
     return pydantic.create_model(kind.__name__, __config__=config, **renamed)

@@ -49,8 +49,8 @@ def parse_ssi(lines, where: str, name: str) -> SsiFile:
                              "write a line such as '5.04E+08 Kxx', comments behind !")
         place = PLACES.get(key[1:]) if key[0] in matrices else None
         if place is None:
-            notes.append(f"{where}, line {at}: '{found[1]}' is none of SubDyn's names (Kxx, Kxy, Kyy, ... Ktztz, Mxx, ...)"
-                         "; SubDyn does not use it")
+            notes.append(f"{where}, line {at}: '{found[1]}' is none of SubDyn's names (Kxx, Kxy, Kyy, ... Ktztz, "
+                         "Mxx, ...); SubDyn does not use it")
             continue
         if seen.setdefault(key, value) != value:
             raise InputError(f"{where}, line {at}", f"'{found[1]}' is given twice with different values", "keep one")

@@ -87,9 +87,9 @@ class Row:
 @dataclass(frozen=True, eq=False, kw_only=True)
 class SubDynFile:
     """What a SubDyn input file says. Lines count from one. `sets`: kind -> property sets as rows; `settings`: name ->
-    word, for what stands above the joints; `counts`: table behind the members -> line of its count; `layout`: v3, v4.0 (members by cosine matrices), v4.1 (with rectangular
-    sections and spin) or v5 (with transition pieces). `soil`: name -> SSI file. `notes`: what SubDyn takes otherwise
-    than it looks.
+    word, for what stands above the joints; `counts`: table behind the members -> line of its count; `layout`: v3, v4.0
+    (members by cosine matrices), v4.1 (with rectangular sections and spin) or v5 (with transition pieces). `soil`: name
+    -> SSI file. `notes`: what SubDyn takes otherwise than it looks.
     """
 
     where: str
@@ -126,7 +126,8 @@ class SubDynFile:
 
 
 def read_subdyn(path: str | Path, root: Path | None = None) -> SubDynFile:
-    """Read a SubDyn input file and the SSI files it names, which lie in the folder `root` (its own where None) or below."""
+    """Read a SubDyn input file and the SSI files it names, which lie in the folder `root` (its own where None) or
+    below."""
     path = Path(path)
     return parse_subdyn(read_lines(path), str(path), lambda name, line: _read_soil(path, name, line, root))
 
@@ -267,7 +268,8 @@ def _settings(r: _Reader) -> tuple[dict[str, str], bool]:
     r.heading("FEA and CRAIG-BAMPTON PARAMETERS")
     settings["FEMMod"] = str(r.whole("FEMMod"))
     if settings["FEMMod"] not in ("1", "3"):
-        r.fail(f"FEMMod {settings['FEMMod']} is not built", "take 1 (Euler-Bernoulli) or 3 (Timoshenko), as SubDyn does")
+        r.fail(f"FEMMod {settings['FEMMod']} is not built",
+               "take 1 (Euler-Bernoulli) or 3 (Timoshenko), as SubDyn does")
     settings["NDiv"] = str(r.whole("NDiv", 1))
     # and here
     if _is_logical(r.peek()):
@@ -298,7 +300,8 @@ def _mode_dampings(r: _Reader, n_modes: int) -> list[str]:
     """JDampings, read on as Fortran does where a line has too few numbers and nothing else."""
     ratios = words(r.line("JDampings"))
     given = [w for w in ratios if number(w) is not None]
-    while len(given) == len(ratios) and len(given) < n_modes and words(r.peek()) and number(words(r.peek())[0]) is not None:
+    while (len(given) == len(ratios) and len(given) < n_modes and words(r.peek())
+           and number(words(r.peek())[0]) is not None):
         following = words(r.peek())
         if len(following) > 1 and number(following[1]) is None and "guyan" in following[1].lower():
             break
@@ -439,8 +442,8 @@ def _sets(r: _Reader) -> tuple[dict[str, tuple[Row, ...]], dict[str, int]]:
     if len(found) == 7 and any("RECT" in title for title in titles):
         order = tuple(kind for kind in ORDERS[8] if kind != "spring")
     if order is None:
-        r.fail(f"{len(found)} tables between the members and the OUTPUT section, {', '.join(map(str, ORDERS))} expected "
-               "(circular, rectangular, arbitrary, cable, rigid, spring, cosine matrices, masses)",
+        r.fail(f"{len(found)} tables between the members and the OUTPUT section, {', '.join(map(str, ORDERS))} "
+               "expected (circular, rectangular, arbitrary, cable, rigid, spring, cosine matrices, masses)",
                "put back the missing one, with a count of 0 if it is empty")
     tables = {kind: () for kind in SETS}
     for kind, (_, rows) in zip(order, found, strict=True):
@@ -506,8 +509,8 @@ def _check_references(r: _Reader, file: SubDynFile) -> None:
 SIZES = {
     "circular": (("YoungE", "ShearG", "MatDens", "XsecD", "XsecT"), (0, 1, 3), (2, 4)),
     "rectangular": (("YoungE", "ShearG", "MatDens", "XsecSa", "XsecSb", "XsecT"), (0, 1, 3, 4), (2, 5)),
-    "arbitrary": (("YoungE", "ShearG", "MatDens", "XsecA", "XsecAsx", "XsecAsy", "XsecJxx", "XsecJyy", "XsecJ0", "XsecJt"),
-                  (0, 1, 3, 6, 7, 8, 9), (2, 4, 5)),
+    "arbitrary": (("YoungE", "ShearG", "MatDens", "XsecA", "XsecAsx", "XsecAsy", "XsecJxx", "XsecJyy", "XsecJ0",
+                   "XsecJt"), (0, 1, 3, 6, 7, 8, 9), (2, 4, 5)),
     "cable": (("EA", "MatDens", "T0"), (0,), (1,)),
     "rigid": (("MatDens",), (), (0,)),
     "spring": ((), (), ()),
@@ -524,8 +527,8 @@ def _check_sizes(r: _Reader, file: SubDynFile) -> None:
                 r.fail(f"{names[k]} of a {kind} set is {values[k]:g}",
                        f"give a number {'above zero' if k in positive else 'of zero or more'}", line)
         if kind == "circular" and 2 * values[4] > values[3] * (1 + 1e-9):
-            r.fail(f"the wall {values[4]:g} is thicker than half of the diameter {values[3]:g}", "mend one of them; 0 is "
-                   "a solid section", line)
+            r.fail(f"the wall {values[4]:g} is thicker than half of the diameter {values[3]:g}", "mend one of them; 0 "
+                   "is a solid section", line)
         if kind == "rectangular" and 2 * values[5] > min(values[3:5]) * (1 + 1e-9):
             r.fail(f"the wall {values[5]:g} is thicker than half of a side", "mend it; 0 is a solid section", line)
         if kind == "arbitrary" and file.shear and not values[4] * values[5]:
@@ -546,14 +549,15 @@ def _soil_notes(where: str, reactions: Sequence[Reaction], soil: Mapping[str, Ss
     fixed = [r for r in reactions if r.ssi and all(r.fixed)]
     if fixed:
         joints = ", ".join(str(r.joint) for r in fixed)
-        notes.append(f"{where}, line {fixed[0].line}: the SSI file of joint {joints} has no effect, as all six directions "
-                     "are held (flag 1); write 0 where the soil is to act")
+        notes.append(f"{where}, line {fixed[0].line}: the SSI file of joint {joints} has no effect, as all six "
+                     "directions are held (flag 1); write 0 where the soil is to act")
     for r in reactions:
         if r.ssi and any(r.fixed) and not all(r.fixed):
             held = [k for k in range(6) if r.fixed[k] and (soil[r.ssi].stiffness[k].any() or soil[r.ssi].mass[k].any())]
             if held:
-                notes.append(f"{where}, line {r.line}: the terms of '{r.ssi}' in {', '.join(DIRECTIONS[k] for k in held)} "
-                             f"have no effect, as joint {r.joint} is held there")
+                notes.append(f"{where}, line {r.line}: the terms of '{r.ssi}' in "
+                             f"{', '.join(DIRECTIONS[k] for k in held)} have no effect, as joint {r.joint} is held "
+                             "there")
         if r.ssi is None and not any(r.fixed):
             notes.append(f"{where}, line {r.line}: reaction joint {r.joint} is free and has no SSI file: nothing holds "
                          "it")
@@ -579,8 +583,8 @@ def reparsed(file: SubDynFile, lines: Sequence[str], soil: Mapping[str, SsiFile]
 
 
 def write_subdyn(file: SubDynFile, path: str | Path, root: Path | None = None) -> Path:
-    """Write the file and, under their own names relative to it, its SSI files; none of them outside the folder `root` (the
-    file's own where None)."""
+    """Write the file and, under their own names relative to it, its SSI files; none of them outside the folder `root`
+    (the file's own where None)."""
     path = Path(path)
     folder = (path.parent if root is None else root).resolve()
     targets = {}

@@ -13,8 +13,8 @@ OLD_LINES = ("CBMOD", "GUYANLOADCORRECTION")
 
 
 def as_v5(file: SubDynFile) -> SubDynFile:
-    """The file as SubDyn of OpenFAST v5 reads it; one that is v5 as it is. Raises InputError for a beam turned by a cosine
-    matrix, which v5 turns by an angle."""
+    """The file as SubDyn of OpenFAST v5 reads it; one that is v5 as it is. Raises InputError for a beam turned by a
+    cosine matrix, which v5 turns by an angle."""
     if file.layout == "v5":
         return file
     lines: list[str | None] = list(file.lines)

@@ -266,8 +266,8 @@ def hot_spots(
     ends: Sequence[Detail],
     welds: Sequence[Sequence[Detail]],
 ) -> tuple[tuple[Detail, ...], tuple[HotSpot, ...]]:
-    """Of brace ends that tables (where, table, details) choose among all `ends`, and of the girth welds (a list for each
-    [[girth]])."""
+    """Of brace ends that tables (where, table, details) choose among all `ends`, and of the girth welds (a list for
+    each [[girth]])."""
     details: list[Detail] = []
     spots: list[HotSpot] = []
     number: dict[tuple, int] = {}
@@ -314,8 +314,8 @@ def _factors(entry: Sides, detail: Detail, ends: Sequence[Detail], where: str) -
 
 
 def _by_geometry(entry: Efthymiou, detail: Detail, ends: Sequence[Detail], where: str) -> tuple[Factors, Factors]:
-    """(chord, brace), none below the stated least. Raises InputError outside the equations' ranges, and of a K without a
-    second brace."""
+    """(chord, brace), none below the stated least. Raises InputError outside the equations' ranges, and of a K without
+    a second brace."""
     own = _geometry(entry, detail)
     if beyond := efthymiou.beyond_validity(own, entry.gap_m):
         raise InputError(

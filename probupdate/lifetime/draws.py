@@ -113,8 +113,8 @@ def read_joint(path: str | Path) -> Joint:
 
 
 def to_openturns(joint: Joint):
-    """The same distribution as an `openturns.JointDistribution`: marginals with densities constant between quantiles and
-    a normal copula, for its samplers and its FORM. Needs `pip install probupdate[openturns]`."""
+    """The same distribution as an `openturns.JointDistribution`: marginals with densities constant between quantiles
+    and a normal copula, for its samplers and its FORM. Needs `pip install probupdate[openturns]`."""
     try:
         ot: Any = import_module("openturns")
     except ImportError:

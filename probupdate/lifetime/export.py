@@ -1,6 +1,7 @@
 """What a lifetime-extension analysis takes of a run: draws, their joint distribution, models, superelements, modes.
 
-Every file says what the run's verdict is, and is read back and checked before the manifest is written, which comes last.
+Every file says what the run's verdict is, and is read back and checked before the manifest is written, which comes
+last.
 """
 
 from __future__ import annotations
@@ -53,7 +54,8 @@ CSV, JSON_TYPE = "text/csv", "application/json"
 
 @dataclass(frozen=True, kw_only=True)
 class Standing:
-    """How far a run may be trusted: its sampler's verdict and its diagnosis (None: there is none) with what it found."""
+    """How far a run may be trusted: its sampler's verdict and its diagnosis (None: there is none) with what it
+    found."""
 
     converged: bool
     sampler: str
@@ -67,13 +69,15 @@ class Standing:
         if not self.converged:
             reasons.append("the sampler did not converge")
         if self.diagnosis == "unexplained":
-            reasons.append("the diagnosis is unexplained: model and measurement disagree and no listed cause explains it")
+            reasons.append("the diagnosis is unexplained: model and measurement disagree "
+                           "and no listed cause explains it")
         return "; ".join(reasons)
 
     @property
     def remark(self) -> str:
         """One line for every file."""
-        text = f"sampler: {'converged' if self.converged else 'NOT CONVERGED'}; diagnosis: {self.diagnosis or 'not made'}"
+        text = (f"sampler: {'converged' if self.converged else 'NOT CONVERGED'}; "
+                f"diagnosis: {self.diagnosis or 'not made'}")
         if self.findings:
             # a run with them in its model is another run: that of the extended model
             text += f" ({', '.join(self.findings)}: not in this model)"
@@ -94,9 +98,9 @@ class Export:
     def content(self) -> dict:
         """What --json prints beside the files."""
         return {
-            "folder": str(self.folder), "files": dict(self.files), "draws": len(self.draws), "verdict": self.standing.remark,
-            "converged": self.standing.converged, "diagnosis": self.standing.diagnosis, "left_out": list(self.left_out),
-            "superelement_truncation_first_pair": self.truncation}
+            "folder": str(self.folder), "files": dict(self.files), "draws": len(self.draws),
+            "verdict": self.standing.remark, "converged": self.standing.converged, "diagnosis": self.standing.diagnosis,
+            "left_out": list(self.left_out), "superelement_truncation_first_pair": self.truncation}
 
     def to_frame(self) -> pd.DataFrame:
         """A row a file, with its SHA-256."""
@@ -112,15 +116,17 @@ class Export:
 
 def export_lifetime(
     posterior: Posterior, model: Model, path: Path, out: Path, *, parameters_file: Path | None = None,
-    modes: ModalData | None = None, diagnosis: str | None = None, findings: tuple[str, ...] = (), n_draw: int = 100, n_mode: int = 10,
-    accept: bool = False, seed: int = 1, fatigue: FatigueInput | None = None, source: Mapping[str, Path] | None = None, progress: Progress = silent,
+    modes: ModalData | None = None, diagnosis: str | None = None, findings: tuple[str, ...] = (), n_draw: int = 100,
+    n_mode: int = 10, accept: bool = False, seed: int = 1, fatigue: FatigueInput | None = None,
+    source: Mapping[str, Path] | None = None, progress: Progress = silent,
 ) -> Export:
-    """Write draws.csv, joint.json, models/NNN, superelements/NNN (SubDyn models), modes.csv and manifest.json to `out`; with
-    `fatigue` also fatigue.csv, model_factors.csv, reliability.csv and what belongs to them (turbines of model.toml).
+    """Write draws.csv, joint.json, models/NNN, superelements/NNN (SubDyn models), modes.csv and manifest.json to `out`;
+    with `fatigue` also fatigue.csv, model_factors.csv, reliability.csv and what belongs to them (turbines of
+    model.toml).
 
-    `path`: the model's file; `diagnosis`, `findings`: verdict and causes of diagnosis.json; `n_mode`: Craig-Bampton modes; `source`: files of
-    the run, whose hashes are kept. Raises InputError where the run does not stand and `accept` is not given, where
-    posterior and model differ, or where what is read back is not what was written.
+    `path`: the model's file; `diagnosis`, `findings`: verdict and causes of diagnosis.json; `n_mode`: Craig-Bampton
+    modes; `source`: files of the run, whose hashes are kept. Raises InputError where the run does not stand and
+    `accept` is not given, where posterior and model differ, or where what is read back is not what was written.
     """
     standing = Standing(converged=bool(posterior.converged), sampler=posterior.verdict, diagnosis=diagnosis,
                         findings=findings)
@@ -154,8 +160,8 @@ def export_lifetime(
     manifest = {
         "format": 1, "kind": "probupdate lifetime export", "version": __version__, "verdict": standing.remark,
         "accepted": bool(standing.refused), "converged": standing.converged, "sampler": standing.sampler,
-        "diagnosis": standing.diagnosis, "findings": list(standing.findings), "seed": int(seed), "draws": n_draw, "model": model.name,
-        "model_fingerprint": model.fingerprint(), "posterior_fingerprint": posterior.fingerprint,
+        "diagnosis": standing.diagnosis, "findings": list(standing.findings), "seed": int(seed), "draws": n_draw,
+        "model": model.name, "model_fingerprint": model.fingerprint(), "posterior_fingerprint": posterior.fingerprint,
         "superelement_truncation_first_pair": truncation, "fatigue": told, "left_out": left_out,
         "source": {name: _sha(p) for name, p in (source or {}).items() if p.is_file()}, "files": files.entries,
     }
@@ -214,7 +220,8 @@ def _write_joint(files: _Files, joint: Joint, units: Mapping[str, str], rng) -> 
     shift = float(np.max(np.abs(again.mean(axis=0) - joint.mean) / joint.std))
     # 6 standard errors of the resampled mean, and the grid's own error in the tails
     if not shift < 6 / np.sqrt(RESAMPLED) + 0.02:
-        raise InputError("joint.json", f"its marginals resampled miss the draws' mean by {shift:.2g} standard deviations",
+        raise InputError("joint.json",
+                         f"its marginals resampled miss the draws' mean by {shift:.2g} standard deviations",
                          "sample longer: the draws have too heavy tails for their number")
     content = {
         "verdict": files.standing.remark, "kind": "nataf", "parameters": list(joint.names),
@@ -252,7 +259,8 @@ def _models(files: _Files, model: Model, path: Path, parameters_file, draws, lef
                 found = opened.solve(opened.parameters.initial, n).frequency_hz
                 error = float(np.max(np.abs(found / expected - 1)))
                 if not error < READ_BACK:
-                    raise InputError(str(folder / entry), f"what was read back has frequencies that differ by {error:.1e}",
+                    raise InputError(str(folder / entry),
+                                     f"what was read back has frequencies that differ by {error:.1e}",
                                      "report this: the model was not written as it is")
             files.add(folder / entry, f"the model at draw {k + 1}", "SI", checked_to=READ_BACK if opened else None)
     progress("writing models", len(draws), len(draws))
@@ -262,7 +270,8 @@ def _models(files: _Files, model: Model, path: Path, parameters_file, draws, lef
 def _model_files(
     folder: Path, path: Path, parameters_file, values, remark: str, left_out: list[str]
 ) -> dict[str, Model | None]:
-    """Write a model at one draw; name of each file -> the model opened again from it, None where it is a part of one."""
+    """Write a model at one draw; name of each file -> the model opened again from it, None where it is a part of
+    one."""
     if is_subdyn(path):
         written: dict[str, Model | None] = {}
         tower, odd = "tower" in read_toml(path), unspeakable(path)
@@ -282,7 +291,8 @@ def _model_files(
         return written
     if path.suffix == ".npz":
         _copy_archive(path, folder / "model.npz", remark)
-        own = parameters_file or next(p for p in (path.with_suffix(".toml"), path.with_name("parameters.toml")) if p.exists())
+        usual = (path.with_suffix(".toml"), path.with_name("parameters.toml"))
+        own = parameters_file or next(p for p in usual if p.exists())
         text = f"# {remark}\n" + with_initial(read_text(own), values, str(own))
         write_text(folder / "parameters.toml", text)
         return {"parameters.toml": None, "model.npz": load_model(folder / "model.npz")}
@@ -317,8 +327,8 @@ def _toml_model(folder: Path, path: Path, values, remark: str) -> dict[str, Mode
 
 
 def _at_draw(path: Path) -> Path:
-    """Where a TOML's SubDyn file stands at a draw, relative to the draw's folder: beside where the user's own would be, so
-    that the names of its soil files mean the same."""
+    """Where a TOML's SubDyn file stands at a draw, relative to the draw's folder: beside where the user's own would be,
+    so that the names of its soil files mean the same."""
     return Path(read_toml(path)["subdyn"]["file"]).parent / AT_DRAW
 
 
@@ -357,14 +367,15 @@ def with_initial(text: str, values: Mapping[str, float], where: str) -> str:
             table = re.sub(r"^cov\s*=\s*[^\s#]+", f"std = {std!r}", table, count=1, flags=re.M)
         tables[k] = table
     if left:
-        raise InputError(where, f"no [[parameter]] table of {', '.join(left)} was found", "write name = \"...\" on a line")
+        raise InputError(where, f"no [[parameter]] table of {', '.join(left)} was found",
+                         "write name = \"...\" on a line")
     return "".join(tables)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class _Damping:
-    """Of the labels that were measured: a ratio for every draw (n_draw,), the standard error of its logarithm's mean and the
-    scatter of the sets' logarithms."""
+    """Of the labels that were measured: a ratio for every draw (n_draw,), the standard error of its logarithm's mean
+    and the scatter of the sets' logarithms."""
 
     ratio: dict[str, np.ndarray]
     error: dict[str, float]
@@ -377,12 +388,13 @@ class _Damping:
 def refuse_without_members(path: Path) -> None:
     """Raises InputError for a model that has no members with groups to name: matrices, a SubDyn file alone."""
     if path.suffix != ".toml" or "matrices" in read_toml(path):
-        raise InputError(str(path), "stresses are made of members: of a turbine's model.toml, or of a SubDyn model's TOML",
+        raise InputError(str(path),
+                         "stresses are made of members: of a turbine's model.toml, or of a SubDyn model's TOML",
                          "leave --fatigue out, or describe the structure in one of them")
 
 
-def _fatigue(files: _Files, given: FatigueInput | None, model: Model, path: Path, draws, solved, damping: _Damping, left_out,
-             seed: int, progress: Progress) -> dict | None:
+def _fatigue(files: _Files, given: FatigueInput | None, model: Model, path: Path, draws, solved, damping: _Damping,
+             left_out, seed: int, progress: Progress) -> dict | None:
     """fatigue.csv and what follows from it; a line of `left_out` where there is nothing to make it of."""
     if given is None:
         left_out.append("fatigue.csv, reliability.csv: no fatigue.toml was given (--fatigue)")
@@ -391,7 +403,8 @@ def _fatigue(files: _Files, given: FatigueInput | None, model: Model, path: Path
     from probupdate.lifetime.fatigue_files import assess, frequency_factors, write_fatigue
 
     sensors = model_sensors(path) or None
-    found = assess(given, path, model.parameters, sensors, draws, damping.of_draws(len(draws)), seed=seed, progress=progress)
+    found = assess(given, path, model.parameters, sensors, draws, damping.of_draws(len(draws)), seed=seed,
+                   progress=progress)
     named = _labels_of(model, path)
     n = solved[0].frequency_hz.size
     first = model.solve(model.parameters.initial, n)
@@ -476,8 +489,8 @@ def _superelements(files: _Files, count: int, place: Path, n_mode: int, progress
         for name, modes in (("guyan", 0), ("cb", n_mode)):
             one = superelement(file, n_mode=modes)
             for written in write_superelement(one, folder, f"{k + 1:03d}.{name}", files.standing.remark):
-                files.add(written, f"{name} superelement of draw {k + 1} at {one.reference_m.tolist()} m, interface joints "
-                          f"{[i.joint for i in file.interfaces]}", "N, m, rad, kg, s", checked_to=READ_BACK,
+                files.add(written, f"{name} superelement of draw {k + 1} at {one.reference_m.tolist()} m, interface "
+                          f"joints {[i.joint for i in file.interfaces]}", "N, m, rad, kg, s", checked_to=READ_BACK,
                           frequency_hz=one.frequency_hz.tolist(), truncation=one.truncation.tolist())
             if modes:
                 worst = max(worst, float(one.truncation[:2].max()))

@@ -84,11 +84,12 @@ def total(parts: Mapping[str, np.ndarray]) -> np.ndarray:
 def worth(
     problem: Problem, laplace: Laplace, slope: np.ndarray, direct: np.ndarray | None = None
 ) -> list[tuple[str, np.ndarray]]:
-    """What one more measurement, or a quantity better known, would take off the variance of ln X, (n_quantity,) each, as
-    `components` lists them; the most useful first. slope (n_quantity, n_param), direct (n_quantity, n_source) per unit.
+    """What one more measurement, or a quantity better known, would take off the variance of ln X, (n_quantity,) each,
+    as `components` lists them; the most useful first. slope (n_quantity, n_param), direct (n_quantity, n_source) per
+    unit.
 
-    Of a tolerance that becomes known the part that acts on stress directly goes too (parameters and tolerances together);
-    of more data it is what comes through the parameters.
+    Of a tolerance that becomes known the part that acts on stress directly goes too (parameters and tolerances
+    together); of more data it is what comes through the parameters.
     """
     now = whitened_at(problem, laplace)
     sources = problem.error_sources

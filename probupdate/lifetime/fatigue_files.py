@@ -173,7 +173,8 @@ def _variance_parts(
 def _with_tolerances(
     factor: Mapping[str, list[np.ndarray]], direct: np.ndarray, problem: Problem, draws: np.ndarray, rng
 ) -> dict[str, list[np.ndarray]]:
-    """ln X_dyn of every draw with what tolerances add to it: given the data, of the updated; as stated, of the design."""
+    """ln X_dyn of every draw with what tolerances add to it: given the data, of the updated; as stated, of the
+    design."""
     unknown = tolerance_draws(problem, draws, rng)
     updated, design = np.array(factor["updated"]), np.array(factor["design"])
     stated = np.array([s.std for s in problem.error_sources])
@@ -301,7 +302,8 @@ def _with_causes(
     named: Named, file: Path, few: FatigueModel, curve: DamageCurve, dampings: Sequence[Mapping[str, float]],
     progress: Progress, left_out: list[str],
 ) -> dict[str, tuple[np.ndarray, np.ndarray]]:
-    """ln X_dyn of `few` hot spots with one named cause as it was found and the others away: mean, standard deviation."""
+    """ln X_dyn of `few` hot spots with one named cause as it was found and the others away: mean, standard
+    deviation."""
     description = read_description(named.path)
     model = fatigue_model_of(named.path, file)
     if tuple(model.parameters.names) != tuple(named.names):
@@ -419,8 +421,8 @@ def _write_hot_spots(files, model: FatigueModel) -> None:
             ]
             for k, s in enumerate(model.spots)
         ],
-        what="hot spots; place 1 is the crown (of a girth weld: along x), 3 the saddle; axial, crown, saddle: factors of "
-        "nominal stress with the thickness effect in them",
+        what="hot spots; place 1 is the crown (of a girth weld: along x), 3 the saddle; axial, crown, saddle: factors "
+        "of nominal stress with the thickness effect in them",
     )
 
 

@@ -478,7 +478,8 @@ def _times(real, x: np.ndarray) -> np.ndarray:
 
 
 def _shared_damping(frequency, labels: Sequence[str], damping: Mapping[str, float], assumed: np.ndarray) -> np.ndarray:
-    """Ratios by label; modes of a close pair share their geometric mean, as the pair turns and its names change places."""
+    """Ratios by label; modes of a close pair share their geometric mean, as the pair turns and its names change
+    places."""
     known = [k for k, label in enumerate(labels) if label in damping]
     log = np.log(assumed)
     groups: list[list[int]] = []

@@ -133,7 +133,8 @@ def opened(path: str | Path) -> Opened:
 def find_subdyn_details(
     own: Opened, conditions: Conditions, where: str
 ) -> tuple[tuple[Detail, ...], tuple[HotSpot, ...]]:
-    """What [[member_end]] and [[girth]] choose; raises InputError where a table chooses nothing, or two the same side."""
+    """What [[member_end]] and [[girth]] choose; raises InputError where a table chooses nothing, or two the same
+    side."""
     refuse_tables(
         conditions, where, "joint", reason="is for a turbine of a model.toml; SubDyn models have [[member_end]]"
     )

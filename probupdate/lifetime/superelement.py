@@ -1,4 +1,5 @@
-"""Guyan and Craig-Bampton superelements of a SubDyn structure at its transition piece, as .npz and for OpenFAST's ExtPtfm.
+"""Guyan and Craig-Bampton superelements of a SubDyn structure at its transition piece, as .npz and for OpenFAST's
+ExtPtfm.
 
 u_L = Phi_R u_TP + Phi_m q: static shapes of the interface's six rigid motions and the lowest modes with it held
 (Craig & Bampton 1968), as SubDyn reduces; damping is what the input file says (JDampings, GuyanDampMod).
@@ -29,10 +30,10 @@ READ_BACK = 1e-6
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Superelement:
-    """stiffness, mass, damping (6 + n_mode, 6 + n_mode): surge, sway, heave, roll, pitch, yaw of the reference point in N,
-    m, rad, kg, then the modes with the interface held, at unit modal mass. recovery (n_joint, 6, 6 + n_mode): motion of
-    each joint (rotations of one that turns are NaN). frequency_hz (n,): with the interface free, of the superelement;
-    full_hz (n,): of the structure it stands for, so that their difference is the truncation error."""
+    """stiffness, mass, damping (6 + n_mode, 6 + n_mode): surge, sway, heave, roll, pitch, yaw of the reference point in
+    N, m, rad, kg, then the modes with the interface held, at unit modal mass. recovery (n_joint, 6, 6 + n_mode): motion
+    of each joint (rotations of one that turns are NaN). frequency_hz (n,): with the interface free, of the
+    superelement; full_hz (n,): of the structure it stands for, so that their difference is the truncation error."""
 
     reference_m: np.ndarray
     stiffness: np.ndarray
@@ -50,8 +51,8 @@ class Superelement:
 
 
 def superelement(file: SubDynFile, *, n_mode: int, reference_m=None, compared: int = 6) -> Superelement:
-    """Reduce a structure to its interface joints, taken as rigidly fixed to the reference point (their mean where none is
-    given), and `n_mode` modes; 0 is Guyan's reduction. Raises InputError where there is no interface."""
+    """Reduce a structure to its interface joints, taken as rigidly fixed to the reference point (their mean where none
+    is given), and `n_mode` modes; 0 is Guyan's reduction. Raises InputError where there is no interface."""
     if not file.interfaces:
         raise InputError(file.where, "has no interface joints", "list them (NInterf): the superelement ends there")
     frame, K, M = assembled_file(file)
@@ -118,7 +119,8 @@ def _damping(file: SubDynFile, stiffness, mass, angular) -> np.ndarray:
     elif mode == 2:
         rows = [file.settings[f"GuyanDampMat{k + 1}"].split() for k in range(int(file.settings["GuyanDampSize"]))]
         if len(rows) != 6:
-            raise InputError(file.where, f"its Guyan damping matrix is of size {len(rows)}", "give 6: one transition piece")
+            raise InputError(file.where, f"its Guyan damping matrix is of size {len(rows)}",
+                             "give 6: one transition piece")
         damping[:6, :6] = [[number(w) for w in row] for row in rows]
     percent = [number(w) for w in file.settings.get("JDampings", "").split()] or [0.0]
     ratio = np.array((percent + [percent[-1]] * len(angular))[: len(angular)]) / 100

@@ -23,8 +23,9 @@ MOST_CHANNELS = 48
 
 @dataclass(frozen=True, kw_only=True)
 class ChannelMistake:
-    """A change of the measured channels with which shapes are the model's: candidates, one or two names each (a reversed
-    channel, or two exchanged), the best first, others explain as much; mac_before, mac_after: means over the modes."""
+    """A change of the measured channels with which shapes are the model's: candidates, one or two names each (a
+    reversed channel, or two exchanged), the best first, others explain as much; mac_before, mac_after: means over the
+    modes."""
 
     candidates: tuple[tuple[str, ...], ...]
     mac_before: float
@@ -40,7 +41,8 @@ class ChannelMistake:
     @property
     def remedy(self) -> str:
         kind = "its sign" if len(self.candidates[0]) == 1 else "which cable is whose"
-        return f"check {kind} at {' and '.join(self.candidates[0])} and mend campaign.toml or the shapes, then try again"
+        return (f"check {kind} at {' and '.join(self.candidates[0])} "
+                "and mend campaign.toml or the shapes, then try again")
 
 
 def _told(channels: tuple[str, ...]) -> str:
@@ -71,7 +73,8 @@ def _at(shape, clusters, channels, model) -> ChannelMistake | None:
     before = _loss(shape, clusters, model)
     if not before > FAR:
         return None
-    loss: dict[tuple[str, ...], float] = {(channels[i],): _loss(_reversed(shape, i), clusters, model) for i in range(len(channels))}
+    loss: dict[tuple[str, ...], float] = {(channels[i],): _loss(_reversed(shape, i), clusters, model)
+                                          for i in range(len(channels))}
     for i, j in combinations(_tried(shape, clusters, model), 2):
         order = np.arange(len(channels))
         order[[i, j]] = j, i

@@ -47,10 +47,11 @@ class ModeCharacter:
 
 
 def mode_character(
-    shape: np.ndarray, sensors: tuple[Sensor, ...], *, families: tuple[str, str, str] = TURBINE, local_limit: float = 0.5
+    shape: np.ndarray, sensors: tuple[Sensor, ...], *, families: tuple[str, str, str] = TURBINE,
+    local_limit: float = 0.5
 ) -> ModeCharacter:
-    """Label modes (n_channel, n_mode), ascending in frequency, rows in the sensors' order; `families` names bending along
-    x, along y and torsion.
+    """Label modes (n_channel, n_mode), ascending in frequency, rows in the sensors' order; `families` names bending
+    along x, along y and torsion.
 
     Channels of one level (equal z within 0.1 m) are fitted by a rigid plane's motion about the vertical axis
     through the origin. A level with a single sensor position tells translation only. Modes with `local` above
@@ -94,8 +95,8 @@ def mode_character(
 
 
 def close_pairs(frequency_hz: np.ndarray, labels: tuple[str, ...], gap: float = 0.1) -> tuple[tuple[int, int], ...]:
-    """Pairs of bending, (FAk, SSk) or (Xk, Yk), whose frequencies differ by less than `gap` of their mean: to be compared
-    as a plane."""
+    """Pairs of bending, (FAk, SSk) or (Xk, Yk), whose frequencies differ by less than `gap` of their mean: to be
+    compared as a plane."""
     pairs = []
     for i, label in enumerate(labels):
         partner = across(label) if along_x(label) else None

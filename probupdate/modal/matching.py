@@ -233,7 +233,8 @@ def _by_frequency(modal_set: ModalSet, computed_hz: np.ndarray) -> Matching:
 
     used = [int(j) for j in np.argsort(modal_set.frequency_hz) if modal_set.measured[j]]
     if len(used) > len(computed_hz):
-        raise InputError(f"set {modal_set.id}", f"has {len(used)} modes at one sensor at most, and the model {len(computed_hz)}",
+        raise InputError(f"set {modal_set.id}",
+                         f"has {len(used)} modes at one sensor at most, and the model {len(computed_hz)}",
                          "measure with more sensors, so that shapes say which mode is which")
     away = np.abs(np.log(computed_hz[None, :] / modal_set.frequency_hz[used][:, None]))
     # the cheapest pairing of two rising rows of frequencies never crosses
@@ -285,7 +286,8 @@ def _refuse_equal_shapes(
         singular = np.linalg.svd(known / np.where(largest > 0, largest, 1.0), compute_uv=False)
         if np.all(largest > 0) and singular[-1] < NO_PLANE * singular[0]:
             raise InputError(f"set {set_id}, {' and '.join(name[j] for j in cluster)}",
-                             "their shapes are the same: they span no plane", "check that the modes are two different ones")
+                             "their shapes are the same: they span no plane",
+                             "check that the modes are two different ones")
 
 
 def _refuse_another_structure(set_id, criterion, partner, name) -> None:
@@ -357,9 +359,9 @@ def _refuse_two_pairings(set_id, group, differ, choices, score, measured, name, 
     alike = mac(measured[known][:, rows], measured[known][:, rows]) - np.eye(len(rows))
     if alike.max() >= SAME:
         a, b = (name[rows[k]] for k in np.unravel_index(np.argmax(alike), alike.shape))
-        raise InputError(f"set {set_id}, {a} and {b}", f"their measured shapes are the same (MAC {alike.max():.2f}), so that "
-                         f"two pairings are about as alike: {found}", "check that they are two different modes, measure "
-                         "more channels, or leave one out (null)")
+        raise InputError(f"set {set_id}, {a} and {b}", f"their measured shapes are the same (MAC {alike.max():.2f}), "
+                         f"so that two pairings are about as alike: {found}", "check that they are two different "
+                         "modes, measure more channels, or leave one out (null)")
     raise InputError(f"set {set_id}, {own}", f"two pairings with the model are about as alike in all: {found}", remedy)
 
 

@@ -1,4 +1,5 @@
-"""Modes, measured or computed: what other rooms and users import of sensors, modal sets, `modes.json` and shape criteria."""
+"""Modes, measured or computed: what other rooms and users import of sensors, modal sets, `modes.json` and shape
+criteria."""
 
 from probupdate.modal.modes_file import read_modes, write_modes
 from probupdate.modal.sets import (

@@ -84,7 +84,8 @@ def _refuse_odd(where: str, environment: Mapping) -> None:
     for key, value in environment.items():
         plain = value is None or isinstance(value, str | int) or (isinstance(value, float) and np.isfinite(value))
         if not plain:
-            raise InputError(f"{where}, {key}", f"{value!r:.60} is neither a number nor a word", "mend it or leave it out")
+            raise InputError(f"{where}, {key}", f"{value!r:.60} is neither a number nor a word",
+                             "mend it or leave it out")
 
 
 FILE_KEYS = {"channels", "sets", "labels", "reference_set", "deviations", "format", "mode_records", "model_only"}
@@ -145,8 +146,8 @@ def _json_of_modes(path: Path) -> dict:
         kind = NO_MODES.get(path.suffix.lower())
         if kind is None or not path.is_file():
             raise
-        raise InputError(str(path), f"is {kind}, not modal sets", "give a modes.json, as `probupdate identify` writes it"
-                         ) from None
+        raise InputError(str(path), f"is {kind}, not modal sets",
+                         "give a modes.json, as `probupdate identify` writes it") from None
     if not isinstance(content, dict) or not isinstance(content.get("sets"), list) or "channels" not in content:
         raise InputError(str(path), "'channels' or 'sets' is missing", "see docs/formats/modes.md")
     _refuse_misspelt(str(path), content, FILE_KEYS)
@@ -192,7 +193,8 @@ def _refuse_wrong_keys(where: str, raw: dict, n_channel: int) -> None:
     """Keys of a set that are missing, misspelt, of another kind, or of more modes than there can be."""
     _refuse_misspelt(where, raw, SET_KEYS)
     if not isinstance(raw.get("frequency_hz"), list) or "shape_re" not in raw:
-        raise InputError(where, "'frequency_hz' or 'shape_re' is missing or no list", "give both; null where not measured")
+        raise InputError(where, "'frequency_hz' or 'shape_re' is missing or no list",
+                         "give both; null where not measured")
     if not isinstance(raw.get("environment") or {}, dict):
         raise InputError(f"{where}, environment", "is not a table", 'write {"water_level_m": 0.2}')
     n_mode = len(raw["frequency_hz"])

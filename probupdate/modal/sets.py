@@ -47,7 +47,8 @@ class Sensor:
             raise InputError(where, "position_m or direction is not three numbers", "give [x, y, z]") from None
         if position.shape != (3,) or not np.all(np.abs(position) < FARTHEST_M):
             raise InputError(where, f"position_m {self.position_m} is not three numbers", "give [x, y, z] in metres")
-        if direction.shape != (3,) or not np.all(np.abs(direction) < 2) or not abs(np.linalg.norm(direction) - 1) < 1e-3:
+        if (direction.shape != (3,) or not np.all(np.abs(direction) < 2)
+                or not abs(np.linalg.norm(direction) - 1) < 1e-3):
             raise InputError(where, f"direction {self.direction} is not a unit vector", "scale it to length 1")
         if self.quantity not in QUANTITIES:
             known = f"choose from {', '.join(QUANTITIES)}"
@@ -99,8 +100,8 @@ class ModalDeviation:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class StoredDeviation:
-    """A `ModalDeviation` that lies on the disk and is read by `read` each time that it is asked for: those of a year are
-    most of a gigabyte. `loaded` has it in memory."""
+    """A `ModalDeviation` that lies on the disk and is read by `read` each time that it is asked for: those of a year
+    are most of a gigabyte. `loaded` has it in memory."""
 
     read: Callable[[], ModalDeviation]
 
@@ -203,7 +204,8 @@ class ModalSet:
         """The same set with these modes alone; a column of -1 is a mode that was not measured."""
         taken = {name: _columns(getattr(self, name), columns, 0)
                  for name in ("frequency_hz", "damping_ratio", "frequency_std_hz", "damping_ratio_std")}
-        return replace(self, **taken, shape=_columns(self.shape, columns, 1), shape_std=_columns(self.shape_std, columns, 1),
+        return replace(self, **taken, shape=_columns(self.shape, columns, 1),
+                       shape_std=_columns(self.shape_std, columns, 1),
                        deviation=None if self.deviation is None else self.deviation.of_modes(columns))
 
     @property
@@ -222,8 +224,8 @@ class ModeRecord:
 
     frequency_hz, frequency_std_hz, damping_ratio: mean, scatter and median over the `found` of `blocks` usable blocks
     that have it; detection: turbine state -> (found, blocks). pair: compared by the plane with its mate. match:
-    'alike', 'unlike' or 'none', of the model that it was held against; '' without one. model_label, model_frequency_hz: its
-    counterpart there; mac: mean over the blocks of the MAC (of a pair, S2MAC to the measured plane), mac_std its
+    'alike', 'unlike' or 'none', of the model that it was held against; '' without one. model_label, model_frequency_hz:
+    its counterpart there; mac: mean over the blocks of the MAC (of a pair, S2MAC to the measured plane), mac_std its
     scatter, own_mac that of the single shapes; frequency_ratio, frequency_ratio_std: measured over the model's.
     alternatives: (label, probability) of the modes of the model that it may be. NaN: not known.
     """
@@ -302,9 +304,9 @@ class ModalData:
         ])
 
     def to_xarray(self) -> xarray.Dataset:
-        """The sets as an xarray dataset that `to_netcdf` writes: frequency_hz, damping_ratio and their standard deviations
-        (set, mode), shape_re, shape_im, shape_std (set, channel, mode), and each of the sets' conditions (set,) by its
-        name, numbers as numbers and words as text; NaN or '' where not known. Units are attributes."""
+        """The sets as an xarray dataset that `to_netcdf` writes: frequency_hz, damping_ratio and their standard
+        deviations (set, mode), shape_re, shape_im, shape_std (set, channel, mode), and each of the sets' conditions
+        (set,) by its name, numbers as numbers and words as text; NaN or '' where not known. Units are attributes."""
         import xarray
 
         names = self.labels or tuple(str(j + 1) for j in range(self.n_mode))
@@ -327,7 +329,8 @@ class ModalData:
                 raise InputError(f"condition {key}", "has the name of something else in the dataset", "rename it")
             values = [s.environment.get(key) for s in self.sets]
             words = any(isinstance(v, str) for v in values)
-            known = ["" if v is None else str(v) for v in values] if words else [np.nan if v is None else v for v in values]
+            known = ["" if v is None else str(v) for v in values] if words else (
+                [np.nan if v is None else v for v in values])
             variables[key] = ("set", np.array(known, dtype=object if words else float))
         coordinates = {"set": [s.id for s in self.sets], "channel": list(self.channels), "mode": list(names)}
         return xarray.Dataset(variables, coords=coordinates)

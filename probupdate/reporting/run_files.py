@@ -69,8 +69,8 @@ class HeadTable:
 
 
 def read_run(folder: Path, progress: Progress, given: Mapping[str, Path] | None = None) -> Run:
-    """Everything the directory holds; given: campaign, model and parameters that lie elsewhere. Raises InputError where it
-    is no directory, holds nothing of a run, or holds a file that cannot be read or does not belong to the others."""
+    """Everything the directory holds; given: campaign, model and parameters that lie elsewhere. Raises InputError where
+    it is no directory, holds nothing of a run, or holds a file that cannot be read or does not belong to the others."""
     if not folder.is_dir():
         raise InputError(str(folder), "is not a directory", "give the directory that the steps wrote into")
     head, given = _head(folder), given or {}

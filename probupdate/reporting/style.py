@@ -129,8 +129,8 @@ def save_figure(figure: Figure, path: Path) -> None:
 
 @contextmanager
 def ticks_found_once(figure: Figure) -> Iterator[None]:
-    """matplotlib finds an axis's ticks some ten times while it draws a figure, for labels, frames, titles and both rounds
-    of its layout: within this block once for each place and range of the axis. The picture is the same."""
+    """matplotlib finds an axis's ticks some ten times while it draws a figure, for labels, frames, titles and both
+    rounds of its layout: within this block once for each place and range of the axis. The picture is the same."""
     found = [axis for axes in figure.axes for axis in (axes.xaxis, axes.yaxis)]
     for axis in found:
         # an attribute of this one axis, in front of its class's method

@@ -109,8 +109,8 @@ def completed(
 
 @contextmanager
 def executor(jobs: int | Executor = 1, scheduler: str | None = None) -> Iterator[Executor]:
-    """An executor for a `with` block: one that is given stays open, any other ends with the block. scheduler: address of
-    a Dask cluster, such as 'tcp://10.0.0.1:8786'. Raises InputError where there is none, or `jobs` is no number."""
+    """An executor for a `with` block: one that is given stays open, any other ends with the block. scheduler: address
+    of a Dask cluster, such as 'tcp://10.0.0.1:8786'. Raises InputError where there is none, or `jobs` is no number."""
     if isinstance(jobs, Executor):
         yield jobs
         return
@@ -176,7 +176,9 @@ class _Processes(Executor):
             for _ in range(min(count, self._size)):
                 pool.submit(_import_all, modules)
 
-    def _shared_out(self, function: Callable, tasks: list[tuple[int, tuple]], size: int) -> Iterator[tuple[int, object]]:
+    def _shared_out(
+        self, function: Callable, tasks: list[tuple[int, tuple]], size: int
+    ) -> Iterator[tuple[int, object]]:
         """(number, result) as they come, tasks begun in their order."""
         pool = self._pool or self._start(size)
         running: dict[Future, int] = {}
@@ -262,10 +264,12 @@ class _DaskCluster(Executor):
         except distributed.KilledWorker as error:
             if lost is not None:
                 return lost(task)
-            raise ProbupdateError(f"a task ended every worker that it was given to, the last at {error.last_worker.address} "
-                                  "(out of memory?); what was finished is kept: run again, with more memory a worker") from None
+            raise ProbupdateError("a task ended every worker that it was given to, the last at "
+                                  f"{error.last_worker.address} (out of memory?); what was finished is kept: run "
+                                  "again, with more memory a worker") from None
         except distributed.CancelledError:
-            raise ProbupdateError("the Dask scheduler has gone; what was finished is kept: start it and run again") from None
+            raise ProbupdateError("the Dask scheduler has gone; what was finished is kept: "
+                                  "start it and run again") from None
 
     def close(self, *, at_once: bool = False) -> None:
         self._client.close(timeout=ANSWER_S)

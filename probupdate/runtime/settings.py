@@ -1,4 +1,5 @@
-"""Numbers and words that decide something, as fields of frozen values: each with its unit, its effect and its source."""
+"""Numbers and words that decide something, as fields of frozen values: each with its unit, its effect and its
+source."""
 
 from __future__ import annotations
 

@@ -172,7 +172,8 @@ class AffineModel:
 
 
 def _same(a: sparse.csc_array, b: sparse.csc_array) -> bool:
-    return a.nnz == b.nnz and all(np.array_equal(getattr(a, part), getattr(b, part)) for part in ("data", "indices", "indptr"))
+    return a.nnz == b.nnz and all(np.array_equal(getattr(a, part), getattr(b, part))
+                                  for part in ("data", "indices", "indptr"))
 
 
 class _Recent:

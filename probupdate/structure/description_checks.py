@@ -51,8 +51,9 @@ def _check_units(d: Description) -> Iterator[Mistake]:
             yield key, f"{value:g} is outside {low:g} to {high:g}, what there is", f"give it in {unit}"
     strength = d.soil.undrained_shear_strength_pa
     if strength.at_mudline + 10.0 * strength.gradient_per_m < LEAST_STRENGTH_PA:
-        yield ("soil.undrained_shear_strength_pa", f"{strength.at_mudline:g} at the mudline and {strength.gradient_per_m:g} a "
-               f"metre are less than {LEAST_STRENGTH_PA:g} Pa ten metres down", "give Pa, not kPa")
+        yield ("soil.undrained_shear_strength_pa", f"{strength.at_mudline:g} at the mudline and "
+               f"{strength.gradient_per_m:g} a metre are less than {LEAST_STRENGTH_PA:g} Pa ten metres down",
+               "give Pa, not kPa")
 
 
 def _check_levels(d: Description) -> Iterator[Mistake]:
@@ -276,6 +277,6 @@ def check_sums(d: Description) -> Iterator[Mistake]:
 
 
 CHECKS: tuple[Callable[[Description], Iterator[Mistake]], ...] = (
-    _check_walls, _check_units, _check_levels, _check_bays, _check_names, _check_sensors, _check_parameters, _check_section_range,
-    check_sums,
+    _check_walls, _check_units, _check_levels, _check_bays, _check_names, _check_sensors, _check_parameters,
+    _check_section_range, check_sums,
 )

@@ -27,7 +27,8 @@ from probupdate.structure.schema import nearest
 
 @dataclass(frozen=True, kw_only=True)
 class EffectParameter:
-    """A parameter that a turbine's model gets for an effect: a kind (see `effect_kinds.KINDS`), where it acts (`on`) and the kind's own settings.
+    """A parameter that a turbine's model gets for an effect: a kind (see `effect_kinds.KINDS`), where it acts (`on`)
+    and the kind's own settings.
 
     `std`, `lower`, `upper` and `prior` are its prior when it is used as a candidate; `cause` and `location` say it in
     words.

@@ -98,7 +98,8 @@ def _no_form(path: Path) -> InputError:
         return InputError(str(path), "is a campaign's folder, not a model's file", forms)
     if path.is_dir():
         held = [f.name for ending in FORMS for f in sorted(path.glob(f"*{ending}"))]
-        return InputError(str(path), "is a directory, not a model's file", f"did you mean '{path / held[0]}'?" if held else forms)
+        return InputError(str(path), "is a directory, not a model's file",
+                          f"did you mean '{path / held[0]}'?" if held else forms)
     if not path.suffix:
         problem = "has no ending that says what it is" if path.exists() else (
             "is no state of the reference turbine, no model's file and no command")

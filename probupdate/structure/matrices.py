@@ -161,7 +161,8 @@ def _channels(path: Path, content: Mapping, n: int) -> tuple[tuple[str, ...], sp
     if row_keys:
         return names, _channel_rows(path, content, len(names), n)
     if "channel_dof" not in content:
-        raise InputError(f"{path}, channel_dof", "is missing", "give each channel's row, or combinations in channel_row")
+        raise InputError(f"{path}, channel_dof", "is missing",
+                         "give each channel's row, or combinations in channel_row")
     dof = np.asarray(content["channel_dof"])
     if dof.shape != (len(names),) or not np.issubdtype(dof.dtype, np.integer):
         raise InputError(f"{path}, channel_dof", f"has shape {dof.shape}", f"give {len(names)} whole numbers")

@@ -40,15 +40,15 @@ MOST = 10
 LEAST_SPEED, MOST_SPEED = 2.0, 500.0
 # lowest frequency, Hz, where the extent is not known
 LEAST_HZ, MOST_HZ = 0.02, 1000.0
-UNITS_ADVICE = ("check the units (N, m, kg, Pa: E in MPa makes 0.001 of it, densities or masses in t 32 times of it) and that "
-                "K and M are not exchanged")
+UNITS_ADVICE = ("check the units (N, m, kg, Pa: E in MPa makes 0.001 of it, densities or masses in t 32 times of it) "
+                "and that K and M are not exchanged")
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class OwnModes:
-    """frequency_hz (n_mode,) ascending at the initial parameters; labels FA1, SS1, T1, L1, ... of a turbine, X1, Y1, T1,
-    L1, ... of matrices whose nodes have places, mode 1, ... elsewhere; shape (n_channel, n_mode), largest component 1. `notes`: what the model's files
-    hold that has no effect."""
+    """frequency_hz (n_mode,) ascending at the initial parameters; labels FA1, SS1, T1, L1, ... of a turbine, X1, Y1,
+    T1, L1, ... of matrices whose nodes have places, mode 1, ... elsewhere; shape (n_channel, n_mode), largest
+    component 1. `notes`: what the model's files hold that has no effect."""
 
     model: str
     frequency_hz: np.ndarray
@@ -105,7 +105,8 @@ def own_modes(
     if count is None:
         count = min(MOST, most)
     if count > most:
-        raise InputError(opened.name, f"{count} modes are asked for, it has {most}", f"ask for at most {most} (--count)")
+        raise InputError(opened.name, f"{count} modes are asked for, it has {most}",
+                         f"ask for at most {most} (--count)")
     try:
         solution = opened.solve(opened.parameters.initial, count)
     except InputError:
@@ -142,16 +143,16 @@ def _implausible(model: Model, frequency_hz: np.ndarray) -> tuple[str, ...]:
 
 
 def _with_free_motions(model: AffineModel, count: int) -> tuple[ModalSolution, int]:
-    """Modes of a structure that may float, as SubDyn's summary has them, and how many are at 0 Hz: eigenvalues of K + s M,
-    less s. Raises InputError where the matrices are not even so definite."""
+    """Modes of a structure that may float, as SubDyn's summary has them, and how many are at 0 Hz: eigenvalues of
+    K + s M, less s. Raises InputError where the matrices are not even so definite."""
     theta = model.parameters.initial
     K, M = model.matrices(theta)
     value, phi = lowest_modes(sparse.csc_array(K + SHIFT * M), M, count, model.name)
     # what rounding leaves of a zero
     value = np.where(np.abs(value - SHIFT) < 1e-6 * SHIFT, 0.0, value - SHIFT)
     if value[0] < 0 or value[0] > 0:
-        raise InputError(model.name, "the stiffness matrix is not positive definite and no motion is free", "look for a "
-                         "negative stiffness")
+        raise InputError(model.name, "the stiffness matrix is not positive definite and no motion is free", "look for "
+                         "a negative stiffness")
     return ModalSolution(theta=theta, frequency_hz=frozen_array(np.sqrt(value) / (2 * np.pi)),
                          shape=frozen_array(model.channel_matrix @ phi)), int(np.sum(value == 0))
 

@@ -15,7 +15,8 @@ NEAR = 0.15
 
 
 def place_of(d: Description, point: np.ndarray) -> str:
-    """"leg A, z = -3.0 m", "face AB, bay 2", "tower, z = 42.0 m"; empty where none of these is near. point (3,) in m."""
+    """"leg A, z = -3.0 m", "face AB, bay 2", "tower, z = 42.0 m"; empty where none of these is near. point (3,) in
+    m."""
     x, y, z = (float(v) for v in point)
     level = f"z = {z:.1f} m"
     if d.jacket.bottom.z_m - 1e-6 <= z <= d.jacket.top.z_m + 1e-6:

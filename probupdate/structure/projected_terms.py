@@ -18,8 +18,8 @@ from probupdate.runtime.arrays import frozen_array
 @dataclass(frozen=True, eq=False, kw_only=True)
 class ProjectedTerms:
     """B^T K_t B for constant symmetric K_t (n_dof, n_dof) and a basis B (n_dof, r), and behind them matrices that are
-    given on the basis. row, column (n_entry,): places of the terms' joint pattern; entry (n_term, n_entry): sparse, what
-    each term has there; added: (r, r) each."""
+    given on the basis. row, column (n_entry,): places of the terms' joint pattern; entry (n_term, n_entry): sparse,
+    what each term has there; added: (r, r) each."""
 
     basis: np.ndarray
     row: np.ndarray

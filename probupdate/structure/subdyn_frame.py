@@ -1,9 +1,10 @@
 """SubDyn's finite elements: sections, beams, cables, springs, rigid links, joints; the matrices SubDyn itself builds.
 
-Formulas: OpenFAST's SubDyn manual, theory (Damiani et al.), checked against its source (Apache-2.0; no code of it here):
-two-node beams with the consistent Euler-Bernoulli mass and rotary inertia, also where the stiffness is Timoshenko's;
-sections averaged between the ends of an element; constraints eliminated. Its full-system frequencies leave gravity
-out, keep the interface free, hold the fixed directions of the reaction joints and add the soil's K and M at the others.
+Formulas: OpenFAST's SubDyn manual, theory (Damiani et al.), checked against its source (Apache-2.0; no code of it
+here): two-node beams with the consistent Euler-Bernoulli mass and rotary inertia, also where the stiffness is
+Timoshenko's; sections averaged between the ends of an element; constraints eliminated. Its full-system frequencies
+leave gravity out, keep the interface free, hold the fixed directions of the reaction joints and add the soil's K and M
+at the others.
 """
 
 from __future__ import annotations

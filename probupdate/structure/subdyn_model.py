@@ -155,8 +155,8 @@ def with_tower(description: SubDynDescription, path: Path) -> tuple[SubDynFile, 
     entry, body = description.tower, description.rotor_nacelle
     if entry is None:
         if body is not None:
-            raise InputError(f"{path}: rotor_nacelle", "there is no [tower] under it", "add one, or a concentrated mass to "
-                             "the SubDyn file")
+            raise InputError(f"{path}: rotor_nacelle", "there is no [tower] under it", "add one, or a concentrated "
+                             "mass to the SubDyn file")
         return file, description
     for name in ("tower", "rotor_nacelle"):
         if name in description.group:
@@ -229,7 +229,8 @@ def _model(file, description: SubDynDescription, path: Path, parameters: Paramet
     terms = _terms(frame, description, targets, path, angle_deg)
     chosen = tuple(sensors) if sensors is not None else _own_sensors(file, description, path)
     joints = {s.channel: s.joint for s in description.sensor if s.joint is not None}
-    text = [FORMULATION, list(file.lines), [asdict(row) for row in (*file.sets["arbitrary"], *file.masses)], {k: list(s.lines) for k, s in file.soil.items()}, angle_deg, fixed,
+    text = [FORMULATION, list(file.lines), [asdict(row) for row in (*file.sets["arbitrary"], *file.masses)],
+            {k: list(s.lines) for k, s in file.soil.items()}, angle_deg, fixed,
             description.model_dump(mode="json", exclude={"parameter", "correlation", "sensor"}),
             [p.model_dump(mode="json", include={"name", "acts", "on"}) for p in description.parameter],
             [[s.channel, s.position_m.tolist(), s.direction.tolist()] for s in chosen]]
@@ -445,7 +446,9 @@ def _terms(frame: SubDynFrame, description, targets: Targets, path: Path, angle_
     return terms
 
 
-def element_terms(file: SubDynFile, element: Element, targets: Targets) -> Iterator[tuple[str, Product | TubePart, np.ndarray]]:
+def element_terms(
+    file: SubDynFile, element: Element, targets: Targets
+) -> Iterator[tuple[str, Product | TubePart, np.ndarray]]:
     """'K' or 'M', factor and (12, 12) global matrix of everything an element is made of."""
     id, length = element.member.id, element.length_m
     stiff, dense = (Product(names=targets(act, id)) for act in ("stiffness", "density"))

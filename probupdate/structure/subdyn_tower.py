@@ -1,4 +1,5 @@
-"""A tower with rotor and nacelle on a SubDyn structure: joints, beams and a mass more, from ElastoDyn or from tables."""
+"""A tower with rotor and nacelle on a SubDyn structure: joints, beams and a mass more, from ElastoDyn or from
+tables."""
 
 from __future__ import annotations
 
@@ -64,7 +65,8 @@ def tables_of(entry: TowerEntry, base_m: float, where: str) -> Tower:
     if entry.top_m <= base_m:
         raise InputError(f"{where}: tower.top_m", f"{entry.top_m:g} is not above the foot, {base_m:g}", "mend it")
     return Tower(base_m=base_m, top_m=entry.top_m, **{
-        name: np.array(getattr(entry, name)) for name in ("fraction", "mass_kgpm", "stiffness_fa_nm2", "stiffness_ss_nm2")})
+        name: np.array(getattr(entry, name))
+        for name in ("fraction", "mass_kgpm", "stiffness_fa_nm2", "stiffness_ss_nm2")})
 
 
 def body_of(entry: RotorNacelleEntry) -> RotorNacelle:
@@ -81,8 +83,8 @@ def mounted(file: SubDynFile, entry: TowerEntry, tower: Tower, body: RotorNacell
     if foot.kind != "cantilever":
         raise InputError(f"{where}: tower.joint", f"joint {entry.joint} is {foot.kind}", "take a rigid joint")
     if abs(foot.position_m[2] - tower.base_m) > GAP_M:
-        raise InputError(f"{where}: tower.joint", f"joint {entry.joint} is at z = {foot.position_m[2]:g} m and the tower's "
-                         f"base at {tower.base_m:g} m", "name the joint the tower stands on")
+        raise InputError(f"{where}: tower.joint", f"joint {entry.joint} is at z = {foot.position_m[2]:g} m and the "
+                         f"tower's base at {tower.base_m:g} m", "name the joint the tower stands on")
     n, x, y = entry.elements, *foot.position_m[:2]
     height = tower.top_m - tower.base_m
     first = max(j.id for j in file.joints) + 1
@@ -94,8 +96,8 @@ def mounted(file: SubDynFile, entry: TowerEntry, tower: Tower, body: RotorNacell
     member, number = (max((r.id for r in rows), default=0) + 1 for rows in (file.members, file.sets["arbitrary"]))
     ends = (foot.id, *(j.id for j in joints))
     members = tuple(
-        Member(id=member + k, joints=(ends[k], ends[k + 1]), sets=(number + k, number + k), kind="arbitrary", spin_deg=0.0,
-               cosine=None, line=foot.line)
+        Member(id=member + k, joints=(ends[k], ends[k + 1]), sets=(number + k, number + k), kind="arbitrary",
+               spin_deg=0.0, cosine=None, line=foot.line)
         for k in range(n)
     )
     sets = tuple(Row(id=number + k, values=values, line=foot.line)

@@ -32,7 +32,8 @@ def applied(path: Path, values: Mapping[str, float], remark: str = "") -> tuple[
     path = Path(path)
     odd = unspeakable(path)
     if odd:
-        raise InputError(f"{path}: parameter {odd[0]}", "acts in a way a SubDyn file has no word for", "take model.toml")
+        raise InputError(f"{path}: parameter {odd[0]}", "acts in a way a SubDyn file has no word for",
+                         "take model.toml")
     description = read_description(read_toml(path), path)
     file = read_subdyn(beside(path, description.subdyn.file, "subdyn.file"), path.parent)
     own = tuple(p for p in description.parameter if not set(p.groups) & {"tower", "rotor_nacelle"}
@@ -100,9 +101,11 @@ class _Edit:
             used = [r.id for r in self.source.sets[member.kind]]
             self._sets[key] = max(used) + 1 + sum(kind == member.kind for kind, _ in self._sets)
             # older files have a column less
-            width = sum(1 for w in words(self.source.lines[row.line - 1])[1:]) if member.kind == "arbitrary" else len(values)
+            width = sum(1 for w in words(self.source.lines[row.line - 1])[1:]) if member.kind == "arbitrary" else (
+                len(values))
             shown = values[: min(width, len(values))]
-            self.rows.setdefault(member.kind, []).append(" ".join([str(self._sets[key]), *(repr(float(v)) for v in shown)]))
+            new_row = " ".join([str(self._sets[key]), *(repr(float(v)) for v in shown)])
+            self.rows.setdefault(member.kind, []).append(new_row)
         self.words.setdefault(member.line, {})[3 + end] = str(self._sets[key])
 
     def soil(self, reaction, stiffness: np.ndarray) -> None:

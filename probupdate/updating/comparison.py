@@ -29,7 +29,8 @@ RIDGE = CONSTANTS.ridge
 
 
 # of a row's numbers those in the parameter's unit
-IN_UNIT = ("prior_mean", "prior_std", "initial", "step", "anchored", "map", "mean", "median", "std", "low", "high", "nine_mean")
+IN_UNIT = ("prior_mean", "prior_std", "initial", "step", "anchored", "map", "mean", "median", "std", "low", "high",
+           "nine_mean")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -243,11 +244,12 @@ def _anchored_beside_map(update: UpdateRecord) -> str:
 def _width_beside_resolution(row: dict) -> list[str]:
     """Where the posterior's width and what the data determine at the maximum say different things."""
     if row["resolution"] < BLIND_RESOLUTION and row["contraction"] < BLIND:
-        return [f"narrower than its prior ({100 * row['contraction']:.0f} %) though the data hardly determine it at the "
-                f"maximum (resolution {row['resolution']:.2f}): bounds and curvature away from the maximum do it"]
+        return [f"narrower than its prior ({100 * row['contraction']:.0f} %) though the data hardly determine it at "
+                f"the maximum (resolution {row['resolution']:.2f}): bounds and curvature away from the maximum do it"]
     if row["resolution"] > STRONG and row["contraction"] > BLIND:
         return [f"as wide as its prior ({100 * row['contraction']:.0f} %) though the data determine it at the "
-                f"maximum (resolution {row['resolution']:.2f}): another one does the same, or the maximum is not typical"]
+                f"maximum (resolution {row['resolution']:.2f}): another one does the same, "
+                "or the maximum is not typical"]
     return []
 
 

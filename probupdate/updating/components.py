@@ -141,8 +141,8 @@ def whitened_at(problem: Problem, laplace: Laplace) -> Whitened:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Candidate:
-    """One more measurement, or a quantity better known: `what` to do, the parameters' covariance (n_param, n_param) with
-    it, and the numbers of the sources of error that it makes `known` (empty for more data)."""
+    """One more measurement, or a quantity better known: `what` to do, the parameters' covariance (n_param, n_param)
+    with it, and the numbers of the sources of error that it makes `known` (empty for more data)."""
 
     what: str
     covariance: np.ndarray

@@ -189,8 +189,8 @@ def sample(
     """Draw from the posterior of `problem`, keeping segments in `folder`.
 
     `parts` stands for the problem where it differs from problem.parts() (a reduced model built with settings of its
-    own). jobs: processes, or an executor, on which the ensembles run side by side; the numbers are the same on any. Raises
-    InputError where the folder holds a chain of another problem or other settings, and says which differ.
+    own). jobs: processes, or an executor, on which the ensembles run side by side; the numbers are the same on any.
+    Raises InputError where the folder holds a chain of another problem or other settings, and says which differ.
     """
     parameters = problem.parameters
     store = _store(parameters, folder, settings, problem.parts() if parts is None else parts)

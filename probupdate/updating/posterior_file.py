@@ -94,8 +94,9 @@ class Posterior:
         theta = self.draws
         low, middle, high = np.quantile(theta, [0.05, 0.5, 0.95], axis=0)
         return table_of([
-            {"name": name, "mean": theta[:, k].mean(), "std": theta[:, k].std(ddof=1), "q05": low[k], "median": middle[k],
-             "q95": high[k], "r_hat": self.r_hat[k], "ess": self.ess[k]} for k, name in enumerate(self.names)
+            {"name": name, "mean": theta[:, k].mean(), "std": theta[:, k].std(ddof=1), "q05": low[k],
+             "median": middle[k], "q95": high[k], "r_hat": self.r_hat[k], "ess": self.ess[k]}
+            for k, name in enumerate(self.names)
         ], units=dict.fromkeys(("mean", "std", "q05", "median", "q95"), "of the parameter"))
 
     @property

@@ -287,8 +287,8 @@ class Problem:
         return self._log_constant - 0.5 * self.misfit(self.predict_many(theta).response)
 
     def log_posterior(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """ln p(theta | Lambda_S) + const, and which rows fell back to a full model, both (n,); -inf out of bounds, and where
-        bounds allow what has no modes, such as a negative stiffness."""
+        """ln p(theta | Lambda_S) + const, and which rows fell back to a full model, both (n,); -inf out of bounds, and
+        where bounds allow what has no modes, such as a negative stiffness."""
         theta = np.atleast_2d(np.asarray(theta, float))
         value = self.parameters.log_density(theta)
         fallback = np.zeros(len(theta), bool)
@@ -335,7 +335,8 @@ def with_mistake(error: InputError, likely: ChannelMistake) -> InputError:
 def suspected_channels(
     model: Model, data: ModalData, theta: Sequence[np.ndarray], *, set_id: str | None = None
 ) -> ChannelMistake | None:
-    """An exchange or reversal of channels with which the set's shapes would be the model's at one of theta (n_param,)."""
+    """An exchange or reversal of channels with which the set's shapes would be the model's at one of theta
+    (n_param,)."""
     rows = channel_rows(model, data.channels)
     n_mode = min(data.n_mode + SEARCH, model.n_available)
     return channel_mistake(data.set(set_id), data.channels, [model.solve(t, n_mode).shape[rows] for t in theta])

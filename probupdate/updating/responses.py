@@ -123,8 +123,8 @@ class Weights:
 
 
 def paper_weights(labels: tuple[str, ...], frequency_hz: np.ndarray, **others: Any) -> Weights:
-    """CoV 0.015 for first and 0.017 for higher modes; first are those of first bending (FA1, SS1, X1, Y1), or unlabelled
-    below 1 Hz."""
+    """CoV 0.015 for first and 0.017 for higher modes; first are those of first bending (FA1, SS1, X1, Y1), or
+    unlabelled below 1 Hz."""
     first = [is_bending(name) and name == f"{family(name)}1" for name in labels] if labels else frequency_hz < 1.0
     cov = tuple(PAPER_COV_FIRST if f else PAPER_COV_SECOND for f in first)
     return Weights(frequency_cov=cov, shape_std=False, **others)
@@ -361,8 +361,8 @@ def _std_of_changes(
 
 
 def _std_of_mac(basis: np.ndarray, sigma: np.ndarray, k: int) -> np.ndarray:
-    """k - sum of squared cosines is |Q - P Q|^2 of an orthonormal basis Q: over its expectation, by a standard deviation
-    of each row (n,), one datum."""
+    """k - sum of squared cosines is |Q - P Q|^2 of an orthonormal basis Q: over its expectation, by a standard
+    deviation of each row (n,), one datum."""
     size = np.linalg.norm(basis[:, 0])
     left = 1 - np.sum((basis / size) ** 2, axis=1)
     return np.full(len(basis), np.sqrt(k * float(np.sum(sigma**2 * left)) / size**2))

@@ -146,7 +146,8 @@ def _scatter(
 
 
 def _derived(model: Model, **theta: np.ndarray) -> dict[str, dict[str, float]]:
-    """What the model derives from parameters (n_param,), such as the stiffness of a pile's head: name -> state -> value."""
+    """What the model derives from parameters (n_param,), such as the stiffness of a pile's head: name -> state ->
+    value."""
     return {name: {state: float(compute(values)) for state, values in theta.items()}
             for name, compute in getattr(model, "derived", {}).items()}
 
@@ -406,7 +407,8 @@ class _AgainstFull(NamedTuple):
 
     @property
     def sentence(self) -> str:
-        return f"{self.n} draws: frequencies within {self.frequency:.1e}, log-likelihood within {self.log_likelihood:.1e}"
+        return (f"{self.n} draws: frequencies within {self.frequency:.1e}, "
+                f"log-likelihood within {self.log_likelihood:.1e}")
 
 
 def _against_full(problem: Problem, predicted: Prediction, checked: np.ndarray) -> _AgainstFull:
@@ -440,10 +442,11 @@ def _warnings(problem: Problem, laplace: Laplace, likely: ChannelMistake | None,
 def _notes(problem: Problem, laplace: Laplace, against: _AgainstFull) -> list[str]:
     notes = []
     if against.at_highest > 0:
-        notes.append(f"in {100 * against.at_highest:.0f} % of draws a measured mode pairs with the highest mode computed: a still "
-                     "higher one might fit better")
+        notes.append(f"in {100 * against.at_highest:.0f} % of draws a measured mode pairs with the highest mode "
+                     "computed: a still higher one might fit better")
     if against.log_likelihood > 0.1:
-        notes.append(f"the reduced basis shifts the log-likelihood by up to {against.log_likelihood:.2g} on posterior draws")
+        notes.append(f"the reduced basis shifts the log-likelihood by up to {against.log_likelihood:.2g} on posterior "
+                     "draws")
     if laplace.others:
         notes.append(f"the posterior has further maxima, {', '.join(f'{x:g}' for x in laplace.others)} below in ln p")
     notes += list(problem.matching.left_out)

@@ -203,7 +203,8 @@ def view_sets(
 
 def _too_few(n_found: int, n_set: int, failed: Sequence[str]) -> InputError:
     why = f" ({'; '.join(failed)})" if failed else ""
-    return InputError("sets", f"{n_found} of {n_set} can be updated{why}, and views of several sets compare at least two",
+    return InputError("sets",
+                      f"{n_found} of {n_set} can be updated{why}, and views of several sets compare at least two",
                       "give two sets or more")
 
 

@@ -19,8 +19,8 @@ class UpdateSettings:
     """How Eq. 7 is run."""
 
     alpha: float | str = stated(
-        1.0, "-", "regularisation coefficient of Eq. 6, or the rule that chooses it: 'l-curve', 'discrepancy', 'evidence'",
-        "1: a maximum of the posterior")
+        1.0, "-", "regularisation coefficient of Eq. 6, or the rule that chooses it: 'l-curve', "
+        "'discrepancy', 'evidence'", "1: a maximum of the posterior")
     method: str = stated("gauss-newton", "-", "solves the anchored reading: 'gauss-newton' or 'levenberg-marquardt'")
     iterations: int = stated(50, "-", "at most so many iterations")
 

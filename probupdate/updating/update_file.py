@@ -272,9 +272,9 @@ def fit_sentence(record: UpdateRecord) -> str:
     if misses(record):
         accused = () if record.components is None else record.components.accused()
         where = f", most of all {', '.join(accused[:3])}" if accused else ""
-        remedy = ("until the model's error is stated: --discrepancy auto (the default) or a share, or compare shapes with "
-                  "--shapes mac" if not stated else f"as the stated error ({stated}) does not explain it: find what the "
-                  "model lacks (probupdate diagnose), or state a larger --discrepancy")
+        remedy = ("until the model's error is stated: --discrepancy auto (the default) or a share, or compare shapes "
+                  "with --shapes mac" if not stated else f"as the stated error ({stated}) does not explain it: find "
+                  "what the model lacks (probupdate diagnose), or state a larger --discrepancy")
         return (f"{text}: the model misses the data by {np.sqrt(ratio):.1f} times the stated standard deviations"
                 f"{where}; no parameter counts as strongly identified {remedy}")
     if record.map_misfit < record.n_effective - ACCUSED * np.sqrt(2 * record.n_effective):
@@ -288,8 +288,8 @@ def fit_sentence(record: UpdateRecord) -> str:
     text = f"{text}, {100 * cov:.2g} % of the frequencies (median)"
     if stated:
         return f"{text}; posterior widths hold the stated error of the model ({stated})"
-    return (f"{text}; an error of the model itself that parameters took in does not show in the fit, and posterior widths "
-            "leave it out unless it is stated (--discrepancy and a share)")
+    return (f"{text}; an error of the model itself that parameters took in does not show in the fit, and posterior "
+            "widths leave it out unless it is stated (--discrepancy and a share)")
 
 
 def _components(record: UpdateRecord) -> list[str]:

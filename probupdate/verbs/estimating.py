@@ -35,7 +35,8 @@ PLACES = {"initial": "the initial parameters", "map": "the maximum of the poster
 
 
 def refuse_other_kinds(model: object, modes: object) -> None:
-    """Raises InputError where model or modes stand in the other's place, or are neither a path nor what they should be."""
+    """Raises InputError where model or modes stand in the other's place, or are neither a path nor what they should
+    be."""
     refuse_no_model(model)
     if hasattr(modes, "solve"):
         raise InputError("modes", "a model was given in the modes' place", "give the model first, then the modes")
@@ -146,7 +147,8 @@ def update(
     compared = LikelihoodSettings(weights=weights, frequencies=frequencies, shapes=shapes, discrepancy=discrepancy,
                                   tolerances=tolerances)
     settings = UpdateSettings(alpha=alpha, method=method, iterations=iterations)
-    case = Case.of(model, modes, compared, parameters=parameters, set_id=set_id, every_mode=every_mode, progress=progress)
+    case = Case.of(model, modes, compared, parameters=parameters, set_id=set_id, every_mode=every_mode,
+                   progress=progress)
     record = deterministic_update(case.model, case.data, set_id=set_id, weights=case.weights, settings=settings,
                                   model_at=case.model_at, jobs=jobs, progress=progress)
     said = unmatched(modes, every_mode)
@@ -187,10 +189,11 @@ def sample(
     settings = SamplerSettings(seed=seed, target_ess=target_ess, max_steps=max_steps, ensembles=ensembles)
     compared = LikelihoodSettings(weights=weights, frequencies=frequencies, shapes=shapes, discrepancy=discrepancy,
                                   tolerances=tolerances)
-    case = Case.of(model, modes, compared, parameters=parameters, set_id=set_id, every_mode=every_mode, progress=progress)
+    case = Case.of(model, modes, compared, parameters=parameters, set_id=set_id, every_mode=every_mode,
+                   progress=progress)
     with sole_writer(chain):
-        posterior = sample_posterior(case.model, case.data, chain, set_id=set_id, weights=case.weights, settings=settings,
-                                     jobs=jobs, progress=progress)
+        posterior = sample_posterior(case.model, case.data, chain, set_id=set_id, weights=case.weights,
+                                     settings=settings, jobs=jobs, progress=progress)
         posterior = replace(posterior, record={**posterior.record, **case.setting})
         write_posterior(posterior, out)
     return posterior

@@ -72,8 +72,8 @@ def export(
     """What a lifetime-extension analysis takes of a run directory: draws, joint distribution, models, superelements and
     modes, each read back and checked. A run that did not converge, or whose diagnosis is unexplained, needs `accept`.
 
-    fatigue: a fatigue.toml with sea and wind states, details, S-N curves and uncertainties; then damage-equivalent stress
-    ranges of every hot spot and draw, model factors and reliability over the years are written too."""
+    fatigue: a fatigue.toml with sea and wind states, details, S-N curves and uncertainties; then damage-equivalent
+    stress ranges of every hot spot and draw, model factors and reliability over the years are written too."""
     from probupdate.diagnosis.results import read_diagnosis
     from probupdate.lifetime.export import export_lifetime
 
@@ -87,17 +87,20 @@ def export(
     parameters = places.get("parameters")
     found = read_diagnosis(places["diagnosis.json"]) if "diagnosis.json" in places else None
     causes = () if found is None else tuple(f"{f['cause']} {f['location']}".strip() for f in found["findings"])
+    verdict = None if found is None else found["verdict"]
     return export_lifetime(
         read_posterior(places["posterior.nc"]), load_model(places["model"], parameters=parameters), places["model"],
-        Path(out), parameters_file=parameters, modes=read_modes(places["modes.json"]) if "modes.json" in places else None,
-        diagnosis=None if found is None else found["verdict"], findings=causes, n_draw=draws, n_mode=superelement_modes, accept=accept, seed=seed, source=places, progress=progress,
+        Path(out), parameters_file=parameters,
+        modes=read_modes(places["modes.json"]) if "modes.json" in places else None, diagnosis=verdict, findings=causes,
+        n_draw=draws, n_mode=superelement_modes, accept=accept, seed=seed, source=places, progress=progress,
         fatigue=None if fatigue is None else _fatigue_input(folder, places, Path(fatigue), found, progress),
     )
 
 
 def _fatigue_input(folder: Path, places, fatigue: Path, diagnosis, progress: Progress):
-    """The one model's problem at its maximum, as `sample` makes it with its default weights of nine.json, else modes.json;
-    set-wise updates of update.json; and the diagnosis's extended model with its draws, where they are there."""
+    """The one model's problem at its maximum, as `sample` makes it with its default weights of nine.json, else
+    modes.json; set-wise updates of update.json; and the diagnosis's extended model with its draws, where they are
+    there."""
     from probupdate.lifetime.conditions import read_conditions
     from probupdate.lifetime.export import refuse_without_members
     from probupdate.lifetime.fatigue_files import FatigueInput, Named
@@ -111,11 +114,13 @@ def _fatigue_input(folder: Path, places, fatigue: Path, diagnosis, progress: Pro
     problem, laplace = None, None
     modes = next((places[name] for name in ("nine.json", "modes.json") if name in places), None)
     if modes is not None:
-        case = Case.of(places["model"], modes, LikelihoodSettings(), parameters=places.get("parameters"), progress=progress)
+        case = Case.of(places["model"], modes, LikelihoodSettings(), parameters=places.get("parameters"),
+                       progress=progress)
         model, weights = case.model, case.weights
         problem = build_problem(model, case.data, weights=weights)
-        laplace = maximum_a_posteriori(problem, [model.parameters.initial, np.array(weights.at)] if weights.at is not None
-                                       else [model.parameters.initial])
+        start = [model.parameters.initial, np.array(weights.at)] if weights.at is not None else (
+            [model.parameters.initial])
+        laplace = maximum_a_posteriori(problem, start)
     updates = read_update(places["update.json"]).sets if "update.json" in places else None
     named = None
     extended = diagnosis and diagnosis.get("extended_model")

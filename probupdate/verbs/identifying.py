@@ -67,8 +67,8 @@ def identify(
     rows; without one all three are proposed from the record where they are not given, which the summary says.
     harmonics: 'remove' takes the rotor's out of records where its angle can be followed.
     store: folder in which the blocks' poles are kept, so that a killed run goes on (the command line keeps them beside
-    its --out); jobs: processes, or an executor (`probupdate.runtime.executors`). A script that asks for several processes needs
-    `if __name__ == "__main__"`.
+    its --out); jobs: processes, or an executor (`probupdate.runtime.executors`). A script that asks for several
+    processes needs `if __name__ == "__main__"`.
     """
     opened = read_campaign(campaign)
     given = IdentificationSettings(order=order, block_rows=block_rows, rate_hz=rate_hz, harmonics=harmonics)
@@ -143,8 +143,8 @@ def _is_turbine(model: GivenModel | None) -> bool:
 def ssi_settings(
     campaigns: Sequence[Campaign], model: GivenModel | None, stated: IdentificationSettings
 ) -> tuple[SSISettings, list[str]]:
-    """What is given; the rest as the paper, where the model is a turbine's, or as the record proposes; and what is to be
-    said of that."""
+    """What is given; the rest as the paper, where the model is a turbine's, or as the record proposes; and what is to
+    be said of that."""
     given = {"order": stated.order, "block_rows": stated.block_rows, "target_rate_hz": stated.rate_hz}
     given = {name: value for name, value in given.items() if value is not None}
     said = []
@@ -158,8 +158,8 @@ def ssi_settings(
     for n_channel in sorted({len(c.sensors) for c in campaigns}):
         few = block_references(n_channel, settings.of_blocks)
         if few is not None:
-            said.append(f"{n_channel} channels: the past of {few} combinations of them is used, as that of all would take "
-                        "more memory than is allowed; every channel has its shape")
+            said.append(f"{n_channel} channels: the past of {few} combinations of them is used, as that of all would "
+                        "take more memory than is allowed; every channel has its shape")
     # a part must be longer than the lags
     parts = int(min(c.block_minutes for c in campaigns) * 60 * settings.target_rate_hz) // (2 * settings.block_rows + 1)
     if parts < settings.sub_records:
@@ -186,7 +186,8 @@ def reference_at(
     parameters: str | Path | None = None, lowest: int | None = None,
 ) -> tuple[ReferenceModes | None, ReferenceModes | None]:
     """The model's modes that are looked for, at all sensors, and its others; None without a model. Raises InputError
-    where the model has not all channels, or a mode that the sampling rate does not hold; `where`: the campaign's path."""
+    where the model has not all channels, or a mode that the sampling rate does not hold; `where`: the campaign's
+    path."""
     if model is None:
         return None, None
     sensors, rate_hz = sensors_of(campaigns), settings.target_rate_hz

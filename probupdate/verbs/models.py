@@ -74,7 +74,8 @@ class ModelAt:
         return self._opened[angle]
 
     def with_uncertainty(self, opened: Model, angle_deg: float) -> Model:
-        """The model with the sources of its error: a turbine's tolerances, and sensors' where there is no more to know."""
+        """The model with the sources of its error: a turbine's tolerances, and sensors' where there is no more to
+        know."""
         if not is_dataclass(opened) or getattr(opened, "uncertainty", self) is not None:
             return opened
         path = model_path(self.model) if isinstance(self.model, str | Path) else None

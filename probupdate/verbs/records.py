@@ -46,9 +46,9 @@ def convert(
 ) -> Conversion | Translation:
     """Records of other programs (CSV, Parquet, MATLAB, NumPy, UFF) into a campaign's layout, as its convert.toml says.
 
-    to 'modes': a universal file's modes (dataset 55) into a modes.json; to 'uff': a modes.json into a universal file, or
-    a campaign's blocks into a folder of them (dataset 58). `sensors`: the campaign, or campaign.toml, that says where the
-    channels of a modes.json are."""
+    to 'modes': a universal file's modes (dataset 55) into a modes.json; to 'uff': a modes.json into a universal file,
+    or a campaign's blocks into a folder of them (dataset 58). `sensors`: the campaign, or campaign.toml, that says
+    where the channels of a modes.json are."""
     if to == "campaign":
         return convert_files(sources, out, description=description, progress=progress)
     if to not in ("modes", "uff"):

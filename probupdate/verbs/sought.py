@@ -34,8 +34,8 @@ def modes_of_interest(
 def reference_modes(
     model: Model, sensors: tuple[Sensor, ...], lowest: int | None = None, families: tuple[str, str, str] = TURBINE
 ) -> tuple[ReferenceModes, ReferenceModes | None]:
-    """The modes of interest, and the others that were computed to find them. Raises InputError where the model has fewer
-    than `lowest`, or no global mode at the sensors."""
+    """The modes of interest, and the others that were computed to find them. Raises InputError where the model has
+    fewer than `lowest`, or no global mode at the sensors."""
     if lowest is not None and lowest > model.n_available:
         raise InputError(model.name, f"{lowest} modes are to be looked for (--lowest), it has {model.n_available}",
                          f"ask for at most {model.n_available}")

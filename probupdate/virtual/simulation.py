@@ -160,7 +160,8 @@ def _draw(recipe: _Recipe) -> _Drawn:
 
 
 def _write_head(folder: Path, recipe: _Recipe, drawn: _Drawn, quiet: np.ndarray) -> None:
-    """What a campaign's folder holds beside its records: truth.toml, by which it is claimed, campaign.toml, scada.csv."""
+    """What a campaign's folder holds beside its records: truth.toml, by which it is claimed, campaign.toml,
+    scada.csv."""
     turbine, file = drawn.turbine, drawn.turbine.file
     text = "# What is true of this virtual campaign, and everything that was drawn for it.\n"
     text += campaign_files.toml_text(_record(turbine, drawn.given, drawn.gaps, quiet))

@@ -3,8 +3,9 @@
     python studies/calibration/run.py OUT --case turbine-paper-normal --replicates 300 [--part 0 --parts 2]
 
 A case is structure-noise-prior (see `chain`); `--theory bernoulli-euler` updates a model whose members do not give way
-in shear, as the virtual turbine's do, with the same draws (in a folder of its own). Several processes share a case by `--part`;
-`tables.py OUT` says what came out. Replicate k of a case has the same numbers whoever computes it, in whichever order.
+in shear, as the virtual turbine's do, with the same draws (in a folder of its own). Several processes share a case by
+`--part`; `tables.py OUT` says what came out. Replicate k of a case has the same numbers whoever computes it, in
+whichever order.
 """
 
 from __future__ import annotations

@@ -22,7 +22,8 @@ from probupdate.structure.load import reference_model
 from probupdate.virtual.truth import read_truth_modes
 
 WANTED = ("FA1", "SS1", "T1", "FA2", "SS2")
-# a pole further from the mode's true frequency is another thing: five standard deviations of the weakest in half an hour
+# a pole further from the mode's true frequency is another thing: five standard deviations of the weakest in half an
+# hour
 FAR = 0.03
 GONE = ('[[parameter]]\nname = "gone_{face}"\nkind = "stiffness"\n'
         'on = {{ group = "brace", face = "{face}", bay = 2 }}\nunit = "-"\n'
@@ -40,8 +41,8 @@ def initial(text: str, name: str, value: float) -> str:
 
 def wrong_models(text: str) -> dict[str, str]:
     """Name -> model.toml."""
-    moved = re.sub(r"^offset_m = \[([-0-9.]+), ([-0-9.]+),", lambda m: f"offset_m = [{m[1]}, {float(m[2]) + 1:g},", text,
-                   flags=re.MULTILINE)
+    moved = re.sub(r"^offset_m = \[([-0-9.]+), ([-0-9.]+),", lambda m: f"offset_m = [{m[1]}, {float(m[2]) + 1:g},",
+                   text, flags=re.MULTILINE)
     soft, stiff = text, text
     for name in ("py", "tz", "qw"):
         soft, stiff = initial(soft, name, 0.1), initial(stiff, name, 10.0)
@@ -53,7 +54,8 @@ def wrong_models(text: str) -> dict[str, str]:
 
 
 def found_of(data, truth, column_of: dict[str, int]) -> dict[str, tuple[int, int, int]]:
-    """Mode -> blocks in which it is found at its true frequency, in which something else stands there, usable blocks."""
+    """Mode -> blocks in which it is found at its true frequency, in which something else stands there, usable
+    blocks."""
     usable = [s for s in data.sets if not s.environment.get("excluded")]
     result = {}
     for label in WANTED:

@@ -3,8 +3,8 @@
     OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 python studies/farm/run.py OUT [--days 0.5] [--turbines 6] [--workers 1 2]
 
 Virtual turbines are measured for `--days` each, and for twice as long one of them; the farm of them runs on 1, 2, ...
-processes, on a Dask cluster of as many workers where distributed is installed, and as so many shards at once. Each way's
-results must have the bytes of the first. Seconds of processor time by step, at two lengths of record, give the
+processes, on a Dask cluster of as many workers where distributed is installed, and as so many shards at once. Each
+way's results must have the bytes of the first. Seconds of processor time by step, at two lengths of record, give the
 arithmetic. Everything printed is of one run; OUT/measured.json holds it too.
 """
 
@@ -58,7 +58,8 @@ def write_farm(folder: Path, days: float, turbines: int) -> Path:
     probupdate.simulate(folder / "long" / "0", model="updated", days=2 * days, seed=1)
     text = DESCRIPTION + "".join(f'[[turbine]]\nname = "T{k + 1}"\ncampaigns = "T{k + 1}/*"\n' for k in range(turbines))
     (folder / "farm.toml").write_text(text, encoding="utf-8")
-    (folder / "long.toml").write_text(DESCRIPTION + '[[turbine]]\nname = "long"\ncampaigns = "long/*"\n', encoding="utf-8")
+    (folder / "long.toml").write_text(DESCRIPTION + '[[turbine]]\nname = "long"\ncampaigns = "long/*"\n',
+                                      encoding="utf-8")
     return folder / "farm.toml"
 
 
@@ -84,8 +85,8 @@ def month_of_modes(ready, hidden: list[dict]) -> tuple[float, int, str]:
     from probupdate.diagnosis.diagnose import examine
     from probupdate.virtual.modal_blocks import simulate_modes
 
-    data = simulate_modes(truth={"effect": hidden}, seed=3, states=("idling", "below rated", "rated"), n_block=SETS_A_MONTH,
-                          days=SETS_A_MONTH / 22).data
+    data = simulate_modes(truth={"effect": hidden}, seed=3, states=("idling", "below rated", "rated"),
+                          n_block=SETS_A_MONTH, days=SETS_A_MONTH / 22).data
     begun = time.process_time()
     outcome = examine(ready, data, seed=1)
     return time.process_time() - begun, len(data.sets), outcome.diagnosis.verdict
@@ -187,11 +188,12 @@ def throughput(description: Path, out: Path, workers: Sequence[int], n_month: in
             first = first or found
             if found != first or len(found) != n_month * len(RESULTS):
                 raise SystemExit(f"{count} {way}: other bytes than those of the first way")
-            rows.append({"way": way, "workers": count, "seconds": seconds, "processor_seconds": used, "load_before": load,
-                         "an_hour": 3600 * n_month / seconds, "ratio": rows[0]["seconds"] / seconds if rows else 1.0})
+            rows.append({"way": way, "workers": count, "seconds": seconds, "processor_seconds": used,
+                         "load_before": load, "an_hour": 3600 * n_month / seconds,
+                         "ratio": rows[0]["seconds"] / seconds if rows else 1.0})
             print(f"{count} {way}: {n_month} turbine-months in {seconds:.0f} s by the clock, {used:.0f} s of processor "
-                  f"time, load before {load:.1f}: {3600 * n_month / seconds:.0f} an hour, {rows[-1]['ratio']:.2f} times "
-                  "the first; same bytes", flush=True)
+                  f"time, load before {load:.1f}: {3600 * n_month / seconds:.0f} an hour, {rows[-1]['ratio']:.2f} "
+                  "times the first; same bytes", flush=True)
     return rows
 
 
@@ -235,8 +237,8 @@ def main() -> None:
         write_farm(data, a.days, a.turbines)
     if a.throughput:
         rows = throughput(description, a.out / "farm", a.workers, a.turbines)
-        (a.out / "throughput.json").write_text(json.dumps({"cores": os.cpu_count(), "days": a.days, "rows": rows}, indent=1),
-                                               encoding="utf-8")
+        told = {"cores": os.cpu_count(), "days": a.days, "rows": rows}
+        (a.out / "throughput.json").write_text(json.dumps(told, indent=1), encoding="utf-8")
         return
     measured: dict = {"cores": os.cpu_count(), "load": os.getloadavg()[0], "days": a.days, "turbines": a.turbines}
     for name, toml in (("short", description), ("long", data / "long.toml")):
@@ -257,8 +259,8 @@ def main() -> None:
     hours = arithmetic(measured)
     terabytes = TURBINES * MONTHS * 30 * 86400 * RATE_HZ * CHANNELS * 4 / 1e12
     measured |= {"hours": hours, "terabytes": terabytes}
-    print(f"{TURBINES} turbines x {MONTHS} months: {hours[0]:.0f} to {hours[1]:.0f} hours of one core, {terabytes:.1f} TB "
-          "of records in single precision; identify reads them twice, the diagnosis's tests of the records once")
+    print(f"{TURBINES} turbines x {MONTHS} months: {hours[0]:.0f} to {hours[1]:.0f} hours of one core, {terabytes:.1f} "
+          "TB of records in single precision; identify reads them twice, the diagnosis's tests of the records once")
     (a.out / "measured.json").write_text(json.dumps(measured, indent=1), encoding="utf-8")
 
 

@@ -129,7 +129,8 @@ class Bench:
         return self.start(**options).ended()
 
     def torn(self) -> list[str]:
-        """Files that are neither those of an undisturbed run nor whole ones (how far a command is, when it was made)."""
+        """Files that are neither those of an undisturbed run nor whole ones (how far a command is, when it was
+        made)."""
         found = digest(self.out)
         return [name for name, text in found.items()
                 if not (name in self.steady and text == self.wanted[name]) and not is_whole(self.out / name)]

@@ -19,8 +19,8 @@ from command_cases import modes_table, write_building  # noqa: E402
 RATE_HZ, SECONDS = 20.0, 480
 # enough blocks for two processes
 MANY = 84
-# the command that takes minutes; those that are not tried; those that read nothing of other commands; those that are tried
-# less often
+# the command that takes minutes; those that are not tried; those that read nothing of other commands; those that are
+# tried less often
 LONG = "demo"
 UNTRIED = ("farm",)
 OF_INPUTS = ("convert", "check", "modes", "select", "update")
@@ -75,7 +75,8 @@ def steps(folder: Path) -> None:
     problem = ["--model", str(folder / "model.npz"), "--modes", str(folder / "nine.json")]
     sampled = ["--ess", "100", "--max-steps", "400", "--out", str(folder / "run" / "posterior.nc")]
     for words in (["update", *problem, "--out", str(folder / "run" / "update.json")], ["sample", *problem, *sampled],
-                  ["identify", str(folder / "campaign"), "--jobs", "1", "--out", str(folder / "identified" / "modes.json")]):
+                  ["identify", str(folder / "campaign"), "--jobs", "1",
+                   "--out", str(folder / "identified" / "modes.json")]):
         subprocess.run(command(words), check=True, capture_output=True)
 
 

@@ -29,7 +29,8 @@ ORPHAN_S = 10.0
 
 @dataclass(frozen=True)
 class Ended:
-    """code: as of subprocess, negative for a signal. said: standard error. processor_s: of it and what it waited for."""
+    """code: as of subprocess, negative for a signal. said: standard error. processor_s: of it and what it waited
+    for."""
 
     code: int
     said: str
@@ -83,7 +84,8 @@ class Shell(_Process):
         without = WITHOUT_RIGHTS if not rights and os.getuid() == 0 else []
         one = subprocess.Popen(
             [*without, *command(words)], stdin=subprocess.DEVNULL,
-            stdout=subprocess.DEVNULL if stdout is None else stdout, stderr=self._to, env={**os.environ, "TMPDIR": str(temporary)}, start_new_session=True,
+            stdout=subprocess.DEVNULL if stdout is None else stdout, stderr=self._to,
+            env={**os.environ, "TMPDIR": str(temporary)}, start_new_session=True,
             preexec_fn=lambda: (signal.signal(signal.SIGINT, signal.default_int_handler), before()))
         os.close(self._to)
         # asked about here, with the time that it used

@@ -28,14 +28,16 @@ def table(lines_of: list[dict], faults: Iterable[str], planned: Counter[str]) ->
         "# Faults of the machine", "",
         f"Written by `studies/faults/faults.py`: commit {distinct('commit')}; seed {distinct('seed')};",
         f"{distinct('date')}; {distinct('machine')}.", "",
-        f"{len(lines_of)} trials over {len(verbs)} commands, {kills} kills, of which {met} met a running command (others "
-        "came after its end).",
-        "A file is torn if it is neither absent, nor byte for byte that of an undisturbed run, nor (for files that state",
-        "when they were made or how far a command is) a whole one. After each fault the command is given again; its files",
+        f"{len(lines_of)} trials over {len(verbs)} commands, {kills} kills, of which {met} met a running command "
+        "(others came after its end).",
+        "A file is torn if it is neither absent, nor byte for byte that of an undisturbed run, nor (for files that "
+        "state",
+        "when they were made or how far a command is) a whole one. After each fault the command is given again; its "
+        "files",
         "are compared with those of an undisturbed run. `refused` counts the second of two writers that ended with one",
         "line because of the first.", "",
-        "| fault | commands | trials | kills | met a running command | torn files | differs when given again | `*.part` "
-        "left after that | orphan processes | tracebacks | more than one line | another exit code | refused |",
+        "| fault | commands | trials | kills | met a running command | torn files | differs when given again | "
+        "`*.part` left after that | orphan processes | tracebacks | more than one line | another exit code | refused |",
         "|---|---|---|---|---|---|---|---|---|---|---|---|---|"]
     for fault in faults:
         mine = [one for one in lines_of if one["fault"] == fault]
@@ -45,7 +47,8 @@ def table(lines_of: list[dict], faults: Iterable[str], planned: Counter[str]) ->
                  total(mine, "kills") or "-", total(mine, "met") if any("met" in one["what"] for one in mine) else "-",
                  *(total(mine, key) for key in BAD), total(mine, "refused") or "-"]
         out.append(f"| {fault} | " + " | ".join(map(str, cells)) + " |")
-    out += ["", "| command | processor time undisturbed, s | trials | kills that met it | trials with a fault of ours |",
+    out += ["",
+            "| command | processor time undisturbed, s | trials | kills that met it | trials with a fault of ours |",
             "|---|---|---|---|---|"]
     for verb in verbs:
         mine = [one for one in lines_of if one["command"] == verb]
@@ -56,7 +59,8 @@ def table(lines_of: list[dict], faults: Iterable[str], planned: Counter[str]) ->
              if sum(one["command"] == verb for one in lines_of) + skipped[verb] < number]
     out += ["", f"Trials that were not reached (done, of planned): {', '.join(short) or 'none'}.",
             f"Commands that are not tried: {', '.join(UNTRIED) or 'none'}."]
-    out += ["", "## Trials with a torn file, a difference, something left, a trace, more lines or another exit code", ""]
+    out += ["",
+            "## Trials with a torn file, a difference, something left, a trace, more lines or another exit code", ""]
     for one in lines_of:
         found = {key: one["what"][key] for key in BAD if one["what"].get(key)}
         if found:

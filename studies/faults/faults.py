@@ -5,13 +5,13 @@ input, SIGTERM and Ctrl-C, a full or closed output, a clock that goes back.
     python studies/faults/faults.py table WORK/log.jsonl ...     # RESULTS.md beside this file
 
 Inputs are small (a building of 20 storeys with nine sets of modes, eight blocks of a minute, 0.03 to 0.2 virtual days).
-Each command is run twice undisturbed; what is the same bytes both times is compared byte for byte afterwards, what is not
-(it states when it was made) is read to its end. After each fault the command is given again and must end as an
-undisturbed run does. A trial is one line of the log, in rounds over the commands, so that a run that is stopped loses the
-trial that it was at; moments are shares of the processor time of an undisturbed run, drawn from (SEED, command, fault,
-number), whatever was run before. In the third round the first process killed and those that get a signal are started as a
-shell does; else, where the fault allows it, they are forked from one that has imported everything, so that the moments lie
-in the command's own work.
+Each command is run twice undisturbed; what is the same bytes both times is compared byte for byte afterwards, what is
+not (it states when it was made) is read to its end. After each fault the command is given again and must end as an
+undisturbed run does. A trial is one line of the log, in rounds over the commands, so that a run that is stopped loses
+the trial that it was at; moments are shares of the processor time of an undisturbed run, drawn from (SEED, command,
+fault, number), whatever was run before. In the third round the first process killed and those that get a signal are
+started as a shell does; else, where the fault allows it, they are forked from one that has imported everything, so that
+the moments lie in the command's own work.
 """
 
 from __future__ import annotations
@@ -170,8 +170,8 @@ def read_only(bench: Bench, rng: np.random.Generator, number: int) -> dict:
 
 
 def forbidden(bench: Bench, rng: np.random.Generator, number: int) -> dict:
-    """A folder that nothing may be written into, for a user without root's rights to do so all the same; in every second
-    trial with a finished result in it."""
+    """A folder that nothing may be written into, for a user without root's rights to do so all the same; in every
+    second trial with a finished result in it."""
     bench.prepare(finished=number % 2 == 1)
     for path in (bench.out, *bench.out.rglob("*")):
         path.chmod(0o555 if path.is_dir() else 0o444)
@@ -270,8 +270,8 @@ def trials(verbs: list[str]) -> list[tuple[str, str, int]]:
     """(command, fault, number) in rounds; those that are tried less often after the others, the long one last."""
     most = max(often for _, often, *_ in FAULTS.values())
     kind = {verb: 2 if verb == LONG else int(verb in SELDOM) for verb in verbs}
-    return [(verb, fault, number) for which in range(3) for number in range(most) for verb in verbs if kind[verb] == which
-            for fault, (_, *often) in FAULTS.items() if number < often[which]]
+    return [(verb, fault, number) for which in range(3) for number in range(most) for verb in verbs
+            if kind[verb] == which for fault, (_, *often) in FAULTS.items() if number < often[which]]
 
 
 def commit() -> str:

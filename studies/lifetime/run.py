@@ -46,8 +46,8 @@ def page(folder: Path) -> str:
     cases = list(dict.fromkeys(life["case"]))
     told = manifest["fatigue"]
     lines = [
-        f"Export: {manifest['verdict']}; {manifest['draws']} draws; basis within {100 * told['basis_error']:.2g} % of the "
-        f"full model's ranges; FORM and Monte Carlo within {told['form_minus_monte_carlo']:.3f} (standard error "
+        f"Export: {manifest['verdict']}; {manifest['draws']} draws; basis within {100 * told['basis_error']:.2g} % of "
+        f"the full model's ranges; FORM and Monte Carlo within {told['form_minus_monte_carlo']:.3f} (standard error "
         f"{told['monte_carlo_standard_error']:.3f}).",
         "",
         "| hot spot | case | remaining life, years: 5 % | median | 95 % | "

@@ -3,10 +3,11 @@
     OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 python studies/month/year.py OUT [--blocks 500 1500]
 
 Half a day of the virtual turbine is measured and identified once; its stored blocks, poles and covariance factors stand
-for every later half day, and so do its rows of SCADA. All that `identify` does with stored blocks then runs on so many of
-them, each number in a process of its own: classification, tracking, the choice of poles, names, modes.json, covariance
-factors, table of poles. Not run are the records' own passes, which hold one block at a time. Printed are the largest
-resident memory, bytes a block between two numbers of blocks, and what a year of half hours would take by that line.
+for every later half day, and so do its rows of SCADA. All that `identify` does with stored blocks then runs on so many
+of them, each number in a process of its own: classification, tracking, the choice of poles, names, modes.json,
+covariance factors, table of poles. Not run are the records' own passes, which hold one block at a time. Printed are the
+largest resident memory, bytes a block between two numbers of blocks, and what a year of half hours would take by that
+line.
 """
 
 from __future__ import annotations
@@ -43,7 +44,8 @@ class StandIn(BlockStore):
         super().__init__(*given)
         self._real = [t for t in self._files if self.read_real(t).poles is not None]
         first = self._real[0]
-        self._real_of = {first + k * pd.Timedelta(minutes=30): self._real[k % len(self._real)] for k in range(self.count)}
+        self._real_of = {first + k * pd.Timedelta(minutes=30): self._real[k % len(self._real)]
+                         for k in range(self.count)}
         self._wanted: dict = {}
 
     @property
@@ -88,7 +90,8 @@ def stand_for(out: Path, count: int, answer) -> None:
     settings, _ = ssi_settings([opened], model_path(MODEL), IdentificationSettings())
     reference, others = reference_at([opened], model_path(MODEL), settings, where=out / "campaign")
     before, begun = peak_mb(), time.process_time()
-    found = identify_campaign(opened, reference, others=others, settings=settings, store=out / "real" / "modes.json.blocks")
+    found = identify_campaign(opened, reference, others=others, settings=settings,
+                              store=out / "real" / "modes.json.blocks")
     identified = peak_mb()
     found.write(out / f"{count}" / "modes.json")
     sizes = {p.name: p.stat().st_size / 1e6 for p in sorted((out / f"{count}").glob("modes*"))}
@@ -122,7 +125,8 @@ def main() -> None:
         first, last = rows[0], rows[-1]
         slope = (last["written_mb"] - first["written_mb"]) / (last["blocks"] - first["blocks"])
         year = last["written_mb"] + slope * (YEAR - last["blocks"])
-        print(f"{1000 * slope:.1f} kB a block; {YEAR} blocks, a year of half hours: {year:.0f} MB by that line", flush=True)
+        print(f"{1000 * slope:.1f} kB a block; {YEAR} blocks, a year of half hours: {year:.0f} MB by that line",
+              flush=True)
     (a.out / "year.json").write_text(json.dumps({"rows": rows, "load": os.getloadavg()}, indent=1), encoding="utf-8")
 
 

@@ -83,7 +83,8 @@ def seen(theory: SecondTheory, places: tuple[Sensor, ...], n: int = N_MODE) -> t
 
 
 def write_campaign(folder: Path, theory: SecondTheory, places: tuple[Sensor, ...], *, hours: int, seed: int) -> None:
-    """Acceleration under white noise on every mode (its share: what the tower's top and the TP move) and sensor noise."""
+    """Acceleration under white noise on every mode (its share: what the tower's top and the TP move) and sensor
+    noise."""
     frequency, shape = seen(theory, places)
     rng = np.random.default_rng(seed)
     (folder / "acceleration").mkdir(parents=True, exist_ok=True)

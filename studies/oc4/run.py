@@ -1,4 +1,5 @@
-"""The whole job on the OC4 jacket with tower: measured on a second theory with one effect hidden, then every command."""
+"""The whole job on the OC4 jacket with tower: measured on a second theory with one effect hidden, then every
+command."""
 
 from __future__ import annotations
 
@@ -28,8 +29,8 @@ def main() -> None:
     case.write_campaign(a.out / "campaign", theory, places, hours=a.hours, seed=a.seed)
     frequency, _ = case.seen(theory, places, 8)
     sys.stdout.write(f"true frequencies {frequency.round(5).tolist()}\n")
-    out = {name: str(a.out / name) for name in ("modes.json", "nine.json", "update.json", "posterior.nc", "compare.json",
-                                                "diagnosis.json")}
+    out = {name: str(a.out / name) for name in ("modes.json", "nine.json", "update.json", "posterior.nc",
+                                                "compare.json", "diagnosis.json")}
     own = ["--model", str(model)]
     for words in (
         ["modes", str(model), "--count", "8"],

@@ -2,8 +2,8 @@
 
     OMP_NUM_THREADS=1 python studies/performance/benchmark_data_first.py [--hours 6]
 
-A virtual campaign is identified in one process; the ratio is the time of everything after the blocks' poles and standard
-deviations, over the time of those. Ratios of one run do not depend on what else the machine does.
+A virtual campaign is identified in one process; the ratio is the time of everything after the blocks' poles and
+standard deviations, over the time of those. Ratios of one run do not depend on what else the machine does.
 """
 
 from __future__ import annotations

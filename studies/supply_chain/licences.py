@@ -1,11 +1,12 @@
-"""Packages of requirements.lock, their licences by their own metadata, the dates of their wheels, and what an audit of them
-for known weaknesses says.
+"""Packages of requirements.lock, their licences by their own metadata, the dates of their wheels, and what an audit of
+them for known weaknesses says.
 
     pip download --no-deps --require-hashes -r requirements.lock -d WHEELS
     python studies/supply_chain/licences.py WHEELS [pip-audit]
 
-Writes PACKAGES.md beside this file. A wheel's date is that of its newest member; where its builder writes the same date into
-all, none is stated. `pip-audit`: the path of that program; without it, or where it reaches no data base, the table says so.
+Writes PACKAGES.md beside this file. A wheel's date is that of its newest member; where its builder writes the same date
+into all, none is stated. `pip-audit`: the path of that program; without it, or where it reaches no data base, the table
+says so.
 """
 
 from __future__ import annotations
@@ -40,10 +41,12 @@ def licence(name: str) -> tuple[str, str]:
         about = metadata.metadata(name)
     except metadata.PackageNotFoundError:
         return "not installed here", "-"
-    classified = [c.rpartition("::")[2].strip() for c in about.get_all("Classifier") or [] if c.startswith("License ::")]
+    classified = [c.rpartition("::")[2].strip() for c in about.get_all("Classifier") or []
+                  if c.startswith("License ::")]
     field = (about.get("License") or "").strip()
     text = about.get("License-Expression") or (field if 0 < len(field) < 60 and "\n" not in field else "")
-    return about["Version"], text or ", ".join(classified) or field.splitlines()[0][:60] if field or text or classified else "-"
+    said = text or ", ".join(classified) or field.splitlines()[0][:60] if field or text or classified else "-"
+    return about["Version"], said
 
 
 def dates(folder: Path) -> dict[tuple[str, str], str]:
@@ -85,14 +88,16 @@ def main() -> None:
     found = audit(sys.argv[2], packages) if len(sys.argv) > 2 else {}
     state = "answered" if found else "no data base of weaknesses was reachable" if len(sys.argv) > 2 else "not run"
     lines = ["# Packages that are installed with probupdate", "",
-             "Made by `studies/supply_chain/licences.py` from requirements.lock, the packages' own metadata and their wheels,",
+             "Made by `studies/supply_chain/licences.py` from requirements.lock, the packages' own metadata and their "
+             "wheels,",
              f"{today}. Audit for known weaknesses (pip-audit) on {today}: {state}.",
              "The dates say how old each is; a wheel of another Python was not downloaded (-).", "",
              "| package | locked | date of the wheel | installed | licence | audit |", "|---|---|---|---|---|---|"]
     for name, versions in packages.items():
         installed, text = licence(name)
         days = ", ".join(dated.get((re.sub("[-_.]+", "-", name).lower(), version), "-") for version in versions)
-        lines.append(f"| {name} | {', '.join(versions)} | {days} | {installed} | {text} | {found.get(name, 'not reachable')} |")
+        lines.append(f"| {name} | {', '.join(versions)} | {days} | {installed} | {text} | "
+                     f"{found.get(name, 'not reachable')} |")
     (HERE / "PACKAGES.md").write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 

@@ -364,8 +364,8 @@ def test_what_matches_and_is_no_file_is_asked_about(job, tmp_path):
     np.save(raw / "20190603100000.npy", noise())
     (raw / "20190603110000.npy").mkdir()
     odd = raw / "20190603120000.npy"
-    for make, words in ((lambda: odd.symlink_to(tmp_path / "none"), "no such file"), (lambda: os.mkfifo(odd), "is a pipe"),
-                        (lambda: odd.symlink_to(odd), "cannot be read")):
+    for make, words in ((lambda: odd.symlink_to(tmp_path / "none"), "no such file"),
+                        (lambda: os.mkfifo(odd), "is a pipe"), (lambda: odd.symlink_to(odd), "cannot be read")):
         make()
         with pytest.raises(InputError, match=f"{odd.name}.*{words}"):
             convert(raw, campaign)
@@ -471,13 +471,16 @@ def test_channels_renamed_or_reordered_after_conversion_are_refused(job, head, o
     (campaign / "convert.toml").write_text(write_csv(raw, noise()))
     convert(raw, campaign)
     assert read_campaign(campaign).channels == ("a-x", "a-y")
-    changed = head.replace(old, new) if old != "a-x" else head.replace("a-x", "?").replace("a-y", "a-x").replace("?", "a-y")
+    changed = head.replace(old, new) if old != "a-x" else (
+        head.replace("a-x", "?").replace("a-y", "a-x").replace("?", "a-y"))
     (campaign / "campaign.toml").write_text(changed)
     with pytest.raises(InputError, match=words):
         read_campaign(campaign)
 
 
-def test_files_without_names_of_channels_stay_readable_and_names_that_are_none_are_refused(campaign_folder, signal, write_file):
+def test_files_without_names_of_channels_stay_readable_and_names_that_are_none_are_refused(
+    campaign_folder, signal, write_file
+):
     folder = campaign_folder([(0, signal(6000))])
     assert read_campaign(folder).channels == ("a-x", "a-y")
     write_file(folder, "1.h5", START, signal(10), attributes={"channels": "a-x and a-y"})

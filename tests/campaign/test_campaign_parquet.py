@@ -75,7 +75,8 @@ def test_null_is_a_lost_sample(folder):
     table = parquet.read_table(path)
     values = table["T-x"].to_pylist()
     values[10] = None
-    parquet.write_table(table.set_column(table.column_names.index("T-x"), "T-x", pyarrow.array(values, pyarrow.float32())), path)
+    holed = table.set_column(table.column_names.index("T-x"), "T-x", pyarrow.array(values, pyarrow.float32()))
+    parquet.write_table(holed, path)
     block = next(iter(blocks(read_campaign(folder))))
     assert block.repaired.tolist() == [1, 0, 0]
 
@@ -85,7 +86,8 @@ def test_null_is_a_lost_sample(folder):
     ({"meta": {"start": "2020-01-01T00:00:00Z"}}, "has no 'sampling_rate_hz' in its metadata"),
     ({"meta": {"start": "never", "sampling_rate_hz": "5"}}, "'never' is no time"),
     ({"meta": {"start": "2020-01-01T00:00:00Z", "sampling_rate_hz": "fast"}}, "'fast' is not a number"),
-    ({"meta": {"start": "2020-01-01T00:00:00Z", "sampling_rate_hz": "6"}}, "is sampled at 6 Hz, campaign.toml says 5 Hz"),
+    ({"meta": {"start": "2020-01-01T00:00:00Z", "sampling_rate_hz": "6"}},
+     "is sampled at 6 Hz, campaign.toml says 5 Hz"),
 ])
 def test_mistakes_are_named(folder, changed, said):
     as_parquet(folder, **changed)
@@ -108,5 +110,6 @@ def test_without_the_package_its_name_and_the_way_round_are_said(folder, monkeyp
     as_parquet(folder)
     monkeypatch.setitem(sys.modules, "pyarrow", None)
     monkeypatch.setitem(sys.modules, "pyarrow.parquet", None)
-    with pytest.raises(InputError, match=r"needs the package pyarrow, .* pip install probupdate\[parquet\], or write .* HDF5"):
+    with pytest.raises(InputError,
+                       match=r"needs the package pyarrow, .* pip install probupdate\[parquet\], or write .* HDF5"):
         read_campaign(folder)

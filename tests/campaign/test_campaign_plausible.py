@@ -116,7 +116,8 @@ def test_a_misspelt_column_of_scada_is_asked_about(tmp_path, given, words):
 
 
 def test_other_columns_of_scada_are_left_alone_and_a_similar_one_is_named_where_it_lacks(campaign_folder, tmp_path):
-    (tmp_path / "scada.csv").write_text("time,wind_speed_mps,wind_speed_mps_p95,power,status\n2019-06-03T10:00Z,1,1,1,1\n")
+    (tmp_path / "scada.csv").write_text("time,wind_speed_mps,wind_speed_mps_p95,power,status\n"
+                                        "2019-06-03T10:00Z,1,1,1,1\n")
     found = check(read_campaign(campaign_folder([(0, building())], head=head(["m/s2"] * 3)))).findings
     assert any(f.startswith("SCADA has no power_kw (rename 'power' if that is it): no turbine states") for f in found)
 

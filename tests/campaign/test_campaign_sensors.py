@@ -45,7 +45,8 @@ def written(folder: Path, sensors, data: np.ndarray, minutes=10.0) -> Path:
     (folder / "acceleration").mkdir(parents=True)
     lines = [f'name = "{folder.name}"\nsampling_rate_hz = {RATE}\nblock_minutes = {minutes}\n']
     for s in sensors:
-        lines.append(f'[[sensor]]\nchannel = "{s.channel}"\nlevel = "any"\nposition_m = {list(map(float, s.position_m))}\n'
+        lines.append(f'[[sensor]]\nchannel = "{s.channel}"\nlevel = "any"\n'
+                     f'position_m = {list(map(float, s.position_m))}\n'
                      f'direction = {list(map(float, s.direction))}\nquantity = "acceleration"\nunit = "m/s2"\n')
     (folder / "campaign.toml").write_text("".join(lines))
     with h5py.File(folder / "acceleration" / "0.h5", "w") as file:
@@ -227,7 +228,8 @@ def test_a_wrong_heading_is_measured_and_ninety_degrees_do_not_pass():
             (one,), _ = heading_findings(answer)
             # true less stated, modulo 180
             error = (answer.offset_deg + off + 90) % 180 - 90
-            assert abs(error) < 4 * np.hypot(answer.std_deg, 0.5) and one.unit == "deg" and "check its zero" in one.message
+            assert (abs(error) < 4 * np.hypot(answer.std_deg, 0.5) and one.unit == "deg"
+                    and "check its zero" in one.message)
         # the axis that x looks along is taken off
         assert abs(heading_offset(stated(true, 30.0), 30.0, 0.32).offset_deg) < 4
 
@@ -256,8 +258,8 @@ def test_oblique_sensors_give_the_horizontal_motion():
         sensors = [base, across] + [Sensor(channel=str(k), level="", position_m=[0, 0, 50.0], direction=d)
                                     for k, d in enumerate(directions)]
         data = np.column_stack([np.zeros((12000, 2)), true @ np.array(directions).T])
-        block = Block(start=pd.Timestamp("2021-01-01T00:00Z"), minutes=10.0, sampling_rate_hz=RATE, data=data, missing=np.zeros(5),
-                      repaired=np.zeros(5))
+        block = Block(start=pd.Timestamp("2021-01-01T00:00Z"), minutes=10.0, sampling_rate_hz=RATE, data=data,
+                      missing=np.zeros(5), repaired=np.zeros(5))
         return block_sway(block, sensors, np.ones(5, bool),
                           {"nacelle_heading_deg": 10.0, "rotor_speed_rpm": 9.0})
 
@@ -322,8 +324,8 @@ def test_references_wrong_in_all_setups_are_told_by_a_rigid_part_only(tmp_path):
 
 @pytest.mark.skipif(not FRAME.exists(), reason="the measured frame's records are not beside the project")
 def test_the_measured_frame_s_references_read_minus_two_times(tmp_path):
-    """Fifteen measured setups as they lie, references with a stated scale and direction that are both wrong; and with one
-    setup's reference multiplied by -0.5 besides."""
+    """Fifteen measured setups as they lie, references with a stated scale and direction that are both wrong; and with
+    one setup's reference multiplied by -0.5 besides."""
     paths = sorted(FRAME.glob("s[01]?"))
     (one,) = probupdate.check_setups(paths).findings
     assert one.name == "reference" and one.channel == "ref-x, ref-y" and one.rivals == ()

@@ -281,7 +281,8 @@ def test_model_and_modes_in_the_wrong_order_or_of_another_kind(building, verb):
     for given, words in (
         ((modes, building["model"]), "modal data were given in the model's place"),
         ((building["model"], model), "a model was given in the modes' place"),
-        ((building["modes"], building["model"]), "model.npz: is an archive of arrays such as a model's, not modal sets"),
+        ((building["modes"], building["model"]),
+         "model.npz: is an archive of arrays such as a model's, not modal sets"),
         ((building["model"], 3), "no modal data"), ((np.sin, building["modes"]), "a ufunc is no model"),
     ):
         with pytest.raises(InputError, match=words):
@@ -528,7 +529,8 @@ def test_a_name_that_is_nearly_a_model_is_asked_about(building, refused, verb):
 
 NAMELESS = {
     "set": (["update", "--set", "nope"], "modes.json, set nope: there is none of that id"),
-    "channels": (["update", "--model", "updated"], "modes.json, channel F05: is in the measured modes but not in the model"),
+    "channels": (["update", "--model", "updated"],
+                 "modes.json, channel F05: is in the measured modes but not in the model"),
     "count": (["modes", "--count", "900"], "model.npz, model: 900 modes are asked for"),
     "option": (["update", "--frequency-cov", "0.1"], "probupdate update: frequency CoV: 1 given for 4 modes"),
     "covariate": (["regress", "--covariates", "xx"], "modes.json, covariate xx: is a number in no set"),
@@ -545,10 +547,12 @@ def test_what_is_wrong_with_values_names_their_file_or_the_option(building, refu
 
 
 ABSURD = [["simulate", "x", "--days", "1e9"], ["simulate", "x", "--days", "inf"], ["demo", "x", "--days", "1e9"],
-          ["simulate", "x", "--jobs", "1000000000"], ["sample", "--ensembles", "1000000000"], ["sample", "--ess", "1" + "0" * 12],
-          ["sample", "--max-steps", "1" + "0" * 12], ["sample", "--seed", "9" * 30], ["update", "--iterations", "1" + "0" * 10],
-          ["update", "--frequency-cov", "1e300"], ["sets", "--spread", "1e300"], ["select", "x.json", "--count", "1" + "0" * 10],
-          ["identify", "x", "--order", "100000"], ["identify", "x", "--block-rows", "1000000"],
+          ["simulate", "x", "--jobs", "1000000000"], ["sample", "--ensembles", "1000000000"],
+          ["sample", "--ess", "1" + "0" * 12], ["sample", "--max-steps", "1" + "0" * 12],
+          ["sample", "--seed", "9" * 30], ["update", "--iterations", "1" + "0" * 10],
+          ["update", "--frequency-cov", "1e300"], ["sets", "--spread", "1e300"],
+          ["select", "x.json", "--count", "1" + "0" * 10], ["identify", "x", "--order", "100000"],
+          ["identify", "x", "--block-rows", "1000000"],
           ["export", "x", "--to", "lifetime", "y", "--draws", "1" + "0" * 10]]
 
 

@@ -1,4 +1,5 @@
-"""A small version of studies/faults: kill -9, two writers and signals at drawn moments, full disks, for light commands."""
+"""A small version of studies/faults: kill -9, two writers and signals at drawn moments, full disks, for light
+commands."""
 
 import json
 import os

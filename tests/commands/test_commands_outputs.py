@@ -18,8 +18,8 @@ from probupdate.io.outputs import refuse_overwriting
 
 
 def run(*arguments, **options):
-    return subprocess.run([sys.executable, "-m", "probupdate.cli", *map(str, arguments)], capture_output=True, text=True,
-                          **options)
+    return subprocess.run([sys.executable, "-m", "probupdate.cli", *map(str, arguments)], capture_output=True,
+                          text=True, **options)
 
 
 @pytest.mark.parametrize("verb, out, given", [
@@ -148,7 +148,8 @@ def test_a_campaign_whose_first_file_found_no_room_is_simulated_again(tmp_path):
 @pytest.mark.parametrize("size", [3000, 20000])
 def test_a_full_disk_ends_no_process_that_writes_hdf5(tmp_path, size):
     """The library itself fails once more where it closes a file that found no room: a trace on the screen, or worse."""
-    code = ("import sys, numpy as np; from pathlib import Path; from probupdate.virtual.campaign_files import write_acceleration\n"
+    code = ("import sys, numpy as np; from pathlib import Path; "
+            "from probupdate.virtual.campaign_files import write_acceleration\n"
             "try: write_acceleration(Path(sys.argv[1]), np.ones((20000, 3)), np.datetime64('2020-01-01T00:00'), 10.0)\n"
             "except OSError as error: print(error.strerror, error.filename)")
     done = subprocess.run([sys.executable, "-c", code, str(tmp_path / "a.h5")], capture_output=True, text=True,

@@ -74,7 +74,8 @@ def run(*words):
 def identified(case, n):
     run("convert", case / "raw", case / "campaign")
     run("check", case / "campaign")
-    run("identify", case / "campaign", "--model", case / "model.npz", "--lowest", n, "--out", case / "run" / "modes.json")
+    run("identify", case / "campaign", "--model", case / "model.npz", "--lowest", n,
+        "--out", case / "run" / "modes.json")
     return read_modes(case / "run" / "modes.json")
 
 
@@ -113,7 +114,8 @@ def test_without_a_model_the_same_three_modes(building):
 
 def test_four_sets_are_diagnosed_by_what_they_state(building, capsys):
     case, _ = building
-    words = ["diagnose", "--model", case / "model.npz", "--modes", case / "run" / "modes.json", "--out", case / "d.json"]
+    words = ["diagnose", "--model", case / "model.npz", "--modes", case / "run" / "modes.json",
+             "--out", case / "d.json"]
     assert main([str(w) for w in words]) == 0
     assert "4 sets tell nothing of their own scatter" in capsys.readouterr().out
     # nothing is hidden in the building but the storeys' own stiffness

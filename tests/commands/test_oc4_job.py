@@ -1,4 +1,5 @@
-"""The OC4 jacket with tower, a small version of studies/oc4: two theories of one file, an update, a hidden cause found."""
+"""The OC4 jacket with tower, a small version of studies/oc4: two theories of one file, an update, a hidden cause
+found."""
 
 import importlib.util
 import json
@@ -47,7 +48,8 @@ def measured(case, file, path, *, hidden, n_set, seed=2):
     rng = np.random.default_rng(seed)
     sets = tuple(
         ModalSet(id=f"2024-03-01T{k:02d}:00Z", frequency_hz=frequency * (1 + 1e-3 * rng.standard_normal(5)),
-                 damping_ratio=np.full(5, 0.01), shape=(shape + 0.01 * rng.standard_normal(shape.shape)).astype(complex),
+                 damping_ratio=np.full(5, 0.01),
+                 shape=(shape + 0.01 * rng.standard_normal(shape.shape)).astype(complex),
                  frequency_std_hz=1e-3 * frequency, shape_std=np.full(shape.shape, 0.01), environment={})
         for k in range(n_set)
     )
@@ -55,8 +57,8 @@ def measured(case, file, path, *, hidden, n_set, seed=2):
 
 
 def test_two_theories_of_one_file_agree_within_shear(case, job):
-    # rigid links, offset rotor-nacelle mass, coupled soil and arbitrary sections by code that shares nothing; the second
-    # theory is flexible in shear, which lowers the first pairs by some 0.3 %, the third by 1.3 %
+    # rigid links, offset rotor-nacelle mass, coupled soil and arbitrary sections by code that shares nothing; the
+    # second theory is flexible in shear, which lowers the first pairs by some 0.3 %, the third by 1.3 %
     folder, model, _, file = job
     places = case.sensors(file)
     frequency, shape = case.seen(case.SecondTheory(file), places, 7)

@@ -27,7 +27,8 @@ SLOW = {"kind": "low_pass", "level": "tower top", "time_constant_s": 0.016}
 
 
 @pytest.mark.parametrize(("seed", "hidden", "wanted"), [
-    pytest.param(441, SLIPPING, {("axial soil stiffness", "leg A"), ("grout flexibility along the pile", "pile head A")},
+    pytest.param(441, SLIPPING,
+                 {("axial soil stiffness", "leg A"), ("grout flexibility along the pile", "pile head A")},
                  marks=pytest.mark.long),
     (442, SLOW, {("low-pass filter", "T90"), ("clock offset", "T90")}),
 ])

@@ -1,4 +1,5 @@
-"""A frame as stiff in x as in y, and records of few sets, of frequencies alone, of one channel: from other equations."""
+"""A frame as stiff in x as in y, and records of few sets, of frequencies alone, of one channel: from other
+equations."""
 
 from dataclasses import replace
 

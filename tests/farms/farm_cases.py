@@ -72,7 +72,8 @@ def write_farm(folder: Path) -> Path:
     """A: two months alike. B: softer by 6 % in the second, so that frequencies fall by 3 %."""
     folder.mkdir(parents=True, exist_ok=True)
     write_model(folder)
-    for k, (turbine, month, factor) in enumerate((("A", "05", 1.0), ("A", "06", 1.0), ("B", "05", 1.0), ("B", "06", 0.94))):
+    for k, (turbine, month, factor) in enumerate((("A", "05", 1.0), ("A", "06", 1.0), ("B", "05", 1.0),
+                                                  ("B", "06", 0.94))):
         write_campaign(folder / turbine / f"2024-{month}", factor, k, f"2024-{month}-01T00:00:00Z")
     (folder / "farm.toml").write_text(DESCRIPTION)
     return folder / "farm.toml"

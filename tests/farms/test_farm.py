@@ -277,7 +277,8 @@ def test_new_records_another_model_other_options_are_done_again(copied):
         file["data"].attrs["start"] = "2024-07-01T01:00:00Z"
     assert probupdate.farm(description, out).run == 1
     after = changed(out)
-    assert len(read_modes(out / "A" / "2024-07" / "modes.json").sets) == 8 and all(after[k] == v for k, v in poles.items())
+    assert (len(read_modes(out / "A" / "2024-07" / "modes.json").sets) == 8
+            and all(after[k] == v for k, v in poles.items()))
     description.write_text(DESCRIPTION.replace("count = 2", "count = 3"))
     assert probupdate.farm(description, out).run == 5
 

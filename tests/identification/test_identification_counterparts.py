@@ -19,7 +19,8 @@ from probupdate.verbs import sought
 def measured(jacket, rng, turn=0.0) -> ModalSet:
     shape = jacket.shape + 0.02 * rng.standard_normal(jacket.shape.shape)
     return ModalSet(id=str(rng.integers(1 << 30)), shape=shape,
-                    frequency_hz=jacket.frequency_hz * (1 + 3e-3 * rng.standard_normal(5)), damping_ratio=jacket.damping_ratio, frequency_std_hz=np.full(5, np.nan),
+                    frequency_hz=jacket.frequency_hz * (1 + 3e-3 * rng.standard_normal(5)),
+                    damping_ratio=jacket.damping_ratio, frequency_std_hz=np.full(5, np.nan),
                     shape_std=np.full(shape.shape, np.nan))
 
 

@@ -87,7 +87,7 @@ def test_shards_are_a_partition():
         assert sorted(sum(shares, [])) == items and max(map(len, shares)) - min(map(len, shares)) <= 1
 
 
-SHARD = """
+SHARD = ("""
 import json, socket, sys
 given = json.loads(sys.argv[1])
 socket.gethostname = lambda: given["host"]
@@ -99,9 +99,10 @@ import time
 def gently(what, done, total):
     # so that there is a moment to kill it in
     time.sleep(given["pause"])
-print(identify_shard(read_campaign(given["campaign"]), Shard.of(given["shard"]), settings=SSISettings(**given["settings"]),
+print(identify_shard(read_campaign(given["campaign"]), Shard.of(given["shard"]), """
+        """settings=SSISettings(**given["settings"]),
                      store=given["store"], progress=gently).summary)
-"""
+""")
 
 
 def shard_process(campaign, store, shard: str, host: str, pause: float = 0.0) -> subprocess.Popen:
@@ -156,7 +157,8 @@ def cluster(tmp_path_factory):
     """Two workers of one thread each, in processes of their own."""
     distributed = pytest.importorskip("distributed")
     # what tests define is importable there too
-    here = os.pathsep.join([str(Path(__file__).parent), *(p for p in os.environ.get("PYTHONPATH", "").split(os.pathsep) if p)])
+    here = os.pathsep.join([str(Path(__file__).parent),
+                            *(p for p in os.environ.get("PYTHONPATH", "").split(os.pathsep) if p)])
     before = os.environ.get("PYTHONPATH")
     os.environ["PYTHONPATH"] = here
     try:
@@ -223,8 +225,8 @@ def test_mistakes_of_a_scheduler_are_named(cluster, monkeypatch):
         dask_cluster("tcp://127.0.0.1:9")
     monkeypatch.setattr(executors, "ANSWER_S", 10)
     monkeypatch.setattr(executors, "__version__", "0.0.0")
-    with dask_cluster(cluster.scheduler_address) as runs, \
-            pytest.raises(InputError, match=r"a worker has version .*, this is 0\.0\.0; install one version everywhere"):
+    with (dask_cluster(cluster.scheduler_address) as runs,
+          pytest.raises(InputError, match=r"a worker has version .*, this is 0\.0\.0; install one version everywhere")):
         list(runs.completed(square, [(1,)]))
 
 

@@ -57,5 +57,6 @@ def test_references_fit_the_budget_and_few_channels_keep_all():
 
 
 def test_what_does_not_fit_is_refused_with_its_bytes():
-    with pytest.raises(InputError, match=r"2000 channels .* would take 2\.\d GB of memory with 4 references, .* with all"):
+    with pytest.raises(InputError,
+                       match=r"2000 channels .* would take 2\.\d GB of memory with 4 references, .* with all"):
         block_references(2000, BlockSettings())

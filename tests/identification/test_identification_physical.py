@@ -114,7 +114,8 @@ def test_a_pair_that_turns_from_order_to_order_of_one_block_is_two_modes(seed):
 
 def test_poles_of_one_direction_beside_a_mode_are_no_pair():
     rng = np.random.default_rng(3)
-    rows = [(0.330, 0.01, np.eye(12)[0], ORDERS), (0.333, 0.02, np.eye(12)[0], ORDERS), (1.25, 0.01, np.eye(12)[2], ORDERS)]
+    rows = [(0.330, 0.01, np.eye(12)[0], ORDERS), (0.333, 0.02, np.eye(12)[0], ORDERS),
+            (1.25, 0.01, np.eye(12)[2], ORDERS)]
     assert found_in([stack(rng, rows, n_noise=2)]).modes.frequency_hz == pytest.approx([0.33, 1.25], rel=6e-3)
 
 

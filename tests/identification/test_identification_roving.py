@@ -235,8 +235,8 @@ def test_the_measured_frame_s_ten_modes_at_any_rate_and_order(options):
 
 
 def test_setups_are_named_by_a_model_after_their_modes_are_found(jacket, sensor_list, tmp_path):
-    """Two setups of the made jacket, a model of its shapes as a function: names, records, and one mode of the model that
-    nothing shows."""
+    """Two setups of the made jacket, a model of its shapes as a function: names, records, and one mode of the model
+    that nothing shows."""
     from probupdate.identification.reference import ReferenceModes
     from probupdate.identification.setups import identify_setups
 

@@ -1,4 +1,5 @@
-"""A signal in the midst of an HDF5 file, which the library would make another error of: the file first, then the signal."""
+"""A signal in the midst of an HDF5 file, which the library would make another error of: the file first, then the
+signal."""
 
 import os
 import signal
@@ -14,7 +15,8 @@ from probupdate.runtime.signals import ENDING, held_back
 
 @pytest.fixture(autouse=True)
 def ctrl_c_is_heard():
-    """A shell starts what runs in its background with Ctrl-C ignored, and so do these tests then: as from a terminal."""
+    """A shell starts what runs in its background with Ctrl-C ignored, and so do these tests then: as from a
+    terminal."""
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
     yield
     signal.signal(signal.SIGINT, before)

@@ -34,8 +34,9 @@ masses = [4]
 [group.deck]
 joints = [3]
 """
-ACTS = {"k": ("stiffness", "legs", "-", 1.0), "rho": ("density", "brace", "-", 1.0), "t": ("thickness", "legs", "-", 1.0),
-        "loss": ("wall_loss", "brace", "m", 0.002), "m": ("mass", "top", "-", 1.0), "dm": ("added_mass", "deck", "kg", 300.0),
+ACTS = {"k": ("stiffness", "legs", "-", 1.0), "rho": ("density", "brace", "-", 1.0),
+        "t": ("thickness", "legs", "-", 1.0), "loss": ("wall_loss", "brace", "m", 0.002),
+        "m": ("mass", "top", "-", 1.0), "dm": ("added_mass", "deck", "kg", 300.0),
         "soil": ("soil_lateral", "soil", "-", 1.0)}
 
 
@@ -51,7 +52,8 @@ def run(tmp_path):
     for name, (acts, on, unit, value) in ACTS.items():
         text += f'[[parameter]]\nname = "{name}"\nacts = "{acts}"\non = "{on}"\nunit = "{unit}"\ninitial = {value}\n'
         text += f"cov = 0.1\nlower = {0.2 * value}\nupper = {5 * value}\n"
-    for channel, joint, direction in (("A", 4, "[1.0, 0.0, 0.0]"), ("B", 4, "[0.0, 1.0, 0.0]"), ("C", 3, "[0.0, 1.0, 0.0]")):
+    for channel, joint, direction in (("A", 4, "[1.0, 0.0, 0.0]"), ("B", 4, "[0.0, 1.0, 0.0]"),
+                                      ("C", 3, "[0.0, 1.0, 0.0]")):
         text += f'[[sensor]]\nchannel = "{channel}"\njoint = {joint}\ndirection = {direction}\n'
     (tmp_path / "model.toml").write_text(text)
     return tmp_path
@@ -102,7 +104,8 @@ def test_models_hold_every_parameter_of_their_draw(run):
         written = load_model(done.folder / "models" / f"{k:03d}" / "subdyn_at_draw.dat")
         expected = model.solve(row, 10).frequency_hz
         np.testing.assert_allclose(written.solve(np.zeros(0), 10).frequency_hz, expected, rtol=1e-9)
-        np.testing.assert_allclose([f for d, f in zip(modes["draw"], modes["frequency_hz"], strict=True) if d == k], expected)
+        np.testing.assert_allclose([f for d, f in zip(modes["draw"], modes["frequency_hz"], strict=True) if d == k],
+                                   expected)
     # values far from the initial ones are put in too
     far = dict(zip(model.parameters.names, model.parameters.initial * [2, 3, 0.5, 2, 3, 4, 0.3], strict=True))
     file, above = applied(run / "model.toml", far)
@@ -174,7 +177,8 @@ mass_kg = 3000.0
 centre_m = [0.5, 0.0, 0.5]
 inertia_kgm2 = [1e4, 1e4, 1e4, 0.0, 0.0, 0.0]
 """
-    own = '[[parameter]]\nname = "k_t"\nacts = "stiffness"\non = "tower"\nunit = "-"\ninitial = 1.0\ncov = 0.1\nlower = 0.2\n'
+    own = ('[[parameter]]\nname = "k_t"\nacts = "stiffness"\non = "tower"\nunit = "-"\n'
+           'initial = 1.0\ncov = 0.1\nlower = 0.2\n')
     (run / "model.toml").write_text(text.replace("[group.legs]", tower + "[group.legs]", 1) + own)
     done = exported(run)
     assert any("k_t in models" in t for t in done.left_out)
@@ -216,7 +220,8 @@ def test_damping_is_that_of_the_sets(run):
     done = exported(run, "first")
     first = read_table(done.folder / "modes.csv")["label"][0]
     sets = tuple(ModalSet(id=f"{k}", frequency_hz=np.ones(1), damping_ratio=np.array([z]), shape=np.ones((3, 1)),
-                          frequency_std_hz=np.ones(1), shape_std=np.ones((3, 1))) for k, z in enumerate((0.01, 0.012, 0.014)))
+                          frequency_std_hz=np.ones(1), shape_std=np.ones((3, 1)))
+                 for k, z in enumerate((0.01, 0.012, 0.014)))
     data = ModalData(channels=labels.channels, sets=sets, labels=(first,))
     table = read_table(exported(run, "second", modes=data).folder / "modes.csv")
     got = [z for z, label in zip(table["damping_ratio"], table["label"], strict=True) if label == first]
@@ -264,12 +269,13 @@ def test_guyans_stiffness_is_the_static_one_and_recovery_follows_the_interface(r
     tied[:size, :size] = K.toarray()
     tied += 1e14 * gap.T @ gap
     flexibility = np.linalg.inv(tied)[size:, size:]
-    np.testing.assert_allclose(np.linalg.inv(one.stiffness[:6, :6]), flexibility, rtol=1e-3, atol=1e-4 * flexibility.max())
+    np.testing.assert_allclose(np.linalg.inv(one.stiffness[:6, :6]), flexibility, rtol=1e-3,
+                               atol=1e-4 * flexibility.max())
 
 
 def test_guyans_matrices_and_inner_modes_are_subdyns_own(tmp_path):
-    # KBBt, MBBt and CB_frequencies that SubDyn prints (seven digits) for two cases of OpenFAST's r-test: the OC3 monopile
-    # of 5MW_OC3Mnpl_Linear and SD_Rigid, a rigid link in a cantilever
+    # KBBt, MBBt and CB_frequencies that SubDyn prints (seven digits) for two cases of OpenFAST's r-test: the OC3
+    # monopile of 5MW_OC3Mnpl_Linear and SD_Rigid, a rigid link in a cantilever
     (tmp_path / "monopile.dat").write_text(subdyn(
         ["0 0 -20.0001", "0 0 -10", "0 0 0", "0 0 10"], ["1 2 1 1 1c 0", "2 3 1 1 1c 0", "3 4 1 1 1c 0"],
         ["1 1 1 1 1 1 1"], div=3, fem=3, interface=[4], circular=["1 2.1e11 8.08e10 8500 6.0 0.06"]))
@@ -335,7 +341,8 @@ def test_equal_draws_are_the_posteriors_own_and_follow_the_seed():
 
 
 def test_initial_values_are_replaced_in_their_own_tables_only():
-    text = '[[parameter]]\nname = "a"\ninitial = 2.0 # as drawn\ncov = 0.1\n\n[[parameter]]\nname = "b"\ninitial = 3\nstd = 1\n'
+    text = ('[[parameter]]\nname = "a"\ninitial = 2.0 # as drawn\ncov = 0.1\n\n'
+            '[[parameter]]\nname = "b"\ninitial = 3\nstd = 1\n')
     new = with_initial(text, {"a": 4.0}, "model.toml")
     assert "initial = 4.0 # as drawn\nstd = 0.2" in new and "initial = 3\nstd = 1" in new
     with pytest.raises(InputError, match="no .*table of c"):

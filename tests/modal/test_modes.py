@@ -238,7 +238,8 @@ def test_columns_read_when_asked_are_those_in_memory(tmp_path):
         return data.sets[k].deviation
 
     stored = dataclasses.replace(data, sets=tuple(
-        dataclasses.replace(s, deviation=StoredDeviation(read=functools.partial(read, k))) for k, s in enumerate(data.sets)))
+        dataclasses.replace(s, deviation=StoredDeviation(read=functools.partial(read, k)))
+        for k, s in enumerate(data.sets)))
     write_modes(data, tmp_path / "m.json")
     write_modes(stored, tmp_path / "s.json")
     assert (tmp_path / "m.deviations.h5").read_bytes() == (tmp_path / "s.deviations.h5").read_bytes()
@@ -266,7 +267,8 @@ def test_modes_json_written_set_by_set_is_that_of_the_whole(tmp_path):
 def test_a_dataset_of_the_sets_is_written_and_read_by_xarray(tmp_path):
     xarray = pytest.importorskip("xarray")
     data = deviating_data()
-    sets = [dataclasses.replace(s, environment={"state": "idling", "water_level_m": 0.25 * k} if k else {"state": "rated"})
+    sets = [dataclasses.replace(s, environment={"state": "idling", "water_level_m": 0.25 * k}
+                                if k else {"state": "rated"})
             for k, s in enumerate(data.sets)]
     data = dataclasses.replace(data, sets=tuple(sets), labels=("FA1", "SS1"))
     data.to_xarray().to_netcdf(tmp_path / "modes.nc", engine="h5netcdf")

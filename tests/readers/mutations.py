@@ -11,13 +11,14 @@ import zipfile
 import numpy as np
 
 NASTY = [
-    None, True, False, 0, -1, 1, 3, 10**6, 2**62, -(2**63), 1e308, -1e308, 1e-320, 0.5, -0.0, 10**30, "", "x", "FA1", "1.5",
-    "nan", "inf", "../a", "/etc/passwd", "a\0b", "\x1b[2J", "\u202e", "=1+1", "<script>alert(1)</script>", "x" * 5000,
-    [], {}, [[]], [None], [1, "a"], {"a": 1}, [1.0, 2.0], [[1.0, 2.0], [3.0]], "2019-06-03T00:00Z", "0001-01-01", "9999-12-31",
+    None, True, False, 0, -1, 1, 3, 10**6, 2**62, -(2**63), 1e308, -1e308, 1e-320, 0.5, -0.0, 10**30, "", "x", "FA1",
+    "1.5", "nan", "inf", "../a", "/etc/passwd", "a\0b", "\x1b[2J", "\u202e", "=1+1", "<script>alert(1)</script>",
+    "x" * 5000, [], {}, [[]], [None], [1, "a"], {"a": 1}, [1.0, 2.0], [[1.0, 2.0], [3.0]], "2019-06-03T00:00Z",
+    "0001-01-01", "9999-12-31",
 ]
 TEXT = ["NaN", "Infinity", "-Infinity", "1e999", "9" * 40, "[" * 80 + "]" * 80, '"\\ud800"', "\ufeff", "{", '"']
-CELLS = ["", "nan", "inf", "-1", "1e308", "1e999", "x", "2019-06-03T00:00Z", "0001-01-01", "9999-12-31T23:59:59Z", "\x00", '"',
-         "=1+1", "9" * 40, "0", "True", "2019-02-30", "1,2", "'", "\x1b[31m"]
+CELLS = ["", "nan", "inf", "-1", "1e308", "1e999", "x", "2019-06-03T00:00Z", "0001-01-01", "9999-12-31T23:59:59Z",
+         "\x00", '"', "=1+1", "9" * 40, "0", "True", "2019-02-30", "1,2", "'", "\x1b[31m"]
 
 
 def spoilt_bytes(whole: bytes, rng: np.random.Generator) -> bytes:
@@ -58,7 +59,8 @@ def _spoilt(content, rng):
     """One value somewhere in tables of lists of tables changed, taken out, doubled or renamed."""
     holder, depth = content, 0
     while True:
-        places = list(holder) if isinstance(holder, dict) else list(range(len(holder))) if isinstance(holder, list) else []
+        places = list(holder) if isinstance(holder, dict) else (
+            list(range(len(holder))) if isinstance(holder, list) else [])
         if not places:
             return _nasty(rng) if holder is content else content
         place = places[rng.integers(len(places))]
@@ -191,8 +193,8 @@ def spoilt_hdf5(whole: bytes, rng: np.random.Generator) -> bytes:
     return stream.getvalue()
 
 
-BY_SUFFIX = {".json": spoilt_json, ".toml": spoilt_lines, ".csv": spoilt_lines, ".dat": spoilt_lines, ".txt": spoilt_lines, ".uff": spoilt_lines,
-             ".npz": spoilt_npz, ".h5": spoilt_hdf5, ".nc": spoilt_hdf5}
+BY_SUFFIX = {".json": spoilt_json, ".toml": spoilt_lines, ".csv": spoilt_lines, ".dat": spoilt_lines,
+             ".txt": spoilt_lines, ".uff": spoilt_lines, ".npz": spoilt_npz, ".h5": spoilt_hdf5, ".nc": spoilt_hdf5}
 
 
 def spoilt(name: str, whole: bytes, rng: np.random.Generator) -> bytes:

@@ -1,4 +1,5 @@
-"""Every reader of the package with a whole file of its kind; a test holds the table against the functions in the code."""
+"""Every reader of the package with a whole file of its kind; a test holds the table against the functions in the
+code."""
 
 from __future__ import annotations
 
@@ -44,13 +45,15 @@ def modes(folder: Path) -> Made:
     from probupdate.modal.modes import ModalData, ModalDeviation, ModalSet, read_modes, write_modes
 
     rng = np.random.default_rng(1)
-    sets = [ModalSet(id=f"2019-06-03T0{k}:00Z", frequency_hz=np.array([0.3, 0.31, 1.2]), shape=rng.standard_normal((4, 3)),
-                     damping_ratio=np.full(3, 0.01), frequency_std_hz=np.full(3, 0.001), shape_std=np.full((4, 3), 0.02),
+    sets = [ModalSet(id=f"2019-06-03T0{k}:00Z", frequency_hz=np.array([0.3, 0.31, 1.2]),
+                     shape=rng.standard_normal((4, 3)), damping_ratio=np.full(3, 0.01),
+                     frequency_std_hz=np.full(3, 0.001), shape_std=np.full((4, 3), 0.02),
                      environment={"wind_speed_mps": 5.0, "state": "idling"},
                      deviation=ModalDeviation(ln_frequency=np.ones((3, 5)), damping_ratio=np.ones((3, 5)),
                                               shape=np.ones((4, 3, 5), complex)))
             for k in range(3)]
-    data = ModalData(channels=("a", "b", "c", "d"), sets=tuple(sets), labels=("FA1", "SS1", "T1"), reference_set=sets[0].id)
+    data = ModalData(channels=("a", "b", "c", "d"), sets=tuple(sets), labels=("FA1", "SS1", "T1"),
+                     reference_set=sets[0].id)
     write_modes(data, folder / "modes.json")
     return [folder / "modes.json", folder / "modes.deviations.h5"], lambda: read_modes(folder / "modes.json")
 
@@ -190,7 +193,8 @@ def convert_description(folder: Path) -> Made:
     from probupdate.campaign.description import read_description
 
     path = folder / "convert.toml"
-    path.write_text('files = "*.csv"\ntime = "t"\ntime_unit = "s"\nstart_pattern = "_(\\\\d{8})"\nstart_format = "%Y%m%d"\n'
+    path.write_text('files = "*.csv"\ntime = "t"\ntime_unit = "s"\nstart_pattern = "_(\\\\d{8})"\n'
+                    'start_format = "%Y%m%d"\n'
                     'zone = "UTC"\nlost = [-999.0]\nfill_seconds = 5\n[columns]\na = "A"\n[factor]\na = 2.0\n'
                     .replace('start_pattern = "_(\\\\d{8})"\n', "start_pattern = '_(\\d{8})'\n"))
     return [path], lambda: read_description(path, ("a", "b"))
@@ -263,8 +267,8 @@ def matrices(folder: Path) -> Made:
     K = sparse.csr_array(np.diag(np.full(6, 2.0)) - np.diag(np.ones(5), 1) - np.diag(np.ones(5), -1))
     np.savez(folder / "model.npz", K0=np.zeros((6, 6)), M0=np.eye(6), K_k_data=K.data, K_k_indices=K.indices,
              K_k_indptr=K.indptr, M_m=np.eye(6), channel=np.array(list("abc")), channel_dof=np.arange(3),
-             channel_sign=np.ones(3), node_position_m=np.zeros((6, 3)), dof_node=np.arange(6), dof_direction=np.zeros(6, int),
-             line=np.array([[0, 1]]))
+             channel_sign=np.ones(3), node_position_m=np.zeros((6, 3)), dof_node=np.arange(6),
+             dof_direction=np.zeros(6, int), line=np.array([[0, 1]]))
     (folder / "model.toml").write_text("".join("[[parameter]]\n" + TOML.format(n) for n in "km"))
     return [folder / "model.npz", folder / "model.toml"], lambda: load_model(folder / "model.npz")
 
@@ -319,7 +323,8 @@ def truth(folder: Path) -> Made:
     path = folder / "truth.toml"
     name = next(iter(read_turbine(turbine(folder)).parameters))
     path.write_text(f'parameters_from = "prior"\n[parameters]\n{name} = 1.5\n[tolerances]\nscale = 0.5\n[[effect]]\n'
-                    'kind = "scour"\nleg = "A"\ndepth_m = 2.0\n[[effect]]\nkind = "sensor_gain"\nchannel = "T90-x"\nfactor = 1.2\n')
+                    'kind = "scour"\nleg = "A"\ndepth_m = 2.0\n'
+                    '[[effect]]\nkind = "sensor_gain"\nchannel = "T90-x"\nfactor = 1.2\n')
     file = read_turbine(turbine(folder))
     return [path], lambda: read_given(path, file)
 
@@ -330,8 +335,9 @@ def truth_modes(folder: Path) -> Made:
 
     path = folder / "truth.toml"
     path.write_text(toml_text({"mode_set": [{
-        "heading_deg": 10.0, "labels": ["FA1", "SS1"], "frequency_hz": [0.3, 0.31], "damping_ratio_idling": [0.01, 0.01],
-        "damping_ratio_operating": [0.02, 0.02], "shape": [[1.0, 0.5, 0.1], [0.1, 1.0, 0.2]]}]}))
+        "heading_deg": 10.0, "labels": ["FA1", "SS1"], "frequency_hz": [0.3, 0.31],
+        "damping_ratio_idling": [0.01, 0.01], "damping_ratio_operating": [0.02, 0.02],
+        "shape": [[1.0, 0.5, 0.1], [0.1, 1.0, 0.2]]}]}))
     return [path], lambda: read_truth_modes(path)
 
 
@@ -368,8 +374,8 @@ def chain(folder: Path) -> Made:
         return ChainStore(folder / "chain", {"model": "abc"}, {"ensembles": 1, "seed": 1})
 
     state = emcee.State(np.zeros((6, 2)), log_prob=np.zeros(6), random_state=np.random.RandomState(1).get_state())
-    store().append(Segment(theta=np.zeros((5, 6, 2)), log_posterior=np.zeros((5, 6)), state=state, accepted=0.3, evaluated=30,
-                           fallback=0), 0, 0)
+    store().append(Segment(theta=np.zeros((5, 6, 2)), log_posterior=np.zeros((5, 6)), state=state, accepted=0.3,
+                           evaluated=30, fallback=0), 0, 0)
     return [folder / "chain" / "chain.json", folder / "chain" / "segment-00000.npz"], lambda: store().read()
 
 
@@ -380,7 +386,8 @@ def run(folder: Path) -> Made:
     campaign_files_of = folder / "campaign"
     campaign_files_of.mkdir()
     campaign_files(campaign_files_of)
-    (folder / "run.json").write_text(json.dumps({"title": "June", "seed": 7, "version": "0.1.0", "campaign": "campaign"}))
+    (folder / "run.json").write_text(json.dumps({"title": "June", "seed": 7, "version": "0.1.0",
+                                                 "campaign": "campaign"}))
     (folder / "check.json").write_text(json.dumps({
         "campaign": "June", "findings": ["T-x is flat"], "channels": [{"channel": f"T-{a}"} for a in "xyz"],
         "blocks": [{"id": "2020-01-01T00:00:00Z"}]}))
@@ -441,7 +448,8 @@ def extptfm(folder: Path) -> Made:
 
     path = folder / "reduced.dat"
     rows = "".join(" ".join(str(float(a == b)) for b in range(6)) + "\n" for a in range(6))
-    path.write_text("!a reduced file\n" + "".join(f"!{t}\n!dimension: 6\n{rows}" for t in ("Mass", "Damping", "Stiffness")))
+    path.write_text("!a reduced file\n"
+                    + "".join(f"!{t}\n!dimension: 6\n{rows}" for t in ("Mass", "Damping", "Stiffness")))
     return [path], lambda: read_extptfm(path)
 
 
@@ -450,7 +458,8 @@ def farm(folder: Path) -> Made:
 
     campaign_files(_made(folder / "A" / "2024-05"))
     path = folder / "farm.toml"
-    path.write_text('name = "North"\nmodel = "as_built"\nsteps = ["identify", "select", "update", "diagnose"]\nseed = 2\n'
+    path.write_text('name = "North"\nmodel = "as_built"\nsteps = ["identify", "select", "update", "diagnose"]\n'
+                    'seed = 2\n'
                     '[identify]\nlowest = 3\nrate_hz = 5.0\n[select]\ncount = 4\npreset = "structure"\n[update]\n'
                     'weights = "paper"\n[diagnose]\nrecords = false\n[[turbine]]\nname = "A"\ncampaigns = "A/*"\n')
     return [path], lambda: read_farm(path)
@@ -471,7 +480,8 @@ def _made(folder: Path) -> Path:
 
 # case -> (maker, the functions of the package that it covers)
 CASES: dict[str, tuple[Callable[[Path], Made], tuple[str, ...]]] = {
-    "modes": (modes, ("modal.modes_file.read_modes", "io.files.read_json", "io.files.read_text", "io.files.read_bytes")),
+    "modes": (modes, ("modal.modes_file.read_modes", "io.files.read_json", "io.files.read_text",
+                      "io.files.read_bytes")),
     "deviations": (deviations, ("modal.deviation_file.read_deviations",)),
     "update": (update, ("updating.update_file.read_update", "io.files.read_json_table")),
     "posterior": (posterior, ("updating.posterior_file.read_posterior",)),

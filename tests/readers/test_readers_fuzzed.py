@@ -1,4 +1,5 @@
-"""Every reader with files spoilt by chance: each is read, or one line names a file; nothing else, in bounded time and memory."""
+"""Every reader with files spoilt by chance: each is read, or one line names a file; nothing else, in bounded time and
+memory."""
 
 import json
 import os
@@ -123,7 +124,8 @@ def main() -> None:
         return
     for case in cases or CASES:
         ended = subprocess.run([sys.executable, __file__, seed, number, case], capture_output=True, text=True)
-        sys.stdout.write(ended.stdout or json.dumps({"case": case, "ended": ended.returncode, "words": ended.stderr[-800:]})
+        sys.stdout.write(ended.stdout
+                         or json.dumps({"case": case, "ended": ended.returncode, "words": ended.stderr[-800:]})
                          + "\n" * (not ended.stdout))
         sys.stdout.flush()
 

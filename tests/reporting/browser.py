@@ -108,7 +108,8 @@ def browser(profile: Path) -> Iterator[Page]:
     read_out, write_out = os.pipe()
     command = [sys.executable, "-c", LAUNCH, str(read_in), str(write_out), BROWSER, "--headless", "--no-sandbox",
                "--disable-gpu", "--hide-scrollbars", f"--user-data-dir={profile}", "--remote-debugging-pipe"]
-    child = subprocess.Popen(command, pass_fds=(read_in, write_out), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    child = subprocess.Popen(command, pass_fds=(read_in, write_out), stdout=subprocess.DEVNULL,
+                             stderr=subprocess.DEVNULL)
     os.close(read_in)
     os.close(write_out)
     try:

@@ -118,14 +118,15 @@ def test_a_long_table_is_named_on_paper(html):
 # A4 less the style's margins, in CSS pixels of 1/96 inch
 PAPER_PX = (184 / 25.4 * 96, 269 / 25.4 * 96)
 # what sticks out of the screen or of its own frame, which may move sideways
-OUTSIDE = """(() => {
+OUTSIDE = ("""(() => {
   const framed = (e) => e.closest(".tablebox, figure, .links, .viewer");
-  const within = (e) => { const f = e.closest("figure, .tablebox"); return f && getComputedStyle(f).overflowX === "auto"; };
+  const within = (e) => { const f = e.closest("figure, .tablebox"); """
+           """return f && getComputedStyle(f).overflowX === "auto"; };
   const wide = (e) => e.getBoundingClientRect().right > window.innerWidth + 1;
   const own = [...document.querySelectorAll("main *")].filter((e) => wide(e) && !framed(e) && !e.closest("svg"));
   const boxes = [...document.querySelectorAll("figure, .tablebox, figure > svg")].filter((e) => wide(e) && !within(e));
   return [...own, ...boxes].map((e) => e.outerHTML.slice(0, 80));
-})()"""
+})()""")
 
 
 @pytest.fixture(scope="module")
@@ -158,7 +159,8 @@ def test_nothing_is_wider_than_the_screen_and_nothing_is_complained_of(page, dra
 def test_an_error_on_a_page_is_seen(page, tmp_path):
     """What the test above would find."""
     path = tmp_path / "bad.html"
-    path.write_text("<main><p style='width: 900px'>wide</p></main><script>missing()</script><img src='http://0.0.0.0/a'>")
+    path.write_text("<main><p style='width: 900px'>wide</p></main>"
+                    "<script>missing()</script><img src='http://0.0.0.0/a'>")
     page.complaints.clear()
     page.show(path, 400)
     assert page.value("document.documentElement.scrollWidth") > 400 and len(page.value(OUTSIDE)) == 1
@@ -168,7 +170,8 @@ def test_an_error_on_a_page_is_seen(page, tmp_path):
 def test_the_first_screen_is_for_who_decides(page, drawn):
     page.show(drawn, 1400, 1000)
     ends = page.value("""Object.fromEntries([["verdict", "#verdict .headline"], ["picture", "#verdict figure svg"],
-      ["items", "#verdict .items li"]].map(([k, s]) => [k, document.querySelector(s).getBoundingClientRect().bottom]))""")
+      ["items", "#verdict .items li"]].map("""
+                      "([k, s]) => [k, document.querySelector(s).getBoundingClientRect().bottom]))")
     assert all(0 < bottom <= 1000 for bottom in ends.values()), ends
     titles = page.value("""[...document.querySelectorAll("#verdict > .flow .items h3")].map((e) =>
       [e.innerText, e.getBoundingClientRect().bottom])""")
@@ -196,7 +199,8 @@ def test_it_prints_on_ten_to_fifteen_pages_and_cuts_no_figure(page, drawn):
 
 
 def test_every_figure_has_a_sentence_that_says_what_to_see(drawn):
-    captions = re.findall(r"<figure.*?<figcaption>(.*?)</figcaption></figure>", drawn.read_text(encoding="utf-8"), re.DOTALL)
+    captions = re.findall(r"<figure.*?<figcaption>(.*?)</figcaption></figure>", drawn.read_text(encoding="utf-8"),
+                          re.DOTALL)
     assert len(captions) > 10
     for caption in captions:
         assert len(caption) > 40 and caption.rstrip().endswith("."), caption

@@ -98,8 +98,8 @@ CHAIN = {"asked": True, "effective_draws_asked": 200, "steps_at_most": 400, "see
 def test_the_estimators_stand_side_by_side(full_run, diagnosis_of, unfigured):
     content = diagnosis_of("named") | {"extension": extension_with(**CHAIN)}
     text = section_text(replace(full_run, diagnosis=content))
-    for word in ("The estimators with the findings in the model", "0.412", "0.413 ± 0.0510", "0.437 ± 0.0630", "0.341",
-                 "0.559", "1.005", ">812<", "7680 draws", "asked for 200 effective draws in at most 400 steps",
+    for word in ("The estimators with the findings in the model", "0.412", "0.413 ± 0.0510", "0.437 ± 0.0630",
+                 "0.341", "0.559", "1.005", ">812<", "7680 draws", "asked for 200 effective draws in at most 400 steps",
                  "Converged: R-hat 1.0050"):
         assert word in text, word
     assert "provisional" not in text

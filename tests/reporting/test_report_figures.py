@@ -197,7 +197,8 @@ def test_matplotlib_is_left_as_it_was(full_run):
 def test_no_figure_needs_a_window_system():
     code = (
         "import sys; import numpy; from probupdate.reporting import figures as f; "
-        "from probupdate.model.parameters import Parameter as P; draws = numpy.random.default_rng(1).normal(size=(500, 2)); "
+        "from probupdate.model.parameters import Parameter as P; "
+        "draws = numpy.random.default_rng(1).normal(size=(500, 2)); "
         "two = [P(name=n, unit='-', initial=0.0, std=1.0) for n in 'ab']; "
         "f.svg_text(f.corner(two, draws, []), 'x'); print('matplotlib.pyplot' in sys.modules)"
     )

@@ -75,7 +75,8 @@ def test_nothing_is_fetched_from_anywhere(page):
 
 def test_the_policy_allows_nothing_from_outside_and_no_script_but_the_pages_own(page):
     policies = re.findall(r'<meta http-equiv="Content-Security-Policy" content="([^"]*)">', page)
-    assert len(policies) == 1 and page.index("Content-Security-Policy") < min(map(page.index, ("<style", "<script", "<title")))
+    assert (len(policies) == 1
+            and page.index("Content-Security-Policy") < min(map(page.index, ("<style", "<script", "<title"))))
     policy = {words[0]: words[1:] for words in (part.split() for part in policies[0].split(";"))}
     # what is not named falls back on the first, but for these two, which do not
     assert policy["default-src"] == policy["base-uri"] == policy["form-action"] == ["'none'"]
@@ -161,9 +162,9 @@ def test_soil_factors_are_explained_where_they_are_shown(page):
 
 @pytest.mark.parametrize(
     ("value", "text"),
-    [(0.123456, "0.123"), (1.44e5, "144\u202f000"), (9.996, "10.0"), (0.0004, "4.00 × 10⁻⁴"), (99999.0, "100\u202f000"),
-     (-2.5, "−2.50"), (-1.234e8, "−1.23 × 10⁸"), (999.6, "1\u202f000"), (123.4, "123"),
-     (np.nan, "–"), (0.0, "0"), (12345.0, "12\u202f300"), (-2847.0, "−2\u202f850")],
+    [(0.123456, "0.123"), (1.44e5, "144\u202f000"), (9.996, "10.0"), (0.0004, "4.00 × 10⁻⁴"),
+     (99999.0, "100\u202f000"), (-2.5, "−2.50"), (-1.234e8, "−1.23 × 10⁸"), (999.6, "1\u202f000"),
+     (123.4, "123"), (np.nan, "–"), (0.0, "0"), (12345.0, "12\u202f300"), (-2847.0, "−2\u202f850")],
 )
 def test_numbers_are_shown_with_sensible_digits(value, text):
     assert number(value) == text

@@ -134,7 +134,8 @@ def test_records_and_model_that_lie_elsewhere_are_named(directory, undrawn, tmp_
         to = tmp_path if path.name in ("campaign", "model.npz", "parameters.toml") else run
         (to / path.name).symlink_to(path)
     assert set(read_run(run, silent).missing) == {PARTS["campaign"], PARTS["model"]}
-    given = {"campaign": tmp_path / "campaign", "model": tmp_path / "model.npz", "parameters": tmp_path / "parameters.toml"}
+    given = {"campaign": tmp_path / "campaign", "model": tmp_path / "model.npz",
+             "parameters": tmp_path / "parameters.toml"}
     found = read_run(run, silent, given)
     assert found.missing == () and found.model is not None
     assert dict(found.provenance)["../model.npz"].startswith("SHA-256 ")

@@ -263,7 +263,8 @@ def test_components_stand_with_what_to_measure_next(full_run, monkeypatch):
     parts = ComponentsRecord(
         names=("identification", "model discrepancy", "prior"), source_names=(), source_std=np.zeros((0, n)),
         std=np.array([[3.0] * n, [0.0] * n, [4.0] * n]), measures=("sensor at T66", "longer record"), gain=gain,
-        responses=("frequency of FA1", "shape of T1"), chi_square=np.array([30.0, 15.0]), expected=np.array([1.0, 17.0]))
+        responses=("frequency of FA1", "shape of T1"), chi_square=np.array([30.0, 15.0]),
+        expected=np.array([1.0, 17.0]))
     drawn = {}
     draw = figures.variance_shares
     monkeypatch.setattr(figures, "variance_shares", lambda *a: drawn.update(given=a) or draw(*a))

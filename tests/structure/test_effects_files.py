@@ -26,8 +26,8 @@ CHOSEN = (
     EffectParameter(name="scour_A", kind="scour", on={"leg": "A"}, std=1.0, lower=0.0, upper=5.0),
     EffectParameter(name="band", kind="growth", on={"level_m": (-15.0, -5.0)}, std=0.05, lower=0.0, upper=0.3,
            prior="normal"),
-    EffectParameter(name="ice", kind="mass", on={"body": "hub"}, settings={"inertia_per_kg_m2": (0.0, 100.0, 1e-17)}, std=1e3,
-           lower=0.0, upper=1e5),
+    EffectParameter(name="ice", kind="mass", on={"body": "hub"}, settings={"inertia_per_kg_m2": (0.0, 100.0, 1e-17)},
+           std=1e3, lower=0.0, upper=1e5),
 )
 
 

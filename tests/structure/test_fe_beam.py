@@ -145,7 +145,8 @@ def test_shear_coefficient_is_cowpers():
 
 @pytest.mark.parametrize("theory", ["bernoulli-euler", "timoshenko"])
 def test_tip_deflection_is_exact_with_one_element(theory, validation):
-    row = validation(what="static deflection of one element, both theories", reference="closed form", why="exact in theory")
+    row = validation(what="static deflection of one element, both theories", reference="closed form",
+                     why="exact in theory")
     tube, length = beam.Tube(diameter_m=2.0, thickness_m=0.05), 10.0
     assembled = assemble(line(tube, length, 1, direction=ASKEW), updated=(), values={}, theory=theory)
     flexibility = np.linalg.inv(assembled.stiffness[0].toarray())

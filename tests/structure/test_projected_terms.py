@@ -72,7 +72,8 @@ def test_terms_transformed_together_or_one_by_one_are_equal(monkeypatch):
 
 
 def test_directions_of_many_snapshots_are_those_of_their_own_gram_matrix(validation):
-    """More snapshots than degrees of freedom: the lesser matrix has the same energies, and the directions span the same."""
+    """More snapshots than degrees of freedom: the lesser matrix has the same energies, and the directions span the
+    same."""
     row = validation(what="principal directions of more snapshots than degrees of freedom",
                      reference="of the snapshots' own Gram matrix", why="rounding of the Gram matrix")
     root = RNG.standard_normal((N_DOF, N_DOF)) + 6 * np.eye(N_DOF)

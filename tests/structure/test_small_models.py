@@ -116,5 +116,6 @@ def test_frequencies_of_no_structure_are_said_to_be(stiffness, mass, height, sai
 
 
 def test_more_modes_to_look_for_than_the_model_has_are_refused():
-    with pytest.raises(InputError, match=r"building: 7 modes are to be looked for \(--lowest\), it has 3; ask for at most 3"):
+    with pytest.raises(InputError,
+                       match=r"building: 7 modes are to be looked for \(--lowest\), it has 3; ask for at most 3"):
         reference_modes(shear_building(3), (), lowest=7)

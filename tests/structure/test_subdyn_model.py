@@ -174,7 +174,8 @@ def test_a_stiff_spring_in_a_joint_makes_it_rigid(tmp_path):
     rigid = frequencies(written(tmp_path, [j.format("1 0 0 0 0") for j in joints], members, [CLAMPED],
                                 circular=[f"1 {STEEL} 0.5 0.01"]))
     for kind in ("4 0 0 0 1e14", "3 1 0 0 1e14", "2 0 0 0 1e14"):
-        sprung = written(tmp_path, [j.format(kind) for j in joints], members, [CLAMPED], circular=[f"1 {STEEL} 0.5 0.01"])
+        sprung = written(tmp_path, [j.format(kind) for j in joints], members, [CLAMPED],
+                         circular=[f"1 {STEEL} 0.5 0.01"])
         np.testing.assert_allclose(frequencies(sprung), rigid, rtol=1e-5)
 
 
@@ -249,7 +250,8 @@ def test_subdyns_own_frequencies_of_a_free_pendulum_with_a_sprung_revolute_joint
     model = load_model(path)
     K, M = (matrix.toarray() for matrix in model.matrices(np.zeros(0)))
     value = eigh(K, M, eigvals_only=True)
-    own = [0.3810060, 35.30662, 51.01476, 117.7512, 170.4280, 285.4026, 380.1668, 460.1985, 1001.558, 1095.818, 1766.957]
+    own = [0.3810060, 35.30662, 51.01476, 117.7512, 170.4280, 285.4026, 380.1668, 460.1985, 1001.558, 1095.818,
+           1766.957]
     np.testing.assert_allclose(np.sqrt(value[6:17]) / (2 * np.pi), own, rtol=2e-6)
     assert np.abs(value[:6]).max() < 1e-9 * value[-1]
     found = frequencies(path, 12)
@@ -305,14 +307,16 @@ PARAMETERS = {
 @pytest.fixture
 def framed(tmp_path):
     (tmp_path / "soil.txt").write_text("1e8 Kxx\n1e8 Kyy\n2e8 Kzz\n1e9 Ktxtx\n1e9 Ktyty\n1e8 Ktztz\n-1e7 Kxty\n")
-    written(tmp_path, ["0 0 0", "4 0 0", "4 0 8", "0 0 8"], ["1 4 1 1 1c 0", "2 3 1 1 1c 0", "1 3 2 2 1c 0", "4 3 2 2 1c 0"],
+    written(tmp_path, ["0 0 0", "4 0 0", "4 0 8", "0 0 8"],
+            ["1 4 1 1 1c 0", "2 3 1 1 1c 0", "1 3 2 2 1c 0", "4 3 2 2 1c 0"],
             ["1 0 0 0 0 0 0 soil.txt", "2 1 1 1 1 1 1"], div=2, fem=3,
             circular=[f"1 {STEEL} 0.5 0.02", f"2 {STEEL} 0.3 0.01"], mass=["4 2e3 1e3 9e3 1e3 0 0 0 0.4 0 0"])
     text = TOML
     for acts, (group, unit, value) in PARAMETERS.items():
         text += f'[[parameter]]\nname = "p_{acts}"\nacts = "{acts}"\non = "{group}"\nunit = "{unit}"\n'
         text += f"initial = {value}\nstd = {0.1 * value}\nlower = {0.2 * value}\nupper = {5 * value}\n"
-    for channel, joint, direction in (("A", 4, "[1.0, 0.0, 0.0]"), ("B", 4, "[0.0, 1.0, 0.0]"), ("C", 3, "[0.0, 1.0, 0.0]")):
+    for channel, joint, direction in (("A", 4, "[1.0, 0.0, 0.0]"), ("B", 4, "[0.0, 1.0, 0.0]"),
+                                      ("C", 3, "[0.0, 1.0, 0.0]")):
         text += f'[[sensor]]\nchannel = "{channel}"\njoint = {joint}\ndirection = {direction}\n'
     path = tmp_path / "model.toml"
     path.write_text(text)
@@ -422,7 +426,8 @@ def test_a_tower_from_tables_is_the_textbooks_and_has_its_groups(tmp_path, valid
     text = 'name = "tower"\n[subdyn]\nfile = "structure.dat"\n[tower]\njoint = 2\ntop_m = 82.0\nelements = 12\n'
     text += "fraction = [0.0, 1.0]\n" + "".join(f"{k} = [{v}, {v}]\n" for k, v in columns.items())
     text += "youngs_modulus_pa = 2.1e11\nshear_modulus_pa = 8.076923e10\ndensity_kgpm3 = 7850.0\n"
-    body = "[rotor_nacelle]\nmass_kg = 378000.0\ncentre_m = [0.0, 0.0, 0.0]\ninertia_kgm2 = [0.0, 0.0, 0.0, 0.0, 0.0, 0.0]\n"
+    body = ("[rotor_nacelle]\nmass_kg = 378000.0\ncentre_m = [0.0, 0.0, 0.0]\n"
+            "inertia_kgm2 = [0.0, 0.0, 0.0, 0.0, 0.0, 0.0]\n")
     parameters = "".join(
         f'[[parameter]]\nname = "{n}"\nacts = "{a}"\non = "{on}"\nunit = "-"\ninitial = 1.0\ncov = 0.1\nlower = 0.5\n'
         for n, a, on in (("k_t", "stiffness", "tower"), ("m_h", "mass", "rotor_nacelle")))
@@ -456,8 +461,8 @@ def test_modes_prints_one_json_object_for_every_form_of_model(framed, capsys):
         assert np.abs(told["shape"]).max() == 1.0
     assert main(["modes", "as_built", "--count", "5"]) == 0
     assert "FA1" in capsys.readouterr().out
-    np.savez(framed.with_name("matrices.npz"), K0=np.diag([1.0, 4.0, 9.0, 16.0]), M0=np.eye(4), K_a=np.diag([1.0, 0, 0, 0]),
-             channel=np.array(["x"]), channel_dof=np.array([0]))
+    np.savez(framed.with_name("matrices.npz"), K0=np.diag([1.0, 4.0, 9.0, 16.0]), M0=np.eye(4),
+             K_a=np.diag([1.0, 0, 0, 0]), channel=np.array(["x"]), channel_dof=np.array([0]))
     framed.with_name("parameters.toml").write_text('[[parameter]]\nname = "a"\ninitial = 0.5\nstd = 0.1\n')
     assert main(["modes", str(framed.with_name("matrices.npz")), "--count", "2", "--json"]) == 0
     told = json.loads(capsys.readouterr().out)

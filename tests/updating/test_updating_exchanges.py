@@ -1,4 +1,5 @@
-"""One exchange of channels, or one reversed, that makes measured shapes the model's: found, and nothing where all is right."""
+"""One exchange of channels, or one reversed, that makes measured shapes the model's: found, and nothing where all is
+right."""
 
 from dataclasses import replace
 from itertools import combinations

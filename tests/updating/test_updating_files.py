@@ -114,9 +114,9 @@ def test_advice_does_not_ask_for_what_is_stated(update):
     fine = replace(update, map_misfit=40.0, n_effective=40, measured_std_hz=0.001 * LINEAR_HZ)
     n = len(update.parameters)
     parts = ComponentsRecord(
-        names=("identification", "model discrepancy", "sensors", "prior"), std=np.outer([0.1, 0.0, 0.2, 0.1], np.ones(n)),
-        source_names=(), source_std=np.zeros((0, n)), measures=(), gain=np.zeros((0, n)), responses=(),
-        chi_square=np.zeros(0), expected=np.zeros(0))
+        names=("identification", "model discrepancy", "sensors", "prior"),
+        std=np.outer([0.1, 0.0, 0.2, 0.1], np.ones(n)), source_names=(), source_std=np.zeros((0, n)), measures=(),
+        gain=np.zeros((0, n)), responses=(), chi_square=np.zeros(0), expected=np.zeros(0))
     stated = replace(fine, components=parts)
     assert fit_sentence(stated).endswith("posterior widths hold the stated error of the model (sensors)")
     far = fit_sentence(replace(stated, map_misfit=400.0))
