@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy import linalg, optimize
 
 from probupdate.diagnosis.expected import departures_at, local_at, signatures_at
 from probupdate.diagnosis.linear import Design
@@ -193,77 +194,94 @@ def fit(
     else:
         noise = base.design.noise
         design = design_at(problem, theta, included, noise, base.design)
-    step, renewed, leaps, stalled = np.inf, base is not None, 0, False
+    fresh, renewed, leaps, step = base is None, base is not None, 0, np.inf
     for number in range(MOST_STEPS):
+        ended = step < SETTLED
         # far from where the fit ends the noise is not what it is there
-        again = not renewed and step < SETTLED
-        if again or (base is None and 0 < number < WARM):
+        if (ended and not renewed) or (base is None and 0 < number < WARM):
             noise = noise_of(problem, _left(problem, design, theta, included, here))
-        if again:
-            renewed, step = True, np.inf
-        settled = step < SETTLED
+            renewed = renewed or ended
         if number:
-            anew = settled or number % REFRESH == (0 if base is None else REFRESH - 1)
-            if anew or step > FAR:
-                design = design_at(problem, theta, included, noise, None if anew else design)
+            # what has settled with the signatures of another point need not have with those of its own
+            fresh = ended or number % REFRESH == (0 if base is None else REFRESH - 1)
+            if fresh or step > FAR:
+                design = design_at(problem, theta, included, noise, None if fresh else design)
             else:
                 design = replace(design, noise=noise)
         departures = kept(here, noise)
         centred = centred_departures(problem, design, theta, included, departures)
         newton = _newton(problem, design, theta, included, centred)
-        if settled:
-            short = np.abs(newton.change) if stalled else np.zeros(len(included))
-            return Fit(theta=theta, included=included, departures=departures, centred=centred, design=design,
-                       steps=number, last_step=step, short=short)
         before = design.misfit(departures, design.held(n_own)) + penalty(problem, theta, included, included)
         # what the linear equations promise
-        promised = before - design.misfit(centred, [])
-        if promised < FLAT:
+        promised = before - design.misfit(centred, []) - newton.beyond
+        trial = None if promised < FLAT else _downhill(problem, design, theta, included, newton, before)
+        if trial is not None:
+            # a step that had to be shortened is not a small one
+            step = _length(problem, design, theta, included, trial) * newton.whole / trial.share
+        elif promised <= max(1.0, FLAT_SHARE * before):
+            # the least value along this line
             step = 0.0
-            continue
-        trial = _downhill(problem, design, theta, included, newton, before)
-        if trial is None:
-            if promised <= max(1.0, FLAT_SHARE * before):
-                # the least value along this line
-                step, stalled = 0.0, promised > 1.0
-                continue
-            if leaps == MOST_LEAPS:
-                return _ended(problem, theta, included, noise, here, number)
+        elif leaps == MOST_LEAPS:
+            return _ended(problem, theta, included, noise, here, number)
+        else:
             # noise and signatures are others farther on: over the hill, as the equations say
             leaps += 1
             trial = _trial(problem, design, theta, included, newton, newton.whole)
-        stalled = False
-        # a step that had to be shortened is not a small one
-        step = _length(problem, design, theta, included, trial) * newton.whole / trial.share
-        theta, included, here = trial.theta, trial.included, trial.there
+            step = _length(problem, design, theta, included, trial)
+        if step < SETTLED and fresh and renewed:
+            short = np.abs(newton.change) if trial is None and promised > 1.0 else np.zeros(len(included))
+            return Fit(theta=theta, included=included, departures=departures, centred=centred, design=design,
+                       steps=number, last_step=step, short=short)
+        if trial is not None:
+            theta, included, here = trial.theta, trial.included, trial.there
     return _ended(problem, theta, included, noise, here, MOST_STEPS)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class _Newton:
     """A Gauss-Newton step: `move` of the updated parameters in their prior's deviations `scale` (n_updated,), `change`
-    of the sizes (n_named,), and the share of both that is no longer than LONGEST (`whole`)."""
+    of the sizes (n_named,), the share of both that is no longer than LONGEST (`whole`), and by how much -2 ln posterior
+    would be lower beyond the bounds (`beyond`)."""
 
     move: np.ndarray
     scale: np.ndarray
     change: np.ndarray
     whole: float
+    beyond: float
 
 
 def _newton(
     problem: DiagnosisProblem, design: Design, theta: np.ndarray, included: tuple[IncludedEffect, ...],
     centred: Sequence[np.ndarray],
 ) -> _Newton:
-    """The step to where the linear equations have the most probable parameters and sizes."""
-    solved, n_own = design.unknowns(centred), len(problem.updated)
-    scale = np.array([local_std(problem.prior, i, theta[k]) for i, k in enumerate(problem.updated)])
-    move = (prior_shift(problem, theta) + solved[:n_own]) / scale
-    free = _free(included)
-    change = np.zeros(len(included))
-    change[free] = solved[design.sizes] - np.array([included[k].size for k in free])
+    """The step to where the linear equations have the most probable parameters and sizes within their bounds."""
+    solved, n_own, updated = design.unknowns(centred), len(problem.updated), list(problem.updated)
+    free, change = _free(included), np.zeros(len(included))
+    size, ends = np.array([included[k].size for k in free]), [included[k].bounds for k in free]
+    step = np.concatenate([prior_shift(problem, theta) + solved[:n_own], solved[design.sizes] - size])
+    here = np.concatenate([theta[updated], size])
+    lower = np.concatenate([problem.prior.lower, [low for low, _ in ends]]) - here
+    upper = np.concatenate([problem.prior.upper, [high for _, high in ends]]) - here
+    beyond = 0.0
+    if np.any((step < lower) | (step > upper)):
+        step, beyond = _within(step, design.unknowns_cov(design.held(n_own)), lower, upper)
+    scale = np.array([local_std(problem.prior, i, theta[k]) for i, k in enumerate(updated)])
+    move, change[free] = step[:n_own] / scale, step[n_own:]
     relative = [d / n.prior_std for d, n in zip(change, included, strict=True)]
     longest = float(np.max(np.abs(np.concatenate([move, relative])), initial=0.0))
-    return _Newton(move=move, scale=scale, change=change, whole=min(1.0, LONGEST / max(longest, 1e-12)))
+    return _Newton(move=move, scale=scale, change=change, whole=min(1.0, LONGEST / max(longest, 1e-12)), beyond=beyond)
+
+
+def _within(
+    step: np.ndarray, covariance: np.ndarray, lower: np.ndarray, upper: np.ndarray
+) -> tuple[np.ndarray, float]:
+    """The most probable point between bounds under a normal density about `step`, and its squared distance from there: a
+    step that is cut off at one parameter's bound leaves the others where they belong only together with it."""
+    std = np.sqrt(np.diag(covariance))
+    root = linalg.cholesky(covariance / np.outer(std, std), lower=True)
+    white = linalg.solve_triangular(root, np.diag(1 / std), lower=True)
+    found = optimize.lsq_linear(white, white @ step, (lower, upper), method="bvls")
+    return np.clip(found.x, lower, upper), float(2 * found.cost)
 
 
 def _free(included: Sequence[IncludedEffect]) -> list[int]:
