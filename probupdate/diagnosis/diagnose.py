@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import special
 
-from probupdate.diagnosis.adequacy import adequacy, span_left
+from probupdate.diagnosis.adequacy import FREQUENCIES, adequacy, frequencies_off, span_left
 from probupdate.diagnosis.evidence import sizes_std
 from probupdate.diagnosis.fitting import Fit, design_at, fit
 from probupdate.diagnosis.hypotheses import Explored, Hypothesis, exchanged, explore, key_of, without
@@ -45,7 +45,8 @@ TOLD, LEFT = 3.0, 2.0
 # threshold of |z| that a catalogue can need (of ten million independent candidates it is 5.9)
 FARTHEST, SENSIBLE = 6.0, 12.0
 CHANCE = "chance alone"
-NOT_TESTED = "too few effects span the residuals' directions: they were not tested for what the fit leaves"
+NOT_TESTED = ("too few effects span the residuals' directions: of what the fit leaves the mean frequencies alone were "
+              "tested")
 NOT_SETTLED = "the fit did not settle: the residuals are too large for the model to follow"
 ALIKE_SHAPES = "the measured shapes are as good as one where the model expects two, so that they carry no information"
 
@@ -106,7 +107,8 @@ def examine(
         notes=(
             *problem.blocks.notes,
             *_by_chance(explored),
-            *([] if remaining else [NOT_TESTED]),
+            *([] if remaining.keys() - {FREQUENCIES} else [NOT_TESTED]),
+            *(frequencies_off(problem, fitted) if remaining[FREQUENCIES] < ADEQUATE else []),
             *told,
             *pinned,
             *far,

@@ -45,9 +45,11 @@ def frame_file(tmp_path_factory):
 
 @pytest.fixture(scope="session")
 def record():
-    """record(seed, ...) -> ModalData: a stepped storey, a wrong gain, a late logger, noise of 0.1 % and 0.5 %."""
+    """record(seed, ...) -> ModalData: a stepped storey, a wrong gain, a mass, a tide, a stay from a degree of freedom to
+    the ground (N/m), noise of 0.1 % and 0.5 %."""
 
-    def make(seed=1, *, storey=None, factor=1.0, from_block=0, gain=None, mass=None, level=0.0, n_mode=4):
+    def make(seed=1, *, storey=None, factor=1.0, from_block=0, gain=None, mass=None, level=0.0, stay=None,
+             n_mode=4):
         rng = np.random.default_rng(seed)
         base = 1 + 0.02 * rng.standard_normal(N_STOREY)
         sets = []
@@ -61,6 +63,8 @@ def record():
             if mass is not None:
                 masses[mass[0]] *= mass[1]
             K, M = storeys(here, here, masses)
+            if stay is not None:
+                K[stay[0], stay[0]] += stay[1]
             root = np.sqrt(np.diag(M))
             value, vector = np.linalg.eigh(K / np.outer(root, root))
             f, phi = np.sqrt(value[:n_mode]) / (2 * np.pi), vector[:, :n_mode] / root[:, None]

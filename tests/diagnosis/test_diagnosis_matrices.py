@@ -8,6 +8,7 @@ import pytest
 
 import probupdate
 from probupdate.diagnosis import wording
+from probupdate.diagnosis.adequacy import FREQUENCIES, adequacy, frequencies_off
 from probupdate.diagnosis.crosstalk import crosstalk_effects
 from probupdate.diagnosis.diagnose import NOT_SETTLED, NOT_TESTED, diagnose, examine
 from probupdate.diagnosis.evidence import log_evidence, only_promised, sizes_std
@@ -18,11 +19,12 @@ from probupdate.diagnosis.mode_numbers import numbers_of_modes
 from probupdate.diagnosis.predictor import effect_signatures, observed
 from probupdate.diagnosis.prepare import prepare
 from probupdate.diagnosis.problem import IncludedEffect, diagnosis_problem
-from probupdate.diagnosis.search import gains
+from probupdate.diagnosis.search import gains, search
 from probupdate.effects.catalogue import measurement_effects
 from probupdate.errors import InputError
 from probupdate.modal.modes import ModalData, ModalSet, Sensor
 from probupdate.updating.ensemble import SamplerSettings
+from tests.diagnosis.conftest import CHANNELS, STIFFNESS_X
 
 # a chain of one segment: same seed, same numbers, converged or not
 QUICK = SamplerSettings(seed=7, target_ess=50, max_steps=200)
@@ -72,6 +74,25 @@ def test_a_record_s_channels_need_not_be_those_of_the_model(prepared, record, ch
 def test_mass_of_a_storey_that_is_in_no_catalogue_is_not_named(prepared, record):
     found = probupdate.diagnose(prepared, record(6, mass=(4, 1.6)), sampler=False)
     assert found.verdict in ("unexplained", "none", "ambiguous")
+
+
+@pytest.mark.parametrize("place", ["x3", "y5"])
+def test_a_stay_that_was_always_there_and_is_in_no_row_does_not_pass_for_normal(prepared, record, place):
+    """Every effect of the catalogue leaves an axis its ratio of frequencies: only the frequencies as such tell it."""
+    stay = (CHANNELS.index(place), 0.05 * STIFFNESS_X)
+    outcome = examine(prepared, record(3, stay=stay))
+    found = outcome.diagnosis
+    assert found.verdict == "unexplained" and found.details["adequacy"][FREQUENCIES] < 1e-3
+    (said,) = [note for note in found.notes if note.startswith("measured frequencies are off")]
+    assert "%" in said and any(outcome.problem.blocks.group_name(q) in said for q in range(4))
+
+
+@pytest.mark.parametrize("seed", range(11, 17))
+def test_frequencies_within_chance_are_not_off(prepared, record, seed):
+    problem, theta = diagnosis_problem(prepared, record(seed))
+    null = fit(problem, theta)
+    p, parts = adequacy(problem, null, search(problem, null, seed=seed))
+    assert p <= 1 and parts[FREQUENCIES] > 0.01 and not frequencies_off(problem, null)
 
 
 def test_a_fit_that_does_not_settle_is_unexplained_and_costs_nothing_found(prepared, record, monkeypatch):
