@@ -275,8 +275,8 @@ def _newton(
 def _within(
     step: np.ndarray, covariance: np.ndarray, lower: np.ndarray, upper: np.ndarray
 ) -> tuple[np.ndarray, float]:
-    """The most probable point between bounds under a normal density about `step`, and its squared distance from there: a
-    step that is cut off at one parameter's bound leaves the others where they belong only together with it."""
+    """The most probable point between bounds under a normal density about `step`, and its squared distance from there:
+    a step that is cut off at one parameter's bound leaves the others where they belong only together with it."""
     std = np.sqrt(np.diag(covariance))
     root = linalg.cholesky(covariance / np.outer(std, std), lower=True)
     white = linalg.solve_triangular(root, np.diag(1 / std), lower=True)

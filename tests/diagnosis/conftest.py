@@ -45,8 +45,8 @@ def frame_file(tmp_path_factory):
 
 @pytest.fixture(scope="session")
 def record():
-    """record(seed, ...) -> ModalData: a stepped storey, a wrong gain, a mass, a tide, a stay from a degree of freedom to
-    the ground (N/m), noise of 0.1 % and 0.5 %."""
+    """record(seed, ...) -> ModalData: a stepped storey, a wrong gain, a mass, a tide, a stay from a degree of freedom
+    to the ground (N/m), noise of 0.1 % and 0.5 %."""
 
     def make(seed=1, *, storey=None, factor=1.0, from_block=0, gain=None, mass=None, level=0.0, stay=None,
              n_mode=4):
