@@ -333,13 +333,13 @@ def _positions(placed: Sequence[Sensor], row) -> list[tuple[str, tuple[int, ...]
 
 
 def _common(names: tuple[str, ...]) -> str:
-    """What the channels' names share at their beginning, or the first of them."""
+    """What the channels' names share at their beginning, or all of them."""
     if len(names) == 1:
         return names[0]
     short = names[0]
     while short and not all(n.startswith(short) for n in names):
         short = short[:-1]
-    return short.rstrip("-_ .") or names[0]
+    return short.rstrip("-_ .") or f"{', '.join(names[:-1])} and {names[-1]}"
 
 
 def _planes(there: Sequence[Sensor], row) -> dict[str, tuple[tuple[int, int], ...]]:
