@@ -102,6 +102,17 @@ def design_at(
     )
 
 
+def design_with_more(problem: DiagnosisProblem, fitted: Fit, first: int) -> Design:
+    """The design of a fit with the signatures of the problem's effects from number `first` on, which it does not have,
+    and the problem's candidates."""
+    exact, more = [n for n in fitted.included if n.exact], problem.effects[first:]
+    bins = np.unique(np.column_stack([*(n.course.value for n in exact), problem.bins[1]]), axis=0)
+    names = tuple(name for effect in more for name, _ in effect.increments)
+    prints = _signatures_of_bins(problem, fitted.theta, exact, bins, more, names)
+    effect = tuple(np.concatenate(both, axis=2) for both in zip(fitted.design.effect, prints, strict=True))
+    return replace(fitted.design, effect=effect, courses=problem.courses, which=problem.which)
+
+
 def _signatures_of_bins(
     problem: DiagnosisProblem, theta: np.ndarray, exact: Sequence[IncludedEffect], bins: np.ndarray,
     catalogue: Sequence[Effect], chosen: tuple[str, ...],

@@ -352,12 +352,13 @@ def _fitted(problem: DiagnosisProblem, here: Hypothesis, move: Move, noise_anew:
     if any(not n.effect.discrete and abs(n.size) < 1e-6 * n.slab for n in fitted.included):
         # it cannot be on the side that the score asked for
         return None
-    return _hypothesis(problem, move.candidates, move.z, fitted)
+    return hypothesis_of(problem, move.candidates, move.z, fitted)
 
 
-def _hypothesis(
+def hypothesis_of(
     problem: DiagnosisProblem, candidates: tuple[int, ...], z: tuple[float, ...], fitted: Fit
 ) -> Hypothesis:
+    """A hypothesis of these candidates, whose effects were fitted, with its evidence and prior."""
     return Hypothesis(candidates=candidates, z=z, fitted=fitted, log_prior=log_prior(problem, candidates),
                       log_evidence=log_evidence(problem, fitted)).stored()
 
@@ -374,7 +375,7 @@ def _renewed(problem: DiagnosisProblem, here: Hypothesis) -> Hypothesis:
         fitted = fitted if same else fit(problem, fitted.theta, included)
     except ConvergenceError:
         fitted = replace(here.fitted, last_step=np.inf)
-    return _hypothesis(problem, here.candidates, here.z, fitted)
+    return hypothesis_of(problem, here.candidates, here.z, fitted)
 
 
 def _with_noise_and_times_of(one: Hypothesis, before: Hypothesis, after: Hypothesis) -> Hypothesis:
