@@ -161,10 +161,14 @@ def _explored(
 
 def _beyond_chance(explored: Explored, seed: int) -> tuple[Explored, list[Finding]]:
     """What was explored with the most probable hypothesis whose findings all are more probable than chance alone, and
-    these: evidence counts each in full, their probabilities by what theory does not know of so strong signatures."""
+    these: evidence counts each in full, their probabilities by what theory does not know of so strong signatures.
+    Chance is no explanation where what it leaves is none while the finding explains it: what theory does not know is
+    part of that test too."""
     findings = findings_of(explored)
+    refuted: list[int] = []
     while True:
         best = explored.hypotheses[0]
+        findings = [_without_chance(f) if i in refuted else f for i, f in enumerate(findings)]
         chance = [sum(a.posterior_probability for a in f.alternatives if a.cause == CHANCE) - f.posterior_probability
                   for f in findings]
         if not findings or max(chance) <= 0:
@@ -181,11 +185,24 @@ def _beyond_chance(explored: Explored, seed: int) -> tuple[Explored, list[Findin
             design = design_at(problem, fitted.theta, fitted.included, fitted.design.noise)
             there = replace(there, fitted=replace(fitted, design=design))
         found = search(problem, there.fitted, seed=seed, z_included=there.z, heavier=explored.first.heavier)
+        if (adequacy(problem, there.fitted, found)[0] < ADEQUATE
+                and adequacy(problem, best.fitted, explored.last)[0] >= ADEQUATE):
+            refuted.append(out)
+            continue
+        refuted = []
         kept = [row, *(k for k in range(1, len(explored.hypotheses)) if k != row)]
         rows = (there, *(explored.hypotheses[k] for k in kept[1:]))
         explored = replace(explored, hypotheses=rows, last=found, left_over=False,
                            log_posterior=explored.log_posterior[kept] - explored.log_posterior[row])
         findings = findings_of(explored)
+
+
+def _without_chance(finding: Finding) -> Finding:
+    """The finding where chance alone is refuted: its probability among the other causes."""
+    others = tuple(a for a in finding.alternatives if a.cause != CHANCE)
+    whole = finding.posterior_probability + sum(a.posterior_probability for a in others)
+    return replace(finding, posterior_probability=finding.posterior_probability / whole, alternatives=tuple(
+        replace(a, posterior_probability=a.posterior_probability / whole) for a in others))
 
 
 def findings_of(explored: Explored) -> list[Finding]:
