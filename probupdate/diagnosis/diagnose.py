@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from types import MappingProxyType
 
@@ -79,10 +79,10 @@ def examine(
     problem, theta = diagnosis_problem(prepared, data)
     progress("diagnosing", 0, most + 1)
     null, explored = _explored(problem, theta, most=most, seed=seed, progress=progress)
-    explored, findings = _beyond_chance(explored, seed)
+    explored, findings, refuted = _beyond_chance(explored, seed)
     parts = parts_of(prepared) if findings else []
     instead = {number: in_place_of(parts, explored, number) for number in range(len(findings))}
-    findings = findings_of(explored, instead) if any(instead.values()) else findings
+    findings = findings_of(explored, instead, refuted) if any(instead.values()) else findings
     problem, chosen = explored.problem, explored.hypotheses[0]
     first, found, fitted = explored.first, explored.last, chosen.fitted
     if len(problem.which) > len(null.design.which):
@@ -166,21 +166,23 @@ def _explored(
     return max(tried, key=lambda pair: pair[1].hypotheses[0].log_posterior)
 
 
-def _beyond_chance(explored: Explored, seed: int) -> tuple[Explored, list[Finding]]:
+def _beyond_chance(explored: Explored, seed: int) -> tuple[Explored, list[Finding], set[int]]:
     """What was explored with the most probable hypothesis whose findings all are more probable than chance alone, and
-    these: evidence counts each in full, their probabilities by what theory does not know of so strong signatures."""
-    findings = findings_of(explored)
+    these: evidence counts each in full, their probabilities by what theory does not know of so strong signatures.
+    Chance is no explanation where what it leaves is none while the finding explains it, as what theory does not know is
+    part of that test too: such findings' numbers are the last value."""
+    refuted: set[int] = set()
     while True:
-        best = explored.hypotheses[0]
+        best, findings = explored.hypotheses[0], findings_of(explored, refuted=refuted)
         chance = [sum(a.posterior_probability for a in f.alternatives if a.cause == CHANCE) - f.posterior_probability
                   for f in findings]
         if not findings or max(chance) <= 0:
-            return explored, findings
+            return explored, findings, refuted
         problem, out = explored.problem, int(np.argmax(chance))
         rest = key_of(problem, [k for number, k in enumerate(best.candidates) if number != out])
         row = next((k for k, h in enumerate(explored.hypotheses) if key_of(problem, h.candidates) == rest), None)
         if row is None:
-            return explored, findings
+            return explored, findings, refuted
         there = explored.hypotheses[row]
         fitted = there.fitted
         if len(problem.which) > len(fitted.design.which):
@@ -188,19 +190,24 @@ def _beyond_chance(explored: Explored, seed: int) -> tuple[Explored, list[Findin
             design = design_at(problem, fitted.theta, fitted.included, fitted.design.noise)
             there = replace(there, fitted=replace(fitted, design=design))
         found = search(problem, there.fitted, seed=seed, z_included=there.z, heavier=explored.first.heavier)
+        if (adequacy(problem, there.fitted, found)[0] < ADEQUATE
+                and adequacy(problem, best.fitted, explored.last)[0] >= ADEQUATE):
+            refuted.add(out)
+            continue
+        refuted = set()
         kept = [row, *(k for k in range(1, len(explored.hypotheses)) if k != row)]
         rows = (there, *(explored.hypotheses[k] for k in kept[1:]))
         explored = replace(explored, hypotheses=rows, last=found, left_over=False,
                            log_posterior=explored.log_posterior[kept] - explored.log_posterior[row])
-        findings = findings_of(explored)
 
 
 def findings_of(
-    explored: Explored, instead: Mapping[int, Sequence[tuple[Effect, float, float]]] = MappingProxyType({})
+    explored: Explored, instead: Mapping[int, Sequence[tuple[Effect, float, float]]] = MappingProxyType({}),
+    refuted: Collection[int] = (),
 ) -> list[Finding]:
     """The effects of the most probable hypothesis, each with its probability among all that differ from it in this
     effect alone. `instead`: what else may be meant by the effect of a number, with ln evidence and ln prior relative to
-    it."""
+    it. `refuted`: numbers of effects in whose place nothing at all explains the record no longer."""
     problem, best = explored.problem, explored.hypotheses[0]
     result = []
     for number, (n, std) in enumerate(zip(best.fitted.included, sizes_std(problem, best.fitted), strict=True)):
@@ -211,6 +218,10 @@ def findings_of(
         others, evidence, prior = exchanged(explored, number)
         for other, apart, before in instead.get(number, ()):
             others, evidence, prior = [*others, other], [*evidence, apart], [*prior, before]
+        if number in refuted and None in others:
+            nothing = others.index(None)
+            others, evidence, prior = ([x for k, x in enumerate(row) if k != nothing]
+                                       for row in (others, evidence, prior))
         dispersion = max(left / directions, model_error_dispersion(z), _beside_the_others(problem, best, number))
         probability = special.softmax(np.array(evidence) / dispersion + prior)
         alternatives = tuple(

@@ -316,11 +316,15 @@ def _fit_moves(
     problem: DiagnosisProblem, here: Hypothesis, moves: Sequence[Move], known: dict[frozenset, Hypothesis], *,
     noise_anew: bool,
 ) -> None:
-    """Adds to `known` where the moves lead that were not fitted before."""
+    """Adds to `known` where the moves lead that were not fitted before, or from a place that promises more than that
+    fit came to: of large effects one that began without the others may have ended anywhere."""
     for move in moves:
         there = key_of(problem, move.candidates)
-        fitted = None if there in known else _fitted(problem, here, move, noise_anew)
-        if fitted is not None:
+        before = known.get(there)
+        if before is not None and here.log_posterior + move.promise < before.log_posterior + CLOSE:
+            continue
+        fitted = _fitted(problem, here, move, noise_anew)
+        if fitted is not None and (before is None or fitted.log_posterior > before.log_posterior):
             known[there] = fitted
 
 
