@@ -25,7 +25,7 @@ DISTINCT = 1.5
 LEAST_MENDED = 0.8
 # gains of sound sensors differ by so much (one standard deviation)
 ALIKE = 0.01
-# directions in which sensors see less than this of a motion tell nothing of it
+# directions in which sensors see less than this of a motion give no information on it
 LEAST_SEEN = 1e-3
 
 
@@ -40,13 +40,13 @@ class Group:
 @dataclass(frozen=True, eq=False, kw_only=True)
 class WrongGain:
     """gain: as recorded over what the rigid part says, std its standard deviation; members (indices) of the channels;
-    rivals: groups that explain it as well, with their gains; share: unexplained before and after."""
+    alternatives: groups that explain it as well, with their gains; share: unexplained before and after."""
 
     members: tuple[int, ...]
     words: str
     gain: float
     std: float
-    rivals: tuple[tuple[tuple[int, ...], float], ...]
+    alternatives: tuple[tuple[tuple[int, ...], float], ...]
     share: tuple[float, float]
 
 
@@ -111,10 +111,11 @@ def wrong_gains(
     """What breaks one rigid part, and the share that stays unexplained (1 where nothing is redundant).
 
     samples (n_sample, n_channel) real or complex: shapes, or square roots of covariances, in one quantity; each sample
-    has one vote. A group's gain is that which leaves least beyond the six motions, its deviation that over samples left
-    out in turn, the gains of sound sensors (1 %) and the part's own flexibility (the root of what stays unexplained)
-    added in squares. It is told beyond four deviations, if the part is rigid with it. Of a group and all others by the
-    inverse, which nothing distinguishes, the smaller is taken; rivals are groups that leave about as little.
+    has one vote. A group's gain is that which leaves least beyond the six motions, its standard deviation that over
+    samples left out in turn, the gains of sound sensors (1 %) and the part's own flexibility (the root of what stays
+    unexplained) added in squares. It is reported beyond four standard deviations, if the part is rigid with it. Of a
+    group and all others by the inverse, which nothing distinguishes, the smaller is taken; alternatives are groups that
+    leave about as little.
     """
     samples = np.asarray(samples)
     size = np.linalg.norm(samples, axis=1)
@@ -167,10 +168,11 @@ def wrong_gains(
         if abs(gain - 1) < SIGMA * std:
             continue
         complement = set(range(len(sensors))) - set(group.members)
-        # what the changes taken make together is no rival of one of them
-        rivals = tuple((t[1].members, float(t[2])) for t in close if set(t[1].members) != complement
-                       and _independent([*(g for g, _ in taken), t[1]], len(sensors)))
-        found.append(WrongGain(members=group.members, words=group.words, gain=float(gain), std=std, rivals=rivals,
+        # what the changes taken make together is no alternative to one of them
+        alternatives = tuple((t[1].members, float(t[2])) for t in close if set(t[1].members) != complement
+                             and _independent([*(g for g, _ in taken), t[1]], len(sensors)))
+        found.append(WrongGain(members=group.members, words=group.words, gain=float(gain), std=std,
+                               alternatives=alternatives,
                                share=(first, share)))
     return found, share
 
@@ -272,12 +274,13 @@ def motions(density: np.ndarray) -> np.ndarray:
 def _campaign_finding(one: WrongGain, sensors: Sequence[Sensor]) -> SensorFinding:
     names = [s.channel for s in sensors]
     channel = words_of(one.members, names)
-    rivals = tuple(words_of(r, names) for r, _ in one.rivals)
+    alternatives = tuple(words_of(r, names) for r, _ in one.alternatives)
     several = len(one.members) > 1
     others = words_of([i for i in range(len(names)) if i not in one.members], names)
     return SensorFinding(
-        name="common gain" if several else "gain", channel=channel, size=one.gain, std=one.std, rivals=rivals,
+        name="common gain" if several else "gain", channel=channel, size=one.gain, std=one.std,
+                         alternatives=alternatives,
         message=f"suspect: {channel} read{'' if several else 's'} {one.gain:.3f} +- {one.std:.2g} times what {others} "
         "say of the rigid part that they share"
-        + (f"; it may be {' or '.join(rivals)} instead" if rivals else "")
+        + (f"; it may be {' or '.join(alternatives)} instead" if alternatives else "")
         + f": check {'their logger and its unit' if several else 'its scale, sign and unit'}, or those of the others")

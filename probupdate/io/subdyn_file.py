@@ -1,6 +1,6 @@
 """SubDyn's input file (OpenFAST v3, v4 and v5) with its SSI files: read, changed, written, nothing lost.
 
-SubDyn reads by position; headings are free text there. So does this reader: it tells the layouts apart by what stands
+SubDyn reads by position; headings are free text there. So does this reader: it distinguishes the layouts by what stands
 where, and every mistake names file and line. The text is kept line by line, changes replace words in it.
 Source of the layout: OpenFAST's SubDyn manual, section input files, and its reader's order (Apache-2.0).
 """
@@ -26,7 +26,7 @@ BEAMS = ("circular", "rectangular", "arbitrary")
 SETS = {"circular": ((6,), "NPropSets"), "rectangular": ((7,), "NPropSets"), "arbitrary": ((10, 11), "NXPropSets"),
         "cable": ((4, 5), "NCablePropSets"), "rigid": ((2,), "NRigidPropSets"), "spring": ((22,), "NSpringPropSets"),
         "cosine": ((10,), "NCOSMs"), "mass": ((5, 11), "NCmass")}
-# how many of them a file has tells its layout
+# how many of them a file has shows its layout
 ORDERS = {
     4: ("circular", "arbitrary", "cosine", "mass"),
     6: ("circular", "arbitrary", "cable", "rigid", "cosine", "mass"),

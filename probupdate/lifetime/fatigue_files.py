@@ -28,7 +28,7 @@ from probupdate.structure.extend import extended_description
 from probupdate.updating.laplace import Laplace
 from probupdate.updating.problem import Problem
 
-# sides of details whose reliability is told, the worst first; years for which FORM is simulated
+# sides of details whose reliability is computed, the worst first; years for which FORM is simulated
 WORST, PRIOR_DRAWS, CAUSE_DRAWS = 12, 60, 30
 SIMULATED, AGREE = 40_000, 0.02
 BASIS_OF, WIDE_OF = 10, 4
@@ -68,8 +68,8 @@ class FatigueInput:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class FatigueResult:
-    """model: all hot spots; design, draws, prior: stresses; worst (n,): hot spots whose reliability is told; factors ln
-    X_dyn of the worst: mean and std (n,), parts; indices by case; left_out."""
+    """model: all hot spots; design, draws, prior: stresses; worst (n,): hot spots whose reliability is computed;
+    factors ln X_dyn of the worst: mean and std (n,), parts; indices by case; left_out."""
 
     model: FatigueModel
     design: Stress

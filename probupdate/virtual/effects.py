@@ -33,8 +33,8 @@ SMALLEST_FACTOR = 1e-6
 
 @dataclass(frozen=True, kw_only=True)
 class EffectKind:
-    """One kind of departure: `acts` structure, environment or measurement; `place` its keys; `size` the key of its
-    size with the value that changes nothing and the unit; `course` what it follows unless told otherwise."""
+    """One kind of effect: `acts` structure, environment or measurement; `place` its keys; `size` the key of its
+    size with the value that changes nothing and the unit; `course` what it follows unless stated otherwise."""
 
     acts: str
     place: tuple[str, ...]
@@ -91,7 +91,7 @@ EFFECTS: Mapping[str, EffectKind] = MappingProxyType({
     "rna_offset": _structural(("axis",), "offset_m", "m"),
     "rna_inertia": _structural(("axis",), "inertia_kgm2", "kg m2"),
     "blade_coupling": _structural(("frequency_hz",), "mass_kg", "kg", low=0.0),  # part of the hub, moves fore-aft
-    # environmental: follow a covariate unless told otherwise
+    # environmental: follow a covariate unless stated otherwise
     "wetted_length": _environmental("gain", "m/m", course=_follows("water_level_m", 0.0, 1.0)),
     "steel_temperature": _environmental("per_kelvin", "1/K", course=_follows("air_temperature_c", 15.0, 1.0)),
     "soil_softening": _environmental("per_unit", "-", course=_follows("amplitude", 1.0, 1.0)),
@@ -104,7 +104,7 @@ EFFECTS: Mapping[str, EffectKind] = MappingProxyType({
     "frame_rotation": _measured((), "angle_deg", "deg"),
     "heading_offset": _measured((), "angle_deg", "deg"),  # of SCADA's nacelle heading
     "clock_offset": _measured(("level",), "offset_s", "s"),  # the logger of a level is late by
-    "sampling_rate": _measured((), "ratio", "-", 1.0, low=0.5, high=2.0),  # samples taken per sample told
+    "sampling_rate": _measured((), "ratio", "-", 1.0, low=0.5, high=2.0),  # samples taken per sample stated
     "low_pass": _measured(("level",), "time_constant_s", "s", low=0.0),
     # what no list of causes holds
     "tuned_mass": _structural(("z_m", "direction_deg", "frequency_hz"), "mass_kg", "kg", low=0.0, inside=False),
@@ -209,11 +209,11 @@ def _check_course(where: str, course: str, entry: Mapping, kind: EffectKind) -> 
 def refuse_late(effects: Sequence[Mapping], hours: float, where: str) -> None:
     """Raises InputError for an effect that begins when the record has ended."""
     for number, effect in enumerate(effects, start=1):
-        told = {**EFFECTS[effect["kind"]].course, **effect}
-        key = {"step": "at_hour", "ramp": "from_hour"}.get(told["course"])
-        if key and told[key] >= hours:
+        written = {**EFFECTS[effect["kind"]].course, **effect}
+        key = {"step": "at_hour", "ramp": "from_hour"}.get(written["course"])
+        if key and written[key] >= hours:
             raise InputError(f"{where}, effect {number} ({effect['kind']}), {key}",
-                             f"{told[key]:g} lies behind the record's end at {hours:g} h", "give less, or more days")
+                             f"{written[key]:g} lies behind the record's end at {hours:g} h", "give less, or more days")
 
 
 def amounts(effects: Sequence[Mapping], hour: np.ndarray, covariate: Mapping[str, np.ndarray]) -> np.ndarray:
@@ -221,18 +221,19 @@ def amounts(effects: Sequence[Mapping], hour: np.ndarray, covariate: Mapping[str
     hour = np.asarray(hour, float)
     table = np.ones((len(hour), len(effects)))
     for column, effect in enumerate(effects):
-        told = {**EFFECTS[effect["kind"]].course, **effect}
-        if told["course"] == "step":
-            table[:, column] = hour >= told["at_hour"]
-        elif told["course"] == "ramp":
-            table[:, column] = np.clip((hour - told["from_hour"]) / (told["to_hour"] - told["from_hour"]), 0.0, 1.0)
-        elif told["course"] == "covariate":
-            table[:, column] = (covariate[told["covariate"]] - told["reference"]) / told["scale"]
+        written = {**EFFECTS[effect["kind"]].course, **effect}
+        if written["course"] == "step":
+            table[:, column] = hour >= written["at_hour"]
+        elif written["course"] == "ramp":
+            table[:, column] = np.clip((hour - written["from_hour"]) / (written["to_hour"] - written["from_hour"]), 0.0,
+                                       1.0)
+        elif written["course"] == "covariate":
+            table[:, column] = (covariate[written["covariate"]] - written["reference"]) / written["scale"]
     return table
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Departures:
+class HiddenEffects:
     """Effects at one instant: what a builder asks of them. `amount` (n_effect,)."""
 
     effects: tuple[Mapping, ...] = ()

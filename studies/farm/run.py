@@ -237,8 +237,8 @@ def main() -> None:
         write_farm(data, a.days, a.turbines)
     if a.throughput:
         rows = throughput(description, a.out / "farm", a.workers, a.turbines)
-        told = {"cores": os.cpu_count(), "days": a.days, "rows": rows}
-        (a.out / "throughput.json").write_text(json.dumps(told, indent=1), encoding="utf-8")
+        content = {"cores": os.cpu_count(), "days": a.days, "rows": rows}
+        (a.out / "throughput.json").write_text(json.dumps(content, indent=1), encoding="utf-8")
         return
     measured: dict = {"cores": os.cpu_count(), "load": os.getloadavg()[0], "days": a.days, "turbines": a.turbines}
     for name, toml in (("short", description), ("long", data / "long.toml")):

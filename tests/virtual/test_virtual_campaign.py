@@ -219,8 +219,8 @@ def test_mistakes_are_one_line(tmp_path):
 
 
 def test_progress_is_told(tmp_path):
-    told = []
+    entries = []
     simulation.simulate(
-        tmp_path / "out", model=AS_BUILT, days=0.021, seed=1, progress=lambda *report: told.append(report)
+        tmp_path / "out", model=AS_BUILT, days=0.021, seed=1, progress=lambda *report: entries.append(report)
     )
-    assert told[0] == ("simulating hours", 0, 1) and told[-1] == ("simulating hours", 1, 1)
+    assert entries[0] == ("simulating hours", 0, 1) and entries[-1] == ("simulating hours", 1, 1)

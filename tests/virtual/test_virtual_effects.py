@@ -56,8 +56,8 @@ def file():
     return turbine_file.read_turbine(AS_BUILT)
 
 
-def solved(file, *told, amount=None, heading=20.0):
-    given = replace(truth.given_truth({"effect": list(told)}, file), tolerance_scale=0.0)
+def solved(file, *entries, amount=None, heading=20.0):
+    given = replace(truth.given_truth({"effect": list(entries)}, file), tolerance_scale=0.0)
     drawn = truth.draw_truth(given, file, np.random.default_rng(1), dynamics.N_MODE)
     structure = frame.build_structure(file, drawn, amount)
     return dynamics.heading_modes(structure, drawn.damping_ratio, heading)
@@ -75,8 +75,8 @@ def test_every_structural_kind_has_an_example():
 
 @pytest.mark.parametrize(("kind", "place", "size", "sign"), EXAMPLES, ids=[e[0] for e in EXAMPLES])
 def test_effects_act_the_right_way_and_vanish(file, plain, kind, place, size, sign):
-    told = entry(kind, place, size)
-    now = solved(file, told)
+    entries = entry(kind, place, size)
+    now = solved(file, entries)
     if kind in ("blade_coupling", "tuned_mass"):
         # a mode more: all others lie between those of the structure with the mass fixed and with it gone
         assert np.count_nonzero(now.frequency_hz < 2.5) == np.count_nonzero(plain.frequency_hz < 2.5) + 1
@@ -85,7 +85,7 @@ def test_effects_act_the_right_way_and_vanish(file, plain, kind, place, size, si
     assert sign * change[np.argmax(np.abs(change))] > 2e-5
     # nothing that softens or adds mass raises any frequency (Rayleigh), and the other way about; a mass that moves may
     assert kind == "rna_offset" or np.all(sign * change > -1e-9)
-    gone = solved(file, told, amount=[0.0])
+    gone = solved(file, entries, amount=[0.0])
     assert gone.frequency_hz == pytest.approx(plain.frequency_hz, rel=1e-9)
     assert gone.observed_shape == pytest.approx(plain.observed_shape, abs=1e-7 * np.abs(plain.observed_shape).max())
 
@@ -192,8 +192,8 @@ def test_time_series_follow_the_courses(tmp_path):
     late, early = hidden[0][half + 100 : n - 10, row], plain[0][half + 102 : n - 8, row]
     ok = np.isfinite(late) & np.isfinite(early)
     assert np.std(late[ok] - early[ok]) < 0.1 * np.std(early[ok])
-    told = [pandas.read_csv(o.path / "scada.csv")["nacelle_heading_deg"] for o in out.values()]
-    assert np.mod(told[1] - told[0], 360).to_numpy() == pytest.approx(np.full(len(told[0]), 15.0), abs=0.11)
+    entries = [pandas.read_csv(o.path / "scada.csv")["nacelle_heading_deg"] for o in out.values()]
+    assert np.mod(entries[1] - entries[0], 360).to_numpy() == pytest.approx(np.full(len(entries[0]), 15.0), abs=0.11)
     # the hour after the soil gave way
     assert len(record["condition"]) == 3
     assert record["mode_set_end"][0]["frequency_hz"][3] < 0.97 * record["mode_set"][0]["frequency_hz"][3]
