@@ -37,7 +37,7 @@ kind = "leg_stiffness"
 leg = "B"
 bay = 4
 factor = 0.75
-course = "step"
+time_profile = "step"
 at_hour = {half:g}
 
 [[effect]]

@@ -34,7 +34,7 @@ from probupdate.updating.information import Information
 from probupdate.updating.problem import build_problem
 from probupdate.updating.set_views_file import SetViews
 from probupdate.updating.update_file import AlphaRecord, ComponentsRecord, ScatterRecord, SchemeRecord, UpdateRecord
-from probupdate.virtual.effects import COURSES, COVARIATES, EFFECTS
+from probupdate.virtual.effects import COVARIATES, EFFECTS, TIME_PROFILES
 
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
@@ -331,7 +331,7 @@ def test_the_format_of_a_truth_names_every_kind_and_size():
     for name, kind in EFFECTS.items():
         (row,) = (line for line in page.splitlines() if line.startswith(f"| `{name}` "))
         assert f"`{kind.size}` | {kind.unit} " in row and all(f"`{key}`" in row for key in kind.place), name
-    for name in (*COVARIATES, *COURSES):
+    for name in (*COVARIATES, *TIME_PROFILES):
         assert f"`{name}`" in page, name
 
 

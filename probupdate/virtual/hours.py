@@ -69,7 +69,7 @@ def _kept(store: OrderedDict, key, solve):
 
 
 def make_turbine(file: TurbineFile, truth: Truth, plan: Plan, seed: int) -> Turbine:
-    """Conditions are numbered as they come; amounts of a continuous course are rounded."""
+    """Conditions are numbered as they come; amounts of a continuous time profile are rounded."""
     table = slot_amounts(plan, truth.effects, rounded=True)
     known: dict[tuple, int] = {}
     condition = [known.setdefault(tuple(row), len(known)) for row in table]

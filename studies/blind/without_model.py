@@ -21,7 +21,7 @@ N_NULL, N_EACH = 40, 6
 
 
 def _step(rng) -> dict:
-    return {"course": "step", "at_hour": float(rng.uniform(0.25, 0.75) * 720)}
+    return {"time_profile": "step", "at_hour": float(rng.uniform(0.25, 0.75) * 720)}
 
 
 def _gain_step(rng):

@@ -26,7 +26,7 @@ from probupdate.structure.load import load_model, nacelle_angle_deg, reference_m
 from probupdate.virtual.modal_blocks import simulate_modes
 
 HALF_WAY_H = 360.0
-STEP = {"course": "step", "at_hour": HALF_WAY_H}
+STEP = {"time_profile": "step", "at_hour": HALF_WAY_H}
 JOINTS = {
     "one-joint": {"kind": "joint_stiffness", "bay": 2, "face": "BC", "leg": "C", "end": "top", "factor": 0.05, **STEP},
     "face": {"kind": "joint_stiffness", "bay": 2, "face": "BC", "leg": "all", "end": "all", "factor": 0.3, **STEP},

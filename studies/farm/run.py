@@ -35,7 +35,8 @@ PREPARED = "diagnose, once a turbine"
 # undisturbed half hours of a month, and what is hidden in the one of two that takes longer to diagnose
 SETS_A_MONTH = 698
 HIDDEN = [
-    {"kind": "joint_stiffness", "face": "BC", "bay": 2, "leg": "all", "end": "all", "factor": 0.3, "course": "step",
+    {"kind": "joint_stiffness", "face": "BC", "bay": 2, "leg": "all", "end": "all", "factor": 0.3,
+     "time_profile": "step",
      "at_hour": 360.0},
     {"kind": "sensor_gain", "channel": "T66-x", "factor": 0.85},
 ]

@@ -8,6 +8,7 @@ import numpy as np
 import pandas
 import pytest
 
+from probupdate.errors import InputError
 from probupdate.virtual import dynamics, effects, frame, simulation, truth, turbine_file
 
 AS_BUILT = turbine_file.reference_file().with_name("as_built.toml")
@@ -66,6 +67,15 @@ def solved(file, *entries, amount=None, heading=20.0):
 @pytest.fixture(scope="module")
 def plain(file):
     return solved(file)
+
+
+def test_the_former_name_of_the_time_profile_is_read(file):
+    former = {"kind": "rna_mass", "mass_kg": 3000.0, "course": "step", "at_hour": 30.0}
+    given = [truth.given_truth({"effect": [one]}, file).effects for one in (
+        former, {"time_profile" if key == "course" else key: value for key, value in former.items()})]
+    assert given[0] == given[1] and given[0][0]["time_profile"] == "step"
+    with pytest.raises(InputError, match="time_profile: 'stp' is unknown"):
+        truth.given_truth({"effect": [former | {"course": "stp"}]}, file)
 
 
 def test_every_structural_kind_has_an_example():
@@ -158,17 +168,18 @@ def read(folder):
     return parts
 
 
-def test_time_series_follow_the_courses(tmp_path):
+def test_time_series_follow_the_time_profiles(tmp_path):
     """The same seed with and without effects: equal before a step, the effect itself after it."""
     operation = "[operation]\nmaintenance_hours = [[0, 2]]\nmissing_hours = []\n"
     (tmp_path / "none.toml").write_text(operation)
     (tmp_path / "some.toml").write_text(
         operation
-        + '[[effect]]\nkind = "sensor_gain"\nchannel = "T90-x"\nfactor = 0.8\ncourse = "step"\nat_hour = 0.5\n'
-        + '[[effect]]\nkind = "clock_offset"\nlevel = "tower 2/3"\noffset_s = 0.08\ncourse = "step"\nat_hour = 0.5\n'
+        + '[[effect]]\nkind = "sensor_gain"\nchannel = "T90-x"\nfactor = 0.8\ntime_profile = "step"\nat_hour = 0.5\n'
+        + '[[effect]]\nkind = "clock_offset"\nlevel = "tower 2/3"\noffset_s = 0.08\n'
+        + 'time_profile = "step"\nat_hour = 0.5\n'
         + '[[effect]]\nkind = "heading_offset"\nangle_deg = 15.0\n'
         + '[[effect]]\nkind = "soil_stiffness"\nleg = "all"\ndirection = "all"\nfactor = 0.3\n'
-        + 'course = "step"\nat_hour = 1.0\n'
+        + 'time_profile = "step"\nat_hour = 1.0\n'
     )
     out = {}
     for name in ("none", "some"):

@@ -11,9 +11,9 @@ BUSY = {
     "parameters_from": "prior",
     "effect": [
         {"kind": "wetted_length", "gain": 1.0},
-        {"kind": "scour", "leg": "B", "depth_m": 1.5, "course": "ramp", "from_hour": 10.0, "to_hour": 100.0},
-        {"kind": "brace_stiffness", "bay": 2, "face": "BC", "factor": 0.4, "course": "step", "at_hour": 60.0},
-        {"kind": "rna_mass", "mass_kg": 3000.0, "course": "step", "at_hour": 30.0},
+        {"kind": "scour", "leg": "B", "depth_m": 1.5, "time_profile": "ramp", "from_hour": 10.0, "to_hour": 100.0},
+        {"kind": "brace_stiffness", "bay": 2, "face": "BC", "factor": 0.4, "time_profile": "step", "at_hour": 60.0},
+        {"kind": "rna_mass", "mass_kg": 3000.0, "time_profile": "step", "at_hour": 30.0},
         {"kind": "sensor_gain", "channel": "T66-x", "factor": 0.9},
     ],
 }
@@ -49,7 +49,7 @@ def test_columns_stay_with_their_modes():
     assert np.all(run.frequency_hz[:, 2] < 1.6)
 
 
-def test_effects_take_their_course(busy):
+def test_effects_take_their_time_profile(busy):
     hour = (np.array([np.datetime64(s.id[:-1]) for s in busy.data.sets]) - modal_blocks.START) / np.timedelta64(1, "h")
     level = [s.environment["water_level_m"] for s in busy.data.sets]
     assert busy.amount[:, 0] == pytest.approx(level, abs=1e-3)
@@ -123,9 +123,9 @@ def test_mistakes_are_one_line():
         ({"states": ("idle",)}, "choose from"),
         ({"truth": {"effect": [{"kind": "scour", "leg": "E", "depth_m": 1.0}]}}, "did you mean|choose from"),
         ({"truth": {"effect": [{"kind": "scour", "leg": "A", "depth_m": -1.0}]}}, "not in"),
-        ({"truth": {"effect": [{"kind": "scour", "leg": "A", "depth_m": 1.0, "course": "step"}]}}, "at_hour"),
+        ({"truth": {"effect": [{"kind": "scour", "leg": "A", "depth_m": 1.0, "time_profile": "step"}]}}, "at_hour"),
         ({"truth": {"effect": [{"kind": "scour", "leg": "A", "depth_m": 1.0, "at_hour": 3}]}}, "unknown"),
-        ({"truth": {"effect": [{"kind": "icing", "mass_kg": 1e3, "course": "covariate", "covariate": "ice",
+        ({"truth": {"effect": [{"kind": "icing", "mass_kg": 1e3, "time_profile": "covariate", "covariate": "ice",
                                 "reference": 0.0, "scale": 1.0}]}}, "covariate"),
     ):
         with pytest.raises(InputError, match=says):
