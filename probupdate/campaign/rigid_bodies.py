@@ -127,43 +127,12 @@ def wrong_gains(
     beyond = _beyond(motion)
     if np.trace(beyond) < 0.5:
         return [], 1.0
-    first = share = _share(beyond, samples)
-    factor = np.ones(len(sensors))
-    taken: list[tuple[Group, list[tuple[float, Group, float]]]] = []
-    while len(taken) < most and share > RIGID_SHARE / 100:
-        now = samples / factor
-        tried = []
-        for group in groups:
-            if not _independent([*(g for g, _ in taken), group], len(sensors)):
-                continue
-            gain = _best_gain(beyond, now, group.members)
-            if gain is None or abs(gain) < 1e-3:
-                continue
-            changed = np.array(factor)
-            changed[list(group.members)] *= gain
-            tried.append((_share(beyond, samples / changed), group, gain, changed))
-        if not tried:
-            break
-        # of about equal ones the fewest channels
-        least = min(t[0] for t in tried)
-        close = [t for t in tried if t[0] <= DISTINCT * least]
-        left, group, gain, changed = min(close, key=lambda t: (len(t[1].members), t[0]))
-        if left > LEAST_MENDED * share:
-            break
-        taken.append((group, [t[:3] for t in close if t[1] is not group]))
-        factor = np.ones(len(sensors))
-        for (one, _), value in zip(taken, _together(beyond, samples, [g for g, _ in taken]), strict=True):
-            factor[list(one.members)] *= value
-        share = _share(beyond, samples / factor)
+    first = _share(beyond, samples)
+    taken, share = _taken(beyond, samples, groups, most)
     if not taken or share > RIGID_SHARE:
         return [], first
     found = []
-    gains = _together(beyond, samples, [g for g, _ in taken])
-    every = np.array([_together(beyond, np.delete(samples, k, axis=0), [g for g, _ in taken])
-                      for k in range(len(samples))])
-    n = len(samples)
-    error = np.sqrt((n - 1) / n * np.sum((every - every.mean(axis=0)) ** 2, axis=0)) if n > 2 else np.abs(gains)
-    for (group, close), gain, spread in zip(taken, gains, error, strict=True):
+    for (group, close), gain, spread in zip(taken, *_gains_and_errors(beyond, samples, taken), strict=True):
         std = float(np.sqrt(spread**2 + gain**2 * (ALIKE**2 + share)))
         if abs(gain - 1) < SIGMA * std:
             continue
@@ -172,9 +141,53 @@ def wrong_gains(
         alternatives = tuple((t[1].members, float(t[2])) for t in close if set(t[1].members) != complement
                              and _independent([*(g for g, _ in taken), t[1]], len(sensors)))
         found.append(WrongGain(members=group.members, words=group.words, gain=float(gain), std=std,
-                               alternatives=alternatives,
-                               share=(first, share)))
+                               alternatives=alternatives, share=(first, share)))
     return found, share
+
+
+# a group that is taken to have a wrong gain, and those that explain it about as well: share left, group, gain
+_Taken = tuple[Group, list[tuple[float, Group, float]]]
+
+
+def _taken(beyond: np.ndarray, samples: np.ndarray, groups: Sequence[Group], most: int) -> tuple[list[_Taken], float]:
+    """Up to `most` groups, one after the other, each the one that leaves least; and the share left with all of them."""
+    n_channel = samples.shape[1]
+    share, factor = _share(beyond, samples), np.ones(n_channel)
+    taken: list[_Taken] = []
+    while len(taken) < most and share > RIGID_SHARE / 100:
+        now = samples / factor
+        tried = []
+        for group in groups:
+            if not _independent([*(g for g, _ in taken), group], n_channel):
+                continue
+            gain = _best_gain(beyond, now, group.members)
+            if gain is None or abs(gain) < 1e-3:
+                continue
+            changed = np.array(factor)
+            changed[list(group.members)] *= gain
+            tried.append((_share(beyond, samples / changed), group, gain))
+        if not tried:
+            break
+        # of about equal ones the fewest channels
+        least = min(t[0] for t in tried)
+        close = [t for t in tried if t[0] <= DISTINCT * least]
+        left, group, _ = min(close, key=lambda t: (len(t[1].members), t[0]))
+        if left > LEAST_MENDED * share:
+            break
+        taken.append((group, [t for t in close if t[1] is not group]))
+        factor = np.ones(n_channel)
+        for (one, _), value in zip(taken, _together(beyond, samples, [g for g, _ in taken]), strict=True):
+            factor[list(one.members)] *= value
+        share = _share(beyond, samples / factor)
+    return taken, share
+
+
+def _gains_and_errors(beyond: np.ndarray, samples: np.ndarray, taken: Sequence[_Taken]):
+    """Gains of the groups taken, together, and their standard deviations over samples left out in turn (n_taken,)."""
+    groups, n = [g for g, _ in taken], len(samples)
+    gains = _together(beyond, samples, groups)
+    every = np.array([_together(beyond, np.delete(samples, k, axis=0), groups) for k in range(n)])
+    return gains, np.sqrt((n - 1) / n * np.sum((every - every.mean(axis=0)) ** 2, axis=0)) if n > 2 else np.abs(gains)
 
 
 def _independent(groups: Sequence[Group], n_channel: int) -> bool:

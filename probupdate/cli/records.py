@@ -90,6 +90,11 @@ def run_figures(a: argparse.Namespace, progress: Progress) -> None:
 
 def add_commands(verb: AddCommand) -> None:
     """Their arguments and options; `verb` makes the parser of a command."""
+    _of_records(verb)
+    _of_modes(verb)
+
+
+def _of_records(verb: AddCommand) -> None:
     p = verb("convert", run_convert, "records of other programs (CSV, Parquet, .mat, .npy, .npz, UFF) into a campaign; "
              "modes and records from and to universal files")
     p.add_argument("sources", metavar="SOURCES", help="folder of the files to convert; with --to modes a .uff, with "
@@ -128,6 +133,8 @@ def add_commands(verb: AddCommand) -> None:
                    "take the rotor's multiples out of records in which its angle can be followed; each block says what "
                    "was done")
 
+
+def _of_modes(verb: AddCommand) -> None:
     p = verb("select", run_select, "the sets an update may trust (Table 1), and the most consistent one")
     p.add_argument("modes", metavar="MODES", help="modes.json of `identify`")
     p.add_argument("--scada", help="scada.csv (default: the environment kept in MODES)")

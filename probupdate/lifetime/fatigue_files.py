@@ -133,26 +133,14 @@ def assess(
     index = {name: _index(curve, *m, c) for name, m in moments.items()}
     agreement = _agreement(curve, moments["updated"], index["updated"], c, rng)
     return FatigueResult(
-        model=model,
-        design=design,
-        draws=tuple(updated),
-        worst=worst,
-        curve=curve,
-        log_factor=moments,
-        parts=parts,
-        slope=slope,
-        direct=direct,
-        gains=gain,
-        index=index,
+        model=model, design=design, draws=tuple(updated), worst=worst, curve=curve, log_factor=moments, parts=parts,
+        slope=slope, direct=direct, gains=gain, index=index,
         measures=_next_measurements(given, slope, direct, curve, moments["updated"], c),
         left_out=tuple(left_out),
         summary={
-            "basis_error": basis_error(full, model, [draws[-1]]),
-            "form_minus_monte_carlo": agreement[0],
-            "monte_carlo_standard_error": agreement[1],
-            "target_annual_index": c.target.annual_index,
-            "cases": list(index),
-        },
+            "basis_error": basis_error(full, model, [draws[-1]]), "form_minus_monte_carlo": agreement[0],
+            "monte_carlo_standard_error": agreement[1], "target_annual_index": c.target.annual_index,
+            "cases": list(index)},
     )
 
 

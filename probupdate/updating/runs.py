@@ -93,10 +93,7 @@ def deterministic_update(
     computed = _in_data_order(problem, np.array(problem.matching.computed, float) + 1, data.n_mode)
     likely = suspected_channels(model, data, [model.parameters.initial, laplace.theta], set_id=set_id)
     return UpdateRecord(
-        model=model.name,
-        fingerprint=problem.fingerprint(),
-        parameters=model.parameters,
-        set_id=modal_set.id,
+        model=model.name, fingerprint=problem.fingerprint(), parameters=model.parameters, set_id=modal_set.id,
         labels=problem.mode_labels,
         measured_hz=modal_set.frequency_hz,
         measured_std_hz=_in_data_order(problem, std, data.n_mode),
@@ -107,11 +104,8 @@ def deterministic_update(
         schemes=schemes,
         pairs=problem.matching.pairs,
         left_out=problem.matching.left_out,
-        map_theta=laplace.theta,
-        map_covariance=laplace.covariance,
-        map_resolution=laplace.resolution,
-        map_at_bound=laplace.at_bound,
-        map_misfit=laplace.misfit,
+        map_theta=laplace.theta, map_covariance=laplace.covariance, map_resolution=laplace.resolution,
+        map_at_bound=laplace.at_bound, map_misfit=laplace.misfit,
         map_hz=_in_data_order(problem, predicted.frequency_hz[1], data.n_mode),
         map_mac=_in_data_order(problem, predicted.mac[1], data.n_mode),
         n_response=problem.measured.size,
