@@ -5,6 +5,7 @@ repository's root; links in it that leave docs/ are shown as plain file names. `
 every command's arguments, from the parser itself.
 """
 
+import argparse
 import re
 import sys
 from html import escape
@@ -49,7 +50,7 @@ def commands_page() -> str:
     for name, parser in verbs.choices.items():
         lines += [f"## {name}", "", _cell(parser.description), "", "| argument | meaning |", "|---|---|"]
         for action in parser._actions:
-            if action.dest == "help":
+            if action.dest == "help" or action.help == argparse.SUPPRESS:
                 continue
             value = "" if action.nargs == 0 else f" {action.metavar or action.dest.upper()}"
             if action.choices:

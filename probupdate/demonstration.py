@@ -37,7 +37,7 @@ kind = "leg_stiffness"
 leg = "B"
 bay = 4
 factor = 0.75
-course = "step"
+time_profile = "step"
 at_hour = {half:g}
 
 [[effect]]
@@ -73,11 +73,11 @@ def demo(
     progress: Progress = silent,
     say: Callable[[str], None] = lambda text: None,
 ) -> Demonstration:
-    """Simulate, identify, select, update, sample, diagnose, compare, report. `say` is told what each step found.
+    """Simulate, identify, select, update, sample, diagnose, compare, report. `say` is called with what each step found.
 
     The virtual turbine is built by a formulation of its own (finer mesh, other element and soil law, drawn
     tolerances), in the reference turbine's updated state, and measured; the model starts as built. `hide`: a truth.toml
-    of effects that the model is not told of, "none", or "default", one of the structure from half of the record on
+    of effects that the model does not have, "none", or "default", one of the structure from half of the record on
     (HIDDEN) and one of a sensor; what it was is said after the diagnosis. jobs: with two or more hours, blocks and
     sections of the report are shared out, and update and sampler run beside the diagnosis, with the same bytes; a
     script needs `if __name__ == "__main__"` then.
@@ -154,7 +154,7 @@ def _hidden(hide: str | Path, days: float) -> str:
 
 
 def _hidden_and_found(hidden: str, diagnosis) -> str:
-    """What the campaign held, beside what was found without being told."""
+    """What the campaign held, beside what was found without that knowledge."""
     effects = [hidden_words(e) for e in tomllib.loads(hidden).get("effect", ())]
     if not effects:
         return "hidden in this campaign: nothing"

@@ -61,7 +61,7 @@ class ConvergenceError(ProbupdateError):
 
 @contextmanager
 def of_file(path: object) -> Iterator[None]:
-    """Mistakes of the values that a file holds know their own names; within, they are told with the file's."""
+    """Mistakes of the values that a file holds know their own names; within, they are reported with the file's."""
     try:
         yield
     except InputError as error:
@@ -72,7 +72,7 @@ def of_file(path: object) -> Iterator[None]:
 
 # what a mistake of the data says it is about, rather than of a model or of an option
 ABOUT_DATA = ("set", "sets", "setup", "setups", "channel", "modal", "mode", "modes", "selection", "regression",
-              "covariate", "block", "record", "references", "tracking", "deviations", "sub-records", "scada")
+              "covariate", "block", "record", "references", "tracking", "sub-records", "scada")
 # arguments of steps that are paths, and options that have other words than their argument's name
 FILES = ("campaign", "campaigns", "criteria", "description", "groups", "model", "modes", "out", "parameters",
          "posterior", "run", "scada", "truth", "update")
@@ -120,5 +120,5 @@ def parsing(where: str, problem: str, remedy: str) -> Iterator[None]:
     except (InputError, NameError, AssertionError, ImportError):
         raise
     except Exception as error:
-        told = str(error).strip() or "no reason given"
-        raise InputError(where, f"{problem} ({type(error).__name__}: {told.splitlines()[0]})", remedy) from error
+        reason = str(error).strip() or "no reason given"
+        raise InputError(where, f"{problem} ({type(error).__name__}: {reason.splitlines()[0]})", remedy) from error

@@ -59,9 +59,13 @@ STUDIES = {
         question="How many turbine-months an hour, and what does a year of 70 turbines take?",
         runs=(("run.py", OUT),), quick=(("run.py", OUT, "--days", "0.2", "--turbines", "2", "--workers", "1"),),
         seeds="1 to 4", takes="ten minutes"),
+    "faults": Study(
+        question="What is lost where the machine fails while a command writes?",
+        runs=(("faults.py", OUT, "48213"),), quick=(("faults.py", OUT, "48213", "select"),), seeds="48213",
+        takes="an hour"),
     "footbridge": Study(
         question="Does a measured bridge, given as matrices, come out as published?",
-        runs=(("run.py", OUT),), seeds="1", takes="three minutes", data="shared/data/footbridge"),
+        runs=(("run.py", OUT),), seeds="1", takes="three minutes", data="shared/data/footbridge beside the repository"),
     "iasc_asce": Study(
         question="Which braces of the IASC-ASCE benchmark frame does the diagnosis name?",
         runs=(("run.py", OUT),), quick=(("run.py", OUT, "--quick"),), seeds="1 to 20", takes="hours"),
@@ -76,7 +80,7 @@ STUDIES = {
     "measured_frame": Study(
         question="Is the braced storey of a measured frame named from a uniform model, and what stands in the way?",
         runs=(("run.py", OUT),), quick=(("run.py", OUT, "--discrepancy", "1"),), seeds="1", takes="three minutes",
-        data="shared/data/weimar_frame"),
+        data="shared/data/weimar_frame beside the repository"),
     "month": Study(
         question="What do a month's records cost, killed and resumed, and the blocks of a year?",
         runs=(("run.py", OUT, "--days", "30"), ("year.py", f"{OUT}/year", "--blocks", "500", "1500", "4500")),
@@ -85,11 +89,11 @@ STUDIES = {
     "oc4": Study(
         question="Does the whole job work on an OpenFAST model, measured on another theory?",
         runs=(("run.py", OUT),), quick=(("run.py", OUT, "--hours", "6"),), seeds="1, 2", takes="minutes",
-        data="shared/reference/oc4"),
+        data="shared/reference/oc4 beside the repository"),
     "oc4_jacket": Study(
         question="What does the diagnosis name on the OC4 jacket solved by OpenSees, its SubDyn file as the model?",
         runs=(("run.py", OUT),), quick=(("run.py", OUT, "--quick"),), seeds="the number of the case",
-        takes="half an hour", data="shared/reference/oc4"),
+        takes="half an hour", data="shared/reference/oc4 beside the repository"),
     "performance": Study(
         question="How fast are modes, identification, diagnosis and sampling?",
         runs=(("benchmark_modal.py",), ("benchmark_identification.py",), ("benchmark_data_first.py",),
@@ -102,13 +106,15 @@ STUDIES = {
         question="Which faults of sensors does `check` find without a model?",
         runs=(("measure_rates.py",),), quick=(("measure_rates.py", "--days", "1"),), seeds="931 on",
         takes="minutes"),
+    "supply_chain": Study(
+        question="Which packages come with probupdate, of which age and licence?",
+        runs=(("licences.py", OUT),), quick=(("licences.py", OUT),), seeds="-", takes="seconds",
+        data="the wheels of requirements.lock, downloaded into DIR"),
     "wikinger": Study(
         question="How do the paper's Tables 1 to 7 and Figs. 3 to 7 come out?",
         runs=(("run.py", OUT),), quick=(("run.py", OUT, "--days", "0.5"),), seeds="1",
         takes="7 minutes of processor time"),
 }
-# not run by this command: what else they need stands in their own pages
-APART = ("faults", "supply_chain")
 
 
 def provenance(name: str, study: Study, runs, seconds: float) -> dict:
@@ -128,7 +134,7 @@ def main(name: str, arguments: list[str] | None = None) -> int:
         prog=f"python -m studies.{name}", formatter_class=argparse.RawDescriptionHelpFormatter,
         description=f"{study.question}\n\n" + "\n".join(f"runs {' '.join(run)}" for run in study.runs),
         epilog=f"Takes {study.takes}; seeds {study.seeds}."
-        + (f" Needs {study.data} beside the repository." if study.data else "")
+        + (f" Needs {study.data}." if study.data else "")
         + f" What it is and what came out: studies/{name}/.")
     parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder to write")
     parser.add_argument("--quick", action="store_true", help="a short form: that it runs, not its numbers")

@@ -6,15 +6,15 @@ import pytest
 from damage import damaged
 
 from probupdate.errors import InputError, parsing
-from probupdate.identification.block_poles import BlockDeviations, BlockPoles
+from probupdate.identification.block_poles import BlockFactors, BlockPoles
 from probupdate.identification.block_store import (
-    read_block_deviations,
+    read_block_factors,
     read_block_poles,
-    write_block_deviations,
+    write_block_factors,
     write_block_poles,
 )
 from probupdate.identification.ssi import Poles
-from probupdate.modal.deviation_file import read_deviations, write_deviations
+from probupdate.modal.covariance_file import read_factors, write_factors
 from probupdate.modal.modes import ModalDeviation
 from probupdate.structure.load import load_model
 from probupdate.updating.posterior_file import Posterior, read_posterior, write_posterior
@@ -31,18 +31,18 @@ def block_poles(folder):
     return folder / "b.npz", read_block_poles
 
 
-def block_deviations(folder):
-    write_block_deviations(folder / "b.npz", BlockDeviations(
+def block_factors(folder):
+    write_block_factors(folder / "b.npz", BlockFactors(
         key=((8, 0), (8, 1)), ln_frequency=np.ones((2, 20)), damping_ratio=np.ones((2, 20)),
         shape=np.ones((2, 6, 20), complex)))
-    return folder / "b.npz", read_block_deviations
+    return folder / "b.npz", read_block_factors
 
 
 def deviations(folder):
     one = ModalDeviation(ln_frequency=np.ones((3, 20)), damping_ratio=np.ones((3, 20)),
                          shape=np.ones((6, 3, 20), complex))
-    name = write_deviations({"one": one, "a/b": one}, folder / "modes.json")
-    return folder / name, lambda path: read_deviations(folder / "modes.json", name)
+    name = write_factors({"one": one, "a/b": one}, folder / "modes.json")
+    return folder / name, lambda path: read_factors(folder / "modes.json", name)
 
 
 def matrices(folder):
@@ -63,7 +63,7 @@ def posterior(folder):
     return write_posterior(found, folder / "posterior.nc"), read_posterior
 
 
-@pytest.mark.parametrize("make", [block_poles, block_deviations, deviations, matrices, posterior])
+@pytest.mark.parametrize("make", [block_poles, block_factors, deviations, matrices, posterior])
 def test_a_damaged_file_is_read_or_named(make, tmp_path):
     path, read = make(tmp_path)
     read(path)

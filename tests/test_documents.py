@@ -34,11 +34,10 @@ from probupdate.updating.information import Information
 from probupdate.updating.problem import build_problem
 from probupdate.updating.set_views_file import SetViews
 from probupdate.updating.update_file import AlphaRecord, ComponentsRecord, ScatterRecord, SchemeRecord, UpdateRecord
-from probupdate.virtual.effects import COURSES, COVARIATES, EFFECTS
+from probupdate.virtual.effects import COVARIATES, EFFECTS, TIME_PROFILES
 
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
-from studies.command import APART  # noqa: E402
 from studies.command import STUDIES as RUN_ALIKE  # noqa: E402
 from studies.command import main as study_command  # noqa: E402
 from studies.performance import history  # noqa: E402
@@ -282,7 +281,7 @@ def test_an_effect_of_ones_own_is_made_as_its_page_says():
 
 def test_the_table_of_packages_is_that_of_the_lock():
     locked = set(re.findall(r"^([A-Za-z0-9_.-]+)==([^\s;\\]+)", text("requirements.lock"), re.MULTILINE))
-    rows = re.findall(r"^\| (\S+) \| ([^|]+) \| ([^|]+) \|", text("studies/supply_chain/PACKAGES.md"), re.MULTILINE)[1:]
+    rows = re.findall(r"^\| (\S+) \| ([^|]+) \| ([^|]+) \|", text("studies/supply_chain/RESULTS.md"), re.MULTILINE)[1:]
     listed = {(name, version) for name, versions, _ in rows for version in versions.split(", ")}
     assert listed - {("---", "---")} == locked, "run studies/supply_chain/licences.py again"
     assert all(re.fullmatch(r"(\d{4}-\d\d-\d\d|not stated|-)(, (\d{4}-\d\d-\d\d|not stated|-))*", days.strip())
@@ -332,7 +331,7 @@ def test_the_format_of_a_truth_names_every_kind_and_size():
     for name, kind in EFFECTS.items():
         (row,) = (line for line in page.splitlines() if line.startswith(f"| `{name}` "))
         assert f"`{kind.size}` | {kind.unit} " in row and all(f"`{key}`" in row for key in kind.place), name
-    for name in (*COVARIATES, *COURSES):
+    for name in (*COVARIATES, *TIME_PROFILES):
         assert f"`{name}`" in page, name
 
 
@@ -352,7 +351,7 @@ def test_the_formats_of_results_name_every_key(title, table):
 
 def test_every_study_runs_by_the_same_command_and_stands_in_the_table(capsys):
     folders = {p.name for p in (ROOT / "studies").iterdir() if p.is_dir() and p.name != "__pycache__"}
-    assert set(RUN_ALIKE) | set(APART) == folders
+    assert set(RUN_ALIKE) == folders
     page = text("docs/studies.md")
     for name, study in RUN_ALIKE.items():
         assert (ROOT / "studies" / name / "__main__.py").is_file()
@@ -360,10 +359,11 @@ def test_every_study_runs_by_the_same_command_and_stands_in_the_table(capsys):
             assert (ROOT / "studies" / name / script).is_file(), f"{name}, {script}"
         (row,) = (line for line in page.splitlines() if line.startswith(f"| [{name}]("))
         assert f"| {study.question} |" in row and row.endswith(f"| {'yes' if study.quick else 'no'} |")
-        written = "".join(text(p.relative_to(ROOT).as_posix()) for p in (ROOT / "studies" / name).glob("*.md"))
-        assert "none recorded yet" in row or re.search(
-            r"^## Provenance$.*commit\s[0-9a-f]{7}.*seeds:\s.*machine:\s", written,
-            re.MULTILINE | re.DOTALL)
+        # what came out, of which commit, seeds and machine
+        results = text(f"studies/{name}/RESULTS.md")
+        assert f"(../studies/{name}/RESULTS.md)" in row
+        for stated in (r"commits?\s[0-9a-f]{7}", r"\bseeds?:?\s", r"machine:\s|\bcores\b"):
+            assert re.search(stated, results), f"{name}, {stated}"
         with pytest.raises(SystemExit) as ended:
             study_command(name, ["--help"])
         assert ended.value.code == 0 and study.question in " ".join(capsys.readouterr().out.split())

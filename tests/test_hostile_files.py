@@ -14,7 +14,7 @@ from probupdate.campaign.scada import read_scada
 from probupdate.errors import InputError
 from probupdate.io import files
 from probupdate.io.hdf5_file import open_hdf5
-from probupdate.modal.deviation_file import read_deviations, write_deviations
+from probupdate.modal.covariance_file import read_factors, write_factors
 from probupdate.modal.modes import ModalDeviation, read_modes
 
 N = 3000
@@ -105,13 +105,13 @@ def test_links_out_of_a_campaign_are_refused(campaign, tmp_path, name):
 def test_deviations_behind_a_link_are_refused(tmp_path):
     one = ModalDeviation(ln_frequency=np.ones((1, 4)), damping_ratio=np.ones((1, 4)), shape=np.ones((2, 1, 4)))
     (tmp_path / "in").mkdir()
-    name = write_deviations({"a": one}, tmp_path / "modes.json")
+    name = write_factors({"a": one}, tmp_path / "modes.json")
     (tmp_path / "in" / name).symlink_to(tmp_path / name)
-    assert set(read_deviations(tmp_path / "modes.json", name)) == {"a"}
+    assert set(read_factors(tmp_path / "modes.json", name)) == {"a"}
     with pytest.raises(InputError, match="leads out of"):
-        read_deviations(tmp_path / "in" / "modes.json", name)
+        read_factors(tmp_path / "in" / "modes.json", name)
     with pytest.raises(InputError, match="does not exist"):
-        read_deviations(tmp_path / "modes.json", "a\0b")
+        read_factors(tmp_path / "modes.json", "a\0b")
 
 
 @pytest.mark.parametrize("read", [read_modes, read_scada, files.read_toml, files.read_bytes])

@@ -228,3 +228,27 @@ def test_import_of_the_package_stays_light():
     code = f"import sys, probupdate; print(sorted({heavy!r} & set(sys.modules)))"
     answer = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert answer.stdout.strip() == "[]"
+
+
+def functions(path: Path):
+    """(name, lines without the docstring, branches) of every function, those within another counted with it."""
+    branching = (ast.If, ast.For, ast.While, ast.ExceptHandler, ast.comprehension, ast.match_case)
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
+            first = node.body[0]
+            documented = first.end_lineno - first.lineno + 1 if ast.get_docstring(node) is not None else 0
+            yield (node.name, node.end_lineno - node.lineno + 1 - documented,
+                   1 + sum(isinstance(inner, branching) for inner in ast.walk(node)))
+
+
+def test_functions_are_short_enough_to_be_read_at_once():
+    """60 lines and 20 branches (McCabe's number, comprehensions among them) at most."""
+    found = [f"{module_name(path)}.{name}: {lines} lines, {branches} branches" for path in MODULES
+             for name, lines, branches in functions(path) if lines > 60 or branches > 20]
+    assert not found, f"split where a reader gains: {found}"
+
+
+def test_lines_and_branches_are_counted(tmp_path):
+    (tmp_path / "a.py").write_text(
+        'def f(x):\n    """Says\n    it."""\n    if x:\n        return [y for y in x]\n    return 1\n')
+    assert list(functions(tmp_path / "a.py")) == [("f", 4, 3)]

@@ -1,7 +1,7 @@
 """Measurement campaigns as they lie on disk.
 
 `reading.read_campaign` opens one, `blocks.blocks` streams its data, `checking.check` says what is wrong with it,
-`scada.block_conditions` tells what the turbine did meanwhile.
+`scada.block_conditions` gives the turbine's state meanwhile.
 """
 
 # what other rooms and users import; the other modules are this room's own

@@ -35,7 +35,7 @@ FEWEST_SEGMENTS = 10
 # blocks of a setup that are read, evenly spread
 MOST_BLOCKS = 24
 # a peak stands this far (natural logarithm of power, mean over channels and setups) above what surrounds it
-PEAK, SURROUNDINGS, MOST_PEAKS = 1.0, 12, 12
+PEAK, NEIGHBOURS, MOST_PEAKS = 1.0, 12, 12
 # a reference's part of a peak counts if it is this large beside the largest and known so well
 SEEN, KNOWN = 0.1, 0.2
 # gains of sound sensors, and of a shape seen twice, differ by so much (one standard deviation)
@@ -70,7 +70,7 @@ class SetupShapes:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class SetupComparison:
-    """findings: references and rovers with a wrong gain; uses: what was compared and what cannot be told."""
+    """findings: references and rovers with a wrong gain; uses: what was compared and what cannot be judged."""
 
     references: tuple[str, ...]
     peaks_hz: np.ndarray
@@ -92,9 +92,9 @@ def compare_setups(
 ) -> SetupComparison:
     """References of several setups against one another and against the rovers; see the module's head.
 
-    A gain is told beyond four standard deviations, in which are its scatter over segments, peaks and setups and 1 % by
-    which sound sensors differ. With two references a difference may be of either by the inverse: rigid parts decide
-    where rovers of several setups share one, else both are said. A gain common to all references in all setups is told
+    A gain is reported beyond four standard deviations, in which are its scatter over segments, peaks and setups and 1 %
+    by which sound sensors differ. With two references a difference may be of either by the inverse: rigid parts decide
+    where rovers of several setups share one, else both are said. A gain common to all references in all setups is found
     where references and rovers share a rigid part. Raises InputError without common channels.
     """
     references = _references(campaigns)
@@ -178,17 +178,18 @@ def _peaks(parts: Sequence[_Spectra], length: int) -> np.ndarray:
         level += np.log(np.maximum(power, 1e-300)).mean(axis=1) / len(parts)
     found = []
     for k in range(2, length - 2):
-        around = level[max(k - SURROUNDINGS, 0): k + SURROUNDINGS + 1]
+        around = level[max(k - NEIGHBOURS, 0): k + NEIGHBOURS + 1]
         if level[k] == level[k - 2: k + 3].max() and level[k] > np.median(around) + PEAK:
             found.append(k)
-    found = sorted(found, key=lambda k: -(level[k] - np.median(level[max(k - SURROUNDINGS, 0): k + SURROUNDINGS + 1])))
+    found = sorted(found, key=lambda k: -(level[k] - np.median(level[max(k - NEIGHBOURS, 0): k + NEIGHBOURS + 1])))
     return np.array(sorted(found[:MOST_PEAKS]), int)
 
 
 def _shapes(
     name: str, campaign: Campaign, part: _Spectra, peaks: np.ndarray, references: Sequence[str]
 ) -> SetupShapes:
-    """All channels on the references' principal motion at every peak; deviations by leaving out groups of segments."""
+    """All channels on the references' principal motion at every peak; standard deviations by leaving out groups of
+    segments."""
     rows = [campaign.channels.index(c) for c in references]
     n_group = len(part.density)
     total = part.density.sum(axis=0)
@@ -255,25 +256,25 @@ def _judged(
     # a setup's references with the fewest changes that explain its pairs
     for k in dict.fromkeys(d.setup for d in differs):
         chosen = _explained(shapes, references, gains, [d for d in differs if d.setup == k])
-        for channel, gain, std, rivals in chosen:
-            single.setdefault((channel, rivals), []).append((k, gain, std))
-            if not rivals:
+        for channel, gain, std, alternatives in chosen:
+            single.setdefault((channel, alternatives), []).append((k, gain, std))
+            if not alternatives:
                 gains[k][channel] = gain
         if any(r for *_, r in chosen):
             gains[k] |= {channel: gain for channel, gain, _, _ in chosen}
-    for (channel, rivals), cases in single.items():
+    for (channel, alternatives), cases in single.items():
         for group in _alike(cases):
             where = ", ".join(shapes[k].name for k, _, _ in group)
             size = float(np.mean([g for _, g, _ in group]))
             std = float(np.sqrt(np.mean([s**2 for _, _, s in group]) / len(group) + (ALIKE * size) ** 2))
-            other = f"; it may be {', '.join(rivals)} by {1 / size:.3g} times instead" if rivals else ""
+            other = f"; it may be {', '.join(alternatives)} by {1 / size:.3g} times instead" if alternatives else ""
             found.append(SensorFinding(
-                name="reference", channel=channel, size=size, std=std, since=where, rivals=rivals,
+                name="reference", channel=channel, size=size, std=std, since=where, alternatives=alternatives,
                 message=f"suspect: reference {channel} reads {size:.3g} +- {std:.2g} times in {where} what it reads in "
                 f"the other setups{other}: {_advice(size)} of these setups"))
     shapes = [s.divided(g) for s, g in zip(shapes, gains, strict=True)]
-    constant, told = _constant(shapes, references)
-    return [*found, *constant], [*notes, *told]
+    constant, more_notes = _constant(shapes, references)
+    return [*found, *constant], [*notes, *more_notes]
 
 
 def _advice(size: float) -> str:
@@ -323,7 +324,7 @@ def _differing(shapes: Sequence[SetupShapes], references: Sequence[str]) -> tupl
             rest = np.sqrt(float(np.nansum(weight[k] * (log[k] - mean) ** 2)) / max(n - 1, 1))
             spread = float(np.hypot(max(rest, 1.0) / np.sqrt(weight[k].sum()), ALIKE))
             gain = np.exp(mean) * (1 if positive > 0.5 else -1)
-            # peaks that disagree about the sign tell none
+            # peaks that disagree about the sign give none
             if (gain > 0 and abs(mean) > SIGMA * spread) or positive < 0.1:
                 off.append(_Differs(setup=k, first=references[i], second=references[j], gain=float(gain),
                                     std=float(abs(gain) * spread)))
@@ -337,8 +338,8 @@ def _differing(shapes: Sequence[SetupShapes], references: Sequence[str]) -> tupl
 def _explained(
     shapes: Sequence[SetupShapes], references: Sequence[str], gains: Sequence[Mapping], differs: Sequence[_Differs]
 ) -> list[tuple[str, float, float, tuple[str, ...]]]:
-    """(channel, gain, std, rivals) of one setup: the reference that is in most of the pairs that differ, and so on; of
-    a pair alone the one whose correction makes rigid parts rigid, if they tell."""
+    """(channel, gain, std, alternatives) of one setup: the reference that is in most of the pairs that differ, and so
+    on; of a pair alone the one whose correction makes rigid parts rigid, if they show it."""
     left, chosen = list(differs), []
     while left:
         count = {c: [d for d in left if c in (d.first, d.second)] for c in references}
@@ -448,17 +449,18 @@ def _finding(one: WrongGain, sensors: Sequence[Sensor], owner, references: Seque
     names = [s.channel for s in sensors]
     channel = words_of(one.members, names)
     others = words_of([i for i in range(len(names)) if i not in one.members], names)
-    rivals = tuple(words_of(r, names) for r, _ in one.rivals)
+    alternatives = tuple(words_of(r, names) for r, _ in one.alternatives)
     owners = {owner[i] for i in one.members}
     alone = len(owners) == 1 and -1 not in owners and sum(o in owners for o in owner) == len(one.members)
     if alone:
-        rivals = (*rivals, f"all references of that setup by {1 / one.gain:.3g}")
+        alternatives = (*alternatives, f"all references of that setup by {1 / one.gain:.3g}")
     reference = all(names[i] in references for i in one.members)
     wrong = "scale and direction are" if one.gain < 0 and abs(abs(one.gain) - 1) > SIGMA * one.std else (
         "direction is" if one.gain < 0 else "scale is")
     return SensorFinding(
-        name="reference" if reference else "gain", channel=channel, size=one.gain, std=one.std, rivals=rivals,
+        name="reference" if reference else "gain", channel=channel, size=one.gain, std=one.std,
+                         alternatives=alternatives,
         message=f"suspect: {channel} read{'s' if len(one.members) == 1 else ''} {one.gain:.3f} +- {one.std:.2g} times "
         f"what {others} say of the rigid part that they share: the stated {wrong} wrong"
-        + (f"; it may be {' or '.join(rivals)} instead" if rivals else "")
+        + (f"; it may be {' or '.join(alternatives)} instead" if alternatives else "")
         + f": {_advice(one.gain)}, or that of the others")

@@ -1,4 +1,4 @@
-"""Blocks of a campaign: clock-aligned stretches of data, one in memory at a time, with what is missing in them."""
+"""Blocks of a campaign: clock-aligned chunks of data, one in memory at a time, with what is missing in them."""
 
 from __future__ import annotations
 
@@ -142,7 +142,7 @@ def _assemble(campaign: Campaign, start: pd.Timestamp, length: pd.Timedelta, pie
             covered[rows] = True
     if np.any(campaign.unit_factor != 1):
         data *= campaign.unit_factor
-    # no sensor measures what its square could not be told from: the bit pattern of a damaged file
+    # no sensor measures what its square would overflow on: the bit pattern of a damaged file
     lost = ~(np.abs(data) < LARGEST_SI)
     missing = lost.mean(axis=0)
     data[lost] = np.nan
@@ -191,6 +191,6 @@ def _repair(data: np.ndarray, lost: np.ndarray, longest: int) -> tuple[np.ndarra
 
 
 def runs(flags: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Starts and ends (one past the last) of the stretches of True in (n,) bool."""
+    """Starts and ends (one past the last) of the runs of True in (n,) bool."""
     edge = np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]]).astype(np.int8)))
     return edge[::2], edge[1::2]

@@ -189,7 +189,7 @@ def _named(campaign: Campaign, found: Compared | None) -> list[str]:
 def _findings(
     campaign, table, head, overlaps, compared, ratio, sways: list[Sway]
 ) -> tuple[tuple[str, ...], tuple[str, ...], tuple[SensorFinding, ...]]:
-    """What is wrong, what the comparisons are able to tell, and the findings that have a size."""
+    """What is wrong, what the comparisons can show, and the findings that have a size."""
     single = [*channel_findings(table, campaign.sensors), *_quantities(campaign)]
     states = dict(zip(head["id"], head["state"], strict=True))
     clocks, clock_use = clock_findings(compared, campaign.channels)

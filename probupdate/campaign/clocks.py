@@ -24,13 +24,13 @@ LEAST_COHERENCE, MOST_COHERENCE = 0.3, 0.99
 GATHERED = 0.7
 # what the phases of real structures (damping that is not proportional, rotating loads) may feign, in s: channels of one
 # level, of two
-LIKENESS_S = {True: 0.0005, False: 0.003}
+MOTION_STD_S = {True: 0.0005, False: 0.003}
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Delays:
     """delay_s (n_channel,) how late each channel is against the median of those it can be compared with, NaN where
-    none; std_s (n_channel,) what coherence and likeness of motion leave open; group (n_channel,) number of the set of
+    none; std_s (n_channel,) what coherence and similarity of motion leave open; group (n_channel,) number of the set of
     channels that are compared with one another, -1 for none."""
 
     delay_s: np.ndarray
@@ -54,7 +54,7 @@ def delays(spectra: CrossSpectra, sensors: tuple[Sensor, ...], avoid_hz: np.ndar
         row[i], row[j] = 1.0, -1.0
         matrix.append(row)
         value.append(found[0])
-        weight.append(1 / (found[1] ** 2 + LIKENESS_S[sensors[i].level == sensors[j].level] ** 2))
+        weight.append(1 / (found[1] ** 2 + MOTION_STD_S[sensors[i].level == sensors[j].level] ** 2))
     delay, std, group = np.full(n, np.nan), np.full(n, np.nan), np.full(n, -1)
     if not matrix:
         return Delays(delay_s=frozen_array(delay), std_s=frozen_array(std), group=frozen_array(group, int))
@@ -75,7 +75,8 @@ def _comparable(a: Sensor, b: Sensor) -> bool:
 
 
 def _pair_delay(spectra: CrossSpectra, i: int, j: int, kept: np.ndarray) -> tuple[float, float] | None:
-    """(delay of i after j, its deviation) in s; None where the two are not coherent over a range of frequencies."""
+    """(delay of i after j, its standard deviation) in s; None where the two are not coherent over a range of
+    frequencies."""
     g, frequency = spectra.density, spectra.frequency_hz
     cross, own = g[:, j, i], np.real(g[:, i, i]) * np.real(g[:, j, j])
     with np.errstate(invalid="ignore", divide="ignore"):

@@ -61,13 +61,13 @@ def convert(
     """
     sources, campaign = Path(sources), Path(campaign)
     head = read_head(campaign / "campaign.toml")
-    told = read_description(description or campaign / "convert.toml", head.channels)
-    found = _found(sources, told)
+    described = read_description(description or campaign / "convert.toml", head.channels)
+    found = _found(sources, described)
     folder = campaign / "acceleration"
     folder.mkdir(exist_ok=True)
     remove_stale(folder)
     record = _read_record(folder / RECORD)
-    words = told.path.read_bytes() + repr((head.channels, head.sampling_rate_hz)).encode()
+    words = described.path.read_bytes() + repr((head.channels, head.sampling_rate_hz)).encode()
     written: list[Path] = []
     kept: list[Path] = []
     notes: list[str] = []
@@ -91,7 +91,7 @@ def convert(
             samples += entry["samples"]
             spans += [(pd.Timestamp(a), pd.Timestamp(b), name) for a, b in entry["spans"]]
             continue
-        outputs, count, said, own = _one_source(path, name, told, head, folder, key)
+        outputs, count, said, own = _one_source(path, name, described, head, folder, key)
         record[name] = {"key": key, "files": [p.name for p in outputs], "samples": count,
                         "spans": [[a.isoformat(), b.isoformat()] for a, b in own]}
         _write_record(folder / RECORD, record)
@@ -104,7 +104,7 @@ def convert(
                       notes=(*notes, *_overlaps(spans)))
 
 
-def _found(sources: Path, told: Description) -> list[Path]:
+def _found(sources: Path, described: Description) -> list[Path]:
     """The described files, in order of their names; none may lie outside through a link."""
     if sources.is_file():
         return [sources]
@@ -112,11 +112,12 @@ def _found(sources: Path, told: Description) -> list[Path]:
         raise InputError(str(sources), "is neither a folder nor a file", "give where the files to convert lie")
     inside = sources.resolve()
     # what is no file but a folder, or leads nowhere, is asked about: records are not left out in silence
-    found = sorted(p for p in sources.glob(told.files) if not p.is_dir())
+    found = sorted(p for p in sources.glob(described.files) if not p.is_dir())
     if not found:
-        raise InputError(str(sources), f"holds no file that matches '{told.files}'", f"mend files in {told.path}")
+        raise InputError(str(sources), f"holds no file that matches '{described.files}'",
+                         f"mend files in {described.path}")
     for path in found:
-        input_file(path, f"remove it, or mend files in {told.path}")
+        input_file(path, f"remove it, or mend files in {described.path}")
         if not path.resolve().is_relative_to(inside):
             raise InputError(str(path), "leads out of the folder of the sources", "copy the file there")
     return found
@@ -158,17 +159,17 @@ def _overlaps(spans: list[tuple[pd.Timestamp, pd.Timestamp, str]]) -> list[str]:
 # One source ---------------------------------------------------------------------------------------------------------
 
 
-def _one_source(path: Path, name: str, told: Description, head: CampaignHead, folder: Path, key: str):
+def _one_source(path: Path, name: str, described: Description, head: CampaignHead, folder: Path, key: str):
     """(files, samples, notes, (start, end) of each): the source's samples on the campaign's clock."""
-    clock = file_clock(path, told, head.sampling_rate_hz)
+    clock = file_clock(path, described, head.sampling_rate_hz)
     writer = _Writer(folder, name, key, head)
-    factor = np.array([told.factor[c] for c in head.channels])
+    factor = np.array([described.factor[c] for c in head.channels])
     lost = 0
-    for number, (time, data) in enumerate(pieces(path, told)):
+    for number, (time, data) in enumerate(pieces(path, described)):
         if number == 0:
             refuse_time(str(path), head.channels, data)
-        if told.lost:
-            data = np.where(np.isin(data, told.lost), np.nan, data)
+        if described.lost:
+            data = np.where(np.isin(data, described.lost), np.nan, data)
         # what single precision does not hold is no acceleration: lost, and counted below
         with np.errstate(over="ignore", invalid="ignore"):
             data = (data * factor).astype(np.float32)
@@ -187,7 +188,7 @@ def _one_source(path: Path, name: str, told: Description, head: CampaignHead, fo
 
 
 class _Writer:
-    """Rows with the start of their stretch, gathered into files of up to FILE_S; each gets its name when complete."""
+    """Rows with the start of their chunk, gathered into files of up to FILE_S; each gets its name when complete."""
 
     def __init__(self, folder: Path, source: str, key: str, head: CampaignHead):
         self.folder, self.source, self.key, self.head = folder, source, key, head
@@ -200,7 +201,7 @@ class _Writer:
         self.count = 0
 
     def add(self, start: pd.Timestamp | None, rows: np.ndarray) -> None:
-        """start: where a new stretch begins; None where the rows follow on."""
+        """start: where a new chunk begins; None where the rows follow on."""
         if start is not None:
             self._write()
             self.start = start
@@ -221,8 +222,8 @@ class _Writer:
     def _write(self) -> None:
         if not self.size:
             return
-        assert self.start is not None, "the first rows begin a stretch"
-        # two sources may start at one time: the key's head tells their files apart
+        assert self.start is not None, "the first rows begin a chunk"
+        # two sources may start at one time: the key's head distinguishes their files
         path = self.folder / f"{self.start.strftime('%Y%m%dT%H%M%S.%f')[:-3]}Z-{self.key[:6]}.h5"
         if path.exists():
             with open_hdf5(path, "is there already and cannot be read", "move it away") as file:

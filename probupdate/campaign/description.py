@@ -51,7 +51,7 @@ class Description:
     """Where the samples of every channel are.
 
     files: pattern below the folder of the sources. time: name of the time column, or None where `start` or
-    `start_pattern` (a pattern with one group in the file's name, read by start_format) tells a file's first sample and
+    `start_pattern` (a pattern with one group in the file's name, read by start_format) gives a file's first sample and
     the campaign's rate the others. time_unit: "iso", or the unit of a number counted from `start`, from 1970 where no
     start is given, or "matlab"/"excel" day numbers. zone: of every time that does not state its own. data: variable
     that holds all channels as columns. columns: channel -> name, or number from 1, of its column; without an entry the
@@ -81,33 +81,33 @@ class Description:
 def read_description(path: str | Path, channels: tuple[str, ...]) -> Description:
     """Read convert.toml. Raises InputError for unknown keys, wrong kinds, a zone that is none, a path that leaves."""
     path = Path(path)
-    told = table_as(_Written, read_toml(path), str(path))
-    files = told.files
+    described = table_as(_Written, read_toml(path), str(path))
+    files = described.files
     if PurePosixPath(files).is_absolute() or ".." in PurePosixPath(files).parts or "\\" in files:
         raise InputError(f"{path}, files", f"'{files}' leaves the folder of the sources", "give a pattern below it")
-    if told.time is None and told.start is None and told.start_pattern is None:
+    if described.time is None and described.start is None and described.start_pattern is None:
         raise InputError(str(path), "says nothing of time", "add time (a column), start, or start_pattern")
-    if told.start is not None and told.start_pattern is not None:
+    if described.start is not None and described.start_pattern is not None:
         raise InputError(str(path), "has both start and start_pattern", "keep one")
-    if told.start_pattern is not None:
-        name_pattern(told.start_pattern, f"{path}, start_pattern")
+    if described.start_pattern is not None:
+        name_pattern(described.start_pattern, f"{path}, start_pattern")
     for key in ("columns", "factor"):
-        for channel in getattr(told, key):
+        for channel in getattr(described, key):
             if channel not in channels:
                 raise InputError(f"{path}, {key}", f"'{channel}' is no channel of campaign.toml",
                                  nearest(channel, channels))
-    columns = {c: told.columns.get(c, c) for c in channels}
+    columns = {c: described.columns.get(c, c) for c in channels}
     twice = [c for c in channels if list(columns.values()).count(columns[c]) > 1]
     if twice:
         raise InputError(f"{path}, columns", f"{' and '.join(twice)} are the same column", "give each channel its own")
     for channel, column in columns.items():
-        if told.time is not None and column == told.time:
+        if described.time is not None and column == described.time:
             raise InputError(f"{path}, columns, {channel}", f"{column!r} is the column of time",
                              "name the channel's own")
-    same = {f.name: getattr(told, f.name) for f in fields(told)}
+    same = {f.name: getattr(described, f.name) for f in fields(described)}
     return Description(**(same | {
-        "path": path, "zone": _zone(path, told.zone), "columns": columns,
-        "factor": {c: float(told.factor.get(c, 1.0)) for c in channels}}))
+        "path": path, "zone": _zone(path, described.zone), "columns": columns,
+        "factor": {c: float(described.factor.get(c, 1.0)) for c in channels}}))
 
 
 def _zone(path: Path, text: str | None) -> tzinfo | None:

@@ -32,7 +32,7 @@ MISSING = 0.02
 WANDER, WANDER_ALONE = 5.0, 2.0
 # clocks that differ by less are not mentioned, whatever the statistics: no mode shape below 3 Hz is hurt by 2 degrees
 LEAST_DELAY_S, SIGMA = 0.002, 4.0
-# the true sampling rate by rotor lines is doubted beyond this
+# the true sampling rate by rotor lines is questioned beyond this
 RATE_LIMIT = 0.01
 # median deviation of the top's horizontal acceleration (m/s2) that a turbine on a slender support may have, idling and
 # running, from a breath of wind to a storm: orders of magnitude, wide on purpose
@@ -42,8 +42,8 @@ GRAVITY = 9.80665
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Compared:
-    """One block whose channels were compared: its suspicions, delays (n_channel,) with their deviations, in s, the
-    frequency of its lowest motion and its cross-spectra in one or several pieces."""
+    """One block whose channels were compared: its suspicions, delays (n_channel,) with their standard deviations, in s,
+    the frequency of its lowest motion and its cross-spectra in one or several pieces."""
 
     id: str
     start: pd.Timestamp
@@ -85,10 +85,10 @@ def _own_samples(name: str, rows: pd.DataFrame, n_block: int, common: float) -> 
     found = []
     if rows["flat"].any():
         found.append(f"{name} is flat in {int(rows['flat'].sum())} of {n_block} blocks")
-    standing = rows[(rows["still_s"] > 0) & ~rows["flat"]]
-    if len(standing):
-        found.append(f"{name} stands still for up to {standing['still_s'].max():.1f} s in {len(standing)} blocks, from "
-                     f"{standing['id'].iloc[0]} on")
+    still = rows[(rows["still_s"] > 0) & ~rows["flat"]]
+    if len(still):
+        found.append(f"{name} stands still for up to {still['still_s'].max():.1f} s in {len(still)} blocks, from "
+                     f"{still['id'].iloc[0]} on")
     if spikes := int(rows["spikes"].sum()):
         found.append(f"{name} has {spikes} spikes that stand alone, in {int((rows['spikes'] > 0).sum())} blocks")
     if clipped := int(rows["clipped"].sum()):
@@ -177,8 +177,8 @@ def _returns(numbers: Sequence[int], total: int) -> bool:
 
 def _sentence(kind: str, channels: tuple[str, ...], cases: list[Suspicion]) -> str:
     name, size = ", ".join(channels), float(np.median([c.size for c in cases]))
-    rivals = [c for c, n in Counter(r for one in cases for r in one.ambiguous_with).items() if n > len(cases) / 2]
-    rivals = [r for r in rivals if r not in channels]
+    alternatives = [c for c, n in Counter(r for one in cases for r in one.ambiguous_with).items() if n > len(cases) / 2]
+    alternatives = [r for r in alternatives if r not in channels]
     if kind == mounting.SWAPPED:
         text = f"suspect: {channels[0]} and {channels[1]} look swapped"
     elif kind == mounting.FLIPPED:
@@ -192,14 +192,14 @@ def _sentence(kind: str, channels: tuple[str, ...], cases: list[Suspicion]) -> s
     else:
         text = f"suspect: {name} reads {size:.3g} times what other channels suggest: wrong unit or scale?"
         text += unit_hint(size).replace(",", " It is", 1)
-    return text + (f"; it may be {', '.join(rivals)} instead" if rivals else "")
+    return text + (f"; it may be {', '.join(alternatives)} instead" if alternatives else "")
 
 
 def sensor_findings(
     campaign: Campaign, compared: Sequence[Compared], sways: Sequence[Sway], mentioned: Sequence[str]
 ) -> tuple[list[SensorFinding], list[str]]:
     """What sensors say of one another over the whole campaign: gains that change, gains by rigid parts, the nacelle's
-    heading; and what these comparisons can tell. Channels that a sentence of `mentioned` names are judged by that."""
+    heading; and what these comparisons can show. Channels that a sentence of `mentioned` names are judged by that."""
     lowest = [b.lowest_hz for b in compared if np.isfinite(b.lowest_hz)]
     if not lowest:
         return [], []

@@ -34,7 +34,7 @@ PREDICTED = 0.3
 # each frequency is a mean over dozens of segments: so much is beyond chance by far, and a turn makes it at one peak
 TURNED = 3.0
 MOST_STEPS, MOST_TRIED = 8, 4
-# candidates whose remainders (sum of squared standard scores) are this close explain the records alike
+# candidates whose residuals (sum of squared standard scores) are this close explain the records alike
 ALIKE = 9.0
 
 
@@ -129,9 +129,9 @@ def gain_steps(
 
     A change counts beyond four standard deviations of it, in which are the scatter of the series about both means and
     1 % that sound sensors and shapes may change by: 4 % is the least that is reported. The channel is the one whose
-    change, undone, leaves least of all channels' changes; where another leaves as little it is a rival. Channels that
-    change together by one factor are one finding: their logger's. A change that lasts from a piece to another is found
-    as two.
+    change, undone, leaves least of all channels' changes; where another leaves as little it is an alternative. Channels
+    that change together by one factor are one finding: their logger's. A change that lasts from a piece to another is
+    found as two.
     """
     prepared = _prepared(pieces, lowest_hz)
     if prepared is None:
@@ -167,9 +167,9 @@ def gain_steps(
         # several channels are taken for one only where they leave clearly less
         tried.sort(key=lambda t: t[0] + ALIKE * (len(t[1]) > 1))
         left, members, at, factor, std, density, series = tried[0]
-        rivals = tuple(known[t[1][0]] for t in tried[1:] if t[0] < left + ALIKE and len(t[1]) == 1
-                       and t[1][0] not in members)
-        steps += [(known[c], at, factor, std, rivals) for c in members]
+        alternatives = tuple(known[t[1][0]] for t in tried[1:] if t[0] < left + ALIKE and len(t[1]) == 1
+                             and t[1][0] not in members)
+        steps += [(known[c], at, factor, std, alternatives) for c in members]
     found = _findings(steps, ids, [s.channel for s in sensors])
     return found, (f"gains of {int(able.sum())} of {len(sensors)} channels followed; changes from {least.min():.0f} %"
             f"{f', of the worst from {least.max():.0f} %,' if least.max() > 1.5 * least.min() else ''} show")
@@ -336,8 +336,8 @@ def _reversal(density: np.ndarray) -> tuple[int, int, float] | None:
 def _undone(
     density: np.ndarray, series: np.ndarray, weight: np.ndarray, members: tuple[int, ...], at: int, start: float = 1.0
 ):
-    """(what is left of all channels' steps, members, at, factor, its deviation, density, series) with the gain of some
-    channels taken back from piece `at` on by the factor that leaves their own series without a step there."""
+    """(what is left of all channels' steps, members, at, factor, its standard deviation, density, series) with the gain
+    of some channels taken back from piece `at` on by the factor that leaves their own series without a step there."""
     factor, more, now = 1.0, start, density
     for _ in range(8):
         if more != 1:
@@ -364,12 +364,12 @@ def _findings(steps: Sequence[_Change], ids: Sequence[str], channels: Sequence[s
     found: list[SensorFinding] = []
     left = list(steps)
     while left:
-        c, at, factor, std, rivals = left[0]
+        c, at, factor, std, alternatives = left[0]
         group = [s for s in left if abs(s[1] - at) <= 1 and abs(s[2] - factor) < 2 * np.hypot(s[3], std)
                  and (s[0] != c or s is left[0])]
         left = [s for s in left if s not in group]
         names = [channels[k] for k in sorted(s[0] for s in group)]
-        shared = [channels[r] for r in rivals if all(r in s[4] for s in group)]
+        shared = [channels[r] for r in alternatives if all(r in s[4] for s in group)]
         others = tuple(r for r in shared if r not in names)
         size = float(np.mean([s[2] for s in group]))
         error = float(np.sqrt(np.mean([s[3] ** 2 for s in group])))
@@ -380,7 +380,7 @@ def _findings(steps: Sequence[_Change], ids: Sequence[str], channels: Sequence[s
                    + (f"; it may be {', '.join(others)} by the inverse instead" if others else "")
                    + f": look at {'their logger' if common else 'its cable, amplifier and range'} at that time, or "
                    "identify the records before and after apart")
-        one = SensorFinding(name="gain change", channel=who, size=size, std=error, since=ids[at], rivals=others,
+        one = SensorFinding(name="gain change", channel=who, size=size, std=error, since=ids[at], alternatives=others,
                             message=message)
         found.append(one if size > 0 else replace(one, message=message.replace("the gain of", "the sign or gain of")))
     return found

@@ -44,9 +44,9 @@ class Sway:
 
 @dataclass(frozen=True, kw_only=True)
 class HeadingOffset:
-    """offset_deg: true heading less the stated one, -90 to 90 (which way along the axis is not told), std_deg its
-    standard deviation; NaN where nothing could be told, and `why` says why. follows: how well the planes agree in the
-    nacelle's frame, 0 to 1. wider: mean logarithm of fore-aft's width over side-side's and its standard deviation,
+    """offset_deg: true heading less the stated one, -90 to 90 (which way along the axis is not known), std_deg its
+    standard deviation; NaN where nothing could be estimated, and `why` says why. follows: how well the planes agree in
+    the nacelle's frame, 0 to 1. wider: mean logarithm of fore-aft's width over side-side's and its standard deviation,
     after the offset. backwards: the planes follow the heading counted the other way round. either: fore-aft is not
     known from side-side, so that offset_deg (-45 to 45) may be 90 degrees more."""
 
@@ -61,7 +61,7 @@ class HeadingOffset:
 
 
 def block_sway(block: Block, sensors: Sequence[Sensor], usable: np.ndarray, conditions: Mapping) -> Sway | None:
-    """What one block tells; None where the rotor stands, the nacelle turned, SCADA lacks either, or the structure is no
+    """What one block gives; None where the rotor stands, the nacelle turned, SCADA lacks either, or the structure is no
     tower. Sensors of the highest level that has two horizontal directions, oblique ones too."""
     heading = conditions.get("nacelle_heading_deg", np.nan)
     rpm = conditions.get("rotor_speed_rpm", np.nan)
@@ -83,7 +83,7 @@ def block_sway(block: Block, sensors: Sequence[Sensor], usable: np.ndarray, cond
 
 
 def _top(sensors: Sequence[Sensor], usable: np.ndarray) -> tuple[list[int], np.ndarray] | None:
-    """Channels of the highest place that tell both horizontal directions, and the matrix (2, n) that gives them."""
+    """Channels of the highest place that see both horizontal directions, and the matrix (2, n) that gives them."""
     heights = sorted({round(float(s.position_m[2]), 3) for s in sensors}, reverse=True)
     for z in heights:
         rows = [i for i, s in enumerate(sensors) if usable[i] and abs(s.position_m[2] - z) < 1e-3]
@@ -99,10 +99,10 @@ def _top(sensors: Sequence[Sensor], usable: np.ndarray) -> tuple[list[int], np.n
 def heading_offset(sways: Sequence[Sway], x_axis_heading_deg: float, lowest_hz: float) -> HeadingOffset:
     """The offset that makes the planes of all blocks principal: of the spectral matrix in the nacelle's frame, bin by
     bin about the first pair, the direction of the doubled difference angle, squared so that the larger plane may be
-    either; then the plane of the wider peak is fore-aft. Deviations by leaving out blocks. Nothing is told where fewer
-    than five blocks run, and where the planes do not agree in the nacelle's frame or agree as well without it. Where
-    neither plane's peak is wider beyond four standard deviations an offset may be 90 degrees more, and none of 0 is
-    told."""
+    either; then the plane of the wider peak is fore-aft. Standard deviations by leaving out blocks. Nothing is
+    estimated where fewer than five blocks run, and where the planes do not agree in the nacelle's frame or agree as
+    well without it. Where neither plane's peak is wider beyond four standard deviations an offset may be 90 degrees
+    more, and none of 0 is estimated."""
     n = len(sways)
     nothing = {"offset_deg": float("nan"), "std_deg": float("nan"), "blocks": n}
     if n < FEWEST_BLOCKS:
@@ -137,8 +137,8 @@ def heading_offset(sways: Sequence[Sway], x_axis_heading_deg: float, lowest_hz: 
 
 
 def heading_findings(found: HeadingOffset) -> tuple[list[SensorFinding], str | None]:
-    """The offset as a finding, where it is beyond four deviations (2 degrees of what no record tells among them), and a
-    sentence on what was or was not told."""
+    """The offset as a finding, where it is beyond four standard deviations (2 degrees of what no record shows among
+    them), and a sentence on what was or was not found."""
     if not np.isfinite(found.offset_deg):
         return [], f"the nacelle's heading against the planes of bending: not identified, {found.why}"
     text = f"{found.offset_deg:+.1f} +- {found.std_deg:.1f} deg{' (or 90 more)' if found.either else ''}"

@@ -27,14 +27,15 @@ RIGID_UP_TO = 8.0
 SOUND_SHARE = 0.006
 # ... a change of one channel or a swap is believed if it leaves less than this, and less than half of what was before
 MENDED_SHARE, MENDED_RATIO = 0.05, 0.5
-# and if every other change leaves this many times more, else the candidates are told apart by nothing
+# and if every other change leaves this many times more, else the candidates are indistinguishable
 DISTINCT = 1.5
 # gain of one channel against its level, or one direction against the other; sensors are calibrated to some per cent,
 # and legs and braces move a little by themselves
 GAIN_LIMIT, PROFILE_LIMIT, VERTICAL_LIMIT = 1.2, 1.5, 2.0
 # direction in which a channel's motion goes, against its own: one that is fixed askew, one that is another's
 TURNED_DEG, ACROSS_DEG, FLIPPED_DEG = 20.0, 55.0, 145.0
-# a channel's direction is judged where noise leaves it to so many degrees (one deviation) and it follows at all
+# a channel's direction is judged where noise leaves it to so many degrees (one standard deviation) and it follows at
+# all
 DIRECTION_STD_DEG, FOLLOWING = 5.0, 0.05
 # highest coherence (over frequencies) with any other channel below which a channel has nothing in common with them
 DEAD_COHERENCE = 0.25
@@ -168,10 +169,10 @@ def _rigid(spectra: CrossSpectra, sensors, members: list[int], lowest: float) ->
         if best[0] > MENDED_RATIO * share:
             break
         share, suspicion, covariance = best
-        rivals = tuple(c for s, other in others if s < max(DISTINCT * share, SOUND_SHARE / 2)
-                       for c in other.channels if c not in suspicion.channels)
+        alternatives = tuple(c for s, other in others if s < max(DISTINCT * share, SOUND_SHARE / 2)
+                             for c in other.channels if c not in suspicion.channels)
         found.append(Suspicion(kind=suspicion.kind, channels=suspicion.channels, size=suspicion.size,
-                               ambiguous_with=tuple(dict.fromkeys(rivals))))
+                               ambiguous_with=tuple(dict.fromkeys(alternatives))))
     return found if found and share < MENDED_SHARE and share < MENDED_RATIO * first else []
 
 
@@ -187,9 +188,9 @@ def _rigid_motion(sensors: list[Sensor]) -> np.ndarray | None:
 
 def _common_scale(covariance: np.ndarray, sensors: list[Sensor]) -> np.ndarray:
     """(n_channel,) the median deviation of the channels along one line, so that vertical ones count as well."""
-    deviation = np.sqrt(np.diag(covariance))
+    std = np.sqrt(np.diag(covariance))
     along = np.abs([[a.direction @ b.direction for b in sensors] for a in sensors]) > 0.9
-    return np.array([np.median(deviation[row]) for row in along])
+    return np.array([np.median(std[row]) for row in along])
 
 
 def _unexplained(beyond: np.ndarray, covariance: np.ndarray) -> float:
@@ -286,7 +287,8 @@ def _bending(covariance, sensors, alive, across, plane, level, n_free) -> _Bendi
     along = cross @ np.linalg.pinv(own)
     total = np.diag(covariance)[alive]
     explained = np.clip(np.einsum("ij,ij->i", along, cross) / total, 0.0, 1.0)
-    # what noise does to the direction: the coefficient's deviation across it; large where the motion had one direction
+    # what noise does to the direction: the coefficient's standard deviation across it; large where the motion had one
+    # direction
     across_it = np.stack([-along[:, 1], along[:, 0]], axis=1)
     size = np.maximum(np.einsum("ij,ij->i", along, along), 1e-300)
     spread = np.einsum("ij,jk,ik->i", across_it, np.linalg.pinv(own), across_it) / size

@@ -51,9 +51,9 @@ class RecordFile:
 class Campaign:
     """What was measured and where it lies; `files` ordered by start, `scada` indexed by UTC time or None.
 
-    rated_power_kw tells idling from operation; None: the highest power recorded stands for it. x_axis_heading_deg:
-    the compass heading (clockwise) of the model's x axis; 0 unless campaign.toml gives it. columns: where the sensors'
-    samples are in the files; left_out: channels of the files that campaign.toml says not to use.
+    rated_power_kw distinguishes idling from operation; None: the highest power recorded stands for it.
+    x_axis_heading_deg: the compass heading (clockwise) of the model's x axis; 0 unless campaign.toml gives it. columns:
+    where the sensors' samples are in the files; left_out: channels of the files that campaign.toml says not to use.
     """
 
     path: Path

@@ -25,7 +25,7 @@ DISTINCT = 1.5
 LEAST_MENDED = 0.8
 # gains of sound sensors differ by so much (one standard deviation)
 ALIKE = 0.01
-# directions in which sensors see less than this of a motion tell nothing of it
+# directions in which sensors see less than this of a motion give no information on it
 LEAST_SEEN = 1e-3
 
 
@@ -40,13 +40,13 @@ class Group:
 @dataclass(frozen=True, eq=False, kw_only=True)
 class WrongGain:
     """gain: as recorded over what the rigid part says, std its standard deviation; members (indices) of the channels;
-    rivals: groups that explain it as well, with their gains; share: unexplained before and after."""
+    alternatives: groups that explain it as well, with their gains; share: unexplained before and after."""
 
     members: tuple[int, ...]
     words: str
     gain: float
     std: float
-    rivals: tuple[tuple[tuple[int, ...], float], ...]
+    alternatives: tuple[tuple[tuple[int, ...], float], ...]
     share: tuple[float, float]
 
 
@@ -111,10 +111,11 @@ def wrong_gains(
     """What breaks one rigid part, and the share that stays unexplained (1 where nothing is redundant).
 
     samples (n_sample, n_channel) real or complex: shapes, or square roots of covariances, in one quantity; each sample
-    has one vote. A group's gain is that which leaves least beyond the six motions, its deviation that over samples left
-    out in turn, the gains of sound sensors (1 %) and the part's own flexibility (the root of what stays unexplained)
-    added in squares. It is told beyond four deviations, if the part is rigid with it. Of a group and all others by the
-    inverse, which nothing distinguishes, the smaller is taken; rivals are groups that leave about as little.
+    has one vote. A group's gain is that which leaves least beyond the six motions, its standard deviation that over
+    samples left out in turn, the gains of sound sensors (1 %) and the part's own flexibility (the root of what stays
+    unexplained) added in squares. It is reported beyond four standard deviations, if the part is rigid with it. Of a
+    group and all others by the inverse, which nothing distinguishes, the smaller is taken; alternatives are groups that
+    leave about as little.
     """
     samples = np.asarray(samples)
     size = np.linalg.norm(samples, axis=1)
@@ -126,53 +127,67 @@ def wrong_gains(
     beyond = _beyond(motion)
     if np.trace(beyond) < 0.5:
         return [], 1.0
-    first = share = _share(beyond, samples)
-    factor = np.ones(len(sensors))
-    taken: list[tuple[Group, list[tuple[float, Group, float]]]] = []
+    first = _share(beyond, samples)
+    taken, share = _taken(beyond, samples, groups, most)
+    if not taken or share > RIGID_SHARE:
+        return [], first
+    found = []
+    for (group, close), gain, spread in zip(taken, *_gains_and_errors(beyond, samples, taken), strict=True):
+        std = float(np.sqrt(spread**2 + gain**2 * (ALIKE**2 + share)))
+        if abs(gain - 1) < SIGMA * std:
+            continue
+        complement = set(range(len(sensors))) - set(group.members)
+        # what the changes taken make together is no alternative to one of them
+        alternatives = tuple((t[1].members, float(t[2])) for t in close if set(t[1].members) != complement
+                             and _independent([*(g for g, _ in taken), t[1]], len(sensors)))
+        found.append(WrongGain(members=group.members, words=group.words, gain=float(gain), std=std,
+                               alternatives=alternatives, share=(first, share)))
+    return found, share
+
+
+# a group that is taken to have a wrong gain, and those that explain it about as well: share left, group, gain
+_Taken = tuple[Group, list[tuple[float, Group, float]]]
+
+
+def _taken(beyond: np.ndarray, samples: np.ndarray, groups: Sequence[Group], most: int) -> tuple[list[_Taken], float]:
+    """Up to `most` groups, one after the other, each the one that leaves least; and the share left with all of them."""
+    n_channel = samples.shape[1]
+    share, factor = _share(beyond, samples), np.ones(n_channel)
+    taken: list[_Taken] = []
     while len(taken) < most and share > RIGID_SHARE / 100:
         now = samples / factor
         tried = []
         for group in groups:
-            if not _independent([*(g for g, _ in taken), group], len(sensors)):
+            if not _independent([*(g for g, _ in taken), group], n_channel):
                 continue
             gain = _best_gain(beyond, now, group.members)
             if gain is None or abs(gain) < 1e-3:
                 continue
             changed = np.array(factor)
             changed[list(group.members)] *= gain
-            tried.append((_share(beyond, samples / changed), group, gain, changed))
+            tried.append((_share(beyond, samples / changed), group, gain))
         if not tried:
             break
         # of about equal ones the fewest channels
         least = min(t[0] for t in tried)
         close = [t for t in tried if t[0] <= DISTINCT * least]
-        left, group, gain, changed = min(close, key=lambda t: (len(t[1].members), t[0]))
+        left, group, _ = min(close, key=lambda t: (len(t[1].members), t[0]))
         if left > LEAST_MENDED * share:
             break
-        taken.append((group, [t[:3] for t in close if t[1] is not group]))
-        factor = np.ones(len(sensors))
+        taken.append((group, [t for t in close if t[1] is not group]))
+        factor = np.ones(n_channel)
         for (one, _), value in zip(taken, _together(beyond, samples, [g for g, _ in taken]), strict=True):
             factor[list(one.members)] *= value
         share = _share(beyond, samples / factor)
-    if not taken or share > RIGID_SHARE:
-        return [], first
-    found = []
-    gains = _together(beyond, samples, [g for g, _ in taken])
-    every = np.array([_together(beyond, np.delete(samples, k, axis=0), [g for g, _ in taken])
-                      for k in range(len(samples))])
-    n = len(samples)
-    error = np.sqrt((n - 1) / n * np.sum((every - every.mean(axis=0)) ** 2, axis=0)) if n > 2 else np.abs(gains)
-    for (group, close), gain, spread in zip(taken, gains, error, strict=True):
-        std = float(np.sqrt(spread**2 + gain**2 * (ALIKE**2 + share)))
-        if abs(gain - 1) < SIGMA * std:
-            continue
-        complement = set(range(len(sensors))) - set(group.members)
-        # what the changes taken make together is no rival of one of them
-        rivals = tuple((t[1].members, float(t[2])) for t in close if set(t[1].members) != complement
-                       and _independent([*(g for g, _ in taken), t[1]], len(sensors)))
-        found.append(WrongGain(members=group.members, words=group.words, gain=float(gain), std=std, rivals=rivals,
-                               share=(first, share)))
-    return found, share
+    return taken, share
+
+
+def _gains_and_errors(beyond: np.ndarray, samples: np.ndarray, taken: Sequence[_Taken]):
+    """Gains of the groups taken, together, and their standard deviations over samples left out in turn (n_taken,)."""
+    groups, n = [g for g, _ in taken], len(samples)
+    gains = _together(beyond, samples, groups)
+    every = np.array([_together(beyond, np.delete(samples, k, axis=0), groups) for k in range(n)])
+    return gains, np.sqrt((n - 1) / n * np.sum((every - every.mean(axis=0)) ** 2, axis=0)) if n > 2 else np.abs(gains)
 
 
 def _independent(groups: Sequence[Group], n_channel: int) -> bool:
@@ -272,12 +287,13 @@ def motions(density: np.ndarray) -> np.ndarray:
 def _campaign_finding(one: WrongGain, sensors: Sequence[Sensor]) -> SensorFinding:
     names = [s.channel for s in sensors]
     channel = words_of(one.members, names)
-    rivals = tuple(words_of(r, names) for r, _ in one.rivals)
+    alternatives = tuple(words_of(r, names) for r, _ in one.alternatives)
     several = len(one.members) > 1
     others = words_of([i for i in range(len(names)) if i not in one.members], names)
     return SensorFinding(
-        name="common gain" if several else "gain", channel=channel, size=one.gain, std=one.std, rivals=rivals,
+        name="common gain" if several else "gain", channel=channel, size=one.gain, std=one.std,
+                         alternatives=alternatives,
         message=f"suspect: {channel} read{'' if several else 's'} {one.gain:.3f} +- {one.std:.2g} times what {others} "
         "say of the rigid part that they share"
-        + (f"; it may be {' or '.join(rivals)} instead" if rivals else "")
+        + (f"; it may be {' or '.join(alternatives)} instead" if alternatives else "")
         + f": check {'their logger and its unit' if several else 'its scale, sign and unit'}, or those of the others")

@@ -1,6 +1,6 @@
-"""The records' clock against the rotor: lines at multiples of the rotor speed tell the true sampling rate.
+"""The records' clock against the rotor: lines at multiples of the rotor speed give the true sampling rate.
 
-SCADA says how fast the rotor turned in each ten minutes; once and three times a turn the tower is pushed. If the lines
+SCADA says how fast the rotor turned in each ten minutes; once and three times a turn the tower is excited. If the lines
 lie at r times where they should, the true sampling rate is the stated one divided by r.
 """
 
@@ -22,9 +22,10 @@ SHORTEST_S = 60.0
 HARMONICS = (1, 3, 6, 9)
 # the ratio is sought from a half to twice, in steps of 0.05 %
 RATIOS = np.exp(np.arange(np.log(0.45), np.log(2.2), 5e-4))
-# a rotor that turns slower than this (rpm) or less steadily (deviation in ten minutes over mean) makes no line
+# a rotor that turns slower than this (rpm) or less steadily (standard deviation in ten minutes over mean) makes no line
 SLOWEST_RPM, STEADIEST = 3.0, 0.06
-# mean height above the surroundings (natural logarithm of power) that lines must have, and lead over any other ratio
+# mean height above the neighbouring frequencies (natural logarithm of power) that lines must have, and lead over any
+# other ratio
 HEIGHT, LEAD = 0.7, 1.5
 FEWEST_ROWS = 6
 # and lines are sought in so many at most
@@ -35,8 +36,8 @@ LEAST_STD = 0.002
 
 @dataclass(frozen=True, kw_only=True)
 class RateRatio:
-    """ratio: lines found at ratio times the frequency that SCADA's rotor speed gives; std its deviation; rows: how
-    many ten minutes with a turning rotor were used. NaN where no line stood out."""
+    """ratio: lines found at ratio times the frequency that SCADA's rotor speed gives; std its standard deviation; rows:
+    how many ten minutes with a turning rotor were used. NaN where no line stood out."""
 
     ratio: float
     std: float
@@ -101,12 +102,12 @@ def line_scores(block: Block, scada: pd.DataFrame) -> list[np.ndarray]:
 def _score(piece: np.ndarray, rate: float, turning_hz: float, unsteady: float) -> np.ndarray:
     """Height of the summed spectrum at the harmonics over what surrounds them, at every ratio."""
     piece = piece - piece.mean(axis=0)
-    deviation = piece.std(axis=0)
-    moving = deviation > 0
+    channel_std = piece.std(axis=0)
+    moving = channel_std > 0
     if not moving.any():
         return np.zeros(len(RATIOS))
     window = np.hanning(len(piece))[:, None]
-    power = np.abs(fft.rfft(piece[:, moving] / deviation[moving] * window, axis=0)) ** 2
+    power = np.abs(fft.rfft(piece[:, moving] / channel_std[moving] * window, axis=0)) ** 2
     # each channel has one vote: the logarithm is taken before the mean
     step = rate / len(piece)
     level = np.log(power + 1e-12 * power.max(axis=0)).mean(axis=1)
@@ -114,11 +115,11 @@ def _score(piece: np.ndarray, rate: float, turning_hz: float, unsteady: float) -
     for n in HARMONICS:
         centre = n * turning_hz * RATIOS
         half = np.maximum(1.5 * step, unsteady * centre)
-        total += _over_surroundings(level, centre / step, half / step)
+        total += _over_neighbours(level, centre / step, half / step)
     return total / len(HARMONICS)
 
 
-def _over_surroundings(level: np.ndarray, centre: np.ndarray, half: np.ndarray) -> np.ndarray:
+def _over_neighbours(level: np.ndarray, centre: np.ndarray, half: np.ndarray) -> np.ndarray:
     """Mean of level within half bins of centre, less that of the bands of twice that width on both sides."""
     summed = np.concatenate([[0.0], np.cumsum(level)])
 
@@ -143,7 +144,7 @@ def rate_ratio(scores: list[np.ndarray]) -> RateRatio:
     away = np.abs(np.log(RATIOS / RATIOS[best])) > 0.1
     if total[best] < HEIGHT or total[best] < LEAD * total[away].max():
         return nothing
-    # deviation by leaving out groups of rows
+    # standard deviation by leaving out groups of rows
     groups = min(len(scores), 10)
     left = [_top(np.delete(stack, slice(g, None, groups), axis=0).mean(axis=0), best) for g in range(groups)]
     value = _top(total, best)

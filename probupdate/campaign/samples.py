@@ -7,23 +7,24 @@ import pandas as pd
 
 from probupdate.campaign.blocks import Block, runs
 
-# a spike stands this many robust deviations above its channel's median or its own surroundings' second differences, and
-# this many times above what surrounds it within half a second: an impact rings, a logger's fault does not
-SPIKE_DEVIATIONS, SPIKE_ALONE = 12.0, 4.0
+# a spike stands this many robust standard deviations above its channel's median or its neighbours' second differences,
+# and this many times above what surrounds it within half a second: an impact rings, a logger's fault does not
+SPIKE_STD, SPIKE_ALONE = 12.0, 4.0
 # the extreme value taken by more than so many samples in a row is a stop, if it is taken so many times more often than
 # the value next to it (a coarse converter repeats every value)
 CLIP_RUN, CLIP_PILE = 4, 3.0
 # the same value for so long, and for so many samples, is a sensor that stands still
 STILL_S, STILL_SAMPLES = 1.0, 20
-# drift over a block, between the means of its first and last tenth, in multiples of the vibration's own deviation
+# drift over a block, between the means of its first and last tenth, in multiples of the vibration's own standard
+# deviation
 PARTS = 10
 
 
 def channel_table(block: Block, channels: tuple[str, ...]) -> pd.DataFrame:
     """A row per channel: missing (share), repaired (samples), longest_gap_s (left after the repair), rms and offset
     (SI, about the median), lowest and highest (SI), drift, wander and vibration (SI: the mean of the last tenth less
-    that of the first, the range of the tenths' means, the deviation about them), spikes and clipped (samples), still_s
-    (longest stretch of one value), flat."""
+    that of the first, the range of the tenths' means, the standard deviation about them), spikes and clipped (samples),
+    still_s (longest run of one value), flat."""
     data, rate = block.data, block.sampling_rate_hz
     n_channel = data.shape[1]
     known = np.isfinite(data)
@@ -81,7 +82,7 @@ def _alone(size: np.ndarray, rate_hz: float, margin: int) -> np.ndarray:
         return found
     reach = max(int(rate_hz / 2), 3)
     with np.errstate(invalid="ignore"):
-        candidates = np.flatnonzero(size > SPIKE_DEVIATIONS * spread)
+        candidates = np.flatnonzero(size > SPIKE_STD * spread)
     # a record full of them is no record with spikes
     for k in candidates[:1000]:
         if k > 0 and size[k - 1] > size[k]:
@@ -112,7 +113,7 @@ def _clipped(values: np.ndarray) -> int:
 
 
 def _still(column: np.ndarray, rate_hz: float) -> float:
-    """Seconds of the longest stretch of one value, 0 where no longer than STILL_S."""
+    """Seconds of the longest run of one value, 0 where no longer than STILL_S."""
     starts, ends = runs(np.diff(column) == 0)
     if not len(starts):
         return 0.0
@@ -124,8 +125,8 @@ def _still(column: np.ndarray, rate_hz: float) -> float:
 
 
 def _drift(column: np.ndarray) -> tuple[float, float, float]:
-    """Last tenth's mean less the first's, range of the tenths' means, deviation about them; tenths with lost samples
-    are left out, NaN where fewer than three remain or the first or last is lost."""
+    """Last tenth's mean less the first's, range of the tenths' means, standard deviation about them; tenths with lost
+    samples are left out, NaN where fewer than three remain or the first or last is lost."""
     size = len(column) // PARTS
     parts = column[: size * PARTS].reshape(PARTS, size)
     means = parts.mean(axis=1)

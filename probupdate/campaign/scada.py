@@ -1,4 +1,4 @@
-"""SCADA: ten-minute rows read, gathered over a block, and the turbine's state told from them."""
+"""SCADA: ten-minute rows read, gathered over a block, and the turbine's state derived from them."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ COLUMNS = (
 KNOWN = tuple(f"{c}{ending}" for c in COLUMNS for ending in ("", "_std", "_min", "_max"))
 # in any of the columns' units
 LARGEST = 1e7
-# likeness of names from which one is a slip of the pen for the other, and from which it may be the same thing
+# similarity of names from which one is a slip of the pen for the other, and from which it may be the same thing
 MISSPELT, SIMILAR = 0.88, 0.6
 COMPASS = ("wind_direction_deg", "nacelle_heading_deg")
 STATES = ("idling", "below rated", "rated")

@@ -13,7 +13,7 @@ class SensorFinding:
     """name: 'gain change', 'gain', 'common gain', 'reference', 'nacelle heading' or 'sampling rate'. channel: the
     channel, several with commas between them. size: gain as recorded over as it should be (degrees for a heading, a
     ratio for a rate), std its standard deviation; since: the block or piece of record from which it holds, '' for all.
-    rivals: channels that explain the records as well. message: one sentence, what to do next at its end."""
+    alternatives: channels that explain the records as well. message: one sentence, what to do next at its end."""
 
     name: str
     channel: str
@@ -21,5 +21,5 @@ class SensorFinding:
     std: float
     unit: str = "-"
     since: str = ""
-    rivals: tuple[str, ...] = ()
+    alternatives: tuple[str, ...] = ()
     message: str = ""

@@ -17,7 +17,7 @@ from probupdate.errors import InputError
 RATE_TOLERANCE = 1e-3
 # rows more than so far from where they should be, in samples, are a gap or irregular
 OFF = 0.75
-# deviation of the steps, in samples, from which it is said, and beyond which a source is refused
+# standard deviation of the steps, in samples, from which it is said, and beyond which a source is refused
 UNEVEN_SAID, UNEVEN = 0.05, 0.3
 # seconds from 1970 that 64 bits of nanoseconds hold: 1678 to 2261
 MOST_S = 9.2e9
@@ -25,17 +25,18 @@ MOST_S = 9.2e9
 FIRST_S = 3.1e7
 
 
-def file_clock(path: Path, told: Description, rate_hz: float) -> Clock:
+def file_clock(path: Path, described: Description, rate_hz: float) -> Clock:
     """The clock of one source; its start from the description or the file's name."""
     start = None
-    if told.start is not None:
-        start = _localised(_parsed(told.start, f"{told.path}, start"), told, f"{told.path}, start")
-    elif told.start_pattern is not None:
-        found = re.search(told.start_pattern, path.name)
+    if described.start is not None:
+        start = _localised(_parsed(described.start, f"{described.path}, start"), described, f"{described.path}, start")
+    elif described.start_pattern is not None:
+        found = re.search(described.start_pattern, path.name)
         if found is None:
-            raise InputError(str(path), f"its name does not hold '{told.start_pattern}'", "mend start_pattern or files")
-        start = _localised(_named(found[1], told, path), told, str(path))
-    return Clock(path, told, rate_hz, start)
+            raise InputError(str(path), f"its name does not hold '{described.start_pattern}'",
+                             "mend start_pattern or files")
+        start = _localised(_named(found[1], described, path), described, str(path))
+    return Clock(path, described, rate_hz, start)
 
 
 def _parsed(text: str, where: str) -> pd.Timestamp:
@@ -48,34 +49,34 @@ def _parsed(text: str, where: str) -> pd.Timestamp:
     return time
 
 
-def _named(text: str, told: Description, path: Path) -> pd.Timestamp:
-    if told.start_format is None:
+def _named(text: str, described: Description, path: Path) -> pd.Timestamp:
+    if described.start_format is None:
         return _parsed(text, str(path))
     try:
-        return pd.Timestamp(datetime.strptime(text, told.start_format))
+        return pd.Timestamp(datetime.strptime(text, described.start_format))
     except ValueError as error:
-        raise InputError(str(path), f"'{text}' is not of start_format '{told.start_format}' ({error})",
+        raise InputError(str(path), f"'{text}' is not of start_format '{described.start_format}' ({error})",
                          "see the codes of strptime") from None
 
 
-def _localised(time: pd.Timestamp, told: Description, where: str) -> pd.Timestamp:
+def _localised(time: pd.Timestamp, described: Description, where: str) -> pd.Timestamp:
     if time.tzinfo is not None:
         return time.tz_convert("UTC").as_unit("ns")
-    if told.zone is None:
-        raise InputError(where, "its time zone is not stated", f"add zone to {told.path}, such as zone = \"UTC\"")
+    if described.zone is None:
+        raise InputError(where, "its time zone is not stated", f"add zone to {described.path}, such as zone = \"UTC\"")
     try:
-        return time.tz_localize(told.zone).tz_convert("UTC").as_unit("ns")
+        return time.tz_localize(described.zone).tz_convert("UTC").as_unit("ns")
     except ValueError as error:
         # the hour that is there twice, or never, when clocks change
         raise InputError(where, f"is no single moment in that zone ({error})", "give times in UTC") from None
 
 
 class Clock:
-    """Places rows: `placed` yields (start of a new stretch or None, rows), gaps filled with NaN or cut."""
+    """Places rows: `placed` yields (start of a new chunk or None, rows), gaps filled with NaN or cut."""
 
-    def __init__(self, path: Path, told: Description, rate_hz: float, start: pd.Timestamp | None):
-        self.path, self.told, self.rate, self.start = path, told, rate_hz, start
-        self.anchor: int | None = None  # nanoseconds of the current stretch's first row
+    def __init__(self, path: Path, described: Description, rate_hz: float, start: pd.Timestamp | None):
+        self.path, self.described, self.rate, self.start = path, described, rate_hz, start
+        self.anchor: int | None = None  # nanoseconds of the current chunk's first row
         self.next_row = 0  # rows of it so far
         self.first_row = 0  # rows of the source so far
         self.last_ns: int | None = None
@@ -101,7 +102,7 @@ class Clock:
         if self.filled:
             said.append(f"{self.filled} missing rows filled with NaN")
         if self.cuts:
-            said.append(f"{self.cuts} gaps longer than {self.told.fill_seconds:g} s, each begins another file")
+            said.append(f"{self.cuts} gaps longer than {self.described.fill_seconds:g} s, each begins another file")
         if self.shifts:
             said.append(f"its clock and the stated rate part by a sample {self.shifts} times; a file begins at each")
         if self.uneven > UNEVEN_SAID:
@@ -113,25 +114,26 @@ class Clock:
 
     def _nanoseconds(self, time: np.ndarray) -> np.ndarray:
         """(n,) int64 since 1970 UTC."""
-        where, told = f"{self.path}, time", self.told
+        where, described = f"{self.path}, time", self.described
         if np.asarray(time).dtype.kind in "iuf":
             value = np.asarray(time, float)
             if not np.isfinite(value).all():
                 raise InputError(where, f"row {self._row(~np.isfinite(value))} has no time", "drop it or give its time")
-            if told.time_unit == "iso":
+            if described.time_unit == "iso":
                 raise InputError(where, "holds numbers, and time_unit is not stated",
                                  f"add time_unit, one of {', '.join((*TIME_UNITS, *DAY_NUMBERS))}")
             origin, unit, offset = 0.0, 86400.0, None
-            if told.time_unit in DAY_NUMBERS:
-                origin = DAY_NUMBERS[told.time_unit]
+            if described.time_unit in DAY_NUMBERS:
+                origin = DAY_NUMBERS[described.time_unit]
             else:
-                unit, offset = TIME_UNITS[told.time_unit], self.start
+                unit, offset = TIME_UNITS[described.time_unit], self.start
                 if offset is None and 0 <= value[0] * unit < FIRST_S:
-                    raise InputError(where, f"its first value is {value[0]:g} {told.time_unit}: it counts from the "
+                    raise InputError(where,
+                                     f"its first value is {value[0]:g} {described.time_unit}: it counts from the "
                                      "beginning of the record, which is not stated",
-                                     f'add start to {told.path}, such as start = "2024-05-01T00:00:00Z"')
-            if offset is None and told.zone is None:
-                raise InputError(where, "its time zone is not stated", f"add zone to {told.path}, such as \"UTC\"")
+                                     f'add start to {described.path}, such as start = "2024-05-01T00:00:00Z"')
+            if offset is None and described.zone is None:
+                raise InputError(where, "its time zone is not stated", f"add zone to {described.path}, such as \"UTC\"")
             wrong = np.abs(value - origin + (0.0 if offset is None else offset.value / 1e9 / unit)) > MOST_S / unit
             if wrong.any():
                 first = f"row {self._row(wrong)} has {value[wrong][0]:g}, which is in no century of ours"
@@ -159,10 +161,11 @@ class Clock:
             raise InputError(where, f"is in no century of ours ({str(error).splitlines()[0]})",
                              "drop the row or mend its time") from None
         if index.tz is None:
-            if self.told.zone is None:
-                raise InputError(where, "its time zone is not stated", f"add zone to {self.told.path}, such as \"UTC\"")
+            if self.described.zone is None:
+                raise InputError(where, "its time zone is not stated",
+                                 f"add zone to {self.described.path}, such as \"UTC\"")
             try:
-                index = index.tz_localize(self.told.zone)
+                index = index.tz_localize(self.described.zone)
             except ValueError as error:
                 raise InputError(where, f"is no single moment in that zone ({str(error).splitlines()[0]})",
                                  "give times in UTC") from None
@@ -225,18 +228,18 @@ class Clock:
                 at = stop
                 continue
             gap = float(ahead[0])
-            if gap > allowed and gap / self.rate <= self.told.fill_seconds and gap > 1:
+            if gap > allowed and gap / self.rate <= self.described.fill_seconds and gap > 1:
                 missing = round(gap)
                 self.filled += missing
                 yield None, np.full((missing, data.shape[1]), np.nan)
                 self.next_row += missing
                 continue
-            self.cuts += gap / self.rate > self.told.fill_seconds
-            self.shifts += gap / self.rate <= self.told.fill_seconds
+            self.cuts += gap / self.rate > self.described.fill_seconds
+            self.shifts += gap / self.rate <= self.described.fill_seconds
             self.anchor = None
 
     def _beginning(self, moment: np.ndarray, sample: float) -> int:
-        """Nanoseconds of a stretch's first row; where times are rounded down, by the row at which they first change."""
+        """Nanoseconds of a chunk's first row; where times are rounded down, by the row at which they first change."""
         changed = np.flatnonzero(moment != moment[0])
         if not self.grain or not len(changed):
             return int(moment[0])

@@ -229,9 +229,9 @@ def _projected(path: Path, places: Mapping[int, np.ndarray], sensors: Sequence[S
 
 
 def write_uff_modes(data: ModalData, sensors: Sequence[Sensor], path: str | Path) -> tuple[Path, tuple[str, ...]]:
-    """Datasets 15 and 55 (complex eigenvalues) of all sets, a load case each; what the format could not hold is told
-    beside the path. Raises InputError where a channel has no sensor, or two of one place cannot be told from each
-    other."""
+    """Datasets 15 and 55 (complex eigenvalues) of all sets, a load case each; what the format could not hold is
+    listed beside the path. Raises InputError where a channel has no sensor, or two of one place cannot be distinguished
+    from each other."""
     path = Path(path)
     pyuff, by_name = _pyuff(path), {s.channel: s for s in sensors}
     for channel in data.channels:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 
 from probupdate.cli.options import MODEL_HELP, AddCommand, positive, seeded
-from probupdate.cli.terminal import say, tell
+from probupdate.cli.terminal import answer, say
 from probupdate.io.files import write_text
 from probupdate.runtime.progress import Progress
 
@@ -13,14 +13,14 @@ from probupdate.runtime.progress import Progress
 def run_demo(a: argparse.Namespace, progress: Progress) -> None:
     import probupdate
 
-    tell(a, probupdate.demo(a.out, seed=a.seed, days=a.days, hide=a.hide, jobs=a.jobs, progress=progress,
-                            say=(lambda text: None) if a.json else say))
+    answer(a, probupdate.demo(a.out, seed=a.seed, days=a.days, hide=a.hide, jobs=a.jobs, progress=progress,
+                              say=(lambda text: None) if a.json else say))
 
 
 def run_simulate(a: argparse.Namespace, progress: Progress) -> None:
     import probupdate
 
-    tell(a, probupdate.simulate(
+    answer(a, probupdate.simulate(
         a.out, model=a.model, days=a.days, truth=a.truth, seed=a.seed, jobs=a.jobs, progress=progress))
 
 
@@ -30,7 +30,7 @@ def run_modes(a: argparse.Namespace, progress: Progress) -> None:
     result = probupdate.model_modes(a.model, a.count, parameters=a.parameters)
     if a.out:
         write_text(a.out, result.text() + "\n")
-    tell(a, result, **result.content())
+    answer(a, result, **result.content())
 
 
 def add_commands(verb: AddCommand) -> None:

@@ -16,7 +16,7 @@ from probupdate.cli.options import (
     weights_option,
 )
 from probupdate.cli.process import one_thread
-from probupdate.cli.terminal import tell
+from probupdate.cli.terminal import answer
 from probupdate.errors import InputError
 from probupdate.runtime.progress import Progress
 
@@ -37,7 +37,7 @@ def run_update(a: argparse.Namespace, progress: Progress) -> None:
             a.model, a.modes, set_id=a.set, **compared(a), alpha=a.alpha, method=a.method, iterations=a.iterations,
             every_mode=a.every_mode, jobs=runs, progress=progress)
     result.write(a.out)
-    tell(a, result, [a.out], first=False)
+    answer(a, result, [a.out], first=False)
     refuse_suspected(a, result.set_id, result.suspected)
 
 
@@ -57,7 +57,7 @@ def run_sample(a: argparse.Namespace, progress: Progress) -> None:
         result = probupdate.sample(
             a.model, a.modes, a.out, set_id=a.set, **compared(a), seed=a.seed, target_ess=a.ess, max_steps=a.max_steps,
             ensembles=a.ensembles, every_mode=a.every_mode, jobs=runs, progress=progress)
-    tell(a, result, [a.out], first=False)
+    answer(a, result, [a.out], first=False)
     refuse_suspected(a, str(result.record.get("set_id", "")), str(result.record.get("suspected", "")))
 
 
@@ -66,7 +66,7 @@ def run_compare(a: argparse.Namespace, progress: Progress) -> None:
 
     result = probupdate.compare(a.update, a.posterior, model=a.model, parameters=a.parameters)
     result.write(a.out)
-    tell(a, result, [a.out], first=False)
+    answer(a, result, [a.out], first=False)
 
 
 def run_sets(a: argparse.Namespace, progress: Progress) -> None:
@@ -75,7 +75,7 @@ def run_sets(a: argparse.Namespace, progress: Progress) -> None:
     result = probupdate.sets(
         a.model, a.modes, **compared(a), correlated=a.correlated, spread=a.spread, seed=a.seed, progress=progress)
     result.write(a.out)
-    tell(a, result, [a.out], first=False)
+    answer(a, result, [a.out], first=False)
 
 
 def run_inform(a: argparse.Namespace, progress: Progress) -> None:
@@ -85,7 +85,7 @@ def run_inform(a: argparse.Namespace, progress: Progress) -> None:
         a.model, a.modes, set_id=a.set, **compared(a), every=a.every, at=a.at, posterior=a.posterior, seed=a.seed,
         progress=progress)
     result.write(a.out)
-    tell(a, result, [a.out], first=False)
+    answer(a, result, [a.out], first=False)
 
 
 def add_commands(verb: AddCommand) -> None:

@@ -29,8 +29,8 @@ def commands_by_group(about: dict[str, str]) -> str:
     for title, verbs in {**GROUPS, **({"further": tuple(others)} if others else {})}.items():
         lines.append(f"{title}:")
         for verb in verbs:
-            told = textwrap.wrap(about[verb], 79 - width)
-            lines += [f"  {verb:<{width - 2}}{told[0]}", *(" " * width + more for more in told[1:])]
+            described = textwrap.wrap(about[verb], 79 - width)
+            lines += [f"  {verb:<{width - 2}}{described[0]}", *(" " * width + more for more in described[1:])]
         lines.append("")
     return "\n".join([*lines, "`probupdate VERB --help` lists a command's arguments and options, with an example."])
 

@@ -47,7 +47,7 @@ def refuse_unwritable(out: str, *, folder: bool) -> None:
     if above != path and not above.is_dir():
         raise InputError(out, f"cannot be written, as {above} is no directory", "name another place")
     try:
-        # permissions alone do not tell: a file system may be read-only, or none
+        # permissions alone do not show it: a file system may be read-only, or none
         with tempfile.TemporaryFile(dir=above if above.is_dir() else above.parent):
             pass
     except OSError as error:

@@ -7,7 +7,7 @@ import os
 
 from probupdate.cli.options import AddCommand, on_model, on_workers, positive
 from probupdate.cli.process import one_thread
-from probupdate.cli.terminal import say, tell
+from probupdate.cli.terminal import answer, say
 from probupdate.errors import InputError
 from probupdate.runtime.progress import Progress
 
@@ -17,7 +17,7 @@ def run_convert(a: argparse.Namespace, progress: Progress) -> None:
 
     result = probupdate.convert(
         a.sources, a.out, to=a.to, description=a.description, sensors=a.sensors, progress=progress)
-    tell(a, result, *([result.files] if a.json else []))
+    answer(a, result, *([result.files] if a.json else []))
 
 
 def run_check(a: argparse.Namespace, progress: Progress) -> None:
@@ -30,17 +30,17 @@ def run_check(a: argparse.Namespace, progress: Progress) -> None:
     if not several:
         if a.out:
             results[0].write(a.out)
-        tell(a, results[0], *([[a.out]] if a.out and a.json else []))
+        answer(a, results[0], *([[a.out]] if a.out and a.json else []))
         return
     between = probupdate.check_setups(a.campaign, progress=progress)
     if a.json:
         summaries = {str(c): r.summary.splitlines() for c, r in zip(a.campaign, results, strict=True)}
-        tell(a, between, campaigns=summaries)
+        answer(a, between, campaigns=summaries)
         return
     for result in results:
         say(result.summary)
     say(f"between {len(a.campaign)} setups:")
-    tell(a, between)
+    answer(a, between)
 
 
 def run_identify(a: argparse.Namespace, progress: Progress) -> None:
@@ -54,23 +54,23 @@ def run_identify(a: argparse.Namespace, progress: Progress) -> None:
         raise InputError("--shard", "shares out the blocks of one campaign", "identify setups without it, with --jobs")
     with executor(a.jobs or os.cpu_count() or 1, a.scheduler) as runs:
         if a.shard:
-            tell(a, probupdate.identify_shard(a.campaign[0], a.shard, a.model, jobs=runs, **settings))
+            answer(a, probupdate.identify_shard(a.campaign[0], a.shard, a.model, jobs=runs, **settings))
             return
         options = {**settings, "parameters": a.parameters, "lowest": a.lowest, "jobs": runs}
         if len(a.campaign) == 1:
             result = probupdate.identify(a.campaign[0], a.model, **options)
         else:
             result = probupdate.identify_setups(a.campaign, a.model, **options)
-        tell(a, result, result.write(a.out))
+        answer(a, result, result.write(a.out))
 
 
 def run_select(a: argparse.Namespace, progress: Progress) -> None:
     import probupdate
 
     result = probupdate.select(
-        a.modes, scada=a.scada, criteria=a.criteria, preset=a.preset, deviations=a.deviations,
+        a.modes, scada=a.scada, criteria=a.criteria, preset=a.preset, std_from=a.std_from,
         rated_power_kw=a.rated_power, count=a.count)
-    tell(a, result, result.write(a.out))
+    answer(a, result, result.write(a.out))
 
 
 def run_regress(a: argparse.Namespace, progress: Progress) -> None:
@@ -78,18 +78,23 @@ def run_regress(a: argparse.Namespace, progress: Progress) -> None:
 
     chosen = {"covariates": tuple(a.covariates)} if a.covariates else {}
     result = probupdate.regress(a.modes, state=a.state, **chosen)
-    tell(a, result, [result.write(a.out)])
+    answer(a, result, [result.write(a.out)])
 
 
 def run_figures(a: argparse.Namespace, progress: Progress) -> None:
     import probupdate
 
     result = probupdate.figures(a.modes, a.out, campaign=a.campaign, block=a.block, kind=a.format)
-    tell(a, result, *([result.files] if a.json else []))
+    answer(a, result, *([result.files] if a.json else []))
 
 
 def add_commands(verb: AddCommand) -> None:
     """Their arguments and options; `verb` makes the parser of a command."""
+    _of_records(verb)
+    _of_modes(verb)
+
+
+def _of_records(verb: AddCommand) -> None:
     p = verb("convert", run_convert, "records of other programs (CSV, Parquet, .mat, .npy, .npz, UFF) into a campaign; "
              "modes and records from and to universal files")
     p.add_argument("sources", metavar="SOURCES", help="folder of the files to convert; with --to modes a .uff, with "
@@ -128,6 +133,8 @@ def add_commands(verb: AddCommand) -> None:
                    "take the rotor's multiples out of records in which its angle can be followed; each block says what "
                    "was done")
 
+
+def _of_modes(verb: AddCommand) -> None:
     p = verb("select", run_select, "the sets an update may trust (Table 1), and the most consistent one")
     p.add_argument("modes", metavar="MODES", help="modes.json of `identify`")
     p.add_argument("--scada", help="scada.csv (default: the environment kept in MODES)")
@@ -136,9 +143,12 @@ def add_commands(verb: AddCommand) -> None:
                    "identified")
     p.add_argument("--criteria", help="TOML file with thresholds of Table 1, such as "
                    "pitch_range_deg = 2.0 (docs/howto/select.md)")
-    p.add_argument("--deviations", choices=("campaign", "identification"), default="campaign",
-                   help="what kept sets carry: scatter over all blocks, as the paper (default), or what identification "
-                   "states of each")
+    p.add_argument("--std-from", choices=("campaign", "identification"), default="campaign",
+                   help="where the standard deviations of kept sets come from: scatter over all blocks, as the paper "
+                   "(default), or what identification states of each")
+    # its former name
+    p.add_argument("--deviations", dest="std_from", choices=("campaign", "identification"),
+                   default=argparse.SUPPRESS, help=argparse.SUPPRESS)
     p.add_argument("--rated-power", type=positive(float, "kW"), metavar="KW",
                    help="the turbine's, for turbine states from --scada (default: the highest power in it)")
     p.add_argument("--count", type=positive(int, "sets"), default=9, help="how many sets to keep (default 9)")

@@ -6,7 +6,7 @@ import argparse
 
 from probupdate.cli.options import MODEL_HELP, AddCommand, on_workers, positive, seeded
 from probupdate.cli.process import one_thread
-from probupdate.cli.terminal import tell
+from probupdate.cli.terminal import answer
 from probupdate.errors import ProbupdateError
 from probupdate.runtime.progress import Progress
 
@@ -17,7 +17,7 @@ def run_diagnose(a: argparse.Namespace, progress: Progress) -> None:
     result = probupdate.diagnose(
         a.model, a.modes, campaign=a.campaign, parameters=a.parameters, seed=a.seed, out=a.out, groups=a.groups,
         extend=not a.no_extend, sampler=not a.no_sampler, progress=progress)
-    tell(a, result, result.write(a.out), verdict=result.verdict)
+    answer(a, result, result.write(a.out), verdict=result.verdict)
 
 
 def run_export(a: argparse.Namespace, progress: Progress) -> None:
@@ -26,7 +26,7 @@ def run_export(a: argparse.Namespace, progress: Progress) -> None:
     result = probupdate.export(
         a.run, a.out, to=a.to, draws=a.draws, superelement_modes=a.superelement_modes, accept=a.accept, seed=a.seed,
         fatigue=a.fatigue, progress=progress)
-    tell(a, result, **result.content())
+    answer(a, result, **result.content())
 
 
 def run_farm(a: argparse.Namespace, progress: Progress) -> None:
@@ -36,7 +36,7 @@ def run_farm(a: argparse.Namespace, progress: Progress) -> None:
 
     with executor(a.jobs, a.scheduler) as runs:
         result = probupdate.farm(a.description, a.out, shard=a.shard, jobs=runs, progress=progress)
-    tell(a, result, [], failed=len(result.failed))
+    answer(a, result, [], failed=len(result.failed))
     if result.failed:
         raise ProbupdateError(f"{len(result.failed)} of {len(result.rows)} turbine-months failed, each with its reason "
                               "above and in farm.csv; the others are done: mend what is said, then run it again")
@@ -47,7 +47,7 @@ def run_report(a: argparse.Namespace, progress: Progress) -> None:
 
     result = probupdate.report(a.run, a.out, campaign=a.campaign, model=a.model, parameters=a.parameters, jobs=a.jobs,
                                progress=progress)
-    tell(a, result, *([[result.path]] if a.json else []))
+    answer(a, result, *([[result.path]] if a.json else []))
 
 
 def add_commands(verb: AddCommand) -> None:

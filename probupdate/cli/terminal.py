@@ -62,7 +62,7 @@ def complain(text: str) -> None:
         sys.stderr.flush()
 
 
-def tell(a: argparse.Namespace, result, files: Sequence = (), *, first: bool = True, **more) -> None:
+def answer(a: argparse.Namespace, result, files: Sequence = (), *, first: bool = True, **more) -> None:
     """What a step found: the lines of its summary and the files it wrote (first, or behind it), or with --json one
     object with its table and `more` keys."""
     if a.json:

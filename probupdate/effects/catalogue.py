@@ -1,10 +1,10 @@
 """What a simulation or a measurement may get wrong: effects as data, and how each one enters.
 
-An effect departs from its neutral value by `size`. A departure within `tolerance` is normal: drawings, data sheets and
-calibration papers allow it, and it is a nuisance, not a finding. Beyond it the size has the deviation `slab`. Effects
-enter as a parameter of the model (`parameter`), as a combination of several of its parameters (`parts`), or through the
-sensors (`observe`). `courses` says how an effect may run along the record: "constant", "step", "ramp", or with a column
-of the environment.
+An effect differs from its neutral value by `size`. A difference within `tolerance` is normal: drawings, data sheets and
+calibration papers allow it, and it is a nuisance, not a finding. Beyond it the size has the standard deviation `slab`.
+Effects enter as a parameter of the model (`parameter`), as a combination of several of its parameters (`parts`), or
+through the sensors (`observe`). `courses` says how an effect may run along the record: "constant", "step", "ramp", or
+with a column of the environment.
 """
 
 from __future__ import annotations
@@ -122,7 +122,7 @@ class Effect:
 
     @property
     def signs(self) -> tuple[int, ...]:
-        """Directions in which the size may depart."""
+        """Directions in which the size may differ from neutral."""
         return tuple(s for s, end in ((-1, self.lower), (1, self.upper)) if end != 0.0)
 
 

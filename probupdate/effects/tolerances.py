@@ -1,6 +1,6 @@
 """The sources of error of a model: what drawings, site reports and calibration papers leave open.
 
-Rows of the catalogue with a tolerance, and beside them what no row of one place holds: walls and weights that depart
+Rows of the catalogue with a tolerance, and beside them what no row of one place holds: walls and weights that differ
 for all members of a group together, and the laws of the soil, on which accepted methods differ.
 """
 
@@ -55,7 +55,7 @@ class Tolerance:
 
 
 def _common(d: Description) -> list[Tolerance]:
-    """What departs for many places at once."""
+    """What differs at many places at once."""
     rows = []
 
     def add(name, kind, description, group, std, check, on=None, settings=None, mean=0.0):

@@ -2,7 +2,8 @@
 
 A missing neighbour is named falsely, so that every place has its row. Tolerances are what drawings, fabrication
 standards and site reports allow: plate and wall 1 %, soil of one leg 10 % of its springs (uniform), scour 0.1 m, RNA
-mass 1 % and its centre 0.1 m. Slabs are what an engineer would call a notable case of each; bounds what may exist.
+mass 1 % and its centre 0.1 m. Prior scales are what an engineer would call a notable case of each; bounds what may
+exist.
 """
 
 from __future__ import annotations
@@ -32,7 +33,7 @@ FLAP_HZ = 0.7
 
 def turbine_effects(d: Description, *, single_members: bool = False) -> tuple[Effect, ...]:
     """Every row for this turbine; with single_members also those of single braces and of a brace's joints at one leg,
-    which a record tells apart from their face's only where it is long."""
+    which a record distinguishes from their face's only where it is long."""
     rows = [*_theory(d), *_jacket(d), *_connections(d), *_soil(d), *_water(d), *_masses(d), *_environment(d)]
     return (*rows, *(_single(d) if single_members else ()))
 
@@ -210,7 +211,7 @@ def _masses(d: Description) -> Iterator[Effect]:
         yield _row(f"rna_{axis}", "centre_of_mass", "RNA centre of mass", f"along the nacelle's {axis}",
                    settings={"axis": axis}, low=-3.0, high=3.0, tolerance=0.1, slab=0.5, courses=("constant",),
                    fingerprint="torsion couples with bending", check="weighing protocol of the nacelle")
-    # what turns with the rotor is told in many ways, so that one range serves all axes
+    # what turns with the rotor is stated in many ways, so that one range serves all axes
     most = max(sum(body.inertia_kgm2[k] for body in d.rna) for k in range(3))
     for axis, k in zip("xyz", range(3), strict=True):
         inertia = sum(body.inertia_kgm2[k] for body in d.rna) + 1e6

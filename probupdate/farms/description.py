@@ -39,7 +39,7 @@ class SelectTable:
     """[select]: as the options of `probupdate select`."""
 
     preset: Literal["turbine", "structure"] = "turbine"
-    deviations: Literal["campaign", "identification"] = "campaign"
+    std_from: Literal["campaign", "identification"] = "campaign"
     count: Annotated[int, Range(1, 1e6)] = 9
     rated_power_kw: Annotated[float, Range(0, 1e6, above=True)] | None = None
 
@@ -134,6 +134,10 @@ def read_farm(path: str | Path) -> Farm:
     step without what it needs, folders outside the file's own, names that are no folder's, no month at all."""
     path = Path(path)
     content = read_toml(path, REMEDY)
+    asked = content.get("select")
+    if isinstance(asked, dict) and "deviations" in asked:
+        # the key's former name
+        content["select"] = {"std_from": asked["deviations"], **{k: v for k, v in asked.items() if k != "deviations"}}
     refuse_unknown(content, [*FarmTable.__dataclass_fields__, "turbine", *TABLES], str(path))
     head = table_as(FarmTable, {k: v for k, v in content.items() if k in FarmTable.__dataclass_fields__}, str(path))
     options = Options(**{name: table_as(kind, content[name], f"{path}, [{name}]") for name, kind in TABLES.items()

@@ -161,7 +161,7 @@ def _select(month: Month, folder: Path, options: Options, seed: int) -> None:
     scada, asked = month.campaign / "scada.csv", options.select
     verbs.select(
         folder / "modes.json", scada=scada if scada.exists() else None, preset=asked.preset, count=asked.count,
-        deviations=asked.deviations, rated_power_kw=asked.rated_power_kw).write(folder / "nine.json")
+        std_from=asked.std_from, rated_power_kw=asked.rated_power_kw).write(folder / "nine.json")
 
 
 def _update(month: Month, folder: Path, options: Options, seed: int) -> None:

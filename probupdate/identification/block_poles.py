@@ -27,10 +27,10 @@ FEW = 256
 
 @dataclass(frozen=True, kw_only=True)
 class BlockSettings:
-    """What the poles of a block and their deviations depend on. order 20 and 5 Hz as the paper; 30 block rows of 0.2 s
-    see two periods of a 0.3 Hz mode and more of the rest. Poles are kept of every second order up to `order` +
-    `spread`. sub_records: parts of the record whose scatter gives deviations; 0 for none. harmonics: 'keep' the rotor's
-    in the record, or 'remove' them where its angle can be followed (`harmonics.without_harmonics`)."""
+    """What the poles of a block and their standard deviations depend on. order 20 and 5 Hz as the paper; 30 block rows
+    of 0.2 s see two periods of a 0.3 Hz mode and more of the rest. Poles are kept of every second order up to `order` +
+    `spread`. sub_records: parts of the record whose scatter gives standard deviations; 0 for none. harmonics: 'keep'
+    the rotor's in the record, or 'remove' them where its angle can be followed (`harmonics.without_harmonics`)."""
 
     order: int = 20
     block_rows: int = 30
@@ -90,8 +90,8 @@ def common_quantity(sensors: tuple[Sensor, ...]) -> str:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class BlockDeviations:
-    """First-order deviations of some poles of a block: `key` names them by model order and index within the order's
+class BlockFactors:
+    """Covariance factors of some poles of a block: `key` names them by model order and index within the order's
     poles; ln_frequency, damping_ratio (n_pole, n_column), shape (n_channel, n_pole, n_column) complex, in the scaling
     of `modes.unit_largest`, with covariances as plain sums over columns (`modes.ModalDeviation`)."""
 
@@ -123,11 +123,11 @@ def identify_block(
     )
 
 
-def identify_deviations(
+def identify_factors(
     campaign: Campaign, start: pd.Timestamp, files: tuple[RecordFile, ...], settings: BlockSettings,
     rotor_rpm: tuple[float, float] | None, known: BlockPoles, keys: tuple[tuple[int, int], ...],
-) -> BlockDeviations:
-    """Deviations of the poles `keys` (model order, index) of a block whose poles are known.
+) -> BlockFactors:
+    """Covariance factors of the poles `keys` (model order, index) of a block whose poles are known.
 
     The record is read once more: only poles that stand for modes are worth the time, and which ones do is known when
     the whole campaign is.
@@ -143,8 +143,8 @@ def identify_deviations(
     parts = []
     for order in asked:
         index = [k for n, k in keys if n == order]
-        parts.append(found.deviations(np.array([_same(before[order], k, now[order], block.id) for k in index]), order))
-    return BlockDeviations(
+        parts.append(found.factors(np.array([_same(before[order], k, now[order], block.id) for k in index]), order))
+    return BlockFactors(
         key=tuple((n, k) for n in asked for m, k in keys if m == n),
         ln_frequency=frozen_array(np.concatenate([p.ln_frequency for p in parts])),
         damping_ratio=frozen_array(np.concatenate([p.damping_ratio for p in parts])),
@@ -197,7 +197,7 @@ def _identified(
 
 def block_references(n_channel: int, settings: BlockSettings) -> int | None:
     """Of how many combinations of channels the past is taken, so that memory holds a block; None for all. The same
-    with and without deviations, so that poles are found again."""
+    with and without standard deviations, so that poles are found again."""
     return references_within(n_channel, block_rows=settings.block_rows, highest_order=settings.order + settings.spread,
                              sub_records=settings.sub_records)
 

@@ -22,12 +22,12 @@ from probupdate.campaign.reading import Campaign, RecordFile
 from probupdate.campaign.scada import StateRule, block_conditions
 from probupdate.errors import InputError
 from probupdate.identification.block_poles import (
-    BlockDeviations,
+    BlockFactors,
     BlockPoles,
     BlockSettings,
     common_quantity,
     identify_block,
-    identify_deviations,
+    identify_factors,
 )
 from probupdate.identification.ssi import Poles
 from probupdate.io.files import PART, archive, read_json_table, remove_stale, write_arrays, write_json
@@ -37,8 +37,8 @@ from probupdate.runtime.progress import Progress, silent
 
 FORMAT = 1
 HEAD = "store.json"
-# endings of a block's two files: its poles, and the deviations of some of them
-POLES, DEVIATIONS = ".poles.npz", ".deviations.npz"
+# endings of a block's two files: its poles, and the covariance factors of some of them
+POLES, FACTORS = ".poles.npz", ".deviations.npz"
 # unpacked arrays of one block
 LARGEST_BLOCK = 512 * 2**20
 # a record up to this size is known by all its bytes, a larger one by so many pieces of that size, head and tail too
@@ -71,7 +71,7 @@ def sources(files: tuple[RecordFile, ...]) -> list[str]:
 
 
 def content_hash(path: Path) -> str:
-    """The hash that `sources` tells a file's content by; read once a process as long as size and times stay."""
+    """The hash by which `sources` recognises a file's content; read once a process as long as size and times stay."""
     stat = path.stat()
     return _hash(path, stat.st_size, (stat.st_mtime_ns, stat.st_ctime_ns, stat.st_ino))
 
@@ -171,27 +171,28 @@ class BlockStore:
         self._run("identifying blocks", _make_poles, tasks, len(self._files), jobs, progress)
         return len(todo)
 
-    def fill_deviations(
+    def fill_factors(
         self, wanted: Mapping[pd.Timestamp, Sequence[tuple[int, int]]], *, jobs: int | Executor = 1,
         shard: Shard | None = None, progress: Progress = silent,
     ) -> int:
-        """Deviations of the poles (model order, index within it) of each block, where they are not stored yet."""
+        """Covariance factors of the poles (model order, index within it) of each block, where they are not stored
+        yet."""
         tasks = []
         for start in self._of_shard(list(wanted), shard):
-            stored = self._deviations_there(start)
+            stored = self._factors_there(start)
             if set(wanted[start]) - stored:
                 keys = tuple(sorted(set(wanted[start]) | stored))
-                poles, path = (self.folder / (_stem(start) + ending) for ending in (POLES, DEVIATIONS))
+                poles, path = (self.folder / (_stem(start) + ending) for ending in (POLES, FACTORS))
                 tasks.append((path, poles, *self._task(start), keys))
-        self._run("standard deviations of modes", _make_deviations, tasks, len(wanted), jobs, progress)
+        self._run("standard deviations of modes", _make_factors, tasks, len(wanted), jobs, progress)
         return len(tasks)
 
-    def without_deviations(self, wanted: Mapping[pd.Timestamp, Sequence[tuple[int, int]]]) -> int:
-        """How many blocks lack the deviations of a wanted pole."""
-        return sum(bool(set(some) - self._deviations_there(start)) for start, some in wanted.items())
+    def without_factors(self, wanted: Mapping[pd.Timestamp, Sequence[tuple[int, int]]]) -> int:
+        """How many blocks lack the covariance factors of a wanted pole."""
+        return sum(bool(set(some) - self._factors_there(start)) for start, some in wanted.items())
 
-    def _deviations_there(self, start: pd.Timestamp) -> set[tuple[int, int]]:
-        path = self.folder / (_stem(start) + DEVIATIONS)
+    def _factors_there(self, start: pd.Timestamp) -> set[tuple[int, int]]:
+        path = self.folder / (_stem(start) + FACTORS)
         return _stored_keys(path) if path.exists() else set()
 
     def _of_shard(self, some: list[pd.Timestamp], shard: Shard | None) -> list[pd.Timestamp]:
@@ -223,8 +224,8 @@ class BlockStore:
     def read(self, start: pd.Timestamp) -> BlockPoles:
         return read_block_poles(self.folder / (_stem(start) + POLES))
 
-    def read_deviations(self, start: pd.Timestamp) -> BlockDeviations:
-        return read_block_deviations(self.folder / (_stem(start) + DEVIATIONS))
+    def read_factors(self, start: pd.Timestamp) -> BlockFactors:
+        return read_block_factors(self.folder / (_stem(start) + FACTORS))
 
 
 def stored_block(folder: Path, block_id: str) -> BlockPoles | None:
@@ -253,25 +254,25 @@ def _make_poles(
         # by another run on this folder, or by a worker that was lost before it could say so
         return
     block = identify_block(campaign, start, files, settings, rotor_rpm)
-    # deviations of what the block was before more records came
-    path.with_name(path.name.replace(POLES, DEVIATIONS)).unlink(missing_ok=True)
+    # factors of what the block was before more records came
+    path.with_name(path.name.replace(POLES, FACTORS)).unlink(missing_ok=True)
     write_block_poles(path, block, origin)
 
 
-def _make_deviations(
+def _make_factors(
     path: Path, poles: Path, campaign: Campaign, start: pd.Timestamp, files, settings: BlockSettings, rotor_rpm, keys
 ) -> None:
     if path.exists() and set(keys) <= _stored_keys(path):
         return
     known = read_block_poles(poles)
-    write_block_deviations(path, identify_deviations(campaign, start, files, settings, rotor_rpm, known, keys))
+    write_block_factors(path, identify_factors(campaign, start, files, settings, rotor_rpm, known, keys))
 
 
 def _stem(start: pd.Timestamp) -> str:
     return f"{start:%Y%m%dT%H%M%SZ}"
 
 
-def write_block_deviations(path: Path, found: BlockDeviations) -> None:
+def write_block_factors(path: Path, found: BlockFactors) -> None:
     content = {
         "key": np.array(found.key, np.int32).reshape(-1, 2), "ln_frequency": found.ln_frequency.astype(np.float32),
         "damping_ratio": found.damping_ratio.astype(np.float32), "shape": found.shape.astype(np.complex64),
@@ -279,9 +280,9 @@ def write_block_deviations(path: Path, found: BlockDeviations) -> None:
     write_arrays(path, content)
 
 
-def read_block_deviations(path: Path) -> BlockDeviations:
+def read_block_factors(path: Path) -> BlockFactors:
     with _opened(path) as content:
-        return BlockDeviations(
+        return BlockFactors(
             key=tuple((int(a), int(b)) for a, b in content["key"]),
             ln_frequency=frozen_array(content["ln_frequency"]),
             damping_ratio=frozen_array(content["damping_ratio"]), shape=frozen_array(content["shape"], complex),

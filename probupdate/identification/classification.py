@@ -2,8 +2,8 @@
 
 Two classifiers stand side by side. `paper_criteria`: MAC above 0.80 to a mode of the model, then complexity near the
 P-frequencies. `block_criteria` here and `tracking.track` after it: against the modes that the campaign's own poles show
-(`physical`), shapes of close pairs against the plane of the pair, harmonics by the rotor speed, deviations, agreement
-of the model orders, and frequencies followed over the campaign.
+(`physical`), shapes of close pairs against the plane of the pair, harmonics by the rotor speed, standard deviations,
+agreement of the model orders, and frequencies followed over the campaign.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ class ClassifierSettings:
     block. collinearity: least MPC of a single mode; pairs are not asked. paper_collinearity: the same near
     P-frequencies in the paper's classifier. least_independence: of the two poles of a pair, 1 - MAC in the plane;
     below it they are one direction twice. frequency_std, damping_std: largest standard deviations of ln f and of the
-    damping ratio, asked where deviations are known.
+    damping ratio, asked where standard deviations are known.
     """
 
     mac: float = 0.80
@@ -114,7 +114,7 @@ def stacked(poles: Sequence[Poles] | Poles) -> PoleStack:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Likeness:
+class PoleComparison:
     """Poles held against modes. best_mac, best_mode (n_pole,): to any single mode; similarity (n_pole, n_group):
     S2MAC to a pair's plane, MAC to a single mode, 0 outside a mode's range where that is known; mpc (n_pole,);
     stability (n_pole,): share of the other orders in which a pole has a twin, 1 where there is one order only; group
@@ -138,11 +138,11 @@ class Likeness:
         return similar * (self.stability + STABILITY_FLOOR) ** 2 / damping
 
 
-def likeness(poles: PoleStack, reference: ReferenceModes, stability: np.ndarray | None = None) -> Likeness:
-    """`stability` (n_pole,) as given, else told from the stack's own orders."""
+def comparison(poles: PoleStack, reference: ReferenceModes, stability: np.ndarray | None = None) -> PoleComparison:
+    """`stability` (n_pole,) as given, else from the stack's own orders."""
     single = mac(poles.shape, reference.shape)
     similarity = np.column_stack([
-        _plane_likeness(poles.shape, reference.shape[:, list(g)]) if len(g) > 1 else single[:, list(g)].ravel()
+        _plane_similarity(poles.shape, reference.shape[:, list(g)]) if len(g) > 1 else single[:, list(g)].ravel()
         for g in reference.groups
     ])
     nearness = 1.0
@@ -153,7 +153,7 @@ def likeness(poles: PoleStack, reference: ReferenceModes, stability: np.ndarray 
         nearness = np.exp(-0.5 * (away / RANGE_MARGIN) ** 2)
     if stability is None:
         stability = _stability(poles, similarity, np.array([len(g) > 1 for g in reference.groups]))
-    return Likeness(
+    return PoleComparison(
         best_mac=frozen_array(single.max(axis=1)), best_mode=frozen_array(single.argmax(axis=1), int),
         similarity=frozen_array(similarity), mpc=frozen_array(modal_phase_collinearity(poles.shape)),
         stability=frozen_array(stability), group=frozen_array(np.argmax(similarity * nearness, axis=1), int),
@@ -168,7 +168,7 @@ def _outside(frequency_hz: np.ndarray, range_hz: np.ndarray, groups: tuple[tuple
     return np.maximum(np.maximum(low - place, place - high), 0.0)
 
 
-def _plane_likeness(shape: np.ndarray, plane: np.ndarray) -> np.ndarray:
+def _plane_similarity(shape: np.ndarray, plane: np.ndarray) -> np.ndarray:
     """(n_pole,) `modes.subspace_mac` of complete shapes, all at once: a block has some hundred poles."""
     basis, _ = np.linalg.qr(plane)
     return np.sum(np.abs(basis.conj().T @ shape) ** 2, axis=0) / np.sum(np.abs(shape) ** 2, axis=0)
@@ -205,7 +205,8 @@ def within(frequency_hz: np.ndarray, bands: np.ndarray) -> np.ndarray:
     return np.any((frequency_hz[:, None] >= bands[:, 0]) & (frequency_hz[:, None] <= bands[:, 1]), axis=1)
 
 
-def paper_criteria(poles: PoleStack, found: Likeness, bands: np.ndarray, settings: ClassifierSettings) -> np.ndarray:
+def paper_criteria(poles: PoleStack, found: PoleComparison, bands: np.ndarray,
+                   settings: ClassifierSettings) -> np.ndarray:
     """(n_pole,) the paper's classifier: 'mac' below 0.80 to every mode; 'complexity' near a P-frequency with an
     imaginary part too large; else 'kept'.
 
@@ -220,14 +221,14 @@ def paper_criteria(poles: PoleStack, found: Likeness, bands: np.ndarray, setting
 
 
 def block_criteria(
-    poles: PoleStack, found: Likeness, reference: ReferenceModes, settings: ClassifierSettings, *,
+    poles: PoleStack, found: PoleComparison, reference: ReferenceModes, settings: ClassifierSettings, *,
     ln_frequency_std: np.ndarray | None = None, damping_std: np.ndarray | None = None,
 ) -> np.ndarray:
     """(n_pole,) what can be said of a pole from its own block: 'mac', 'damping', 'frequency', 'complexity',
     'uncertain', 'kept'.
 
-    Single modes are asked for weak_mac only; whether less than `mac` is enough, the campaign tells. Deviations
-    (n_pole,), NaN where not known, remove poles that stand for nothing in particular.
+    Single modes are asked for weak_mac only; whether less than `mac` is enough, the campaign decides. Standard
+    deviations (n_pole,), NaN where not known, remove poles that stand for nothing in particular.
     """
     group = found.group
     paired = np.array([len(g) > 1 for g in reference.groups])[group]
@@ -250,7 +251,7 @@ def block_criteria(
     return verdict
 
 
-def trusted(found: Likeness, reference: ReferenceModes, settings: ClassifierSettings) -> np.ndarray:
+def trusted(found: PoleComparison, reference: ReferenceModes, settings: ClassifierSettings) -> np.ndarray:
     """(n_pole,) bool: alike enough to vote on where a mode lies; single modes by `mac`, pairs by `plane_mac`."""
     paired = np.array([len(g) > 1 for g in reference.groups])[found.group]
     similar = found.similarity[np.arange(len(paired)), found.group]

@@ -1,8 +1,8 @@
 """Which mode of the model each of the campaign's modes may be, how alike the two are, and what has none on either side.
 
 The modes are found before; here they are named, once for the campaign. Every block says how alike its shapes are to the
-model's, turned to where the nacelle looked; a pair of modes is compared by its plane. Likeness of shape and nearness in
-frequency count as they scatter between a structure and a poor model of it, so that a torsion of MAC 0.65 at its
+model's, turned to where the nacelle looked; a pair of modes is compared by its plane. Similarity of shape and nearness
+in frequency count as they scatter between a structure and a poor model of it, so that a torsion of MAC 0.65 at its
 frequency still has its name, and says that the model's is another.
 """
 
@@ -28,7 +28,7 @@ SEEN = CONSTANTS.seen
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Likenesses:
+class ModelComparison:
     """Means over blocks: plane, own (n_mode, n_model) S2MAC to the plane of a measured or of the model's pair, the
     larger (of single modes their MAC), and MAC; plane_std their scatter; ratio, ratio_std (n_mode, n_model) of measured
     over the model's frequency."""
@@ -39,16 +39,16 @@ class Likenesses:
     ratio: np.ndarray
     ratio_std: np.ndarray
 
-    def at(self, rows: Sequence[int]) -> Likenesses:
+    def at(self, rows: Sequence[int]) -> ModelComparison:
         """Those modes' rows; what -1 stands for is nobody's."""
         rows = list(rows)
-        return Likenesses(plane=self.plane[rows], plane_std=self.plane_std[rows], own=self.own[rows],
-                          ratio=self.ratio[rows], ratio_std=self.ratio_std[rows])
+        return ModelComparison(plane=self.plane[rows], plane_std=self.plane_std[rows], own=self.own[rows],
+                               ratio=self.ratio[rows], ratio_std=self.ratio_std[rows])
 
 
-def likenesses(
+def model_comparison(
     sets: Sequence[ModalSet], pairs: Sequence[tuple[int, int]], turned_to: Sequence[ReferenceModes]
-) -> Likenesses:
+) -> ModelComparison:
     """sets: the campaign's, a column a mode; turned_to: the model's modes as each block's nacelle has them."""
     n_mode, n_model = sets[0].frequency_hz.size, len(turned_to[0].labels)
     mate = {i: j for pair in pairs for i, j in (pair, pair[::-1])}
@@ -75,10 +75,10 @@ def likenesses(
         f = np.array([sets[k].frequency_hz[j] for k in there])
         ratio[j] = f.mean() / turned_to[0].frequency_hz
         ratio_std[j] = f.std(ddof=1) / turned_to[0].frequency_hz if len(f) > 1 else np.nan
-    return Likenesses(plane=plane, plane_std=plane_std, own=own, ratio=ratio, ratio_std=ratio_std)
+    return ModelComparison(plane=plane, plane_std=plane_std, own=own, ratio=ratio, ratio_std=ratio_std)
 
 
-def paired(like: Likenesses, model: ReferenceModes) -> tuple[dict[int, int], np.ndarray]:
+def paired(like: ModelComparison, model: ReferenceModes) -> tuple[dict[int, int], np.ndarray]:
     """Mode -> mode of the model, one to one, and the probability (n_mode, n_model) that a mode is each; what is left to
     one is that of none. Of modes of like shape the one that moves the sensors more is the likelier, as it is the more
     likely to be seen: a member's own mode drags the level along."""
@@ -97,7 +97,7 @@ def paired(like: Likenesses, model: ReferenceModes) -> tuple[dict[int, int], np.
 
 
 def mode_records(
-    sets: Sequence[ModalSet], names: Sequence[str], *, like: Likenesses | None, partner: Mapping[int, int],
+    sets: Sequence[ModalSet], names: Sequence[str], *, like: ModelComparison | None, partner: Mapping[int, int],
     probability: np.ndarray | None, model: ReferenceModes | None, in_pair: set[int], settings: ClassifierSettings,
 ) -> tuple[ModeRecord, ...]:
     """What is known of every mode of the campaign: where it was found, and what it is in the model."""
@@ -131,7 +131,7 @@ def _where_found(usable: Sequence[ModalSet], j: int) -> dict[str, Any]:
 
 
 def _in_the_model(
-    j: int, i: int | None, like: Likenesses | None, model: ReferenceModes, limit: float
+    j: int, i: int | None, like: ModelComparison | None, model: ReferenceModes, limit: float
 ) -> dict[str, Any]:
     """How mode j compares with the model's mode i; alike from `limit` of the MAC upwards."""
     if i is None or like is None:

@@ -30,7 +30,7 @@ class SelectionCriteria:
     """Thresholds of Table 1; `inf` leaves a criterion out.
 
     No yawing: yaw rate up to yaw_rate_degps and headings of the rows within heading_range_deg. No pitching: blade
-    angle within pitch_range_deg. Idling or parked: the block's state, told by the power of its ten-minute rows, is one
+    angle within pitch_range_deg. Idling or parked: the block's state, given by the power of its ten-minute rows, is one
     of `states` (empty: any), and rotor_speed_rpm at most. The modes of `required` identified (None: all that are
     labelled FA or SS; where none is, those that at least `required_share` of the usable blocks have, so that a mode
     that shows now and then decides nothing). FA/SS perpendicular: the shapes of one number at least least_angle_deg
@@ -81,7 +81,7 @@ def condition_tests(sets: tuple[ModalSet, ...], criteria: SelectionCriteria) -> 
     """Criteria on conditions that the sets can answer, in the order of Table 1, and what could not be asked.
 
     A block without a number that others have fails; a number that no block has is not asked, and that is said where
-    no other number tells the same.
+    no other number gives the same.
     """
     state = "not idling" if criteria.states == (STATES[0],) else "other state"
     limits = [

@@ -1,7 +1,7 @@
 """The rotor's harmonics taken out of a record, where the rotor's angle can be followed in the record itself.
 
 SCADA gives ten-minute statistics, far from an angle. The line at one multiple (3P of three blades) gives speed and
-angle; the angle is believed only if it foretells another multiple (6P), which had no part in finding it. What then
+angle; the angle is believed only if it predicts another multiple (6P), which had no part in finding it. What then
 goes with the angle is fitted and taken out; what is random at the same frequency stays, so that a mode beside a line
 survives where a notch filter would take both.
 """

@@ -29,8 +29,15 @@ from probupdate.identification.block_poles import (
     common_quantity,
 )
 from probupdate.identification.block_store import BlockStore
-from probupdate.identification.classification import ClassifierSettings, Likeness, PoleStack
-from probupdate.identification.counterparts import Likenesses, likenesses, mode_records, model_only, paired, sentences
+from probupdate.identification.classification import ClassifierSettings, PoleComparison, PoleStack
+from probupdate.identification.counterparts import (
+    ModelComparison,
+    mode_records,
+    model_comparison,
+    model_only,
+    paired,
+    sentences,
+)
 from probupdate.identification.physical import (
     PersistenceSettings,
     PhysicalModes,
@@ -112,14 +119,14 @@ class Identification:
         return self.data.to_xarray()
 
     def write(self, out: str | Path) -> list[Path]:
-        """modes.json, modes.deviations.h5 where there are deviations, and modes.poles.csv beside it."""
+        """modes.json, modes.deviations.h5 where there are covariance factors, and modes.poles.csv beside it."""
         out = Path(out)
         table = out.with_name(f"{out.stem}.poles.csv")
         write_modes(self.data, out)
         written = self.poles.assign(time=self.poles["time"].dt.strftime("%Y-%m-%dT%H:%M:%SZ"))
         write_table(table, written)
-        deviations = [out.with_name(f"{out.stem}.deviations.h5")] if any(s.deviation for s in self.data.sets) else []
-        return [out, *deviations, table]
+        beside = [out.with_name(f"{out.stem}.deviations.h5")] if any(s.deviation for s in self.data.sets) else []
+        return [out, *beside, table]
 
 
 def identify(
@@ -164,15 +171,15 @@ class ShardOfBlocks:
 
     shard: Shard
     identified: int
-    with_deviations: int
+    with_std: int
     n_block: int
     left: int
-    left_deviations: int | None
+    left_std: int | None
 
     def to_frame(self) -> pd.DataFrame:
         """One row: the shard and what it did."""
-        return table_of([{"shard": str(self.shard), "identified": self.identified, "with_std": self.with_deviations,
-                          "blocks": self.n_block, "left": self.left, "left_std": self.left_deviations}])
+        return table_of([{"shard": str(self.shard), "identified": self.identified, "with_std": self.with_std,
+                          "blocks": self.n_block, "left": self.left, "left_std": self.left_std}])
 
     @property
     def summary(self) -> str:
@@ -180,9 +187,9 @@ class ShardOfBlocks:
         if self.left:
             return (f"{text}; {self.n_block - self.left} of {self.n_block} are there. When all are, the same command "
                     "computes this shard's standard deviations")
-        text += f", standard deviations of {self.with_deviations}; all {self.n_block} blocks have poles"
-        if self.left_deviations:
-            return f"{text}, {self.left_deviations} lack standard deviations: the other shards' commands once more"
+        text += f", standard deviations of {self.with_std}; all {self.n_block} blocks have poles"
+        if self.left_std:
+            return f"{text}, {self.left_std} lack standard deviations: the other shards' commands once more"
         return f"{text} and standard deviations: the command without --shard writes the modes"
 
 
@@ -208,11 +215,11 @@ def identify_shard(
         if not n_left:
             found = physical_of(blocks, campaign, settings=settings, rule=rule, progress=progress)
             first = _followed(blocks, campaign, found, None, settings=settings, rule=rule, progress=progress)
-            wanted = _all_wanted(first.standing) if settings.sub_records else {}
-            done = blocks.fill_deviations(wanted, jobs=runs, shard=shard, progress=progress)
-            n_without = blocks.without_deviations(wanted)
-    return ShardOfBlocks(shard=shard, identified=identified, with_deviations=done, n_block=len(blocks.starts),
-                         left=n_left, left_deviations=n_without)
+            wanted = _all_wanted(first.picked) if settings.sub_records else {}
+            done = blocks.fill_factors(wanted, jobs=runs, shard=shard, progress=progress)
+            n_without = blocks.without_factors(wanted)
+    return ShardOfBlocks(shard=shard, identified=identified, with_std=done, n_block=len(blocks.starts),
+                         left=n_left, left_std=n_without)
 
 
 def physical_of(
@@ -269,19 +276,19 @@ def classified(
     jobs: int | Executor = 1,
     progress: Progress = silent,
 ) -> Identification:
-    """The second pass: from stored poles to the modes that were found in them, their deviations, and their names.
-    every: a column for each, also for one that stands in no block (one setup of several)."""
+    """The second pass: from stored poles to the modes that were found in them, their standard deviations, and their
+    names. every: a column for each, also for one that stands in no block (one setup of several)."""
     first = _followed(blocks, campaign, physical, reference, settings=settings, rule=rule, progress=progress)
-    found, usable, followed, standing = first.found, first.usable, first.tracked, dict(first.standing)
+    found, usable, followed, picked = first.found, first.usable, first.tracked, dict(first.picked)
     if settings.sub_records:
-        standing |= _without_uncertain(blocks, first, settings.classifier, jobs, progress)
-        followed = replace(followed, choices=tuple(standing[one.block.start].choice for one in usable))
-    sets = [_modal_set(one, standing.get(one.block.start), physical.modes) for one in found]
+        picked |= _without_uncertain(blocks, first, settings.classifier, jobs, progress)
+        followed = replace(followed, choices=tuple(picked[one.block.start].choice for one in usable))
+    sets = [_modal_set(one, picked.get(one.block.start), physical.modes) for one in found]
     named = _named(sets, physical, reference, others, campaign, settings, every)
     del sets
     sets = []
     for s, one in zip(named.sets, found, strict=True):
-        stands = standing.get(one.block.start)
+        stands = picked.get(one.block.start)
         if stands is None:
             sets.append(s)
             continue
@@ -293,7 +300,7 @@ def classified(
                             deviation=deviation))
     data = ModalData(channels=campaign.channels, sets=tuple(sets), labels=named.labels, records=named.records,
                      model_only=named.model_only)
-    poles = _pole_table(usable, [standing[one.block.start].rows for one in usable], named.names, reference)
+    poles = _pole_table(usable, [picked[one.block.start].rows for one in usable], named.names, reference)
     remarks = [f"{b.id}: {text}" for b in (one.block for one in found) for text in (*b.notes, b.excluded) if text]
     said = (*physical.notes, *named.notes)
     centre = np.median(followed.centre_hz, axis=0)
@@ -322,7 +329,7 @@ class _Followed:
     found: list[_Found]
     usable: list[_Found]
     tracked: Tracked
-    standing: dict[pd.Timestamp, _Standing]
+    picked: dict[pd.Timestamp, _Picked]
     judge: Callable[[_Found], _Judged]
     order: int
 
@@ -345,16 +352,16 @@ def _followed(
     usable = [one for one in found if one.usable]
     centre, support = tracking.paths(votes, physical.modes, settings.classifier)
     del votes
-    standing = {}
+    picked = {}
     for number, (one, row) in enumerate(zip(usable, centre, strict=True)):
         progress("classifying modes", len(found) + number, len(found) + len(usable))
         judged = judge(one)
         choice = tracking.choose(judged.poles, row, settings.classifier)
-        standing[one.block.start] = _standing(judged, choice, settings.order)
+        picked[one.block.start] = _picked(judged, choice, settings.order)
     progress("classifying modes", 2 * len(blocks.starts), 2 * len(blocks.starts))
-    tracked = Tracked(labels=physical.modes.labels, choices=tuple(stands.choice for stands in standing.values()),
+    tracked = Tracked(labels=physical.modes.labels, choices=tuple(stands.choice for stands in picked.values()),
                       centre_hz=frozen_array(centre), support=frozen_array(support))
-    return _Followed(found=found, usable=usable, tracked=tracked, standing=standing, judge=judge, order=settings.order)
+    return _Followed(found=found, usable=usable, tracked=tracked, picked=picked, judge=judge, order=settings.order)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -444,11 +451,11 @@ def _seen(sets: list[ModalSet], physical: PhysicalModes, every: bool) -> tuple[n
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class _Matched:
-    """The campaign's modes held against a model's: likenesses, mode -> the model's mode, probability (n_mode,
+    """The campaign's modes held against a model's: similarities, mode -> the model's mode, probability (n_mode,
     n_model)."""
 
     model: ReferenceModes
-    like: Likenesses
+    like: ModelComparison
     partner: dict[int, int]
     probability: np.ndarray
 
@@ -460,8 +467,8 @@ def _matched(
     at_block = lru_cache(maxsize=512)(
         lambda k: turned(model, campaign.sensors, fore_aft_deg(sets[k].environment, campaign)))
     pairs = [pair for pair in physical.modes.pairs if seen[list(pair)].all()]
-    like = likenesses([s.of_modes(np.where(seen, np.arange(len(seen)), -1).tolist()) for s in sets], pairs,
-                      _Each(at_block, len(sets)))
+    like = model_comparison([s.of_modes(np.where(seen, np.arange(len(seen)), -1).tolist()) for s in sets], pairs,
+                            _Each(at_block, len(sets)))
     partner, probability = paired(like, model)
     return _Matched(model=model, like=like, partner=partner, probability=probability)
 
@@ -507,12 +514,12 @@ class _Judged:
     `paper` as the paper has it, against the model as it is (without a model, against the campaign's modes)."""
 
     poles: JudgedPoles
-    single: Likeness
+    single: PoleComparison
     paper: np.ndarray
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class _Standing:
+class _Picked:
     """What is kept of a block's poles: the choice; of the poles that stand for modes frequency_hz, damping_ratio
     (n_mode,), shape (n_channel, n_mode), NaN where none does; keys: (model order, index within its poles) -> place in
     the block's stack; key_of: mode -> key; rows of the table of poles, the mode as its number."""
@@ -543,32 +550,33 @@ def _held_against(
     block = block or blocks.read(one.block.start)
     stack = pole_stack(block, settings)
     here = turned(modes, campaign.sensors, fore_aft_deg(one.environment, campaign))
-    like = rules.likeness(stack, here)
+    like = rules.comparison(stack, here)
     bands = rules.rotor_bands(one.environment, settings.classifier)
     judged = JudgedPoles(
-        id=block.id, poles=stack, likeness=like, bands=bands, reference=here,
+        id=block.id, poles=stack, comparison=like, bands=bands, reference=here,
         verdict=rules.block_criteria(stack, like, here, settings.classifier),
     )
-    single = like if model is None else rules.likeness(stack, model, like.stability)
+    single = like if model is None else rules.comparison(stack, model, like.stability)
     return _Judged(poles=judged, single=single, paper=rules.paper_criteria(stack, single, bands, settings.classifier))
 
 
 def _without_uncertain(
     blocks: BlockStore, first: _Followed, settings: ClassifierSettings, jobs: int | Executor, progress: Progress,
-) -> dict[pd.Timestamp, _Standing]:
-    """What stands again in blocks where a chosen pole's deviations are beyond the classifier's limits, by start.
+) -> dict[pd.Timestamp, _Picked]:
+    """What stands again in blocks where a chosen pole's standard deviations are beyond the classifier's limits, by
+    start.
 
-    Deviations are computed of chosen poles only; each round takes poles away, so that it ends.
+    Standard deviations are computed of chosen poles only; each round takes poles away, so that it ends.
     """
     place = {one.block.start: k for k, one in enumerate(first.usable)}
     known: dict[pd.Timestamp, dict[int, tuple[float, float]]] = {}
-    todo, again = dict(first.standing), {}
+    todo, again = dict(first.picked), {}
     while todo:
         wanted = _all_wanted(todo)
-        blocks.fill_deviations(wanted, jobs=jobs, progress=progress)
+        blocks.fill_factors(wanted, jobs=jobs, progress=progress)
         before, todo = todo, {}
         for start in wanted:
-            kept, found = blocks.read_deviations(start), {}
+            kept, found = blocks.read_factors(start), {}
             for key, pole in before[start].keys.items():
                 row = kept.key.index(key)
                 found[pole] = (float(np.linalg.norm(kept.ln_frequency[row])),
@@ -579,21 +587,22 @@ def _without_uncertain(
             judged = first.judge(first.usable[place[start]])
             std = np.full((2, len(judged.poles.poles.order)), np.nan)
             std[:, list(known[start])] = np.array(list(known[start].values())).T
-            verdict = rules.block_criteria(judged.poles.poles, judged.poles.likeness, judged.poles.reference, settings,
+            verdict = rules.block_criteria(judged.poles.poles, judged.poles.comparison, judged.poles.reference,
+                                           settings,
                                            ln_frequency_std=std[0], damping_std=std[1])
             judged = replace(judged, poles=replace(judged.poles, verdict=verdict))
             choice = tracking.choose(judged.poles, first.tracked.centre_hz[place[start]], settings)
-            again[start] = todo[start] = _standing(judged, choice, first.order)
+            again[start] = todo[start] = _picked(judged, choice, first.order)
     return again
 
 
-def _all_wanted(standing: Mapping[pd.Timestamp, _Standing]) -> dict[pd.Timestamp, tuple[tuple[int, int], ...]]:
+def _all_wanted(picked: Mapping[pd.Timestamp, _Picked]) -> dict[pd.Timestamp, tuple[tuple[int, int], ...]]:
     """Start of a block -> keys of the poles that stand for modes in it, of blocks that have any."""
-    return {start: tuple(stands.keys) for start, stands in standing.items() if stands.keys}
+    return {start: tuple(stands.keys) for start, stands in picked.items() if stands.keys}
 
 
-def _standing(judged: _Judged, choice: Choice, chosen_order: int) -> _Standing:
-    poles, like = judged.poles.poles, judged.poles.likeness
+def _picked(judged: _Judged, choice: Choice, chosen_order: int) -> _Picked:
+    poles, like = judged.poles.poles, judged.poles.comparison
     n_mode = len(choice.pole)
     frequency, damping = np.full(n_mode, np.nan), np.full(n_mode, np.nan)
     shape = np.full((len(poles.shape), n_mode), np.nan + 0j)
@@ -602,7 +611,7 @@ def _standing(judged: _Judged, choice: Choice, chosen_order: int) -> _Standing:
     frequency[there], damping[there] = poles.frequency_hz[taken], poles.damping_ratio[taken]
     shape[:, there] = unit_largest(poles.shape[:, taken])
     keys = {(int(poles.order[p]), int(p - np.argmax(poles.order == poles.order[p]))): int(p) for p in taken}
-    # the number of the mode that a pole stands for, else of the one that it is most like, told by a minus
+    # the number of the mode that a pole stands for, else of the one that it is most like, marked by a minus
     mode = -1 - judged.single.best_mode
     mode[taken] = there
     shown = (poles.order == chosen_order) | (choice.criterion == rules.KEPT)
@@ -612,13 +621,13 @@ def _standing(judged: _Judged, choice: Choice, chosen_order: int) -> _Standing:
         "stability": like.stability, "criterion": choice.criterion, "paper_criterion": judged.paper,
         "order": poles.order,
     }
-    return _Standing(choice=choice, frequency_hz=frequency, damping_ratio=damping, shape=shape, keys=keys,
-                     rows={name: value[shown] for name, value in rows.items()})
+    return _Picked(choice=choice, frequency_hz=frequency, damping_ratio=damping, shape=shape, keys=keys,
+                   rows={name: value[shown] for name, value in rows.items()})
 
 
 def _deviation(blocks: BlockStore, start: pd.Timestamp, keys: Sequence[tuple[int, int] | None]) -> ModalDeviation:
     """Columns of the modes whose poles are named by `keys`; NaN for one that was not found."""
-    kept = blocks.read_deviations(start)
+    kept = blocks.read_factors(start)
     n_mode, n_column = len(keys), kept.ln_frequency.shape[1]
     ln_frequency, damping = (np.full((n_mode, n_column), np.nan) for _ in range(2))
     shape = np.full((kept.shape.shape[0], n_mode, n_column), np.nan + 0j)
@@ -640,14 +649,14 @@ def _environment(block: BlockPoles, campaign: Campaign, rule: StateRule) -> dict
         conditions["nacelle_angle_deg"] = (fore_aft_deg(conditions, campaign) + 180.0) % 360.0 - 180.0
     if block.excluded:
         conditions["excluded"] = block.excluded
-    told = [note for note in block.notes if note.startswith((TAKEN_OUT, STAY))]
-    if told:
-        conditions["harmonics"] = told[0]
+    of_harmonics = [note for note in block.notes if note.startswith((TAKEN_OUT, STAY))]
+    if of_harmonics:
+        conditions["harmonics"] = of_harmonics[0]
     return conditions
 
 
-def _modal_set(one: _Found, stands: _Standing | None, reference: ReferenceModes) -> ModalSet:
-    """A column a mode of the campaign, without deviations."""
+def _modal_set(one: _Found, stands: _Picked | None, reference: ReferenceModes) -> ModalSet:
+    """A column a mode of the campaign, without standard deviations."""
     n_channel, n_mode = reference.shape.shape
     nothing = np.full(n_mode, np.nan)
     return ModalSet(

@@ -254,7 +254,7 @@ def _two_modes(c: Candidates, rows: np.ndarray) -> list[np.ndarray]:
 @dataclass(frozen=True, eq=False, kw_only=True)
 class PhysicalModes:
     """modes: the persistent ones, '1', '2', ... ascending in frequency, pairs as planes, with their ranges; notes: what
-    was left out, or is doubted, and why. weight (n_mode,): summed shares of the orders over the blocks that were
+    was left out, or is uncertain, and why. weight (n_mode,): summed shares of the orders over the blocks that were
     clustered; damping_ratio (n_mode,): median; rows: of each mode its candidates."""
 
     modes: ReferenceModes

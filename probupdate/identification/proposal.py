@@ -106,7 +106,7 @@ def propose(
 
 def spectral_peaks(data: np.ndarray, rate_hz: float) -> list[float]:
     """Frequencies in Hz at which the first singular value of the cross spectra of data (n_sample, n_channel), each
-    channel by its own root mean square at that frequency's surroundings, stands out of its running median."""
+    channel by its own root mean square around that frequency, stands out of its running median."""
     from scipy import signal
 
     size = min(max(2 * (len(data) // (PARTS + 1)), 64), len(data))

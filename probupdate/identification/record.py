@@ -1,4 +1,4 @@
-"""One record: its poles of every order, and the deviations of those that are asked for."""
+"""One record: its poles of every order, and the standard deviations of those that are asked for."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ from probupdate.identification.ssi import (
     stability,
 )
 from probupdate.identification.uncertainty import (
-    ObservabilityDeviation,
-    observability_deviation,
-    pole_deviations,
+    ObservabilityChange,
+    observability_change,
+    pole_factors,
     sub_record_covariances,
 )
 from probupdate.modal.modes import ModalDeviation, mac, unit_largest
@@ -35,7 +35,7 @@ CHOSEN_LAGS = 12
 
 def memory_bytes(n_channel: int, n_reference: int, *, block_rows: int, highest_order: int, sub_records: int) -> float:
     """About what identify_record takes, within a fifth (60 to 500 channels were measured): covariances of the parts and
-    their spectra, the Toeplitz matrix with its square, deviations of the singular vectors."""
+    their spectra, the Toeplitz matrix with its square, changes of the singular vectors."""
     covariances = 8.0 * n_channel * n_reference * (10 * block_rows * max(sub_records, 1) + 3.5 * block_rows**2)
     return covariances + 32.0 * highest_order * n_channel * block_rows * sub_records
 
@@ -92,34 +92,37 @@ class IdentifiedRecord:
     """poles: those of the chosen order; stability (n_pole,): the share of the orders around it in which each comes
     back; by_order: the poles of every order, ascending, the chosen one among them.
 
-    observability_deviation: what deviations are made of; None for a record identified without sub-records.
+    observability_change: what covariance factors are made of; None for a record identified without sub-records.
     """
 
     poles: Poles
     stability: np.ndarray
     by_order: tuple[Poles, ...]
     factorisation: Factorisation
-    observability_deviation: ObservabilityDeviation | None
+    observability_change: ObservabilityChange | None
 
-    def deviations(self, indices: np.ndarray, order: int | None = None) -> ModalDeviation:
-        """Deviations of the poles `indices` of the chosen order, or of another of `by_order`; one column a sub-record.
+    def factors(self, indices: np.ndarray, order: int | None = None) -> ModalDeviation:
+        """Covariance factors of the poles `indices` of the chosen order, or of another of `by_order`; one column a
+        sub-record.
 
         indices (n_mode,); -1 gives NaN, so that the poles taken for modes, some of them absent, can be asked for as
         they are. Shapes are scaled by `modes.unit_largest`. All are NaN where the order parts equal singular values.
         First order: an order above what the record holds leaves little between singular values, or puts a pole of the
-        noise beside that of a mode; deviations of such blocks come out large, and larger than the poles scatter.
+        noise beside that of a mode; standard deviations of such blocks come out large, and larger than the poles
+        scatter.
         """
-        if self.observability_deviation is None:
-            raise InputError("deviations", "the record was identified without sub-records", "give sub_records, say 30")
+        if self.observability_change is None:
+            raise InputError("sub-records", "the record was identified without sub-records", "give sub_records, say 30")
         order = self.poles.order if order is None else order
         if order not in [one.order for one in self.by_order]:
             raise InputError("order", f"{order} was not identified", "choose one of by_order")
-        return pole_deviations(self.observability_deviation, self.factorisation, order=order, indices=indices)
+        return pole_factors(self.observability_change, self.factorisation, order=order, indices=indices)
 
     def most_certain(
         self, indices: np.ndarray, *, lowest: int = 2, frequency: float = 0.01, least_mac: float = 0.90
     ) -> CertainPoles:
-        """Of each of the chosen order's poles `indices` (n_mode,), -1 for none, the twin with the least deviation.
+        """Of each of the chosen order's poles `indices` (n_mode,), -1 for none, the twin with the least standard
+        deviation.
 
         Twins are poles of the orders from `lowest`, frequency within `frequency` and MAC of at least `least_mac`, that
         are no better a twin of another of the poles asked for. The least is that of |d lambda / lambda|, frequency and
@@ -127,7 +130,7 @@ class IdentifiedRecord:
         pull at it; in another order they lie elsewhere.
         """
         indices = np.asarray(indices)
-        best = self.deviations(indices)
+        best = self.factors(indices)
         ln_frequency, damping, shape = (np.array(a) for a in (best.ln_frequency, best.damping_ratio, best.shape))
         at_order, at_index = np.where(indices >= 0, self.poles.order, -1), indices.copy()
         there = np.flatnonzero(indices >= 0)
@@ -136,13 +139,13 @@ class IdentifiedRecord:
         for one in self.by_order:
             if one.order < lowest or one is self.poles or len(one.frequency_hz) == 0 or there.size == 0:
                 continue
-            likeness = mac(start_shape, one.shape)
-            likeness[(np.abs(one.frequency_hz / start_f[:, None] - 1) > frequency) | (likeness < least_mac)] = 0
-            twin = np.argmax(likeness, axis=1)
-            mutual = (np.argmax(likeness, axis=0)[twin] == np.arange(len(twin))) & (likeness.max(axis=1) > 0)
+            comparison = mac(start_shape, one.shape)
+            comparison[(np.abs(one.frequency_hz / start_f[:, None] - 1) > frequency) | (comparison < least_mac)] = 0
+            twin = np.argmax(comparison, axis=1)
+            mutual = (np.argmax(comparison, axis=0)[twin] == np.arange(len(twin))) & (comparison.max(axis=1) > 0)
             if not mutual.any():
                 continue
-            found = self.deviations(np.where(mutual, twin, -1), one.order)
+            found = self.factors(np.where(mutual, twin, -1), one.order)
             size = np.nan_to_num(_size(found), nan=np.inf)
             better = size < least
             least[better] = size[better]
@@ -180,11 +183,12 @@ def identify_record(
     """SSI-cov of one record (n_sample, n_channel), its mean taken out before.
 
     Poles at every second order from 2 or 3 to order + spread, as far as block rows allow; stability over those up to
-    `spread` below and above `order` (1 without). sub_records: parts of the record whose scatter gives deviations, 0 for
-    none; their deviations are known to 1 / sqrt(2 (sub_records - 1)), 13 % for 30. references: channels whose past is
-    used, or how many combinations of channels (`ssi.reference_projection`); without, all. limited: such a number that
-    memory asked for (`references_within`): combinations are chosen without the covariances of all channels. orders:
-    only these model orders, `order` among them; lower ones are the same whatever the highest is.
+    `spread` below and above `order` (1 without). sub_records: parts of the record whose scatter gives standard
+    deviations, 0 for none; their standard deviations are known to 1 / sqrt(2 (sub_records - 1)), 13 % for 30.
+    references: channels whose past is used, or how many combinations of channels (`ssi.reference_projection`); without,
+    all. limited: such a number that memory asked for (`references_within`): combinations are chosen without the
+    covariances of all channels. orders: only these model orders, `order` among them; lower ones are the same whatever
+    the highest is.
     """
     data = np.asarray(data, dtype=float)
     n_lag = 2 * block_rows - 1
@@ -211,6 +215,6 @@ def identify_record(
     return IdentifiedRecord(
         poles=chosen, by_order=by_order, factorisation=factorisation,
         stability=stability(chosen, around) if around else np.ones(len(chosen.frequency_hz)),
-        observability_deviation=None if scatter is None else observability_deviation(
+        observability_change=None if scatter is None else observability_change(
             covariance, scatter, factorisation, block_rows),
     )

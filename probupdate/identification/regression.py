@@ -1,8 +1,9 @@
 """How frequencies and damping follow wind, rotor speed, temperature, water level and amplitude over a campaign.
 
-Generalised least squares: each block's value has the deviation that identification states, up to a common factor, and
-the blocks share a slow error (an Ornstein-Uhlenbeck process), for what moves a structure and is no covariate. Leaving
-it out would make standard errors several times too small where weather and error both last for hours.
+Generalised least squares: each block's value has the standard deviation that identification states, up to a common
+factor, and the blocks share a slow error (an Ornstein-Uhlenbeck process), for what moves a structure and is no
+covariate. Leaving it out would make standard errors several times too small where weather and error both last for
+hours.
 """
 
 from __future__ import annotations
@@ -40,9 +41,9 @@ class Regression:
     and its variance inflation by the others (1: none); mean, spread (n_covariate,) of the covariates; intercept with
     intercept_std at their means. n rows used, n_outlier left out as outliers, n_missing for want of a covariate.
     explained: share of the weighted scatter that the covariates take away; noise_factor: the noise over the stated
-    deviations (its size where none are stated); slow_std, slow_hours: of the slow error. residual (n_row,) of all rows,
-    NaN where not used. joint: pairs that tell the same, with p of both together. notes: what was left out and what
-    tells the same.
+    standard deviations (its size where none are stated); slow_std, slow_hours: of the slow error. residual (n_row,) of
+    all rows, NaN where not used. joint: confounded pairs, with p of both together. notes: what was left out and what
+    is confounded.
     """
 
     response: str
@@ -76,8 +77,8 @@ def regress(
 ) -> Regression:
     """Fit value (n_row,), NaN where not measured, at time_h (n_row,) ascending, on covariates {name: (n_row,)}.
 
-    std (n_row,): stated deviations; rows without one get the median of the others. Raises InputError where fewer rows
-    are left than the coefficients and eight more.
+    std (n_row,): stated standard deviations; rows without one get the median of the others. Raises InputError where
+    fewer rows are left than the coefficients and eight more.
     """
     from scipy import stats
 
@@ -98,7 +99,7 @@ def regress(
                          "use fewer covariates or a longer campaign")
     mean = table[rows, 1:].mean(axis=0)
     table[:, 1:] -= mean
-    rows = _without_gross(table, value, noise, rows)
+    rows = _without_large_outliers(table, value, noise, rows)
     fit, rows = _without_outliers(table, value, noise, time_h, rows)
     spread = table[rows, 1:].std(axis=0, ddof=1)
     residual = np.full(len(value), np.nan)
@@ -135,7 +136,7 @@ def _without_outliers(table, value, noise, time_h, rows) -> tuple[_Fit, np.ndarr
 def _together(
     names: Sequence[str], table: np.ndarray, inflation: np.ndarray, fit: _Fit, free: int, notes: list[str]
 ) -> tuple[tuple[tuple[str, str], float], ...]:
-    """Pairs of covariates that tell the same, each once, with p of the two together (Wald's F): either alone may seem
+    """Pairs of confounded covariates, each once, with p of the two together (Wald's F): either alone may seem
     to count for nothing where both do."""
     from scipy import stats
 
@@ -185,7 +186,7 @@ def _independent(names, columns, rows, notes) -> tuple[list[str], list[np.ndarra
 
 
 def _noise(std, rows) -> np.ndarray:
-    """Stated deviations, the median of the others for a row without; ones where none is stated."""
+    """Stated standard deviations, the median of the others for a row without; ones where none is stated."""
     if std is None:
         return np.ones(len(rows))
     std = np.asarray(std, float)
@@ -194,9 +195,9 @@ def _noise(std, rows) -> np.ndarray:
     return np.where(good, std, middle)
 
 
-def _without_gross(table, value, noise, rows) -> np.ndarray:
+def _without_large_outliers(table, value, noise, rows) -> np.ndarray:
     """Rows without what a robust fit (least absolute deviations, reweighted) finds off by far; such rows would widen
-    the scale by which outliers are told."""
+    the scale by which outliers are judged."""
     x, y = table[rows] / noise[rows, None], value[rows] / noise[rows]
     weight, residual, scale = np.ones(len(y)), y, 0.0
     for _ in range(30):
@@ -224,7 +225,7 @@ class _Fit:
 def _fit(table, value, noise, time_h) -> _Fit:
     """Covariance scale^2 (diag(noise^2) + ratio^2 exp(-|dt| / hours)); ratio and hours integrated out.
 
-    A campaign of days tells poorly how long its slow error lasts, and the most likely answer is too short on average:
+    A campaign of days shows poorly how long its slow error lasts, and the most likely answer is too short on average:
     standard errors taken there are too small. Every point of a grid (uniform in the logarithms) therefore counts by its
     restricted likelihood; ratio and hours of the result are the likeliest point's.
     """
@@ -326,7 +327,7 @@ def regress_modes(
 ) -> ModalRegression:
     """Regress ln f and damping of every mode on what the sets' environment has; sets are named by their start.
 
-    state: blocks of that turbine state only. Stated deviations weight the blocks where sets have them. Raises
+    state: blocks of that turbine state only. Stated standard deviations weight the blocks where sets have them. Raises
     InputError where no set has a time or no mode can be fitted.
     """
     sets, hours = _in_time(data, state)

@@ -1,7 +1,8 @@
 """Several setups of one structure, measured one after the other with some sensors in common, merged into one set.
 
 Each setup is identified by itself and its blocks are averaged; its shapes are scaled, by least squares, to one setup's
-at the common references (PoSER: Reynders, Magalhaes, De Roeck & Cunha 2009), and all deviations are carried along.
+at the common references (PoSER: Reynders, Magalhaes, De Roeck & Cunha 2009), and all covariance factors are carried
+along.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from scipy import special
 
 from probupdate.errors import InputError
 from probupdate.identification.settings import CONSTANTS
-from probupdate.identification.uncertainty import scaled_deviation
+from probupdate.identification.uncertainty import scaled_change
 from probupdate.io.files import write_table
 from probupdate.io.result_table import with_units
 from probupdate.modal.modes import (
@@ -34,7 +35,7 @@ from probupdate.modal.modes import (
 SAME_FREQUENCY, SAME_MAC = CONSTANTS.same_frequency, CONSTANTS.same_mac
 LEAST_SETUPS = CONSTANTS.least_setups
 LARGEST_CONDITION = CONSTANTS.largest_condition
-LARGEST_DEVIATION = CONSTANTS.largest_std
+LARGEST_STD = CONSTANTS.largest_std
 LEAST_P_VALUE = CONSTANTS.least_p_value
 
 
@@ -76,7 +77,7 @@ class Merged:
 @dataclass(frozen=True, eq=False, kw_only=True)
 class _Mean:
     """A setup's modes averaged over its blocks; ln_frequency, damping (n_mode,), shape (n_channel, n_mode), and their
-    deviations with a last axis of columns; count (n_mode,) blocks."""
+    covariance factors with a last axis of columns; count (n_mode,) blocks."""
 
     ln_frequency: np.ndarray
     damping: np.ndarray
@@ -94,9 +95,9 @@ def merge_setups(setups: Sequence[Setup], *, same_modes: bool = False) -> Merged
     channels are NaN in it.
 
     Frequencies and dampings are means weighted by inverse variances; where setups disagree by more than their
-    deviations, the stated deviation is widened by the Birge ratio, and said. Raises InputError without common
-    channels, where channels of one name sit at different places, or where a deviation is missing. A mode in which the
-    references hardly move keeps its frequency; its shape is NaN, which is said.
+    standard deviations, the stated standard deviation is widened by the Birge ratio, and said. Raises InputError
+    without common channels, where channels of one name sit at different places, or where a standard deviation is
+    missing. A mode in which the references hardly move keeps its frequency; its shape is NaN, which is said.
     """
     if len(setups) < 2:
         raise InputError("setups", f"{len(setups)} cannot be merged", "give two or more")
@@ -117,7 +118,7 @@ def merge_setups(setups: Sequence[Setup], *, same_modes: bool = False) -> Merged
     frequency = np.exp(ln_frequency)
     modal = ModalSet(
         id="merged: " + ", ".join(s.name for s in setups), frequency_hz=frequency, damping_ratio=damping, shape=shape,
-        # what is wider than the record's own scatter is stated here; the deviation below keeps the covariances
+        # what is wider than the record's own scatter is stated here; the standard deviation below keeps the covariances
         frequency_std_hz=frequency * np.linalg.norm(d_ln_frequency, axis=1) * spread,
         shape_std=np.full(shape.shape, np.nan), environment={"setups": float(len(setups))},
         deviation=ModalDeviation(ln_frequency=d_ln_frequency, damping_ratio=d_damping, shape=d_shape),
@@ -159,7 +160,8 @@ def common_channels(setups: Sequence[tuple[str, tuple[Sensor, ...]]]) -> tuple[s
 
 
 def _mean(setup: Setup) -> _Mean:
-    """Blocks averaged, shapes scaled to those of the block with the least deviation; unresolved pairs as planes."""
+    """Blocks averaged, shapes scaled to those of the block with the least standard deviation; unresolved pairs as
+    planes."""
     sets = [s for s in setup.data.sets if s.measured.any()]
     if not sets:
         raise InputError(f"setup {setup.name}", "has no identified mode", "run `probupdate check` on it")
@@ -179,7 +181,8 @@ def _mean(setup: Setup) -> _Mean:
         if not some:
             continue
         count[j] = len(some)
-        # equal weights within a setup: a block's own deviation is known to 13 % only, and goes with its frequency
+        # equal weights within a setup: a block's own standard deviation is known to 13 % only, and goes with its
+        # frequency
         weight = 1 / len(some)
         value[j] = sum(np.log(sets[k].frequency_hz[j]) for k in some) * weight
         damping[j] = sum(sets[k].damping_ratio[j] for k in some) * weight
@@ -195,7 +198,7 @@ def _mean(setup: Setup) -> _Mean:
             continue
         best = min(some, key=lambda k: np.linalg.norm(known[k].shape[:, group]))
         gathered = np.zeros((n_channel, len(group)), complex)
-        # the block that the others are scaled to has deviations too: in a pair they turn all of them
+        # the block that the others are scaled to has errors too: in a pair they turn all of them
         d_own, d_target = (np.zeros((n_channel, len(group), total), complex) for _ in range(2))
         d_target[:, :, place[best]: place[best + 1]] = known[best].shape[:, group]
         for k in some:
@@ -214,7 +217,8 @@ def scaled_to(
     shape: np.ndarray, deviation: np.ndarray, target: np.ndarray, rows: Sequence[int] | None = None,
     d_target: np.ndarray | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """shape T with T (k, k) that brings shape[rows] T nearest to target (n_row, k), and the deviation of the product.
+    """shape T with T (k, k) that brings shape[rows] T nearest to target (n_row, k), and the change of the
+    product.
 
     shape (n_channel, k), deviation (n_channel, k, n_column); d_target (n_row, k, n_column) of a target with one.
     dT = P^+ (dR - dP T) + (P^H P)^-1 dP^H (R - P T), with P the rows and R the target.
@@ -302,8 +306,8 @@ def _groups(ln_frequency: np.ndarray, damping: np.ndarray) -> list[list[int]]:
 
 
 def _joined_shapes(setups, means: list[_Mean], rows, channels, references):
-    """Shape (n_channel, n_mode) of all channels, its deviation over the columns of all setups, the misfit at the
-    references of each setup and mode (n_setup, n_mode), NaN where a setup gives no shape, and how well each setup's
+    """Shape (n_channel, n_mode) of all channels, its covariance factors over the columns of all setups, the misfit at
+    the references of each setup and mode (n_setup, n_mode), NaN where a setup gives no shape, and how well each setup's
     references know the mode (n_setup, n_mode), relative. NaN: channels of setups without the mode, or in which the
     references hardly move."""
     n_mode, widths = len(means[0].ln_frequency), [m.d_ln_frequency.shape[1] for m in means]
@@ -320,8 +324,8 @@ def _joined_shapes(setups, means: list[_Mean], rows, channels, references):
                 noise[k] = np.linalg.norm(m.d_shape[np.ix_(r, group)]) / size
         known[:, group] = noise[:, None]
         base = int(np.argmin(noise))
-        told_by = np.flatnonzero(noise <= LARGEST_DEVIATION)
-        if not len(told_by):
+        usable = np.flatnonzero(noise <= LARGEST_STD)
+        if not len(usable):
             continue
         target = means[base].shape[np.ix_(rows[base], group)]
         if np.linalg.cond(target / np.linalg.norm(target, axis=0)) > LARGEST_CONDITION:
@@ -331,7 +335,7 @@ def _joined_shapes(setups, means: list[_Mean], rows, channels, references):
         value = np.zeros((len(channels), len(group)), complex)
         d_value = np.zeros((len(channels), len(group), total), complex)
         weights = np.zeros(len(channels))
-        for k in told_by:
+        for k in usable:
             setup, mean = setups[k], means[k]
             d_own = np.zeros((*mean.shape[:, group].shape, total), complex)
             d_own[:, :, place[k]: place[k + 1]] = mean.d_shape[:, group]
@@ -349,16 +353,16 @@ def _joined_shapes(setups, means: list[_Mean], rows, channels, references):
         shape[np.ix_(reached, np.array(group, int))] = value[reached] / weights[reached, None]
         d_shape[np.ix_(reached, np.array(group, int))] = d_value[reached] / weights[reached, None, None]
     for j in range(n_mode):
-        told = np.flatnonzero(np.isfinite(shape[:, j]))
-        if len(told):
-            d_shape[told, j] = scaled_deviation(shape[told, j][:, None], d_shape[told, j][:, None])[:, 0]
-            shape[told, j] = unit_largest(shape[told, j][:, None])[:, 0]
+        seen_rows = np.flatnonzero(np.isfinite(shape[:, j]))
+        if len(seen_rows):
+            d_shape[seen_rows, j] = scaled_change(shape[seen_rows, j][:, None], d_shape[seen_rows, j][:, None])[:, 0]
+            shape[seen_rows, j] = unit_largest(shape[seen_rows, j][:, None])[:, 0]
     return shape, d_shape, misfit, known
 
 
 def _weighted(values: list[np.ndarray], deviations: list[np.ndarray], widths: list[int]):
-    """Mean by inverse variances with its deviation over all columns, the Birge ratio (1 or more) and the p-value; of
-    the values that are there, with their deviation."""
+    """Mean by inverse variances with its factors over all columns, the Birge ratio (1 or more) and the
+    p-value; of the values that are there, with their factors."""
     value = np.array(values)
     variance = np.array([np.sum(d**2, axis=1) for d in deviations])
     there = np.isfinite(value) & np.isfinite(variance) & (variance > 0)

@@ -25,7 +25,7 @@ from probupdate.modal.labels import is_bending
 from probupdate.modal.modes import ModalData, ModalSet, plane_mac, write_modes
 
 PAPER_COV = {"FA1": 0.015, "SS1": 0.015, "FA2": 0.017, "SS2": 0.017}
-# where the deviations that a kept set carries come from
+# where the standard deviations that a kept set carries come from
 CAMPAIGN, OWN = "campaign", "identification"
 
 
@@ -35,15 +35,15 @@ class Selection:
 
     table: a row a block with id, state, criterion (the first it failed, empty where it passed), failed (all of them),
     score (NaN where it did not pass), selected, angle_..._deg. scatter: a row a mode and state ('all', 'passed' and
-    each state): n, mean_hz, cov, own_cov (root mean square of the deviations that identification states, relative),
-    paper_cov. cov: the same as mode -> state -> CoV. notes: what SCADA lacked.
+    each state): n, mean_hz, cov, own_cov (root mean square of the standard deviations that identification states,
+    relative), paper_cov. cov: the same as mode -> state -> CoV. notes: what SCADA lacked.
     """
 
     data: ModalData
     table: pd.DataFrame
     scatter: pd.DataFrame
     criteria: SelectionCriteria
-    deviations: str
+    std_from: str
     notes: tuple[str, ...]
     summary: str
 
@@ -75,14 +75,14 @@ def select(
     criteria: SelectionCriteria | None = None,
     count: int = 9,
     state_rule: StateRule | None = None,
-    deviations: str = CAMPAIGN,
+    std_from: str = CAMPAIGN,
 ) -> Selection:
     """Keep the `count` most consistent of the blocks that pass every criterion; fewer where fewer pass.
 
     With `scada` the conditions of each block are gathered anew, else those kept in the sets are used. What a
     criterion needs and does not find is said, and that criterion is then not asked.
 
-    deviations: what the kept sets carry and `--weights measured` takes. "campaign", as the paper: frequency_std_hz is
+    std_from: what the kept sets carry and `--weights measured` takes. "campaign", as the paper: frequency_std_hz is
     the CoV of the mode over all blocks in which it was identified, every state together, times the set's frequency;
     damping_ratio_std the scatter over the same blocks; shape_std the scatter over the blocks that pass, pairs turned
     onto each other. It holds what changes between half hours too. "identification": what each set came with, the
@@ -92,8 +92,9 @@ def select(
     criteria = criteria or SelectionCriteria()
     if count < 1:
         raise InputError("count", f"{count} sets cannot be selected", "give at least 1")
-    if deviations not in (CAMPAIGN, OWN):
-        raise InputError("deviations", f"'{deviations}' is unknown", f"choose {CAMPAIGN} or {OWN}")
+    if std_from not in (CAMPAIGN, OWN):
+        raise InputError("selection", f"'{std_from}' is no source of standard deviations",
+                         f"choose {CAMPAIGN} or {OWN}")
     labels = data.labels or tuple(str(j + 1) for j in range(data.n_mode))
     required = required_modes(data.labels, data.n_mode, criteria, data.sets)
     sets = data.sets if scada is None else _with_conditions(data.sets, scada, state_rule or StateRule())
@@ -113,13 +114,13 @@ def select(
     order = np.argsort(np.where(passed, score, np.inf), kind="stable")[: min(count, int(passed.sum()))]
     scatter = _scatter(labels, sets, passed)
     chosen = [_with_own(sets[k], labels) for k in sorted(order)]
-    if deviations == CAMPAIGN:
+    if std_from == CAMPAIGN:
         overall = scatter[scatter["state"] == "all"]["cov"].to_numpy()
         chosen = _with_campaign_scatter(chosen, sets, good, overall, pairs)
     result = replace(data, sets=tuple(chosen), reference_set=sets[order[0]].id)
     table = _table(sets, failed, score, order, labels, pairs)
-    return Selection(data=result, table=table, scatter=scatter, criteria=criteria, deviations=deviations,
-                     notes=tuple(notes), summary=_summary(result, table, scatter, count, deviations, notes))
+    return Selection(data=result, table=table, scatter=scatter, criteria=criteria, std_from=std_from,
+                     notes=tuple(notes), summary=_summary(result, table, scatter, count, std_from, notes))
 
 
 def _none_passes(failed: Sequence[Sequence[str]]) -> InputError:
@@ -145,15 +146,15 @@ def _table(
 
 
 def _with_own(s: ModalSet, labels: tuple[str, ...]) -> ModalSet:
-    """The set with the deviations it came with in its environment, where it came with any."""
+    """The set with the standard deviations it came with in its environment, where it came with any."""
     own = {f"own_std_hz_{label}": float(std) for label, std in zip(labels, s.frequency_std_hz, strict=True)
            if np.isfinite(std)}
     return replace(s, environment=dict(s.environment) | own)
 
 
 def _with_campaign_scatter(chosen, sets, good, cov: np.ndarray, pairs) -> list[ModalSet]:
-    """Frequency, damping and shapes with the scatter over the campaign; where it cannot be told (one block alone), what
-    a set came with stays."""
+    """Frequency, damping and shapes with the scatter over the campaign; where it cannot be estimated (one block alone),
+    what a set came with stays."""
     damping = np.array([s.damping_ratio for s in sets])
     enough = np.sum(np.isfinite(damping), axis=0) > 1
     spread = np.full(damping.shape[1], np.nan)
@@ -167,10 +168,11 @@ def _with_campaign_scatter(chosen, sets, good, cov: np.ndarray, pairs) -> list[M
 
 
 def shape_scatter(sets: list[ModalSet], pairs: list[tuple[int, int]], least: int = 5) -> np.ndarray:
-    """(n_channel, n_mode) deviation of each component over the sets, largest component 1; NaN from fewer than `least`.
+    """(n_channel, n_mode) standard deviation of each component over the sets, largest component 1; NaN from fewer than
+    `least`.
 
     Each set's shape is first brought onto the mean of all: a single mode by a factor, a pair by the combination within
-    its plane that comes closest, as only the plane is told by the data.
+    its plane that comes closest, as only the plane is identified by the data.
     """
     n_channel, n_mode = sets[0].shape.shape
     found = np.full((n_channel, n_mode), np.nan)
@@ -206,7 +208,7 @@ def _with_conditions(sets, scada: pd.DataFrame, rule: StateRule) -> tuple[ModalS
 
 
 def inconsistency(sets: list[ModalSet], required: list[int], pairs: list[tuple[int, int]]) -> np.ndarray:
-    """(n_set,) distance of each set from the middle of them all, in robust deviations; small is consistent.
+    """(n_set,) distance of each set from the middle of them all, in robust standard deviations; small is consistent.
 
     Root mean square, over the required modes, of (f - median) / scale and, over pairs, of the angle between the set's
     plane and the mean plane over its scale. Scales are 1.4826 median absolute deviations; zero scatter counts as 0.
@@ -259,7 +261,7 @@ def _scatter(labels, sets, passed: np.ndarray) -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
-def _summary(data: ModalData, table: pd.DataFrame, scatter: pd.DataFrame, count: int, deviations: str, notes) -> str:
+def _summary(data: ModalData, table: pd.DataFrame, scatter: pd.DataFrame, count: int, std_from: str, notes) -> str:
     counts = table["criterion"].value_counts(sort=False)
     lines = [f"{int((table['criterion'] == '').sum())} of {len(table)} blocks pass, {len(data.sets)} kept"]
     lines += [f"  {n} left out: {name}" for name, n in counts.items() if name]
@@ -277,7 +279,7 @@ def _summary(data: ModalData, table: pd.DataFrame, scatter: pd.DataFrame, count:
         own = rows["own_cov"].iloc[0]
         stated = f"; identification itself states {own:.4f} (median)" if np.isfinite(own) else ""
         lines.append(f"CoV of {label} over all blocks {value:.4f}{paper}; {states}{stated}")
-    if deviations == CAMPAIGN:
+    if std_from == CAMPAIGN:
         lines.append("frequency_std_hz of every kept set is the CoV over all blocks times its frequency; --weights "
                      "measured takes that")
     else:

@@ -16,9 +16,9 @@ from probupdate.campaign.scada import StateRule, with_rated_power
 from probupdate.errors import InputError
 from probupdate.identification.block_store import BlockStore
 from probupdate.identification.counterparts import (
-    Likenesses,
-    likenesses,
+    ModelComparison,
     mode_records,
+    model_comparison,
     model_only,
     paired,
     sentences,
@@ -147,16 +147,16 @@ def _own_part(
 
 def _named(
     setups: list[Setup], found: PhysicalModes, model: ReferenceModes, wanted: tuple[str, ...], channels: tuple[str, ...]
-) -> tuple[list[Setup], Likenesses, dict[int, int], np.ndarray]:
+) -> tuple[list[Setup], ModelComparison, dict[int, int], np.ndarray]:
     """The setups' modes matched with the model's by all their blocks: those of interest first, by name, the others by
-    number; likeness, partner and probability of the columns in their new order."""
+    number; similarity, partner and probability of the columns in their new order."""
     sets, at = [], []
     for setup in setups:
         rows = [channels.index(c) for c in setup.data.channels]
         here = replace(model, shape=model.shape[rows])
         sets += setup.data.sets
         at += [here] * len(setup.data.sets)
-    like = likenesses(sets, found.modes.pairs, at)
+    like = model_comparison(sets, found.modes.pairs, at)
     partner, probability = paired(like, model)
     place = {model.labels[i]: j for j, i in partner.items() if model.labels[i] in wanted}
     known = [label for label in wanted if label in place]
@@ -169,7 +169,7 @@ def _named(
 
 
 def _with_records(
-    merged: Merged, labels: tuple[str, ...], like: Likenesses, partner: dict[int, int], probability: np.ndarray, *,
+    merged: Merged, labels: tuple[str, ...], like: ModelComparison, partner: dict[int, int], probability: np.ndarray, *,
     model: ReferenceModes, wanted: tuple[str, ...], notes: list[str], settings: SSISettings,
 ) -> Merged:
     """The merged set with the record of each mode that it kept."""

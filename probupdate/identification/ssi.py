@@ -211,7 +211,7 @@ def factorise(
     covariance: np.ndarray, block_rows: int, order: int, sampling_rate_hz: float, *, whole: bool = False
 ) -> Factorisation:
     """Leading singular vectors of T = O Gamma, with O = U sqrt(S); O holds C, CA, CA^2, ... one below the other. whole:
-    all of them are kept, which deviations ask for."""
+    all of them are kept, which covariance factors ask for."""
     n_channel, n_reference = covariance.shape[1:]
     most = min(n_channel * (block_rows - 1), n_reference * block_rows)
     if order > most:

@@ -15,7 +15,7 @@ import numpy as np
 
 from probupdate.errors import InputError
 from probupdate.identification import classification as rules
-from probupdate.identification.classification import ClassifierSettings, Likeness, PoleStack
+from probupdate.identification.classification import ClassifierSettings, PoleComparison, PoleStack
 from probupdate.identification.reference import ReferenceModes
 from probupdate.identification.settings import CONSTANTS
 from probupdate.modal.modes import mac, pair_by_mac
@@ -33,7 +33,7 @@ class JudgedPoles:
 
     id: str
     poles: PoleStack
-    likeness: Likeness
+    comparison: PoleComparison
     verdict: np.ndarray
     bands: np.ndarray
     reference: ReferenceModes
@@ -174,7 +174,7 @@ def _votes(block: JudgedPoles, settings: ClassifierSettings, *, swept: bool) -> 
     A pole of a pair votes for the member it points to. What lies where the rotor's multiples passed votes only if
     `swept`, and not if it is damped as little as a line.
     """
-    poles, like, reference = block.poles, block.likeness, block.reference
+    poles, like, reference = block.poles, block.comparison, block.reference
     weight = np.zeros((len(poles.order), len(reference.labels)))
     score = like.score(poles.damping_ratio)
     voting = (block.verdict == rules.KEPT) & rules.trusted(like, reference, settings)
@@ -209,7 +209,7 @@ def _toward(shape: np.ndarray, members: np.ndarray) -> np.ndarray:
 def choose(block: JudgedPoles, centre_hz: np.ndarray, settings: ClassifierSettings) -> Choice:
     """Harmonics and strays removed, then one pole a mode: at each model order the best, of the orders the most
     central one. centre_hz (n_mode,), NaN for a mode without a path."""
-    poles, like, reference = block.poles, block.likeness, block.reference
+    poles, like, reference = block.poles, block.comparison, block.reference
     criterion, n_mode = block.verdict.copy(), len(reference.labels)
     chosen, share = np.full(n_mode, -1), np.zeros(n_mode)
     independence = np.full(len(reference.groups), np.nan)
@@ -238,10 +238,10 @@ def choose(block: JudgedPoles, centre_hz: np.ndarray, settings: ClassifierSettin
             taken[n] = _taken(left[here], score[left[here]], inside[:, here], near[here], fit[here], settings)
         best, found = _central({n: t for n, (t, _) in taken.items()}, poles, len(group))
         share[list(group)] = found / len(orders)
-        standing = {pole for t, _ in taken.values() for pole in t.values()}
-        criterion[[p for p in left if p not in standing]] = rules.DUPLICATE
+        kept_poles = {pole for t, _ in taken.values() for pole in t.values()}
+        criterion[[p for p in left if p not in kept_poles]] = rules.DUPLICATE
         scarce = np.max(found, initial=0) / len(orders) < settings.least_share
-        criterion[list(standing)] = rules.UNSTABLE if scarce else rules.OTHER_ORDER
+        criterion[list(kept_poles)] = rules.UNSTABLE if scarce else rules.OTHER_ORDER
         if best is None or scarce:
             continue
         members, independence[g] = taken[best]
@@ -296,6 +296,6 @@ def _taken(left, score, inside, near, fit, settings: ClassifierSettings) -> tupl
 
 
 def preselected(block: JudgedPoles, settings: ClassifierSettings) -> np.ndarray:
-    """Indices of the poles whose deviations are worth computing before the campaign is known: those that would stand
-    for the modes if the block were all there is."""
+    """Indices of the poles whose standard deviations are worth computing before the campaign is known: those that would
+    stand for the modes if the block were all there is."""
     return np.array(sorted({int(p) for p in track([block], settings).choices[0].pole if p >= 0}), int)

@@ -1,8 +1,8 @@
-"""First-order deviations of poles: how frequency, damping and complex shape scatter with the output covariances.
+"""Covariance factors of poles: how frequency, damping and complex shape scatter with the output covariances.
 
 Reynders, Pintelon & De Roeck (2008), Uncertainty bounds on modal parameters obtained from stochastic subspace
 identification; in the fast form of Doehler & Mevel (2013), Efficient multi-order uncertainty computation for stochastic
-subspace identification. The covariances of sub-records give deviations dR of R; each is carried through the block
+subspace identification. The covariances of sub-records give changes dR of R; each is carried through the block
 Toeplitz matrix, its singular vectors, A and C to the poles. Nothing larger than (n_channel block_rows, order, n_sub) is
 formed: of dT only its products with singular vectors, and turns of the states' basis, which no pole knows of, are left
 out. Every dR that is handed in is carried through; nothing is regularised.
@@ -32,7 +32,7 @@ LEAST_GAP = CONSTANTS.least_gap
 def sub_record_covariances(
     data: np.ndarray, n_lag: int, sub_records: int, projection: np.ndarray | None = None
 ) -> tuple[np.ndarray, np.ndarray]:
-    """R (n_lag + 1, n_channel, n_reference) of a record (n_sample, n_channel), and its deviations (n_sub, ...), one for
+    """R (n_lag + 1, n_channel, n_reference) of a record (n_sample, n_channel), and its changes (n_sub, ...), one for
     each of `sub_records` consecutive parts of the record.
 
     Scaled so that sum_j dR_j[a] dR_j[b] estimates the covariance of R's elements a and b, as if parts were
@@ -56,19 +56,19 @@ def sub_record_covariances(
 
 
 def toeplitz_products(
-    deviation: np.ndarray, block_rows: int, right: np.ndarray, left: np.ndarray
+    change: np.ndarray, block_rows: int, right: np.ndarray, left: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """dT V and dT^T U for every sub-record, without dT: (n_channel br, n, n_sub), (n_reference br, n, n_sub).
 
-    deviation (n_sub, 2 br, n_channel, n_reference); right V (n_reference br, n), left U (n_channel br, n). A block
+    change (n_sub, 2 br, n_channel, n_reference); right V (n_reference br, n), left U (n_channel br, n). A block
     Toeplitz matrix times a vector is a convolution over block rows.
     """
-    n_sub, _, m, r = deviation.shape
+    n_sub, _, m, r = change.shape
     n = right.shape[1]
     size = fft.next_fast_len(2 * block_rows - 1, real=True)
     lags = np.zeros((size, n_sub, m, r))
-    lags[:block_rows] = deviation[:, block_rows: 2 * block_rows].transpose(1, 0, 2, 3)
-    lags[size - block_rows + 1:] = deviation[:, 1:block_rows].transpose(1, 0, 2, 3)
+    lags[:block_rows] = change[:, block_rows: 2 * block_rows].transpose(1, 0, 2, 3)
+    lags[size - block_rows + 1:] = change[:, 1:block_rows].transpose(1, 0, 2, 3)
     line = fft.rfft(lags, axis=0)
     n_line = len(line)
     v = fft.rfft(right.reshape(block_rows, r, n), n=size, axis=0)
@@ -85,9 +85,9 @@ def toeplitz_products(
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class ObservabilityDeviation:
-    """Deviations of the leading left singular vectors u_1..u_n of T, from which those of O follow for every order up to
-    n.
+class ObservabilityChange:
+    """Changes of the leading left singular vectors u_1..u_n of T, from which those of O follow for every
+    order up to n.
 
     along (n, n_basis, n_sub): u_l^T du_i at [i, l], NaN where l is i. basis (n_channel br, n_basis): every left
     singular vector, descending; beyond (n, n_channel br, n_sub): the part of du_i outside their span, None where they
@@ -130,11 +130,11 @@ class ObservabilityDeviation:
         return found * np.sqrt(self.singular[:order])[:, None, None]
 
 
-def observability_deviation(
-    covariance: np.ndarray, deviation: np.ndarray, factorisation: Factorisation, block_rows: int
-) -> ObservabilityDeviation:
-    """Deviations of the singular vectors of all orders of a factorisation with all of them (`factorise(whole=True)`),
-    from dR (n_sub, 2 br, n_channel, n_ref).
+def observability_change(
+    covariance: np.ndarray, change: np.ndarray, factorisation: Factorisation, block_rows: int
+) -> ObservabilityChange:
+    """Changes of the singular vectors of all orders of a factorisation with all of them
+    (`factorise(whole=True)`), from dR (n_sub, 2 br, n_channel, n_ref).
 
     For u_i, v_i, s_i of T = U S V^T, du_i solves (s_i^2 - T T^T) du_i = s_i dT v_i + T dT^T u_i: along another left
     singular vector u_l, that is division by s_i^2 - s_l^2.
@@ -147,7 +147,7 @@ def observability_deviation(
     u = basis[:, :n]
     toeplitz = block_toeplitz(covariance, block_rows)
     v = toeplitz.T @ u / singular
-    dt_v, dt_u = toeplitz_products(deviation, block_rows, v, u)
+    dt_v, dt_u = toeplitz_products(change, block_rows, v, u)
     size, n_sub = len(u), dt_v.shape[2]
     source = (toeplitz @ dt_u.reshape(len(dt_u), -1)).reshape(size, n, n_sub)
     source += dt_v * singular[:, None]
@@ -160,7 +160,7 @@ def observability_deviation(
         beyond = (dt_v / singular[:, None]).reshape(size, -1)
         beyond = beyond - basis @ (basis.T @ beyond)
         beyond = np.ascontiguousarray(beyond.reshape(size, n, n_sub).transpose(1, 0, 2))
-    return ObservabilityDeviation(
+    return ObservabilityChange(
         along=np.ascontiguousarray(along.transpose(1, 0, 2)), basis=basis, beyond=beyond, singular=singular,
         squared_next=float(squared[n]) if len(squared) > n else 0.0, rounding=rounding[:n],
     )
@@ -170,10 +170,10 @@ def _divisor(gap: np.ndarray) -> np.ndarray:
     return np.where(gap == 0, np.nan, gap)
 
 
-def pole_deviations(
-    changed: ObservabilityDeviation, factorisation: Factorisation, *, order: int, indices: np.ndarray
+def pole_factors(
+    changed: ObservabilityChange, factorisation: Factorisation, *, order: int, indices: np.ndarray
 ) -> ModalDeviation:
-    """Deviations of the poles `indices` of that order, a column a sub-record; NaN for an index of -1.
+    """Covariance factors of the poles `indices` of that order, a column a sub-record; NaN for an index of -1.
 
     indices (n_mode,) into the order's poles; shapes as `modes.unit_largest` scales them. NaN for all where the order
     parts two singular values that are equal but for rounding, or where a pole is a multiple one.
@@ -191,19 +191,19 @@ def pole_deviations(
     shape = np.full((m, *table), np.nan + 0j)
     if there.size and changed.known(n):
         chosen = realisation.oscillating[indices[there]]
-        eigenvalue, raw = _eigen_deviation(factorisation.observability[:, :n], changed, realisation, chosen, m)
+        eigenvalue, raw = _eigen_change(factorisation.observability[:, :n], changed, realisation, chosen, m)
         mu = realisation.eigenvalue[chosen]
         pole = factorisation.sampling_rate_hz * np.log(mu)
         moved = factorisation.sampling_rate_hz * eigenvalue / mu[:, None]
         size = np.abs(pole)[:, None]
         ln_frequency[there] = (moved / pole[:, None]).real
         damping[there] = -moved.real / size + (pole.real[:, None] / size) * ln_frequency[there]
-        shape[:, there] = scaled_deviation(realisation.output @ realisation.vector[:, chosen], raw)
+        shape[:, there] = scaled_change(realisation.output @ realisation.vector[:, chosen], raw)
     return ModalDeviation(ln_frequency=ln_frequency, damping_ratio=damping, shape=shape)
 
 
-def _eigen_deviation(
-    observability: np.ndarray, changed: ObservabilityDeviation, realisation: Realisation, chosen: np.ndarray, m: int
+def _eigen_change(
+    observability: np.ndarray, changed: ObservabilityChange, realisation: Realisation, chosen: np.ndarray, m: int
 ) -> tuple[np.ndarray, np.ndarray]:
     """d mu (n_chosen, n_sub), and d(C psi) (m, n_chosen, n_sub) up to a multiple of C psi.
 
@@ -232,17 +232,18 @@ def _eigen_deviation(
     return modal[chosen, np.arange(len(chosen))], output
 
 
-def scaled_deviation(shape: np.ndarray, deviation: np.ndarray) -> np.ndarray:
-    """The deviation of `unit_largest(shape)` when shape (n_channel, n_mode) moves by deviation (..., n_column).
+def scaled_change(shape: np.ndarray, change: np.ndarray) -> np.ndarray:
+    """The change of `unit_largest(shape)` when shape (n_channel, n_mode) moves by change (...,
+    n_column).
 
-    A multiple of the shape that is added to the deviation, real or complex, goes out.
+    A multiple of the shape that is added to the change, real or complex, goes out.
     """
     shape = np.asarray(shape, complex)
     turn = np.exp(-0.5j * np.angle(np.sum(shape**2, axis=0)))
     real = (shape * turn).real
     largest, mode = np.argmax(np.abs(real), axis=0), np.arange(shape.shape[1])
     scale = turn / real[largest, mode]
-    unit, moved = (shape * scale)[:, :, None], deviation * scale[:, None]
+    unit, moved = (shape * scale)[:, :, None], change * scale[:, None]
     # the angle that the rotation to the real axis takes away: half the change of phase of sum phi^2, now real
     angle = np.sum(unit * moved, axis=0).imag / np.sum(unit**2, axis=0).real
     moved = moved - 1j * angle * unit

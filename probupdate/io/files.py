@@ -36,7 +36,7 @@ LARGEST_TOML = 8 * 2**20
 # arrays of one archive, unpacked
 LARGEST_ARCHIVE = 1 * 2**30
 PART = ".part"
-# what another computer left over is removed when nobody can be writing it any more
+# what another computer left behind is removed when nobody can be writing it any more
 OLD_S = 7 * 86400.0
 INT64 = 2**63
 # names of a folder among which one like a missing file's is looked for

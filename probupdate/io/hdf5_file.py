@@ -83,7 +83,7 @@ def new_hdf5(path: str | Path) -> Iterator[Any]:
             with h5py.File(stream, "w") as file:
                 yield file
         except Exception:
-            # of a stream that failed HDF5 tells of its own state; what happened is raised below
+            # of a stream that failed HDF5 reports its own state; what happened is raised below
             if stream.failed is None:
                 raise
         if stream.failed is not None:

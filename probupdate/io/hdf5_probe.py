@@ -149,8 +149,8 @@ def answer_all():
         try:
             found = problem_of(asked["path"], asked["whole"])
         except Exception as error:
-            told = str(error).strip() or "no reason given"
-            found = f"{type(error).__name__}: {told.splitlines()[0][:300]}"
+            reason = str(error).strip() or "no reason given"
+            found = f"{type(error).__name__}: {reason.splitlines()[0][:300]}"
         sys.stdout.write(json.dumps({"problem": found}) + "\n")
         sys.stdout.flush()
 

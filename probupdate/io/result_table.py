@@ -46,10 +46,10 @@ def table_of(
 
 def with_units(table: pd.DataFrame, units: Mapping[str, str] | None = None) -> pd.DataFrame:
     """A copy of the table with `attrs["units"]`."""
-    told = table.copy(deep=False)
+    labelled = table.copy(deep=False)
     known = dict(units or {})
-    told.attrs = {"units": {str(c): known.get(str(c)) or _unit(str(c)) for c in told.columns}}
-    return told
+    labelled.attrs = {"units": {str(c): known.get(str(c)) or _unit(str(c)) for c in labelled.columns}}
+    return labelled
 
 
 def _unit(name: str) -> str:

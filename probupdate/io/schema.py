@@ -82,8 +82,9 @@ def checked_table(kind: type, table: Mapping, path: str | Path, remedy: str) -> 
     except pydantic.ValidationError as error:
         first = error.errors(include_url=False)[0]
         place = ".".join(str(part) for part in first["loc"])
-        told = f"has no '{place}'" if first["type"] == "missing" else f"{place}, {first['input']!r:.60}: {first['msg']}"
-        raise InputError(str(path), told, remedy) from None
+        message = (f"has no '{place}'" if first["type"] == "missing"
+                   else f"{place}, {first['input']!r:.60}: {first['msg']}")
+        raise InputError(str(path), message, remedy) from None
 
 
 def table_as(kind: type[T], table: object, where: str, **defaults: object) -> T:

@@ -1,6 +1,6 @@
 """SubDyn's input file (OpenFAST v3, v4 and v5) with its SSI files: read, changed, written, nothing lost.
 
-SubDyn reads by position; headings are free text there. So does this reader: it tells the layouts apart by what stands
+SubDyn reads by position; headings are free text there. So does this reader: it distinguishes the layouts by what stands
 where, and every mistake names file and line. The text is kept line by line, changes replace words in it.
 Source of the layout: OpenFAST's SubDyn manual, section input files, and its reader's order (Apache-2.0).
 """
@@ -26,7 +26,7 @@ BEAMS = ("circular", "rectangular", "arbitrary")
 SETS = {"circular": ((6,), "NPropSets"), "rectangular": ((7,), "NPropSets"), "arbitrary": ((10, 11), "NXPropSets"),
         "cable": ((4, 5), "NCablePropSets"), "rigid": ((2,), "NRigidPropSets"), "spring": ((22,), "NSpringPropSets"),
         "cosine": ((10,), "NCOSMs"), "mass": ((5, 11), "NCmass")}
-# how many of them a file has tells its layout
+# how many of them a file has shows its layout
 ORDERS = {
     4: ("circular", "arbitrary", "cosine", "mass"),
     6: ("circular", "arbitrary", "cable", "rigid", "cosine", "mass"),
@@ -466,13 +466,26 @@ def _sets(r: _Reader) -> tuple[dict[str, tuple[Row, ...]], dict[str, int]]:
 
 def _check_references(r: _Reader, file: SubDynFile) -> None:
     joints = {joint.id: joint for joint in file.joints}
-    sets = {kind: {row.id: row for row in rows} for kind, rows in file.sets.items()}
-    cosines = {row.id for row in file.cosines}
     for what, rows in (("reaction", file.reactions), ("interface", file.interfaces)):
         for row in rows:
             if row.joint not in joints:
                 r.fail(f"{what} joint {row.joint} is not among the joints", "mend its number", row.line)
-    used = set()
+    _check_members(r, file, joints)
+    used = {joint for member in file.members for joint in member.joints}
+    for joint in file.joints:
+        if joint.id not in used:
+            r.fail(f"joint {joint.id} is at no member", "connect it or take it out", joint.line)
+    for row in file.masses:
+        if row.id not in joints:
+            r.fail(f"a concentrated mass is at joint {row.id}, which is not among the joints", "mend it", row.line)
+        if joints[row.id].kind != "cantilever":
+            r.fail(f"a concentrated mass is at joint {row.id}, which is {joints[row.id].kind}",
+                   "put it on a rigid joint (type 1), in SubDyn too", row.line)
+
+
+def _check_members(r: _Reader, file: SubDynFile, joints: Mapping[int, Joint]) -> None:
+    sets = {kind: {row.id: row for row in rows} for kind, rows in file.sets.items()}
+    cosines = {row.id for row in file.cosines}
     for member in file.members:
         for joint in member.joints:
             if joint not in joints:
@@ -481,7 +494,6 @@ def _check_references(r: _Reader, file: SubDynFile) -> None:
             if member.kind == "rigid" and joints[joint].kind != "cantilever":
                 r.fail(f"the rigid link {member.id} is at joint {joint}, which is {joints[joint].kind}",
                        "rigid links want rigid joints (type 1), in SubDyn too", member.line)
-        used |= set(member.joints)
         for number_ in member.sets:
             if number_ not in sets[member.kind]:
                 r.fail(f"member {member.id} wants {member.kind} property set {number_}, which is not in that table",
@@ -494,15 +506,6 @@ def _check_references(r: _Reader, file: SubDynFile) -> None:
             if one[:3] != two[:3]:
                 r.fail(f"the two ends of member {member.id} differ in E, G or density", "give them one material, as "
                        "SubDyn wants", member.line)
-    for joint in file.joints:
-        if joint.id not in used:
-            r.fail(f"joint {joint.id} is at no member", "connect it or take it out", joint.line)
-    for row in file.masses:
-        if row.id not in joints:
-            r.fail(f"a concentrated mass is at joint {row.id}, which is not among the joints", "mend it", row.line)
-        if joints[row.id].kind != "cantilever":
-            r.fail(f"a concentrated mass is at joint {row.id}, which is {joints[row.id].kind}",
-                   "put it on a rigid joint (type 1), in SubDyn too", row.line)
 
 
 # names of a set's numbers, what must be above zero, and what must not be below

@@ -37,7 +37,7 @@ class Wind(Table):
 
 
 class Damping(Table):
-    """Of critical, of every mode that modes.json does not tell."""
+    """Of critical, of every mode that modes.json does not state."""
 
     ratio: Annotated[float, Strict(), Field(gt=0, lt=0.3)]
 

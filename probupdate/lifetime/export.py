@@ -53,7 +53,7 @@ CSV, JSON_TYPE = "text/csv", "application/json"
 
 
 @dataclass(frozen=True, kw_only=True)
-class Standing:
+class RunStatus:
     """How far a run may be trusted: its sampler's verdict and its diagnosis (None: there is none) with what it
     found."""
 
@@ -86,12 +86,12 @@ class Standing:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Export:
-    """A written export: its folder, the files with their hashes, the standing, and what was left out and why."""
+    """A written export: its folder, the files with their hashes, the run's status, and what was left out and why."""
 
     folder: Path
     files: Mapping[str, str]
     draws: np.ndarray
-    standing: Standing
+    status: RunStatus
     left_out: tuple[str, ...]
     truncation: float | None
 
@@ -99,7 +99,7 @@ class Export:
         """What --json prints beside the files."""
         return {
             "folder": str(self.folder), "files": dict(self.files), "draws": len(self.draws),
-            "verdict": self.standing.remark, "converged": self.standing.converged, "diagnosis": self.standing.diagnosis,
+            "verdict": self.status.remark, "converged": self.status.converged, "diagnosis": self.status.diagnosis,
             "left_out": list(self.left_out), "superelement_truncation_first_pair": self.truncation}
 
     def to_frame(self) -> pd.DataFrame:
@@ -108,7 +108,7 @@ class Export:
 
     @property
     def summary(self) -> str:
-        lines = [f"{len(self.files)} files in {self.folder}, {len(self.draws)} draws; {self.standing.remark}"]
+        lines = [f"{len(self.files)} files in {self.folder}, {len(self.draws)} draws; {self.status.remark}"]
         if self.truncation is not None:
             lines.append(f"superelements: largest truncation error of the first pair {100 * self.truncation:.2g} %")
         return "\n".join([*lines, *(f"left out: {text}" for text in self.left_out)])
@@ -128,10 +128,10 @@ def export_lifetime(
     modes; `source`: files of the run, whose hashes are kept. Raises InputError where the run does not stand and
     `accept` is not given, where posterior and model differ, or where what is read back is not what was written.
     """
-    standing = Standing(converged=bool(posterior.converged), sampler=posterior.verdict, diagnosis=diagnosis,
-                        findings=findings)
-    if standing.refused and not accept:
-        raise InputError(str(out), f"this run is not fit to be exported: {standing.refused}",
+    status = RunStatus(converged=bool(posterior.converged), sampler=posterior.verdict, diagnosis=diagnosis,
+                       findings=findings)
+    if status.refused and not accept:
+        raise InputError(str(out), f"this run is not fit to be exported: {status.refused}",
                          "sample longer, or find the cause; --accept exports it with that said in every file")
     if tuple(posterior.names) != tuple(model.parameters.names):
         raise InputError(str(path), f"has the parameters {', '.join(model.parameters.names)}, the posterior "
@@ -143,7 +143,7 @@ def export_lifetime(
     rng = np.random.default_rng(seed)
     draws = equal_draws(posterior.draws, n_draw, rng)
     joint = joint_of(posterior.names, posterior.draws)
-    files = _Files(out, standing)
+    files = _Files(out, status)
     units = {p.name: p.unit for p in model.parameters}
     files.table("draws.csv", [{"name": "draw", "unit": "-"}, *({"name": n, "unit": units[n]} for n in posterior.names)],
                 [[k + 1, *row] for k, row in enumerate(draws.tolist())])
@@ -156,18 +156,18 @@ def export_lifetime(
         truncation = _superelements(files, len(draws), _at_draw(path), n_mode, progress)
     else:
         left_out.append("superelements: they are made of a SubDyn file at each draw, and there is none")
-    told = _fatigue(files, fatigue, model, path, draws, solved, damping, left_out, seed, progress)
+    assessed = _fatigue(files, fatigue, model, path, draws, solved, damping, left_out, seed, progress)
     manifest = {
-        "format": 1, "kind": "probupdate lifetime export", "version": __version__, "verdict": standing.remark,
-        "accepted": bool(standing.refused), "converged": standing.converged, "sampler": standing.sampler,
-        "diagnosis": standing.diagnosis, "findings": list(standing.findings), "seed": int(seed), "draws": n_draw,
+        "format": 1, "kind": "probupdate lifetime export", "version": __version__, "verdict": status.remark,
+        "accepted": bool(status.refused), "converged": status.converged, "sampler": status.sampler,
+        "diagnosis": status.diagnosis, "findings": list(status.findings), "seed": int(seed), "draws": n_draw,
         "model": model.name, "model_fingerprint": model.fingerprint(), "posterior_fingerprint": posterior.fingerprint,
-        "superelement_truncation_first_pair": truncation, "fatigue": told, "left_out": left_out,
+        "superelement_truncation_first_pair": truncation, "fatigue": assessed, "left_out": left_out,
         "source": {name: _sha(p) for name, p in (source or {}).items() if p.is_file()}, "files": files.entries,
     }
     files.json("manifest.json", manifest, listed=False)
     _verify(out)
-    return Export(folder=out, files={k: v["sha256"] for k, v in files.entries.items()}, draws=draws, standing=standing,
+    return Export(folder=out, files={k: v["sha256"] for k, v in files.entries.items()}, draws=draws, status=status,
                   left_out=tuple(left_out), truncation=truncation)
 
 
@@ -178,8 +178,8 @@ def _sha(path: Path) -> str:
 class _Files:
     """Files of an export with what the manifest says of each."""
 
-    def __init__(self, folder: Path, standing: Standing):
-        self.folder, self.standing, self.entries = folder, standing, {}
+    def __init__(self, folder: Path, status: RunStatus):
+        self.folder, self.status, self.entries = folder, status, {}
 
     def add(self, path: Path, what: str, units: str, schema: Mapping | None = None, **more) -> None:
         entry = {"what": what, "units": units, "sha256": _sha(path), **more}
@@ -194,7 +194,7 @@ class _Files:
         writer.writerow([c["name"] for c in columns])
         writer.writerows([["" if v is None else repr(v) if isinstance(v, float) else v for v in row] for row in rows])
         path = self.folder / name
-        write_text(path, f"# {self.standing.remark}\n{text.getvalue()}")
+        write_text(path, f"# {self.status.remark}\n{text.getvalue()}")
         held = read_table(path)
         for k, column in enumerate(columns):
             written = [row[k] for row in rows]
@@ -224,7 +224,7 @@ def _write_joint(files: _Files, joint: Joint, units: Mapping[str, str], rng) -> 
                          f"its marginals resampled miss the draws' mean by {shift:.2g} standard deviations",
                          "sample longer: the draws have too heavy tails for their number")
     content = {
-        "verdict": files.standing.remark, "kind": "nataf", "parameters": list(joint.names),
+        "verdict": files.status.remark, "kind": "nataf", "parameters": list(joint.names),
         "unit": [units[n] for n in joint.names], "mean": joint.mean.tolist(), "std": joint.std.tolist(),
         "level": joint.level.tolist(), "quantile": joint.quantile.T.tolist(),
         "normal_correlation": joint.correlation.tolist(), "rank_correlation": joint.rank_correlation.tolist(),
@@ -253,7 +253,7 @@ def _models(files: _Files, model: Model, path: Path, parameters_file, draws, lef
         solved.append(model.solve(theta, n))
         expected = solved[-1].frequency_hz
         written = _model_files(folder, path, parameters_file, dict(zip(model.parameters.names, theta, strict=True)),
-                               files.standing.remark, left_out if k == 0 else [])
+                               files.status.remark, left_out if k == 0 else [])
         for entry, opened in written.items():
             if opened is not None:
                 found = opened.solve(opened.parameters.initial, n).frequency_hz
@@ -435,7 +435,7 @@ def _modes(files: _Files, model: Model, path: Path, solved, data: ModalData | No
     labels = [named(one) for one in solved]
     # what every draw has
     common = [label for label in labels[0] if all(label in own for own in labels)]
-    damping, told, error, scatter = {}, {}, {}, {}
+    damping, assessed, error, scatter = {}, {}, {}, {}
     if data is None or data.labels is None:
         left_out.append("damping in modes.csv: no modes.json with labels lies in the run")
     else:
@@ -445,7 +445,7 @@ def _modes(files: _Files, model: Model, path: Path, solved, data: ModalData | No
             if len(found) < 2:
                 continue
             log = np.log(found)
-            told[label] = {"sets": len(found), "mean": float(found.mean()), "std": float(found.std(ddof=1))}
+            assessed[label] = {"sets": len(found), "mean": float(found.mean()), "std": float(found.std(ddof=1))}
             # the scatter of sets is mostly identification's; their median is known to the standard error of its mean
             step = log.std(ddof=1) / np.sqrt(len(found))
             error[label], scatter[label] = float(step), float(log.std(ddof=1))
@@ -464,9 +464,9 @@ def _modes(files: _Files, model: Model, path: Path, solved, data: ModalData | No
     names = [f"frequency_hz {label}" for label in common] + [f"damping_ratio {label}" for label in damping]
     numbers = {"type": "array", "items": {"type": "number"}}
     content = {
-        "verdict": files.standing.remark, "name": names, "mean": both.mean(axis=0).tolist(),
+        "verdict": files.status.remark, "name": names, "mean": both.mean(axis=0).tolist(),
         "covariance": np.atleast_2d(np.cov(both, rowvar=False)).tolist() if len(both) > 1 else None,
-        "damping_measured": told,
+        "damping_measured": assessed,
         "note": "frequencies of modes that every draw has; damping lognormal about the sets' geometric mean with its "
                 "standard error, independent of the parameters; damping_measured.std is the scatter of single sets",
     }
@@ -488,7 +488,7 @@ def _superelements(files: _Files, count: int, place: Path, n_mode: int, progress
         file = read_subdyn(held / place, held)
         for name, modes in (("guyan", 0), ("cb", n_mode)):
             one = superelement(file, n_mode=modes)
-            for written in write_superelement(one, folder, f"{k + 1:03d}.{name}", files.standing.remark):
+            for written in write_superelement(one, folder, f"{k + 1:03d}.{name}", files.status.remark):
                 files.add(written, f"{name} superelement of draw {k + 1} at {one.reference_m.tolist()} m, interface "
                           f"joints {[i.joint for i in file.interfaces]}", "N, m, rad, kg, s", checked_to=READ_BACK,
                           frequency_hz=one.frequency_hz.tolist(), truncation=one.truncation.tolist())

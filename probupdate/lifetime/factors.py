@@ -116,7 +116,7 @@ def worth(
 def tolerance_draws(
     problem: Problem, thetas: np.ndarray, rng: np.random.Generator, *, response: np.ndarray | None = None
 ) -> np.ndarray:
-    """(n, n_source) draws of the tolerances in their units, departures from what is stated, given the data and each of
+    """(n, n_source) draws of the tolerances in their units, differences from what is stated, given the data and each of
     thetas (n, n_param): Gaussian, as responses are linear in them; the mean that is expected of a source in it.
     `response`: the problem's prediction (n, n_response) at thetas, where it is known already."""
     std = np.array([s.std for s in problem.error_sources])

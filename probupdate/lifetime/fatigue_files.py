@@ -28,7 +28,7 @@ from probupdate.structure.extend import extended_description
 from probupdate.updating.laplace import Laplace
 from probupdate.updating.problem import Problem
 
-# sides of details whose reliability is told, the worst first; years for which FORM is simulated
+# sides of details whose reliability is computed, the worst first; years for which FORM is simulated
 WORST, PRIOR_DRAWS, CAUSE_DRAWS = 12, 60, 30
 SIMULATED, AGREE = 40_000, 0.02
 BASIS_OF, WIDE_OF = 10, 4
@@ -68,8 +68,8 @@ class FatigueInput:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class FatigueResult:
-    """model: all hot spots; design, draws, prior: stresses; worst (n,): hot spots whose reliability is told; factors ln
-    X_dyn of the worst: mean and std (n,), parts; indices by case; left_out."""
+    """model: all hot spots; design, draws, prior: stresses; worst (n,): hot spots whose reliability is computed;
+    factors ln X_dyn of the worst: mean and std (n,), parts; indices by case; left_out."""
 
     model: FatigueModel
     design: Stress
@@ -133,26 +133,14 @@ def assess(
     index = {name: _index(curve, *m, c) for name, m in moments.items()}
     agreement = _agreement(curve, moments["updated"], index["updated"], c, rng)
     return FatigueResult(
-        model=model,
-        design=design,
-        draws=tuple(updated),
-        worst=worst,
-        curve=curve,
-        log_factor=moments,
-        parts=parts,
-        slope=slope,
-        direct=direct,
-        gains=gain,
-        index=index,
+        model=model, design=design, draws=tuple(updated), worst=worst, curve=curve, log_factor=moments, parts=parts,
+        slope=slope, direct=direct, gains=gain, index=index,
         measures=_next_measurements(given, slope, direct, curve, moments["updated"], c),
         left_out=tuple(left_out),
         summary={
-            "basis_error": basis_error(full, model, [draws[-1]]),
-            "form_minus_monte_carlo": agreement[0],
-            "monte_carlo_standard_error": agreement[1],
-            "target_annual_index": c.target.annual_index,
-            "cases": list(index),
-        },
+            "basis_error": basis_error(full, model, [draws[-1]]), "form_minus_monte_carlo": agreement[0],
+            "monte_carlo_standard_error": agreement[1], "target_annual_index": c.target.annual_index,
+            "cases": list(index)},
     )
 
 

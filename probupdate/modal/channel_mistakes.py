@@ -33,7 +33,7 @@ class ChannelMistake:
 
     @property
     def sentence(self) -> str:
-        first, *others = (_told(c) for c in self.candidates)
+        first, *others = (_by_words(c) for c in self.candidates)
         also = f" (or {' or '.join(others)}, which explains as much)" if others else ""
         return (f"{first}{also} would explain it: the mean MAC of the modes would be {self.mac_after:.2f} instead of "
                 f"{self.mac_before:.2f}")
@@ -45,7 +45,7 @@ class ChannelMistake:
                 "and mend campaign.toml or the shapes, then try again")
 
 
-def _told(channels: tuple[str, ...]) -> str:
+def _by_words(channels: tuple[str, ...]) -> str:
     return f"channel {channels[0]} with the opposite sign" if len(channels) == 1 else (
         f"channels {channels[0]} and {channels[1]} exchanged")
 

@@ -38,7 +38,7 @@ def along_x(label: str) -> bool:
 class ModeCharacter:
     """How each mode moves: share (n_mode, 3) of the squared motion at the sensors that is fore-aft (with pitch),
     side-side (with roll) and rotation about the vertical axis of each level as a rigid plane; `local` (n_mode,)
-    is the remainder: heave and distortion of the level. The four add up to 1.
+    is the rest: heave and distortion of the level. The four add up to 1.
     """
 
     share: np.ndarray
@@ -54,7 +54,7 @@ def mode_character(
     along x, along y and torsion.
 
     Channels of one level (equal z within 0.1 m) are fitted by a rigid plane's motion about the vertical axis
-    through the origin. A level with a single sensor position tells translation only. Modes with `local` above
+    through the origin. A level with a single sensor position shows translation only. Modes with `local` above
     `local_limit` get labels L1, L2, ...: they belong to single members, not to the structure.
     """
     shape = np.asarray(shape, float)

@@ -291,7 +291,7 @@ def _refuse_equal_shapes(
 
 
 def _refuse_another_structure(set_id, criterion, partner, name) -> None:
-    # NaN: too few channels to tell
+    # NaN: too few channels to judge
     best = {j: criterion[j, i] for j, i in partner.items() if np.isfinite(criterion[j, i])}
     alike = sum(value >= OWN_MAC for value in best.values())
     if alike < 0.5 * len(best):

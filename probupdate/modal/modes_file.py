@@ -14,7 +14,7 @@ import numpy as np
 
 from probupdate.errors import InputError, of_file, parsing
 from probupdate.io.files import read_json, write_json_rows
-from probupdate.modal.deviation_file import read_deviations, write_deviations
+from probupdate.modal.covariance_file import read_factors, write_factors
 from probupdate.modal.sets import ModalData, ModalDeviation, ModalSet, ModelMode, ModeRecord
 
 # of modes.json: 2 has `mode_records`, one of each mode, and `model_only`; files of format 1, or without, have neither
@@ -124,8 +124,8 @@ def _read_modes(path: Path) -> ModalData:
     channels = _texts(path, content, "channels")
     if len(set(channels)) < len(channels):
         raise InputError(f"{path}, channels", "a channel is listed twice", "keep one")
-    deviations = read_deviations(path, content["deviations"]) if content.get("deviations") is not None else {}
-    sets = tuple(_read_set(path, number, raw, len(channels), deviations) for number, raw in enumerate(content["sets"]))
+    factors = read_factors(path, content["deviations"]) if content.get("deviations") is not None else {}
+    sets = tuple(_read_set(path, number, raw, len(channels), factors) for number, raw in enumerate(content["sets"]))
     _refuse_per_cent(path, sets)
     return ModalData(
         channels=channels,
@@ -157,7 +157,7 @@ def _json_of_modes(path: Path) -> dict:
     return content
 
 
-def _read_set(path: Path, number: int, raw: object, n_channel: int, deviations: Mapping[str, dict]) -> ModalSet:
+def _read_set(path: Path, number: int, raw: object, n_channel: int, factors: Mapping[str, dict]) -> ModalSet:
     """One entry of `sets`; deviations: id of a set -> its arrays in the file beside."""
     if not isinstance(raw, dict):
         raise InputError(f"{path}, set {number}", "is not a table", 'write {"id": ..., "frequency_hz": [...]}')
@@ -176,7 +176,7 @@ def _read_set(path: Path, number: int, raw: object, n_channel: int, deviations: 
     for key, value in std.items():
         if np.any(value < 0):
             raise InputError(f"{where}, {key}", "a standard deviation is negative", "use null where unknown")
-    deviation = deviations.get(str(raw.get("id", number)))
+    deviation = factors.get(str(raw.get("id", number)))
     return ModalSet(
         id=str(raw.get("id", number)),
         frequency_hz=frequency,
@@ -265,7 +265,8 @@ def _nulls(array: np.ndarray):
 
 
 def write_modes(data: ModalData, path: str | Path) -> None:
-    """Write `modes.json`, and where a set has deviations `<stem>.deviations.h5` before it; `read_modes` inverts it."""
+    """Write `modes.json`, and where a set has covariance factors `<stem>.deviations.h5` before it; `read_modes`
+    inverts it."""
     content: dict = {"format": FORMAT, "channels": list(data.channels)}
     if data.labels:
         content["labels"] = list(data.labels)
@@ -276,9 +277,9 @@ def write_modes(data: ModalData, path: str | Path) -> None:
             content[key] = [{name: None if isinstance(x, float) and not np.isfinite(x) else x
                              for name, x in asdict(row).items()} for row in rows]
     tail = {}
-    with_deviation = {s.id: s.deviation for s in data.sets if s.deviation is not None}
-    if with_deviation:
-        tail["deviations"] = write_deviations(with_deviation, Path(path))
+    with_factors = {s.id: s.deviation for s in data.sets if s.deviation is not None}
+    if with_factors:
+        tail["deviations"] = write_factors(with_factors, Path(path))
     # set by set: a year's numbers as Python's are a gigabyte
     write_json_rows(path, content, "sets", map(_set_content, data.sets), tail)
 

@@ -63,13 +63,13 @@ class Sensor:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class ModalDeviation:
-    """First-order deviations of one set's modes, a column for each part of the record they were estimated from.
+    """Covariance factors of one set's modes, a column for each part of the record they were estimated from.
 
     Scaled so that the covariance of any two of the quantities a and b, rows (n_column,), is the plain sum a @ b; within
     one mode or between two, which for a close pair is not nothing. ln_frequency, damping_ratio (n_mode, n_column);
     shape (n_channel, n_mode, n_column) complex, in the scaling of the set's shape. NaN: a mode not measured, or one
-    whose deviation could not be estimated. The rank of a joint covariance is below the number of columns: a covariance
-    of more quantities than that is singular.
+    whose factors could not be estimated. The rank of a joint covariance is below the number of columns: a
+    covariance of more quantities than that is singular.
     """
 
     ln_frequency: np.ndarray
@@ -144,9 +144,9 @@ class ModalSet:
     """One identification: the modes of one block of data, or of a mean over blocks.
 
     frequency_hz, frequency_std_hz, damping_ratio, damping_ratio_std (n_mode,); shape (n_channel, n_mode) complex;
-    shape_std (n_channel, n_mode), the deviation of the real part in the shape's own scaling. NaN: not measured.
-    Where a `deviation` is given, deviations that are NaN are taken from it; given ones stay, as a set may be weighted
-    by another scatter than that within its record.
+    shape_std (n_channel, n_mode), the standard deviation of the real part in the shape's own scaling. NaN: not
+    measured. Where a `deviation` is given, standard deviations that are NaN are taken from it; given ones stay, as a
+    set may be weighted by another scatter than that within its record.
     """
 
     id: str
@@ -178,7 +178,7 @@ class ModalSet:
         object.__setattr__(self, "shape_std", std)
         object.__setattr__(self, "environment", MappingProxyType(dict(self.environment)))
         if self.deviation is not None:
-            self._take_deviation(self.deviation.loaded())
+            self._take_std(self.deviation.loaded())
 
     def __reduce__(self):
         # to another process: as it was given, its arrays read-only there too
@@ -187,7 +187,7 @@ class ModalSet:
         given["deviation"] = None if self.deviation is None else self.deviation.loaded()
         return _modal_set, (given,)
 
-    def _take_deviation(self, deviation: ModalDeviation) -> None:
+    def _take_std(self, deviation: ModalDeviation) -> None:
         if deviation.shape.shape[:2] != self.shape.shape:
             raise InputError(f"set {self.id}", f"its covariance is of {deviation.shape.shape[:2]} channels and modes",
                              f"give {self.shape.shape} as for the shape")

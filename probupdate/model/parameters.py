@@ -1,4 +1,4 @@
-"""Parameters of a model and their prior: name, unit, initial value, deviation, bounds, distribution."""
+"""Parameters of a model and their prior: name, unit, initial value, standard deviation, bounds, distribution."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ PRIORS = ("normal", "lognormal")
 class Parameter:
     """One scalar the model depends on.
 
-    `std` is the prior standard deviation in `unit`; for "lognormal" it is the deviation of the variable itself,
-    not of its logarithm, and `initial` its median, so that both priors are centred on the same model.
+    `std` is the prior standard deviation in `unit`; for "lognormal" it is the standard deviation of the variable
+    itself, not of its logarithm, and `initial` its median, so that both priors are centred on the same model.
     """
 
     name: str
@@ -51,7 +51,7 @@ class Parameter:
 
     @property
     def log_std(self) -> float:
-        """Deviation of ln(theta) for a lognormal of median `initial` and standard deviation `std`."""
+        """Standard deviation of ln(theta) for a lognormal of median `initial` and standard deviation `std`."""
         # Var = m^2 (e^{s^2} - 1) e^{s^2}; solved for e^{s^2}
         ratio = (self.std / self.initial) ** 2
         return float(np.sqrt(np.log(0.5 + np.sqrt(0.25 + ratio))))

@@ -26,7 +26,7 @@ GROUPS = ("structure", "soil", "rotor-nacelle assembly", "water and growth", "th
 
 @dataclass(frozen=True, kw_only=True)
 class ErrorSource:
-    """One quantity that the model states and nobody knows exactly: `std` and the `mean` it departs by, in `unit`;
+    """One quantity that the model states and nobody knows exactly: `std` and the `mean` it differs by, in `unit`;
     `check` is what would narrow it."""
 
     name: str

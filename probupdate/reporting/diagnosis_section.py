@@ -220,9 +220,9 @@ def _slopes(tables: Sequence[Mapping], states: Sequence[str]) -> list[Element]:
 
 def _bands_table(bands: Sequence[Mapping], states: Sequence[str]) -> Table:
     rows = []
-    for state, told in zip(states, bands, strict=True):
+    for state, stated in zip(states, bands, strict=True):
         for key, words in (("means", "means over the record"), ("blocks", "single blocks about their mean")):
-            b = told[key]
+            b = stated[key]
             if not b["directions"]:
                 # one block has no scatter about its mean
                 continue
@@ -241,11 +241,11 @@ def _bands_table(bands: Sequence[Mapping], states: Sequence[str]) -> Table:
 def _pushed(content: Mapping, shown: Mapping | None) -> list[Element]:
     items: list[Element] = []
     if shown:
-        told = shown["pushed"]
-        if told["parameters"]:
-            together = " → ".join(number(p, 2) for p in told["p_together"])
+        stated = shown["pushed"]
+        if stated["parameters"]:
+            together = " → ".join(number(p, 2) for p in stated["p_together"])
             items.append(_picture(
-                figures.pushed_parameters(told["parameters"], shown["states"]), "pushed",
+                figures.prior_shifts(stated["parameters"], shown["states"]), "pushed",
                 "Standardised shift of each parameter from its prior, and how far these data shift it nine times in "
                 "ten when its "
                 f"prior is right (grey). All together: p = {together}."))
@@ -274,16 +274,16 @@ def _measurement(content: Mapping, shown: Mapping | None) -> list[Element]:
         note = "At the best update of the model as it is, before any finding is included"
         items.append(Table(caption="The measurement's own tests", columns=columns, rows=table,
                            note=note + (f"; |z| up to {threshold:.1f} is chance." if threshold else ".")))
-    told = content["details"].get("measurement")
-    if isinstance(told, list) and told:
-        said = [r for r in told if isinstance(r, Mapping) and isinstance(r.get("statement"), str)]
+    stated = content["details"].get("measurement")
+    if isinstance(stated, list) and stated:
+        said = [r for r in stated if isinstance(r, Mapping) and isinstance(r.get("statement"), str)]
         for suspected, title in ((True, "Suspected in the raw records"), (False, "Raw records without a fault")):
             here = tuple(sentence(r["statement"]) for r in said if r.get("suspected", True) is suspected)
             if here:
                 items.append(Items(title=title, statements=here, level="warning" if suspected else "plain"))
-        items += row_table("Tests of the raw records", [r for r in told if r not in said])
-    elif isinstance(told, Mapping):
-        items += plain_table("Tests of the raw records", told)
+        items += row_table("Tests of the raw records", [r for r in stated if r not in said])
+    elif isinstance(stated, Mapping):
+        items += plain_table("Tests of the raw records", stated)
     return items
 
 
@@ -321,7 +321,7 @@ def _limits(content: Mapping) -> list[Element]:
     steps = {(x["cause"], x["location"]): x["limit"] for x in limits if x["course"] == "step" and x.get("limit")}
     count = sum(bool(x.get("limit")) for x in limits)
     return [_picture(
-        figures.detection_limits(reached, steps), "limits",
+        figures.detectable_sizes(reached, steps), "limits",
         "The minimum detectable size: found in nine of ten records like this one, all through the record or "
         "with its covariate; diamonds: as a step within the record. Each cause at its best places; all "
         f"{count} are in diagnosis.json."), *_unseen(static), *_exchanges(discrete)]

@@ -1,4 +1,4 @@
-"""What a diagnosis tells of the gain of its findings and of the extended model, and tables of diagnosis.json as they
+"""What a diagnosis says of the gain of its findings and of the extended model, and tables of diagnosis.json as they
 are."""
 
 from __future__ import annotations
@@ -21,24 +21,24 @@ def typeset(text: str) -> str:
 
 
 def gain_items(findings: Sequence[Mapping]) -> list[Element]:
-    told = [(k, f, f["gain"]) for k, f in enumerate(findings, start=1) if f.get("gain")]
-    if not told:
+    gained = [(k, f, f["gain"]) for k, f in enumerate(findings, start=1) if f.get("gain")]
+    if not gained:
         return []
     items: list[Element] = [Items(title="What taking it in gains on blocks that were held out", statements=tuple(
-        sentence(f"{wording.name_of(f)}: {wording.gain_words(f)}") for _, f, _ in told))]
+        sentence(f"{wording.name_of(f)}: {wording.gain_words(f)}") for _, f, _ in gained))]
     measured = [(str(k), _measure_words(key), *(_measure(key, g[f"{key}_{side}"]) for side in ("before", "after")))
-                for k, _, g in told for key in _pairs_of(g)]
+                for k, _, g in gained for key in _pairs_of(g)]
     if measured:
         items.append(Table(caption="Predicting held-out blocks", rows=tuple(measured), width="half", columns=(
             Column(name="finding"), Column(name="measure", number=False), Column(name="before"),
             Column(name="with it"))))
     sensors = [(str(k), str(r["level"]), percent(r["rms_error_before"], 2), percent(r["rms_error_after"], 2))
-               for k, _, g in told for r in g.get("heldout_sensors", ())]
+               for k, _, g in gained for r in g.get("heldout_sensors", ())]
     if sensors:
         items.append(Table(caption="Predicting sensors that took no part", rows=tuple(sensors), width="half", columns=(
             Column(name="finding"), Column(name="level held out", number=False),
             Column(name="rms error before", unit="% of largest"), Column(name="with it", unit="% of largest"))))
-    return items + _fatigue(told)
+    return items + _fatigue(gained)
 
 
 def _pairs_of(gain: Mapping) -> list[str]:
@@ -59,10 +59,10 @@ def _measure(key: str, value: float) -> str:
     return fixed(value, 4) if key.endswith("mac") else number(value)
 
 
-def _fatigue(told: Sequence) -> list[Element]:
+def _fatigue(gained: Sequence) -> list[Element]:
     """Stress and damage ratios of the members that matter, where they were computed."""
     rows, per = [], ""
-    for k, _, gain in told:
+    for k, _, gain in gained:
         table = gain.get("fatigue") or {}
         per = table.get("per", per)
         for group, spots in table.items():
@@ -72,7 +72,7 @@ def _fatigue(told: Sequence) -> list[Element]:
                          for name, s in spots.items()]
     if not rows or len({len(r) for r in rows}) > 1:
         return []
-    slopes = [d for d in sorted(next(s for _, _, g in told for spots in (g.get("fatigue") or {}).values()
+    slopes = [d for d in sorted(next(s for _, _, g in gained for spots in (g.get("fatigue") or {}).values()
                                      if isinstance(spots, Mapping) for s in spots.values()))
               if d.startswith("damage_ratio")]
     columns = (Column(name="finding"), Column(name="members", number=False), Column(name="spot", number=False),
@@ -93,21 +93,22 @@ def extension_items(table: object) -> list[Element]:
     rest = {k: v for k, v in table.items() if k != "statements"}
     beside = _estimators_table(rest.get("after"), rest.get("sampler"))
     if beside:
-        # what stands beside the others need not be told alone
+        # what stands beside the others need not be listed alone
         rest["sampler"] = {k: v for k, v in rest["sampler"].items() if k != "parameters"}
     return [*first, *beside, *plain_table(title, rest)]
 
 
 def _estimators_table(updated: object, sampler: object) -> list[Element]:
-    """Deterministic update, maximum with Laplace's deviations and emcee of every parameter; nothing without a chain."""
+    """Deterministic update, maximum with Laplace's standard deviations and emcee of every parameter; nothing without a
+    chain."""
     if not (isinstance(updated, Mapping) and isinstance(sampler, Mapping) and sampler.get("parameters")):
         return []
     drawn = {p["name"]: p for p in sampler["parameters"]}
     rows = []
     for p in updated.get("parameters", ()):
         d = drawn.get(p["name"], {})
-        rows.append((p["name"], _with_deviation(p.get("prior"), p.get("prior_std")), number(p["deterministic"]),
-                     _with_deviation(p["map"], p["std"]), _with_deviation(d.get("mean"), d.get("std")),
+        rows.append((p["name"], _with_std(p.get("prior"), p.get("prior_std")), number(p["deterministic"]),
+                     _with_std(p["map"], p["std"]), _with_std(d.get("mean"), d.get("std")),
                      *(number(d.get(q)) for q in ("q05", "q50", "q95")), fixed(d.get("r_hat"), 3),
                      fixed(d.get("effective_draws"), 0)))
     columns = (Column(name="parameter", number=False), Column(name="prior"), Column(name="deterministic"),
@@ -124,7 +125,7 @@ def _estimators_table(updated: object, sampler: object) -> list[Element]:
     return items
 
 
-def _with_deviation(value: float | None, std: float | None) -> str:
+def _with_std(value: float | None, std: float | None) -> str:
     return MISSING if value is None else f"{number(value)} ± {number(std)}"
 
 

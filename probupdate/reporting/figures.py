@@ -4,9 +4,9 @@ from probupdate.reporting.figures_diagnosis import (
     against_covariates,
     calendar,
     causes,
-    detection_limits,
+    detectable_sizes,
     mode_residuals,
-    pushed_parameters,
+    prior_shifts,
     residual_layout,
     residual_map,
 )
@@ -30,9 +30,9 @@ from probupdate.reporting.figures_posterior import (
 )
 from probupdate.reporting.figures_updating import (
     Mark,
-    departures,
     estimate_paths,
     frequency_errors,
+    parameter_shifts,
     unit_label,
     update_history,
     variance_shares,
@@ -41,9 +41,10 @@ from probupdate.reporting.style import svg_text
 
 __all__ = [
     "Mark", "against_conditions", "against_covariates", "argand", "calendar", "causes", "contraction", "corner",
-    "correlation_map", "departures", "detection_limits", "estimate_paths", "frequencies_by_block", "frequency_errors",
+    "correlation_map", "parameter_shifts", "detectable_sizes", "estimate_paths", "frequencies_by_block",
+           "frequency_errors",
     "mac_map", "marginals", "mode_residuals", "mode_shapes", "mpc_map", "poles", "predictive_frequencies",
-    "pushed_parameters", "residual_layout", "residual_map", "selection_steps", "sensor_layout", "shapes_by_channel",
+    "prior_shifts", "residual_layout", "residual_map", "selection_steps", "sensor_layout", "shapes_by_channel",
     "stabilisation", "svg_text", "traces_and_ranks", "unit_label", "update_history",
     "variance_shares", "wind_and_state",
 ]

@@ -1,5 +1,6 @@
-"""Figures of a diagnosis: what remains by channel, along the record and against its surroundings, before and after the
-findings; the causes; what was pushed; what would not have been seen. All take tables of diagnosis.json as they are."""
+"""Figures of a diagnosis: what remains by channel, along the record and against the conditions, before and after the
+findings; the causes; shifts from the prior; what would not have been detected. All take tables of diagnosis.json as
+they are."""
 
 from __future__ import annotations
 
@@ -33,7 +34,7 @@ from probupdate.reporting.style import (
 )
 
 KIND_COLOURS = {"structural": BLUE, "environmental": GREEN, "measurement": ORANGE}
-# a residual of so many deviations has the map's full colour; from so many its number is written into its cell
+# a residual of so many standard deviations has the map's full colour; from so many its number is written into its cell
 FULL_COLOUR, WRITTEN = 5.0, 2.0
 # bands hold 90 % when nothing is wrong
 BAND = 1.645
@@ -61,9 +62,9 @@ def causes(findings: Sequence[Mapping]) -> Figure:
     """Posterior over causes: of every finding its cause and the alternatives, one bar each."""
     rows = []
     for place, f in enumerate(findings, start=1):
-        told = [(f["cause"], f["location"], f["posterior_probability"], f["kind"], True)]
-        told += [(a["cause"], a["location"], a["posterior_probability"], "", False) for a in f["alternatives"][:5]]
-        rows += [(f"{place}  " if row[-1] else "", *row) for row in told]
+        listed = [(f["cause"], f["location"], f["posterior_probability"], f["kind"], True)]
+        listed += [(a["cause"], a["location"], a["posterior_probability"], "", False) for a in f["alternatives"][:5]]
+        rows += [(f"{place}  " if row[-1] else "", *row) for row in listed]
     figure = new_figure(FULL_IN, 0.7 + 0.3 * len(rows))
     axes = figure.subplots()
     for k, (_, _, _, probability, kind, first) in enumerate(rows):
@@ -107,8 +108,8 @@ def _state_words(state: str, states: Sequence[str]) -> str:
 
 @styled
 def residual_map(rows: Sequence[Mapping], states: Sequence[str]) -> Figure:
-    """Mode by channel: signed deviations of shapes from the model, as multiples of what chance and tolerances leave;
-    numbers are per cent of the shape's largest component."""
+    """Mode by channel: signed differences of shapes from the model, as multiples of what chance and tolerances
+    leave; numbers are per cent of the shape's largest component."""
     channels = list(rows[0]["channels"])
     names = [f"{r['mode']}{'' if r['part'] == 'in phase' else ' i'}" for r in rows]
     z = np.array([[_known(r["z"][s]) for r in rows] for s in range(len(states))])
@@ -146,8 +147,8 @@ def _residual_cells(axes: Axes, z: np.ndarray, percent: np.ndarray) -> AxesImage
 
 @styled
 def residual_layout(sensors: Sequence[Mapping], rows: Sequence[Mapping], states: Sequence[str]) -> Figure:
-    """Where shapes depart: every level seen from above, an arrow a channel (a ring where it looks up), coloured by its
-    residual in the mode in which it departs most; those far off are named."""
+    """Where shapes differ from the model's: every level seen from above, an arrow a channel (a ring where it looks up),
+    coloured by its residual in the mode in which it differs most; those far off are named."""
     channels = list(rows[0]["channels"])
     z = np.array([[_known(r["z"][s]) for r in rows] for s in range(len(states))])
     worst = np.take_along_axis(z, np.argmax(np.abs(np.nan_to_num(z)), axis=1)[:, None], axis=1)[:, 0]
@@ -198,7 +199,7 @@ def _level_from_above(axes: Axes, sensors: Sequence[Mapping], value: np.ndarray,
 
 
 def _times(start: str, hours: Sequence) -> np.ndarray | None:
-    """Moments, or None where the record does not tell times."""
+    """Moments, or None where the record has no times."""
     try:
         first = np.datetime64(start.removesuffix("Z").removesuffix("+00:00"), "s")
     except ValueError:
@@ -235,7 +236,7 @@ def _state_points(axes: Axes, x, series: Mapping, states: Sequence[str]) -> None
 
 @styled
 def calendar(time: Mapping, states: Sequence[str], since: Sequence[str]) -> Figure:
-    """What remains block by block about its mean: first the size of each finding as every block alone tells it, then
+    """What remains block by block about its mean: first the size of each finding as every block alone gives it, then
     frequencies and the parts of shapes that move most. Dashed: where a finding begins."""
     sizes = list(time.get("sizes", ()))
     series = list(time["series"])[: MOST_PANELS - len(sizes)]
@@ -277,7 +278,8 @@ def against_covariates(
     tables: Sequence[Mapping], states: Sequence[str], explained: Sequence[str] = ()
 ) -> Figure:
     """Frequencies in bins of what was measured beside them, about their mean: of each covariate the mode that follows
-    it most, before the findings where one of them has the covariate as its course (`explained`), after them else."""
+    it most, before the findings where one of them has the covariate as its time profile (`explained`), after them
+    else."""
     columns = min(3, len(tables))
     rows = -(-len(tables) // columns)
     figure = new_figure(FULL_IN, 0.4 + 1.9 * rows)
@@ -288,20 +290,20 @@ def against_covariates(
         best = max(table["series"], key=lambda s: abs(s["slope_z"][state] or 0.0))
         axes.axhline(0, color=GREY, lw=0.7)
         _state_points(axes, np.array(table["centre"], float), best, states)
-        told = " → ".join(f"{z:+.1f}" for z in best["slope_z"] if z is not None)
+        listed = " → ".join(f"{z:+.1f}" for z in best["slope_z"] if z is not None)
         label_axes(axes, f"{column_words(table['column'])} [{table['unit']}]", "f [%]",
-                   f"{best['name']}\nslope: z {told}")
+                   f"{best['name']}\nslope: z {listed}")
         axes.title.set_fontsize(8)
     for axes in panels[len(tables) :]:
         axes.remove()
     return figure
 
 
-# What was pushed, and what is not seen ------------------------------------------------------------------------------
+# Shifts from the prior, and what is not detected --------------------------------------------------------------------
 
 
 @styled
-def pushed_parameters(rows: Sequence[Mapping], states: Sequence[str]) -> Figure:
+def prior_shifts(rows: Sequence[Mapping], states: Sequence[str]) -> Figure:
     """Every parameter's standardised shift, and the band in which the prior expects it with these data."""
     figure = new_figure(FULL_IN, 0.8 + 0.27 * len(rows))
     axes = figure.subplots()
@@ -309,10 +311,10 @@ def pushed_parameters(rows: Sequence[Mapping], states: Sequence[str]) -> Figure:
     y = np.arange(len(rows))
     band = BAND * _known([r["expected"][0] for r in rows])
     axes.barh(y, 2 * band, left=-band, height=0.62, color=PALE, alpha=0.7, zorder=1)
-    told = [_known([r["pushed"][s] for r in rows]) for s in range(len(states))]
-    if len(told) == 2:
-        axes.hlines(y, told[0], told[1], color=GREY, lw=0.8, zorder=2)
-    for state, value in zip(states, told, strict=True):
+    listed = [_known([r["pushed"][s] for r in rows]) for s in range(len(states))]
+    if len(listed) == 2:
+        axes.hlines(y, listed[0], listed[1], color=GREY, lw=0.8, zorder=2)
+    for state, value in zip(states, listed, strict=True):
         axes.plot(value, y, ls="none", ms=5, zorder=3, label=_state_words(state, states), **STATE_LOOKS[state])
     axes.set_yticks(y, [r["name"] for r in rows])
     axes.invert_yaxis()
@@ -323,7 +325,7 @@ def pushed_parameters(rows: Sequence[Mapping], states: Sequence[str]) -> Figure:
 
 
 @styled
-def detection_limits(limits: Sequence[Mapping], steps: Mapping[tuple[str, str], float]) -> Figure:
+def detectable_sizes(limits: Sequence[Mapping], steps: Mapping[tuple[str, str], float]) -> Figure:
     """Least size that this record excludes, a panel for each kind and unit; open marks: as a step within the record,
     which is seen far better. limits: rows of diagnosis.json in the order to be drawn; steps: (cause, location) -> size
     of a step."""

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from probupdate.reporting.figures_measurement import mode_mark, scatter
 from probupdate.reporting.style import FULL_IN, GREY, HALF_IN, INK, PALE, RED, label_axes, new_figure, styled
 
-# how a pole stands to those of the order below -> (marker, colour, size): told apart in grey by their markers
+# how a pole stands to those of the order below -> (marker, colour, size): distinguished in grey by their markers
 STEADINESS = {
     "stable in f, damping and shape": ("o", INK, 11.0), "stable in f": ("+", GREY, 16.0), "new": (".", PALE, 7.0),
 }
@@ -148,7 +148,7 @@ def argand(labels: Sequence[str], shape: np.ndarray, note: Sequence[str] = ()) -
 def against_conditions(
     labels: Sequence[str], frequency_hz: np.ndarray, std_hz: np.ndarray, conditions: Mapping[str, np.ndarray]
 ) -> Figure:
-    """Departure of each mode's frequency from its median against each condition: a row a mode, a column a condition.
+    """Difference of each mode's frequency from its median against each condition: a row a mode, a column a condition.
 
     frequency_hz, std_hz (n_block, n_mode), NaN where not found or not known; conditions: name with unit -> (n_block,).
     """

@@ -91,7 +91,7 @@ def sensor_layout(wire: Wireframe | None, sensors: Sequence[Sensor]) -> Figure:
 
 
 def _name_levels(axes: Axes, sensors: Sequence[Sensor], place: np.ndarray, height: float) -> None:
-    """The level's name right of its sensors; levels closer than their letters are high are pushed apart."""
+    """The level's name right of its sensors; levels closer than their letters are high are moved apart."""
     levels = list(dict.fromkeys(s.level for s in sensors))
     rows = {name: [k for k, s in enumerate(sensors) if s.level == name] for name in levels}
     levels.sort(key=lambda name: place[rows[name], 2].mean())

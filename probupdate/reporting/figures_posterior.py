@@ -256,7 +256,8 @@ def traces_and_ranks(
 
     theta (n_walker, n_step, n_param), effective (n_param,). Left: median, 50 and 90 % of all walkers at every step.
     Right: how often the ranks of each part (first or second half, even or odd walkers) fall into 20 bins of all ranks,
-    over what equal parts would have; grey: two deviations for that effective size (Vehtari et al. 2021, figure 4).
+    over what equal parts would have; grey: two standard deviations for that effective size (Vehtari et al. 2021, figure
+    4).
     """
     n = len(names)
     columns = 2 if n > 1 else 1

@@ -88,7 +88,7 @@ def frequency_errors(
 
 
 @styled
-def departures(parameters: Sequence[Parameter], draws: np.ndarray | None, marks: Sequence[Mark]) -> Figure:
+def parameter_shifts(parameters: Sequence[Parameter], draws: np.ndarray | None, marks: Sequence[Mark]) -> Figure:
     """Every parameter's estimates and posterior on one scale: shift from the initial value in prior std."""
     figure = new_figure(FULL_IN, 0.9 + 0.32 * len(parameters))
     axes = figure.subplots()
@@ -148,7 +148,7 @@ def update_history(
         top.yaxis.set_minor_formatter(FuncFormatter(lambda *_: ""))
         for k, name in enumerate(names):
             path = theta[scheme][:, k] / scale[k]
-            # colour and marker together tell 64 parameters apart, and the marker alone eight
+            # colour and marker together distinguish 64 parameters, and the marker alone eight
             middle.plot(np.arange(len(path)), path, color=_COLORS[k % 8], ls=_LINES[(k // 8 + k) % 5],
                         marker=_MARKERS[(k + 3 * (k // 8)) % 8], mfc="white" if k // 8 % 2 else None, ms=4,
                         lw=1.1, markevery=max(len(path) // 10, 1), label=name)

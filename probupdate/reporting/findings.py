@@ -10,14 +10,14 @@ import numpy as np
 from probupdate.diagnosis.wording import finding_words, name_of, prior_shift_words, verdict_words
 from probupdate.reporting.diagnosis_tables import typeset
 from probupdate.reporting.elements import count, fixed, number, sentence
-from probupdate.reporting.standing import BOUND, standings
+from probupdate.reporting.identifiability import BOUND, identifiabilities
 from probupdate.reporting.updating_sections import scheme_name, too_close
 from probupdate.reporting.values import Run
 from probupdate.updating.posterior_file import Posterior
 from probupdate.updating.update_file import UpdateRecord, fit_sentence, misses, stated_error
 
 LEVELS = ("warning", "caution", "good")
-# computed over measured frequency beyond which a pair made by shape is doubted
+# computed over measured frequency beyond which a pair made by shape is questioned
 FAR_OFF = 1.6
 # share of evaluations answered by the full model from which the reduced basis did not serve
 MANY_FALLBACKS = 0.2
@@ -117,7 +117,7 @@ def _of_shifts(run: Run) -> list[Finding]:
         return _of_diagnosed_shifts(run.diagnosis)
     if run.update is None:
         return []
-    far = [s for s in standings(run.update, run.posterior) if abs(s.shift) > FAR_SHIFT]
+    far = [s for s in identifiabilities(run.update, run.posterior) if abs(s.shift) > FAR_SHIFT]
     if not far:
         return []
     words = ", ".join(f"{s.name} {'+' if s.shift > 0 else ''}{fixed(s.shift, 1)}" for s in far)
@@ -128,19 +128,19 @@ def _of_shifts(run: Run) -> list[Finding]:
 
 
 def _of_diagnosed_shifts(content: Mapping) -> list[Finding]:
-    pushed = (content["details"].get("residuals") or {}).get("pushed") or {}
+    shifts_of = (content["details"].get("residuals") or {}).get("pushed") or {}
     # by state; the last is after the findings are included
-    chances: Sequence[float | None] = pushed.get("p_together") or (None,)
+    chances: Sequence[float | None] = shifts_of.get("p_together") or (None,)
     p = chances[-1]
-    told = [sentence(t) for t in prior_shift_words(content)]
+    shifts = [sentence(t) for t in prior_shift_words(content)]
     unlikely = p is not None and p < NO_CHANCE
-    if not told and not unlikely:
+    if not shifts and not unlikely:
         return []
-    names = [row["name"] for row in content["parameters"] if any(t.startswith(f"{row['name']} ") for t in told)]
+    names = [row["name"] for row in content["parameters"] if any(t.startswith(f"{row['name']} ") for t in shifts)]
     together = "" if p is None else f" All parameters together: p = {number(p, 2)}."
     who = ", ".join(names) or "the parameters together"
     return [Finding(level="warning" if unlikely else "caution", short=f"{who} far from the prior",
-                    text=" ".join(told) + together, action=CHECK_PRIORS)]
+                    text=" ".join(shifts) + together, action=CHECK_PRIORS)]
 
 
 def _of_update(run: Run) -> list[Finding]:
@@ -151,7 +151,8 @@ def _of_update(run: Run) -> list[Finding]:
                      action=f"Compare the shapes of {label} in the section on the modes.")
              for label, text in _far_off(update)]
     held = [(p.name, value, s.words) for p, value, s in
-            zip(update.parameters, update.map_theta, standings(update, run.posterior), strict=True) if s.kind == BOUND]
+            zip(update.parameters, update.map_theta, identifiabilities(update, run.posterior), strict=True)
+            if s.kind == BOUND]
     if held:
         where = ", ".join(f"{name} {words} of {number(value)}" for name, value, words in held)
         names = ", ".join(name for name, *_ in held)

@@ -60,7 +60,7 @@ def drawings(
     scada: pd.DataFrame | None = None,
 ) -> Iterator[Drawing]:
     """Every figure that what is there allows. poles: modes.poles.csv; block: a stored block; scada with time and what
-    was recorded, `state` told."""
+    was recorded, `state` given."""
     if scada is not None and "wind_speed_mps" in scada:
         state = scada["state"].astype(str) if "state" in scada else pd.Series("unknown", index=scada.index)
         yield Drawing(

@@ -24,19 +24,19 @@ from probupdate.reporting.elements import (
     sentence,
 )
 from probupdate.reporting.findings import MANY_FALLBACKS, Finding, evaluations, findings, worst
-from probupdate.reporting.measurement_sections import passing
-from probupdate.reporting.modes_section import MODE_NAMES
-from probupdate.reporting.posterior_sections import marks, truth_sentence
-from probupdate.reporting.standing import (
+from probupdate.reporting.identifiability import (
     BOUND,
     KNOWN,
     PARTLY,
     PRIOR,
     contraction,
     estimate,
+    identifiabilities,
     names_of,
-    standings,
 )
+from probupdate.reporting.measurement_sections import passing
+from probupdate.reporting.modes_section import MODE_NAMES
+from probupdate.reporting.posterior_sections import marks, truth_sentence
 from probupdate.reporting.updating_sections import fit_level, meaning, scheme_name
 from probupdate.reporting.values import Run
 from probupdate.updating.identifiability import BLIND, STRONG
@@ -49,15 +49,15 @@ LEAST_GAIN = 0.05
 
 def verdict_section(run: Run) -> Section:
     found = findings(run)
-    doubts = [f.text for f in found] + _not_to_be_read(run)
+    cautions = [f.text for f in found] + _not_to_be_read(run)
     items: list[Element] = []
     actions = tuple(dict.fromkeys(f.action for f in found if f.action)) + tuple(_next_measurement(run))
     if run.update is not None and not found:
         actions = ("Use the parameters with their intervals; no check of this run speaks against it.", *actions)
     if actions:
         items.append(Items(title="What to do", statements=actions, width="half"))
-    if doubts:
-        items.append(Items(title="What not to rely on", statements=tuple(doubts), level=worst(found), width="half"))
+    if cautions:
+        items.append(Items(title="What not to rely on", statements=tuple(cautions), level=worst(found), width="half"))
     if run.update is not None:
         items.append(_errors_picture(run.update, run.posterior))
     shown = len(items)
@@ -82,7 +82,7 @@ def verdict_section(run: Run) -> Section:
 def _not_to_be_read(run: Run) -> list[str]:
     if run.update is None:
         return []
-    kept = names_of(standings(run.update, run.posterior), PRIOR)
+    kept = names_of(identifiabilities(run.update, run.posterior), PRIOR)
     return [f"{', '.join(kept)}: the data say nothing of {'it' if len(kept) == 1 else 'them'}; what stands there is "
             "the prior."] if kept else []
 
@@ -93,8 +93,8 @@ def _next_measurement(run: Run) -> list[str]:
     parts, names = run.update.components, run.update.parameters.names
     gain = parts.gain[0]
     best = [k for k in np.argsort(-gain)[:3] if gain[k] >= LEAST_GAIN]
-    told = ", ".join(f"{names[k]} by {percent(gain[k], 0)} %" for k in best)
-    return [f"If a parameter must be known better: {parts.measures[0]} (narrows {told})."] if best else []
+    gains = ", ".join(f"{names[k]} by {percent(gain[k], 0)} %" for k in best)
+    return [f"If a parameter must be known better: {parts.measures[0]} (narrows {gains})."] if best else []
 
 
 def _worst(measured: np.ndarray, computed: np.ndarray) -> float:
@@ -141,7 +141,7 @@ def _keep(names: list[str]) -> str:
 def _lead(run: Run) -> str:
     if run.update is None:
         return ""
-    found = standings(run.update, run.posterior)
+    found = identifiabilities(run.update, run.posterior)
     known, partly, kept, bound = (names_of(found, kind) for kind in (KNOWN, PARTLY, PRIOR, BOUND))
     words = (
         f"Of {plural(len(found), 'parameter')} the data identify {len(known)} strongly{_listed(known)} and "
@@ -178,7 +178,7 @@ def _tiles(run: Run) -> list[Tile]:
 
 
 def _parameter_tile(update: UpdateRecord, posterior: Posterior | None) -> Tile:
-    found = standings(update, posterior)
+    found = identifiabilities(update, posterior)
     size = {kind: len(names_of(found, kind)) for kind in (KNOWN, PARTLY, PRIOR, BOUND)}
     detail = f"strongly identified; {size[PARTLY]} weakly, {size[PRIOR]} keep the prior"
     if size[BOUND]:
@@ -209,7 +209,7 @@ def _sets_tile(run: Run, modes: ModalData) -> Tile:
 
 
 def _fit_tile(update: UpdateRecord) -> Tile:
-    """Misfit in standard deviations per response: 1 is what a true model with right deviations would have."""
+    """Misfit in standard deviations per response: 1 is what a true model with right standard deviations would have."""
     ratio = float(np.sqrt(update.map_misfit / update.n_effective))
     return Tile(label="misfit at the most probable parameters", level=fit_level(update),
                 value=f"{number(ratio, 2)} standard deviations",
@@ -240,7 +240,7 @@ def _before_and_after(update: UpdateRecord, posterior: Posterior | None) -> Tabl
 
 def _known_table(run: Run, update: UpdateRecord) -> Table:
     posterior = run.posterior
-    found, after = standings(update, posterior), estimate(update, posterior)
+    found, after = identifiabilities(update, posterior), estimate(update, posterior)
     rows = []
     for k, (p, s) in enumerate(zip(update.parameters, found, strict=True)):
         row = [figures.unit_label(p.name, p.unit), meaning(p, run.jacket), s.words, number(p.initial),
@@ -288,8 +288,8 @@ def _errors_picture(update: UpdateRecord, posterior: Posterior | None) -> Pictur
 
 def _shifts_picture(run: Run, update: UpdateRecord) -> Picture:
     draws = run.posterior.draws if run.posterior is not None else None
-    shifts = figures.departures(update.parameters.items, draws, marks(run, update))
-    return Picture(svg=figures.svg_text(shifts, "departures"),
+    shifts = figures.parameter_shifts(update.parameters.items, draws, marks(run, update))
+    return Picture(svg=figures.svg_text(shifts, "parameter_shifts"),
                    caption="Where each parameter went. A posterior as wide as the grey bar has learned nothing from "
                    "the data; estimates far from the posterior's middle are not to be relied on. MAP: the most "
                    "probable parameters.")

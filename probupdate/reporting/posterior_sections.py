@@ -21,7 +21,7 @@ from probupdate.reporting.elements import (
     sentence,
 )
 from probupdate.reporting.findings import MANY_FALLBACKS, evaluations
-from probupdate.reporting.standing import contraction
+from probupdate.reporting.identifiability import contraction
 from probupdate.reporting.style import MAP, PRIOR_UPDATE, STEP_UPDATE, TRUTH
 from probupdate.reporting.values import Run
 from probupdate.updating.comparison import ComparisonRow

@@ -1,4 +1,4 @@
-"""Sections on all sets in four views, and on what the data tell of each parameter; read from sets.json and
+"""Sections on all sets in four views, and on what the data say of each parameter; read from sets.json and
 information.json of the run, absent where these are."""
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """One look for every figure, and figures as SVG text that is the same for the same input.
 
-Colours are those of Okabe and Ito, which people with a colour-vision deficiency tell apart; every series also has
+Colours are those of Okabe and Ito, which people with a colour-vision deficiency distinguish; every series also has
 its own marker or line, so that a grey print says the same.
 """
 

@@ -308,10 +308,10 @@ def _scatter_note(sets: ScatterRecord, held: bool, jacket: bool) -> str:
         f"{len(sets.ids)} sets, each updated from the same start; the step penalty after "
         f"{plural(sets.iterations, 'iteration')}, where it passes closest to the MAP of the reference set. A small CoV "
         "over the sets is no small uncertainty: a parameter that the data do not inform (resolution near 0) returns to "
-        "its prior in every set and scatters by nothing. Resolution 1: the data alone decide."
+        "its prior in every set and does not scatter. Resolution 1: the data alone decide."
     )
     if held:
-        note += " * at a bound in every set: it scatters by nothing because the bound holds it."
+        note += " * at a bound in every set: it does not scatter because the bound holds it."
     if jacket:
         note += f" {PAPER_NOTE}"
     if sets.failed:

@@ -39,7 +39,7 @@ class CampaignValues:
 @dataclass(frozen=True, eq=False, kw_only=True)
 class ModelValues:
     """The model and its modes at the initial and at the updated parameters; `wire` is None without geometry, `labels`
-    are those of the modes drawn, `pairs` modes of which only the plane is told by the data."""
+    are those of the modes drawn, `pairs` modes of which only the plane is identified by the data."""
 
     model: Model
     wire: Wireframe | None

@@ -358,7 +358,7 @@ def one_thread_each() -> Iterator[None]:
 
 
 def _end_with_parent() -> None:
-    """A worker whose parent was killed would wait for work for ever: nothing else tells it. Ctrl-C goes to all of a
+    """A worker whose parent was killed would wait for work for ever: nothing else ends it. Ctrl-C goes to all of a
     terminal's processes: the parent answers it and ends its workers."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     parent = multiprocessing.parent_process()

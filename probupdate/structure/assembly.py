@@ -421,7 +421,7 @@ def axial_forces(
     for beam in frame.beams:
         span = frame.node_m[beam.end] - frame.node_m[beam.start]
         length = np.linalg.norm(span)
-        stretch = (span / length) @ (u[6 * beam.end : 6 * beam.end + 3] - u[6 * beam.start : 6 * beam.start + 3])
+        elongation = (span / length) @ (u[6 * beam.end : 6 * beam.end + 3] - u[6 * beam.start : 6 * beam.start + 3])
         modulus = beam.youngs_modulus_pa * float((beam.stiffness * beam.axial).value(values))
-        forces.append(modulus * float(beam.tube.area(values)) * stretch / length)
+        forces.append(modulus * float(beam.tube.area(values)) * elongation / length)
     return np.array(forces)

@@ -236,7 +236,7 @@ def _check_on(on: On, key: str, name: str, d: Description) -> Iterator[Mistake]:
 
 
 def _check_range(p, key: str, d: Description) -> Iterator[Mistake]:
-    """What the kind's range alone cannot tell."""
+    """What the kind's range alone cannot rule out."""
     low, high = ends(p)
     if p.kind == "water_level" and not np.all(np.isfinite((low, high))):
         yield f"{key}.upper", "the water's range is not bounded", "give lower and upper in m"

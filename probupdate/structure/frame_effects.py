@@ -1,4 +1,4 @@
-"""Effects that are laid on a mesh once it stands: masses along members, connections, prestress, and what is left over.
+"""Effects that are laid on a mesh once it stands: masses along members, connections, prestress, and the others.
 
 `mesh` is `turbine_frame`'s: nodes, beams with their places, effects and the description.
 """

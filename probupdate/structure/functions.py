@@ -22,8 +22,8 @@ from probupdate.runtime.arrays import frozen_array
 class FunctionModel:
     """Wraps `function(theta (n_param,)) -> (frequency_hz (n_mode,), shape (n_channel, n_mode))`.
 
-    Derivatives are central differences with a step of `step` prior deviations, the perturbed modes paired with the
-    unperturbed ones by MAC (clusters: turned onto them, which leaves out their rotation). `version` goes into the
+    Derivatives are central differences with a step of `step` prior standard deviations, the perturbed modes paired with
+    the unperturbed ones by MAC (clusters: turned onto them, which leaves out their rotation). `version` goes into the
     fingerprint, as code cannot be hashed: change it whenever the function's answers change.
     """
 

@@ -127,7 +127,7 @@ def model_sensors(path: str | Path) -> tuple[Sensor, ...] | None:
 
 def nacelle_angle_deg(environment: Mapping[str, object], where: str) -> float:
     """Where the nacelle looked while a set was measured, counter-clockwise from the model's x axis in -180 to 180; 0,
-    as the model's file has it, where the set does not tell."""
+    as the model's file has it, where the set does not state it."""
     value = environment.get("nacelle_angle_deg", 0.0)
     if isinstance(value, bool) or not isinstance(value, int | float) or not np.isfinite(value):
         where = f"{where}, environment.nacelle_angle_deg"

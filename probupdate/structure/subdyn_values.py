@@ -52,20 +52,11 @@ def applied(path: Path, values: Mapping[str, float], remark: str = "") -> tuple[
     for member in file.members:
         if member.kind == "rigid":
             continue
-        stiff, dense = factor("stiffness", member.id), factor("density", member.id)
-        wall, loss = factor("thickness", member.id), total("wall_loss", member.id)
         for end in (0, 1):
-            old = file.set_of(member, end).values
-            if member.kind in BEAMS:
-                new = [old[0] * stiff, old[1] * stiff, old[2] * dense, *old[3:]]
-                if wall != 1 or loss:
-                    new[3:5] = [old[3] - 2 * loss, old[4] * wall - loss]
-            elif member.kind == "cable":
-                # the pretension with it, so that the rest length stays
-                new = [old[0] * stiff, old[1], old[2] * stiff, *old[3:]]
-            else:
-                new = [v * stiff for v in old]
-            edit.set_of(member, end, tuple(new))
+            edit.set_of(member, end, _section(
+                member.kind, file.set_of(member, end).values, stiff=factor("stiffness", member.id),
+                dense=factor("density", member.id), wall=factor("thickness", member.id),
+                loss=total("wall_loss", member.id)))
     for reaction in file.reactions:
         if reaction.ssi is None or all(reaction.fixed):
             continue
@@ -80,6 +71,17 @@ def applied(path: Path, values: Mapping[str, float], remark: str = "") -> tuple[
         if more:
             edit.rows.setdefault("mass", []).append(f"{joint.id} {more!r} " + " ".join(["0.0"] * 9))
     return edit.file(remark), above
+
+
+def _section(kind: str, old: tuple[float, ...], *, stiff: float, dense: float, wall: float, loss: float):
+    """Numbers of a property set with stiffness, density and wall as factors, `loss` (m) off the outer wall."""
+    if kind in BEAMS:
+        thinner = old[3:5] if wall == 1 and not loss else (old[3] - 2 * loss, old[4] * wall - loss)
+        return (old[0] * stiff, old[1] * stiff, old[2] * dense, *thinner, *old[5:])
+    if kind == "cable":
+        # the pretension with it, so that the rest length stays
+        return (old[0] * stiff, old[1], old[2] * stiff, *old[3:])
+    return tuple(v * stiff for v in old)
 
 
 class _Edit:

@@ -1,11 +1,11 @@
 """From the description of a jacket turbine to its frame.
 
-Members are cut where the surroundings change (water level, growth, splash zone, mudline) and then to at most their
-length over `elements_per_member`, so that every element has one section and one surrounding. Rows of Table 2 act so:
-k_j on E of legs, braces and their joints; k_t on E of the tower; k_TP on E of column, struts and ties; k_p on E of
+Members are cut where what surrounds them changes (water level, growth, splash zone, mudline) and then to at most their
+length over `elements_per_member`, so that every element has one section and one surrounding. Rows of Table 2 act
+so: k_j on E of legs, braces and their joints; k_t on E of the tower; k_TP on E of column, struts and ties; k_p on E of
 the piles; LJF multiplies joint stiffness; D_l, t_l, D_b, t_b scale diameters and walls; sc lowers the mudline; corr
 is the external wall loss of legs and braces in the splash zone; mg is the growth's thickness; a_m multiplies added
-mass; m_h is the hub's mass, its inertia kept; py, tz, qw stretch the displacement axis of the soil curves, so that
+mass; m_h is the hub's mass, its inertia kept; py, tz, qw scale the displacement axis of the soil curves, so that
 the springs' stiffness goes with 1/factor. Effects (see `effects`) act on the elements that they choose; where their
 bands end, elements are cut once more without changing what they are made of.
 """
@@ -44,7 +44,7 @@ SAME_POINT_M = 1e-6
 
 
 class Segment(NamedTuple):
-    """An element to be: its nodes, and the level at whose section and surroundings it is built."""
+    """An element to be: its nodes, and the level at whose section, water and growth it is built."""
 
     start: int
     end: int
@@ -157,7 +157,7 @@ class _Mesh:
         tidal = bool(self.rise) and low < self.tide[1] and high > self.tide[0]
         if not tidal and segment.z_m >= self.d.site.water_level_m:
             return ()
-        masses = surroundings(self.d, self.effects, tube, place, segment.z_m)
+        masses = water_and_growth(self.d, self.effects, tube, place, segment.z_m)
         fills = ((Coefficient(),) if flooded else ())
         fills += tuple(parameter(name) for name in self.effects.at("flooding", place))
         filling = [LineMass(per_metre=flooding(self.d, tube) * fill) for fill in fills]
@@ -184,7 +184,7 @@ def covered(mass: LineMass, moments: Sequence[Coefficient]) -> LineMass:
                     moments=tuple(mass.per_metre * m for m in moments))
 
 
-def surroundings(d: Description, effects: Effects, tube: Tube, place: Place, z: float) -> tuple[LineMass, ...]:
+def water_and_growth(d: Description, effects: Effects, tube: Tube, place: Place, z: float) -> tuple[LineMass, ...]:
     """Growth and added mass of a tube wholly under water; z is that of its section."""
     water = d.hydrodynamics
     growth = ("mg", *effects.at("growth", place)) if z < water.growth_top_m else ()
@@ -301,7 +301,7 @@ def _add_piles(mesh: _Mesh, legs: list[dict[float, int]]) -> list[NodeSpring]:
         for k, segment in enumerate(chain):
             place, tube = mesh.between(segment, member), mesh.tube(member, entry, segment)
             carried = [covered(mass, moments["exposed_moments"][k])
-                       for mass in surroundings(d, mesh.effects, tube, place, segment.z_m)]
+                       for mass in water_and_growth(d, mesh.effects, tube, place, segment.z_m)]
             if d.pile.flooded:
                 carried.append(LineMass(per_metre=flooding(d, tube)))
             lateral, axial = (inverse(curve) * product(mesh.effects.at("soil", place, curve=curve))

@@ -1,8 +1,8 @@
 """How the anchored update depends on alpha of Eq. 6, and three rules that choose it.
 
 L-curve (Hansen 1992): where ln misfit over ln penalty bends most. Discrepancy principle (Morozov): where the misfit is
-what the stated deviations expect, the effective number of responses. Evidence (MacKay 1992): where the data are most
-probable under a prior of covariance Sigma_theta / alpha, by the Laplace approximation without bounds.
+what the stated standard deviations expect, the effective number of responses. Evidence (MacKay 1992): where the data
+are most probable under a prior of covariance Sigma_theta / alpha, by the Laplace approximation without bounds.
 """
 
 from __future__ import annotations

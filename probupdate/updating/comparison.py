@@ -36,9 +36,9 @@ IN_UNIT = ("prior_mean", "prior_std", "initial", "step", "anchored", "map", "mea
 @dataclass(frozen=True, kw_only=True)
 class ComparisonRow:
     """One parameter. `step`, `anchored` are the ends of Eq. 7 as printed and anchored; low, high the 5 and 95 %
-    quantiles; distances are from the posterior mean in posterior deviations; contraction is the posterior over the
-    prior deviation (of the prior as cut by its bounds); nine_* the updates of all sets, total_cov by the law of total
-    variance; resolution the diagonal R_jj at the maximum."""
+    quantiles; distances are from the posterior mean in posterior standard deviations; contraction is the posterior over
+    the prior standard deviation (of the prior as cut by its bounds); nine_* the updates of all sets, total_cov by the
+    law of total variance; resolution the diagonal R_jj at the maximum."""
 
     name: str
     unit: str
@@ -139,7 +139,7 @@ def compare(
 
 
 def _cov(values: np.ndarray) -> float:
-    """Deviation over |mean|, NaN where the mean is zero."""
+    """Standard deviation over |mean|, NaN where the mean is zero."""
     mean = float(np.mean(values))
     return float(np.std(values, ddof=1)) / abs(mean) if mean else float("nan")
 

@@ -1,10 +1,10 @@
 """The model's own error, stated before a set is updated: sources linearised where its parameters will be, and how much
 the model misses at its best parameters.
 
-Deviations of a measurement do not hold what the model itself gets wrong. Where they alone are stated, and are small,
-the misfit at the maximum is far beyond what they expect, and the posterior is sharp about a wrong place (Kennedy &
-O'Hagan 2001, Bayesian calibration of computer models). The simplest remedy, one relative deviation for all responses
-(`Weights.discrepancy`), is estimated here by moments: so that the misfit at the maximum is what it expects.
+Standard deviations of a measurement do not hold what the model itself gets wrong. Where they alone are stated, and are
+small, the misfit at the maximum is far beyond what they expect, and the posterior is sharp about a wrong place (Kennedy
+& O'Hagan 2001, Bayesian calibration of computer models). The simplest remedy, one relative standard deviation for all
+responses (`Weights.discrepancy`), is estimated here by moments: so that the misfit at the maximum is what it expects.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from probupdate.runtime.progress import Progress, silent
 from probupdate.runtime.settings import stated
 from probupdate.updating.laplace import Laplace, maximum_a_posteriori
 from probupdate.updating.problem import Problem, Weights, build_problem, paper_weights, suspected_channels, with_mistake
-from probupdate.updating.responses import FORM_FLOOR, FORM_SHAPE_FLOOR
+from probupdate.updating.responses import FORM_FREQUENCY_COV, FORM_SHAPE_STD
 from probupdate.updating.settings import CONSTANTS
 from probupdate.updating.tikhonov import update
 
@@ -111,7 +111,7 @@ def stated_weights(
     known = of_measurement if tolerances is None else tolerances
     compared = {"frequencies": frequencies, "shapes": shapes, "tolerances": known}
     if known:
-        compared |= {"frequency_floor": FORM_FLOOR, "shape_floor": FORM_SHAPE_FLOOR}
+        compared |= {"least_frequency_cov": FORM_FREQUENCY_COV, "least_shape_std": FORM_SHAPE_STD}
     if of_measurement:
         return Weights(covariance=weights == "covariance", **compared)
     if weights == "paper":

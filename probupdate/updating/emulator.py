@@ -1,4 +1,5 @@
-"""A quick likelihood for proposals: every response a quadratic of the parameters, in the coordinates of the outline.
+"""A quick likelihood for proposals: every response a quadratic of the parameters, in the coordinates of the Gaussian
+approximation.
 
 Sharp posteriors are thin, bent ridges: no Gaussian follows them, and moves along straight differences leave them. A
 quadratic response surface bends with the responses, so that its misfit, a quartic, bends with the ridge. Walkers move
@@ -16,9 +17,9 @@ from probupdate.model.parameters import Parameters
 from probupdate.runtime.arrays import frozen_array
 from probupdate.runtime.progress import Progress, silent
 from probupdate.updating.problem import Problem
-from probupdate.updating.surrogate import Outline, to_coordinates
+from probupdate.updating.surrogate import GaussianApproximation, to_coordinates
 
-# points per coefficient that surfaces are fitted to, drawn from an outline of so many times its variance
+# points per coefficient that surfaces are fitted to, drawn from a Gaussian approximation of so many times its variance
 POINTS_PER_COEFFICIENT, SPREAD = 6, 1.5
 # of a point's log posterior below the best: how fast its weight in the fit falls
 WEIGHT_POWER = 0.3
@@ -33,10 +34,11 @@ SUBSTEPS = 40
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Emulator:
     """misfit = features^T gram features, with features 1, d, d d^T of d = (u - centre) / scale in the coordinates u of
-    the outline; `error`: deviation of its log-likelihood on draws not fitted to, weighted as the posterior is."""
+    the Gaussian approximation; `error`: standard deviation of its log-likelihood on draws not fitted to, weighted as
+    the posterior is."""
 
     parameters: Parameters
-    outline: Outline
+    approximation: GaussianApproximation
     centre: np.ndarray
     scale: np.ndarray
     gram: np.ndarray
@@ -44,7 +46,7 @@ class Emulator:
 
     def misfit(self, theta: np.ndarray) -> np.ndarray:
         """(n,) of theta (n, n_param) inside the bounds."""
-        features = _features(theta, self.outline, self.centre, self.scale)
+        features = _features(theta, self.approximation, self.centre, self.scale)
         return np.einsum("ij,ij->i", features @ self.gram, features)
 
     def log_density(self, theta: np.ndarray) -> np.ndarray:
@@ -55,26 +57,26 @@ class Emulator:
         return value
 
 
-def _features(theta, outline: Outline, centre, scale) -> np.ndarray:
-    d = (to_coordinates(theta - outline.origin, outline.powers) - centre) / scale
+def _features(theta, approximation: GaussianApproximation, centre, scale) -> np.ndarray:
+    d = (to_coordinates(theta - approximation.origin, approximation.powers) - centre) / scale
     i, j = np.triu_indices(d.shape[1])
     return np.concatenate([np.ones((len(d), 1)), d, d[:, i] * d[:, j]], axis=1)
 
 
 def fit_emulator(
-    problem: Problem, outline: Outline, rng: np.random.Generator, progress: Progress = silent
+    problem: Problem, approximation: GaussianApproximation, rng: np.random.Generator, progress: Progress = silent
 ) -> Emulator:
-    """Weighted least squares of all weighted responses, at draws of the widened outline."""
+    """Weighted least squares of all weighted responses, at draws of the widened Gaussian approximation."""
     n = len(problem.parameters)
     n_feature = 1 + n + n * (n + 1) // 2
-    wide = outline.widened(SPREAD)
+    wide = approximation.widened(SPREAD)
     theta = wide.draw(2 * POINTS_PER_COEFFICIENT * n_feature, rng)
     progress("response surfaces", 0, 1)
     residual = problem.weighted(problem.measured - problem.predict_many(theta).response)
     value = problem.parameters.log_density(theta) - 0.5 * np.sum(residual**2, axis=1)
-    u = to_coordinates(theta - outline.origin, outline.powers)
+    u = to_coordinates(theta - approximation.origin, approximation.powers)
     centre, scale = u.mean(axis=0), u.std(axis=0)
-    features = _features(theta, outline, centre, scale)
+    features = _features(theta, approximation, centre, scale)
     root = np.exp(0.5 * np.maximum(WEIGHT_POWER * (value - value.max()), -20.0))[:, None]
     fitted, judged = slice(0, None, 2), slice(1, None, 2)
     matrix, right = (root * features)[fitted], (root * residual)[fitted]
@@ -87,7 +89,7 @@ def fit_emulator(
     mean = np.sum(weight * missed) / weight.sum()
     error = float(np.sqrt(np.sum(weight * (missed - mean) ** 2) / weight.sum()))
     progress("response surfaces", 1, 1)
-    return Emulator(parameters=problem.parameters, outline=outline, centre=frozen_array(centre),
+    return Emulator(parameters=problem.parameters, approximation=approximation, centre=frozen_array(centre),
                     scale=frozen_array(scale), gram=frozen_array(surface @ surface.T), error=error)
 
 

@@ -26,7 +26,7 @@ from probupdate.updating.chain_store import ChainStore, Segment
 from probupdate.updating.emulator import Emulator, EmulatorMove
 from probupdate.updating.problem import Problem
 from probupdate.updating.settings import CONSTANTS, SamplerSettings
-from probupdate.updating.surrogate import Density, Outline, Proposal
+from probupdate.updating.surrogate import Density, GaussianApproximation, Proposal
 
 # steps between looks at convergence, and the unit that is written to disk
 SEGMENT = 200
@@ -129,7 +129,7 @@ class PriorMove(emcee.moves.RedBlueMove):
     """One or two parameters of each walker anew from their marginal priors, the others kept.
 
     Parameters the data hardly inform are redrawn at once. Where two do each other's work, as the pile's shaft and tip
-    do, the posterior has arms along either that a Gaussian outline does not have; this walks along them.
+    do, the posterior has arms along either that a Gaussian approximation does not have; this walks along them.
     """
 
     def __init__(self, parameters: Parameters):
@@ -161,7 +161,8 @@ class SurrogateMove(emcee.moves.RedBlueMove):
 
     def __init__(self, surrogate: Density):
         super().__init__()
-        self._proposal = Proposal(outline=surrogate) if isinstance(surrogate, Outline) else surrogate
+        self._proposal = Proposal(approximation=surrogate) if isinstance(surrogate,
+                                                                         GaussianApproximation) else surrogate
         self._pool = None
 
     def get_proposal(self, sample, complement, random):

@@ -3,7 +3,7 @@
 Bridge sampling (Meng & Wong 1996) joins the chain's draws with draws of a proposal that is normalised within the
 bounds: the mixture that importance sampling is fitted with. Its error is that of Frühwirth-Schnatter (2004), with the
 chain's autocorrelation. Importance sampling from the same proposal stands beside it; the shape k of the generalised
-Pareto distribution that fits the largest weights (Vehtari et al., 2024) tells whether they can be averaged at all.
+Pareto distribution that fits the largest weights (Vehtari et al., 2024) shows whether they can be averaged at all.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ class Evidence:
 
     @property
     def agrees(self) -> bool:
-        """Within four of their deviations, where both claim one."""
+        """Within four of their standard deviations, where both claim one."""
         return abs(self.log_evidence - self.importance) < 4 * np.hypot(self.std, self.importance_std) + 0.01
 
     @property
@@ -112,14 +112,15 @@ def check_laplace(
     problem: Problem, laplace: Laplace, rng: np.random.Generator, progress: Progress = silent
 ) -> LaplaceCheck:
     """N_LAPLACE evaluations of the problem's model."""
-    outline = from_laplace(laplace, problem.parameters)
-    drawn = outline.draw(N_LAPLACE, rng)
-    weight = _evaluate(problem, drawn, "check of the Laplace approximation", progress) - outline.log_density(drawn)
+    approximation = from_laplace(laplace, problem.parameters)
+    drawn = approximation.draw(N_LAPLACE, rng)
+    weight = _evaluate(problem, drawn, "check of the Laplace approximation",
+                       progress) - approximation.log_density(drawn)
     relative = np.exp(weight - weight.max())
     share = float(relative.sum() ** 2 / np.sum(relative**2) / len(weight))
-    # the Gaussian's own integral within the bounds: density at the top over the outline's there
+    # the Gaussian's own integral within the bounds: density at the top over the Gaussian approximation's there
     top = laplace.theta[None]
-    log_evidence = laplace.log_posterior - float(outline.log_density(top)[0])
+    log_evidence = laplace.log_posterior - float(approximation.log_density(top)[0])
     log_evidence += log_prior_constant(problem.parameters, rng)
     return LaplaceCheck(pareto_k=pareto_shape(weight), share=share, log_evidence=log_evidence)
 
@@ -148,7 +149,7 @@ def _bridge(on_chain: np.ndarray, on_drawn: np.ndarray, share: float) -> float:
 
 
 def _importance(log_weight: np.ndarray) -> tuple[float, float]:
-    """ln of the weights' mean, and its deviation (of the logarithm, to first order)."""
+    """ln of the weights' mean, and its standard deviation (of the logarithm, to first order)."""
     mean = special.logsumexp(log_weight) - np.log(log_weight.size)
     relative = np.exp(log_weight - mean)
     return float(mean), float(np.std(relative) / np.sqrt(log_weight.size))
@@ -157,7 +158,7 @@ def _importance(log_weight: np.ndarray) -> tuple[float, float]:
 def pareto_shape(log_weight: np.ndarray) -> float:
     """k of the generalised Pareto distribution of the largest weights, min(20 %, 3 sqrt(n)) of them: the estimator of
     Zhang & Stephens (2009), drawn to 0.5 as if by ten more weights (Vehtari, Simpson, Gelman, Yao & Gabry 2024).
-    Infinite, which nobody trusts, where fewer than five would tell."""
+    Infinite, which nobody trusts, where fewer than five would count."""
     n = log_weight.size
     n_tail = int(np.ceil(min(0.2 * n, 3 * np.sqrt(n))))
     if n_tail < 5:

@@ -27,7 +27,7 @@ GOOD_K = CONSTANTS.good_k
 # of the posterior, and the effective share at which they stop
 N_DRAW, N_ROUND, ROUNDS, FEWEST, ENOUGH = 4000, 2000, 8, 4, 0.4
 # share of draws from the prior, and of those from the Gaussian approximations beside fitted distributions
-PRIOR_SHARE, OUTLINE_SHARE = 0.05, 0.25
+PRIOR_SHARE, APPROXIMATION_SHARE = 0.05, 0.25
 # Student t distributions: degrees of freedom (tails heavier than any posterior's of a few stiffnesses), how much wider
 # than the weighted draws, and how many a maximum
 DEGREES, SPREAD, PER_MAXIMUM = 5.0, 1.2, 4
@@ -183,7 +183,7 @@ def log_posterior(problem: Problem, theta: np.ndarray, what: str, progress: Prog
 
 
 def fitted_proposal(
-    problem: Problem, outlines: Sequence[Proposal], rng: np.random.Generator, progress: Progress = silent
+    problem: Problem, approximations: Sequence[Proposal], rng: np.random.Generator, progress: Progress = silent
 ) -> tuple[Mixture, int]:
     """A frozen mixture for this posterior, and how many points were solved for it.
 
@@ -192,8 +192,8 @@ def fitted_proposal(
     """
     parameters = problem.parameters
     prior = PriorDensity(parameters)
-    n_out = len(outlines)
-    current = Mixture(parameters=parameters, components=(*outlines, prior),
+    n_out = len(approximations)
+    current = Mixture(parameters=parameters, components=(*approximations, prior),
                       weight=frozen_array([*(n_out * [(1 - PRIOR_SHARE) / n_out]), PRIOR_SHARE]))
     logarithmic = parameters.lower >= 0
     proposed: list[Mixture] = []
@@ -210,8 +210,10 @@ def fitted_proposal(
             break
         parts, of_part = _fit(coordinates(theta[inside], logarithmic), _flattened(log_weight), PER_MAXIMUM * n_out,
                               logarithmic, rng)
-        of_all = [*((1 - OUTLINE_SHARE - PRIOR_SHARE) * of_part), *(n_out * [OUTLINE_SHARE / n_out]), PRIOR_SHARE]
-        current = Mixture(parameters=parameters, components=(*parts, *outlines, prior), weight=frozen_array(of_all))
+        of_all = [*((1 - APPROXIMATION_SHARE - PRIOR_SHARE) * of_part), *(n_out * [APPROXIMATION_SHARE / n_out]),
+                  PRIOR_SHARE]
+        current = Mixture(parameters=parameters, components=(*parts, *approximations, prior),
+                          weight=frozen_array(of_all))
     return proposed[int(np.argmax(share))], len(theta)
 
 

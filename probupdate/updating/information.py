@@ -1,7 +1,7 @@
-"""Which parameters to update: what the data can tell of each, before and after they are used.
+"""Which parameters to update: how well the data identify each, before and after they are used.
 
-Table 2's two metrics with their thresholds; the Fisher information in prior deviations; what it leaves of each prior;
-bits; the directions the data inform; parameters that do each other's work; a recommended set and what it costs.
+Table 2's two metrics with their thresholds; the Fisher information in prior standard deviations; what it leaves of each
+prior; bits; the directions the data inform; parameters that do each other's work; a recommended set and what it costs.
 """
 
 from __future__ import annotations
@@ -40,9 +40,10 @@ MOST_PAIRS = 8
 @dataclass(frozen=True, kw_only=True)
 class ParameterInformation:
     """One parameter. cov: of the prior, NaN where the value is zero, and no uncertainty metric then, -1; slope: the
-    largest |d ln f / d ln theta| and its mode (where the value is zero, of one prior deviation); signal: by how many of
-    their deviations one prior deviation moves the data; contraction, bits: by the linearised posterior, all parameters
-    unknown; sampled_*: by draws, NaN without; role: one of UPDATE, CARRY, LEAVE."""
+    largest |d ln f / d ln theta| and its mode (where the value is zero, of one prior standard deviation); signal: by
+    how many of their standard deviations one prior standard deviation moves the data; contraction, bits: by the
+    linearised posterior, all parameters unknown; sampled_*: by draws, NaN without; role: one of UPDATE, CARRY,
+    LEAVE."""
 
     name: str
     unit: str
@@ -62,8 +63,8 @@ class ParameterInformation:
 
 @dataclass(frozen=True, kw_only=True)
 class Direction:
-    """A combination of parameters, in prior deviations, that the data inform by themselves: `gain` is their information
-    over that of the prior, `contraction` the width left, `weights` (n_param,) of unit length."""
+    """A combination of parameters, in prior standard deviations, that the data inform by themselves: `gain` is their
+    information over that of the prior, `contraction` the width left, `weights` (n_param,) of unit length."""
 
     gain: float
     contraction: float
@@ -87,9 +88,10 @@ class Compensation:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Information:
-    """fisher (n_param, n_param) in prior deviations; total_bits: of all parameters together, less than the sum over
-    parameters where they are told only together; cost: by how much the widths of the recommended ones shrink, at most,
-    when the silent ones are fixed: 1 - ratio. check: whether the prior expected the data (`predictive`), or None."""
+    """fisher (n_param, n_param) in prior standard deviations; total_bits: of all parameters together, less than the sum
+    over parameters where they are identified only together; cost: by how much the widths of the recommended ones
+    shrink, at most, when the silent ones are fixed: 1 - ratio. check: whether the prior expected the data
+    (`predictive`), or None."""
 
     rows: tuple[ParameterInformation, ...]
     fisher: np.ndarray
@@ -118,7 +120,8 @@ class Information:
 def information(
     problem: Problem, *, theta: np.ndarray | None = None, place: str = "", posterior: Posterior | None = None
 ) -> Information:
-    """Of a problem at theta (default: the initial parameters; the data's deviations and modes count, not their values).
+    """Of a problem at theta (default: the initial parameters; the data's standard deviations and modes count, not their
+    values).
 
     All of it but the CoV is of slopes there, and slopes change over a wide prior: `place` says where that is, in words.
     `posterior` adds what was sampled; it may be of some of the parameters only.
@@ -179,7 +182,7 @@ def _slopes(problem: Problem, response, sensitivity, point):
 
 
 def _sampled(posterior: Posterior, parameter) -> tuple[float, float]:
-    """Posterior over prior deviation and bits, of a parameter that was sampled."""
+    """Posterior over prior standard deviation and bits, of a parameter that was sampled."""
     if parameter.name not in posterior.names:
         return float("nan"), float("nan")
     k = posterior.names.index(parameter.name)
@@ -189,12 +192,12 @@ def _sampled(posterior: Posterior, parameter) -> tuple[float, float]:
 
 def _cost(white, parameters, rows, width) -> float:
     keep = [k for k, r in enumerate(rows) if r.role != LEAVE]
-    told = [k for k, r in enumerate(rows) if r.role == UPDATE]
-    if not told:
+    updated = [k for k, r in enumerate(rows) if r.role == UPDATE]
+    if not updated:
         return 0.0
     inverse = np.linalg.inv(parameters.covariance[np.ix_(keep, keep)])
     less = np.linalg.inv(white[:, keep].T @ white[:, keep] + inverse)
-    ratio = [np.sqrt(less[keep.index(k), keep.index(k)]) / parameters.std[k] / width[k] for k in told]
+    ratio = [np.sqrt(less[keep.index(k), keep.index(k)]) / parameters.std[k] / width[k] for k in updated]
     return float(1 - min(ratio))
 
 
@@ -281,8 +284,8 @@ def summary(found: Information) -> str:
 
 def recommendation(found: Information) -> list[str]:
     """A sentence for each role."""
-    told, carried, left = (", ".join(found.named(role)) for role in (UPDATE, CARRY, LEAVE))
-    lines = [f"recommended: update {told}" if told else "the data inform none of these parameters"]
+    updated, carried, left = (", ".join(found.named(role)) for role in (UPDATE, CARRY, LEAVE))
+    lines = [f"recommended: update {updated}" if updated else "the data inform none of these parameters"]
     if carried:
         lines.append("carry along, as their uncertainty moves the data though the data do not identify them: "
                      f"{carried}")

@@ -27,9 +27,10 @@ class Laplace:
     """theta (n_param,) the maximum of p(theta | data) inside the bounds; covariance (n_param, n_param) of the
     Gauss-Newton Gaussian with its free directions; gradient (n_param,) of ln p there, not zero where at_bound.
 
-    projected_gradient: its largest component that the bounds leave, per posterior deviation: how far, in ln p, the
-    point is from the exact maximum. resolution (n_param,) is the diagonal of P S^T W_Lambda S: 1 where the data alone
-    decide, 0 where the prior does. `others`: log densities below the maximum of further maxima that starts ended in.
+    projected_gradient: its largest component that the bounds leave, per posterior standard deviation: how far, in ln p,
+    the point is from the exact maximum. resolution (n_param,) is the diagonal of P S^T W_Lambda S: 1 where the data
+    alone decide, 0 where the prior does. `others`: log densities below the maximum of further maxima that starts ended
+    in.
     """
 
     theta: np.ndarray
@@ -48,7 +49,7 @@ def prior_residual(parameters, theta: np.ndarray) -> tuple[np.ndarray, np.ndarra
     """r (n,) and dr/dtheta (n, n) with -2 ln prior(theta) = r^T r + const inside the bounds.
 
     A lognormal density's factor 1/theta is kept by completing the square: in z = ln(theta / median) / s it shifts the
-    centre by C s, C the correlation and s the logarithmic deviations of the lognormal parameters.
+    centre by C s, C the correlation and s the logarithmic standard deviations of the lognormal parameters.
     """
     n = len(parameters)
     z, slope, log_std = np.empty(n), np.empty(n), np.zeros(n)

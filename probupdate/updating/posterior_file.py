@@ -170,8 +170,8 @@ def _written_to_disk(groups: Mapping, path: Path) -> Path:
 
 def _content_hash(head: Mapping, posterior: Posterior) -> str:
     """SHA-256 over every number and word of the file: one that was changed by hand says so."""
-    told = json.loads(json.dumps({k: v for k, v in head.items() if k != "content"}))
-    digest = hashlib.sha256(json.dumps(told, sort_keys=True).encode())
+    hashed = json.loads(json.dumps({k: v for k, v in head.items() if k != "content"}))
+    digest = hashlib.sha256(json.dumps(hashed, sort_keys=True).encode())
     for name in ARRAYS:
         array = np.asarray(getattr(posterior, name), float)
         digest.update(f"{name} {array.shape}".encode() + np.ascontiguousarray(array, "<f8").tobytes())

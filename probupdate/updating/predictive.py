@@ -1,7 +1,7 @@
 """Does the model with its prior expect these data? Checks whose p-values are uniform where it does, and scores of sets
 left out.
 
-With responses linear over the posterior's width, e the deviations' noise and s_i the singular values of
+With responses linear over the posterior's width, e the noise of unit standard deviation and s_i the singular values of
 W_Lambda^(1/2) S Sigma_theta^(1/2), the residual at the maximum and the penalty there are sums of independent chi-square
 variables with weights known from the s_i alone. A posterior predictive p-value that compares the data with draws of a
 posterior which has seen them is not uniform (it crowds about one half); these are.
@@ -27,9 +27,9 @@ BENT = CONSTANTS.bent
 
 @dataclass(frozen=True, kw_only=True)
 class ResponseCheck:
-    """One frequency: how far, in deviations of what is predicted, the data lie from the initial model (`prior_z`) and
-    from the maximum of the posterior that has seen them (`posterior_z`, its deviation less by what was fitted); both
-    standard normal where the model holds."""
+    """One frequency: how far, in standard deviations of what is predicted, the data lie from the initial model
+    (`prior_z`) and from the maximum of the posterior that has seen them (`posterior_z`, its standard deviation less by
+    what was fitted); both standard normal where the model holds."""
 
     label: str
     prior_z: float
@@ -39,9 +39,9 @@ class ResponseCheck:
 @dataclass(frozen=True, eq=False, kw_only=True)
 class PredictiveCheck:
     """`total`: misfit plus penalty at the maximum, chi-square of n_effective: prior predictive. `misfit`, `penalty`:
-    each alone against its own distribution; expected and p of each. The misfit tells whether any parameters fit, the
+    each alone against its own distribution; expected and p of each. The misfit shows whether any parameters fit, the
     penalty whether those that fit are ones the prior expects. nonlinear: largest change of a whitened response between
-    initial model and maximum that the slope at the maximum does not account for, in deviations."""
+    initial model and maximum that the slope at the maximum does not account for, in standard deviations."""
 
     n_effective: int
     total: float
@@ -82,8 +82,8 @@ class PredictiveCheck:
 
 
 def predictive_check(problem: Problem, laplace: Laplace, *, seed: int = 1) -> PredictiveCheck:
-    """Of one set, at its maximum; Gaussian priors, lognormal ones by their deviation. Bounds are not counted: where
-    they hold the maximum, the penalty is less and the misfit more than expected."""
+    """Of one set, at its maximum; Gaussian priors, lognormal ones by their standard deviation. Bounds are not counted:
+    where they hold the maximum, the penalty is less and the misfit more than expected."""
     parameters = problem.parameters
     response, sensitivity = problem.sensitivity(laplace.theta)
     root = linalg.cholesky(parameters.covariance, lower=True)
@@ -117,13 +117,13 @@ def _share(drawn: np.ndarray, value: float) -> float:
 
 
 def _responses(problem: Problem, begin, response, u, singular, slope) -> tuple[ResponseCheck, ...]:
-    """Of frequencies, that come first; with joint deviations each by its own marginal one."""
+    """Of frequencies, that come first; with joint standard deviations each by its own marginal one."""
     found = []
     residual, before = problem.measured - response, problem.measured - begin
     independent = problem.root is None
     for k in range(problem.n_frequency):
         label = problem.mode_labels[problem.used[k]]
-        # of row k in deviations: 1 + s s^T before, its inverse's diagonal after the fit
+        # of row k in standard deviations: 1 + s s^T before, its inverse's diagonal after the fit
         spread = float(np.sum(slope[k] ** 2)) if independent else np.nan
         taken = float(np.sum(u[k] ** 2 * singular**2 / (1 + singular**2))) if independent else np.nan
         std = problem.std[k]

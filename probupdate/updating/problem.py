@@ -369,8 +369,8 @@ def build_problem(
 ) -> Problem:
     """Match the set's modes with the model's at the initial parameters and collect its responses.
 
-    `weights` default to the deviations in the file. `clusters` fixes which modes are compared as planes, so that many
-    sets are treated alike. Raises InputError where a deviation is missing or no mode can be matched.
+    `weights` default to the standard deviations in the file. `clusters` fixes which modes are compared as planes, so
+    that many sets are treated alike. Raises InputError where a standard deviation is missing or no mode can be matched.
     """
     if not len(model.parameters):
         raise InputError(model.name, "has no parameters to update", "list at least one [[parameter]] in its TOML")

@@ -1,10 +1,10 @@
-"""What is compared, and with which weight: the responses Lambda of one group of modes and their deviations.
+"""What is compared, and with which weight: the responses Lambda of one group of modes and their standard deviations.
 
 Frequencies stand in Hz or as logarithms. Shapes are taken in one of four ways (`Weights.shapes`):
 "plane": a single mode by its components, a close cluster by the plane it spans, as its members turn into each other;
 "components": every mode by its own components, as in the paper, close pairs too;
-"mac": like "plane", but each shape or plane counts as one datum (1 - MAC over its expectation under the deviations);
-"none": frequencies only, shapes serve the pairing.
+"mac": like "plane", but each shape or plane counts as one datum (1 - MAC over its expectation under the standard
+deviations); "none": frequencies only, shapes serve the pairing.
 A single mode's computed shape is scaled to the measured one, a cluster's shapes are combined linearly to the measured
 plane: fitting k x k numbers to a group of k modes takes as many degrees of freedom from its residual.
 """
@@ -28,19 +28,21 @@ FREQUENCIES = ("hz", "log")
 SHAPES = ("plane", "components", "mac", "none")
 PAPER_COV_FIRST, PAPER_COV_SECOND = CONSTANTS.paper_cov_first, CONSTANTS.paper_cov_second
 SHAPE_FACTOR = CONSTANTS.shape_factor
-SHAPE_FLOOR = CONSTANTS.shape_floor
-FREQUENCY_FLOOR = CONSTANTS.frequency_floor
-FORM_FLOOR, FORM_SHAPE_FLOOR = CONSTANTS.form_floor, CONSTANTS.form_shape_floor
+LEAST_SHAPE_STD = CONSTANTS.least_shape_std
+LEAST_FREQUENCY_COV = CONSTANTS.least_frequency_cov
+FORM_FREQUENCY_COV, FORM_SHAPE_STD = CONSTANTS.form_frequency_cov, CONSTANTS.form_shape_std
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Weights:
-    """Which responses are compared and where their deviations come from; W_Lambda is the inverse of their covariance.
+    """Which responses are compared and where their standard deviations come from; W_Lambda is the inverse of their
+    covariance.
 
     frequency_cov (n_mode,): CoV of each mode of the data, or None for the file's frequency_std_hz. With `shape_std`
-    the file's shape deviations are used where it has them; else, or where it has none, sigma of a component is
+    the file's shape standard deviations are used where it has them; else, or where it has none, sigma of a component is
     shape_factor times the frequency's CoV times the largest component. With `covariance` all of these give way to the
-    set's own deviations (ModalSet.deviation), joint over frequencies and shapes of all modes, plus independent floors.
+    set's own standard deviations (ModalSet.standard deviation), joint over frequencies and shapes of all modes, plus
+    independent least standard deviations.
 
     discrepancy: what the model itself may miss at its best parameters, a share of every frequency, shape_factor times
     that of the largest component of shapes; independent, added in squares to whatever the above give. `discrepancy_by`
@@ -53,9 +55,9 @@ class Weights:
     frequency_cov: tuple[float, ...] | None = None
     shape_std: bool = True
     shape_factor: float = SHAPE_FACTOR
-    shape_floor: float = SHAPE_FLOOR
+    least_shape_std: float = LEAST_SHAPE_STD
     covariance: bool = False
-    frequency_floor: float = FREQUENCY_FLOOR
+    least_frequency_cov: float = LEAST_FREQUENCY_COV
     frequencies: str = "hz"
     shapes: str = "plane"
     discrepancy: float = 0.0
@@ -67,7 +69,7 @@ class Weights:
         for name, value, known in (("frequencies", self.frequencies, FREQUENCIES), ("shapes", self.shapes, SHAPES)):
             if value not in known:
                 raise InputError(name, f"'{value}' is unknown", f"choose from {', '.join(known)}")
-        for name in ("shape_factor", "shape_floor", "frequency_floor"):
+        for name in ("shape_factor", "least_shape_std", "least_frequency_cov"):
             value = getattr(self, name)
             if not (np.isfinite(value) and value > 0):
                 raise InputError(name, f"{value} is not above zero", "give a share, such as 0.02")
@@ -85,13 +87,13 @@ class Weights:
         if self.covariance:
             text = (
                 f"full covariance of the set's own identification, joint over modes, plus a model discrepancy of "
-                f"{100 * self.frequency_floor:g} % of each frequency and {100 * self.shape_floor:g} % of the largest "
-                "component"
+                f"{100 * self.least_frequency_cov:g} % of each frequency and {100 * self.least_shape_std:g} % of the "
+                "largest component"
             )
         elif self.frequency_cov is None:
             text = (
                 f"frequencies: standard deviations of the file; shape components: those of the file, at least "
-                f"{100 * self.shape_floor:g} % of the largest component, or where it has none {rule}"
+                f"{100 * self.least_shape_std:g} % of the largest component, or where it has none {rule}"
             )
         else:
             text = f"frequencies: CoV {', '.join(f'{c:g}' for c in self.frequency_cov)}; shape components: {rule}"
@@ -106,10 +108,11 @@ class Weights:
         return f"{text}; {self.compared}"
 
     @property
-    def floors(self) -> tuple[float, float]:
-        """Independent deviations beside a covariance: of frequencies (relative) and of shapes (of the largest)."""
-        return (float(np.hypot(self.frequency_floor, self.discrepancy)),
-                float(np.hypot(self.shape_floor, self.shape_factor * self.discrepancy)))
+    def least_std(self) -> tuple[float, float]:
+        """Independent standard deviations beside a covariance: of frequencies (relative) and of shapes (of the
+        largest)."""
+        return (float(np.hypot(self.least_frequency_cov, self.discrepancy)),
+                float(np.hypot(self.least_shape_std, self.shape_factor * self.discrepancy)))
 
     @property
     def compared(self) -> str:
@@ -132,12 +135,12 @@ def paper_weights(labels: tuple[str, ...], frequency_hz: np.ndarray, **others: A
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class ResponseGroup:
-    """Measured side of one group of k modes: frequencies ascending with deviations (k,), the basis of its shapes
-    (n, k) and the deviation of its rows (n,), for the n rows of the model that were measured.
+    """Measured side of one group of k modes: frequencies ascending with standard deviations (k,), the basis of its
+    shapes (n, k) and the standard deviation of its rows (n,), for the n rows of the model that were measured.
 
-    `changes` (k + n k, n_column): the set's own first-order deviations of the k frequencies (as responses) and of the
-    basis, mode by mode; None where the deviations are independent. frequency_discrepancy_hz (k,), shape_discrepancy
-    (n,): the part of the standard deviations that is the model's discrepancy, not the measurement's.
+    `changes` (k + n k, n_column): the set's own covariance factors of the k frequencies (as responses) and of the
+    basis, mode by mode; None where the standard deviations are independent. frequency_discrepancy_hz (k,),
+    shape_discrepancy (n,): the part of the standard deviations that is the model's discrepancy, not the measurement's.
     """
 
     frequency_hz: np.ndarray
@@ -153,7 +156,7 @@ class ResponseGroup:
 
     @property
     def own_changes(self) -> np.ndarray:
-        """`changes`. Raises ValueError where the deviations are independent."""
+        """`changes`. Raises ValueError where the standard deviations are independent."""
         if self.changes is None:
             raise ValueError("the group has no covariance factors: collect it with Weights(covariance=True)")
         return self.changes
@@ -210,9 +213,9 @@ class ResponseGroup:
     def aligned(self, shape: np.ndarray) -> np.ndarray:
         """Computed shapes (m, n, k) combined to the measured basis: the responses of shapes (m, n, k).
 
-        Independent deviations: the combination Y T closest to the basis over its deviations. A covariance: the one
-        whose part within the measured plane is the measured basis itself, so that all of the residual lies across it,
-        where scale and rotation, that nothing determines, have no part.
+        Independent errors: the combination Y T closest to the basis over its standard deviations. A covariance: the
+        one whose part within the measured plane is the measured basis itself, so that all of the residual lies across
+        it, where scale and rotation, that nothing determines, have no part.
         """
         if self.changes is not None:
             return shape @ np.linalg.solve(self.plane.T @ shape, self.plane.T @ self.basis)
@@ -236,7 +239,7 @@ class ResponseGroup:
 def align(shape: np.ndarray, basis: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Y T with T (n, k, k) that brings it closest to the basis X in the least-squares sense, T, and (Y^T Y)^-1.
 
-    shape Y (n, n_row, k) and basis X (n_row, k), both over the rows' deviations.
+    shape Y (n, n_row, k) and basis X (n_row, k), both over the rows' standard deviations.
     """
     # columns to unit length first: T is free, so this only helps the condition of Y^T Y
     size = np.linalg.norm(shape, axis=1, keepdims=True)
@@ -258,32 +261,32 @@ def align_derivative(shape, change, turn, inverse, residual) -> np.ndarray:
 def joint_root(groups: tuple[ResponseGroup, ...], weights: Weights) -> np.ndarray:
     """R (n_effective, n_response) with W_Lambda = R^T R, the inverse covariance of all responses together.
 
-    Shapes count by their part across the measured planes; the floors are independent of everything.
+    Shapes count by their part across the measured planes; the least standard deviations are independent of everything.
     """
     n_frequency = sum(g.size for g in groups)
-    pick, changes, floor = [], [], []
+    pick, changes, least = [], [], []
     for g in groups:
         changes.append(g.own_changes[: g.size])
-        floor.append(weights.floors[0] * (np.ones(g.size) if g.frequencies == "log" else g.frequency_hz))
+        least.append(weights.least_std[0] * (np.ones(g.size) if g.frequencies == "log" else g.frequency_hz))
     for g in groups:
         if g.shapes != "none":
             across = np.kron(np.eye(g.size), g.complement.T)
             pick.append(across)
             changes.append(across @ g.own_changes[g.size :])
-            floor.append(np.full(len(across), weights.floors[1]))
-    changes, floor = np.vstack(changes), np.concatenate(floor)
-    factor = linalg.cholesky(changes @ changes.T + np.diag(floor**2), lower=True)
+            least.append(np.full(len(across), weights.least_std[1]))
+    changes, least = np.vstack(changes), np.concatenate(least)
+    factor = linalg.cholesky(changes @ changes.T + np.diag(least**2), lower=True)
     return linalg.solve_triangular(factor, linalg.block_diag(np.eye(n_frequency), *pick), lower=True)
 
 
 def _without_shape(modal_set: ModalSet, members: list[int], rows, weights: Weights, labels) -> ResponseGroup:
-    """Frequencies alone, of a set that tells no shape."""
+    """Frequencies alone, of a set without shapes."""
     frequency, nothing = modal_set.frequency_hz[members], np.zeros((0, len(members)))
     if weights.covariance:
         raise InputError(f"set {modal_set.id}", "has no shape, whose covariance is asked for",
                          "give --weights measured with --shapes none")
-    floor = weights.frequency_floor if weights.tolerances else 0.0
-    missed = np.hypot(weights.discrepancy, floor) * frequency
+    least = weights.least_frequency_cov if weights.tolerances else 0.0
+    missed = np.hypot(weights.discrepancy, least) * frequency
     std = np.hypot(_frequency_std(modal_set, members, weights, labels), missed)
     return ResponseGroup(
         frequency_hz=frozen_array(frequency), rows=rows, frequencies=weights.frequencies, shapes="none",
@@ -292,7 +295,8 @@ def _without_shape(modal_set: ModalSet, members: list[int], rows, weights: Weigh
 
 
 def response_group(modal_set: ModalSet, members: list[int], rows, weights: Weights, labels) -> ResponseGroup:
-    """The measured side of modes that `matching.match` grouped; raises InputError where a deviation is missing."""
+    """The measured side of modes that `matching.match` grouped; raises InputError where a standard deviation is
+    missing."""
     where = f"set {modal_set.id}, {' and '.join(labels[j] for j in members)}"
     frequency = modal_set.frequency_hz[members]
     turned = rotate_to_real(modal_set.shape[:, members])
@@ -320,15 +324,15 @@ def response_group(modal_set: ModalSet, members: list[int], rows, weights: Weigh
         std, sigma = _std_of_changes(changes, frequency, len(basis), weights)
         return ResponseGroup(
             frequency_std_hz=frozen_array(std), basis=frozen_array(basis), shape_std=frozen_array(sigma),
-            changes=frozen_array(changes), frequency_discrepancy_hz=frozen_array(weights.floors[0] * frequency),
-            shape_discrepancy=frozen_array(np.full(len(basis), weights.floors[1])), **common,
+            changes=frozen_array(changes), frequency_discrepancy_hz=frozen_array(weights.least_std[0] * frequency),
+            shape_discrepancy=frozen_array(np.full(len(basis), weights.least_std[1])), **common,
         )
     std = _frequency_std(modal_set, members, weights, labels)
     sigma, below = _shape_std(given, to_basis, weights, weights.shape_factor * float(np.mean(std / frequency)))
-    # what no tolerance holds: of shapes it is within their floor
-    floor = weights.frequency_floor if weights.tolerances else 0.0
+    # what no tolerance holds: of shapes it is within their least standard deviation
+    least = weights.least_frequency_cov if weights.tolerances else 0.0
     added = weights.shape_factor * weights.discrepancy
-    missed, shape_missed = np.hypot(weights.discrepancy, floor) * frequency, np.hypot(below, added)
+    missed, shape_missed = np.hypot(weights.discrepancy, least) * frequency, np.hypot(below, added)
     std, sigma = np.hypot(std, missed), np.hypot(sigma, added)
     if weights.shapes == "mac":
         sigma, shape_missed = (_std_of_mac(basis, s, len(members)) for s in (sigma, shape_missed))
@@ -353,11 +357,11 @@ def _basis(shape: np.ndarray, largest: np.ndarray) -> tuple[np.ndarray, np.ndarr
 def _std_of_changes(
     changes: np.ndarray, frequency: np.ndarray, n: int, weights: Weights
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Standard deviations of frequencies (k,) and of rows of the basis (n,) by rows of factors, with the floors."""
+    """Standard deviations of frequencies (k,) and of rows of the basis (n,) by rows of factors, with the least ones."""
     spread, k = np.sqrt(np.sum(changes**2, axis=1)), len(frequency)
     own = frequency if weights.frequencies == "log" else 1.0
-    std = np.hypot(spread[:k] * own, weights.floors[0] * frequency)
-    return std, np.sqrt(np.mean(spread[k:].reshape(k, n) ** 2, axis=0) + weights.floors[1] ** 2)
+    std = np.hypot(spread[:k] * own, weights.least_std[0] * frequency)
+    return std, np.sqrt(np.mean(spread[k:].reshape(k, n) ** 2, axis=0) + weights.least_std[1] ** 2)
 
 
 def _std_of_mac(basis: np.ndarray, sigma: np.ndarray, k: int) -> np.ndarray:
@@ -370,17 +374,17 @@ def _std_of_mac(basis: np.ndarray, sigma: np.ndarray, k: int) -> np.ndarray:
 
 def _shape_std(given: np.ndarray, to_basis: np.ndarray, weights: Weights, rule: float) -> tuple[np.ndarray, np.ndarray]:
     """Standard deviation of each row of the basis (n,) from those of the shapes (n, k), and the part of it (n,) that
-    the floor adds to what was measured."""
+    the least standard deviation adds to what was measured."""
     if not (weights.shape_std and np.any(np.isfinite(given))):
         return np.full(len(given), rule), np.zeros(len(given))
-    # deviations of the shapes carried to the basis; one per row, so that a turned basis has the same
+    # standard deviations of the shapes carried to the basis; one per row, so that a turned basis has the same
     variance = np.mean(given**2 @ to_basis**2, axis=1)
     sigma = np.where(np.isfinite(variance), np.sqrt(variance), rule)
-    return np.maximum(sigma, weights.shape_floor), np.sqrt(np.maximum(weights.shape_floor**2 - sigma**2, 0.0))
+    return np.maximum(sigma, weights.least_shape_std), np.sqrt(np.maximum(weights.least_shape_std**2 - sigma**2, 0.0))
 
 
 def _own_changes(modal_set: ModalSet, members, kept, factor, to_basis, weights: Weights, where: str) -> np.ndarray:
-    """ResponseGroup.changes: the set's deviations carried to the responses.
+    """ResponseGroup.changes: the set's standard deviations carried to the responses.
 
     How the turn onto the real axis itself deviates is left out: it moves real parts by imaginary ones, which are small.
     """

@@ -29,7 +29,7 @@ from probupdate.updating.posterior_file import MAX_DRAWS, Posterior
 from probupdate.updating.problem import Prediction, Problem, Weights, build_problem, suspected_channels
 from probupdate.updating.set_wise_updates import update_sets
 from probupdate.updating.settings import CONSTANTS, SamplerSettings, UpdateSettings
-from probupdate.updating.surrogate import Outline, Proposal, fit_surrogate
+from probupdate.updating.surrogate import GaussianApproximation, Proposal, fit_surrogate
 from probupdate.updating.tikhonov import TikhonovUpdate, update
 from probupdate.updating.update_file import (
     SCHEME_NAMES,
@@ -43,15 +43,15 @@ from probupdate.updating.update_file import (
 
 REDUCE_FROM = CONSTANTS.reduce_from
 FREQUENCY_TOLERANCE = CONSTANTS.frequency_tolerance
-BOX_DEVIATIONS, BOX_TOLERANCE = CONSTANTS.box_std, CONSTANTS.box_tolerance
-# checks of the first basis, on which nothing but the outline depends
+BOX_STD, BOX_TOLERANCE = CONSTANTS.box_std, CONSTANTS.box_tolerance
+# checks of the first basis, on which nothing but the Gaussian approximation depends
 N_COARSE = 32
-# draws of the outline that stand for the region
+# draws of the Gaussian approximation that stand for the region
 N_REGION = 400
 # posterior draws answered by the full model too, as a check of the reduced one
 N_CHECK = 24
 SETTLING_MAC = CONSTANTS.settling_mac
-OUTLINE_SERVES = CONSTANTS.gaussian_serves
+APPROXIMATION_SERVES = CONSTANTS.gaussian_serves
 # draws of the prior from which further maxima are looked for
 N_START = 12
 # draws whose responses are kept for pictures
@@ -93,10 +93,7 @@ def deterministic_update(
     computed = _in_data_order(problem, np.array(problem.matching.computed, float) + 1, data.n_mode)
     likely = suspected_channels(model, data, [model.parameters.initial, laplace.theta], set_id=set_id)
     return UpdateRecord(
-        model=model.name,
-        fingerprint=problem.fingerprint(),
-        parameters=model.parameters,
-        set_id=modal_set.id,
+        model=model.name, fingerprint=problem.fingerprint(), parameters=model.parameters, set_id=modal_set.id,
         labels=problem.mode_labels,
         measured_hz=modal_set.frequency_hz,
         measured_std_hz=_in_data_order(problem, std, data.n_mode),
@@ -107,11 +104,8 @@ def deterministic_update(
         schemes=schemes,
         pairs=problem.matching.pairs,
         left_out=problem.matching.left_out,
-        map_theta=laplace.theta,
-        map_covariance=laplace.covariance,
-        map_resolution=laplace.resolution,
-        map_at_bound=laplace.at_bound,
-        map_misfit=laplace.misfit,
+        map_theta=laplace.theta, map_covariance=laplace.covariance, map_resolution=laplace.resolution,
+        map_at_bound=laplace.at_bound, map_misfit=laplace.misfit,
         map_hz=_in_data_order(problem, predicted.frequency_hz[1], data.n_mode),
         map_mac=_in_data_order(problem, predicted.mac[1], data.n_mode),
         n_response=problem.measured.size,
@@ -212,7 +206,7 @@ class Approach:
     maximum, a frozen proposal with `solved` points that it was fitted to, and what to say of them."""
 
     problem: Problem
-    surrogate: Outline
+    surrogate: GaussianApproximation
     proposal: Mixture
     solved: int
     emulator: Emulator | None
@@ -220,26 +214,28 @@ class Approach:
 
 
 def approach(problem: Problem, laplace: Laplace, seed: int, progress: Progress = silent) -> Approach:
-    """Outline the posterior and reduce the model for it.
+    """Approximate the posterior by a Gaussian and reduce the model for it.
 
-    A first basis covers BOX_DEVIATIONS prior deviations to BOX_TOLERANCE; with it the outline is fitted, and where
-    that lies a second basis holds to FREQUENCY_TOLERANCE. Models that are small or cannot be reduced stay as they are.
+    A first basis covers BOX_STD prior standard deviations to BOX_TOLERANCE; with it the Gaussian approximation is
+    fitted, and where that lies a second basis holds to FREQUENCY_TOLERANCE. Models that are small or cannot be reduced
+    stay as they are.
     """
     model, parameters = problem.model, problem.parameters
     rng = np.random.default_rng([seed, 2])
     if not isinstance(model, AffineModel) or model.n_dof < REDUCE_FROM:
         surrogate, share = fit_surrogate(problem, laplace, rng, progress)
         text = "none: every evaluation solves the model as it is"
-        return _approach(problem, laplace, surrogate, rng, {"reduced basis": text, "outline": share}, progress)
+        return _approach(problem, laplace, surrogate, rng, {"reduced basis": text, "approximation": share}, progress)
     # data may hold a parameter far from its prior: the box goes where the posterior does
     own = np.sqrt(np.diag(laplace.covariance))
-    lower = np.minimum(parameters.initial - BOX_DEVIATIONS * parameters.std, laplace.theta - BOX_DEVIATIONS * own)
-    upper = np.maximum(parameters.initial + BOX_DEVIATIONS * parameters.std, laplace.theta + BOX_DEVIATIONS * own)
+    lower = np.minimum(parameters.initial - BOX_STD * parameters.std, laplace.theta - BOX_STD * own)
+    upper = np.maximum(parameters.initial + BOX_STD * parameters.std, laplace.theta + BOX_STD * own)
     lower, upper = np.maximum(lower, parameters.lower), np.minimum(upper, parameters.upper)
     options = {"n_mode": problem.matching.n_mode, "seed": seed, "progress": progress}
     coarse = reduce_basis(model, frequency_tolerance=BOX_TOLERANCE, n_verify=N_COARSE, box=(lower, upper), **options)
-    # the first outlines of a sharp posterior reach far out of the box: the basis answers there too, worse, as nothing
-    # but the outline depends on it; the full model took a minute for what the next round corrects
+    # the first approximations of a sharp posterior reach far out of the box: the basis answers there too, worse, as
+    # nothing but the Gaussian approximation depends on it; the full model took a minute for what the next round
+    # corrects
     everywhere = replace(coarse, lower=np.full_like(lower, -np.inf), upper=np.full_like(upper, np.inf))
     surrogate, share = fit_surrogate(problem.with_model(everywhere), laplace, rng, progress)
     points = surrogate.draw(N_REGION, rng)
@@ -249,25 +245,26 @@ def approach(problem: Problem, laplace: Laplace, seed: int, progress: Progress =
     text = (
         f"{r.size} vectors; on {r.n_verify} points not used to build it the frequencies differ by at most "
         f"{r.max_frequency_error:.1e} of their value where the posterior lies and {r.max_box_error:.1e} within "
-        f"{BOX_DEVIATIONS:g} prior standard deviations; the MAC is at least {r.min_mac:.6f}"
+        f"{BOX_STD:g} prior standard deviations; the MAC is at least {r.min_mac:.6f}"
     )
-    notes = {"reduced basis": text, "outline": share}
+    notes = {"reduced basis": text, "approximation": share}
     return _approach(problem.with_model(reduced), laplace, surrogate, rng, notes, progress)
 
 
-def _approach(problem: Problem, laplace: Laplace, surrogate: Outline, rng, notes, progress: Progress) -> Approach:
+def _approach(problem: Problem, laplace: Laplace, surrogate: GaussianApproximation, rng, notes,
+              progress: Progress) -> Approach:
     """Further maxima from draws of the prior, and a proposal for all of them; with response surfaces where even that
     misses too much of a single sharp ridge."""
     starts = problem.parameters.draw(rng, N_START)
     maxima = distinct_maxima(problem, laplace, starts)
-    outlines = [surrogate]
+    approximations = [surrogate]
     for other in maxima:
         if other is not laplace:
-            outlines.append(fit_surrogate(problem, other, rng, progress)[0])
-    proposal, solved = fitted_proposal(problem, [Proposal(outline=x) for x in outlines], rng, progress)
+            approximations.append(fit_surrogate(problem, other, rng, progress)[0])
+    proposal, solved = fitted_proposal(problem, [Proposal(approximation=x) for x in approximations], rng, progress)
     notes = notes | {"maxima": len(maxima)}
     emulator = None
-    if notes["outline"] < OUTLINE_SERVES and len(maxima) == 1:
+    if notes["approximation"] < APPROXIMATION_SERVES and len(maxima) == 1:
         emulator = fit_emulator(problem, surrogate, rng, progress)
         notes = notes | {"emulator": emulator.error}
     return Approach(problem=problem, surrogate=surrogate, proposal=proposal, solved=solved, emulator=emulator,
@@ -289,7 +286,7 @@ def sample_posterior(
     `folder`; jobs: processes or an executor for its ensembles."""
     settings = settings or SamplerSettings()
     problem = build_problem(model, data, set_id=set_id, weights=weights)
-    parts = problem.parts() | {"reduction": f"{FREQUENCY_TOLERANCE:g} {BOX_DEVIATIONS:g} {BOX_TOLERANCE:g}"}
+    parts = problem.parts() | {"reduction": f"{FREQUENCY_TOLERANCE:g} {BOX_STD:g} {BOX_TOLERANCE:g}"}
     claim_folder(problem.parameters, folder, settings, parts)
     anchored = update(problem, penalty="prior", progress=progress)
     laplace = find_maximum(problem, [anchored.theta[-1], model.parameters.initial])

@@ -47,7 +47,7 @@ from probupdate.updating.set_views_file import (
 from probupdate.updating.set_wise_updates import each_set
 from probupdate.updating.settings import CONSTANTS
 from probupdate.updating.shared_error import SharedError, shared_error
-from probupdate.updating.surrogate import Outline, Proposal, TruncatedGaussian
+from probupdate.updating.surrogate import GaussianApproximation, Proposal, TruncatedGaussian
 
 # draws of posteriors of linearised sets, and how often their proposal is fitted to them again
 N_DRAW, ROUNDS = 8000, 4
@@ -90,9 +90,10 @@ def joint_posterior(
     powers = tuple(0 if x else 1 for x in coordinates.logarithmic)
     tried: list[_Weighted] = []
     for _ in range(ROUNDS):
-        outline = Outline(gaussian=gaussian, powers=powers, lower=parameters.lower, upper=parameters.upper,
-                          origin=np.zeros(len(parameters)))
-        proposal = Proposal(outline=outline)
+        approximation = GaussianApproximation(gaussian=gaussian, powers=powers, lower=parameters.lower,
+                                              upper=parameters.upper,
+                                              origin=np.zeros(len(parameters)))
+        proposal = Proposal(approximation=approximation)
         theta = proposal.draw(N_DRAW, rng)
         u = coordinates.to(theta)
         log_weight = parameters.log_density(theta) + likelihoods.at(u).sum(axis=1) - proposal.log_density(theta)
@@ -152,10 +153,11 @@ def view_sets(
     seed: int = 1,
     progress: Progress = silent,
 ) -> SetViews:
-    """All four views of the sets of `data`, with the model in each set's surroundings where `model_at` gives it.
+    """All four views of the sets of `data`, with the model in each set's conditions where `model_at` gives it.
 
-    correlated: let parameters vary together between sets (n (n - 1) / 2 numbers more, of which nine sets tell little).
-    spread: deviation of tau's hyper-prior, in prior deviations. Raises InputError with fewer than two usable sets.
+    correlated: let parameters vary together between sets (n (n - 1) / 2 numbers more, of which nine sets show little).
+    spread: standard deviation of tau's hyper-prior, in prior standard deviations. Raises InputError with fewer than two
+    usable sets.
     """
     reference = build_problem(model if model_at is None else model_at(data.set()), data, weights=weights)
     clusters = [group.measured for group in reference.matching.groups]
@@ -405,7 +407,7 @@ def _notes(
 
 
 def _counted(data: ModalData, problems: list[Problem]) -> float:
-    """Median of the weights' deviation of ln f over identification's own; NaN where that is not stated."""
+    """Median of the weights' standard deviation of ln f over identification's own; NaN where that is not stated."""
     ratios = []
     for problem in problems:
         modal_set = data.set(problem.set_id)

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 FORMAT = 1
-TOLD_BITS = CONSTANTS.hyper_prior_bits
+IDENTIFIED_BITS = CONSTANTS.hyper_prior_bits
 RECOMMENDED_SHARE = CONSTANTS.recommended_share
 POOLED, ONE, MANY = "each set alone", "one value for all sets", "a population"
 
@@ -56,8 +56,8 @@ class SetsRow:
 
 @dataclass(frozen=True, kw_only=True)
 class ModeScatter:
-    """ln f of one mode over the sets: its deviation, what identification states (root mean square), the variation left
-    (0 where the scatter is less than stated) with its 90 % interval, and p of no variation at all."""
+    """ln f of one mode over the sets: its standard deviation, what identification states (root mean square), the
+    variation left (0 where the scatter is less than stated) with its 90 % interval, and p of no variation at all."""
 
     label: str
     n_set: int
@@ -103,14 +103,14 @@ def tau_interval(row: SetsRow) -> str:
     """5 to 95 % of tau; an upper limit alone where the sets identify none, or where none at all is as probable."""
     if not np.isfinite(row.tau):
         return ""
-    limit = row.tau_bits < TOLD_BITS or row.tau_low < 0.2 * row.tau
+    limit = row.tau_bits < IDENTIFIED_BITS or row.tau_low < 0.2 * row.tau
     return f"< {row.tau_high:.3f}" if limit else f"{row.tau_low:.3f}-{row.tau_high:.3f}"
 
 
 def parameter_sentence(row: dict) -> str:
     """What the sets say of one parameter's variation."""
     name = row["name"]
-    if row["tau_bits"] < TOLD_BITS:
+    if row["tau_bits"] < IDENTIFIED_BITS:
         text = (f"the sets do not identify how {name} varies: tau is below {row['tau_high']:.2g} (95 %), which is the "
                 f"hyper-prior's own (median {row['tau_prior']:.2g})")
         if row["resolution"] < 0.1:
@@ -126,15 +126,15 @@ def advice(rows: list[SetsRow], scores: LeftOut, linear_share: np.ndarray) -> st
     stand for the full model."""
     gain, error = scores.difference(MANY, ONE)
     if gain > 2 * error and gain > 1:
-        told = (f"A population predicts sets left out better than one value does (ln p {gain:+.1f} +- {error:.1f}): "
-                "the structure, or what the model lacks, differs from set to set.")
+        which = (f"A population predicts sets left out better than one value does (ln p {gain:+.1f} +- {error:.1f}): "
+                 "the structure, or what the model lacks, differs from set to set.")
     elif gain < -2 * error and gain < -1:
-        told = (f"One value predicts sets left out better than a population does (ln p {gain:+.1f} +- {error:.1f}): "
-                "no variation between sets shows beyond the stated noise.")
+        which = (f"One value predicts sets left out better than a population does (ln p {gain:+.1f} +- {error:.1f}): "
+                 "no variation between sets shows beyond the stated noise.")
     else:
-        told = (f"Sets left out do not distinguish one value from a population (ln p {gain:+.1f} +- {error:.1f}): "
-                "variation between sets is no larger than the stated noise can hide.")
-    silent_names = [r.name for r in rows if np.isfinite(r.tau_bits) and r.tau_bits < TOLD_BITS]
+        which = (f"Sets left out do not distinguish one value from a population (ln p {gain:+.1f} +- {error:.1f}): "
+                 "variation between sets is no larger than the stated noise can hide.")
+    silent_names = [r.name for r in rows if np.isfinite(r.tau_bits) and r.tau_bits < IDENTIFIED_BITS]
     worst = float(np.min(linear_share))
     if worst < RECOMMENDED_SHARE:
         for_life = (f"(d) is not recommended: of its draws an effective share of {100 * worst:.0f} % stands for the "
@@ -144,7 +144,7 @@ def advice(rows: list[SetsRow], scores: LeftOut, linear_share: np.ndarray) -> st
                     "all conditions, and the population CoV where every condition (a month, a sea state) has its own "
                     "value; it has the middle's uncertainty, so that nothing is added to it.")
     text = (
-        f"{told} {for_life} (c) is the uncertainty of a parameter that cannot "
+        f"{which} {for_life} (c) is the uncertainty of a parameter that cannot "
         "differ between sets, such as a mass; it is too narrow where sets or the model's error differ. (b) counts the "
         "noise of each set twice and is an upper figure. (a), the paper's Table 7, says how repeatable an update is, "
         "not how well a parameter is known: with resolution near 0 it is near 0."

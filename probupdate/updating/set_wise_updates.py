@@ -44,8 +44,8 @@ class SetScatter:
 
     @property
     def total_std(self) -> np.ndarray:
-        """Deviation by the law of total variance: mean variance within sets plus variance of their maxima. Where the
-        scatter is noise it counts that noise twice: an upper figure, not the parameter's variation."""
+        """Standard deviation by the law of total variance: mean variance within sets plus variance of their maxima.
+        Where the scatter is noise it counts that noise twice: an upper figure, not the parameter's variation."""
         return np.sqrt(np.mean(self.variance, axis=0) + np.var(self.theta_map, axis=0, ddof=1))
 
 
@@ -60,7 +60,7 @@ def update_sets(
     jobs: int | Executor = 1,
     progress: Progress = silent,
 ) -> SetScatter:
-    """Update every set of the data from the initial parameters, with the model in that set's surroundings where
+    """Update every set of the data from the initial parameters, with the model in that set's conditions where
     `model_at` gives it. Sets that cannot be updated are named, not dropped in silence. jobs: processes, or an executor,
     to which models are sent; the numbers are the same on any."""
     what, tasks, found = "update of every set", [], {}

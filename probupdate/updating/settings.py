@@ -101,16 +101,16 @@ class UpdatingConstants:
     paper_cov_second: float = stated(0.017, "-", "CoV of the second ones", "paper, Sec. 4")
     shape_factor: float = stated(
         10.0, "-", "CoV of the largest shape component over that of its frequency", "paper, Sec. 4")
-    shape_floor: float = stated(
+    least_shape_std: float = stated(
         0.02, "-", "least standard deviation of a shape component, a share of the largest",
         "reference components have zero")
-    frequency_floor: float = stated(
+    least_frequency_cov: float = stated(
         5e-4, "-", "least relative standard deviation of frequencies beside a covariance",
         "a few times what a mesh leaves")
-    form_floor: float = stated(
+    form_frequency_cov: float = stated(
         1e-3, "-", "the same of frequencies where tolerances are stated",
         "two independent programs: 0.13 % of the first pair")
-    form_shape_floor: float = stated(
+    form_shape_std: float = stated(
         2.5e-3, "-", "the same of shapes where tolerances are stated", "two independent programs: 0.1 to 0.6 %")
     reduce_from: int = stated(200, "dof", "smaller models are not reduced before sampling")
     frequency_tolerance: float = stated(

@@ -33,9 +33,9 @@ LEAST_CURVATURE = 0.02
 LEAST_WEIGHT = -15.0
 # a parameter's coordinate changes where the squares a quadratic misses fall to this share
 CLEARLY_LESS = 0.98
-# where coordinates begin, below a lower bound that is not positive: this share of the prior deviation
+# where coordinates begin, below a lower bound that is not positive: this share of the prior standard deviation
 ORIGIN_BELOW = 0.05
-# share of proposals that come from an outline of so many times its variance
+# share of proposals that come from a Gaussian approximation of so many times its variance
 WIDE_SHARE, WIDE = 0.15, 2.5
 # against division by a column that does not vary
 TINY = 1e-12
@@ -182,7 +182,7 @@ def _truncated_normal(a: np.ndarray, b: np.ndarray, uniform: np.ndarray) -> np.n
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Outline:
+class GaussianApproximation:
     """A truncated Gaussian in coordinates u of the parameters: u = x, ln x or -1 / x for powers (n_param,) of 1, 0 and
     -1, x = theta - origin. `gaussian` lives in u.
 
@@ -204,20 +204,20 @@ class Outline:
     def log_density(self, theta: np.ndarray) -> np.ndarray:
         """(n,) of theta (n, n_param) inside the bounds, normalised."""
         x = theta - self.origin
-        return self.gaussian.log_density(to_coordinates(x, self.powers)) - log_stretch(x, self.powers)
+        return self.gaussian.log_density(to_coordinates(x, self.powers)) - log_jacobian(x, self.powers)
 
-    def widened(self, factor: float) -> Outline:
+    def widened(self, factor: float) -> GaussianApproximation:
         """`factor` times the variance, in its coordinates."""
         return replace(self, gaussian=self.gaussian.widened(factor))
 
-    def turned_to(self, powers: tuple[int, ...]) -> Outline:
+    def turned_to(self, powers: tuple[int, ...]) -> GaussianApproximation:
         """The same slope and, but for what the coordinates bend, the same curvature at the centre in other ones."""
         x = from_coordinates(self.gaussian.centre[None], self.powers)
         rate = np.exp(_log_rates(x, powers) - _log_rates(x, self.powers))[0]
         # the density per du has the slope of ln |dx / du| too, which is 0, 1 and 2 x per unit of u
         own, new = (np.array([{1: 0.0, 0: 1.0, -1: 2 * t}[power] for t, power in zip(x[0], chosen, strict=True)])
                     for chosen in (self.powers, powers))
-        return _outline(
+        return _approximation(
             to_coordinates(x, powers)[0], (self.gaussian.gradient - own) * rate + new,
             self.gaussian.precision * np.outer(rate, rate), powers, self,
         )
@@ -225,30 +225,30 @@ class Outline:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Proposal:
-    """Draws of the outline, a share of them from a wider one: where the posterior's tail is heavier than the outline's,
-    the ratio of their densities stays bounded."""
+    """Draws of the Gaussian approximation, a share of them from a wider one: where the posterior's tail is heavier than
+    the Gaussian approximation's, the ratio of their densities stays bounded."""
 
-    outline: Outline
+    approximation: GaussianApproximation
 
     @cached_property
-    def _wide(self) -> Outline:
-        return self.outline.widened(WIDE)
+    def _wide(self) -> GaussianApproximation:
+        return self.approximation.widened(WIDE)
 
     def draw(self, n: int, random) -> np.ndarray:
         """n independent draws (n, n_param)."""
         wide = random.uniform(size=n) < WIDE_SHARE
-        return np.where(wide[:, None], self._wide.draw(n, random), self.outline.draw(n, random))
+        return np.where(wide[:, None], self._wide.draw(n, random), self.approximation.draw(n, random))
 
     def log_density(self, theta: np.ndarray) -> np.ndarray:
         """(n,) of theta (n, n_param) inside the bounds, normalised."""
         # both in the same coordinates, which are computed once
-        x = theta - self.outline.origin
-        u, stretch = to_coordinates(x, self.outline.powers), log_stretch(x, self.outline.powers)
-        own, wide = (outline.gaussian.log_density(u) for outline in (self.outline, self._wide))
-        return np.logaddexp(np.log(1 - WIDE_SHARE) + own - stretch, np.log(WIDE_SHARE) + wide - stretch)
+        x = theta - self.approximation.origin
+        u, jacobian = to_coordinates(x, self.approximation.powers), log_jacobian(x, self.approximation.powers)
+        own, wide = (approximation.gaussian.log_density(u) for approximation in (self.approximation, self._wide))
+        return np.logaddexp(np.log(1 - WIDE_SHARE) + own - jacobian, np.log(WIDE_SHARE) + wide - jacobian)
 
 
-def _outline(centre, gradient, precision, powers, like: Outline) -> Outline:
+def _approximation(centre, gradient, precision, powers, like: GaussianApproximation) -> GaussianApproximation:
     """With the bounds and the origin of another one."""
     # an open end stays one in every coordinate that is used with it
     low, high = (to_coordinates((bound - like.origin)[None], powers)[0] for bound in (like.lower, like.upper))
@@ -280,25 +280,26 @@ def _log_rates(x: np.ndarray, powers: tuple[int, ...]) -> np.ndarray:
     return np.stack([how[power](x[:, k]) for k, power in enumerate(powers)], axis=1)
 
 
-def log_stretch(x: np.ndarray, powers: tuple[int, ...]) -> np.ndarray:
+def log_jacobian(x: np.ndarray, powers: tuple[int, ...]) -> np.ndarray:
     """ln |dx / du| (n,) of x (n, n_param)."""
     return _log_rates(x, powers).sum(axis=1)
 
 
-def from_laplace(laplace: Laplace, parameters: Parameters) -> Outline:
+def from_laplace(laplace: Laplace, parameters: Parameters) -> GaussianApproximation:
     """The Laplace approximation; its gradient is not zero at a bound the maximum is pinned to."""
     origin = _origin(parameters)
     gaussian = TruncatedGaussian(
         centre=frozen_array(laplace.theta - origin), gradient=laplace.gradient, precision=laplace.precision,
         lower=frozen_array(parameters.lower - origin), upper=frozen_array(parameters.upper - origin),
     )
-    return Outline(gaussian=gaussian, powers=(1,) * len(parameters), lower=parameters.lower, upper=parameters.upper,
-                   origin=frozen_array(origin))
+    return GaussianApproximation(gaussian=gaussian, powers=(1,) * len(parameters), lower=parameters.lower,
+                                 upper=parameters.upper,
+                                 origin=frozen_array(origin))
 
 
 def fit_surrogate(
     problem: Problem, laplace: Laplace, rng: np.random.Generator, progress: Progress = silent
-) -> tuple[Outline, float]:
+) -> tuple[GaussianApproximation, float]:
     """The best of a few quadratic fits to the log posterior, the Laplace approximation among them, and the effective
     share of its importance weights, 1 for a posterior that is such a Gaussian.
 
@@ -335,7 +336,7 @@ def _straightest(x, value, log_weight, powers, positive) -> tuple[int, ...]:
 
     def missed(trial) -> float:
         columns, root, _, ridge = _least_squares(to_coordinates(x, trial), log_weight)
-        target = (value - value.max() + log_stretch(x, trial)) * root
+        target = (value - value.max() + log_jacobian(x, trial)) * root
         found = np.linalg.solve(columns.T @ columns + ridge, columns.T @ target)
         return float(np.sum((target - columns @ found) ** 2))
 
@@ -363,12 +364,12 @@ def _least_squares(u, log_weight, centre=None):
     return columns / size, root, size, ridge
 
 
-def _refit(current: Outline, x, value, log_weight) -> Outline:
+def _refit(current: GaussianApproximation, x, value, log_weight) -> GaussianApproximation:
     """Weighted least squares for what the quadratic misses, in its coordinates."""
     gaussian = current.gaussian
     u = to_coordinates(x, current.powers)
     columns, root, size, ridge = _least_squares(u, log_weight, gaussian.centre)
-    missed = value - value.max() + log_stretch(x, current.powers) - gaussian.exponent(u)
+    missed = value - value.max() + log_jacobian(x, current.powers) - gaussian.exponent(u)
     found = np.linalg.solve(columns.T @ columns + ridge, columns.T @ (missed * root)) / size
     n, scale = u.shape[1], u.std(axis=0) + TINY
     i, j = np.triu_indices(n)
@@ -378,5 +379,6 @@ def _refit(current: Outline, x, value, log_weight) -> Outline:
     size = np.sqrt(np.abs(np.diag(precision))) + TINY
     curvature, direction = np.linalg.eigh(precision / np.outer(size, size))
     precision = (direction * np.maximum(curvature, LEAST_CURVATURE)) @ direction.T * np.outer(size, size)
-    return _outline(gaussian.centre, gaussian.gradient + found[1 : 1 + n] / scale, precision / np.outer(scale, scale),
-                    current.powers, current)
+    return _approximation(gaussian.centre, gaussian.gradient + found[1 : 1 + n] / scale,
+                          precision / np.outer(scale, scale),
+                          current.powers, current)

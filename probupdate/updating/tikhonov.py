@@ -186,9 +186,9 @@ def _gauss_newton(
 
 
 def relaxed(step: np.ndarray, last: np.ndarray | None, share: float, most: float) -> float:
-    """Share of a Gauss-Newton step after a `share` of the `last` one, both in prior deviations (Aitken 1926; Irons &
-    Tuck 1969): where the residual's own curvature, which Gauss-Newton leaves out, makes steps overshoot, they go to and
-    fro with a fixed ratio that the two tell."""
+    """Share of a Gauss-Newton step after a `share` of the `last` one, both in prior standard deviations (Aitken 1926;
+    Irons & Tuck 1969): where the residual's own curvature, which Gauss-Newton leaves out, makes steps overshoot, they
+    go to and fro with a fixed ratio that the two give."""
     if last is None or np.max(np.abs(step)) > RELAX_BELOW:
         return 1.0
     change = step - last

@@ -116,7 +116,7 @@ class UpdateRecord:
     computed_mode: number of the model's mode at the initial parameters, from 1, 0 for none. n_effective: responses less
     fitted scales, the chi-square a true model would have. suspected: channels whose exchange or sign would explain why
     the shapes are not the model's, empty where none would. derived: quantity -> {"initial", "step", "prior", "map"}.
-    map_gradient: the largest that the bounds leave at the maximum, per posterior deviation.
+    map_gradient: the largest that the bounds leave at the maximum, per posterior standard deviation.
     """
 
     model: str
@@ -305,8 +305,8 @@ def _components(record: UpdateRecord) -> list[str]:
     lines = [f"variance of the estimates at the MAP from: {'; '.join(rows)}"]
     for what, gain in list(zip(parts.measures, parts.gain, strict=True))[:3]:
         best = [k for k in np.argsort(-gain)[:3] if gain[k] >= 0.02]
-        told = ", ".join(f"{record.parameters.names[k]} -{100 * gain[k]:.0f} %" for k in best)
-        lines.append(f"what to measure next: {what} (standard deviation of {told})")
+        gains = ", ".join(f"{record.parameters.names[k]} -{100 * gain[k]:.0f} %" for k in best)
+        lines.append(f"what to measure next: {what} (standard deviation of {gains})")
     return lines
 
 

@@ -46,8 +46,9 @@ def diagnose(
 ) -> Diagnosis:
     """What the simulation, or the measurement, gets wrong: verdict, causes with place and size, what would not be seen.
 
-    `model` None: measurement and surroundings only. `campaign` tells where the sensors are, and its raw records are
-    tested too. `options`: see `diagnosis.run.diagnose_files` (own effects, groups of parameters).
+    `model` None: measurement and environmental and operational conditions only. `campaign` says where the sensors are,
+    and its raw records are tested too. `options`: see `diagnosis.run.diagnose_files` (own effects, groups of
+    parameters).
     """
     from probupdate.diagnosis.blocks import gather
     from probupdate.diagnosis.prepare import Prepared

@@ -217,18 +217,18 @@ def select(
     scada: str | Path | None = None,
     criteria: str | Path | None = None,
     preset: str = TURBINE,
-    deviations: str = CAMPAIGN,
+    std_from: str = CAMPAIGN,
     rated_power_kw: float | None = None,
     count: int = 9,
 ) -> Selection:
     """The sets an update may trust by the criteria of Table 1, and the most consistent one.
 
     preset: 'turbine' (Table 1) or 'structure', which asks nothing of rotor and nacelle. criteria: a TOML file with
-    thresholds other than the preset's. rated_power_kw: of the turbine, for the states told
-    from `scada`; without, the highest power in it. deviations: see `identification.selection.select`.
+    thresholds other than the preset's. rated_power_kw: of the turbine, for the states derived
+    from `scada`; without, the highest power in it. std_from: see `identification.selection.select`.
     """
     return select_sets(
-        read_modes(modes), read_scada(scada) if scada else None, count=count, deviations=deviations,
+        read_modes(modes), read_scada(scada) if scada else None, count=count, std_from=std_from,
         criteria=read_criteria(criteria, preset) if criteria else preset_criteria(preset),
         state_rule=StateRule(rated_power_kw=rated_power_kw),
     )

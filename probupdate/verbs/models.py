@@ -107,7 +107,7 @@ def has_geometry(model: object) -> TypeGuard[str | Path]:
     if not isinstance(model, str | Path):
         return False
     path = model_path(model)
-    # what cannot be read is told by whoever reads it
+    # what cannot be read is reported by whoever reads it
     return not path.is_file() or path.suffix.lower() == ".dat" or (
         path.suffix == ".toml" and b"[matrices]" not in read_bytes(path))
 

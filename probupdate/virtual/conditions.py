@@ -14,7 +14,7 @@ AMPLITUDE_UNIT_MPS2 = 0.01
 # acceleration over all channels, rms in m/s2, of wind (m/s) and wave height (m): factor, two exponents, and the
 # scatter of its logarithm; fitted to the half-hour blocks of one virtual day, idling and running
 AMPLITUDE = ((3.0e-4, 1.19, 0.33, 0.10), (3.0e-3, 0.62, 0.63, 0.18))
-STEPS = 40  # levels to which a continuous course is rounded in time series, over its range
+STEPS = 40  # levels to which a continuous time profile is rounded in time series, over its range
 
 
 def expected_rms_mps2(wind_mps: np.ndarray, wave_height_m: np.ndarray, running: np.ndarray) -> np.ndarray:

@@ -1,6 +1,6 @@
 """The effects a virtual turbine can hide: where each acts, how large it is, and how it runs over time.
 
-An effect is a table of truth.toml: `kind`, its place, its size, and a `course`. Its size at a time is
+An effect is a table of truth.toml: `kind`, its place, its size, and a `time_profile`. Its size at a time is
 neutral + amount (size - neutral), the amount being 1 (constant), 0 then 1 (step, ramp), or (x - reference) / scale of
 a covariate x. Amount zero is the structure without the effect. `inside` says whether an engineer's list of causes
 would hold the kind; the others are there because no list is complete.
@@ -18,9 +18,11 @@ from probupdate.errors import InputError
 from probupdate.virtual.turbine_file import TurbineFile, unknown_name
 
 ALL = "all"
-COURSES = ("constant", "step", "ramp", "covariate")
-# what each course needs, and may have
-COURSE_KEYS = MappingProxyType({
+TIME_PROFILES = ("constant", "step", "ramp", "covariate")
+# the key of files written before it was called time_profile
+FORMER_KEY = "course"
+# what each time profile needs, and may have
+PROFILE_KEYS = MappingProxyType({
     "constant": (), "step": ("at_hour",), "ramp": ("from_hour", "to_hour"),
     "covariate": ("covariate", "reference", "scale"),
 })
@@ -33,8 +35,8 @@ SMALLEST_FACTOR = 1e-6
 
 @dataclass(frozen=True, kw_only=True)
 class EffectKind:
-    """One kind of departure: `acts` structure, environment or measurement; `place` its keys; `size` the key of its
-    size with the value that changes nothing and the unit; `course` what it follows unless told otherwise."""
+    """One kind of effect: `acts` structure, environment or measurement; `place` its keys; `size` the key of its
+    size with the value that changes nothing and the unit; `time_profile` what it follows unless stated otherwise."""
 
     acts: str
     place: tuple[str, ...]
@@ -44,11 +46,12 @@ class EffectKind:
     low: float = -np.inf
     high: float = np.inf
     inside: bool = True
-    course: Mapping = field(default_factory=lambda: MappingProxyType({"course": "constant"}))
+    time_profile: Mapping = field(default_factory=lambda: MappingProxyType({"time_profile": "constant"}))
 
 
 def _follows(covariate: str, reference: float, scale: float) -> Mapping:
-    return MappingProxyType({"course": "covariate", "covariate": covariate, "reference": reference, "scale": scale})
+    return MappingProxyType({"time_profile": "covariate", "covariate": covariate, "reference": reference,
+                             "scale": scale})
 
 
 def _structural(place: tuple[str, ...], size: str, unit: str, neutral: float = 0.0, **more) -> EffectKind:
@@ -91,10 +94,10 @@ EFFECTS: Mapping[str, EffectKind] = MappingProxyType({
     "rna_offset": _structural(("axis",), "offset_m", "m"),
     "rna_inertia": _structural(("axis",), "inertia_kgm2", "kg m2"),
     "blade_coupling": _structural(("frequency_hz",), "mass_kg", "kg", low=0.0),  # part of the hub, moves fore-aft
-    # environmental: follow a covariate unless told otherwise
-    "wetted_length": _environmental("gain", "m/m", course=_follows("water_level_m", 0.0, 1.0)),
-    "steel_temperature": _environmental("per_kelvin", "1/K", course=_follows("air_temperature_c", 15.0, 1.0)),
-    "soil_softening": _environmental("per_unit", "-", course=_follows("amplitude", 1.0, 1.0)),
+    # environmental: follow a covariate unless stated otherwise
+    "wetted_length": _environmental("gain", "m/m", time_profile=_follows("water_level_m", 0.0, 1.0)),
+    "steel_temperature": _environmental("per_kelvin", "1/K", time_profile=_follows("air_temperature_c", 15.0, 1.0)),
+    "soil_softening": _environmental("per_unit", "-", time_profile=_follows("amplitude", 1.0, 1.0)),
     "icing": _environmental("mass_kg", "kg", low=0.0),
     "p_delta": _environmental("scale", "-"),  # weight above on the tower's deflection, 1: all of it
     # measurement
@@ -104,7 +107,7 @@ EFFECTS: Mapping[str, EffectKind] = MappingProxyType({
     "frame_rotation": _measured((), "angle_deg", "deg"),
     "heading_offset": _measured((), "angle_deg", "deg"),  # of SCADA's nacelle heading
     "clock_offset": _measured(("level",), "offset_s", "s"),  # the logger of a level is late by
-    "sampling_rate": _measured((), "ratio", "-", 1.0, low=0.5, high=2.0),  # samples taken per sample told
+    "sampling_rate": _measured((), "ratio", "-", 1.0, low=0.5, high=2.0),  # samples taken per sample stated
     "low_pass": _measured(("level",), "time_constant_s", "s", low=0.0),
     # what no list of causes holds
     "tuned_mass": _structural(("z_m", "direction_deg", "frequency_hz"), "mass_kg", "kg", low=0.0, inside=False),
@@ -150,13 +153,15 @@ def read_effect(path, number: int, entry: Mapping, file: TurbineFile) -> Mapping
     if name not in EFFECTS:
         raise unknown_name(where, str(name), tuple(EFFECTS))
     kind = EFFECTS[name]
-    course = entry.get("course", kind.course["course"])
-    if course not in COURSES:
-        raise unknown_name(f"{where}, course", str(course), COURSES)
+    if FORMER_KEY in entry and "time_profile" not in entry:
+        entry = {"time_profile" if key == FORMER_KEY else key: value for key, value in entry.items()}
+    time_profile = entry.get("time_profile", kind.time_profile["time_profile"])
+    if time_profile not in TIME_PROFILES:
+        raise unknown_name(f"{where}, time_profile", str(time_profile), TIME_PROFILES)
     keys = (*kind.place, kind.size)
     for key in entry:
-        if key not in ("kind", "course", *keys, *COURSE_KEYS[course]):
-            raise unknown_name(where, key, (*keys, "course", *COURSE_KEYS[course]))
+        if key not in ("kind", "time_profile", *keys, *PROFILE_KEYS[time_profile]):
+            raise unknown_name(where, key, (*keys, "time_profile", *PROFILE_KEYS[time_profile]))
     for key in keys:
         if key not in entry and key not in OPTIONAL_PLACE:
             raise InputError(where, f"{key} is missing", f"a {name} needs {', '.join(keys)}")
@@ -171,7 +176,7 @@ def read_effect(path, number: int, entry: Mapping, file: TurbineFile) -> Mapping
         raise InputError(f"{where}, {kind.size}", f"{size} is not in {opening}{kind.low:g}, {kind.high:g}]",
                          "no number other than zero" if kind.low == -np.inf else "give what is left"
                          if kind.size == "factor" else f"give it in {kind.unit}")
-    _check_course(where, course, entry, kind)
+    _check_profile(where, time_profile, entry, kind)
     return MappingProxyType(dict(entry))
 
 
@@ -192,28 +197,29 @@ def _check_place(where: str, kind: str, key: str, value, file: TurbineFile) -> N
             raise unknown_name(where, str(value), known)
 
 
-def _check_course(where: str, course: str, entry: Mapping, kind: EffectKind) -> None:
-    for key in COURSE_KEYS[course]:
-        value = entry.get(key, kind.course.get(key))
+def _check_profile(where: str, time_profile: str, entry: Mapping, kind: EffectKind) -> None:
+    for key in PROFILE_KEYS[time_profile]:
+        value = entry.get(key, kind.time_profile.get(key))
         if value is None:
-            raise InputError(where, f"{key} is missing", f"a {course} needs {', '.join(COURSE_KEYS[course])}")
+            raise InputError(where, f"{key} is missing",
+                             f"a {time_profile} needs {', '.join(PROFILE_KEYS[time_profile])}")
         if key == "covariate":
             if value not in COVARIATES:
                 raise unknown_name(f"{where}, covariate", str(value), COVARIATES)
         elif not is_number(value) or (key == "scale" and value == 0):
             raise InputError(f"{where}, {key}", f"{value!r} is not a usable number", "give hours, or the unit of x")
-    if course == "ramp" and not entry["from_hour"] < entry["to_hour"]:
+    if time_profile == "ramp" and not entry["from_hour"] < entry["to_hour"]:
         raise InputError(where, "the ramp ends before it starts", "give from_hour below to_hour")
 
 
 def refuse_late(effects: Sequence[Mapping], hours: float, where: str) -> None:
     """Raises InputError for an effect that begins when the record has ended."""
     for number, effect in enumerate(effects, start=1):
-        told = {**EFFECTS[effect["kind"]].course, **effect}
-        key = {"step": "at_hour", "ramp": "from_hour"}.get(told["course"])
-        if key and told[key] >= hours:
+        written = {**EFFECTS[effect["kind"]].time_profile, **effect}
+        key = {"step": "at_hour", "ramp": "from_hour"}.get(written["time_profile"])
+        if key and written[key] >= hours:
             raise InputError(f"{where}, effect {number} ({effect['kind']}), {key}",
-                             f"{told[key]:g} lies behind the record's end at {hours:g} h", "give less, or more days")
+                             f"{written[key]:g} lies behind the record's end at {hours:g} h", "give less, or more days")
 
 
 def amounts(effects: Sequence[Mapping], hour: np.ndarray, covariate: Mapping[str, np.ndarray]) -> np.ndarray:
@@ -221,18 +227,19 @@ def amounts(effects: Sequence[Mapping], hour: np.ndarray, covariate: Mapping[str
     hour = np.asarray(hour, float)
     table = np.ones((len(hour), len(effects)))
     for column, effect in enumerate(effects):
-        told = {**EFFECTS[effect["kind"]].course, **effect}
-        if told["course"] == "step":
-            table[:, column] = hour >= told["at_hour"]
-        elif told["course"] == "ramp":
-            table[:, column] = np.clip((hour - told["from_hour"]) / (told["to_hour"] - told["from_hour"]), 0.0, 1.0)
-        elif told["course"] == "covariate":
-            table[:, column] = (covariate[told["covariate"]] - told["reference"]) / told["scale"]
+        written = {**EFFECTS[effect["kind"]].time_profile, **effect}
+        if written["time_profile"] == "step":
+            table[:, column] = hour >= written["at_hour"]
+        elif written["time_profile"] == "ramp":
+            table[:, column] = np.clip((hour - written["from_hour"]) / (written["to_hour"] - written["from_hour"]), 0.0,
+                                       1.0)
+        elif written["time_profile"] == "covariate":
+            table[:, column] = (covariate[written["covariate"]] - written["reference"]) / written["scale"]
     return table
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Departures:
+class HiddenEffects:
     """Effects at one instant: what a builder asks of them. `amount` (n_effect,)."""
 
     effects: tuple[Mapping, ...] = ()
@@ -270,8 +277,8 @@ def hidden_words(entry: Mapping) -> str:
     place = [f"{key.replace('_', ' ')} {entry[key]}" for key in kind.place if key in entry]
     unit = "" if kind.unit == "-" else f" {kind.unit}"
     size = f"{kind.size.removesuffix('_' + kind.unit).replace('_', ' ')} {entry[kind.size]:g}{unit}"
-    course = entry.get("course", kind.course["course"])
+    time_profile = entry.get("time_profile", kind.time_profile["time_profile"])
     along = {"constant": "all through the record", "step": f"from hour {entry.get('at_hour', 0):g} on",
              "ramp": f"growing from hour {entry.get('from_hour', 0):g} to {entry.get('to_hour', 0):g}",
-             "covariate": f"with {entry.get('covariate', kind.course.get('covariate', ''))}"}[course]
+             "covariate": f"with {entry.get('covariate', kind.time_profile.get('covariate', ''))}"}[time_profile]
     return f"{', '.join([entry['kind'].replace('_', ' '), *place])}: {size}, {along}"

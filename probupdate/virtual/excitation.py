@@ -173,7 +173,7 @@ def _harmonics(plan: Plan, time: np.ndarray, running: np.ndarray) -> np.ndarray:
 
 
 def white(seed: int, kind: int, first_s: float, n: int, width: int, rate: float) -> np.ndarray:
-    """Unit white noise (n, width), float32, made slot by slot so that any stretch of time can be made alone."""
+    """Unit white noise (n, width), float32, made slot by slot so that any span of time can be made alone."""
     per_slot = round(SLOT_S * rate)
     start = round(first_s * rate)
     out = np.empty((n, width), np.float32)

@@ -17,7 +17,7 @@ from scipy import sparse
 
 from probupdate.errors import InputError
 from probupdate.virtual import beam, observation, soil
-from probupdate.virtual.effects import Departures
+from probupdate.virtual.effects import HiddenEffects
 from probupdate.virtual.mesh import Mesh
 from probupdate.virtual.sections import Materials
 from probupdate.virtual.truth import Truth
@@ -222,7 +222,7 @@ def _tower(mesh: Mesh, file: TurbineFile, steel: Materials, truth: Truth) -> int
     return mesh.node([0, 0, z[-1]])
 
 
-def _bodies(file: TurbineFile, truth: Truth, hidden: Departures) -> tuple[tuple[float, np.ndarray, np.ndarray], ...]:
+def _bodies(file: TurbineFile, truth: Truth, hidden: HiddenEffects) -> tuple[tuple[float, np.ndarray, np.ndarray], ...]:
     """Weight, offset from the tower top, inertia of nacelle and hub."""
     moved = np.array([hidden.total("rna_offset", axis=axis) for axis in "xyz"])
     turning = np.array([hidden.total("rna_inertia", axis=axis) for axis in "xyz"])
@@ -240,7 +240,7 @@ def _bodies(file: TurbineFile, truth: Truth, hidden: Departures) -> tuple[tuple[
     return tuple(bodies)
 
 
-def _soften_by_weight(mesh: Mesh, hidden: Departures, bodies) -> None:
+def _soften_by_weight(mesh: Mesh, hidden: HiddenEffects, bodies) -> None:
     """The weight above on each tower element: geometric stiffness of a string, which a fine mesh makes a beam's."""
     scale = hidden.total("p_delta")
     if not scale:
@@ -254,7 +254,7 @@ def _soften_by_weight(mesh: Mesh, hidden: Departures, bodies) -> None:
             mesh.spring_along(i, axis, -scale * above / length, j)
 
 
-def _foreign(mesh: Mesh, file: TurbineFile, hidden: Departures) -> None:
+def _foreign(mesh: Mesh, file: TurbineFile, hidden: HiddenEffects) -> None:
     """Springs that no drawing has."""
     names = file.value("jacket", "leg_names")
     for effect, stiffness in hidden.of("cable"):
@@ -275,7 +275,8 @@ def _horizontal(angle_deg: float) -> np.ndarray:
     return np.array([np.cos(np.radians(angle_deg)), np.sin(np.radians(angle_deg)), 0.0])
 
 
-def _oscillators(mesh: Mesh, hidden: Departures, top: int, hub_m: np.ndarray) -> tuple[tuple[Oscillator, float], ...]:
+def _oscillators(mesh: Mesh, hidden: HiddenEffects, top: int, hub_m: np.ndarray) -> tuple[
+        tuple[Oscillator, float], ...]:
     """Blades (part of the hub, coupled along the rotor's axis) and tuned masses, each with its spring in N/m."""
     found = []
     for kind in ("blade_coupling", "tuned_mass"):
@@ -298,7 +299,8 @@ def build_structure(
 ) -> Structure:
     """Assemble the turbine of the drawing as it is in truth, each effect at its amount (n_effect,); None: all at 1.
     coarseness: how many times longer than usual elements may be."""
-    hidden = Departures(effects=truth.effects, amount=tuple(np.ones(len(truth.effects)) if amount is None else amount))
+    hidden = HiddenEffects(effects=truth.effects,
+                           amount=tuple(np.ones(len(truth.effects)) if amount is None else amount))
     mesh = Mesh(coarseness)
     steel = Materials(file=file, p=truth.parameters, truth=truth, hidden=hidden)
     _legs(mesh, file, steel)

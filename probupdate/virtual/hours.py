@@ -11,7 +11,7 @@ from probupdate.runtime.arrays import frozen_array
 from probupdate.virtual import excitation, losses, observation, operation
 from probupdate.virtual.conditions import slot_amounts
 from probupdate.virtual.dynamics import N_MODE, HeadingModes, factorise, heading_modes
-from probupdate.virtual.effects import Departures
+from probupdate.virtual.effects import HiddenEffects
 from probupdate.virtual.frame import Structure, build_structure
 from probupdate.virtual.operation import Plan
 from probupdate.virtual.response import channel_response
@@ -55,8 +55,8 @@ class Turbine:
 
         return _kept(self._modes, (float(heading_deg), int(condition)), solve)
 
-    def hidden(self, condition: int) -> Departures:
-        return Departures(effects=self.truth.effects, amount=tuple(self.amount[condition]))
+    def hidden(self, condition: int) -> HiddenEffects:
+        return HiddenEffects(effects=self.truth.effects, amount=tuple(self.amount[condition]))
 
 
 def _kept(store: OrderedDict, key, solve):
@@ -69,7 +69,7 @@ def _kept(store: OrderedDict, key, solve):
 
 
 def make_turbine(file: TurbineFile, truth: Truth, plan: Plan, seed: int) -> Turbine:
-    """Conditions are numbered as they come; amounts of a continuous course are rounded."""
+    """Conditions are numbered as they come; amounts of a continuous time profile are rounded."""
     table = slot_amounts(plan, truth.effects, rounded=True)
     known: dict[tuple, int] = {}
     condition = [known.setdefault(tuple(row), len(known)) for row in table]
@@ -127,7 +127,7 @@ def _needs_tail(turbine: Turbine, held: np.ndarray, ratio: float) -> bool:
 
 
 def _through_loggers(motion: np.ndarray, turbine: Turbine, condition: np.ndarray) -> np.ndarray:
-    """Clocks, filters and mounts act on the whole stretch, each for the samples at which it is in that state."""
+    """Clocks, filters and mounts act on the whole span, each for the samples at which it is in that state."""
     frequency = np.fft.rfftfreq(len(motion), 1 / RATE_HZ)
     spectrum, found = None, motion
     for number in np.unique(condition):

@@ -16,7 +16,7 @@ LOST_SAMPLES, LOST_ROW = "lost samples", "missing SCADA row"
 
 @dataclass(frozen=True, kw_only=True)
 class Gap:
-    """A stretch without data: start and length in s; `channel` is empty where it is all of them."""
+    """A span without data: start and length in s; `channel` is empty where it is all of them."""
 
     kind: str
     start_s: float
@@ -38,7 +38,7 @@ def draw_gaps(plan: Plan, channels: tuple[str, ...], given: Mapping, rng: np.ran
     """
     n_hour = -(-plan.n_slot // 6)
     gaps = []
-    standing = [bool(plan.maintenance[6 * k : 6 * k + 6].any()) for k in range(n_hour)]
+    stopped = [bool(plan.maintenance[6 * k : 6 * k + 6].any()) for k in range(n_hour)]
     if "missing_hours" in given:
         hours = given["missing_hours"]
         if not all(0 <= h < n_hour for h in hours):
@@ -47,7 +47,7 @@ def draw_gaps(plan: Plan, channels: tuple[str, ...], given: Mapping, rng: np.ran
     else:
         hours = []
         for day in range(n_hour // 24):
-            free = [h for h in range(24 * day, 24 * day + 24) if day > 0 or not standing[h]]
+            free = [h for h in range(24 * day, 24 * day + 24) if day > 0 or not stopped[h]]
             hours.append(int(rng.choice(free)) if free else 24 * day)
     gaps += [Gap(kind=MISSING_HOUR, start_s=3600.0 * h, duration_s=3600.0) for h in sorted(set(hours))]
     early, length = rng.random(n_hour), rng.uniform(2.0, 60.0, n_hour)

@@ -13,7 +13,7 @@ LONGEST_M = {"leg": 1.75, "brace": 2.0, "pile": 1.0, "column": 1.0, "strut": 2.0
 
 
 class Mesh:
-    """Six degrees of freedom a node. `coarseness` stretches the longest elements."""
+    """Six degrees of freedom a node. `coarseness` lengthens the longest elements."""
 
     def __init__(self, coarseness: float = 1.0):
         self.longest_m = {group: coarseness * length for group, length in LONGEST_M.items()}

@@ -20,7 +20,7 @@ from probupdate.runtime.arrays import frozen_array
 from probupdate.virtual import observation, operation
 from probupdate.virtual.conditions import AMPLITUDE, expected_rms_mps2, slot_amounts
 from probupdate.virtual.dynamics import AERO_DAMPING, N_MODE
-from probupdate.virtual.effects import EFFECTS, Departures, refuse_late
+from probupdate.virtual.effects import EFFECTS, HiddenEffects, refuse_late
 from probupdate.virtual.frame import build_structure
 from probupdate.virtual.modal_noise import SCATTER, identified
 from probupdate.virtual.observation import rotation
@@ -150,7 +150,7 @@ def _true_modes(reduced: ReducedStates, file: TurbineFile, truth: Truth, amount,
         along, across = AERO_DAMPING["operating" if running else "idling"]
         at_top = head @ modes
         aero = (along * (turn[:, 0] @ at_top) ** 2 + across * (turn[:, 1] @ at_top) ** 2) / (4 * np.pi * f)
-        hidden = Departures(effects=truth.effects, amount=tuple(a))
+        hidden = HiddenEffects(effects=truth.effects, amount=tuple(a))
         direction, gain = observation.mounted_direction(file, truth, hidden)
         seen = np.einsum("c,cx,cxb->cb", gain, direction, motion) @ modes
         mixing = observation.channel_mixing(file, hidden)
@@ -191,8 +191,8 @@ def _sort(common: np.ndarray, share: np.ndarray) -> list[int]:
     free = np.ones(common.shape[1], bool)
     order = []
     for rows in ((0, 1), (2,), (3, 4)):
-        likeness = np.where(free, common[list(rows)].sum(axis=0), -1.0)
-        found = np.sort(np.argsort(likeness)[-len(rows):])
+        similarity = np.where(free, common[list(rows)].sum(axis=0), -1.0)
+        found = np.sort(np.argsort(similarity)[-len(rows):])
         free[found] = False
         if len(found) == 2 and share[found[0], 0] - share[found[0], 1] < share[found[1], 0] - share[found[1], 1]:
             found = found[::-1]
@@ -209,14 +209,14 @@ def _environments(plan, block, heading, truth: Truth, amount, scada_rng, rng) ->
     rms = rms * np.exp(np.where(state > 0, AMPLITUDE[1][3], AMPLITUDE[0][3]) * rng.standard_normal(len(block)))
     found = []
     for k in range(len(block)):
-        hidden = Departures(effects=truth.effects, amount=tuple(amount[k]))
-        told = heading[k] + hidden.total("heading_offset")
+        hidden = HiddenEffects(effects=truth.effects, amount=tuple(amount[k]))
+        reported = heading[k] + hidden.total("heading_offset")
         found.append({
             "state": operation.STATES[state[k]],
             **{name: float(table[name].to_numpy()[slots[k]].mean()) for name in MEANS},
-            "nacelle_heading_deg": float(told % 360.0),
+            "nacelle_heading_deg": float(reported % 360.0),
             # counter-clockwise, as the model turns
-            "nacelle_angle_deg": float((-told + 180.0) % 360.0 - 180.0),
+            "nacelle_angle_deg": float((-reported + 180.0) % 360.0 - 180.0),
             "block_minutes": BLOCK_S / 60,
             "rms_mps2": float(rms[k]),
         })

@@ -15,17 +15,17 @@ from probupdate.modal.modes import ModalDeviation
 # by family of columns FA1, SS1, T1, FA2, SS2
 SCATTER = {"FA1": 1.6, "SS1": 1.6, "T1": 1.6, "FA2": 3.2, "SS2": 3.2}
 CHANNEL_SCATTER = {"FA1": 0.0012, "SS1": 0.0012, "T1": 0.004, "FA2": 0.0018, "SS2": 0.0018}
-N_COLUMN = 20  # parts of a record from which an identification estimates its deviations
+N_COLUMN = 20  # parts of a record from which an identification estimates its standard deviations
 
 
 def ln_frequency_std(frequency_hz: np.ndarray, damping_ratio: np.ndarray, duration_s: float, labels) -> np.ndarray:
-    """(n_mode,) deviation of ln f of modes far from others."""
+    """(n_mode,) standard deviation of ln f of modes far from others."""
     factor = np.array([SCATTER[label] for label in labels])
     return factor * np.sqrt(damping_ratio / (2 * np.pi * frequency_hz * duration_s))
 
 
 def _gaussian(rng: np.random.Generator, *shape: int) -> np.ndarray:
-    """Complex, real and imaginary part of deviation one."""
+    """Complex, real and imaginary part of standard deviation one."""
     return rng.standard_normal(shape) + 1j * rng.standard_normal(shape)
 
 
@@ -34,7 +34,7 @@ def identified(
     duration_s: float, rng: np.random.Generator, *, scale: float = 1.0,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, ModalDeviation]:
     """Frequencies, damping ratios (n_mode,), shapes (n_channel, n_mode) with largest component 1, and their estimated
-    first-order deviations, from true ones (shape of any scaling). scale 0: no scatter, and deviations of zero."""
+    covariance factors, from true ones (shape of any scaling). scale 0: no scatter, and standard deviations of zero."""
     n_mode, omega = len(frequency_hz), 2 * np.pi * frequency_hz
     pole = omega * (-damping_ratio + 1j * np.sqrt(1 - damping_ratio**2))
     std = scale * omega * ln_frequency_std(frequency_hz, damping_ratio, duration_s, labels)
@@ -79,6 +79,6 @@ def _deviation(pole: np.ndarray, shape: np.ndarray, size: np.ndarray, own: np.nd
     largest = np.argmax(np.abs(shape), axis=0)
     column = np.arange(n_mode)
     at = shape[largest, column]
-    # in the scaling of a largest component of 1, which has no deviation
+    # in the scaling of a largest component of 1, which has no standard deviation
     change = (change - shape[:, :, None] * (change[largest, column] / at[:, None])) / at[:, None]
     return ModalDeviation(ln_frequency=ln_frequency, damping_ratio=ratio, shape=change)

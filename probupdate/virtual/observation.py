@@ -6,7 +6,7 @@ import numpy as np
 from scipy import sparse
 
 from probupdate.errors import InputError
-from probupdate.virtual.effects import Departures
+from probupdate.virtual.effects import HiddenEffects
 from probupdate.virtual.mesh import Mesh
 from probupdate.virtual.truth import Truth
 from probupdate.virtual.turbine_file import TurbineFile
@@ -50,7 +50,7 @@ def nominal_direction(file: TurbineFile) -> np.ndarray:
     return np.array([sensor.direction for sensor in file.sensors])
 
 
-def mounted_direction(file: TurbineFile, truth: Truth, hidden: Departures) -> tuple[np.ndarray, np.ndarray]:
+def mounted_direction(file: TurbineFile, truth: Truth, hidden: HiddenEffects) -> tuple[np.ndarray, np.ndarray]:
     """Directions (n_channel, 3) as the channels truly look, and their gains (n_channel,)."""
     t = truth.tolerances
     gain = np.array(t.sensor_gain)
@@ -68,7 +68,7 @@ def mounted_direction(file: TurbineFile, truth: Truth, hidden: Departures) -> tu
     return np.array(direction), gain
 
 
-def channel_mixing(file: TurbineFile, hidden: Departures) -> np.ndarray | None:
+def channel_mixing(file: TurbineFile, hidden: HiddenEffects) -> np.ndarray | None:
     """What each channel shows of each sensor (n_channel, n_channel); None where each shows its own."""
     names = [s.channel for s in file.sensors]
     mixing = np.eye(len(names))
@@ -81,7 +81,7 @@ def channel_mixing(file: TurbineFile, hidden: Departures) -> np.ndarray | None:
     return None if np.array_equal(mixing, np.eye(len(names))) else mixing
 
 
-def frequency_response(file: TurbineFile, hidden: Departures, frequency_hz: np.ndarray) -> np.ndarray | None:
+def frequency_response(file: TurbineFile, hidden: HiddenEffects, frequency_hz: np.ndarray) -> np.ndarray | None:
     """What clocks, filters and mounts do to each channel: (n_frequency, n_channel) complex, None where nothing."""
     if not any(hidden.of(kind) for kind in ("clock_offset", "low_pass", "mount_resonance")):
         return None
@@ -99,6 +99,6 @@ def frequency_response(file: TurbineFile, hidden: Departures, frequency_hz: np.n
     return response
 
 
-def sampling_ratio(hidden: Departures) -> float:
-    """Samples truly taken for each that the logger tells: above 1, every frequency reads too low."""
+def sampling_ratio(hidden: HiddenEffects) -> float:
+    """Samples truly taken for each that the logger states: above 1, every frequency reads too low."""
     return hidden.factor("sampling_rate")

@@ -90,13 +90,13 @@ def _maintenance(n_slot: int, given: Mapping, rng: np.random.Generator) -> np.nd
     Unless given, the first day has one of 10 to 11 h (enough quiet half hours for an update; a campaign
     shorter than a day has its share), a later day with a chance of 0.35 one of 3 to 8 h.
     """
-    standing = np.zeros(n_slot, bool)
+    stopped = np.zeros(n_slot, bool)
     if "maintenance_hours" in given:
         for window in given["maintenance_hours"]:
             if not 0 <= window[0] < window[1]:
                 raise InputError("operation.maintenance_hours", f"{window!r} is not [start, end]", "give hours, rising")
-            standing[round(min(window[0], n_slot) * 6) : round(min(window[1], n_slot) * 6)] = True
-        return standing
+            stopped[round(min(window[0], n_slot) * 6) : round(min(window[1], n_slot) * 6)] = True
+        return stopped
     for day in range(-(-n_slot // 144)):
         long, start, chance = rng.uniform(10.0, 11.0), rng.uniform(1.0, 12.0), rng.random()
         if day > 0:
@@ -104,8 +104,8 @@ def _maintenance(n_slot: int, given: Mapping, rng: np.random.Generator) -> np.nd
         if day == 0 or chance < 0.35:
             share = min(n_slot / 144, 1.0)
             first = day * 144 + round(share * start * 6)
-            standing[first : first + round(share * long * 6)] = True
-    return standing
+            stopped[first : first + round(share * long * 6)] = True
+    return stopped
 
 
 def _weather(n_slot: int, given: Mapping, rng: np.random.Generator) -> dict[str, np.ndarray]:

@@ -45,7 +45,7 @@ def modal_response(
     return acceleration, q[-1], v[-1]
 
 
-def stretches(
+def spans(
     heading_deg: np.ndarray, state: np.ndarray, condition: np.ndarray
 ) -> Iterator[tuple[int, int, float, str, int]]:
     """Cut per-sample heading, rotor state and number of the effects' condition (n,) into (first, last + 1, heading,
@@ -69,7 +69,7 @@ def channel_response(
     pieces: list[np.ndarray] = []
     before: HeadingModes | None = None
     q = v = np.zeros(0)
-    for low, high, heading, rotor, number in stretches(heading_deg, state, condition):
+    for low, high, heading, rotor, number in spans(heading_deg, state, condition):
         now = modes(heading, number)
         if before is None:
             q = v = np.zeros(len(now.frequency_hz))

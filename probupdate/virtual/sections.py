@@ -1,4 +1,4 @@
-"""Tubes of every group of members, with parameters, tolerances, surroundings and hidden effects applied."""
+"""Tubes of every group of members, with parameters, tolerances, water, growth and hidden effects applied."""
 
 from __future__ import annotations
 
@@ -10,19 +10,19 @@ import numpy as np
 
 from probupdate.errors import InputError
 from probupdate.virtual import beam
-from probupdate.virtual.effects import ALL, Departures
+from probupdate.virtual.effects import ALL, HiddenEffects
 from probupdate.virtual.truth import Truth
 from probupdate.virtual.turbine_file import TurbineFile
 
 
 @dataclass(frozen=True, kw_only=True)
 class Materials:
-    """`hidden` are the departures of the moment; members name the leg, bay or face they belong to."""
+    """`hidden` are the effects of the moment; members name the leg, bay or face they belong to."""
 
     file: TurbineFile
     p: Mapping[str, float]
     truth: Truth
-    hidden: Departures
+    hidden: HiddenEffects
 
     @cached_property
     def site(self) -> dict[str, float]:
@@ -76,20 +76,20 @@ class Materials:
         grown = p["mg"] if z_m < site["growth_top"] else 0.0
         grown += self._of_leg("marine_growth", z_m, leg)
         outer = diameter_m + 2 * grown
-        surrounding = p["a_m"] * site["added"] * site["water"] * np.pi / 4 * outer**2
+        water_kgpm = p["a_m"] * site["added"] * site["water"] * np.pi / 4 * outer**2
         growth = site["growth"] * np.pi / 4 * (outer**2 - diameter_m**2)
         inside = flooded * site["water"] * np.pi / 4 * (diameter_m - 2 * thickness_m) ** 2
         added = 0.0
         in_water = self.mudline(leg) < z_m
         if in_water and z_m < site["water_level"]:
-            added = surrounding
+            added = water_kgpm
             carried += growth
         if flooded and z_m < site["water_level"]:
             carried += inside
         if self.level_rise_m:
             # only the change, so that no rise leaves every number as it was
             share = self._wet(z_m, half_m, self.level_rise_m) - self._wet(z_m, half_m, 0.0)
-            added += share * surrounding * in_water
+            added += share * water_kgpm * in_water
             carried += share * inside
         if self.warmer != 1.0 and z_m > site["water_level"]:
             stiffness *= self.warmer

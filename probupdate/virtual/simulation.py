@@ -170,7 +170,7 @@ def _write_head(folder: Path, recipe: _Recipe, drawn: _Drawn, quiet: np.ndarray)
         folder, name=f"Virtual campaign on '{file.value('name')}'", sensors=file.sensors, rate_hz=RATE_HZ,
         block_minutes=BLOCK_MINUTES, water_depth_m=-file.number("site", "mudline_m"),
     )
-    table = told_heading(scada_table(turbine.plan, START, np.random.default_rng(recipe.stream(3))), turbine)
+    table = reported_heading(scada_table(turbine.plan, START, np.random.default_rng(recipe.stream(3))), turbine)
     lost_rows = {int(g.start_s // 600) for g in drawn.gaps if g.kind == losses.LOST_ROW}
     write_table(folder / "scada.csv", table.drop(index=sorted(lost_rows)), float_format=None)
 
@@ -243,7 +243,7 @@ def _rounded(array, digits: int = 8) -> list:
     return np.round(np.asarray(array, float), digits).tolist()
 
 
-def told_heading(table: pandas.DataFrame, turbine: Turbine) -> pandas.DataFrame:
+def reported_heading(table: pandas.DataFrame, turbine: Turbine) -> pandas.DataFrame:
     """SCADA's nacelle heading with the error that is hidden in it."""
     off = np.array([turbine.hidden(number).total("heading_offset") for number in range(len(turbine.amount))])
     if off.any():

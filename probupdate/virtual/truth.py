@@ -60,7 +60,7 @@ class Given:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Tolerances:
-    """Departures of the built turbine from its drawings; factors unless a unit is named."""
+    """Differences of the built turbine from its drawings; factors unless a unit is named."""
 
     tower_wall: float
     leg_wall: float
@@ -103,20 +103,20 @@ def read_given(path: str | Path | None, file: TurbineFile) -> Given:
 def given_truth(raw: Mapping, file: TurbineFile, path: object = "truth") -> Given:
     """The same from a truth.toml's content; `path` names it in errors."""
     written = raw.get("format") == 1 and "drawn" in raw
-    told = table_as(_GivenTables, {k: v for k, v in raw.items() if not (written and k in RECORDED)}, str(path))
+    tables = table_as(_GivenTables, {k: v for k, v in raw.items() if not (written and k in RECORDED)}, str(path))
     known = tuple(file.initial_parameters())
-    for name, value in told.parameters.items():
+    for name, value in tables.parameters.items():
         if name not in known:
             raise unknown_name(f"{path}, parameters", name, known)
         if value == 0 and name not in DEPTHS:
             raise InputError(f"{path}, parameters, {name}", f"{value} is not positive", "no structure has it; raise it")
-    table_as(_OperationTable, told.operation, f"{path}, operation")
+    table_as(_OperationTable, tables.operation, f"{path}, operation")
     return Given(
-        parameters=MappingProxyType(told.parameters),
-        parameters_from=told.parameters_from,
-        tolerance_scale=table_as(_ToleranceTable, told.tolerances, f"{path}, tolerances").scale,
-        operation=MappingProxyType(dict(told.operation)),
-        effects=tuple(read_effect(path, number, entry, file) for number, entry in enumerate(told.effect)),
+        parameters=MappingProxyType(tables.parameters),
+        parameters_from=tables.parameters_from,
+        tolerance_scale=table_as(_ToleranceTable, tables.tolerances, f"{path}, tolerances").scale,
+        operation=MappingProxyType(dict(tables.operation)),
+        effects=tuple(read_effect(path, number, entry, file) for number, entry in enumerate(tables.effect)),
     )
 
 
@@ -162,7 +162,8 @@ def _truth_modes(entry: Mapping) -> TruthModes:
 
 
 def _clipped(rng: np.random.Generator, std: float, shape=None, limit: float = 2.0):
-    """Normal of deviation std cut at `limit` deviations by clipping: a manufacturer's tolerance has an end."""
+    """Normal of standard deviation std cut at `limit` standard deviations by clipping: a manufacturer's tolerance has
+    an end."""
     return std * np.clip(rng.standard_normal(shape), -limit, limit)
 
 

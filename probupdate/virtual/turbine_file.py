@@ -66,7 +66,7 @@ class TurbineFile:
 
 
 def reference_file() -> Path:
-    """The packaged reference turbine in its updated state: what a virtual campaign measures unless told otherwise."""
+    """The packaged reference turbine in its updated state: what a virtual campaign measures unless stated otherwise."""
     return Path(__file__).resolve().parents[1] / "reference" / "updated.toml"
 
 

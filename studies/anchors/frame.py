@@ -80,7 +80,7 @@ def by_chain(seed: int = 1) -> np.ndarray:
         shape_std=np.array([[RATIO_STD / ratio**2 / root], [0.0]]),
     )
     data = ModalData(channels=model.channels, sets=(one,))
-    problem = build_problem(model, data, weights=Weights(shape_floor=1e-3))
+    problem = build_problem(model, data, weights=Weights(least_shape_std=1e-3))
     top = maximum_a_posteriori(problem, [parameters.initial])
     outline, _ = fit_surrogate(problem, top, np.random.default_rng(seed))
     with tempfile.TemporaryDirectory() as folder:

@@ -72,10 +72,10 @@ def _leg(prefix: str = "leg"):
     return place
 
 
-def _leg_or_all(word: str, **told):
+def _leg_or_all(word: str, **hidden):
     def place(rng):
         leg = str(rng.choice([*LEGS, "all"]))
-        return {"leg": leg, **told}, word if leg == "all" else f"leg {leg}"
+        return {"leg": leg, **hidden}, word if leg == "all" else f"leg {leg}"
 
     return place
 
@@ -243,14 +243,14 @@ def draw_effect(rng: np.random.Generator, kind: Kind, limits: Mapping | None = N
         if not low <= high:
             return None
     size = float(np.sign(kind.high) * (low + share * (high - low)))
-    told = {"kind": kind.virtual, **keys, kind.size: kind.convert(size)}
+    hidden = {"kind": kind.virtual, **keys, kind.size: kind.convert(size)}
     if course == "step":
-        told |= {"course": "step", "at_hour": hour}
+        hidden |= {"course": "step", "at_hour": hour}
     elif course == "ramp":
-        told |= {"course": "ramp", "from_hour": 0.0, "to_hour": HOURS}
+        hidden |= {"course": "ramp", "from_hour": 0.0, "to_hour": HOURS}
     words = {"class": kind.klass, "cause": kind.cause, "location": location,
              "course": course, "size": size}
-    return told, words
+    return hidden, words
 
 
 def _draw(rng, limits, *, below: bool = False, kinds=KINDS):
@@ -266,7 +266,7 @@ def make_case(family: str, number: int, limits: Mapping | None = None) -> Case:
     seed = int(rng.integers(2**31))
     truth: dict = {"parameters_from": "prior"}
     options: dict = {"days": DAYS, "n_block": 48}
-    told: list = []
+    hidden: list = []
     words: list = []
     if family == "null":
         _trap(number, rng, truth, options)
@@ -275,20 +275,20 @@ def make_case(family: str, number: int, limits: Mapping | None = None) -> Case:
         options |= {"n_block": 400, "states": ["idling", "below rated", "rated"]}
     elif family in ("single", "below"):
         chosen = _draw(rng, limits, below=family == "below")
-        told, words = [chosen[0]], [chosen[1]]
+        hidden, words = [chosen[0]], [chosen[1]]
     elif family == "outside":
-        told = [OUTSIDE[number % len(OUTSIDE)](rng)]
+        hidden = [OUTSIDE[number % len(OUTSIDE)](rng)]
     elif family == "pair":
         chosen = [_draw(rng, limits) for _ in range(2)]
         while chosen[1][1]["cause"] == chosen[0][1]["cause"]:
             chosen[1] = _draw(rng, limits)
-        told, words = [c[0] for c in chosen], [c[1] for c in chosen]
+        hidden, words = [c[0] for c in chosen], [c[1] for c in chosen]
     elif family == "twin":
         cause = TWINS[number % len(TWINS)][(number // len(TWINS)) % 2]
         chosen = _draw(rng, limits, kinds=[k for k in KINDS if k.cause == cause])
-        told, words = [chosen[0]], [chosen[1]]
-    if told:
-        truth["effect"] = told
+        hidden, words = [chosen[0]], [chosen[1]]
+    if hidden:
+        truth["effect"] = hidden
     return Case(family=family, number=number, seed=seed, truth=truth, options=options, effects=tuple(words))
 
 

@@ -51,10 +51,10 @@ def main() -> None:
         if kind.klass == "environmental" or "constant" not in kind.courses:
             continue
         for _ in range(each):
-            told, words = draw_effect(rng, kind)
-            told = {k: v for k, v in told.items() if k not in ("course", "at_hour", "from_hour", "to_hour")}
+            hidden, words = draw_effect(rng, kind)
+            hidden = {k: v for k, v in hidden.items() if k not in ("course", "at_hour", "from_hour", "to_hour")}
             (effect,) = [e for e in problem.effects if (e.cause, e.location) == (kind.cause, words["location"])]
-            record = simulate_modes(truth={"effect": [told]}, **BASE)
+            record = simulate_modes(truth={"effect": [hidden]}, **BASE)
             own = dataclasses.replace(diagnosis_problem(model, record.data)[0], field=problem.predictor)
             length = np.linalg.norm(shift(own))
             left = {f: np.linalg.norm(shift(own, (IncludedEffect(effect=effect, course=problem.courses[0],

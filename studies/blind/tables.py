@@ -52,14 +52,14 @@ def course_of(effect: dict, stated: dict[str, float]) -> str | None:
 def above_limit(line: dict, effect: dict) -> bool:
     """Whether the diagnosis of this very record states that it would find an effect of this size."""
     if "limits" not in line:
-        # measured.jsonl keeps the answer for the hundreds of limits
+        # measured.csv keeps the answer for the hundreds of limits
         return effect["above_stated_limit"]
     key = course_of(effect, line["limits"])
     limit = line["limits"].get(key) if key else None
     return limit is not None and np.isfinite(limit) and abs(effect["size"]) >= abs(limit)
 
 
-def told(effect: dict) -> bool | None:
+def distinguishable(effect: dict) -> bool | None:
     """Whether the effect can be told from its nearest rival as surely as a name asks for; None: not known."""
     return None if effect.get("apart") is None else bool(effect["apart"] >= np.log(SURE / (1 - SURE)))
 
@@ -92,8 +92,9 @@ def summary(lines: list[dict]) -> str:
     out.append(rate("detected singles: right cause and place first", len(first), len(found)))
     out.append(rate("detected singles: in the named set", len(held), len(found)))
     # told_apart.py has been there
-    for words, ids in (("that can be told from the nearest rival", {x["id"] for x in found if told(x["effects"][0])}),
-                       ("that cannot", {x["id"] for x in found if told(x["effects"][0]) is False})):
+    for words, ids in (("that can be told from the nearest rival",
+                        {x["id"] for x in found if distinguishable(x["effects"][0])}),
+                       ("that cannot", {x["id"] for x in found if distinguishable(x["effects"][0]) is False})):
         out.append(rate(f"detected singles {words}: right first", len(first & ids), len(ids)))
         out.append(rate(f"detected singles {words}: in the named set", len(held & ids), len(ids)))
     out.append(rate("verdict 'named' and right", sum(is_named(x["findings"][0], x["effects"][0]) for x in sure),

@@ -66,8 +66,8 @@ def main() -> None:
     fitted = fit(problem, theta)
     for line in lines:
         for effect in line["effects"]:
-            told = nearest(problem, fitted, effect)
-            effect["nearest"], effect["apart"] = told if told else ("", None)
+            distinguishable = nearest(problem, fitted, effect)
+            effect["nearest"], effect["apart"] = distinguishable if distinguishable else ("", None)
     path.write_text("".join(json.dumps(line) + "\n" for line in lines))
 
 

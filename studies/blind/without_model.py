@@ -21,7 +21,7 @@ N_NULL, N_EACH = 40, 6
 
 
 def _step(rng) -> dict:
-    return {"course": "step", "at_hour": float(rng.uniform(0.25, 0.75) * 720)}
+    return {"time_profile": "step", "at_hour": float(rng.uniform(0.25, 0.75) * 720)}
 
 
 def _gain_step(rng):
@@ -73,13 +73,13 @@ def _softening(rng):
 
 def _structure(rng):
     kind = int(rng.integers(3))
-    told = (
+    hidden = (
         {"kind": "joint_stiffness", "bay": int(rng.integers(1, 5)), "face": str(rng.choice(["AB", "BC", "CD", "DA"])),
          "leg": "all", "end": "all", "factor": float(rng.uniform(0.05, 0.2))},
         {"kind": "scour", "leg": "all", "depth_m": float(rng.uniform(0.7, 3))},
         {"kind": "tp_mass", "mass_kg": float(rng.uniform(4e4, 1.2e5))},
     )[kind]
-    return {**told, **_step(rng)}, "unexplained", None
+    return {**hidden, **_step(rng)}, "unexplained", None
 
 
 KINDS = {"gain step": _gain_step, "gain constant, TP": _gain_constant, "clock": _clock, "rotation step": _rotation,
@@ -142,8 +142,8 @@ def table(path: Path) -> str:
         kinds.setdefault(row["id"].rsplit("-", 1)[0], []).append(row)
     lines = ["| hidden | n | outcome |", "|---|---|---|"]
     for kind, some in kinds.items():
-        told = [outcome(r) for r in some]
-        counts = ", ".join(f"{told.count(o)} {o}" for o in dict.fromkeys(told))
+        hidden = [outcome(r) for r in some]
+        counts = ", ".join(f"{hidden.count(o)} {o}" for o in dict.fromkeys(hidden))
         lines.append(f"| {kind} | {len(some)} | {counts} |")
     return "\n".join(lines)
 

@@ -153,7 +153,7 @@ def own_modes(full: AffineModel, file: TurbineFile, theta: np.ndarray, rng=None)
     """frequency_hz, damping_ratio (5,), shape (n_channel, 5) of the updated model; 1.3 % of damping and the air's."""
     solution = full.solve(theta, SEARCHED)
     shape = solution.shape[[full.channels.index(s.channel) for s in file.sensors]]
-    chosen = _told(mode_character(shape, file.sensors).labels)
+    chosen = _of_labels(mode_character(shape, file.sensors).labels)
     return solution.frequency_hz[chosen], np.full(len(chosen), 0.013), shape[:, chosen]
 
 
@@ -161,7 +161,7 @@ def turbine_modes(full: AffineModel, file: TurbineFile, theta: np.ndarray, rng: 
     """The same of the virtual turbine with these parameters, its tolerances drawn, as its sensors are mounted."""
     truth = _truth(full, file, theta, rng)
     modes = heading_modes(build_structure(file, truth, ()), truth.damping_ratio, 0.0)
-    chosen = _told(nacelle_labels(modes, file.sensors))
+    chosen = _of_labels(nacelle_labels(modes, file.sensors))
     return modes.frequency_hz[chosen], modes.damping_ratio["idling"][chosen], modes.observed_shape[:, chosen]
 
 
@@ -170,7 +170,7 @@ def _truth(full: AffineModel, file: TurbineFile, theta: np.ndarray, rng: np.rand
     return draw_truth(given, file, rng, N_MODE)
 
 
-def _told(labels: tuple[str, ...]) -> list[int]:
+def _of_labels(labels: tuple[str, ...]) -> list[int]:
     missing = [label for label in LABELS if label not in labels]
     if missing:
         raise InputError("structure", f"has no {missing[0]}", "draw another")

@@ -98,9 +98,9 @@ def place_of_truth(
         draws, log_likelihood, weight, k = _mixture(problem, pool, rng, top)
         effective = _effective(weight)
     if k > TRUSTED_K or effective < WANTED:
-        outline, _ = fit_surrogate(problem, top, rng)
+        approximation, _ = fit_surrogate(problem, top, rng)
         with tempfile.TemporaryDirectory() as folder:
-            chain = sample(problem, outline, folder, SamplerSettings(seed=seed, **CHAIN))
+            chain = sample(problem, approximation, folder, SamplerSettings(seed=seed, **CHAIN))
         by, effective, draws = "chain", float(np.min(chain.ess)), chain.draws
         log_likelihood = chain.log_posterior[chain.first :].ravel() - problem.parameters.log_density(draws)
         weight = np.ones(len(draws))
@@ -193,7 +193,7 @@ def printed_interval(problem: Problem) -> tuple[np.ndarray, np.ndarray]:
     return found, np.sqrt(np.diag(np.linalg.inv(precision)))
 
 
-def nine_sets(fast, full, measured, problem: Problem, top: Laplace) -> np.ndarray:
+def set_wise_scatter(fast, full, measured, problem: Problem, top: Laplace) -> np.ndarray:
     """Deviation (n_param,) of the maxima of every set's posterior (Table 7)."""
     clusters = [group.measured for group in problem.matching.groups]
     ends = [top.theta]

@@ -19,7 +19,7 @@ from pathlib import Path
 
 import numpy as np
 from chain import CARRIED, NOISES, PRIORS, RECORDED, STRUCTURES, Bench, make_bench, measure
-from posterior import Pool, gaussian_rank, make_pool, nine_sets, place_of_truth, printed_interval
+from posterior import Pool, gaussian_rank, make_pool, place_of_truth, printed_interval, set_wise_scatter
 
 from probupdate.errors import InputError, ProbupdateError
 from probupdate.updating.laplace import Laplace, maximum_a_posteriori
@@ -55,7 +55,7 @@ def replicate(bench: Bench, pool: Pool, case: str, number: int) -> dict:
                 line["stated_std"] = _stated_alone(full, measured, fast, top)
             line |= _deterministic(problem, top, theta)
         if nine:
-            scatter = nine_sets(fast, full, measured, problem, top)
+            scatter = set_wise_scatter(fast, full, measured, problem, top)
             line["rank_nine"] = gaussian_rank(theta, top.theta, scatter).tolist()
         place = place_of_truth(problem, pool, theta, rng, number, top)
         line |= {k: v.tolist() if isinstance(v, np.ndarray) else v for k, v in vars(place).items()}

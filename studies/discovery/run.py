@@ -26,7 +26,7 @@ from probupdate.structure.load import load_model, nacelle_angle_deg, reference_m
 from probupdate.virtual.modal_blocks import simulate_modes
 
 HALF_WAY_H = 360.0
-STEP = {"course": "step", "at_hour": HALF_WAY_H}
+STEP = {"time_profile": "step", "at_hour": HALF_WAY_H}
 JOINTS = {
     "one-joint": {"kind": "joint_stiffness", "bay": 2, "face": "BC", "leg": "C", "end": "top", "factor": 0.05, **STEP},
     "face": {"kind": "joint_stiffness", "bay": 2, "face": "BC", "leg": "all", "end": "all", "factor": 0.3, **STEP},
@@ -62,8 +62,8 @@ def with_shear(out: Path) -> dict:
 
 def pushes(updates: list[dict], truth: dict[str, float]) -> dict[str, list[float]]:
     """Parameter -> prior deviations from the prior's centre: most probable values of each update, and the truth."""
-    told = [{p["name"]: p["pushed"] for p in u["parameters"]} for u in updates]
-    return {p["name"]: [*(t[p["name"]] for t in told), (truth[p["name"]] - p["prior"]) / p["prior_std"]]
+    gains_of = [{p["name"]: p["pushed"] for p in u["parameters"]} for u in updates]
+    return {p["name"]: [*(t[p["name"]] for t in gains_of), (truth[p["name"]] - p["prior"]) / p["prior_std"]]
             for p in updates[0]["parameters"] if p["name"] in truth}
 
 
@@ -91,7 +91,7 @@ def draw_month(outcome: Outcome, path: Path) -> None:
     plt.close(figure)
 
 
-def draw_gain(causes: list[str], told: list[dict], pushed: dict[str, list[float]], path: Path) -> None:
+def draw_gain(causes: list[str], gains_of: list[dict], pushed: dict[str, list[float]], path: Path) -> None:
     """How far parameters were pushed, and how well the motion at a level is foretold without its sensors."""
     import matplotlib.pyplot as plt
 
@@ -108,9 +108,9 @@ def draw_gain(causes: list[str], told: list[dict], pushed: dict[str, list[float]
     left.axvline(0, color="0.4", lw=0.8)
     left.set_xlabel("pushed from the prior's centre, prior deviations")
     left.legend(fontsize=8)
-    levels = [s["level"] for s in told[0]["heldout_sensors"]]
-    steps = [[s["rms_error_before"] for s in told[0]["heldout_sensors"]],
-             *[[s["rms_error_after"] for s in g["heldout_sensors"]] for g in told]]
+    levels = [s["level"] for s in gains_of[0]["heldout_sensors"]]
+    steps = [[s["rms_error_before"] for s in gains_of[0]["heldout_sensors"]],
+             *[[s["rms_error_after"] for s in g["heldout_sensors"]] for g in gains_of]]
     words = ["plain update", *(f"+ {cause}" for cause in causes)]
     width = 0.8 / len(steps)
     for k, (values, word) in enumerate(zip(steps, words, strict=True)):
@@ -137,10 +137,10 @@ def main() -> None:
     outcome = examine(prepared, run.data, seed=a.seed)
     spent = time.process_time() - begun
     # what was taken in is followed to its gain even where something remains and the verdict is "unexplained"
-    told = list(gains(prepared, outcome))
+    gains_of = list(gains(prepared, outcome))
     more = extend(prepared, outcome, run.data, a.out / "diagnosis.json")
     found = outcome.diagnosis
-    findings = tuple(replace(f, gain=g) for f, g in zip(found.findings, told, strict=False))
+    findings = tuple(replace(f, gain=g) for f, g in zip(found.findings, gains_of, strict=False))
     found = replace(found, findings=findings, extended_model=more.model, extension=more.content)
     found.write(a.out / "diagnosis.json")
     updates = [more.content["before"], more.content["after"], with_shear(a.out)]
@@ -153,11 +153,12 @@ def main() -> None:
         "taken_in": [{"cause": n.effect.cause, "location": n.effect.location, "course": n.course.name,
                       "block": n.course.at, "size": n.size} for n in outcome.fitted.included],
         "found": {f"{cause}, {where}": (cause, where) in taken for cause, where in WORDS},
-        "gains": told, "extension": more.content, "with_shear": updates[2], "notes": list(found.notes), "truth": truth,
+        "gains": gains_of, "extension": more.content, "with_shear": updates[2], "notes": list(found.notes),
+             "truth": truth,
     }
     (a.out / "story.json").write_text(json.dumps(story, indent=1) + "\n")
     draw_month(outcome, a.out / "month.png")
-    draw_gain([cause for cause, _ in taken], told, pushes(updates, truth), a.out / "gain.png")
+    draw_gain([cause for cause, _ in taken], gains_of, pushes(updates, truth), a.out / "gain.png")
     print(found.summary)
 
 

@@ -35,7 +35,8 @@ PREPARED = "diagnose, once a turbine"
 # undisturbed half hours of a month, and what is hidden in the one of two that takes longer to diagnose
 SETS_A_MONTH = 698
 HIDDEN = [
-    {"kind": "joint_stiffness", "face": "BC", "bay": 2, "leg": "all", "end": "all", "factor": 0.3, "course": "step",
+    {"kind": "joint_stiffness", "face": "BC", "bay": 2, "leg": "all", "end": "all", "factor": 0.3,
+     "time_profile": "step",
      "at_hour": 360.0},
     {"kind": "sensor_gain", "channel": "T66-x", "factor": 0.85},
 ]
@@ -237,8 +238,8 @@ def main() -> None:
         write_farm(data, a.days, a.turbines)
     if a.throughput:
         rows = throughput(description, a.out / "farm", a.workers, a.turbines)
-        told = {"cores": os.cpu_count(), "days": a.days, "rows": rows}
-        (a.out / "throughput.json").write_text(json.dumps(told, indent=1), encoding="utf-8")
+        content = {"cores": os.cpu_count(), "days": a.days, "rows": rows}
+        (a.out / "throughput.json").write_text(json.dumps(content, indent=1), encoding="utf-8")
         return
     measured: dict = {"cores": os.cpu_count(), "load": os.getloadavg()[0], "days": a.days, "turbines": a.turbines}
     for name, toml in (("short", description), ("long", data / "long.toml")):

@@ -1,7 +1,7 @@
 """The IASC-ASCE phase I benchmark: which braces the diagnosis names, case by case, seed by seed.
 
 python studies/iasc_asce/run.py OUT [--first 1] [--seeds 20] [--quick]     goes on where it was stopped; OUT/cases.jsonl
-python studies/iasc_asce/run.py OUT --tables                   the tables of README.md from what is there
+python studies/iasc_asce/run.py OUT --tables                   the tables of RESULTS.md from what is there
 python studies/iasc_asce/run.py OUT --loss                     a pair of braces that loses ever more
 """
 

@@ -75,9 +75,9 @@ def with_harmonics_removed(campaign: Campaign, identification: Identification, r
         covariance = output_covariances(removal.record, 2 * BLOCK_ROWS - 1)
         stack = rules.stacked(poles(factorise(covariance, BLOCK_ROWS, max(ORDERS), RATE_HZ), ORDERS))
         here = turned(reference, campaign.sensors, fore_aft_deg(conditions, campaign))
-        like = rules.likeness(stack, here)
+        like = rules.comparison(stack, here)
         judged.append(tracking.JudgedPoles(
-            id=block.id, poles=stack, likeness=like, reference=here, bands=rules.rotor_bands(conditions, settings),
+            id=block.id, poles=stack, comparison=like, reference=here, bands=rules.rotor_bands(conditions, settings),
             verdict=rules.block_criteria(stack, like, here, settings)))
     found = {}
     for one, choice in zip(judged, tracking.track(judged, settings).choices, strict=True):

@@ -44,14 +44,14 @@ def page(folder: Path) -> str:
         (c, h): y for c, h, y in zip(index["case"], index["hot_spot"], index["first_year_below_target"], strict=True)
     }
     cases = list(dict.fromkeys(life["case"]))
-    told = manifest["fatigue"]
+    summary = manifest["fatigue"]
     lines = [
-        f"Export: {manifest['verdict']}; {manifest['draws']} draws; basis within {100 * told['basis_error']:.2g} % of "
-        f"the full model's ranges; FORM and Monte Carlo within {told['form_minus_monte_carlo']:.3f} (standard error "
-        f"{told['monte_carlo_standard_error']:.3f}).",
+        f"Export: {manifest['verdict']}; {manifest['draws']} draws; basis within {100 * summary['basis_error']:.2g} % "
+        f"of the full model's ranges; FORM and Monte Carlo within {summary['form_minus_monte_carlo']:.3f} (standard "
+        f"error {summary['monte_carlo_standard_error']:.3f}).",
         "",
         "| hot spot | case | remaining life, years: 5 % | median | 95 % | "
-        f"first year with an annual index below {told['target_annual_index']:g} |",
+        f"first year with an annual index below {summary['target_annual_index']:g} |",
         "|---|---|---|---|---|---|",
     ]
     for spot in worst:

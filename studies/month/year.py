@@ -61,13 +61,13 @@ class StandIn(BlockStore):
     def read(self, start):
         return replace(super().read(self._real_of[start]), id=f"{start:%Y-%m-%dT%H:%MZ}", start=start)
 
-    def fill_deviations(self, wanted, **_):
+    def fill_factors(self, wanted, **_):
         self._wanted |= wanted
         return 0
 
-    def read_deviations(self, start):
+    def read_factors(self, start):
         """Of the real block, under the keys that are asked for: a path over a year may choose another order's pole."""
-        real, wanted = super().read_deviations(self._real_of[start]), tuple(self._wanted[start])
+        real, wanted = super().read_factors(self._real_of[start]), tuple(self._wanted[start])
         rows = [k % len(real.key) for k in range(len(wanted))]
         return replace(real, key=wanted, ln_frequency=real.ln_frequency[rows], damping_ratio=real.damping_ratio[rows],
                        shape=real.shape[:, rows])

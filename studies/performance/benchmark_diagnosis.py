@@ -21,7 +21,8 @@ from probupdate.virtual.modal_blocks import simulate_modes
 STATES = ("idling", "below rated", "rated")
 PER_DAY = 22  # undisturbed half hours
 HIDDEN = [
-    {"kind": "joint_stiffness", "face": "BC", "bay": 2, "leg": "all", "end": "all", "factor": 0.3, "course": "step",
+    {"kind": "joint_stiffness", "face": "BC", "bay": 2, "leg": "all", "end": "all", "factor": 0.3,
+     "time_profile": "step",
      "at_hour": 360.0},
     {"kind": "sensor_gain", "channel": "T66-x", "factor": 0.85},
 ]

@@ -62,7 +62,7 @@ def plain_poles(covariance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return abs(pole) / (2 * np.pi), -pole.real / abs(pole)
 
 
-def plain_deviations(data: np.ndarray) -> np.ndarray:
+def plain_std(data: np.ndarray) -> np.ndarray:
     """Standard deviations of f by identifying anew for every part of the record, its covariances added in small."""
     covariance, length, step = plain_covariances(data), len(data) // PARTS, 1e-4
     f, _ = plain_poles(covariance)
@@ -90,15 +90,15 @@ def main() -> None:
     def ours(**options):
         return identify_record(data, RATE, order=ORDER, block_rows=BLOCK_ROWS, **options)
 
-    def with_deviations(**options):
+    def with_std(**options):
         record = ours(sub_records=PARTS, **options)
-        return record.deviations(np.arange(len(record.poles.frequency_hz)))
+        return record.factors(np.arange(len(record.poles.frequency_hz)))
 
-    with_deviations()
+    with_std()
     rows = [("without deviations", seconds(ours, 15), seconds(lambda: plain_poles(plain_covariances(data)), 3), False),
-            ("with deviations of all poles", seconds(with_deviations, 9), seconds(lambda: plain_deviations(data), 1),
+            ("with deviations of all poles", seconds(with_std, 9), seconds(lambda: plain_std(data), 1),
              True)]
-    rows_projected = [seconds(lambda: ours(references=6), 15), seconds(lambda: with_deviations(references=6), 9)]
+    rows_projected = [seconds(lambda: ours(references=6), 15), seconds(lambda: with_std(references=6), 9)]
     megabytes = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
     try:
         from pyoma2.functions import ssi

@@ -58,7 +58,7 @@ def main() -> int:
     prepared = approach(problem, laplace, a.seed)
     say(f"preparation (maximum, outline, reduced basis, surfaces): {time.process_time() - begun:.1f} s of processor")
     surfaces = "no surfaces" if prepared.emulator is None else f"surfaces' error in ln p {prepared.emulator.error:.2f}"
-    say(f"outline's share {prepared.notes['outline']:.2f}, {surfaces}")
+    say(f"share of the Gaussian approximation {prepared.notes['approximation']:.2f}, {surfaces}")
     rates = {}
     # surfaces are made only where the outline serves badly
     with_surfaces = [] if prepared.emulator is None else [("all moves", prepared.emulator)]

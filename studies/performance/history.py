@@ -58,7 +58,7 @@ def page(rows: list[dict[str, str]]) -> str:
     lines = ["# Benchmarks over time", "",
              "Each ratio compares two ways within one run; more is faster. Written by",
              "`python studies/performance/history.py` from `history.csv`; what the benchmarks do, and seconds, stand",
-             "in [studies/performance](../studies/performance/README.md). The first five commits were measured on",
+             "in [studies/performance](../studies/performance/RESULTS.md). The first five commits were measured on",
              "2026-11-23, each by its own script, but `3be15b6`, whose ratios are that page's. No ratio is measured at",
              "every commit.", "",
              *(f"- {name}: {what}." for name, (what, _) in RATIOS.items()), "",

@@ -51,7 +51,7 @@ class Unknown:
     scale: float
 
 
-# starts: where earlier rounds with other bounds ended, see README.md; the first began at a three-bay stand-in
+# starts: where earlier rounds with other bounds ended, see RESULTS.md; the first began at a three-bay stand-in
 UNKNOWNS = {
     "bottom_spacing": Unknown(20.0, 20.0, 23.0, 1.0),
     "top_spacing": Unknown(7.0, 7.0, 10.0, 1.0),

@@ -4,9 +4,9 @@ them for known weaknesses says.
     pip download --no-deps --require-hashes -r requirements.lock -d WHEELS
     python studies/supply_chain/licences.py WHEELS [pip-audit]
 
-Writes PACKAGES.md beside this file. A wheel's date is that of its newest member; where its builder writes the same date
-into all, none is stated. `pip-audit`: the path of that program; without it, or where it reaches no data base, the table
-says so.
+Writes WHEELS/RESULTS.md, of which the one beside this file is a copy. A wheel's date is that of its newest member;
+where its builder writes the same date into all, none is stated. `pip-audit`: the path of that program; without it, or
+where it reaches no data base, the table says so.
 """
 
 from __future__ import annotations
@@ -75,9 +75,9 @@ def audit(program: str, packages: dict[str, list[str]]) -> dict[str, str]:
         except (ValueError, KeyError):
             return {}
         for row in rows:
-            told = f"not audited: {row['skip_reason']}" if "skip_reason" in row else (
+            notes = f"not audited: {row['skip_reason']}" if "skip_reason" in row else (
                 ", ".join(v["id"] for v in row["vulns"]) or "nothing known")
-            said.setdefault(row["name"], []).append(told)
+            said.setdefault(row["name"], []).append(notes)
     skipped = all("not audited" in text for texts in said.values() for text in texts)
     return {} if skipped else {name: "; ".join(dict.fromkeys(texts)) for name, texts in said.items()}
 
@@ -98,7 +98,7 @@ def main() -> None:
         days = ", ".join(dated.get((re.sub("[-_.]+", "-", name).lower(), version), "-") for version in versions)
         lines.append(f"| {name} | {', '.join(versions)} | {days} | {installed} | {text} | "
                      f"{found.get(name, 'not reachable')} |")
-    (HERE / "PACKAGES.md").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    (Path(sys.argv[1]) / "RESULTS.md").write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -97,7 +97,7 @@ def by_chain(problem, top, theta, number, folder):
 
 
 def by_weights(problem, top, theta, rng):
-    proposal = Proposal(outline=from_laplace(top, problem.parameters))
+    proposal = Proposal(approximation=from_laplace(top, problem.parameters))
     draws = proposal.draw(400, rng)
     value, _ = problem.log_posterior(draws)
     weight = value - proposal.log_density(draws)

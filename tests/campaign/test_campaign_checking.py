@@ -129,10 +129,10 @@ def test_missing_scada_columns_say_what_cannot_be_done(campaign_folder, head):
 
 
 def test_progress_is_told(campaign_folder, head):
-    told = []
+    reports = []
     campaign = read_campaign(campaign_folder([(0, noise())], head=four_channels(head)))
-    check(campaign, progress=lambda *a: told.append(a))
-    assert told[-1] == ("checking blocks", 2, 2)
+    check(campaign, progress=lambda *a: reports.append(a))
+    assert reports[-1] == ("checking blocks", 2, 2)
 
 
 def test_records_shorter_than_a_block_are_the_blocks_fault_not_the_sensors(campaign_folder, head):

@@ -100,12 +100,12 @@ def test_a_turned_sign_and_a_logger_half_way_are_one_finding_each():
     assert "look at their logger" in one.message
 
 
-def test_two_channels_are_rivals_of_one_another():
+def test_two_channels_are_alternatives_of_one_another():
     sensors, data, _ = oblique(7301, n_channel=2)
     data = data[:, :1] * [1.0, 0.7] + 0.02 * np.random.default_rng(1).standard_normal(data.shape)
     data[12000:, 1] *= 1.2
     (one,), _ = steps_of(sensors, data)
-    assert {one.channel, *one.rivals} == {"c0", "c1"} and "by the inverse instead" in one.message
+    assert {one.channel, *one.alternatives} == {"c0", "c1"} and "by the inverse instead" in one.message
 
 
 @pytest.fixture(scope="module")
@@ -306,7 +306,7 @@ def test_setups_of_sound_references_are_silent(tmp_path):
 def test_a_reference_wrong_in_some_setups_is_found_and_measured(tmp_path, seed, setups, channel, gain):
     result = probupdate.check_setups(roving(tmp_path, seed, lambda k: {channel: gain} if k in setups else {}))
     (one,) = result.findings
-    assert channel in (one.channel, *one.rivals) and one.since == ", ".join(f"s{k}" for k in setups)
+    assert channel in (one.channel, *one.alternatives) and one.since == ", ".join(f"s{k}" for k in setups)
     assert one.size == pytest.approx(gain if one.channel == channel else 1 / gain, abs=4 * one.std)
     assert one.std < 0.1 * abs(one.size) and "campaign.toml" in one.message
 
@@ -328,7 +328,7 @@ def test_the_measured_frame_s_references_read_minus_two_times(tmp_path):
     one setup's reference multiplied by -0.5 besides."""
     paths = sorted(FRAME.glob("s[01]?"))
     (one,) = probupdate.check_setups(paths).findings
-    assert one.name == "reference" and one.channel == "ref-x, ref-y" and one.rivals == ()
+    assert one.name == "reference" and one.channel == "ref-x, ref-y" and one.alternatives == ()
     assert one.size == pytest.approx(-2.00, abs=0.02) and one.std < 0.05
     shutil.copytree(paths[6], tmp_path / "s07", copy_function=shutil.copyfile)
     (tmp_path / "s07" / "acceleration").chmod(0o755)

@@ -151,7 +151,7 @@ def records(folder: Path, n=400, rate=5.0):
 CAMPAIGN = 'name = "June"\nsampling_rate_hz = {rate}\nblock_minutes = 1\n'
 
 
-def campaign(folder: Path, chosen, rate=5.0, told='time = "abscissa"\ntime_unit = "s"\n'):
+def campaign(folder: Path, chosen, rate=5.0, described='time = "abscissa"\ntime_unit = "s"\n'):
     text = CAMPAIGN.format(rate=rate)
     for s in chosen:
         text += (
@@ -161,7 +161,7 @@ def campaign(folder: Path, chosen, rate=5.0, told='time = "abscissa"\ntime_unit 
     folder.mkdir()
     (folder / "campaign.toml").write_text(text)
     (folder / "convert.toml").write_text(
-        f'files = "*.uff"\n{told}zone = "UTC"\nstart_format = "%Y%m%d_%H%M%S"\n'
+        f'files = "*.uff"\n{described}zone = "UTC"\nstart_format = "%Y%m%d_%H%M%S"\n'
         "start_pattern = '(\\d{8}_\\d{6})'\n"
     )
     return folder
@@ -186,7 +186,7 @@ def test_the_rate_is_the_files_own(tmp_path):
     with pytest.raises(InputError, match="5 Hz"):
         convert(tmp_path / "raw", campaign(tmp_path / "campaign", chosen, rate=6.0))
     with pytest.raises(InputError, match='write time = "abscissa"'):
-        convert(tmp_path / "raw", campaign(tmp_path / "other", chosen, told=""))
+        convert(tmp_path / "raw", campaign(tmp_path / "other", chosen, described=""))
 
 
 def test_what_the_format_cannot_hold_is_refused(tmp_path):

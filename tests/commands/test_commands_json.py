@@ -49,8 +49,8 @@ def test_every_steps_result_has_a_table_and_a_summary():
     seen = set()
     for step in [*probupdate._STEPS, "demo", "farm"]:
         function = inspect.unwrap(getattr(probupdate, step))
-        told = inspect.signature(function).return_annotation
-        for name in str(told).split(" | "):
+        answer = inspect.signature(function).return_annotation
+        for name in str(answer).split(" | "):
             if name == "Model":
                 continue
             found = class_of(name, function.__module__)
@@ -77,8 +77,8 @@ def spoken(capsys, *words) -> dict:
 def test_steps_of_a_small_job_say_one_object(tmp_path, capsys):
     paths = write_building(tmp_path)
     problem = ["--model", paths["model"], "--modes", paths["modes"]]
-    told = spoken(capsys, "modes", paths["model"], "--count", "3")
-    assert len(told["frequency_hz"]) == 3 and told["table"]["columns"][2] == {"name": "frequency_hz", "unit": "Hz"}
+    answer = spoken(capsys, "modes", paths["model"], "--count", "3")
+    assert len(answer["frequency_hz"]) == 3 and answer["table"]["columns"][2] == {"name": "frequency_hz", "unit": "Hz"}
     update = spoken(capsys, "update", *problem, "--out", tmp_path / "update.json")
     assert update["files"] == [str(tmp_path / "update.json")]
     assert [c["name"] for c in update["table"]["columns"]][:3] == ["name", "unit", "initial"]

@@ -229,10 +229,10 @@ def test_a_month_that_fails_is_one_line_and_the_others_go_on(copied, capsys):
     content = record.read_bytes()
     record.write_bytes(content[: len(content) // 2])
     assert main(["farm", str(description), "--out", str(out)]) == 1
-    told = capsys.readouterr()
-    assert "A, 2024-06: failed at identify: " in told.out and "all.h5" in told.out
+    answer = capsys.readouterr()
+    assert "A, 2024-06: failed at identify: " in answer.out and "all.h5" in answer.out
     # on a slow machine a line of progress stands before it
-    assert "1 of 4 turbine-months failed" in told.err.splitlines()[-1] and told.err.count("probupdate farm:") == 1
+    assert "1 of 4 turbine-months failed" in answer.err.splitlines()[-1] and answer.err.count("probupdate farm:") == 1
     rows = table(out)
     assert [row["state"] for row in rows.values()] == ["done", "failed", "done", "done"]
     assert rows["A", "2024-06"]["failed_step"] == "identify"
@@ -323,6 +323,16 @@ def test_mistakes_of_the_description_are_named(described, tmp_path, old, new, sa
     with pytest.raises(InputError) as error:
         read_farm(path)
     assert said in str(error.value) and "wrong.toml" in str(error.value)
+
+
+def test_the_former_name_of_a_key_is_read(described):
+    description = described.with_name("former.toml")
+    former = described.read_text().replace("[select]", '[select]\ndeviations = "identification"')
+    description.write_text(former)
+    assert read_farm(description).options.select.std_from == "identification"
+    description.write_text(former.replace('"identification"', '"both"'))
+    with pytest.raises(InputError, match="std_from"):
+        read_farm(description)
 
 
 def test_two_shards_that_begin_in_the_same_moment_take_one_folder(described, tmp_path, monkeypatch):

@@ -194,8 +194,8 @@ def test_shapes_lie_along_the_real_axis_with_largest_part_one():
 
 
 def test_progress_is_told(jacket, reference, write_campaign):
-    told = []
+    reports = []
     campaign = read_campaign(write_campaign([jacket.record(9000, seed=0)]))
-    identify(campaign, reference, progress=lambda *a: told.append(a))
-    assert told[:2] == [("identifying blocks", 0, 1), ("identifying blocks", 1, 1)]
-    assert ("classifying modes", 1, 1) in told and told[-1] == ("standard deviations of modes", 1, 1)
+    identify(campaign, reference, progress=lambda *a: reports.append(a))
+    assert reports[:2] == [("identifying blocks", 0, 1), ("identifying blocks", 1, 1)]
+    assert ("classifying modes", 1, 1) in reports and reports[-1] == ("standard deviations of modes", 1, 1)

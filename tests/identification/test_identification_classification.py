@@ -23,9 +23,9 @@ def poles(frequency, damping, shape, order=20) -> PoleStack:
 
 
 def judged(found: PoleStack, reference, bands=NO_BANDS, centre=None, stability=None, settings=SETTINGS):
-    like = rules.likeness(found, reference, None if stability is None else np.array(stability))
+    like = rules.comparison(found, reference, None if stability is None else np.array(stability))
     verdict = rules.block_criteria(found, like, reference, settings)
-    block = JudgedPoles(id="0", poles=found, likeness=like, verdict=verdict, bands=bands, reference=reference)
+    block = JudgedPoles(id="0", poles=found, comparison=like, verdict=verdict, bands=bands, reference=reference)
     return choose(block, reference.frequency_hz if centre is None else np.array(centre), settings), like
 
 
@@ -144,7 +144,7 @@ def test_paper_s_complexity_criterion_asks_near_the_p_frequencies_only(jacket, r
     turning = s[:, 0] + 0.6j * s[:, 1]  # a load that rotates
     found = poles([0.45, 0.32], [0.005, 0.01], np.column_stack([turning, turning]))
     bands = rules.rotor_bands({"rotor_speed_rpm_min": 8.8, "rotor_speed_rpm_max": 9.2}, SETTINGS)
-    like = rules.likeness(found, reference, np.ones(2))
+    like = rules.comparison(found, reference, np.ones(2))
     paper = rules.paper_criteria(found, like, bands, replace(SETTINGS, mac=0.6))
     assert list(paper) == ["complexity", "kept"]
     paper = rules.paper_criteria(found, like, NO_BANDS, replace(SETTINGS, mac=0.6))

@@ -9,7 +9,7 @@ import probupdate
 from probupdate import verbs
 from probupdate.campaign.reading import read_campaign
 from probupdate.errors import InputError
-from probupdate.identification.counterparts import likenesses, paired
+from probupdate.identification.counterparts import model_comparison, paired
 from probupdate.identification.identify import SSISettings, identify
 from probupdate.identification.reference import ReferenceModes
 from probupdate.modal.modes import ModalData, ModalSet, ModelMode, ModeRecord, mac, read_modes, write_modes
@@ -34,14 +34,14 @@ def test_names_stand_with_a_torsion_of_mac_two_thirds_and_modes_of_members_about
     own = 0.05 * np.column_stack([shape[:, 3], shape[:, 4]])
     model = ReferenceModes(labels=(*reference.labels, "FA3", "SS3"), shape=np.column_stack([shape, own]),
                            frequency_hz=[0.30, 0.31, 1.2, 1.45, 1.5, 1.9, 2.0], pairs=((0, 1), (3, 4)))
-    like = likenesses(sets, ((0, 1), (3, 4)), [model] * 8)
+    like = model_comparison(sets, ((0, 1), (3, 4)), [model] * 8)
     assert 0.6 < like.plane[2, 2] < 0.7
     partner, probability = paired(like, model)
     assert partner == {j: j for j in range(5)}
     assert probability[2, 2] > 0.9 and np.all(probability.sum(axis=1) <= 1)
     # what resembles nothing of the model is none of its modes
     other = replace(model, shape=np.roll(model.shape, 5, axis=0))
-    partner, probability = paired(likenesses(sets, (), [other] * 8), other)
+    partner, probability = paired(model_comparison(sets, (), [other] * 8), other)
     assert probability.sum(axis=1).min() < 0.1
 
 

@@ -140,12 +140,12 @@ def test_two_hosts_shards_on_one_folder_killed_and_resumed(hour, rough, undistur
     # whichever shard came last may have found all blocks there, and begun with standard deviations
     settings = SSISettings(**SETTINGS)
     again = [identify_shard(read_campaign(hour), Shard(k, 2), settings=settings, store=store) for k in (1, 2)]
-    assert all(one.identified == 0 and one.left == 0 for one in again) and again[1].left_deviations == 0
+    assert all(one.identified == 0 and one.left == 0 for one in again) and again[1].left_std == 0
     there = stored(out)
     assert {name for name in there if name.endswith(".poles.npz")} == {name for name in poles if "poles" in name}
-    told = []
-    run(hour, rough, out, progress=lambda *a: told.append(a))
-    assert told[0] == ("identifying blocks", N_BLOCK, N_BLOCK)
+    reports = []
+    run(hour, rough, out, progress=lambda *a: reports.append(a))
+    assert reports[0] == ("identifying blocks", N_BLOCK, N_BLOCK)
     assert same_results(out, undisturbed)
     final = stored(out)
     # a later round chooses another pole in some blocks; the shards did all others

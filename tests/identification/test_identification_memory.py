@@ -31,7 +31,7 @@ def test_fewer_references_give_the_same_modes():
         k, j = (int(np.argmin(np.abs(x.poles.frequency_hz - f))) for x in (whole, few))
         assert few.poles.frequency_hz[j] == pytest.approx(whole.poles.frequency_hz[k], rel=3e-3)
         assert max(mac(few.poles.shape[:, [j]], shape)[0]) > 0.999
-        std = [np.linalg.norm(x.deviations(np.array([i])).ln_frequency) for x, i in ((whole, k), (few, j))]
+        std = [np.linalg.norm(x.factors(np.array([i])).ln_frequency) for x, i in ((whole, k), (few, j))]
         assert std[1] == pytest.approx(std[0], rel=0.35)
 
 

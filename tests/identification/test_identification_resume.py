@@ -136,8 +136,8 @@ def test_a_killed_run_goes_on_with_nothing_lost_and_nothing_done_twice(hour, rou
             break
     left = stored(out)
     assert len(left) >= moment, "the run ended before it was killed"
-    told = []
-    run(hour, rough, out, progress=lambda *a: told.append(a))
+    reports = []
+    run(hour, rough, out, progress=lambda *a: reports.append(a))
     assert same_results(out, undisturbed)
     again = stored(out)
     for name, there in left.items():
@@ -145,8 +145,8 @@ def test_a_killed_run_goes_on_with_nothing_lost_and_nothing_done_twice(hour, rou
         grown = name.endswith(".deviations.npz") and poles_of(there[1]) < poles_of(again[name][1])
         assert grown or again[name] == there, f"{name} was finished and written again"
     n_poles = sum(name.endswith(".poles.npz") for name in left)
-    assert told[0] == ("identifying blocks", n_poles, N_BLOCK)
-    assert len(told) - 1 >= N_BLOCK - n_poles and not list(store.glob("*.part"))
+    assert reports[0] == ("identifying blocks", n_poles, N_BLOCK)
+    assert len(reports) - 1 >= N_BLOCK - n_poles and not list(store.glob("*.part"))
 
 
 @pytest.mark.long
@@ -177,13 +177,13 @@ def test_another_classifier_takes_the_stored_poles(hour, rough, undisturbed, tmp
     out = tmp_path / "modes.json"
     run(hour, rough, out)
     before = stored(out)
-    campaign, told = read_campaign(hour), []
+    campaign, reports = read_campaign(hour), []
     classifier = replace(SSISettings().classifier, plane_mac=0.97)
     strict = identify(campaign, replace(rough, frequency_hz=rough.frequency_hz * 0.95), store=f"{out}.blocks",
-                      settings=SSISettings(**SETTINGS, classifier=classifier), progress=lambda *a: told.append(a))
+                      settings=SSISettings(**SETTINGS, classifier=classifier), progress=lambda *a: reports.append(a))
     after = stored(out)
     poles = [name for name in before if name.endswith(".poles.npz")]
-    assert all(after[name] == before[name] for name in poles) and told[0] == ("identifying blocks", N_BLOCK, N_BLOCK)
+    assert all(after[name] == before[name] for name in poles) and reports[0] == ("identifying blocks", N_BLOCK, N_BLOCK)
     anew = identify(campaign, replace(rough, frequency_hz=rough.frequency_hz * 0.95),
                     settings=SSISettings(**SETTINGS, classifier=classifier))
     for a, b in zip(strict.data.sets, anew.data.sets, strict=True):

@@ -204,7 +204,7 @@ def test_criteria_that_make_no_sense_are_refused(tmp_path, text, problem):
 
 def test_own_deviation_and_campaign_scatter_are_told_apart(jacket):
     sets = [replace(one_set(k, jacket.shape), frequency_std_hz=0.001 * TRUE_HZ) for k in range(20)]
-    campaign, own = select(data(sets)), select(data(sets), deviations="identification")
+    campaign, own = select(data(sets)), select(data(sets), std_from="identification")
     assert own.data.sets[0].frequency_std_hz == pytest.approx(0.001 * TRUE_HZ)
     assert np.isnan(own.data.sets[0].shape_std).all()
     # the frequencies scatter by 0.4 %, known to 16 % from twenty
@@ -215,8 +215,8 @@ def test_own_deviation_and_campaign_scatter_are_told_apart(jacket):
     assert "what identification states of its half hour" in own.summary
     row = campaign.scatter[(campaign.scatter["mode"] == "FA2") & (campaign.scatter["state"] == "idling")].iloc[0]
     assert row["own_cov"] == pytest.approx(0.001, rel=0.02) and row["n"] == 20 and row["paper_cov"] == 0.017
-    with pytest.raises(InputError, match="'both' is unknown"):
-        select(data(sets), deviations="both")
+    with pytest.raises(InputError, match="'both' is no source of standard deviations"):
+        select(data(sets), std_from="both")
 
 
 def test_shapes_scatter_by_what_was_added_however_pairs_turn(jacket, pairs_turned):

@@ -38,9 +38,9 @@ def block(k, jacket, reference, *, factor=1.0, absent=(), orders=ORDERS, strays=
         add(int(rng.choice(orders)), f, rng.uniform(0.01, 0.08), jacket.shape[:, j])
     stack = PoleStack(order=np.array(order), frequency_hz=np.array(frequency), damping_ratio=np.array(damping),
                       shape=np.column_stack(shape))
-    like = rules.likeness(stack, reference)
+    like = rules.comparison(stack, reference)
     return tracking.JudgedPoles(
-        id=str(k), poles=stack, likeness=like, bands=bands, reference=reference,
+        id=str(k), poles=stack, comparison=like, bands=bands, reference=reference,
         verdict=rules.block_criteria(stack, like, reference, SETTINGS),
     ), own
 
@@ -133,8 +133,8 @@ def test_a_weak_mode_at_few_orders_is_found_there(jacket, reference):
         rows = ~torsion | np.isin(poles.order, kept)
         stack = PoleStack(order=poles.order[rows], frequency_hz=poles.frequency_hz[rows],
                           damping_ratio=poles.damping_ratio[rows], shape=poles.shape[:, rows])
-        like = rules.likeness(stack, reference)
-        judged = replace(full, poles=stack, likeness=like,
+        like = rules.comparison(stack, reference)
+        judged = replace(full, poles=stack, comparison=like,
                          verdict=rules.block_criteria(stack, like, reference, SETTINGS))
         choice = tracking.track([judged], SETTINGS).choices[0]
         assert (choice.pole[2] >= 0) == expected
@@ -159,7 +159,7 @@ def test_uncertain_poles_are_out_where_deviations_are_known(jacket, reference):
     judged, own = block(0, jacket, reference, strays=0)
     std = np.full(len(judged.poles.order), np.nan)
     std[np.abs(judged.poles.frequency_hz / own[2] - 1) < 0.01] = 0.2
-    verdict = rules.block_criteria(judged.poles, judged.likeness, reference, SETTINGS, ln_frequency_std=std)
+    verdict = rules.block_criteria(judged.poles, judged.comparison, reference, SETTINGS, ln_frequency_std=std)
     assert (verdict == rules.UNCERTAIN).sum() == len(ORDERS) and (verdict == rules.KEPT).sum() == 4 * len(ORDERS)
     choice = tracking.track([replace(judged, verdict=verdict)], SETTINGS).choices[0]
     assert choice.pole[2] == -1 and (choice.pole[[0, 1, 3, 4]] >= 0).all()

@@ -15,8 +15,8 @@ from probupdate.identification.ssi import (
     reference_projection,
 )
 from probupdate.identification.uncertainty import (
-    observability_deviation,
-    scaled_deviation,
+    observability_change,
+    scaled_change,
     sub_record_covariances,
     toeplitz_products,
 )
@@ -43,7 +43,7 @@ def test_deviations_are_finite_differences_of_the_identification(data, reference
     covariance, columns = sub_record_covariances(data, 59, 30, projection)
     step = 1e-4
     for here in record.by_order[4::4]:
-        found = record.deviations(np.arange(len(here.frequency_hz)), here.order)
+        found = record.factors(np.arange(len(here.frequency_hz)), here.order)
         for j in (0, 17):
             after, before = (poles(factorise(covariance + h * columns[j], BLOCK_ROWS, 28, RATE), (here.order,))[0]
                              for h in (step, -step))
@@ -67,13 +67,13 @@ def test_deviations_of_asked_orders_are_those_among_all_orders(data, validation)
         (other,) = (p for p in everything.by_order if p.order == one.order)
         assert one.frequency_hz == pytest.approx(other.frequency_hz, rel=1e-9)
         index = np.arange(len(one.frequency_hz))
-        a, b = asked.deviations(index, one.order), everything.deviations(index, one.order)
+        a, b = asked.factors(index, one.order), everything.factors(index, one.order)
         for name in ("ln_frequency", "damping_ratio", "shape"):
             std, other_std = (np.linalg.norm(getattr(d, name), axis=-1) for d in (a, b))
             row.error((std - other_std) / np.maximum(other_std, 1e-3), below=1e-6)
 
 
-def peer_deviations(ssi, toeplitz, deviation, block_rows, order):
+def peer_factors(ssi, toeplitz, deviation, block_rows, order):
     """(f, zeta, std f, std zeta) of its poles at `order`, ascending in f, from that matrix and those columns."""
     with np.errstate():
         obs, state, output, _ = ssi.SSI_fast(toeplitz, block_rows, order, step=1)
@@ -92,7 +92,7 @@ def test_pyoma2_gives_the_same_deviations(jacket):
     data = jacket.record(9000, seed=4)[:, [0, 1, 4, 12, 13]]
     block_rows, order = 12, 10
     record = identify_record(data, RATE, order=order, block_rows=block_rows, sub_records=30)
-    found = record.deviations(np.arange(len(record.poles.frequency_hz)))
+    found = record.factors(np.arange(len(record.poles.frequency_hz)))
     std_f = record.poles.frequency_hz * np.linalg.norm(found.ln_frequency, axis=1)
     std_zeta = np.linalg.norm(found.damping_ratio, axis=1)
 
@@ -100,11 +100,11 @@ def test_pyoma2_gives_the_same_deviations(jacket):
     toeplitz = block_toeplitz(covariance, block_rows)
     columns = np.column_stack([block_toeplitz(one, block_rows).ravel(order="F") for one in moved])
     for ours, theirs in zip((record.poles.frequency_hz, record.poles.damping_ratio, std_f, std_zeta),
-                            peer_deviations(ssi, toeplitz, columns, block_rows, order), strict=True):
+                            peer_factors(ssi, toeplitz, columns, block_rows, order), strict=True):
         assert ours == pytest.approx(theirs, rel=1e-8)
 
     hankel, columns = ssi.build_hank(data.T, data.T, block_rows, "cov", calc_unc=True, nb=30)
-    f, zeta, f_std, zeta_std = peer_deviations(ssi, hankel, columns, block_rows, order)
+    f, zeta, f_std, zeta_std = peer_factors(ssi, hankel, columns, block_rows, order)
     for target in jacket.frequency_hz[2:]:
         ours, theirs = np.argmin(abs(record.poles.frequency_hz - target)), np.argmin(abs(f - target))
         assert abs(record.poles.frequency_hz[ours] - f[theirs]) < std_f[ours] / 3
@@ -149,11 +149,11 @@ def test_products_with_the_toeplitz_matrix_are_those_of_the_matrix(m, r, block_r
 def test_the_scaling_of_shapes_is_differentiated():
     rng = np.random.default_rng(3)
     shape, moved = (rng.standard_normal(size) + 1j * rng.standard_normal(size) for size in ((7, 4), (7, 4)))
-    found = scaled_deviation(shape, moved[:, :, None])[:, :, 0]
+    found = scaled_change(shape, moved[:, :, None])[:, :, 0]
     h = 1e-5
     expected = (unit_largest(shape + h * moved) - unit_largest(shape - h * moved)) / (2 * h)
     assert found == pytest.approx(expected, abs=1e-7 * abs(expected).max())
-    assert abs(scaled_deviation(shape, (shape * (0.3 - 2j))[:, :, None])).max() < 1e-12
+    assert abs(scaled_change(shape, (shape * (0.3 - 2j))[:, :, None])).max() < 1e-12
 
 
 def test_more_parts_give_the_same_deviations_within_their_own_scatter(data):
@@ -162,7 +162,7 @@ def test_more_parts_give_the_same_deviations_within_their_own_scatter(data):
     size = []
     for parts in (20, 60):
         record = identify_record(data, RATE, order=10, block_rows=BLOCK_ROWS, sub_records=parts)
-        found = record.deviations(np.array([2, 3, 4]))
+        found = record.factors(np.array([2, 3, 4]))
         size.append([np.linalg.norm(a, axis=1) for a in (found.ln_frequency, found.damping_ratio)])
     assert np.array(size[0]) == pytest.approx(np.array(size[1]), rel=3.5 * np.hypot(0.16, 0.09))
 
@@ -179,7 +179,7 @@ def scatter_ratio(structure, channels, n_record):
         # the order holds the modes and nothing else
         assert record.poles.frequency_hz == pytest.approx(structure.frequency_hz, rel=0.02)
         index = np.arange(len(structure.frequency_hz))
-        stated, shape = record.deviations(index), unit_largest(record.poles.shape)
+        stated, shape = record.factors(index), unit_largest(record.poles.shape)
         # to a scale that every record shares: which component is the largest may differ between records
         row = np.argmax(np.abs(structure.shape[channels]), axis=0)
         scale = shape[row, index].real
@@ -223,7 +223,7 @@ def test_another_order_where_poles_of_the_noise_lie_close(jacket):
         record = identify_record(jacket.record(9000, seed=500 + k)[:, [0, 1, 4, 12, 16, 17]], RATE, order=ORDER,
                                  block_rows=BLOCK_ROWS, spread=SPREAD, sub_records=30)
         index = np.array([np.argmin(abs(record.poles.frequency_hz - f)) for f in jacket.frequency_hz[2:]])
-        best, known = record.most_certain(index), record.deviations(index)
+        best, known = record.most_certain(index), record.factors(index)
         here = np.linalg.norm(best.deviation.ln_frequency, axis=1)
         size = np.sqrt(np.sum(known.ln_frequency**2 + known.damping_ratio**2, axis=1))
         assert np.all(np.sqrt(here**2 + np.sum(best.deviation.damping_ratio**2, axis=1)) <= size * (1 + 1e-9))
@@ -238,21 +238,21 @@ def test_another_order_where_poles_of_the_noise_lie_close(jacket):
 
 def test_absent_modes_are_nan_and_wrong_poles_are_refused(data):
     record = identify_record(data, RATE, order=10, block_rows=BLOCK_ROWS, sub_records=10)
-    found, best = record.deviations(np.array([2, -1, 0])), record.most_certain(np.array([2, -1, 0]))
+    found, best = record.factors(np.array([2, -1, 0])), record.most_certain(np.array([2, -1, 0]))
     assert found.n_column == 10
     for one in (found, best.deviation):
         assert np.all(np.isnan(one.ln_frequency[1])) and np.all(np.isnan(one.shape[:, 1]))
         assert np.all(np.isfinite(one.ln_frequency[[0, 2]])) and np.all(np.isfinite(one.shape[:, [0, 2]]))
     assert best.index[1] == -1 and np.isnan(best.frequency_hz[1])
     # a mode's deviations are the same whatever else is asked for
-    assert record.deviations(np.array([0])).shape[:, 0] == pytest.approx(found.shape[:, 2], rel=1e-9)
-    assert record.deviations(np.array([-1])).shape.shape == (18, 1, 10)
+    assert record.factors(np.array([0])).shape[:, 0] == pytest.approx(found.shape[:, 2], rel=1e-9)
+    assert record.factors(np.array([-1])).shape.shape == (18, 1, 10)
     with pytest.raises(InputError, match="are not indices of 5 poles"):
-        record.deviations(np.array([5]))
+        record.factors(np.array([5]))
     with pytest.raises(InputError, match="order: 11 was not identified"):
-        record.deviations(np.array([0]), 11)
+        record.factors(np.array([0]), 11)
     with pytest.raises(InputError, match="without sub-records"):
-        identify_record(data, RATE, order=10, block_rows=BLOCK_ROWS).deviations(np.array([0]))
+        identify_record(data, RATE, order=10, block_rows=BLOCK_ROWS).factors(np.array([0]))
 
 
 @pytest.mark.parametrize(("parts", "word"), [(1, "no whole number from 2"), (True, "no whole number"),
@@ -264,7 +264,7 @@ def test_parts_that_are_none_are_refused(data, parts, word):
 
 def test_fewer_parts_than_quantities_leave_a_singular_covariance(data):
     record = identify_record(data, RATE, order=10, block_rows=BLOCK_ROWS, sub_records=4)
-    found = record.deviations(np.arange(5))
+    found = record.factors(np.arange(5))
     joint = np.vstack([found.ln_frequency, found.damping_ratio])
     # parts add up to the record: one column less than parts is free
     assert np.linalg.matrix_rank(joint @ joint.T) == 3
@@ -279,7 +279,7 @@ def test_a_record_of_fewer_states_than_asked_for(jacket):
     assert record.poles.order == ORDER and len(record.poles.frequency_hz) <= 3
     best = [np.argmin(abs(record.poles.frequency_hz - f)) for f in (0.31, 1.3)]
     assert record.poles.frequency_hz[best] == pytest.approx([0.31, 1.3], rel=1e-3)
-    found = record.deviations(np.array(best))
+    found = record.factors(np.array(best))
     std = np.linalg.norm(found.ln_frequency, axis=1)
     assert np.all(np.isnan(std) | (std < 1e-2))
 
@@ -295,7 +295,7 @@ def test_an_order_between_equal_singular_values_has_no_deviations():
     both = np.zeros((10, 10, 2, 2))
     both[:, :, 0, 0] = both[:, :, 1, 1] = moved[:, :, 0, 0]
     factorisation = factorise(double, 5, 6, 1.0, whole=True)
-    changed = observability_deviation(double, both, factorisation, 5)
+    changed = observability_change(double, both, factorisation, 5)
     assert [changed.known(n) for n in (1, 2, 3, 4)] == [False, True, False, True]
 
 

@@ -98,7 +98,7 @@ def test_tilt_and_cone_move_the_rotor_as_elastodyn_says(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("options", "told"),
+    ("options", "words_of"),
     [
         ({"main": MAIN.replace("NacMass", "NacMas")}, ["NacMass is missing"]),
         ({"main": MAIN.replace("56000.0 HubMass", "heavy HubMass")}, ["line 18", "'heavy'"]),
@@ -109,8 +109,8 @@ def test_tilt_and_cone_move_the_rotor_as_elastodyn_says(tmp_path):
         ({"tower": TOWER.replace("1.0 3000.0", "0.9 3000.0")}, ["does not rise from 0 to 1"]),
     ],
 )
-def test_mistakes_name_the_file(tmp_path, options, told):
+def test_mistakes_name_the_file(tmp_path, options, words_of):
     with pytest.raises(InputError) as error:
         read_elastodyn(write(tmp_path, **options))
-    for words in told:
+    for words in words_of:
         assert words in str(error.value)

@@ -122,7 +122,7 @@ def test_a_scaled_soil_file_is_read_back_as_it_was_meant(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "told"),
+    ("old", "new", "words_of"),
     [
         ("STRUCTURE JOINTS ----\n   2 ", "STRUCTURE JOINTS ----\n   3 ", ["row 3 of 3 of the joints", "NJoints"]),
         ("STRUCTURE JOINTS ----\n   2 ", "STRUCTURE JOINTS ----\n   x ", ["line"]),
@@ -146,17 +146,17 @@ def test_a_scaled_soil_file_is_read_back_as_it_was_meant(tmp_path):
          "---- SPRING ----\n", ["line"]),
     ],
 )
-def test_mistakes_name_file_and_line(tmp_path, old, new, told):
+def test_mistakes_name_file_and_line(tmp_path, old, new, words_of):
     text = cantilever()
     assert old in text
     path = write(tmp_path, text.replace(old, new, 1))
-    if not told:
+    if not words_of:
         read_subdyn(path)
         return
     with pytest.raises(InputError) as error:
         read_subdyn(path)
     assert str(path) in str(error.value) and "line" in error.value.where
-    for words in told:
+    for words in words_of:
         assert words in str(error.value)
 
 

@@ -357,8 +357,9 @@ def test_the_command_exports_a_run_directory(run, capsys):
     write_posterior(posterior(model), run / "posterior.nc")
     words = ["export", str(run), "--to", "lifetime", str(run / "out"), "--draws", "2", "--superelement-modes", "3"]
     assert main([*words, "--json"]) == 0
-    told = json.loads(capsys.readouterr().out)
-    assert told["draws"] == 2 and "draws.csv" in told["files"] and told["verdict"].startswith("sampler: converged")
+    answer = json.loads(capsys.readouterr().out)
+    assert answer["draws"] == 2 and "draws.csv" in answer["files"]
+    assert answer["verdict"].startswith("sampler: converged")
     assert main(words) == 2
     assert "holds something already" in capsys.readouterr().err
     assert main(["export", str(run), "--to", "lifetime", str(run / "many"), "--draws", "100000"]) == 2

@@ -143,9 +143,9 @@ def test_every_file_of_fatigue_is_in_the_manifest_with_units(done):
         entry = manifest["files"][name]
         assert entry["schema"]["items"]["required"] and entry["what"]
         assert b"sampler: converged" in (done.folder / name).read_bytes()
-    told = manifest["fatigue"]
-    assert told["basis_error"] < 0.01 and told["target_annual_index"] == 3.3
-    assert told["form_minus_monte_carlo"] < 0.02 + 4 * told["monte_carlo_standard_error"]
+    answer = manifest["fatigue"]
+    assert answer["basis_error"] < 0.01 and answer["target_annual_index"] == 3.3
+    assert answer["form_minus_monte_carlo"] < 0.02 + 4 * answer["monte_carlo_standard_error"]
     assert not any("fatigue" in text for text in manifest["left_out"])
 
 
@@ -223,14 +223,14 @@ def test_the_middle_of_tolerances_is_what_the_residual_says_beyond_what_is_expec
     # a mean of its own for every source: the prediction has it, and it must not be taken off once more
     sources = tuple(replace(s, mean=0.3 * s.std) for s in problem.error.sources)
     mean = problem.error.factor @ np.full(len(sources), 0.3)
-    told = replace(problem, error=replace(problem.error, sources=sources, mean=mean))
+    answer = replace(problem, error=replace(problem.error, sources=sources, mean=mean))
     thetas = np.array([laplace.theta, laplace.theta * 1.01])
-    found = tolerance_draws(told, thetas, _Still())
-    root, B = told.noise_root, told.factor
+    found = tolerance_draws(answer, thetas, _Still())
+    root, B = answer.noise_root, answer.factor
     std = np.array([s.std for s in sources])
     for theta, row in zip(thetas, found, strict=True):
         # least squares of the residual, with the prior as further data
-        left = told.measured - told.predict(theta)
+        left = answer.measured - answer.predict(theta)
         expected, *_ = np.linalg.lstsq(
             np.vstack([root @ B, np.eye(len(std))]), np.concatenate([root @ left, np.zeros(len(std))]), rcond=None
         )

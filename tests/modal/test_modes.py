@@ -148,7 +148,7 @@ def test_a_file_that_is_no_json_or_not_there(tmp_path):
 # Deviations ---------------------------------------------------------------------------------------------------------
 
 
-def deviating_data(ids=("2019-06-03T10:00Z", "a/b")):
+def data_with_factors(ids=("2019-06-03T10:00Z", "a/b")):
     """Two modes, the second not measured in the second set; numbers that float32 holds exactly."""
     sets = []
     for k, name in enumerate(ids):
@@ -166,7 +166,7 @@ def deviating_data(ids=("2019-06-03T10:00Z", "a/b")):
 
 
 def test_standard_deviations_are_the_columns_root_sum_of_squares():
-    one = deviating_data().sets[0]
+    one = data_with_factors().sets[0]
     for j in range(2):
         assert one.frequency_std_hz[j] == pytest.approx(
             one.frequency_hz[j] * np.linalg.norm(one.deviation.ln_frequency[j]))
@@ -176,7 +176,7 @@ def test_standard_deviations_are_the_columns_root_sum_of_squares():
 
 
 def test_a_given_standard_deviation_stays_and_without_columns_there_is_none():
-    one = deviating_data().sets[0]
+    one = data_with_factors().sets[0]
     kept = dataclasses.replace(one, frequency_std_hz=np.array([0.5, np.nan]))
     assert kept.frequency_std_hz == pytest.approx([0.5, one.frequency_std_hz[1]])
     assert np.all(np.isnan(sample_data().sets[0].damping_ratio_std))
@@ -184,7 +184,7 @@ def test_a_given_standard_deviation_stays_and_without_columns_there_is_none():
 
 
 def test_deviations_round_trip_beside_modes_json_and_twice_the_same_bytes(tmp_path):
-    data = deviating_data(ids=("2019-06-03T10:00Z", "a/b"))
+    data = data_with_factors(ids=("2019-06-03T10:00Z", "a/b"))
     write_modes(data, tmp_path / "m.json")
     first = (tmp_path / "m.deviations.h5").read_bytes()
     again = read_modes(tmp_path / "m.json")
@@ -199,14 +199,14 @@ def test_deviations_round_trip_beside_modes_json_and_twice_the_same_bytes(tmp_pa
 
 @pytest.mark.parametrize("ids", [("..", "%2F"), ("", "."), ("a/b", "a%2Fb")])
 def test_any_id_is_a_group_of_its_own(tmp_path, ids):
-    data = deviating_data(ids=ids)
+    data = data_with_factors(ids=ids)
     write_modes(data, tmp_path / "m.json")
     for one, two in zip(data.sets, read_modes(tmp_path / "m.json").sets, strict=True):
         assert np.array_equal(one.deviation.shape, two.deviation.shape, equal_nan=True)
 
 
 def test_mistakes_with_deviations_are_named(tmp_path):
-    write_modes(deviating_data(), tmp_path / "m.json")
+    write_modes(data_with_factors(), tmp_path / "m.json")
     content = json.loads((tmp_path / "m.json").read_text())
     for name, word in (("../m.deviations.h5", "no file name"), (3, "no file name"), ("none.h5", "does not exist"),
                        ("m.json", "no file of covariance factors")):
@@ -224,14 +224,14 @@ def test_mistakes_with_deviations_are_named(tmp_path):
 
 
 def test_a_set_without_columns_reads_beside_one_that_has_them(tmp_path):
-    write_modes(deviating_data(), tmp_path / "m.json")
+    write_modes(data_with_factors(), tmp_path / "m.json")
     content = json.loads((tmp_path / "m.json").read_text())
     content["sets"].append(content["sets"][0] | {"id": "mine"})
     assert read_modes(write(tmp_path, content)).sets[2].deviation is None
 
 
 def test_columns_read_when_asked_are_those_in_memory(tmp_path):
-    data, reads = deviating_data(), []
+    data, reads = data_with_factors(), []
 
     def read(k):
         reads.append(k)
@@ -266,7 +266,7 @@ def test_modes_json_written_set_by_set_is_that_of_the_whole(tmp_path):
 
 def test_a_dataset_of_the_sets_is_written_and_read_by_xarray(tmp_path):
     xarray = pytest.importorskip("xarray")
-    data = deviating_data()
+    data = data_with_factors()
     sets = [dataclasses.replace(s, environment={"state": "idling", "water_level_m": 0.25 * k}
                                 if k else {"state": "rated"})
             for k, s in enumerate(data.sets)]
@@ -286,7 +286,7 @@ def test_a_dataset_of_the_sets_is_written_and_read_by_xarray(tmp_path):
 
 
 def test_a_set_goes_to_another_process_and_stays_read_only():
-    one = dataclasses.replace(deviating_data().sets[0], environment={"state": "idling", "water_level_m": 0.5})
+    one = dataclasses.replace(data_with_factors().sets[0], environment={"state": "idling", "water_level_m": 0.5})
     two = pickle.loads(pickle.dumps(one))
     for name in ("frequency_hz", "frequency_std_hz", "damping_ratio_std", "shape", "shape_std"):
         assert np.array_equal(getattr(one, name), getattr(two, name), equal_nan=True)

@@ -59,10 +59,10 @@ def modes(folder: Path) -> Made:
 
 
 def deviations(folder: Path) -> Made:
-    from probupdate.modal.deviation_file import read_deviations
+    from probupdate.modal.covariance_file import read_factors
 
     path = modes(folder)[0][1]
-    return [path], lambda: read_deviations(folder / "modes.json", path.name)
+    return [path], lambda: read_factors(folder / "modes.json", path.name)
 
 
 def update(folder: Path) -> Made:
@@ -208,14 +208,14 @@ def source(suffix: str):
         table = np.random.default_rng(2).standard_normal((500, 3))
         table[:, 0] = np.arange(500) / 5
         path = folder / f"raw{suffix}"
-        told = 'files = "*"\ntime = "t"\ntime_unit = "s"\nstart = "2020-01-01T00:00Z"\n'
+        described = 'files = "*"\ntime = "t"\ntime_unit = "s"\nstart = "2020-01-01T00:00Z"\n'
         if suffix == ".csv":
             path.write_text("t,a,b\n" + "".join(",".join(f"{x:.5g}" for x in row) + "\n" for row in table))
         elif suffix == ".npz":
             np.savez(path, t=table[:, 0], a=table[:, 1], b=table[:, 2])
         elif suffix == ".npy":
             np.save(path, table[:, 1:])
-            told = told.replace('time = "t"\ntime_unit = "s"\n', "")
+            described = described.replace('time = "t"\ntime_unit = "s"\n', "")
         elif suffix == "5.mat":
             from scipy.io import savemat
 
@@ -224,7 +224,7 @@ def source(suffix: str):
             with h5py.File(path, "w") as file:
                 for k, name in enumerate("tab"):
                     file[name] = table[:, k][None]
-        (folder / "convert.toml").write_text(told)
+        (folder / "convert.toml").write_text(described)
         description = read_description(folder / "convert.toml", ("a", "b"))
         return [path], lambda: sum(len(data) for _, data in pieces(path, description))
 
@@ -354,15 +354,15 @@ def block_poles(folder: Path) -> Made:
     return [path], lambda: read_block_poles(path)
 
 
-def block_deviations(folder: Path) -> Made:
-    from probupdate.identification.block_poles import BlockDeviations
-    from probupdate.identification.block_store import read_block_deviations, write_block_deviations
+def block_factors(folder: Path) -> Made:
+    from probupdate.identification.block_poles import BlockFactors
+    from probupdate.identification.block_store import read_block_factors, write_block_factors
 
     path = folder / "b.npz"
-    write_block_deviations(path, BlockDeviations(
+    write_block_factors(path, BlockFactors(
         key=((8, 0), (8, 1)), ln_frequency=np.ones((2, 20)), damping_ratio=np.ones((2, 20)),
         shape=np.ones((2, 6, 20), complex)))
-    return [path], lambda: read_block_deviations(path)
+    return [path], lambda: read_block_factors(path)
 
 
 def chain(folder: Path) -> Made:
@@ -482,7 +482,7 @@ def _made(folder: Path) -> Path:
 CASES: dict[str, tuple[Callable[[Path], Made], tuple[str, ...]]] = {
     "modes": (modes, ("modal.modes_file.read_modes", "io.files.read_json", "io.files.read_text",
                       "io.files.read_bytes")),
-    "deviations": (deviations, ("modal.deviation_file.read_deviations",)),
+    "covariance factors": (deviations, ("modal.covariance_file.read_factors",)),
     "update": (update, ("updating.update_file.read_update", "io.files.read_json_table")),
     "posterior": (posterior, ("updating.posterior_file.read_posterior",)),
     "comparison": (comparison, ("updating.comparison.read_comparison",)),
@@ -513,7 +513,7 @@ CASES: dict[str, tuple[Callable[[Path], Made], tuple[str, ...]]] = {
     "truth": (truth, ("virtual.truth.read_given", "virtual.effects.read_effect")),
     "truth_modes": (truth_modes, ("virtual.truth.read_truth_modes",)),
     "block_poles": (block_poles, ("identification.block_store.read_block_poles",)),
-    "block_deviations": (block_deviations, ("identification.block_store.read_block_deviations",)),
+    "block_deviations": (block_factors, ("identification.block_store.read_block_factors",)),
     "chain": (chain, ("updating.chain_store.ChainStore",)),
     "run": (run, ("reporting.run_files.read_run", "reporting.run_files.read_table")),
     "started_run": (started_run, ("demonstration._State",)),

@@ -79,9 +79,9 @@ def test_the_page_in_a_browser(html, tmp_path, width):
         [BROWSER, "--headless", "--no-sandbox", "--disable-gpu", f"--user-data-dir={tmp_path / 'profile'}",
          f"--window-size={width},900", "--virtual-time-budget=4000", "--dump-dom", path.as_uri()],
         capture_output=True, text=True, timeout=120, check=True)
-    told = re.search(r"<title>found(.*?)</title>", done.stdout)
-    assert told, done.stderr[-500:]
-    found = json.loads(told[1].replace("&amp;", "&"))
+    match = re.search(r"<title>found(.*?)</title>", done.stdout)
+    assert match, done.stderr[-500:]
+    found = json.loads(match[1].replace("&amp;", "&"))
     # one loop however often is clicked while it plays
     assert found["waiting"] == found["after"] == 1
     assert found["closed"] > 5 and found["opened"]

@@ -108,16 +108,16 @@ def test_the_estimators_stand_side_by_side(full_run, diagnosis_of, unfigured):
 
 
 def test_a_chain_that_has_not_converged_is_a_warning(full_run, diagnosis_of, unfigured):
-    told = CHAIN | {"converged": False, "verdict": "NOT converged: R-hat 1.2 (joint_AB_2), wanted below 1.01."}
-    text = section_text(replace(full_run, diagnosis=diagnosis_of("named") | {"extension": extension_with(**told)}))
+    changed = CHAIN | {"converged": False, "verdict": "NOT converged: R-hat 1.2 (joint_AB_2), wanted below 1.01."}
+    text = section_text(replace(full_run, diagnosis=diagnosis_of("named") | {"extension": extension_with(**changed)}))
     assert "The chain has not converged: its means and intervals are provisional." in text
     assert "NOT converged: R-hat 1.2" in text
 
 
 def test_an_extension_without_a_chain_has_no_such_table(full_run, diagnosis_of, unfigured):
-    told = {"asked": False, "reason": "this was not asked for", "command": "probupdate sample --model m",
-            "parameters": []}
-    text = section_text(replace(full_run, diagnosis=diagnosis_of("named") | {"extension": extension_with(**told)}))
+    changed = {"asked": False, "reason": "this was not asked for", "command": "probupdate sample --model m",
+               "parameters": []}
+    text = section_text(replace(full_run, diagnosis=diagnosis_of("named") | {"extension": extension_with(**changed)}))
     assert "side by side" not in text and "The estimators with" not in text
     assert "this was not asked for" in text and "probupdate sample --model m" in text
 

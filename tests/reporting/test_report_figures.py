@@ -40,8 +40,8 @@ def _built(run) -> dict[str, Figure]:
         "residual_layout": figures.residual_layout(shown["sensors"], shown["channels"], states),
         "calendar": figures.calendar(shown["time"], states, ["2019-06-03T12:00Z"]),
         "against_covariates": figures.against_covariates(shown["covariates"], states, ["water_level_m"]),
-        "pushed_parameters": figures.pushed_parameters(shown["pushed"]["parameters"], states),
-        "detection_limits": figures.detection_limits([x for x in content["limits"] if x["limit"]],
+        "prior_shifts": figures.prior_shifts(shown["pushed"]["parameters"], states),
+        "detectable_sizes": figures.detectable_sizes([x for x in content["limits"] if x["limit"]],
                                                      {("scour", "all legs"): 0.05}),
         "estimate_paths": figures.estimate_paths(
             update.parameters.items, [(0, 1)], posterior.draws, update.scheme("step").theta, 0,
@@ -58,7 +58,7 @@ def _built(run) -> dict[str, Figure]:
         "frequencies_by_block": figures.frequencies_by_block(block_time, block_hz, modes.labels,
                                                              np.arange(len(block_hz)) < 9, np.full(5, 0.32)),
         "frequency_errors": figures.frequency_errors(update.labels, update.measured_hz, {"initial": update.initial_hz}),
-        "departures": figures.departures(update.parameters.items, posterior.draws, [mark]),
+        "parameter_shifts": figures.parameter_shifts(update.parameters.items, posterior.draws, [mark]),
         "variance_shares": figures.variance_shares(("k_t", "py"), ("identification", "prior"),
                                                    np.array([[0.3, 0.9], [0.7, 0.1]])),
         "update_history": figures.update_history({s.key: s.objective for s in update.schemes},
@@ -91,10 +91,10 @@ def built(full_run):
 NAMES = (
     "sensor_layout", "sensor_layout without model", "wind_and_state", "poles", "mode_shapes", "selection_steps",
     "frequencies_by_block", "frequency_errors", "update_history", "marginals", "corner", "correlation_map",
-    "contraction", "departures", "predictive_frequencies", "shapes_by_channel",
+    "contraction", "parameter_shifts", "predictive_frequencies", "shapes_by_channel",
     "traces_and_ranks", "estimate_paths", "stabilisation", "mac_map", "mpc_map", "argand", "against_conditions",
     "causes", "mode_residuals", "residual_map", "residual_layout", "calendar", "against_covariates",
-    "pushed_parameters", "detection_limits", "variance_shares",
+    "prior_shifts", "detectable_sizes", "variance_shares",
 )
 
 

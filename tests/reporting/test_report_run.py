@@ -177,8 +177,8 @@ def test_a_check_of_this_campaign_is_taken(own):
 
 
 def test_settings_within_settings_are_rows_of_their_own():
-    told = dict(_said("moves", {"jump": 0.25, "names": ["a", "b"], "deep": {"n": 3}}))
-    assert told == {"moves, jump": "0.25", "moves, names": "a, b", "moves, deep, n": "3"}
+    settings = dict(_said("moves", {"jump": 0.25, "names": ["a", "b"], "deep": {"n": 3}}))
+    assert settings == {"moves, jump": "0.25", "moves, names": "a, b", "moves, deep, n": "3"}
 
 
 def test_numbers_of_different_problems_are_told_apart(own, full_run):

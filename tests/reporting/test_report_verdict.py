@@ -10,18 +10,18 @@ import pytest
 from probupdate.model.parameters import Parameter, Parameters
 from probupdate.reporting.elements import Items, Table
 from probupdate.reporting.findings import findings
-from probupdate.reporting.overview_sections import remarkable, verdict_section
-from probupdate.reporting.posterior_sections import _paired, comparison_section
-from probupdate.reporting.standing import (
+from probupdate.reporting.identifiability import (
     BOUND,
     KNOWN,
     PARTLY,
     PRIOR,
     contraction,
     estimate,
+    identifiabilities,
     names_of,
-    standings,
 )
+from probupdate.reporting.overview_sections import remarkable, verdict_section
+from probupdate.reporting.posterior_sections import _paired, comparison_section
 from probupdate.reporting.updating_sections import update_section
 
 
@@ -65,9 +65,9 @@ def test_a_model_that_fits_is_said_to_fit_with_its_worst_frequency(sound):
 
 def shifted(run, p: float, size: float):
     """The same with one parameter shifted by that many prior standard deviations where +-0.9 is expected."""
-    told = {"parameters": [{"name": "k_t", "pushed": [size], "expected": [0.9]}], "p_together": [p]}
+    changed = {"parameters": [{"name": "k_t", "pushed": [size], "expected": [0.9]}], "p_together": [p]}
     rows = [{"name": "k_t", "unit": "-", "prior": 1.0, "prior_std": 0.2, "value": 1.5, "std": 0.1, "pushed": size}]
-    content = dict(run.diagnosis, parameters=rows, details={"residuals": {"states": ["best"], "pushed": told}})
+    content = dict(run.diagnosis, parameters=rows, details={"residuals": {"states": ["best"], "pushed": changed}})
     return replace(run, diagnosis=content)
 
 
@@ -145,7 +145,7 @@ def test_without_a_posterior_or_an_update_the_headline_says_so(run):
 
 
 def test_every_parameter_stands_in_one_class(run):
-    found = standings(run.update, run.posterior)
+    found = identifiabilities(run.update, run.posterior)
     classes = [set(names_of(found, kind)) for kind in (KNOWN, PARTLY, PRIOR, BOUND)]
     assert sum(map(len, classes)) == len(set().union(*classes)) == len(run.update.parameters)
     width = contraction(run.update, run.posterior)
@@ -156,11 +156,11 @@ def test_every_parameter_stands_in_one_class(run):
 def test_a_bound_outweighs_a_narrow_posterior(run):
     """tz is narrow, so it would be strongly identified; at its bound it is not said to be."""
     k = run.update.parameters.index("tz")
-    assert standings(run.update, run.posterior)[k].kind == KNOWN
+    assert identifiabilities(run.update, run.posterior)[k].kind == KNOWN
     theta = np.array(run.update.map_theta)
     theta[k] = run.update.parameters.lower[k]
     update = replace(run.update, map_theta=theta, map_at_bound=np.arange(10) == k)
-    stand = standings(update, run.posterior)[k]
+    stand = identifiabilities(update, run.posterior)[k]
     assert stand.kind == BOUND and stand.words == "at its lower bound"
     pinned = replace(run, update=update)
     assert any("tz at its lower bound of 0.0200" in text for text in alarming(pinned))

@@ -93,7 +93,7 @@ def test_as_built_shapes_part_from_the_updated_ones_as_in_table_4(states):
     """The updated model's shapes stand in for the measured ones, to which its MAC is 0.96 to 0.99 in the paper.
 
     The design row (0.85 and 0.93 for the second pair) is not met: nothing that sets design and as-built apart moves
-    the shapes so far; studies/reference_turbine/README.md has the figures.
+    the shapes so far; studies/reference_turbine/RESULTS.md has the figures.
     """
     ours = [float(mac(states["as_built"].shape[m][:, None], states["updated"].shape[m][:, None])[0, 0]) for m in MODES]
     # the printed values carry what noise and the real shapes add, up to 0.04 in the updated row

@@ -389,7 +389,7 @@ def test_the_nacelle_turns_where_it_is_named(framed):
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "told"),
+    ("old", "new", "answer"),
     [
         ('on = "legs"', 'on = "leg"', ["there is no [group.leg]", "did you mean 'legs'"]),
         ('acts = "stiffness"', 'acts = "stifness"', ["'stifness' is unknown", "did you mean 'stiffness'"]),
@@ -405,14 +405,14 @@ def test_the_nacelle_turns_where_it_is_named(framed):
         ('name = "a frame"', 'nam = "a frame"', ["nam"]),
     ],
 )
-def test_mistakes_in_the_toml_are_named(framed, old, new, told):
+def test_mistakes_in_the_toml_are_named(framed, old, new, answer):
     text = framed.read_text()
     assert old in text
     framed.write_text(text.replace(old, new, 1))
     with pytest.raises(InputError) as error:
         load_model(framed)
     assert "model.toml" in str(error.value)
-    for words in told:
+    for words in answer:
         assert words in str(error.value)
 
 
@@ -438,11 +438,12 @@ def test_a_tower_from_tables_is_the_textbooks_and_has_its_groups(tmp_path, valid
     row.error(first.frequency_hz[0] / (0.545181 * (1 - 4.55e-4)) - 1, below=2e-5)
     # the sum rule: all stiffness is the tower's
     np.testing.assert_allclose(first.frequency_derivative[:, 0] / first.frequency_hz, 0.5, rtol=1e-9)
-    for old, new, told in (("joint = 2", "joint = 7", "joint 7"), ("top_m = 82.0", "top_m = 5.0", "not above the foot"),
-                           ("fraction = [0.0, 1.0]", "fraction = [0.0, 0.9]", "does not rise"),
-                           ("fraction = [0.0, 1.0]\n", "", "has neither elastodyn")):
+    for old, new, answer in (("joint = 2", "joint = 7", "joint 7"),
+                             ("top_m = 82.0", "top_m = 5.0", "not above the foot"),
+                             ("fraction = [0.0, 1.0]", "fraction = [0.0, 0.9]", "does not rise"),
+                             ("fraction = [0.0, 1.0]\n", "", "has neither elastodyn")):
         path.write_text((text + body).replace(old, new))
-        with pytest.raises(InputError, match=told):
+        with pytest.raises(InputError, match=answer):
             load_model(path)
     path.write_text(text)
     with pytest.raises(InputError, match="rotor_nacelle"):
@@ -455,18 +456,18 @@ def test_a_tower_from_tables_is_the_textbooks_and_has_its_groups(tmp_path, valid
 def test_modes_prints_one_json_object_for_every_form_of_model(framed, capsys):
     for path in (framed, framed.with_name("structure.dat")):
         assert main(["modes", str(path), "--count", "4", "--json"]) == 0
-        told = json.loads(capsys.readouterr().out)
-        assert len(told["frequency_hz"]) == len(told["label"]) == 4
-        assert np.shape(told["shape"]) == (len(told["channel"]), 4)
-        assert np.abs(told["shape"]).max() == 1.0
+        answer = json.loads(capsys.readouterr().out)
+        assert len(answer["frequency_hz"]) == len(answer["label"]) == 4
+        assert np.shape(answer["shape"]) == (len(answer["channel"]), 4)
+        assert np.abs(answer["shape"]).max() == 1.0
     assert main(["modes", "as_built", "--count", "5"]) == 0
     assert "FA1" in capsys.readouterr().out
     np.savez(framed.with_name("matrices.npz"), K0=np.diag([1.0, 4.0, 9.0, 16.0]), M0=np.eye(4),
              K_a=np.diag([1.0, 0, 0, 0]), channel=np.array(["x"]), channel_dof=np.array([0]))
     framed.with_name("parameters.toml").write_text('[[parameter]]\nname = "a"\ninitial = 0.5\nstd = 0.1\n')
     assert main(["modes", str(framed.with_name("matrices.npz")), "--count", "2", "--json"]) == 0
-    told = json.loads(capsys.readouterr().out)
-    assert told["frequency_hz"] == pytest.approx(np.sqrt([1.5, 4.0]) / (2 * np.pi)) and told["label"][0] == "mode 1"
+    answer = json.loads(capsys.readouterr().out)
+    assert answer["frequency_hz"] == pytest.approx(np.sqrt([1.5, 4.0]) / (2 * np.pi)) and answer["label"][0] == "mode 1"
     one = Parameters((Parameter(name="k", unit="-", initial=2.0, std=0.1),))
     called = probupdate.model_modes(lambda theta: (np.array([theta[0], 3.0]), np.eye(2)), 2, parameters=one)
     assert called.frequency_hz.tolist() == [2.0, 3.0]

@@ -3,7 +3,7 @@
 import emcee
 import numpy as np
 import pytest
-from test_updating_ensemble import COVARIANCE, LIMIT, N_WALKER, PARAMETERS, exact_draws, outline, target
+from test_updating_ensemble import COVARIANCE, LIMIT, N_WALKER, PARAMETERS, approximation, exact_draws, target
 from updating_cases import LINEAR_HZ, linear_problem
 
 from probupdate.updating import emulator as emulator_module
@@ -36,7 +36,7 @@ class _Wrong:
 
 def test_the_move_leaves_a_cut_gaussian_as_it_is(monkeypatch):
     monkeypatch.setattr(emulator_module, "SUBSTEPS", 5)
-    inner = [(SurrogateMove(outline(2.0 * COVARIANCE)), 0.3), (SubsetMove(), 0.4), (emcee.moves.DEMove(), 0.3)]
+    inner = [(SurrogateMove(approximation(2.0 * COVARIANCE)), 0.3), (SubsetMove(), 0.4), (emcee.moves.DEMove(), 0.3)]
     sampler = emcee.EnsembleSampler(N_WALKER, 3, target, vectorize=True, moves=EmulatorMove(_Wrong(), inner))
     state = emcee.State(exact_draws(N_WALKER), random_state=np.random.RandomState(5).get_state())
     sampler.run_mcmc(state, 500)

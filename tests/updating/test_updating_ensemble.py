@@ -18,7 +18,7 @@ from probupdate.updating.ensemble import PriorMove, SamplerSettings, SubsetMove,
 from probupdate.updating.laplace import maximum_a_posteriori
 from probupdate.updating.posterior_file import effective_size
 from probupdate.updating.problem import Weights, build_problem
-from probupdate.updating.surrogate import Outline, TruncatedGaussian, fit_surrogate
+from probupdate.updating.surrogate import GaussianApproximation, TruncatedGaussian, fit_surrogate
 
 # of a z-score: seeds are fixed, and chance exceeds it once in some ten thousand
 LIMIT = 4.0
@@ -35,13 +35,13 @@ def target(theta):
     return np.where(theta[:, 0] >= LOWER[0], value, -np.inf)
 
 
-def outline(covariance) -> Outline:
+def approximation(covariance) -> GaussianApproximation:
     gaussian = TruncatedGaussian(
         centre=np.array([0.1, 0.0, 0.0]), gradient=np.zeros(3), precision=np.linalg.inv(covariance), lower=LOWER,
         upper=np.full(3, np.inf),
     )
-    return Outline(gaussian=gaussian, powers=(1, 1, 1), lower=LOWER, upper=np.full(3, np.inf),
-                   origin=np.zeros(3))
+    return GaussianApproximation(gaussian=gaussian, powers=(1, 1, 1), lower=LOWER, upper=np.full(3, np.inf),
+                                 origin=np.zeros(3))
 
 
 def exact_draws(n):
@@ -51,7 +51,7 @@ def exact_draws(n):
 
 CANDIDATES = {
     # a proposal that is not the target: the ratio of densities has to correct for it
-    "outline": SurrogateMove(outline(1.5 * np.diag(np.diag(COVARIANCE)) + 0.5 * COVARIANCE)),
+    "approximation": SurrogateMove(approximation(1.5 * np.diag(np.diag(COVARIANCE)) + 0.5 * COVARIANCE)),
     "prior": PriorMove(PARAMETERS),
     "subset": SubsetMove(),
     "differential evolution": emcee.moves.DEMove(),
@@ -96,11 +96,11 @@ def test_walkers_that_never_moved_tell_nothing_and_warn_of_nothing():
 
 
 def test_shares_of_the_moves_add_up():
-    shares = [share for _, share in moves(PARAMETERS, outline(COVARIANCE))]
+    shares = [share for _, share in moves(PARAMETERS, approximation(COVARIANCE))]
     assert sum(shares) == pytest.approx(1.0) and min(shares) > 0.05
 
 
-def outlined(problem, seed=0):
+def approximated(problem, seed=0):
     top = maximum_a_posteriori(problem, [problem.parameters.initial])
     return fit_surrogate(problem, top, np.random.default_rng(seed))[0]
 
@@ -127,7 +127,7 @@ def mixed_problem():
 def test_posterior_against_quadrature(tmp_path):
     """Means, deviations and 5 and 95 % points of a posterior with a lognormal and two cut priors."""
     problem = mixed_problem()
-    chain = sample(problem, outlined(problem), tmp_path / "chain", SamplerSettings(target_ess=1500))
+    chain = sample(problem, approximated(problem), tmp_path / "chain", SamplerSettings(target_ess=1500))
     assert chain.converged, chain.verdict
     node, weight = np.polynomial.legendre.leggauss(120)
     axes = [0.5 * (p.upper + p.lower) + 0.5 * (p.upper - p.lower) * node for p in MIXED]
@@ -150,7 +150,7 @@ def test_posterior_against_quadrature(tmp_path):
 def test_a_gaussian_posterior_has_its_closed_form_covariance(tmp_path):
     problem = linear_problem(LINEAR_HZ + np.array([0.03, -0.06, 0.10, 0.15, -0.30]))
     top = maximum_a_posteriori(problem, [problem.parameters.initial])
-    chain = sample(problem, outlined(problem), tmp_path / "chain", SamplerSettings(target_ess=2000))
+    chain = sample(problem, approximated(problem), tmp_path / "chain", SamplerSettings(target_ess=2000))
     assert chain.converged, chain.verdict
     white = np.linalg.solve(np.linalg.cholesky(top.covariance), (chain.draws - top.theta).T)
     ess = chain.ess.min()
@@ -164,7 +164,7 @@ SHORT = SamplerSettings(target_ess=10**7, max_steps=3 * ensemble.SEGMENT, ensemb
 
 def test_a_stopped_chain_goes_on_with_the_same_numbers(tmp_path):
     problem = linear_problem(LINEAR_HZ + 0.05)
-    surrogate = outlined(problem)
+    surrogate = approximated(problem)
     whole = sample(problem, surrogate, tmp_path / "whole", SHORT)
     assert whole.theta.shape[0] == SHORT.max_steps and not whole.converged and "NOT converged" in whole.verdict
     shutil.copytree(tmp_path / "whole", tmp_path / "part")
@@ -181,7 +181,7 @@ def test_a_stopped_chain_goes_on_with_the_same_numbers(tmp_path):
 
 def test_a_finished_chain_is_not_run_again(tmp_path):
     problem = linear_problem(LINEAR_HZ + 0.05)
-    surrogate = outlined(problem)
+    surrogate = approximated(problem)
     first = sample(problem, surrogate, tmp_path / "chain", SHORT)
 
     def refuse(theta):
@@ -201,7 +201,7 @@ def test_a_finished_chain_is_not_run_again(tmp_path):
 def test_a_folder_with_another_chain_is_refused_and_what_differs_is_named(tmp_path, change, named, monkeypatch):
     monkeypatch.setattr(ensemble, "SEGMENT", 25)
     problem = linear_problem(LINEAR_HZ + 0.05)
-    surrogate = outlined(problem)
+    surrogate = approximated(problem)
     sample(problem, surrogate, tmp_path / "chain", SamplerSettings(target_ess=10**7, max_steps=25))
     other = problem
     if "problem" in change:
@@ -225,7 +225,7 @@ class LastFirst(Executor):
 def test_ensembles_are_the_same_on_any_executor_and_after_a_kill(tmp_path, monkeypatch):
     monkeypatch.setattr(ensemble, "SEGMENT", 25)
     problem = linear_problem(LINEAR_HZ + 0.05)
-    surrogate = outlined(problem)
+    surrogate = approximated(problem)
     settings = SamplerSettings(target_ess=10**7, max_steps=2 * ensemble.SEGMENT, ensembles=3)
     plain = sample(problem, surrogate, tmp_path / "plain", settings)
     n_walker = plain.theta.shape[1] // 3
@@ -247,12 +247,12 @@ def test_a_damaged_head_is_named(tmp_path, text):
     (tmp_path / "chain.json").write_text(text, encoding="utf-8")
     problem = linear_problem(LINEAR_HZ + 0.05)
     with pytest.raises(InputError, match="chain"):
-        sample(problem, outlined(problem), tmp_path, SHORT)
+        sample(problem, approximated(problem), tmp_path, SHORT)
 
 
 def test_a_damaged_segment_is_named(tmp_path):
     problem = linear_problem(LINEAR_HZ + 0.05)
-    surrogate = outlined(problem)
+    surrogate = approximated(problem)
     sample(problem, surrogate, tmp_path, SamplerSettings(target_ess=10**7, max_steps=400))
     (tmp_path / "segment-00001.npz").write_bytes(b"no archive")
     with pytest.raises(InputError, match="segment-00001"):

@@ -59,10 +59,11 @@ def by_quadrature(problem, constant=0.0) -> float:
 
 def evidence_of(problem, folder, *, seed=1, ess=1000):
     top = maximum_a_posteriori(problem, [problem.parameters.initial])
-    outline, _ = fit_surrogate(problem, top, np.random.default_rng(seed))
-    chain = sample(problem, outline, folder, SamplerSettings(seed=seed, target_ess=ess))
+    approximation, _ = fit_surrogate(problem, top, np.random.default_rng(seed))
+    chain = sample(problem, approximation, folder, SamplerSettings(seed=seed, target_ess=ess))
     kept = slice(chain.first, None)
-    return estimate_evidence(problem, Proposal(outline=outline), chain.theta[kept], chain.log_posterior[kept],
+    return estimate_evidence(problem, Proposal(approximation=approximation), chain.theta[kept],
+                             chain.log_posterior[kept],
                              np.random.default_rng(seed))
 
 

@@ -16,7 +16,7 @@ from probupdate.updating.information import information
 from probupdate.updating.predictive import population_left_out, population_score, smoothed_weights
 from probupdate.updating.problem import build_problem
 from probupdate.updating.set_views import joint_posterior, mode_scatter, view_sets
-from probupdate.updating.set_views_file import MANY, ONE, POOLED, TOLD_BITS, read_views
+from probupdate.updating.set_views_file import IDENTIFIED_BITS, MANY, ONE, POOLED, read_views
 
 NOISE = 0.002
 SINGLE = [(j,) for j in range(5)]
@@ -204,7 +204,7 @@ def test_the_four_views_of_a_varying_parameter(views, tmp_path):
     assert a.resolution > 0.9 and c.resolution < 0.95
     # pooled is never less than the scatter, one posterior is narrower than any
     assert a.pooled_cov >= 0.99 * a.scatter_cov and a.joint_cov < 0.5 * a.pooled_cov
-    assert a.tau_low < 0.2 / a.mean < a.tau_high and a.tau_bits > TOLD_BITS
+    assert a.tau_low < 0.2 / a.mean < a.tau_high and a.tau_bits > IDENTIFIED_BITS
     assert a.population_cov > a.tau and "varies between sets by" in a.sentence
     total = {name: score.sum() for name, score in views.scores.score.items()}
     assert total[MANY] > total[ONE] + 10 and set(total) == {MANY, ONE, POOLED}

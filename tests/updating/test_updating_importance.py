@@ -73,8 +73,8 @@ def test_two_separate_maxima_are_both_sampled(case):
     top = maximum_a_posteriori(problem, [model.parameters.initial])
     maxima = distinct_maxima(problem, top, model.parameters.draw(rng, 12))
     assert len(maxima) == 2 and np.sign(maxima[0].theta[0]) == -np.sign(maxima[1].theta[0])
-    outlines = [Proposal(outline=fit_surrogate(problem, x, rng)[0]) for x in maxima]
-    proposal, _ = fitted_proposal(problem, outlines, rng)
+    approximations = [Proposal(approximation=fit_surrogate(problem, x, rng)[0]) for x in maxima]
+    proposal, _ = fitted_proposal(problem, approximations, rng)
     found = importance_sample(problem, proposal, rng)
     share, log_evidence = quadrature(*case)
     assert found.pareto_k < 0.5 and found.effective > 500
@@ -102,7 +102,7 @@ def test_a_linear_problems_draws_are_its_gaussian():
     top = maximum_a_posteriori(problem, [LINEAR_PARAMETERS.initial])
     rng = np.random.default_rng(3)
     assert len(distinct_maxima(problem, top, LINEAR_PARAMETERS.draw(rng, 6))) == 1
-    proposal, _ = fitted_proposal(problem, [Proposal(outline=fit_surrogate(problem, top, rng)[0])], rng)
+    proposal, _ = fitted_proposal(problem, [Proposal(approximation=fit_surrogate(problem, top, rng)[0])], rng)
     found = importance_sample(problem, proposal, rng)
     assert found.good and found.effective > 1500
     assert np.abs(found.mean - top.theta) / found.mean_error == pytest.approx(np.zeros(3), abs=4)
@@ -177,7 +177,7 @@ def test_draws_without_modes_have_probability_zero_and_are_counted():
     problem = build_problem(half, data, weights=Weights(shapes="none"))
     rng = np.random.default_rng(2)
     top = maximum_a_posteriori(problem, [np.array([2.0, 0.0])])
-    proposal, _ = fitted_proposal(problem, [Proposal(outline=from_laplace(top, problem.parameters))], rng)
+    proposal, _ = fitted_proposal(problem, [Proposal(approximation=from_laplace(top, problem.parameters))], rng)
     found = importance_sample(problem, proposal, rng)
     assert found.without_modes > 0 and np.all(found.theta[found.weight > 0][:, 0] >= 0)
     whole = quadrature(*CASES[0])

@@ -27,7 +27,7 @@ from probupdate.updating.shared_error import shared_error
 from probupdate.updating.tikhonov import update
 
 SHARP = Weights(frequency_cov=(0.01,) * 4, shape_std=False, shape_factor=1.0)
-FREQUENCIES = Weights(shapes="none", tolerances=True, frequency_floor=1e-9)
+FREQUENCIES = Weights(shapes="none", tolerances=True, least_frequency_cov=1e-9)
 
 
 @dataclass(frozen=True, eq=False)

@@ -20,9 +20,9 @@ KINDS = [
 ]
 
 
-def weights_of(kind: dict, **floors) -> Weights:
+def weights_of(kind: dict, **least_std) -> Weights:
     if kind.get("covariance"):
-        return Weights(**kind, **floors)
+        return Weights(**kind, **least_std)
     return Weights(frequency_cov=(COV,) * 4, shape_std=False, **kind)
 
 
@@ -50,9 +50,9 @@ def correlated(seed: int, root=None, theta=CHAIN_TRUTH) -> ModalData:
     return replace(data, sets=(changed,))
 
 
-def problem_of(kind: dict, seed=2, **floors):
+def problem_of(kind: dict, seed=2, **least_std):
     data = correlated(seed) if kind.get("covariance") else measured_chain(noise=COV, seed=seed)
-    return build_problem(chain_model(), data, weights=weights_of(kind, **floors))
+    return build_problem(chain_model(), data, weights=weights_of(kind, **least_std))
 
 
 @pytest.mark.parametrize("theta", POINTS)
@@ -78,7 +78,7 @@ def test_the_chi_square_at_the_truth_is_the_effective_number_of_data(kind):
     found, n = [], None
     for seed in range(80):
         # floors beside the very noise that was drawn would only count it twice
-        problem = problem_of(kind, seed, frequency_floor=1e-6, shape_floor=1e-6)
+        problem = problem_of(kind, seed, least_frequency_cov=1e-6, least_shape_std=1e-6)
         n = problem.n_effective
         found.append(problem.misfit(problem.predict(CHAIN_TRUTH)))
     assert abs(np.mean(found) - n) < 4 * np.std(found) / np.sqrt(len(found))
@@ -141,7 +141,7 @@ def test_the_joint_weights_are_the_inverse_covariance_across_the_planes():
     one = correlated(2).sets[0]
     # by hand for the frequencies alone: their marginal covariance with the floor
     covariance = np.linalg.inv(problem.root @ problem.root.T)
-    wanted = root[:4] @ root[:4].T + problem.weights.frequency_floor**2 * np.eye(4)
+    wanted = root[:4] @ root[:4].T + problem.weights.least_frequency_cov**2 * np.eye(4)
     order = list(problem.used)
     inner = np.linalg.pinv(problem.root.T @ problem.root, rcond=1e-12)[:4, :4]
     assert inner == pytest.approx(wanted[np.ix_(order, order)] * np.outer(*2 * [one.frequency_hz[order]]), rel=1e-6)
@@ -179,7 +179,8 @@ def test_uncorrelated_deviations_give_the_posterior_of_independent_weights():
     rng_free[np.arange(4), np.arange(4)] = COV
     rng_free[np.arange(4, 44), np.arange(4, 44)] = 0.04
     data = correlated(5, rng_free)
-    joint = build_problem(chain_model(), data, weights=Weights(covariance=True, frequency_floor=1e-6, shape_floor=1e-6))
+    joint = build_problem(chain_model(), data,
+                          weights=Weights(covariance=True, least_frequency_cov=1e-6, least_shape_std=1e-6))
     std = Weights(frequency_cov=(COV,) * 4, shape_std=False, shape_factor=0.04 / COV)
     plain = build_problem(chain_model(), data, weights=std)
     a, b = (maximum_a_posteriori(p, [CHAIN_TRUTH]) for p in (joint, plain))
@@ -195,7 +196,7 @@ def test_a_covariance_needs_the_sets_deviations():
 
 
 @pytest.mark.parametrize("wrong", [
-    {"frequencies": "rad"}, {"shapes": "MAC"}, {"shape_floor": 0.0}, {"covariance": True, "frequency_cov": (0.01,)},
+    {"frequencies": "rad"}, {"shapes": "MAC"}, {"least_shape_std": 0.0}, {"covariance": True, "frequency_cov": (0.01,)},
     {"covariance": True, "shapes": "mac"},
 ])
 def test_what_makes_no_sense_is_refused(wrong):

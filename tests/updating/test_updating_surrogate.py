@@ -20,13 +20,13 @@ from probupdate.updating.laplace import maximum_a_posteriori
 from probupdate.updating.problem import build_problem
 from probupdate.updating.surrogate import (
     ROUNDS,
-    Outline,
+    GaussianApproximation,
     TruncatedGaussian,
     _straightest,
     _truncated_normal,
     fit_surrogate,
     from_laplace,
-    log_stretch,
+    log_jacobian,
     to_coordinates,
 )
 
@@ -169,14 +169,15 @@ def test_in_other_coordinates_the_density_still_integrates_to_one_and_draws_foll
     lower, upper = np.array([0.3, 0.5]), np.array([4.0, 3.0])
     middle = to_coordinates(np.array([[1.2, 1.5]]), powers)[0]
     low, high = (to_coordinates(bound[None], powers)[0] for bound in (lower, upper))
-    outline = Outline(gaussian=gaussian(middle, [[0.2, 0.1], [0.1, 0.3]], low, high), powers=powers, lower=lower,
-                      upper=upper, origin=np.zeros(2))
+    approximation = GaussianApproximation(gaussian=gaussian(middle, [[0.2, 0.1], [0.1, 0.3]], low, high), powers=powers,
+                                          lower=lower,
+                                          upper=upper, origin=np.zeros(2))
     node, factor = np.polynomial.legendre.leggauss(80)
     x, y = np.meshgrid(2.15 + 1.85 * node, 1.75 + 1.25 * node, indexing="ij")
     points = np.stack([x.ravel(), y.ravel()], axis=1)
-    weight = 1.85 * 1.25 * np.outer(factor, factor).ravel() * np.exp(outline.log_density(points))
+    weight = 1.85 * 1.25 * np.outer(factor, factor).ravel() * np.exp(approximation.log_density(points))
     row.error(weight.sum() - 1, below=1e-8)
-    theta = outline.draw(N_DRAW, np.random.default_rng(11))
+    theta = approximation.draw(N_DRAW, np.random.default_rng(11))
     for power in ((1, 0), (0, 1), (1, 1), (2, 0)):
         expected = np.sum(weight * np.prod(points ** np.array(power), axis=1))
         assert abs(z_score(np.prod(theta ** np.array(power), axis=1), expected)) < LIMIT
@@ -186,12 +187,14 @@ def test_turning_to_other_coordinates_keeps_the_slope_of_the_density():
     """Seen in theta, the density's logarithm has the same gradient at the centre in all coordinates."""
     centre, step = np.array([1.3, 0.7, 2.0]), 1e-5
     bounds = np.full(3, 0.1), np.full(3, 9.0)
-    start = Outline(gaussian=gaussian(centre + 0.1, np.diag([0.3, 0.2, 0.5]), *bounds, centre=centre), powers=(1, 1, 1),
-                    lower=bounds[0], upper=bounds[1], origin=np.zeros(3))
+    start = GaussianApproximation(gaussian=gaussian(centre + 0.1, np.diag([0.3, 0.2, 0.5]), *bounds, centre=centre),
+                                  powers=(1, 1, 1),
+                                  lower=bounds[0], upper=bounds[1], origin=np.zeros(3))
 
-    def slope(outline):
+    def slope(approximation):
         points = centre + step * np.vstack([np.eye(3), -np.eye(3)])
-        value = outline.gaussian.exponent(to_coordinates(points, outline.powers)) - log_stretch(points, outline.powers)
+        u = to_coordinates(points, approximation.powers)
+        value = approximation.gaussian.exponent(u) - log_jacobian(points, approximation.powers)
         return (value[:3] - value[3:]) / (2 * step)
 
     turned = start.turned_to((0, -1, 1))

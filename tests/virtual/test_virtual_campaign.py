@@ -37,10 +37,10 @@ def idle(tmp_path_factory):
     return simulation.simulate(folder / "out", model=AS_BUILT, days=0.125, truth=given, seed=21)
 
 
-@pytest.mark.parametrize("course", ['"step"\nat_hour = 3.0', '"ramp"\nfrom_hour = 5.0\nto_hour = 9.0'])
-def test_an_effect_that_begins_behind_the_records_end_is_refused(tmp_path, course):
+@pytest.mark.parametrize("time_profile", ['"step"\nat_hour = 3.0', '"ramp"\nfrom_hour = 5.0\nto_hour = 9.0'])
+def test_an_effect_that_begins_behind_the_records_end_is_refused(tmp_path, time_profile):
     given = write(tmp_path / "T.toml", '[[effect]]\nkind = "sensor_gain"\nchannel = "T90-x"\nfactor = 1.1\n'
-                  f"course = {course}\n")
+                  f"time_profile = {time_profile}\n")
     with pytest.raises(InputError, match=r"T\.toml, effect 1 .sensor_gain., (at|from)_hour: .* end at 3 h"):
         simulation.simulate(tmp_path / "out", model=AS_BUILT, days=0.125, truth=given, seed=1)
     assert not (tmp_path / "out").exists()
@@ -219,8 +219,8 @@ def test_mistakes_are_one_line(tmp_path):
 
 
 def test_progress_is_told(tmp_path):
-    told = []
+    entries = []
     simulation.simulate(
-        tmp_path / "out", model=AS_BUILT, days=0.021, seed=1, progress=lambda *report: told.append(report)
+        tmp_path / "out", model=AS_BUILT, days=0.021, seed=1, progress=lambda *report: entries.append(report)
     )
-    assert told[0] == ("simulating hours", 0, 1) and told[-1] == ("simulating hours", 1, 1)
+    assert entries[0] == ("simulating hours", 0, 1) and entries[-1] == ("simulating hours", 1, 1)

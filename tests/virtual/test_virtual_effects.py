@@ -8,6 +8,7 @@ import numpy as np
 import pandas
 import pytest
 
+from probupdate.errors import InputError
 from probupdate.virtual import dynamics, effects, frame, simulation, truth, turbine_file
 
 AS_BUILT = turbine_file.reference_file().with_name("as_built.toml")
@@ -56,8 +57,8 @@ def file():
     return turbine_file.read_turbine(AS_BUILT)
 
 
-def solved(file, *told, amount=None, heading=20.0):
-    given = replace(truth.given_truth({"effect": list(told)}, file), tolerance_scale=0.0)
+def solved(file, *entries, amount=None, heading=20.0):
+    given = replace(truth.given_truth({"effect": list(entries)}, file), tolerance_scale=0.0)
     drawn = truth.draw_truth(given, file, np.random.default_rng(1), dynamics.N_MODE)
     structure = frame.build_structure(file, drawn, amount)
     return dynamics.heading_modes(structure, drawn.damping_ratio, heading)
@@ -68,6 +69,15 @@ def plain(file):
     return solved(file)
 
 
+def test_the_former_name_of_the_time_profile_is_read(file):
+    former = {"kind": "rna_mass", "mass_kg": 3000.0, "course": "step", "at_hour": 30.0}
+    given = [truth.given_truth({"effect": [one]}, file).effects for one in (
+        former, {"time_profile" if key == "course" else key: value for key, value in former.items()})]
+    assert given[0] == given[1] and given[0][0]["time_profile"] == "step"
+    with pytest.raises(InputError, match="time_profile: 'stp' is unknown"):
+        truth.given_truth({"effect": [former | {"course": "stp"}]}, file)
+
+
 def test_every_structural_kind_has_an_example():
     structural = {name for name, kind in effects.EFFECTS.items() if kind.acts != "measurement"}
     assert {example[0] for example in EXAMPLES} == structural
@@ -75,8 +85,8 @@ def test_every_structural_kind_has_an_example():
 
 @pytest.mark.parametrize(("kind", "place", "size", "sign"), EXAMPLES, ids=[e[0] for e in EXAMPLES])
 def test_effects_act_the_right_way_and_vanish(file, plain, kind, place, size, sign):
-    told = entry(kind, place, size)
-    now = solved(file, told)
+    entries = entry(kind, place, size)
+    now = solved(file, entries)
     if kind in ("blade_coupling", "tuned_mass"):
         # a mode more: all others lie between those of the structure with the mass fixed and with it gone
         assert np.count_nonzero(now.frequency_hz < 2.5) == np.count_nonzero(plain.frequency_hz < 2.5) + 1
@@ -85,7 +95,7 @@ def test_effects_act_the_right_way_and_vanish(file, plain, kind, place, size, si
     assert sign * change[np.argmax(np.abs(change))] > 2e-5
     # nothing that softens or adds mass raises any frequency (Rayleigh), and the other way about; a mass that moves may
     assert kind == "rna_offset" or np.all(sign * change > -1e-9)
-    gone = solved(file, told, amount=[0.0])
+    gone = solved(file, entries, amount=[0.0])
     assert gone.frequency_hz == pytest.approx(plain.frequency_hz, rel=1e-9)
     assert gone.observed_shape == pytest.approx(plain.observed_shape, abs=1e-7 * np.abs(plain.observed_shape).max())
 
@@ -158,17 +168,18 @@ def read(folder):
     return parts
 
 
-def test_time_series_follow_the_courses(tmp_path):
+def test_time_series_follow_the_time_profiles(tmp_path):
     """The same seed with and without effects: equal before a step, the effect itself after it."""
     operation = "[operation]\nmaintenance_hours = [[0, 2]]\nmissing_hours = []\n"
     (tmp_path / "none.toml").write_text(operation)
     (tmp_path / "some.toml").write_text(
         operation
-        + '[[effect]]\nkind = "sensor_gain"\nchannel = "T90-x"\nfactor = 0.8\ncourse = "step"\nat_hour = 0.5\n'
-        + '[[effect]]\nkind = "clock_offset"\nlevel = "tower 2/3"\noffset_s = 0.08\ncourse = "step"\nat_hour = 0.5\n'
+        + '[[effect]]\nkind = "sensor_gain"\nchannel = "T90-x"\nfactor = 0.8\ntime_profile = "step"\nat_hour = 0.5\n'
+        + '[[effect]]\nkind = "clock_offset"\nlevel = "tower 2/3"\noffset_s = 0.08\n'
+        + 'time_profile = "step"\nat_hour = 0.5\n'
         + '[[effect]]\nkind = "heading_offset"\nangle_deg = 15.0\n'
         + '[[effect]]\nkind = "soil_stiffness"\nleg = "all"\ndirection = "all"\nfactor = 0.3\n'
-        + 'course = "step"\nat_hour = 1.0\n'
+        + 'time_profile = "step"\nat_hour = 1.0\n'
     )
     out = {}
     for name in ("none", "some"):
@@ -192,8 +203,8 @@ def test_time_series_follow_the_courses(tmp_path):
     late, early = hidden[0][half + 100 : n - 10, row], plain[0][half + 102 : n - 8, row]
     ok = np.isfinite(late) & np.isfinite(early)
     assert np.std(late[ok] - early[ok]) < 0.1 * np.std(early[ok])
-    told = [pandas.read_csv(o.path / "scada.csv")["nacelle_heading_deg"] for o in out.values()]
-    assert np.mod(told[1] - told[0], 360).to_numpy() == pytest.approx(np.full(len(told[0]), 15.0), abs=0.11)
+    entries = [pandas.read_csv(o.path / "scada.csv")["nacelle_heading_deg"] for o in out.values()]
+    assert np.mod(entries[1] - entries[0], 360).to_numpy() == pytest.approx(np.full(len(entries[0]), 15.0), abs=0.11)
     # the hour after the soil gave way
     assert len(record["condition"]) == 3
     assert record["mode_set_end"][0]["frequency_hz"][3] < 0.97 * record["mode_set"][0]["frequency_hz"][3]

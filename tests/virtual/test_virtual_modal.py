@@ -11,9 +11,9 @@ BUSY = {
     "parameters_from": "prior",
     "effect": [
         {"kind": "wetted_length", "gain": 1.0},
-        {"kind": "scour", "leg": "B", "depth_m": 1.5, "course": "ramp", "from_hour": 10.0, "to_hour": 100.0},
-        {"kind": "brace_stiffness", "bay": 2, "face": "BC", "factor": 0.4, "course": "step", "at_hour": 60.0},
-        {"kind": "rna_mass", "mass_kg": 3000.0, "course": "step", "at_hour": 30.0},
+        {"kind": "scour", "leg": "B", "depth_m": 1.5, "time_profile": "ramp", "from_hour": 10.0, "to_hour": 100.0},
+        {"kind": "brace_stiffness", "bay": 2, "face": "BC", "factor": 0.4, "time_profile": "step", "at_hour": 60.0},
+        {"kind": "rna_mass", "mass_kg": 3000.0, "time_profile": "step", "at_hour": 30.0},
         {"kind": "sensor_gain", "channel": "T66-x", "factor": 0.9},
     ],
 }
@@ -49,7 +49,7 @@ def test_columns_stay_with_their_modes():
     assert np.all(run.frequency_hz[:, 2] < 1.6)
 
 
-def test_effects_take_their_course(busy):
+def test_effects_take_their_time_profile(busy):
     hour = (np.array([np.datetime64(s.id[:-1]) for s in busy.data.sets]) - modal_blocks.START) / np.timedelta64(1, "h")
     level = [s.environment["water_level_m"] for s in busy.data.sets]
     assert busy.amount[:, 0] == pytest.approx(level, abs=1e-3)
@@ -78,11 +78,11 @@ def test_scatter_is_as_large_as_it_says():
     labels = modal_blocks.LABELS
     runs = [modal_noise.identified(frequency, damping, shape, labels, 1800.0, rng) for _ in range(400)]
     f = np.array([r[0] for r in runs])
-    told = np.array([np.sqrt((r[3].ln_frequency**2).sum(axis=1)) for r in runs])
+    entries = np.array([np.sqrt((r[3].ln_frequency**2).sum(axis=1)) for r in runs])
     law = modal_noise.ln_frequency_std(frequency, damping, 1800.0, labels)
     # deviation of a deviation from 400 runs 3.5 %; four of them
     assert np.std(np.log(f), axis=0) == pytest.approx(law, rel=0.14)
-    assert np.sqrt((told**2).mean(axis=0)) == pytest.approx(law, rel=0.05)
+    assert np.sqrt((entries**2).mean(axis=0)) == pytest.approx(law, rel=0.05)
     # the second pair is 5 % apart: its shapes scatter as its first-order estimate says
     scatter = np.std(np.array([r[2][:, 3].real for r in runs]), axis=0)
     estimate = np.sqrt(np.mean([(r[3].shape[:, 3].real ** 2).sum(axis=1) for r in runs], axis=0))
@@ -112,9 +112,9 @@ def test_sensor_faults_reach_the_shapes_and_nothing_else():
     rate = run(kind="sampling_rate", ratio=1.03)
     assert rate.frequency_hz == pytest.approx(plain.frequency_hz / 1.03, rel=1e-9)
     looks = run(kind="heading_offset", angle_deg=10.0)
-    told = [s.environment["nacelle_angle_deg"] for s in looks.data.sets]
+    entries = [s.environment["nacelle_angle_deg"] for s in looks.data.sets]
     true = [s.environment["nacelle_angle_deg"] for s in plain.data.sets]
-    assert (np.array(told) - true) % 360 == pytest.approx(np.full(2, 350.0))
+    assert (np.array(entries) - true) % 360 == pytest.approx(np.full(2, 350.0))
     assert looks.frequency_hz == pytest.approx(plain.frequency_hz)
 
 
@@ -123,9 +123,9 @@ def test_mistakes_are_one_line():
         ({"states": ("idle",)}, "choose from"),
         ({"truth": {"effect": [{"kind": "scour", "leg": "E", "depth_m": 1.0}]}}, "did you mean|choose from"),
         ({"truth": {"effect": [{"kind": "scour", "leg": "A", "depth_m": -1.0}]}}, "not in"),
-        ({"truth": {"effect": [{"kind": "scour", "leg": "A", "depth_m": 1.0, "course": "step"}]}}, "at_hour"),
+        ({"truth": {"effect": [{"kind": "scour", "leg": "A", "depth_m": 1.0, "time_profile": "step"}]}}, "at_hour"),
         ({"truth": {"effect": [{"kind": "scour", "leg": "A", "depth_m": 1.0, "at_hour": 3}]}}, "unknown"),
-        ({"truth": {"effect": [{"kind": "icing", "mass_kg": 1e3, "course": "covariate", "covariate": "ice",
+        ({"truth": {"effect": [{"kind": "icing", "mass_kg": 1e3, "time_profile": "covariate", "covariate": "ice",
                                 "reference": 0.0, "scale": 1.0}]}}, "covariate"),
     ):
         with pytest.raises(InputError, match=says):

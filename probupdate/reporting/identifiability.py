@@ -11,12 +11,12 @@ from probupdate.updating.identifiability import BOUND, KNOWN, PARTLY, PRIOR, ide
 from probupdate.updating.posterior_file import Posterior
 from probupdate.updating.update_file import UpdateRecord, misses
 
-__all__ = ["BOUND", "KNOWN", "PARTLY", "PRIOR", "Estimate", "Standing", "contraction", "estimate", "names_of",
-           "standings"]
+__all__ = ["BOUND", "KNOWN", "PARTLY", "PRIOR", "Estimate", "Identifiability", "contraction", "estimate", "names_of",
+           "identifiabilities"]
 
 
 @dataclass(frozen=True, kw_only=True)
-class Standing:
+class Identifiability:
     """`kind` is one of the four; `words` say which bound; `width` is the posterior over the prior standard deviation;
     `shift` the value after the update as a standardised shift from the prior: the standard normal quantile of its
     prior probability."""
@@ -62,7 +62,7 @@ def contraction(update: UpdateRecord, posterior: Posterior | None) -> np.ndarray
     return np.std(posterior.draws, axis=0, ddof=1) / prior
 
 
-def standings(update: UpdateRecord, posterior: Posterior | None) -> tuple[Standing, ...]:
+def identifiabilities(update: UpdateRecord, posterior: Posterior | None) -> tuple[Identifiability, ...]:
     """One for each parameter. A parameter whose most probable value is a bound is said to be there whatever its
     width: the bound, not the data, may be what makes its posterior narrow."""
     found, after = [], estimate(update, posterior).theta
@@ -72,10 +72,11 @@ def standings(update: UpdateRecord, posterior: Posterior | None) -> tuple[Standi
             kind, words = BOUND, f"at its {'lower' if low else 'upper'} bound"
         else:
             kind = words = identifiability(width, at_bound=False, misses=misses(update))
-        found.append(Standing(name=p.name, kind=kind, words=words, width=float(width),
-                              shift=float(stats.norm.ppf(np.clip(p.distribution.cdf(after[k]), 1e-12, 1 - 1e-12)))))
+        found.append(Identifiability(name=p.name, kind=kind, words=words, width=float(width),
+                                     shift=float(stats.norm.ppf(np.clip(p.distribution.cdf(after[k]), 1e-12,
+                                                                        1 - 1e-12)))))
     return tuple(found)
 
 
-def names_of(found: tuple[Standing, ...], kind: str) -> list[str]:
+def names_of(found: tuple[Identifiability, ...], kind: str) -> list[str]:
     return [s.name for s in found if s.kind == kind]

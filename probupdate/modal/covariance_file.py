@@ -24,14 +24,15 @@ def _group_name(set_id: str) -> str:
     return escaped if escaped.strip(".") else escaped.replace(".", "%2E") + "%"
 
 
-def write_deviations(deviations: Mapping[str, Any], modes_file: Path) -> str:
-    """Write the deviations (id -> value whose `loaded()` has the three arrays) beside modes_file; the new file's name.
+def write_factors(factors: Mapping[str, Any], modes_file: Path) -> str:
+    """Write the covariance factors (id -> value whose `loaded()` has the three arrays) beside modes_file; the new
+    file's name.
 
     Whole under another name first: a killed run leaves the old file or the new one.
     """
     path = modes_file.with_name(f"{modes_file.stem}.deviations.h5")
     with new_hdf5(path) as file:
-        for set_id, kept in deviations.items():
+        for set_id, kept in factors.items():
             deviation = kept.loaded()
             group = file.create_group(_group_name(set_id))
             group.attrs["id"] = set_id
@@ -45,7 +46,7 @@ def write_deviations(deviations: Mapping[str, Any], modes_file: Path) -> str:
     return path.name
 
 
-def read_deviations(modes_file: Path, name: object) -> dict[str, dict[str, np.ndarray]]:
+def read_factors(modes_file: Path, name: object) -> dict[str, dict[str, np.ndarray]]:
     """id -> the three arrays, of the file `name` in the folder of modes_file."""
     where = f"{modes_file}, deviations"
     if not isinstance(name, str) or not name or Path(name).name != name or name in (".", ".."):
