@@ -37,8 +37,9 @@ class Design:
     n_nuisance) with nuisance_std (n_nuisance,); model discrepancy per group (n_response,) deviations of the offsets;
     effect per group (n_bin, n_response, n_effect). Candidates are pairs (effect, time profile): which (n_candidate, 2).
     `included`: effects already found, as (effect, its time profile, deviation of its size); their sizes are unknowns
-    like c; the last `n_scatter` of them are no effects found but what the members of such an effect depart from it. `model_errors`: time profiles of effects already found, each with the deviations per group (n_bin,
-    n_response) of their signature times size, all of which are multiplied by `error_scale`. """
+    like c; the last `n_scatter` of them are no effects found but what the members of such an effect depart from it.
+    `model_errors`: time profiles of effects already found, each with the deviations per group (n_bin, n_response) of
+    their signature times size, all of which are multiplied by `error_scale`. """
 
     bin_of: np.ndarray
     nuisance: tuple[np.ndarray, ...]
