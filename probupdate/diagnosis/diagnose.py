@@ -174,12 +174,8 @@ def _beyond_chance(explored: Explored, seed: int) -> tuple[Explored, list[Findin
         row = next((k for k, h in enumerate(explored.hypotheses) if key_of(problem, h.candidates) == rest), None)
         if row is None:
             return explored, findings
-        there = explored.hypotheses[row]
-        fitted = there.fitted
-        if len(problem.which) > len(fitted.design.which):
-            # crosstalks were taken up after it
-            design = design_at(problem, fitted.theta, fitted.included, fitted.design.noise)
-            there = replace(there, fitted=replace(fitted, design=design))
+        # crosstalks may have been taken up after it
+        there = explored.hypotheses[row].with_design(problem)
         found = search(problem, there.fitted, seed=seed, z_included=there.z, heavier=explored.first.heavier)
         kept = [row, *(k for k in range(1, len(explored.hypotheses)) if k != row)]
         rows = (there, *(explored.hypotheses[k] for k in kept[1:]))
