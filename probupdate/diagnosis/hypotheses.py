@@ -392,7 +392,7 @@ def _renewed(problem: DiagnosisProblem, here: Hypothesis) -> Hypothesis:
         )
         fitted = fitted if same else fit(problem, fitted.theta, included)
     except ConvergenceError:
-        fitted = replace(here.fitted, last_step=np.inf)
+        fitted = replace(here.with_design(problem).fitted, last_step=np.inf)
     return hypothesis_of(problem, here.candidates, here.z, fitted).without_design()
 
 
