@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ from probupdate.cli import main
 from probupdate.errors import InputError
 from probupdate.io.subdyn_file import read_subdyn
 from probupdate.lifetime.draws import equal_draws, joint_of
-from probupdate.lifetime.export import export_lifetime, read_table, with_initial
+from probupdate.lifetime.export import ExportSettings, RunResults, export_lifetime, read_table, with_initial
 from probupdate.lifetime.superelement import frequencies, read_extptfm, superelement
 from probupdate.modal.modes import ModalData, ModalSet
 from probupdate.structure.load import load_model
@@ -72,9 +73,10 @@ def posterior(model, *, converged=True, n=400) -> Posterior:
     )
 
 
-def exported(run, out="out", **options):
+def exported(run, out="out", **found):
     model = load_model(run / "model.toml")
-    return export_lifetime(posterior(model), model, run / "model.toml", run / out, n_draw=3, n_mode=4, **options)
+    results = RunResults(posterior=posterior(model), model=model, path=run / "model.toml", **found)
+    return export_lifetime(results, run / out, ExportSettings(n_draw=3, n_mode=4))
 
 
 def test_every_file_is_there_with_its_hash_and_the_verdict(run):
@@ -133,10 +135,11 @@ def test_what_subdyn_cannot_say_goes_out_as_toml(run):
 def test_a_run_that_does_not_stand_needs_accept_and_says_so_in_every_file(run, options):
     model = load_model(run / "model.toml")
     drawn = posterior(model, converged=options.get("converged", True))
-    words = {"diagnosis": options.get("diagnosis"), "n_draw": 2, "n_mode": 2}
+    results = RunResults(posterior=drawn, model=model, path=run / "model.toml", diagnosis=options.get("diagnosis"))
+    settings = ExportSettings(n_draw=2, n_mode=2)
     with pytest.raises(InputError, match="--accept"):
-        export_lifetime(drawn, model, run / "model.toml", run / "out", **words)
-    done = export_lifetime(drawn, model, run / "model.toml", run / "out", accept=True, **words)
+        export_lifetime(results, run / "out", settings)
+    done = export_lifetime(results, run / "out", replace(settings, accept=True))
     for path in (p for p in done.folder.rglob("*") if p.is_file()):
         if path.suffix == ".npz":
             with np.load(path) as held:
@@ -152,7 +155,8 @@ def test_models_of_matrices_go_out_with_their_parameters(tmp_path):
              channel=np.array(["x", "y"]), channel_dof=np.array([0, 1]))
     (tmp_path / "parameters.toml").write_text('[[parameter]]\nname = "a"\ninitial = 1.0\nstd = 0.1\n')
     model = load_model(tmp_path / "model.npz")
-    done = export_lifetime(posterior(model), model, tmp_path / "model.npz", tmp_path / "out", n_draw=2)
+    results = RunResults(posterior=posterior(model), model=model, path=tmp_path / "model.npz")
+    done = export_lifetime(results, tmp_path / "out", ExportSettings(n_draw=2))
     again = load_model(done.folder / "models" / "001" / "model.npz")
     assert again.parameters.initial[0] == done.draws[0, 0]
     assert read_table(done.folder / "modes.csv")["label"][0] == "mode 1"
